@@ -1,0 +1,211 @@
+//! Closest points and overlap of single triangles, in f64 and without any epsilon.
+
+use glam::DVec3;
+
+/// A point of a triangle closest to a query point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClosestPoint {
+    /// The point, in the frame of the query.
+    pub point: DVec3,
+    /// Its barycentric weights over the corners; they sum to one.
+    pub weights: [f64; 3],
+    /// Squared distance to the query point.
+    pub distance_squared: f64,
+}
+
+impl ClosestPoint {
+    fn at(corners: [DVec3; 3], weights: [f64; 3], query: DVec3) -> Self {
+        let point = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+        Self {
+            point,
+            weights,
+            distance_squared: point.distance_squared(query),
+        }
+    }
+}
+
+/// Parameter in 0..=1 of the point of segment `a b` closest to `query`; 0 for a segment of no length.
+#[must_use]
+pub fn closest_point_on_segment(a: DVec3, b: DVec3, query: DVec3) -> f64 {
+    let ab = b - a;
+    let length_squared = ab.length_squared();
+    if length_squared > 0.0 {
+        ((query - a).dot(ab) / length_squared).clamp(0.0, 1.0)
+    } else {
+        0.0
+    }
+}
+
+/// Closest point of a triangle, by Voronoi regions (Ericson, Real-Time Collision Detection, 5.1.5).
+///
+/// A triangle whose corners lie on a line answers as its longest edge: no epsilon, any scale.
+#[must_use]
+pub fn closest_point_on_triangle(corners: [DVec3; 3], query: DVec3) -> ClosestPoint {
+    let [a, b, c] = corners;
+    let (ab, ac, ap) = (b - a, c - a, query - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return ClosestPoint::at(corners, [1.0, 0.0, 0.0], query);
+    }
+    let bp = query - b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return ClosestPoint::at(corners, [0.0, 1.0, 0.0], query);
+    }
+    let cp = query - c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return ClosestPoint::at(corners, [0.0, 0.0, 1.0], query);
+    }
+    // The signs of these decide between face and edges. They come from a cross product with the
+    // normal, not from differences of products of dot products, which cancel on slivers.
+    let normal = ab.cross(ac);
+    let wc = normal.dot(ap.cross(bp));
+    let wa = normal.dot(bp.cross(cp));
+    let wb = normal.dot(cp.cross(ap));
+    let sum = wa + wb + wc;
+    if wa > 0.0 && wb > 0.0 && wc > 0.0 && sum.is_normal() {
+        let inverse = 1.0 / sum;
+        return ClosestPoint::at(corners, [wa * inverse, wb * inverse, wc * inverse], query);
+    }
+    // On or beyond an edge, or a triangle without area: the nearest of the three edges is the answer.
+    let edge = |i: usize, j: usize| {
+        let t = closest_point_on_segment(corners[i], corners[j], query);
+        let mut weights = [0.0; 3];
+        weights[i] = 1.0 - t;
+        weights[j] = t;
+        ClosestPoint::at(corners, weights, query)
+    };
+    let mut best = edge(0, 1);
+    for (i, j) in [(1, 2), (2, 0)] {
+        let candidate = edge(i, j);
+        if candidate.distance_squared < best.distance_squared {
+            best = candidate;
+        }
+    }
+    best
+}
+
+/// Whether a triangle and a closed box share a point: separating axes (Akenine-Moller 2001), f64.
+///
+/// A tie counts as overlap, so a face on the wall between two cells belongs to both.
+#[must_use]
+pub fn triangle_overlaps_box(corners: [DVec3; 3], lower: DVec3, upper: DVec3) -> bool {
+    let low = corners[0].min(corners[1]).min(corners[2]);
+    let high = corners[0].max(corners[1]).max(corners[2]);
+    if low.cmpgt(upper).any() || high.cmplt(lower).any() {
+        return false;
+    }
+    let centre = (lower + upper) * 0.5;
+    let half = (upper - lower) * 0.5;
+    let v = corners.map(|p| p - centre);
+    let edges = [v[1] - v[0], v[2] - v[1], v[0] - v[2]];
+    // The projections carry rounding of the size of their terms: the slack keeps "touching" on the
+    // side of overlap. It scales with the data, so it is the same at any unit.
+    let separated = |axis: DVec3| {
+        let p = v.map(|x| axis.dot(x));
+        let radius = half.dot(axis.abs());
+        let least = p[0].min(p[1]).min(p[2]);
+        let most = p[0].max(p[1]).max(p[2]);
+        let slack = 8.0
+            * f64::EPSILON
+            * (radius
+                + v.iter()
+                    .map(|x| axis.abs().dot(x.abs()))
+                    .fold(0.0, f64::max));
+        least > radius + slack || most < -radius - slack
+    };
+    if separated(edges[0].cross(edges[1])) {
+        return false;
+    }
+    for edge in edges {
+        for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+            if separated(edge.cross(axis)) {
+                return false;
+            }
+        }
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use parry3d_f64::query::PointQuery;
+    use parry3d_f64::shape::Triangle;
+    use proptest::prelude::*;
+
+    fn vector() -> impl Strategy<Value = DVec3> {
+        prop::array::uniform3(-1.0..1.0f64).prop_map(DVec3::from_array)
+    }
+
+    proptest! {
+        #[test]
+        fn closest_point_equals_parry_in_f64_at_any_scale(
+            corners in prop::array::uniform3(vector()),
+            query in vector(),
+            exponent in -6..6i32,
+        ) {
+            let scale = 10f64.powi(exponent);
+            let scaled = corners.map(|c| c * scale);
+            let ours = closest_point_on_triangle(scaled, query * scale);
+            let triangle = Triangle::new(corners[0], corners[1], corners[2]);
+            let theirs = triangle.project_local_point(query, false).point.distance(query) * scale;
+            prop_assert!((ours.distance_squared.sqrt() - theirs).abs() <= 1e-9 * scale);
+            let sum: f64 = ours.weights.iter().sum();
+            prop_assert!((sum - 1.0).abs() < 1e-12);
+            prop_assert!(ours.weights.iter().all(|&w| w >= 0.0));
+        }
+
+        #[test]
+        fn a_triangle_without_area_answers_as_its_edges(
+            a in vector(), d in vector(), t in -1.0..2.0f64, query in vector(),
+        ) {
+            let corners = [a, a + d, a + d * t];
+            let ours = closest_point_on_triangle(corners, query);
+            let mut best = f64::INFINITY;
+            for (i, j) in [(0, 1), (1, 2), (2, 0)] {
+                let s = closest_point_on_segment(corners[i], corners[j], query);
+                best = best.min(corners[i].lerp(corners[j], s).distance(query));
+            }
+            prop_assert!((ours.distance_squared.sqrt() - best).abs() <= 1e-7);
+        }
+
+        #[test]
+        fn overlap_agrees_with_sampling(
+            corners in prop::array::uniform3(vector()),
+            centre in vector(), half in 0.05..0.5f64,
+        ) {
+            let (lower, upper) = (centre - half, centre + half);
+            let mut sampled = false;
+            for i in 0..=20 {
+                for j in 0..=(20 - i) {
+                    let (s, t) = (f64::from(i) / 20.0, f64::from(j) / 20.0);
+                    let p = corners[0] * (1.0 - s - t) + corners[1] * s + corners[2] * t;
+                    sampled |= p.cmpge(lower).all() && p.cmple(upper).all();
+                }
+            }
+            let overlap = triangle_overlaps_box(corners, lower, upper);
+            prop_assert!(overlap || !sampled);
+            // No overlap is never claimed falsely: the closest point of the triangle to the centre of
+            // a box that it misses lies outside the inscribed ball.
+            if !overlap {
+                let d = closest_point_on_triangle(corners, centre).distance_squared.sqrt();
+                prop_assert!(d >= half * (1.0 - 1e-12));
+            }
+        }
+    }
+
+    #[test]
+    fn corners_and_edges_on_the_wall_of_a_box_count_as_overlap() {
+        let (lower, upper) = (DVec3::ZERO, DVec3::ONE);
+        let wall = [
+            DVec3::new(1.0, 0.2, 0.2),
+            DVec3::new(2.0, 0.2, 0.2),
+            DVec3::new(2.0, 0.8, 0.2),
+        ];
+        assert!(triangle_overlaps_box(wall, lower, upper));
+        let beyond = wall.map(|p| p + DVec3::new(1e-12, 0.0, 0.0));
+        assert!(!triangle_overlaps_box(beyond, lower, upper));
+    }
+}

@@ -1,0 +1,30 @@
+//! What `hrtc` and `ve-station` say to each other.
+//!
+//! | service | direction | payload |
+//! |---|---|---|
+//! | `hrtc/v1/subscribe` | controller to station | [`Request`] |
+//! | `hrtc/v1/records/CLIENT` | station to one controller | [`ChunkHeader`] and 64 [`ChunkSlot`]s |
+//! | `hrtc/v1/pose` | controller to station | [`ContactReport`] |
+//! | `hrtc/hello` | both ways | [`Hello`], whose first bytes never change |
+//!
+//! **Epochs heal.** A controller numbers its requests and the station its chunks, both from 0 in every
+//! *epoch*. Whoever misses something (a gap in the numbers, 200 ms of silence, a new incarnation of the
+//! other side) ends the epoch: the controller counts it up, tells the regions it still holds and asks
+//! again for the rest; the station forgets what it believed of that client and starts from what it is told.
+//! A chunk of an older epoch is dropped. So every loss ends in the same mesh as a fresh start.
+//!
+//! **Credit.** Every request carries how many chunks of the epoch were consumed; the station never has more
+//! than [`CREDIT_CHUNKS`] under way.
+
+mod domain;
+mod hello;
+mod wire;
+
+pub use domain::{BUFFER, Domain, MOST_CLIENTS, MOST_PORTS, TransportError};
+pub use hello::{HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VERSION, Role};
+pub use wire::{
+    ANSWER_TIMEOUT_MS, BaseFace, BaseVertex, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind,
+    ChunkSlot, ContactReport, IDS_PER_SLOT, MODEL_HEADER_SLOTS, MeasuredError, ModelHeader,
+    REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind, TourAsk,
+    TourPoint,
+};

@@ -1,0 +1,389 @@
+//! The messages as they lie in shared memory: fixed size, plain data, SI units unless said.
+
+use crate::spm::{RegionGrid, Sizes};
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Slots of a chunk; every chunk is sent whole (4 KiB), so that a tunnel's segments never grow.
+pub const CHUNK_SLOTS: usize = 64;
+/// VSP ids in one slot of a closure chunk.
+pub const IDS_PER_SLOT: usize = 16;
+/// Chunks that may be under way to one client.
+pub const CREDIT_CHUNKS: u64 = 32;
+/// Regions named by one request at the most.
+pub const REGIONS_PER_REQUEST: usize = 32;
+/// Silence after which a question is asked again, milliseconds.
+pub const ANSWER_TIMEOUT_MS: u64 = 200;
+
+/// What a chunk carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum ChunkKind {
+    /// [`ModelHeader`] in the first slots, then [`BaseVertex`] four to a slot, then, from a fresh slot on,
+    /// [`BaseFace`] two to a slot.
+    Model = 1,
+    /// The VSP ids of a region's closure, ascending, sixteen to a slot.
+    Closure = 2,
+    /// The records of that closure which the client lacks, ascending, one to a slot.
+    Records = 3,
+    /// [`MeasuredError`]s, two to a slot.
+    Measured = 4,
+    /// [`TourPoint`]s, one to a slot.
+    Tour = 5,
+    /// The request cannot be served; `code` says why ([`Refusal`]).
+    Refused = 6,
+    /// Ids of asked regions whose closure is empty, sixteen to a slot: one chunk answers them all. Most cells
+    /// around a surface are of this kind.
+    Empty = 7,
+}
+
+impl ChunkKind {
+    /// The kind of a received code, `None` for one of another version.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Self> {
+        [
+            Self::Model,
+            Self::Closure,
+            Self::Records,
+            Self::Measured,
+            Self::Tour,
+            Self::Refused,
+            Self::Empty,
+        ]
+        .into_iter()
+        .find(|&kind| kind as u32 == code)
+    }
+}
+
+/// Why the station refuses a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Refusal {
+    /// No object of that number, or its model is another one than the client named.
+    UnknownModel = 1,
+    /// No cell of that number in the model's grid.
+    UnknownRegion = 2,
+    /// A block of the file that the region needs fails its checksum.
+    DamagedBlock = 3,
+    /// The tolerance cannot be served by this file.
+    Tolerance = 4,
+    /// The numbers of a tour cannot be served: not finite, not positive, or beyond the model.
+    Tour = 5,
+}
+
+impl Refusal {
+    /// The refusal of a received code.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Self> {
+        [
+            Self::UnknownModel,
+            Self::UnknownRegion,
+            Self::DamagedBlock,
+            Self::Tolerance,
+            Self::Tour,
+        ]
+        .into_iter()
+        .find(|&refusal| refusal as u32 == code)
+    }
+}
+
+/// The user header of a chunk.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("hrtc.ChunkHeader.v1")]
+pub struct ChunkHeader {
+    /// Incarnation of the sending station.
+    pub station: u64,
+    /// The client it is for.
+    pub client: u64,
+    /// Content hash of the model.
+    pub model: u64,
+    /// Number of this chunk in its epoch, from 0.
+    pub sequence: u64,
+    /// The client's epoch that it answers.
+    pub epoch: u32,
+    /// [`ChunkKind`] as a number.
+    pub kind: u32,
+    /// Object of the scene.
+    pub object: u32,
+    /// Region (closure, records, refused).
+    pub region: u32,
+    /// Tolerance of the closure, the bits of an f32, metres in the model's units.
+    pub tolerance_bits: u32,
+    /// Items in this chunk: ids, records, base items, measured errors or tour points.
+    pub count: u32,
+    /// 1 on the last chunk of an answer (a closure's answer ends with its last records chunk).
+    pub last: u32,
+    /// [`Refusal`] as a number; elsewhere the index of the chunk's first slot in its answer.
+    pub code: u32,
+}
+
+/// Sixty-four bytes of a chunk.
+#[repr(C)]
+#[repr(align(8))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("hrtc.ChunkSlot.v1")]
+pub struct ChunkSlot {
+    /// Raw words; cast with `bytemuck`.
+    pub words: [u32; 16],
+}
+
+/// The head of a model: all that a controller must know before its first record.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct ModelHeader {
+    /// Content hash.
+    pub model: u64,
+    /// Diagonal of the full mesh's box, model units: fixes the [`crate::spm::ErrorScale`].
+    pub diagonal: f64,
+    /// The file's origin, which its f32 positions are relative to, model units.
+    pub origin: [f64; 3],
+    /// Smallest corner of the full mesh's box.
+    pub lower: [f64; 3],
+    /// Largest corner of the full mesh's box.
+    pub upper: [f64; 3],
+    /// The grid of regions.
+    pub grid: RegionGrid,
+    /// V0.
+    pub base_vertices: u32,
+    /// F0.
+    pub base_faces: u32,
+    /// n.
+    pub vsps: u32,
+    /// Faces of the full mesh.
+    pub faces: u32,
+    /// The longest chain of dependencies.
+    pub chain: u32,
+    /// The largest closure of a region, VSPs.
+    pub closure_max: u32,
+    /// Zero.
+    pub reserved: [u32; 2],
+}
+
+/// Slots that the [`ModelHeader`] takes.
+pub const MODEL_HEADER_SLOTS: usize = 3;
+const _: () = assert!(size_of::<ModelHeader>() <= MODEL_HEADER_SLOTS * 64);
+
+impl ModelHeader {
+    /// The sizes that fix ids.
+    #[must_use]
+    pub fn sizes(&self) -> Sizes {
+        Sizes {
+            base_vertices: self.base_vertices,
+            base_faces: self.base_faces,
+            vsps: self.vsps,
+            faces: self.faces,
+        }
+    }
+
+    /// Whether the numbers can be a model at all; checked at the file and again at the wire.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let finite = self
+            .origin
+            .iter()
+            .chain(&self.lower)
+            .chain(&self.upper)
+            .all(|x| x.is_finite());
+        let ordered = self.lower.iter().zip(&self.upper).all(|(l, u)| l <= u);
+        let ids = u64::from(self.base_vertices.max(self.base_faces)) + 2 * u64::from(self.vsps);
+        let made = u64::from(self.base_faces) + 2 * u64::from(self.vsps);
+        finite
+            && ordered
+            && self.diagonal.is_normal()
+            && self.diagonal > 0.0
+            && self.grid.is_valid()
+            && self.base_vertices >= 3
+            && self.base_faces >= 1
+            && self.faces >= self.base_faces
+            && u64::from(self.faces) <= made
+            && ids < u64::from(u32::MAX)
+            && self.faces < 1 << 30
+    }
+}
+
+/// A vertex of the base mesh.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct BaseVertex {
+    /// Position, model units.
+    pub position: [f32; 3],
+    /// Code of R.
+    pub r: u32,
+}
+
+/// A face of the base mesh, 32 bytes, with its neighbours: a controller must not search for them.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct BaseFace {
+    /// Corners, counterclockwise, base vertex ids.
+    pub corners: [u32; 3],
+    /// AB-tree leaf code.
+    pub leaf: u32,
+    /// Base face across the edge opposite each corner; [`crate::spm::NONE`] at a rim.
+    pub neighbours: [u32; 3],
+    /// Zero.
+    pub reserved: u32,
+}
+
+/// Exact distance of a reported contact to the full mesh.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct MeasuredError {
+    /// The tick of the contact.
+    pub tick: u64,
+    /// Distance, model units.
+    pub distance: f64,
+    /// Zero.
+    pub reserved: [u64; 2],
+}
+
+/// One point of a scripted path, 64 bytes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct TourPoint {
+    /// Seconds from the start.
+    pub t: f64,
+    /// Intended position of the probe's centre, model units (the file's frame, origin included).
+    pub position: [f64; 3],
+    /// Orientation, w first.
+    pub orientation_wxyz: [f64; 4],
+}
+
+/// What a request asks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum RequestKind {
+    /// Only the credit in the head.
+    Credit = 1,
+    /// The model of an object: header and base mesh.
+    Model = 2,
+    /// Regions to subscribe, declare as held, or release.
+    Regions = 3,
+    /// A scripted path over the object.
+    Tour = 4,
+}
+
+impl RequestKind {
+    /// The kind of a received code.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Self> {
+        [Self::Credit, Self::Model, Self::Regions, Self::Tour]
+            .into_iter()
+            .find(|&kind| kind as u32 == code)
+    }
+}
+
+/// What is asked of one region.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum RegionAction {
+    /// Send its closure, and the records that the client lacks.
+    Subscribe = 1,
+    /// The client holds it (said at the start of an epoch).
+    Held = 2,
+    /// The client dropped it.
+    Release = 3,
+}
+
+impl RegionAction {
+    /// The action of a received code.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Self> {
+        [Self::Subscribe, Self::Held, Self::Release]
+            .into_iter()
+            .find(|&action| action as u32 == code)
+    }
+}
+
+/// One region of a request.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("hrtc.RegionAsk.v1")]
+pub struct RegionAsk {
+    /// [`crate::spm::RegionId`] as a number.
+    pub region: u32,
+    /// Bits of the f32 tolerance, model units; 0 is full resolution.
+    pub tolerance_bits: u32,
+    /// [`RegionAction`] as a number.
+    pub action: u32,
+}
+
+/// What a tour is made from.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("hrtc.TourAsk.v1")]
+pub struct TourAsk {
+    /// Seed of every choice.
+    pub seed: u64,
+    /// Length, seconds.
+    pub seconds: f64,
+    /// Speed, model units a second.
+    pub speed: f64,
+    /// How deep the intent lies below the surface, model units.
+    pub depth: f64,
+    /// Radius of the probe, model units.
+    pub radius: f64,
+}
+
+/// A message of the controller.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("hrtc.Request.v1")]
+pub struct Request {
+    /// The client.
+    pub client: u64,
+    /// Incarnation of the client.
+    pub incarnation: u64,
+    /// Number of this request in its epoch, from 0.
+    pub sequence: u64,
+    /// Chunks of this epoch consumed so far.
+    pub consumed: u64,
+    /// Content hash of the model; 0 while unknown.
+    pub model: u64,
+    /// Hash of the model's name in the scene ([`Request::name_hash`]), compared by the station.
+    pub name: u64,
+    /// Tour (kind Tour).
+    pub tour: TourAsk,
+    /// Epoch of the client.
+    pub epoch: u32,
+    /// [`RequestKind`] as a number.
+    pub kind: u32,
+    /// Object of the scene.
+    pub object: u32,
+    /// Valid entries of `regions`.
+    pub count: u32,
+    /// Regions (kind Regions).
+    pub regions: [RegionAsk; REGIONS_PER_REQUEST],
+}
+
+impl Request {
+    /// The hash by which both sides make sure that they speak of the same model.
+    #[must_use]
+    pub fn name_hash(name: &str) -> u64 {
+        xxhash_rust::xxh3::xxh3_64(name.as_bytes())
+    }
+}
+
+/// Pose and contact of one tick, for the measured error and the view. Sent decimated.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("hrtc.ContactReport.v1")]
+pub struct ContactReport {
+    /// The client.
+    pub client: u64,
+    /// The tick.
+    pub tick: u64,
+    /// Probe of the scene.
+    pub probe: u32,
+    /// Object touched; [`crate::spm::NONE`] in free space.
+    pub object: u32,
+    /// Probe position, world, metres.
+    pub position: [f64; 3],
+    /// Probe orientation, w first.
+    pub orientation_wxyz: [f64; 4],
+    /// Contact point on the front, model units (relative to the file's origin).
+    pub contact: [f64; 3],
+    /// Force on the device, newtons.
+    pub force: [f64; 3],
+}

@@ -1,0 +1,13 @@
+//! Scenes: the TOML file as typed (`typed`), the checks (`validate`), and the validated, immutable plan (`plan`).
+
+mod plan;
+mod trajectory;
+mod typed;
+mod validate;
+
+pub use plan::{
+    Hand, LoopPlan, ModelScale, ModelSource, ObjectPlan, Overrides, ProbePlan, SafetyPlan,
+    ScenePlan, SimulatedDevicePlan, SurfacePlan, TrajectoryPlan,
+};
+pub use typed::parse_bytes;
+pub use validate::{SHAPES, SceneError, load, parse};

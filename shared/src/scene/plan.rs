@@ -1,0 +1,186 @@
+//! The validated plan of a scene: every number checked, every default filled in, SI units.
+
+use crate::geometry::Pose;
+use std::path::PathBuf;
+
+/// Everything that a scene says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScenePlan {
+    /// Name for reports: the file's stem.
+    pub name: String,
+    /// Folder that relative paths start from.
+    pub folder: PathBuf,
+    /// The loop.
+    pub loop_: LoopPlan,
+    /// Bytes of the mesh cache.
+    pub cache_bytes: usize,
+    /// Wanted error at the contact, metres; 0 is the full mesh.
+    pub tolerance_m: f64,
+    /// Limits of every force that leaves.
+    pub safety: SafetyPlan,
+    /// Objects, at least one.
+    pub objects: Vec<ObjectPlan>,
+    /// Probes, at least one.
+    pub probes: Vec<ProbePlan>,
+}
+
+/// The loop and its thread.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LoopPlan {
+    /// Ticks a second, 100..=10000.
+    pub rate_hz: f64,
+    /// Core of the tick; `None` leaves it to the kernel.
+    pub core: Option<usize>,
+    /// SCHED_FIFO priority, 1..=99.
+    pub priority: i32,
+    /// Microseconds before a deadline that are spun, not slept.
+    pub spin_us: u64,
+    /// Whether a missing right ends the program.
+    pub require_realtime: bool,
+    /// Mesh operations (splits and collapses) a tick at the most: K.
+    pub operations: usize,
+}
+
+/// Limits of the force gate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SafetyPlan {
+    /// Largest force, newtons.
+    pub force_max_n: f64,
+    /// Largest change of the force, newtons a second.
+    pub slew_n_per_s: f64,
+    /// Soft start and end, seconds.
+    pub ramp_s: f64,
+}
+
+/// Where a model comes from. Only the station opens it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ModelSource {
+    /// An SPM or mesh file, relative to the scene's folder or absolute.
+    File(PathBuf),
+    /// A generated shape.
+    Generate {
+        /// Name of the shape.
+        shape: String,
+        /// Faces asked for.
+        faces: u32,
+    },
+}
+
+impl ModelSource {
+    /// The name by which both sides make sure that they mean the same model.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match self {
+            Self::File(path) => path.display().to_string(),
+            Self::Generate { shape, faces } => format!("generate:{shape}:{faces}"),
+        }
+    }
+}
+
+/// How large a model is in the world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ModelScale {
+    /// Length of the longest side, metres.
+    Size(f64),
+    /// Metres a model unit.
+    MetresPerUnit(f64),
+}
+
+impl ModelScale {
+    /// Metres a model unit, for a model whose longest side is given in its units.
+    #[must_use]
+    pub fn metres_per_unit(self, longest_side: f64) -> f64 {
+        match self {
+            Self::Size(metres) => metres / longest_side,
+            Self::MetresPerUnit(metres) => metres,
+        }
+    }
+}
+
+/// One object.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ObjectPlan {
+    /// Its model.
+    pub model: ModelSource,
+    /// Its size.
+    pub scale: ModelScale,
+    /// Pose of the model's frame in the world; the scale applies first, about the model's own origin.
+    pub pose: Pose,
+    /// What its surface feels like.
+    pub surface: SurfacePlan,
+}
+
+/// Stiffness and damping of a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePlan {
+    /// N/m.
+    pub stiffness_n_per_m: f64,
+    /// N s/m, along the contact normal.
+    pub damping_ns_per_m: f64,
+}
+
+/// One probe.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProbePlan {
+    /// Radius of the sphere, metres.
+    pub radius_m: f64,
+    /// The device that moves it.
+    pub device: SimulatedDevicePlan,
+    /// What the simulated hand intends.
+    pub trajectory: TrajectoryPlan,
+}
+
+/// The simulated device: a mass with damping, moved by a hand and by the rendered force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SimulatedDevicePlan {
+    /// kg.
+    pub mass_kg: f64,
+    /// N s/m.
+    pub damping_ns_per_m: f64,
+    /// Encoder step, metres; 0 for none.
+    pub encoder_m: f64,
+    /// The hand.
+    pub hand: Hand,
+}
+
+/// A spring and damper to the intended position.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hand {
+    /// N/m.
+    pub stiffness_n_per_m: f64,
+    /// N s/m.
+    pub damping_ns_per_m: f64,
+}
+
+/// What the hand intends.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TrajectoryPlan {
+    /// A tour of the first object: approach, press, slide, lift, move on.
+    Tour {
+        /// Seed of its choices.
+        seed: u64,
+        /// Speed, m/s.
+        speed_m_per_s: f64,
+        /// Depth of the intent below the surface, metres.
+        depth_m: f64,
+    },
+    /// Points read from a CSV file: seconds and poses in the world.
+    Points(Vec<(f64, Pose)>),
+}
+
+/// What the command line says over the scene.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Overrides {
+    /// Another model for the first object (relative to the current folder).
+    pub model: Option<PathBuf>,
+    /// Its longest side, metres.
+    pub size_m: Option<f64>,
+    /// Speed of the first probe's tour, m/s.
+    pub speed_m_per_s: Option<f64>,
+    /// Seed of the first probe's tour.
+    pub seed: Option<u64>,
+    /// Cache bytes, as in the scene ("16MiB").
+    pub cache: Option<String>,
+    /// Tolerance, metres.
+    pub tolerance_m: Option<f64>,
+}

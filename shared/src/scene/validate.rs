@@ -1,0 +1,511 @@
+//! From the scene as typed to the [`ScenePlan`]: every number is checked on the way. A scene is refused with
+//! one sentence that names file, line and what to do.
+
+use super::plan::{
+    Hand, LoopPlan, ModelScale, ModelSource, ObjectPlan, Overrides, ProbePlan, SafetyPlan,
+    ScenePlan, SimulatedDevicePlan, SurfacePlan, TrajectoryPlan,
+};
+use super::trajectory;
+use super::typed::*;
+use crate::geometry::Pose;
+use std::path::Path;
+use thiserror::Error;
+use toml::Spanned;
+
+/// Shapes that `generate = { shape = "..." }` may name.
+pub const SHAPES: [&str; 6] = ["sphere", "torus", "terrain", "plate", "wedge", "relief"];
+
+/// Why a scene is refused: one sentence that names file, line and what to do.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("{0}")]
+pub struct SceneError(pub String);
+
+/// Reads a scene file and validates it under the command line's overrides.
+///
+/// # Errors
+/// One sentence that names the file, the line where there is one, and what to do.
+pub fn load(path: &Path, overrides: &Overrides) -> Result<ScenePlan, SceneError> {
+    let shown = path.display().to_string();
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        SceneError(format!(
+            "{shown}: cannot be read as a scene ({error}); give the path of a scene file such as config/scenes/first-touch.toml"
+        ))
+    })?;
+    let name = path
+        .file_stem()
+        .map_or_else(|| shown.clone(), |stem| stem.to_string_lossy().into_owned());
+    let folder = path.parent().unwrap_or(Path::new(""));
+    plan(
+        &Source {
+            shown: &shown,
+            text: &text,
+        },
+        &name,
+        folder,
+        overrides,
+    )
+}
+
+/// Validates the text of a scene; `name` stands for the file in messages, `folder` is where relative
+/// paths start (a trajectory's CSV file is read from there).
+///
+/// # Errors
+/// One sentence that names the scene, the line where there is one, and what to do.
+pub fn parse(
+    text: &str,
+    name: &str,
+    folder: &Path,
+    overrides: &Overrides,
+) -> Result<ScenePlan, SceneError> {
+    plan(&Source { shown: name, text }, name, folder, overrides)
+}
+
+/// A scene's text and the name that messages give it.
+struct Source<'a> {
+    shown: &'a str,
+    text: &'a str,
+}
+
+impl Source<'_> {
+    /// Refuses what stands at a byte of the text.
+    fn at(&self, byte: usize, sentence: &str) -> SceneError {
+        let before = &self.text.as_bytes()[..byte.min(self.text.len())];
+        let line = 1 + before.iter().filter(|&&b| b == b'\n').count();
+        SceneError(format!("{}, line {line}: {sentence}", self.shown))
+    }
+
+    /// Refuses a value of the text.
+    fn value<T>(&self, value: &Spanned<T>, sentence: &str) -> SceneError {
+        self.at(value.span().start, sentence)
+    }
+
+    /// Refuses the scene as a whole.
+    fn whole(&self, sentence: &str) -> SceneError {
+        SceneError(format!("{}: {sentence}", self.shown))
+    }
+
+    /// A number of the scene, or its default.
+    fn number(
+        &self,
+        value: Option<&Spanned<f64>>,
+        key: &str,
+        default: f64,
+        range: Range,
+    ) -> Result<f64, SceneError> {
+        let Some(value) = value else {
+            return Ok(default);
+        };
+        range
+            .check(key, *value.get_ref())
+            .map_err(|sentence| self.value(value, &sentence))
+    }
+
+    /// A whole number of the scene, or its default.
+    fn whole_number(
+        &self,
+        value: Option<&Spanned<i64>>,
+        key: &str,
+        default: i64,
+        range: std::ops::RangeInclusive<i64>,
+    ) -> Result<i64, SceneError> {
+        let Some(value) = value else {
+            return Ok(default);
+        };
+        let number = *value.get_ref();
+        if range.contains(&number) {
+            return Ok(number);
+        }
+        let (low, high) = (range.start(), range.end());
+        Err(self.value(
+            value,
+            &format!("{key} is {number}; write a whole number from {low} to {high}"),
+        ))
+    }
+}
+
+/// What a number may be.
+#[derive(Clone, Copy)]
+enum Range {
+    /// Above 0, at most this.
+    Positive(f64),
+    /// 0 to this.
+    NotNegative(f64),
+    /// Between the two.
+    Within(f64, f64),
+}
+
+impl Range {
+    fn check(self, key: &str, number: f64) -> Result<f64, String> {
+        let (fits, wanted) = match self {
+            Self::Positive(most) => (
+                number > 0.0 && number <= most,
+                format!("a number above 0, at most {most}"),
+            ),
+            Self::NotNegative(most) => (
+                (0.0..=most).contains(&number),
+                format!("a number from 0 to {most}"),
+            ),
+            Self::Within(least, most) => (
+                (least..=most).contains(&number),
+                format!("a number from {least} to {most}"),
+            ),
+        };
+        if fits {
+            Ok(number)
+        } else {
+            Err(format!("{key} is {number}; write {wanted}"))
+        }
+    }
+}
+
+/// Lengths in a scene, metres: from below an atom to above the Earth, so that no square overflows or vanishes.
+const LENGTH: Range = Range::Within(1e-9, 1e7);
+/// Largest of the coefficients (N/m, N s/m, kg, N, N/s, m/s): far above any device.
+const MOST: f64 = 1e9;
+
+/// The whole way from text to plan.
+fn plan(
+    source: &Source,
+    name: &str,
+    folder: &Path,
+    overrides: &Overrides,
+) -> Result<ScenePlan, SceneError> {
+    let typed: SceneTyped = toml::from_str(source.text).map_err(|error| {
+        let sentence = error.message().replace('\n', "; ");
+        match error.span() {
+            Some(span) => source.at(span.start, &sentence),
+            None => source.whole(&sentence),
+        }
+    })?;
+    let object = one(
+        source,
+        &typed.object,
+        "[[object]]",
+        "name the model to touch in one [[object]] table",
+    )?;
+    let probe = one(
+        source,
+        &typed.probe,
+        "[[probe]]",
+        "describe what touches in one [[probe]] table (it may be empty)",
+    )?;
+    let mut plan = ScenePlan {
+        name: name.to_string(),
+        folder: folder.to_path_buf(),
+        loop_: loop_plan(source, &typed.loop_)?,
+        cache_bytes: typed.cache.bytes.map_or(16 << 20, |bytes| bytes.0),
+        tolerance_m: source.number(
+            typed.accuracy.tolerance_m.as_ref(),
+            "tolerance_m",
+            0.0,
+            Range::NotNegative(MOST),
+        )?,
+        safety: safety_plan(source, &typed.safety)?,
+        objects: vec![object_plan(source, object.get_ref(), object.span().start)?],
+        probes: vec![probe_plan(source, probe.get_ref(), folder)?],
+    };
+    if plan.tolerance_m != 0.0
+        && overrides.tolerance_m.is_none()
+        && let Some(typed) = &typed.accuracy.tolerance_m
+    {
+        return Err(source.value(typed, &tolerance_sentence("tolerance_m = 0")));
+    }
+    apply(&mut plan, overrides).map_err(|sentence| source.whole(&sentence))?;
+    Ok(plan)
+}
+
+/// The only entry of a list that must have exactly one in this version.
+fn one<'a, T>(
+    source: &Source,
+    list: &'a [Spanned<T>],
+    table: &str,
+    missing: &str,
+) -> Result<&'a Spanned<T>, SceneError> {
+    match list {
+        [] => Err(source.whole(&format!("there is no {table}; {missing}"))),
+        [only] => Ok(only),
+        [_, second, ..] => Err(source.value(
+            second,
+            &format!(
+                "this is a second {table}; this version serves exactly one, take the others out"
+            ),
+        )),
+    }
+}
+
+fn tolerance_sentence(what: &str) -> String {
+    format!(
+        "coarser tolerances come with the expected error; this version serves full resolution, set {what}"
+    )
+}
+
+fn loop_plan(source: &Source, typed: &LoopTyped) -> Result<LoopPlan, SceneError> {
+    let rate_hz = source.number(
+        typed.rate_hz.as_ref(),
+        "rate_hz",
+        1000.0,
+        Range::Within(100.0, 10_000.0),
+    )?;
+    let core = source.whole_number(typed.core.as_ref(), "core (-1: any)", 1, -1..=1023)?;
+    let priority = source.whole_number(typed.priority.as_ref(), "priority", 80, 1..=99)?;
+    // Spinning longer than half a period would starve the rest of the core.
+    let longest_spin = (5e5 / rate_hz) as i64;
+    let spin = source.whole_number(typed.spin_us.as_ref(), "spin_us", 0, 0..=longest_spin)?;
+    let operations =
+        source.whole_number(typed.operations.as_ref(), "operations", 32, 1..=100_000)?;
+    Ok(LoopPlan {
+        rate_hz,
+        core: usize::try_from(core).ok(),
+        priority: priority as i32,
+        spin_us: spin as u64,
+        require_realtime: typed.require_realtime.unwrap_or(false),
+        operations: operations as usize,
+    })
+}
+
+fn safety_plan(source: &Source, typed: &SafetyTyped) -> Result<SafetyPlan, SceneError> {
+    Ok(SafetyPlan {
+        force_max_n: source.number(
+            typed.force_max_n.as_ref(),
+            "force_max_n",
+            8.0,
+            Range::Positive(MOST),
+        )?,
+        slew_n_per_s: source.number(
+            typed.slew_n_per_s.as_ref(),
+            "slew_n_per_s",
+            2000.0,
+            Range::Positive(MOST),
+        )?,
+        ramp_s: source.number(
+            typed.ramp_s.as_ref(),
+            "ramp_s",
+            0.2,
+            Range::NotNegative(60.0),
+        )?,
+    })
+}
+
+fn object_plan(
+    source: &Source,
+    typed: &ObjectTyped,
+    start: usize,
+) -> Result<ObjectPlan, SceneError> {
+    let model = match (&typed.model, &typed.generate) {
+        (Some(file), None) if !file.get_ref().trim().is_empty() => {
+            ModelSource::File(file.get_ref().into())
+        }
+        (None, Some(generate)) => generate_plan(source, generate)?,
+        (Some(file), _) => {
+            return Err(source.value(
+                file,
+                "give either model = \"file.spm\" or generate = { shape = \"relief\", faces = 100000 }, not both and not an empty name",
+            ));
+        }
+        (None, None) => {
+            return Err(source.at(
+                start,
+                "the object has no model; give model = \"file.spm\" or generate = { shape = \"relief\", faces = 100000 }",
+            ));
+        }
+    };
+    let scale = match (&typed.size_m, &typed.metres_per_unit) {
+        (Some(size), None) => ModelScale::Size(source.number(Some(size), "size_m", 0.0, LENGTH)?),
+        (None, Some(unit)) => ModelScale::MetresPerUnit(source.number(
+            Some(unit),
+            "metres_per_unit",
+            0.0,
+            Range::Within(1e-12, 1e12),
+        )?),
+        (Some(size), Some(_)) => {
+            return Err(source.value(
+                size,
+                "give either size_m (its longest side) or metres_per_unit, not both",
+            ));
+        }
+        (None, None) => {
+            return Err(source.at(
+                start,
+                "the object has no size; give size_m (its longest side, metres) or metres_per_unit",
+            ));
+        }
+    };
+    if let Some(effects) = &typed.effects
+        && !effects.get_ref().is_empty()
+    {
+        return Err(source.value(
+            effects,
+            "this version has no surface effects yet; leave the effects list empty or out",
+        ));
+    }
+    let pose = match &typed.pose {
+        None => Pose::IDENTITY,
+        Some(pose) => Pose::from_wxyz(
+            pose.get_ref().position_m.unwrap_or([0.0; 3]),
+            pose.get_ref().orientation_wxyz.unwrap_or([1.0, 0.0, 0.0, 0.0]),
+        )
+        .filter(|pose| pose.position.abs().max_element() <= 1e7)
+        .ok_or_else(|| {
+            source.value(
+                pose,
+                "the pose needs finite numbers, a position within 1e7 m and an orientation (w, x, y, z) that is not all zero",
+            )
+        })?,
+    };
+    Ok(ObjectPlan {
+        model,
+        scale,
+        pose,
+        surface: SurfacePlan {
+            stiffness_n_per_m: source.number(
+                typed.surface.stiffness_n_per_m.as_ref(),
+                "stiffness_n_per_m",
+                800.0,
+                Range::Positive(MOST),
+            )?,
+            damping_ns_per_m: source.number(
+                typed.surface.damping_ns_per_m.as_ref(),
+                "damping_ns_per_m",
+                0.5,
+                Range::NotNegative(MOST),
+            )?,
+        },
+    })
+}
+
+fn generate_plan(source: &Source, typed: &GenerateTyped) -> Result<ModelSource, SceneError> {
+    let shape = typed.shape.get_ref();
+    if !SHAPES.contains(&shape.as_str()) {
+        return Err(source.value(
+            &typed.shape,
+            &format!(
+                "there is no shape \"{shape}\"; take one of {}",
+                SHAPES.join(", ")
+            ),
+        ));
+    }
+    let faces = source.whole_number(Some(&typed.faces), "faces", 0, 64..=1 << 26)?;
+    Ok(ModelSource::Generate {
+        shape: shape.clone(),
+        faces: faces as u32,
+    })
+}
+
+fn probe_plan(source: &Source, typed: &ProbeTyped, folder: &Path) -> Result<ProbePlan, SceneError> {
+    let radius = match &typed.shape {
+        Some(ShapeTyped::Sphere(sphere)) => sphere.radius_m.as_ref(),
+        None => None,
+    };
+    let absent = SimulatedTyped::default();
+    let device = match &typed.device {
+        Some(DeviceTyped::Simulated(device)) => device,
+        None => &absent,
+    };
+    Ok(ProbePlan {
+        radius_m: source.number(radius, "radius_m", 0.001, LENGTH)?,
+        device: device_plan(source, device)?,
+        trajectory: match &typed.trajectory {
+            None => tour_plan(source, &TourTyped::default())?,
+            Some(TrajectoryTyped::Tour(tour)) => tour_plan(source, tour)?,
+            Some(TrajectoryTyped::Csv(file)) => {
+                let path = folder.join(file.get_ref());
+                let shown = path.display();
+                let text = std::fs::read_to_string(&path).map_err(|error| {
+                    source.value(file, &format!("the trajectory {shown} cannot be read ({error}); name a CSV file relative to the scene"))
+                })?;
+                TrajectoryPlan::Points(trajectory::parse(&text, &shown.to_string())?)
+            }
+        },
+    })
+}
+
+fn device_plan(source: &Source, typed: &SimulatedTyped) -> Result<SimulatedDevicePlan, SceneError> {
+    let coefficient = |value: &Option<Spanned<f64>>, key, default| {
+        source.number(value.as_ref(), key, default, Range::NotNegative(MOST))
+    };
+    Ok(SimulatedDevicePlan {
+        mass_kg: source.number(
+            typed.mass_kg.as_ref(),
+            "mass_kg",
+            0.1,
+            Range::Within(1e-6, MOST),
+        )?,
+        damping_ns_per_m: coefficient(&typed.damping_ns_per_m, "damping_ns_per_m", 1.0)?,
+        encoder_m: coefficient(&typed.encoder_m, "encoder_m", 1e-5)?,
+        hand: Hand {
+            stiffness_n_per_m: coefficient(
+                &typed.hand.stiffness_n_per_m,
+                "hand's stiffness_n_per_m",
+                200.0,
+            )?,
+            damping_ns_per_m: coefficient(
+                &typed.hand.damping_ns_per_m,
+                "hand's damping_ns_per_m",
+                2.0,
+            )?,
+        },
+    })
+}
+
+fn tour_plan(source: &Source, typed: &TourTyped) -> Result<TrajectoryPlan, SceneError> {
+    let seed = source.whole_number(typed.seed.as_ref(), "seed", 1, 0..=i64::MAX)?;
+    Ok(TrajectoryPlan::Tour {
+        seed: seed.unsigned_abs(),
+        speed_m_per_s: source.number(
+            typed.speed_m_per_s.as_ref(),
+            "speed_m_per_s",
+            0.1,
+            Range::Within(1e-6, 1e3),
+        )?,
+        depth_m: source.number(typed.depth_m.as_ref(), "depth_m", 0.002, LENGTH)?,
+    })
+}
+
+/// Lays what the command line says over the plan.
+fn apply(plan: &mut ScenePlan, overrides: &Overrides) -> Result<(), String> {
+    if let Some(tolerance) = overrides.tolerance_m {
+        plan.tolerance_m = Range::NotNegative(MOST).check("--tolerance (metres)", tolerance)?;
+        if tolerance != 0.0 {
+            return Err(tolerance_sentence("--tolerance 0"));
+        }
+    }
+    if let Some(text) = &overrides.cache {
+        plan.cache_bytes = parse_bytes(text).map_err(|sentence| format!("--cache {sentence}"))?;
+    }
+    if let Some(object) = plan.objects.first_mut() {
+        if let Some(model) = &overrides.model {
+            // Made absolute, because the plan's relative paths start from the scene's folder.
+            let absolute = std::path::absolute(model)
+                .map_err(|error| format!("--model {}: {error}", model.display()))?;
+            object.model = ModelSource::File(absolute);
+        }
+        if let Some(size) = overrides.size_m {
+            object.scale = ModelScale::Size(LENGTH.check("--size (metres)", size)?);
+        }
+    }
+    let (speed, seed) = (overrides.speed_m_per_s, overrides.seed);
+    if speed.is_none() && seed.is_none() {
+        return Ok(());
+    }
+    match plan.probes.first_mut().map(|probe| &mut probe.trajectory) {
+        Some(TrajectoryPlan::Tour {
+            seed: tour_seed,
+            speed_m_per_s,
+            ..
+        }) => {
+            if let Some(speed) = speed {
+                *speed_m_per_s =
+                    Range::Within(1e-6, 1e3).check("--speed (metres a second)", speed)?;
+            }
+            *tour_seed = seed.unwrap_or(*tour_seed);
+            Ok(())
+        }
+        _ => Err(
+            "--speed and --seed belong to a tour, but this scene's trajectory is a CSV file; leave them out or give the scene a tour".to_string(),
+        ),
+    }
+}
+
+#[cfg(test)]
+#[path = "validate_tests.rs"]
+mod tests;

@@ -1,0 +1,324 @@
+use super::*;
+use glam::DVec3;
+
+const BUNDLED: &str = include_str!("../../../config/scenes/first-touch.toml");
+
+fn plain(text: &str) -> Result<ScenePlan, SceneError> {
+    parse(text, "test.toml", Path::new(""), &Overrides::default())
+}
+
+/// The bundled scene with one piece of its text exchanged, which must be there.
+fn exchanged(old: &str, new: &str) -> String {
+    assert!(BUNDLED.contains(old), "the bundled scene has no {old}");
+    BUNDLED.replacen(old, new, 1)
+}
+
+fn refusal(text: &str) -> String {
+    let message = plain(text).unwrap_err().to_string();
+    assert!(!message.contains('\n'), "one sentence: {message}");
+    assert!(message.starts_with("test.toml"), "{message}");
+    message
+}
+
+fn line_of(text: &str, needle: &str) -> usize {
+    1 + text.lines().position(|line| line.contains(needle)).unwrap()
+}
+
+#[test]
+fn the_bundled_scene_says_the_defaults() {
+    let bundled = plain(BUNDLED).unwrap();
+    let short = plain(
+        "[[object]]\ngenerate = { shape = \"relief\", faces = 100000 }\nsize_m = 0.15\n[[probe]]\n",
+    )
+    .unwrap();
+    assert_eq!(bundled, short);
+    assert_eq!(bundled.loop_.core, Some(1));
+    assert_eq!(bundled.loop_.operations, 32);
+    assert_eq!(bundled.cache_bytes, 16 << 20);
+    assert_eq!(bundled.objects[0].scale, ModelScale::Size(0.15));
+    assert_eq!(bundled.objects[0].model.name(), "generate:relief:100000");
+    assert_eq!(bundled.probes[0].radius_m, 0.001);
+}
+
+#[test]
+fn an_unknown_key_is_named_with_its_line() {
+    for (old, new, key) in [
+        ("rate_hz = 1000", "rate_khz = 1", "rate_khz"),
+        ("force_max_n = 8.0", "force_max = 8.0", "force_max"),
+        ("size_m = 0.15 ", "size_m = 0.15\nsize_mm = 150 ", "size_mm"),
+        ("seed = 1,", "seeds = 1,", "seeds"),
+        ("radius_m = 0.001", "radius = 0.001", "radius"),
+        ("[accuracy]", "[precision]", "precision"),
+        ("{ sphere =", "{ cube =", "cube"),
+    ] {
+        let text = exchanged(old, new);
+        let message = refusal(&text);
+        assert!(
+            message.contains(&format!("unknown field `{key}`"))
+                || message.contains(&format!("unknown variant `{key}`")),
+            "{key}: {message}"
+        );
+        let line = line_of(&text, key);
+        assert!(
+            message.contains(&format!("line {line}:")),
+            "{key}: {message}"
+        );
+    }
+}
+
+#[test]
+fn every_bad_number_is_refused_with_its_key_and_line() {
+    for (old, bad) in [
+        ("rate_hz = 1000", "rate_hz = 99.9"),
+        ("rate_hz = 1000", "rate_hz = nan"),
+        ("core = 1", "core = -2"),
+        ("priority = 80", "priority = 100"),
+        ("spin_us = 0", "spin_us = 501"),
+        ("operations = 32", "operations = 0"),
+        ("tolerance_m = 0.0", "tolerance_m = -1.0"),
+        ("force_max_n = 8.0", "force_max_n = 0"),
+        ("slew_n_per_s = 2000.0", "slew_n_per_s = inf"),
+        ("ramp_s = 0.2", "ramp_s = -0.1"),
+        ("faces = 100000", "faces = 3"),
+        ("size_m = 0.15", "size_m = 0.0"),
+        ("stiffness_n_per_m = 800.0", "stiffness_n_per_m = -800.0"),
+        ("damping_ns_per_m = 0.5", "damping_ns_per_m = -0.5"),
+        ("radius_m = 0.001", "radius_m = nan"),
+        ("mass_kg = 0.1", "mass_kg = 0"),
+        ("encoder_m = 1e-5", "encoder_m = -1e-5"),
+        ("stiffness_n_per_m = 200.0", "stiffness_n_per_m = nan"),
+        ("damping_ns_per_m = 2.0", "damping_ns_per_m = -2.0"),
+        ("seed = 1", "seed = -1"),
+        ("speed_m_per_s = 0.1", "speed_m_per_s = 0"),
+        ("depth_m = 0.002", "depth_m = -inf"),
+    ] {
+        let text = exchanged(old, bad);
+        let message = refusal(&text);
+        let key = bad.split(' ').next().unwrap();
+        let line = line_of(&text, bad);
+        assert!(
+            message.contains(key) && message.contains(&format!("line {line}:")),
+            "{bad}: {message}"
+        );
+    }
+}
+
+#[test]
+fn what_this_version_lacks_is_said_plainly() {
+    let message = refusal(&exchanged("tolerance_m = 0.0", "tolerance_m = 1e-4"));
+    assert!(message.contains("full resolution"), "{message}");
+    let message = refusal(&exchanged(
+        "size_m = 0.15 ",
+        "effects = [{ friction = { static = 0.4, dynamic = 0.3 } }]\nsize_m = 0.15 ",
+    ));
+    assert!(message.contains("effects"), "{message}");
+    plain(&exchanged("size_m = 0.15 ", "effects = []\nsize_m = 0.15 ")).unwrap();
+    let message = refusal(&format!("{BUNDLED}\n[[probe]]\n"));
+    assert!(message.contains("second [[probe]]"), "{message}");
+    let message = refusal(&format!("{BUNDLED}\n[[object]]\nsize_m = 1\n"));
+    assert!(message.contains("second [[object]]"), "{message}");
+    assert!(refusal("").contains("no [[object]]"));
+    let no_probe = &BUNDLED[..BUNDLED.rfind("[[probe]]").unwrap()];
+    assert!(refusal(no_probe).contains("no [[probe]]"));
+}
+
+#[test]
+fn model_and_size_are_said_once_and_only_once() {
+    for (old, new, expected) in [
+        ("generate", "model = \"a.spm\"\ngenerate", "not both"),
+        ("size_m = 0.15 ", "", "size_m"),
+        (
+            "size_m = 0.15 ",
+            "size_m = 1\nmetres_per_unit = 1 ",
+            "not both",
+        ),
+        ("\"relief\"", "\"teapot\"", "sphere, torus"),
+        ("[1, 0, 0, 0]", "[0, 0, 0, 0]", "orientation"),
+        ("[0, 0, 0]", "[0, nan, 0]", "pose"),
+        ("[0, 0, 0]", "[0, 0]", "length"),
+        ("{ tour =", "{ tours =", "tours"),
+    ] {
+        let message = refusal(&exchanged(old, new));
+        assert!(message.contains(expected), "{new}: {message}");
+        assert!(message.contains(", line "), "{new}: {message}");
+    }
+    assert!(refusal("[[object]\n").contains("line 1"));
+}
+
+#[test]
+fn sizes_in_bytes_are_read_with_and_without_a_unit() {
+    for (text, bytes) in [
+        ("16MiB", 16 << 20),
+        ("512KiB", 512 << 10),
+        ("1GiB", 1 << 30),
+        ("2 MB", 2_000_000),
+        ("16777216", 16 << 20),
+        (" 7B ", 7),
+    ] {
+        assert_eq!(parse_bytes(text), Ok(bytes), "{text}");
+    }
+    for text in [
+        "",
+        "MiB",
+        "-1",
+        "0",
+        "1.5MiB",
+        "16mib",
+        "99999999999999999999",
+        "9999999GiB",
+    ] {
+        assert!(parse_bytes(text).is_err(), "{text}");
+    }
+    let plan = plain(&exchanged("\"16MiB\"", "65536")).unwrap();
+    assert_eq!(plan.cache_bytes, 65536);
+    let text = exchanged("\"16MiB\"", "\"lots\"");
+    let line = line_of(&text, "lots");
+    assert!(refusal(&text).contains(&format!("line {line}:")));
+    refusal(&exchanged("\"16MiB\"", "-1"));
+    refusal(&exchanged("\"16MiB\"", "1.5"));
+}
+
+#[test]
+fn the_command_line_lies_over_the_scene() {
+    let overrides = Overrides {
+        model: Some("other.spm".into()),
+        size_m: Some(0.3),
+        speed_m_per_s: Some(0.5),
+        seed: Some(u64::MAX),
+        cache: Some("1MiB".to_string()),
+        tolerance_m: Some(0.0),
+    };
+    let plan = parse(BUNDLED, "scene", Path::new("folder"), &overrides).unwrap();
+    let ModelSource::File(model) = &plan.objects[0].model else {
+        panic!("{:?}", plan.objects[0].model);
+    };
+    assert_eq!(model, &std::env::current_dir().unwrap().join("other.spm"));
+    assert_eq!(plan.objects[0].scale, ModelScale::Size(0.3));
+    assert_eq!(plan.cache_bytes, 1 << 20);
+    assert_eq!(
+        plan.probes[0].trajectory,
+        TrajectoryPlan::Tour {
+            seed: u64::MAX,
+            speed_m_per_s: 0.5,
+            depth_m: 0.002
+        }
+    );
+    let kept = Overrides {
+        model: Some("other.spm".into()),
+        ..Overrides::default()
+    };
+    let kept = parse(BUNDLED, "scene", Path::new(""), &kept).unwrap();
+    assert_eq!(
+        kept.objects[0].scale,
+        ModelScale::Size(0.15),
+        "the scene's size is kept"
+    );
+    for (overrides, flag) in [
+        (
+            Overrides {
+                size_m: Some(-1.0),
+                ..Overrides::default()
+            },
+            "--size",
+        ),
+        (
+            Overrides {
+                speed_m_per_s: Some(f64::NAN),
+                ..Overrides::default()
+            },
+            "--speed",
+        ),
+        (
+            Overrides {
+                cache: Some("x".into()),
+                ..Overrides::default()
+            },
+            "--cache",
+        ),
+        (
+            Overrides {
+                tolerance_m: Some(1e-3),
+                ..Overrides::default()
+            },
+            "--tolerance",
+        ),
+    ] {
+        let message = parse(BUNDLED, "scene", Path::new(""), &overrides).unwrap_err();
+        assert!(message.to_string().contains(flag), "{message}");
+    }
+}
+
+#[test]
+fn a_trajectory_is_read_from_beside_the_scene_and_its_faults_have_lines() {
+    let folder = std::env::temp_dir().join(format!("hrtc-scene-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let text = exchanged(
+        "tour = { seed = 1, speed_m_per_s = 0.1, depth_m = 0.002 }",
+        "csv = \"path.csv\"",
+    );
+    let read = |csv: &str| {
+        std::fs::write(folder.join("path.csv"), csv).unwrap();
+        parse(&text, "scene", &folder, &Overrides::default())
+    };
+    let plan = read("t,x,y,z\n# rest\n0, 0,0,1\r\n0.5,1,2,3,0,0,0,2\n").unwrap();
+    let TrajectoryPlan::Points(points) = &plan.probes[0].trajectory else {
+        panic!("{:?}", plan.probes[0].trajectory);
+    };
+    assert_eq!(points[0], (0.0, Pose::at(DVec3::Z)));
+    assert_eq!(points[1].1.wxyz(), [0.0, 0.0, 0.0, 1.0]);
+    for (csv, line, expected) in [
+        ("0,0,0,0\n0,0,0,0\n", 2, "strictly increasing"),
+        ("0,0,0\n", 1, "columns"),
+        ("0,0,0,0,1,0,0,0,9\n", 1, "columns"),
+        ("0,0,0,0\n1,a,0,0\n", 2, "finite"),
+        ("t,x,y,z\n1,nan,0,0\n", 2, "finite"),
+        ("-1,0,0,0\n", 1, "negative"),
+        ("0,0,0,0,0,0,0,0\n", 1, "direction"),
+        ("0,0,0,0\nt,x,y,z\n", 2, "finite"),
+    ] {
+        let message = read(csv).unwrap_err().to_string();
+        assert!(message.contains(expected), "{csv:?}: {message}");
+        assert!(
+            message.contains(&format!("path.csv, line {line}:")),
+            "{csv:?}: {message}"
+        );
+    }
+    assert!(
+        read("t,x,y,z\n")
+            .unwrap_err()
+            .to_string()
+            .contains("no points")
+    );
+    let overrides = Overrides {
+        seed: Some(1),
+        ..Overrides::default()
+    };
+    std::fs::write(folder.join("path.csv"), "0,0,0,0\n").unwrap();
+    let message = parse(&text, "scene", &folder, &overrides).unwrap_err();
+    assert!(message.to_string().contains("--seed"), "{message}");
+    std::fs::remove_dir_all(&folder).unwrap();
+    let message = parse(&text, "scene", &folder, &Overrides::default()).unwrap_err();
+    assert!(
+        message.to_string().contains("path.csv cannot be read"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_missing_scene_is_one_sentence() {
+    let message = load(Path::new("no/such.toml"), &Overrides::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.starts_with("no/such.toml: ") && !message.contains('\n'),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_loaded_scene_has_its_files_name_and_folder() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/scenes/first-touch.toml");
+    let plan = load(&path, &Overrides::default()).unwrap();
+    assert_eq!(plan.name, "first-touch");
+    assert_eq!(plan.folder, path.parent().unwrap());
+}

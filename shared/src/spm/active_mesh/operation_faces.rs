@@ -1,0 +1,59 @@
+//! What a split or collapse touched.
+
+use super::{Handle, NONE};
+
+/// The faces that one operation touched, in storage that is made once.
+#[derive(Debug, Clone)]
+pub struct OperationFaces {
+    /// Faces made (split) or removed (collapse): fl, then fr where there is one.
+    pub pair: [Handle; 2],
+    /// How many of `pair` are valid, 1 or 2.
+    pub pair_count: usize,
+    /// Leaf codes of the pair.
+    pub leaves: [u32; 2],
+    pub(super) deformed: [Handle; Self::MOST],
+    pub(super) of_t: usize,
+    pub(super) count: usize,
+}
+
+impl OperationFaces {
+    /// The most faces around one vertex that an operation can move; the builder keeps fans far smaller.
+    pub const MOST: usize = 512;
+
+    /// Empty storage.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            pair: [NONE; 2],
+            pair_count: 0,
+            leaves: [NONE; 2],
+            deformed: [NONE; Self::MOST],
+            of_t: 0,
+            count: 0,
+        }
+    }
+
+    /// Faces whose shape changed but which stay.
+    #[must_use]
+    pub fn deformed(&self) -> &[Handle] {
+        &self.deformed[..self.count]
+    }
+
+    /// The made or removed faces.
+    #[must_use]
+    pub fn made_or_removed(&self) -> &[Handle] {
+        &self.pair[..self.pair_count]
+    }
+
+    pub(super) fn push(&mut self, face: Handle) -> Option<()> {
+        *self.deformed.get_mut(self.count)? = face;
+        self.count += 1;
+        Some(())
+    }
+}
+
+impl Default for OperationFaces {
+    fn default() -> Self {
+        Self::new()
+    }
+}

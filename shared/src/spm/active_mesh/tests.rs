@@ -1,0 +1,95 @@
+use super::*;
+fn record(i: u32, leaf_r: u32) -> VspRecord {
+    VspRecord {
+        i,
+        vs: 0,
+        fn_: [NONE; 4],
+        leaf_l: 2,
+        leaf_r,
+        pos_t: [0.0, 1.0, 0.0],
+        pos_u: [0.0, -1.0, 0.0],
+        r_t: 0,
+        r_u: 0,
+        e: 0,
+        reserved: 0,
+    }
+}
+
+/// A hexagonal fan around vertex 0, rim vertices 1..=6, faces k = (0, k + 1, k + 2).
+fn hexagon(slots: u32) -> ActiveMesh {
+    let mut mesh = ActiveMesh::new(7, 6, slots);
+    for v in 0..7 {
+        let angle = f64::from(v) * std::f64::consts::FRAC_PI_3;
+        let p = if v == 0 { 0.0 } else { 3.0 };
+        mesh.set_base_vertex(
+            v,
+            [(p * angle.cos()) as f32, (p * angle.sin()) as f32, 0.0],
+            0.0,
+        );
+    }
+    for k in 0..6 {
+        let corners = [0, 1 + k, 1 + (k + 1) % 6];
+        let neighbours = [NONE, (k + 1) % 6, (k + 5) % 6];
+        mesh.set_base_face(k, corners, neighbours).unwrap();
+    }
+    assert!(mesh.base_is_consistent());
+    mesh.check();
+    mesh
+}
+
+#[test]
+fn a_split_parts_the_fan_and_a_collapse_restores_it() {
+    let mut mesh = hexagon(1);
+    let before = mesh.faces.clone();
+    // vl = vertex 1 (between faces 5 and 0), vr = vertex 4 (between faces 2 and 3).
+    mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [0.0; 2]);
+    let mut out = OperationFaces::new();
+    mesh.split(0, &mut out).unwrap();
+    assert_eq!(out.deformed(), [0, 1, 2, 3, 4, 5]);
+    assert_eq!(mesh.face(6).corners, [7, 8, 1]);
+    assert_eq!(mesh.face(7).corners, [8, 7, 4]);
+    assert_eq!(mesh.active_faces(), 8);
+    mesh.check();
+    mesh.collapse(0, &mut out);
+    mesh.check();
+    assert_eq!(mesh.faces[..6], before[..6]);
+}
+
+#[test]
+fn the_fan_of_vt_may_be_in_two_pieces_at_a_rim() {
+    // Without face 1 the vertex 0 lies on the rim: vt gets face 0 and face 2 with the gap between them.
+    let mut mesh = ActiveMesh::new(7, 5, 1);
+    let place = [0, NONE, 1, 2, 3, 4];
+    for k in [0usize, 2, 3, 4, 5] {
+        let corners = [0, 1 + k as u32, 1 + (k as u32 + 1) % 6];
+        let neighbours = [NONE, place[(k + 1) % 6], place[(k + 5) % 6]];
+        mesh.set_base_face(place[k], corners, neighbours).unwrap();
+    }
+    assert!(mesh.base_is_consistent());
+    mesh.load(0, &record(0, 3), 0, [0, 4, 1, 2], [0.0; 2]);
+    let mut out = OperationFaces::new();
+    mesh.split(0, &mut out).unwrap();
+    mesh.check();
+    assert!(mesh.face(0).corners.contains(&7) && mesh.face(1).corners.contains(&7));
+    assert!(mesh.face(2).corners.contains(&8) && mesh.face(4).corners.contains(&8));
+    mesh.collapse(0, &mut out);
+    mesh.check();
+}
+
+#[test]
+fn a_record_that_does_not_fit_is_refused_and_changes_nothing() {
+    for fn_ in [
+        [0, 4, 2, 3],
+        [0, 5, 2, 4],
+        [0, 5, 3, 2],
+        [5, 0, 2, 3],
+        [0, 5, 0, 5],
+    ] {
+        let mut mesh = hexagon(1);
+        let before = mesh.faces.clone();
+        mesh.load(0, &record(7, 3), 0, fn_, [0.0; 2]);
+        let mut out = OperationFaces::new();
+        assert_eq!(mesh.split(0, &mut out), Err(DamagedRecord(7)), "{fn_:?}");
+        assert_eq!(mesh.faces, before);
+    }
+}

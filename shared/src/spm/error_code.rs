@@ -1,0 +1,73 @@
+//! Errors as sixteen bits: logarithmic, and rounded up so that a bound stays a bound.
+
+/// Turns errors in model units into u16 codes and back.
+///
+/// Code 0 is exactly zero. Code c > 0 is `scale * 2^((c - 65535) / 2048)`: 32 octaves below the scale in
+/// steps of 0.034 %. The scale is twice the diagonal of the model's box, which no error exceeds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ErrorScale(f64);
+
+impl ErrorScale {
+    const STEPS_PER_OCTAVE: f64 = 2048.0;
+
+    /// The scale for a model whose bounding box has this diagonal (model units, finite, positive).
+    #[must_use]
+    pub fn for_diagonal(diagonal: f64) -> Self {
+        Self(2.0 * diagonal)
+    }
+
+    /// The smallest code whose value is at least `error` (model units, not negative).
+    ///
+    /// Saturates at the largest code, the scale itself, for anything beyond it.
+    #[must_use]
+    pub fn encode(self, error: f64) -> u16 {
+        if error <= 0.0 {
+            return 0;
+        }
+        let steps = (error / self.0).log2() * Self::STEPS_PER_OCTAVE;
+        let mut code = (f64::from(u16::MAX) + steps.ceil()).clamp(1.0, f64::from(u16::MAX)) as u16;
+        // The logarithm rounds: never let it round the bound down.
+        while code < u16::MAX && self.decode(code) < error {
+            code += 1;
+        }
+        code
+    }
+
+    /// The error that a code stands for, model units.
+    #[must_use]
+    pub fn decode(self, code: u16) -> f64 {
+        if code == 0 {
+            return 0.0;
+        }
+        let steps = f64::from(code) - f64::from(u16::MAX);
+        self.0 * (steps / Self::STEPS_PER_OCTAVE).exp2()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_code_is_never_below_the_error_and_hardly_above(
+            diagonal in 1e-6..1e6f64, octave in -31.0..0.99f64,
+        ) {
+            let scale = ErrorScale::for_diagonal(diagonal);
+            let error = diagonal * octave.exp2();
+            let decoded = scale.decode(scale.encode(error));
+            prop_assert!(decoded >= error);
+            prop_assert!(decoded <= error * 1.001);
+        }
+    }
+
+    #[test]
+    fn zero_is_exact_and_everything_else_is_not_zero() {
+        let scale = ErrorScale::for_diagonal(1.0);
+        assert_eq!(scale.encode(0.0), 0);
+        assert_eq!(scale.decode(0), 0.0);
+        assert_eq!(scale.encode(f64::MIN_POSITIVE), 1);
+        assert!(scale.decode(1) > 0.0);
+    }
+}

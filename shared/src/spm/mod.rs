@@ -1,0 +1,35 @@
+//! The space-partitioned progressive mesh (thesis 5.3).
+//!
+//! An SPM is a base mesh, n vertex split records (VSPs) and a sparse grid of regions. Ids are implicit:
+//! with V0 base vertices and F0 base faces, VSP i makes the vertices V0 + 2i (vt) and V0 + 2i + 1 (vu)
+//! and the faces F0 + 2i (fl) and F0 + 2i + 1 (fr, unused at a rim).
+//!
+//! ```text
+//!            vl                         vl
+//!          / | \                      / | \
+//!     fn0 /  |  \ fn1            fn0 / fl  \ fn1
+//!        /   |   \      split i     /  / \  \
+//!       +---vs----+    -------->   +--vt--vu-+
+//!        \   |   /     <--------    \  \ /  /
+//!     fn2 \  |  / fn3  collapse i fn2 \ fr / fn3
+//!          \ | /                      \ | /
+//!            vr                         vr
+//! ```
+//!
+//! The *dependencies* of VSP i are the VSPs that made vs and fn0..fn3. A set of VSPs that holds every
+//! dependency of its members is a *front*, and every front is a legal mesh.
+
+mod active_mesh;
+mod error_code;
+mod file;
+mod record;
+mod regions;
+
+pub use active_mesh::{ActiveMesh, DamagedRecord, Face, Handle, OperationFaces, Slot};
+pub use error_code::ErrorScale;
+pub use file::{
+    BLOCK_BYTES, BuildSummary, FORMAT_VERSION, FileError, FullFace, Section, SpmFile, SpmHeader,
+    SpmParts, write_spm,
+};
+pub use record::{NONE, RecordError, Sizes, VspRecord};
+pub use regions::{RegionGrid, RegionId};
