@@ -1,0 +1,175 @@
+//! Cleaning: drops what is no surface, and counts each thing dropped.
+
+use super::{BuildError, SoupMesh};
+use glam::{DVec3, Vec3};
+use shared::geometry::triangle_is_degenerate;
+use shared::spm::BuildSummary;
+
+/// A model whose centre lies farther from its own origin than this many of its diagonals gets another
+/// origin: six of the 24 bits of an f32 would be lost to the distance.
+const FAR: f64 = 64.0;
+
+/// What is left of a soup.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CleanMesh {
+    /// Positions relative to `origin`, model units; finite. Vertices that no face uses are still there.
+    pub positions: Vec<[f32; 3]>,
+    /// Corners, counterclockwise; distinct, not on a line, no two faces alike.
+    pub triangles: Vec<[u32; 3]>,
+    /// What was subtracted from every position.
+    pub origin: [f64; 3],
+    /// For every vertex the first one of bit-equal position.
+    pub same_position: Vec<u32>,
+    /// What was read and dropped; the rest is filled in later.
+    pub summary: BuildSummary,
+}
+
+/// Cleans a soup.
+///
+/// # Errors
+/// When no triangle is left.
+pub fn clean(soup: SoupMesh) -> Result<CleanMesh, BuildError> {
+    let SoupMesh {
+        positions: raw,
+        mut triangles,
+    } = soup;
+    let mut summary = BuildSummary {
+        read_vertices: raw.len() as u64,
+        read_faces: triangles.len() as u64,
+        ..BuildSummary::default()
+    };
+
+    let exists = |t: &[u32; 3]| t.iter().all(|&v| (v as usize) < raw.len());
+    summary.out_of_range_faces = dropped(&mut triangles, exists);
+
+    let origin = choose_origin(&raw, &triangles);
+    let positions: Vec<[f32; 3]> = raw
+        .iter()
+        // Plus zero: the two zeros are one position.
+        .map(|&p| ((DVec3::from_array(p) - origin).as_vec3() + Vec3::ZERO).to_array())
+        .collect();
+    drop(raw);
+
+    let finite = |v: u32| positions[v as usize].iter().all(|x| x.is_finite());
+    summary.not_finite_vertices =
+        (0..positions.len() as u32).filter(|&v| !finite(v)).count() as u64;
+    summary.not_finite_faces = dropped(&mut triangles, |t| t.iter().all(|&v| finite(v)));
+
+    let at = |v: u32| Vec3::from_array(positions[v as usize]).as_dvec3();
+    summary.zero_area_faces = dropped(&mut triangles, |&[a, b, c]| {
+        !triangle_is_degenerate(at(a), at(b), at(c))
+    });
+
+    let same_position = group_by_position(&positions);
+    summary.duplicate_faces = drop_duplicates(&mut triangles, &same_position);
+
+    let mut used = vec![false; positions.len()];
+    for &v in triangles.as_flattened() {
+        used[v as usize] = true;
+    }
+    summary.unreferenced_vertices = (0..positions.len() as u32)
+        .filter(|&v| !used[v as usize] && finite(v))
+        .count() as u64;
+
+    if triangles.is_empty() {
+        return Err(BuildError::Empty(why_empty(&summary)));
+    }
+    Ok(CleanMesh {
+        positions,
+        triangles,
+        origin: origin.to_array(),
+        same_position,
+        summary,
+    })
+}
+
+/// Keeps what `keep` says, and counts the rest.
+fn dropped(triangles: &mut Vec<[u32; 3]>, keep: impl FnMut(&[u32; 3]) -> bool) -> u64 {
+    let before = triangles.len();
+    triangles.retain(keep);
+    (before - triangles.len()) as u64
+}
+
+/// Zero, or the centre of a model that lies far from its own origin.
+fn choose_origin(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> DVec3 {
+    let mut lower = DVec3::INFINITY;
+    let mut upper = DVec3::NEG_INFINITY;
+    for &v in triangles.as_flattened() {
+        let p = DVec3::from_array(positions[v as usize]);
+        if p.is_finite() {
+            lower = lower.min(p);
+            upper = upper.max(p);
+        }
+    }
+    let centre = lower * 0.5 + upper * 0.5;
+    if centre.is_finite() && centre.length() > FAR * (upper - lower).length() {
+        centre
+    } else {
+        DVec3::ZERO
+    }
+}
+
+/// For every vertex the first one of bit-equal position.
+fn group_by_position(positions: &[[f32; 3]]) -> Vec<u32> {
+    let key = |v: u32| positions[v as usize].map(f32::to_bits);
+    let mut order: Vec<u32> = (0..positions.len() as u32).collect();
+    order.sort_unstable_by_key(|&v| (key(v), v));
+    let mut same: Vec<u32> = (0..positions.len() as u32).collect();
+    for pair in order.windows(2) {
+        if key(pair[0]) == key(pair[1]) {
+            same[pair[1] as usize] = same[pair[0] as usize];
+        }
+    }
+    same
+}
+
+/// Drops second and later faces with the same corners (by position) in the same cyclic order. Copies of
+/// opposite orientation are the two sides of a sheet and stay.
+fn drop_duplicates(triangles: &mut Vec<[u32; 3]>, same_position: &[u32]) -> u64 {
+    let mut keys: Vec<([u32; 3], u32)> = triangles
+        .iter()
+        .zip(0u32..)
+        .map(|(t, index)| {
+            let mut corners = t.map(|v| same_position[v as usize]);
+            let lowest = (0..3).min_by_key(|&k| corners[k]).unwrap_or(0);
+            corners.rotate_left(lowest);
+            (corners, index)
+        })
+        .collect();
+    keys.sort_unstable();
+    let mut keep = vec![true; triangles.len()];
+    for pair in keys.windows(2) {
+        if pair[0].0 == pair[1].0 {
+            keep[pair[1].1 as usize] = false;
+        }
+    }
+    let mut index = 0;
+    dropped(triangles, |_| {
+        index += 1;
+        keep[index - 1]
+    })
+}
+
+/// What became of the triangles, in words.
+fn why_empty(summary: &BuildSummary) -> String {
+    if summary.read_faces == 0 {
+        return "the file holds no face at all".to_string();
+    }
+    let reasons = [
+        (
+            summary.out_of_range_faces,
+            "name a vertex that does not exist",
+        ),
+        (
+            summary.not_finite_faces,
+            "have a corner that is not a finite number",
+        ),
+        (summary.zero_area_faces, "have no area"),
+    ];
+    let parts: Vec<String> = reasons
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    format!("of {} in the file {}", summary.read_faces, parts.join(", "))
+}

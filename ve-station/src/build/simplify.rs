@@ -1,0 +1,361 @@
+//! Simplification: edge collapses by quadric error, in independent-set rounds.
+//!
+//! A round sorts the edges by cost and goes through the cheapest half, collapsing each whose one-ring no
+//! collapse of the round has touched. Greedy order instead makes dependency chains of thousands on flat
+//! parts; rounds keep them at about two dozen, and a chain is never longer than there are rounds.
+//!
+//! Memory: 24 B a face (corners, neighbours), 100 B a vertex (position, quadric, flags), 16 B an edge of the
+//! round, all in flat vectors.
+
+mod quadric;
+mod topology;
+
+use super::{ManifoldMesh, Progress};
+use glam::{DVec3, Vec3};
+use quadric::Quadric;
+use shared::spm::NONE;
+use topology::{Collapsible, Topology};
+
+/// The most faces round a vertex that a collapse makes: bounds the work of a split.
+const MOST_FACES_ROUND_A_VERTEX: usize = 24;
+/// A face may not turn by more than this, as a cosine.
+const LEAST_TURN_COSINE: f64 = 0.2;
+/// A face may not shrink below this share of its area.
+const LEAST_AREA_SHARE: f64 = 1e-14;
+/// Weight of the planes that hold rims in place, against that of a face as large as its edge squared.
+const RIM_WEIGHT: f64 = 100.0;
+/// Cost of length squared, which orders edges on planes; in the frame in which the diagonal is one.
+const LENGTH_COST: f64 = 1e-12;
+
+/// One collapse, in ids of the history: vertices and faces of the full mesh keep their numbers, and
+/// collapse k makes vertex `full_vertices + k`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Collapse {
+    /// First vertex of the edge; fl runs from it to `vu`.
+    pub vt: u32,
+    /// Second vertex of the edge.
+    pub vu: u32,
+    /// Face left of the edge.
+    pub fl: u32,
+    /// Face right of it, `NONE` at a rim.
+    pub fr: u32,
+    /// Neighbours as in [`shared::spm::VspRecord::fn_`].
+    pub fn_: [u32; 4],
+}
+
+/// A mesh and how it was simplified.
+#[derive(Debug, Clone)]
+pub struct History {
+    /// Vertices of the full mesh.
+    pub full_vertices: u32,
+    /// Positions of the full mesh's vertices, then of those that the collapses made.
+    pub positions: Vec<[f32; 3]>,
+    /// Collapses in the order in which they were done.
+    pub collapses: Vec<Collapse>,
+    /// What is left: the base mesh, ascending by face.
+    pub base: Vec<LeftFace>,
+}
+
+/// A face that simplification left, in ids of the history.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LeftFace {
+    /// Its number in the full mesh.
+    pub face: u32,
+    /// Corners, counterclockwise.
+    pub corners: [u32; 3],
+    /// The face across the edge opposite each corner, `NONE` at a rim.
+    pub neighbours: [u32; 3],
+}
+
+/// Simplifies until at most `target` faces are left or no legal collapse is.
+#[must_use]
+pub fn simplify(mesh: &ManifoldMesh, target: u32, progress: &dyn Progress) -> History {
+    let faces = mesh.triangles.len() as u64;
+    progress.phase("simplifying", faces.saturating_sub(target.into()));
+    let mut work = Work::new(mesh);
+    let mut whole = false;
+    while work.topology.alive > target {
+        let done = work.round(target, whole);
+        progress.done(faces - u64::from(work.topology.alive));
+        // Few in the cheapest half: the rest may have some. None at all: nothing is legal any more.
+        if done == 0 && whole {
+            break;
+        }
+        whole = (done as u64) * 50 < u64::from(work.topology.alive);
+    }
+    let base = (0..mesh.triangles.len() as u32)
+        .filter(|&face| work.topology.is_alive(face))
+        .map(|face| LeftFace {
+            face,
+            corners: work.topology.corners[face as usize].map(|slot| work.id[slot as usize]),
+            neighbours: work.topology.neighbours[face as usize],
+        })
+        .collect();
+    History {
+        full_vertices: mesh.positions.len() as u32,
+        positions: work.history_positions,
+        collapses: work.collapses,
+        base,
+    }
+}
+
+/// The state. Live vertices are *slots*, the numbers of the full mesh's vertices: the vertex that a
+/// collapse makes takes over the slot of vt.
+struct Work<'a> {
+    topology: Topology,
+    locked: &'a [bool],
+    /// Centre and size of the frame in which quadrics are summed.
+    centre: DVec3,
+    inverse_diagonal: f64,
+    /// By slot: stored position.
+    position: Vec<[f32; 3]>,
+    /// By slot: the same in the frame of the quadrics.
+    scaled: Vec<DVec3>,
+    quadric: Vec<Quadric>,
+    /// By slot: id in the history.
+    id: Vec<u32>,
+    /// By slot: the last round that touched it.
+    touched: Vec<u32>,
+    round: u32,
+    history_positions: Vec<[f32; 3]>,
+    collapses: Vec<Collapse>,
+    /// Reused: faces round the two ends, and their neighbours.
+    fans: [Vec<u32>; 2],
+    rings: [Vec<u32>; 2],
+}
+
+/// An edge of a round.
+#[derive(Clone, Copy)]
+struct Candidate {
+    cost: f64,
+    /// The face that the edge is a side of, and which side: the one from corner k to k + 1.
+    face: u32,
+    corner: u32,
+}
+
+impl<'a> Work<'a> {
+    fn new(mesh: &'a ManifoldMesh) -> Self {
+        let at = |p: &[f32; 3]| Vec3::from_array(*p).as_dvec3();
+        let mut lower = DVec3::INFINITY;
+        let mut upper = DVec3::NEG_INFINITY;
+        for p in &mesh.positions {
+            lower = lower.min(at(p));
+            upper = upper.max(at(p));
+        }
+        let centre = (lower + upper) * 0.5;
+        let inverse_diagonal = 1.0 / (upper - lower).length();
+        let scaled: Vec<DVec3> = mesh
+            .positions
+            .iter()
+            .map(|p| (at(p) - centre) * inverse_diagonal)
+            .collect();
+        let topology = Topology::new(&mesh.triangles, mesh.positions.len());
+        let quadric = initial_quadrics(&topology, &scaled);
+        Self {
+            locked: &mesh.locked,
+            centre,
+            inverse_diagonal,
+            position: mesh.positions.clone(),
+            quadric,
+            id: (0..mesh.positions.len() as u32).collect(),
+            touched: vec![0; mesh.positions.len()],
+            round: 0,
+            history_positions: mesh.positions.clone(),
+            collapses: Vec::new(),
+            fans: [Vec::new(), Vec::new()],
+            rings: [Vec::new(), Vec::new()],
+            scaled,
+            topology,
+        }
+    }
+
+    /// One round; how many edges it collapsed.
+    fn round(&mut self, target: u32, whole: bool) -> usize {
+        self.round += 1;
+        let mut candidates = self.candidates();
+        let order = |a: &Candidate, b: &Candidate| {
+            a.cost
+                .total_cmp(&b.cost)
+                .then((a.face, a.corner).cmp(&(b.face, b.corner)))
+        };
+        if !whole && candidates.len() > 1 {
+            let half = candidates.len() / 2;
+            candidates.select_nth_unstable_by(half, order);
+            candidates.truncate(half);
+        }
+        candidates.sort_unstable_by(order);
+        let before = self.collapses.len();
+        for candidate in candidates {
+            if self.topology.alive <= target {
+                break;
+            }
+            self.try_collapse(candidate);
+        }
+        self.collapses.len() - before
+    }
+
+    /// Every edge that may move, once.
+    fn candidates(&self) -> Vec<Candidate> {
+        let mut all = Vec::with_capacity(self.topology.alive as usize * 3 / 2);
+        for face in 0..self.topology.corners.len() as u32 {
+            if !self.topology.is_alive(face) {
+                continue;
+            }
+            for corner in 0..3 {
+                let (a, b, other) = self.topology.side(face, corner);
+                let own = other == NONE || face < other;
+                if own && !self.locked[a as usize] && !self.locked[b as usize] {
+                    let (_, cost) = self.placement(a, b);
+                    all.push(Candidate {
+                        cost,
+                        face,
+                        corner: corner as u32,
+                    });
+                }
+            }
+        }
+        all
+    }
+
+    /// Where an edge goes and what that costs, in the frame of the quadrics.
+    fn placement(&self, a: u32, b: u32) -> (DVec3, f64) {
+        let (p, q) = (self.scaled[a as usize], self.scaled[b as usize]);
+        let sum = self.quadric[a as usize] + self.quadric[b as usize];
+        let middle = (p + q) * 0.5;
+        let length_squared = p.distance_squared(q);
+        let best_of = |points: [DVec3; 3]| {
+            let mut best = (points[0], sum.at(points[0]));
+            for point in &points[1..] {
+                let cost = sum.at(*point);
+                if cost < best.1 {
+                    best = (*point, cost);
+                }
+            }
+            best
+        };
+        let optimal = sum
+            .minimum()
+            .filter(|x| x.distance_squared(middle) <= 9.0 * length_squared)
+            .map(|x| (x, sum.at(x)));
+        let (point, cost) = optimal.unwrap_or_else(|| best_of([middle, p, q]));
+        // A quadric is not negative; its sum in floating point may be, by rounding.
+        (point, cost.max(0.0) + LENGTH_COST * length_squared)
+    }
+
+    /// Collapses an edge if nothing near was touched in this round and nothing forbids it.
+    fn try_collapse(&mut self, candidate: Candidate) {
+        let (face, corner) = (candidate.face, candidate.corner as usize);
+        // Touched corners mean that the face may be gone or another one by now.
+        let (a, b, _) = self.topology.side(face, corner);
+        if !self.topology.is_alive(face) || self.is_touched(a) || self.is_touched(b) {
+            return;
+        }
+        let Some(edge) = self
+            .topology
+            .collapsible(face, corner, &mut self.fans, &mut self.rings)
+        else {
+            return;
+        };
+        let touched = self
+            .rings
+            .iter()
+            .flatten()
+            .any(|&slot| self.touched[slot as usize] == self.round);
+        if touched || self.result_fan(&edge) > MOST_FACES_ROUND_A_VERTEX {
+            return;
+        }
+        let (point, _) = self.placement(edge.vt, edge.vu);
+        let stored = (self.centre + point / self.inverse_diagonal).as_vec3() + Vec3::ZERO;
+        if !stored.is_finite() || self.turns_a_face(&edge, stored.as_dvec3()) {
+            return;
+        }
+        self.collapse(&edge, stored);
+    }
+
+    fn is_touched(&self, slot: u32) -> bool {
+        self.touched[slot as usize] == self.round
+    }
+
+    /// Faces round the vertex that the collapse would make.
+    fn result_fan(&self, edge: &Collapsible) -> usize {
+        let gone = if edge.fr == NONE { 2 } else { 4 };
+        self.fans[0].len() + self.fans[1].len() - gone
+    }
+
+    /// Whether a face that stays would turn over, or lose its area.
+    fn turns_a_face(&self, edge: &Collapsible, point: DVec3) -> bool {
+        let at = |slot: u32| Vec3::from_array(self.position[slot as usize]).as_dvec3();
+        let normal = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a) * self.inverse_diagonal.powi(2);
+        self.fans.iter().flatten().any(|&face| {
+            if face == edge.fl || face == edge.fr {
+                return false;
+            }
+            let corners = self.topology.corners[face as usize];
+            let before = normal(corners.map(at));
+            let after = normal(corners.map(|slot| {
+                if slot == edge.vt || slot == edge.vu {
+                    point
+                } else {
+                    at(slot)
+                }
+            }));
+            let (old, new) = (before.length(), after.length());
+            // Written so that a comparison with NaN rejects.
+            let keeps =
+                before.dot(after) >= LEAST_TURN_COSINE * old * new && new > LEAST_AREA_SHARE * old;
+            !keeps
+        })
+    }
+
+    fn collapse(&mut self, edge: &Collapsible, stored: Vec3) {
+        self.collapses.push(Collapse {
+            vt: self.id[edge.vt as usize],
+            vu: self.id[edge.vu as usize],
+            fl: edge.fl,
+            fr: edge.fr,
+            fn_: edge.fn_,
+        });
+        self.topology.collapse(edge, &self.fans[1]);
+        let slot = edge.vt as usize;
+        self.quadric[slot] = self.quadric[slot] + self.quadric[edge.vu as usize];
+        self.position[slot] = stored.to_array();
+        self.scaled[slot] = (stored.as_dvec3() - self.centre) * self.inverse_diagonal;
+        self.id[slot] = self.history_positions.len() as u32;
+        self.history_positions.push(stored.to_array());
+        for &touched in self.rings.iter().flatten().chain(&[edge.vt, edge.vu]) {
+            self.touched[touched as usize] = self.round;
+        }
+    }
+}
+
+/// Planes of the faces, weighted by area, and planes through rims, square to their faces.
+fn initial_quadrics(topology: &Topology, scaled: &[DVec3]) -> Vec<Quadric> {
+    let mut quadrics = vec![Quadric::default(); scaled.len()];
+    for face in 0..topology.corners.len() as u32 {
+        let corners = topology.corners[face as usize];
+        let [a, b, c] = corners.map(|slot| scaled[slot as usize]);
+        let doubled = (b - a).cross(c - a);
+        let area = 0.5 * doubled.length();
+        let Some(normal) = doubled.try_normalize() else {
+            continue;
+        };
+        let plane = Quadric::of_plane(normal, a, area);
+        for slot in corners {
+            quadrics[slot as usize] = quadrics[slot as usize] + plane;
+        }
+        for corner in 0..3 {
+            let (start, end, other) = topology.side(face, corner);
+            let along = scaled[end as usize] - scaled[start as usize];
+            if other == NONE
+                && let Some(outwards) = along.cross(normal).try_normalize()
+            {
+                let weight = RIM_WEIGHT * along.length_squared();
+                let plane = Quadric::of_plane(outwards, scaled[start as usize], weight);
+                for slot in [start, end] {
+                    quadrics[slot as usize] = quadrics[slot as usize] + plane;
+                }
+            }
+        }
+    }
+    quadrics
+}

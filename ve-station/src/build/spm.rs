@@ -1,0 +1,288 @@
+//! From a history to the parts of an SPM file: ids, records, AB-tree order.
+
+use super::error::descendant_radius;
+use super::regions::{Model, corners_by_id, default_grid, regions_of};
+use super::simplify::History;
+use super::{BuildError, CleanMesh, ManifoldMesh, Progress};
+use glam::{DVec3, Vec3};
+use shared::ab_tree::leaf_key;
+use shared::geometry::Aabb;
+use shared::protocol::{BaseFace, BaseVertex, ModelHeader};
+use shared::spm::{
+    BuildSummary, ErrorScale, FullFace, NONE, RegionGrid, Sizes, SpmParts, VspRecord,
+};
+
+/// Ids of the file for vertices and faces of the history: the base mesh is numbered in the order of the
+/// history, and the last collapse is the first split.
+pub struct Ids {
+    /// Sizes of the model.
+    pub sizes: Sizes,
+    /// Id of each vertex.
+    pub vertex: Vec<u32>,
+    face: Vec<u32>,
+}
+
+impl Ids {
+    fn new(history: &History, faces: u32) -> Self {
+        let vsps = history.collapses.len() as u32;
+        let mut vertex = vec![NONE; history.positions.len()];
+        let mut face = vec![NONE; faces as usize];
+        for left in &history.base {
+            face[left.face as usize] = 0;
+            for corner in left.corners {
+                vertex[corner as usize] = 0;
+            }
+        }
+        let number = |marked: &mut [u32]| {
+            let mut count = 0;
+            for id in marked.iter_mut().filter(|id| **id == 0) {
+                *id = count;
+                count += 1;
+            }
+            count
+        };
+        let sizes = Sizes {
+            base_vertices: number(&mut vertex),
+            base_faces: number(&mut face),
+            vsps,
+            faces,
+        };
+        for (collapse, i) in history.collapses.iter().zip((0..vsps).rev()) {
+            vertex[collapse.vt as usize] = sizes.vt(i);
+            vertex[collapse.vu as usize] = sizes.vt(i) + 1;
+            face[collapse.fl as usize] = sizes.fl(i);
+            if collapse.fr != NONE {
+                face[collapse.fr as usize] = sizes.fl(i) + 1;
+            }
+        }
+        Self {
+            sizes,
+            vertex,
+            face,
+        }
+    }
+
+    /// Id of a face; [`NONE`] of [`NONE`].
+    pub fn face(&self, face: u32) -> u32 {
+        if face == NONE {
+            NONE
+        } else {
+            self.face[face as usize]
+        }
+    }
+}
+
+/// Puts everything together.
+pub fn assemble(
+    cleaned: &CleanMesh,
+    mesh: &ManifoldMesh,
+    history: &History,
+    divisions: Option<u32>,
+    progress: &dyn Progress,
+) -> Result<SpmParts, BuildError> {
+    let faces = mesh.triangles.len() as u32;
+    progress.phase("bounding errors", history.full_vertices.into());
+    let radius = descendant_radius(history);
+    progress.phase("ordering the tree", faces.into());
+    let corners = corner_positions(mesh);
+    let order = tree_order(&corners);
+    let mut leaf = vec![0u32; faces as usize];
+    for (position, &face) in (0u32..).zip(&order) {
+        leaf[face as usize] = leaf_key(position, faces);
+    }
+
+    let bounds = Aabb::of_points(mesh.positions.iter().map(|&p| Vec3::from_array(p)));
+    let (lower, upper) = (bounds.lower.as_dvec3(), bounds.upper.as_dvec3());
+    let scale = ErrorScale::for_diagonal(bounds.diagonal());
+    let code = |vertex: u32| scale.encode(radius[vertex as usize]);
+    let ids = Ids::new(history, faces);
+    let base_vertices = base_vertices(history, &ids, &code);
+    let base_faces = base_faces(history, &ids, &leaf);
+    let records = records(history, &ids, &leaf, &code);
+    check_records(&records, ids.sizes)?;
+
+    progress.phase("assigning regions", faces.into());
+    let too_small =
+        || BuildError::Empty("the model is too small for numbers of this size".to_string());
+    let grid = match divisions {
+        Some(divisions) => RegionGrid::new(lower, upper, divisions).ok_or_else(too_small)?,
+        None => default_grid(lower, upper, &corners).ok_or_else(too_small)?,
+    };
+    let model = Model {
+        grid: &grid,
+        sizes: ids.sizes,
+        base_vertices: &base_vertices,
+        base_faces: &base_faces,
+        records: &records,
+        corners: corners_by_id(&mesh.triangles, &ids),
+    };
+    let found = regions_of(&model, progress);
+
+    let mut parts = SpmParts {
+        header: ModelHeader {
+            model: 0,
+            diagonal: bounds.diagonal(),
+            origin: cleaned.origin,
+            lower: lower.to_array(),
+            upper: upper.to_array(),
+            grid,
+            base_vertices: ids.sizes.base_vertices,
+            base_faces: ids.sizes.base_faces,
+            vsps: ids.sizes.vsps,
+            faces,
+            chain: longest_chain(&records, ids.sizes),
+            closure_max: found.closure_max,
+            reserved: [0; 2],
+        },
+        summary: BuildSummary {
+            closure_mean: found.closure_mean,
+            cleared_regions: found.cleared,
+            // Copies of a cut vertex are locked: see `manifold`.
+            cracks_max: 0.0,
+            ..mesh.summary
+        },
+        base_vertices,
+        base_faces,
+        records,
+        regions: found.regions,
+        seed_offsets: found.seed_offsets,
+        seeds: found.seeds,
+        full_faces: order
+            .iter()
+            .map(|&face| FullFace {
+                corners: mesh.triangles[face as usize].map(|v| ids.vertex[v as usize]),
+                face: ids.face(face),
+            })
+            .collect(),
+    };
+    if !parts.header.is_valid() {
+        return Err(BuildError::Internal("the header".to_string()));
+    }
+    parts.seal();
+    Ok(parts)
+}
+
+fn corner_positions(mesh: &ManifoldMesh) -> Vec<[Vec3; 3]> {
+    mesh.triangles
+        .iter()
+        .map(|t| t.map(|v| Vec3::from_array(mesh.positions[v as usize])))
+        .collect()
+}
+
+fn base_vertices(history: &History, ids: &Ids, code: &impl Fn(u32) -> u16) -> Vec<BaseVertex> {
+    let mut all = vec![
+        BaseVertex {
+            position: [0.0; 3],
+            r: 0
+        };
+        ids.sizes.base_vertices as usize
+    ];
+    for (vertex, &id) in (0u32..).zip(&ids.vertex) {
+        if let Some(slot) = all.get_mut(id as usize) {
+            *slot = BaseVertex {
+                position: history.positions[vertex as usize],
+                r: code(vertex).into(),
+            };
+        }
+    }
+    all
+}
+
+fn base_faces(history: &History, ids: &Ids, leaf: &[u32]) -> Vec<BaseFace> {
+    history
+        .base
+        .iter()
+        .map(|left| BaseFace {
+            corners: left.corners.map(|v| ids.vertex[v as usize]),
+            leaf: leaf[left.face as usize],
+            neighbours: left.neighbours.map(|face| ids.face(face)),
+            reserved: 0,
+        })
+        .collect()
+}
+
+fn records(
+    history: &History,
+    ids: &Ids,
+    leaf: &[u32],
+    code: &impl Fn(u32) -> u16,
+) -> Vec<VspRecord> {
+    let made = history.full_vertices..;
+    let mut records: Vec<VspRecord> = history
+        .collapses
+        .iter()
+        .zip(made)
+        .zip((0..ids.sizes.vsps).rev())
+        .map(|((collapse, made), i)| VspRecord {
+            i,
+            vs: ids.vertex[made as usize],
+            fn_: collapse.fn_.map(|face| ids.face(face)),
+            leaf_l: leaf[collapse.fl as usize],
+            leaf_r: leaf.get(collapse.fr as usize).copied().unwrap_or(NONE),
+            pos_t: history.positions[collapse.vt as usize],
+            pos_u: history.positions[collapse.vu as usize],
+            r_t: code(collapse.vt),
+            r_u: code(collapse.vu),
+            e: VspRecord::E_UNKNOWN,
+            reserved: 0,
+        })
+        .collect();
+    records.reverse();
+    records
+}
+
+fn check_records(records: &[VspRecord], sizes: Sizes) -> Result<(), BuildError> {
+    for (i, record) in (0u32..).zip(records) {
+        record
+            .validate(i, sizes)
+            .map_err(|e| BuildError::Internal(e.to_string()))?;
+    }
+    Ok(())
+}
+
+/// Faces in AB-tree order (thesis 3.1.2.2): the set is split at the median along the longest axis of its
+/// box, the first half rounded up; ties go by number, so that the order is unique.
+fn tree_order(corners: &[[Vec3; 3]]) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..corners.len() as u32).collect();
+    // Three times the centroid: the same order, exactly rounded alike for all.
+    let centroids: Vec<DVec3> = corners
+        .iter()
+        .map(|t| t[0].as_dvec3() + t[1].as_dvec3() + t[2].as_dvec3())
+        .collect();
+    let mut sets = vec![(0, order.len())];
+    while let Some((first, end)) = sets.pop() {
+        if end - first < 2 {
+            continue;
+        }
+        let set = &mut order[first..end];
+        let bounds = set.iter().fold(Aabb::EMPTY, |b, &face| {
+            b.union(Aabb::of_triangle(corners[face as usize]))
+        });
+        let sides = bounds.upper.as_dvec3() - bounds.lower.as_dvec3();
+        let axis = if sides.x >= sides.y && sides.x >= sides.z {
+            0
+        } else if sides.y >= sides.z {
+            1
+        } else {
+            2
+        };
+        let left = set.len().div_ceil(2);
+        set.select_nth_unstable_by(left, |&a, &b| {
+            let along = |face: u32| centroids[face as usize][axis];
+            along(a).total_cmp(&along(b)).then(a.cmp(&b))
+        });
+        sets.push((first, first + left));
+        sets.push((first + left, end));
+    }
+    order
+}
+
+/// VSPs in the longest chain of dependencies.
+fn longest_chain(records: &[VspRecord], sizes: Sizes) -> u32 {
+    let mut length: Vec<u32> = Vec::with_capacity(records.len());
+    for record in records {
+        let before = record.dependencies(sizes).map(|d| length[d as usize]).max();
+        length.push(before.unwrap_or(0) + 1);
+    }
+    length.into_iter().max().unwrap_or(0)
+}

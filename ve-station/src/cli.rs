@@ -1,0 +1,240 @@
+//! The command line: what was typed, and which library function answers it.
+
+use clap::{Args, Parser, Subcommand};
+use serde::Serialize;
+use shared::scene::Overrides;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::error::Error;
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+use ve_station::build::{self, BuildOptions, TerminalProgress};
+use ve_station::generate::{self, Shape};
+use ve_station::inspect::{self, Facts};
+use ve_station::serve::{ServeArgs, serve};
+
+/// Status for a bad file, option or scene.
+const BAD_INPUT: u8 = 2;
+
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    about = "Builds space-partitioned progressive meshes (SPM) and serves them"
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Builds an SPM file from a mesh file (OBJ, PLY, STL, OFF)
+    Build {
+        /// The mesh file
+        mesh: PathBuf,
+        /// The SPM file to write
+        #[arg(short, long, value_name = "FILE.spm")]
+        output: PathBuf,
+        /// Faces of the base mesh to aim at [default: 300 to 700, by the size of the mesh]
+        #[arg(long, value_name = "N")]
+        base_faces: Option<u32>,
+        /// Grid cells along the longest side, a power of two [default: 40 to 140 faces a region]
+        #[arg(long, value_name = "D")]
+        regions: Option<u32>,
+        /// Prints one JSON object instead of text
+        #[arg(long)]
+        json: bool,
+    },
+    /// Generates a mesh of known geometry: sphere, torus, terrain, plate, wedge, relief
+    Generate {
+        /// The shape
+        shape: Shape,
+        /// Faces, about; each shape rounds to its pattern
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32)
+            .range(i64::from(generate::FEWEST_FACES)..=i64::from(generate::MOST_FACES)))]
+        faces: u32,
+        /// Seed of terrain and relief
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// The mesh file to write: .obj or .ply
+        #[arg(short, long, value_name = "FILE")]
+        output: PathBuf,
+    },
+    /// Shows what an SPM file holds, after checking every block of it
+    Inspect {
+        /// The SPM file
+        file: PathBuf,
+        /// Longest side of the model in the world, metres, for the greatest speed
+        #[arg(long, value_name = "M", default_value_t = 0.15)]
+        size: f64,
+        /// Prints one JSON object instead of text
+        #[arg(long)]
+        json: bool,
+    },
+    /// Serves the models of a scene until Ctrl-C
+    Serve(ServeOptions),
+}
+
+#[derive(Debug, Args)]
+struct ServeOptions {
+    /// The scene file
+    scene: PathBuf,
+    /// Name of the iceoryx2 domain that both processes join
+    #[arg(long, value_name = "NAME", default_value = "hrtc")]
+    domain: String,
+    /// Another model (SPM or mesh file) for the first object
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Longest side of the first object, metres
+    #[arg(long, value_name = "M")]
+    size: Option<f64>,
+    /// Speed of the first probe's tour, m/s
+    #[arg(long, value_name = "V")]
+    speed: Option<f64>,
+    /// Seed of the first probe's tour
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    /// Bytes of the controller's cache, such as 16MiB
+    #[arg(long, value_name = "BYTES")]
+    cache: Option<String>,
+    /// Wanted error at the contact, metres; 0 is the full mesh
+    #[arg(long, value_name = "M")]
+    tolerance: Option<f64>,
+    /// Prints one JSON object at the end
+    #[arg(long)]
+    json: bool,
+}
+
+impl From<ServeOptions> for ServeArgs {
+    fn from(typed: ServeOptions) -> Self {
+        Self {
+            scene: typed.scene,
+            domain: typed.domain,
+            overrides: Overrides {
+                model: typed.model,
+                size_m: typed.size,
+                speed_m_per_s: typed.speed,
+                seed: typed.seed,
+                cache: typed.cache,
+                tolerance_m: typed.tolerance,
+            },
+            json: typed.json,
+        }
+    }
+}
+
+/// The object of `build --json`.
+#[derive(Serialize)]
+struct BuildResult {
+    #[serde(flatten)]
+    facts: Facts,
+    seconds: f64,
+    peak_rss_bytes: u64,
+    file_bytes: u64,
+}
+
+/// Runs the command; says in one sentence on standard error why it could not.
+pub fn main() -> ExitCode {
+    match run(Cli::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Nobody may be left to read it.
+            let _ = writeln!(std::io::stderr(), "ve-station: {error}");
+            ExitCode::from(BAD_INPUT)
+        }
+    }
+}
+
+fn run(command: Command) -> Result<(), Box<dyn Error>> {
+    match command {
+        Command::Build {
+            mesh,
+            output,
+            base_faces,
+            regions,
+            json,
+        } => {
+            let options = BuildOptions {
+                base_faces,
+                regions,
+            };
+            let start = Instant::now();
+            let progress = TerminalProgress::new();
+            let built = build::build_file(&mesh, &output, &options, &progress);
+            progress.finish();
+            let report = built?;
+            let parts = &report.parts;
+            let result = BuildResult {
+                facts: Facts::new(&parts.header, &parts.summary, parts.regions.len()),
+                seconds: start.elapsed().as_secs_f64(),
+                peak_rss_bytes: peak_rss_bytes(),
+                file_bytes: report.file_bytes,
+            };
+            if json {
+                print(&serde_json::to_string(&result)?)
+            } else {
+                print(&format!(
+                    "{}{:<12} {} bytes in {}, {:.1} s",
+                    result.facts.to_text(),
+                    "written",
+                    result.file_bytes,
+                    output.display(),
+                    result.seconds
+                ))
+            }
+        }
+        Command::Generate {
+            shape,
+            faces,
+            seed,
+            output,
+        } => {
+            let mesh = generate::generate(shape, faces, seed);
+            generate::write_mesh(&mesh, &output)?;
+            print(&format!(
+                "{shape}: {} vertices, {} faces, seed {seed}, in {}",
+                mesh.positions.len(),
+                mesh.triangles.len(),
+                output.display()
+            ))
+        }
+        Command::Inspect { file, size, json } => {
+            let found = inspect::inspect(&file, size)?;
+            if json {
+                print(&serde_json::to_string(&found)?)
+            } else {
+                print(found.to_text().trim_end())
+            }
+        }
+        Command::Serve(options) => {
+            let stop = Arc::new(AtomicBool::new(false));
+            for signal in [SIGINT, SIGTERM] {
+                signal_hook::flag::register(signal, Arc::clone(&stop))?;
+            }
+            serve(&options.into(), &stop)?;
+            Ok(())
+        }
+    }
+}
+
+/// Prints a line; a reader that went away (`| head`) is no error.
+fn print(text: &str) -> Result<(), Box<dyn Error>> {
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        written => Ok(written?),
+    }
+}
+
+/// The most memory that this process had at once.
+fn peak_rss_bytes() -> u64 {
+    // SAFETY: `getrusage` fills in the struct it is given; all zeros is a valid value of it.
+    let usage = unsafe {
+        let mut usage: libc::rusage = std::mem::zeroed();
+        libc::getrusage(libc::RUSAGE_SELF, &mut usage);
+        usage
+    };
+    u64::try_from(usage.ru_maxrss).unwrap_or(0) * 1024
+}

@@ -1,0 +1,269 @@
+//! Connection agent of the station: the iceoryx2 ports around the pure [`Station`], on one thread.
+//!
+//! It polls: every fifth of a millisecond what came is handed to the core, and what the core has to say is sent. Nothing
+//! here blocks; what a full queue discards shows as a gap to the receiver, and epochs heal it.
+
+use crate::station::{Chunk, Message, Station};
+use iceoryx2::node::Node;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, ipc};
+use shared::protocol::{
+    BUFFER, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Domain, HELLO_PERIOD_MS, Hello,
+    HelloError, Request, Role, TransportError,
+};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Time between two looks at the ports.
+const POLL: Duration = Duration::from_micros(200);
+/// Time between two heartbeats.
+const HELLO: Duration = Duration::from_millis(HELLO_PERIOD_MS);
+/// Time between two clean-ups of dead nodes.
+const CLEANUP: Duration = Duration::from_secs(1);
+/// A client silent for so long is forgotten, and its topic closed.
+const FORGET: Duration = Duration::from_secs(10);
+/// Sentences about peers at the most: a noisy domain must not fill memory.
+const MOST_SAID: usize = 64;
+
+/// A station on its topics. Create it on the thread that runs it.
+#[derive(Debug)]
+pub struct Connection<D> {
+    station: Station<D>,
+    ports: Ports,
+    /// Last sign of life of each client.
+    heard: BTreeMap<u64, Instant>,
+    /// Sentences about peers already said.
+    said: BTreeSet<String>,
+}
+
+#[derive(Debug)]
+struct Ports {
+    domain: Domain,
+    requests: Subscriber<ipc::Service, Request, ()>,
+    contacts: Subscriber<ipc::Service, ContactReport, ()>,
+    hello_in: Subscriber<ipc::Service, Hello, ()>,
+    hello_out: Publisher<ipc::Service, Hello, ()>,
+    records: BTreeMap<u64, Publisher<ipc::Service, [ChunkSlot], ChunkHeader>>,
+    // Last, so that it goes last.
+    node: Node<ipc::Service>,
+}
+
+impl Ports {
+    fn open(domain: &Domain) -> Result<Self, TransportError> {
+        let node = domain.node()?;
+        let requests = domain
+            .subscribe_service(&node)?
+            .subscriber_builder()
+            .buffer_size(BUFFER)
+            .create()
+            .map_err(|e| domain.error("receive requests", e))?;
+        let contacts = domain
+            .pose_service(&node)?
+            .subscriber_builder()
+            .buffer_size(BUFFER)
+            .create()
+            .map_err(|e| domain.error("receive contacts", e))?;
+        let hello = domain.hello_service(&node)?;
+        let hello_in = hello
+            .subscriber_builder()
+            .buffer_size(BUFFER)
+            .create()
+            .map_err(|e| domain.error("receive heartbeats", e))?;
+        let hello_out = hello
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| domain.error("send heartbeats", e))?;
+        Ok(Self {
+            domain: domain.clone(),
+            requests,
+            contacts,
+            hello_in,
+            hello_out,
+            records: BTreeMap::new(),
+            node,
+        })
+    }
+
+    /// The topic of one client, opened when first needed.
+    fn open_records(&mut self, client: u64) -> Result<(), TransportError> {
+        if self.records.contains_key(&client) {
+            return Ok(());
+        }
+        let publisher = self
+            .domain
+            .records_service(&self.node, client)?
+            .publisher_builder()
+            .initial_max_slice_len(CHUNK_SLOTS)
+            .allocation_strategy(AllocationStrategy::Static)
+            .max_loaned_samples(1)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| self.domain.error("send records", e))?;
+        self.records.insert(client, publisher);
+        Ok(())
+    }
+
+    fn send(&self, client: u64, (header, slots): &Chunk) -> Result<(), TransportError> {
+        let Some(publisher) = self.records.get(&client) else {
+            return Ok(());
+        };
+        let mut sample = publisher
+            .loan_slice_uninit(CHUNK_SLOTS)
+            .map_err(|e| self.domain.error("send records", e))?;
+        *sample.user_header_mut() = *header;
+        // How many got it does not matter: who did not sees the gap.
+        sample
+            .write_from_slice(slots)
+            .send()
+            .map_err(|e| self.domain.error("send records", e))?;
+        Ok(())
+    }
+}
+
+impl<D: AsRef<[u8]>> Connection<D> {
+    /// Opens the topics of a domain for a station.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses, after three tries.
+    pub fn open(domain: &Domain, station: Station<D>) -> Result<Self, TransportError> {
+        Ok(Self {
+            station,
+            ports: Ports::open(domain)?,
+            heard: BTreeMap::new(),
+            said: BTreeSet::new(),
+        })
+    }
+
+    /// The core, for its counters.
+    #[must_use]
+    pub fn station(&self) -> &Station<D> {
+        &self.station
+    }
+
+    /// Serves until `stop` is set. Trouble with one client or one message is logged, once, and service goes on.
+    pub fn run(&mut self, stop: &AtomicBool) {
+        let (mut next_hello, mut next_cleanup) = (Instant::now(), Instant::now() + CLEANUP);
+        while !stop.load(Ordering::Relaxed) {
+            let now = Instant::now();
+            self.receive(now);
+            self.send();
+            if now >= next_hello {
+                next_hello = now + HELLO;
+                let hello = Hello::new(Role::Station, self.station.incarnation(), 0);
+                if let Err(e) = self.ports.hello_out.send_copy(hello) {
+                    let error = self.ports.domain.error("send heartbeats", e);
+                    self.say(error.to_string());
+                }
+            }
+            if now >= next_cleanup {
+                next_cleanup = now + CLEANUP;
+                self.forget_silent(now);
+                // A peer that died leaves its files and queues to whoever looks.
+                let _ = self.ports.node.try_cleanup_dead_nodes();
+            }
+            std::thread::sleep(POLL);
+        }
+    }
+
+    /// Takes in what came. Each port at most twice its buffer, so that a flood cannot stop the sending.
+    fn receive(&mut self, now: Instant) {
+        for _ in 0..2 * BUFFER {
+            match self.ports.hello_in.receive() {
+                Ok(Some(hello)) => {
+                    let read = hello.payload().read();
+                    self.hear(read, now);
+                }
+                Ok(None) => break,
+                Err(e) => return self.complain("receive heartbeats", e),
+            }
+        }
+        for _ in 0..2 * BUFFER {
+            match self.ports.requests.receive() {
+                Ok(Some(request)) => {
+                    self.heard.insert(request.client, now);
+                    self.station.handle(Message::Request(&request));
+                }
+                Ok(None) => break,
+                Err(e) => return self.complain("receive requests", e),
+            }
+        }
+        for _ in 0..2 * BUFFER {
+            match self.ports.contacts.receive() {
+                Ok(Some(report)) => self.station.handle(Message::Contact(&report)),
+                Ok(None) => break,
+                Err(e) => return self.complain("receive contacts", e),
+            }
+        }
+        for note in self.station.take_notes() {
+            tracing::warn!("{note}");
+        }
+    }
+
+    fn hear(&mut self, read: Result<(Role, u64, u64), HelloError>, now: Instant) {
+        match read {
+            Ok((Role::Controller, _, client)) => {
+                if let Some(heard) = self.heard.get_mut(&client) {
+                    *heard = now;
+                }
+            }
+            Ok((Role::Station, incarnation, _)) => {
+                if incarnation != self.station.incarnation() {
+                    let domain = self.ports.domain.name();
+                    self.say(format!(
+                        "another station serves the domain \"{domain}\": stop one of them, or choose another --domain"
+                    ));
+                }
+            }
+            Err(error) => self.say(error.to_string()),
+        }
+    }
+
+    /// Sends what the core has to say, as far as credit goes.
+    fn send(&mut self) {
+        let clients: Vec<u64> = self.station.clients().collect();
+        // A client that the core forgot keeps no topic.
+        self.ports.records.retain(|id, _| clients.contains(id));
+        for client in clients {
+            if let Err(error) = self.ports.open_records(client) {
+                self.say(error.to_string());
+                continue;
+            }
+            while let Some(chunk) = self.station.poll(client) {
+                if let Err(error) = self.ports.send(client, &chunk) {
+                    self.say(error.to_string());
+                }
+            }
+        }
+        for note in self.station.take_notes() {
+            tracing::warn!("{note}");
+        }
+    }
+
+    fn forget_silent(&mut self, now: Instant) {
+        let station = &mut self.station;
+        self.heard.retain(|&client, &mut last| {
+            let keep = now.duration_since(last) < FORGET;
+            if !keep {
+                station.forget(client);
+            }
+            keep
+        });
+    }
+
+    fn complain(&mut self, what: &'static str, reason: impl std::fmt::Debug) {
+        let error = self.ports.domain.error(what, reason);
+        self.say(error.to_string());
+    }
+
+    /// Says a sentence once.
+    fn say(&mut self, sentence: String) {
+        if self.said.len() < MOST_SAID && !self.said.contains(&sentence) {
+            tracing::warn!("{sentence}");
+            self.said.insert(sentence);
+        }
+    }
+}

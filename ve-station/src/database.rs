@@ -1,0 +1,240 @@
+//! Database agent: every model of a scene as a mapped SPM file.
+//!
+//! An SPM file is mapped as it is. A mesh file and a generated shape are built once into the user's cache
+//! folder (`$HRTC_CACHE`, else `hrtc/models` in the user's cache), under a name that holds the hash of the
+//! content and the versions of builder and format. Files appear there whole, by rename: two stations that
+//! build the same model at once both end with the same file.
+
+use crate::build::{self, BUILDER_VERSION, BuildError, BuildOptions, Progress};
+use crate::generate::{self, Shape};
+use crate::station::{ServedModel, ServedObject};
+use memmap2::Mmap;
+use shared::protocol::Request;
+use shared::scene::{ModelSource, ScenePlan};
+use shared::spm::{FORMAT_VERSION, FileError, SpmFile};
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+use xxhash_rust::xxh3::Xxh3Default;
+
+/// The seed of shapes that a scene generates: a scene names shape and faces only.
+pub const GENERATE_SEED: u64 = 1;
+
+/// Why a model of the scene cannot be served: one sentence.
+#[derive(Debug, Error)]
+pub enum DatabaseError {
+    /// The operating system says no.
+    #[error("the model {}: {error}; correct the path in the scene (relative paths start at the scene's folder)", path.display())]
+    Open {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
+    /// No SPM file, or a damaged one.
+    #[error("the model {}: {error}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: FileError,
+    },
+    /// It cannot be built.
+    #[error("{0}")]
+    Build(#[from] BuildError),
+    /// A shape that there is not.
+    #[error("{0}")]
+    Shape(#[from] generate::UnknownShape),
+    /// No place for built models.
+    #[error("no folder to keep built models in: set HRTC_CACHE to one that can be written")]
+    NoCache,
+    /// The cache cannot be written.
+    #[error("cannot keep built models in {} ({error}): set HRTC_CACHE to a folder that can be written", folder.display())]
+    Cache {
+        /// The folder.
+        folder: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
+}
+
+/// The models of a scene, each mapped once, and which object has which.
+#[derive(Debug)]
+pub struct Database {
+    /// Models.
+    pub models: Vec<ServedModel<Mmap>>,
+    /// Objects in the scene's order.
+    pub objects: Vec<ServedObject>,
+}
+
+impl Database {
+    /// Opens the models of a scene; builds what is not there yet.
+    ///
+    /// # Errors
+    /// One sentence on the first model that cannot be served.
+    pub fn open(plan: &ScenePlan, progress: &dyn Progress) -> Result<Self, DatabaseError> {
+        let mut models: Vec<ServedModel<Mmap>> = Vec::new();
+        let mut objects = Vec::new();
+        let mut opened: BTreeMap<String, usize> = BTreeMap::new();
+        for object in &plan.objects {
+            let name = object.model.name();
+            let model = match opened.get(&name) {
+                Some(&model) => model,
+                None => {
+                    let file = open_source(&object.model, &plan.folder, progress)?;
+                    // Two names of the same content are one model: clients count records by content.
+                    let hash = file.model_header().model;
+                    let same = models
+                        .iter()
+                        .position(|m| m.file.model_header().model == hash);
+                    let model = same.unwrap_or(models.len());
+                    if same.is_none() {
+                        models.push(ServedModel {
+                            name: name.clone(),
+                            file,
+                        });
+                    }
+                    opened.insert(name.clone(), model);
+                    model
+                }
+            };
+            objects.push(ServedObject {
+                model,
+                name: Request::name_hash(&name),
+            });
+        }
+        Ok(Self { models, objects })
+    }
+}
+
+/// The folder of built models.
+///
+/// # Errors
+/// When neither `$HRTC_CACHE` nor a home is known.
+pub fn cache_folder() -> Result<PathBuf, DatabaseError> {
+    match std::env::var_os("HRTC_CACHE") {
+        Some(folder) if !folder.is_empty() => Ok(folder.into()),
+        _ => dirs::cache_dir()
+            .map(|folder| folder.join("hrtc").join("models"))
+            .ok_or(DatabaseError::NoCache),
+    }
+}
+
+fn open_source(
+    source: &ModelSource,
+    folder: &Path,
+    progress: &dyn Progress,
+) -> Result<SpmFile<Mmap>, DatabaseError> {
+    match source {
+        ModelSource::File(path) => {
+            let path = folder.join(path);
+            if build::is_mesh_file(&path) {
+                open_mesh(&path, &cache_folder()?, progress)
+            } else {
+                open_spm(&path)
+            }
+        }
+        ModelSource::Generate { shape, faces } => {
+            let parsed: Shape = shape.parse()?;
+            let key = format!("{shape}-{faces}-{GENERATE_SEED}-{}", versions());
+            open_cached(&cache_folder()?, &key, &|output| {
+                progress.phase("generating", 0);
+                let mesh = generate::generate(parsed, *faces, GENERATE_SEED);
+                build_into(mesh, output, progress)
+            })
+        }
+    }
+}
+
+/// Versions of all that decides what a build gives.
+fn versions() -> String {
+    format!("b{BUILDER_VERSION}f{FORMAT_VERSION}")
+}
+
+/// Opens the SPM of a mesh file, built when the cache does not hold it.
+fn open_mesh(
+    path: &Path,
+    cache: &Path,
+    progress: &dyn Progress,
+) -> Result<SpmFile<Mmap>, DatabaseError> {
+    let content = map(path)?;
+    let mut hash = Xxh3Default::new();
+    hash.update(&content);
+    drop(content);
+    // The ending decides how the bytes are read.
+    let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
+    hash.update(ending.as_encoded_bytes());
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let key = format!("{stem}-{:016x}-{}", hash.digest(), versions());
+    open_cached(cache, &key, &|output| {
+        let mesh = build::read_mesh(path).map_err(|e| e.in_file(path))?;
+        build_into(mesh, output, progress).map_err(|e| match e {
+            DatabaseError::Build(error) => error.in_file(path).into(),
+            other => other,
+        })
+    })
+}
+
+fn build_into(
+    mesh: build::SoupMesh,
+    output: &Path,
+    progress: &dyn Progress,
+) -> Result<(), DatabaseError> {
+    let parts = build::build_model(mesh, &BuildOptions::default(), progress)?;
+    build::write_file(&parts, output)
+        .map(|_| ())
+        .map_err(|error| cache_error(output, error))
+}
+
+/// Opens a file of the cache; makes it when it is not there or no longer sound.
+fn open_cached(
+    cache: &Path,
+    key: &str,
+    make: &dyn Fn(&Path) -> Result<(), DatabaseError>,
+) -> Result<SpmFile<Mmap>, DatabaseError> {
+    let path = cache.join(format!("{key}.spm"));
+    if let Ok(file) = open_spm(&path) {
+        return Ok(file);
+    }
+    fs::create_dir_all(cache).map_err(|error| cache_error(&path, error))?;
+    make(&path)?;
+    open_spm(&path)
+}
+
+fn cache_error(path: &Path, error: io::Error) -> DatabaseError {
+    DatabaseError::Cache {
+        folder: path.parent().unwrap_or(path).to_owned(),
+        error,
+    }
+}
+
+/// Maps an SPM file and checks what is checked on open.
+///
+/// # Errors
+/// When it cannot be opened, or is no sound SPM file.
+pub fn open_spm(path: &Path) -> Result<SpmFile<Mmap>, DatabaseError> {
+    SpmFile::open(map(path)?).map_err(|error| DatabaseError::File {
+        path: path.to_owned(),
+        error,
+    })
+}
+
+fn map(path: &Path) -> Result<Mmap, DatabaseError> {
+    let failed = |error| DatabaseError::Open {
+        path: path.to_owned(),
+        error,
+    };
+    let file = File::open(path).map_err(failed)?;
+    let metadata = file.metadata().map_err(failed)?;
+    if metadata.is_dir() {
+        return Err(failed(io::Error::from(io::ErrorKind::IsADirectory)));
+    }
+    // SAFETY: the bytes are only read, as plain numbers that are validated at every use, so a change by
+    // another program gives a wrong number at worst. Files are replaced by rename, never cut short.
+    unsafe { Mmap::map(&file) }.map_err(failed)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,178 @@
+use super::*;
+use crate::build::NoProgress;
+use crate::generate::write_mesh;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+fn mesh_file(folder: &Path, name: &str, shape: Shape) -> PathBuf {
+    let path = folder.join(name);
+    write_mesh(&generate::generate(shape, 600, 1), &path).unwrap();
+    path
+}
+
+fn built(cache: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = fs::read_dir(cache)
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .collect();
+    files.sort();
+    files
+}
+
+/// Counts the phases that a build goes through.
+#[derive(Default)]
+struct Phases(AtomicU32);
+
+impl Progress for Phases {
+    fn phase(&self, _: &'static str, _: u64) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+    fn done(&self, _: u64) {}
+}
+
+#[test]
+fn a_mesh_file_is_built_once_and_again_when_its_content_changes() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("cache");
+    let path = mesh_file(folder.path(), "m.obj", Shape::Sphere);
+    let phases = Phases::default();
+    let first = open_mesh(&path, &cache, &phases).unwrap().model_header();
+    let after_first = phases.0.load(Ordering::Relaxed);
+    assert!(after_first > 0);
+    assert_eq!(
+        open_mesh(&path, &cache, &phases).unwrap().model_header(),
+        first
+    );
+    assert_eq!(
+        phases.0.load(Ordering::Relaxed),
+        after_first,
+        "not built again"
+    );
+    assert_eq!(built(&cache).len(), 1);
+    mesh_file(folder.path(), "m.obj", Shape::Torus);
+    assert_ne!(
+        open_mesh(&path, &cache, &phases).unwrap().model_header(),
+        first
+    );
+    assert_eq!(built(&cache).len(), 2);
+}
+
+#[test]
+fn a_damaged_file_of_the_cache_is_built_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = mesh_file(folder.path(), "m.obj", Shape::Sphere);
+    let sound = open_mesh(&path, folder.path(), &NoProgress)
+        .unwrap()
+        .model_header();
+    let cached = built(folder.path())
+        .into_iter()
+        .find(|p| p.extension().unwrap() == "spm")
+        .unwrap();
+    fs::remove_file(&cached).unwrap();
+    fs::write(&cached, b"hrtc-spm, but cut short").unwrap();
+    assert_eq!(
+        open_mesh(&path, folder.path(), &NoProgress)
+            .unwrap()
+            .model_header(),
+        sound
+    );
+}
+
+#[test]
+fn two_that_build_the_same_model_at_once_end_with_the_same_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("cache");
+    let path = mesh_file(folder.path(), "m.obj", Shape::Torus);
+    let heads: Vec<_> = std::thread::scope(|scope| {
+        let builders: Vec<_> = (0..4)
+            .map(|_| {
+                scope.spawn(|| {
+                    open_mesh(&path, &cache, &NoProgress)
+                        .unwrap()
+                        .model_header()
+                })
+            })
+            .collect();
+        builders.into_iter().map(|b| b.join().unwrap()).collect()
+    });
+    assert!(heads.iter().all(|h| *h == heads[0]));
+    assert_eq!(built(&cache).len(), 1, "no temporary file is left");
+}
+
+#[test]
+fn two_objects_of_one_model_share_its_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = generate::generate(Shape::Sphere, 600, 1);
+    for name in ["a.spm", "copy.spm"] {
+        build_into(mesh.clone(), &folder.path().join(name), &NoProgress).unwrap();
+    }
+    build_into(
+        generate::generate(Shape::Torus, 600, 1),
+        &folder.path().join("other.spm"),
+        &NoProgress,
+    )
+    .unwrap();
+    let text = r#"
+[[object]]
+model = "a.spm"
+size_m = 0.1
+[[probe]]
+shape = { sphere = { radius_m = 0.001 } }
+device = { simulated = { mass_kg = 0.1, damping_ns_per_m = 1.0, encoder_m = 1e-5, hand = { stiffness_n_per_m = 200.0, damping_ns_per_m = 2.0 } } }
+trajectory = { tour = { seed = 1, speed_m_per_s = 0.1, depth_m = 0.002 } }
+"#;
+    let overrides = shared::scene::Overrides::default();
+    let mut plan = shared::scene::parse(text, "test", folder.path(), &overrides).unwrap();
+    // Scenes of this version hold one object; plans may hold more.
+    for name in ["other.spm", "a.spm", "copy.spm"] {
+        let mut object = plan.objects[0].clone();
+        object.model = ModelSource::File(name.into());
+        plan.objects.push(object);
+    }
+    let database = Database::open(&plan, &NoProgress).unwrap();
+    let models: Vec<usize> = database.objects.iter().map(|o| o.model).collect();
+    assert_eq!(models, [0, 1, 0, 0]);
+    assert_eq!(database.models.len(), 2);
+    assert_ne!(database.objects[0].name, database.objects[3].name);
+}
+
+#[test]
+fn what_cannot_be_opened_is_named_in_one_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    fs::write(at("text.spm"), "not an SPM").unwrap();
+    fs::write(at("empty.spm"), "").unwrap();
+    fs::write(at("empty.obj"), "").unwrap();
+    fs::write(
+        at("nan.obj"),
+        "v nan nan nan\nv nan 0 0\nv 0 nan 0\nf 1 2 3\n",
+    )
+    .unwrap();
+    fs::create_dir(at("folder.spm")).unwrap();
+    for name in [
+        "missing.spm",
+        "missing.obj",
+        "text.spm",
+        "empty.spm",
+        "empty.obj",
+        "nan.obj",
+        "folder.spm",
+    ] {
+        let source = at(name);
+        let result = if build::is_mesh_file(&source) {
+            open_mesh(&source, &at("cache"), &NoProgress)
+        } else {
+            open_spm(&source)
+        };
+        let sentence = result
+            .err()
+            .unwrap_or_else(|| panic!("{name} was opened"))
+            .to_string();
+        assert!(sentence.contains(name), "{sentence}");
+        assert!(!sentence.contains('\n'), "{sentence}");
+    }
+    let left = at("cache");
+    assert!(
+        !left.exists() || built(&left).is_empty(),
+        "nothing half-built is left"
+    );
+}

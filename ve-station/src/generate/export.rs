@@ -1,0 +1,72 @@
+//! Mesh files out: OBJ as text, PLY as little-endian binary.
+
+use crate::build::{SoupMesh, write_whole};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Why a mesh file could not be written.
+#[derive(Debug, Error)]
+pub enum ExportError {
+    /// The ending names no format.
+    #[error("{}: a mesh is written as .obj or .ply: give the file one of these endings", .0.display())]
+    UnknownFormat(PathBuf),
+    /// The operating system says no.
+    #[error("{}: {error}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What it says.
+        error: io::Error,
+    },
+}
+
+/// Writes a mesh, OBJ or PLY by the ending. Positions are rounded to f32 first, so both hold the same.
+///
+/// # Errors
+/// When the ending is another one or the file cannot be written.
+pub fn write_mesh(mesh: &SoupMesh, path: &Path) -> Result<(), ExportError> {
+    let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    let written = match ending.to_ascii_lowercase().as_str() {
+        "obj" => write_whole(path, |out| write_obj(mesh, out)),
+        "ply" => write_whole(path, |out| write_ply(mesh, out)),
+        _ => return Err(ExportError::UnknownFormat(path.to_path_buf())),
+    };
+    written.map_err(|error| ExportError::Io {
+        path: path.to_path_buf(),
+        error,
+    })
+}
+
+fn write_obj(mesh: &SoupMesh, out: &mut impl Write) -> io::Result<()> {
+    for p in &mesh.positions {
+        let [x, y, z] = p.map(|x| x as f32);
+        writeln!(out, "v {x} {y} {z}")?;
+    }
+    for [a, b, c] in &mesh.triangles {
+        writeln!(out, "f {} {} {}", a + 1, b + 1, c + 1)?;
+    }
+    Ok(())
+}
+
+fn write_ply(mesh: &SoupMesh, out: &mut impl Write) -> io::Result<()> {
+    write!(
+        out,
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\n\
+         property float z\nelement face {}\nproperty list uchar uint vertex_indices\nend_header\n",
+        mesh.positions.len(),
+        mesh.triangles.len()
+    )?;
+    for p in &mesh.positions {
+        for x in p {
+            out.write_all(&(*x as f32).to_le_bytes())?;
+        }
+    }
+    for corners in &mesh.triangles {
+        out.write_all(&[3])?;
+        for corner in corners {
+            out.write_all(&corner.to_le_bytes())?;
+        }
+    }
+    Ok(())
+}

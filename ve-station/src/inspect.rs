@@ -1,0 +1,445 @@
+//! What an SPM file holds: counts, dependencies, closures, the error table, and how fast a probe may go.
+
+use memmap2::Mmap;
+use serde::Serialize;
+use shared::protocol::ModelHeader;
+use shared::spm::{BuildSummary, ErrorScale, FileError, SpmFile};
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Mesh operations a tick in the figure for the greatest speed: K of the loop's default.
+pub const OPERATIONS_A_TICK: f64 = 32.0;
+/// Period of the tick in that figure, seconds.
+pub const PERIOD_S: f64 = 1e-3;
+/// Radius of the probe in that figure, metres.
+pub const PROBE_RADIUS_M: f64 = 1e-3;
+/// How far before a contact refinement starts in that figure, metres.
+pub const LEAD_M: f64 = 2e-3;
+/// Certified errors of the table, shares of the diagonal.
+const ERROR_SHARES: [f64; 6] = [0.1, 0.05, 0.02, 0.01, 0.005, 0.002];
+
+/// Why a file could not be inspected.
+#[derive(Debug, Error)]
+pub enum InspectError {
+    /// The operating system says no.
+    #[error("{}: {error}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What it says.
+        error: io::Error,
+    },
+    /// The file is refused.
+    #[error("{}: {error}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: FileError,
+    },
+    /// A size that is none.
+    #[error("--size {0} is not possible: give the longest side in metres, more than 0")]
+    Size(f64),
+}
+
+/// Opens an SPM file as a memory map.
+///
+/// # Errors
+/// When the file cannot be opened or is refused; the file is named.
+pub fn open(path: &Path) -> Result<SpmFile<Mmap>, InspectError> {
+    let io = |error| InspectError::Io {
+        path: path.to_path_buf(),
+        error,
+    };
+    let file = File::open(path).map_err(io)?;
+    if file.metadata().map_err(io)?.len() == 0 {
+        // An empty file cannot be mapped everywhere.
+        return Err(InspectError::File {
+            path: path.to_path_buf(),
+            error: FileError::NotSpm,
+        });
+    }
+    // SAFETY: the map is only read. Files are written to a temporary name and renamed, so what is mapped
+    // does not change under us unless another program truncates it on purpose.
+    let map = unsafe { Mmap::map(&file) }.map_err(io)?;
+    SpmFile::open(map).map_err(|error| InspectError::File {
+        path: path.to_path_buf(),
+        error,
+    })
+}
+
+/// Vertices and triangles of a mesh file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Read {
+    /// Vertices.
+    pub vertices: u64,
+    /// Triangles; polygons count as the triangles of their fan.
+    pub faces: u64,
+}
+
+/// What cleaning dropped.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Dropped {
+    /// Vertices with a coordinate that is not finite.
+    pub not_finite_vertices: u64,
+    /// Faces with such a corner.
+    pub not_finite_faces: u64,
+    /// Faces that name a vertex that does not exist.
+    pub out_of_range_faces: u64,
+    /// Faces without area.
+    pub zero_area_faces: u64,
+    /// Copies of a face, same orientation.
+    pub duplicate_faces: u64,
+    /// Vertices that no face uses.
+    pub unreferenced_vertices: u64,
+}
+
+/// The fields of `build --json` and `inspect --json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Facts {
+    /// Vertices after cleaning and cutting.
+    pub vertices: u64,
+    /// Faces after cleaning.
+    pub faces: u32,
+    /// As read.
+    pub read: Read,
+    /// Dropped by cleaning.
+    pub dropped: Dropped,
+    /// Vertices that became one along seams.
+    pub stitched_vertices: u64,
+    /// Vertices added by the cut.
+    pub cut_vertices: u64,
+    /// Vertices that never collapse, because a cut touches them.
+    pub locked_vertices: u64,
+    /// Vertices of the base mesh.
+    pub base_vertices: u32,
+    /// Faces of the base mesh.
+    pub base_faces: u32,
+    /// Vertex split records.
+    pub vsps: u32,
+    /// VSPs in the longest chain of dependencies.
+    pub chain: u32,
+    /// Occupied regions: those that own a face of the full mesh.
+    pub regions: u64,
+    /// Regions without a face, kept clear of coarse ones.
+    pub cleared_regions: u64,
+    /// Cells along the longest side.
+    pub divisions: u32,
+    /// Mean closure of a region, VSPs.
+    pub closure_mean: f64,
+    /// Largest closure of a region, VSPs.
+    pub closure_max: u32,
+    /// Widest gap along a cut on any front, model units.
+    pub cracks_max: f64,
+}
+
+impl Facts {
+    /// Collects the fields; `regions` counts all, cleared ones too.
+    #[must_use]
+    pub fn new(header: &ModelHeader, summary: &BuildSummary, regions: usize) -> Self {
+        Self {
+            vertices: summary.vertices,
+            faces: header.faces,
+            read: Read {
+                vertices: summary.read_vertices,
+                faces: summary.read_faces,
+            },
+            dropped: Dropped {
+                not_finite_vertices: summary.not_finite_vertices,
+                not_finite_faces: summary.not_finite_faces,
+                out_of_range_faces: summary.out_of_range_faces,
+                zero_area_faces: summary.zero_area_faces,
+                duplicate_faces: summary.duplicate_faces,
+                unreferenced_vertices: summary.unreferenced_vertices,
+            },
+            stitched_vertices: summary.stitched_vertices,
+            cut_vertices: summary.cut_vertices,
+            locked_vertices: summary.locked_vertices,
+            base_vertices: header.base_vertices,
+            base_faces: header.base_faces,
+            vsps: header.vsps,
+            chain: header.chain,
+            regions: (regions as u64).saturating_sub(summary.cleared_regions),
+            cleared_regions: summary.cleared_regions,
+            divisions: header.grid.divisions,
+            closure_mean: finite(summary.closure_mean),
+            closure_max: header.closure_max,
+            cracks_max: finite(summary.cracks_max),
+        }
+    }
+
+    /// The summary as lines of text.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = String::new();
+        let mut line = |label: &str, value: String| {
+            let _ = writeln!(text, "{label:<12} {value}");
+        };
+        line(
+            "read",
+            format!(
+                "{} vertices, {} triangles",
+                self.read.vertices, self.read.faces
+            ),
+        );
+        let dropped = [
+            (self.dropped.not_finite_vertices, "vertices not finite"),
+            (self.dropped.not_finite_faces, "faces with such a corner"),
+            (self.dropped.out_of_range_faces, "faces that name no vertex"),
+            (self.dropped.zero_area_faces, "faces without area"),
+            (self.dropped.duplicate_faces, "copies of a face"),
+            (
+                self.dropped.unreferenced_vertices,
+                "vertices that no face uses",
+            ),
+        ];
+        line("dropped", list(&dropped, "nothing"));
+        let changed = [
+            (self.stitched_vertices, "vertices stitched along seams"),
+            (self.cut_vertices, "vertices added by cutting to a manifold"),
+            (self.locked_vertices, "vertices locked beside cuts"),
+        ];
+        line("changed", list(&changed, "nothing"));
+        line(
+            "full mesh",
+            format!("{} vertices, {} faces", self.vertices, self.faces),
+        );
+        line(
+            "base mesh",
+            format!("{} vertices, {} faces", self.base_vertices, self.base_faces),
+        );
+        line(
+            "splits",
+            format!(
+                "{}, longest chain of dependencies {}",
+                self.vsps, self.chain
+            ),
+        );
+        line(
+            "regions",
+            format!(
+                "{} occupied, {} cleared, {} cells along the longest side",
+                self.regions, self.cleared_regions, self.divisions
+            ),
+        );
+        line(
+            "closures",
+            format!(
+                "mean {:.1}, largest {} splits",
+                self.closure_mean, self.closure_max
+            ),
+        );
+        text
+    }
+}
+
+/// The counts that are not zero, in words.
+fn list(counts: &[(u64, &str)], nothing: &str) -> String {
+    let parts: Vec<String> = counts
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    if parts.is_empty() {
+        nothing.to_string()
+    } else {
+        parts.join(", ")
+    }
+}
+
+/// JSON has no NaN and no infinity.
+fn finite(x: f64) -> f64 {
+    if x.is_finite() { x } else { 0.0 }
+}
+
+/// One row of the error table.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ErrorRow {
+    /// Certified error, share of the diagonal.
+    pub share_of_diagonal: f64,
+    /// Certified error, model units.
+    pub error: f64,
+    /// VSPs of the smallest front in which no vertex with a larger R is left.
+    pub vsps: u32,
+}
+
+/// What `inspect` finds beyond the header.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Inspection {
+    /// The header's fields.
+    #[serde(flatten)]
+    pub facts: Facts,
+    /// Length of the file, bytes.
+    pub file_bytes: u64,
+    /// Content hash, hexadecimal.
+    pub model: String,
+    /// Longest side of the model's box, model units.
+    pub longest_side: f64,
+    /// Area of the full mesh, square model units.
+    pub area: f64,
+    /// Certified error against VSPs.
+    pub errors: Vec<ErrorRow>,
+    /// Longest side in the world, metres: as asked, or 0.15.
+    pub size_m: f64,
+    /// Greatest speed at full resolution at that size, m/s: operations a tick / (faces a square metre x
+    /// width of the refined patch x period).
+    pub greatest_speed_m_per_s: f64,
+}
+
+/// Inspects a file, every block of it checked.
+///
+/// # Errors
+/// When the file is missing, refused or damaged anywhere, or `size_m` is no length.
+pub fn inspect(path: &Path, size_m: f64) -> Result<Inspection, InspectError> {
+    if !(size_m.is_finite() && size_m > 0.0) {
+        return Err(InspectError::Size(size_m));
+    }
+    let file = open(path)?;
+    let refused = |error| InspectError::File {
+        path: path.to_path_buf(),
+        error,
+    };
+    file.check_all().map_err(refused)?;
+    let header = file.model_header();
+    let longest_side = longest_side(&header);
+    let area = area(&file).map_err(refused)?;
+    let motion = Motion {
+        metres_per_unit: size_m / longest_side,
+        probe_radius_m: PROBE_RADIUS_M,
+        operations: OPERATIONS_A_TICK,
+        period_s: PERIOD_S,
+    };
+    Ok(Inspection {
+        facts: Facts::new(&header, &file.summary(), file.regions().len()),
+        file_bytes: file.file_bytes(),
+        model: format!("{:016x}", header.model),
+        longest_side,
+        area,
+        errors: error_table(&file).map_err(refused)?,
+        size_m,
+        greatest_speed_m_per_s: greatest_speed(&header, area, motion),
+    })
+}
+
+/// Longest side of a model's box, model units.
+#[must_use]
+pub fn longest_side(header: &ModelHeader) -> f64 {
+    (0..3)
+        .map(|k| header.upper[k] - header.lower[k])
+        .fold(0.0, f64::max)
+}
+
+/// Area of the full mesh, square model units; goes through all of it.
+///
+/// # Errors
+/// When a block is damaged.
+pub fn area<D: AsRef<[u8]>>(file: &SpmFile<D>) -> Result<f64, FileError> {
+    let mut area = 0.0;
+    for position in 0..file.model_header().faces {
+        let [a, b, c] = file.leaf_corners(position)?;
+        area += 0.5 * (b - a).cross(c - a).length();
+    }
+    Ok(area)
+}
+
+/// Who touches a model, and at which size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// Size of the model, metres a unit.
+    pub metres_per_unit: f64,
+    /// Radius of the probe, metres.
+    pub probe_radius_m: f64,
+    /// Mesh operations a tick.
+    pub operations: f64,
+    /// Period of the tick, seconds.
+    pub period_s: f64,
+}
+
+/// The greatest speed at full resolution, m/s: K / (faces a square metre x width of the patch x period),
+/// where the patch is as wide as the probe with its lead on both sides, and a cell.
+#[must_use]
+pub fn greatest_speed(header: &ModelHeader, area: f64, motion: Motion) -> f64 {
+    let metres = motion.metres_per_unit;
+    let density = f64::from(header.faces) / (area * metres * metres);
+    let width = 2.0 * (motion.probe_radius_m + LEAD_M) + header.grid.cell * metres;
+    finite(motion.operations / (density * width * motion.period_s))
+}
+
+/// For each certified error the size of the smallest front that keeps it.
+fn error_table<D: AsRef<[u8]>>(file: &SpmFile<D>) -> Result<Vec<ErrorRow>, FileError> {
+    let header = file.model_header();
+    let sizes = header.sizes();
+    let scale = ErrorScale::for_diagonal(header.diagonal);
+    let mut rows = Vec::new();
+    for share in ERROR_SHARES {
+        let error = share * header.diagonal;
+        let mut needed = vec![false; sizes.vsps as usize];
+        for i in (0..sizes.vsps).rev() {
+            let record = file.record(i)?;
+            let code = match sizes.maker_of_vertex(record.vs) {
+                None => file
+                    .base_vertices()
+                    .get(record.vs as usize)
+                    .map_or(u16::MAX, |v| v.r as u16),
+                Some(maker) => {
+                    let made = file.record(maker)?;
+                    if record.vs == sizes.vt(maker) {
+                        made.r_t
+                    } else {
+                        made.r_u
+                    }
+                }
+            };
+            if needed[i as usize] || scale.decode(code) > error {
+                needed[i as usize] = true;
+                for dependency in record.dependencies(sizes) {
+                    needed[dependency as usize] = true;
+                }
+            }
+        }
+        rows.push(ErrorRow {
+            share_of_diagonal: share,
+            error,
+            vsps: needed.iter().filter(|&&n| n).count() as u32,
+        });
+    }
+    Ok(rows)
+}
+
+impl Inspection {
+    /// Everything as text.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = self.facts.to_text();
+        let _ = writeln!(
+            text,
+            "{:<12} {} bytes, content {}",
+            "file", self.file_bytes, self.model
+        );
+        let _ = writeln!(
+            text,
+            "\ncertified error   share of diagonal   splits needed"
+        );
+        for row in &self.errors {
+            let share = f64::from(row.vsps) / f64::from(self.facts.vsps.max(1));
+            let _ = writeln!(
+                text,
+                "{:>15.6} {:>17.1} % {:>8} ({:.1} %)",
+                row.error,
+                100.0 * row.share_of_diagonal,
+                row.vsps,
+                100.0 * share
+            );
+        }
+        let _ = writeln!(
+            text,
+            "\nAt {} m a probe of 1 mm can move at {:.3} m/s at full resolution \
+             ({OPERATIONS_A_TICK} operations a tick of 1 ms);\nabove that resolution follows speed.",
+            self.size_m, self.greatest_speed_m_per_s
+        );
+        text
+    }
+}

@@ -1,0 +1,457 @@
+//! The pure core of the station: requests in, chunks out. It opens no file, reads no clock, never blocks.
+//!
+//! # What a client is believed to hold
+//! Per client and model the station counts, for every VSP, the regions held that contain it. The answer to a
+//! subscription is the whole closure (ids, ascending) and then the records whose count was 0. That belief is
+//! right as long as both sides have processed the same requests in the same order, and it is thrown away
+//! whenever this is not certain:
+//!
+//! - A new epoch or a new incarnation of the client clears queue, numbers and belief. The client then says
+//!   what it holds ([`RegionAction::Held`]) and asks for the rest.
+//! - A gap in the numbers of the requests *breaks* the epoch: queue and belief are cleared, nothing more is
+//!   sent and nothing of this epoch is listened to. The client, hearing nothing for
+//!   [`shared::protocol::ANSWER_TIMEOUT_MS`], starts a new epoch. So a lost request can never leave a belief
+//!   behind that the client does not share.
+//! - A request of an older epoch, or of an incarnation that another has replaced, is ignored.
+//!
+//! One race remains that the station cannot see: a client that gives up a region while the answer to an
+//! earlier question is still under way may drop records which that answer counts on. A client therefore
+//! keeps the records of a released region until every answer asked for before the release is complete; when
+//! it finds an answer with a VSP that it neither holds nor was sent, it ends the epoch as for a gap.
+//!
+//! # Memory
+//! Answers are made chunk by chunk under the credit window: of a queued question only its name is kept, of
+//! the one being answered its closure. [`MOST_JOBS`] questions may wait; one more breaks the epoch.
+
+mod answer;
+mod client;
+
+pub use client::MOST_JOBS;
+
+use crate::collection::{CollectError, Collection};
+use crate::tour::Tour;
+use answer::{Job, Progress};
+use client::{Accepted, Client};
+use glam::DVec3;
+use shared::protocol::{
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MOST_CLIENTS, MeasuredError,
+    REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
+};
+use shared::spm::{NONE, RegionId, SpmFile};
+use std::collections::BTreeSet;
+
+/// A chunk: header and slots.
+pub type Chunk = (ChunkHeader, [ChunkSlot; CHUNK_SLOTS]);
+
+/// Something that a controller said.
+#[derive(Debug, Clone, Copy)]
+pub enum Message<'a> {
+    /// A question, or credit.
+    Request(&'a Request),
+    /// Where it is and what it touches.
+    Contact(&'a ContactReport),
+}
+
+/// A model that the station serves.
+#[derive(Debug)]
+pub struct ServedModel<D> {
+    /// Name for notes.
+    pub name: String,
+    /// Its file.
+    pub file: SpmFile<D>,
+}
+
+/// An object of the scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ServedObject {
+    /// Index of its model.
+    pub model: usize,
+    /// [`Request::name_hash`] of the model's name in the scene.
+    pub name: u64,
+}
+
+/// What happened since the start. Totals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct Counters {
+    /// Requests processed.
+    pub requests: u64,
+    /// Messages ignored because they make no sense.
+    pub damaged: u64,
+    /// Requests ignored because they belong to the past.
+    pub stale: u64,
+    /// Epochs broken by a gap or by too many questions.
+    pub broken_epochs: u64,
+    /// Regions answered.
+    pub regions: u64,
+    /// Refusals answered.
+    pub refused: u64,
+    /// Chunks handed out.
+    pub chunks: u64,
+    /// Records in them.
+    pub records: u64,
+    /// Contacts measured.
+    pub measured: u64,
+    /// Clients forgotten to make room.
+    pub forgotten: u64,
+}
+
+/// A model with its search.
+#[derive(Debug)]
+struct Model<D> {
+    served: ServedModel<D>,
+    collection: Collection,
+}
+
+impl<D: AsRef<[u8]>> Model<D> {
+    fn closure(&mut self, region: RegionId) -> Result<Vec<u32>, CollectError> {
+        self.collection.closure(&self.served.file, region)
+    }
+}
+
+/// The station's core.
+#[derive(Debug)]
+pub struct Station<D> {
+    incarnation: u64,
+    models: Vec<Model<D>>,
+    objects: Vec<ServedObject>,
+    clients: Vec<Client>,
+    counters: Counters,
+    /// Messages handled; the order in which clients were heard.
+    heard: u64,
+    /// Sentences for the shell to print.
+    notes: Vec<String>,
+    /// Refusals already put into words: (model, region).
+    named: BTreeSet<(usize, u32)>,
+}
+
+/// Sentences kept until the shell takes them, and refusals worded at the most.
+const MOST_NOTES: usize = 256;
+
+impl<D: AsRef<[u8]>> Station<D> {
+    /// A station of this incarnation that serves these objects.
+    ///
+    /// Objects whose model index has no model are refused when asked for.
+    #[must_use]
+    pub fn new(incarnation: u64, models: Vec<ServedModel<D>>, objects: Vec<ServedObject>) -> Self {
+        let models = models
+            .into_iter()
+            .map(|served| Model {
+                collection: Collection::new(served.file.model_header().vsps),
+                served,
+            })
+            .collect();
+        Self {
+            incarnation,
+            models,
+            objects,
+            clients: Vec::with_capacity(MOST_CLIENTS),
+            counters: Counters::default(),
+            heard: 0,
+            notes: Vec::new(),
+            named: BTreeSet::new(),
+        }
+    }
+
+    /// Its incarnation, which every chunk carries.
+    #[must_use]
+    pub fn incarnation(&self) -> u64 {
+        self.incarnation
+    }
+
+    /// What happened so far.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// Ids of the clients it knows, in the order in which they came.
+    pub fn clients(&self) -> impl Iterator<Item = u64> + '_ {
+        self.clients.iter().map(|c| c.id)
+    }
+
+    /// Sentences for people (regions refused, requests for unknown models), each said once.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+
+    /// Forgets a client: for a shell that has not heard of it for long. When it comes back, its epoch is
+    /// incomplete here, so it starts another.
+    pub fn forget(&mut self, client: u64) {
+        self.clients.retain(|c| c.id != client);
+    }
+
+    /// Takes a message in. Whatever it holds, the worst that happens is that it is counted and ignored.
+    pub fn handle(&mut self, message: Message<'_>) {
+        self.heard += 1;
+        match message {
+            Message::Request(request) => self.handle_request(request),
+            Message::Contact(report) => self.handle_contact(report),
+        }
+    }
+
+    /// The next chunk for a client, `None` when there is nothing to say or no credit left.
+    pub fn poll(&mut self, client: u64) -> Option<Chunk> {
+        let at = self.clients.iter().position(|c| c.id == client)?;
+        if !self.clients[at].has_credit() {
+            return None;
+        }
+        if let Some(chunk) = self.clients[at].measured_chunk() {
+            return Some(self.send(at, chunk));
+        }
+        while let Some(mut job) = self.clients[at].jobs.pop_front() {
+            match self.advance(at, &mut job) {
+                Progress::Chunk(chunk) => {
+                    self.clients[at].jobs.push_front(job);
+                    return Some(self.send(at, chunk));
+                }
+                Progress::Last(chunk) => return Some(self.send(at, chunk)),
+                Progress::Nothing => {}
+            }
+        }
+        None
+    }
+
+    /// Numbers a chunk and addresses it.
+    fn send(&mut self, at: usize, (mut header, slots): Chunk) -> Chunk {
+        let client = &mut self.clients[at];
+        header.station = self.incarnation;
+        header.client = client.id;
+        header.epoch = client.epoch;
+        header.sequence = client.sent;
+        header.model = self
+            .objects
+            .get(header.object as usize)
+            .and_then(|o| self.models.get(o.model))
+            .map_or(0, |m| m.served.file.model_header().model);
+        client.sent += 1;
+        self.counters.chunks += 1;
+        (header, slots)
+    }
+
+    fn handle_request(&mut self, request: &Request) {
+        let Some(kind) = RequestKind::from_code(request.kind) else {
+            self.counters.damaged += 1;
+            return;
+        };
+        let asks = match request.regions.get(..request.count as usize) {
+            Some(asks) if kind == RequestKind::Regions => asks,
+            None if kind == RequestKind::Regions => {
+                debug_assert!(request.count as usize > REGIONS_PER_REQUEST);
+                self.counters.damaged += 1;
+                return;
+            }
+            _ => &[],
+        };
+        let at = self.client_of(request);
+        match self.clients[at].accept(request, self.heard) {
+            Accepted::Yes => self.counters.requests += 1,
+            Accepted::Stale => {
+                self.counters.stale += 1;
+                return;
+            }
+            Accepted::Broken => {
+                self.counters.broken_epochs += 1;
+                return;
+            }
+            Accepted::Damaged => {
+                self.counters.damaged += 1;
+                return;
+            }
+        }
+        match kind {
+            RequestKind::Credit => {}
+            RequestKind::Model => self.ask_model(at, request),
+            RequestKind::Tour => self.ask_tour(at, request),
+            RequestKind::Regions => {
+                for ask in asks {
+                    self.ask_region(at, request, ask);
+                }
+            }
+        }
+        if self.clients[at].jobs.len() > MOST_JOBS {
+            self.clients[at].break_epoch();
+            self.counters.broken_epochs += 1;
+        }
+    }
+
+    /// The client of a request; the stalest makes room for a new one.
+    fn client_of(&mut self, request: &Request) -> usize {
+        if let Some(at) = self.clients.iter().position(|c| c.id == request.client) {
+            return at;
+        }
+        if self.clients.len() == MOST_CLIENTS {
+            let stalest = (0..self.clients.len()).min_by_key(|&at| self.clients[at].last_heard);
+            self.clients.remove(stalest.unwrap_or(0));
+            self.counters.forgotten += 1;
+        }
+        self.clients.push(Client::new(request));
+        self.clients.len() - 1
+    }
+
+    /// The model of a request's object, when both mean the same.
+    fn model_of(&self, request: &Request, by_name: bool) -> Option<usize> {
+        let object = self.objects.get(request.object as usize)?;
+        let model = self.models.get(object.model)?;
+        let hash = model.served.file.model_header().model;
+        let same = if by_name {
+            request.name == object.name && (request.model == 0 || request.model == hash)
+        } else {
+            request.model == hash
+        };
+        same.then_some(object.model)
+    }
+
+    fn ask_model(&mut self, at: usize, request: &Request) {
+        match self.model_of(request, true) {
+            Some(model) => self.clients[at].jobs.push_back(Job::Model {
+                model,
+                object: request.object,
+                next_slot: 0,
+            }),
+            None => self.refuse_model(at, request),
+        }
+    }
+
+    fn ask_tour(&mut self, at: usize, request: &Request) {
+        let Some(model) = self.model_of(request, true) else {
+            self.refuse_model(at, request);
+            return;
+        };
+        let object = request.object;
+        let job = match Tour::new(&self.models[model].served.file, request.tour) {
+            Ok(tour) => Job::Tour {
+                model,
+                object,
+                tour: Box::new(tour),
+                next_slot: 0,
+            },
+            Err(error) => {
+                let name = &self.models[model].served.name;
+                let note = format!("a tour of {name} is refused: {error}");
+                self.note((model, NONE), note);
+                Job::Refused {
+                    object,
+                    ask: None,
+                    refusal: error.refusal(),
+                }
+            }
+        };
+        self.clients[at].jobs.push_back(job);
+    }
+
+    fn refuse_model(&mut self, at: usize, request: &Request) {
+        let object = request.object;
+        self.note(
+            (usize::MAX, object),
+            format!(
+                "a controller asked for another model of object {object} than this scene names: start both with the same scene and options"
+            ),
+        );
+        self.clients[at].jobs.push_back(Job::Refused {
+            object,
+            ask: None,
+            refusal: Refusal::UnknownModel,
+        });
+    }
+
+    fn ask_region(&mut self, at: usize, request: &Request, ask: &RegionAsk) {
+        let Some(action) = RegionAction::from_code(ask.action) else {
+            self.counters.damaged += 1;
+            return;
+        };
+        let object = request.object;
+        let refused = |refusal| Job::Refused {
+            object,
+            ask: Some(*ask),
+            refusal,
+        };
+        let Some(model) = self.model_of(request, false) else {
+            if action != RegionAction::Release {
+                self.clients[at]
+                    .jobs
+                    .push_back(refused(Refusal::UnknownModel));
+            }
+            return;
+        };
+        let region = RegionId(ask.region);
+        let full = f32::from_bits(ask.tolerance_bits) == 0.0;
+        let vsps = self.models[model].served.file.model_header().vsps;
+        match action {
+            RegionAction::Subscribe | RegionAction::Held if !full => {
+                self.clients[at].jobs.push_back(refused(Refusal::Tolerance));
+            }
+            RegionAction::Subscribe => self.clients[at].subscribe(model, object, *ask),
+            RegionAction::Held => match self.models[model].closure(region) {
+                Ok(closure) => {
+                    self.clients[at]
+                        .residency(model)
+                        .insert(region, &closure, vsps);
+                }
+                Err(error) => {
+                    let job = refused(error.refusal());
+                    self.refuse_region(model, &error);
+                    self.clients[at].jobs.push_back(job);
+                }
+            },
+            RegionAction::Release => {
+                self.clients[at].cancel(model, region);
+                if !full || !self.clients[at].residency(model).holds(region) {
+                    return;
+                }
+                match self.models[model].closure(region) {
+                    Ok(closure) => self.clients[at].residency(model).remove(region, &closure),
+                    // It was readable when it was taken in. Without it the belief cannot be kept.
+                    Err(_) => self.clients[at].break_epoch(),
+                }
+            }
+        }
+    }
+
+    fn refuse_region(&mut self, model: usize, error: &CollectError) {
+        let (CollectError::UnknownRegion(region) | CollectError::Damaged { region, .. }) = error;
+        let note = format!("{}: {error}", self.models[model].served.name);
+        self.note((model, region.0), note);
+    }
+
+    fn note(&mut self, key: (usize, u32), note: String) {
+        if self.named.len() < MOST_NOTES && self.named.insert(key) {
+            self.notes.push(note);
+        }
+    }
+
+    fn handle_contact(&mut self, report: &ContactReport) {
+        let Some(client) = self.clients.iter_mut().find(|c| c.id == report.client) else {
+            self.counters.stale += 1;
+            return;
+        };
+        if report.object == NONE {
+            client.flush_measured();
+            return;
+        }
+        let model = self
+            .objects
+            .get(report.object as usize)
+            .and_then(|o| self.models.get(o.model));
+        let found = model.map(|m| {
+            let contact = DVec3::from_array(report.contact);
+            m.served.file.closest_point(contact)
+        });
+        match found {
+            Some(Ok((_, closest))) => {
+                self.counters.measured += 1;
+                client.push_measured(
+                    report.object,
+                    MeasuredError {
+                        tick: report.tick,
+                        distance: closest.distance_squared.sqrt(),
+                        reserved: [0; 2],
+                    },
+                );
+            }
+            _ => self.counters.damaged += 1,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

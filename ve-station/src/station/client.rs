@@ -1,0 +1,195 @@
+//! What the station knows of one client.
+
+use super::Chunk;
+use super::answer::{Job, blank};
+use crate::collection::Residency;
+use shared::protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, MeasuredError, RegionAsk, Request};
+use shared::spm::RegionId;
+use std::collections::{BTreeMap, VecDeque};
+
+/// Questions of one client that may wait for an answer.
+pub const MOST_JOBS: usize = 1 << 14;
+/// Measured errors that fit into a chunk, and that wait for credit at the most; more replace the oldest.
+const MOST_MEASURED: usize = 2 * CHUNK_SLOTS;
+/// So many measured errors are sent at once ...
+const MEASURED_BATCH: usize = 16;
+/// ... or those of so many ticks.
+const MEASURED_TICKS: u64 = 50;
+
+/// What becomes of a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Accepted {
+    /// It is the next one.
+    Yes,
+    /// It belongs to the past, or to an epoch that is broken.
+    Stale,
+    /// Something before it was lost: the epoch is broken now.
+    Broken,
+    /// It claims to have consumed what was never sent: the epoch is broken now.
+    Damaged,
+}
+
+/// A client.
+#[derive(Debug)]
+pub struct Client {
+    pub id: u64,
+    incarnation: u64,
+    /// The incarnation before: its late requests must not undo the new one's.
+    former: Option<u64>,
+    pub epoch: u32,
+    broken: bool,
+    /// Number of the next request.
+    next: u64,
+    /// Chunks of the epoch handed out.
+    pub sent: u64,
+    /// Chunks of the epoch acknowledged.
+    consumed: u64,
+    /// When it was last heard, in messages.
+    pub last_heard: u64,
+    pub jobs: VecDeque<Job>,
+    residencies: BTreeMap<usize, Residency>,
+    measured: VecDeque<(u32, MeasuredError)>,
+    /// Whether the measured errors go out even if they are few.
+    flush: bool,
+}
+
+impl Client {
+    pub fn new(request: &Request) -> Self {
+        Self {
+            id: request.client,
+            incarnation: request.incarnation,
+            former: None,
+            epoch: request.epoch,
+            broken: false,
+            next: 0,
+            sent: 0,
+            consumed: 0,
+            last_heard: 0,
+            jobs: VecDeque::new(),
+            residencies: BTreeMap::new(),
+            measured: VecDeque::new(),
+            flush: false,
+        }
+    }
+
+    /// Checks the place of a request in the conversation and takes its acknowledgement.
+    pub fn accept(&mut self, request: &Request, heard: u64) -> Accepted {
+        if request.incarnation != self.incarnation {
+            if self.former == Some(request.incarnation) {
+                return Accepted::Stale;
+            }
+            self.former = Some(self.incarnation);
+            self.incarnation = request.incarnation;
+            self.start_epoch(request.epoch);
+        } else if request.epoch > self.epoch {
+            self.start_epoch(request.epoch);
+        } else if request.epoch < self.epoch {
+            return Accepted::Stale;
+        }
+        self.last_heard = heard;
+        if self.broken || request.sequence < self.next {
+            return Accepted::Stale;
+        }
+        if request.sequence > self.next {
+            self.break_epoch();
+            return Accepted::Broken;
+        }
+        if request.consumed > self.sent {
+            self.break_epoch();
+            return Accepted::Damaged;
+        }
+        self.next += 1;
+        self.consumed = self.consumed.max(request.consumed);
+        Accepted::Yes
+    }
+
+    fn start_epoch(&mut self, epoch: u32) {
+        self.epoch = epoch;
+        self.break_epoch();
+        self.broken = false;
+        self.next = 0;
+        self.sent = 0;
+        self.consumed = 0;
+    }
+
+    /// Clears queue and belief, and waits for the next epoch.
+    pub fn break_epoch(&mut self) {
+        self.broken = true;
+        self.jobs.clear();
+        self.residencies.clear();
+        self.measured.clear();
+        self.flush = false;
+    }
+
+    pub fn has_credit(&self) -> bool {
+        !self.broken && self.sent - self.consumed < CREDIT_CHUNKS
+    }
+
+    pub fn residency(&mut self, model: usize) -> &mut Residency {
+        self.residencies.entry(model).or_default()
+    }
+
+    /// Queues the question for a region, unless it waits already.
+    pub fn subscribe(&mut self, model: usize, object: u32, ask: RegionAsk) {
+        let waits = self
+            .jobs
+            .iter()
+            .any(|j| j.is_of(model, RegionId(ask.region)));
+        if !waits {
+            self.jobs.push_back(Job::Region {
+                model,
+                object,
+                ask,
+                answer: None,
+            });
+        }
+    }
+
+    /// Drops the question for a region, answered in part or not at all.
+    pub fn cancel(&mut self, model: usize, region: RegionId) {
+        self.jobs.retain(|j| !j.is_of(model, region));
+    }
+
+    pub fn push_measured(&mut self, object: u32, error: MeasuredError) {
+        if self.broken {
+            return;
+        }
+        if self.measured.len() == MOST_MEASURED {
+            self.measured.pop_front();
+        }
+        self.measured.push_back((object, error));
+    }
+
+    /// Sends what is there: the contact ended.
+    pub fn flush_measured(&mut self) {
+        self.flush = !self.measured.is_empty();
+    }
+
+    /// The waiting measured errors of one object, when they are enough or old enough.
+    pub fn measured_chunk(&mut self) -> Option<Chunk> {
+        let (&(object, first), &(last_object, last)) =
+            (self.measured.front()?, self.measured.back()?);
+        let due = self.flush
+            || self.measured.len() >= MEASURED_BATCH
+            || last.tick.saturating_sub(first.tick) >= MEASURED_TICKS
+            || last_object != object;
+        if !due {
+            return None;
+        }
+        let (mut header, mut slots) = blank(ChunkKind::Measured, object);
+        let words: &mut [MeasuredError] = bytemuck::cast_slice_mut(&mut slots);
+        for place in words {
+            match self.measured.front() {
+                Some(&(of, error)) if of == object => {
+                    *place = error;
+                    header.count += 1;
+                    self.measured.pop_front();
+                }
+                _ => break,
+            }
+        }
+        header.last = 1;
+        self.flush &= !self.measured.is_empty();
+        Some((header, slots))
+    }
+}

@@ -1,0 +1,800 @@
+use super::*;
+use crate::generate::Shape;
+use crate::testing::model;
+use bytemuck::Zeroable;
+use proptest::prelude::*;
+use shared::protocol::{
+    BaseFace, BaseVertex, CREDIT_CHUNKS, ChunkKind, IDS_PER_SLOT, MODEL_HEADER_SLOTS, ModelHeader,
+    TourAsk, TourPoint,
+};
+use shared::spm::VspRecord;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, LazyLock};
+
+/// Bytes that several stations of a test share.
+#[derive(Debug, Clone)]
+struct Bytes(Arc<Vec<u8>>);
+
+impl AsRef<[u8]> for Bytes {
+    fn as_ref(&self) -> &[u8] {
+        &self.0
+    }
+}
+
+static TORUS: LazyLock<Arc<Vec<u8>>> =
+    LazyLock::new(|| Arc::new(crate::testing::model_bytes(Shape::Torus, 3000, 8)));
+
+fn open() -> SpmFile<Bytes> {
+    SpmFile::open(Bytes(Arc::clone(&TORUS))).unwrap()
+}
+
+fn station(incarnation: u64) -> Station<Bytes> {
+    let served = ServedModel {
+        name: "torus".to_owned(),
+        file: open(),
+    };
+    let object = ServedObject {
+        model: 0,
+        name: Request::name_hash("torus"),
+    };
+    Station::new(incarnation, vec![served], vec![object])
+}
+
+/// A client that keeps the protocol: what a controller must do, in its simplest form.
+struct Client {
+    id: u64,
+    incarnation: u64,
+    model: u64,
+    epoch: u32,
+    /// Number of the next request, and of the next chunk.
+    next_request: u64,
+    next_chunk: u64,
+    consumed: u64,
+    /// Closures of complete regions.
+    held: BTreeMap<u32, Vec<u32>>,
+    /// Regions asked for in this epoch whose answer is not complete.
+    asked: VecDeque<u32>,
+    /// Ids of the answer that is coming in.
+    partial: Option<(u32, Vec<u32>)>,
+    records: BTreeMap<u32, VspRecord>,
+    /// Records that no held region needs, kept until nothing asked before is open.
+    wanted: std::collections::BTreeSet<u32>,
+    /// Epochs ended because an answer turned out incomplete.
+    incomplete: u32,
+}
+
+impl Client {
+    fn new(id: u64) -> Self {
+        Self {
+            id,
+            incarnation: 1,
+            model: open().model_header().model,
+            epoch: 0,
+            next_request: 0,
+            next_chunk: 0,
+            consumed: 0,
+            held: BTreeMap::new(),
+            asked: VecDeque::new(),
+            partial: None,
+            records: BTreeMap::new(),
+            wanted: std::collections::BTreeSet::new(),
+            incomplete: 0,
+        }
+    }
+
+    fn request(&mut self, kind: RequestKind) -> Request {
+        let mut request = Request::zeroed();
+        request.client = self.id;
+        request.incarnation = self.incarnation;
+        request.epoch = self.epoch;
+        request.sequence = self.next_request;
+        request.consumed = self.consumed;
+        request.model = self.model;
+        request.name = Request::name_hash("torus");
+        request.kind = kind as u32;
+        self.next_request += 1;
+        request
+    }
+
+    fn regions(&mut self, action: RegionAction, regions: &[u32]) -> Vec<Request> {
+        let mut requests = Vec::new();
+        for part in regions.chunks(REGIONS_PER_REQUEST) {
+            let mut request = self.request(RequestKind::Regions);
+            request.count = part.len() as u32;
+            for (ask, &region) in request.regions.iter_mut().zip(part) {
+                *ask = RegionAsk {
+                    region,
+                    tolerance_bits: 0,
+                    action: action as u32,
+                };
+            }
+            requests.push(request);
+        }
+        requests
+    }
+
+    fn subscribe(&mut self, region: u32) -> Vec<Request> {
+        self.wanted.insert(region);
+        if self.held.contains_key(&region) || self.asked.contains(&region) {
+            return Vec::new();
+        }
+        self.asked.push_back(region);
+        self.regions(RegionAction::Subscribe, &[region])
+    }
+
+    /// Gives a region up, asked for or held. Careful clients wait until nothing is open.
+    fn release(&mut self, region: u32) -> Vec<Request> {
+        self.wanted.remove(&region);
+        self.asked.retain(|&r| r != region);
+        if self.partial.as_ref().is_some_and(|p| p.0 == region) {
+            self.partial = None;
+        }
+        self.held.remove(&region);
+        self.drop_unneeded();
+        self.regions(RegionAction::Release, &[region])
+    }
+
+    fn drop_unneeded(&mut self) {
+        let needed: std::collections::BTreeSet<u32> =
+            self.held.values().flatten().copied().collect();
+        self.records.retain(|i, _| needed.contains(i));
+    }
+
+    /// Ends the epoch: says what is held, asks again for the rest.
+    fn new_epoch(&mut self) -> Vec<Request> {
+        self.epoch += 1;
+        self.next_request = 0;
+        self.next_chunk = 0;
+        self.consumed = 0;
+        self.partial = None;
+        self.drop_unneeded();
+        let held: Vec<u32> = self.held.keys().copied().collect();
+        let mut requests = self.regions(RegionAction::Held, &held);
+        self.asked = self
+            .wanted
+            .iter()
+            .copied()
+            .filter(|r| !self.held.contains_key(r))
+            .collect();
+        let asked: Vec<u32> = self.asked.iter().copied().collect();
+        requests.extend(self.regions(RegionAction::Subscribe, &asked));
+        requests
+    }
+
+    /// Takes a chunk in; `false` ends the epoch.
+    fn receive(&mut self, (header, slots): &Chunk) -> bool {
+        if header.epoch != self.epoch || header.client != self.id {
+            return true;
+        }
+        if header.sequence != self.next_chunk {
+            return false;
+        }
+        self.next_chunk += 1;
+        self.consumed += 1;
+        let count = header.count as usize;
+        match ChunkKind::from_code(header.kind).unwrap() {
+            ChunkKind::Closure => {
+                let ids: &[u32] = bytemuck::cast_slice(slots);
+                if header.code == 0 {
+                    self.partial = Some((header.region, Vec::new()));
+                }
+                if let Some((region, closure)) = &mut self.partial
+                    && *region == header.region
+                {
+                    closure.extend(&ids[..count]);
+                }
+            }
+            ChunkKind::Records => {
+                for slot in &slots[..count] {
+                    let record: VspRecord = bytemuck::cast(*slot);
+                    self.records.insert(record.i, record);
+                }
+            }
+            ChunkKind::Empty => {
+                let ids: &[u32] = bytemuck::cast_slice(slots);
+                for region in &ids[..count] {
+                    if self.asked.contains(region) {
+                        self.asked.retain(|r| r != region);
+                        self.held.insert(*region, Vec::new());
+                    }
+                }
+                return true;
+            }
+            kind => panic!("{kind:?}"),
+        }
+        if header.last == 0 || !self.asked.contains(&header.region) {
+            return true;
+        }
+        let Some((region, closure)) = self.partial.take() else {
+            return false;
+        };
+        self.asked.retain(|&r| r != region);
+        if !closure.iter().all(|i| self.records.contains_key(i)) {
+            self.incomplete += 1;
+            return false;
+        }
+        self.held.insert(region, closure);
+        true
+    }
+
+    /// Holds exactly the union of the closures of what it wants.
+    fn check(&mut self) {
+        let file = open();
+        let mut collection = Collection::new(file.model_header().vsps);
+        let mut union = std::collections::BTreeSet::new();
+        for &region in &self.wanted {
+            let closure = collection.closure(&file, RegionId(region)).unwrap();
+            assert_eq!(self.held.get(&region), Some(&closure), "region {region}");
+            union.extend(closure);
+        }
+        self.drop_unneeded();
+        assert!(self.records.keys().copied().eq(union));
+        for (&i, record) in &self.records {
+            assert_eq!(*record, file.record(i).unwrap());
+        }
+    }
+}
+
+/// A link with delay in both directions.
+#[derive(Default)]
+struct Wire {
+    up: VecDeque<Request>,
+    down: VecDeque<Chunk>,
+}
+
+impl Wire {
+    fn carry_up(&mut self, station: &mut Station<Bytes>, most: usize) {
+        for _ in 0..most {
+            let Some(request) = self.up.pop_front() else {
+                break;
+            };
+            station.handle(Message::Request(&request));
+        }
+    }
+
+    fn pull(&mut self, station: &mut Station<Bytes>, client: u64, most: usize) {
+        for _ in 0..most {
+            let Some(chunk) = station.poll(client) else {
+                break;
+            };
+            self.down.push_back(chunk);
+        }
+    }
+
+    fn carry_down(&mut self, client: &mut Client, most: usize) {
+        for _ in 0..most {
+            let Some(chunk) = self.down.pop_front() else {
+                break;
+            };
+            if !client.receive(&chunk) {
+                self.up.extend(client.new_epoch());
+            }
+        }
+    }
+}
+
+/// What may happen to a session.
+#[derive(Debug, Clone)]
+enum Step {
+    Subscribe(usize),
+    Release(usize),
+    NewEpoch,
+    Credit,
+    Up(usize),
+    Pull(usize),
+    Down(usize),
+    LoseRequest,
+    LoseChunk,
+    DuplicateRequest,
+    RestartStation,
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        6 => (0usize..40).prop_map(Step::Subscribe),
+        4 => (0usize..40).prop_map(Step::Release),
+        1 => Just(Step::NewEpoch),
+        3 => Just(Step::Credit),
+        6 => (1usize..6).prop_map(Step::Up),
+        6 => (1usize..20).prop_map(Step::Pull),
+        6 => (1usize..20).prop_map(Step::Down),
+        1 => Just(Step::LoseRequest),
+        1 => Just(Step::LoseChunk),
+        1 => Just(Step::DuplicateRequest),
+        1 => Just(Step::RestartStation),
+    ]
+}
+
+fn regions() -> Vec<u32> {
+    // Some occupied cells, and one without faces (the axis of the torus).
+    let file = open();
+    let mut regions: Vec<u32> = file.regions().iter().map(|r| r.0).take(39).collect();
+    let all = file.regions();
+    let grid = file.model_header().grid;
+    let empty = (0..1 << 30)
+        .map(RegionId)
+        .find(|r| grid.contains(*r) && !all.contains(r));
+    regions.extend(empty.map(|r| r.0));
+    regions
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+
+    #[test]
+    fn any_session_ends_in_the_union_of_the_closures(steps in prop::collection::vec(step(), 1..120)) {
+        let regions = regions();
+        let mut server = station(1);
+        let mut client = Client::new(7);
+        let mut wire = Wire::default();
+        for step in steps {
+            match step {
+                Step::Subscribe(k) => wire.up.extend(client.subscribe(regions[k % regions.len()])),
+                Step::Release(k) => wire.up.extend(client.release(regions[k % regions.len()])),
+                Step::NewEpoch => wire.up.extend(client.new_epoch()),
+                Step::Credit => wire.up.push_back(client.request(RequestKind::Credit)),
+                Step::Up(n) => wire.carry_up(&mut server, n),
+                Step::Pull(n) => wire.pull(&mut server, 7, n),
+                Step::Down(n) => wire.carry_down(&mut client, n),
+                Step::LoseRequest => { wire.up.pop_front(); }
+                Step::LoseChunk => { wire.down.pop_front(); }
+                Step::DuplicateRequest => {
+                    if let Some(&request) = wire.up.front() {
+                        wire.up.push_front(request);
+                    }
+                }
+                Step::RestartStation => server = station(server.incarnation() + 1),
+            }
+            prop_assert!(wire.down.len() as u64 <= 2 * CREDIT_CHUNKS + 64);
+        }
+        // Quiet: nothing is lost any more; silence ends an epoch.
+        for _ in 0..600 {
+            wire.carry_up(&mut server, usize::MAX);
+            wire.pull(&mut server, 7, usize::MAX);
+            let silent = wire.down.is_empty();
+            wire.carry_down(&mut client, usize::MAX);
+            if client.asked.is_empty() && wire.up.is_empty() {
+                break;
+            }
+            if silent {
+                wire.up.extend(client.new_epoch());
+            } else {
+                wire.up.push_back(client.request(RequestKind::Credit));
+            }
+        }
+        prop_assert!(client.asked.is_empty(), "open: {:?}", client.asked);
+        client.check();
+    }
+
+    #[test]
+    fn no_bytes_make_the_station_panic_or_exceed_the_credit(
+        garbage in prop::collection::vec(
+            (prop::collection::vec(any::<u8>(), size_of::<Request>()), 0u64..3, 0u32..8, 0u32..3, 0u64..4),
+            1..40,
+        ),
+        contacts in prop::collection::vec(prop::collection::vec(any::<u8>(), size_of::<ContactReport>()), 0..8),
+    ) {
+        let mut server = station(1);
+        for (bytes, client, kind, epoch, sequence) in garbage {
+            let mut request: Request = bytemuck::pod_read_unaligned(&bytes);
+            // Plain noise rarely gets past the first check: some fields are made likely.
+            request.client = client;
+            request.incarnation = 1;
+            request.kind = kind;
+            request.epoch = epoch;
+            request.sequence = sequence;
+            request.object %= 2;
+            request.model = if client == 0 { open().model_header().model } else { request.model };
+            request.name = Request::name_hash("torus");
+            request.consumed %= 3;
+            server.handle(Message::Request(&request));
+            for id in 0..3 {
+                let mut sent = 0;
+                while server.poll(id).is_some() {
+                    sent += 1;
+                    prop_assert!(sent <= CREDIT_CHUNKS);
+                }
+            }
+        }
+        for bytes in contacts {
+            let mut report: ContactReport = bytemuck::pod_read_unaligned(&bytes);
+            report.client %= 3;
+            report.object %= 3;
+            server.handle(Message::Contact(&report));
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Who releases only while nothing is open, on a link that loses nothing, never needs a new epoch: so
+    /// the station's belief was right all the time.
+    #[test]
+    fn a_careful_client_on_a_sound_link_never_starts_again(
+        steps in prop::collection::vec((0usize..40, any::<bool>(), 1usize..8), 1..80),
+    ) {
+        let regions = regions();
+        let mut server = station(1);
+        let mut client = Client::new(7);
+        let mut wire = Wire::default();
+        for (k, subscribe, most) in steps {
+            let region = regions[k % regions.len()];
+            if subscribe {
+                wire.up.extend(client.subscribe(region));
+            } else {
+                while !client.asked.is_empty() {
+                    wire.carry_up(&mut server, usize::MAX);
+                    wire.pull(&mut server, 7, most);
+                    wire.carry_down(&mut client, usize::MAX);
+                    wire.up.push_back(client.request(RequestKind::Credit));
+                }
+                wire.up.extend(client.release(region));
+            }
+        }
+        while !client.asked.is_empty() {
+            wire.carry_up(&mut server, usize::MAX);
+            wire.pull(&mut server, 7, usize::MAX);
+            wire.carry_down(&mut client, usize::MAX);
+            wire.up.push_back(client.request(RequestKind::Credit));
+        }
+        prop_assert_eq!((client.epoch, client.incomplete), (0, 0));
+        client.check();
+    }
+}
+
+/// Everything that a client gets for one request, with credit given as needed.
+fn ask(server: &mut Station<Bytes>, client: &mut Client, request: Request) -> Vec<Chunk> {
+    server.handle(Message::Request(&request));
+    let mut chunks = Vec::new();
+    loop {
+        let mut burst = 0;
+        while let Some(chunk) = server.poll(client.id) {
+            burst += 1;
+            assert!(burst <= CREDIT_CHUNKS, "more under way than credit");
+            assert_eq!(chunk.0.sequence, client.consumed);
+            client.consumed += 1;
+            chunks.push(chunk);
+        }
+        if burst == 0 {
+            return chunks;
+        }
+        let credit = client.request(RequestKind::Credit);
+        server.handle(Message::Request(&credit));
+    }
+}
+
+#[test]
+fn a_model_arrives_as_it_lies_in_the_file() {
+    let (mut server, mut client, file) = (station(9), Client::new(1), open());
+    let request = client.request(RequestKind::Model);
+    let chunks = ask(&mut server, &mut client, request);
+    let mut slots = Vec::new();
+    for (k, (header, chunk)) in chunks.iter().enumerate() {
+        assert_eq!(header.kind, ChunkKind::Model as u32);
+        assert_eq!(header.code as usize, slots.len());
+        assert_eq!(header.last == 1, k + 1 == chunks.len());
+        assert_eq!((header.station, header.client), (9, 1));
+        slots.extend_from_slice(chunk);
+    }
+    let bytes: &[u8] = bytemuck::cast_slice(&slots);
+    let head: ModelHeader = bytemuck::pod_read_unaligned(&bytes[..size_of::<ModelHeader>()]);
+    assert_eq!(head, file.model_header());
+    let vertices = &bytes[64 * MODEL_HEADER_SLOTS..];
+    let length = size_of_val(file.base_vertices());
+    assert_eq!(
+        bytemuck::cast_slice::<_, BaseVertex>(&vertices[..length]),
+        file.base_vertices()
+    );
+    let faces = &vertices[length.next_multiple_of(64)..];
+    let length = size_of_val(file.base_faces());
+    assert_eq!(
+        bytemuck::cast_slice::<_, BaseFace>(&faces[..length]),
+        file.base_faces()
+    );
+    let items: u32 = chunks.iter().map(|(header, _)| header.count).sum();
+    assert_eq!(items, head.base_vertices + head.base_faces);
+}
+
+#[test]
+fn an_answer_without_records_still_ends() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let full = regions()[0];
+    let empty = *regions().last().unwrap();
+    let mut asked = |server: &mut Station<Bytes>, region| {
+        let request = client.regions(RegionAction::Subscribe, &[region])[0];
+        ask(server, &mut client, request)
+    };
+    let chunks = asked(&mut server, empty);
+    assert_eq!(chunks.len(), 1);
+    assert_eq!(
+        (chunks[0].0.kind, chunks[0].0.count, chunks[0].0.last),
+        (ChunkKind::Empty as u32, 1, 1)
+    );
+    let first = asked(&mut server, full);
+    assert_eq!(first.last().unwrap().0.kind, ChunkKind::Records as u32);
+    // Asked again while held: the same ids, and nothing that it lacks.
+    let again = asked(&mut server, full);
+    assert!(
+        again
+            .iter()
+            .all(|(h, _)| h.kind == ChunkKind::Closure as u32)
+    );
+    assert_eq!(again.last().unwrap().0.last, 1);
+    let ids = |chunks: &[Chunk]| -> u32 {
+        let closures = chunks
+            .iter()
+            .filter(|(h, _)| h.kind == ChunkKind::Closure as u32);
+        closures.map(|(h, _)| h.count).sum()
+    };
+    assert_eq!(ids(&first), ids(&again));
+    assert!(ids(&first) as usize > IDS_PER_SLOT);
+}
+
+#[test]
+fn empty_regions_share_a_chunk_and_the_others_are_answered_all_the_same() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let full = regions()[0];
+    let file = open();
+    let cells = file.model_header().grid.cells;
+    let empty: Vec<u32> = (0..cells[2])
+        .map(|z| RegionId::of_cell(glam::UVec3::new(0, 0, z)))
+        .filter(|&region| file.seeds(region).unwrap().is_none())
+        .map(|region| region.0)
+        .collect();
+    assert!(empty.len() > 2);
+    let mut asked = empty.clone();
+    asked.insert(1, full);
+    for request in client.regions(RegionAction::Subscribe, &asked) {
+        server.handle(Message::Request(&request));
+    }
+    let chunks: Vec<Chunk> = std::iter::from_fn(|| server.poll(1)).collect();
+    let ids: Vec<u32> = chunks
+        .iter()
+        .filter(|(header, _)| header.kind == ChunkKind::Empty as u32)
+        .flat_map(|(header, slots)| {
+            let ids: &[u32] = bytemuck::cast_slice(slots);
+            ids[..header.count as usize].to_vec()
+        })
+        .collect();
+    assert_eq!(ids, empty);
+    assert_eq!(chunks[0].0.kind, ChunkKind::Empty as u32);
+    assert!(chunks[1..].iter().all(|(header, _)| header.region == full));
+    assert_eq!(chunks.last().unwrap().0.last, 1);
+}
+
+#[test]
+fn without_credit_the_station_waits() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let all: Vec<u32> = regions();
+    for request in client.regions(RegionAction::Subscribe, &all) {
+        server.handle(Message::Request(&request));
+    }
+    let sent = std::iter::from_fn(|| server.poll(1)).count() as u64;
+    assert_eq!(sent, CREDIT_CHUNKS);
+    client.consumed = 5;
+    let credit = client.request(RequestKind::Credit);
+    server.handle(Message::Request(&credit));
+    assert_eq!(std::iter::from_fn(|| server.poll(1)).count(), 5);
+    // Who claims more than was sent is not believed, and gets nothing more in this epoch.
+    client.consumed = 1000;
+    let lie = client.request(RequestKind::Credit);
+    server.handle(Message::Request(&lie));
+    assert_eq!(server.poll(1), None);
+    assert_eq!(server.counters().damaged, 1);
+}
+
+#[test]
+fn what_cannot_be_served_is_refused_by_name() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let mut refusal = |change: &dyn Fn(&mut Request), kind| {
+        let mut request = client.request(kind);
+        request.count = 1;
+        request.regions[0].action = RegionAction::Subscribe as u32;
+        request.regions[0].region = regions()[0];
+        change(&mut request);
+        let chunks = ask(&mut server, &mut client, request);
+        assert_eq!(chunks.len(), 1);
+        assert_eq!(chunks[0].0.kind, ChunkKind::Refused as u32);
+        Refusal::from_code(chunks[0].0.code).unwrap()
+    };
+    let asked = RequestKind::Regions;
+    assert_eq!(
+        refusal(&|r| r.regions[0].region = u32::MAX, asked),
+        Refusal::UnknownRegion
+    );
+    assert_eq!(refusal(&|r| r.model ^= 1, asked), Refusal::UnknownModel);
+    assert_eq!(refusal(&|r| r.object = 3, asked), Refusal::UnknownModel);
+    for tolerance in [0.1, f32::NAN, -1.0] {
+        let bits = tolerance.to_bits();
+        assert_eq!(
+            refusal(&|r| r.regions[0].tolerance_bits = bits, asked),
+            Refusal::Tolerance
+        );
+    }
+    assert_eq!(
+        refusal(&|r| r.name ^= 1, RequestKind::Model),
+        Refusal::UnknownModel
+    );
+    assert_eq!(
+        refusal(&|r| r.tour.speed = f64::NAN, RequestKind::Tour),
+        Refusal::Tour
+    );
+    assert!(!server.take_notes().is_empty());
+    assert!(server.take_notes().is_empty(), "each is said once");
+}
+
+#[test]
+fn after_a_gap_nothing_is_said_until_the_next_epoch() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let [a, b] = [regions()[0], regions()[1]];
+    for request in client.subscribe(a) {
+        server.handle(Message::Request(&request));
+    }
+    let _lost = client.request(RequestKind::Credit);
+    for request in client.subscribe(b) {
+        server.handle(Message::Request(&request));
+    }
+    assert_eq!(
+        server.poll(1),
+        None,
+        "what was asked before the gap is dropped too"
+    );
+    assert_eq!(server.counters().broken_epochs, 1);
+    for request in client.new_epoch() {
+        server.handle(Message::Request(&request));
+    }
+    let (header, _) = server.poll(1).unwrap();
+    assert_eq!((header.epoch, header.sequence, header.region), (1, 0, a));
+}
+
+#[test]
+fn a_release_cancels_the_answer_that_waits() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let [a, b] = [regions()[0], regions()[1]];
+    let mut requests = client.subscribe(a);
+    requests.extend(client.subscribe(b));
+    requests.extend(client.release(a));
+    for request in requests {
+        server.handle(Message::Request(&request));
+    }
+    let chunks: Vec<Chunk> = std::iter::from_fn(|| server.poll(1)).collect();
+    assert!(chunks.iter().all(|(header, _)| header.region == b));
+    assert!(chunks.iter().all(|chunk| client.receive(chunk)));
+    client.check();
+}
+
+#[test]
+fn the_past_does_not_disturb_a_new_incarnation() {
+    let mut server = station(1);
+    let (mut old, mut new) = (Client::new(1), Client::new(1));
+    new.incarnation = 2;
+    let region = regions()[0];
+    let early = old.regions(RegionAction::Subscribe, &[region])[0];
+    let late = old.request(RequestKind::Credit);
+    server.handle(Message::Request(&early));
+    let fresh = new.regions(RegionAction::Subscribe, &[region])[0];
+    server.handle(Message::Request(&fresh));
+    server.handle(Message::Request(&late));
+    assert_eq!(server.counters().stale, 1);
+    let (header, _) = server.poll(1).unwrap();
+    assert_eq!((header.sequence, header.region), (0, region));
+}
+
+#[test]
+fn the_stalest_of_too_many_clients_makes_room() {
+    let mut server = station(1);
+    for id in 0..2 * MOST_CLIENTS as u64 {
+        let request = Client::new(id).request(RequestKind::Model);
+        server.handle(Message::Request(&request));
+    }
+    let known: Vec<u64> = server.clients().collect();
+    assert_eq!(
+        known,
+        (MOST_CLIENTS as u64..2 * MOST_CLIENTS as u64).collect::<Vec<_>>()
+    );
+    assert_eq!(server.counters().forgotten, MOST_CLIENTS as u64);
+}
+
+#[test]
+fn contacts_come_back_with_their_distance_to_the_full_mesh() {
+    let (mut server, mut client, file) = (station(1), Client::new(1), open());
+    let credit = client.request(RequestKind::Credit);
+    server.handle(Message::Request(&credit));
+    let report = |tick: u64| {
+        let mut report = ContactReport::zeroed();
+        report.client = 1;
+        report.tick = tick;
+        report.contact = [1.0 + 0.01 * tick as f64, 0.3, 0.2];
+        report
+    };
+    for tick in 0..3 {
+        server.handle(Message::Contact(&report(tick)));
+    }
+    assert_eq!(
+        server.poll(1),
+        None,
+        "three reports of three ticks can wait"
+    );
+    let mut free = report(3);
+    free.object = NONE;
+    server.handle(Message::Contact(&free));
+    let (header, slots) = server.poll(1).unwrap();
+    assert_eq!((header.kind, header.count, header.last), (4, 3, 1));
+    let errors: &[MeasuredError] = bytemuck::cast_slice(&slots);
+    for (tick, error) in errors[..3].iter().enumerate() {
+        let contact = DVec3::from_array(report(tick as u64).contact);
+        let truth = file
+            .closest_point(contact)
+            .unwrap()
+            .1
+            .distance_squared
+            .sqrt();
+        assert_eq!((error.tick, error.distance), (tick as u64, truth));
+    }
+    // Reports that are ticks apart do not wait for many.
+    server.handle(Message::Contact(&report(100)));
+    server.handle(Message::Contact(&report(150)));
+    assert_eq!(server.poll(1).unwrap().0.count, 2);
+}
+
+#[test]
+fn a_tour_arrives_whole() {
+    let (mut server, mut client, file) = (station(1), Client::new(1), open());
+    let mut request = client.request(RequestKind::Tour);
+    request.tour = TourAsk {
+        seed: 3,
+        seconds: 2.0,
+        speed: 1.0,
+        depth: 0.01,
+        radius: 0.02,
+    };
+    let truth = crate::tour::make_tour(&file, request.tour).unwrap();
+    let chunks = ask(&mut server, &mut client, request);
+    let mut points: Vec<TourPoint> = Vec::new();
+    for (header, slots) in &chunks {
+        assert_eq!(header.code as usize, points.len());
+        points.extend(bytemuck::cast_slice(&slots[..header.count as usize]));
+    }
+    assert_eq!(chunks.last().unwrap().0.last, 1);
+    assert_eq!(points, truth);
+}
+
+#[test]
+fn too_many_open_questions_end_the_epoch() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    client.model ^= 1;
+    for _ in 0..=MOST_JOBS / REGIONS_PER_REQUEST {
+        for request in client.regions(RegionAction::Subscribe, &[0; REGIONS_PER_REQUEST]) {
+            server.handle(Message::Request(&request));
+        }
+    }
+    assert_eq!(server.counters().broken_epochs, 1);
+    assert_eq!(server.poll(1), None);
+}
+
+#[test]
+fn models_are_told_apart_in_answers() {
+    let sphere = model(Shape::Sphere, 1000, 4);
+    let torus = model(Shape::Torus, 1000, 4);
+    let hashes = [sphere.model_header().model, torus.model_header().model];
+    let served = [("a", sphere), ("b", torus)].map(|(name, file)| ServedModel {
+        name: name.to_owned(),
+        file,
+    });
+    let objects = [0, 1, 0].map(|model| ServedObject {
+        model,
+        name: Request::name_hash(["a", "b"][model]),
+    });
+    let mut server = Station::new(1, served.into(), objects.into());
+    for (object, model) in [(0, 0), (1, 1), (2, 0)] {
+        let mut request = Client::new(object).request(RequestKind::Model);
+        request.model = 0;
+        request.object = object as u32;
+        request.name = objects[object as usize].name;
+        server.handle(Message::Request(&request));
+        let (header, _) = server.poll(object).unwrap();
+        assert_eq!(header.object, object as u32);
+        assert_eq!(header.model, hashes[model]);
+    }
+}

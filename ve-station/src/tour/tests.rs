@@ -1,0 +1,252 @@
+use super::*;
+use crate::build::{BuildOptions, NoProgress, build_model, read_mesh};
+use crate::generate::Shape;
+use crate::testing::model;
+use shared::spm::write_spm;
+use std::path::Path;
+
+/// The ask of the acceptance runs, for a model as if it were 0.15 m long: 0.1 m/s, 2 mm deep, 1 mm radius.
+fn ask<D: AsRef<[u8]>>(file: &SpmFile<D>, seed: u64, seconds: f64) -> TourAsk {
+    let header = file.model_header();
+    let sides = DVec3::from_array(header.upper) - DVec3::from_array(header.lower);
+    let unit = sides.max_element() / 0.15;
+    TourAsk {
+        seed,
+        seconds,
+        speed: 0.1 * unit,
+        depth: 0.002 * unit,
+        radius: 0.001 * unit,
+    }
+}
+
+fn walk<D: AsRef<[u8]>>(file: &SpmFile<D>, ask: TourAsk) -> Vec<(TourPoint, Leg)> {
+    let mut tour = Tour::new(file, ask).unwrap();
+    std::iter::from_fn(|| tour.next(file).unwrap()).collect()
+}
+
+fn distance<D: AsRef<[u8]>>(file: &SpmFile<D>, point: &TourPoint) -> f64 {
+    let origin = DVec3::from_array(file.model_header().origin);
+    let position = DVec3::from_array(point.position) - origin;
+    let (_, closest) = file.closest_point(position).unwrap();
+    closest.distance_squared.sqrt()
+}
+
+fn shapes() -> Vec<(Shape, SpmFile<Vec<u8>>)> {
+    Shape::ALL
+        .iter()
+        .map(|&(shape, _)| (shape, model(shape, 6000, 8)))
+        .collect()
+}
+
+#[test]
+fn the_same_seed_gives_the_same_tour_and_another_one_another() {
+    let file = model(Shape::Relief, 6000, 8);
+    let tour = |seed| make_tour(&file, ask(&file, seed, 5.0)).unwrap();
+    assert_eq!(tour(1), tour(1));
+    assert_ne!(tour(1), tour(2));
+}
+
+#[test]
+fn a_tour_is_as_long_as_asked_and_no_faster() {
+    for (shape, file) in shapes() {
+        for seconds in [0.001, 1.0, 12.3456] {
+            let ask = ask(&file, 5, seconds);
+            let points = make_tour(&file, ask).unwrap();
+            assert_eq!(points[0].t, 0.0);
+            assert_eq!(points.last().unwrap().t, seconds);
+            for pair in points.windows(2) {
+                let time = pair[1].t - pair[0].t;
+                assert!(time > 0.0 && time <= PERIOD * 1.000_001);
+                let [a, b] = [0, 1].map(|k| DVec3::from_array(pair[k].position));
+                assert!(
+                    a.distance(b) <= ask.speed * time * 1.000_001,
+                    "{shape}: {} in {time}",
+                    a.distance(b)
+                );
+                let [w, x, y, z] = pair[1].orientation_wxyz;
+                assert!((w * w + x * x + y * y + z * z - 1.0).abs() < 1e-9);
+            }
+        }
+    }
+}
+
+#[test]
+fn free_ways_never_come_near_the_mesh() {
+    for (shape, file) in shapes() {
+        for seed in 0..3 {
+            let ask = ask(&file, seed, 30.0);
+            let ball = ask.radius.max(LEAST_BALL * 150.0 * ask.radius);
+            let points = walk(&file, ask);
+            assert!(points.iter().any(|(_, leg)| *leg == Leg::Free));
+            for pair in points.windows(2) {
+                if pair.iter().all(|(_, leg)| *leg == Leg::Free) {
+                    let middle = TourPoint {
+                        position: DVec3::from_array(pair[0].0.position)
+                            .midpoint(DVec3::from_array(pair[1].0.position))
+                            .to_array(),
+                        ..pair[0].0
+                    };
+                    for point in [pair[0].0, middle] {
+                        let distance = distance(&file, &point);
+                        assert!(
+                            distance > 0.45 * ball,
+                            "{shape} {seed}: {distance} at {point:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn most_of_the_time_is_contact_and_it_begins_soon() {
+    for (shape, file) in shapes() {
+        for seed in 0..3 {
+            let points = walk(&file, ask(&file, seed, 30.0));
+            let contact = points.iter().filter(|(_, leg)| *leg == Leg::Slide).count();
+            let share = contact as f64 / points.len() as f64;
+            assert!(share > 0.6, "{shape} {seed}: {share}");
+            let first = points
+                .iter()
+                .find(|(_, leg)| *leg == Leg::Slide)
+                .unwrap()
+                .0
+                .t;
+            assert!(first < 1.0, "{shape} {seed}: {first}");
+        }
+    }
+}
+
+#[test]
+fn a_shallow_intent_slides_outside_at_radius_less_depth() {
+    let file = model(Shape::Sphere, 20_000, 8);
+    let ask = TourAsk {
+        seed: 4,
+        seconds: 20.0,
+        speed: 0.5,
+        depth: 0.01,
+        radius: 0.05,
+    };
+    let points = walk(&file, ask);
+    let mut sliding = 0;
+    for run in points.chunk_by(|a, b| a.1 == b.1) {
+        if run[0].1 != Leg::Slide {
+            continue;
+        }
+        // Not the pressing at the start and the lifting at the end.
+        for (point, _) in run.iter().skip(40).take(run.len().saturating_sub(80)) {
+            let height = DVec3::from_array(point.position).length() - 1.0;
+            assert!((height - 0.04).abs() < 0.004, "{height}");
+            sliding += 1;
+        }
+    }
+    assert!(sliding > 1000);
+}
+
+#[test]
+fn the_depth_of_the_intent_is_measured_from_the_surface() {
+    let file = model(Shape::Relief, 20_000, 8);
+    let ask = ask(&file, 2, 20.0);
+    let mut distances: Vec<f64> = walk(&file, ask)
+        .iter()
+        .filter(|(_, leg)| *leg == Leg::Slide)
+        .map(|(point, _)| distance(&file, point))
+        .collect();
+    distances.sort_by(f64::total_cmp);
+    // A millimetre below the surface: the intent is deeper than the probe is wide.
+    let median = distances[distances.len() / 2];
+    let wanted = (ask.radius - ask.depth).abs();
+    assert!(
+        (median - wanted).abs() < 0.2 * wanted,
+        "{median} instead of {wanted}"
+    );
+}
+
+#[test]
+fn on_an_open_sheet_a_slide_stays_on_its_side() {
+    let file = model(Shape::Plate, 6000, 8);
+    let ask = TourAsk {
+        depth: 0.005,
+        radius: 0.02,
+        ..ask(&file, 9, 60.0)
+    };
+    let points = walk(&file, ask);
+    for run in points.chunk_by(|a, b| a.1 == b.1) {
+        let side = run[run.len() / 2].0.position[2].signum();
+        if run[0].1 == Leg::Slide {
+            for (point, _) in run {
+                // It may begin to round the rim before it turns.
+                let height = point.position[2] * side;
+                assert!(height > -0.5 * (ask.radius - ask.depth), "{point:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn numbers_out_of_range_are_refused() {
+    let file = model(Shape::Sphere, 1000, 4);
+    let good = ask(&file, 1, 1.0);
+    assert!(Tour::new(&file, good).is_ok());
+    let with = |change: &dyn Fn(&mut TourAsk)| {
+        let mut ask = good;
+        change(&mut ask);
+        Tour::new(&file, ask).map(|_| ()).unwrap_err()
+    };
+    for bad in [f64::NAN, f64::INFINITY, -1.0, f64::NEG_INFINITY] {
+        assert_eq!(with(&|a| a.seconds = bad), TourError::Numbers);
+        assert_eq!(with(&|a| a.speed = bad), TourError::Numbers);
+        assert_eq!(with(&|a| a.depth = bad), TourError::Numbers);
+        assert_eq!(with(&|a| a.radius = bad), TourError::Numbers);
+    }
+    assert_eq!(with(&|a| a.speed = 0.0), TourError::Numbers);
+    assert_eq!(with(&|a| a.speed = 1e300), TourError::Numbers);
+    assert_eq!(with(&|a| a.seconds = 0.0), TourError::Numbers);
+    assert_eq!(with(&|a| a.radius = 1e9), TourError::Numbers);
+}
+
+#[test]
+fn any_speed_ends() {
+    let file = model(Shape::Torus, 2000, 4);
+    for speed in [1e-300, 1e-9, 1.0, 50.0] {
+        let points = make_tour(
+            &file,
+            TourAsk {
+                speed,
+                ..ask(&file, 1, 1.0)
+            },
+        )
+        .unwrap();
+        assert_eq!(points.len(), 201);
+        assert!(
+            points
+                .iter()
+                .all(|p| DVec3::from_array(p.position).is_finite())
+        );
+    }
+}
+
+#[test]
+fn real_scans_are_toured_with_most_of_the_time_in_contact() {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/models"));
+    for name in ["stanford-bunny.obj", "terrain257.obj", "dragon25k.obj"] {
+        let path = folder.join(name);
+        if !path.exists() {
+            println!("skipped: {} is not there", path.display());
+            continue;
+        }
+        let mesh = read_mesh(&path).unwrap();
+        let parts = build_model(mesh, &BuildOptions::default(), &NoProgress).unwrap();
+        let mut bytes = Vec::new();
+        write_spm(&parts, &mut bytes).unwrap();
+        let file = SpmFile::open(bytes).unwrap();
+        for seed in 0..4 {
+            let points = walk(&file, ask(&file, seed, 20.0));
+            let contact = points.iter().filter(|(_, leg)| *leg == Leg::Slide).count();
+            let share = contact as f64 / points.len() as f64;
+            println!("{name} seed {seed}: {share:.2} of the time in contact");
+            assert!(share > 0.6, "{name} {seed}: {share}");
+        }
+    }
+}

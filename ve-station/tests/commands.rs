@@ -1,0 +1,190 @@
+//! The commands as a user types them: what works, and every bad input as one sentence with status 2.
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn station(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_ve-station"))
+        .current_dir(folder)
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+fn json(output: &Output) -> Value {
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Runs a command that must fail, and gives its sentence.
+fn refused(folder: &Path, arguments: &[&str]) -> String {
+    let before = std::fs::read_dir(folder).unwrap().count();
+    let output = station(folder, arguments);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {text}");
+    assert!(output.stdout.is_empty());
+    assert_eq!(text.trim_end().lines().count(), 1, "{text}");
+    assert!(!text.contains("panicked"), "{text}");
+    let after = std::fs::read_dir(folder).unwrap().count();
+    assert_eq!(before, after, "something half-written is left");
+    text
+}
+
+/// The numbers of an object, all finite, null nowhere.
+fn all_numbers(value: &Value) -> bool {
+    match value {
+        Value::Object(map) => map.values().all(all_numbers),
+        Value::Array(list) => list.iter().all(all_numbers),
+        Value::Null => false,
+        _ => true,
+    }
+}
+
+#[test]
+fn generate_build_and_inspect_agree() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for file in ["mesh.obj", "mesh.ply"] {
+        let made = station(at, &["generate", "sphere", "--faces", "4096", "-o", file]);
+        assert!(made.status.success());
+        let built = json(&station(at, &["build", file, "-o", "mesh.spm", "--json"]));
+        assert_eq!(built["vertices"], 2050);
+        assert_eq!(built["faces"], 4096);
+        assert_eq!(built["read"]["vertices"], 2050);
+        assert_eq!(built["cut_vertices"], 0);
+        assert_eq!(built["cracks_max"], 0.0);
+        assert!(built["seconds"].as_f64().unwrap() > 0.0);
+        assert!(built["peak_rss_bytes"].as_u64().unwrap() > 100_000);
+        assert!(all_numbers(&built));
+        let length = std::fs::metadata(at.join("mesh.spm")).unwrap().len();
+        assert_eq!(built["file_bytes"], length);
+
+        let found = json(&station(
+            at,
+            &["inspect", "mesh.spm", "--size", "0.1", "--json"],
+        ));
+        assert!(all_numbers(&found));
+        for field in [
+            "vertices",
+            "faces",
+            "read",
+            "dropped",
+            "cut_vertices",
+            "base_faces",
+            "vsps",
+            "chain",
+            "regions",
+            "closure_mean",
+            "closure_max",
+            "cracks_max",
+        ] {
+            assert_eq!(found[field], built[field], "{field}");
+        }
+        // A sphere of 5 cm radius has 0.0314 square metres.
+        let cell = 0.1 / built["divisions"].as_f64().unwrap();
+        let speed = 32.0 / (4096.0 / 0.031_416 * (0.006 + cell) * 1e-3);
+        let said = found["greatest_speed_m_per_s"].as_f64().unwrap();
+        assert!((said / speed - 1.0).abs() < 0.02, "{said} {speed}");
+        let text = station(at, &["inspect", "mesh.spm"]);
+        assert!(
+            String::from_utf8(text.stdout)
+                .unwrap()
+                .contains("certified error")
+        );
+    }
+}
+
+#[test]
+fn bad_meshes_are_one_sentence_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let write = |name: &str, content: &[u8]| std::fs::write(at.join(name), content).unwrap();
+    write("nan.obj", b"v nan 0 0\nv nan 1 0\nv 0 nan 1\nf 1 2 3\n");
+    write("text.obj", b"Dear reader,\nthis is a letter.\n");
+    write("letter.txt", b"Dear reader");
+    write("broken.obj", b"v 0 0 0\nv 1 0\n");
+    write("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n");
+    write("line.off", b"OFF\n3 1 0\n0 0 0\n1 1 1\n2 2 2\n3 0 1 2\n");
+    write("short.ply", b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n");
+    write("no.stl", b"not an stl at all");
+    write("empty.ply", b"");
+    let cases = [
+        ("missing.obj", "No such file"),
+        ("nan.obj", "not a finite number"),
+        ("text.obj", "no line that starts with v"),
+        ("letter.txt", ".obj, .ply, .stl or .off"),
+        ("broken.obj", "line 2"),
+        ("points.obj", "no face"),
+        ("line.off", "no area"),
+        ("short.ply", "PLY"),
+        ("no.stl", "STL"),
+        ("empty.ply", "PLY"),
+    ];
+    for (mesh, expected) in cases {
+        let text = refused(at, &["build", mesh, "-o", "out.spm"]);
+        assert!(text.contains(mesh) && text.contains(expected), "{text}");
+    }
+    write("good.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n");
+    let text = refused(at, &["build", "good.off", "-o", "nowhere/out.spm"]);
+    assert!(text.contains("nowhere"), "{text}");
+    let text = refused(
+        at,
+        &["build", "good.off", "-o", "out.spm", "--regions", "12"],
+    );
+    assert!(text.contains("power of two"), "{text}");
+    let text = refused(
+        at,
+        &["generate", "plate", "--faces", "100", "-o", "plate.stl"],
+    );
+    assert!(text.contains(".obj or .ply"), "{text}");
+}
+
+#[test]
+fn damaged_spm_files_are_one_sentence_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    station(
+        at,
+        &["generate", "torus", "--faces", "3000", "-o", "torus.ply"],
+    );
+    assert!(
+        station(at, &["build", "torus.ply", "-o", "torus.spm"])
+            .status
+            .success()
+    );
+    let sound = std::fs::read(at.join("torus.spm")).unwrap();
+    let bad = at.join("bad.spm");
+    std::fs::write(&bad, b"").unwrap();
+    let inspect = || refused(at, &["inspect", "bad.spm"]);
+    assert!(inspect().contains("not an SPM file"));
+    for length in [5, 100, 1000, sound.len() / 2, sound.len() - 1] {
+        std::fs::write(&bad, &sound[..length]).unwrap();
+        let text = inspect();
+        assert!(
+            text.contains("bad.spm: ") && text.contains("SPM file"),
+            "{text}"
+        );
+    }
+    for place in (0..sound.len()).step_by(sound.len() / 40) {
+        let mut flipped = sound.clone();
+        flipped[place] ^= 16;
+        std::fs::write(&bad, &flipped).unwrap();
+        let output = station(at, &["inspect", "bad.spm"]);
+        // Between sections there is padding, which says nothing.
+        assert!(matches!(output.status.code(), Some(0 | 2)));
+    }
+    let mut flipped = sound.clone();
+    let middle = sound.len() / 2;
+    flipped[middle] ^= 16;
+    std::fs::write(&bad, &flipped).unwrap();
+    let text = inspect();
+    assert!(text.contains("of the section \"records\""), "{text}");
+    assert!(refused(at, &["inspect", "missing.spm"]).contains("missing.spm"));
+    let text = refused(at, &["inspect", "torus.spm", "--size", "0"]);
+    assert!(text.contains("--size 0"), "{text}");
+}

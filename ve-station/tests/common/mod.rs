@@ -1,0 +1,276 @@
+//! What the tests of the builder share.
+#![allow(dead_code)] // each test binary uses a part
+
+use glam::DVec3;
+use rand::RngCore;
+use rand_xoshiro::Xoshiro256PlusPlus;
+use shared::spm::{ActiveMesh, ErrorScale, OperationFaces, Slot, SpmFile, SpmParts, write_spm};
+use std::path::PathBuf;
+use ve_station::build::{
+    BuildOptions, NoProgress, SoupMesh, build_model, clean, is_mesh_file, read_mesh,
+};
+use ve_station::generate::{Shape, generate};
+
+/// The folder of real meshes beside the checkout; `None`, said aloud, when it is not there.
+pub fn models_folder() -> Option<PathBuf> {
+    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/models"));
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    println!("skipped: {} is not there", folder.display());
+    None
+}
+
+/// Every real mesh, by name.
+pub fn real_meshes() -> Vec<(String, SoupMesh)> {
+    real_meshes_where(|_| true)
+}
+
+/// The real meshes whose name is wanted.
+pub fn real_meshes_where(wanted: impl Fn(&str) -> bool) -> Vec<(String, SoupMesh)> {
+    let Some(folder) = models_folder() else {
+        return Vec::new();
+    };
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| is_mesh_file(path))
+        .collect();
+    paths.sort();
+    let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
+    paths
+        .iter()
+        .filter(|path| wanted(&name(path)))
+        .map(|path| (name(path), read_mesh(path).unwrap()))
+        .collect()
+}
+
+/// Generated meshes and hand-made ones with rims, holes and cuts.
+pub fn made_meshes() -> Vec<(String, SoupMesh)> {
+    let mut all: Vec<(String, SoupMesh)> = Shape::ALL
+        .iter()
+        .map(|&(shape, name)| (name.to_string(), generate(shape, 3000, 5)))
+        .collect();
+    all.push(("strip".to_string(), grid(600, 1, |_, _| true)));
+    all.push((
+        "holes".to_string(),
+        grid(40, 40, |i, j| i % 7 != 3 || j % 5 != 2),
+    ));
+    // Diagonal neighbours of the chessboard share a vertex only: every inner vertex is a bow-tie.
+    all.push((
+        "chessboard".to_string(),
+        grid(12, 12, |i, j| (i + j) % 2 == 0),
+    ));
+    all.push(("double sheet".to_string(), {
+        let mut sheet = grid(20, 20, |_, _| true);
+        let back: Vec<[u32; 3]> = sheet.triangles.iter().map(|t| [t[0], t[2], t[1]]).collect();
+        sheet.triangles.extend(back);
+        sheet
+    }));
+    all
+}
+
+/// A flat grid of squares, of which `keep` says which are there.
+pub fn grid(columns: u32, rows: u32, keep: impl Fn(u32, u32) -> bool) -> SoupMesh {
+    let mut mesh = SoupMesh::default();
+    for j in 0..=rows {
+        for i in 0..=columns {
+            mesh.positions.push([f64::from(i), f64::from(j), 0.0]);
+        }
+    }
+    let at = |i: u32, j: u32| j * (columns + 1) + i;
+    for j in 0..rows {
+        for i in (0..columns).filter(|&i| keep(i, j)) {
+            let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    mesh
+}
+
+/// Builds with few base faces, so that small meshes are simplified too.
+pub fn build(mesh: &SoupMesh, base_faces: Option<u32>) -> SpmParts {
+    let options = BuildOptions {
+        base_faces,
+        regions: None,
+    };
+    build_model(mesh.clone(), &options, &NoProgress).unwrap()
+}
+
+/// The mesh of the parts with all records loaded into the slots of their numbers, none performed.
+pub fn load(parts: &SpmParts) -> ActiveMesh {
+    let header = &parts.header;
+    let scale = ErrorScale::for_diagonal(header.diagonal);
+    let radius = |code: u16| scale.decode(code) as f32;
+    let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
+    for (k, vertex) in (0u32..).zip(&parts.base_vertices) {
+        mesh.set_base_vertex(k, vertex.position, radius(vertex.r as u16));
+    }
+    for (k, face) in (0u32..).zip(&parts.base_faces) {
+        mesh.set_base_face(k, face.corners, face.neighbours)
+            .unwrap();
+    }
+    assert!(mesh.base_is_consistent());
+    for record in &parts.records {
+        let radii = [radius(record.r_t), radius(record.r_u)];
+        mesh.load(record.i, record, record.vs, record.fn_, radii);
+    }
+    mesh
+}
+
+/// Performs every split, ascending.
+pub fn refine(mesh: &mut ActiveMesh, parts: &SpmParts) {
+    let mut out = OperationFaces::new();
+    for i in 0..parts.header.vsps {
+        mesh.split(i, &mut out).unwrap();
+    }
+}
+
+/// A face as the bits of its corners, the least one first, orientation kept.
+pub type FaceBits = [[u32; 3]; 3];
+
+pub fn face_bits(corners: [[f32; 3]; 3]) -> FaceBits {
+    let mut bits = corners.map(|p| p.map(f32::to_bits));
+    let least = (0..3).min_by_key(|&k| bits[k]).unwrap();
+    bits.rotate_left(least);
+    bits
+}
+
+/// The active faces as bits, sorted.
+pub fn active_faces(mesh: &ActiveMesh) -> Vec<FaceBits> {
+    let mut all = Vec::new();
+    mesh.for_each_active_face(|f| {
+        all.push(face_bits(
+            mesh.corners(f).map(|p: DVec3| p.as_vec3().to_array()),
+        ));
+    });
+    all.sort_unstable();
+    all
+}
+
+/// The faces of the cleaned input as bits, sorted.
+pub fn input_faces(mesh: &SoupMesh) -> Vec<FaceBits> {
+    let cleaned = clean(mesh.clone()).unwrap();
+    let mut all: Vec<FaceBits> = cleaned
+        .triangles
+        .iter()
+        .map(|t| face_bits(t.map(|v| cleaned.positions[v as usize])))
+        .collect();
+    all.sort_unstable();
+    all
+}
+
+/// The parts as an open file.
+pub fn open(parts: &SpmParts) -> SpmFile<Vec<u8>> {
+    let mut bytes = Vec::new();
+    write_spm(parts, &mut bytes).unwrap();
+    SpmFile::open(bytes).unwrap()
+}
+
+/// Goes through the splits in ascending order and performs each legal one with the given chance in percent;
+/// then, if `down`, through all in descending order and undoes each with the same chance.
+///
+/// (A walk of random numbers hardly leaves the base mesh: few splits are legal there.)
+pub fn random_front(
+    parts: &SpmParts,
+    random: &mut Xoshiro256PlusPlus,
+    chance: u32,
+    down: bool,
+) -> ActiveMesh {
+    let mut active = load(parts);
+    let mut out = OperationFaces::new();
+    let vsps = parts.header.vsps;
+    for i in 0..vsps {
+        if active.split_is_legal(i) && (down || random.next_u32() % 100 < chance) {
+            active.split(i, &mut out).unwrap();
+        }
+    }
+    for i in (0..vsps).rev().filter(|_| down) {
+        if active.collapse_is_legal(i) && random.next_u32() % 100 < chance {
+            active.collapse(i, &mut out);
+        }
+    }
+    active
+}
+
+/// A walk over fronts: any legal split or collapse next, drawn at random.
+pub struct Walk {
+    /// The mesh; slots are VSP numbers.
+    pub mesh: ActiveMesh,
+    /// What the last operation touched.
+    pub out: OperationFaces,
+    /// The performed VSPs.
+    pub performed: Vec<Slot>,
+    /// Holds every VSP whose split is legal, and others.
+    ready: Vec<Slot>,
+    /// The VSPs that depend on each.
+    dependents: Vec<Vec<Slot>>,
+}
+
+impl Walk {
+    /// At the base mesh.
+    pub fn new(parts: &SpmParts) -> Self {
+        let mesh = load(parts);
+        let mut dependents = vec![Vec::new(); parts.records.len()];
+        for record in &parts.records {
+            for dependency in record.dependencies(parts.header.sizes()) {
+                dependents[dependency as usize].push(record.i);
+            }
+        }
+        let ready = (0..parts.header.vsps)
+            .filter(|&i| mesh.split_is_legal(i))
+            .collect();
+        Self {
+            mesh,
+            out: OperationFaces::new(),
+            performed: Vec::new(),
+            ready,
+            dependents,
+        }
+    }
+
+    /// Performs a random legal split among those that `wanted` takes; `None` when it finds none.
+    pub fn split(
+        &mut self,
+        random: &mut Xoshiro256PlusPlus,
+        wanted: impl Fn(Slot) -> bool,
+    ) -> Option<Slot> {
+        let mut tried = Vec::new();
+        let found = loop {
+            if self.ready.is_empty() {
+                break None;
+            }
+            let at = random.next_u32() as usize % self.ready.len();
+            let i = self.ready.swap_remove(at);
+            if self.mesh.split_is_legal(i) {
+                if wanted(i) {
+                    break Some(i);
+                }
+                tried.push(i);
+            }
+        };
+        self.ready.append(&mut tried);
+        let i = found?;
+        self.mesh.split(i, &mut self.out).unwrap();
+        self.performed.push(i);
+        let mesh = &self.mesh;
+        let next = self.dependents[i as usize].iter();
+        self.ready.extend(next.filter(|&&d| mesh.split_is_legal(d)));
+        Some(i)
+    }
+
+    /// Undoes a random legal split; `None` when it finds none in a hundred tries.
+    pub fn collapse(&mut self, random: &mut Xoshiro256PlusPlus) -> Option<Slot> {
+        for _ in 0..100.min(self.performed.len()) {
+            let at = random.next_u32() as usize % self.performed.len();
+            let i = self.performed[at];
+            if self.mesh.collapse_is_legal(i) {
+                self.performed.swap_remove(at);
+                self.mesh.collapse(i, &mut self.out);
+                self.ready.push(i);
+                return Some(i);
+            }
+        }
+        None
+    }
+}
