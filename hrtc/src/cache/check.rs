@@ -1,0 +1,49 @@
+//! Every invariant of a cache, for tests.
+
+use super::{Cache, Cursor, PENDING, Queue};
+
+impl Cache {
+    /// Checks every invariant of mesh, tree, counts and queues; for tests, it allocates.
+    ///
+    /// # Panics
+    /// With the first thing found wrong.
+    pub fn check(&self) {
+        self.mesh.check();
+        self.tree.check(|face| self.mesh.face_box(face));
+        assert_eq!(self.tree.faces(), self.mesh.active_faces());
+        let slots = self.references.len();
+        let (mut held, mut wanted) = (vec![0u16; slots], vec![0u16; slots]);
+        for index in self.regions.indices() {
+            let region = self.regions.at(index);
+            let mut cursor = Cursor::start(&region.closure);
+            let mut pending = 0;
+            while let Some(item) = self.lists.get(&region.closure, cursor) {
+                if item & PENDING == 0 {
+                    held[item as usize] += 1;
+                    wanted[item as usize] += u16::from(region.wanted);
+                } else {
+                    pending += 1;
+                }
+                cursor = self.lists.next(cursor);
+            }
+            assert_eq!(pending, region.pending, "records to come");
+        }
+        let mut free = vec![false; slots];
+        for &slot in &self.free {
+            free[slot as usize] = true;
+        }
+        for slot in 0..self.slots {
+            let references = &self.references[slot as usize];
+            if free[slot as usize] {
+                assert!(!self.mesh.is_performed(slot));
+                continue;
+            }
+            assert_eq!(self.ids.get(self.mesh.id(slot)), Some(slot), "id of a slot");
+            assert_eq!(references.held, held[slot as usize], "holders");
+            assert_eq!(references.wanted, wanted[slot as usize], "wanters");
+            let idle = references.wanted == 0 && self.mesh.collapse_is_legal(slot);
+            assert_eq!(references.queue == Queue::Collapses, idle);
+        }
+        assert_eq!(self.free.len() as u32 + self.loaded, self.slots, "slots");
+    }
+}

@@ -1,0 +1,482 @@
+//! The cache: base mesh, loaded front, refined front and their tree in a fixed number of bytes.
+//!
+//! | part | bytes a VSP | what |
+//! |---|---|---|
+//! | active mesh | 116 | record in handles, two vertices, two faces |
+//! | AB-tree | 146 | two faces: a node of 64 bytes and links each |
+//! | references | 16 | held, wanted, dependents, queue links |
+//! | ids | 16 to 32 | open addressing, at most half full |
+//! | closures | 26 | six list entries a VSP |
+//! | regions | 10 | one region for 16 VSPs |
+//!
+//! Base vertices and faces live at the head of the same arrays. Reference counts say what may go: *held*
+//! counts the regions whose closure a record belongs to, *wanted* those of them that are to be performed.
+//! A performed VSP with no wanted region and no performed dependent waits in the queue of collapses, a
+//! record with no holder and no loaded dependent in the queue of evictions; both queues are in order of
+//! arrival. Nothing that a wanted region needs is in either.
+
+mod check;
+mod id_map;
+mod lists;
+mod operations;
+mod queues;
+mod regions;
+
+pub use lists::{Cursor, List};
+pub use regions::{Region, RegionState, RegionTable};
+
+use id_map::IdMap;
+use lists::ListPool;
+use shared::ab_tree::AbTree;
+use shared::protocol::{BaseFace, BaseVertex, ModelHeader};
+use shared::spm::{ActiveMesh, ErrorScale, NONE, Sizes, Slot, VspRecord};
+use thiserror::Error;
+
+/// Marks a closure entry whose record has not come yet: the rest is the VSP's id.
+const PENDING: u32 = 1 << 31;
+/// Closure entries that the pool holds for each slot.
+const ENTRIES_PER_SLOT: usize = 6;
+/// Slots for each region of the table.
+const SLOTS_PER_REGION: usize = 16;
+
+/// The cache cannot hold what it must.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum CacheError {
+    /// The base mesh and one closure need more than there is.
+    #[error(
+        "the cache of {bytes} bytes is too small for the model's base mesh ({base_faces} faces): set cache.bytes to at least {needed}"
+    )]
+    TooSmall {
+        /// What there is.
+        bytes: usize,
+        /// What is needed.
+        needed: usize,
+        /// Faces of the base mesh.
+        base_faces: u32,
+    },
+}
+
+/// Why a record was not loaded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LoadError {
+    /// No slot is free and none may be evicted.
+    NoRoom,
+    /// It is not the record that the closure says comes next, or a dependency is missing.
+    Gap,
+    /// It cannot belong to this model.
+    Damaged,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Queue {
+    #[default]
+    None,
+    Collapses,
+    Evictions,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct References {
+    held: u16,
+    wanted: u16,
+    loaded_dependents: u16,
+    queue: Queue,
+    previous: u32,
+    next: u32,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Ends {
+    first: u32,
+    last: u32,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Cache {
+    bytes: usize,
+    mesh: ActiveMesh,
+    tree: AbTree,
+    ids: IdMap,
+    references: Vec<References>,
+    free: Vec<Slot>,
+    collapses: Ends,
+    evictions: Ends,
+    lists: ListPool,
+    /// The regions.
+    pub regions: RegionTable,
+    sizes: Sizes,
+    scale: ErrorScale,
+    loaded: u32,
+    loaded_high_water: u32,
+    slots: u32,
+    evicted: u64,
+    base_inserted: u32,
+}
+
+const EMPTY_QUEUE: Ends = Ends {
+    first: NONE,
+    last: NONE,
+};
+
+impl Cache {
+    fn bytes_for(slots: usize) -> usize {
+        let regions = Self::regions_for(slots);
+        slots
+            * (ActiveMesh::BYTES_PER_SLOT
+                + 2 * AbTree::BYTES_PER_FACE
+                + size_of::<References>()
+                + size_of::<Slot>())
+            + (2 * slots.max(1)).next_power_of_two() * (IdMap::BYTES_PER_ENTRY / 4)
+            + Self::blocks_for(slots) * ListPool::BYTES_PER_BLOCK
+            + regions * RegionTable::BYTES_PER_REGION
+    }
+
+    fn blocks_for(slots: usize) -> usize {
+        // A list's last block is half full on average.
+        slots * ENTRIES_PER_SLOT / ListPool::ITEMS_PER_BLOCK + Self::regions_for(slots) / 2
+    }
+
+    fn regions_for(slots: usize) -> usize {
+        (slots / SLOTS_PER_REGION).clamp(64, 4096)
+    }
+
+    /// Everything allocated now, at most `bytes` (the scene's `cache.bytes`).
+    #[must_use]
+    pub fn new(bytes: usize) -> Self {
+        let (mut least, mut most) = (0, bytes / 64);
+        while least < most {
+            let middle = (least + most).div_ceil(2);
+            if Self::bytes_for(middle) <= bytes {
+                least = middle;
+            } else {
+                most = middle - 1;
+            }
+        }
+        let slots = least;
+        Self {
+            bytes,
+            mesh: ActiveMesh::new(0, 0, slots as u32),
+            tree: AbTree::new(2 * slots as u32),
+            ids: IdMap::new(slots),
+            references: vec![References::default(); slots],
+            free: Vec::with_capacity(slots),
+            collapses: EMPTY_QUEUE,
+            evictions: EMPTY_QUEUE,
+            lists: ListPool::new(Self::blocks_for(slots)),
+            regions: RegionTable::new(Self::regions_for(slots)),
+            sizes: Sizes {
+                base_vertices: 0,
+                base_faces: 0,
+                vsps: 0,
+                faces: 0,
+            },
+            scale: ErrorScale::for_diagonal(1.0),
+            loaded: 0,
+            loaded_high_water: 0,
+            slots: 0,
+            evicted: 0,
+            base_inserted: 0,
+        }
+    }
+
+    /// The active mesh of the refined front.
+    #[must_use]
+    pub fn mesh(&self) -> &ActiveMesh {
+        &self.mesh
+    }
+
+    /// Its AB-tree.
+    #[must_use]
+    pub fn tree(&self) -> &AbTree {
+        &self.tree
+    }
+
+    /// VSPs loaded now.
+    #[must_use]
+    pub fn loaded(&self) -> u32 {
+        self.loaded
+    }
+
+    /// VSPs that fit beside the base mesh.
+    #[must_use]
+    pub fn slots(&self) -> u32 {
+        self.slots
+    }
+
+    /// Records evicted so far.
+    #[must_use]
+    pub fn evicted(&self) -> u64 {
+        self.evicted
+    }
+
+    /// Bytes of the limit.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// Bytes in use by the base mesh, loaded records, closures and regions.
+    #[must_use]
+    pub fn bytes_used(&self) -> usize {
+        self.bytes_with(self.loaded, self.lists.used(), self.regions.known())
+    }
+
+    /// The most bytes ever in use.
+    #[must_use]
+    pub fn bytes_high_water(&self) -> usize {
+        self.bytes_with(
+            self.loaded_high_water,
+            self.lists.high_water(),
+            self.regions.high_water(),
+        )
+    }
+
+    fn bytes_with(&self, loaded: u32, blocks: u32, regions: usize) -> usize {
+        let per_slot = ActiveMesh::BYTES_PER_SLOT
+            + 2 * AbTree::BYTES_PER_FACE
+            + size_of::<References>()
+            + size_of::<Slot>()
+            + IdMap::BYTES_PER_ENTRY;
+        let base = self.sizes.base_vertices as usize * ActiveMesh::BYTES_PER_BASE_VERTEX
+            + self.sizes.base_faces as usize
+                * (ActiveMesh::BYTES_PER_BASE_FACE + AbTree::BYTES_PER_FACE);
+        (base
+            + loaded as usize * per_slot
+            + blocks as usize * ListPool::BYTES_PER_BLOCK
+            + regions * RegionTable::BYTES_PER_REGION)
+            .min(self.bytes)
+    }
+
+    // --- the base mesh -------------------------------------------------------------------------
+
+    /// Shares the storage out to a model; once.
+    ///
+    /// # Errors
+    /// When the base mesh and the model's largest closure do not fit.
+    pub fn begin_model(&mut self, header: &ModelHeader) -> Result<(), CacheError> {
+        let base = header.base_faces.max(header.base_vertices);
+        let wanted = base.div_ceil(2) as usize + header.closure_max as usize;
+        let slots = self.mesh.reshape(header.base_vertices, header.base_faces);
+        match slots {
+            Some(slots) if slots >= header.closure_max => {
+                self.sizes = header.sizes();
+                self.scale = ErrorScale::for_diagonal(header.diagonal);
+                self.slots = slots;
+                self.free.extend((0..slots).rev());
+                self.tree.preconstruct(header.faces);
+                Ok(())
+            }
+            _ => Err(CacheError::TooSmall {
+                bytes: self.bytes,
+                needed: Self::bytes_for(wanted + 1),
+                base_faces: header.base_faces,
+            }),
+        }
+    }
+
+    /// Sets a base vertex; false when its numbers cannot be.
+    #[must_use]
+    pub fn set_base_vertex(&mut self, vertex: u32, value: &BaseVertex) -> bool {
+        let code = u16::try_from(value.r);
+        let (true, Ok(code)) = (value.position.iter().all(|x| x.is_finite()), code) else {
+            return false;
+        };
+        let radius = self.radius_of_code(code);
+        self.mesh.set_base_vertex(vertex, value.position, radius);
+        true
+    }
+
+    /// Sets a base face; false when its numbers cannot be.
+    #[must_use]
+    pub fn set_base_face(&mut self, face: u32, value: &BaseFace) -> bool {
+        self.mesh
+            .set_base_face(face, value.corners, value.neighbours)
+            .is_some()
+            && self.tree.insert(face, value.leaf)
+            && {
+                self.base_inserted += 1;
+                true
+            }
+    }
+
+    /// R as an f32 that is not below the code's value.
+    fn radius_of_code(&self, code: u16) -> f32 {
+        let exact = self.scale.decode(code);
+        let rounded = exact as f32;
+        if f64::from(rounded) < exact {
+            rounded.next_up()
+        } else {
+            rounded
+        }
+    }
+
+    // --- closures and records --------------------------------------------------------------------
+
+    /// Adds ids to the closure of an asked region and holds those that are loaded already.
+    ///
+    /// # Errors
+    /// `NoRoom` when the lists are full, `Damaged` for ids out of range.
+    pub fn add_to_closure(&mut self, region: usize, ids: &[u32]) -> Result<(), LoadError> {
+        for &id in ids {
+            if id >= self.sizes.vsps {
+                return Err(LoadError::Damaged);
+            }
+            let known = self.ids.get(id);
+            let mut list = self.regions.at(region).closure;
+            if !self.lists.push(&mut list, known.unwrap_or(id | PENDING)) {
+                return Err(LoadError::NoRoom);
+            }
+            let entry = self.regions.at_mut(region);
+            if entry.closure == List::EMPTY {
+                entry.cursor = Cursor::start(&list);
+            }
+            entry.closure = list;
+            match known {
+                Some(slot) => {
+                    self.references[slot as usize].held += 1;
+                    self.requeue(slot);
+                }
+                None => entry.pending += 1,
+            }
+        }
+        Ok(())
+    }
+
+    /// Loads the next record that an asked region waits for.
+    ///
+    /// # Errors
+    /// See [`LoadError`]; nothing has changed then.
+    pub fn load(&mut self, region: usize, record: &VspRecord) -> Result<(), LoadError> {
+        if record.i >= self.sizes.vsps {
+            return Err(LoadError::Damaged);
+        }
+        // The station counts what was asked for and released; what was released and not yet evicted is
+        // still here, and comes again.
+        if self.ids.get(record.i).is_some() {
+            return Ok(());
+        }
+        let entry = *self.regions.at(region);
+        let mut cursor = entry.cursor;
+        // Entries that were loaded already lie between the pending ones.
+        let expected = loop {
+            match self.lists.get(&entry.closure, cursor) {
+                Some(item) if item & PENDING != 0 => break item & !PENDING,
+                Some(_) => cursor = self.lists.next(cursor),
+                None => return Err(LoadError::Gap),
+            }
+        };
+        if record.i != expected {
+            return Err(LoadError::Gap);
+        }
+        if record.validate(expected, self.sizes).is_err() {
+            return Err(LoadError::Damaged);
+        }
+        let (base_vertices, base_faces) = (self.sizes.base_vertices, self.sizes.base_faces);
+        let handle = |id: u32, base: u32| -> Result<u32, LoadError> {
+            match id.checked_sub(base) {
+                _ if id == NONE => Ok(NONE),
+                None => Ok(id),
+                Some(made) => match self.ids.get(made / 2) {
+                    Some(slot) => Ok(base + 2 * slot + made % 2),
+                    None => Err(LoadError::Gap),
+                },
+            }
+        };
+        let vs = handle(record.vs, base_vertices)?;
+        let mut fn_ = [NONE; 4];
+        for (place, &face) in fn_.iter_mut().zip(&record.fn_) {
+            *place = handle(face, base_faces)?;
+        }
+        let radii = [
+            self.radius_of_code(record.r_t),
+            self.radius_of_code(record.r_u),
+        ];
+        let slot = self.take_slot().ok_or(LoadError::NoRoom)?;
+        self.mesh.load(slot, record, vs, fn_, radii);
+        self.ids.insert(expected, slot);
+        self.references[slot as usize] = References {
+            held: 1,
+            ..References::default()
+        };
+        for dependency in self.mesh.dependencies(slot) {
+            self.references[dependency as usize].loaded_dependents += 1;
+        }
+        self.loaded += 1;
+        self.loaded_high_water = self.loaded_high_water.max(self.loaded);
+        self.lists.set(cursor, slot);
+        let entry = self.regions.at_mut(region);
+        entry.cursor = self.lists.next(cursor);
+        entry.pending -= 1;
+        Ok(())
+    }
+
+    /// Ends the answer to an asked region.
+    ///
+    /// # Errors
+    /// `Gap` when records of its closure did not come.
+    pub fn finish(&mut self, region: usize) -> Result<(), LoadError> {
+        let entry = self.regions.at_mut(region);
+        if entry.pending != 0 {
+            return Err(LoadError::Gap);
+        }
+        entry.state = RegionState::Held;
+        entry.cursor = Cursor::start(&entry.closure);
+        Ok(())
+    }
+
+    /// Lets go of a region's closure; the region stays in the table with its state for the caller to set.
+    ///
+    /// Returns the number of entries gone through.
+    pub fn let_go(&mut self, region: usize) -> u32 {
+        let entry = *self.regions.at(region);
+        if entry.wanted {
+            self.set_wanted(region, false);
+        }
+        let mut cursor = Cursor::start(&entry.closure);
+        while let Some(item) = self.lists.get(&entry.closure, cursor) {
+            if item & PENDING == 0 {
+                self.references[item as usize].held -= 1;
+                self.requeue(item);
+            }
+            cursor = self.lists.next(cursor);
+        }
+        let entry = self.regions.at_mut(region);
+        let mut list = entry.closure;
+        let length = list.length();
+        entry.pending = 0;
+        self.lists.free(&mut list);
+        let entry = self.regions.at_mut(region);
+        entry.closure = list;
+        entry.cursor = Cursor::start(&list);
+        length
+    }
+
+    /// Puts a held region into the set to be performed, or takes it out.
+    ///
+    /// Returns the number of entries gone through.
+    pub fn set_wanted(&mut self, region: usize, wanted: bool) -> u32 {
+        let entry = *self.regions.at(region);
+        if entry.wanted == wanted {
+            return 0;
+        }
+        let mut cursor = Cursor::start(&entry.closure);
+        while let Some(slot) = self.lists.get(&entry.closure, cursor) {
+            if slot & PENDING == 0 {
+                let references = &mut self.references[slot as usize];
+                if wanted {
+                    references.wanted += 1;
+                } else {
+                    references.wanted -= 1;
+                }
+                self.requeue(slot);
+            }
+            cursor = self.lists.next(cursor);
+        }
+        let entry = self.regions.at_mut(region);
+        entry.wanted = wanted;
+        entry.refined = false;
+        entry.cursor = Cursor::start(&entry.closure);
+        entry.closure.length()
+    }
+}

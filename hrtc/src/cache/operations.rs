@@ -1,0 +1,92 @@
+//! Splits and collapses of mesh and tree together.
+
+use super::Cache;
+use shared::spm::{DamagedRecord, NONE, OperationFaces, Slot};
+
+impl Cache {
+    /// The next split of a wanted region, skipping what is performed; marks the region refined at the end.
+    ///
+    /// `budget` counts the entries gone through and is the most that may be; `None` when it is used up too.
+    pub fn next_split(&mut self, region: usize, budget: &mut u32) -> Option<Slot> {
+        let entry = *self.regions.at(region);
+        debug_assert!(entry.wanted);
+        let mut cursor = entry.cursor;
+        let mut found = None;
+        let mut at_end = false;
+        while *budget > 0 {
+            match self.lists.get(&entry.closure, cursor) {
+                Some(slot) if self.mesh.is_performed(slot) => {
+                    *budget -= 1;
+                    cursor = self.lists.next(cursor);
+                }
+                Some(slot) => {
+                    found = Some(slot);
+                    break;
+                }
+                None => {
+                    at_end = true;
+                    break;
+                }
+            }
+        }
+        let entry = self.regions.at_mut(region);
+        entry.cursor = cursor;
+        entry.refined = at_end;
+        found
+    }
+
+    /// Performs a split and updates the tree's structure and marks.
+    ///
+    /// # Errors
+    /// When the record does not fit the mesh; nothing has changed then.
+    pub fn split(&mut self, slot: Slot, out: &mut OperationFaces) -> Result<(), DamagedRecord> {
+        let damaged = DamagedRecord(self.mesh.id(slot));
+        if !self.mesh.split_is_legal(slot) {
+            return Err(damaged);
+        }
+        let fl = self.mesh.fl(slot);
+        let (leaf_l, leaf_r) = self.mesh.leaves(slot);
+        if !self.tree.insert(fl, leaf_l) {
+            return Err(damaged);
+        }
+        if leaf_r != NONE && !self.tree.insert(fl + 1, leaf_r) {
+            self.tree.remove(fl);
+            return Err(damaged);
+        }
+        if let Err(error) = self.mesh.split(slot, out) {
+            self.tree.remove(fl);
+            if leaf_r != NONE {
+                self.tree.remove(fl + 1);
+            }
+            return Err(error);
+        }
+        for &face in out.deformed() {
+            self.tree.deform(face);
+        }
+        self.requeue_with_dependencies(slot);
+        Ok(())
+    }
+
+    /// Performs the oldest collapse that is waiting; false when none is.
+    pub fn collapse_oldest(&mut self, out: &mut OperationFaces) -> bool {
+        let slot = self.collapses.first;
+        if slot == NONE {
+            return false;
+        }
+        self.mesh.collapse(slot, out);
+        for &face in out.made_or_removed() {
+            self.tree.remove(face);
+        }
+        for &face in out.deformed() {
+            self.tree.deform(face);
+        }
+        self.requeue_with_dependencies(slot);
+        true
+    }
+
+    /// Refits the tree over what the operations deformed; the number of boxes.
+    pub fn refit(&mut self) -> u32 {
+        let mesh = &self.mesh;
+        self.tree.refit(|face| mesh.face_box(face))
+    }
+}

@@ -1,0 +1,113 @@
+//! Free slots, and the queues of what may be collapsed and evicted.
+
+use super::{Cache, Queue, References};
+use shared::spm::{NONE, Slot};
+
+impl Cache {
+    pub(super) fn take_slot(&mut self) -> Option<Slot> {
+        if self.free.is_empty() {
+            let slot = self.evictions.first;
+            if slot == NONE {
+                return None;
+            }
+            self.evict(slot);
+        }
+        self.free.pop()
+    }
+
+    /// Slots that a record could go to now, free or to be evicted: at least this many.
+    #[must_use]
+    pub fn has_slot(&self) -> bool {
+        !self.free.is_empty() || self.evictions.first != NONE
+    }
+
+    /// Whether less than a sixteenth of slots, list blocks or places for regions is free.
+    ///
+    /// Slots count as free when they may be evicted without releasing anything.
+    #[must_use]
+    pub fn is_nearly_full(&self) -> bool {
+        let slots = self.evictions.first == NONE && self.free.len() < self.slots as usize / 16;
+        slots || self.lists.is_nearly_full() || self.regions.is_nearly_full()
+    }
+
+    fn evict(&mut self, slot: Slot) {
+        self.unqueue(slot);
+        let dependencies = self.mesh.dependencies(slot);
+        self.ids.remove(self.mesh.id(slot));
+        self.mesh.unload(slot);
+        for dependency in dependencies {
+            self.references[dependency as usize].loaded_dependents -= 1;
+            self.requeue(dependency);
+        }
+        self.loaded -= 1;
+        self.evicted += 1;
+        self.free.push(slot);
+    }
+
+    pub(super) fn requeue_with_dependencies(&mut self, slot: Slot) {
+        self.requeue(slot);
+        for dependency in self.mesh.dependencies(slot) {
+            self.requeue(dependency);
+        }
+    }
+
+    /// Puts a slot into the queue that its references say, if it is not there.
+    pub(super) fn requeue(&mut self, slot: Slot) {
+        let references = self.references[slot as usize];
+        let performed = self.mesh.is_performed(slot);
+        let queue = if performed {
+            let may = references.wanted == 0 && self.mesh.collapse_is_legal(slot);
+            if may { Queue::Collapses } else { Queue::None }
+        } else if references.held == 0 && references.loaded_dependents == 0 {
+            Queue::Evictions
+        } else {
+            Queue::None
+        };
+        if queue == references.queue {
+            return;
+        }
+        self.unqueue(slot);
+        let ends = match queue {
+            Queue::None => return,
+            Queue::Collapses => &mut self.collapses,
+            Queue::Evictions => &mut self.evictions,
+        };
+        let last = std::mem::replace(&mut ends.last, slot);
+        if last == NONE {
+            ends.first = slot;
+        } else {
+            self.references[last as usize].next = slot;
+        }
+        let references = &mut self.references[slot as usize];
+        references.queue = queue;
+        references.previous = last;
+        references.next = NONE;
+    }
+
+    fn unqueue(&mut self, slot: Slot) {
+        let References {
+            queue,
+            previous,
+            next,
+            ..
+        } = self.references[slot as usize];
+        let ends = match queue {
+            Queue::None => return,
+            Queue::Collapses => &mut self.collapses,
+            Queue::Evictions => &mut self.evictions,
+        };
+        if previous == NONE {
+            ends.first = next;
+        }
+        if next == NONE {
+            ends.last = previous;
+        }
+        if previous != NONE {
+            self.references[previous as usize].next = next;
+        }
+        if next != NONE {
+            self.references[next as usize].previous = previous;
+        }
+        self.references[slot as usize].queue = Queue::None;
+    }
+}

@@ -1,0 +1,158 @@
+//! The regions that the controller knows: asked for, held, wanted.
+
+use super::id_map::IdMap;
+use super::lists::{Cursor, List};
+use shared::spm::RegionId;
+
+/// What has become of a region.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RegionState {
+    /// Asked for; its closure or records are under way.
+    Asked,
+    /// Its closure is loaded.
+    Held,
+    /// Dropped here; the station is still to be told.
+    ToRelease,
+    /// Refused by the station, or its records do not fit the mesh: not asked for again.
+    Refused,
+}
+
+/// A region in the table.
+#[derive(Debug, Clone, Copy)]
+pub struct Region {
+    /// Which one.
+    pub id: RegionId,
+    /// What has become of it.
+    pub state: RegionState,
+    /// Whether its closure is to be performed (it is in set B of thesis Figure 5.17).
+    pub wanted: bool,
+    /// Whether all of it is performed; while wanted.
+    pub refined: bool,
+    /// Its closure: slots, or ids of records that are still to come.
+    pub closure: List,
+    /// Records still to come.
+    pub pending: u32,
+    /// Next record to come, or next split to perform.
+    pub cursor: Cursor,
+    /// Tick when it was last in the loaded set of the prediction.
+    pub touched: u64,
+    /// Tick when it was last in the refined set of the prediction.
+    pub needed: u64,
+    /// Distance to the contact when last predicted, model units.
+    pub distance: f64,
+}
+
+/// A table of fixed capacity.
+#[derive(Debug, Clone)]
+pub struct RegionTable {
+    regions: Vec<Option<Region>>,
+    by_id: IdMap,
+    free: Vec<u32>,
+    high_water: usize,
+}
+
+impl RegionTable {
+    /// Bytes for each region that it may hold.
+    pub const BYTES_PER_REGION: usize =
+        size_of::<Option<Region>>() + size_of::<u32>() + IdMap::BYTES_PER_ENTRY;
+
+    /// Room for `capacity` regions.
+    #[must_use]
+    pub fn new(capacity: usize) -> Self {
+        Self {
+            regions: vec![None; capacity],
+            by_id: IdMap::new(capacity),
+            free: (0..capacity as u32).rev().collect(),
+            high_water: 0,
+        }
+    }
+
+    /// Number of regions known.
+    #[must_use]
+    pub fn known(&self) -> usize {
+        self.regions.len() - self.free.len()
+    }
+
+    /// The most regions ever known at once.
+    #[must_use]
+    pub fn high_water(&self) -> usize {
+        self.high_water
+    }
+
+    /// Whether less than a sixteenth of the places is free.
+    #[must_use]
+    pub fn is_nearly_full(&self) -> bool {
+        self.free.len() < self.regions.len() / 16
+    }
+
+    /// Index of a region.
+    #[must_use]
+    pub fn index(&self, id: RegionId) -> Option<usize> {
+        self.by_id.get(id.0).map(|k| k as usize)
+    }
+
+    /// The region at an index that [`RegionTable::index`] gave.
+    #[must_use]
+    pub fn at(&self, index: usize) -> &Region {
+        match &self.regions[index] {
+            Some(region) => region,
+            None => unreachable!("indices are of known regions"),
+        }
+    }
+
+    /// The region at an index, to change.
+    pub fn at_mut(&mut self, index: usize) -> &mut Region {
+        match &mut self.regions[index] {
+            Some(region) => region,
+            None => unreachable!("indices are of known regions"),
+        }
+    }
+
+    /// Adds a region that is asked for; `None` when the table is full.
+    pub fn add(&mut self, id: RegionId) -> Option<usize> {
+        let index = self.free.pop()?;
+        self.by_id.insert(id.0, index);
+        self.regions[index as usize] = Some(Region {
+            id,
+            state: RegionState::Asked,
+            wanted: false,
+            refined: false,
+            closure: List::EMPTY,
+            pending: 0,
+            cursor: Cursor::start(&List::EMPTY),
+            touched: 0,
+            needed: 0,
+            distance: 0.0,
+        });
+        self.high_water = self.high_water.max(self.known());
+        Some(index as usize)
+    }
+
+    /// Forgets a region.
+    pub fn remove(&mut self, index: usize) {
+        if let Some(region) = self.regions[index].take() {
+            self.by_id.remove(region.id.0);
+            self.free.push(index as u32);
+        }
+    }
+
+    /// Indices of all regions, ascending.
+    pub fn indices(&self) -> impl Iterator<Item = usize> + '_ {
+        self.regions
+            .iter()
+            .enumerate()
+            .filter_map(|(k, region)| region.is_some().then_some(k))
+    }
+
+    /// Places in the table.
+    #[must_use]
+    pub fn capacity(&self) -> usize {
+        self.regions.len()
+    }
+
+    /// The region at a place, if any.
+    #[must_use]
+    pub fn get(&self, place: usize) -> Option<&Region> {
+        self.regions[place].as_ref()
+    }
+}

@@ -1,0 +1,378 @@
+//! Connection agent of the controller: one thread that owns every iceoryx2 port.
+//!
+//! Loans allocate and a new peer connects inside of a receive, so no port is touched by the tick. They meet
+//! in bounded rings: requests and contacts come out of the tick, chunks go into it. A chunk is taken from
+//! iceoryx2 only when the inbox has room, so none is dropped here; the credit window bounds what waits.
+
+use crate::inbox::InboxChunk;
+use iceoryx2::node::Node;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::{BackpressureStrategy, ipc};
+use rtrb::{Consumer, Producer};
+use shared::protocol::{
+    BUFFER, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Domain, HELLO_PERIOD_MS, Hello,
+    HelloError, Request, Role, TransportError,
+};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::mpsc;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+use thiserror::Error;
+
+/// Room in the inbox: twice the credit window.
+pub const INBOX: usize = 64;
+/// Time between two looks at the ports.
+const POLL: Duration = Duration::from_micros(150);
+/// Time between two heartbeats.
+const HELLO: Duration = Duration::from_millis(HELLO_PERIOD_MS);
+/// A station not heard for so long is not there.
+const ALIVE: Duration = Duration::from_millis(5 * HELLO_PERIOD_MS);
+/// Time between two clean-ups of dead nodes.
+const CLEANUP: Duration = Duration::from_secs(1);
+/// The thread's stack: locked memory commits it whole.
+const STACK: usize = 512 << 10;
+/// Sentences about peers at the most.
+const MOST_SAID: usize = 64;
+
+/// Called with every chunk in the order of arrival, before the tick can see it.
+pub type Recorder = Box<dyn FnMut(&InboxChunk) + Send>;
+
+/// Who the controller is, and where.
+#[derive(Debug, Clone)]
+pub struct LinkOptions {
+    /// The iceoryx2 domain.
+    pub domain: Domain,
+    /// The client's id, the same after a restart or not.
+    pub client: u64,
+    /// Different at every start.
+    pub incarnation: u64,
+}
+
+/// The link's ends of the rings, and what it tells the tick.
+pub struct LinkEndpoints {
+    /// Requests of the tick, ready to send.
+    pub requests: Consumer<Request>,
+    /// Contacts of the tick.
+    pub contacts: Consumer<ContactReport>,
+    /// The tick's inbox; room for [`INBOX`].
+    pub inbox: Producer<InboxChunk>,
+    /// Incarnation of the station heard in the last half second; 0 when there is none.
+    pub station: Arc<AtomicU64>,
+    /// Version of a peer that speaks another protocol; 0 when none was heard.
+    pub other_version: Arc<AtomicU32>,
+    /// Records arrivals, if wanted.
+    pub recorder: Option<Recorder>,
+}
+
+/// Why there is no link.
+#[derive(Debug, Error)]
+pub enum LinkError {
+    /// iceoryx2 refused.
+    #[error("{0}")]
+    Transport(#[from] TransportError),
+    /// The operating system gave no thread.
+    #[error("cannot start the thread of the link: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+/// What the link counted. Totals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LinkReport {
+    /// Requests sent.
+    pub requests: u64,
+    /// Requests that no station was there to receive, or that could not be sent; the epoch heals them.
+    pub undelivered: u64,
+    /// Chunks received.
+    pub chunks: u64,
+    /// Chunks dropped because they have another length than this version's.
+    pub foreign: u64,
+    /// Looks at the ports that found the inbox full.
+    pub inbox_full: u64,
+}
+
+/// The connection agent.
+#[derive(Debug)]
+pub struct Link;
+
+/// A running link. Dropping it stops it too.
+#[derive(Debug)]
+pub struct LinkHandle {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<LinkReport>>,
+}
+
+impl Link {
+    /// Starts the thread; returns when its ports are open.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses the domain, or there is no thread.
+    pub fn spawn(options: LinkOptions, endpoints: LinkEndpoints) -> Result<LinkHandle, LinkError> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let stop_thread = Arc::clone(&stop);
+        let (opened, wait) = mpsc::sync_channel(1);
+        let thread = thread::Builder::new()
+            .name("hrtc-link".to_owned())
+            .stack_size(STACK)
+            .spawn(move || match Ports::open(&options) {
+                Ok(ports) => {
+                    let _ = opened.send(Ok(()));
+                    Agent::new(options, ports, endpoints).run(&stop_thread)
+                }
+                Err(error) => {
+                    let _ = opened.send(Err(error));
+                    LinkReport::default()
+                }
+            })?;
+        let handle = LinkHandle {
+            stop,
+            thread: Some(thread),
+        };
+        match wait.recv() {
+            Ok(result) => result?,
+            Err(_) => return Err(std::io::Error::other("it ended before it began").into()),
+        }
+        Ok(handle)
+    }
+}
+
+impl LinkHandle {
+    /// Sends what the tick left, closes the ports and waits for the thread.
+    #[must_use]
+    pub fn stop(mut self) -> LinkReport {
+        self.join().unwrap_or_default()
+    }
+
+    fn join(&mut self) -> Option<LinkReport> {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.take().and_then(|thread| thread.join().ok())
+    }
+}
+
+impl Drop for LinkHandle {
+    fn drop(&mut self) {
+        self.join();
+    }
+}
+
+struct Ports {
+    requests: Publisher<ipc::Service, Request, ()>,
+    contacts: Publisher<ipc::Service, ContactReport, ()>,
+    records: Subscriber<ipc::Service, [ChunkSlot], ChunkHeader>,
+    hello_in: Subscriber<ipc::Service, Hello, ()>,
+    hello_out: Publisher<ipc::Service, Hello, ()>,
+    // Last, so that it goes last.
+    node: Node<ipc::Service>,
+}
+
+impl Ports {
+    fn open(options: &LinkOptions) -> Result<Self, TransportError> {
+        let domain = &options.domain;
+        let node = domain.node()?;
+        // The inbox before the first question: what comes must find it.
+        let records = domain
+            .records_service(&node, options.client)?
+            .subscriber_builder()
+            .buffer_size(BUFFER)
+            .create()
+            .map_err(|e| domain.error("receive records", e))?;
+        let requests = domain
+            .subscribe_service(&node)?
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| domain.error("send requests", e))?;
+        let contacts = domain
+            .pose_service(&node)?
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| domain.error("send contacts", e))?;
+        let hello = domain.hello_service(&node)?;
+        let hello_in = hello
+            .subscriber_builder()
+            .buffer_size(BUFFER)
+            .create()
+            .map_err(|e| domain.error("receive heartbeats", e))?;
+        let hello_out = hello
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| domain.error("send heartbeats", e))?;
+        Ok(Self {
+            requests,
+            contacts,
+            records,
+            hello_in,
+            hello_out,
+            node,
+        })
+    }
+}
+
+/// What the thread works with.
+struct Agent {
+    options: LinkOptions,
+    ports: Ports,
+    ends: LinkEndpoints,
+    report: LinkReport,
+    /// The station heard, and when last.
+    station: Option<(u64, Instant)>,
+    said: BTreeSet<String>,
+}
+
+impl Agent {
+    fn new(options: LinkOptions, ports: Ports, ends: LinkEndpoints) -> Self {
+        Self {
+            options,
+            ports,
+            ends,
+            report: LinkReport::default(),
+            station: None,
+            said: BTreeSet::new(),
+        }
+    }
+
+    fn run(mut self, stop: &AtomicBool) -> LinkReport {
+        let (mut next_hello, mut next_cleanup) = (Instant::now(), Instant::now() + CLEANUP);
+        loop {
+            let ending = stop.load(Ordering::Relaxed);
+            let now = Instant::now();
+            self.receive();
+            self.send();
+            self.listen(now);
+            if now >= next_hello {
+                next_hello = now + HELLO;
+                let LinkOptions {
+                    client,
+                    incarnation,
+                    ..
+                } = self.options;
+                let hello = Hello::new(Role::Controller, incarnation, client);
+                if let Err(e) = self.ports.hello_out.send_copy(hello) {
+                    self.complain("send heartbeats", e);
+                }
+            }
+            if now >= next_cleanup {
+                next_cleanup = now + CLEANUP;
+                // A station that died leaves its queues to whoever looks.
+                let _ = self.ports.node.try_cleanup_dead_nodes();
+            }
+            if ending {
+                self.ends.station.store(0, Ordering::Release);
+                return self.report;
+            }
+            thread::sleep(POLL);
+        }
+    }
+
+    /// Moves chunks into the inbox while it has room; what finds none waits in iceoryx2's queue.
+    fn receive(&mut self) {
+        for _ in 0..INBOX {
+            if self.ends.inbox.is_full() {
+                self.report.inbox_full += 1;
+                return;
+            }
+            let sample = match self.ports.records.receive() {
+                Ok(Some(sample)) => sample,
+                Ok(None) => return,
+                Err(e) => return self.complain("receive records", e),
+            };
+            let Ok(slots) = <[ChunkSlot; CHUNK_SLOTS]>::try_from(sample.payload()) else {
+                self.report.foreign += 1;
+                continue;
+            };
+            let chunk = InboxChunk {
+                header: *sample.user_header(),
+                slots,
+            };
+            drop(sample);
+            if let Some(record) = &mut self.ends.recorder {
+                record(&chunk);
+            }
+            self.report.chunks += 1;
+            // There is room: this thread is the only one that fills it.
+            let _ = self.ends.inbox.push(chunk);
+        }
+    }
+
+    fn send(&mut self) {
+        while let Ok(request) = self.ends.requests.pop() {
+            self.report.requests += 1;
+            match self.ports.requests.send_copy(request) {
+                Ok(0) => self.report.undelivered += 1,
+                Ok(_) => {}
+                Err(e) => {
+                    self.report.undelivered += 1;
+                    self.complain("send requests", e);
+                }
+            }
+        }
+        while let Ok(contact) = self.ends.contacts.pop() {
+            // A contact that is lost is one measured error less.
+            if let Err(e) = self.ports.contacts.send_copy(contact) {
+                self.complain("send contacts", e);
+            }
+        }
+    }
+
+    /// Takes heartbeats in and tells the tick which station is there.
+    fn listen(&mut self, now: Instant) {
+        for _ in 0..2 * BUFFER {
+            let read = match self.ports.hello_in.receive() {
+                Ok(Some(hello)) => hello.payload().read(),
+                Ok(None) => break,
+                Err(e) => return self.complain("receive heartbeats", e),
+            };
+            match read {
+                Ok((Role::Station, incarnation, _)) => self.hear_station(incarnation, now),
+                Ok((Role::Controller, ..)) => {}
+                Err(error) => {
+                    if let HelloError::OtherVersion { theirs, .. } = error {
+                        self.ends.other_version.store(theirs, Ordering::Release);
+                    }
+                    self.say(error.to_string());
+                }
+            }
+        }
+        if self
+            .station
+            .is_some_and(|(_, last)| now.duration_since(last) > ALIVE)
+        {
+            self.station = None;
+        }
+        let alive = self.station.map_or(0, |(incarnation, _)| incarnation);
+        self.ends.station.store(alive, Ordering::Release);
+    }
+
+    /// A station that is alive is kept when another one speaks up, so that two of them do not alternate;
+    /// a restarted one is taken as soon as the dead one's last heartbeat is two periods old.
+    fn hear_station(&mut self, incarnation: u64, now: Instant) {
+        match self.station {
+            Some((current, last)) if current != incarnation => {
+                if now.duration_since(last) > 2 * HELLO {
+                    self.station = Some((incarnation, now));
+                }
+            }
+            _ => self.station = Some((incarnation, now)),
+        }
+    }
+
+    fn complain(&mut self, what: &'static str, reason: impl std::fmt::Debug) {
+        let error = self.options.domain.error(what, reason);
+        self.say(error.to_string());
+    }
+
+    /// Says a sentence once.
+    fn say(&mut self, sentence: String) {
+        if self.said.len() < MOST_SAID && !self.said.contains(&sentence) {
+            tracing::warn!("{sentence}");
+            self.said.insert(sentence);
+        }
+    }
+}

@@ -1,0 +1,425 @@
+//! Draining the inbox: chunks into model, closures, records, tour.
+
+use super::{Controller, Fault, Model, ModelFrame, TickInputs};
+use crate::cache::{List, LoadError, RegionState};
+use crate::inbox::InboxChunk;
+use crate::proxy::Proxy;
+use crate::subscriber::Reception;
+use crate::tick_record::CoreRecord;
+use shared::protocol::{
+    BaseFace, BaseVertex, CHUNK_SLOTS, ChunkKind, IDS_PER_SLOT, MODEL_HEADER_SLOTS, MeasuredError,
+    ModelHeader, Refusal, TourPoint,
+};
+use shared::spm::{NONE, RegionId, VspRecord};
+
+/// Work units of the inbox a tick: a record or base item is 4, sixteen ids of a closure are 8.
+pub const BUDGET: u32 = 80;
+const PER_ITEM: u32 = 4;
+/// Ticks for which a record may wait for room before its region is given up.
+const PATIENCE: u32 = 50;
+
+/// Where the draining stands within the oldest chunk.
+#[derive(Debug, Clone, Default)]
+pub struct Inbox {
+    /// Items of the oldest chunk that are done.
+    done: usize,
+    /// Slots of the model that are done.
+    model_slots: u32,
+    /// The header of a model whose base mesh is still coming.
+    coming: Option<ModelHeader>,
+    waited: u32,
+}
+
+impl Inbox {
+    /// Nothing received.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+}
+
+/// How far a chunk was taken.
+enum Taken {
+    /// To its end.
+    Whole,
+    /// Up to the tick's budget or the cache's room.
+    Part,
+    /// It does not continue what was received: the epoch ends.
+    Gap,
+}
+
+impl Controller {
+    /// Consumes chunks within the budget; returns how many are done with.
+    pub(super) fn drain(
+        &mut self,
+        inputs: &TickInputs<'_>,
+        operations: &mut u32,
+        record: &mut CoreRecord,
+    ) -> usize {
+        let mut budget = BUDGET;
+        let mut consumed = 0;
+        let [first, second] = inputs.chunks;
+        for chunk in first.iter().chain(second) {
+            match self.subscriber.receive(&chunk.header) {
+                Reception::Stale => {
+                    consumed += 1;
+                    self.inbox.done = 0;
+                    continue;
+                }
+                Reception::Gap => {
+                    self.end_epoch(inputs.tick);
+                    consumed += 1;
+                    continue;
+                }
+                Reception::Next => {}
+            }
+            let before = self.inbox.done;
+            match self.take(chunk, inputs.tick, &mut budget, operations, record) {
+                Taken::Whole => {
+                    self.subscriber.consumed(inputs.tick);
+                    self.bytes_received += size_of::<InboxChunk>() as u64;
+                    self.inbox.done = 0;
+                    self.inbox.waited = 0;
+                    consumed += 1;
+                }
+                Taken::Part => {
+                    // Room is short when budget is left and nothing moved.
+                    if self.inbox.done == before && budget > 0 {
+                        self.inbox.waited += 1;
+                    }
+                    break;
+                }
+                Taken::Gap => {
+                    self.end_epoch(inputs.tick);
+                    consumed += 1;
+                }
+            }
+            if budget == 0 {
+                break;
+            }
+        }
+        record.work_units += BUDGET - budget;
+        consumed
+    }
+
+    fn end_epoch(&mut self, tick: u64) {
+        self.subscriber.end_epoch(tick, &mut self.cache);
+        self.inbox.done = 0;
+        self.inbox.waited = 0;
+        if !self.path_is_whole {
+            self.path.clear();
+        }
+    }
+
+    fn take(
+        &mut self,
+        chunk: &InboxChunk,
+        tick: u64,
+        budget: &mut u32,
+        operations: &mut u32,
+        record: &mut CoreRecord,
+    ) -> Taken {
+        match ChunkKind::from_code(chunk.header.kind) {
+            Some(ChunkKind::Model) => self.take_model(chunk, budget),
+            Some(ChunkKind::Closure) => self.take_closure(chunk, budget),
+            Some(ChunkKind::Records) => self.take_records(chunk, tick, budget, operations, record),
+            Some(ChunkKind::Measured) => {
+                let items: &[MeasuredError] = bytemuck::cast_slice(&chunk.slots);
+                let count = (chunk.header.count as usize).min(items.len());
+                for item in items[..count].iter().filter(|m| m.distance.is_finite()) {
+                    let most = self.measured.unwrap_or(0.0);
+                    self.measured = Some(most.max(item.distance));
+                }
+                Taken::Whole
+            }
+            Some(ChunkKind::Tour) => {
+                self.take_tour(chunk);
+                Taken::Whole
+            }
+            Some(ChunkKind::Refused) => {
+                self.take_refusal(chunk);
+                Taken::Whole
+            }
+            Some(ChunkKind::Empty) => {
+                self.take_empty(chunk);
+                Taken::Whole
+            }
+            // A kind of a later version: skipped, the numbers go on.
+            None => Taken::Whole,
+        }
+    }
+
+    fn take_model(&mut self, chunk: &InboxChunk, budget: &mut u32) -> Taken {
+        if self.fault.is_some() {
+            return Taken::Whole;
+        }
+        if let Some(model) = &self.model {
+            if model.header.model != chunk.header.model {
+                self.fault = Some(Fault::AnotherModel);
+            }
+            return Taken::Whole;
+        }
+        if self.inbox.done == 0 && chunk.header.code == 0 && self.inbox.coming.is_none() {
+            let raw: &[u8] = bytemuck::cast_slice(&chunk.slots);
+            let header: ModelHeader =
+                bytemuck::pod_read_unaligned(&raw[..size_of::<ModelHeader>()]);
+            if !header.is_valid() || header.model != chunk.header.model {
+                self.fault = Some(Fault::DamagedModel);
+                return Taken::Whole;
+            }
+            if let Err(error) = self.cache.begin_model(&header) {
+                self.fault = Some(error.into());
+                return Taken::Whole;
+            }
+            self.inbox.coming = Some(header);
+            self.inbox.model_slots = MODEL_HEADER_SLOTS as u32;
+        }
+        let Some(header) = self.inbox.coming else {
+            return Taken::Gap;
+        };
+        if header.model != chunk.header.model {
+            self.fault = Some(Fault::AnotherModel);
+            return Taken::Whole;
+        }
+        let vertex_slots = header.base_vertices.div_ceil(4);
+        let faces_from = MODEL_HEADER_SLOTS as u32 + vertex_slots;
+        let end = faces_from + header.base_faces.div_ceil(2);
+        // A repeated answer (after an epoch ended) starts anew: what was set is set again, equal.
+        for slot in 0..CHUNK_SLOTS as u32 {
+            let place = chunk.header.code.saturating_add(slot);
+            if place < self.inbox.model_slots || place >= end {
+                continue;
+            }
+            if place > self.inbox.model_slots {
+                return Taken::Gap;
+            }
+            if *budget < 4 * PER_ITEM {
+                *budget = 0;
+                return Taken::Part;
+            }
+            let words = &chunk.slots[slot as usize].words;
+            let good = if place < faces_from {
+                let first = 4 * (place - MODEL_HEADER_SLOTS as u32);
+                let items: &[BaseVertex; 4] = bytemuck::cast_ref(words);
+                let count = 4.min(header.base_vertices - first);
+                *budget -= PER_ITEM;
+                (0..count).all(|k| self.cache.set_base_vertex(first + k, &items[k as usize]))
+            } else {
+                let first = 2 * (place - faces_from);
+                let items: &[BaseFace; 2] = bytemuck::cast_ref(words);
+                let count = 2.min(header.base_faces - first);
+                *budget -= 2 * PER_ITEM;
+                (0..count).all(|k| self.cache.set_base_face(first + k, &items[k as usize]))
+            };
+            if !good {
+                self.fault = Some(Fault::DamagedModel);
+                return Taken::Whole;
+            }
+            self.inbox.model_slots = place + 1;
+            self.inbox.done += 1;
+        }
+        if self.inbox.model_slots >= end {
+            self.finish_model(header);
+        }
+        Taken::Whole
+    }
+
+    fn finish_model(&mut self, header: ModelHeader) {
+        if !self.cache.mesh().base_is_consistent() {
+            self.fault = Some(Fault::DamagedModel);
+            return;
+        }
+        self.cache.refit();
+        let frame = ModelFrame::new(&self.object, &header);
+        let mesh = self.cache.mesh();
+        let radius_max = (0..header.base_vertices)
+            .map(|v| mesh.radius(v))
+            .fold(0.0f32, f32::max);
+        self.proxy = Some(Proxy::new(self.radius_m / frame.metres_per_unit));
+        self.model = Some(Model {
+            header,
+            frame,
+            radius_max: f64::from(radius_max),
+        });
+        self.subscriber.model_is(header.model);
+        self.subscriber.answered();
+        if let Some(ask) = self.tour_ask(&frame) {
+            self.subscriber.ask_tour(ask);
+        }
+    }
+
+    /// The asked region that a chunk is about; chunks about others are skipped.
+    fn region_of(&self, chunk: &InboxChunk) -> Option<usize> {
+        let index = self.cache.regions.index(RegionId(chunk.header.region))?;
+        (self.cache.regions.at(index).state == RegionState::Asked).then_some(index)
+    }
+
+    fn take_closure(&mut self, chunk: &InboxChunk, budget: &mut u32) -> Taken {
+        let Some(region) = self.region_of(chunk) else {
+            return Taken::Whole;
+        };
+        let ids: &[u32] = bytemuck::cast_slice(&chunk.slots);
+        let count = (chunk.header.count as usize).min(ids.len());
+        while self.inbox.done < count {
+            if *budget < 2 * PER_ITEM {
+                *budget = 0;
+                return Taken::Part;
+            }
+            *budget -= 2 * PER_ITEM;
+            let end = (self.inbox.done + IDS_PER_SLOT).min(count);
+            match self
+                .cache
+                .add_to_closure(region, &ids[self.inbox.done..end])
+            {
+                Ok(()) => self.inbox.done = end,
+                Err(LoadError::NoRoom) => {
+                    self.give_up(region);
+                    return Taken::Whole;
+                }
+                Err(_) => {
+                    self.refuse(region);
+                    return Taken::Whole;
+                }
+            }
+        }
+        self.end_of_answer(chunk, region)
+    }
+
+    fn take_records(
+        &mut self,
+        chunk: &InboxChunk,
+        tick: u64,
+        budget: &mut u32,
+        operations: &mut u32,
+        record: &mut CoreRecord,
+    ) -> Taken {
+        let Some(region) = self.region_of(chunk) else {
+            return Taken::Whole;
+        };
+        let records: &[VspRecord] = bytemuck::cast_slice(&chunk.slots);
+        let count = (chunk.header.count as usize).min(records.len());
+        while self.inbox.done < count {
+            if *budget < PER_ITEM {
+                *budget = 0;
+                return Taken::Part;
+            }
+            if !self.cache.has_slot() && !self.make_room(region, tick, operations, record) {
+                if self.inbox.waited < PATIENCE {
+                    return Taken::Part;
+                }
+                self.give_up(region);
+                self.refinement.starved(tick);
+                return Taken::Whole;
+            }
+            *budget -= PER_ITEM;
+            match self.cache.load(region, &records[self.inbox.done]) {
+                Ok(()) => {
+                    self.vsps_received += 1;
+                    self.inbox.done += 1;
+                    // A record costs about half an operation: one budget for both keeps ticks even.
+                    *operations = operations.saturating_sub((self.inbox.done % 2) as u32);
+                }
+                Err(LoadError::NoRoom) => return Taken::Part,
+                Err(LoadError::Gap) => return Taken::Gap,
+                Err(LoadError::Damaged) => {
+                    self.refuse(region);
+                    return Taken::Whole;
+                }
+            }
+        }
+        self.end_of_answer(chunk, region)
+    }
+
+    fn end_of_answer(&mut self, chunk: &InboxChunk, region: usize) -> Taken {
+        if chunk.header.last == 0 {
+            return Taken::Whole;
+        }
+        if self.cache.finish(region).is_err() {
+            return Taken::Gap;
+        }
+        self.subscriber.answered();
+        Taken::Whole
+    }
+
+    /// Regions without any VSP are held at once.
+    fn take_empty(&mut self, chunk: &InboxChunk) {
+        let ids: &[u32] = bytemuck::cast_slice(&chunk.slots);
+        let count = (chunk.header.count as usize).min(ids.len());
+        for &id in &ids[..count] {
+            let index = self.cache.regions.index(RegionId(id));
+            let asked = index.filter(|&index| {
+                let region = self.cache.regions.at(index);
+                region.state == RegionState::Asked && region.closure == List::EMPTY
+            });
+            if let Some(index) = asked
+                && self.cache.finish(index).is_ok()
+            {
+                self.subscriber.answered();
+            }
+        }
+    }
+
+    /// Drops an asked region for lack of room; the station is told.
+    fn give_up(&mut self, region: usize) {
+        self.cache.let_go(region);
+        self.subscriber.answered();
+        if self.subscriber.may_release() {
+            self.cache.regions.at_mut(region).state = RegionState::ToRelease;
+            self.subscriber.release(region);
+        } else {
+            // The station goes on believing in it; should it be asked for again, the answer lacks
+            // records, and that ends the epoch.
+            self.cache.regions.remove(region);
+        }
+    }
+
+    /// Drops an asked region that cannot be used, and does not ask for it again.
+    pub(super) fn refuse(&mut self, region: usize) {
+        self.cache.let_go(region);
+        let entry = self.cache.regions.at_mut(region);
+        if entry.state == RegionState::Asked {
+            self.subscriber.answered();
+        }
+        entry.state = RegionState::Refused;
+        self.last_refused = entry.id.0;
+        self.refused_regions += 1;
+    }
+
+    fn take_tour(&mut self, chunk: &InboxChunk) {
+        if self.path_is_whole {
+            return;
+        }
+        let points: &[TourPoint] = bytemuck::cast_slice(&chunk.slots);
+        let count = (chunk.header.count as usize).min(points.len());
+        for point in &points[..count] {
+            let finite = point.t.is_finite()
+                && point.position.iter().all(|x| x.is_finite())
+                && point.orientation_wxyz.iter().all(|x| x.is_finite());
+            let ordered = self.path.last().is_none_or(|last| last.t < point.t);
+            // A longer tour than was asked for is cut, never stored.
+            if finite && ordered && self.path.len() < self.path.capacity() {
+                self.path.push(*point);
+            }
+        }
+        if chunk.header.last == 1 {
+            self.path_is_whole = true;
+            self.subscriber.tour_is_here();
+            self.subscriber.answered();
+        }
+    }
+
+    fn take_refusal(&mut self, chunk: &InboxChunk) {
+        match Refusal::from_code(chunk.header.code) {
+            Some(Refusal::UnknownModel) => self.fault = Some(Fault::UnknownModel),
+            // Only a tour is refused without a region.
+            _ if chunk.header.region == NONE && !self.path_is_whole => {
+                self.fault = Some(Fault::NoTour);
+            }
+            _ => {
+                if let Some(region) = self.region_of(chunk) {
+                    self.refuse(region);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! What the simulated hand intends over time: points of a scene's CSV, or a tour that the station made.
+
+use super::simulated::Intent;
+use crate::controller::ModelFrame;
+use glam::DVec3;
+use shared::geometry::Pose;
+use shared::protocol::TourPoint;
+
+/// A place in a list of points in time.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Script {
+    cursor: usize,
+}
+
+impl Script {
+    /// The intent at `t` seconds along `points` (in the world); it rests before the first and after the last.
+    ///
+    /// Time must not go back. Moves on by as many points as lie between two calls.
+    pub fn along_points(&mut self, points: &[(f64, Pose)], t: f64) -> Option<Intent> {
+        self.along(points.len(), |k| points[k].0, |k| points[k].1, t)
+    }
+
+    /// The intent along a tour of an object with the given frame.
+    pub fn along_tour(
+        &mut self,
+        points: &[TourPoint],
+        frame: &ModelFrame,
+        t: f64,
+    ) -> Option<Intent> {
+        let pose = |k: usize| {
+            let point: &TourPoint = &points[k];
+            // Tours are in the file's own frame: its origin is part of the position.
+            let position = DVec3::from_array(point.position) - frame.origin;
+            Pose::at(frame.to_world(position))
+        };
+        self.along(points.len(), |k| points[k].t, pose, t)
+    }
+
+    fn along(
+        &mut self,
+        length: usize,
+        time: impl Fn(usize) -> f64,
+        pose: impl Fn(usize) -> Pose,
+        t: f64,
+    ) -> Option<Intent> {
+        let last = length.checked_sub(1)?;
+        while self.cursor < last && time(self.cursor + 1) <= t {
+            self.cursor += 1;
+        }
+        let from = pose(self.cursor);
+        let start = time(self.cursor);
+        if self.cursor == last || t < start {
+            return Some(Intent {
+                pose: from,
+                velocity: DVec3::ZERO,
+            });
+        }
+        let to = pose(self.cursor + 1);
+        let span = time(self.cursor + 1) - start;
+        let share = (t - start) / span;
+        Some(Intent {
+            pose: Pose {
+                position: from.position.lerp(to.position, share),
+                orientation: from.orientation.slerp(to.orientation, share),
+            },
+            velocity: (to.position - from.position) / span,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_interpolates_and_rests_at_both_ends() {
+        let points = [
+            (1.0, Pose::at(DVec3::ZERO)),
+            (2.0, Pose::at(DVec3::X)),
+            (4.0, Pose::at(DVec3::X + DVec3::Y)),
+        ];
+        let mut script = Script::default();
+        let mut at = |t| script.along_points(&points, t).unwrap();
+        assert_eq!(at(0.0).velocity, DVec3::ZERO);
+        assert_eq!(at(1.5).pose.position, DVec3::X * 0.5);
+        assert_eq!(at(1.5).velocity, DVec3::X);
+        assert_eq!(at(3.0).pose.position, DVec3::new(1.0, 0.5, 0.0));
+        assert_eq!(at(9.0).pose.position, DVec3::new(1.0, 1.0, 0.0));
+        assert_eq!(at(9.0).velocity, DVec3::ZERO);
+        assert!(Script::default().along_points(&[], 0.0).is_none());
+    }
+}

@@ -1,0 +1,328 @@
+//! The proxy (god-object): where the probe would be if it could not enter the object.
+//!
+//! After Zilles and Salisbury 1995 and Ruspini et al. 1997, for a sphere, with three differences that the
+//! facts of haptics ask for: every constraint in reach is obeyed within one tick (not one a tick), nothing
+//! depends on an absolute length, and the motion is continuous: the sphere is swept to where it goes, so no
+//! sheet is thin enough to be missed, at any speed, from either side.
+//!
+//! A step linearises the faces in reach to half-spaces, goes to the point of their intersection that is
+//! closest to the device ([`projection`]), and sweeps the sphere there. Where the sweep meets a face that the
+//! half-spaces did not know, the proxy stops at the touch and takes the step anew with that face among them.
+//! Half-spaces act at the probe's radius, the sweep at a radius smaller by a skin: so a resting contact is
+//! not a touch, and every crossing is.
+
+mod constraints;
+pub mod projection;
+mod side;
+
+pub use constraints::MOST_CONSTRAINTS;
+
+use crate::query::{NearFaces, Nearest, Surface, Work, closest_point, swept_sphere};
+use constraints::Constraints;
+use glam::DVec3;
+use projection::project;
+use shared::spm::{Handle, NONE};
+
+/// What the sweep's radius is smaller by, as a fraction of the probe's radius.
+const SKIN: f64 = 1e-6;
+/// What the ball of faces that a tick looks at holds beyond the probe's radius: so many times the device's
+/// motion, and this fraction of the radius.
+const AHEAD: f64 = 2.0;
+const LOOK_AROUND: f64 = 0.02;
+/// Motion, as a fraction of the radius, below which a tick is done.
+const CONVERGED: f64 = 1e-7;
+/// Ratio of two steps beyond which they are not taken for a geometric series.
+const SERIES: f64 = 0.9;
+/// Steps a tick at the most; what is left is done in the next tick, from a safe position.
+const STEPS: usize = 8;
+/// The sphere that stays outside, in the model's frame and units.
+#[derive(Debug, Clone)]
+pub struct Proxy {
+    radius: f64,
+    position: DVec3,
+    goal: DVec3,
+    placed: bool,
+    side: Option<Side>,
+    constraints: Constraints,
+    near: NearFaces,
+}
+
+/// On which side of the front the proxy is.
+#[derive(Debug, Clone, Copy)]
+struct Side {
+    /// On the side that the faces' normals point to.
+    outside: bool,
+    /// Certified error of the face that says so, model units.
+    certified: f64,
+}
+
+/// What holds the proxy at the end of a tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact {
+    /// The face whose constraint pushes most.
+    pub face: Handle,
+    /// Its point closest to the proxy.
+    pub point: DVec3,
+    /// All faces that push, up to three; [`NONE`] where fewer do.
+    pub faces: [Handle; 3],
+}
+
+/// What a tick of the proxy gives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Advance {
+    /// The contact, `None` in free space.
+    pub contact: Option<Contact>,
+    /// What it cost.
+    pub work: Work,
+    /// Constraints that did not fit.
+    pub dropped: u32,
+}
+
+impl Proxy {
+    /// A proxy of the given radius (model units, positive), not placed yet.
+    #[must_use]
+    pub fn new(radius: f64) -> Self {
+        assert!(radius > 0.0, "a sphere has a positive radius");
+        Self {
+            radius,
+            position: DVec3::ZERO,
+            goal: DVec3::ZERO,
+            placed: false,
+            side: None,
+            constraints: Constraints::new(),
+            near: NearFaces::new(),
+        }
+    }
+
+    /// Its position, model units; the device's own before it is placed.
+    #[must_use]
+    pub fn position(&self) -> DVec3 {
+        self.position
+    }
+
+    /// Its radius, model units.
+    #[must_use]
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// Whether it has been placed.
+    #[must_use]
+    pub fn is_placed(&self) -> bool {
+        self.placed
+    }
+
+    /// Puts it somewhere without a sweep: at the first sample, or where the surface has moved over it.
+    pub fn place(&mut self, position: DVec3) {
+        self.position = position;
+        self.goal = position;
+        self.placed = true;
+    }
+
+    /// Remembers the side at the end of a tick.
+    pub fn note_side(&mut self, surface: Surface<'_>, nearest: Option<Nearest>) {
+        self.side = nearest.and_then(|nearest| {
+            let normal = side::pseudo_normal(surface, &nearest)?;
+            Some(Side {
+                outside: (self.position - nearest.closest.point).dot(normal) >= 0.0,
+                certified: f64::from(surface.mesh.certified_error(nearest.face)),
+            })
+        });
+    }
+
+    /// After splits or collapses: where the surface has moved over the proxy's centre, puts the centre back
+    /// on its side. At full resolution nothing moves, so nothing is done there.
+    pub fn keep_side(&mut self, surface: Surface<'_>, work: &mut Work) {
+        let (Some(side), true) = (self.side, self.placed) else {
+            return;
+        };
+        let (nearest, cost) = closest_point(surface, self.position, None);
+        work.add(cost);
+        let Some(nearest) = nearest else {
+            return;
+        };
+        let certified = f64::from(surface.mesh.certified_error(nearest.face)).max(side.certified);
+        let distance = nearest.closest.distance_squared.sqrt();
+        let Some(normal) = side::pseudo_normal(surface, &nearest) else {
+            return;
+        };
+        let away = if side.outside { normal } else { -normal };
+        let crossed = (self.position - nearest.closest.point).dot(away) < 0.0;
+        // The surface moves by no more than its certified error: anything farther is another sheet.
+        if crossed && distance < certified {
+            self.position = nearest.closest.point + away * self.radius;
+        }
+    }
+
+    /// Whether the surface at the proxy may have moved since the side was noted.
+    ///
+    /// A face of the full mesh that is still active has not moved, and it was the closest.
+    #[must_use]
+    pub fn surface_may_have_moved(&self, surface: Surface<'_>, hint: Option<Handle>) -> bool {
+        match (self.side, hint) {
+            (Some(side), Some(face)) => {
+                side.certified > 0.0
+                    || !surface.mesh.is_active(face)
+                    || surface.mesh.certified_error(face) > 0.0
+            }
+            _ => true,
+        }
+    }
+
+    /// One tick: as close to `goal` (the device, model units, finite) as the surface lets it.
+    pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3) -> Advance {
+        let mut work = Work::default();
+        if !self.placed {
+            self.place(goal);
+        }
+        // Faces farther than the device moved in this tick can only matter through the sweep.
+        let reach = self.goal.distance(goal) + 1e-3 * self.radius;
+        self.goal = goal;
+        // Splits and collapses may have changed any face since the last tick.
+        self.near.forget();
+        let skin_radius = self.radius * (1.0 - SKIN);
+        let mut contact = None;
+        let mut last_motion = None;
+        let mut dropped = 0;
+        for _ in 0..STEPS {
+            let wanted = goal - self.position;
+            let length = wanted.length();
+            let reach = reach.min(length + 1e-3 * self.radius);
+            if !self.near.covers(self.position, self.radius + reach) {
+                let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
+                work.add(self.near.gather(surface, self.position, ball));
+            }
+            let constraints = &mut self.constraints;
+            work.add(constraints.linearise(&self.near, self.position, self.radius, reach));
+            dropped = dropped.max(constraints.dropped());
+            let step = project(wanted, self.constraints.planes());
+            contact = self.strongest(step.active()).or(contact);
+            let motion = self.lengthen(step.point, reach, &mut last_motion);
+            // Below the rounding of the coordinates there is nothing left to move.
+            if motion.length() <= 4.0 * f64::EPSILON * (self.position.length() + length) {
+                break;
+            }
+            // Where every face that the motion can reach was looked at, and all half-spaces are obeyed, only
+            // the faces without one are left to be met.
+            let known = step.complete
+                && motion.length() <= reach
+                && self.constraints.dropped() == 0
+                && self.near.covers(self.position, self.radius + reach);
+            let swept = motion.length() + skin_radius;
+            let fraction = if known {
+                let constraints = &self.constraints;
+                let (free, cost) = constraints.free_fraction(self.position, motion, skin_radius);
+                work.add(cost);
+                free
+            } else {
+                let (hit, cost) = if self.near.covers(self.position, swept) {
+                    self.near.sweep(self.position, motion, skin_radius)
+                } else {
+                    swept_sphere(surface, self.position, motion, skin_radius)
+                };
+                work.add(cost);
+                hit.map_or(1.0, |hit| hit.fraction)
+            };
+            if fraction < 1.0 {
+                self.position += motion * fraction;
+            } else if step.active().is_empty() {
+                self.position = goal;
+                break;
+            } else {
+                self.position += motion;
+                if motion.length() <= CONVERGED * self.radius {
+                    break;
+                }
+            }
+        }
+        if self.position == goal {
+            contact = None;
+        }
+        Advance {
+            contact,
+            work,
+            dropped,
+        }
+    }
+
+    /// The whole of a geometric series of steps at once (Aitken).
+    ///
+    /// Around an edge or a vertex the surface of the probe's centre is curved, and half-spaces lead along it
+    /// in steps of a constant ratio, about depth / radius. Longer steps along the same half-spaces are as
+    /// safe; those that would leave one are not taken.
+    fn lengthen(&self, step: DVec3, reach: f64, last: &mut Option<DVec3>) -> DVec3 {
+        let previous = last.replace(step);
+        let Some(previous) = previous else {
+            return step;
+        };
+        let ratio = step.dot(previous) / previous.length_squared();
+        if !(ratio > 0.0 && ratio < SERIES) {
+            return step;
+        }
+        let whole = step / (1.0 - ratio);
+        let planes = self.constraints.planes();
+        let kept = planes
+            .iter()
+            .all(|plane| plane.normal.dot(whole) >= plane.offset.min(plane.normal.dot(step)));
+        if kept && whole.length() <= reach {
+            // The next step does not continue this series.
+            *last = None;
+            whole
+        } else {
+            step
+        }
+    }
+
+    /// The closest face to the proxy if the ball of the last tick shows it, else by a search of the tree.
+    pub fn nearest(
+        &self,
+        surface: Surface<'_>,
+        hint: Option<Handle>,
+        work: &mut Work,
+    ) -> Option<Nearest> {
+        let mut best: Option<Nearest> = None;
+        let reach = self.near.margin(self.position);
+        if reach > 0.0 {
+            let cost = self.near.within(self.position, reach, |near, closest| {
+                let nearer =
+                    |best: Nearest| closest.distance_squared < best.closest.distance_squared;
+                if best.is_none_or(nearer) {
+                    best = Some(Nearest {
+                        face: near.face,
+                        closest,
+                    });
+                }
+            });
+            work.add(cost);
+        }
+        if best.is_none() {
+            let (nearest, cost) = closest_point(surface, self.position, hint);
+            work.add(cost);
+            best = nearest;
+        }
+        best
+    }
+
+    /// The contact of the active planes, the one with the largest multiplier first; with none active, of a
+    /// plane that is closer than the radius.
+    fn strongest(&self, active: &[(usize, f64)]) -> Option<Contact> {
+        let mut faces = [NONE; 3];
+        let mut strongest: Option<(usize, f64)> = None;
+        for (place, &(plane, multiplier)) in faces.iter_mut().zip(active) {
+            *place = self.constraints.source(plane).0;
+            if strongest.is_none_or(|(_, most)| multiplier > most) {
+                strongest = Some((plane, multiplier));
+            }
+        }
+        let plane = match strongest {
+            Some((plane, _)) => plane,
+            None => {
+                let deepest = self.constraints.deepest()?;
+                faces[0] = self.constraints.source(deepest).0;
+                deepest
+            }
+        };
+        let (face, point) = self.constraints.source(plane);
+        Some(Contact { face, point, faces })
+    }
+}

@@ -1,0 +1,71 @@
+//! Queries of a point or sphere against the active front: a file a query, bounded, no allocation, f64.
+//!
+//! All run in the model's frame and units. A stack of 64 entries suffices: the tree is at most 31
+//! levels deep and a level leaves at most one entry behind.
+
+mod closest_point;
+mod faces_within;
+mod near_faces;
+mod swept_sphere;
+
+pub use closest_point::{Nearest, closest_point};
+pub use faces_within::faces_within;
+pub use near_faces::{MOST_FACES, NearFace, NearFaces};
+pub use swept_sphere::{SweepHit, swept_sphere};
+
+use shared::ab_tree::{AbTree, Child};
+use shared::spm::ActiveMesh;
+
+/// Entries of a traversal's stack.
+const STACK: usize = 64;
+
+/// The surface that is asked: an active mesh and the tree over it.
+#[derive(Debug, Clone, Copy)]
+pub struct Surface<'a> {
+    /// The mesh of the refined front.
+    pub mesh: &'a ActiveMesh,
+    /// Its AB-tree, refitted.
+    pub tree: &'a AbTree,
+}
+
+/// What a query cost, in work units.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Work {
+    /// Nodes visited (N_bv of thesis 3.3.3 is twice this: a node holds two boxes).
+    pub nodes: u32,
+    /// Faces tested (N_p).
+    pub faces: u32,
+}
+
+impl Work {
+    /// Adds another query's cost.
+    pub fn add(&mut self, other: Self) {
+        self.nodes += other.nodes;
+        self.faces += other.faces;
+    }
+}
+
+/// A traversal's stack.
+struct Stack {
+    entries: [(f64, Child); STACK],
+    count: usize,
+}
+
+impl Stack {
+    fn new() -> Self {
+        Self {
+            entries: [(0.0, Child::Node(0)); STACK],
+            count: 0,
+        }
+    }
+
+    fn push(&mut self, key: f64, child: Child) {
+        self.entries[self.count] = (key, child);
+        self.count += 1;
+    }
+
+    fn pop(&mut self) -> Option<(f64, Child)> {
+        self.count = self.count.checked_sub(1)?;
+        Some(self.entries[self.count])
+    }
+}

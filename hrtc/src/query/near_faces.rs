@@ -1,0 +1,171 @@
+//! The faces near a point, gathered once a tick: what the steps of the proxy then look at instead of the tree.
+//!
+//! Each face keeps its corners in f64 and its distance from the centre of the ball. A point moves away from
+//! a face by no more than it moves at all, so `distance at the centre - moved` bounds the distance from
+//! below, and most faces are passed over without a look at their corners.
+
+use super::swept_sphere::first_touch;
+use super::{Surface, SweepHit, Work, faces_within};
+use glam::DVec3;
+use shared::geometry::{ClosestPoint, closest_point_on_triangle};
+use shared::spm::{Handle, NONE};
+
+/// Faces that a ball may hold; a ball with more is shrunk.
+pub const MOST_FACES: usize = 192;
+
+/// A face of the ball.
+#[derive(Debug, Clone, Copy)]
+pub struct NearFace {
+    /// The face.
+    pub face: Handle,
+    /// Its vertices.
+    pub vertices: [Handle; 3],
+    /// Their positions.
+    pub corners: [DVec3; 3],
+    /// Distance from the centre of the ball.
+    distance: f64,
+}
+
+impl NearFace {
+    /// No face.
+    pub const NONE: Self = Self {
+        face: NONE,
+        vertices: [NONE; 3],
+        corners: [DVec3::ZERO; 3],
+        distance: 0.0,
+    };
+
+    /// First parameter below `limit` at which a moving sphere touches this face.
+    #[must_use]
+    pub fn first_touch(&self, start: DVec3, motion: DVec3, radius: f64, limit: f64) -> Option<f64> {
+        first_touch(self.corners, start, motion, radius, limit)
+    }
+}
+
+/// A ball and all faces that meet it.
+#[derive(Debug, Clone)]
+pub struct NearFaces {
+    centre: DVec3,
+    radius: f64,
+    faces: [NearFace; MOST_FACES],
+    count: usize,
+}
+
+impl NearFaces {
+    /// A ball of nothing.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            centre: DVec3::ZERO,
+            radius: 0.0,
+            faces: [NearFace::NONE; MOST_FACES],
+            count: 0,
+        }
+    }
+
+    /// Gathers all faces within `radius` of `centre`. Where there are too many the ball shrinks to what
+    /// it holds, so that its statement stays true.
+    pub fn gather(&mut self, surface: Surface<'_>, centre: DVec3, radius: f64) -> Work {
+        self.centre = centre;
+        self.radius = radius;
+        self.count = 0;
+        faces_within(surface, centre, radius, |face, closest| {
+            let distance = closest.distance_squared.sqrt();
+            if distance >= self.radius && self.radius < radius {
+                return;
+            }
+            let place = if self.count < MOST_FACES {
+                self.count += 1;
+                self.count - 1
+            } else {
+                // Full: the farthest goes, and the ball ends short of it.
+                let mut farthest = 0;
+                for k in 1..MOST_FACES {
+                    if self.faces[k].distance > self.faces[farthest].distance {
+                        farthest = k;
+                    }
+                }
+                self.radius = self.radius.min(self.faces[farthest].distance.max(distance));
+                if self.faces[farthest].distance <= distance {
+                    return;
+                }
+                farthest
+            };
+            self.faces[place] = NearFace {
+                face,
+                vertices: surface.mesh.face(face).corners,
+                corners: surface.mesh.corners(face),
+                distance,
+            };
+        })
+    }
+
+    /// Empties the ball: it covers nothing until it is gathered anew.
+    pub fn forget(&mut self) {
+        self.radius = f64::NEG_INFINITY;
+        self.count = 0;
+    }
+
+    /// The radius around `point` within which all faces are among these; negative for none.
+    #[must_use]
+    pub fn margin(&self, point: DVec3) -> f64 {
+        self.radius - point.distance(self.centre)
+    }
+
+    /// Whether every face that meets the ball of `radius` around `point` is among these.
+    #[must_use]
+    pub fn covers(&self, point: DVec3, radius: f64) -> bool {
+        radius <= self.margin(point)
+    }
+
+    /// Calls `visit` with every face within `distance` of `point`; the ball around it must be covered.
+    pub fn within(
+        &self,
+        point: DVec3,
+        distance: f64,
+        mut visit: impl FnMut(&NearFace, ClosestPoint),
+    ) -> Work {
+        let moved = point.distance(self.centre);
+        let mut work = Work::default();
+        for near in &self.faces[..self.count] {
+            if near.distance > moved + distance {
+                continue;
+            }
+            work.faces += 1;
+            let closest = closest_point_on_triangle(near.corners, point);
+            if closest.distance_squared <= distance * distance {
+                visit(near, closest);
+            }
+        }
+        work
+    }
+
+    /// The first touch of a sphere; as [`super::swept_sphere`], over a path that must be covered.
+    #[must_use]
+    pub fn sweep(&self, start: DVec3, motion: DVec3, radius: f64) -> (Option<SweepHit>, Work) {
+        let moved = start.distance(self.centre) + motion.length();
+        let mut work = Work::default();
+        let mut best: Option<SweepHit> = None;
+        let mut fraction = 1.0;
+        for near in &self.faces[..self.count] {
+            if near.distance > moved + radius {
+                continue;
+            }
+            work.faces += 1;
+            if let Some(t) = first_touch(near.corners, start, motion, radius, fraction) {
+                fraction = t;
+                best = Some(SweepHit {
+                    fraction: t,
+                    face: near.face,
+                });
+            }
+        }
+        (best, work)
+    }
+}
+
+impl Default for NearFaces {
+    fn default() -> Self {
+        Self::new()
+    }
+}

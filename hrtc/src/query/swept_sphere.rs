@@ -1,0 +1,157 @@
+//! A sphere moving along a segment: how far it gets before it touches a face.
+//!
+//! The distance from a point moving on a line to a triangle is a convex function of the parameter. So
+//! Newton's method on `distance - radius` from the start never passes the first root: every iterate is
+//! itself a safe position, and no cylinders, edges or vertices need cases of their own.
+
+use super::{Stack, Surface, Work};
+use glam::DVec3;
+use shared::ab_tree::Child;
+use shared::geometry::{Aabb, closest_point_on_triangle};
+use shared::spm::Handle;
+
+/// The first touch of a swept sphere.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SweepHit {
+    /// Fraction of the segment that is free, 0..1.
+    pub fraction: f64,
+    /// The face touched.
+    pub face: Handle,
+}
+
+/// Newton steps on one face; what is left after them is a position short of the touch, so safe.
+const STEPS: usize = 24;
+/// Gap, as a fraction of the radius, at which a face counts as touched.
+const TOUCH: f64 = 1e-9;
+
+/// The first touch of a sphere of `radius` moving from `start` by `motion`; `None` when it gets through.
+///
+/// A face that overlaps the sphere at the start stops it only if the motion goes towards that face.
+#[must_use]
+pub fn swept_sphere(
+    surface: Surface<'_>,
+    start: DVec3,
+    motion: DVec3,
+    radius: f64,
+) -> (Option<SweepHit>, Work) {
+    let mut work = Work::default();
+    let mut best: Option<SweepHit> = None;
+    let mut fraction = 1.0;
+    let mut stack = Stack::new();
+    if let Some(root) = surface.tree.root() {
+        stack.push(0.0, root);
+    }
+    while let Some((_, child)) = stack.pop() {
+        match child {
+            Child::Face(face) => {
+                work.faces += 1;
+                let corners = surface.mesh.corners(face);
+                if let Some(t) = first_touch(corners, start, motion, radius, fraction) {
+                    fraction = t;
+                    best = Some(SweepHit { fraction: t, face });
+                }
+            }
+            Child::Node(id) => {
+                work.nodes += 1;
+                let node = surface.tree.node(id);
+                let children = node.children();
+                let end = start + motion * fraction;
+                let (low, high) = (start.min(end) - radius, start.max(end) + radius);
+                for side in [1, 0] {
+                    if overlaps(&node.boxes()[side], low, high) {
+                        stack.push(0.0, children[side]);
+                    }
+                }
+            }
+        }
+    }
+    (best, work)
+}
+
+fn overlaps(aabb: &Aabb, low: DVec3, high: DVec3) -> bool {
+    let (lower, upper) = (aabb.lower.as_dvec3(), aabb.upper.as_dvec3());
+    // `&` and not `&&`: one branch a box.
+    (lower.x <= high.x)
+        & (upper.x >= low.x)
+        & (lower.y <= high.y)
+        & (upper.y >= low.y)
+        & (lower.z <= high.z)
+        & (upper.z >= low.z)
+}
+
+/// First parameter below `limit` at which the sphere touches the triangle.
+pub(super) fn first_touch(
+    corners: [DVec3; 3],
+    start: DVec3,
+    motion: DVec3,
+    radius: f64,
+    limit: f64,
+) -> Option<f64> {
+    let mut t = 0.0;
+    for _ in 0..STEPS {
+        let centre = start + motion * t;
+        let closest = closest_point_on_triangle(corners, centre);
+        let offset = centre - closest.point;
+        let distance = closest.distance_squared.sqrt();
+        let gap = distance - radius;
+        // Rate of the distance along the motion; negative while approaching. A centre on the face
+        // itself has no direction: it counts as stopped.
+        let rate = if distance > 0.0 {
+            offset.dot(motion) / distance
+        } else {
+            f64::NEG_INFINITY
+        };
+        if rate >= 0.0 {
+            return None;
+        }
+        if gap <= TOUCH * radius {
+            return Some(t);
+        }
+        t -= gap / rate;
+        if t >= limit {
+            return None;
+        }
+    }
+    Some(t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn vector() -> impl Strategy<Value = DVec3> {
+        prop::array::uniform3(-1.0..1.0f64).prop_map(DVec3::from_array)
+    }
+
+    proptest! {
+        /// The position found touches the face, and no sampled position before it overlaps it.
+        #[test]
+        fn the_touch_is_the_first(
+            corners in prop::array::uniform3(vector()),
+            start in vector(), end in vector(),
+            radius in 0.01..0.3f64, exponent in -6..6i32,
+        ) {
+            let s = 10f64.powi(exponent);
+            let (corners, start, motion, radius) =
+                (corners.map(|c| c * s), start * s, (end - start) * s, radius * s);
+            let gap = |t: f64| {
+                closest_point_on_triangle(corners, start + motion * t).distance_squared.sqrt() - radius
+            };
+            prop_assume!(gap(0.0) > 0.0);
+            match first_touch(corners, start, motion, radius, 1.0) {
+                Some(t) => {
+                    prop_assert!(gap(t) >= -1e-9 * radius && gap(t) < 1e-3 * radius, "{}", gap(t) / radius);
+                    for k in 0..100 {
+                        prop_assert!(gap(t * f64::from(k) / 100.0) >= -1e-9 * radius);
+                    }
+                }
+                None => {
+                    for k in 0..=100 {
+                        prop_assert!(gap(f64::from(k) / 100.0) >= -1e-8 * radius);
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,361 @@
+//! The rights, clocks and counters of a real-time thread on Linux.
+//!
+//! Every right is asked for alone, and one that is missing comes back as a [`MissingRight`] that says how to
+//! get it: the caller reports it, or ends when the scene requires real time.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::os::fd::AsRawFd;
+use thiserror::Error;
+
+/// A right that a real-time thread wants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Right {
+    /// SCHED_FIFO with this priority.
+    Fifo(i32),
+    /// The whole process locked in memory.
+    LockedMemory,
+    /// The thread on this core only.
+    Core(usize),
+    /// The processor kept out of deep sleep.
+    Latency,
+}
+
+/// A right that was refused.
+#[derive(Debug, Error)]
+#[error("{}: {error}; {}", .right.what(), .right.how())]
+pub struct MissingRight {
+    /// Which.
+    pub right: Right,
+    /// What the kernel said.
+    pub error: io::Error,
+}
+
+impl Right {
+    /// What it is, for a list of rights.
+    #[must_use]
+    pub fn name(self) -> String {
+        match self {
+            Self::Fifo(priority) => format!("SCHED_FIFO {priority}"),
+            Self::LockedMemory => "locked memory".to_owned(),
+            Self::Core(core) => format!("pinned to core {core}"),
+            Self::Latency => "no deep sleep (cpu_dma_latency)".to_owned(),
+        }
+    }
+
+    /// What is missing.
+    #[must_use]
+    pub fn what(self) -> String {
+        match self {
+            Self::Fifo(priority) => format!("no real-time priority (SCHED_FIFO {priority})"),
+            Self::LockedMemory => "memory is not locked".to_owned(),
+            Self::Core(core) => format!("the thread is not pinned to core {core}"),
+            Self::Latency => "the processor may sleep deeply (/dev/cpu_dma_latency)".to_owned(),
+        }
+    }
+
+    /// How to get it.
+    #[must_use]
+    pub fn how(self) -> String {
+        match self {
+            Self::Fifo(_) => "put \"@realtime - rtprio 99\" into /etc/security/limits.d/realtime.conf, join the group realtime and log in again".to_owned(),
+            Self::LockedMemory => "put \"@realtime - memlock unlimited\" into /etc/security/limits.d/realtime.conf, join the group realtime and log in again".to_owned(),
+            Self::Core(_) => "name a core that this machine has and this process may use (see taskset -p $$)".to_owned(),
+            Self::Latency => "let a udev rule give the group realtime write access: KERNEL==\"cpu_dma_latency\", GROUP=\"realtime\", MODE=\"0660\"".to_owned(),
+        }
+    }
+
+    fn refused(self) -> MissingRight {
+        MissingRight {
+            right: self,
+            error: io::Error::last_os_error(),
+        }
+    }
+}
+
+/// Gives the calling thread SCHED_FIFO with a priority of 1 to 99.
+///
+/// # Errors
+/// When the kernel refuses.
+pub fn set_fifo(priority: i32) -> Result<(), MissingRight> {
+    let parameters = libc::sched_param {
+        sched_priority: priority,
+    };
+    // SAFETY: the struct lives through the call; 0 is the calling thread.
+    let code = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) };
+    if code == 0 {
+        Ok(())
+    } else {
+        Err(Right::Fifo(priority).refused())
+    }
+}
+
+/// Puts the calling thread on one core.
+///
+/// # Errors
+/// When there is no such core, or the process may not use it.
+pub fn pin_to_core(core: usize) -> Result<(), MissingRight> {
+    if core >= libc::CPU_SETSIZE as usize {
+        return Err(MissingRight {
+            right: Right::Core(core),
+            error: io::Error::from_raw_os_error(libc::EINVAL),
+        });
+    }
+    // SAFETY: all zeros is the empty set; the index is below CPU_SETSIZE.
+    let set = unsafe {
+        let mut set: libc::cpu_set_t = std::mem::zeroed();
+        libc::CPU_SET(core, &mut set);
+        set
+    };
+    // SAFETY: the set lives through the call and its size is given; 0 is the calling thread.
+    let code = unsafe { libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &raw const set) };
+    if code == 0 {
+        Ok(())
+    } else {
+        Err(Right::Core(core).refused())
+    }
+}
+
+/// Locks all memory of the process, present and future. Whole stacks are committed: give threads small ones.
+///
+/// # Errors
+/// When the limit of locked memory is too low.
+pub fn lock_memory() -> Result<(), MissingRight> {
+    // SAFETY: takes no pointers.
+    let code = unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) };
+    if code == 0 {
+        Ok(())
+    } else {
+        Err(Right::LockedMemory.refused())
+    }
+}
+
+/// Keeps the processors out of deep sleep for as long as it lives.
+#[derive(Debug)]
+pub struct LatencyHold(#[expect(dead_code, reason = "the kernel watches the open file")] File);
+
+/// Asks for wake-ups without sleep states.
+///
+/// # Errors
+/// When the device may not be written, or is not there.
+pub fn hold_latency() -> Result<LatencyHold, MissingRight> {
+    let open = || {
+        let mut file = OpenOptions::new()
+            .write(true)
+            .open("/dev/cpu_dma_latency")?;
+        file.write_all(&0i32.to_ne_bytes())?;
+        Ok(LatencyHold(file))
+    };
+    open().map_err(|error| MissingRight {
+        right: Right::Latency,
+        error,
+    })
+}
+
+/// What a thread got of what it wanted.
+#[derive(Debug, Default)]
+pub struct Obtained {
+    /// Refused rights; empty when all were given.
+    pub missing: Vec<MissingRight>,
+    /// Held as long as this lives.
+    pub latency: Option<LatencyHold>,
+}
+
+/// Asks for every right of a real-time thread, for the calling thread.
+#[must_use]
+pub fn obtain(core: Option<usize>, priority: i32) -> Obtained {
+    let mut obtained = Obtained::default();
+    obtained.missing.extend(lock_memory().err());
+    if let Some(core) = core {
+        obtained.missing.extend(pin_to_core(core).err());
+    }
+    match hold_latency() {
+        Ok(hold) => obtained.latency = Some(hold),
+        Err(missing) => obtained.missing.push(missing),
+    }
+    touch_stack();
+    // Last: what comes before may take its time.
+    obtained.missing.extend(set_fifo(priority).err());
+    obtained
+}
+
+/// Writes 128 KiB of the stack, so that no page of it faults later.
+#[inline(never)]
+pub fn touch_stack() {
+    let mut pages = [0u8; 128 * 1024];
+    for page in pages.chunks_mut(4096) {
+        page[0] = 1;
+    }
+    std::hint::black_box(&pages);
+}
+
+fn clock_ns(clock: libc::clockid_t) -> u64 {
+    let mut now = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
+    // SAFETY: the struct lives through the call. Both clocks exist on every Linux, so it cannot fail.
+    unsafe { libc::clock_gettime(clock, &raw mut now) };
+    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
+/// CLOCK_MONOTONIC, ns.
+#[must_use]
+pub fn monotonic_ns() -> u64 {
+    clock_ns(libc::CLOCK_MONOTONIC)
+}
+
+/// Processor time of the calling thread, ns.
+#[must_use]
+pub fn thread_cpu_ns() -> u64 {
+    clock_ns(libc::CLOCK_THREAD_CPUTIME_ID)
+}
+
+/// Sleeps until CLOCK_MONOTONIC reaches `deadline` (ns); through signals.
+pub fn sleep_until_ns(deadline: u64) {
+    let until = libc::timespec {
+        tv_sec: (deadline / 1_000_000_000) as libc::time_t,
+        tv_nsec: (deadline % 1_000_000_000) as libc::c_long,
+    };
+    // SAFETY: the struct lives through the call; no remaining time is asked for.
+    while unsafe {
+        libc::clock_nanosleep(
+            libc::CLOCK_MONOTONIC,
+            libc::TIMER_ABSTIME,
+            &raw const until,
+            std::ptr::null_mut(),
+        )
+    } == libc::EINTR
+    {}
+}
+
+/// What the kernel counted for the calling thread so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ThreadUsage {
+    /// Page faults, minor and major.
+    pub page_faults: u64,
+    /// Times it gave the processor up by itself: sleeps, locks, blocking calls.
+    pub voluntary_switches: u64,
+    /// Times the processor was taken from it.
+    pub involuntary_switches: u64,
+}
+
+/// Reads the kernel's counters of the calling thread.
+#[must_use]
+pub fn thread_usage() -> ThreadUsage {
+    // SAFETY: all zeros is a valid rusage.
+    let mut usage: libc::rusage = unsafe { std::mem::zeroed() };
+    // SAFETY: the struct lives through the call. RUSAGE_THREAD cannot fail.
+    unsafe { libc::getrusage(libc::RUSAGE_THREAD, &raw mut usage) };
+    ThreadUsage {
+        page_faults: (usage.ru_minflt + usage.ru_majflt) as u64,
+        voluntary_switches: usage.ru_nvcsw as u64,
+        involuntary_switches: usage.ru_nivcsw as u64,
+    }
+}
+
+/// How long the calling thread was runnable without running: tells "the kernel kept the core" from "the
+/// timer was late". The file stays open, and reading it allocates nothing.
+#[derive(Debug)]
+pub struct RunDelay(File);
+
+impl RunDelay {
+    /// For the calling thread. Read it on the same thread.
+    ///
+    /// # Errors
+    /// When the kernel keeps no schedstat.
+    pub fn open() -> io::Result<Self> {
+        let file = Self(File::open("/proc/thread-self/schedstat")?);
+        file.ns()
+            .map(|_| file)
+            .ok_or_else(|| io::Error::other("/proc/thread-self/schedstat has no second field"))
+    }
+
+    /// Run delay so far, ns; `None` when the file cannot be read.
+    #[must_use]
+    pub fn ns(&self) -> Option<u64> {
+        let mut text = [0u8; 96];
+        // SAFETY: the buffer lives through the call and its length is given; the file is open.
+        let length =
+            unsafe { libc::pread(self.0.as_raw_fd(), text.as_mut_ptr().cast(), text.len(), 0) };
+        let text = text.get(..usize::try_from(length).ok()?)?;
+        let mut fields = text.split(|&b| b == b' ');
+        fields.nth(1)?.iter().try_fold(0u64, |value, &digit| {
+            let digit = (digit as char).to_digit(10)?;
+            value.checked_mul(10)?.checked_add(u64::from(digit))
+        })
+    }
+}
+
+/// Time that the hypervisor kept from this machine's processors, ticks of 10 ms, all cores together.
+///
+/// Reads `/proc/stat`, so not for the tick. 0 where there is none.
+#[must_use]
+pub fn steal_ticks() -> u64 {
+    let stat = std::fs::read_to_string("/proc/stat").unwrap_or_default();
+    let total = stat.lines().next().unwrap_or_default();
+    total
+        .split_whitespace()
+        .nth(8)
+        .and_then(|field| field.parse().ok())
+        .unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refused_right_says_which_and_how_to_get_it() {
+        let missing = pin_to_core(100_000).unwrap_err();
+        assert_eq!(missing.right, Right::Core(100_000));
+        let sentence = missing.to_string();
+        assert!(
+            sentence.contains("core 100000") && sentence.contains("taskset"),
+            "{sentence}"
+        );
+        let missing = set_fifo(1000).unwrap_err().to_string();
+        assert!(missing.contains("rtprio"), "{missing}");
+    }
+
+    #[test]
+    fn sleeping_never_ends_early_and_costs_a_voluntary_switch() {
+        let before = thread_usage();
+        for _ in 0..5 {
+            let deadline = monotonic_ns() + 2_000_000;
+            sleep_until_ns(deadline);
+            assert!(monotonic_ns() >= deadline);
+        }
+        assert!(thread_usage().voluntary_switches >= before.voluntary_switches + 5);
+    }
+
+    #[test]
+    fn thread_time_counts_work_and_not_sleep() {
+        let before = (thread_cpu_ns(), monotonic_ns());
+        sleep_until_ns(before.1 + 20_000_000);
+        let slept = thread_cpu_ns() - before.0;
+        assert!(slept < monotonic_ns() - before.1);
+        let start = thread_cpu_ns();
+        while thread_cpu_ns() == start {}
+    }
+
+    #[test]
+    fn fresh_memory_shows_as_page_faults() {
+        let before = thread_usage().page_faults;
+        let fresh = vec![1u8; 8 << 20];
+        std::hint::black_box(&fresh);
+        assert!(thread_usage().page_faults > before);
+    }
+
+    #[test]
+    fn the_run_delay_never_falls() {
+        // A kernel may be built without it: then that is said, and there is nothing to test.
+        let Ok(delay) = RunDelay::open() else {
+            println!("skipped: this kernel keeps no /proc/thread-self/schedstat");
+            return;
+        };
+        let before = delay.ns().unwrap();
+        std::thread::yield_now();
+        assert!(delay.ns().unwrap() >= before);
+    }
+}

@@ -1,0 +1,340 @@
+//! Recording every input of every tick, and replaying it through the pure core.
+//!
+//! A recording holds the scene as it was typed, the samples, the station's incarnation and the chunks in the
+//! order of their arrival, with the number that each tick could see. That is everything that goes into a
+//! tick, so a replay by the same build on the same architecture gives the same bits.
+
+use crate::controller::{Controller, NoObserver, TickInputs, TickOutputs};
+use crate::device::Sample;
+use crate::inbox::InboxChunk;
+use crate::subscriber::Identity;
+use crate::tick_record::TickRecord;
+use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
+use shared::geometry::Pose;
+use shared::protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
+use shared::scene::{self, Overrides, SceneError};
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+const MAGIC: &[u8; 8] = b"HRTCREC2";
+const TICK: u8 = 1;
+const CHUNK: u8 = 2;
+const END: u8 = 3;
+/// Longest head that is read: a scene is far shorter.
+const HEAD_MOST: u64 = 16 << 20;
+
+/// Why a recording cannot be written or read.
+#[derive(Debug, Error)]
+pub enum RecordingError {
+    /// The file system.
+    #[error("cannot use the recording {0}: {1}")]
+    File(String, io::Error),
+    /// Not a recording.
+    #[error("{0} is not a recording of this version of hrtc; make one with hrtc run --record FILE")]
+    NotARecording(String),
+    /// The scene in it.
+    #[error("the scene in the recording is refused: {0}")]
+    Scene(#[from] SceneError),
+}
+
+/// What a recording was made from.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct RecordingHead {
+    scene_name: String,
+    scene_folder: PathBuf,
+    scene_text: String,
+    model: Option<PathBuf>,
+    size_m: Option<f64>,
+    speed_m_per_s: Option<f64>,
+    seed: Option<u64>,
+    cache: Option<String>,
+    tolerance_m: Option<f64>,
+    client: u64,
+    incarnation: u64,
+    object: u32,
+    name: u64,
+    device_max_n: f64,
+    tour_seconds: f64,
+}
+
+impl RecordingHead {
+    /// Reads the scene's text again, to keep it.
+    ///
+    /// # Errors
+    /// When the scene cannot be read.
+    pub fn new(
+        scene: &Path,
+        overrides: &Overrides,
+        identity: Identity,
+        device_max_n: f64,
+        tour_seconds: f64,
+    ) -> Result<Self, RecordingError> {
+        let scene_text = std::fs::read_to_string(scene)
+            .map_err(|e| RecordingError::File(scene.display().to_string(), e))?;
+        let stem = scene.file_stem().unwrap_or_default();
+        Ok(Self {
+            scene_name: stem.to_string_lossy().into_owned(),
+            scene_folder: scene.parent().unwrap_or(Path::new("")).to_path_buf(),
+            scene_text,
+            model: overrides.model.clone(),
+            size_m: overrides.size_m,
+            speed_m_per_s: overrides.speed_m_per_s,
+            seed: overrides.seed,
+            cache: overrides.cache.clone(),
+            tolerance_m: overrides.tolerance_m,
+            client: identity.client,
+            incarnation: identity.incarnation,
+            object: identity.object,
+            name: identity.name,
+            device_max_n,
+            tour_seconds,
+        })
+    }
+
+    fn controller(&self) -> Result<Controller, RecordingError> {
+        let overrides = Overrides {
+            model: self.model.clone(),
+            size_m: self.size_m,
+            speed_m_per_s: self.speed_m_per_s,
+            seed: self.seed,
+            cache: self.cache.clone(),
+            tolerance_m: self.tolerance_m,
+        };
+        let plan = scene::parse(
+            &self.scene_text,
+            &self.scene_name,
+            &self.scene_folder,
+            &overrides,
+        )?;
+        let identity = Identity {
+            client: self.client,
+            incarnation: self.incarnation,
+            object: self.object,
+            name: self.name,
+        };
+        Ok(Controller::new(
+            &plan,
+            identity,
+            self.device_max_n,
+            self.tour_seconds,
+        ))
+    }
+}
+
+/// A tick's inputs, and the hash of all outputs up to it.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct RecordedTick {
+    tick: u64,
+    station: u64,
+    chunks_arrived: u64,
+    has_sample: u32,
+    stopping: u32,
+    position: [f64; 3],
+    orientation_xyzw: [f64; 4],
+    replay_hash: u64,
+}
+
+/// What the recording holds, so that a cut is seen.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+struct RecordedEnd {
+    ticks: u64,
+    replay_hash: u64,
+}
+
+/// A recording being written; not from the tick's thread.
+#[derive(Debug)]
+pub struct Recording {
+    file: BufWriter<File>,
+    path: String,
+    end: RecordedEnd,
+}
+
+impl Recording {
+    /// Creates the file and writes its head.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn create(path: &Path, head: &RecordingHead) -> Result<Self, RecordingError> {
+        let name = path.display().to_string();
+        let file = File::create(path).map_err(|e| RecordingError::File(name.clone(), e))?;
+        let mut recording = Self {
+            file: BufWriter::new(file),
+            path: name,
+            end: RecordedEnd::zeroed(),
+        };
+        let head = serde_json::to_vec(head).unwrap_or_default();
+        recording.write(MAGIC)?;
+        recording.write(&(head.len() as u64).to_le_bytes())?;
+        recording.write(&head)?;
+        Ok(recording)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), RecordingError> {
+        self.file
+            .write_all(bytes)
+            .map_err(|e| RecordingError::File(self.path.clone(), e))
+    }
+
+    /// Adds a tick.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn tick(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
+        let pose = record.sample.unwrap_or(Pose::IDENTITY);
+        let tick = RecordedTick {
+            tick: record.tick,
+            station: record.station,
+            chunks_arrived: record.chunks_arrived,
+            has_sample: u32::from(record.sample.is_some()),
+            stopping: u32::from(record.core.stopping),
+            position: pose.position.to_array(),
+            orientation_xyzw: pose.orientation.to_array(),
+            replay_hash: record.core.replay_hash,
+        };
+        self.end.ticks += 1;
+        self.end.replay_hash = tick.replay_hash;
+        self.write(&[TICK])?;
+        self.write(bytemuck::bytes_of(&tick))
+    }
+
+    /// Adds a chunk, in the order of arrival.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn chunk(&mut self, chunk: &InboxChunk) -> Result<(), RecordingError> {
+        self.write(&[CHUNK])?;
+        self.write(bytemuck::bytes_of(&chunk.header))?;
+        self.write(bytemuck::cast_slice(&chunk.slots))
+    }
+
+    /// Ends the file with its end mark.
+    ///
+    /// # Errors
+    /// When the rest cannot be written.
+    pub fn finish(mut self) -> Result<(), RecordingError> {
+        self.write(&[END])?;
+        let end = self.end;
+        self.write(bytemuck::bytes_of(&end))?;
+        self.file
+            .flush()
+            .map_err(|e| RecordingError::File(self.path, e))
+    }
+}
+
+/// What a replay found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Replay {
+    /// Ticks replayed.
+    pub ticks: u64,
+    /// Whether every tick gave the recorded outputs.
+    pub equal: bool,
+    /// Whether the recording has its end: one cut short, by a crash for example, is replayed as far as it goes.
+    pub whole: bool,
+    /// The first tick that did not; -1 for none.
+    pub first_difference: i64,
+}
+
+/// Runs a recording through the core and compares every tick's hash.
+///
+/// # Errors
+/// When the file is no whole recording.
+pub fn replay(path: &Path) -> Result<Replay, RecordingError> {
+    let name = path.display().to_string();
+    let foreign = || RecordingError::NotARecording(name.clone());
+    let file = File::open(path).map_err(|e| RecordingError::File(name.clone(), e))?;
+    let mut file = BufReader::new(file);
+    let mut start = [0u8; 16];
+    file.read_exact(&mut start).map_err(|_| foreign())?;
+    let (magic, length) = start.split_at(8);
+    let length = u64::from_le_bytes(length.try_into().map_err(|_| foreign())?);
+    if magic != MAGIC || length > HEAD_MOST {
+        return Err(foreign());
+    }
+    let mut head = vec![0u8; length as usize];
+    file.read_exact(&mut head).map_err(|_| foreign())?;
+    let head: RecordingHead = serde_json::from_slice(&head).map_err(|_| foreign())?;
+    let mut ticks: Vec<RecordedTick> = Vec::new();
+    let mut chunks: Vec<InboxChunk> = Vec::new();
+    let mut end = None;
+    while end.is_none() {
+        let mut tag = [0u8];
+        match file.read_exact(&mut tag) {
+            Ok(()) => {}
+            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => break,
+            Err(e) => return Err(RecordingError::File(name.clone(), e)),
+        }
+        match tag[0] {
+            TICK => {
+                let mut tick = RecordedTick::zeroed();
+                file.read_exact(bytemuck::bytes_of_mut(&mut tick))
+                    .map_err(|_| foreign())?;
+                ticks.push(tick);
+            }
+            CHUNK => {
+                let mut chunk = InboxChunk {
+                    header: ChunkHeader::zeroed(),
+                    slots: [ChunkSlot::zeroed(); CHUNK_SLOTS],
+                };
+                file.read_exact(bytemuck::bytes_of_mut(&mut chunk.header))
+                    .and_then(|()| file.read_exact(bytemuck::cast_slice_mut(&mut chunk.slots)))
+                    .map_err(|_| foreign())?;
+                chunks.push(chunk);
+            }
+            END => {
+                let mut mark = RecordedEnd::zeroed();
+                file.read_exact(bytemuck::bytes_of_mut(&mut mark))
+                    .map_err(|_| foreign())?;
+                let last = RecordedEnd {
+                    ticks: ticks.len() as u64,
+                    replay_hash: ticks.last().map_or(0, |tick| tick.replay_hash),
+                };
+                if mark != last {
+                    return Err(foreign());
+                }
+                end = Some(mark);
+            }
+            _ => return Err(foreign()),
+        }
+    }
+    let first_difference = run(head.controller()?, &ticks, &chunks);
+    Ok(Replay {
+        ticks: ticks.len() as u64,
+        equal: first_difference < 0,
+        whole: end.is_some(),
+        first_difference,
+    })
+}
+
+/// The first tick with other outputs than recorded; -1 for none.
+fn run(mut controller: Controller, ticks: &[RecordedTick], chunks: &[InboxChunk]) -> i64 {
+    let mut outputs = TickOutputs::new(1);
+    let mut done = 0;
+    for recorded in ticks {
+        let arrived = usize::try_from(recorded.chunks_arrived)
+            .unwrap_or(usize::MAX)
+            .min(chunks.len());
+        let pose = Pose {
+            position: recorded.position.into(),
+            orientation: glam::DQuat::from_array(recorded.orientation_xyzw),
+        };
+        let samples = [(recorded.has_sample != 0).then_some(Sample { pose })];
+        let inputs = TickInputs {
+            tick: recorded.tick,
+            samples: &samples,
+            station: recorded.station,
+            chunks: [chunks.get(done..arrived).unwrap_or_default(), &[]],
+            stopping: recorded.stopping != 0,
+        };
+        controller.tick(&inputs, &mut outputs, &mut NoObserver);
+        done += outputs.chunks_consumed;
+        if controller.replay_hash() != recorded.replay_hash {
+            return i64::try_from(recorded.tick).unwrap_or(i64::MAX);
+        }
+    }
+    -1
+}

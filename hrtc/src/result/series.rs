@@ -1,0 +1,135 @@
+//! A run over time in a bounded number of pieces: when they are used up, neighbours are merged.
+
+use crate::tick_record::TickRecord;
+use serde::{Deserialize, Serialize};
+
+/// Pieces of a series at the most; even.
+pub const SERIES_BUCKETS: usize = 2000;
+
+/// What happened within one piece of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct SeriesBucket {
+    /// Start, seconds from tick 0.
+    pub seconds: f64,
+    /// Ticks run.
+    pub ticks: u64,
+    /// Periods skipped.
+    pub missed: u64,
+    /// Ticks in contact.
+    pub contact_ticks: u64,
+    /// Of these, at full resolution.
+    pub contact_full_ticks: u64,
+    /// Largest force, newtons.
+    pub force_n: f64,
+    /// Largest thread CPU of a tick, microseconds.
+    pub work_us: f64,
+    /// Latest wake-up, microseconds.
+    pub wake_us: f64,
+    /// Most active faces.
+    pub refined_faces: u64,
+    /// Largest certified error at the contact, metres.
+    pub certified_error_m: f64,
+    /// Largest measured error that arrived, metres; negative when none did.
+    pub measured_error_m: f64,
+    /// Most bytes of the cache in use.
+    pub cache_bytes: u64,
+}
+
+impl SeriesBucket {
+    /// One tick.
+    #[must_use]
+    pub fn of(record: &TickRecord) -> Self {
+        let core = &record.core;
+        let finite = |value: f64| if value.is_finite() { value } else { 0.0 };
+        Self {
+            seconds: 0.0,
+            ticks: 1,
+            missed: u64::from(record.skipped),
+            contact_ticks: u64::from(core.contact),
+            contact_full_ticks: u64::from(core.contact && core.contact_full),
+            force_n: finite(record.wrench.force.length()),
+            work_us: f64::from(record.work_cpu_ns) / 1e3,
+            wake_us: f64::from(record.wake_ns) / 1e3,
+            refined_faces: u64::from(core.active_faces),
+            certified_error_m: if core.contact && core.contact_bounded {
+                finite(core.certified_error_m)
+            } else {
+                0.0
+            },
+            measured_error_m: if core.measured_error_m.is_finite() {
+                core.measured_error_m
+            } else {
+                -1.0
+            },
+            cache_bytes: core.cache_bytes,
+        }
+    }
+
+    /// An empty piece.
+    fn empty() -> Self {
+        Self {
+            measured_error_m: -1.0,
+            ..Self::default()
+        }
+    }
+
+    /// Both together; the start stays.
+    fn merge(&mut self, other: &Self) {
+        self.ticks += other.ticks;
+        self.missed += other.missed;
+        self.contact_ticks += other.contact_ticks;
+        self.contact_full_ticks += other.contact_full_ticks;
+        self.force_n = self.force_n.max(other.force_n);
+        self.work_us = self.work_us.max(other.work_us);
+        self.wake_us = self.wake_us.max(other.wake_us);
+        self.refined_faces = self.refined_faces.max(other.refined_faces);
+        self.certified_error_m = self.certified_error_m.max(other.certified_error_m);
+        self.measured_error_m = self.measured_error_m.max(other.measured_error_m);
+        self.cache_bytes = self.cache_bytes.max(other.cache_bytes);
+    }
+}
+
+/// The pieces while they are filled.
+pub(super) struct Series {
+    /// Periods a piece: a power of two.
+    stride: u64,
+    buckets: Vec<SeriesBucket>,
+}
+
+impl Series {
+    pub(super) fn new() -> Self {
+        Self {
+            stride: 1,
+            buckets: vec![SeriesBucket::empty(); SERIES_BUCKETS],
+        }
+    }
+
+    /// Adds one tick at its index; ticks before it stay where they are.
+    pub(super) fn push(&mut self, tick: u64, one: SeriesBucket) {
+        // Each turn doubles the stride: at most 64 turns in the life of a series.
+        while tick / self.stride >= SERIES_BUCKETS as u64 {
+            for index in 0..SERIES_BUCKETS / 2 {
+                let mut left = self.buckets[2 * index];
+                left.merge(&self.buckets[2 * index + 1]);
+                self.buckets[index] = left;
+            }
+            self.buckets[SERIES_BUCKETS / 2..].fill(SeriesBucket::empty());
+            self.stride *= 2;
+        }
+        self.buckets[(tick / self.stride) as usize].merge(&one);
+    }
+
+    /// The pieces in which anything ran, ascending in time.
+    pub(super) fn finish(self, period_s: f64) -> Vec<SeriesBucket> {
+        let width = self.stride as f64 * period_s;
+        self.buckets
+            .into_iter()
+            .enumerate()
+            .filter(|(_, bucket)| bucket.ticks > 0)
+            .map(|(index, bucket)| SeriesBucket {
+                seconds: index as f64 * width,
+                ..bucket
+            })
+            .collect()
+    }
+}

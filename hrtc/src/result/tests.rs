@@ -1,0 +1,262 @@
+use super::*;
+use crate::tick_record::CoreRecord;
+use shared::geometry::Wrench;
+
+fn record(tick: u64) -> TickRecord {
+    TickRecord {
+        tick,
+        skipped: 0,
+        miss: MissClass::None,
+        wake_ns: 10_000,
+        period_ns: 1_000_000,
+        work_cpu_ns: 20_000,
+        work_wall_ns: 25_000,
+        stage_ns: [1_000, 2_000, 3_000, 4_000, 5_000],
+        page_faults: 0,
+        allocations: 0,
+        chunks_arrived: 0,
+        station: 1,
+        sample: None,
+        wrench: Wrench::ZERO,
+        core: CoreRecord {
+            measured_error_m: -1.0,
+            ..CoreRecord::default()
+        },
+    }
+}
+
+fn accumulator() -> Accumulator {
+    Accumulator::new(1_000_000).unwrap()
+}
+
+/// Values without order, 1000 of them to a decade.
+fn scrambled(index: u64) -> u64 {
+    index.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40
+}
+
+#[test]
+fn percentiles_equal_the_sorted_values_within_the_histograms_resolution() {
+    let mut run = accumulator();
+    let mut exact: Vec<u64> = Vec::new();
+    for tick in 0..10_000 {
+        let ns = 1 + scrambled(tick + 1);
+        exact.push(ns);
+        run.push(&TickRecord {
+            wake_ns: ns as u32,
+            work_cpu_ns: ns as u32,
+            ..record(tick)
+        });
+    }
+    exact.sort_unstable();
+    let finished = run.finish(RunMeta::default());
+    let spread = finished.result.wake_us;
+    for (q, measured) in [
+        (0.5, spread.p50),
+        (0.99, spread.p99),
+        (0.999, spread.p999),
+        (1.0, spread.max),
+    ] {
+        let rank = ((q * 10_000.0_f64).ceil() as usize).max(1) - 1;
+        let wanted = exact[rank] as f64 / 1e3;
+        assert!(
+            (measured - wanted).abs() <= 1e-3 * wanted + 1e-3,
+            "p{q}: {measured} µs, sorted {wanted} µs"
+        );
+    }
+    assert_eq!(
+        spread.max,
+        exact[9_999] as f64 / 1e3,
+        "the maximum is exact"
+    );
+    let counted: u64 = finished.histograms.wake_ns.iter().map(|b| b.1).sum();
+    assert_eq!(counted, 10_000);
+    assert!(finished.histograms.wake_ns.is_sorted());
+}
+
+#[test]
+fn missed_periods_are_counted_once_and_by_their_reason() {
+    let mut run = accumulator();
+    let classes = [
+        (MissClass::None, 0),
+        (MissClass::OwnCpu, 2),
+        (MissClass::RunQueue, 3),
+        (MissClass::LateTimer, 5),
+        (MissClass::Stolen, 7),
+        (MissClass::Unexplained, 11),
+    ];
+    let mut tick = 0;
+    for (miss, skipped) in classes {
+        tick += u64::from(skipped);
+        run.push(&TickRecord {
+            miss,
+            skipped,
+            ..record(tick)
+        });
+        tick += 1;
+    }
+    let result = run.finish(RunMeta::default()).result;
+    assert_eq!((result.ticks, result.missed), (6, 28));
+    assert_eq!(result.misses.total(), result.missed);
+    assert_eq!(result.missed_own_cpu, 2);
+    assert_eq!(result.misses.unexplained, 11);
+    assert!((result.seconds - 0.034).abs() < 1e-12, "{}", result.seconds);
+}
+
+#[test]
+fn the_contact_is_accounted_from_its_first_tick() {
+    let mut run = accumulator();
+    for tick in 0..10_u64 {
+        let contact = tick >= 4;
+        let mut record = record(tick);
+        record.core = CoreRecord {
+            contact,
+            contact_full: tick >= 5,
+            contact_bounded: tick != 6,
+            certified_error_m: 1e-4 * tick as f64,
+            measured_error_m: if tick == 7 { 2e-5 } else { -1.0 },
+            bytes_received: 100 * tick,
+            active_faces: 50 + tick as u32,
+            ready: tick >= 2,
+            energy_j: -0.5,
+            vsplits: 3,
+            replay_hash: u64::MAX,
+            cache_bytes: 1000 - tick,
+            ..record.core
+        };
+        record.wrench.force = DVec3::new(0.0, 0.0, if contact { 2.0 } else { 0.0 });
+        run.push(&record);
+    }
+    assert!(run.status().contact && run.status().station);
+    let meta = RunMeta {
+        start_to_first_tick_ms: 40.0,
+        cache_bytes: 4096,
+        ..RunMeta::default()
+    };
+    let result = run.finish(meta).result;
+    assert_eq!(result.contact_ticks, 6);
+    assert_eq!(result.contact_full_ticks, 5);
+    assert_eq!(result.contact_unbounded_ticks, 1);
+    assert_eq!(result.bytes_to_first_touch, 400);
+    assert_eq!(result.measured_errors, 1);
+    assert!((result.measured_error_m.max - 2e-5).abs() < 1e-12);
+    assert!((result.certified_error_m.max - 9e-4).abs() < 1e-12);
+    assert_eq!(result.force_step_n_max, 2.0);
+    assert!((result.force_n.p50 - 2.0).abs() < 2e-3);
+    assert_eq!(result.energy_j, -0.5);
+    assert_eq!(result.vsplits, 30);
+    assert_eq!(result.cache.high_water_bytes, 1000);
+    assert_eq!(result.cache.bytes, 4096);
+    assert_eq!(result.first_force_ready_ms, 42.0);
+    assert_eq!(result.refined_faces.max, 59.0);
+    assert!(result.replay_hash < 1 << 53);
+}
+
+#[test]
+fn a_series_of_any_length_stays_bounded_and_loses_no_tick() {
+    for length in [1_u64, 1999, 2000, 2001, 123_457] {
+        let mut run = accumulator();
+        for tick in 0..length {
+            let mut record = record(tick);
+            record.core.contact = tick % 3 == 0;
+            record.work_cpu_ns = if tick == length / 2 { 777_000 } else { 1_000 };
+            run.push(&record);
+        }
+        let series = run.finish(RunMeta::default()).series;
+        assert!(series.len() <= SERIES_BUCKETS, "{length}: {}", series.len());
+        assert!(series.len() as u64 >= length.min(SERIES_BUCKETS as u64 / 2));
+        assert_eq!(series.iter().map(|b| b.ticks).sum::<u64>(), length);
+        assert_eq!(
+            series.iter().map(|b| b.contact_ticks).sum::<u64>(),
+            length.div_ceil(3)
+        );
+        let worst = series.iter().max_by(|a, b| a.work_us.total_cmp(&b.work_us));
+        let worst = worst.unwrap();
+        assert_eq!(worst.work_us, 777.0);
+        let expected = (length / 2) as f64 * 1e-3;
+        let width = 2.0 * length as f64 * 1e-3 / 1000.0;
+        assert!((worst.seconds - expected).abs() <= width, "{length}");
+        assert!(series.is_sorted_by(|a, b| a.seconds < b.seconds));
+    }
+}
+
+#[test]
+fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
+    let mut run = accumulator();
+    for tick in [0, 1, 1 << 40] {
+        let mut record = record(tick);
+        record.wrench.force = DVec3::new(f64::NAN, f64::INFINITY, 0.0);
+        record.core = CoreRecord {
+            contact: true,
+            contact_bounded: true,
+            certified_error_m: f64::NAN,
+            measured_error_m: f64::INFINITY,
+            depth_m: f64::NAN,
+            energy_j: f64::NEG_INFINITY,
+            ..record.core
+        };
+        run.push(&record);
+    }
+    let line = SupervisedLine::Finished(Box::new(run.finish(RunMeta::default())));
+    let text = serde_json::to_string(&line).unwrap();
+    assert!(!text.contains("null") && !text.contains("NaN"), "{text}");
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let result = json["result"].as_object().unwrap();
+    for name in [
+        "faces",
+        "seconds",
+        "seed",
+        "ticks",
+        "missed",
+        "missed_own_cpu",
+        "contact_ticks",
+        "contact_full_ticks",
+        "contact_unbounded_ticks",
+        "force_step_n_max",
+        "clamped_ticks",
+        "rejected_samples",
+        "energy_j",
+        "vsps_received",
+        "vsplits",
+        "ecols",
+        "regions_subscribed",
+        "resubscribed",
+        "bytes_received",
+        "bytes_to_first_touch",
+        "bytes_full_mesh",
+        "hrtc_rss_bytes",
+        "first_force_ready_ms",
+        "replay_hash",
+    ] {
+        assert!(result[name].is_number(), "{name}");
+    }
+    let four = ["p50", "p99", "p999", "max"];
+    for name in ["period_us", "wake_us", "work_us", "work_wall_us"] {
+        assert!(four.iter().all(|q| result[name][*q].is_number()), "{name}");
+    }
+    for stage in STAGES {
+        let stage = &result["stage_us"][stage];
+        assert!(four.iter().all(|q| stage[*q].is_number()));
+    }
+    for name in ["certified_error_m", "measured_error_m", "force_n"] {
+        assert!(
+            ["p50", "p99", "max"]
+                .iter()
+                .all(|q| result[name][*q].is_number()),
+            "{name}"
+        );
+    }
+    for name in ["bytes", "high_water_bytes", "vsps", "evicted"] {
+        assert!(result["cache"][name].is_number(), "{name}");
+    }
+    assert!(result["refined_faces"]["p50"].is_number());
+    assert_eq!(serde_json::from_str::<SupervisedLine>(&text).unwrap(), line);
+    let status = SupervisedLine::Status {
+        status: Status::default(),
+    };
+    let text = serde_json::to_string(&status).unwrap();
+    assert!(text.starts_with("{\"status\":{"), "{text}");
+    assert_eq!(
+        serde_json::from_str::<SupervisedLine>(&text).unwrap(),
+        status
+    );
+}

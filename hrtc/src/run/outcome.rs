@@ -1,0 +1,109 @@
+//! How a run ends: errors of one sentence, figures, and the few lines for a person.
+
+use crate::connection::LinkError;
+use crate::controller::Fault;
+use crate::realtime::MissingRight;
+use crate::recorder::RecordingError;
+use crate::result::{Accumulator, Finished, Right};
+use shared::protocol::{BaseFace, BaseVertex, ModelHeader, TransportError};
+use shared::scene::{LoopPlan, SceneError};
+use shared::spm::VspRecord;
+use thiserror::Error;
+
+/// Why a run ended without a result: one sentence each.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The scene.
+    #[error("{0}")]
+    Scene(#[from] SceneError),
+    /// The transport.
+    #[error("{0}")]
+    Transport(#[from] TransportError),
+    /// The link.
+    #[error("{0}")]
+    Link(#[from] LinkError),
+    /// The recording.
+    #[error("{0}")]
+    Recording(#[from] RecordingError),
+    /// The model cannot be touched.
+    #[error("{0}")]
+    Fault(Fault),
+    /// The scene requires a right that is missing.
+    #[error("the scene says require_realtime = true, but {0}")]
+    Right(String),
+    /// No thread.
+    #[error("cannot start the thread of the tick: {0}")]
+    Thread(std::io::Error),
+    /// A defect of ours.
+    #[error(
+        "the thread of the tick ended by a defect in hrtc; please report what it printed above"
+    )]
+    TickPanicked,
+    /// No memory for figures.
+    #[error("the loop's rate leaves no histogram; use 100 to 10000 ticks a second")]
+    Histogram,
+    /// Standard output is gone.
+    #[error("cannot print the result: {0}")]
+    Print(std::io::Error),
+}
+
+/// What was drained.
+pub(super) struct Outcome {
+    pub run: Accumulator,
+}
+
+/// Bytes of the whole mesh as the station would send it: base mesh and records.
+pub(super) fn bytes_full_mesh(header: &ModelHeader) -> u64 {
+    u64::from(header.base_vertices) * size_of::<BaseVertex>() as u64
+        + u64::from(header.base_faces) * size_of::<BaseFace>() as u64
+        + u64::from(header.vsps) * size_of::<VspRecord>() as u64
+}
+
+/// Resident memory of this process, bytes; 0 where the kernel does not say.
+pub(super) fn resident_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kib = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok());
+    kib.unwrap_or(0) * 1024
+}
+
+/// The rights that a tick's thread asks for, and which it got.
+pub(super) fn rights(plan: &LoopPlan, missing: &[MissingRight]) -> Vec<Right> {
+    use crate::realtime::Right as Kind;
+    let mut asked = vec![Kind::LockedMemory];
+    asked.extend(plan.core.map(Kind::Core));
+    asked.extend([Kind::Latency, Kind::Fifo(plan.priority)]);
+    asked
+        .into_iter()
+        .map(|kind| {
+            let refused = missing.iter().find(|missing| missing.right == kind);
+            Right {
+                name: kind.name(),
+                obtained: refused.is_none(),
+                detail: refused.map(ToString::to_string).unwrap_or_default(),
+            }
+        })
+        .collect()
+}
+
+/// The closing lines of `hrtc run` alone; `rt-tests run` writes the full report.
+pub(super) fn print_text(finished: &Finished) {
+    let r = &finished.result;
+    println!(
+        "{}: {} ticks in {:.1} s, {} periods missed ({} by own work)",
+        r.scene, r.ticks, r.seconds, r.missed, r.missed_own_cpu
+    );
+    println!(
+        "touched for {} ticks, {} of them at full resolution; force p50 {:.2} N, max {:.2} N",
+        r.contact_ticks, r.contact_full_ticks, r.force_n.p50, r.force_n.max
+    );
+    println!(
+        "work p50 {:.0} us, p99 {:.0} us (thread CPU); cache {} of {} KiB; {} splits, {} collapses",
+        r.work_us.p50,
+        r.work_us.p99,
+        r.cache.high_water_bytes / 1024,
+        r.cache.bytes / 1024,
+        r.vsplits,
+        r.ecols
+    );
+}

@@ -1,0 +1,177 @@
+//! The thread that ticks.
+
+use super::Signals;
+use crate::controller::{Controller, Fault, Stage, StageObserver, TickInputs, TickOutputs};
+use crate::counting_allocator;
+use crate::device::{Device, Script, Simulated};
+use crate::inbox::InboxChunk;
+use crate::pacer::{Pacer, Wake};
+use crate::realtime::{MissingRight, monotonic_ns, obtain};
+use crate::tick_record::TickRecord;
+use rtrb::{Consumer, Producer};
+use shared::geometry::{Pose, Wrench};
+use shared::protocol::{ContactReport, Request};
+use shared::scene::LoopPlan;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// Everything that the thread owns.
+pub(super) struct TickThread {
+    pub controller: Controller,
+    pub device: Simulated,
+    pub script: Script,
+    pub script_points: Vec<(f64, Pose)>,
+    pub requests: Producer<Request>,
+    pub contacts: Producer<ContactReport>,
+    pub inbox: Consumer<InboxChunk>,
+    pub log: Producer<TickRecord>,
+    pub station: Arc<AtomicU64>,
+    pub signals: Arc<Signals>,
+    pub fault: Arc<Mutex<Option<Fault>>>,
+    pub missing: Arc<Mutex<Vec<MissingRight>>>,
+    pub plan: LoopPlan,
+    pub seconds: Option<f64>,
+}
+
+/// Wall time of each stage.
+struct StageClock {
+    last: u64,
+    stages: [u32; 5],
+}
+
+impl StageObserver for StageClock {
+    fn ended(&mut self, stage: Stage) {
+        let now = monotonic_ns();
+        self.stages[stage as usize] = u32::try_from(now - self.last).unwrap_or(u32::MAX);
+        self.last = now;
+    }
+}
+
+impl TickThread {
+    /// Ticks until the force is down after the wish to stop; gives the controller back.
+    pub fn run(mut self) -> (Controller, u32) {
+        let obtained = obtain(self.plan.core, self.plan.priority);
+        if let Ok(mut missing) = self.missing.lock() {
+            *missing = obtained.missing;
+        }
+        let _latency = obtained.latency;
+        let last_tick = self
+            .seconds
+            .map(|seconds| (seconds * self.plan.rate_hz).ceil() as u64);
+        let mut outputs = TickOutputs::new(1);
+        let mut pacer = Pacer::new(self.plan.rate_hz, self.plan.spin_us);
+        let mut script_start = None;
+        let mut arrived = 0u64;
+        let mut waiting = 0usize;
+        self.signals.ticking.store(true, Ordering::Release);
+        loop {
+            let wake = pacer.wait();
+            if wake.tick == 0 || self.signals.first_tick_ns.load(Ordering::Relaxed) == 0 {
+                self.signals
+                    .first_tick_ns
+                    .store(monotonic_ns(), Ordering::Relaxed);
+            }
+            let stopping = self.signals.stop.load(Ordering::Relaxed)
+                || last_tick.is_some_and(|last| wake.tick >= last);
+            let calls = counting_allocator::calls();
+            counting_allocator::arm(true);
+            self.intend(wake, &mut script_start);
+            let sample = self.device.read(1 + wake.skipped);
+            let station = self.station.load(Ordering::Relaxed);
+            let slots = self.inbox.slots();
+            arrived += (slots - waiting) as u64;
+            let mut clock = StageClock {
+                last: monotonic_ns(),
+                stages: [0; 5],
+            };
+            let samples = [sample];
+            let consumed = {
+                let chunks = self.inbox.read_chunk(slots);
+                let halves = match &chunks {
+                    Ok(chunks) => {
+                        let (first, second) = chunks.as_slices();
+                        [first, second]
+                    }
+                    Err(_) => [&[][..], &[][..]],
+                };
+                let inputs = TickInputs {
+                    tick: wake.tick,
+                    samples: &samples,
+                    station,
+                    chunks: halves,
+                    stopping,
+                };
+                self.controller.tick(&inputs, &mut outputs, &mut clock);
+                if let Ok(chunks) = chunks {
+                    chunks.commit(outputs.chunks_consumed);
+                }
+                outputs.chunks_consumed
+            };
+            waiting = slots - consumed;
+            let wrench = outputs.wrenches.first().copied().unwrap_or(Wrench::ZERO);
+            self.device.write(wrench);
+            for request in outputs.outbox.requests() {
+                // A full ring loses the request; the gap in its numbers ends the epoch, which heals it.
+                let _ = self.requests.push(*request);
+            }
+            if let Some(report) = outputs.report {
+                let _ = self.contacts.push(report);
+            }
+            counting_allocator::arm(false);
+            let worked = pacer.done();
+            let record = TickRecord {
+                tick: wake.tick,
+                skipped: wake.skipped,
+                miss: wake.miss,
+                wake_ns: wake.wake_ns,
+                period_ns: wake.period_ns,
+                work_cpu_ns: worked.cpu_ns,
+                work_wall_ns: worked.wall_ns,
+                stage_ns: clock.stages,
+                page_faults: worked.page_faults,
+                allocations: (counting_allocator::calls() - calls) as u32,
+                chunks_arrived: arrived,
+                station,
+                sample: sample.map(|sample| sample.pose),
+                wrench,
+                core: outputs.record,
+            };
+            if self.log.push(record).is_err() {
+                self.signals.log_dropped.fetch_add(1, Ordering::Relaxed);
+            }
+            if let Some(found) = self.controller.fault() {
+                // Not in touch any more, so the lock costs no force.
+                if let Ok(mut fault) = self.fault.try_lock() {
+                    *fault = Some(found);
+                }
+            }
+            if stopping && self.controller.is_at_rest() {
+                break;
+            }
+        }
+        self.device.write(Wrench::ZERO);
+        self.signals.ended.store(true, Ordering::Release);
+        let budget = self.controller.work_budget();
+        (self.controller, budget)
+    }
+
+    /// Tells the simulated hand what to intend, from the scene's points or the station's tour.
+    fn intend(&mut self, wake: Wake, start: &mut Option<u64>) {
+        let tick = wake.tick;
+        let t = |start: u64| (tick - start) as f64 / self.plan.rate_hz;
+        let intent = if self.script_points.is_empty() {
+            let (Some(tour), Some(frame)) = (self.controller.tour(), self.controller.frame())
+            else {
+                return;
+            };
+            let from = *start.get_or_insert(tick);
+            self.script.along_tour(tour, &frame, t(from))
+        } else {
+            let from = *start.get_or_insert(tick);
+            self.script.along_points(&self.script_points, t(from))
+        };
+        if let Some(intent) = intent {
+            self.device.intend(intent);
+        }
+    }
+}

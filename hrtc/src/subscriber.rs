@@ -1,0 +1,393 @@
+//! The mesh subscriber: requests out, chunks in, epochs and credit (see `shared::protocol`).
+
+use crate::cache::{Cache, RegionState};
+use shared::protocol::{
+    CREDIT_CHUNKS, ChunkHeader, REGIONS_PER_REQUEST, RegionAction, RegionAsk, Request, RequestKind,
+    TourAsk,
+};
+use shared::spm::RegionId;
+
+/// Answers that may be outstanding: few, so that what is asked for next is still what is needed most.
+const OUTSTANDING: u32 = 12;
+/// Chunks consumed before the station is told without another reason.
+const CREDIT_STEP: u64 = CREDIT_CHUNKS / 4;
+/// Releases that may wait for the next request: half of what it holds.
+const MOST_RELEASES: usize = REGIONS_PER_REQUEST / 2;
+/// Requests a tick at the most.
+pub const REQUESTS_PER_TICK: usize = 4;
+
+/// Who this client is and what it wants to touch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Identity {
+    /// The client.
+    pub client: u64,
+    /// Its incarnation: another one after every restart.
+    pub incarnation: u64,
+    /// Object of the scene.
+    pub object: u32,
+    /// Hash of the model's name in the scene.
+    pub name: u64,
+}
+
+/// What a received chunk is to this epoch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reception {
+    /// The next one: to be consumed.
+    Next,
+    /// Of another client, station or epoch, or a repetition: to be dropped.
+    Stale,
+    /// Chunks before it are missing.
+    Gap,
+}
+
+/// Requests of one tick.
+#[derive(Debug, Clone)]
+pub struct Outbox {
+    requests: [Request; REQUESTS_PER_TICK],
+    count: usize,
+}
+
+impl Outbox {
+    /// Empty.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            requests: [bytemuck::Zeroable::zeroed(); REQUESTS_PER_TICK],
+            count: 0,
+        }
+    }
+
+    /// The requests.
+    #[must_use]
+    pub fn requests(&self) -> &[Request] {
+        &self.requests[..self.count]
+    }
+
+    /// Empties it for the next tick.
+    pub fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    fn has_room(&self) -> bool {
+        self.count < REQUESTS_PER_TICK
+    }
+
+    fn push(&mut self, request: Request) {
+        self.requests[self.count] = request;
+        self.count += 1;
+    }
+}
+
+impl Default for Outbox {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The subscriber's state.
+#[derive(Debug, Clone)]
+pub struct Subscriber {
+    identity: Identity,
+    station: u64,
+    epoch: u32,
+    sent: u64,
+    next_chunk: u64,
+    consumed: u64,
+    consumed_told: u64,
+    model: u64,
+    model_asked: bool,
+    tour: Option<TourAsk>,
+    tour_asked: bool,
+    /// Place in the region table up to which held regions were declared in this epoch.
+    declared: usize,
+    outstanding: u32,
+    last_progress: u64,
+    timeout_ticks: u64,
+    /// Places in the region table of regions to be released.
+    releases: [u32; MOST_RELEASES],
+    release_count: usize,
+    /// Regions asked for so far.
+    pub subscribed: u64,
+    /// Epochs ended by a gap, a timeout or another station, while something was outstanding or held.
+    pub resubscribed: u64,
+}
+
+impl Subscriber {
+    /// A subscriber that has not met a station. `timeout_ticks`: silence after which it asks again.
+    #[must_use]
+    pub fn new(identity: Identity, timeout_ticks: u64) -> Self {
+        Self {
+            identity,
+            station: 0,
+            epoch: 0,
+            sent: 0,
+            next_chunk: 0,
+            consumed: 0,
+            consumed_told: 0,
+            model: 0,
+            model_asked: false,
+            tour: None,
+            tour_asked: false,
+            declared: 0,
+            outstanding: 0,
+            last_progress: 0,
+            timeout_ticks,
+            releases: [0; MOST_RELEASES],
+            release_count: 0,
+            subscribed: 0,
+            resubscribed: 0,
+        }
+    }
+
+    /// Who this client is.
+    #[must_use]
+    pub fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// Takes what the heartbeat says; a new incarnation ends the epoch.
+    ///
+    /// Returns whether the epoch ended.
+    pub fn observe(&mut self, station: u64, tick: u64, cache: &mut Cache) -> bool {
+        let waiting = self.outstanding > 0
+            || (self.model_asked && self.model == 0)
+            || (self.tour_asked && self.tour.is_some());
+        let silent = waiting && tick.saturating_sub(self.last_progress) > self.timeout_ticks;
+        let another = station != 0 && station != self.station;
+        if another {
+            self.station = station;
+        }
+        if another || (silent && station != 0) {
+            self.end_epoch(tick, cache);
+            return true;
+        }
+        false
+    }
+
+    /// Ends the epoch: forgets what is under way, and declares and asks anew.
+    pub fn end_epoch(&mut self, tick: u64, cache: &mut Cache) {
+        if self.sent > 0 {
+            self.resubscribed += 1;
+        }
+        self.epoch = self.epoch.wrapping_add(1);
+        self.sent = 0;
+        self.next_chunk = 0;
+        self.consumed = 0;
+        self.consumed_told = 0;
+        self.model_asked = false;
+        self.tour_asked = false;
+        self.declared = 0;
+        self.outstanding = 0;
+        self.release_count = 0;
+        self.last_progress = tick;
+        for place in 0..cache.regions.capacity() {
+            match cache.regions.get(place).map(|region| region.state) {
+                Some(RegionState::Asked) => {
+                    cache.let_go(place);
+                    cache.regions.remove(place);
+                }
+                // A station that starts the epoch anew does not believe in it any more.
+                Some(RegionState::ToRelease) => cache.regions.remove(place),
+                _ => {}
+            }
+        }
+    }
+
+    /// What a chunk is to this epoch; a next one is to be consumed with [`Subscriber::consumed`].
+    #[must_use]
+    pub fn receive(&self, header: &ChunkHeader) -> Reception {
+        let ours = header.client == self.identity.client
+            && header.station == self.station
+            && header.epoch == self.epoch;
+        if !ours || header.sequence < self.next_chunk {
+            Reception::Stale
+        } else if header.sequence > self.next_chunk {
+            Reception::Gap
+        } else {
+            Reception::Next
+        }
+    }
+
+    /// Counts the chunk that [`Subscriber::receive`] called the next one.
+    pub fn consumed(&mut self, tick: u64) {
+        self.next_chunk += 1;
+        self.consumed += 1;
+        self.last_progress = tick;
+    }
+
+    /// The model has arrived.
+    pub fn model_is(&mut self, model: u64) {
+        self.model = model;
+    }
+
+    /// Asks for a tour as soon as possible, and again after every loss until [`Subscriber::tour_is_here`].
+    pub fn ask_tour(&mut self, tour: TourAsk) {
+        self.tour = Some(tour);
+        self.tour_asked = false;
+    }
+
+    /// The tour is complete.
+    pub fn tour_is_here(&mut self) {
+        self.tour = None;
+    }
+
+    /// An asked region was answered, refused or given up.
+    pub fn answered(&mut self) {
+        self.outstanding = self.outstanding.saturating_sub(1);
+    }
+
+    /// Whether another release can be told.
+    #[must_use]
+    pub fn may_release(&self) -> bool {
+        self.release_count < MOST_RELEASES
+    }
+
+    /// The region at a place of the table is now to be released; the caller has asked whether it may be.
+    pub fn release(&mut self, place: usize) {
+        self.releases[self.release_count] = place as u32;
+        self.release_count += 1;
+    }
+
+    /// Whether regions may be asked for.
+    #[must_use]
+    pub fn may_ask(&self, cache: &Cache) -> bool {
+        self.station != 0
+            && self.model != 0
+            && self.outstanding < OUTSTANDING
+            && self.declared >= cache.regions.capacity()
+    }
+
+    fn request(&self, kind: RequestKind) -> Request {
+        let mut request: Request = bytemuck::Zeroable::zeroed();
+        request.client = self.identity.client;
+        request.incarnation = self.identity.incarnation;
+        request.sequence = self.sent;
+        request.consumed = self.consumed;
+        request.model = self.model;
+        request.name = self.identity.name;
+        request.epoch = self.epoch;
+        request.kind = kind as u32;
+        request.object = self.identity.object;
+        request
+    }
+
+    fn send(&mut self, outbox: &mut Outbox, request: Request, tick: u64, expects: bool) {
+        if expects && self.outstanding == 0 {
+            self.last_progress = self.last_progress.max(tick);
+        }
+        self.sent += 1;
+        self.consumed_told = self.consumed;
+        outbox.push(request);
+    }
+
+    /// Writes this tick's requests: model, tour, held regions, releases, then `wanted` in its order.
+    pub fn requests(
+        &mut self,
+        tick: u64,
+        cache: &mut Cache,
+        wanted: impl Iterator<Item = (RegionId, f64)>,
+        outbox: &mut Outbox,
+    ) {
+        if self.station == 0 {
+            return;
+        }
+        if self.model == 0 {
+            if !self.model_asked {
+                self.model_asked = true;
+                let request = self.request(RequestKind::Model);
+                self.send(outbox, request, tick, true);
+            }
+        } else {
+            if let (Some(tour), false) = (self.tour, self.tour_asked) {
+                self.tour_asked = true;
+                let mut request = self.request(RequestKind::Tour);
+                request.tour = tour;
+                self.send(outbox, request, tick, true);
+            }
+            self.declare(tick, cache, outbox);
+            self.ask(tick, cache, wanted, outbox);
+        }
+        if self.consumed - self.consumed_told >= CREDIT_STEP && outbox.has_room() {
+            let request = self.request(RequestKind::Credit);
+            self.send(outbox, request, tick, false);
+        }
+    }
+
+    /// Tells a new epoch which regions are held.
+    fn declare(&mut self, tick: u64, cache: &Cache, outbox: &mut Outbox) {
+        while self.declared < cache.regions.capacity() && outbox.has_room() {
+            let mut request = self.request(RequestKind::Regions);
+            while self.declared < cache.regions.capacity()
+                && (request.count as usize) < REGIONS_PER_REQUEST
+            {
+                if let Some(region) = cache.regions.get(self.declared)
+                    && region.state == RegionState::Held
+                {
+                    push(&mut request, region.id, RegionAction::Held);
+                }
+                self.declared += 1;
+            }
+            if request.count == 0 {
+                return;
+            }
+            self.send(outbox, request, tick, false);
+        }
+    }
+
+    fn ask(
+        &mut self,
+        tick: u64,
+        cache: &mut Cache,
+        mut wanted: impl Iterator<Item = (RegionId, f64)>,
+        outbox: &mut Outbox,
+    ) {
+        if self.declared < cache.regions.capacity() || !outbox.has_room() {
+            return;
+        }
+        let mut request = self.request(RequestKind::Regions);
+        for &place in &self.releases[..self.release_count] {
+            let place = place as usize;
+            push(
+                &mut request,
+                cache.regions.at(place).id,
+                RegionAction::Release,
+            );
+            cache.regions.remove(place);
+        }
+        self.release_count = 0;
+        let mut asked = 0;
+        while (request.count as usize) < REGIONS_PER_REQUEST
+            && self.outstanding + asked < OUTSTANDING
+        {
+            let Some((id, distance)) = wanted.next() else {
+                break;
+            };
+            if cache.regions.index(id).is_some() {
+                continue;
+            }
+            let Some(index) = cache.regions.add(id) else {
+                break;
+            };
+            let region = cache.regions.at_mut(index);
+            region.state = RegionState::Asked;
+            region.touched = tick;
+            region.distance = distance;
+            push(&mut request, id, RegionAction::Subscribe);
+            asked += 1;
+        }
+        if request.count > 0 {
+            self.send(outbox, request, tick, asked > 0);
+            self.outstanding += asked;
+            self.subscribed += u64::from(asked);
+        }
+    }
+}
+
+fn push(request: &mut Request, region: RegionId, action: RegionAction) {
+    request.regions[request.count as usize] = RegionAsk {
+        region: region.0,
+        tolerance_bits: 0.0f32.to_bits(),
+        action: action as u32,
+    };
+    request.count += 1;
+}

@@ -1,0 +1,347 @@
+//! The two connection agents over real iceoryx2, in one process, each test in a domain of its own.
+
+use bytemuck::Zeroable;
+use hrtc::connection::{INBOX, Link, LinkEndpoints, LinkHandle, LinkOptions};
+use hrtc::inbox::InboxChunk;
+use iceoryx2::prelude::BackpressureStrategy;
+use rtrb::{Consumer, Producer, RingBuffer};
+use shared::protocol::{
+    ChunkKind, ContactReport, Domain, HELLO_PERIOD_MS, Hello, RegionAction, RegionAsk, Request,
+    RequestKind, Role,
+};
+use shared::spm::{SpmFile, write_spm};
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+use ve_station::build::{BuildOptions, NoProgress, build_model};
+use ve_station::connection::Connection;
+use ve_station::generate::{Shape, generate};
+use ve_station::station::{ServedModel, ServedObject, Station};
+
+const CLIENT: u64 = 0xC11E;
+
+/// A domain that no other test and no other run uses; its files go with it.
+struct OwnDomain(Domain);
+
+impl std::ops::Deref for OwnDomain {
+    type Target = Domain;
+
+    fn deref(&self) -> &Domain {
+        &self.0
+    }
+}
+
+impl Drop for OwnDomain {
+    fn drop(&mut self) {
+        self.0.remove_files();
+    }
+}
+
+fn domain(test: &str) -> OwnDomain {
+    OwnDomain(Domain::new(&format!("{test}-{}", std::process::id())).unwrap())
+}
+
+fn torus() -> Vec<u8> {
+    let mesh = generate(Shape::Torus, 3000, 1);
+    let parts = build_model(mesh, &BuildOptions::default(), &NoProgress).unwrap();
+    let mut bytes = Vec::new();
+    write_spm(&parts, &mut bytes).unwrap();
+    bytes
+}
+
+/// A station on its own thread.
+struct Served {
+    stop: Arc<AtomicBool>,
+    thread: thread::JoinHandle<ve_station::station::Counters>,
+}
+
+impl Served {
+    fn start(domain: &Domain, incarnation: u64, bytes: Vec<u8>) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let (domain, stopped) = (domain.clone(), Arc::clone(&stop));
+        let thread = thread::spawn(move || {
+            let served = ServedModel {
+                name: "torus".to_owned(),
+                file: SpmFile::open(bytes).unwrap(),
+            };
+            let object = ServedObject {
+                model: 0,
+                name: Request::name_hash("torus"),
+            };
+            let station = Station::new(incarnation, vec![served], vec![object]);
+            let mut connection = Connection::open(&domain, station).unwrap();
+            connection.run(&stopped);
+            connection.station().counters()
+        });
+        Self { stop, thread }
+    }
+
+    fn stop(self) -> ve_station::station::Counters {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap()
+    }
+}
+
+/// The tick's ends of a link.
+struct Tick {
+    requests: Producer<Request>,
+    contacts: Producer<ContactReport>,
+    inbox: Consumer<InboxChunk>,
+    station: Arc<AtomicU64>,
+    other_version: Arc<AtomicU32>,
+    recorded: Arc<Mutex<Vec<u64>>>,
+    link: LinkHandle,
+    next: u64,
+    consumed: u64,
+}
+
+impl Tick {
+    fn start(domain: &Domain) -> Self {
+        let (requests, requests_out) = RingBuffer::new(64);
+        let (contacts, contacts_out) = RingBuffer::new(64);
+        let (inbox_in, inbox) = RingBuffer::new(INBOX);
+        let station = Arc::new(AtomicU64::new(0));
+        let other_version = Arc::new(AtomicU32::new(0));
+        let recorded = Arc::new(Mutex::new(Vec::new()));
+        let record = Arc::clone(&recorded);
+        let link = Link::spawn(
+            LinkOptions {
+                domain: domain.clone(),
+                client: CLIENT,
+                incarnation: 1,
+            },
+            LinkEndpoints {
+                requests: requests_out,
+                contacts: contacts_out,
+                inbox: inbox_in,
+                station: Arc::clone(&station),
+                other_version: Arc::clone(&other_version),
+                recorder: Some(Box::new(move |chunk| {
+                    record.lock().unwrap().push(chunk.header.sequence);
+                })),
+            },
+        )
+        .unwrap();
+        Self {
+            requests,
+            contacts,
+            inbox,
+            station,
+            other_version,
+            recorded,
+            link,
+            next: 0,
+            consumed: 0,
+        }
+    }
+
+    fn request(&mut self, kind: RequestKind, change: impl Fn(&mut Request)) {
+        let mut request = Request::zeroed();
+        request.client = CLIENT;
+        request.incarnation = 1;
+        request.sequence = self.next;
+        request.consumed = self.consumed;
+        request.name = Request::name_hash("torus");
+        request.kind = kind as u32;
+        change(&mut request);
+        self.next += 1;
+        self.requests.push(request).unwrap();
+    }
+
+    /// Chunks until one of this kind is the last of its answer.
+    fn answer(&mut self) -> Vec<InboxChunk> {
+        let mut chunks = Vec::new();
+        until("an answer", || match self.inbox.pop() {
+            Ok(chunk) => {
+                assert_eq!(chunk.header.sequence, self.consumed);
+                self.consumed += 1;
+                chunks.push(chunk);
+                chunk.header.last == 1
+            }
+            Err(_) => false,
+        });
+        chunks
+    }
+
+    fn wait_for_station(&self, incarnation: u64) {
+        until("the heartbeat", || {
+            self.station.load(Ordering::Acquire) == incarnation
+        });
+    }
+}
+
+/// Waits for something that must come; a minute is a hang, not a measurement.
+fn until(what: &str, mut came: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !came() {
+        assert!(
+            start.elapsed() < Duration::from_secs(60),
+            "{what} never came"
+        );
+        thread::sleep(Duration::from_micros(200));
+    }
+}
+
+#[test]
+fn a_model_a_region_and_a_measured_contact_cross_real_shared_memory() {
+    let (domain, bytes) = (domain("loop"), torus());
+    let file = SpmFile::open(bytes.clone()).unwrap();
+    let served = Served::start(&domain, 77, bytes);
+    let mut tick = Tick::start(&domain);
+    tick.wait_for_station(77);
+
+    tick.request(RequestKind::Model, |_| {});
+    let chunks = tick.answer();
+    let head = file.model_header();
+    assert!(
+        chunks
+            .iter()
+            .all(|c| c.header.kind == ChunkKind::Model as u32)
+    );
+    assert!(
+        chunks
+            .iter()
+            .all(|c| c.header.model == head.model && c.header.station == 77)
+    );
+
+    let region = file.regions()[0];
+    tick.request(RequestKind::Regions, |request| {
+        request.model = head.model;
+        request.count = 1;
+        request.regions[0] = RegionAsk {
+            region: region.0,
+            tolerance_bits: 0,
+            action: RegionAction::Subscribe as u32,
+        };
+    });
+    let chunks = tick.answer();
+    let (mut ids, mut records) = (BTreeSet::new(), BTreeSet::new());
+    for chunk in &chunks {
+        let count = chunk.header.count as usize;
+        if chunk.header.kind == ChunkKind::Closure as u32 {
+            ids.extend(&bytemuck::cast_slice::<_, u32>(&chunk.slots)[..count]);
+        } else {
+            for slot in &chunk.slots[..count] {
+                let record: shared::spm::VspRecord = bytemuck::cast(*slot);
+                assert_eq!(record, file.record(record.i).unwrap());
+                records.insert(record.i);
+            }
+        }
+    }
+    assert_eq!(ids, records);
+    assert!(!ids.is_empty());
+
+    let mut report = ContactReport::zeroed();
+    report.client = CLIENT;
+    report.contact = [1.4, 0.0, 0.0];
+    tick.contacts.push(report).unwrap();
+    // The report travels on another topic: the end of the contact must not overtake it.
+    report.tick = 60;
+    tick.contacts.push(report).unwrap();
+    let chunks = tick.answer();
+    assert_eq!(chunks[0].header.kind, ChunkKind::Measured as u32);
+
+    let recorded = tick.recorded.lock().unwrap().clone();
+    assert!(
+        recorded.iter().copied().eq(0..tick.consumed),
+        "recorded in order of arrival"
+    );
+    let report = tick.link.stop();
+    assert_eq!((report.undelivered, report.foreign), (0, 0));
+    assert_eq!(report.chunks, tick.consumed);
+    let counters = served.stop();
+    assert_eq!(counters.records, records.len() as u64);
+}
+
+#[test]
+fn a_full_inbox_delays_chunks_and_loses_none() {
+    let (domain, bytes) = (domain("full"), torus());
+    let file = SpmFile::open(bytes.clone()).unwrap();
+    let served = Served::start(&domain, 5, bytes);
+    let mut tick = Tick::start(&domain);
+    tick.wait_for_station(5);
+    let regions: Vec<u32> = file.regions().iter().map(|r| r.0).take(32).collect();
+    let mut last = 0;
+    // The inbox is left alone until the station's credit is used up, again and again.
+    for round in 0..4 {
+        tick.request(RequestKind::Regions, |request| {
+            request.model = file.model_header().model;
+            request.count = regions.len() as u32;
+            for (ask, &region) in request.regions.iter_mut().zip(&regions) {
+                ask.region = region;
+                ask.action = RegionAction::Subscribe as u32;
+            }
+        });
+        thread::sleep(Duration::from_millis(20));
+        until("the round's answers", || {
+            while let Ok(chunk) = tick.inbox.pop() {
+                assert_eq!(chunk.header.sequence, tick.consumed);
+                tick.consumed += 1;
+                last += u64::from(chunk.header.last);
+            }
+            tick.request(RequestKind::Credit, |_| {});
+            thread::sleep(Duration::from_millis(1));
+            last == (round + 1) * regions.len() as u64
+        });
+    }
+    drop(tick);
+    served.stop();
+}
+
+#[test]
+fn a_station_that_comes_late_or_again_is_seen_and_one_that_leaves_is_missed() {
+    let domain = domain("late");
+    let tick = Tick::start(&domain);
+    thread::sleep(Duration::from_millis(3 * HELLO_PERIOD_MS));
+    assert_eq!(tick.station.load(Ordering::Acquire), 0);
+    let bytes = torus();
+    for incarnation in [11, 12] {
+        let served = Served::start(&domain, incarnation, bytes.clone());
+        tick.wait_for_station(incarnation);
+        served.stop();
+    }
+    tick.wait_for_station(0);
+}
+
+#[test]
+fn another_protocol_version_is_told_to_the_tick() {
+    let domain = domain("version");
+    let tick = Tick::start(&domain);
+    let node = domain.node().unwrap();
+    let publisher = domain
+        .hello_service(&node)
+        .unwrap()
+        .publisher_builder()
+        .backpressure_strategy(BackpressureStrategy::DiscardData)
+        .create()
+        .unwrap();
+    until("the other version", || {
+        publisher
+            .send_copy(Hello::of_version(9, Role::Station, 1, 0))
+            .unwrap();
+        tick.other_version.load(Ordering::Acquire) == 9
+    });
+    assert_eq!(
+        tick.station.load(Ordering::Acquire),
+        0,
+        "it is no station of ours"
+    );
+}
+
+#[test]
+fn a_domain_that_cannot_be_used_is_named_in_one_sentence() {
+    let domain = domain("blocked");
+    let root = format!("/tmp/hrtc-{}", domain.name());
+    // A file where the domain's folder should be.
+    std::fs::write(&root, "").unwrap();
+    let error = Connection::open(&domain, Station::<Vec<u8>>::new(1, vec![], vec![])).unwrap_err();
+    std::fs::remove_file(&root).unwrap();
+    let sentence = error.to_string();
+    assert!(
+        sentence.contains("--domain") && sentence.contains(domain.name()),
+        "{sentence}"
+    );
+    assert!(!sentence.contains('\n'), "{sentence}");
+}
