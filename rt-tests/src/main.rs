@@ -1,0 +1,15 @@
+//! The command `rt-tests`; see the library for what it does.
+
+use clap::Parser;
+use std::process::ExitCode;
+
+/// Counts allocations of the tick's thread, in this build only.
+#[global_allocator]
+static ALLOCATOR: hrtc::counting_allocator::CountingAllocator =
+    hrtc::counting_allocator::CountingAllocator;
+
+fn main() -> ExitCode {
+    let arguments = rt_tests::arguments::Arguments::parse();
+    hrtc::logging::start();
+    rt_tests::execute(arguments)
+}

@@ -1,0 +1,227 @@
+//! `rt-tests run`: both processes on a scene, a live line, a closing report.
+
+use crate::arguments::OverrideArgs;
+use crate::failure::Failure;
+use crate::machine::Machine;
+use crate::pair::{PairArgs, Shown, run_pair};
+use crate::report::{Report, bytes, grouped};
+use crate::supervise::stop_flag;
+use clap::Args;
+use hrtc::result::Status;
+use indicatif::{ProgressBar, ProgressStyle};
+use shared::scene::{ModelSource, ScenePlan, load};
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Duration;
+use ve_station::build::TerminalProgress;
+use ve_station::database::Database;
+use ve_station::inspect::{self, Motion, area, longest_side};
+
+/// Longest run, seconds: a day.
+const LONGEST: f64 = 86_400.0;
+
+/// Arguments of `rt-tests run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// The scene file
+    pub scene: PathBuf,
+    /// Length of the run, seconds
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 20.0,
+        allow_negative_numbers = true
+    )]
+    pub seconds: f64,
+    /// Over the scene.
+    #[command(flatten)]
+    pub overrides: OverrideArgs,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Folder of the report [default: reports/SCENE-MODEL]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Record every input of every tick, for a replay
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+}
+
+/// Checks a length of time from the command line.
+///
+/// # Errors
+/// One sentence when it is not between 0.1 s and a day.
+pub fn check_seconds(seconds: f64) -> Result<(), Failure> {
+    if (0.1..=LONGEST).contains(&seconds) {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
+        "--seconds is {seconds}; write a number from 0.1 to {LONGEST}"
+    )))
+}
+
+/// Opens every model of a scene once before anything starts, so that a bad one is refused at once, and a
+/// mesh that must be built first is built with its progress on the terminal and not within the run.
+///
+/// # Errors
+/// One sentence that names the file.
+pub fn prepare_models(plan: &ScenePlan) -> Result<Database, Failure> {
+    let progress = TerminalProgress::new();
+    let opened = Database::open(plan, &progress);
+    progress.finish();
+    opened.map_err(|error| Failure::Input(error.to_string()))
+}
+
+/// The greatest speed at full resolution for the first object, m/s; 0 when its file is damaged.
+fn greatest_speed(plan: &ScenePlan, database: &Database) -> f64 {
+    let model = database.objects.first().map(|object| object.model);
+    let (Some(model), Some(object), Some(probe)) = (
+        model.and_then(|model| database.models.get(model)),
+        plan.objects.first(),
+        plan.probes.first(),
+    ) else {
+        return 0.0;
+    };
+    let header = model.file.model_header();
+    let motion = Motion {
+        metres_per_unit: object.scale.metres_per_unit(longest_side(&header)),
+        probe_radius_m: probe.radius_m,
+        operations: plan.loop_.operations as f64,
+        period_s: 1.0 / plan.loop_.rate_hz,
+    };
+    area(&model.file).map_or(0.0, |area| inspect::greatest_speed(&header, area, motion))
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence, with its status.
+pub fn run(args: &RunArgs) -> Result<(), Failure> {
+    check_seconds(args.seconds)?;
+    let plan = load(&args.scene, &args.overrides.overrides())?;
+    let out = args.out.clone().unwrap_or_else(|| {
+        PathBuf::from("reports").join(format!("{}-{}", plan.name, model_name(&plan)))
+    });
+    std::fs::create_dir_all(&out).map_err(|error| Failure::write(&out, &error))?;
+    let database = prepare_models(&plan)?;
+    let stop = stop_flag()?;
+    let line = LiveLine::new(args.seconds);
+    let pair = PairArgs {
+        scene: &args.scene,
+        plan: &plan,
+        seconds: args.seconds,
+        overrides: &args.overrides,
+        record: args.record.as_deref(),
+    };
+    let outcome = run_pair(&pair, &stop, &mut |shown| line.show(shown));
+    line.bar.finish_and_clear();
+    let outcome = outcome?;
+    let machine = Machine::read();
+    let report = Report {
+        plan: &plan,
+        finished: &outcome.finished,
+        machine: &machine,
+        // After the run: it reads the whole mesh, which would warm the pages that the run is to read.
+        greatest_speed_m_per_s: greatest_speed(&plan, &database),
+        notes: &outcome.notes,
+    };
+    report.write(&out)?;
+    let words = format!(
+        "{}{:<11} {}\n",
+        report.words(),
+        "report",
+        out.join("report.html").display()
+    );
+    if args.json {
+        eprint!("{words}");
+        print_json(&outcome.finished.result)
+    } else {
+        print(&words)
+    }
+}
+
+/// Prints one JSON object on standard output.
+///
+/// # Errors
+/// When it cannot be printed.
+pub fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string(value)
+        .map_err(|error| Failure::Run(format!("the result has no JSON ({error})")))?;
+    print(&format!("{text}\n"))
+}
+
+/// Prints on standard output; a reader that went away (`| head`) is no failure.
+///
+/// # Errors
+/// When it cannot be printed for another reason.
+pub fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::Run(format!(
+            "standard output cannot be written ({error})"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// A short name of the first object's model, fit for a folder.
+fn model_name(plan: &ScenePlan) -> String {
+    match plan.objects.first().map(|object| &object.model) {
+        Some(ModelSource::File(path)) => path
+            .file_stem()
+            .map_or_else(|| "model".to_string(), |s| s.to_string_lossy().into_owned()),
+        Some(ModelSource::Generate { shape, faces }) => format!("{shape}-{faces}"),
+        None => "none".to_string(),
+    }
+}
+
+/// The status line on standard error; silent where that is no terminal.
+struct LiveLine {
+    bar: ProgressBar,
+}
+
+impl LiveLine {
+    fn new(seconds: f64) -> Self {
+        let bar = ProgressBar::new((seconds * 10.0).ceil() as u64);
+        if let Ok(style) = ProgressStyle::with_template("{spinner} {bar:20} {msg}") {
+            bar.set_style(style);
+        }
+        bar.set_message("starting both processes");
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Self { bar }
+    }
+
+    fn show(&self, shown: Shown) {
+        match shown {
+            Shown::Status(status) => {
+                self.bar.set_position((status.seconds * 10.0) as u64);
+                self.bar.set_message(worded(status));
+            }
+            // A process's last sentence is told when its end is judged.
+            Shown::Said(_, line) if line.starts_with("error: ") || line.is_empty() => {}
+            Shown::Said(name, line) => {
+                let line = format!("{name}: {line}");
+                if self.bar.is_hidden() {
+                    eprintln!("{line}");
+                } else {
+                    self.bar.println(line);
+                }
+            }
+        }
+    }
+}
+
+fn worded(status: &Status) -> String {
+    let touch = match (status.ready, status.station, status.contact) {
+        (_, false, _) => "station not there".to_string(),
+        (false, ..) => "waiting for the model".to_string(),
+        (.., true) => format!("touching, {:.2} N", status.force_n),
+        (.., false) => "in free space".to_string(),
+    };
+    format!(
+        "{:.1} s  {touch}  {} faces refined  cache {}  missed {}",
+        status.seconds,
+        grouped(status.refined_faces),
+        bytes(status.cache_bytes),
+        status.missed
+    )
+}
