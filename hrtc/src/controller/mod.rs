@@ -83,6 +83,8 @@ pub struct TickOutputs {
     pub outbox: Outbox,
     /// Contact report to the station, every few ticks.
     pub report: Option<ContactReport>,
+    /// What holds the probe, model units; `None` in free space.
+    pub contact: Option<Contact>,
     /// How many of the given chunks are done with.
     pub chunks_consumed: usize,
     /// What the tick was like.
@@ -97,6 +99,7 @@ impl TickOutputs {
             wrenches: vec![Wrench::ZERO; probes],
             outbox: Outbox::new(),
             report: None,
+            contact: None,
             chunks_consumed: 0,
             record: CoreRecord::default(),
         }
@@ -362,6 +365,7 @@ impl Controller {
             *place = wrench;
         }
         self.report(inputs.tick, sample, contact, wrench, outputs);
+        outputs.contact = contact;
         self.finish_record(&mut record, wrench);
         outputs.record = record;
         observer.ended(Stage::Force);
