@@ -2,9 +2,9 @@
 //!
 //! | service | direction | payload |
 //! |---|---|---|
-//! | `hrtc/v1/subscribe` | controller to station | [`Request`] |
-//! | `hrtc/v1/records/CLIENT` | station to one controller | [`ChunkHeader`] and 64 [`ChunkSlot`]s |
-//! | `hrtc/v1/pose` | controller to station | [`ContactReport`] |
+//! | `hrtc/v2/subscribe` | controller to station | [`Request`] |
+//! | `hrtc/v2/records/CLIENT` | station to one controller | [`ChunkHeader`] and 64 [`ChunkSlot`]s |
+//! | `hrtc/v2/pose` | controller to station | [`ContactReport`] |
 //! | `hrtc/hello` | both ways | [`Hello`], whose first bytes never change |
 //!
 //! **Epochs heal.** A controller numbers its requests and the station its chunks, both from 0 in every

@@ -1,6 +1,6 @@
 //! The messages as they lie in shared memory: fixed size, plain data, SI units unless said.
 
-use crate::spm::{RegionGrid, Sizes};
+use crate::spm::{LEVELS, RegionGrid, Sizes};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -90,7 +90,7 @@ impl Refusal {
 /// The user header of a chunk.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ChunkHeader.v1")]
+#[type_name("hrtc.ChunkHeader.v2")]
 pub struct ChunkHeader {
     /// Incarnation of the sending station.
     pub station: u64,
@@ -122,7 +122,7 @@ pub struct ChunkHeader {
 #[repr(C)]
 #[repr(align(8))]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ChunkSlot.v1")]
+#[type_name("hrtc.ChunkSlot.v2")]
 pub struct ChunkSlot {
     /// Raw words; cast with `bytemuck`.
     pub words: [u32; 16],
@@ -144,6 +144,10 @@ pub struct ModelHeader {
     pub upper: [f64; 3],
     /// The grid of regions.
     pub grid: RegionGrid,
+    /// The smallest tolerance of each level, model units: at `ladder[l]` at most n / 4^l VSPs have a larger
+    /// expected error, so that a region of any tolerance holds about as many. Does not decrease; `ladder[0]`
+    /// is 0; infinite where the grid has no cell of that level left, and from 1 on without expected errors.
+    pub ladder: [f32; LEVELS],
     /// V0.
     pub base_vertices: u32,
     /// F0.
@@ -161,7 +165,7 @@ pub struct ModelHeader {
 }
 
 /// Slots that the [`ModelHeader`] takes.
-pub const MODEL_HEADER_SLOTS: usize = 3;
+pub const MODEL_HEADER_SLOTS: usize = 4;
 const _: () = assert!(size_of::<ModelHeader>() <= MODEL_HEADER_SLOTS * 64);
 
 impl ModelHeader {
@@ -174,6 +178,35 @@ impl ModelHeader {
             vsps: self.vsps,
             faces: self.faces,
         }
+    }
+
+    /// The level of the grid in which regions of a tolerance (model units) are named: 0 for the full mesh, else
+    /// the coarsest whose rung of the ladder is not above the tolerance.
+    #[must_use]
+    pub fn level_of(&self, tolerance: f32) -> u32 {
+        let is_reached = |&rung: &f32| rung.is_finite() && rung <= tolerance;
+        if tolerance > 0.0 {
+            let reached = self.ladder.iter().take_while(|rung| is_reached(rung));
+            (reached.count() as u32).saturating_sub(1)
+        } else {
+            0
+        }
+    }
+
+    /// The grid in which regions of a tolerance (model units) are named.
+    #[must_use]
+    pub fn grid_of(&self, tolerance: f32) -> RegionGrid {
+        let level = self.level_of(tolerance);
+        self.grid.at_level(level).unwrap_or(self.grid)
+    }
+
+    /// Whether the ladder starts at 0, does not decrease and ends where the grid does.
+    fn ladder_is_valid(&self) -> bool {
+        self.ladder[0] == 0.0
+            && self.ladder.windows(2).all(|w| w[0] <= w[1])
+            && (0..)
+                .zip(self.ladder)
+                .all(|(level, rung)| self.grid.at_level(level).is_some() || rung.is_infinite())
     }
 
     /// Whether the numbers can be a model at all; checked at the file and again at the wire.
@@ -193,6 +226,7 @@ impl ModelHeader {
             && self.diagonal.is_normal()
             && self.diagonal > 0.0
             && self.grid.is_valid()
+            && self.ladder_is_valid()
             && self.base_vertices >= 3
             && self.base_faces >= 1
             && self.faces >= self.base_faces
@@ -299,7 +333,7 @@ impl RegionAction {
 /// One region of a request.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.RegionAsk.v1")]
+#[type_name("hrtc.RegionAsk.v2")]
 pub struct RegionAsk {
     /// [`crate::spm::RegionId`] as a number.
     pub region: u32,
@@ -312,7 +346,7 @@ pub struct RegionAsk {
 /// What a tour is made from.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.TourAsk.v1")]
+#[type_name("hrtc.TourAsk.v2")]
 pub struct TourAsk {
     /// Seed of every choice.
     pub seed: u64,
@@ -329,7 +363,7 @@ pub struct TourAsk {
 /// A message of the controller.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.Request.v1")]
+#[type_name("hrtc.Request.v2")]
 pub struct Request {
     /// The client.
     pub client: u64,
@@ -368,7 +402,7 @@ impl Request {
 /// Pose and contact of one tick, for the measured error and the view. Sent decimated.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ContactReport.v1")]
+#[type_name("hrtc.ContactReport.v2")]
 pub struct ContactReport {
     /// The client.
     pub client: u64,

@@ -4,8 +4,8 @@
 //! |---|---|---|
 //! | header | sizes, grid, what the builder did, table of sections | on open |
 //! | base vertices, base faces | 16, 32 B | on open |
-//! | regions, seed offsets | 4 B each | on open |
-//! | seeds, records, full faces, boxes | 4, 64, 16, 24 B | a 64-KiB block, when first used |
+//! | regions, seed offsets, base splits | 4 B each | on open |
+//! | seeds, records, full faces, boxes, hierarchy | 4, 64, 16, 24, 20 B | a 64-KiB block, when first used |
 //!
 //! Sections start at multiples of 64 bytes. Reading allocates one byte a block and nothing else, whatever
 //! the file says: every size is checked against the length of the data first.
@@ -20,7 +20,7 @@ pub use layout::{BLOCK_BYTES, BuildSummary, FORMAT_VERSION, FullFace, Section, S
 pub use write::{SpmParts, write_spm};
 
 use crate::protocol::{BaseFace, BaseVertex, ModelHeader};
-use crate::spm::{NONE, RecordError, RegionId, VspRecord};
+use crate::spm::{NONE, RecordError, RegionId, VspNode, VspRecord};
 use bytemuck::{AnyBitPattern, Pod};
 use layout::{ALIGNMENT, MAGIC, box_count};
 use std::ops::Range;
@@ -236,6 +236,25 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         Ok(record)
     }
 
+    /// The VSP that splits each base vertex, [`NONE`] where none does; in range, checked on open.
+    #[must_use]
+    pub fn base_splits(&self) -> &[u32] {
+        self.small(Section::BaseSplits)
+    }
+
+    /// VSP i in the vertex hierarchy; its children are in range and come after it.
+    ///
+    /// # Errors
+    /// When there is no such VSP, its block is damaged or its children cannot be.
+    pub fn node(&self, i: u32) -> Result<VspNode, FileError> {
+        let node: VspNode = self.item(Section::Hierarchy, u64::from(i))?;
+        if node.is_valid(i, self.header.model.vsps) {
+            Ok(node)
+        } else {
+            Err(FileError::Inconsistent(Section::Hierarchy))
+        }
+    }
+
     /// Checks every block and every record, for who wants to know before serving.
     ///
     /// # Errors
@@ -250,6 +269,7 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         }
         for i in 0..self.header.model.vsps {
             self.record(i)?;
+            self.node(i)?;
         }
         for position in 0..self.header.model.faces {
             self.full_face(position)?;
@@ -349,6 +369,10 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         if !faces_sound {
             return Err(FileError::Inconsistent(Section::BaseFaces));
         }
+        let split_ok = |&split: &u32| split == NONE || split < header.vsps;
+        if !self.base_splits().iter().all(split_ok) {
+            return Err(FileError::Inconsistent(Section::BaseSplits));
+        }
         Ok(())
     }
 
@@ -423,6 +447,8 @@ fn header_is_sound(header: &SpmHeader) -> bool {
         && count(Section::BaseFaces) == u64::from(model.base_faces)
         && count(Section::SeedOffsets) == count(Section::Regions) + 1
         && count(Section::BlockSums) == blocks
+        && count(Section::BaseSplits) == u64::from(model.base_vertices)
+        && count(Section::Hierarchy) == u64::from(model.vsps)
         && count(Section::Records) == u64::from(model.vsps)
         && count(Section::FullFaces) == u64::from(model.faces)
         && count(Section::Boxes) == box_count(model.faces)

@@ -22,6 +22,7 @@
 mod active_mesh;
 mod error_code;
 mod file;
+mod hierarchy;
 mod record;
 mod regions;
 
@@ -31,5 +32,6 @@ pub use file::{
     BLOCK_BYTES, BuildSummary, FORMAT_VERSION, FileError, FullFace, Section, SpmFile, SpmHeader,
     SpmParts, write_spm,
 };
+pub use hierarchy::{ReachScale, VspNode};
 pub use record::{NONE, RecordError, Sizes, VspRecord};
-pub use regions::{RegionGrid, RegionId};
+pub use regions::{LEVELS, RegionGrid, RegionId};

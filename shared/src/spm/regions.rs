@@ -4,12 +4,22 @@ use crate::geometry::triangle_overlaps_box;
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, UVec3};
 
-/// A region: the cell's coordinates, ten bits each, x lowest.
+/// Levels of the ladder of tolerances: each has cells of twice the side of the one before.
+pub const LEVELS: usize = 10;
+
+/// A region: the cell's coordinates, ten bits each, x lowest, in the grid of the level that the tolerance
+/// gives ([`crate::protocol::ModelHeader::level_of`]); or the whole model, or a prefix of the sequence.
 #[repr(transparent)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Pod, Zeroable)]
 pub struct RegionId(pub u32);
 
 impl RegionId {
+    /// The whole model at a tolerance: global refinement.
+    pub const WHOLE: Self = Self(1 << 30);
+    /// The first VSPs of the sequence (thesis Figure 4.4). What goes with a region as the bits of its
+    /// tolerance is then their count.
+    pub const PREFIX: Self = Self(1 << 31);
+
     /// The region of a cell whose coordinates are below 1024.
     #[inline]
     #[must_use]
@@ -64,6 +74,21 @@ impl RegionGrid {
             cell,
             cells: [count(sides.x), count(sides.y), count(sides.z)],
             divisions,
+        })
+    }
+
+    /// The grid whose cells are 2^`level` cells of this one along each side, with the same lower corner: walls
+    /// of its cells are walls of this grid's, bit for bit.
+    ///
+    /// `None` when not one such cell is left along the longest side.
+    #[must_use]
+    pub fn at_level(&self, level: u32) -> Option<Self> {
+        let divisions = self.divisions.checked_shr(level).unwrap_or(0);
+        (divisions > 0).then(|| Self {
+            cell: self.cell * f64::from(1u32 << level),
+            cells: self.cells.map(|count| count.div_ceil(1 << level)),
+            divisions,
+            ..*self
         })
     }
 
@@ -188,6 +213,32 @@ mod tests {
             prop_assert!(grid.contains(holder));
             prop_assert!(owners.contains(&holder), "{holder:?} not in {owners:?}");
         }
+    }
+
+    #[test]
+    fn coarser_levels_share_the_walls_of_the_finest() {
+        let lower = DVec3::new(-0.1, 3.7, 1e-3);
+        let grid = RegionGrid::new(lower, lower + DVec3::new(0.7, 0.3, 0.013), 64).unwrap();
+        assert_eq!(grid.at_level(0), Some(grid));
+        for level in 1..7 {
+            let coarse = grid.at_level(level).unwrap();
+            assert!(coarse.is_valid());
+            assert_eq!(coarse.divisions, 64 >> level);
+            let ratio = 1 << level;
+            let last = UVec3::from_array(coarse.cells) - UVec3::ONE;
+            let (low, high) = coarse.cell_box(RegionId::of_cell(last));
+            let first_fine = RegionId::of_cell(last * ratio);
+            assert_eq!(low, grid.cell_box(first_fine).0);
+            let beyond = RegionId::of_cell(last * ratio + UVec3::splat(ratio - 1));
+            assert_eq!(high, grid.cell_box(beyond).1);
+            let end = UVec3::from_array(grid.cells);
+            assert!(end.cmple((last + UVec3::ONE) * ratio).all());
+            assert!(end.cmpgt(last * ratio).all());
+        }
+        for level in [7, 31, 32, u32::MAX] {
+            assert_eq!(grid.at_level(level), None);
+        }
+        assert!(!grid.contains(RegionId::WHOLE) && !grid.contains(RegionId::PREFIX));
     }
 
     #[test]

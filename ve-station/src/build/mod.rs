@@ -9,11 +9,13 @@
 //! | 5 | `error` | R of every vertex: the certified error |
 //! | 6 | `spm` | ids, records, AB-tree order: [`shared::spm::SpmParts`] |
 //! | 7 | `regions` | the grid, what each region needs, closures |
+//! | 8 | `hierarchy` | who splits the children of a VSP, how far it reaches; the ladder of tolerances |
 //!
 //! Everything is deterministic: the same bytes in give the same bytes out.
 
 mod clean;
 mod error;
+mod hierarchy;
 mod import;
 mod manifold;
 mod progress;
@@ -32,7 +34,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Counted up whenever the builder makes another file from the same mesh; part of a cache's key.
-pub const BUILDER_VERSION: u32 = 3;
+pub const BUILDER_VERSION: u32 = 4;
 
 /// What the user may set (thesis Table 4.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,6 +1,7 @@
 //! From a history to the parts of an SPM file: ids, records, AB-tree order.
 
 use super::error::descendant_radius;
+use super::hierarchy::{add_hierarchy, ladder};
 use super::regions::{Model, corners_by_id, default_grid, regions_of};
 use super::simplify::History;
 use super::{BuildError, CleanMesh, ManifoldMesh, Progress};
@@ -126,6 +127,7 @@ pub fn assemble(
             lower: lower.to_array(),
             upper: upper.to_array(),
             grid,
+            ladder: ladder(&records, scale, &grid),
             base_vertices: ids.sizes.base_vertices,
             base_faces: ids.sizes.base_faces,
             vsps: ids.sizes.vsps,
@@ -154,7 +156,11 @@ pub fn assemble(
                 face: ids.face(face),
             })
             .collect(),
+        base_splits: Vec::new(),
+        hierarchy: Vec::new(),
     };
+    progress.phase("linking the hierarchy", ids.sizes.vsps.into());
+    add_hierarchy(&mut parts);
     if !parts.header.is_valid() {
         return Err(BuildError::Internal("the header".to_string()));
     }

@@ -2,14 +2,14 @@
 
 use crate::geometry::Aabb;
 use crate::protocol::{BaseFace, BaseVertex, ModelHeader};
-use crate::spm::{RegionId, VspRecord};
+use crate::spm::{RegionId, VspNode, VspRecord};
 use bytemuck::{Pod, Zeroable};
 
 /// The first eight bytes of every SPM file.
 pub(super) const MAGIC: [u8; 8] = *b"hrtc-spm";
 
 /// The version of the layout; another one is refused by name.
-pub const FORMAT_VERSION: u32 = 2;
+pub const FORMAT_VERSION: u32 = 3;
 
 /// Bytes that one checksum of a big section covers.
 pub const BLOCK_BYTES: u64 = 1 << 16;
@@ -31,30 +31,41 @@ pub enum Section {
     SeedOffsets = 3,
     /// Checksums of the blocks of the big sections, section after section (u64).
     BlockSums = 4,
+    /// The VSP that splits each base vertex, [`crate::spm::NONE`] where it is one of the full mesh (u32).
+    BaseSplits = 5,
     /// The VSPs that made the faces of a region and their corners, and those that keep its cell clear of
     /// coarse faces, ascending in each region (u32).
-    Seeds = 5,
+    Seeds = 6,
     /// Vertex split records ([`crate::spm::VspRecord`]).
-    Records = 6,
+    Records = 7,
     /// The full mesh in AB-tree order ([`FullFace`]).
-    FullFaces = 7,
+    FullFaces = 8,
     /// Boxes over the full mesh, in heap order ([`crate::geometry::Aabb`]).
-    Boxes = 8,
+    Boxes = 9,
+    /// The vertex hierarchy, a node a VSP ([`crate::spm::VspNode`]).
+    Hierarchy = 10,
 }
 
 impl Section {
     /// How many there are.
-    pub(super) const COUNT: usize = 9;
+    pub(super) const COUNT: usize = 11;
     /// Checked whole when the file is opened.
-    pub(super) const SMALL: [Self; 5] = [
+    pub(super) const SMALL: [Self; 6] = [
         Self::BaseVertices,
         Self::BaseFaces,
         Self::Regions,
         Self::SeedOffsets,
         Self::BlockSums,
+        Self::BaseSplits,
     ];
     /// Checked block by block when first used, in the order of their checksums.
-    pub(super) const BIG: [Self; 4] = [Self::Seeds, Self::Records, Self::FullFaces, Self::Boxes];
+    pub(super) const BIG: [Self; 5] = [
+        Self::Seeds,
+        Self::Records,
+        Self::FullFaces,
+        Self::Boxes,
+        Self::Hierarchy,
+    ];
 
     /// Bytes of one item.
     pub(super) const fn item_bytes(self) -> u64 {
@@ -62,11 +73,12 @@ impl Section {
             Self::BaseVertices => size_of::<BaseVertex>(),
             Self::BaseFaces => size_of::<BaseFace>(),
             Self::Regions => size_of::<RegionId>(),
-            Self::SeedOffsets | Self::Seeds => size_of::<u32>(),
+            Self::SeedOffsets | Self::Seeds | Self::BaseSplits => size_of::<u32>(),
             Self::BlockSums => size_of::<u64>(),
             Self::Records => size_of::<VspRecord>(),
             Self::FullFaces => size_of::<FullFace>(),
             Self::Boxes => size_of::<Aabb>(),
+            Self::Hierarchy => size_of::<VspNode>(),
         };
         bytes as u64
     }
@@ -84,6 +96,8 @@ impl Section {
             Self::Records => "records",
             Self::FullFaces => "full faces",
             Self::Boxes => "boxes",
+            Self::BaseSplits => "base splits",
+            Self::Hierarchy => "hierarchy",
         }
     }
 }

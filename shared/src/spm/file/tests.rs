@@ -1,7 +1,7 @@
 use super::*;
 use crate::ab_tree::leaf_key;
 use crate::geometry::closest_point_on_triangle;
-use crate::spm::RegionGrid;
+use crate::spm::{LEVELS, RegionGrid};
 use bytemuck::Zeroable;
 use glam::{DVec3, UVec3, Vec3};
 use proptest::prelude::*;
@@ -33,6 +33,7 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
         ..ModelHeader::zeroed()
     };
     header.closure_max = 3;
+    header.ladder = ladder_for_tests();
     let regions: Vec<RegionId> = (0..4)
         .map(|x| RegionId::of_cell(UVec3::new(x, 1, 0)))
         .collect();
@@ -81,7 +82,23 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
                 face: k,
             })
             .collect(),
+        base_splits: (0..base + 2)
+            .map(|v| if v < vsps { v } else { NONE })
+            .collect(),
+        hierarchy: (0..vsps)
+            .map(|i| VspNode {
+                children: [i + 1, i + 2].map(|child| if child < vsps { child } else { NONE }),
+                reach: [0, 1, 2, 30, 40, i as u16],
+            })
+            .collect(),
     }
+}
+
+/// For a grid of four cells: three levels.
+fn ladder_for_tests() -> [f32; LEVELS] {
+    let mut ladder = [f32::INFINITY; LEVELS];
+    ladder[..3].copy_from_slice(&[0.0, 0.02, 0.04]);
+    ladder
 }
 
 /// Bytes at a multiple of eight, as a map's are.
@@ -139,6 +156,10 @@ fn read_all(bytes: &[u8]) -> Result<SpmParts, FileError> {
         seeds,
         full_faces: (0..header.faces)
             .map(|p| file.full_face(p))
+            .collect::<Result<_, _>>()?,
+        base_splits: file.base_splits().to_vec(),
+        hierarchy: (0..header.vsps)
+            .map(|i| file.node(i))
             .collect::<Result<_, _>>()?,
     })
 }
@@ -242,7 +263,15 @@ fn what_is_impossible_is_refused_though_its_checksum_is_right() {
         |p| p.records[5].pos_t[0] = f32::NAN,
         FileError::Record(RecordError::Position(5)),
     );
+    expect(
+        |p| p.hierarchy[5].children[1] = 5,
+        inconsistent(Section::Hierarchy),
+    );
+    expect(|p| p.base_splits[2] = 64, inconsistent(Section::BaseSplits));
     expect(|p| p.header.diagonal = f64::NAN, FileError::DamagedHeader);
+    expect(|p| p.header.ladder[2] = 0.01, FileError::DamagedHeader);
+    expect(|p| p.header.ladder[1] = f32::NAN, FileError::DamagedHeader);
+    expect(|p| p.header.ladder[3] = 0.5, FileError::DamagedHeader);
 }
 
 proptest! {

@@ -6,7 +6,7 @@ use super::layout::{
 };
 use crate::geometry::Aabb;
 use crate::protocol::{BaseFace, BaseVertex, ModelHeader};
-use crate::spm::{RegionId, VspRecord};
+use crate::spm::{RegionId, VspNode, VspRecord};
 use bytemuck::Zeroable;
 use glam::Vec3;
 use std::io::{self, Write};
@@ -33,6 +33,10 @@ pub struct SpmParts {
     pub seeds: Vec<u32>,
     /// The full mesh in AB-tree order.
     pub full_faces: Vec<FullFace>,
+    /// The VSP that splits each base vertex, [`crate::spm::NONE`] where none does.
+    pub base_splits: Vec<u32>,
+    /// The vertex hierarchy, a node a VSP.
+    pub hierarchy: Vec<VspNode>,
 }
 
 impl SpmParts {
@@ -60,6 +64,7 @@ impl SpmParts {
         let mut hash = Xxh3Default::new();
         hash.update(bytemuck::bytes_of(&self.header.origin));
         hash.update(bytemuck::bytes_of(&self.header.grid));
+        hash.update(bytemuck::bytes_of(&self.header.ladder));
         hash.update(bytemuck::cast_slice(&self.base_vertices));
         hash.update(bytemuck::cast_slice(&self.base_faces));
         hash.update(bytemuck::cast_slice(&self.records));
@@ -95,11 +100,12 @@ impl SpmParts {
 /// When `out` fails.
 pub fn write_spm(parts: &SpmParts, out: &mut impl Write) -> io::Result<u64> {
     let boxes = parts.boxes();
-    let big: [&[u8]; 4] = [
+    let big: [&[u8]; Section::BIG.len()] = [
         bytemuck::cast_slice(&parts.seeds),
         bytemuck::cast_slice(&parts.records),
         bytemuck::cast_slice(&parts.full_faces),
         bytemuck::cast_slice(&boxes),
+        bytemuck::cast_slice(&parts.hierarchy),
     ];
     let sums: Vec<u64> = big
         .iter()
@@ -111,10 +117,12 @@ pub fn write_spm(parts: &SpmParts, out: &mut impl Write) -> io::Result<u64> {
         bytemuck::cast_slice(&parts.regions),
         bytemuck::cast_slice(&parts.seed_offsets),
         bytemuck::cast_slice(&sums),
+        bytemuck::cast_slice(&parts.base_splits),
         big[0],
         big[1],
         big[2],
         big[3],
+        big[4],
     ];
 
     let mut header = SpmHeader::zeroed();

@@ -1,0 +1,83 @@
+//! The vertex hierarchy and the ladder of tolerances, from finished records.
+//!
+//! One pass over the faces and one over the records, from the last to the first: children come after their
+//! parents. Memory: 28 B a vertex (box, and the VSP that splits it) while it runs, 20 B a VSP of result.
+
+use glam::Vec3;
+use shared::geometry::Aabb;
+use shared::spm::{ErrorScale, LEVELS, NONE, ReachScale, RegionGrid, SpmParts, VspNode, VspRecord};
+
+/// Fills in `base_splits` and `hierarchy` of parts whose meshes and records are complete.
+pub fn add_hierarchy(parts: &mut SpmParts) {
+    let sizes = parts.header.sizes();
+    let at = |parts: &SpmParts, vertex: u32| Vec3::from_array(parts.position(vertex));
+    let vertices = sizes.vt(sizes.vsps) as usize;
+    let mut boxes = vec![Aabb::EMPTY; vertices];
+    for face in &parts.full_faces {
+        let bounds = Aabb::of_triangle(face.corners.map(|v| at(parts, v)));
+        for corner in face.corners {
+            let of_corner = &mut boxes[corner as usize];
+            *of_corner = of_corner.union(bounds);
+        }
+    }
+    let scale = ReachScale::new(parts.header.lower, parts.header.upper);
+    let mut splits = vec![NONE; vertices];
+    let mut nodes: Vec<VspNode> = Vec::with_capacity(parts.records.len());
+    for record in parts.records.iter().rev() {
+        let (vs, vt) = (record.vs as usize, sizes.vt(record.i) as usize);
+        let own = at(parts, record.vs);
+        let reach = boxes[vt].union(boxes[vt + 1]).union(Aabb {
+            lower: own,
+            upper: own,
+        });
+        boxes[vs] = reach;
+        splits[vs] = record.i;
+        nodes.push(VspNode {
+            children: [splits[vt], splits[vt + 1]],
+            reach: scale.encode(&reach),
+        });
+    }
+    nodes.reverse();
+    splits.truncate(sizes.base_vertices as usize);
+    parts.hierarchy = nodes;
+    parts.base_splits = splits;
+}
+
+/// The ladder of a model (see [`shared::protocol::ModelHeader::ladder`]): for every level of the grid the
+/// smallest decoded code that at most n / 4^level VSPs exceed, rounded up to f32.
+///
+/// Without expected errors ([`VspRecord::E_UNKNOWN`]) there is only the full mesh.
+pub fn ladder(records: &[VspRecord], scale: ErrorScale, grid: &RegionGrid) -> [f32; LEVELS] {
+    let mut counts = vec![0u64; 1 << 16];
+    for record in records {
+        counts[usize::from(record.e)] += 1;
+    }
+    let mut ladder = [f32::INFINITY; LEVELS];
+    ladder[0] = 0.0;
+    if counts[usize::from(VspRecord::E_UNKNOWN)] > 0 {
+        return ladder;
+    }
+    // From the largest code down: what exceeds a code only grows.
+    let (mut exceed, mut code) = (0u64, VspRecord::E_UNKNOWN);
+    for level in (1..LEVELS as u32).rev() {
+        if grid.at_level(level).is_none() {
+            continue;
+        }
+        let allowed = records.len() as u64 >> (2 * level);
+        while code > 0 && exceed + counts[usize::from(code)] <= allowed {
+            exceed += counts[usize::from(code)];
+            code -= 1;
+        }
+        ladder[level as usize] = rounded_up(scale.decode(code));
+    }
+    ladder
+}
+
+fn rounded_up(exact: f64) -> f32 {
+    let rounded = exact as f32;
+    if f64::from(rounded) < exact {
+        rounded.next_up()
+    } else {
+        rounded
+    }
+}
