@@ -61,7 +61,7 @@ struct RunOptions {
     /// Limit of the cache, such as 16MiB
     #[arg(long, value_name = "BYTES")]
     cache: Option<String>,
-    /// Wanted error at the contact, metres; this version serves 0, full resolution
+    /// Wanted error at the contact, metres; 0 is the full mesh
     #[arg(long, value_name = "M")]
     tolerance: Option<f64>,
 }

@@ -95,7 +95,7 @@ pub struct OverrideArgs {
     /// Limit of the controller's cache, such as 16MiB
     #[arg(long, value_name = "BYTES")]
     pub cache: Option<String>,
-    /// Wanted error at the contact, metres; this version serves 0, full resolution
+    /// Wanted error at the contact, metres; 0 is the full mesh
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
 }

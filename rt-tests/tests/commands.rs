@@ -67,7 +67,7 @@ fn bad_input_is_one_sentence_with_status_2_and_leaves_nothing() {
         (&[bundled, "--size", "-1"], "--size"),
         (&[bundled, "--speed", "nan"], "--speed"),
         (&[bundled, "--cache", "lots"], "--cache"),
-        (&[bundled, "--tolerance", "0.001"], "full resolution"),
+        (&[bundled, "--tolerance", "-0.001"], "--tolerance"),
         (&[bundled, "--seconds", "0"], "--seconds"),
     ];
     for (typed, expected) in cases {

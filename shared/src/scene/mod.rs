@@ -6,8 +6,8 @@ mod typed;
 mod validate;
 
 pub use plan::{
-    Hand, LoopPlan, ModelScale, ModelSource, ObjectPlan, Overrides, ProbePlan, SafetyPlan,
-    ScenePlan, SimulatedDevicePlan, SurfacePlan, TrajectoryPlan,
+    AccuracyPlan, Hand, LoopPlan, ModelScale, ModelSource, ObjectPlan, Overrides, ProbePlan,
+    RefinementPlan, SafetyPlan, ScenePlan, SimulatedDevicePlan, SurfacePlan, TrajectoryPlan,
 };
 pub use typed::parse_bytes;
 pub use validate::{SHAPES, SceneError, load, parse};

@@ -14,8 +14,8 @@ pub struct ScenePlan {
     pub loop_: LoopPlan,
     /// Bytes of the mesh cache.
     pub cache_bytes: usize,
-    /// Wanted error at the contact, metres; 0 is the full mesh.
-    pub tolerance_m: f64,
+    /// How accurate the touched surface is to be.
+    pub accuracy: AccuracyPlan,
     /// Limits of every force that leaves.
     pub safety: SafetyPlan,
     /// Objects, at least one.
@@ -39,6 +39,28 @@ pub struct LoopPlan {
     pub require_realtime: bool,
     /// Mesh operations (splits and collapses) a tick at the most: K.
     pub operations: usize,
+}
+
+/// How accurate the touched surface is to be.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct AccuracyPlan {
+    /// Wanted expected error at the contact, metres, not negative; 0 is the full mesh.
+    pub tolerance_m: f64,
+    /// Where the mesh is refined.
+    pub refinement: RefinementPlan,
+}
+
+/// Where the mesh is refined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum RefinementPlan {
+    /// Around the contact and its predicted path, coarser with distance (thesis chapter 5).
+    #[default]
+    Local,
+    /// Everywhere alike (thesis chapter 3): to the tolerance, or, with a level of detail, by a count.
+    Global {
+        /// Vertex splits of the sequence to perform, from the coarsest on: the level of detail.
+        lod: Option<u32>,
+    },
 }
 
 /// Limits of the force gate.
@@ -181,6 +203,6 @@ pub struct Overrides {
     pub seed: Option<u64>,
     /// Cache bytes, as in the scene ("16MiB").
     pub cache: Option<String>,
-    /// Tolerance, metres.
+    /// Wanted error at the contact, metres.
     pub tolerance_m: Option<f64>,
 }

@@ -41,6 +41,15 @@ pub(super) struct CacheTyped {
 #[serde(deny_unknown_fields)]
 pub(super) struct AccuracyTyped {
     pub(super) tolerance_m: Option<Spanned<f64>>,
+    pub(super) refinement: Option<RefinementTyped>,
+    pub(super) lod: Option<Spanned<i64>>,
+}
+
+#[derive(Deserialize, Clone, Copy, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum RefinementTyped {
+    Local,
+    Global,
 }
 
 #[derive(Deserialize, Default)]

@@ -2,8 +2,8 @@
 //! one sentence that names file, line and what to do.
 
 use super::plan::{
-    Hand, LoopPlan, ModelScale, ModelSource, ObjectPlan, Overrides, ProbePlan, SafetyPlan,
-    ScenePlan, SimulatedDevicePlan, SurfacePlan, TrajectoryPlan,
+    AccuracyPlan, Hand, LoopPlan, ModelScale, ModelSource, ObjectPlan, Overrides, ProbePlan,
+    RefinementPlan, SafetyPlan, ScenePlan, SimulatedDevicePlan, SurfacePlan, TrajectoryPlan,
 };
 use super::trajectory;
 use super::typed::*;
@@ -194,22 +194,11 @@ fn plan(
         folder: folder.to_path_buf(),
         loop_: loop_plan(source, &typed.loop_)?,
         cache_bytes: typed.cache.bytes.map_or(16 << 20, |bytes| bytes.0),
-        tolerance_m: source.number(
-            typed.accuracy.tolerance_m.as_ref(),
-            "tolerance_m",
-            0.0,
-            Range::NotNegative(MOST),
-        )?,
+        accuracy: accuracy_plan(source, &typed.accuracy)?,
         safety: safety_plan(source, &typed.safety)?,
         objects: vec![object_plan(source, object.get_ref(), object.span().start)?],
         probes: vec![probe_plan(source, probe.get_ref(), folder)?],
     };
-    if plan.tolerance_m != 0.0
-        && overrides.tolerance_m.is_none()
-        && let Some(typed) = &typed.accuracy.tolerance_m
-    {
-        return Err(source.value(typed, &tolerance_sentence("tolerance_m = 0")));
-    }
     apply(&mut plan, overrides).map_err(|sentence| source.whole(&sentence))?;
     Ok(plan)
 }
@@ -233,10 +222,44 @@ fn one<'a, T>(
     }
 }
 
-fn tolerance_sentence(what: &str) -> String {
-    format!(
-        "coarser tolerances come with the expected error; this version serves full resolution, set {what}"
-    )
+fn accuracy_plan(source: &Source, typed: &AccuracyTyped) -> Result<AccuracyPlan, SceneError> {
+    let tolerance_m = source.number(
+        typed.tolerance_m.as_ref(),
+        "tolerance_m",
+        0.0,
+        Range::NotNegative(MOST),
+    )?;
+    let refinement = match (typed.refinement, &typed.lod) {
+        (Some(RefinementTyped::Global), lod) => {
+            let lod = lod
+                .as_ref()
+                .map(|lod| source.whole_number(Some(lod), "lod", 0, 0..=i64::from(u32::MAX - 1)))
+                .transpose()?;
+            RefinementPlan::Global {
+                lod: lod.map(|lod| lod as u32),
+            }
+        }
+        (_, None) => RefinementPlan::Local,
+        (_, Some(lod)) => {
+            return Err(source.value(
+                lod,
+                "lod counts the splits of the whole model, so it goes with refinement = \"global\"; write that too, or leave lod out and set tolerance_m",
+            ));
+        }
+    };
+    if let (RefinementPlan::Global { lod: Some(_) }, Some(tolerance)) =
+        (refinement, &typed.tolerance_m)
+        && tolerance_m != 0.0
+    {
+        return Err(source.value(
+            tolerance,
+            "lod and tolerance_m both say how fine the whole model is to be; leave one of them out",
+        ));
+    }
+    Ok(AccuracyPlan {
+        tolerance_m,
+        refinement,
+    })
 }
 
 fn loop_plan(source: &Source, typed: &LoopTyped) -> Result<LoopPlan, SceneError> {
@@ -464,9 +487,11 @@ fn tour_plan(source: &Source, typed: &TourTyped) -> Result<TrajectoryPlan, Scene
 /// Lays what the command line says over the plan.
 fn apply(plan: &mut ScenePlan, overrides: &Overrides) -> Result<(), String> {
     if let Some(tolerance) = overrides.tolerance_m {
-        plan.tolerance_m = Range::NotNegative(MOST).check("--tolerance (metres)", tolerance)?;
-        if tolerance != 0.0 {
-            return Err(tolerance_sentence("--tolerance 0"));
+        let tolerance = Range::NotNegative(MOST).check("--tolerance (metres)", tolerance)?;
+        plan.accuracy.tolerance_m = tolerance;
+        if let RefinementPlan::Global { lod: lod @ Some(_) } = &mut plan.accuracy.refinement {
+            // What is typed last decides how fine the whole model is to be.
+            *lod = None;
         }
     }
     if let Some(text) = &overrides.cache {

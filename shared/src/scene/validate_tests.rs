@@ -105,8 +105,6 @@ fn every_bad_number_is_refused_with_its_key_and_line() {
 
 #[test]
 fn what_this_version_lacks_is_said_plainly() {
-    let message = refusal(&exchanged("tolerance_m = 0.0", "tolerance_m = 1e-4"));
-    assert!(message.contains("full resolution"), "{message}");
     let message = refusal(&exchanged(
         "size_m = 0.15 ",
         "effects = [{ friction = { static = 0.4, dynamic = 0.3 } }]\nsize_m = 0.15 ",
@@ -186,7 +184,7 @@ fn the_command_line_lies_over_the_scene() {
         speed_m_per_s: Some(0.5),
         seed: Some(u64::MAX),
         cache: Some("1MiB".to_string()),
-        tolerance_m: Some(0.0),
+        tolerance_m: Some(1e-4),
     };
     let plan = parse(BUNDLED, "scene", Path::new("folder"), &overrides).unwrap();
     let ModelSource::File(model) = &plan.objects[0].model else {
@@ -195,6 +193,7 @@ fn the_command_line_lies_over_the_scene() {
     assert_eq!(model, &std::env::current_dir().unwrap().join("other.spm"));
     assert_eq!(plan.objects[0].scale, ModelScale::Size(0.3));
     assert_eq!(plan.cache_bytes, 1 << 20);
+    assert_eq!(plan.accuracy.tolerance_m, 1e-4);
     assert_eq!(
         plan.probes[0].trajectory,
         TrajectoryPlan::Tour {
@@ -237,7 +236,7 @@ fn the_command_line_lies_over_the_scene() {
         ),
         (
             Overrides {
-                tolerance_m: Some(1e-3),
+                tolerance_m: Some(-1e-3),
                 ..Overrides::default()
             },
             "--tolerance",
@@ -321,4 +320,51 @@ fn a_loaded_scene_has_its_files_name_and_folder() {
     let plan = load(&path, &Overrides::default()).unwrap();
     assert_eq!(plan.name, "first-touch");
     assert_eq!(plan.folder, path.parent().unwrap());
+}
+
+#[test]
+fn the_dial_is_local_to_a_tolerance_or_global_to_a_tolerance_or_a_count() {
+    let plan = plain(&exchanged("tolerance_m = 0.0", "tolerance_m = 1e-4")).unwrap();
+    assert_eq!(plan.accuracy.tolerance_m, 1e-4);
+    assert_eq!(plan.accuracy.refinement, RefinementPlan::Local);
+    let global = |more: &str| {
+        let old = "refinement = \"local\"";
+        exchanged(old, &format!("refinement = \"global\"\n{more}"))
+    };
+    let refinement = |text: &str| plain(text).unwrap().accuracy.refinement;
+    assert_eq!(
+        refinement(&global("")),
+        RefinementPlan::Global { lod: None }
+    );
+    let counted = global("lod = 20000");
+    assert_eq!(
+        refinement(&counted),
+        RefinementPlan::Global { lod: Some(20_000) }
+    );
+    let typed = Overrides {
+        tolerance_m: Some(1e-3),
+        ..Overrides::default()
+    };
+    let plan = parse(&counted, "scene", Path::new(""), &typed).unwrap();
+    assert_eq!(
+        plan.accuracy.refinement,
+        RefinementPlan::Global { lod: None },
+        "--tolerance lies over the scene's lod"
+    );
+    for (text, expected) in [
+        (exchanged("tolerance_m = 0.0", "lod = 5"), "refinement"),
+        (global("lod = -1"), "lod"),
+        (
+            global("lod = 5").replacen("tolerance_m = 0.0", "tolerance_m = 1.0", 1),
+            "leave one",
+        ),
+        (
+            exchanged("\"local\"", "\"everywhere\""),
+            "expected `local` or `global`",
+        ),
+    ] {
+        let message = refusal(&text);
+        assert!(message.contains(expected), "{message}");
+        assert!(message.contains(", line "), "{message}");
+    }
 }
