@@ -3,6 +3,7 @@
 use crate::bare::BareArgs;
 use crate::jitter::JitterArgs;
 use crate::load::LoadArgs;
+use crate::quality::QualityArgs;
 use crate::replay::ReplayArgs;
 use crate::run::RunArgs;
 use clap::{Args, Parser, Subcommand};
@@ -28,6 +29,8 @@ pub enum Command {
     Jitter(JitterArgs),
     /// Put a recording (run --record FILE) through the controller again; status 1 when a tick differs
     Replay(ReplayArgs),
+    /// Compare simplified meshes with meshoptimizer's at equal numbers of faces
+    Quality(QualityArgs),
     /// The station of a run.
     #[command(hide = true)]
     RoleStation(RoleArgs),

@@ -6,6 +6,8 @@
 //! | [`supervise`], [`pair`] | this program again as a process, and the two of a run |
 //! | [`bare`], [`load`] | the loop to compare with, and load on the other core |
 //! | [`report`], [`plots`], [`histogram`], [`verdict`] | what it means, in words and pictures |
+//! | [`quality`] | prefixes beside another simplifier; [`models`] and [`surface`] are what it and other checks stand on |
+//! | [`peers`] | other libraries, for comparison only |
 //! | [`machine`] | where it was measured |
 
 pub mod arguments;
@@ -15,12 +17,16 @@ pub mod histogram;
 pub mod jitter;
 pub mod load;
 pub mod machine;
+pub mod models;
 pub mod pair;
+pub mod peers;
 pub mod plots;
+pub mod quality;
 pub mod replay;
 pub mod report;
 pub mod run;
 pub mod supervise;
+pub mod surface;
 pub mod verdict;
 
 use arguments::{Arguments, Command, ControllerArgs, RoleArgs};
@@ -38,6 +44,7 @@ pub fn execute(arguments: Arguments) -> ExitCode {
         Command::Run(args) => run::run(&args),
         Command::Jitter(args) => jitter::jitter(&args),
         Command::Replay(args) => replay::replay(&args),
+        Command::Quality(args) => quality::quality(&args),
         Command::RoleStation(args) => station(args),
         Command::RoleHrtc(args) => controller(args),
         Command::RoleBare(args) => stop_flag().and_then(|stop| bare::bare(&args, &stop)),
