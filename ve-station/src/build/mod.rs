@@ -5,19 +5,21 @@
 //! | 1 | `import` | reads OBJ, PLY, STL, OFF with positions in f64 |
 //! | 2 | `clean` | drops what is no surface, and counts it; origin; f32 positions |
 //! | 3 | `manifold` | stitches seams, cuts what is not manifold; geometry unchanged |
-//! | 4 | `simplify` | quadric collapses in independent-set rounds: the history |
-//! | 5 | `error` | R of every vertex: the certified error |
-//! | 6 | `spm` | ids, records, AB-tree order: [`shared::spm::SpmParts`] |
-//! | 7 | `regions` | the grid, what each region needs, closures |
-//! | 8 | `hierarchy` | who splits the children of a VSP, how far it reaches; the ladder of tolerances |
+//! | 4 | `order` | faces in AB-tree order |
+//! | 5 | `simplify` | quadric collapses in independent-set rounds: the history |
+//! | 6 | `error` | E of every collapse, meanwhile; R of every vertex: the certified error |
+//! | 7 | `spm` | ids, records: [`shared::spm::SpmParts`] |
+//! | 8 | `regions` | the grid, what each region needs, closures |
+//! | 9 | `hierarchy` | who splits the children of a VSP, how far it reaches; the ladder of tolerances |
 //!
-//! Everything is deterministic: the same bytes in give the same bytes out.
+//! Everything is deterministic: the same bytes in give the same bytes out, with any number of threads.
 
 mod clean;
 mod error;
 mod hierarchy;
 mod import;
 mod manifold;
+mod order;
 mod progress;
 mod regions;
 mod simplify;
@@ -28,13 +30,13 @@ pub use import::{SoupMesh, is_mesh_file, read_mesh};
 pub use manifold::{ManifoldMesh, cut_to_manifold};
 pub use progress::{NoProgress, Progress, TerminalProgress};
 
-use shared::spm::{SpmParts, write_spm};
+use shared::spm::{ErrorScale, SpmParts, write_spm};
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Counted up whenever the builder makes another file from the same mesh; part of a cache's key.
-pub const BUILDER_VERSION: u32 = 4;
+pub const BUILDER_VERSION: u32 = 5;
 
 /// What the user may set (thesis Table 4.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -158,11 +160,16 @@ pub fn build_model(
     let cleaned = clean(mesh)?;
     progress.phase("cutting to a manifold", cleaned.triangles.len() as u64);
     let manifold = cut_to_manifold(&cleaned);
+    let origin = cleaned.origin;
+    drop(cleaned);
+    progress.phase("ordering the tree", manifold.triangles.len() as u64);
+    let manifold = order::in_tree_order(manifold);
     let target = options
         .base_faces
         .unwrap_or_else(|| (manifold.triangles.len() as u32 / 100).clamp(300, 700));
-    let history = simplify::simplify(&manifold, target, progress);
-    spm::assemble(&cleaned, &manifold, &history, options.regions, progress)
+    let scale = ErrorScale::for_diagonal(spm::bounds_of(&manifold).diagonal());
+    let history = simplify::simplify(&manifold, target, scale, progress);
+    spm::assemble(origin, &manifold, &history, options.regions, progress)
 }
 
 /// Builds an SPM file from a mesh file. The file appears whole or not at all.

@@ -10,14 +10,15 @@
 mod quadric;
 mod topology;
 
+use super::error::ExpectedErrors;
 use super::{ManifoldMesh, Progress};
 use glam::{DVec3, Vec3};
 use quadric::Quadric;
-use shared::spm::NONE;
+use shared::spm::{ErrorScale, NONE};
 use topology::{Collapsible, Topology};
 
 /// The most faces round a vertex that a collapse makes: bounds the work of a split.
-const MOST_FACES_ROUND_A_VERTEX: usize = 24;
+pub const MOST_FACES_ROUND_A_VERTEX: usize = 24;
 /// A face may not turn by more than this, as a cosine.
 const LEAST_TURN_COSINE: f64 = 0.2;
 /// A face may not shrink below this share of its area.
@@ -43,6 +44,44 @@ pub struct Collapse {
     pub fn_: [u32; 4],
 }
 
+/// The collapses of a round: no two touch the same face.
+#[derive(Debug, Default)]
+pub struct Round {
+    /// In the order in which they were done.
+    pub collapses: Vec<Collapse>,
+    /// Where each put the vertex that it made.
+    pub points: Vec<[f32; 3]>,
+    /// Faces round the vertices made, one collapse after the other.
+    fans: Vec<FanFace>,
+    /// Where the fan of each collapse ends.
+    fan_ends: Vec<u32>,
+}
+
+/// A face round the vertex that a collapse made.
+#[derive(Debug, Clone, Copy)]
+pub struct FanFace {
+    /// Its number in the full mesh.
+    pub face: u32,
+    /// The two corners that follow the vertex counterclockwise.
+    pub from: [f32; 3],
+    /// The second of them.
+    pub to: [f32; 3],
+    /// Whether the edge between the vertex and `to` lies on a rim.
+    pub is_last: bool,
+}
+
+impl Round {
+    /// Faces round the vertex that the collapse made; each spoke but one at a rim is the `from` of one.
+    pub fn fan(&self, collapse: usize) -> &[FanFace] {
+        let start = if collapse == 0 {
+            0
+        } else {
+            self.fan_ends[collapse - 1]
+        };
+        &self.fans[start as usize..self.fan_ends[collapse] as usize]
+    }
+}
+
 /// A mesh and how it was simplified.
 #[derive(Debug, Clone)]
 pub struct History {
@@ -52,6 +91,8 @@ pub struct History {
     pub positions: Vec<[f32; 3]>,
     /// Collapses in the order in which they were done.
     pub collapses: Vec<Collapse>,
+    /// Code of the expected error of each collapse.
+    pub expected: Vec<u16>,
     /// What is left: the base mesh, ascending by face.
     pub base: Vec<LeftFace>,
 }
@@ -67,23 +108,44 @@ pub struct LeftFace {
     pub neighbours: [u32; 3],
 }
 
-/// Simplifies until at most `target` faces are left or no legal collapse is.
+/// Simplifies until at most `target` faces are left or no legal collapse is, and samples the expected
+/// errors of one round while the next is made.
 #[must_use]
-pub fn simplify(mesh: &ManifoldMesh, target: u32, progress: &dyn Progress) -> History {
+pub fn simplify(
+    mesh: &ManifoldMesh,
+    target: u32,
+    scale: ErrorScale,
+    progress: &dyn Progress,
+) -> History {
     let faces = mesh.triangles.len() as u64;
     progress.phase("simplifying", faces.saturating_sub(target.into()));
+    let mut errors = ExpectedErrors::new(&mesh.positions, &mesh.triangles, scale);
     let mut work = Work::new(mesh);
+    let mut history = History {
+        full_vertices: mesh.positions.len() as u32,
+        positions: mesh.positions.clone(),
+        collapses: Vec::new(),
+        expected: Vec::new(),
+        base: Vec::new(),
+    };
     let mut whole = false;
+    let mut made = Round::default();
     while work.topology.alive > target {
-        let done = work.round(target, whole);
+        let (next, ()) = rayon::join(|| work.round(target, whole), || errors.sample(&made));
+        made = next;
+        history.collapses.extend_from_slice(&made.collapses);
+        history.positions.extend_from_slice(&made.points);
         progress.done(faces - u64::from(work.topology.alive));
+        let done = made.collapses.len() as u64;
         // Few in the cheapest half: the rest may have some. None at all: nothing is legal any more.
         if done == 0 && whole {
             break;
         }
-        whole = (done as u64) * 50 < u64::from(work.topology.alive);
+        whole = done * 50 < u64::from(work.topology.alive);
     }
-    let base = (0..mesh.triangles.len() as u32)
+    errors.sample(&made);
+    history.expected = errors.into_codes();
+    history.base = (0..mesh.triangles.len() as u32)
         .filter(|&face| work.topology.is_alive(face))
         .map(|face| LeftFace {
             face,
@@ -91,12 +153,7 @@ pub fn simplify(mesh: &ManifoldMesh, target: u32, progress: &dyn Progress) -> Hi
             neighbours: work.topology.neighbours[face as usize],
         })
         .collect();
-    History {
-        full_vertices: mesh.positions.len() as u32,
-        positions: work.history_positions,
-        collapses: work.collapses,
-        base,
-    }
+    history
 }
 
 /// The state. Live vertices are *slots*, the numbers of the full mesh's vertices: the vertex that a
@@ -117,8 +174,10 @@ struct Work<'a> {
     /// By slot: the last round that touched it.
     touched: Vec<u32>,
     round: u32,
-    history_positions: Vec<[f32; 3]>,
-    collapses: Vec<Collapse>,
+    /// Id that the next collapse makes.
+    next_id: u32,
+    /// What the round has done so far.
+    made: Round,
     /// Reused: faces round the two ends, and their neighbours.
     fans: [Vec<u32>; 2],
     rings: [Vec<u32>; 2],
@@ -160,8 +219,8 @@ impl<'a> Work<'a> {
             id: (0..mesh.positions.len() as u32).collect(),
             touched: vec![0; mesh.positions.len()],
             round: 0,
-            history_positions: mesh.positions.clone(),
-            collapses: Vec::new(),
+            next_id: mesh.positions.len() as u32,
+            made: Round::default(),
             fans: [Vec::new(), Vec::new()],
             rings: [Vec::new(), Vec::new()],
             scaled,
@@ -169,8 +228,8 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// One round; how many edges it collapsed.
-    fn round(&mut self, target: u32, whole: bool) -> usize {
+    /// One round; what it collapsed.
+    fn round(&mut self, target: u32, whole: bool) -> Round {
         self.round += 1;
         let mut candidates = self.candidates();
         let order = |a: &Candidate, b: &Candidate| {
@@ -184,14 +243,13 @@ impl<'a> Work<'a> {
             candidates.truncate(half);
         }
         candidates.sort_unstable_by(order);
-        let before = self.collapses.len();
         for candidate in candidates {
             if self.topology.alive <= target {
                 break;
             }
             self.try_collapse(candidate);
         }
-        self.collapses.len() - before
+        std::mem::take(&mut self.made)
     }
 
     /// Every edge that may move, once.
@@ -308,7 +366,7 @@ impl<'a> Work<'a> {
     }
 
     fn collapse(&mut self, edge: &Collapsible, stored: Vec3) {
-        self.collapses.push(Collapse {
+        self.made.collapses.push(Collapse {
             vt: self.id[edge.vt as usize],
             vu: self.id[edge.vu as usize],
             fl: edge.fl,
@@ -320,11 +378,36 @@ impl<'a> Work<'a> {
         self.quadric[slot] = self.quadric[slot] + self.quadric[edge.vu as usize];
         self.position[slot] = stored.to_array();
         self.scaled[slot] = (stored.as_dvec3() - self.centre) * self.inverse_diagonal;
-        self.id[slot] = self.history_positions.len() as u32;
-        self.history_positions.push(stored.to_array());
+        self.id[slot] = self.next_id;
+        self.next_id += 1;
+        self.made.points.push(stored.to_array());
+        self.record_fan(edge);
         for &touched in self.rings.iter().flatten().chain(&[edge.vt, edge.vu]) {
             self.touched[touched as usize] = self.round;
         }
+    }
+}
+
+impl Work<'_> {
+    /// Notes the faces round the vertex just made.
+    fn record_fan(&mut self, edge: &Collapsible) {
+        for &face in self.fans.iter().flatten() {
+            if face == edge.fl || face == edge.fr {
+                continue;
+            }
+            let corners = self.topology.corners[face as usize];
+            let Some(k) = corners.iter().position(|&slot| slot == edge.vt) else {
+                continue;
+            };
+            let at = |k: usize| self.position[corners[k % 3] as usize];
+            self.made.fans.push(FanFace {
+                face,
+                from: at(k + 1),
+                to: at(k + 2),
+                is_last: self.topology.neighbours[face as usize][(k + 1) % 3] == NONE,
+            });
+        }
+        self.made.fan_ends.push(self.made.fans.len() as u32);
     }
 }
 

@@ -1,11 +1,11 @@
-//! From a history to the parts of an SPM file: ids, records, AB-tree order.
+//! From a history to the parts of an SPM file: ids and records.
 
 use super::error::descendant_radius;
 use super::hierarchy::{add_hierarchy, ladder};
 use super::regions::{Model, corners_by_id, default_grid, regions_of};
 use super::simplify::History;
-use super::{BuildError, CleanMesh, ManifoldMesh, Progress};
-use glam::{DVec3, Vec3};
+use super::{BuildError, ManifoldMesh, Progress};
+use glam::Vec3;
 use shared::ab_tree::leaf_key;
 use shared::geometry::Aabb;
 use shared::protocol::{BaseFace, BaseVertex, ModelHeader};
@@ -75,7 +75,7 @@ impl Ids {
 
 /// Puts everything together.
 pub fn assemble(
-    cleaned: &CleanMesh,
+    origin: [f64; 3],
     mesh: &ManifoldMesh,
     history: &History,
     divisions: Option<u32>,
@@ -84,22 +84,14 @@ pub fn assemble(
     let faces = mesh.triangles.len() as u32;
     progress.phase("bounding errors", history.full_vertices.into());
     let radius = descendant_radius(history);
-    progress.phase("ordering the tree", faces.into());
-    let corners = corner_positions(mesh);
-    let order = tree_order(&corners);
-    let mut leaf = vec![0u32; faces as usize];
-    for (position, &face) in (0u32..).zip(&order) {
-        leaf[face as usize] = leaf_key(position, faces);
-    }
-
-    let bounds = Aabb::of_points(mesh.positions.iter().map(|&p| Vec3::from_array(p)));
+    let bounds = bounds_of(mesh);
     let (lower, upper) = (bounds.lower.as_dvec3(), bounds.upper.as_dvec3());
     let scale = ErrorScale::for_diagonal(bounds.diagonal());
     let code = |vertex: u32| scale.encode(radius[vertex as usize]);
     let ids = Ids::new(history, faces);
     let base_vertices = base_vertices(history, &ids, &code);
-    let base_faces = base_faces(history, &ids, &leaf);
-    let records = records(history, &ids, &leaf, &code);
+    let base_faces = base_faces(history, &ids, faces);
+    let records = records(history, &ids, faces, &code);
     check_records(&records, ids.sizes)?;
 
     progress.phase("assigning regions", faces.into());
@@ -107,7 +99,7 @@ pub fn assemble(
         || BuildError::Empty("the model is too small for numbers of this size".to_string());
     let grid = match divisions {
         Some(divisions) => RegionGrid::new(lower, upper, divisions).ok_or_else(too_small)?,
-        None => default_grid(lower, upper, &corners).ok_or_else(too_small)?,
+        None => default_grid(lower, upper, &corner_positions(mesh)).ok_or_else(too_small)?,
     };
     let model = Model {
         grid: &grid,
@@ -123,7 +115,7 @@ pub fn assemble(
         header: ModelHeader {
             model: 0,
             diagonal: bounds.diagonal(),
-            origin: cleaned.origin,
+            origin,
             lower: lower.to_array(),
             upper: upper.to_array(),
             grid,
@@ -149,10 +141,10 @@ pub fn assemble(
         regions: found.regions,
         seed_offsets: found.seed_offsets,
         seeds: found.seeds,
-        full_faces: order
-            .iter()
-            .map(|&face| FullFace {
-                corners: mesh.triangles[face as usize].map(|v| ids.vertex[v as usize]),
+        full_faces: (0..faces)
+            .zip(&mesh.triangles)
+            .map(|(face, t)| FullFace {
+                corners: t.map(|v| ids.vertex[v as usize]),
                 face: ids.face(face),
             })
             .collect(),
@@ -166,6 +158,11 @@ pub fn assemble(
     }
     parts.seal();
     Ok(parts)
+}
+
+/// Box of a mesh.
+pub fn bounds_of(mesh: &ManifoldMesh) -> Aabb {
+    Aabb::of_points(mesh.positions.iter().map(|&p| Vec3::from_array(p)))
 }
 
 fn corner_positions(mesh: &ManifoldMesh) -> Vec<[Vec3; 3]> {
@@ -194,42 +191,42 @@ fn base_vertices(history: &History, ids: &Ids, code: &impl Fn(u32) -> u16) -> Ve
     all
 }
 
-fn base_faces(history: &History, ids: &Ids, leaf: &[u32]) -> Vec<BaseFace> {
+fn base_faces(history: &History, ids: &Ids, faces: u32) -> Vec<BaseFace> {
     history
         .base
         .iter()
         .map(|left| BaseFace {
             corners: left.corners.map(|v| ids.vertex[v as usize]),
-            leaf: leaf[left.face as usize],
+            leaf: leaf_key(left.face, faces),
             neighbours: left.neighbours.map(|face| ids.face(face)),
             reserved: 0,
         })
         .collect()
 }
 
-fn records(
-    history: &History,
-    ids: &Ids,
-    leaf: &[u32],
-    code: &impl Fn(u32) -> u16,
-) -> Vec<VspRecord> {
+fn records(history: &History, ids: &Ids, faces: u32, code: &impl Fn(u32) -> u16) -> Vec<VspRecord> {
     let made = history.full_vertices..;
     let mut records: Vec<VspRecord> = history
         .collapses
         .iter()
+        .zip(&history.expected)
         .zip(made)
         .zip((0..ids.sizes.vsps).rev())
-        .map(|((collapse, made), i)| VspRecord {
+        .map(|(((collapse, &expected), made), i)| VspRecord {
             i,
             vs: ids.vertex[made as usize],
             fn_: collapse.fn_.map(|face| ids.face(face)),
-            leaf_l: leaf[collapse.fl as usize],
-            leaf_r: leaf.get(collapse.fr as usize).copied().unwrap_or(NONE),
+            leaf_l: leaf_key(collapse.fl, faces),
+            leaf_r: if collapse.fr == NONE {
+                NONE
+            } else {
+                leaf_key(collapse.fr, faces)
+            },
             pos_t: history.positions[collapse.vt as usize],
             pos_u: history.positions[collapse.vu as usize],
             r_t: code(collapse.vt),
             r_u: code(collapse.vu),
-            e: VspRecord::E_UNKNOWN,
+            e: expected,
             reserved: 0,
         })
         .collect();
@@ -244,43 +241,6 @@ fn check_records(records: &[VspRecord], sizes: Sizes) -> Result<(), BuildError> 
             .map_err(|e| BuildError::Internal(e.to_string()))?;
     }
     Ok(())
-}
-
-/// Faces in AB-tree order (thesis 3.1.2.2): the set is split at the median along the longest axis of its
-/// box, the first half rounded up; ties go by number, so that the order is unique.
-fn tree_order(corners: &[[Vec3; 3]]) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..corners.len() as u32).collect();
-    // Three times the centroid: the same order, exactly rounded alike for all.
-    let centroids: Vec<DVec3> = corners
-        .iter()
-        .map(|t| t[0].as_dvec3() + t[1].as_dvec3() + t[2].as_dvec3())
-        .collect();
-    let mut sets = vec![(0, order.len())];
-    while let Some((first, end)) = sets.pop() {
-        if end - first < 2 {
-            continue;
-        }
-        let set = &mut order[first..end];
-        let bounds = set.iter().fold(Aabb::EMPTY, |b, &face| {
-            b.union(Aabb::of_triangle(corners[face as usize]))
-        });
-        let sides = bounds.upper.as_dvec3() - bounds.lower.as_dvec3();
-        let axis = if sides.x >= sides.y && sides.x >= sides.z {
-            0
-        } else if sides.y >= sides.z {
-            1
-        } else {
-            2
-        };
-        let left = set.len().div_ceil(2);
-        set.select_nth_unstable_by(left, |&a, &b| {
-            let along = |face: u32| centroids[face as usize][axis];
-            along(a).total_cmp(&along(b)).then(a.cmp(&b))
-        });
-        sets.push((first, first + left));
-        sets.push((first + left, end));
-    }
-    order
 }
 
 /// VSPs in the longest chain of dependencies.
