@@ -28,7 +28,7 @@ mod client;
 
 pub use client::MOST_JOBS;
 
-use crate::collection::{CollectError, Collection};
+use crate::collection::{CollectError, Collection, RegionAt};
 use crate::tour::Tour;
 use answer::{Job, Progress};
 use client::{Accepted, Client};
@@ -103,8 +103,8 @@ struct Model<D> {
 }
 
 impl<D: AsRef<[u8]>> Model<D> {
-    fn closure(&mut self, region: RegionId) -> Result<Vec<u32>, CollectError> {
-        self.collection.closure(&self.served.file, region)
+    fn closure(&mut self, asked: RegionAt) -> Result<Vec<u32>, CollectError> {
+        self.collection.closure(&self.served.file, asked)
     }
 }
 
@@ -373,13 +373,9 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             return;
         };
-        let region = RegionId(ask.region);
-        let full = f32::from_bits(ask.tolerance_bits) == 0.0;
+        let region = region_at(ask);
         let vsps = self.models[model].served.file.model_header().vsps;
         match action {
-            RegionAction::Subscribe | RegionAction::Held if !full => {
-                self.clients[at].jobs.push_back(refused(Refusal::Tolerance));
-            }
             RegionAction::Subscribe => self.clients[at].subscribe(model, object, *ask),
             RegionAction::Held => match self.models[model].closure(region) {
                 Ok(closure) => {
@@ -395,7 +391,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             },
             RegionAction::Release => {
                 self.clients[at].cancel(model, region);
-                if !full || !self.clients[at].residency(model).holds(region) {
+                if !self.clients[at].residency(model).holds(region) {
                     return;
                 }
                 match self.models[model].closure(region) {
@@ -408,9 +404,8 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     fn refuse_region(&mut self, model: usize, error: &CollectError) {
-        let (CollectError::UnknownRegion(region) | CollectError::Damaged { region, .. }) = error;
         let note = format!("{}: {error}", self.models[model].served.name);
-        self.note((model, region.0), note);
+        self.note((model, error.asked().region.0), note);
     }
 
     fn note(&mut self, key: (usize, u32), note: String) {
@@ -450,6 +445,14 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             _ => self.counters.damaged += 1,
         }
+    }
+}
+
+/// The region and tolerance that an ask names.
+fn region_at(ask: &RegionAsk) -> RegionAt {
+    RegionAt {
+        region: RegionId(ask.region),
+        tolerance_bits: ask.tolerance_bits,
     }
 }
 

@@ -8,7 +8,7 @@ use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use shared::spm::{ActiveMesh, OperationFaces, RegionGrid, RegionId, SpmFile, SpmParts};
 use std::collections::{BTreeMap, BTreeSet};
-use ve_station::collection::Collection;
+use ve_station::collection::{Collection, RegionAt};
 use ve_station::generate::{Shape, generate};
 
 type Faces = BTreeMap<RegionId, Vec<FaceBits>>;
@@ -68,7 +68,11 @@ impl Model {
     fn closures(&mut self, loaded: &BTreeSet<RegionId>) -> BTreeSet<u32> {
         let mut needed = BTreeSet::new();
         for &region in loaded {
-            needed.extend(self.collection.closure(&self.file, region).unwrap());
+            needed.extend(
+                self.collection
+                    .closure(&self.file, RegionAt::full(region))
+                    .unwrap(),
+            );
         }
         needed
     }

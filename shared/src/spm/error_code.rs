@@ -33,6 +33,18 @@ impl ErrorScale {
         code
     }
 
+    /// The largest code whose value is at most `tolerance` (model units, not negative): what has a larger
+    /// code exceeds the tolerance.
+    #[must_use]
+    pub fn floor(self, tolerance: f64) -> u16 {
+        let code = self.encode(tolerance);
+        if code > 0 && self.decode(code) > tolerance {
+            code - 1
+        } else {
+            code
+        }
+    }
+
     /// The error that a code stands for, model units.
     #[must_use]
     pub fn decode(self, code: u16) -> f64 {
@@ -59,6 +71,10 @@ mod tests {
             let decoded = scale.decode(scale.encode(error));
             prop_assert!(decoded >= error);
             prop_assert!(decoded <= error * 1.001);
+            let floor = scale.floor(error);
+            prop_assert!(scale.decode(floor) <= error);
+            prop_assert!(scale.decode(floor + 1) > error);
+            prop_assert_eq!(scale.floor(scale.decode(floor)), floor);
         }
     }
 

@@ -39,7 +39,7 @@ fn a_closure_is_the_least_front_that_holds_the_seeds_ascending() {
         let mut collection = Collection::new(file.model_header().vsps);
         assert!(!file.regions().is_empty());
         for &region in file.regions() {
-            let closure = collection.closure(&file, region).unwrap();
+            let closure = collection.closure(&file, RegionAt::full(region)).unwrap();
             assert!(closure.windows(2).all(|w| w[0] < w[1]));
             assert_eq!(closure, fixpoint(&file, region), "{shape} {region:?}");
         }
@@ -51,10 +51,15 @@ fn a_cell_without_faces_is_empty_and_a_cell_outside_of_the_grid_is_refused() {
     let file = model(Shape::Sphere, 2000, 8);
     let mut collection = Collection::new(file.model_header().vsps);
     let middle = RegionId::of_cell(UVec3::splat(4));
-    assert_eq!(collection.closure(&file, middle), Ok(Vec::new()));
+    assert_eq!(
+        collection.closure(&file, RegionAt::full(middle)),
+        Ok(Vec::new())
+    );
     for foreign in [RegionId::of_cell(UVec3::new(8, 0, 0)), RegionId(u32::MAX)] {
-        let error = collection.closure(&file, foreign).unwrap_err();
-        assert_eq!(error, CollectError::UnknownRegion(foreign));
+        let error = collection
+            .closure(&file, RegionAt::full(foreign))
+            .unwrap_err();
+        assert_eq!(error, CollectError::UnknownRegion(RegionAt::full(foreign)));
         assert_eq!(error.refusal(), Refusal::UnknownRegion);
     }
 }
@@ -76,8 +81,8 @@ fn a_damaged_block_refuses_the_regions_that_need_it_and_no_others() {
     let mut collection = Collection::new(last + 1);
     let (mut refused, mut served) = (0, 0);
     for &region in sound.regions() {
-        let truth = collection.closure(&sound, region).unwrap();
-        match collection.closure(&damaged, region) {
+        let truth = collection.closure(&sound, RegionAt::full(region)).unwrap();
+        match collection.closure(&damaged, RegionAt::full(region)) {
             Ok(closure) => {
                 assert_eq!(closure, truth);
                 served += 1;
@@ -106,7 +111,7 @@ proptest! {
         let mut residency = Residency::default();
         let mut held = BTreeSet::new();
         for (k, insert) in steps {
-            let region = RegionId(k as u32);
+            let region = RegionAt::full(RegionId(k as u32));
             let before: BTreeSet<u32> =
                 held.iter().flat_map(|&h: &usize| closures[h].clone()).collect();
             if insert {

@@ -1,13 +1,14 @@
 //! Answers, made chunk by chunk.
 
-use super::{Chunk, Station};
+use super::{Chunk, Station, region_at};
+use crate::collection::RegionAt;
 use crate::tour::Tour;
 use bytemuck::Zeroable;
 use shared::protocol::{
     BaseFace, BaseVertex, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, IDS_PER_SLOT,
     MODEL_HEADER_SLOTS, ModelHeader, Refusal, RegionAsk,
 };
-use shared::spm::{NONE, RegionId, SpmFile};
+use shared::spm::{NONE, SpmFile};
 
 /// Base vertices in one slot.
 const VERTICES_PER_SLOT: usize = size_of::<ChunkSlot>() / size_of::<BaseVertex>();
@@ -48,8 +49,8 @@ pub enum Job {
 
 impl Job {
     /// Whether it is the question for this region.
-    pub fn is_of(&self, of: usize, region: RegionId) -> bool {
-        matches!(self, Self::Region { model, ask, .. } if *model == of && ask.region == region.0)
+    pub fn is_of(&self, of: usize, region: RegionAt) -> bool {
+        matches!(self, Self::Region { model, ask, .. } if *model == of && region_at(ask) == region)
     }
 }
 
@@ -150,10 +151,11 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     /// Answers an empty region, and all empty ones that wait behind it.
-    fn empty_chunk(&mut self, at: usize, model: usize, object: u32, first: RegionId) -> Chunk {
+    fn empty_chunk(&mut self, at: usize, model: usize, object: u32, first: RegionAt) -> Chunk {
         let (mut header, mut slots) = blank(ChunkKind::Empty, object);
         let ids: &mut [u32] = bytemuck::cast_slice_mut(&mut slots);
-        ids[0] = first.0;
+        header.tolerance_bits = first.tolerance_bits;
+        ids[0] = first.region.0;
         let mut count = 1;
         let of_model = &mut self.models[model];
         self.clients[at].jobs.retain(|job| match job {
@@ -162,8 +164,12 @@ impl<D: AsRef<[u8]>> Station<D> {
                 object: of,
                 ask,
                 answer: None,
-            } if *other == model && *of == object && count < ids.len() => {
-                let closure = of_model.closure(RegionId(ask.region));
+            } if *other == model
+                && *of == object
+                && ask.tolerance_bits == first.tolerance_bits
+                && count < ids.len() =>
+            {
+                let closure = of_model.closure(region_at(ask));
                 let empty = closure.is_ok_and(|closure| closure.is_empty());
                 if empty {
                     ids[count] = ask.region;
@@ -187,7 +193,7 @@ impl<D: AsRef<[u8]>> Station<D> {
         ask: &RegionAsk,
         answer: &mut Option<Answer>,
     ) -> Progress {
-        let region = RegionId(ask.region);
+        let region = region_at(ask);
         if answer.is_none() {
             match self.models[model].closure(region) {
                 Ok(closure) if closure.is_empty() => {

@@ -2,9 +2,9 @@
 
 use super::Chunk;
 use super::answer::{Job, blank};
-use crate::collection::Residency;
+use super::region_at;
+use crate::collection::{RegionAt, Residency};
 use shared::protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, MeasuredError, RegionAsk, Request};
-use shared::spm::RegionId;
 use std::collections::{BTreeMap, VecDeque};
 
 /// Questions of one client that may wait for an answer.
@@ -131,10 +131,7 @@ impl Client {
 
     /// Queues the question for a region, unless it waits already.
     pub fn subscribe(&mut self, model: usize, object: u32, ask: RegionAsk) {
-        let waits = self
-            .jobs
-            .iter()
-            .any(|j| j.is_of(model, RegionId(ask.region)));
+        let waits = self.jobs.iter().any(|j| j.is_of(model, region_at(&ask)));
         if !waits {
             self.jobs.push_back(Job::Region {
                 model,
@@ -146,7 +143,7 @@ impl Client {
     }
 
     /// Drops the question for a region, answered in part or not at all.
-    pub fn cancel(&mut self, model: usize, region: RegionId) {
+    pub fn cancel(&mut self, model: usize, region: RegionAt) {
         self.jobs.retain(|j| !j.is_of(model, region));
     }
 
