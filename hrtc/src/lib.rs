@@ -11,6 +11,8 @@ pub mod controller;
 pub mod counting_allocator;
 pub mod device;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]
+pub mod dial;
+#[deny(clippy::disallowed_methods, clippy::disallowed_types)]
 pub mod energy;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]
 pub mod gate;

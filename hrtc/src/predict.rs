@@ -1,9 +1,13 @@
 //! Which regions the probe will need (thesis 5.6.2, 5.7.2): neighbours of the contact cells, linear and
-//! quadratic extrapolation of the motion, and the distance before contact.
+//! quadratic extrapolation of the motion, its landing on the surface, and the distance before contact.
 //!
-//! Each source is a ball; the regions whose cells it meets are predicted. The *refined* set is to be at
-//! full resolution now, the *loaded* set is to be in the cache before it is needed.
+//! Each source is a ball; the regions whose cells it meets are predicted, each with the tick at which the
+//! contact may be there. The *refined* set is to be performed by then, the *loaded* set to be in the cache.
+//! In every tick one ball of the finest ring and one of a coarser ring are looked at, so that a tick costs
+//! little; after [`TURNS`] ticks the finest ring has been looked at all around.
 
+use crate::cache::RegionKey;
+use crate::dial::{Dial, Ring};
 use glam::{DVec3, UVec3};
 use shared::spm::{RegionGrid, RegionId};
 
@@ -11,20 +15,29 @@ use shared::spm::{RegionGrid, RegionId};
 const SPAN: usize = 16;
 /// Ticks ahead at which the refined set looks, and for which it is wide enough in every direction.
 const REFINE_AHEAD: f64 = 25.0;
-const REFINE_AROUND: f64 = 8.0;
+/// Ticks of motion around the probe that are refined in every direction.
+pub const REFINE_AROUND: f64 = 8.0;
+/// Radii of the probe around its centre that are refined at rest.
+pub const RADII_AROUND: f64 = 1.5;
 /// Ticks ahead at which the loaded set looks: a round trip, the records and their splits.
 const LOAD_AHEAD: [f64; 2] = [60.0, 120.0];
-/// Turns of a round: in each tick one source is looked at.
+/// Ticks ahead at which the coarser rings are refined, and loaded: they are what a turn of the hand lands on.
+const RING_AHEAD: [f64; 2] = [50.0, 150.0];
+/// Turns of a round: in each tick one source of the finest ring is looked at.
 pub const TURNS: usize = 10;
+/// Ticks after which a region away from the motion is thought to be reached at rest, for each cell of distance.
+const DRIFT_TICKS: f64 = 200.0;
+/// Share of the speed with which the hand may come to a cell that does not lie ahead.
+const SIDEWAYS: f64 = 0.25;
 
 /// A predicted region.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Predicted {
     /// Which one.
-    pub id: RegionId,
-    /// Distance from the probe to its cell, model units: what is nearer comes first.
-    pub distance: f64,
-    /// Whether it is to be at full resolution, not only loaded.
+    pub key: RegionKey,
+    /// Ticks from now until the contact may be in its cell: what is due first comes first.
+    pub ticks: f64,
+    /// Whether it is to be performed, not only loaded.
     pub refine: bool,
 }
 
@@ -39,13 +52,71 @@ pub struct Motion {
     pub clearance: f64,
 }
 
+/// What the next set of balls is made from: each can be left out, to see what it buys.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sources {
+    /// Cells around those of the contact.
+    pub neighbours: bool,
+    /// Straight on.
+    pub linear: bool,
+    /// Along a parabola.
+    pub quadratic: bool,
+    /// What lies ahead is moved onto the front as far as it is known: a coarse ring is the map for a fine one.
+    pub landing: bool,
+}
+
+impl Sources {
+    /// All of them.
+    pub const ALL: Self = Self {
+        neighbours: true,
+        linear: true,
+        quadratic: true,
+        landing: true,
+    };
+}
+
+/// Where a turn looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Look {
+    Here,
+    Around,
+    Linear(f64),
+    Quadratic(f64),
+}
+
+/// The turns of the finest ring; what is to be refined takes every other one.
+const ROUND: [(Look, bool); TURNS] = [
+    (Look::Here, true),
+    (Look::Around, false),
+    (Look::Linear(REFINE_AHEAD), true),
+    (Look::Linear(LOAD_AHEAD[0]), false),
+    (Look::Here, true),
+    (Look::Quadratic(LOAD_AHEAD[0]), false),
+    (Look::Linear(REFINE_AHEAD), true),
+    (Look::Linear(LOAD_AHEAD[1]), false),
+    (Look::Here, true),
+    (Look::Quadratic(LOAD_AHEAD[1]), false),
+];
+
+/// The turns of each coarser ring.
+const RING_ROUND: [(Look, bool); 3] = [
+    (Look::Here, true),
+    (Look::Linear(RING_AHEAD[0]), true),
+    (Look::Linear(RING_AHEAD[1]), false),
+];
+
 /// The predictor: a short history of the device.
 #[derive(Debug, Clone)]
 pub struct Predictor {
     history: [DVec3; 2 * SPAN + 1],
     known: usize,
-    /// Which source is next.
+    sources: Sources,
+    /// Which source of the finest ring is next.
     turn: usize,
+    /// Which source of the coarser rings is next.
+    ring_turn: usize,
+    /// What lies ahead this turn, moved onto the front.
+    landed: Option<DVec3>,
 }
 
 impl Predictor {
@@ -55,8 +126,16 @@ impl Predictor {
         Self {
             history: [DVec3::ZERO; 2 * SPAN + 1],
             known: 0,
+            sources: Sources::ALL,
             turn: 0,
+            ring_turn: 0,
+            landed: None,
         }
+    }
+
+    /// Predicts from these sources from now on.
+    pub fn set_sources(&mut self, sources: Sources) {
+        self.sources = sources;
     }
 
     /// Velocity and acceleration of the device, model units per tick and per tick squared.
@@ -72,11 +151,44 @@ impl Predictor {
         (velocity, acceleration)
     }
 
-    /// Takes the device's position of this tick and visits the regions of one source, so that a tick costs
-    /// little; every [`TURNS`] ticks all have been looked at.
+    /// The point ahead that the next turn of the finest ring looks at, if it is one that may be moved onto the
+    /// front; what it is then is told with [`Predictor::land`].
+    #[must_use]
+    pub fn ahead(&self, position: DVec3) -> Option<DVec3> {
+        let (look, _) = ROUND[self.turn];
+        let is_ahead = !matches!(look, Look::Here | Look::Around);
+        let moves = self.motion().0 != DVec3::ZERO;
+        (self.sources.landing && is_ahead && moves)
+            .then(|| self.extrapolated(position, look))
+            .flatten()
+    }
+
+    /// What the point of [`Predictor::ahead`] is on the front.
+    pub fn land(&mut self, point: Option<DVec3>) {
+        self.landed = point;
+    }
+
+    /// Where a look goes; `None` when its source is left out.
+    fn extrapolated(&self, position: DVec3, look: Look) -> Option<DVec3> {
+        let (velocity, acceleration) = self.motion();
+        let sources = self.sources;
+        let linear = |ticks: f64| position + velocity * ticks;
+        match look {
+            Look::Here => Some(position),
+            Look::Around => sources.neighbours.then_some(position),
+            Look::Linear(ticks) => (sources.linear || sources.landing).then(|| linear(ticks)),
+            Look::Quadratic(ticks) => sources
+                .quadratic
+                .then(|| linear(ticks) + acceleration * (0.5 * ticks * ticks)),
+        }
+    }
+
+    /// Takes the device's position of this tick and visits the regions of one source of the finest ring and,
+    /// with `rings`, one of a coarser ring.
     pub fn predict(
         &mut self,
-        grid: &RegionGrid,
+        dial: &Dial,
+        rings: bool,
         device: DVec3,
         motion: Motion,
         mut visit: impl FnMut(Predicted),
@@ -84,10 +196,35 @@ impl Predictor {
         self.history.copy_within(0..2 * SPAN, 1);
         self.history[0] = device;
         self.known = (self.known + 1).min(2 * SPAN + 1);
+        let finest = dial.finest();
+        let finest_ring = &dial.rings()[finest];
+        self.turn = (self.turn + 1) % TURNS;
+        let (look, refine) = ROUND[(self.turn + TURNS - 1) % TURNS];
+        let landed = self.landed.take();
+        self.look([finest_ring; 2], look, refine, landed, motion, &mut visit);
+        let coarser = dial.rings().len() - finest - 1;
+        if rings && coarser > 0 {
+            self.ring_turn = (self.ring_turn + 1) % (coarser * RING_ROUND.len());
+            let ring = &dial.rings()[finest + 1 + self.ring_turn % coarser];
+            let (look, refine) = RING_ROUND[self.ring_turn / coarser];
+            self.look([ring, finest_ring], look, refine, None, motion, &mut visit);
+        }
+    }
+
+    /// Visits the regions of a ring in one ball.
+    fn look(
+        &self,
+        [ring, finest]: [&Ring; 2],
+        look: Look,
+        refine: bool,
+        landed: Option<DVec3>,
+        motion: Motion,
+        visit: &mut impl FnMut(Predicted),
+    ) {
+        let finest_cell = finest.grid.cell;
         let (velocity, acceleration) = self.motion();
         let speed = velocity.length();
-        let linear = |ticks: f64| motion.position + velocity * ticks;
-        let quadratic = |ticks: f64| linear(ticks) + acceleration * (0.5 * ticks * ticks);
+        let grid = &ring.grid;
         // Distance before contact: what is surely out of reach is not asked for.
         let farthest = LOAD_AHEAD[1];
         let curve = 0.5 * acceleration.length() * farthest;
@@ -95,31 +232,41 @@ impl Predictor {
         if motion.clearance > reach {
             return;
         }
-        let mut ball = |centre: DVec3, radius: f64, refine: bool| {
-            visit_ball(grid, centre, radius, |id| {
-                let distance = grid.distance_squared(id, motion.position).sqrt();
-                visit(Predicted {
-                    id,
-                    distance,
-                    refine,
-                });
-            });
+        let Some(centre) = self.extrapolated(motion.position, look) else {
+            return;
         };
-        let around = 1.5 * motion.radius + speed * REFINE_AROUND;
-        let ahead = |ticks: f64| 1.5 * motion.radius + 0.25 * (grid.cell + speed * ticks);
-        // What is to be refined takes every other turn: it is looked at most often.
-        match self.turn {
-            0 | 4 | 8 => ball(motion.position, around, true),
-            2 | 6 => ball(linear(REFINE_AHEAD), around, true),
-            // Neighbours of the contact cells, kept warm.
-            1 => ball(motion.position, motion.radius + grid.cell, false),
-            3 => ball(linear(LOAD_AHEAD[0]), ahead(LOAD_AHEAD[0]), false),
-            5 => ball(quadratic(LOAD_AHEAD[0]), ahead(LOAD_AHEAD[0]), false),
-            7 => ball(linear(LOAD_AHEAD[1]), ahead(LOAD_AHEAD[1]), false),
-            _ => ball(quadratic(LOAD_AHEAD[1]), ahead(LOAD_AHEAD[1]), false),
-        }
-        self.turn = (self.turn + 1) % TURNS;
+        let centre = landed.unwrap_or(centre);
+        let around = RADII_AROUND * motion.radius + speed * REFINE_AROUND;
+        let radius = match look {
+            Look::Around => motion.radius + grid.cell,
+            Look::Here => around,
+            Look::Linear(_) | Look::Quadratic(_) if refine => around,
+            Look::Linear(ticks) | Look::Quadratic(ticks) => {
+                // In cells of the finest ring: a coarser one needs no more room around what lies ahead.
+                RADII_AROUND * motion.radius + 0.25 * (finest_cell + speed * ticks)
+            }
+        };
+        visit_ball(grid, centre, radius, |id| {
+            visit(Predicted {
+                key: RegionKey::new(id, ring.tolerance),
+                ticks: ticks_until(grid, id, motion, velocity),
+                refine,
+            });
+        });
     }
+}
+
+/// Ticks until the probe may be in a cell: it moves on with its velocity, or to a side with a share of it.
+fn ticks_until(grid: &RegionGrid, id: RegionId, motion: Motion, velocity: DVec3) -> f64 {
+    let way = grid.towards(id, motion.position);
+    let distance = way.length();
+    let left = distance - motion.radius;
+    if left <= 0.0 {
+        return 0.0;
+    }
+    let speed = velocity.length();
+    let ahead = velocity.dot(way) / distance;
+    left / (ahead.max(SIDEWAYS * speed) + grid.cell / DRIFT_TICKS)
 }
 
 /// Visits the regions whose cells meet a ball. A ball of many cells is cut down: no unbounded loop,
@@ -150,9 +297,10 @@ impl Default for Predictor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dial::header;
 
-    fn grid() -> RegionGrid {
-        RegionGrid::new(DVec3::ZERO, DVec3::ONE, 16).unwrap()
+    fn dial() -> Dial {
+        Dial::new(&header(&[0.0, 0.01, 0.02]), 0.0, 1.0)
     }
 
     fn still(position: DVec3, clearance: f64) -> Motion {
@@ -166,50 +314,97 @@ mod tests {
     /// Everything predicted over one round of turns, by region; true where it is to be refined.
     fn round(
         predictor: &mut Predictor,
+        rings: bool,
         device: DVec3,
         velocity: DVec3,
         clearance: f64,
-    ) -> std::collections::BTreeMap<u32, bool> {
+    ) -> std::collections::BTreeMap<RegionKey, bool> {
         let mut all = std::collections::BTreeMap::new();
         for k in 0..TURNS {
             let position = device + velocity * k as f64;
-            predictor.predict(&grid(), position, still(position, clearance), |p| {
-                *all.entry(p.id.0).or_default() |= p.refine;
+            predictor.predict(&dial(), rings, position, still(position, clearance), |p| {
+                *all.entry(p.key).or_default() |= p.refine;
             });
         }
         all
     }
 
+    fn key(ring: usize, point: DVec3) -> RegionKey {
+        let dial = dial();
+        let ring = &dial.rings()[ring];
+        RegionKey::new(ring.grid.region_of_point(point), ring.tolerance)
+    }
+
     #[test]
     fn a_resting_contact_refines_its_cell_and_loads_its_neighbours() {
         let centre = DVec3::splat(8.5 / 16.0);
-        let all = round(&mut Predictor::new(), centre, DVec3::ZERO, 0.0);
-        let own = grid().region_of_point(centre);
-        assert_eq!(all.get(&own.0), Some(&true));
+        let all = round(&mut Predictor::new(), false, centre, DVec3::ZERO, 0.0);
+        assert_eq!(all.get(&key(0, centre)), Some(&true));
         assert_eq!(all.len(), 27);
         assert_eq!(all.values().filter(|&&refine| refine).count(), 1);
     }
 
     #[test]
-    fn motion_loads_what_lies_ahead() {
+    fn every_ring_is_refined_at_the_contact() {
+        let centre = DVec3::splat(8.5 / 16.0);
+        let all = round(&mut Predictor::new(), true, centre, DVec3::ZERO, 0.0);
+        for ring in 0..3 {
+            assert_eq!(all.get(&key(ring, centre)), Some(&true), "ring {ring}");
+        }
+        // The finest keeps its neighbours warm, a coarser ring needs none.
+        assert_eq!(all.len(), 27 + 2);
+    }
+
+    #[test]
+    fn motion_loads_what_lies_ahead_and_knows_when_it_is_due() {
         let mut predictor = Predictor::new();
         let velocity = DVec3::new(1e-3, 0.0, 0.0);
         let mut position = DVec3::splat(0.3);
         for _ in 0..20 {
-            round(&mut predictor, position, velocity, 0.0);
+            round(&mut predictor, true, position, velocity, 0.0);
             position += velocity * TURNS as f64;
         }
-        let all = round(&mut predictor, position, velocity, 0.0);
-        let ahead = grid().region_of_point(position + velocity * 120.0);
-        assert!(all.contains_key(&ahead.0));
-        let behind = grid().region_of_point(position - velocity * 200.0);
-        assert!(!all.contains_key(&behind.0));
+        let all = round(&mut predictor, true, position, velocity, 0.0);
+        assert!(all.contains_key(&key(0, position + velocity * 120.0)));
+        assert!(!all.contains_key(&key(0, position - velocity * 200.0)));
+        let mut due = Vec::new();
+        for _ in 0..TURNS {
+            predictor.predict(&dial(), false, position, still(position, 0.0), |p| {
+                let grid = dial().rings()[0].grid;
+                due.push((grid.distance_squared(p.key.id, position).sqrt(), p.ticks));
+            });
+        }
+        assert!(
+            due.iter()
+                .all(|&(distance, ticks)| distance > 0.0 || ticks == 0.0)
+        );
+        assert!(due.iter().any(|&(_, ticks)| ticks > 20.0));
+    }
+
+    #[test]
+    fn what_lies_ahead_is_looked_for_where_it_lands() {
+        let mut predictor = Predictor::new();
+        let velocity = DVec3::new(1e-3, 0.0, 1e-3);
+        let mut position = DVec3::splat(0.3);
+        let mut landed_at = DVec3::ZERO;
+        let mut met = false;
+        for _ in 0..60 {
+            if let Some(ahead) = predictor.ahead(position) {
+                landed_at = DVec3::new(ahead.x, ahead.y, 0.3);
+                predictor.land(Some(landed_at));
+            }
+            predictor.predict(&dial(), false, position, still(position, 0.0), |p| {
+                met |= p.key == key(0, landed_at);
+            });
+            position += velocity;
+        }
+        assert!(landed_at.x > 0.37 && met);
     }
 
     #[test]
     fn far_from_any_surface_nothing_is_predicted() {
         let centre = DVec3::splat(0.5);
-        assert!(round(&mut Predictor::new(), centre, DVec3::ZERO, 0.3).is_empty());
+        assert!(round(&mut Predictor::new(), true, centre, DVec3::ZERO, 0.5).is_empty());
     }
 
     #[test]
@@ -218,8 +413,10 @@ mod tests {
         for k in 0..200 {
             let p = DVec3::splat(if k % 2 == 0 { -1e6 } else { 1e6 });
             let mut count = 0;
-            predictor.predict(&grid(), p, still(DVec3::splat(0.5), 0.0), |_| count += 1);
-            assert!(count <= 125);
+            predictor.predict(&dial(), true, p, still(DVec3::splat(0.5), 0.0), |_| {
+                count += 1;
+            });
+            assert!(count <= 250);
         }
     }
 }

@@ -1,14 +1,14 @@
 //! The mesh subscriber: requests out, chunks in, epochs and credit (see `shared::protocol`).
 
-use crate::cache::{Cache, RegionState};
+use crate::cache::{Cache, RegionKey, RegionState};
 use shared::protocol::{
     CREDIT_CHUNKS, ChunkHeader, REGIONS_PER_REQUEST, RegionAction, RegionAsk, Request, RequestKind,
     TourAsk,
 };
-use shared::spm::RegionId;
 
-/// Answers that may be outstanding: few, so that what is asked for next is still what is needed most.
-const OUTSTANDING: u32 = 12;
+/// Answers that may be outstanding: no more than the credit lets come before the next word from here, so that
+/// what is asked for next is still what is needed most.
+const OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
 /// Chunks consumed before the station is told without another reason.
 const CREDIT_STEP: u64 = CREDIT_CHUNKS / 4;
 /// Releases that may wait for the next request: half of what it holds.
@@ -285,7 +285,7 @@ impl Subscriber {
         &mut self,
         tick: u64,
         cache: &mut Cache,
-        wanted: impl Iterator<Item = (RegionId, f64)>,
+        wanted: impl Iterator<Item = (RegionKey, u64)>,
         outbox: &mut Outbox,
     ) {
         if self.station == 0 {
@@ -323,7 +323,7 @@ impl Subscriber {
                 if let Some(region) = cache.regions.get(self.declared)
                     && region.state == RegionState::Held
                 {
-                    push(&mut request, region.id, RegionAction::Held);
+                    push(&mut request, region.key, RegionAction::Held);
                 }
                 self.declared += 1;
             }
@@ -338,7 +338,7 @@ impl Subscriber {
         &mut self,
         tick: u64,
         cache: &mut Cache,
-        mut wanted: impl Iterator<Item = (RegionId, f64)>,
+        mut wanted: impl Iterator<Item = (RegionKey, u64)>,
         outbox: &mut Outbox,
     ) {
         if self.declared < cache.regions.capacity() || !outbox.has_room() {
@@ -349,7 +349,7 @@ impl Subscriber {
             let place = place as usize;
             push(
                 &mut request,
-                cache.regions.at(place).id,
+                cache.regions.at(place).key,
                 RegionAction::Release,
             );
             cache.regions.remove(place);
@@ -359,20 +359,20 @@ impl Subscriber {
         while (request.count as usize) < REGIONS_PER_REQUEST
             && self.outstanding + asked < OUTSTANDING
         {
-            let Some((id, distance)) = wanted.next() else {
+            let Some((key, due)) = wanted.next() else {
                 break;
             };
-            if cache.regions.index(id).is_some() {
+            if cache.regions.index(key).is_some() {
                 continue;
             }
-            let Some(index) = cache.regions.add(id) else {
+            let Some(index) = cache.regions.add(key) else {
                 break;
             };
             let region = cache.regions.at_mut(index);
             region.state = RegionState::Asked;
             region.touched = tick;
-            region.distance = distance;
-            push(&mut request, id, RegionAction::Subscribe);
+            region.due = due;
+            push(&mut request, key, RegionAction::Subscribe);
             asked += 1;
         }
         if request.count > 0 {
@@ -383,10 +383,10 @@ impl Subscriber {
     }
 }
 
-fn push(request: &mut Request, region: RegionId, action: RegionAction) {
+fn push(request: &mut Request, region: RegionKey, action: RegionAction) {
     request.regions[request.count as usize] = RegionAsk {
-        region: region.0,
-        tolerance_bits: 0.0f32.to_bits(),
+        region: region.id.0,
+        tolerance_bits: region.tolerance_bits,
         action: action as u32,
     };
     request.count += 1;

@@ -32,6 +32,14 @@ pub struct CoreRecord {
     pub contact_full: bool,
     /// Whether the contact has a certified bound.
     pub contact_bounded: bool,
+    /// Whether the contact is as accurate as was asked for.
+    pub contact_asked: bool,
+    /// Expected error of the front at the contact, metres: 0 at full resolution, negative where not even the
+    /// coarsest ring is done there.
+    pub contact_tolerance_m: f64,
+    /// The finest expected error that is asked for now, metres: what was asked for, or coarser for want of time
+    /// or room.
+    pub finest_tolerance_m: f64,
     /// Certified error at the contact, metres.
     pub certified_error_m: f64,
     /// Penetration of the device behind the proxy, metres.

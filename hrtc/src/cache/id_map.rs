@@ -5,42 +5,59 @@
 
 use shared::spm::NONE;
 
-/// Ids (not [`NONE`]) to values.
+/// What a map may be asked for.
+pub trait Id: Copy + Eq {
+    /// Marks a free place; no id.
+    const NONE: Self;
+
+    /// All its bits.
+    fn bits(self) -> u64;
+}
+
+impl Id for u32 {
+    const NONE: Self = NONE;
+
+    fn bits(self) -> u64 {
+        u64::from(self)
+    }
+}
+
+/// Ids to values.
 #[derive(Debug, Clone)]
-pub struct IdMap {
-    /// Pairs of id and value; the id is [`NONE`] where free. The length is a power of two.
-    entries: Vec<(u32, u32)>,
+pub struct IdMap<I> {
+    /// Pairs of id and value; the id is [`Id::NONE`] where free. The length is a power of two.
+    entries: Vec<(I, u32)>,
     count: usize,
 }
 
-impl IdMap {
+impl<I: Id> IdMap<I> {
     /// Bytes for each entry it may hold.
-    pub const BYTES_PER_ENTRY: usize = 2 * 2 * size_of::<(u32, u32)>();
+    pub const BYTES_PER_ENTRY: usize = 2 * 2 * size_of::<(I, u32)>();
 
     /// Room for `capacity` entries, at most half full.
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         let length = (2 * capacity.max(1)).next_power_of_two();
         Self {
-            entries: vec![(NONE, 0); length],
+            entries: vec![(I::NONE, 0); length],
             count: 0,
         }
     }
 
-    fn home(&self, id: u32) -> usize {
+    fn home(&self, id: I) -> usize {
         // Fibonacci hashing: ids are dense, neighbours must not cluster.
-        let hash = u64::from(id).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let hash = id.bits().wrapping_mul(0x9E37_79B9_7F4A_7C15);
         (hash >> 32) as usize & (self.entries.len() - 1)
     }
 
-    fn find(&self, id: u32) -> Result<usize, usize> {
+    fn find(&self, id: I) -> Result<usize, usize> {
         let mask = self.entries.len() - 1;
         let mut k = self.home(id);
         // Ends: at least half of the entries are free.
         loop {
             match self.entries[k].0 {
                 // First: the mark of a free place is no id, whoever asks for it.
-                NONE => return Err(k),
+                found if found == I::NONE => return Err(k),
                 found if found == id => return Ok(k),
                 _ => k = (k + 1) & mask,
             }
@@ -49,12 +66,12 @@ impl IdMap {
 
     /// The value of an id.
     #[must_use]
-    pub fn get(&self, id: u32) -> Option<u32> {
+    pub fn get(&self, id: I) -> Option<u32> {
         self.find(id).ok().map(|k| self.entries[k].1)
     }
 
     /// Adds an id that is not there.
-    pub fn insert(&mut self, id: u32, value: u32) {
+    pub fn insert(&mut self, id: I, value: u32) {
         assert!(
             2 * (self.count + 1) <= self.entries.len(),
             "the id map is sized for every slot"
@@ -67,7 +84,7 @@ impl IdMap {
     }
 
     /// Removes an id; closes the gap by moving later entries of the run back.
-    pub fn remove(&mut self, id: u32) {
+    pub fn remove(&mut self, id: I) {
         let Ok(mut gap) = self.find(id) else {
             return;
         };
@@ -77,7 +94,7 @@ impl IdMap {
         loop {
             k = (k + 1) & mask;
             let (other, _) = self.entries[k];
-            if other == NONE {
+            if other == I::NONE {
                 break;
             }
             // The entry may move back only if its home does not lie behind the gap.
@@ -88,7 +105,7 @@ impl IdMap {
                 gap = k;
             }
         }
-        self.entries[gap].0 = NONE;
+        self.entries[gap].0 = I::NONE;
     }
 }
 

@@ -23,7 +23,7 @@ mod queues;
 mod regions;
 
 pub use lists::{Cursor, List};
-pub use regions::{Region, RegionState, RegionTable};
+pub use regions::{Region, RegionKey, RegionState, RegionTable};
 
 use id_map::IdMap;
 use lists::ListPool;
@@ -89,6 +89,7 @@ struct References {
 struct Ends {
     first: u32,
     last: u32,
+    count: u32,
 }
 
 /// See the module.
@@ -97,7 +98,7 @@ pub struct Cache {
     bytes: usize,
     mesh: ActiveMesh,
     tree: AbTree,
-    ids: IdMap,
+    ids: IdMap<u32>,
     references: Vec<References>,
     free: Vec<Slot>,
     collapses: Ends,
@@ -117,6 +118,7 @@ pub struct Cache {
 const EMPTY_QUEUE: Ends = Ends {
     first: NONE,
     last: NONE,
+    count: 0,
 };
 
 impl Cache {
@@ -127,7 +129,7 @@ impl Cache {
                 + 2 * AbTree::BYTES_PER_FACE
                 + size_of::<References>()
                 + size_of::<Slot>())
-            + (2 * slots.max(1)).next_power_of_two() * (IdMap::BYTES_PER_ENTRY / 4)
+            + (2 * slots.max(1)).next_power_of_two() * (IdMap::<u32>::BYTES_PER_ENTRY / 4)
             + Self::blocks_for(slots) * ListPool::BYTES_PER_BLOCK
             + regions * RegionTable::BYTES_PER_REGION
     }
@@ -237,7 +239,7 @@ impl Cache {
             + 2 * AbTree::BYTES_PER_FACE
             + size_of::<References>()
             + size_of::<Slot>()
-            + IdMap::BYTES_PER_ENTRY;
+            + IdMap::<u32>::BYTES_PER_ENTRY;
         let base = self.sizes.base_vertices as usize * ActiveMesh::BYTES_PER_BASE_VERTEX
             + self.sizes.base_faces as usize
                 * (ActiveMesh::BYTES_PER_BASE_FACE + AbTree::BYTES_PER_FACE);
@@ -461,8 +463,10 @@ impl Cache {
             return 0;
         }
         let mut cursor = Cursor::start(&entry.closure);
+        let mut to_split = 0;
         while let Some(slot) = self.lists.get(&entry.closure, cursor) {
             if slot & PENDING == 0 {
+                to_split += u32::from(!self.mesh.is_performed(slot));
                 let references = &mut self.references[slot as usize];
                 if wanted {
                     references.wanted += 1;
@@ -476,6 +480,7 @@ impl Cache {
         let entry = self.regions.at_mut(region);
         entry.wanted = wanted;
         entry.refined = false;
+        entry.to_split = if wanted { to_split } else { 0 };
         entry.cursor = Cursor::start(&entry.closure);
         entry.closure.length()
     }

@@ -32,6 +32,11 @@ impl Cache {
         let entry = self.regions.at_mut(region);
         entry.cursor = cursor;
         entry.refined = at_end;
+        entry.to_split = match found {
+            Some(_) => entry.to_split.saturating_sub(1),
+            None if at_end => 0,
+            None => entry.to_split,
+        };
         found
     }
 

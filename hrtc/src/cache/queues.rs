@@ -21,6 +21,12 @@ impl Cache {
         !self.free.is_empty() || self.evictions.first != NONE
     }
 
+    /// Performed splits that nothing needs any more and that may be collapsed now.
+    #[must_use]
+    pub fn to_collapse(&self) -> u32 {
+        self.collapses.count
+    }
+
     /// Whether less than a sixteenth of slots, list blocks or places for regions is free.
     ///
     /// Slots count as free when they may be evicted without releasing anything.
@@ -72,6 +78,7 @@ impl Cache {
             Queue::Collapses => &mut self.collapses,
             Queue::Evictions => &mut self.evictions,
         };
+        ends.count += 1;
         let last = std::mem::replace(&mut ends.last, slot);
         if last == NONE {
             ends.first = slot;
@@ -96,6 +103,7 @@ impl Cache {
             Queue::Collapses => &mut self.collapses,
             Queue::Evictions => &mut self.evictions,
         };
+        ends.count -= 1;
         if previous == NONE {
             ends.first = next;
         }

@@ -1,8 +1,54 @@
 //! The regions that the controller knows: asked for, held, wanted.
 
-use super::id_map::IdMap;
+use super::id_map::{Id, IdMap};
 use super::lists::{Cursor, List};
 use shared::spm::RegionId;
+
+/// What names a region: a cell in the grid of its tolerance's level, or one of the special ids.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct RegionKey {
+    /// The cell, or [`RegionId::WHOLE`] or [`RegionId::PREFIX`].
+    pub id: RegionId,
+    /// Bits of the tolerance, model units; of a prefix its count.
+    pub tolerance_bits: u32,
+}
+
+impl RegionKey {
+    /// The region of a cell at a tolerance, model units.
+    #[must_use]
+    pub fn new(id: RegionId, tolerance: f32) -> Self {
+        Self {
+            id,
+            tolerance_bits: tolerance.to_bits(),
+        }
+    }
+
+    /// The first `count` splits of the sequence.
+    #[must_use]
+    pub fn prefix(count: u32) -> Self {
+        Self {
+            id: RegionId::PREFIX,
+            tolerance_bits: count,
+        }
+    }
+
+    /// Its tolerance, model units; `None` for a prefix.
+    #[must_use]
+    pub fn tolerance(self) -> Option<f32> {
+        (self.id != RegionId::PREFIX).then(|| f32::from_bits(self.tolerance_bits))
+    }
+}
+
+impl Id for RegionKey {
+    const NONE: Self = Self {
+        id: RegionId(u32::MAX),
+        tolerance_bits: u32::MAX,
+    };
+
+    fn bits(self) -> u64 {
+        u64::from(self.tolerance_bits) << 32 | u64::from(self.id.0)
+    }
+}
 
 /// What has become of a region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,7 +67,7 @@ pub enum RegionState {
 #[derive(Debug, Clone, Copy)]
 pub struct Region {
     /// Which one.
-    pub id: RegionId,
+    pub key: RegionKey,
     /// What has become of it.
     pub state: RegionState,
     /// Whether its closure is to be performed (it is in set B of thesis Figure 5.17).
@@ -38,15 +84,18 @@ pub struct Region {
     pub touched: u64,
     /// Tick when it was last in the refined set of the prediction.
     pub needed: u64,
-    /// Distance to the contact when last predicted, model units.
-    pub distance: f64,
+    /// Tick at which the contact was expected there when it was last predicted.
+    pub due: u64,
+    /// Splits that were still to do when it came into the set to be performed, less those done for it since:
+    /// no fewer are left.
+    pub to_split: u32,
 }
 
 /// A table of fixed capacity.
 #[derive(Debug, Clone)]
 pub struct RegionTable {
     regions: Vec<Option<Region>>,
-    by_id: IdMap,
+    by_key: IdMap<RegionKey>,
     free: Vec<u32>,
     high_water: usize,
 }
@@ -54,14 +103,14 @@ pub struct RegionTable {
 impl RegionTable {
     /// Bytes for each region that it may hold.
     pub const BYTES_PER_REGION: usize =
-        size_of::<Option<Region>>() + size_of::<u32>() + IdMap::BYTES_PER_ENTRY;
+        size_of::<Option<Region>>() + size_of::<u32>() + IdMap::<RegionKey>::BYTES_PER_ENTRY;
 
     /// Room for `capacity` regions.
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         Self {
             regions: vec![None; capacity],
-            by_id: IdMap::new(capacity),
+            by_key: IdMap::new(capacity),
             free: (0..capacity as u32).rev().collect(),
             high_water: 0,
         }
@@ -87,8 +136,8 @@ impl RegionTable {
 
     /// Index of a region.
     #[must_use]
-    pub fn index(&self, id: RegionId) -> Option<usize> {
-        self.by_id.get(id.0).map(|k| k as usize)
+    pub fn index(&self, key: RegionKey) -> Option<usize> {
+        self.by_key.get(key).map(|k| k as usize)
     }
 
     /// The region at an index that [`RegionTable::index`] gave.
@@ -109,11 +158,11 @@ impl RegionTable {
     }
 
     /// Adds a region that is asked for; `None` when the table is full.
-    pub fn add(&mut self, id: RegionId) -> Option<usize> {
+    pub fn add(&mut self, key: RegionKey) -> Option<usize> {
         let index = self.free.pop()?;
-        self.by_id.insert(id.0, index);
+        self.by_key.insert(key, index);
         self.regions[index as usize] = Some(Region {
-            id,
+            key,
             state: RegionState::Asked,
             wanted: false,
             refined: false,
@@ -122,7 +171,8 @@ impl RegionTable {
             cursor: Cursor::start(&List::EMPTY),
             touched: 0,
             needed: 0,
-            distance: 0.0,
+            due: 0,
+            to_split: 0,
         });
         self.high_water = self.high_water.max(self.known());
         Some(index as usize)
@@ -131,7 +181,7 @@ impl RegionTable {
     /// Forgets a region.
     pub fn remove(&mut self, index: usize) {
         if let Some(region) = self.regions[index].take() {
-            self.by_id.remove(region.id.0);
+            self.by_key.remove(region.key);
             self.free.push(index as u32);
         }
     }

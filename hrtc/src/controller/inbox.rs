@@ -1,7 +1,8 @@
 //! Draining the inbox: chunks into model, closures, records, tour.
 
 use super::{Controller, Fault, Model, ModelFrame, TickInputs};
-use crate::cache::{List, LoadError, RegionState};
+use crate::cache::{List, LoadError, RegionKey, RegionState};
+use crate::dial::triangle_area;
 use crate::inbox::InboxChunk;
 use crate::proxy::Proxy;
 use crate::subscriber::Reception;
@@ -235,11 +236,16 @@ impl Controller {
         let radius_max = (0..header.base_vertices)
             .map(|v| mesh.radius(v))
             .fold(0.0f32, f32::max);
+        let area = (0..header.base_faces)
+            .map(|face| triangle_area(mesh.corners(face)))
+            .sum();
+        self.dial = Some(self.dial_for(&header, area, frame.metres_per_unit));
         self.proxy = Some(Proxy::new(self.radius_m / frame.metres_per_unit));
         self.model = Some(Model {
             header,
             frame,
             radius_max: f64::from(radius_max),
+            area,
         });
         self.subscriber.model_is(header.model);
         self.subscriber.answered();
@@ -250,7 +256,11 @@ impl Controller {
 
     /// The asked region that a chunk is about; chunks about others are skipped.
     fn region_of(&self, chunk: &InboxChunk) -> Option<usize> {
-        let index = self.cache.regions.index(RegionId(chunk.header.region))?;
+        let key = RegionKey {
+            id: RegionId(chunk.header.region),
+            tolerance_bits: chunk.header.tolerance_bits,
+        };
+        let index = self.cache.regions.index(key)?;
         (self.cache.regions.at(index).state == RegionState::Asked).then_some(index)
     }
 
@@ -346,7 +356,11 @@ impl Controller {
         let ids: &[u32] = bytemuck::cast_slice(&chunk.slots);
         let count = (chunk.header.count as usize).min(ids.len());
         for &id in &ids[..count] {
-            let index = self.cache.regions.index(RegionId(id));
+            let key = RegionKey {
+                id: RegionId(id),
+                tolerance_bits: chunk.header.tolerance_bits,
+            };
+            let index = self.cache.regions.index(key);
             let asked = index.filter(|&index| {
                 let region = self.cache.regions.at(index);
                 region.state == RegionState::Asked && region.closure == List::EMPTY
@@ -381,7 +395,7 @@ impl Controller {
             self.subscriber.answered();
         }
         entry.state = RegionState::Refused;
-        self.last_refused = entry.id.0;
+        self.last_refused = entry.key.id.0;
         self.refused_regions += 1;
     }
 

@@ -3,15 +3,17 @@
 //! Order of a tick: inbox, predict, refine (collapses first only when room is short), refit, query, force,
 //! gate. Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k.
 
+mod ask;
 mod inbox;
 mod refine;
 
-use crate::cache::{Cache, CacheError};
+use crate::cache::{Cache, CacheError, RegionKey};
 use crate::device::Sample;
+use crate::dial::Dial;
 use crate::energy::EnergyAccount;
 use crate::gate::Gate;
 use crate::inbox::InboxChunk;
-use crate::predict::{Motion, Predictor};
+use crate::predict::{Predictor, Sources};
 use crate::proxy::{Contact, Proxy};
 use crate::query::{Surface, Work};
 use crate::subscriber::{Identity, Outbox, Subscriber};
@@ -21,7 +23,7 @@ use inbox::Inbox;
 use refine::Refinement;
 use shared::geometry::{Pose, Wrench};
 use shared::protocol::{ANSWER_TIMEOUT_MS, ContactReport, ModelHeader, TourAsk, TourPoint};
-use shared::scene::{ObjectPlan, ScenePlan, TrajectoryPlan};
+use shared::scene::{ObjectPlan, RefinementPlan, ScenePlan, TrajectoryPlan};
 use shared::spm::{Handle, NONE};
 use thiserror::Error;
 
@@ -178,6 +180,8 @@ struct Model {
     frame: ModelFrame,
     /// The largest R of the base mesh: no full-mesh point is farther from the front, model units.
     radius_max: f64,
+    /// Area of the base mesh, square model units.
+    area: f64,
 }
 
 /// See the module.
@@ -188,12 +192,17 @@ pub struct Controller {
     radius_m: f64,
     period_s: f64,
     operations: usize,
+    tolerance_m: f64,
+    refinement_plan: RefinementPlan,
     cache: Cache,
     subscriber: Subscriber,
     inbox: Inbox,
     predictor: Predictor,
     refinement: Refinement,
     model: Option<Model>,
+    dial: Option<Dial>,
+    /// The block of the whole model that was done last.
+    global_before: Option<RegionKey>,
     fault: Option<Fault>,
     proxy: Option<Proxy>,
     gate: Gate,
@@ -236,12 +245,16 @@ impl Controller {
             radius_m: probe.radius_m,
             period_s: 1.0 / rate,
             operations: plan.loop_.operations,
+            tolerance_m: plan.accuracy.tolerance_m,
+            refinement_plan: plan.accuracy.refinement,
             cache: Cache::new(plan.cache_bytes),
             subscriber: Subscriber::new(identity, timeout_ticks),
             inbox: Inbox::new(),
             predictor: Predictor::new(),
             refinement: Refinement::new(),
             model: None,
+            dial: None,
+            global_before: None,
             fault: None,
             proxy: None,
             gate: Gate::new(plan.safety, device_max_n, rate),
@@ -265,6 +278,11 @@ impl Controller {
     /// Points that a tour of some seconds may have: four a tick of 200 Hz, with room to spare.
     fn path_capacity(seconds: f64) -> usize {
         (seconds * 400.0).clamp(0.0, 4e6) as usize + 1024
+    }
+
+    /// Predicts from these sources from now on: to see what each of them buys.
+    pub fn set_sources(&mut self, sources: Sources) {
+        self.predictor.set_sources(sources);
     }
 
     /// The frame of the object, once its model is there.
@@ -357,6 +375,7 @@ impl Controller {
         observer.ended(Stage::Refit);
 
         let contact = self.query(sample, &mut record);
+        self.look_ahead();
         observer.ended(Stage::Query);
 
         let wrench = self.render(sample, contact, inputs, &mut record);
@@ -385,39 +404,6 @@ impl Controller {
                 self.last_position.map(Pose::at)
             }
         }
-    }
-
-    /// Predicts regions and writes the tick's requests.
-    fn predict(&mut self, sample: Option<Pose>, tick: u64, outputs: &mut TickOutputs) {
-        self.refinement.begin();
-        if let (Some(model), Some(pose)) = (&self.model, sample) {
-            let device = model.frame.to_model(pose.position);
-            let proxy = self.proxy.as_ref().filter(|proxy| proxy.is_placed());
-            let motion = Motion {
-                position: proxy.map_or(device, Proxy::position),
-                radius: self.radius_m / model.frame.metres_per_unit,
-                clearance: self.clearance - model.radius_max,
-            };
-            let (refinement, cache) = (&mut self.refinement, &mut self.cache);
-            self.predictor
-                .predict(&model.header.grid, device, motion, |predicted| {
-                    refinement.note(predicted, tick, cache);
-                });
-        }
-        let may_prefetch = self.refinement.may_prefetch(tick);
-        let may_ask = self.refinement.may_ask(tick);
-        let may_ask = may_ask && self.subscriber.may_ask(&self.cache);
-        let unknown = if may_ask {
-            self.refinement.unknown()
-        } else {
-            &[]
-        };
-        let wanted = unknown
-            .iter()
-            .filter(|p| p.refine || may_prefetch)
-            .map(|p| (p.id, p.distance));
-        self.subscriber
-            .requests(tick, &mut self.cache, wanted, &mut outputs.outbox);
     }
 
     /// Moves the proxy and measures the clearance.
@@ -456,7 +442,21 @@ impl Controller {
                     most.max(surface.mesh.certified_error(face))
                 });
             record.contact_full = certified == 0.0;
-            record.certified_error_m = f64::from(certified) * model.frame.metres_per_unit;
+            let scale = model.frame.metres_per_unit;
+            record.certified_error_m = f64::from(certified) * scale;
+            let reached = if record.contact_full {
+                Some(0.0)
+            } else {
+                self.tolerance_at(&contact)
+            };
+            record.contact_tolerance_m = reached.map_or(-1.0, |t| f64::from(t) * scale);
+            record.contact_asked = match self.refinement_plan {
+                RefinementPlan::Global { lod: Some(lod) } => {
+                    let count = lod.min(model.header.vsps);
+                    record.contact_full || self.global_before == Some(RegionKey::prefix(count))
+                }
+                _ => reached.is_some_and(|t| self.dial.as_ref().is_some_and(|d| t <= d.asked())),
+            };
         }
         advance.contact
     }
@@ -538,6 +538,10 @@ impl Controller {
         record.vsps_loaded = self.cache.loaded();
         record.cache_bytes = self.cache.bytes_used() as u64;
         record.energy_j = self.energy.joules();
+        record.finest_tolerance_m = match &self.model {
+            Some(model) => f64::from(self.finest_tolerance()) * model.frame.metres_per_unit,
+            None => 0.0,
+        };
         record.ready = self.model.is_some() && self.proxy.is_some();
         record.measured_error_m = match (self.measured, &self.model) {
             (Some(distance), Some(model)) => distance * model.frame.metres_per_unit,
@@ -562,6 +566,7 @@ impl Controller {
         mix(u64::from(record.active_faces) << 32 | u64::from(record.vsps_loaded));
         mix(u64::from(record.vsplits) << 32 | u64::from(record.ecols));
         mix(record.certified_error_m.to_bits());
+        mix(record.finest_tolerance_m.to_bits());
         record.replay_hash = self.replay_hash;
     }
 

@@ -1,30 +1,29 @@
-//! Two-phase refinement (thesis Figure 5.17): splits in B \ A, collapses in A \ B, what the contact needs
+//! Two-phase refinement (thesis Figure 5.17): splits in B \ A, collapses in A \ B, what the contact reaches
 //! first, at most K operations a tick.
 
 use super::Controller;
-use crate::cache::{Cache, RegionState};
-use crate::predict::Predicted;
-use crate::proxy::Proxy;
+use crate::cache::{Cache, Region, RegionState};
+use crate::dial::Economy;
+use crate::predict::{Predicted, TURNS};
 use crate::tick_record::CoreRecord;
-use shared::spm::OperationFaces;
+use shared::spm::{OperationFaces, RegionId};
 
 /// Regions that may be wanted at once.
-const MOST_WANTED: usize = 256;
+pub const MOST_WANTED: usize = 256;
 /// Regions that may be kept to be asked for in a tick.
 const MOST_UNKNOWN: usize = 64;
 /// Ticks for which a region stays wanted after the prediction left it: no flicker at a cell's wall.
 const LINGER: u64 = 40;
 /// Splits, and collapses, a tick where nothing is urgent.
 const PACE: u32 = 6;
-/// Ticks of motion within which a region is urgent.
-const CLOSE_TICKS: f64 = 6.0;
+/// Ticks after which a backlog of collapses is to be worked off.
+const COLLAPSE_TICKS: u32 = 48;
 /// Closure entries gone through a tick, for each operation allowed.
 const ENTRIES_PER_OPERATION: u32 = 24;
 /// Places of the region table that one search for a region to release looks at.
 const WINDOW: usize = 64;
-/// Ticks without prefetch, and without any question, after the cache was found full.
-const FULL_PREFETCH: u64 = 1000;
-const FULL_ASK: u64 = 20;
+/// Regions released a tick at the most, where nothing waits for their room.
+const RELEASES: u32 = 3;
 
 /// The most work units that refinement may take a tick: closure entries gone through (four that change
 /// set count as one) and operations. The last region that comes in, and the last that goes out, may
@@ -45,14 +44,19 @@ fn change_cost(entries: u32) -> u32 {
 pub struct Refinement {
     /// Indices of wanted regions.
     wanted: Vec<usize>,
+    /// Those of them that are still to be refined: what is due first comes first, see [`order_of`].
+    queue: Vec<u64>,
     /// Indices of held regions to come into it in this tick.
     order: Vec<usize>,
     /// Predicted regions that are not in the table.
     unknown: Vec<Predicted>,
     faces: OperationFaces,
-    full_at: Option<u64>,
+    /// What is done without for want of room.
+    pub(super) economy: Economy,
     /// Where in the region table the search for a region to release goes on.
     hand: usize,
+    wanted_high_water: usize,
+    unknown_high_water: usize,
 }
 
 impl Refinement {
@@ -61,11 +65,14 @@ impl Refinement {
     pub fn new() -> Self {
         Self {
             wanted: Vec::with_capacity(MOST_WANTED),
+            queue: Vec::with_capacity(MOST_WANTED),
             order: Vec::with_capacity(MOST_WANTED),
             unknown: Vec::with_capacity(MOST_UNKNOWN),
             faces: OperationFaces::new(),
-            full_at: None,
+            economy: Economy::new(),
             hand: 0,
+            wanted_high_water: 0,
+            unknown_high_water: 0,
         }
     }
 
@@ -77,17 +84,18 @@ impl Refinement {
 
     /// Marks a predicted region in the table, or keeps it to be asked for.
     pub fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
-        let Some(index) = cache.regions.index(p.id) else {
-            if self.unknown.len() < self.unknown.capacity()
-                && self.unknown.iter().all(|known| known.id != p.id)
+        let Some(index) = cache.regions.index(p.key) else {
+            if self.unknown.len() < MOST_UNKNOWN
+                && self.unknown.iter().all(|known| known.key != p.key)
             {
                 self.unknown.push(p);
+                self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());
             }
             return;
         };
         let region = cache.regions.at_mut(index);
         region.touched = tick;
-        region.distance = p.distance;
+        region.due = due(tick, p.ticks);
         if p.refine {
             region.needed = tick;
             let to_come = region.state == RegionState::Held && !region.wanted;
@@ -97,54 +105,71 @@ impl Refinement {
         }
     }
 
-    /// Regions to ask for: those to refine first, nearest first.
+    /// Regions to ask for: those to refine first, those due first, of these the coarser first.
     pub fn unknown(&mut self) -> &[Predicted] {
         self.unknown.sort_unstable_by(|a, b| {
             a.refine
                 .cmp(&b.refine)
                 .reverse()
-                .then(a.distance.total_cmp(&b.distance))
-                .then(a.id.cmp(&b.id))
+                .then(a.ticks.total_cmp(&b.ticks))
+                .then(a.key.tolerance_bits.cmp(&b.key.tolerance_bits).reverse())
+                .then(a.key.cmp(&b.key))
         });
         &self.unknown
     }
 
     /// The cache was found full.
     pub fn starved(&mut self, tick: u64) {
-        self.full_at = Some(tick);
+        self.economy.starve(tick);
     }
 
-    /// Whether regions may be loaded ahead of need.
+    /// The most regions wanted, and kept to be asked for, at once.
     #[must_use]
-    pub fn may_prefetch(&self, tick: u64) -> bool {
-        self.full_at.is_none_or(|full| tick > full + FULL_PREFETCH)
+    pub fn high_water(&self) -> [(usize, usize); 2] {
+        [
+            (self.wanted_high_water, MOST_WANTED),
+            (self.unknown_high_water, MOST_UNKNOWN),
+        ]
     }
+}
 
-    /// Whether regions may be asked for at all.
-    #[must_use]
-    pub fn may_ask(&self, tick: u64) -> bool {
-        self.full_at.is_none_or(|full| tick > full + FULL_ASK)
-    }
+/// The tick at which something is due.
+pub fn due(tick: u64, ticks: f64) -> u64 {
+    // `as` saturates: what is never due is due at the end of time.
+    tick.saturating_add(ticks as u64)
+}
+
+/// Whether a region's prediction is as new as it can be: the coarser rings are looked at less often.
+fn is_current(region: &Region, finest: f32, tick: u64) -> bool {
+    let turns = TURNS as u64 + 2;
+    let is_finest = region.key.tolerance().is_none_or(|t| t <= finest);
+    tick <= region.needed + if is_finest { turns } else { 3 * turns }
+}
+
+/// The place of a region among those to be refined, as a number that sorts: what the prediction has left comes
+/// last, what is due first comes first, of these the coarser: it bounds the error sooner. The index at the end
+/// makes it unique.
+fn order_of(region: &Region, index: usize, finest: f32, tick: u64) -> u64 {
+    let left = u64::from(!is_current(region, finest, tick));
+    let ticks = region.due.saturating_sub(tick).min((1 << 30) - 1);
+    let finer = u64::from(!region.key.tolerance_bits >> 16);
+    left << 63 | ticks << 32 | finer << 16 | index as u64
 }
 
 impl Controller {
     /// Splits, then collapses with what is left of the tick's operations.
     ///
-    /// What lies close to the probe may take all of them; the rest keeps a pace, so that ticks are even.
+    /// As many splits as it takes to have every region done when it is due, and at least a pace, so that ticks
+    /// are even.
     pub(super) fn refine(&mut self, tick: u64, left: &mut u32, record: &mut CoreRecord) {
-        let close = self.close_distance();
         let mut entries = self.operations as u32 * ENTRIES_PER_OPERATION;
         let spent = self.choose(tick, &mut entries);
-        let allowed = entries;
+        let allowed_entries = entries;
+        let allowed = self.splits_due(tick).clamp(PACE, (*left).max(PACE));
         // Collapses come first only when the records that wait need their room; see `make_room`.
-        for k in 0..self.refinement.wanted.len() {
-            let region = self.refinement.wanted[k];
-            while *left > 0 && entries > 0 {
-                let entry = self.cache.regions.at(region);
-                let paced = entry.distance > close && record.vsplits >= PACE;
-                if entry.refined || paced {
-                    break;
-                }
+        for k in 0..self.refinement.queue.len() {
+            let region = (self.refinement.queue[k] & 0xFFFF) as usize;
+            while *left > 0 && entries > 0 && record.vsplits < allowed {
                 let Some(slot) = self.cache.next_split(region, &mut entries) else {
                     break;
                 };
@@ -165,36 +190,58 @@ impl Controller {
         self.refinement
             .wanted
             .retain(|&region| cache.regions.get(region).is_some_and(|r| r.wanted));
-        record.work_units += spent + allowed - entries + record.vsplits;
-        let collapses = if record.vsplits > PACE { 0 } else { PACE };
+        record.work_units += spent + allowed_entries - entries + record.vsplits;
+        let backlog = self.cache.to_collapse() / COLLAPSE_TICKS;
+        let quiet = if record.vsplits > PACE { 0 } else { PACE };
         while *left > 0
-            && record.ecols < collapses
+            && record.ecols < backlog.max(quiet)
             && self.cache.collapse_oldest(&mut self.refinement.faces)
         {
             *left -= 1;
             record.ecols += 1;
         }
         record.work_units += record.ecols;
-        if self.cache.is_nearly_full() {
-            self.release_one(None, tick);
+        for _ in 0..RELEASES {
+            if !self.cache.is_nearly_full() || !self.release_one(None, tick) {
+                break;
+            }
         }
     }
 
-    /// Distance from the probe within which refinement is urgent, model units.
-    fn close_distance(&self) -> f64 {
-        let (velocity, _) = self.predictor.motion();
-        let radius = self.proxy.as_ref().map_or(0.0, Proxy::radius);
-        1.2 * radius + CLOSE_TICKS * velocity.length()
+    /// Puts what is to be refined in order; the splits that this tick must do for every region to be done in
+    /// time.
+    fn splits_due(&mut self, tick: u64) -> u32 {
+        let finest = self.finest_tolerance();
+        let Refinement { wanted, queue, .. } = &mut self.refinement;
+        queue.clear();
+        for &index in wanted.iter() {
+            let region = self.cache.regions.at(index);
+            if !region.refined {
+                queue.push(order_of(region, index, finest, tick));
+            }
+        }
+        queue.sort_unstable();
+        let (mut sum, mut most) = (0u64, 0u64);
+        for &order in queue.iter().take_while(|&&order| order >> 63 == 0) {
+            let region = self.cache.regions.at((order & 0xFFFF) as usize);
+            let ticks = order >> 32;
+            sum += u64::from(region.to_split);
+            // Done when three quarters of the time are over: estimates are estimates.
+            most = most.max(4 * sum / (3 * ticks + 1));
+        }
+        u32::try_from(most).unwrap_or(u32::MAX)
     }
 
-    /// Brings the wanted set up to date: near regions in, regions left long enough out. The work units spent.
+    /// Brings the wanted set up to date: near regions in, regions left long enough, or finer than there is room
+    /// or time for, out. The work units spent.
     fn choose(&mut self, tick: u64, entries: &mut u32) -> u32 {
         let mut spent = 0;
         let mut k = 0;
         while k < self.refinement.wanted.len() {
             let index = self.refinement.wanted[k];
             let region = self.cache.regions.at(index);
-            if *entries > 0 && tick > region.needed + LINGER {
+            let goes = tick > region.needed + LINGER || self.is_too_fine(region);
+            if *entries > 0 && goes {
                 let cost = change_cost(self.cache.set_wanted(index, false));
                 *entries = entries.saturating_sub(cost);
                 spent += cost;
@@ -217,13 +264,16 @@ impl Controller {
             spent += cost;
             self.refinement.wanted.push(index);
         }
-        // Nearest first; the order of equal distances follows the table, so it repeats.
-        let regions = &self.cache.regions;
-        self.refinement.wanted.sort_unstable_by(|&a, &b| {
-            let key = |k: usize| regions.at(k).distance;
-            key(a).total_cmp(&key(b)).then(a.cmp(&b))
-        });
+        let wanted = self.refinement.wanted.len();
+        self.refinement.wanted_high_water = self.refinement.wanted_high_water.max(wanted);
         spent
+    }
+
+    /// Whether a region is finer than what is asked for now: it only takes up room.
+    fn is_too_fine(&self, region: &Region) -> bool {
+        let special = [RegionId::WHOLE, RegionId::PREFIX].contains(&region.key.id);
+        let finest = self.finest_tolerance();
+        !special && region.key.tolerance().is_some_and(|t| t < finest)
     }
 
     /// Makes a slot free: a waiting collapse, or the region whose turn it is to go. Whether one is free now.
@@ -245,47 +295,52 @@ impl Controller {
                 record.ecols += 1;
                 continue;
             }
-            let distance = self.cache.regions.at(asking).distance;
-            if *left == 0 || !self.release_one(Some(distance), tick) {
+            let due = self.cache.regions.at(asking).due;
+            if *left == 0 || !self.release_one(Some(due), tick) {
                 return false;
             }
             *left -= 1;
         }
     }
 
-    /// Releases a held region: of the next [`WINDOW`] in the table the one that was not predicted for longest;
-    /// failing that, if a region at `asking` distance needs the room, one farther away that is only loaded
-    /// ahead. Looking at a window keeps the cost of a tick bounded, whatever the table holds.
-    fn release_one(&mut self, asking: Option<f64>, tick: u64) -> bool {
+    /// Releases a held region: of the next [`WINDOW`] in the table one that is finer than there is room for, or
+    /// the one that was not predicted for longest; failing that, if a region that is due at `asking` needs the
+    /// room, one that is due later and only loaded ahead. Looking at a window keeps the cost of a tick bounded,
+    /// whatever the table holds.
+    fn release_one(&mut self, asking: Option<u64>, tick: u64) -> bool {
         if !self.subscriber.may_release() {
             return false;
         }
         let capacity = self.cache.regions.capacity();
-        let mut victim: Option<(usize, bool, u64, f64)> = None;
+        let mut victim: Option<(usize, bool, u64, u64)> = None;
         for _ in 0..WINDOW.min(capacity) {
             let index = self.refinement.hand;
             self.refinement.hand = (index + 1) % capacity;
             let Some(region) = self.cache.regions.get(index) else {
                 continue;
             };
+            if region.state != RegionState::Held || region.wanted {
+                continue;
+            }
+            let too_fine = self.is_too_fine(region);
             let needed = region.needed + LINGER >= tick;
-            if region.state != RegionState::Held || region.wanted || needed {
+            if needed && !too_fine {
                 continue;
             }
-            let predicted = region.touched + LINGER >= tick;
-            if predicted && asking.is_none_or(|distance| region.distance <= distance) {
+            let predicted = region.touched + LINGER >= tick && !too_fine;
+            if predicted && asking.is_none_or(|due| region.due <= due) {
                 continue;
             }
-            let better = victim.is_none_or(|(_, was_predicted, touched, distance)| {
+            let better = victim.is_none_or(|(_, was_predicted, touched, due)| {
                 match (predicted, was_predicted) {
                     (false, true) => true,
                     (true, false) => false,
                     (false, false) => region.touched < touched,
-                    (true, true) => region.distance > distance,
+                    (true, true) => region.due > due,
                 }
             });
             if better {
-                victim = Some((index, predicted, region.touched, region.distance));
+                victim = Some((index, predicted, region.touched, region.due));
             }
         }
         let Some((index, ..)) = victim else {

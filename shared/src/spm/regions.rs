@@ -161,6 +161,14 @@ impl RegionGrid {
             .length_squared()
     }
 
+    /// The way from a point to the nearest point of a region's closed box, model units; zero inside.
+    #[inline]
+    #[must_use]
+    pub fn towards(&self, region: RegionId, point: DVec3) -> DVec3 {
+        let (lower, upper) = self.cell_box(region);
+        point.clamp(lower, upper) - point
+    }
+
     /// Whether a triangle overlaps the closed box of a region: then the region owns that face.
     #[must_use]
     pub fn overlaps(&self, region: RegionId, corners: [DVec3; 3]) -> bool {

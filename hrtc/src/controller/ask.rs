@@ -1,0 +1,198 @@
+//! What is asked for: the rings of the dial around the contact, or the whole model alike.
+
+use super::{Controller, TickOutputs};
+use crate::cache::RegionKey;
+use crate::dial::Dial;
+use crate::predict::{Motion, Predicted, RADII_AROUND, REFINE_AROUND};
+use crate::proxy::{Contact, Proxy};
+use crate::query::{Surface, closest_point};
+use glam::DVec3;
+use shared::geometry::Pose;
+use shared::protocol::ModelHeader;
+use shared::scene::RefinementPlan;
+use shared::spm::RegionId;
+
+/// Ticks ahead at which refinement starts: what the refined strip is wider by, in ticks of motion.
+const LEAD_TICKS: f64 = REFINE_AROUND;
+
+impl Controller {
+    /// The rings for a model: from the tolerance asked for up its ladder.
+    pub(super) fn dial_for(&self, header: &ModelHeader, area: f64, metres_per_unit: f64) -> Dial {
+        Dial::new(header, (self.tolerance_m / metres_per_unit) as f32, area)
+    }
+
+    /// Asks for another expected error at the contact from the next tick on, metres; not a number and negative
+    /// ones count as 0. No geometry is sent for it that is here already, and nothing is forgotten.
+    pub fn set_tolerance(&mut self, tolerance_m: f64) {
+        self.tolerance_m = tolerance_m.max(0.0);
+        if let Some(model) = self.model {
+            let finest = self.dial.as_ref().map_or(0, Dial::finest);
+            let mut dial = self.dial_for(&model.header, model.area, model.frame.metres_per_unit);
+            dial.set_finest(finest);
+            self.dial = Some(dial);
+        }
+    }
+
+    /// The expected error asked for at the contact, metres.
+    #[must_use]
+    pub fn tolerance_m(&self) -> f64 {
+        self.tolerance_m
+    }
+
+    /// The rings, once the model is there.
+    #[must_use]
+    pub fn dial(&self) -> Option<&Dial> {
+        self.dial.as_ref()
+    }
+
+    /// The finest tolerance that is asked for now, model units.
+    pub(super) fn finest_tolerance(&self) -> f32 {
+        self.dial.as_ref().map_or(0.0, Dial::finest_tolerance)
+    }
+
+    /// Predicts regions and writes the tick's requests.
+    pub(super) fn predict(&mut self, sample: Option<Pose>, tick: u64, outputs: &mut TickOutputs) {
+        self.refinement.begin();
+        self.refinement.economy.recover(tick);
+        if let (Some(model), Some(pose)) = (self.model, sample) {
+            let device = model.frame.to_model(pose.position);
+            let proxy = self.proxy.as_ref().filter(|proxy| proxy.is_placed());
+            let motion = Motion {
+                position: proxy.map_or(device, Proxy::position),
+                radius: self.radius_m / model.frame.metres_per_unit,
+                clearance: self.clearance - model.radius_max,
+            };
+            match self.refinement_plan {
+                RefinementPlan::Local => self.predict_rings(device, motion, tick),
+                RefinementPlan::Global { lod } => self.want_globally(lod, tick),
+            }
+        }
+        let economy = &self.refinement.economy;
+        let may_prefetch = economy.may_prefetch();
+        let may_ask = economy.may_ask(tick) && self.subscriber.may_ask(&self.cache);
+        let unknown = if may_ask {
+            self.refinement.unknown()
+        } else {
+            &[]
+        };
+        let wanted = unknown
+            .iter()
+            .filter(|p| p.refine || may_prefetch)
+            .map(|p| (p.key, super::refine::due(tick, p.ticks)));
+        self.subscriber
+            .requests(tick, &mut self.cache, wanted, &mut outputs.outbox);
+    }
+
+    /// Sets the finest ring by speed and room, then notes the regions of the rings.
+    fn predict_rings(&mut self, device: DVec3, motion: Motion, tick: u64) {
+        let Some(dial) = &mut self.dial else {
+            return;
+        };
+        let (velocity, _) = self.predictor.motion();
+        let speed = velocity.length();
+        let reach = RADII_AROUND * motion.radius + speed * LEAD_TICKS;
+        let by_speed = dial.finest_at_speed(speed, reach, self.operations as f64);
+        let economy = &self.refinement.economy;
+        dial.set_finest(by_speed.max(economy.raised()));
+        let rings = economy.has_rings();
+        let (refinement, cache) = (&mut self.refinement, &mut self.cache);
+        self.predictor
+            .predict(dial, rings, device, motion, |predicted| {
+                refinement.note(predicted, tick, cache);
+            });
+    }
+
+    /// Wants one block: the first splits of the sequence, or all that exceed a tolerance, as far as the cache
+    /// holds them. What is there already stays until the block is done, so that nothing coarsens in between.
+    fn want_globally(&mut self, lod: Option<u32>, tick: u64) {
+        let Some(key) = self.global_key(lod) else {
+            return;
+        };
+        let done = self.cache.regions.index(key).is_some_and(|index| {
+            let region = self.cache.regions.at(index);
+            region.wanted && region.refined
+        });
+        let wanted = Predicted {
+            key,
+            ticks: 0.0,
+            refine: true,
+        };
+        self.refinement.note(wanted, tick, &mut self.cache);
+        if !done && let Some(before) = self.global_before {
+            if before != key && self.cache.regions.index(before).is_some() {
+                let kept = Predicted {
+                    key: before,
+                    ..wanted
+                };
+                self.refinement.note(kept, tick, &mut self.cache);
+            }
+        } else if done {
+            self.global_before = Some(key);
+        }
+    }
+
+    /// The block that is wanted: what is asked for, cut to what the cache holds.
+    fn global_key(&mut self, lod: Option<u32>) -> Option<RegionKey> {
+        let model = self.model?;
+        let dial = self.dial.as_mut()?;
+        let (vsps, slots) = (model.header.vsps, self.cache.slots());
+        let steps = self.refinement.economy.steps();
+        if let Some(lod) = lod {
+            // Each step that the room was too small for takes a quarter off.
+            let count = f64::from(lod.min(vsps).min(slots)) * 0.75f64.powi(steps as i32);
+            return Some(RegionKey::prefix(count as u32));
+        }
+        // More than n / 4^(level + 1) splits exceed a tolerance below the next rung: what surely does not fit
+        // is not tried.
+        let hopeless = |level: u32| vsps >> (2 * (level + 1)).min(31) > slots;
+        let rings = dial.rings();
+        let first = rings
+            .iter()
+            .position(|ring| !(hopeless(ring.level) || ring.tolerance == 0.0 && vsps > slots));
+        dial.set_finest(first.unwrap_or(rings.len() - 1) + steps as usize);
+        Some(RegionKey::new(RegionId::WHOLE, dial.finest_tolerance()))
+    }
+
+    /// The expected error of the front at a contact, model units: the tolerance of the finest region that holds
+    /// it and is done; `None` where not even the coarsest is.
+    pub(super) fn tolerance_at(&self, contact: &Contact) -> Option<f32> {
+        let dial = self.dial.as_ref()?;
+        let is_done = |key: RegionKey| {
+            let index = self.cache.regions.index(key)?;
+            let region = self.cache.regions.at(index);
+            (region.wanted && region.refined).then_some(())
+        };
+        dial.rings().iter().find_map(|ring| {
+            let id = match self.refinement_plan {
+                RefinementPlan::Local => ring.grid.region_of_point(contact.point),
+                RefinementPlan::Global { .. } => RegionId::WHOLE,
+            };
+            is_done(RegionKey::new(id, ring.tolerance)).map(|()| ring.tolerance)
+        })
+    }
+
+    /// Moves what the predictor will look at next onto the front as far as it is known, for the next tick.
+    pub(super) fn look_ahead(&mut self) {
+        let (Some(model), Some(proxy)) = (&self.model, &self.proxy) else {
+            return;
+        };
+        let (velocity, _) = self.predictor.motion();
+        let reach = proxy.radius() + velocity.length() * RADII_AROUND * 120.0;
+        let near = self.clearance - model.radius_max <= reach;
+        let local = self.refinement_plan == RefinementPlan::Local;
+        let landed = match self.predictor.ahead(proxy.position()) {
+            Some(ahead) if local && near && proxy.is_placed() && ahead.is_finite() => {
+                let surface = Surface {
+                    mesh: self.cache.mesh(),
+                    tree: self.cache.tree(),
+                };
+                let hint = self.hint.filter(|&face| surface.mesh.is_active(face));
+                closest_point(surface, ahead, hint)
+                    .0
+                    .map(|n| n.closest.point)
+            }
+            _ => None,
+        };
+        self.predictor.land(landed);
+    }
+}

@@ -1,0 +1,367 @@
+//! The accuracy dial: which tolerance is asked for at which distance, and when it must be coarser.
+//!
+//! The scene asks for an expected error near the contact, and every ring around it for the next rung of the
+//! model's ladder ([`ModelHeader::ladder`]): cells of twice the side, so a ring has about as many cells and
+//! each of them about as many splits. A probe that outruns a ring lands on the next one, not on the base mesh.
+//!
+//! The finest ring is a value that may change between two ticks: regions are named by cell and tolerance, so
+//! another one is another set of names and nothing else. It is raised, one ring at a time,
+//!
+//! - above the greatest speed of a ring, K / (rho w T): its splits and collapses would not fit the ticks
+//!   (thesis 4.1: resolution follows speed);
+//! - when the cache cannot hold what the contact needs ([`Economy`]).
+
+use glam::DVec3;
+use shared::protocol::ModelHeader;
+use shared::spm::{LEVELS, RegionGrid};
+
+/// Most rings: the tolerance asked for, then the rungs above it.
+pub const MOST_RINGS: usize = LEVELS + 1;
+
+/// Regions of one tolerance around the contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ring {
+    /// Tolerance of its regions, model units; 0 is the full mesh.
+    pub tolerance: f32,
+    /// Its level on the ladder.
+    pub level: u32,
+    /// Its grid.
+    pub grid: RegionGrid,
+}
+
+/// The rings of a model, finest first, and the first of them that is asked for.
+#[derive(Debug, Clone)]
+pub struct Dial {
+    rings: [Ring; MOST_RINGS],
+    count: usize,
+    finest: usize,
+    /// Faces for each square model unit.
+    density: f64,
+    asked: f32,
+}
+
+impl Dial {
+    /// The rings of a tolerance, model units. `area` is that of the model's surface, square model units: the
+    /// base mesh's will do, it is the smaller one and so the greatest speed comes out on the safe side.
+    #[must_use]
+    pub fn new(header: &ModelHeader, tolerance: f32, area: f64) -> Self {
+        let ring = |tolerance: f32| Ring {
+            tolerance,
+            level: header.level_of(tolerance),
+            grid: header.grid_of(tolerance),
+        };
+        let mut dial = Self {
+            rings: [ring(tolerance); MOST_RINGS],
+            count: 1,
+            finest: 0,
+            density: f64::from(header.faces) / area.max(f64::MIN_POSITIVE),
+            asked: tolerance,
+        };
+        let first = dial.rings[0].level as usize;
+        for &rung in &header.ladder[first + 1..] {
+            let last = dial.rings[dial.count - 1].tolerance;
+            // Equal rungs are one tolerance, and so one name: its level is the coarsest of them.
+            if rung.is_finite() && rung > last {
+                dial.rings[dial.count] = ring(rung);
+                dial.count += 1;
+            }
+        }
+        dial
+    }
+
+    /// The tolerance asked for, model units.
+    #[must_use]
+    pub fn asked(&self) -> f32 {
+        self.asked
+    }
+
+    /// All rings, finest first.
+    #[must_use]
+    pub fn rings(&self) -> &[Ring] {
+        &self.rings[..self.count]
+    }
+
+    /// Index of the finest ring that is asked for now.
+    #[must_use]
+    pub fn finest(&self) -> usize {
+        self.finest
+    }
+
+    /// The finest tolerance that is asked for now, model units.
+    #[must_use]
+    pub fn finest_tolerance(&self) -> f32 {
+        self.rings[self.finest].tolerance
+    }
+
+    /// Makes a ring the finest; the coarsest there is when there are fewer.
+    pub fn set_finest(&mut self, ring: usize) {
+        self.finest = ring.min(self.count - 1);
+    }
+
+    /// The greatest speed at which a ring's splits and collapses fit into `operations` a tick, model units a
+    /// tick, for a strip of `2 * reach` and a cell.
+    #[must_use]
+    pub fn greatest_speed(&self, ring: usize, reach: f64, operations: f64) -> f64 {
+        let ring = &self.rings[ring.min(self.count - 1)];
+        // A rung of the ladder leaves at most a quarter of the splits of the one before.
+        let faces = self.density / f64::from(1u32 << (2 * ring.level));
+        operations / (faces * (2.0 * reach + ring.grid.cell))
+    }
+
+    /// The finest ring that a speed, model units a tick, leaves time for. A ring that is given up comes back
+    /// when the speed has fallen to 80 % of its greatest, so that the finest does not flicker.
+    #[must_use]
+    pub fn finest_at_speed(&self, speed: f64, reach: f64, operations: f64) -> usize {
+        let fits = |ring: usize| {
+            let share = if ring < self.finest { 0.8 } else { 1.0 };
+            speed <= share * self.greatest_speed(ring, reach, operations)
+        };
+        (0..self.count - 1)
+            .find(|&ring| fits(ring))
+            .unwrap_or(self.count - 1)
+    }
+}
+
+/// Area of a triangle, in squares of the unit of its corners.
+#[must_use]
+pub fn triangle_area(corners: [DVec3; 3]) -> f64 {
+    0.5 * (corners[1] - corners[0])
+        .cross(corners[2] - corners[0])
+        .length()
+}
+
+/// What is done without while the cache is too small for what is wanted.
+///
+/// Each step that turns out not to be enough is followed by the next: first nothing is loaded ahead of need,
+/// then the coarser rings around the finest go, then the finest ring itself comes coarser. Back it goes one
+/// step at a time, after a wait that doubles whenever the step back turned out to be too early.
+#[derive(Debug, Clone)]
+pub struct Economy {
+    steps: u32,
+    /// Tick of the last change.
+    changed: u64,
+    /// Tick when the cache was last too small.
+    starved: Option<u64>,
+    /// Whether that change was a step back.
+    went_back: bool,
+    /// Ticks without want after which it goes back a step.
+    patience: u64,
+}
+
+/// Ticks for which a step may take effect before the next.
+const SETTLE: u64 = 60;
+/// Ticks without want before the first step back, and the longest wait.
+const PATIENCE: u64 = 1000;
+const PATIENCE_MOST: u64 = 16_000;
+/// Ticks after a step back within which a want means that it was too early.
+const EARLY: u64 = 2000;
+/// Most steps: no loading ahead, no coarser rings, then every ring.
+const STEPS_MOST: u32 = 2 + MOST_RINGS as u32;
+/// Ticks without any question after the cache was found full.
+const PAUSE: u64 = 20;
+
+impl Economy {
+    /// Nothing is done without.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            steps: 0,
+            changed: 0,
+            starved: None,
+            went_back: false,
+            patience: PATIENCE,
+        }
+    }
+
+    /// The cache could not hold what was to come.
+    pub fn starve(&mut self, tick: u64) {
+        self.starved = Some(tick);
+        // The step before must have had time to take effect.
+        if self.steps > 0 && !self.went_back && tick <= self.changed + SETTLE {
+            return;
+        }
+        if self.went_back && tick <= self.changed + EARLY {
+            self.patience = (2 * self.patience).min(PATIENCE_MOST);
+        }
+        self.steps = (self.steps + 1).min(STEPS_MOST);
+        self.changed = tick;
+        self.went_back = false;
+    }
+
+    /// Goes back a step when there was room for long enough.
+    pub fn recover(&mut self, tick: u64) {
+        let Some(starved) = self.starved else {
+            return;
+        };
+        let since = starved.max(self.changed);
+        if self.steps > 0 && tick > since + self.patience {
+            self.steps -= 1;
+            self.changed = tick;
+            self.went_back = true;
+        } else if self.steps == 0 && tick > since + EARLY {
+            self.patience = PATIENCE;
+        }
+    }
+
+    /// Steps taken now.
+    #[must_use]
+    pub fn steps(&self) -> u32 {
+        self.steps
+    }
+
+    /// Whether regions may be loaded ahead of need.
+    #[must_use]
+    pub fn may_prefetch(&self) -> bool {
+        self.steps == 0
+    }
+
+    /// Whether there is room for rings around the finest one.
+    #[must_use]
+    pub fn has_rings(&self) -> bool {
+        self.steps < 2
+    }
+
+    /// Rings by which the finest is raised.
+    #[must_use]
+    pub fn raised(&self) -> usize {
+        self.steps.saturating_sub(2) as usize
+    }
+
+    /// Whether regions may be asked for at all.
+    #[must_use]
+    pub fn may_ask(&self, tick: u64) -> bool {
+        self.starved.is_none_or(|at| tick > at + PAUSE)
+    }
+}
+
+impl Default for Economy {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A model's head with a ladder, for tests: a unit cube of 16 cells a side.
+#[cfg(test)]
+pub(crate) fn header(rungs: &[f32]) -> ModelHeader {
+    let mut header: ModelHeader = bytemuck::Zeroable::zeroed();
+    header.grid = RegionGrid::new(DVec3::ZERO, DVec3::ONE, 16).unwrap();
+    header.ladder = [f32::INFINITY; LEVELS];
+    header.ladder[..rungs.len()].copy_from_slice(rungs);
+    header.faces = 4096;
+    header
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rings(rungs: &[f32], tolerance: f32) -> Vec<(f32, u32)> {
+        let dial = Dial::new(&header(rungs), tolerance, 1.0);
+        let pairs = dial.rings().iter().map(|ring| (ring.tolerance, ring.level));
+        pairs.collect()
+    }
+
+    #[test]
+    fn rings_go_up_the_ladder_from_what_is_asked() {
+        let ladder = [0.0, 0.1, 0.2, 0.4];
+        assert_eq!(
+            rings(&ladder, 0.0),
+            [(0.0, 0), (0.1, 1), (0.2, 2), (0.4, 3)]
+        );
+        assert_eq!(
+            rings(&ladder, 0.05),
+            [(0.05, 0), (0.1, 1), (0.2, 2), (0.4, 3)]
+        );
+        assert_eq!(rings(&ladder, 0.1), [(0.1, 1), (0.2, 2), (0.4, 3)]);
+        assert_eq!(rings(&ladder, 0.3), [(0.3, 2), (0.4, 3)]);
+        assert_eq!(rings(&ladder, 7.0), [(7.0, 3)]);
+        // Equal rungs are one tolerance; without expected errors there is only what is asked for.
+        assert_eq!(
+            rings(&[0.0, 0.0, 0.2, 0.2, 0.4], 0.0),
+            [(0.0, 0), (0.2, 3), (0.4, 4)]
+        );
+        assert_eq!(rings(&[0.0], 0.0), [(0.0, 0)]);
+        assert_eq!(rings(&[0.0], 0.5), [(0.5, 0)]);
+    }
+
+    #[test]
+    fn every_rings_name_means_the_same_grid_to_the_station() {
+        let header = header(&[0.0, 0.0, 0.2, 0.2, 0.4]);
+        for tolerance in [0.0, 0.1, 0.2, 0.3, 1.0] {
+            for ring in Dial::new(&header, tolerance, 1.0).rings() {
+                assert_eq!(ring.grid, header.grid_of(ring.tolerance));
+            }
+        }
+    }
+
+    #[test]
+    fn the_finest_ring_follows_the_speed_and_does_not_flicker() {
+        let mut dial = Dial::new(&header(&[0.0, 0.1, 0.2, 0.4]), 0.0, 1.0);
+        let (reach, operations) = (0.01, 32.0);
+        // 4096 faces a unit square, a strip of 0.02 and a cell of 1/16.
+        let greatest = dial.greatest_speed(0, reach, operations);
+        assert!((greatest - 32.0 / (4096.0 * (0.02 + 0.0625))).abs() < 1e-12);
+        let mut last = 0;
+        for k in 0..400 {
+            let finest = dial.finest_at_speed(greatest * 0.05 * f64::from(k), reach, operations);
+            assert!(finest >= last && finest <= last + 1, "one ring at a time");
+            dial.set_finest(finest);
+            last = finest;
+        }
+        assert_eq!(last, 3);
+        dial.set_finest(0);
+        assert_eq!(dial.finest_at_speed(0.99 * greatest, reach, operations), 0);
+        dial.set_finest(1);
+        assert_eq!(dial.finest_at_speed(0.99 * greatest, reach, operations), 1);
+        assert_eq!(dial.finest_at_speed(0.79 * greatest, reach, operations), 0);
+    }
+
+    #[test]
+    fn want_saves_step_by_step_and_plenty_goes_back() {
+        let mut economy = Economy::new();
+        assert!(economy.may_prefetch() && economy.has_rings() && economy.may_ask(0));
+        let mut tick = 100;
+        for steps in 1..=5 {
+            economy.starve(tick);
+            economy.starve(tick + 1);
+            assert_eq!(economy.steps(), steps, "a step takes time to work");
+            assert!(!economy.may_ask(tick + 1));
+            tick += SETTLE + 1;
+        }
+        assert!(!economy.may_prefetch() && !economy.has_rings());
+        assert_eq!(economy.raised(), 3);
+        let mut changes = Vec::new();
+        for later in tick..tick + 20_000 {
+            let before = economy.steps();
+            economy.recover(later);
+            if economy.steps() < before {
+                changes.push(later);
+            }
+        }
+        assert_eq!(economy.steps(), 0);
+        assert_eq!(changes.len(), 5);
+        assert!(changes.windows(2).all(|pair| pair[1] - pair[0] > PATIENCE));
+    }
+
+    #[test]
+    fn a_step_back_that_was_too_early_is_taken_later_the_next_time() {
+        let mut economy = Economy::new();
+        let (mut tick, mut waits) = (0, Vec::new());
+        for _ in 0..6 {
+            economy.starve(tick);
+            let from = tick;
+            while economy.steps() > 0 {
+                tick += 1;
+                economy.recover(tick);
+            }
+            waits.push(tick - from);
+            tick += 10;
+        }
+        assert!(
+            waits
+                .windows(2)
+                .all(|pair| pair[1] > pair[0] || pair[1] > PATIENCE_MOST)
+        );
+        assert!(waits.iter().all(|&wait| wait <= PATIENCE_MOST + 1));
+    }
+}
