@@ -146,6 +146,8 @@ pub struct Economy {
     went_back: bool,
     /// Ticks without want after which it goes back a step.
     patience: u64,
+    /// Contact ticks that were coarser than the finest ring, less those that were not.
+    misses: u32,
 }
 
 /// Ticks for which a step may take effect before the next.
@@ -155,8 +157,12 @@ const PATIENCE: u64 = 1000;
 const PATIENCE_MOST: u64 = 16_000;
 /// Ticks after a step back within which a want means that it was too early.
 const EARLY: u64 = 2000;
-/// Most steps: no loading ahead, no coarser rings, then every ring.
-const STEPS_MOST: u32 = 2 + MOST_RINGS as u32;
+/// Steps before the finest ring is raised: no loading ahead, no coarser rings.
+const STEPS_BEFORE_COARSER: u32 = 2;
+/// Most steps: these, then every ring.
+const STEPS_MOST: u32 = STEPS_BEFORE_COARSER + MOST_RINGS as u32;
+/// Ticks of contact over which it is judged whether the finest ring comes in time.
+const MISSES_MOST: u32 = 256;
 /// Ticks without any question after the cache was found full.
 const PAUSE: u64 = 20;
 
@@ -170,7 +176,17 @@ impl Economy {
             starved: None,
             went_back: false,
             patience: PATIENCE,
+            misses: 0,
         }
+    }
+
+    /// Whether the contact of a tick was as fine as the finest ring.
+    pub fn felt(&mut self, as_fine: bool) {
+        self.misses = if as_fine {
+            self.misses.saturating_sub(1)
+        } else {
+            (self.misses + 1).min(MISSES_MOST)
+        };
     }
 
     /// The cache could not hold what was to come.
@@ -183,6 +199,11 @@ impl Economy {
         if self.went_back && tick <= self.changed + EARLY {
             self.patience = (2 * self.patience).min(PATIENCE_MOST);
         }
+        // A block that comes in time for the contact now and again fits: a coarser one would be coarser always.
+        if self.steps >= STEPS_BEFORE_COARSER && self.misses < MISSES_MOST / 2 {
+            return;
+        }
+        self.misses = 0;
         self.steps = (self.steps + 1).min(STEPS_MOST);
         self.changed = tick;
         self.went_back = false;
@@ -218,13 +239,13 @@ impl Economy {
     /// Whether there is room for rings around the finest one.
     #[must_use]
     pub fn has_rings(&self) -> bool {
-        self.steps < 2
+        self.steps < STEPS_BEFORE_COARSER
     }
 
     /// Rings by which the finest is raised.
     #[must_use]
     pub fn raised(&self) -> usize {
-        self.steps.saturating_sub(2) as usize
+        self.steps.saturating_sub(STEPS_BEFORE_COARSER) as usize
     }
 
     /// Whether regions may be asked for at all.
@@ -322,6 +343,7 @@ mod tests {
         assert!(economy.may_prefetch() && economy.has_rings() && economy.may_ask(0));
         let mut tick = 100;
         for steps in 1..=5 {
+            (0..MISSES_MOST).for_each(|_| economy.felt(false));
             economy.starve(tick);
             economy.starve(tick + 1);
             assert_eq!(economy.steps(), steps, "a step takes time to work");
@@ -341,6 +363,18 @@ mod tests {
         assert_eq!(economy.steps(), 0);
         assert_eq!(changes.len(), 5);
         assert!(changes.windows(2).all(|pair| pair[1] - pair[0] > PATIENCE));
+    }
+
+    #[test]
+    fn what_comes_in_time_mostly_is_not_made_coarser() {
+        let mut economy = Economy::new();
+        for tick in 0..10_000 {
+            economy.felt(tick % 3 != 0);
+            if tick % 70 == 0 {
+                economy.starve(tick);
+            }
+        }
+        assert_eq!((economy.steps(), economy.raised()), (2, 0));
     }
 
     #[test]

@@ -81,6 +81,12 @@ impl ListPool {
         }
     }
 
+    /// Blocks that there are.
+    #[must_use]
+    pub fn capacity(&self) -> usize {
+        self.blocks.len()
+    }
+
     /// Blocks in use.
     #[must_use]
     pub fn used(&self) -> u32 {

@@ -39,6 +39,17 @@ const ENTRIES_PER_SLOT: usize = 6;
 /// Slots for each region of the table.
 const SLOTS_PER_REGION: usize = 16;
 
+/// The most that was ever in use, and what there is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CacheHighWater {
+    /// Splits loaded.
+    pub splits: (usize, usize),
+    /// Blocks of closure lists.
+    pub blocks: (usize, usize),
+    /// Regions known.
+    pub regions: (usize, usize),
+}
+
 /// The cache cannot hold what it must.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum CacheError {
@@ -232,6 +243,16 @@ impl Cache {
             self.lists.high_water(),
             self.regions.high_water(),
         )
+    }
+
+    /// The most that was ever in use of each part.
+    #[must_use]
+    pub fn high_water(&self) -> CacheHighWater {
+        CacheHighWater {
+            splits: (self.loaded_high_water as usize, self.slots as usize),
+            blocks: (self.lists.high_water() as usize, self.lists.capacity()),
+            regions: (self.regions.high_water(), self.regions.capacity()),
+        }
     }
 
     fn bytes_with(&self, loaded: u32, blocks: u32, regions: usize) -> usize {

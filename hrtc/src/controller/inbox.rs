@@ -122,7 +122,7 @@ impl Controller {
     ) -> Taken {
         match ChunkKind::from_code(chunk.header.kind) {
             Some(ChunkKind::Model) => self.take_model(chunk, budget),
-            Some(ChunkKind::Closure) => self.take_closure(chunk, budget),
+            Some(ChunkKind::Closure) => self.take_closure(chunk, tick, budget),
             Some(ChunkKind::Records) => self.take_records(chunk, tick, budget, operations, record),
             Some(ChunkKind::Measured) => {
                 let items: &[MeasuredError] = bytemuck::cast_slice(&chunk.slots);
@@ -264,7 +264,7 @@ impl Controller {
         (self.cache.regions.at(index).state == RegionState::Asked).then_some(index)
     }
 
-    fn take_closure(&mut self, chunk: &InboxChunk, budget: &mut u32) -> Taken {
+    fn take_closure(&mut self, chunk: &InboxChunk, tick: u64, budget: &mut u32) -> Taken {
         let Some(region) = self.region_of(chunk) else {
             return Taken::Whole;
         };
@@ -284,6 +284,7 @@ impl Controller {
                 Ok(()) => self.inbox.done = end,
                 Err(LoadError::NoRoom) => {
                     self.give_up(region);
+                    self.refinement.starved(tick);
                     return Taken::Whole;
                 }
                 Err(_) => {

@@ -4,8 +4,11 @@
 //! gate. Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k.
 
 mod ask;
+mod capacity;
 mod inbox;
 mod refine;
+
+pub use capacity::Capacity;
 
 use crate::cache::{Cache, CacheError, RegionKey};
 use crate::device::Sample;
@@ -449,6 +452,9 @@ impl Controller {
             } else {
                 self.tolerance_at(&contact)
             };
+            let finest = self.finest_tolerance();
+            let as_fine = reached.is_some_and(|t| t <= finest);
+            self.refinement.economy.felt(as_fine);
             record.contact_tolerance_m = reached.map_or(-1.0, |t| f64::from(t) * scale);
             record.contact_asked = match self.refinement_plan {
                 RefinementPlan::Global { lod: Some(lod) } => {
