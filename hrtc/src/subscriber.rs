@@ -13,6 +13,10 @@ const OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
 const CREDIT_STEP: u64 = CREDIT_CHUNKS / 4;
 /// Releases that may wait for the next request: half of what it holds.
 const MOST_RELEASES: usize = REGIONS_PER_REQUEST / 2;
+/// Ticks for which a refused region is not asked for again ...
+const REFUSED_TICKS: u64 = 2000;
+/// ... and places of the region table a tick that are looked at for one.
+const REFUSED_WINDOW: usize = 4;
 /// Requests a tick at the most.
 pub const REQUESTS_PER_TICK: usize = 4;
 
@@ -106,8 +110,15 @@ pub struct Subscriber {
     /// Places in the region table of regions to be released.
     releases: [u32; MOST_RELEASES],
     release_count: usize,
+    /// Places in the region table of regions to be asked for again.
+    resends: [u32; OUTSTANDING as usize],
+    resend_count: usize,
+    /// Where in the region table the search for refused regions goes on.
+    refused_hand: usize,
     /// Regions asked for so far.
     pub subscribed: u64,
+    /// Regions asked for again, with every record, because their answer counted on records that were gone.
+    pub resent: u64,
     /// Epochs ended by a gap, a timeout or another station, while something was outstanding or held.
     pub resubscribed: u64,
 }
@@ -134,7 +145,11 @@ impl Subscriber {
             timeout_ticks,
             releases: [0; MOST_RELEASES],
             release_count: 0,
+            resends: [0; OUTSTANDING as usize],
+            resend_count: 0,
+            refused_hand: 0,
             subscribed: 0,
+            resent: 0,
             resubscribed: 0,
         }
     }
@@ -179,10 +194,11 @@ impl Subscriber {
         self.declared = 0;
         self.outstanding = 0;
         self.release_count = 0;
+        self.resend_count = 0;
         self.last_progress = tick;
         for place in 0..cache.regions.capacity() {
             match cache.regions.get(place).map(|region| region.state) {
-                Some(RegionState::Asked) => {
+                Some(RegionState::Asked | RegionState::ToAskAgain) => {
                     cache.let_go(place);
                     cache.regions.remove(place);
                 }
@@ -234,6 +250,15 @@ impl Subscriber {
     /// An asked region was answered, refused or given up.
     pub fn answered(&mut self) {
         self.outstanding = self.outstanding.saturating_sub(1);
+    }
+
+    /// The asked region at a place of the table is to be asked for again, with every record. It stays
+    /// outstanding, so there is room for it.
+    pub fn ask_again(&mut self, place: usize) {
+        if self.resend_count < self.resends.len() {
+            self.resends[self.resend_count] = place as u32;
+            self.resend_count += 1;
+        }
     }
 
     /// Whether another release can be told.
@@ -355,6 +380,8 @@ impl Subscriber {
             cache.regions.remove(place);
         }
         self.release_count = 0;
+        let again = self.resend(cache, &mut request);
+        self.forgive(tick, cache);
         let mut asked = 0;
         while (request.count as usize) < REGIONS_PER_REQUEST
             && self.outstanding + asked < OUTSTANDING
@@ -376,9 +403,41 @@ impl Subscriber {
             asked += 1;
         }
         if request.count > 0 {
-            self.send(outbox, request, tick, asked > 0);
+            self.send(outbox, request, tick, asked + again > 0);
             self.outstanding += asked;
             self.subscribed += u64::from(asked);
+        }
+    }
+
+    /// Asks again, with every record, for regions whose answer was of no use; they are outstanding still. Their
+    /// number.
+    fn resend(&mut self, cache: &mut Cache, request: &mut Request) -> u32 {
+        let mut again = 0;
+        while (request.count as usize) < REGIONS_PER_REQUEST && self.resend_count > 0 {
+            self.resend_count -= 1;
+            let place = self.resends[self.resend_count] as usize;
+            let region = cache.regions.at_mut(place);
+            region.state = RegionState::Asked;
+            push(request, region.key, RegionAction::Resend);
+            again += 1;
+        }
+        self.resent += u64::from(again);
+        again
+    }
+
+    /// Forgets that a region was refused long ago, so that it may be asked for again.
+    fn forgive(&mut self, tick: u64, cache: &mut Cache) {
+        let capacity = cache.regions.capacity();
+        for _ in 0..REFUSED_WINDOW.min(capacity) {
+            let place = self.refused_hand;
+            self.refused_hand = (place + 1) % capacity;
+            let old = cache.regions.get(place).is_some_and(|region| {
+                region.state == RegionState::Refused && tick > region.refused_at + REFUSED_TICKS
+            });
+            if old {
+                cache.regions.remove(place);
+                break;
+            }
         }
     }
 }

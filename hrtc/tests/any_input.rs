@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Pair, Random, plan, spm};
+use common::{Pair, Random, change_records, plan, spm};
 use glam::{DQuat, DVec3};
 use hrtc::controller::NoObserver;
 use hrtc::device::{Device, Sample};
@@ -179,7 +179,7 @@ fn noise(chunk: &mut InboxChunk, random: &mut Random) {
         // A likely kind and count.
         1 => {
             header.kind = 1 + random.below(7) as u32;
-            header.count = random.below(CHUNK_SLOTS as u64 + 2) as u32;
+            header.count = random.below(64 * CHUNK_SLOTS as u64 + 2) as u32;
         }
         2 => {
             header.region = random.below(1 << 20) as u32;
@@ -263,16 +263,12 @@ fn damaged_records_are_refused_and_counted_and_touching_goes_on() {
         let mut watched = Watched::touching();
         let mut other = 1;
         watched.pair.tamper = Some(Box::new(move |chunk| {
-            if chunk.header.kind != ChunkKind::Records as u32 {
-                return;
-            }
-            let count = chunk.header.count as usize;
-            let records: &mut [VspRecord] = bytemuck::cast_slice_mut(&mut chunk.slots);
-            if count > 0 && random.below(4) == 0 {
-                let record = &mut records[random.below(count as u64) as usize];
-                damage(record, other);
-                other = record.leaf_l;
-            }
+            change_records(chunk, |record| {
+                if random.below(128) == 0 {
+                    damage(record, other);
+                    other = record.leaf_l;
+                }
+            });
         }));
         let before = watched.pair.summary.last.resubscribed;
         watched.tour(3000);

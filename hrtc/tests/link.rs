@@ -6,8 +6,8 @@ use hrtc::inbox::InboxChunk;
 use iceoryx2::prelude::BackpressureStrategy;
 use rtrb::{Consumer, Producer, RingBuffer};
 use shared::protocol::{
-    ChunkKind, ContactReport, Domain, HELLO_PERIOD_MS, Hello, RegionAction, RegionAsk, Request,
-    RequestKind, Role,
+    AnswerItem, AnswersReader, ChunkKind, ContactReport, Domain, HELLO_PERIOD_MS, Hello,
+    RegionAction, RegionAsk, Request, RequestKind, Role,
 };
 use shared::spm::{SpmFile, write_spm};
 use std::collections::BTreeSet;
@@ -219,14 +219,17 @@ fn a_model_a_region_and_a_measured_contact_cross_real_shared_memory() {
     let chunks = tick.answer();
     let (mut ids, mut records) = (BTreeSet::new(), BTreeSet::new());
     for chunk in &chunks {
-        let count = chunk.header.count as usize;
-        if chunk.header.kind == ChunkKind::Closure as u32 {
-            ids.extend(&bytemuck::cast_slice::<_, u32>(&chunk.slots)[..count]);
-        } else {
-            for slot in &chunk.slots[..count] {
-                let record: shared::spm::VspRecord = bytemuck::cast(*slot);
-                assert_eq!(record, file.record(record.i).unwrap());
-                records.insert(record.i);
+        let mut reader = AnswersReader::new(chunk.header.count);
+        while let Some(item) = reader.next(&chunk.slots).unwrap() {
+            match item {
+                AnswerItem::Id { id, .. } => {
+                    ids.insert(id);
+                }
+                AnswerItem::Record(record) => {
+                    assert_eq!(record, file.record(record.i).unwrap());
+                    records.insert(record.i);
+                }
+                AnswerItem::Part(_) | AnswerItem::End(_) => {}
             }
         }
     }
@@ -271,7 +274,8 @@ fn a_full_inbox_delays_chunks_and_loses_none() {
             request.count = regions.len() as u32;
             for (ask, &region) in request.regions.iter_mut().zip(&regions) {
                 ask.region = region;
-                ask.action = RegionAction::Subscribe as u32;
+                // With every record, so that it is more than the credit every time.
+                ask.action = RegionAction::Resend as u32;
             }
         });
         thread::sleep(Duration::from_millis(20));
@@ -279,7 +283,10 @@ fn a_full_inbox_delays_chunks_and_loses_none() {
             while let Ok(chunk) = tick.inbox.pop() {
                 assert_eq!(chunk.header.sequence, tick.consumed);
                 tick.consumed += 1;
-                last += u64::from(chunk.header.last);
+                let mut reader = AnswersReader::new(chunk.header.count);
+                while let Some(item) = reader.next(&chunk.slots).unwrap() {
+                    last += u64::from(matches!(item, AnswerItem::End(head) if head.is_last()));
+                }
             }
             tick.request(RequestKind::Credit, |_| {});
             thread::sleep(Duration::from_millis(1));

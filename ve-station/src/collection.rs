@@ -292,6 +292,9 @@ impl Collection {
     }
 }
 
+/// Marks a VSP of a closure that the client lacks; numbers of VSPs are below it.
+pub const LACKING: u32 = 1 << 31;
+
 /// What one client holds of one model.
 #[derive(Debug, Default)]
 pub struct Residency {
@@ -302,23 +305,21 @@ pub struct Residency {
 }
 
 impl Residency {
-    /// Takes a region in and answers the VSPs that no region held before, ascending like `closure`.
+    /// Takes a region in and marks with [`LACKING`] the VSPs of its closure that no region held before.
     ///
     /// A region that is held already changes nothing and lacks nothing.
-    pub fn insert(&mut self, region: RegionAt, closure: &[u32], vsps: u32) -> Vec<u32> {
+    pub fn insert(&mut self, region: RegionAt, closure: &mut [u32], vsps: u32) {
         if closure.is_empty() || !self.regions.insert(region) {
-            return Vec::new();
+            return;
         }
         self.counts.resize(vsps as usize, 0);
-        let mut lacking = Vec::new();
-        for &i in closure {
-            let count = &mut self.counts[i as usize];
-            if *count == 0 {
-                lacking.push(i);
-            }
+        for i in closure {
+            let count = &mut self.counts[*i as usize];
             *count += 1;
+            if *count == 1 {
+                *i |= LACKING;
+            }
         }
-        lacking
     }
 
     /// Whether the region is held.

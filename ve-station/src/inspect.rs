@@ -1,4 +1,8 @@
-//! What an SPM file holds: counts, dependencies, closures, the error table, and how fast a probe may go.
+//! What an SPM file holds: counts, dependencies, closures, the tables of errors, and how fast a probe may go.
+
+mod dial;
+
+pub use dial::{DialRow, dial_table};
 
 use memmap2::Mmap;
 use serde::Serialize;
@@ -282,6 +286,8 @@ pub struct Inspection {
     pub area: f64,
     /// Certified error against VSPs.
     pub errors: Vec<ErrorRow>,
+    /// The ladder of tolerances: expected error against VSPs, and what its regions hold.
+    pub dial: Vec<DialRow>,
     /// Longest side in the world, metres: as asked, or 0.15.
     pub size_m: f64,
     /// Greatest speed at full resolution at that size, m/s: operations a tick / (faces a square metre x
@@ -319,6 +325,7 @@ pub fn inspect(path: &Path, size_m: f64) -> Result<Inspection, InspectError> {
         longest_side,
         area,
         errors: error_table(&file).map_err(refused)?,
+        dial: dial_table(&file, motion.metres_per_unit).map_err(refused)?,
         size_m,
         greatest_speed_m_per_s: greatest_speed(&header, area, motion),
     })
@@ -432,6 +439,26 @@ impl Inspection {
                 100.0 * row.share_of_diagonal,
                 row.vsps,
                 100.0 * share
+            );
+        }
+        let _ = writeln!(
+            text,
+            "\nlevel   tolerance   at {} m, mm   splits needed     regions   closure mean   largest",
+            self.size_m
+        );
+        for row in &self.dial {
+            let share = f64::from(row.vsps) / f64::from(self.facts.vsps.max(1));
+            let _ = writeln!(
+                text,
+                "{:>5} {:>11.6} {:>14.5} {:>8} ({:>5.1} %) {:>9} {:>14.1} {:>9}",
+                row.level,
+                row.tolerance,
+                1e3 * row.tolerance_m,
+                row.vsps,
+                100.0 * share,
+                row.regions,
+                row.closure_mean,
+                row.closure_max
             );
         }
         let _ = writeln!(

@@ -15,13 +15,14 @@
 //! - A request of an older epoch, or of an incarnation that another has replaced, is ignored.
 //!
 //! One race remains that the station cannot see: a client that gives up a region while the answer to an
-//! earlier question is still under way may drop records which that answer counts on. A client therefore
-//! keeps the records of a released region until every answer asked for before the release is complete; when
-//! it finds an answer with a VSP that it neither holds nor was sent, it ends the epoch as for a gap.
+//! earlier question is still under way may have dropped records which that answer counts on. The answer says of
+//! every VSP whether its record follows, so the client notices, and asks for that region again with every record
+//! ([`RegionAction::Resend`]).
 //!
 //! # Memory
-//! Answers are made chunk by chunk under the credit window: of a queued question only its name is kept, of
-//! the one being answered its closure. [`MOST_JOBS`] questions may wait; one more breaks the epoch.
+//! Answers are made chunk by chunk under the credit window, as many to a chunk as there is room: of a queued
+//! question only its name is kept, of the one being answered its closure, four bytes a VSP. [`MOST_JOBS`]
+//! questions may wait; one more breaks the epoch.
 
 mod answer;
 mod client;
@@ -198,17 +199,14 @@ impl<D: AsRef<[u8]>> Station<D> {
         if let Some(chunk) = self.clients[at].measured_chunk() {
             return Some(self.send(at, chunk));
         }
-        while let Some(mut job) = self.clients[at].jobs.pop_front() {
-            match self.advance(at, &mut job) {
-                Progress::Chunk(chunk) => {
-                    self.clients[at].jobs.push_front(job);
-                    return Some(self.send(at, chunk));
-                }
-                Progress::Last(chunk) => return Some(self.send(at, chunk)),
-                Progress::Nothing => {}
+        let mut job = self.clients[at].jobs.pop_front()?;
+        match self.advance(at, &mut job) {
+            Progress::Chunk(chunk) => {
+                self.clients[at].jobs.push_front(job);
+                Some(self.send(at, chunk))
             }
+            Progress::Last(chunk) => Some(self.send(at, chunk)),
         }
-        None
     }
 
     /// Numbers a chunk and addresses it.
@@ -376,12 +374,13 @@ impl<D: AsRef<[u8]>> Station<D> {
         let region = region_at(ask);
         let vsps = self.models[model].served.file.model_header().vsps;
         match action {
-            RegionAction::Subscribe => self.clients[at].subscribe(model, object, *ask),
+            RegionAction::Subscribe => self.clients[at].subscribe(model, object, *ask, false),
+            RegionAction::Resend => self.clients[at].subscribe(model, object, *ask, true),
             RegionAction::Held => match self.models[model].closure(region) {
-                Ok(closure) => {
+                Ok(mut closure) => {
                     self.clients[at]
                         .residency(model)
-                        .insert(region, &closure, vsps);
+                        .insert(region, &mut closure, vsps);
                 }
                 Err(error) => {
                     let job = refused(error.refusal());

@@ -336,32 +336,40 @@ impl Cache {
 
     // --- closures and records --------------------------------------------------------------------
 
-    /// Adds ids to the closure of an asked region and holds those that are loaded already.
+    /// Adds a VSP to the closure of an asked region and holds it when it is loaded already. `record_follows`:
+    /// whether its record is to come in the same answer.
     ///
     /// # Errors
-    /// `NoRoom` when the lists are full, `Damaged` for ids out of range.
-    pub fn add_to_closure(&mut self, region: usize, ids: &[u32]) -> Result<(), LoadError> {
-        for &id in ids {
-            if id >= self.sizes.vsps {
-                return Err(LoadError::Damaged);
+    /// `NoRoom` when the lists are full, `Damaged` for ids out of range, `Gap` when the record is neither here nor
+    /// to come.
+    pub fn add_to_closure(
+        &mut self,
+        region: usize,
+        id: u32,
+        record_follows: bool,
+    ) -> Result<(), LoadError> {
+        if id >= self.sizes.vsps {
+            return Err(LoadError::Damaged);
+        }
+        let known = self.ids.get(id);
+        if known.is_none() && !record_follows {
+            return Err(LoadError::Gap);
+        }
+        let mut list = self.regions.at(region).closure;
+        if !self.lists.push(&mut list, known.unwrap_or(id | PENDING)) {
+            return Err(LoadError::NoRoom);
+        }
+        let entry = self.regions.at_mut(region);
+        if entry.closure == List::EMPTY {
+            entry.cursor = Cursor::start(&list);
+        }
+        entry.closure = list;
+        match known {
+            Some(slot) => {
+                self.references[slot as usize].held += 1;
+                self.requeue(slot);
             }
-            let known = self.ids.get(id);
-            let mut list = self.regions.at(region).closure;
-            if !self.lists.push(&mut list, known.unwrap_or(id | PENDING)) {
-                return Err(LoadError::NoRoom);
-            }
-            let entry = self.regions.at_mut(region);
-            if entry.closure == List::EMPTY {
-                entry.cursor = Cursor::start(&list);
-            }
-            entry.closure = list;
-            match known {
-                Some(slot) => {
-                    self.references[slot as usize].held += 1;
-                    self.requeue(slot);
-                }
-                None => entry.pending += 1,
-            }
+            None => entry.pending += 1,
         }
         Ok(())
     }

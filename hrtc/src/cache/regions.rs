@@ -59,7 +59,9 @@ pub enum RegionState {
     Held,
     /// Dropped here; the station is still to be told.
     ToRelease,
-    /// Refused by the station, or its records do not fit the mesh: not asked for again.
+    /// Its answer counted on records that are not here any more: to be asked for with every record.
+    ToAskAgain,
+    /// Refused by the station, or its records do not fit the mesh: not asked for again for a while.
     Refused,
 }
 
@@ -74,6 +76,10 @@ pub struct Region {
     pub wanted: bool,
     /// Whether all of it is performed; while wanted.
     pub refined: bool,
+    /// Whether the answer that is under way has begun; while asked for.
+    pub answer_begun: bool,
+    /// Tick when it was refused; while refused.
+    pub refused_at: u64,
     /// Its closure: slots, or ids of records that are still to come.
     pub closure: List,
     /// Records still to come.
@@ -166,6 +172,8 @@ impl RegionTable {
             state: RegionState::Asked,
             wanted: false,
             refined: false,
+            answer_begun: false,
+            refused_at: 0,
             closure: List::EMPTY,
             pending: 0,
             cursor: Cursor::start(&List::EMPTY),

@@ -1,21 +1,23 @@
 //! Draining the inbox: chunks into model, closures, records, tour.
 
 use super::{Controller, Fault, Model, ModelFrame, TickInputs};
-use crate::cache::{List, LoadError, RegionKey, RegionState};
+use crate::cache::{LoadError, RegionKey, RegionState};
 use crate::dial::triangle_area;
 use crate::inbox::InboxChunk;
 use crate::proxy::Proxy;
 use crate::subscriber::Reception;
 use crate::tick_record::CoreRecord;
 use shared::protocol::{
-    BaseFace, BaseVertex, CHUNK_SLOTS, ChunkKind, IDS_PER_SLOT, MODEL_HEADER_SLOTS, MeasuredError,
-    ModelHeader, Refusal, TourPoint,
+    AnswerItem, AnswersReader, BaseFace, BaseVertex, CHUNK_SLOTS, ChunkKind, MODEL_HEADER_SLOTS,
+    MeasuredError, ModelHeader, PartHead, Refusal, TourPoint,
 };
 use shared::spm::{NONE, RegionId, VspRecord};
 
-/// Work units of the inbox a tick: a record or base item is 4, sixteen ids of a closure are 8.
+/// Work units of the inbox a tick: a record or base item is 4, sixteen ids of a closure are 8, the head of a part 1.
 pub const BUDGET: u32 = 80;
 const PER_ITEM: u32 = 4;
+/// Ids of a closure that are taken in one go.
+const IDS_AT_ONCE: usize = 16;
 /// Ticks for which a record may wait for room before its region is given up.
 const PATIENCE: u32 = 50;
 
@@ -24,6 +26,8 @@ const PATIENCE: u32 = 50;
 pub struct Inbox {
     /// Items of the oldest chunk that are done.
     done: usize,
+    /// Where in its answers, if it holds answers and was begun.
+    reader: Option<AnswersReader>,
     /// Slots of the model that are done.
     model_slots: u32,
     /// The header of a model whose base mesh is still coming.
@@ -36,6 +40,13 @@ impl Inbox {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// Turns to the next chunk.
+    fn turn(&mut self) {
+        self.done = 0;
+        self.reader = None;
+        self.waited = 0;
     }
 }
 
@@ -64,7 +75,7 @@ impl Controller {
             match self.subscriber.receive(&chunk.header) {
                 Reception::Stale => {
                     consumed += 1;
-                    self.inbox.done = 0;
+                    self.inbox.turn();
                     continue;
                 }
                 Reception::Gap => {
@@ -79,8 +90,7 @@ impl Controller {
                 Taken::Whole => {
                     self.subscriber.consumed(inputs.tick);
                     self.bytes_received += size_of::<InboxChunk>() as u64;
-                    self.inbox.done = 0;
-                    self.inbox.waited = 0;
+                    self.inbox.turn();
                     consumed += 1;
                 }
                 Taken::Part => {
@@ -105,8 +115,7 @@ impl Controller {
 
     fn end_epoch(&mut self, tick: u64) {
         self.subscriber.end_epoch(tick, &mut self.cache);
-        self.inbox.done = 0;
-        self.inbox.waited = 0;
+        self.inbox.turn();
         if !self.path_is_whole {
             self.path.clear();
         }
@@ -122,8 +131,7 @@ impl Controller {
     ) -> Taken {
         match ChunkKind::from_code(chunk.header.kind) {
             Some(ChunkKind::Model) => self.take_model(chunk, budget),
-            Some(ChunkKind::Closure) => self.take_closure(chunk, tick, budget),
-            Some(ChunkKind::Records) => self.take_records(chunk, tick, budget, operations, record),
+            Some(ChunkKind::Answers) => self.take_answers(chunk, tick, budget, operations, record),
             Some(ChunkKind::Measured) => {
                 let items: &[MeasuredError] = bytemuck::cast_slice(&chunk.slots);
                 let count = (chunk.header.count as usize).min(items.len());
@@ -138,11 +146,7 @@ impl Controller {
                 Taken::Whole
             }
             Some(ChunkKind::Refused) => {
-                self.take_refusal(chunk);
-                Taken::Whole
-            }
-            Some(ChunkKind::Empty) => {
-                self.take_empty(chunk);
+                self.take_refusal(chunk, tick);
                 Taken::Whole
             }
             // A kind of a later version: skipped, the numbers go on.
@@ -254,49 +258,24 @@ impl Controller {
         }
     }
 
-    /// The asked region that a chunk is about; chunks about others are skipped.
-    fn region_of(&self, chunk: &InboxChunk) -> Option<usize> {
+    /// The asked region of this name.
+    fn asked(&self, region: u32, tolerance_bits: u32) -> Option<usize> {
         let key = RegionKey {
-            id: RegionId(chunk.header.region),
-            tolerance_bits: chunk.header.tolerance_bits,
+            id: RegionId(region),
+            tolerance_bits,
         };
         let index = self.cache.regions.index(key)?;
         (self.cache.regions.at(index).state == RegionState::Asked).then_some(index)
     }
 
-    fn take_closure(&mut self, chunk: &InboxChunk, tick: u64, budget: &mut u32) -> Taken {
-        let Some(region) = self.region_of(chunk) else {
-            return Taken::Whole;
-        };
-        let ids: &[u32] = bytemuck::cast_slice(&chunk.slots);
-        let count = (chunk.header.count as usize).min(ids.len());
-        while self.inbox.done < count {
-            if *budget < 2 * PER_ITEM {
-                *budget = 0;
-                return Taken::Part;
-            }
-            *budget -= 2 * PER_ITEM;
-            let end = (self.inbox.done + IDS_PER_SLOT).min(count);
-            match self
-                .cache
-                .add_to_closure(region, &ids[self.inbox.done..end])
-            {
-                Ok(()) => self.inbox.done = end,
-                Err(LoadError::NoRoom) => {
-                    self.give_up(region);
-                    self.refinement.starved(tick);
-                    return Taken::Whole;
-                }
-                Err(_) => {
-                    self.refuse(region);
-                    return Taken::Whole;
-                }
-            }
-        }
-        self.end_of_answer(chunk, region)
+    /// The asked region that a part belongs to; parts of others, and of answers whose beginning was not taken,
+    /// are skipped.
+    fn answered_by(&self, head: &PartHead) -> Option<usize> {
+        let index = self.asked(head.region, head.tolerance_bits)?;
+        self.cache.regions.at(index).answer_begun.then_some(index)
     }
 
-    fn take_records(
+    fn take_answers(
         &mut self,
         chunk: &InboxChunk,
         tick: u64,
@@ -304,74 +283,126 @@ impl Controller {
         operations: &mut u32,
         record: &mut CoreRecord,
     ) -> Taken {
-        let Some(region) = self.region_of(chunk) else {
-            return Taken::Whole;
-        };
-        let records: &[VspRecord] = bytemuck::cast_slice(&chunk.slots);
-        let count = (chunk.header.count as usize).min(records.len());
-        while self.inbox.done < count {
-            if *budget < PER_ITEM {
+        let whole_chunk = AnswersReader::new(chunk.header.count);
+        let mut reader = self.inbox.reader.unwrap_or(whole_chunk);
+        loop {
+            // What is done with; an item that has to wait is read again.
+            self.inbox.reader = Some(reader);
+            let item = match reader.next(&chunk.slots) {
+                Ok(Some(item)) => item,
+                Ok(None) => return Taken::Whole,
+                Err(_) => return Taken::Gap,
+            };
+            let cost = match item {
+                AnswerItem::Part(_) => 1,
+                AnswerItem::Id { .. } => 2 * PER_ITEM,
+                AnswerItem::Record(_) => PER_ITEM,
+                AnswerItem::End(_) => 0,
+            };
+            if *budget < cost {
                 *budget = 0;
                 return Taken::Part;
             }
-            if !self.cache.has_slot() && !self.make_room(region, tick, operations, record) {
-                if self.inbox.waited < PATIENCE {
-                    return Taken::Part;
-                }
-                self.give_up(region);
-                self.refinement.starved(tick);
-                return Taken::Whole;
+            if let AnswerItem::Part(head) = item {
+                *budget -= cost;
+                self.inbox.done += 1;
+                self.begin_answer(&head);
+                continue;
             }
-            *budget -= PER_ITEM;
-            match self.cache.load(region, &records[self.inbox.done]) {
-                Ok(()) => {
-                    self.vsps_received += 1;
-                    self.inbox.done += 1;
-                    // A record costs about half an operation: one budget for both keeps ticks even.
-                    *operations = operations.saturating_sub((self.inbox.done % 2) as u32);
-                }
-                Err(LoadError::NoRoom) => return Taken::Part,
-                Err(LoadError::Gap) => return Taken::Gap,
-                Err(LoadError::Damaged) => {
-                    self.refuse(region);
-                    return Taken::Whole;
-                }
-            }
-        }
-        self.end_of_answer(chunk, region)
-    }
-
-    fn end_of_answer(&mut self, chunk: &InboxChunk, region: usize) -> Taken {
-        if chunk.header.last == 0 {
-            return Taken::Whole;
-        }
-        if self.cache.finish(region).is_err() {
-            return Taken::Gap;
-        }
-        self.subscriber.answered();
-        Taken::Whole
-    }
-
-    /// Regions without any VSP are held at once.
-    fn take_empty(&mut self, chunk: &InboxChunk) {
-        let ids: &[u32] = bytemuck::cast_slice(&chunk.slots);
-        let count = (chunk.header.count as usize).min(ids.len());
-        for &id in &ids[..count] {
-            let key = RegionKey {
-                id: RegionId(id),
-                tolerance_bits: chunk.header.tolerance_bits,
+            let Some(region) = self.answered_by(reader.head()) else {
+                reader.skip_part();
+                continue;
             };
-            let index = self.cache.regions.index(key);
-            let asked = index.filter(|&index| {
-                let region = self.cache.regions.at(index);
-                region.state == RegionState::Asked && region.closure == List::EMPTY
-            });
-            if let Some(index) = asked
-                && self.cache.finish(index).is_ok()
-            {
-                self.subscriber.answered();
+            let loaded = match item {
+                AnswerItem::Part(_) => Ok(()),
+                AnswerItem::Id { id, record_follows } => {
+                    *budget -= cost;
+                    self.take_ids(chunk, region, (id, record_follows), &mut reader)
+                }
+                AnswerItem::Record(item) => {
+                    if !self.cache.has_slot() && !self.make_room(region, tick, operations, record) {
+                        if self.inbox.waited < PATIENCE {
+                            return Taken::Part;
+                        }
+                        self.give_up(region);
+                        self.refinement.starved(tick);
+                        continue;
+                    }
+                    *budget -= cost;
+                    self.take_record(region, &item, operations)
+                }
+                AnswerItem::End(head) if head.is_last() => self
+                    .cache
+                    .finish(region)
+                    .map(|()| self.subscriber.answered()),
+                AnswerItem::End(_) => Ok(()),
+            };
+            match (loaded, item) {
+                (Ok(()), _) => self.inbox.done += 1,
+                (Err(LoadError::NoRoom), AnswerItem::Record(_)) => return Taken::Part,
+                (Err(LoadError::NoRoom), _) => {
+                    self.give_up(region);
+                    self.refinement.starved(tick);
+                }
+                (Err(LoadError::Gap), _) => self.ask_again(region),
+                (Err(LoadError::Damaged), _) => self.refuse(region, tick),
             }
         }
+    }
+
+    /// A part begins: with it the answer, if it says so.
+    fn begin_answer(&mut self, head: &PartHead) {
+        if let (true, Some(region)) = (
+            head.is_first(),
+            self.asked(head.region, head.tolerance_bits),
+        ) {
+            // The station begins again when it was asked again: what came before counts no more.
+            self.cache.let_go(region);
+            self.cache.regions.at_mut(region).answer_begun = true;
+        }
+    }
+
+    /// Takes an id of a closure, and those that come right after it.
+    fn take_ids(
+        &mut self,
+        chunk: &InboxChunk,
+        region: usize,
+        first: (u32, bool),
+        reader: &mut AnswersReader,
+    ) -> Result<(), LoadError> {
+        let (id, record_follows) = first;
+        self.cache.add_to_closure(region, id, record_follows)?;
+        for _ in 1..IDS_AT_ONCE {
+            let mut ahead = *reader;
+            let Ok(Some(AnswerItem::Id { id, record_follows })) = ahead.next(&chunk.slots) else {
+                break;
+            };
+            self.cache.add_to_closure(region, id, record_follows)?;
+            *reader = ahead;
+        }
+        Ok(())
+    }
+
+    fn take_record(
+        &mut self,
+        region: usize,
+        item: &VspRecord,
+        operations: &mut u32,
+    ) -> Result<(), LoadError> {
+        self.cache.load(region, item)?;
+        self.vsps_received += 1;
+        // A record costs about half an operation: one budget for both keeps ticks even.
+        *operations = operations.saturating_sub((self.inbox.done % 2) as u32);
+        Ok(())
+    }
+
+    /// Asks for a region again, with every record: its answer counts on records that are not here any more.
+    fn ask_again(&mut self, region: usize) {
+        self.cache.let_go(region);
+        let entry = self.cache.regions.at_mut(region);
+        entry.state = RegionState::ToAskAgain;
+        entry.answer_begun = false;
+        self.subscriber.ask_again(region);
     }
 
     /// Drops an asked region for lack of room; the station is told.
@@ -383,19 +414,20 @@ impl Controller {
             self.subscriber.release(region);
         } else {
             // The station goes on believing in it; should it be asked for again, the answer lacks
-            // records, and that ends the epoch.
+            // records, and is asked for once more.
             self.cache.regions.remove(region);
         }
     }
 
-    /// Drops an asked region that cannot be used, and does not ask for it again.
-    pub(super) fn refuse(&mut self, region: usize) {
+    /// Drops an asked region that cannot be used; after a while it may be asked for again.
+    pub(super) fn refuse(&mut self, region: usize, tick: u64) {
         self.cache.let_go(region);
         let entry = self.cache.regions.at_mut(region);
         if entry.state == RegionState::Asked {
             self.subscriber.answered();
         }
         entry.state = RegionState::Refused;
+        entry.refused_at = tick;
         self.last_refused = entry.key.id.0;
         self.refused_regions += 1;
     }
@@ -423,7 +455,7 @@ impl Controller {
         }
     }
 
-    fn take_refusal(&mut self, chunk: &InboxChunk) {
+    fn take_refusal(&mut self, chunk: &InboxChunk, tick: u64) {
         match Refusal::from_code(chunk.header.code) {
             Some(Refusal::UnknownModel) => self.fault = Some(Fault::UnknownModel),
             // Only a tour is refused without a region.
@@ -431,8 +463,9 @@ impl Controller {
                 self.fault = Some(Fault::NoTour);
             }
             _ => {
-                if let Some(region) = self.region_of(chunk) {
-                    self.refuse(region);
+                let header = &chunk.header;
+                if let Some(region) = self.asked(header.region, header.tolerance_bits) {
+                    self.refuse(region, tick);
                 }
             }
         }

@@ -324,6 +324,12 @@ impl Controller {
         (self.refused_regions, self.last_refused)
     }
 
+    /// Regions asked for again, with every record, so far: their answer counted on records that were gone.
+    #[must_use]
+    pub fn resent(&self) -> u64 {
+        self.subscriber.resent
+    }
+
     /// Constraints of the proxy that did not fit beside the [`crate::proxy::MOST_CONSTRAINTS`] deepest, so far.
     #[must_use]
     pub fn dropped_constraints(&self) -> u64 {

@@ -180,7 +180,7 @@ impl Controller {
                     }
                     Err(_) => {
                         // The rest of the closure may depend on it: the region stays as it is.
-                        self.refuse(region);
+                        self.refuse(region, tick);
                         break;
                     }
                 }

@@ -9,9 +9,9 @@ use hrtc::inbox::InboxChunk;
 use hrtc::subscriber::Identity;
 use hrtc::tick_record::CoreRecord;
 use shared::geometry::{Pose, Wrench};
-use shared::protocol::Request;
+use shared::protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, Request};
 use shared::scene::{Overrides, ScenePlan, parse};
-use shared::spm::{SpmFile, write_spm};
+use shared::spm::{SpmFile, VspRecord, write_spm};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
@@ -125,6 +125,29 @@ pub struct Pair {
 
 /// Changes a chunk.
 pub type Tamper = Box<dyn FnMut(&mut InboxChunk)>;
+
+/// Packs a chunk of answers again with its records changed.
+pub fn change_records(chunk: &mut InboxChunk, mut change: impl FnMut(&mut VspRecord)) {
+    if chunk.header.kind != ChunkKind::Answers as u32 {
+        return;
+    }
+    let mut reader = AnswersReader::new(chunk.header.count);
+    let mut writer = AnswersWriter::new();
+    while let Some(item) = reader.next(&chunk.slots).expect("the station packs well") {
+        match item {
+            AnswerItem::Part(head) => {
+                writer.begin(head.region, head.tolerance_bits, head.is_first());
+            }
+            AnswerItem::Id { id, record_follows } => assert!(writer.id(id, record_follows)),
+            AnswerItem::Record(mut record) => {
+                change(&mut record);
+                assert!(writer.record(&record));
+            }
+            AnswerItem::End(head) => writer.end(head.is_last()),
+        }
+    }
+    (chunk.header.count, chunk.slots) = writer.finish();
+}
 
 /// splitmix64: the tests' own randomness, the same on every machine.
 #[derive(Debug, Clone)]

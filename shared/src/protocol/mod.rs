@@ -13,18 +13,25 @@
 //! again for the rest; the station forgets what it believed of that client and starts from what it is told.
 //! A chunk of an older epoch is dropped. So every loss ends in the same mesh as a fresh start.
 //!
+//! **Answers count on what the client holds.** The station sends the records that no region held contains, and
+//! says of every id whether its record follows. Who drops a region while an answer is under way may drop what
+//! that answer counts on. It finds out when it reads the id, and asks for that region again, with every record
+//! ([`RegionAction::Resend`]): such an answer counts on nothing. Parts of the answer before it are told apart by
+//! [`PartHead::FIRST`], which every answer begins with.
+//!
 //! **Credit.** Every request carries how many chunks of the epoch were consumed; the station never has more
 //! than [`CREDIT_CHUNKS`] under way.
 
+mod answers;
 mod domain;
 mod hello;
 mod wire;
 
+pub use answers::{AnswerItem, AnswersReader, AnswersWriter, DamagedAnswers, PartHead};
 pub use domain::{BUFFER, Domain, MOST_CLIENTS, MOST_PORTS, TransportError};
 pub use hello::{HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VERSION, Role};
 pub use wire::{
     ANSWER_TIMEOUT_MS, BaseFace, BaseVertex, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind,
-    ChunkSlot, ContactReport, IDS_PER_SLOT, MODEL_HEADER_SLOTS, MeasuredError, ModelHeader,
-    REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind, TourAsk,
-    TourPoint,
+    ChunkSlot, ContactReport, MODEL_HEADER_SLOTS, MeasuredError, ModelHeader, REGIONS_PER_REQUEST,
+    Refusal, RegionAction, RegionAsk, Request, RequestKind, TourAsk, TourPoint,
 };

@@ -6,8 +6,6 @@ use iceoryx2::prelude::ZeroCopySend;
 
 /// Slots of a chunk; every chunk is sent whole (4 KiB), so that a tunnel's segments never grow.
 pub const CHUNK_SLOTS: usize = 64;
-/// VSP ids in one slot of a closure chunk.
-pub const IDS_PER_SLOT: usize = 16;
 /// Chunks that may be under way to one client.
 pub const CREDIT_CHUNKS: u64 = 32;
 /// Regions named by one request at the most.
@@ -22,19 +20,15 @@ pub enum ChunkKind {
     /// [`ModelHeader`] in the first slots, then [`BaseVertex`] four to a slot, then, from a fresh slot on,
     /// [`BaseFace`] two to a slot.
     Model = 1,
-    /// The VSP ids of a region's closure, ascending, sixteen to a slot.
-    Closure = 2,
-    /// The records of that closure which the client lacks, ascending, one to a slot.
-    Records = 3,
+    /// Closures of regions and the records of them that the client lacks, packed: see
+    /// [`super::AnswersReader`].
+    Answers = 2,
     /// [`MeasuredError`]s, two to a slot.
     Measured = 4,
     /// [`TourPoint`]s, one to a slot.
     Tour = 5,
     /// The request cannot be served; `code` says why ([`Refusal`]).
     Refused = 6,
-    /// Ids of asked regions whose closure is empty, sixteen to a slot: one chunk answers them all. Most cells
-    /// around a surface are of this kind.
-    Empty = 7,
 }
 
 impl ChunkKind {
@@ -43,12 +37,10 @@ impl ChunkKind {
     pub fn from_code(code: u32) -> Option<Self> {
         [
             Self::Model,
-            Self::Closure,
-            Self::Records,
+            Self::Answers,
             Self::Measured,
             Self::Tour,
             Self::Refused,
-            Self::Empty,
         ]
         .into_iter()
         .find(|&kind| kind as u32 == code)
@@ -61,11 +53,11 @@ impl ChunkKind {
 pub enum Refusal {
     /// No object of that number, or its model is another one than the client named.
     UnknownModel = 1,
-    /// No cell of that number in the model's grid.
+    /// No cell of that number in the grid of the tolerance's level.
     UnknownRegion = 2,
     /// A block of the file that the region needs fails its checksum.
     DamagedBlock = 3,
-    /// The tolerance cannot be served by this file.
+    /// The tolerance is no number from 0 up.
     Tolerance = 4,
     /// The numbers of a tour cannot be served: not finite, not positive, or beyond the model.
     Tour = 5,
@@ -106,13 +98,13 @@ pub struct ChunkHeader {
     pub kind: u32,
     /// Object of the scene.
     pub object: u32,
-    /// Region (closure, records, refused).
+    /// Region (refused).
     pub region: u32,
-    /// Tolerance of the closure, the bits of an f32, metres in the model's units.
+    /// Its tolerance, the bits of an f32, model units.
     pub tolerance_bits: u32,
-    /// Items in this chunk: ids, records, base items, measured errors or tour points.
+    /// Bytes of the parts (answers); elsewhere items in this chunk: base items, measured errors or tour points.
     pub count: u32,
-    /// 1 on the last chunk of an answer (a closure's answer ends with its last records chunk).
+    /// 1 on the last chunk of an answer; of answers, when the last part ends its answer.
     pub last: u32,
     /// [`Refusal`] as a number; elsewhere the index of the chunk's first slot in its answer.
     pub code: u32,
@@ -318,13 +310,15 @@ pub enum RegionAction {
     Held = 2,
     /// The client dropped it.
     Release = 3,
+    /// Like Subscribe, but with every record of the closure, whatever the client is believed to hold.
+    Resend = 4,
 }
 
 impl RegionAction {
     /// The action of a received code.
     #[must_use]
     pub fn from_code(code: u32) -> Option<Self> {
-        [Self::Subscribe, Self::Held, Self::Release]
+        [Self::Subscribe, Self::Held, Self::Release, Self::Resend]
             .into_iter()
             .find(|&action| action as u32 == code)
     }
@@ -337,7 +331,7 @@ impl RegionAction {
 pub struct RegionAsk {
     /// [`crate::spm::RegionId`] as a number.
     pub region: u32,
-    /// Bits of the f32 tolerance, model units; 0 is full resolution.
+    /// Bits of the f32 tolerance, model units; 0 is full resolution. Of a prefix the number of its VSPs.
     pub tolerance_bits: u32,
     /// [`RegionAction`] as a number.
     pub action: u32,

@@ -1,14 +1,14 @@
 //! Answers, made chunk by chunk.
 
 use super::{Chunk, Station, region_at};
-use crate::collection::RegionAt;
+use crate::collection::{LACKING, RegionAt};
 use crate::tour::Tour;
 use bytemuck::Zeroable;
 use shared::protocol::{
-    BaseFace, BaseVertex, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, IDS_PER_SLOT,
+    AnswersWriter, BaseFace, BaseVertex, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot,
     MODEL_HEADER_SLOTS, ModelHeader, Refusal, RegionAsk,
 };
-use shared::spm::{NONE, SpmFile};
+use shared::spm::{FileError, NONE, SpmFile};
 
 /// Base vertices in one slot.
 const VERTICES_PER_SLOT: usize = size_of::<ChunkSlot>() / size_of::<BaseVertex>();
@@ -36,6 +36,8 @@ pub enum Job {
         model: usize,
         object: u32,
         ask: RegionAsk,
+        /// With every record, whatever the client is believed to hold.
+        whole: bool,
         answer: Option<Answer>,
     },
     /// A scripted path.
@@ -57,11 +59,12 @@ impl Job {
 /// How far the answer for a region is.
 #[derive(Debug)]
 pub struct Answer {
+    /// The closure, marked with [`LACKING`] where a record is to be sent.
     closure: Vec<u32>,
-    lacking: Vec<u32>,
-    ids_sent: usize,
-    records_sent: usize,
-    chunks: u32,
+    next_id: usize,
+    /// The next place of the closure whose record may be to be sent.
+    next_record: usize,
+    begun: bool,
 }
 
 /// What came of working on a job.
@@ -70,8 +73,6 @@ pub enum Progress {
     Chunk(Chunk),
     /// The last chunk.
     Last(Chunk),
-    /// Nothing, and no more to come.
-    Nothing,
 }
 
 impl Progress {
@@ -111,12 +112,10 @@ impl<D: AsRef<[u8]>> Station<D> {
                 *object,
                 next_slot,
             )),
-            Job::Region {
-                model,
-                object,
-                ask,
-                answer,
-            } => self.advance_region(at, *model, *object, ask, answer),
+            Job::Region { object, .. } => {
+                let object = *object;
+                self.advance_regions(at, object, job)
+            }
             Job::Tour {
                 model,
                 object,
@@ -150,127 +149,167 @@ impl<D: AsRef<[u8]>> Station<D> {
         (header, slots)
     }
 
-    /// Answers an empty region, and all empty ones that wait behind it.
-    fn empty_chunk(&mut self, at: usize, model: usize, object: u32, first: RegionAt) -> Chunk {
-        let (mut header, mut slots) = blank(ChunkKind::Empty, object);
-        let ids: &mut [u32] = bytemuck::cast_slice_mut(&mut slots);
-        header.tolerance_bits = first.tolerance_bits;
-        ids[0] = first.region.0;
-        let mut count = 1;
-        let of_model = &mut self.models[model];
-        self.clients[at].jobs.retain(|job| match job {
-            Job::Region {
-                model: other,
-                object: of,
-                ask,
-                answer: None,
-            } if *other == model
-                && *of == object
-                && ask.tolerance_bits == first.tolerance_bits
-                && count < ids.len() =>
-            {
-                let closure = of_model.closure(region_at(ask));
-                let empty = closure.is_ok_and(|closure| closure.is_empty());
-                if empty {
-                    ids[count] = ask.region;
-                    count += 1;
+    /// Packs the answer to a region, and what waits behind it for regions of the same object, into a chunk.
+    fn advance_regions(&mut self, at: usize, object: u32, first: &mut Job) -> Progress {
+        let mut writer = AnswersWriter::new();
+        // The job being packed, once that is not the first any more.
+        let mut later: Option<Job> = None;
+        let mut whole = true;
+        loop {
+            match self.pack(at, later.as_mut().unwrap_or(first), &mut writer) {
+                Packed::Whole => {}
+                Packed::Part => {
+                    whole = false;
+                    break;
                 }
-                !empty
+                Packed::Refused(ask, refusal) if writer.is_empty() => {
+                    return Progress::Last(self.refused(object, Some(&ask), refusal));
+                }
+                Packed::Refused(ask, refusal) => {
+                    self.clients[at].jobs.push_front(Job::Refused {
+                        object,
+                        ask: Some(ask),
+                        refusal,
+                    });
+                    break;
+                }
             }
-            _ => true,
-        });
-        header.count = count as u32;
-        header.last = 1;
-        self.counters.regions += count as u64;
-        (header, slots)
+            let jobs = &mut self.clients[at].jobs;
+            let is_alike =
+                matches!(jobs.front(), Some(Job::Region { object: of, .. }) if *of == object);
+            if !is_alike || writer.room() < AnswersWriter::LEAST_ROOM {
+                break;
+            }
+            later = jobs.pop_front();
+        }
+        let (mut header, _) = blank(ChunkKind::Answers, object);
+        let (count, slots) = writer.finish();
+        header.count = count;
+        header.last = u32::from(whole);
+        match later {
+            None => Progress::of((header, slots)),
+            Some(job) => {
+                if !whole {
+                    self.clients[at].jobs.push_front(job);
+                }
+                Progress::Last((header, slots))
+            }
+        }
     }
 
-    fn advance_region(
+    /// Packs as much of an answer as there is room for.
+    fn pack(&mut self, at: usize, job: &mut Job, writer: &mut AnswersWriter) -> Packed {
+        let Job::Region {
+            model,
+            ask,
+            whole,
+            answer,
+            ..
+        } = job
+        else {
+            return Packed::Whole;
+        };
+        let (model, region) = (*model, region_at(ask));
+        let mut given = match answer.take() {
+            Some(given) => given,
+            None => match self.models[model].closure(region) {
+                Ok(closure) => self.begin_answer(at, model, region, closure, *whole),
+                Err(error) => {
+                    self.refuse_region(model, &error);
+                    return Packed::Refused(*ask, error.refusal());
+                }
+            },
+        };
+        match given.pack(&self.models[model].served.file, ask, writer) {
+            Ok((records, done)) => {
+                self.counters.records += records;
+                self.counters.regions += u64::from(done);
+                if done {
+                    return Packed::Whole;
+                }
+                *answer = Some(given);
+                Packed::Part
+            }
+            Err(_) => {
+                // Its blocks were sound a moment ago; still, no record is made up.
+                given.closure.iter_mut().for_each(|i| *i &= !LACKING);
+                let residency = self.clients[at].residency(model);
+                residency.remove(region, &given.closure);
+                Packed::Refused(*ask, Refusal::DamagedBlock)
+            }
+        }
+    }
+
+    fn begin_answer(
         &mut self,
         at: usize,
         model: usize,
-        object: u32,
-        ask: &RegionAsk,
-        answer: &mut Option<Answer>,
-    ) -> Progress {
-        let region = region_at(ask);
-        if answer.is_none() {
-            match self.models[model].closure(region) {
-                Ok(closure) if closure.is_empty() => {
-                    return Progress::Last(self.empty_chunk(at, model, object, region));
-                }
-                Ok(closure) => {
-                    let vsps = self.models[model].served.file.model_header().vsps;
-                    let lacking = self.clients[at]
-                        .residency(model)
-                        .insert(region, &closure, vsps);
-                    *answer = Some(Answer {
-                        closure,
-                        lacking,
-                        ids_sent: 0,
-                        records_sent: 0,
-                        chunks: 0,
-                    });
-                }
-                Err(error) => {
-                    self.refuse_region(model, &error);
-                    return Progress::Last(self.refused(object, Some(ask), error.refusal()));
-                }
-            }
+        region: RegionAt,
+        mut closure: Vec<u32>,
+        whole: bool,
+    ) -> Answer {
+        let vsps = self.models[model].served.file.model_header().vsps;
+        let residency = self.clients[at].residency(model);
+        residency.insert(region, &mut closure, vsps);
+        if whole {
+            closure.iter_mut().for_each(|i| *i |= LACKING);
         }
-        let Some(answer) = answer else {
-            return Progress::Nothing;
-        };
-        let (mut header, slots) = if answer.ids_sent < answer.closure.len() {
-            answer.ids_chunk(object)
-        } else {
-            match answer.records_chunk(&self.models[model].served.file, object) {
-                Some(chunk) => chunk,
-                None => {
-                    // Its blocks were sound a moment ago; still, no record is made up.
-                    let closure = std::mem::take(&mut answer.closure);
-                    self.clients[at].residency(model).remove(region, &closure);
-                    return Progress::Last(self.refused(object, Some(ask), Refusal::DamagedBlock));
-                }
-            }
-        };
-        header.region = ask.region;
-        header.tolerance_bits = ask.tolerance_bits;
-        header.code = answer.chunks * CHUNK_SLOTS as u32;
-        let done =
-            answer.ids_sent == answer.closure.len() && answer.records_sent == answer.lacking.len();
-        header.last = u32::from(done);
-        answer.chunks += 1;
-        if header.kind == ChunkKind::Records as u32 {
-            self.counters.records += u64::from(header.count);
+        Answer {
+            closure,
+            next_id: 0,
+            next_record: 0,
+            begun: false,
         }
-        self.counters.regions += u64::from(header.last);
-        Progress::of((header, slots))
     }
 }
 
-impl Answer {
-    fn ids_chunk(&mut self, object: u32) -> Chunk {
-        let (mut header, mut slots) = blank(ChunkKind::Closure, object);
-        let words: &mut [u32] = bytemuck::cast_slice_mut(&mut slots);
-        let rest = &self.closure[self.ids_sent..];
-        let count = rest.len().min(CHUNK_SLOTS * IDS_PER_SLOT);
-        words[..count].copy_from_slice(&rest[..count]);
-        self.ids_sent += count;
-        header.count = count as u32;
-        (header, slots)
-    }
+/// What came of packing an answer into a chunk.
+enum Packed {
+    /// All of it is in.
+    Whole,
+    /// The chunk is full.
+    Part,
+    /// There is no answer, or no more of it.
+    Refused(RegionAsk, Refusal),
+}
 
-    /// `None` when a record cannot be read.
-    fn records_chunk<D: AsRef<[u8]>>(&mut self, file: &SpmFile<D>, object: u32) -> Option<Chunk> {
-        let (mut header, mut slots) = blank(ChunkKind::Records, object);
-        let rest = &self.lacking[self.records_sent..];
-        for (slot, &i) in slots.iter_mut().zip(rest) {
-            *slot = bytemuck::cast(file.record(i).ok()?);
-            header.count += 1;
+impl Answer {
+    /// Writes a part; the number of records in it, and whether the answer ends with it.
+    fn pack<D: AsRef<[u8]>>(
+        &mut self,
+        file: &SpmFile<D>,
+        ask: &RegionAsk,
+        writer: &mut AnswersWriter,
+    ) -> Result<(u64, bool), FileError> {
+        writer.begin(ask.region, ask.tolerance_bits, !self.begun);
+        self.begun = true;
+        while let Some(&i) = self.closure.get(self.next_id)
+            && writer.id(i & !LACKING, i & LACKING != 0)
+        {
+            self.next_id += 1;
         }
-        self.records_sent += header.count as usize;
-        Some((header, slots))
+        let mut records = 0;
+        while self.next_id == self.closure.len()
+            && let Some(&i) = self.closure.get(self.next_record)
+        {
+            if i & LACKING != 0 {
+                let record = match file.record(i & !LACKING) {
+                    Ok(record) => record,
+                    Err(error) => {
+                        writer.end(false);
+                        return Err(error);
+                    }
+                };
+                if !writer.record(&record) {
+                    break;
+                }
+                records += 1;
+            }
+            self.next_record += 1;
+        }
+        let done = self.next_record == self.closure.len();
+        writer.end(done);
+        Ok((records, done))
     }
 }
 

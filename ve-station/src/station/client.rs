@@ -129,17 +129,34 @@ impl Client {
         self.residencies.entry(model).or_default()
     }
 
-    /// Queues the question for a region, unless it waits already.
-    pub fn subscribe(&mut self, model: usize, object: u32, ask: RegionAsk) {
-        let waits = self.jobs.iter().any(|j| j.is_of(model, region_at(&ask)));
-        if !waits {
-            self.jobs.push_back(Job::Region {
-                model,
-                object,
-                ask,
-                answer: None,
-            });
+    /// Queues the question for a region, unless it waits already. `whole`: with every record.
+    ///
+    /// An answer that has begun is broken off, and given anew with every record: who asks again lost it.
+    pub fn subscribe(&mut self, model: usize, object: u32, ask: RegionAsk, mut whole: bool) {
+        let waiting = self
+            .jobs
+            .iter_mut()
+            .find(|j| j.is_of(model, region_at(&ask)));
+        if let Some(Job::Region {
+            answer,
+            whole: waiting_whole,
+            ..
+        }) = waiting
+        {
+            if answer.is_none() {
+                *waiting_whole |= whole;
+                return;
+            }
+            whole = true;
+            self.cancel(model, region_at(&ask));
         }
+        self.jobs.push_back(Job::Region {
+            model,
+            object,
+            ask,
+            whole,
+            answer: None,
+        });
     }
 
     /// Drops the question for a region, answered in part or not at all.

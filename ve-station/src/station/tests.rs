@@ -4,11 +4,11 @@ use crate::testing::model;
 use bytemuck::Zeroable;
 use proptest::prelude::*;
 use shared::protocol::{
-    BaseFace, BaseVertex, CREDIT_CHUNKS, ChunkKind, IDS_PER_SLOT, MODEL_HEADER_SLOTS, ModelHeader,
-    TourAsk, TourPoint,
+    AnswerItem, AnswersReader, BaseFace, BaseVertex, CREDIT_CHUNKS, ChunkKind, MODEL_HEADER_SLOTS,
+    ModelHeader, PartHead, TourAsk, TourPoint,
 };
 use shared::spm::VspRecord;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, LazyLock};
 
 /// Bytes that several stations of a test share.
@@ -51,15 +51,15 @@ struct Client {
     next_chunk: u64,
     consumed: u64,
     /// Closures of complete regions.
-    held: BTreeMap<u32, Vec<u32>>,
+    held: BTreeMap<RegionAt, Vec<u32>>,
     /// Regions asked for in this epoch whose answer is not complete.
-    asked: VecDeque<u32>,
-    /// Ids of the answer that is coming in.
-    partial: Option<(u32, Vec<u32>)>,
+    asked: VecDeque<RegionAt>,
+    /// Ids of the answer that is coming in, and whether it is of use.
+    partial: Option<(RegionAt, Vec<u32>, bool)>,
     records: BTreeMap<u32, VspRecord>,
-    /// Records that no held region needs, kept until nothing asked before is open.
-    wanted: std::collections::BTreeSet<u32>,
-    /// Epochs ended because an answer turned out incomplete.
+    /// What it asked for and did not give up.
+    wanted: BTreeSet<RegionAt>,
+    /// Answers that counted on records that were gone.
     incomplete: u32,
 }
 
@@ -77,7 +77,7 @@ impl Client {
             asked: VecDeque::new(),
             partial: None,
             records: BTreeMap::new(),
-            wanted: std::collections::BTreeSet::new(),
+            wanted: BTreeSet::new(),
             incomplete: 0,
         }
     }
@@ -96,15 +96,15 @@ impl Client {
         request
     }
 
-    fn regions(&mut self, action: RegionAction, regions: &[u32]) -> Vec<Request> {
+    fn regions(&mut self, action: RegionAction, regions: &[RegionAt]) -> Vec<Request> {
         let mut requests = Vec::new();
         for part in regions.chunks(REGIONS_PER_REQUEST) {
             let mut request = self.request(RequestKind::Regions);
             request.count = part.len() as u32;
             for (ask, &region) in request.regions.iter_mut().zip(part) {
                 *ask = RegionAsk {
-                    region,
-                    tolerance_bits: 0,
+                    region: region.region.0,
+                    tolerance_bits: region.tolerance_bits,
                     action: action as u32,
                 };
             }
@@ -113,7 +113,7 @@ impl Client {
         requests
     }
 
-    fn subscribe(&mut self, region: u32) -> Vec<Request> {
+    fn subscribe(&mut self, region: RegionAt) -> Vec<Request> {
         self.wanted.insert(region);
         if self.held.contains_key(&region) || self.asked.contains(&region) {
             return Vec::new();
@@ -123,7 +123,7 @@ impl Client {
     }
 
     /// Gives a region up, asked for or held. Careful clients wait until nothing is open.
-    fn release(&mut self, region: u32) -> Vec<Request> {
+    fn release(&mut self, region: RegionAt) -> Vec<Request> {
         self.wanted.remove(&region);
         self.asked.retain(|&r| r != region);
         if self.partial.as_ref().is_some_and(|p| p.0 == region) {
@@ -135,8 +135,15 @@ impl Client {
     }
 
     fn drop_unneeded(&mut self) {
-        let needed: std::collections::BTreeSet<u32> =
-            self.held.values().flatten().copied().collect();
+        // What the answer that is coming in lists is held from the moment it is listed.
+        let coming = self.partial.iter().flat_map(|(_, closure, _)| closure);
+        let needed: BTreeSet<u32> = self
+            .held
+            .values()
+            .flatten()
+            .chain(coming)
+            .copied()
+            .collect();
         self.records.retain(|i, _| needed.contains(i));
     }
 
@@ -148,7 +155,7 @@ impl Client {
         self.consumed = 0;
         self.partial = None;
         self.drop_unneeded();
-        let held: Vec<u32> = self.held.keys().copied().collect();
+        let held: Vec<RegionAt> = self.held.keys().copied().collect();
         let mut requests = self.regions(RegionAction::Held, &held);
         self.asked = self
             .wanted
@@ -156,77 +163,69 @@ impl Client {
             .copied()
             .filter(|r| !self.held.contains_key(r))
             .collect();
-        let asked: Vec<u32> = self.asked.iter().copied().collect();
+        let asked: Vec<RegionAt> = self.asked.iter().copied().collect();
         requests.extend(self.regions(RegionAction::Subscribe, &asked));
         requests
     }
 
-    /// Takes a chunk in; `false` ends the epoch.
-    fn receive(&mut self, (header, slots): &Chunk) -> bool {
+    /// Takes a chunk in, and answers what is to be said to it; `None` ends the epoch.
+    fn receive(&mut self, (header, slots): &Chunk) -> Option<Vec<Request>> {
+        let mut said = Vec::new();
         if header.epoch != self.epoch || header.client != self.id {
-            return true;
+            return Some(said);
         }
         if header.sequence != self.next_chunk {
-            return false;
+            return None;
         }
         self.next_chunk += 1;
         self.consumed += 1;
-        let count = header.count as usize;
-        match ChunkKind::from_code(header.kind).unwrap() {
-            ChunkKind::Closure => {
-                let ids: &[u32] = bytemuck::cast_slice(slots);
-                if header.code == 0 {
-                    self.partial = Some((header.region, Vec::new()));
+        assert_eq!(header.kind, ChunkKind::Answers as u32);
+        let mut reader = AnswersReader::new(header.count);
+        while let Some(item) = reader.next(slots).unwrap() {
+            let region = region_of(reader.head());
+            match item {
+                AnswerItem::Part(head) if head.is_first() && self.asked.contains(&region) => {
+                    self.partial = Some((region, Vec::new(), true));
                 }
-                if let Some((region, closure)) = &mut self.partial
-                    && *region == header.region
-                {
-                    closure.extend(&ids[..count]);
+                AnswerItem::Part(_) => {}
+                _ if self.partial.as_ref().is_none_or(|(of, ..)| *of != region) => {
+                    reader.skip_part();
                 }
-            }
-            ChunkKind::Records => {
-                for slot in &slots[..count] {
-                    let record: VspRecord = bytemuck::cast(*slot);
-                    self.records.insert(record.i, record);
-                }
-            }
-            ChunkKind::Empty => {
-                let ids: &[u32] = bytemuck::cast_slice(slots);
-                for region in &ids[..count] {
-                    if self.asked.contains(region) {
-                        self.asked.retain(|r| r != region);
-                        self.held.insert(*region, Vec::new());
+                AnswerItem::Id { id, record_follows } => {
+                    let here = self.records.contains_key(&id);
+                    if let Some((_, closure, of_use)) = &mut self.partial {
+                        *of_use &= here || record_follows;
+                        closure.push(id);
                     }
                 }
-                return true;
+                AnswerItem::Record(record) => {
+                    self.records.insert(record.i, record);
+                }
+                AnswerItem::End(head) if head.is_last() => {
+                    if let Some((_, closure, of_use)) = self.partial.take() {
+                        if of_use {
+                            self.asked.retain(|&r| r != region);
+                            self.held.insert(region, closure);
+                        } else {
+                            self.incomplete += 1;
+                            said.extend(self.regions(RegionAction::Resend, &[region]));
+                        }
+                    }
+                }
+                AnswerItem::End(_) => {}
             }
-            kind => panic!("{kind:?}"),
         }
-        if header.last == 0 || !self.asked.contains(&header.region) {
-            return true;
-        }
-        let Some((region, closure)) = self.partial.take() else {
-            return false;
-        };
-        self.asked.retain(|&r| r != region);
-        if !closure.iter().all(|i| self.records.contains_key(i)) {
-            self.incomplete += 1;
-            return false;
-        }
-        self.held.insert(region, closure);
-        true
+        Some(said)
     }
 
     /// Holds exactly the union of the closures of what it wants.
     fn check(&mut self) {
         let file = open();
         let mut collection = Collection::new(file.model_header().vsps);
-        let mut union = std::collections::BTreeSet::new();
+        let mut union = BTreeSet::new();
         for &region in &self.wanted {
-            let closure = collection
-                .closure(&file, RegionAt::full(RegionId(region)))
-                .unwrap();
-            assert_eq!(self.held.get(&region), Some(&closure), "region {region}");
+            let closure = collection.closure(&file, region).unwrap();
+            assert_eq!(self.held.get(&region), Some(&closure), "{region}");
             union.extend(closure);
         }
         self.drop_unneeded();
@@ -268,9 +267,8 @@ impl Wire {
             let Some(chunk) = self.down.pop_front() else {
                 break;
             };
-            if !client.receive(&chunk) {
-                self.up.extend(client.new_epoch());
-            }
+            let said = client.receive(&chunk);
+            self.up.extend(said.unwrap_or_else(|| client.new_epoch()));
         }
     }
 }
@@ -307,16 +305,39 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-fn regions() -> Vec<u32> {
-    // Some occupied cells, and one without faces (the axis of the torus).
+fn region_of(head: &PartHead) -> RegionAt {
+    RegionAt {
+        region: RegionId(head.region),
+        tolerance_bits: head.tolerance_bits,
+    }
+}
+
+/// What sessions ask for: occupied cells, one without faces (the axis of the torus), some at tolerances, the
+/// whole at one and a prefix.
+fn regions() -> Vec<RegionAt> {
     let file = open();
-    let mut regions: Vec<u32> = file.regions().iter().map(|r| r.0).take(39).collect();
+    let header = file.model_header();
     let all = file.regions();
-    let grid = file.model_header().grid;
+    let mut regions: Vec<RegionAt> = all.iter().copied().map(RegionAt::full).take(30).collect();
+    let rung = header.ladder[1];
+    assert!(rung > 0.0 && rung.is_finite(), "{:?}", header.ladder);
+    let coarse = header.grid_of(rung);
+    let cells = (0..coarse.cells[0]).map(|x| RegionId::of_cell(glam::UVec3::new(x, 1, 0)));
+    regions.extend(cells.map(|cell| RegionAt::tolerance(cell, rung)).take(4));
+    regions.extend(
+        all.iter()
+            .take(2)
+            .map(|&cell| RegionAt::tolerance(cell, rung / 8.0)),
+    );
+    regions.push(RegionAt::tolerance(RegionId::WHOLE, rung));
+    regions.push(RegionAt {
+        region: RegionId::PREFIX,
+        tolerance_bits: 300,
+    });
     let empty = (0..1 << 30)
         .map(RegionId)
-        .find(|r| grid.contains(*r) && !all.contains(r));
-    regions.extend(empty.map(|r| r.0));
+        .find(|r| header.grid.contains(*r) && !all.contains(r));
+    regions.extend(empty.map(RegionAt::full));
     regions
 }
 
@@ -498,78 +519,116 @@ fn a_model_arrives_as_it_lies_in_the_file() {
     assert_eq!(items, head.base_vertices + head.base_faces);
 }
 
-#[test]
-fn an_answer_without_records_still_ends() {
-    let (mut server, mut client) = (station(1), Client::new(1));
-    let full = regions()[0];
-    let empty = *regions().last().unwrap();
-    let mut asked = |server: &mut Station<Bytes>, region| {
-        let request = client.regions(RegionAction::Subscribe, &[region])[0];
-        ask(server, &mut client, request)
-    };
-    let chunks = asked(&mut server, empty);
-    assert_eq!(chunks.len(), 1);
-    assert_eq!(
-        (chunks[0].0.kind, chunks[0].0.count, chunks[0].0.last),
-        (ChunkKind::Empty as u32, 1, 1)
-    );
-    let first = asked(&mut server, full);
-    assert_eq!(first.last().unwrap().0.kind, ChunkKind::Records as u32);
-    // Asked again while held: the same ids, and nothing that it lacks.
-    let again = asked(&mut server, full);
-    assert!(
-        again
-            .iter()
-            .all(|(h, _)| h.kind == ChunkKind::Closure as u32)
-    );
-    assert_eq!(again.last().unwrap().0.last, 1);
-    let ids = |chunks: &[Chunk]| -> u32 {
-        let closures = chunks
-            .iter()
-            .filter(|(h, _)| h.kind == ChunkKind::Closure as u32);
-        closures.map(|(h, _)| h.count).sum()
-    };
-    assert_eq!(ids(&first), ids(&again));
-    assert!(ids(&first) as usize > IDS_PER_SLOT);
+/// Heads of the parts of chunks, and all of their ids and records.
+fn parts(chunks: &[Chunk]) -> (Vec<PartHead>, Vec<(u32, bool)>, Vec<u32>) {
+    let (mut heads, mut ids, mut records) = (Vec::new(), Vec::new(), Vec::new());
+    for (header, slots) in chunks {
+        assert_eq!(header.kind, ChunkKind::Answers as u32);
+        let mut reader = AnswersReader::new(header.count);
+        while let Some(item) = reader.next(slots).unwrap() {
+            match item {
+                AnswerItem::Part(head) => heads.push(head),
+                AnswerItem::Id { id, record_follows } => ids.push((id, record_follows)),
+                AnswerItem::Record(record) => records.push(record.i),
+                AnswerItem::End(_) => {}
+            }
+        }
+    }
+    (heads, ids, records)
 }
 
 #[test]
-fn empty_regions_share_a_chunk_and_the_others_are_answered_all_the_same() {
+fn an_answer_says_which_records_follow_and_a_repeated_one_sends_all() {
     let (mut server, mut client) = (station(1), Client::new(1));
     let full = regions()[0];
-    let file = open();
-    let cells = file.model_header().grid.cells;
-    let empty: Vec<u32> = (0..cells[2])
-        .map(|z| RegionId::of_cell(glam::UVec3::new(0, 0, z)))
-        .filter(|&region| file.seeds(region).unwrap().is_none())
-        .map(|region| region.0)
-        .collect();
-    assert!(empty.len() > 2);
-    let mut asked = empty.clone();
-    asked.insert(1, full);
+    let empty = *regions().last().unwrap();
+    let mut asked = |server: &mut Station<Bytes>, action, region| {
+        let request = client.regions(action, &[region])[0];
+        parts(&ask(server, &mut client, request))
+    };
+    let (heads, ids, records) = asked(&mut server, RegionAction::Subscribe, empty);
+    assert_eq!((heads.len(), ids.len(), records.len()), (1, 0, 0));
+    assert!(heads[0].is_first() && heads[0].is_last());
+    let (heads, first, records) = asked(&mut server, RegionAction::Subscribe, full);
+    assert!(heads[0].is_first() && heads.last().unwrap().is_last());
+    assert!(first.len() > 16 && first.iter().all(|&(_, follows)| follows));
+    assert!(first.iter().map(|&(id, _)| id).eq(records.iter().copied()));
+    // Asked again while held: the same ids, and nothing that it lacks.
+    let (heads, again, none) = asked(&mut server, RegionAction::Subscribe, full);
+    assert!(heads.last().unwrap().is_last() && none.is_empty());
+    assert!(again.iter().all(|&(_, follows)| !follows));
+    assert!(again.iter().map(|&(id, _)| id).eq(records.iter().copied()));
+    // Whoever lost something gets everything, and it is counted once all the same.
+    for _ in 0..2 {
+        let (_, ids, all) = asked(&mut server, RegionAction::Resend, full);
+        assert_eq!((ids, all), (first.clone(), records.clone()));
+    }
+    let release = client.regions(RegionAction::Release, &[full])[0];
+    server.handle(Message::Request(&release));
+    let request = client.regions(RegionAction::Subscribe, &[full])[0];
+    assert_eq!(parts(&ask(&mut server, &mut client, request)).1, first);
+}
+
+#[test]
+fn regions_asked_for_together_share_chunks() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let asked = regions();
     for request in client.regions(RegionAction::Subscribe, &asked) {
         server.handle(Message::Request(&request));
     }
-    let chunks: Vec<Chunk> = std::iter::from_fn(|| server.poll(1)).collect();
-    let ids: Vec<u32> = chunks
+    let mut chunks = Vec::new();
+    while let Some(chunk) = server.poll(1) {
+        client.consumed += 1;
+        let credit = client.request(RequestKind::Credit);
+        server.handle(Message::Request(&credit));
+        chunks.push(chunk);
+    }
+    let (heads, ids, records) = parts(&chunks);
+    let firsts: Vec<RegionAt> = heads
         .iter()
-        .filter(|(header, _)| header.kind == ChunkKind::Empty as u32)
-        .flat_map(|(header, slots)| {
-            let ids: &[u32] = bytemuck::cast_slice(slots);
-            ids[..header.count as usize].to_vec()
-        })
+        .filter(|h| h.is_first())
+        .map(region_of)
         .collect();
-    assert_eq!(ids, empty);
-    assert_eq!(chunks[0].0.kind, ChunkKind::Empty as u32);
-    assert!(chunks[1..].iter().all(|(header, _)| header.region == full));
-    assert_eq!(chunks.last().unwrap().0.last, 1);
+    assert_eq!(firsts, asked, "in the order asked");
+    assert_eq!(heads.iter().filter(|h| h.is_last()).count(), asked.len());
+    // Full to less than a record, a head and an id: all but the last.
+    for (header, _) in &chunks[..chunks.len() - 1] {
+        assert!(header.count > 4096 - 96, "{} of 4096 bytes", header.count);
+    }
+    let least = 64 * records.len() + 16 * heads.len() + ids.len();
+    assert!(chunks.len() * 4096 < least + ids.len() + chunks.len() * 96 + 4096);
+}
+
+#[test]
+fn a_large_answer_flows_under_the_credit() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let vsps = open().model_header().vsps;
+    let everything = RegionAt {
+        region: RegionId::PREFIX,
+        tolerance_bits: u32::MAX,
+    };
+    let request = client.regions(RegionAction::Subscribe, &[everything])[0];
+    let (heads, ids, records) = parts(&ask(&mut server, &mut client, request));
+    assert!(ids.iter().copied().eq((0..vsps).map(|i| (i, true))));
+    assert!(records.iter().copied().eq(0..vsps));
+    assert!(heads[0].is_first() && heads[1..].iter().all(|h| !h.is_first()));
+    assert!(heads.iter().rev().skip(1).all(|h| !h.is_last()));
+    // At tolerance 0 the whole model is the same set, and all of it is there.
+    let whole = RegionAt::tolerance(RegionId::WHOLE, 0.0);
+    let request = client.regions(RegionAction::Subscribe, &[whole])[0];
+    let (_, ids, records) = parts(&ask(&mut server, &mut client, request));
+    assert!(ids.iter().copied().eq((0..vsps).map(|i| (i, false))));
+    assert!(records.is_empty());
 }
 
 #[test]
 fn without_credit_the_station_waits() {
     let (mut server, mut client) = (station(1), Client::new(1));
-    let all: Vec<u32> = regions();
-    for request in client.regions(RegionAction::Subscribe, &all) {
+    let long = [u32::MAX, 1400, 1300].map(|tolerance_bits| RegionAt {
+        region: RegionId::PREFIX,
+        tolerance_bits,
+    });
+    for request in client.regions(RegionAction::Resend, &long) {
         server.handle(Message::Request(&request));
     }
     let sent = std::iter::from_fn(|| server.poll(1)).count() as u64;
@@ -593,7 +652,7 @@ fn what_cannot_be_served_is_refused_by_name() {
         let mut request = client.request(kind);
         request.count = 1;
         request.regions[0].action = RegionAction::Subscribe as u32;
-        request.regions[0].region = regions()[0];
+        request.regions[0].region = regions()[0].region.0;
         change(&mut request);
         let chunks = ask(&mut server, &mut client, request);
         assert_eq!(chunks.len(), 1);
@@ -646,8 +705,9 @@ fn after_a_gap_nothing_is_said_until_the_next_epoch() {
     for request in client.new_epoch() {
         server.handle(Message::Request(&request));
     }
-    let (header, _) = server.poll(1).unwrap();
-    assert_eq!((header.epoch, header.sequence, header.region), (1, 0, a));
+    let chunk = server.poll(1).unwrap();
+    assert_eq!((chunk.0.epoch, chunk.0.sequence), (1, 0));
+    assert_eq!(region_of(&parts(&[chunk]).0[0]), a);
 }
 
 #[test]
@@ -661,8 +721,12 @@ fn a_release_cancels_the_answer_that_waits() {
         server.handle(Message::Request(&request));
     }
     let chunks: Vec<Chunk> = std::iter::from_fn(|| server.poll(1)).collect();
-    assert!(chunks.iter().all(|(header, _)| header.region == b));
-    assert!(chunks.iter().all(|chunk| client.receive(chunk)));
+    assert!(parts(&chunks).0.iter().all(|head| region_of(head) == b));
+    assert!(
+        chunks
+            .iter()
+            .all(|chunk| client.receive(chunk) == Some(Vec::new()))
+    );
     client.check();
 }
 
@@ -679,8 +743,9 @@ fn the_past_does_not_disturb_a_new_incarnation() {
     server.handle(Message::Request(&fresh));
     server.handle(Message::Request(&late));
     assert_eq!(server.counters().stale, 1);
-    let (header, _) = server.poll(1).unwrap();
-    assert_eq!((header.sequence, header.region), (0, region));
+    let chunk = server.poll(1).unwrap();
+    assert_eq!(chunk.0.sequence, 0);
+    assert_eq!(region_of(&parts(&[chunk]).0[0]), region);
 }
 
 #[test]
@@ -767,7 +832,10 @@ fn too_many_open_questions_end_the_epoch() {
     let (mut server, mut client) = (station(1), Client::new(1));
     client.model ^= 1;
     for _ in 0..=MOST_JOBS / REGIONS_PER_REQUEST {
-        for request in client.regions(RegionAction::Subscribe, &[0; REGIONS_PER_REQUEST]) {
+        for request in client.regions(
+            RegionAction::Subscribe,
+            &[RegionAt::full(RegionId(0)); REGIONS_PER_REQUEST],
+        ) {
             server.handle(Message::Request(&request));
         }
     }

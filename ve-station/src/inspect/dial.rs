@@ -1,0 +1,92 @@
+//! What the accuracy dial costs: for every level of the ladder its tolerance, its share of the VSPs, and the
+//! closures of its regions.
+
+use super::finite;
+use crate::collection::{CollectError, Collection, RegionAt};
+use serde::Serialize;
+use shared::spm::{ErrorScale, FileError, LEVELS, RegionId, SpmFile};
+use std::collections::BTreeSet;
+
+/// Regions of a level whose closures are counted, at the most.
+const SAMPLED_REGIONS: usize = 256;
+
+/// A level of the ladder.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct DialRow {
+    /// The level; 0 is the full mesh.
+    pub level: u32,
+    /// Smallest tolerance of the level, model units.
+    pub tolerance: f64,
+    /// The same at the asked size, metres.
+    pub tolerance_m: f64,
+    /// VSPs whose expected error exceeds it (of level 0 all): the global front.
+    pub vsps: u32,
+    /// Side of a cell, model units.
+    pub cell: f64,
+    /// Occupied and cleared cells.
+    pub regions: u64,
+    /// Mean closure of a region, VSPs, over at most 256 regions spread evenly.
+    pub closure_mean: f64,
+    /// Largest closure among them.
+    pub closure_max: u64,
+    /// Nodes of the hierarchy that the search for one looked at, mean (of level 0 none: it has an index).
+    pub looked_at_mean: f64,
+}
+
+/// All levels that the file's ladder has.
+///
+/// # Errors
+/// When a block is damaged.
+pub fn dial_table<D: AsRef<[u8]>>(
+    file: &SpmFile<D>,
+    metres_per_unit: f64,
+) -> Result<Vec<DialRow>, FileError> {
+    let header = file.model_header();
+    let scale = ErrorScale::for_diagonal(header.diagonal);
+    let mut collection = Collection::new(header.vsps);
+    let mut rows = Vec::new();
+    for (level, tolerance) in (0..LEVELS as u32).zip(header.ladder) {
+        // Two levels of one tolerance are named by the coarser one.
+        if !tolerance.is_finite() || header.level_of(tolerance) != level {
+            continue;
+        }
+        let floor = scale.floor(tolerance.into());
+        let mut vsps = 0;
+        for i in 0..header.vsps {
+            vsps += u32::from(level == 0 || file.record(i)?.e > floor);
+        }
+        let cells: BTreeSet<RegionId> = file
+            .regions()
+            .iter()
+            .map(|region| RegionId::of_cell(region.cell() >> level))
+            .collect();
+        let step = cells.len().div_ceil(SAMPLED_REGIONS).max(1);
+        let (mut sum, mut most, mut count) = (0, 0, 0u32);
+        let before = collection.looked_at();
+        for &cell in cells.iter().step_by(step) {
+            let asked = RegionAt::tolerance(cell, tolerance);
+            let closure = match collection.closure(file, asked) {
+                Ok(closure) => closure.len() as u64,
+                Err(CollectError::Damaged { error, .. }) => return Err(error),
+                // The cells are the grid's own, the tolerance is the ladder's.
+                Err(_) => continue,
+            };
+            sum += closure;
+            most = most.max(closure);
+            count += 1;
+        }
+        let mean = |total: u64| finite(total as f64 / f64::from(count));
+        rows.push(DialRow {
+            level,
+            tolerance: tolerance.into(),
+            tolerance_m: f64::from(tolerance) * metres_per_unit,
+            vsps,
+            cell: header.grid_of(tolerance).cell,
+            regions: cells.len() as u64,
+            closure_mean: mean(sum),
+            closure_max: most,
+            looked_at_mean: mean(collection.looked_at() - before),
+        });
+    }
+    Ok(rows)
+}
