@@ -8,6 +8,7 @@
 mod certified;
 mod expected;
 mod full_surface;
+mod triangle;
 
 pub use certified::descendant_radius;
 pub use expected::ExpectedErrors;

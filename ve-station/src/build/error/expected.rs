@@ -19,10 +19,10 @@
 //! Memory: 8 B a face, 6 B a vertex and the boxes of the full surface.
 
 use super::full_surface::FullSurface;
+use super::triangle::distance;
 use crate::build::simplify::{FanFace, MOST_FACES_ROUND_A_VERTEX, Round};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use shared::geometry::closest_point_on_triangle;
 use shared::spm::{ErrorScale, NONE};
 use std::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
 
@@ -57,10 +57,10 @@ impl Patch {
     /// The face nearest to a point, and the squared distance.
     fn nearest(&self, point: DVec3) -> (usize, f64) {
         let mut best = (0, f64::INFINITY);
-        for (k, &corners) in self.faces().iter().enumerate() {
-            let distance = closest_point_on_triangle(corners, point).distance_squared;
-            if distance < best.1 {
-                best = (k, distance);
+        for (k, corners) in self.faces().iter().enumerate() {
+            let squared = distance(corners, point).squared;
+            if squared < best.1 {
+                best = (k, squared);
             }
         }
         best
@@ -162,9 +162,9 @@ impl<'a> ExpectedErrors<'a> {
             while vertex != NONE {
                 let point = self.full.position(vertex);
                 let stays = before.filter(|&k| {
-                    let closest = closest_point_on_triangle(patch.corners[k], point);
+                    let found = distance(&patch.corners[k], point);
                     // Right above its face and nearer than what counts: no other needs a look.
-                    closest.distance_squared <= *most && closest.weights.iter().all(|&w| w > 0.0)
+                    found.is_above && found.squared <= *most
                 });
                 let place = stays.unwrap_or_else(|| {
                     let (place, distance_squared) = patch.nearest(point);

@@ -4,10 +4,11 @@
 //! box of the face that it is given, goes up, and looks into every sibling that is nearer than what it has:
 //! exact, and cheap when the given face is near.
 //!
-//! Memory: 24 B a box, one box for two to four faces.
+//! Memory: 24 B a box, one box for one to two faces.
 
+use super::triangle::distance;
 use glam::{DVec3, Vec3};
-use shared::geometry::{Aabb, closest_point_on_triangle};
+use shared::geometry::Aabb;
 
 /// The full mesh with boxes over it.
 pub struct FullSurface<'a> {
@@ -34,7 +35,7 @@ impl<'a> FullSurface<'a> {
     /// Faces must be in AB-tree order.
     pub fn new(positions: &'a [[f32; 3]], triangles: &'a [[u32; 3]]) -> Self {
         let faces = triangles.len() as u32;
-        let lowest = 1 << (faces / 4).max(1).ilog2();
+        let lowest = 1 << (faces / 2).max(1).ilog2();
         let mut first = vec![0, faces];
         // Halving with the larger half left, level by level.
         while first.len() <= lowest as usize {
@@ -95,7 +96,12 @@ impl<'a> FullSurface<'a> {
 
     fn look_at(&self, point: DVec3, face: u32, found: &mut Found) {
         let corners = self.triangles[face as usize].map(|v| self.position(v));
-        let distance_squared = closest_point_on_triangle(corners, point).distance_squared;
+        let lower = corners[0].min(corners[1]).min(corners[2]);
+        let upper = corners[0].max(corners[1]).max(corners[2]);
+        if gap_squared(lower, upper, point) >= found.distance_squared {
+            return;
+        }
+        let distance_squared = distance(&corners, point).squared;
         if distance_squared < found.distance_squared {
             *found = Found {
                 distance_squared,
@@ -132,6 +138,9 @@ impl<'a> FullSurface<'a> {
             if node != 0 {
                 for face in self.faces_of(node) {
                     self.look_at(point, face, found);
+                    if found.distance_squared <= enough {
+                        return;
+                    }
                 }
             }
             loop {
@@ -167,9 +176,20 @@ impl<'a> FullSurface<'a> {
 
     fn box_distance_squared(&self, node: u32, point: DVec3) -> f64 {
         let Aabb { lower, upper } = self.boxes[node as usize];
-        (lower.as_dvec3() - point)
-            .max(point - upper.as_dvec3())
-            .max(DVec3::ZERO)
-            .length_squared()
+        gap_squared(lower.as_dvec3(), upper.as_dvec3(), point)
     }
+}
+
+/// Squared distance of a point from a box.
+#[inline]
+fn gap_squared(lower: DVec3, upper: DVec3, point: DVec3) -> f64 {
+    let gap = |low: f64, high: f64, at: f64| {
+        let beyond = if low - at > at - high {
+            low - at
+        } else {
+            at - high
+        };
+        if beyond > 0.0 { beyond * beyond } else { 0.0 }
+    };
+    gap(lower.x, upper.x, point.x) + gap(lower.y, upper.y, point.y) + gap(lower.z, upper.z, point.z)
 }

@@ -1,7 +1,6 @@
 //! Quadrics: weighted sums of squared distances to planes (Garland and Heckbert 1997), in f64.
 
 use glam::DVec3;
-use nalgebra::{Matrix3, Vector3};
 use std::ops::Add;
 
 /// p ↦ pᵀ A p + 2 b·p + c with A symmetric.
@@ -46,14 +45,20 @@ impl Quadric {
     /// The point where it is least, when that is well defined: not on planes and straight creases.
     pub(super) fn minimum(&self) -> Option<DVec3> {
         let [xx, xy, xz, yy, yz, zz] = self.a;
-        let a = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-        let trace = a.trace();
-        if a.determinant() <= 1e-6 * trace * trace * trace {
+        // The adjugate: cofactors of the symmetric matrix.
+        let (cxx, cxy, cxz) = (yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy);
+        let determinant = xx * cxx + xy * cxy + xz * cxz;
+        let trace = xx + yy + zz;
+        if determinant <= 1e-6 * trace * trace * trace {
             return None;
         }
-        let b = Vector3::new(self.b.x, self.b.y, self.b.z);
-        let x = a.cholesky()?.solve(&-b);
-        let point = DVec3::new(x.x, x.y, x.z);
+        let (cyy, cyz, czz) = (xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy);
+        let b = -self.b / determinant;
+        let point = DVec3::new(
+            cxx * b.x + cxy * b.y + cxz * b.z,
+            cxy * b.x + cyy * b.y + cyz * b.z,
+            cxz * b.x + cyz * b.y + czz * b.z,
+        );
         point.is_finite().then_some(point)
     }
 }
