@@ -2,9 +2,9 @@
 //!
 //! A round sorts the edges by cost and goes through the cheapest half, collapsing each whose one-ring no
 //! collapse of the round has touched. Greedy order instead makes dependency chains of thousands on flat
-//! parts; rounds keep them at about two dozen, and a chain is never longer than there are rounds.
+//! parts; rounds keep them at about two dozen, and what would make too long a chain does not collapse.
 //!
-//! Memory: 24 B a face (corners, neighbours), 100 B a vertex (position, quadric, flags), 16 B an edge of the
+//! Memory: 24 B a face (corners, neighbours), 140 B a vertex (positions, quadric, flags), 16 B an edge of the
 //! round, all in flat vectors.
 
 mod quadric;
@@ -27,6 +27,20 @@ const LEAST_AREA_SHARE: f64 = 1e-14;
 const RIM_WEIGHT: f64 = 100.0;
 /// Cost of length squared, which orders edges on planes; in the frame in which the diagonal is one.
 const LENGTH_COST: f64 = 1e-12;
+
+/// The longest chain of collapses that depend on each other, at least.
+const SHORTEST_LIMIT_OF_CHAINS: f64 = 40.0;
+/// And for each halving of the vertices. (Rounds make 3 to 3.5; a lake that loses more than its share makes
+/// more, and keeps some vertices for it.)
+const CHAIN_A_HALVING: f64 = 4.0;
+
+/// The longest chain that a mesh may get.
+fn limit_of_chains(vertices: usize, target: u32) -> u8 {
+    // A base mesh has rather more than half as many vertices as faces.
+    let left = (0.6 * f64::from(target)).max(1.0);
+    let halvings = (vertices as f64 / left).log2();
+    (CHAIN_A_HALVING * halvings).max(SHORTEST_LIMIT_OF_CHAINS) as u8
+}
 
 /// One collapse, in ids of the history: vertices and faces of the full mesh keep their numbers, and
 /// collapse k makes vertex `full_vertices + k`.
@@ -119,8 +133,9 @@ pub fn simplify(
 ) -> History {
     let faces = mesh.triangles.len() as u64;
     progress.phase("simplifying", faces.saturating_sub(target.into()));
-    let mut errors = ExpectedErrors::new(&mesh.positions, &mesh.triangles, scale);
-    let mut work = Work::new(mesh);
+    let mut work = Work::new(mesh, target);
+    let neighbours = work.topology.neighbours.clone();
+    let mut errors = ExpectedErrors::new(&mesh.positions, &mesh.triangles, neighbours, scale);
     let mut history = History {
         full_vertices: mesh.positions.len() as u32,
         positions: mesh.positions.clone(),
@@ -174,6 +189,11 @@ struct Work<'a> {
     /// By slot: the last round that touched it.
     touched: Vec<u32>,
     round: u32,
+    /// By slot: length of the longest chain that ends with the collapse that made it.
+    chain: Vec<u8>,
+    /// By face: the same of the collapses that have it beside them.
+    chain_beside: Vec<u8>,
+    longest_chain: u8,
     /// Id that the next collapse makes.
     next_id: u32,
     /// What the round has done so far.
@@ -193,7 +213,7 @@ struct Candidate {
 }
 
 impl<'a> Work<'a> {
-    fn new(mesh: &'a ManifoldMesh) -> Self {
+    fn new(mesh: &'a ManifoldMesh, target: u32) -> Self {
         let at = |p: &[f32; 3]| Vec3::from_array(*p).as_dvec3();
         let mut lower = DVec3::INFINITY;
         let mut upper = DVec3::NEG_INFINITY;
@@ -219,6 +239,9 @@ impl<'a> Work<'a> {
             id: (0..mesh.positions.len() as u32).collect(),
             touched: vec![0; mesh.positions.len()],
             round: 0,
+            chain: vec![0; mesh.positions.len()],
+            chain_beside: vec![0; mesh.triangles.len()],
+            longest_chain: limit_of_chains(mesh.positions.len(), target),
             next_id: mesh.positions.len() as u32,
             made: Round::default(),
             fans: [Vec::new(), Vec::new()],
@@ -319,7 +342,9 @@ impl<'a> Work<'a> {
             .iter()
             .flatten()
             .any(|&slot| self.touched[slot as usize] == self.round);
-        if touched || self.result_fan(&edge) > MOST_FACES_ROUND_A_VERTEX {
+        let fits = self.result_fan(&edge) <= MOST_FACES_ROUND_A_VERTEX
+            && self.chain_of(&edge) <= self.longest_chain;
+        if touched || !fits {
             return;
         }
         let (point, _) = self.placement(edge.vt, edge.vu);
@@ -332,6 +357,14 @@ impl<'a> Work<'a> {
 
     fn is_touched(&self, slot: u32) -> bool {
         self.touched[slot as usize] == self.round
+    }
+
+    /// Length of the longest chain that ends with this collapse.
+    fn chain_of(&self, edge: &Collapsible) -> u8 {
+        let removed = [edge.fl, edge.fr].into_iter().filter(|&f| f != NONE);
+        let of_faces = removed.map(|face| self.chain_beside[face as usize]);
+        let of_vertices = [edge.vt, edge.vu].map(|slot| self.chain[slot as usize]);
+        of_faces.chain(of_vertices).fold(0, u8::max) + 1
     }
 
     /// Faces round the vertex that the collapse would make.
@@ -373,6 +406,12 @@ impl<'a> Work<'a> {
             fr: edge.fr,
             fn_: edge.fn_,
         });
+        let chain = self.chain_of(edge);
+        self.chain[edge.vt as usize] = chain;
+        for face in edge.fn_.into_iter().filter(|&f| f != NONE) {
+            let beside = &mut self.chain_beside[face as usize];
+            *beside = chain.max(*beside);
+        }
         self.topology.collapse(edge, &self.fans[1]);
         let slot = edge.vt as usize;
         self.quadric[slot] = self.quadric[slot] + self.quadric[edge.vu as usize];

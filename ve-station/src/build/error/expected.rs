@@ -16,7 +16,7 @@
 //! Collapses of a round share no face: they are sampled in parallel, each by itself, so the result is the same
 //! bits for any number of threads. (Lists are kept in atomics for that, without any order among them.)
 //!
-//! Memory: 8 B a face, 6 B a vertex and the boxes of the full surface.
+//! Memory: 6 B a face, 6 B a vertex, and the full surface.
 
 use super::full_surface::FullSurface;
 use super::triangle::distance;
@@ -68,8 +68,14 @@ impl Patch {
 }
 
 impl<'a> ExpectedErrors<'a> {
-    /// Before the first collapse. Faces must be in AB-tree order.
-    pub fn new(positions: &'a [[f32; 3]], triangles: &'a [[u32; 3]], scale: ErrorScale) -> Self {
+    /// Before the first collapse. Faces must be in AB-tree order; `neighbours` are those across the edges
+    /// opposite their corners, [`NONE`] at rims.
+    pub fn new(
+        positions: &'a [[f32; 3]],
+        triangles: &'a [[u32; 3]],
+        neighbours: Vec<[u32; 3]>,
+        scale: ErrorScale,
+    ) -> Self {
         let mut first = vec![NONE; triangles.len()];
         let mut next = vec![NONE; positions.len()];
         let mut hangs = vec![false; positions.len()];
@@ -81,7 +87,7 @@ impl<'a> ExpectedErrors<'a> {
             }
         }
         Self {
-            full: FullSurface::new(positions, triangles),
+            full: FullSurface::new(positions, triangles, neighbours),
             scale,
             first: first.into_iter().map(AtomicU32::new).collect(),
             next: next.into_iter().map(AtomicU32::new).collect(),
@@ -163,8 +169,8 @@ impl<'a> ExpectedErrors<'a> {
                 let point = self.full.position(vertex);
                 let stays = before.filter(|&k| {
                     let found = distance(&patch.corners[k], point);
-                    // Right above its face and nearer than what counts: no other needs a look.
-                    found.is_above && found.squared <= *most
+                    // On its face, or right above it and nearer than what counts: no other needs a look.
+                    found.squared == 0.0 || (found.is_above() && found.squared <= *most)
                 });
                 let place = stays.unwrap_or_else(|| {
                     let (place, distance_squared) = patch.nearest(point);

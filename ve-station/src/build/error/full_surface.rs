@@ -1,19 +1,26 @@
 //! Distances to the full mesh, from a face that is near.
 //!
-//! The faces lie in AB-tree order, so a heap of boxes over them needs no links. A search starts from the
-//! box of the face that it is given, goes up, and looks into every sibling that is nearer than what it has:
-//! exact, and cheap when the given face is near.
+//! A search first walks over the surface towards the point, from neighbour to neighbour: where the surface is
+//! smooth that ends at the nearest face in two or three steps. Then it makes sure, in a heap of boxes over
+//! the faces (they lie in AB-tree order, so it needs no links): from the box of the face that was found up
+//! to the root, looking into every sibling that is nearer than what it has. Exact.
 //!
-//! Memory: 24 B a box, one box for one to two faces.
+//! Memory: 12 B a face (neighbours), 24 B a box, one box for one to two faces.
 
 use super::triangle::distance;
 use glam::{DVec3, Vec3};
 use shared::geometry::Aabb;
+use shared::spm::NONE;
+
+/// The most faces of a walk: beyond, boxes are faster.
+const MOST_STEPS: usize = 12;
 
 /// The full mesh with boxes over it.
 pub struct FullSurface<'a> {
     positions: &'a [[f32; 3]],
     triangles: &'a [[u32; 3]],
+    /// Across the edge opposite each corner.
+    neighbours: Vec<[u32; 3]>,
     /// In heap order from 1; slot 0 is unused.
     boxes: Vec<Aabb>,
     /// Boxes of the lowest level, a power of two.
@@ -33,7 +40,11 @@ pub struct Found {
 
 impl<'a> FullSurface<'a> {
     /// Faces must be in AB-tree order.
-    pub fn new(positions: &'a [[f32; 3]], triangles: &'a [[u32; 3]]) -> Self {
+    pub fn new(
+        positions: &'a [[f32; 3]],
+        triangles: &'a [[u32; 3]],
+        neighbours: Vec<[u32; 3]>,
+    ) -> Self {
         let faces = triangles.len() as u32;
         let lowest = 1 << (faces / 2).max(1).ilog2();
         let mut first = vec![0, faces];
@@ -48,6 +59,7 @@ impl<'a> FullSurface<'a> {
         let mut surface = Self {
             positions,
             triangles,
+            neighbours,
             boxes: vec![Aabb::EMPTY; 2 * lowest as usize],
             lowest,
             first,
@@ -75,21 +87,44 @@ impl<'a> FullSurface<'a> {
     /// Squared distance of a point from the surface, or the first one found that is at most `enough`;
     /// the nearer `hint` is, the faster.
     pub fn nearest(&self, point: DVec3, hint: u32, enough: f64) -> Found {
-        let mut found = Found {
-            distance_squared: f64::INFINITY,
-            face: hint,
-        };
-        self.look_at(point, hint, &mut found);
+        let mut found = self.walk(point, hint, enough);
         if found.distance_squared <= enough {
             return found;
         }
-        let mut node = self.lowest_box_of(hint);
+        let mut node = self.lowest_box_of(found.face);
         self.look_into(point, node, enough, &mut found);
         while node > 1 && found.distance_squared > enough {
             if self.box_distance_squared(node ^ 1, point) < found.distance_squared {
                 self.look_into(point, node ^ 1, enough, &mut found);
             }
             node /= 2;
+        }
+        found
+    }
+
+    /// The nearest face met on a walk from neighbour to neighbour, each beyond the side that the point is
+    /// farthest beyond.
+    fn walk(&self, point: DVec3, from: u32, enough: f64) -> Found {
+        let mut found = Found {
+            distance_squared: f64::INFINITY,
+            face: from,
+        };
+        let (mut face, mut before) = (from, NONE);
+        for _ in 0..MOST_STEPS {
+            let corners = self.triangles[face as usize].map(|v| self.position(v));
+            let here = distance(&corners, point);
+            if here.squared < found.distance_squared {
+                found.distance_squared = here.squared;
+                found.face = face;
+            }
+            if here.is_above() || here.squared <= enough {
+                break;
+            }
+            let next = self.neighbours[face as usize][here.beyond];
+            if next == NONE || next == before {
+                break;
+            }
+            (before, face) = (face, next);
         }
         found
     }

@@ -10,8 +10,15 @@ use glam::DVec3;
 pub struct Distance {
     /// Squared, model units.
     pub squared: f64,
+    /// The corner opposite the side beyond which the point lies, 3 when it is above or below the inside.
+    pub beyond: usize,
+}
+
+impl Distance {
     /// Whether the point lies above or below the inside of the triangle.
-    pub is_above: bool,
+    pub fn is_above(&self) -> bool {
+        self.beyond == 3
+    }
 }
 
 /// Squared distance of a point from a triangle (corners), by the signs of its barycentric coordinates.
@@ -30,7 +37,7 @@ pub fn distance(corners: &[DVec3; 3], point: DVec3) -> Distance {
         let height = ap.dot(ab.cross(ac));
         return Distance {
             squared: height * height / whole,
-            is_above: true,
+            beyond: 3,
         };
     }
     // Where a coordinate is not positive, the nearest point may lie on the edge opposite its corner.
@@ -45,10 +52,14 @@ pub fn distance(corners: &[DVec3; 3], point: DVec3) -> Distance {
         let (bp, edge) = (ap - ab, ac - ab);
         squared = squared.min(along(bp, edge, bp.dot(edge), edge.dot(edge)));
     }
-    Distance {
-        squared,
-        is_above: false,
-    }
+    let beyond = if at_a < at_b && at_a < at_c {
+        0
+    } else if at_b < at_c {
+        1
+    } else {
+        2
+    };
+    Distance { squared, beyond }
 }
 
 /// Squared distance from an edge: the point from its start, the edge, their product and the edge's square.
@@ -85,7 +96,7 @@ mod tests {
             let ours = distance(&corners, point);
             let theirs = closest_point_on_triangle(corners, point);
             prop_assert!((ours.squared.sqrt() - theirs.distance_squared.sqrt()).abs() < 1e-6);
-            if ours.is_above {
+            if ours.is_above() {
                 prop_assert!(theirs.weights.iter().all(|&w| w > -1e-6));
             }
         }
