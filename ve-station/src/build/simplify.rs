@@ -4,7 +4,7 @@
 //! collapse of the round has touched. Greedy order instead makes dependency chains of thousands on flat
 //! parts; rounds keep them at about two dozen, and what would make too long a chain does not collapse.
 //!
-//! Memory: 24 B a face (corners, neighbours), 140 B a vertex (positions, quadric, flags), 16 B an edge of the
+//! Memory: 24 B a face (corners, neighbours), 140 B a vertex (positions, quadric, flags), 8 B an edge of the
 //! round, all in flat vectors.
 
 mod quadric;
@@ -14,6 +14,7 @@ use super::error::ExpectedErrors;
 use super::{ManifoldMesh, Progress};
 use glam::{DVec3, Vec3};
 use quadric::Quadric;
+use rayon::prelude::*;
 use shared::spm::{ErrorScale, NONE};
 use topology::{Collapsible, Topology};
 
@@ -28,6 +29,8 @@ const RIM_WEIGHT: f64 = 100.0;
 /// Cost of length squared, which orders edges on planes; in the frame in which the diagonal is one.
 const LENGTH_COST: f64 = 1e-12;
 
+/// Faces whose edges one task weighs.
+const FACES_A_TASK: usize = 4096;
 /// The longest chain of collapses that depend on each other, at least.
 const SHORTEST_LIMIT_OF_CHAINS: f64 = 40.0;
 /// And for each halving of the vertices. (Rounds make 3 to 3.5; a lake that loses more than its share makes
@@ -58,17 +61,27 @@ pub struct Collapse {
     pub fn_: [u32; 4],
 }
 
-/// The collapses of a round: no two touch the same face.
+/// The collapses of a round: no two touch the same face, so any order of them is as good. They are in
+/// the order of their faces in the AB-tree: what is near in space is near in the file.
 #[derive(Debug, Default)]
 pub struct Round {
-    /// In the order in which they were done.
-    pub collapses: Vec<Collapse>,
-    /// Where each put the vertex that it made.
-    pub points: Vec<[f32; 3]>,
-    /// Faces round the vertices made, one collapse after the other.
+    /// The collapses.
+    pub made: Vec<Made>,
+    /// Faces round the vertices made.
     fans: Vec<FanFace>,
-    /// Where the fan of each collapse ends.
-    fan_ends: Vec<u32>,
+}
+
+/// A collapse, and the surface that it left.
+#[derive(Debug)]
+pub struct Made {
+    /// The collapse.
+    pub collapse: Collapse,
+    /// Where it put the vertex that it made.
+    pub point: [f32; 3],
+    /// That vertex's slot.
+    slot: u32,
+    /// Its faces among those of the round.
+    fan: std::ops::Range<u32>,
 }
 
 /// A face round the vertex that a collapse made.
@@ -85,14 +98,9 @@ pub struct FanFace {
 }
 
 impl Round {
-    /// Faces round the vertex that the collapse made; each spoke but one at a rim is the `from` of one.
-    pub fn fan(&self, collapse: usize) -> &[FanFace] {
-        let start = if collapse == 0 {
-            0
-        } else {
-            self.fan_ends[collapse - 1]
-        };
-        &self.fans[start as usize..self.fan_ends[collapse] as usize]
+    /// Faces round the vertex that a collapse made; each spoke but one at a rim is the `from` of one.
+    pub fn fan(&self, made: &Made) -> &[FanFace] {
+        &self.fans[made.fan.start as usize..made.fan.end as usize]
     }
 }
 
@@ -148,10 +156,12 @@ pub fn simplify(
     while work.topology.alive > target {
         let (next, ()) = rayon::join(|| work.round(target, whole), || errors.sample(&made));
         made = next;
-        history.collapses.extend_from_slice(&made.collapses);
-        history.positions.extend_from_slice(&made.points);
+        history
+            .collapses
+            .extend(made.made.iter().map(|m| m.collapse));
+        history.positions.extend(made.made.iter().map(|m| m.point));
         progress.done(faces - u64::from(work.topology.alive));
-        let done = made.collapses.len() as u64;
+        let done = made.made.len() as u64;
         // Few in the cheapest half: the rest may have some. None at all: nothing is legal any more.
         if done == 0 && whole {
             break;
@@ -175,6 +185,8 @@ pub fn simplify(
 /// collapse makes takes over the slot of vt.
 struct Work<'a> {
     topology: Topology,
+    /// Faces that were left when the round began.
+    left: Vec<u32>,
     locked: &'a [bool],
     /// Centre and size of the frame in which quadrics are summed.
     centre: DVec3,
@@ -203,13 +215,24 @@ struct Work<'a> {
     rings: [Vec<u32>; 2],
 }
 
-/// An edge of a round.
-#[derive(Clone, Copy)]
-struct Candidate {
-    cost: f64,
-    /// The face that the edge is a side of, and which side: the one from corner k to k + 1.
-    face: u32,
-    corner: u32,
+/// An edge of a round: its cost as f32, of which not being negative makes the bits ascend, then the face
+/// that it is a side of, then which side: the one from corner k to k + 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Candidate(u64);
+
+impl Candidate {
+    fn new(cost: f64, face: u32, corner: usize) -> Self {
+        let cost = (cost as f32).to_bits();
+        Self(u64::from(cost) << 32 | u64::from(face) << 2 | corner as u64)
+    }
+
+    fn face(self) -> u32 {
+        self.0 as u32 >> 2
+    }
+
+    fn corner(self) -> usize {
+        self.0 as usize & 3
+    }
 }
 
 impl<'a> Work<'a> {
@@ -231,6 +254,7 @@ impl<'a> Work<'a> {
         let topology = Topology::new(&mesh.triangles, mesh.positions.len());
         let quadric = initial_quadrics(&topology, &scaled);
         Self {
+            left: (0..mesh.triangles.len() as u32).collect(),
             locked: &mesh.locked,
             centre,
             inverse_diagonal,
@@ -255,47 +279,49 @@ impl<'a> Work<'a> {
     fn round(&mut self, target: u32, whole: bool) -> Round {
         self.round += 1;
         let mut candidates = self.candidates();
-        let order = |a: &Candidate, b: &Candidate| {
-            a.cost
-                .total_cmp(&b.cost)
-                .then((a.face, a.corner).cmp(&(b.face, b.corner)))
-        };
         if !whole && candidates.len() > 1 {
             let half = candidates.len() / 2;
-            candidates.select_nth_unstable_by(half, order);
+            candidates.select_nth_unstable(half);
             candidates.truncate(half);
         }
-        candidates.sort_unstable_by(order);
+        candidates.par_sort_unstable();
         for candidate in candidates {
             if self.topology.alive <= target {
                 break;
             }
             self.try_collapse(candidate);
         }
-        std::mem::take(&mut self.made)
+        let mut round = std::mem::take(&mut self.made);
+        round.made.par_sort_unstable_by_key(|made| made.collapse.fl);
+        for made in &round.made {
+            self.id[made.slot as usize] = self.next_id;
+            self.next_id += 1;
+        }
+        round
     }
 
     /// Every edge that may move, once.
-    fn candidates(&self) -> Vec<Candidate> {
-        let mut all = Vec::with_capacity(self.topology.alive as usize * 3 / 2);
-        for face in 0..self.topology.corners.len() as u32 {
-            if !self.topology.is_alive(face) {
-                continue;
-            }
+    fn candidates(&mut self) -> Vec<Candidate> {
+        let topology = &self.topology;
+        self.left.retain(|&face| topology.is_alive(face));
+        let work = &*self;
+        let chunks = work.left.par_chunks(FACES_A_TASK);
+        chunks.flat_map_iter(|faces| work.edges_of(faces)).collect()
+    }
+
+    /// The edges of faces that may move; those between two faces are the lower one's.
+    fn edges_of(&self, faces: &[u32]) -> Vec<Candidate> {
+        let mut edges = Vec::with_capacity(faces.len() * 3 / 2);
+        for &face in faces {
             for corner in 0..3 {
                 let (a, b, other) = self.topology.side(face, corner);
                 let own = other == NONE || face < other;
                 if own && !self.locked[a as usize] && !self.locked[b as usize] {
-                    let (_, cost) = self.placement(a, b);
-                    all.push(Candidate {
-                        cost,
-                        face,
-                        corner: corner as u32,
-                    });
+                    edges.push(Candidate::new(self.placement(a, b).1, face, corner));
                 }
             }
         }
-        all
+        edges
     }
 
     /// Where an edge goes and what that costs, in the frame of the quadrics.
@@ -325,7 +351,7 @@ impl<'a> Work<'a> {
 
     /// Collapses an edge if nothing near was touched in this round and nothing forbids it.
     fn try_collapse(&mut self, candidate: Candidate) {
-        let (face, corner) = (candidate.face, candidate.corner as usize);
+        let (face, corner) = (candidate.face(), candidate.corner());
         // Touched corners mean that the face may be gone or another one by now.
         let (a, b, _) = self.topology.side(face, corner);
         if !self.topology.is_alive(face) || self.is_touched(a) || self.is_touched(b) {
@@ -399,13 +425,13 @@ impl<'a> Work<'a> {
     }
 
     fn collapse(&mut self, edge: &Collapsible, stored: Vec3) {
-        self.made.collapses.push(Collapse {
+        let collapse = Collapse {
             vt: self.id[edge.vt as usize],
             vu: self.id[edge.vu as usize],
             fl: edge.fl,
             fr: edge.fr,
             fn_: edge.fn_,
-        });
+        };
         let chain = self.chain_of(edge);
         self.chain[edge.vt as usize] = chain;
         for face in edge.fn_.into_iter().filter(|&f| f != NONE) {
@@ -417,10 +443,14 @@ impl<'a> Work<'a> {
         self.quadric[slot] = self.quadric[slot] + self.quadric[edge.vu as usize];
         self.position[slot] = stored.to_array();
         self.scaled[slot] = (stored.as_dvec3() - self.centre) * self.inverse_diagonal;
-        self.id[slot] = self.next_id;
-        self.next_id += 1;
-        self.made.points.push(stored.to_array());
+        let first = self.made.fans.len() as u32;
         self.record_fan(edge);
+        self.made.made.push(Made {
+            collapse,
+            point: stored.to_array(),
+            slot: edge.vt,
+            fan: first..self.made.fans.len() as u32,
+        });
         for &touched in self.rings.iter().flatten().chain(&[edge.vt, edge.vu]) {
             self.touched[touched as usize] = self.round;
         }
@@ -446,7 +476,6 @@ impl Work<'_> {
                 is_last: self.topology.neighbours[face as usize][(k + 1) % 3] == NONE,
             });
         }
-        self.made.fan_ends.push(self.made.fans.len() as u32);
     }
 }
 

@@ -20,7 +20,7 @@
 
 use super::full_surface::FullSurface;
 use super::triangle::distance;
-use crate::build::simplify::{FanFace, MOST_FACES_ROUND_A_VERTEX, Round};
+use crate::build::simplify::{Collapse, FanFace, MOST_FACES_ROUND_A_VERTEX, Round};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use shared::spm::{ErrorScale, NONE};
@@ -98,9 +98,9 @@ impl<'a> ExpectedErrors<'a> {
 
     /// Samples the collapses of a round; rounds come in the order in which they were done.
     pub fn sample(&mut self, round: &Round) {
-        let codes: Vec<u16> = (0..round.collapses.len())
-            .into_par_iter()
-            .map(|k| self.sample_collapse(round, k))
+        let made = round.made.par_iter();
+        let codes: Vec<u16> = made
+            .map(|made| self.sample_collapse(&made.collapse, made.point, round.fan(made)))
             .collect();
         self.codes.extend(codes);
     }
@@ -110,10 +110,8 @@ impl<'a> ExpectedErrors<'a> {
         self.codes
     }
 
-    fn sample_collapse(&self, round: &Round, k: usize) -> u16 {
-        let collapse = &round.collapses[k];
-        let fan = round.fan(k);
-        let point = Vec3::from_array(round.points[k]).as_dvec3();
+    fn sample_collapse(&self, collapse: &Collapse, point: [f32; 3], fan: &[FanFace]) -> u16 {
+        let point = Vec3::from_array(point).as_dvec3();
         let mut patch = Patch {
             corners: [[point; 3]; MOST_FACES_ROUND_A_VERTEX],
             count: fan.len(),
