@@ -36,7 +36,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Counted up whenever the builder makes another file from the same mesh; part of a cache's key.
-pub const BUILDER_VERSION: u32 = 5;
+pub const BUILDER_VERSION: u32 = 6;
 
 /// What the user may set (thesis Table 4.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -169,7 +169,7 @@ pub fn build_model(
         .unwrap_or_else(|| (manifold.triangles.len() as u32 / 100).clamp(300, 700));
     let scale = ErrorScale::for_diagonal(spm::bounds_of(&manifold).diagonal());
     let history = simplify::simplify(&manifold, target, scale, progress);
-    spm::assemble(origin, &manifold, &history, options.regions, progress)
+    spm::assemble(origin, &manifold, history, options.regions, progress)
 }
 
 /// Builds an SPM file from a mesh file. The file appears whole or not at all.

@@ -11,6 +11,13 @@ use shared::spm::NONE;
 /// Sets of faces below this size are split without another task.
 const FACES_A_TASK: usize = 1 << 14;
 
+impl ManifoldMesh {
+    /// Corners of a triangle, model units.
+    pub(super) fn corners(&self, triangle: &[u32; 3]) -> [DVec3; 3] {
+        triangle.map(|v| Vec3::from_array(self.positions[v as usize]).as_dvec3())
+    }
+}
+
 /// The same mesh with its faces in AB-tree order and its vertices in the order in which the faces first
 /// use them.
 #[must_use]

@@ -23,40 +23,57 @@
 //! full mesh ever enter has no region, and of it nothing is promised. (None of 3600 such cells beside loaded
 //! ones held a face: `loaded_cells_are_the_full_mesh.rs`.)
 //!
-//! Memory: 28 B a vertex (hull, and the VSP that splits it), 12 B a face (corners), 8 B a VSP; the search
-//! itself keeps no more than one closure.
+//! Regions are searched in parallel, each by itself.
+//!
+//! Memory: 28 B a vertex (hull, and the VSP that splits it), 12 B a face (corners), 8 B a VSP and search;
+//! a search itself keeps no more than one closure.
 
-use super::Progress;
 use super::spm::Ids;
+use super::{ManifoldMesh, Progress};
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use shared::geometry::Aabb;
 use shared::protocol::{BaseFace, BaseVertex};
-use shared::spm::{NONE, RegionGrid, RegionId, Sizes, VspRecord};
+use shared::spm::{NONE, RegionGrid, RegionId, VspRecord};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
+/// Faces that one task puts into regions.
+const FACES_A_TASK: usize = 1 << 14;
 /// The most faces that an occupied region should own at median: about 128. Halving the cells divides it by three
 /// to four, so 40 to 140 come out; larger regions refine what the probe never touches (the dragon with 156
 /// took twice the splits a tick that it takes with 42).
 const FACES_A_REGION: f64 = 140.0;
 
 /// The coarsest grid whose occupied regions own no more than that at median, or the finest there is.
-pub fn default_grid(lower: DVec3, upper: DVec3, corners: &[[Vec3; 3]]) -> Option<RegionGrid> {
+pub fn default_grid(lower: DVec3, upper: DVec3, mesh: &ManifoldMesh) -> Option<RegionGrid> {
     let mut divisions = 1;
     loop {
         let grid = RegionGrid::new(lower, upper, divisions)?;
         let finest = divisions == RegionGrid::MOST_DIVISIONS;
-        if finest || median_faces(&grid, corners) <= FACES_A_REGION {
+        let cells: f64 = grid.cells.map(f64::from).iter().product();
+        // Not counted while even the mean of all cells is far beyond.
+        let crowded = mesh.triangles.len() as f64 > SURELY_TOO_MANY * FACES_A_REGION * cells;
+        if finest || (!crowded && median_faces(&grid, mesh) <= FACES_A_REGION) {
             return Some(grid);
         }
         divisions *= 2;
     }
 }
 
-fn median_faces(grid: &RegionGrid, corners: &[[Vec3; 3]]) -> f64 {
-    let mut owners: Vec<u32> = Vec::with_capacity(corners.len() * 2);
-    for t in corners {
-        grid.for_each_owner(t.map(|p| p.as_dvec3()), |region| owners.push(region.0));
-    }
-    owners.sort_unstable();
+/// A mean that is so many times the wanted median belongs to no grid that comes near it.
+const SURELY_TOO_MANY: f64 = 64.0;
+
+fn median_faces(grid: &RegionGrid, mesh: &ManifoldMesh) -> f64 {
+    let owners_of = |faces: &[[u32; 3]]| {
+        let mut owners = Vec::with_capacity(faces.len() * 3 / 2);
+        for t in faces {
+            grid.for_each_owner(mesh.corners(t), |region| owners.push(region.0));
+        }
+        owners
+    };
+    let chunks = mesh.triangles.par_chunks(FACES_A_TASK);
+    let mut owners: Vec<u32> = chunks.flat_map_iter(owners_of).collect();
+    owners.par_sort_unstable();
     let mut counts: Vec<usize> = owners.chunk_by(|a, b| a == b).map(<[u32]>::len).collect();
     let middle = counts.len() / 2;
     counts.select_nth_unstable(middle);
@@ -84,39 +101,16 @@ pub struct Regions {
 pub struct Model<'a> {
     /// The grid.
     pub grid: &'a RegionGrid,
-    /// Sizes.
-    pub sizes: Sizes,
+    /// The full mesh, in tree order.
+    pub mesh: &'a ManifoldMesh,
+    /// Its ids.
+    pub ids: &'a Ids,
     /// Vertices of the base mesh.
     pub base_vertices: &'a [BaseVertex],
     /// Faces of the base mesh.
     pub base_faces: &'a [BaseFace],
     /// Records, ascending.
     pub records: &'a [VspRecord],
-    /// Corners of each face of the full mesh, vertex ids, by face id; [`NONE`] where an id has no face.
-    pub corners: Vec<[u32; 3]>,
-}
-
-impl Model<'_> {
-    fn position(&self, vertex: u32) -> Vec3 {
-        Vec3::from_array(match self.sizes.maker_of_vertex(vertex) {
-            None => self.base_vertices[vertex as usize].position,
-            Some(i) if vertex == self.sizes.vt(i) => self.records[i as usize].pos_t,
-            Some(i) => self.records[i as usize].pos_u,
-        })
-    }
-
-    fn positions(&self, corners: [u32; 3]) -> [DVec3; 3] {
-        corners.map(|v| self.position(v).as_dvec3())
-    }
-}
-
-/// Corners of each face of the full mesh by face id.
-pub fn corners_by_id(triangles: &[[u32; 3]], ids: &Ids) -> Vec<[u32; 3]> {
-    let mut corners = vec![[NONE; 3]; ids.sizes.fl(ids.sizes.vsps) as usize];
-    for (face, t) in (0u32..).zip(triangles) {
-        corners[ids.face(face) as usize] = t.map(|v| ids.vertex[v as usize]);
-    }
-    corners
 }
 
 /// Key of a region that owns faces, above those of its seeds.
@@ -127,61 +121,108 @@ const TO_CLEAR: u32 = NONE - 1;
 /// Finds all regions, their seeds and the sizes of their closures.
 pub fn regions_of(model: &Model<'_>, progress: &dyn Progress) -> Regions {
     let keys = keys(model);
-    let mut search = Search::new(model);
+    let hulls = Hulls::new(model);
+    let mut searches: Vec<Search> = (0..rayon::current_num_threads().min(MOST_SEARCHES))
+        .map(|_| Search::new(model, &hulls))
+        .collect();
+    let regions: Vec<&[u64]> = keys.chunk_by(|a, b| a >> 32 == b >> 32).collect();
+    progress.phase("clearing cells", regions.len() as u64);
     let mut found = Regions {
         seed_offsets: vec![0],
         seeds: Vec::with_capacity(keys.len()),
         ..Regions::default()
     };
-    progress.phase("clearing cells", keys.len() as u64);
-    let (mut owning, mut sum, mut done) = (0u64, 0u64, 0);
-    let mut seeds: Vec<u32> = Vec::new();
-    for of_region in keys.chunk_by(|a, b| a >> 32 == b >> 32) {
-        let region = RegionId((of_region[0] >> 32) as u32);
-        let low = of_region.iter().map(|&key| key as u32);
-        seeds.extend(low.filter(|&vsp| vsp < TO_CLEAR));
-        let closure = search.extend(region, &mut seeds);
-        if of_region.last().is_some_and(|&key| key as u32 == OWNS) {
-            owning += 1;
-            sum += u64::from(closure);
-        } else {
-            found.cleared += 1;
+    let (mut owning, mut sum) = (0u64, 0u64);
+    for batch in regions.chunks(REGIONS_A_BATCH) {
+        for extended in extend_all(&mut searches, batch) {
+            if extended.owns {
+                owning += 1;
+                sum += u64::from(extended.closure);
+            } else {
+                found.cleared += 1;
+            }
+            found.closure_max = found.closure_max.max(extended.closure);
+            found.seeds.extend(extended.seeds);
+            found.seed_offsets.push(found.seeds.len() as u32);
+            found.regions.push(extended.region);
         }
-        found.closure_max = found.closure_max.max(closure);
-        found.seeds.append(&mut seeds);
-        found.seed_offsets.push(found.seeds.len() as u32);
-        found.regions.push(region);
-        done += of_region.len() as u64;
-        progress.done(done);
+        progress.done(found.regions.len() as u64);
     }
     found.closure_mean = sum as f64 / owning.max(1) as f64;
     found
+}
+
+/// Regions that are searched between two reports of progress.
+const REGIONS_A_BATCH: usize = 4096;
+/// Regions that a search takes at a time.
+const REGIONS_A_TURN: usize = 32;
+/// The most searches at once: each has 8 B a VSP of its own.
+const MOST_SEARCHES: usize = 8;
+
+/// A region with all its seeds.
+struct Extended {
+    region: RegionId,
+    seeds: Vec<u32>,
+    /// Size of its closure, VSPs.
+    closure: u32,
+    /// Whether it owns faces.
+    owns: bool,
+}
+
+/// Extends the seeds of regions, each given by its keys; in their order, whoever did which.
+fn extend_all(searches: &mut [Search<'_>], regions: &[&[u64]]) -> Vec<Extended> {
+    let turns: Vec<&[&[u64]]> = regions.chunks(REGIONS_A_TURN).collect();
+    let next = AtomicUsize::new(0);
+    let mut done: Vec<(usize, Vec<Extended>)> = searches
+        .par_iter_mut()
+        .with_max_len(1)
+        .flat_map_iter(|search| {
+            let mut done = Vec::new();
+            loop {
+                let turn = next.fetch_add(1, Ordering::Relaxed);
+                let Some(regions) = turns.get(turn) else {
+                    return done;
+                };
+                let extended = regions.iter().map(|keys| search.extend(keys)).collect();
+                done.push((turn, extended));
+            }
+        })
+        .collect();
+    done.sort_unstable_by_key(|&(turn, _)| turn);
+    done.into_iter()
+        .flat_map(|(_, extended)| extended)
+        .collect()
 }
 
 /// For every region the VSPs that made the faces which it owns, and the corners of these, then what it is
 /// there for; ascending.
 fn keys(model: &Model<'_>) -> Vec<u64> {
     let key = |region: RegionId, vsp: u32| u64::from(region.0) << 32 | u64::from(vsp);
-    let sizes = model.sizes;
-    let mut keys: Vec<u64> = Vec::new();
-    for (face, &corners) in (0u32..).zip(&model.corners) {
-        if corners[0] == NONE {
-            continue;
+    let sizes = model.ids.sizes;
+    // Faces that are near in the tree share regions and makers: each task keeps one of each.
+    let keys_of = |(task, faces): (usize, &[[u32; 3]])| {
+        let mut keys: Vec<u64> = Vec::with_capacity(faces.len() * 6);
+        for (t, face) in faces.iter().zip((task * FACES_A_TASK) as u32..) {
+            let [a, b, c] = t.map(|v| sizes.maker_of_vertex(model.ids.vertex[v as usize]));
+            let makers = [sizes.maker_of_face(model.ids.face(face)), a, b, c];
+            model.grid.for_each_owner(model.mesh.corners(t), |region| {
+                keys.push(key(region, OWNS));
+                keys.extend(makers.iter().flatten().map(|&vsp| key(region, vsp)));
+            });
         }
-        let [a, b, c] = corners.map(|v| sizes.maker_of_vertex(v));
-        let makers = [sizes.maker_of_face(face), a, b, c];
-        let owners = model.positions(corners);
-        model.grid.for_each_owner(owners, |region| {
-            keys.push(key(region, OWNS));
-            keys.extend(makers.iter().flatten().map(|&vsp| key(region, vsp)));
-        });
-    }
+        keys.sort_unstable();
+        keys.dedup();
+        keys
+    };
+    let chunks = model.mesh.triangles.par_chunks(FACES_A_TASK);
+    let mut keys: Vec<u64> = chunks.enumerate().flat_map_iter(keys_of).collect();
     for base in model.base_faces {
-        let owners = model.positions(base.corners);
+        let position = |v: u32| Vec3::from_array(model.base_vertices[v as usize].position);
+        let corners = base.corners.map(|v| position(v).as_dvec3());
         let mut to_clear = |region| keys.push(key(region, TO_CLEAR));
-        model.grid.for_each_owner(owners, &mut to_clear);
+        model.grid.for_each_owner(corners, &mut to_clear);
     }
-    keys.sort_unstable();
+    keys.par_sort_unstable();
     keys.dedup();
     keys
 }
@@ -192,15 +233,62 @@ struct Step {
     vs: u32,
 }
 
-/// Searches closures and the faces that they leave coarse.
-struct Search<'a> {
-    model: &'a Model<'a>,
+/// What all searches look into.
+struct Hulls {
     /// The VSP that splits each vertex, [`NONE`] for a vertex of the full mesh.
     split_of: Vec<u32>,
     /// Box of each vertex and its descendants.
     hulls: Vec<Aabb>,
     /// Box of the hull of each face of the base mesh that is not of the full mesh, and its id.
     base: Vec<(Aabb, u32)>,
+    /// Corners of each face of the full mesh, vertex ids, by face id; [`NONE`] where an id has no face.
+    corners: Vec<[u32; 3]>,
+}
+
+impl Hulls {
+    fn new(model: &Model<'_>) -> Self {
+        let sizes = model.ids.sizes;
+        let point = |p: [f32; 3]| Aabb::of_points([Vec3::from_array(p)]);
+        let of_base = model.base_vertices.iter().map(|v| point(v.position));
+        let mut hulls: Vec<Aabb> = Vec::with_capacity(sizes.vt(sizes.vsps) as usize);
+        hulls.extend(of_base);
+        let of_records = model.records.iter().flat_map(|r| [r.pos_t, r.pos_u]);
+        hulls.extend(of_records.map(point));
+        let mut split_of = vec![NONE; hulls.len()];
+        // Children have larger ids than their parents.
+        for record in model.records.iter().rev() {
+            split_of[record.vs as usize] = record.i;
+            let vt = sizes.vt(record.i) as usize;
+            let children = hulls[vt].union(hulls[vt + 1]);
+            let hull = &mut hulls[record.vs as usize];
+            *hull = hull.union(children);
+        }
+        let mut corners = vec![[NONE; 3]; sizes.fl(sizes.vsps) as usize];
+        for (face, t) in (0u32..).zip(&model.mesh.triangles) {
+            let ids = t.map(|v| model.ids.vertex[v as usize]);
+            corners[model.ids.face(face) as usize] = ids;
+        }
+        let base = (0u32..)
+            .zip(model.base_faces)
+            .filter(|(face, base)| base.corners != corners[*face as usize])
+            .map(|(face, base)| {
+                let [a, b, c] = base.corners.map(|v| hulls[v as usize]);
+                (a.union(b).union(c), face)
+            })
+            .collect();
+        Self {
+            split_of,
+            hulls,
+            base,
+            corners,
+        }
+    }
+}
+
+/// Searches closures and the faces that they leave coarse.
+struct Search<'a> {
+    model: &'a Model<'a>,
+    hulls: &'a Hulls,
     /// Of each VSP: the region, counted from 1, whose closure last took it in, and the vertex that it
     /// splits. (Side by side: the way up from a vertex is most of the work, and records are far apart.)
     steps: Vec<Step>,
@@ -212,26 +300,10 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(model: &'a Model<'a>) -> Self {
-        let sizes = model.sizes;
-        let vertices = sizes.vt(sizes.vsps);
-        let mut split_of = vec![NONE; vertices as usize];
-        let mut hulls: Vec<Aabb> = (0..vertices)
-            .map(|v| Aabb::of_points([model.position(v)]))
-            .collect();
-        // Children have larger ids than their parents.
-        for record in model.records.iter().rev() {
-            split_of[record.vs as usize] = record.i;
-            let vt = sizes.vt(record.i) as usize;
-            let children = hulls[vt].union(hulls[vt + 1]);
-            let hull = &mut hulls[record.vs as usize];
-            *hull = hull.union(children);
-        }
-        let mut search = Self {
+    fn new(model: &'a Model<'a>, hulls: &'a Hulls) -> Self {
+        Self {
             model,
-            split_of,
             hulls,
-            base: Vec::new(),
             steps: model
                 .records
                 .iter()
@@ -243,34 +315,26 @@ impl<'a> Search<'a> {
             stamp: 0,
             closure: Vec::new(),
             suspects: Vec::new(),
-        };
-        search.base = (0u32..)
-            .zip(model.base_faces)
-            .filter(|(face, base)| base.corners != model.corners[*face as usize])
-            .map(|(face, base)| {
-                let [a, b, c] = search.hulls_of(base.corners);
-                (a.union(b).union(c), face)
-            })
-            .collect();
-        search
+        }
     }
 
     fn hulls_of(&self, corners: [u32; 3]) -> [Aabb; 3] {
-        corners.map(|v| self.hulls[v as usize])
+        corners.map(|v| self.hulls.hulls[v as usize])
     }
 
-    /// Adds to the seeds of a region what keeps its cell clear; they end ascending. Returns the size of the
-    /// closure.
-    fn extend(&mut self, region: RegionId, seeds: &mut Vec<u32>) -> u32 {
+    /// Adds to the seeds of a region, given by its keys, what keeps its cell clear; they end ascending.
+    fn extend(&mut self, keys: &[u64]) -> Extended {
+        let region = RegionId((keys[0] >> 32) as u32);
+        let low = keys.iter().map(|&key| key as u32);
+        let mut seeds: Vec<u32> = low.filter(|&vsp| vsp < TO_CLEAR).collect();
         let (lower, upper) = self.model.grid.cell_box(region);
         self.stamp += 1;
         self.closure.clear();
-        let near = self
-            .base
-            .iter()
-            .filter(|(hull, _)| overlap(hull, lower, upper));
+        let near = self.hulls.base.iter();
+        let near = near.filter(|(hull, _)| overlap(hull, lower, upper));
         self.suspects.extend(near.map(|&(_, face)| face));
         let mut suspects = std::mem::take(&mut self.suspects);
+        let sizes = self.model.ids.sizes;
         let (mut seeded, mut searched) = (0, 0);
         loop {
             for &seed in &seeds[seeded..] {
@@ -279,9 +343,9 @@ impl<'a> Search<'a> {
             seeded = seeds.len();
             while let Some(&i) = self.closure.get(searched) {
                 searched += 1;
-                let fl = self.model.sizes.fl(i);
+                let fl = sizes.fl(i);
                 suspects.extend([fl, fl + 1]);
-                for dependency in self.model.records[i as usize].dependencies(self.model.sizes) {
+                for dependency in self.model.records[i as usize].dependencies(sizes) {
                     self.visit(dependency);
                 }
             }
@@ -300,13 +364,18 @@ impl<'a> Search<'a> {
         self.suspects = suspects;
         seeds.sort_unstable();
         seeds.dedup();
-        self.closure.len() as u32
+        Extended {
+            region,
+            seeds,
+            closure: self.closure.len() as u32,
+            owns: keys.last().is_some_and(|&key| key as u32 == OWNS),
+        }
     }
 
     /// The split that a face needs so that neither it nor what comes of it is coarse in the box; `None`
     /// when it needs none.
     fn split_against(&self, face: u32, lower: DVec3, upper: DVec3) -> Option<u32> {
-        let full = self.model.corners[face as usize];
+        let full = self.hulls.corners[face as usize];
         if full[0] == NONE {
             return None;
         }
@@ -316,12 +385,12 @@ impl<'a> Search<'a> {
         }
         corners
             .into_iter()
-            .filter(|&v| self.split_of[v as usize] != NONE)
+            .filter(|&v| self.hulls.split_of[v as usize] != NONE)
             .max_by(|&a, &b| {
-                let size = |v: u32| self.hulls[v as usize].diagonal();
+                let size = |v: u32| self.hulls.hulls[v as usize].diagonal();
                 size(a).total_cmp(&size(b))
             })
-            .map(|v| self.split_of[v as usize])
+            .map(|v| self.hulls.split_of[v as usize])
     }
 
     fn visit(&mut self, vsp: u32) {
@@ -334,7 +403,7 @@ impl<'a> Search<'a> {
 
     /// The ancestor of a vertex that is active in the front of the closure.
     fn active_ancestor(&self, mut vertex: u32) -> u32 {
-        while let Some(i) = self.model.sizes.maker_of_vertex(vertex) {
+        while let Some(i) = self.model.ids.sizes.maker_of_vertex(vertex) {
             let step = self.steps[i as usize];
             if step.stamp == self.stamp {
                 break;

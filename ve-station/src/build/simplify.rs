@@ -510,3 +510,40 @@ fn initial_quadrics(topology: &Topology, scaled: &[DVec3]) -> Vec<Quadric> {
     }
     quadrics
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{clean, cut_to_manifold, order};
+    use super::*;
+    use crate::generate::{Shape, generate};
+
+    #[test]
+    fn no_chain_grows_beyond_its_limit() {
+        let soup = generate(Shape::Plate, 5000, 0);
+        let mesh = order::in_tree_order(cut_to_manifold(&clean(soup).unwrap()));
+        let mut work = Work::new(&mesh, 2);
+        work.longest_chain = 9;
+        let mut collapses = 0;
+        loop {
+            let round = work.round(2, true);
+            if round.made.is_empty() {
+                break;
+            }
+            collapses += round.made.len();
+        }
+        // Eight splits of a vertex make far fewer than all of them.
+        assert_eq!(work.chain.iter().max(), Some(&9));
+        assert!(collapses > 1000 && work.topology.alive > 20);
+    }
+
+    #[test]
+    fn the_limit_of_chains_is_four_a_halving_beyond_a_million_faces() {
+        for faces in [1e6, 1e7, 1e8] {
+            let vertices = faces / 2.0;
+            let limit = f64::from(limit_of_chains(vertices as usize, 700));
+            let left: f64 = 0.6 * 700.0;
+            assert!(limit <= 4.0 * (vertices / left).log2() && limit >= 40.0);
+        }
+        assert_eq!(limit_of_chains(50_000, 700), 40);
+    }
+}

@@ -2,7 +2,7 @@
 
 use super::error::descendant_radius;
 use super::hierarchy::{add_hierarchy, ladder};
-use super::regions::{Model, corners_by_id, default_grid, regions_of};
+use super::regions::{Model, default_grid, regions_of};
 use super::simplify::History;
 use super::{BuildError, ManifoldMesh, Progress};
 use glam::Vec3;
@@ -77,37 +77,41 @@ impl Ids {
 pub fn assemble(
     origin: [f64; 3],
     mesh: &ManifoldMesh,
-    history: &History,
+    history: History,
     divisions: Option<u32>,
     progress: &dyn Progress,
 ) -> Result<SpmParts, BuildError> {
     let faces = mesh.triangles.len() as u32;
     progress.phase("bounding errors", history.full_vertices.into());
-    let radius = descendant_radius(history);
+    let radius = descendant_radius(&history);
     let bounds = bounds_of(mesh);
     let (lower, upper) = (bounds.lower.as_dvec3(), bounds.upper.as_dvec3());
     let scale = ErrorScale::for_diagonal(bounds.diagonal());
-    let code = |vertex: u32| scale.encode(radius[vertex as usize]);
-    let ids = Ids::new(history, faces);
-    let base_vertices = base_vertices(history, &ids, &code);
-    let base_faces = base_faces(history, &ids, faces);
-    let records = records(history, &ids, faces, &code);
+    let code = |vertex: u32| {
+        let made = vertex.checked_sub(history.full_vertices);
+        made.map_or(0, |made| scale.encode(radius[made as usize]))
+    };
+    let ids = Ids::new(&history, faces);
+    let base_vertices = base_vertices(&history, &ids, &code);
+    let base_faces = base_faces(&history, &ids, faces);
+    let records = records(&history, &ids, faces, &code);
     check_records(&records, ids.sizes)?;
+    drop((history, radius));
 
     progress.phase("assigning regions", faces.into());
     let too_small =
         || BuildError::Empty("the model is too small for numbers of this size".to_string());
     let grid = match divisions {
         Some(divisions) => RegionGrid::new(lower, upper, divisions).ok_or_else(too_small)?,
-        None => default_grid(lower, upper, &corner_positions(mesh)).ok_or_else(too_small)?,
+        None => default_grid(lower, upper, mesh).ok_or_else(too_small)?,
     };
     let model = Model {
         grid: &grid,
-        sizes: ids.sizes,
+        mesh,
+        ids: &ids,
         base_vertices: &base_vertices,
         base_faces: &base_faces,
         records: &records,
-        corners: corners_by_id(&mesh.triangles, &ids),
     };
     let found = regions_of(&model, progress);
 
@@ -163,13 +167,6 @@ pub fn assemble(
 /// Box of a mesh.
 pub fn bounds_of(mesh: &ManifoldMesh) -> Aabb {
     Aabb::of_points(mesh.positions.iter().map(|&p| Vec3::from_array(p)))
-}
-
-fn corner_positions(mesh: &ManifoldMesh) -> Vec<[Vec3; 3]> {
-    mesh.triangles
-        .iter()
-        .map(|t| t.map(|v| Vec3::from_array(mesh.positions[v as usize])))
-        .collect()
 }
 
 fn base_vertices(history: &History, ids: &Ids, code: &impl Fn(u32) -> u16) -> Vec<BaseVertex> {
