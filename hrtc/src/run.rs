@@ -9,6 +9,7 @@ pub use outcome::RunError;
 use crate::connection::{INBOX, Link, LinkEndpoints, LinkHandle, LinkOptions, Recorder};
 use crate::controller::{Controller, Fault};
 use crate::device::{Device, Script, Simulated};
+use crate::inbox::InboxChunk;
 use crate::proxy::MOST_CONSTRAINTS;
 use crate::realtime::{MissingRight, monotonic_ns};
 use crate::recorder::{Recording, RecordingHead};
@@ -17,7 +18,7 @@ use crate::subscriber::Identity;
 use crate::tick_record::TickRecord;
 use outcome::{Outcome, rights};
 use rtrb::{Consumer, RingBuffer};
-use shared::protocol::{Domain, Request};
+use shared::protocol::{ContactReport, Domain, Request};
 use shared::scene::{self, Overrides, ScenePlan, TrajectoryPlan};
 use std::io::Write;
 use std::path::PathBuf;
@@ -32,6 +33,12 @@ const LOG: usize = 8192;
 const OUT: usize = 64;
 /// The tick's stack; locked memory commits it whole.
 const STACK: usize = 1 << 20;
+/// Bytes of the rings and of the stack of the tick: what a controller's process holds beside its cache,
+/// whatever the model.
+pub const FIXED_BYTES: usize = LOG * size_of::<TickRecord>()
+    + INBOX * size_of::<InboxChunk>()
+    + OUT * (size_of::<Request>() + size_of::<ContactReport>())
+    + STACK;
 /// Time between two looks at the log.
 const DRAIN: Duration = Duration::from_millis(10);
 /// Time between two status lines.

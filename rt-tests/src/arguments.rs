@@ -1,5 +1,6 @@
 //! The command line.
 
+use crate::accuracy::AccuracyArgs;
 use crate::bare::BareArgs;
 use crate::jitter::JitterArgs;
 use crate::load::LoadArgs;
@@ -31,6 +32,8 @@ pub enum Command {
     Replay(ReplayArgs),
     /// Compare simplified meshes with meshoptimizer's at equal numbers of faces
     Quality(QualityArgs),
+    /// Show what accuracy costs: the same touch from the base mesh to the full mesh; status 1 when a check fails
+    Accuracy(AccuracyArgs),
     /// The station of a run.
     #[command(hide = true)]
     RoleStation(RoleArgs),

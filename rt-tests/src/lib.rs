@@ -2,7 +2,8 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`run`], [`jitter`], [`replay`] | the commands |
+//! | [`run`], [`jitter`], [`replay`], [`accuracy`] | the commands |
+//! | [`simulator`] | both pure cores in one process, under a simulated clock |
 //! | [`supervise`], [`pair`] | this program again as a process, and the two of a run |
 //! | [`bare`], [`load`] | the loop to compare with, and load on the other core |
 //! | [`report`], [`plots`], [`histogram`], [`verdict`] | what it means, in words and pictures |
@@ -10,6 +11,7 @@
 //! | [`peers`] | other libraries, for comparison only |
 //! | [`machine`] | where it was measured |
 
+pub mod accuracy;
 pub mod arguments;
 pub mod bare;
 pub mod failure;
@@ -25,6 +27,7 @@ pub mod quality;
 pub mod replay;
 pub mod report;
 pub mod run;
+pub mod simulator;
 pub mod supervise;
 pub mod surface;
 pub mod verdict;
@@ -45,6 +48,7 @@ pub fn execute(arguments: Arguments) -> ExitCode {
         Command::Jitter(args) => jitter::jitter(&args),
         Command::Replay(args) => replay::replay(&args),
         Command::Quality(args) => quality::quality(&args),
+        Command::Accuracy(args) => accuracy::accuracy(&args),
         Command::RoleStation(args) => station(args),
         Command::RoleHrtc(args) => controller(args),
         Command::RoleBare(args) => stop_flag().and_then(|stop| bare::bare(&args, &stop)),

@@ -1,0 +1,284 @@
+//! What is measured: the reference's poses and forces, then each setting of the dial on the same poses.
+
+use super::model::Model;
+use super::result::{Point, Quantiles};
+use crate::failure::Failure;
+use crate::simulator::{Hand, Simulator, Tape};
+use glam::DVec3;
+use hrtc::controller::{Controller, NoObserver};
+use hrtc::device::Sample;
+use hrtc::query::{Surface, faces_within};
+use hrtc::realtime::thread_cpu_ns;
+use hrtc::run::FIXED_BYTES;
+use shared::scene::ScenePlan;
+use shared::spm::FileError;
+
+/// Quiet ticks after which a front that is at rest is taken to be complete.
+const QUIET_TICKS: u64 = 300;
+/// Ticks after which a front that does not come to rest is given up.
+const MOST_START_TICKS: u64 = 2_000_000;
+/// Contacts of a setting whose exact distance is found a second time by looking at every face.
+const BRUTE_CONTACTS: usize = 12;
+/// Radius of the ball that stands for a tool, metres.
+pub const TOOL_RADIUS_M: f64 = 0.005;
+/// Contact ticks from one look at the tool's faces to the next.
+const TOOL_EVERY: u64 = 16;
+/// Rounding of exact distances, in shares of the model's diagonal: they are differences of coordinates, in f64.
+pub const ROUNDING: f64 = 1e-12;
+
+/// What the reference felt in a tick.
+#[derive(Debug, Clone, Copy)]
+pub struct Felt {
+    /// Force on the device, N.
+    pub force: DVec3,
+    /// Contact point, model units.
+    pub contact: Option<DVec3>,
+}
+
+/// The trajectory: device poses recorded in a closed loop on the full mesh, and what was felt.
+#[derive(Debug)]
+pub struct Reference {
+    /// The pose before the first, at rest.
+    pub rest: Sample,
+    /// Poses.
+    pub samples: Vec<Sample>,
+    /// What was felt, one for each pose.
+    pub felt: Vec<Felt>,
+}
+
+impl Reference {
+    /// Runs the tour in a closed loop on the mesh that was never simplified.
+    ///
+    /// # Errors
+    /// One sentence when there is no touch to measure, or the model cannot be served.
+    pub fn record(model: &Model, seed: u64, seconds: f64) -> Result<Self, Failure> {
+        let mut simulator = model.reference()?;
+        let period = 1.0 / model.plan.loop_.rate_hz;
+        let tour = model.tour(seed, seconds)?;
+        let mut hand = Hand::new(model.plan.probes[0].device, period, tour);
+        let ready = make_ready(&mut simulator)?;
+        let no_tour = || Failure::Run(format!("the tour of {} has no point", model.name));
+        let frame = simulator.controller.frame().ok_or_else(no_tour)?;
+        let rest = hand.rest(&frame).ok_or_else(no_tour)?;
+        come_to_rest(&mut simulator, rest, ready)?;
+        let ticks = (seconds / period).round() as u64;
+        let (mut samples, mut felt) = (Vec::new(), Vec::new());
+        for tick in 0..ticks {
+            let sample = hand.sample(tick, &frame).ok_or_else(no_tour)?;
+            let outputs = simulator.step(Some(sample), &mut NoObserver);
+            samples.push(sample);
+            felt.push(Felt {
+                force: outputs.wrenches[0].force,
+                contact: outputs.contact.map(|contact| contact.point),
+            });
+            hand.feel(outputs.wrenches[0]);
+        }
+        if !felt.iter().any(|felt| felt.contact.is_some()) {
+            return Err(Failure::Input(format!(
+                "the tour of {} touches nothing in {seconds} s: give more with --seconds",
+                model.name
+            )));
+        }
+        Ok(Self {
+            rest,
+            samples,
+            felt,
+        })
+    }
+
+    /// The greatest force, N.
+    #[must_use]
+    pub fn force_max(&self) -> f64 {
+        let forces = self.felt.iter().map(|felt| felt.force.length());
+        forces.fold(0.0, f64::max)
+    }
+}
+
+/// Ticks without the device until the base mesh is there.
+fn make_ready<D: AsRef<[u8]>>(simulator: &mut Simulator<D>) -> Result<u64, Failure> {
+    while !simulator.step(None, &mut NoObserver).record.ready {
+        if let Some(fault) = simulator.controller.fault() {
+            return Err(Failure::Run(fault.to_string()));
+        }
+        if simulator.tick > MOST_START_TICKS {
+            return Err(Failure::Run("the model does not arrive".to_string()));
+        }
+    }
+    Ok(simulator.tick)
+}
+
+/// Ticks with the device at rest until nothing comes and nothing changes any more; the tick of the last change.
+fn come_to_rest<D: AsRef<[u8]>>(
+    simulator: &mut Simulator<D>,
+    rest: Sample,
+    ready: u64,
+) -> Result<u64, Failure> {
+    let (mut last_change, mut last_bytes) = (ready, 0);
+    while simulator.tick < last_change + QUIET_TICKS {
+        let record = simulator.step(Some(rest), &mut NoObserver).record;
+        if record.vsplits + record.ecols > 0 || record.bytes_received != last_bytes {
+            last_bytes = record.bytes_received;
+            last_change = simulator.tick;
+        }
+        if simulator.tick > MOST_START_TICKS {
+            return Err(Failure::Run("the front does not come to rest".to_string()));
+        }
+    }
+    Ok(last_change)
+}
+
+/// A setting on its trajectory: what it gave, and its inputs for the timing.
+#[derive(Debug)]
+pub struct Measured {
+    /// Everything but the times.
+    pub point: Point,
+    /// The inputs.
+    pub tape: Tape,
+    /// Ticks before the trajectory.
+    pub start: usize,
+    /// The plan.
+    pub plan: ScenePlan,
+}
+
+/// What is collected over the contacts of a setting.
+#[derive(Debug, Default)]
+struct Contacts {
+    errors: Vec<f64>,
+    certified: Vec<f64>,
+    normals: Vec<f64>,
+    forces: Vec<f64>,
+    faces: Vec<f64>,
+    tool_faces: Vec<f64>,
+    tool_us: Vec<f64>,
+    points: Vec<DVec3>,
+}
+
+/// Replays the trajectory at one setting.
+///
+/// # Errors
+/// One sentence when the model cannot be served, or its file is damaged.
+pub fn measure(
+    model: &Model,
+    reference: &Reference,
+    plan: ScenePlan,
+    mut point: Point,
+) -> Result<Measured, Failure> {
+    let damaged = |error: FileError| Failure::Input(format!("the model {}: {error}", model.name));
+    let mut simulator = model.simulator(&plan)?;
+    simulator.record();
+    let scale = model.metres_per_unit;
+    let period_ms = 1e3 / plan.loop_.rate_hz;
+    let rounding = ROUNDING * model.diagonal_m();
+    let ready = make_ready(&mut simulator)?;
+    point.ready_ms = ready as f64 * period_ms;
+    point.bytes_until_ready = simulator.outputs().record.bytes_received;
+    let settled = come_to_rest(&mut simulator, reference.rest, ready)?;
+    point.settled_ms = settled as f64 * period_ms;
+    let start = simulator.tick as usize;
+    let mut all = Contacts::default();
+    for (sample, felt) in reference.samples.iter().zip(&reference.felt) {
+        let outputs = simulator.step(Some(*sample), &mut NoObserver);
+        let (record, force) = (outputs.record, outputs.wrenches[0].force);
+        let contact = outputs.contact;
+        point.measured_m = point.measured_m.max(record.measured_error_m);
+        if contact.is_some() || felt.contact.is_some() {
+            all.forces.push(force.distance(felt.force));
+            all.faces.push(f64::from(record.active_faces));
+        }
+        if let Some(contact) = contact {
+            let (_, closest) = model.file.closest_point(contact.point).map_err(damaged)?;
+            let error = closest.distance_squared.sqrt() * scale;
+            point.contact_ticks += 1;
+            point.contact_full_ticks += u64::from(record.contact_full);
+            point.unbounded_ticks += u64::from(!record.contact_bounded);
+            point.over_certified_ticks += u64::from(error > record.certified_error_m + rounding);
+            all.errors.push(error);
+            all.certified.push(record.certified_error_m);
+            all.points.push(contact.point);
+            if record.contact_full && point.bytes_until_full == 0 {
+                point.bytes_until_full = record.bytes_received;
+            }
+            if point.contact_ticks.is_multiple_of(TOOL_EVERY) {
+                let (faces, us) = tool(&simulator.controller, contact.point, scale);
+                all.tool_faces.push(faces);
+                all.tool_us.push(us);
+            }
+        }
+        if let (Some(ours), Some(theirs)) = (contact, felt.contact) {
+            point.common_ticks += 1;
+            let apart = ours.point.distance(theirs) * scale;
+            point.contact_apart_m = point.contact_apart_m.max(apart);
+            let lengths = force.length() * felt.force.length();
+            if lengths > 0.0 {
+                // The angle of two nearly equal directions is lost in a cosine.
+                let sine = force.cross(felt.force).length();
+                all.normals
+                    .push(sine.atan2(force.dot(felt.force)).to_degrees());
+            }
+        } else if contact.is_some() != felt.contact.is_some() {
+            point.one_sided_ticks += 1;
+        }
+    }
+    let last = simulator.outputs().record;
+    point.bytes = last.bytes_received;
+    point.vsps_received = last.vsps_received;
+    let high_water = simulator.controller.cache().bytes_high_water();
+    point.cache_bytes = high_water as u64;
+    point.rss_bytes = (high_water + FIXED_BYTES) as u64;
+    point.replay_hash = simulator.controller.replay_hash() >> 11;
+    fill(&mut point, &mut all);
+    point.brute_apart_m = brute(model, &all.points).map_err(damaged)?;
+    let tape = simulator
+        .take_tape()
+        .ok_or_else(|| Failure::Run("nothing was recorded".to_string()))?;
+    Ok(Measured {
+        point,
+        tape,
+        start,
+        plan,
+    })
+}
+
+fn fill(point: &mut Point, all: &mut Contacts) {
+    let errors = Quantiles::of(&mut all.errors);
+    (point.true_m, point.true_p50_m) = (errors.max, errors.p50);
+    let certified = Quantiles::of(&mut all.certified);
+    (point.certified_m, point.certified_p50_m) = (certified.max, certified.p50);
+    let normals = Quantiles::of(&mut all.normals);
+    (point.normal_deg, point.normal_p50_deg) = (normals.max, normals.p50);
+    let forces = Quantiles::of(&mut all.forces);
+    (point.force_n, point.force_p50_n) = (forces.max, forces.p50);
+    let faces = Quantiles::of(&mut all.faces);
+    (point.faces_p50, point.faces_max) = (faces.p50, faces.max);
+    point.tool_faces = Quantiles::of(&mut all.tool_faces).p50;
+    point.tool_us = Quantiles::of(&mut all.tool_us).p50;
+}
+
+/// Faces of the front within a tool's radius of a contact, and the time to find them, µs of processor time.
+fn tool(controller: &Controller, at: DVec3, scale: f64) -> (f64, f64) {
+    let surface = Surface {
+        mesh: controller.cache().mesh(),
+        tree: controller.cache().tree(),
+    };
+    let mut best = f64::INFINITY;
+    let mut faces = 0_u32;
+    for _ in 0..3 {
+        let before = thread_cpu_ns();
+        faces = 0;
+        faces_within(surface, at, TOOL_RADIUS_M / scale, |_, _| faces += 1);
+        best = best.min((thread_cpu_ns() - before) as f64 * 1e-3);
+    }
+    (f64::from(faces), best)
+}
+
+/// The largest difference between exact distances from the file's boxes and from looking at every face, m.
+fn brute(model: &Model, points: &[DVec3]) -> Result<f64, FileError> {
+    let every = points.len().div_ceil(BRUTE_CONTACTS).max(1);
+    let mut apart = 0.0_f64;
+    for &point in points.iter().step_by(every) {
+        let (_, closest) = model.file.closest_point(point)?;
+        let brute = model.full.brute_distance(point);
+        apart = apart.max((closest.distance_squared.sqrt() - brute).abs());
+    }
+    Ok(apart * model.metres_per_unit)
+}

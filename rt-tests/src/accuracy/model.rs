@@ -1,0 +1,258 @@
+//! A model to measure on: its scene, its full mesh, and the same mesh never simplified, as the reference.
+
+use crate::failure::Failure;
+use crate::run::prepare_models;
+use crate::simulator::{DELAY_TICKS, Simulator, identity, station_incarnation};
+use glam::DVec3;
+use hrtc::controller::Controller;
+use memmap2::Mmap;
+use shared::geometry::closest_point_on_triangle;
+use shared::protocol::{Request, TourAsk, TourPoint};
+use shared::scene::{ModelSource, Overrides, ScenePlan, TrajectoryPlan, parse};
+use shared::spm::{FileError, SpmFile, write_spm};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model};
+use ve_station::generate::Shape;
+use ve_station::station::{ServedModel, ServedObject, Station};
+use ve_station::tour::make_tour;
+
+/// Longest side of every model, metres.
+pub const SIZE_M: f64 = 0.15;
+/// Bytes of a cache for each face, enough for a whole mesh in it, base mesh or records.
+const CACHE_BYTES_A_FACE: usize = 400;
+/// What the device can render, newtons: as the simulated one.
+const DEVICE_MAX_N: f64 = 10.0;
+
+/// What was asked for on the command line: a shape with its faces, or a file.
+///
+/// # Errors
+/// One sentence when it is neither.
+pub fn source(typed: &str) -> Result<(String, ModelSource), Failure> {
+    if let Some((shape, faces)) = typed.split_once(':')
+        && shape.parse::<Shape>().is_ok()
+    {
+        let faces = faces.parse().map_err(|_| {
+            Failure::Input(format!(
+                "{typed}: write the number of faces after the shape, such as {shape}:20000"
+            ))
+        })?;
+        let source = ModelSource::Generate {
+            shape: shape.to_string(),
+            faces,
+        };
+        return Ok((format!("{shape}-{faces}"), source));
+    }
+    let path = PathBuf::from(typed);
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    Ok((name.into_owned(), ModelSource::File(path)))
+}
+
+/// The full mesh as plain triangles, in the file's frame relative to its origin.
+#[derive(Debug)]
+pub struct FullMesh {
+    /// Vertices, model units.
+    pub positions: Vec<DVec3>,
+    /// Faces, corners as places in `positions`.
+    pub triangles: Vec<[u32; 3]>,
+    /// What the positions are relative to, model units.
+    origin: DVec3,
+}
+
+impl FullMesh {
+    fn read(file: &SpmFile<Mmap>) -> Result<Self, FileError> {
+        let mut places = BTreeMap::new();
+        let mut positions = Vec::new();
+        let mut triangles = Vec::new();
+        for face in 0..file.model_header().faces {
+            let mut corners = [0; 3];
+            for (place, vertex) in corners.iter_mut().zip(file.full_face(face)?.corners) {
+                *place = match places.get(&vertex) {
+                    Some(&place) => place,
+                    None => {
+                        let place = positions.len() as u32;
+                        positions.push(file.vertex_position(vertex)?.as_dvec3());
+                        places.insert(vertex, place);
+                        place
+                    }
+                };
+            }
+            triangles.push(corners);
+        }
+        Ok(Self {
+            positions,
+            triangles,
+            origin: DVec3::from_array(file.model_header().origin),
+        })
+    }
+
+    /// Distance from a point to the mesh by looking at every face: the oracle of the oracle.
+    #[must_use]
+    pub fn brute_distance(&self, point: DVec3) -> f64 {
+        let squared = self.triangles.iter().map(|corners| {
+            let corners = corners.map(|corner| self.positions[corner as usize]);
+            closest_point_on_triangle(corners, point).distance_squared
+        });
+        squared.fold(f64::INFINITY, f64::min).sqrt()
+    }
+
+    fn soup(&self) -> SoupMesh {
+        let mut mesh = SoupMesh::default();
+        let positions = self.positions.iter();
+        mesh.positions = positions.map(|&p| (p + self.origin).to_array()).collect();
+        mesh.triangles.clone_from(&self.triangles);
+        mesh
+    }
+}
+
+/// A model to measure on.
+#[derive(Debug)]
+pub struct Model {
+    /// Short name.
+    pub name: String,
+    /// The scene: one object, one probe, tolerance 0, no trajectory of its own.
+    pub plan: ScenePlan,
+    /// The file, for exact distances and the tour.
+    pub file: SpmFile<Mmap>,
+    /// The full mesh.
+    pub full: FullMesh,
+    /// Metres a model unit.
+    pub metres_per_unit: f64,
+    /// Speed and depth of the tour, m/s and m.
+    tour: (f64, f64),
+}
+
+impl Model {
+    /// Opens a model; builds it first when the cache folder does not hold it.
+    ///
+    /// # Errors
+    /// One sentence that names the file.
+    pub fn open(typed: &str) -> Result<Self, Failure> {
+        let (name, source) = source(typed)?;
+        let scene = crate::BUNDLED_SCENE;
+        let mut plan = parse(scene, "accuracy", Path::new(""), &Overrides::default())?;
+        plan.objects[0].model = source;
+        plan.objects[0].scale = shared::scene::ModelScale::Size(SIZE_M);
+        let tour = match plan.probes[0].trajectory {
+            TrajectoryPlan::Tour {
+                speed_m_per_s,
+                depth_m,
+                ..
+            } => (speed_m_per_s, depth_m),
+            TrajectoryPlan::Points(_) => (0.1, 0.002),
+        };
+        // Poses are replayed, so no tour goes over the link and into the bytes.
+        plan.probes[0].trajectory = TrajectoryPlan::Points(Vec::new());
+        let file = open(&plan)?.file;
+        let damaged = |error: FileError| Failure::Input(format!("the model {name}: {error}"));
+        let full = FullMesh::read(&file).map_err(damaged)?;
+        let header = file.model_header();
+        let sides = DVec3::from_array(header.upper) - DVec3::from_array(header.lower);
+        let metres_per_unit = plan.objects[0].scale.metres_per_unit(sides.max_element());
+        Ok(Self {
+            name,
+            plan,
+            full,
+            metres_per_unit,
+            file,
+            tour,
+        })
+    }
+
+    /// Diagonal of the object's box, metres.
+    #[must_use]
+    pub fn diagonal_m(&self) -> f64 {
+        self.file.model_header().diagonal * self.metres_per_unit
+    }
+
+    /// The tour of a seed.
+    ///
+    /// # Errors
+    /// One sentence when the file is damaged.
+    pub fn tour(&self, seed: u64, seconds: f64) -> Result<Vec<TourPoint>, Failure> {
+        let scale = self.metres_per_unit;
+        let ask = TourAsk {
+            seed,
+            seconds,
+            speed: self.tour.0 / scale,
+            depth: self.tour.1 / scale,
+            radius: self.plan.probes[0].radius_m / scale,
+        };
+        make_tour(&self.file, ask)
+            .map_err(|error| Failure::Input(format!("a tour of {}: {error}", self.name)))
+    }
+
+    /// Bytes of a cache that holds the whole mesh.
+    #[must_use]
+    pub fn cache_for_all(&self) -> usize {
+        CACHE_BYTES_A_FACE * self.file.model_header().faces as usize + (16 << 20)
+    }
+
+    /// A fresh controller of a plan.
+    #[must_use]
+    pub fn controller(plan: &ScenePlan) -> Controller {
+        Controller::new(plan, identity(plan), DEVICE_MAX_N, 0.0)
+    }
+
+    /// Controller and station of a plan, with nothing sent yet.
+    ///
+    /// # Errors
+    /// One sentence when the file has gone since.
+    pub fn simulator(&self, plan: &ScenePlan) -> Result<Simulator<Mmap>, Failure> {
+        let served = open(plan)?;
+        Ok(simulator(plan, served))
+    }
+
+    /// The reference: the same mesh never simplified. Its base mesh *is* the full mesh: no record, no region
+    /// and no refinement has a part in what it gives.
+    ///
+    /// # Errors
+    /// One sentence when it cannot be built.
+    pub fn reference(&self) -> Result<Simulator<Vec<u8>>, Failure> {
+        let all = BuildOptions {
+            base_faces: Some(u32::MAX),
+            ..BuildOptions::default()
+        };
+        let failed = |error: &dyn std::fmt::Display| {
+            Failure::Run(format!("the reference of {}: {error}", self.name))
+        };
+        let parts = build_model(self.full.soup(), &all, &NoProgress).map_err(|e| failed(&e))?;
+        let mut bytes = Vec::new();
+        write_spm(&parts, &mut bytes).map_err(|e| failed(&e))?;
+        let file = SpmFile::open(bytes).map_err(|e| failed(&e))?;
+        let header = file.model_header();
+        if header.vsps != 0 || header.faces != self.file.model_header().faces {
+            return Err(failed(&format!(
+                "it has {} of {} faces and {} splits",
+                header.faces,
+                self.file.model_header().faces,
+                header.vsps
+            )));
+        }
+        let mut plan = self.plan.clone();
+        plan.cache_bytes = self.cache_for_all();
+        let name = plan.objects[0].model.name();
+        Ok(simulator(&plan, ServedModel { name, file }))
+    }
+}
+
+fn open(plan: &ScenePlan) -> Result<ServedModel<Mmap>, Failure> {
+    let mut models = prepare_models(plan)?.models;
+    models
+        .pop()
+        .ok_or_else(|| Failure::Run("the scene has no model".to_string()))
+}
+
+fn simulator<D: AsRef<[u8]>>(plan: &ScenePlan, served: ServedModel<D>) -> Simulator<D> {
+    let object = ServedObject {
+        model: 0,
+        name: Request::name_hash(&served.name),
+    };
+    let station = Station::new(station_incarnation(), vec![served], vec![object]);
+    Simulator::new(
+        Model::controller(plan),
+        identity(plan),
+        station,
+        DELAY_TICKS,
+    )
+}

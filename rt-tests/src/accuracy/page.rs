@@ -1,0 +1,636 @@
+//! The page: pictures, what they say, and the numbers, in one file without any other.
+
+use super::chart::{Axis, Bar, COLORS, Chart, Curve, Stroke, Unit, bars, escaped, grid, key};
+use super::measure::{ROUNDING, TOOL_RADIUS_M};
+use super::result::{Accuracy, Bytes, Knob, Point};
+use super::table::{asked, digits, length};
+use super::timing::REPEATS;
+use crate::machine::Machine;
+use crate::report::{bytes, grouped};
+use hrtc::run::FIXED_BYTES;
+use std::fmt::Write as _;
+
+/// Width of the pictures, pixels: that of the page's text.
+const WIDTH: f64 = 960.0;
+/// Colours of the knobs.
+const LOCAL: &str = COLORS[0];
+const GLOBAL: &str = COLORS[1];
+const PREFIX: &str = COLORS[2];
+
+const STYLE: &str = "
+:root{color-scheme:light dark}
+body{font:15px/1.5 sans-serif;max-width:960px;margin:2em auto;padding:0 1em;background:Canvas;color:CanvasText}
+h1{font-size:1.6em;margin-bottom:.2em}h2{font-size:1.2em;margin-top:2em}
+svg{max-width:100%;height:auto}
+.key{font-size:13px;margin:.3em 0}.key span{margin-right:1.4em;white-space:nowrap}.key svg{vertical-align:-1px}
+table{border-collapse:collapse;font-size:13px;font-variant-numeric:tabular-nums}
+th,td{text-align:right;padding:.15em .6em;border-bottom:1px solid color-mix(in srgb,CanvasText 15%,Canvas)}
+th:first-child,td:first-child{text-align:left}th{font-weight:600;vertical-align:bottom}
+.wide{overflow-x:auto}.small{font-size:13px;opacity:.8}.bad{color:#d0342c;font-weight:bold}
+summary{cursor:pointer;margin:.4em 0}
+";
+
+/// The points of one model.
+struct Group<'a> {
+    name: &'a str,
+    points: Vec<&'a Point>,
+    bytes: Option<&'a Bytes>,
+}
+
+impl<'a> Group<'a> {
+    fn all(found: &'a Accuracy) -> Vec<Self> {
+        let mut groups: Vec<Self> = Vec::new();
+        for point in &found.points {
+            match groups.last_mut() {
+                Some(group) if group.name == point.model => group.points.push(point),
+                _ => groups.push(Self {
+                    name: &point.model,
+                    points: vec![point],
+                    bytes: None,
+                }),
+            }
+        }
+        for (group, bytes) in groups.iter_mut().zip(&found.bytes) {
+            group.bytes = Some(bytes);
+        }
+        groups
+    }
+
+    fn of(&self, knob: Knob) -> impl Iterator<Item = (usize, &'a Point)> + '_ {
+        let points = self.points.iter().copied();
+        points.filter(move |p| p.knob == knob).enumerate()
+    }
+
+    /// A curve over the settings of a knob.
+    fn curve(
+        &self,
+        (label, color, stroke): (&str, &'static str, Stroke),
+        knob: Knob,
+        place: impl Fn(&Point) -> (f64, f64),
+    ) -> Curve {
+        Curve {
+            label: label.to_string(),
+            color,
+            stroke,
+            points: self
+                .of(knob)
+                .map(|(index, point)| {
+                    let (x, y) = place(point);
+                    (x, shown(y), short(point, index == 0))
+                })
+                .collect(),
+        }
+    }
+
+    fn title(&self) -> String {
+        let faces = self.bytes.map_or(0, |bytes| bytes.faces);
+        format!("{}, {} faces", self.name, grouped(faces))
+    }
+
+    fn base(&self) -> Option<&'a Point> {
+        self.of(Knob::Local).next().map(|(_, point)| point)
+    }
+
+    fn full(&self, knob: Knob) -> Option<&'a Point> {
+        self.of(knob).map(|(_, p)| p).find(|p| p.full_mesh)
+    }
+}
+
+/// An error as it is drawn: what rounding alone makes of 0 is 0, or most of the axis would be about nothing.
+fn shown(error: f64) -> f64 {
+    if error < ROUNDING { 0.0 } else { error }
+}
+
+/// What was asked for, in a word or two.
+fn short(point: &Point, first: bool) -> String {
+    match (point.knob, point.full_mesh) {
+        (Knob::Local, _) if first => "base".to_string(),
+        (Knob::Local | Knob::Global, true) => "full".to_string(),
+        _ => asked(point, first),
+    }
+}
+
+/// The page.
+#[must_use]
+pub fn page(found: &Accuracy, machine: &Machine) -> String {
+    let groups = Group::all(found);
+    let mut html = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>What accuracy costs</title>\n<style>{STYLE}</style></head>\n<body>\n<h1>What accuracy costs</h1>\n"
+    );
+    let _ = writeln!(
+        html,
+        "<p>A 1 mm ball strokes each model, {} long, at 0.1 m/s for {} s (tour {}). The device's poses were recorded once, in a closed loop on the mesh that was never simplified; every setting is given the same poses, so what differs between two points is the front alone. Errors are over every tick of contact.</p>",
+        length(found.size_m),
+        digits(found.seconds),
+        found.seed
+    );
+    summary(&mut html, &groups);
+    html.push_str("<h2>Error against time</h2>\n");
+    hero(&mut html, &groups);
+    html.push_str("<h2>Error against time, and what is asked against what is got</h2>\n");
+    rows(&mut html, &groups);
+    html.push_str("<h2>Where the time goes</h2>\n");
+    stages(&mut html, &groups);
+    html.push_str("<h2>Error against bytes and memory</h2>\n");
+    costs(&mut html, &groups);
+    html.push_str("<h2>Bytes over the link</h2>\n");
+    bytes_table(&mut html, found);
+    html.push_str("<h2>All numbers</h2>\n");
+    tables(&mut html, &groups);
+    checks(&mut html, found);
+    let _ = writeln!(
+        html,
+        "<p class=\"small\">Measured on {}, kernel {} ({}). Times are processor time of one thread; a tick's time is the least of {REPEATS} replays of that very tick, with the settings in turns, so that whatever slows the machine for a while slows them all. Absolute times still drift from run to run on a virtual machine: compare points of one page, not of two. The same numbers are in accuracy.csv and accuracy.json beside this page.</p>\n</body></html>",
+        escaped(&machine.processor),
+        escaped(&machine.kernel),
+        escaped(&machine.preemption)
+    );
+    html
+}
+
+/// A range of numbers over the models, in words.
+fn span(numbers: impl Iterator<Item = f64>, word: impl Fn(f64) -> String) -> String {
+    let (low, high) = numbers.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), n| {
+        (low.min(n), high.max(n))
+    });
+    let (low, high) = (word(low), word(high));
+    if low == high {
+        low
+    } else {
+        format!("{low} to {high}")
+    }
+}
+
+fn summary(html: &mut String, groups: &[Group<'_>]) {
+    let rows: Vec<(&Bytes, &Point, &Point, &Point)> = groups
+        .iter()
+        .filter_map(|group| {
+            let global = group.full(Knob::Global)?;
+            Some((
+                group.bytes?,
+                group.base()?,
+                group.full(Knob::Local)?,
+                global,
+            ))
+        })
+        .collect();
+    if rows.is_empty() {
+        return;
+    }
+    let size = |n: f64| bytes(n as u64);
+    let ms = |n: f64| format!("{} ms", digits(n));
+    let us = |n: f64| format!("{} µs", digits(n));
+    html.push_str("<h2>What refinement buys</h2>\n<ul>\n");
+    let _ = writeln!(
+        html,
+        "<li><b>Bytes.</b> A first touch needs header and base mesh: {}, whatever the mesh. The first contact at full resolution has needed {}, where the plain mesh is {}.</li>",
+        span(rows.iter().map(|r| r.0.first_touch_bytes as f64), size),
+        span(
+            rows.iter().map(|r| r.0.local_full_bytes.max(0) as f64),
+            size
+        ),
+        span(rows.iter().map(|r| r.0.plain_bytes as f64), size)
+    );
+    let _ = writeln!(
+        html,
+        "<li><b>Memory.</b> The cache held at most {} on this tour at local full resolution, and {} with the full mesh everywhere; the larger the mesh, the larger the gain.</li>",
+        span(rows.iter().map(|r| r.2.cache_bytes as f64), size),
+        span(rows.iter().map(|r| r.3.cache_bytes as f64), size)
+    );
+    let _ = writeln!(
+        html,
+        "<li><b>Start-up.</b> A touch can be answered after {} of simulated time; the full mesh everywhere is there after {}.</li>",
+        span(rows.iter().map(|r| r.2.ready_ms), ms),
+        span(rows.iter().map(|r| r.3.settled_ms), ms)
+    );
+    let _ = writeln!(
+        html,
+        "<li><b>Tool queries.</b> A tool meets every face within its reach: a ball of {} finds {} faces of the base mesh in {} (medians), and {} faces of the full mesh in {}.</li>",
+        length(TOOL_RADIUS_M),
+        span(rows.iter().map(|r| r.1.tool_faces), digits),
+        span(rows.iter().map(|r| r.1.tool_us), us),
+        span(rows.iter().map(|r| r.2.tool_faces), digits),
+        span(rows.iter().map(|r| r.2.tool_us), us)
+    );
+    html.push_str("</ul>\n<h2>What it does not</h2>\n<ul>\n");
+    let query = |point: &Point| point.stage_us.query.p50;
+    let _ = writeln!(
+        html,
+        "<li><b>A warm point query is not faster.</b> At full resolution the query of a contact tick (proxy and closest point, median) takes {} on the local front and {} with the full mesh everywhere: that there are fewer faces elsewhere does not help, since the way down the tree grows with the logarithm only. What it costs is the faces in reach of the ball: {} on the base mesh.</li>",
+        span(rows.iter().map(|r| query(r.2)), us),
+        span(rows.iter().map(|r| query(r.3)), us),
+        span(rows.iter().map(|r| query(r.1)), us)
+    );
+    let _ = writeln!(
+        html,
+        "<li><b>Following the hand costs ticks.</b> Prediction, records, splits and collapses make the median tick {} and one in a hundred {} at local full resolution, where they are {} and {} with the full mesh there already.</li>",
+        span(rows.iter().map(|r| r.2.tick_us.p50), us),
+        span(rows.iter().map(|r| r.2.tick_us.p99), us),
+        span(rows.iter().map(|r| r.3.tick_us.p50), us),
+        span(rows.iter().map(|r| r.3.tick_us.p99), us)
+    );
+    let _ = writeln!(
+        html,
+        "<li><b>A whole mesh does not get smaller.</b> All records are {} times the plain mesh, since each says where it fits; and a hand that goes everywhere on a small mesh receives more than the mesh ({} on these tours), since every region names its splits.</li>",
+        span(
+            rows.iter()
+                .map(|r| r.0.records_bytes as f64 / r.0.plain_bytes as f64),
+            digits
+        ),
+        span(rows.iter().map(|r| r.0.trajectory_bytes as f64), size)
+    );
+    html.push_str("</ul>\n");
+}
+
+/// All models in one picture.
+fn hero(html: &mut String, groups: &[Group<'_>]) {
+    let curves: Vec<Curve> = groups
+        .iter()
+        .zip(COLORS.iter().cycle())
+        .map(|(group, color)| {
+            group.curve((group.name, color, Stroke::Solid), Knob::Local, |p| {
+                (p.tick_us.p50, p.true_m)
+            })
+        })
+        .collect();
+    let chart = |title: &str, x: &str, curves: Vec<Curve>| Chart {
+        title: title.to_string(),
+        x: Axis::over(x, Unit::Time, xs(&curves)),
+        y: Axis::over("largest true error at a contact", Unit::Length, ys(&curves)),
+        curves,
+        diagonal: false,
+        named: true,
+    };
+    let slow: Vec<Curve> = groups
+        .iter()
+        .zip(COLORS.iter().cycle())
+        .map(|(group, color)| {
+            group.curve((group.name, color, Stroke::Solid), Knob::Local, |p| {
+                (p.tick_us.p99, p.true_m)
+            })
+        })
+        .collect();
+    html.push_str("<p>Local refinement: each point is a tolerance, from the base mesh (above) to the full mesh (error 0, below). Left the median tick in contact, right the 99th percentile.</p>\n");
+    let names: Vec<(String, &str, Stroke)> = groups
+        .iter()
+        .zip(COLORS.iter().cycle())
+        .map(|(group, &color)| (group.title(), color, Stroke::Solid))
+        .collect();
+    html.push_str(&key("", &names));
+    html.push_str(&grid(
+        &[
+            chart(
+                "the median tick",
+                "time of a tick in contact, p50, µs",
+                curves,
+            ),
+            chart(
+                "one tick in a hundred",
+                "time of a tick in contact, p99, µs",
+                slow,
+            ),
+        ],
+        2,
+        WIDTH,
+        400.0,
+    ));
+}
+
+fn xs(curves: &[Curve]) -> impl Iterator<Item = f64> + '_ {
+    curves.iter().flat_map(|c| c.points.iter().map(|p| p.0))
+}
+
+fn ys(curves: &[Curve]) -> impl Iterator<Item = f64> + '_ {
+    curves.iter().flat_map(|c| c.points.iter().map(|p| p.1))
+}
+
+/// A row of two charts for each model.
+fn rows(html: &mut String, groups: &[Group<'_>]) {
+    html.push_str("<p>Left, the largest true error at a contact over the time of a tick. Right, local refinement: errors over the tolerance that was asked for. The certified error bounds the true one in the same tick; it counts tangential shift, so it is loose.</p>\n");
+    html.push_str(&key(
+        "left",
+        &[
+            ("local, p50".to_string(), LOCAL, Stroke::Solid),
+            ("local, p99".to_string(), LOCAL, Stroke::Thin),
+            ("global, p50".to_string(), GLOBAL, Stroke::Solid),
+            ("global, p99".to_string(), GLOBAL, Stroke::Thin),
+            (
+                "prefix of the sequence, p50".to_string(),
+                PREFIX,
+                Stroke::Dashed,
+            ),
+        ],
+    ));
+    html.push_str(&key(
+        "right",
+        &[
+            ("largest true error".to_string(), LOCAL, Stroke::Solid),
+            ("median true error".to_string(), LOCAL, Stroke::Thin),
+            (
+                "largest certified error".to_string(),
+                GLOBAL,
+                Stroke::Dashed,
+            ),
+            ("as asked".to_string(), "currentColor", Stroke::Dotted),
+        ],
+    ));
+    let mut charts = Vec::new();
+    for group in groups {
+        let p50 = |p: &Point| (p.tick_us.p50, p.true_m);
+        let p99 = |p: &Point| (p.tick_us.p99, p.true_m);
+        let curves = vec![
+            group.curve(("local, p50", LOCAL, Stroke::Solid), Knob::Local, p50),
+            group.curve(("local, p99", LOCAL, Stroke::Thin), Knob::Local, p99),
+            group.curve(("global, p50", GLOBAL, Stroke::Solid), Knob::Global, p50),
+            group.curve(("global, p99", GLOBAL, Stroke::Thin), Knob::Global, p99),
+            group.curve(("prefix, p50", PREFIX, Stroke::Dashed), Knob::Prefix, p50),
+        ];
+        charts.push(Chart {
+            title: group.title(),
+            x: Axis::over("time of a tick in contact, µs", Unit::Time, xs(&curves)),
+            y: Axis::over("largest true error", Unit::Length, ys(&curves)),
+            curves,
+            diagonal: false,
+            named: false,
+        });
+        let curves = vec![
+            group.curve(
+                ("largest true error", LOCAL, Stroke::Solid),
+                Knob::Local,
+                |p| (p.value, p.true_m),
+            ),
+            group.curve(
+                ("median true error", LOCAL, Stroke::Thin),
+                Knob::Local,
+                |p| (p.value, p.true_p50_m),
+            ),
+            group.curve(
+                ("largest certified error", GLOBAL, Stroke::Dashed),
+                Knob::Local,
+                |p| (p.value, p.certified_m),
+            ),
+        ];
+        charts.push(Chart {
+            title: format!("{}: asked and got", group.name),
+            x: Axis::over("tolerance asked for", Unit::Length, xs(&curves)),
+            y: Axis::over("error at the contact", Unit::Length, ys(&curves)),
+            curves,
+            diagonal: true,
+            named: false,
+        });
+    }
+    html.push_str(&grid(&charts, 2, WIDTH, 290.0));
+}
+
+fn stages(html: &mut String, groups: &[Group<'_>]) {
+    html.push_str("<p>Mean time of each stage in the ticks of contact, local refinement, and the full mesh everywhere (global). Behind the bars: the mean of a tick and its 99.9th percentile.</p>\n<p class=\"key\">");
+    let names = [
+        "inbox and prediction",
+        "splits and collapses",
+        "boxes",
+        "query and proxy",
+        "force and gate",
+    ];
+    for (name, color) in names.iter().zip(COLORS) {
+        let _ = write!(
+            html,
+            "<span><svg width=\"14\" height=\"12\"><rect width=\"14\" height=\"12\" fill=\"{color}\"/></svg> {name}</span> "
+        );
+    }
+    html.push_str("</p>\n");
+    let bar = |name: String, point: &Point| {
+        let parts: Vec<f64> = point.stage_us.named().iter().map(|(_, s)| s.mean).collect();
+        Bar {
+            name,
+            note: format!(
+                "{:.1} µs, p99.9 {:.0} µs",
+                parts.iter().sum::<f64>(),
+                point.tick_us.p999
+            ),
+            parts,
+        }
+    };
+    let groups: Vec<(String, Vec<Bar>)> = groups
+        .iter()
+        .map(|group| {
+            let local = group.of(Knob::Local);
+            let mut bars: Vec<Bar> = local
+                .map(|(index, point)| bar(short(point, index == 0), point))
+                .collect();
+            if let Some(point) = group.full(Knob::Global) {
+                bars.push(bar("full, global".to_string(), point));
+            }
+            (group.title(), bars)
+        })
+        .collect();
+    html.push_str(&bars(&groups, 2, WIDTH));
+}
+
+fn costs(html: &mut String, groups: &[Group<'_>]) {
+    let _ = writeln!(
+        html,
+        "<p>Bytes are those received over the whole tour, chunks and all; memory is the most of the cache that was ever in use, beside fixed rings and a stack of {}.</p>",
+        bytes(FIXED_BYTES as u64)
+    );
+    html.push_str(&key(
+        "",
+        &[
+            ("local".to_string(), LOCAL, Stroke::Solid),
+            ("global".to_string(), GLOBAL, Stroke::Solid),
+            ("prefix of the sequence".to_string(), PREFIX, Stroke::Dashed),
+        ],
+    ));
+    let mut charts = Vec::new();
+    for group in groups {
+        let three = |place: &dyn Fn(&Point) -> (f64, f64)| {
+            vec![
+                group.curve(("local", LOCAL, Stroke::Solid), Knob::Local, place),
+                group.curve(("global", GLOBAL, Stroke::Solid), Knob::Global, place),
+                group.curve(("prefix", PREFIX, Stroke::Dashed), Knob::Prefix, place),
+            ]
+        };
+        for (what, curves) in [
+            ("bytes received", three(&|p| (p.bytes as f64, p.true_m))),
+            ("cache in use", three(&|p| (p.cache_bytes as f64, p.true_m))),
+        ] {
+            charts.push(Chart {
+                title: group.title(),
+                x: Axis::over(what, Unit::Bytes, xs(&curves)),
+                y: Axis::over("largest true error", Unit::Length, ys(&curves)),
+                curves,
+                diagonal: false,
+                named: false,
+            });
+        }
+    }
+    html.push_str(&grid(&charts, 2, WIDTH, 270.0));
+}
+
+fn bytes_table(html: &mut String, found: &Accuracy) {
+    html.push_str("<div class=\"wide\"><table><tr><th>model<th>vertices<th>faces<th>until the first touch: header and base mesh<th>until local full resolution at the first contact<th>whole tour at local full resolution<th>whole mesh as SPM records<th>whole mesh as plain triangles</tr>\n");
+    for row in &found.bytes {
+        let full = u64::try_from(row.local_full_bytes).map_or("never".to_string(), bytes);
+        let _ = writeln!(
+            html,
+            "<tr><td>{}<td>{}<td>{}<td>{}<td>{full}<td>{}<td>{}<td>{}</tr>",
+            escaped(&row.model),
+            grouped(row.vertices),
+            grouped(row.faces),
+            bytes(row.first_touch_bytes),
+            bytes(row.trajectory_bytes),
+            bytes(row.records_bytes),
+            bytes(row.plain_bytes)
+        );
+    }
+    html.push_str("</table></div>\n<p class=\"small\">The first three are what came over the link, in chunks of 4 KiB that are sent whole; plain triangles are 12 bytes a vertex and 12 a face.</p>\n");
+}
+
+fn tables(html: &mut String, groups: &[Group<'_>]) {
+    for group in groups {
+        let _ = writeln!(
+            html,
+            "<details><summary>{}</summary><div class=\"wide\"><table><tr><th>asked<th>true error, largest<th>median<th>certified, largest<th>measured by the station<th>force error, largest<th>median<th>normal error, largest<th>median<th>tick p50, µs<th>p99<th>p99.9<th>faces, median<th>received<th>memory<th>ticks of contact<th>of these full<th>faces in reach of a tool<th>time, µs</tr>",
+            escaped(&group.title())
+        );
+        for knob in [Knob::Local, Knob::Global, Knob::Prefix] {
+            for (index, p) in group.of(knob) {
+                let measured = if p.measured_m < 0.0 {
+                    "none".to_string()
+                } else {
+                    length(p.measured_m)
+                };
+                let _ = writeln!(
+                    html,
+                    "<tr><td>{} {}<td>{}<td>{}<td>{}<td>{measured}<td>{} N<td>{} N<td>{}°<td>{}°<td>{:.2}<td>{:.2}<td>{:.2}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
+                    knob.name(),
+                    asked(p, index == 0),
+                    length(p.true_m),
+                    length(p.true_p50_m),
+                    length(p.certified_m),
+                    digits(p.force_n),
+                    digits(p.force_p50_n),
+                    digits(p.normal_deg),
+                    digits(p.normal_p50_deg),
+                    p.tick_us.p50,
+                    p.tick_us.p99,
+                    p.tick_us.p999,
+                    grouped(p.faces_p50 as u64),
+                    bytes(p.bytes),
+                    bytes(p.rss_bytes),
+                    grouped(p.contact_ticks),
+                    grouped(p.contact_full_ticks),
+                    digits(p.tool_faces),
+                    digits(p.tool_us)
+                );
+            }
+        }
+        html.push_str("</table></div></details>\n");
+    }
+    html.push_str("<p class=\"small\">Forces and normals are compared with those of the full mesh at the same pose. The largest force error of a coarse front is that of a touch which the full mesh does not have, or of one that the coarse front misses.</p>\n");
+}
+
+fn checks(html: &mut String, found: &Accuracy) {
+    let held = found.checks.iter().filter(|check| check.pass).count();
+    let _ = writeln!(
+        html,
+        "<h2>Checks</h2>\n<p{}>{held} of {} hold.</p>\n<details><summary>each</summary><div class=\"wide\"><table><tr><th>check<th>model<th>worst<th>at most<th></tr>",
+        if found.pass { "" } else { " class=\"bad\"" },
+        found.checks.len()
+    );
+    for check in &found.checks {
+        let _ = writeln!(
+            html,
+            "<tr><td>{}<td>{}<td>{:.1e}<td>{:.0e}<td>{}</tr>",
+            escaped(&check.name),
+            escaped(&check.model),
+            check.worst,
+            check.limit,
+            if check.pass {
+                "holds"
+            } else {
+                "<span class=\"bad\">fails</span>"
+            }
+        );
+    }
+    html.push_str("</table></div></details>\n");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::result::{Check, Quantiles, StageQuantiles};
+    use super::*;
+
+    /// Numbers of the kind that a run gives, on so many models.
+    fn found(models: usize) -> Accuracy {
+        let mut found = Accuracy {
+            seed: 1,
+            seconds: 5.0,
+            size_m: 0.15,
+            pass: true,
+            points: Vec::new(),
+            bytes: Vec::new(),
+            checks: vec![Check {
+                model: "a<b".to_string(),
+                name: "one & all".to_string(),
+                pass: true,
+                worst: 0.0,
+                limit: 1e-9,
+            }],
+        };
+        for model in 0..models {
+            let name = format!("a<b{model}");
+            let tolerances = [0.2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 0.0];
+            for (knob, factor) in [(Knob::Local, 1.0), (Knob::Global, 2.0), (Knob::Prefix, 3.0)] {
+                for (index, value) in tolerances.into_iter().enumerate() {
+                    let time = (2.0 + model as f64) * (1.0 + 0.05 * index as f64) * factor;
+                    let error = if value == 0.2 { 4e-3 } else { 0.4 * value };
+                    let mut point = Point::new(&name, knob, value);
+                    point.full_mesh = value == 0.0;
+                    point.tick_us = Quantiles {
+                        p50: time,
+                        p99: 3.0 * time,
+                        p999: 5.0 * time,
+                        max: 9.0 * time,
+                    };
+                    let stage = StageQuantiles {
+                        mean: 0.2 * time,
+                        ..StageQuantiles::default()
+                    };
+                    point.stage_us.query = stage;
+                    point.stage_us.refine = stage;
+                    (point.true_m, point.true_p50_m) = (error, 0.3 * error);
+                    point.certified_m = 9.0 * error;
+                    point.bytes = (2e4 * factor * 1.8_f64.powi(index as i32)) as u64;
+                    point.rss_bytes = 4_000_000 + point.bytes;
+                    point.ready_ms = 5.0;
+                    found.points.push(point);
+                }
+            }
+            found.bytes.push(Bytes {
+                model: name,
+                vertices: 18_886,
+                faces: 37_576,
+                first_touch_bytes: 16_640,
+                local_full_bytes: -1,
+                trajectory_bytes: 3_700_000,
+                records_bytes: 1_200_000,
+                plain_bytes: 677_000,
+            });
+        }
+        found
+    }
+
+    #[test]
+    fn any_number_of_models_gives_a_page_that_is_whole_and_stands_alone() {
+        let machine = Machine::read();
+        for models in [0, 1, 2, 5] {
+            let page = page(&found(models), &machine);
+            assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>\n"));
+            assert!(!page.contains("NaN") && !page.contains("inf"), "{models}");
+            assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
+            assert!(!page.contains("a<b") && !page.contains("src="));
+            let others = page.replace("http://www.w3.org/2000/svg", "");
+            assert!(!others.contains("http"), "nothing from elsewhere");
+        }
+    }
+}

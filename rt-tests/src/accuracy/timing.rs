@@ -1,0 +1,136 @@
+//! How long the ticks take: the recorded inputs through a fresh controller, several times, with nothing beside
+//! it. The settings take turns in blocks, so that whatever slows the machine for a while slows them all.
+
+use super::measure::Measured;
+use super::model::Model;
+use super::result::{Quantiles, StageQuantiles};
+use crate::failure::Failure;
+use crate::simulator::Playback;
+use hrtc::controller::{Stage, StageObserver};
+use hrtc::realtime::thread_cpu_ns;
+
+/// Times that every tick is done; its time is the least of them. The work is the same bits each time, so
+/// what differs is the machine.
+pub const REPEATS: usize = 5;
+/// Ticks of one setting before the next has its turn.
+const BLOCK: usize = 256;
+/// Stages of a tick.
+const STAGES: usize = 5;
+
+/// Processor time of the thread at the end of each stage.
+#[derive(Debug, Clone, Copy)]
+struct StageClock {
+    last: u64,
+    /// What one reading costs, ns: the clock is a system call.
+    reading: u64,
+    ns: [u32; STAGES],
+}
+
+impl StageClock {
+    fn new() -> Self {
+        let readings = (0..2000).map(|_| {
+            let before = thread_cpu_ns();
+            thread_cpu_ns() - before
+        });
+        Self {
+            last: 0,
+            reading: readings.min().unwrap_or(0),
+            ns: [0; STAGES],
+        }
+    }
+}
+
+impl StageObserver for StageClock {
+    fn ended(&mut self, stage: Stage) {
+        let now = thread_cpu_ns();
+        let taken = (now - self.last).saturating_sub(self.reading);
+        self.ns[stage as usize] = u32::try_from(taken).unwrap_or(u32::MAX);
+        self.last = thread_cpu_ns();
+    }
+}
+
+/// Fills in the times of all settings of a model.
+///
+/// `contact` says of each tick of the trajectory whether the full mesh is touched: only these count.
+///
+/// # Errors
+/// When a replay does not give the recorded bits.
+pub fn time(settings: &mut [Measured], contact: &[bool]) -> Result<(), Failure> {
+    let mut least: Vec<Vec<[u32; STAGES]>> = settings
+        .iter()
+        .map(|setting| vec![[u32::MAX; STAGES]; setting.tape.len()])
+        .collect();
+    let mut clock = StageClock::new();
+    for _ in 0..REPEATS {
+        let mut playbacks: Vec<Playback<'_>> = settings
+            .iter()
+            .map(|setting| Playback::new(&setting.tape, Model::controller(&setting.plan)))
+            .collect();
+        let mut running = true;
+        while running {
+            running = false;
+            for (playback, least) in playbacks.iter_mut().zip(&mut least) {
+                running |= play_block(playback, least, &mut clock)?;
+            }
+        }
+    }
+    for (setting, least) in settings.iter_mut().zip(&least) {
+        summarise(setting, least, contact);
+    }
+    Ok(())
+}
+
+/// Plays a block of one setting; whether there is more.
+fn play_block(
+    playback: &mut Playback<'_>,
+    least: &mut [[u32; STAGES]],
+    clock: &mut StageClock,
+) -> Result<bool, Failure> {
+    for _ in 0..BLOCK {
+        let tick = playback.tick();
+        clock.last = thread_cpu_ns();
+        match playback.step(clock) {
+            None => return Ok(false),
+            Some(false) => {
+                return Err(Failure::Run(format!(
+                    "tick {tick} of a replay gives other bits than it gave before: please report this"
+                )));
+            }
+            Some(true) => {}
+        }
+        // The least of the whole, not of each stage: a tick's stages stay those of one and the same tick.
+        let sum = |ns: &[u32; STAGES]| ns.iter().map(|&ns| u64::from(ns)).sum::<u64>();
+        if sum(&clock.ns) < sum(&least[tick]) {
+            least[tick] = clock.ns;
+        }
+    }
+    Ok(true)
+}
+
+fn summarise(setting: &mut Measured, least: &[[u32; STAGES]], contact: &[bool]) {
+    let us = |ns: u64| ns as f64 * 1e-3;
+    let whole = |ns: &[u32; STAGES]| us(ns.iter().map(|&ns| u64::from(ns)).sum());
+    let trajectory = &least[setting.start..];
+    let touching: Vec<&[u32; STAGES]> = trajectory
+        .iter()
+        .zip(contact)
+        .filter_map(|(ns, &touching)| touching.then_some(ns))
+        .collect();
+    let mut times: Vec<f64> = touching.iter().map(|ns| whole(ns)).collect();
+    let mut all: Vec<f64> = trajectory.iter().map(whole).collect();
+    let point = &mut setting.point;
+    point.tick_us = Quantiles::of(&mut times);
+    point.all_tick_us = Quantiles::of(&mut all);
+    let mut stages = [StageQuantiles::default(); STAGES];
+    for (place, stage) in stages.iter_mut().enumerate() {
+        let mut times: Vec<f64> = touching.iter().map(|ns| us(u64::from(ns[place]))).collect();
+        let mean = times.iter().sum::<f64>() / times.len().max(1) as f64;
+        *stage = StageQuantiles::of(mean, &Quantiles::of(&mut times));
+    }
+    let [inbox, refine, refit, query, force] = stages;
+    point.stage_us.inbox = inbox;
+    point.stage_us.refine = refine;
+    point.stage_us.refit = refit;
+    point.stage_us.query = query;
+    point.stage_us.force = force;
+}

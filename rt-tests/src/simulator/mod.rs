@@ -1,0 +1,158 @@
+//! Both pure cores in one process under a simulated clock: no thread, no transport, every run repeats bit by
+//! bit and goes as fast as the machine can.
+//!
+//! | part | is |
+//! |---|---|
+//! | [`Simulator`] | a controller, a station, and a [`Line`] each way; a step is a period |
+//! | [`Line`] | messages under way, each for a fixed number of periods |
+//! | [`Hand`] | the simulated device, and the hand that leads it along a tour |
+//! | [`Tape`] | every input of every tick, to put through a controller again |
+
+mod hand;
+mod line;
+mod tape;
+
+pub use hand::Hand;
+pub use line::Line;
+pub use tape::{Playback, Tape};
+
+use hrtc::connection::INBOX;
+use hrtc::controller::{Controller, StageObserver, TickInputs, TickOutputs};
+use hrtc::device::Sample;
+use hrtc::inbox::InboxChunk;
+use hrtc::subscriber::Identity;
+use shared::protocol::{ContactReport, Request};
+use shared::scene::ScenePlan;
+use ve_station::station::{Message, Station};
+
+/// Periods that a message takes each way unless another delay is asked for.
+pub const DELAY_TICKS: u64 = 2;
+/// Incarnation of the first station of a run.
+const STATION: u64 = 100;
+
+/// Who the controller of a simulation is: the only client, with the scene's first object.
+#[must_use]
+pub fn identity(plan: &ScenePlan) -> Identity {
+    Identity {
+        client: 7,
+        incarnation: 8,
+        object: 0,
+        name: Request::name_hash(&plan.objects[0].model.name()),
+    }
+}
+
+/// Incarnation for the station of a simulation, which every chunk carries.
+#[must_use]
+pub fn station_incarnation() -> u64 {
+    STATION
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Simulator<D> {
+    /// The controller.
+    pub controller: Controller,
+    /// The station.
+    pub station: Station<D>,
+    /// Index of the next tick.
+    pub tick: u64,
+    client: u64,
+    requests: Line<Request>,
+    contacts: Line<ContactReport>,
+    chunks: Line<InboxChunk>,
+    inbox: Vec<InboxChunk>,
+    outputs: TickOutputs,
+    tape: Option<Tape>,
+}
+
+impl<D: AsRef<[u8]>> Simulator<D> {
+    /// Both cores on a link that takes `delay` periods each way.
+    #[must_use]
+    pub fn new(
+        controller: Controller,
+        identity: Identity,
+        station: Station<D>,
+        delay: u64,
+    ) -> Self {
+        Self {
+            controller,
+            station,
+            tick: 0,
+            client: identity.client,
+            requests: Line::new(delay),
+            contacts: Line::new(delay),
+            chunks: Line::new(delay),
+            inbox: Vec::with_capacity(INBOX),
+            outputs: TickOutputs::new(1),
+            tape: None,
+        }
+    }
+
+    /// Records every input from now on; before the first step, or the tape is of no use.
+    pub fn record(&mut self) {
+        self.tape = Some(Tape::default());
+    }
+
+    /// What was recorded.
+    pub fn take_tape(&mut self) -> Option<Tape> {
+        self.tape.take()
+    }
+
+    /// One period with the device's sample.
+    pub fn step(
+        &mut self,
+        sample: Option<Sample>,
+        observer: &mut impl StageObserver,
+    ) -> &TickOutputs {
+        self.deliver();
+        let samples = [sample];
+        let inputs = TickInputs {
+            tick: self.tick,
+            samples: &samples,
+            station: self.station.incarnation(),
+            chunks: [&self.inbox, &[]],
+            stopping: false,
+        };
+        self.controller.tick(&inputs, &mut self.outputs, observer);
+        if let Some(tape) = &mut self.tape {
+            tape.note(sample, inputs.station, self.outputs.record.replay_hash);
+        }
+        self.inbox.drain(..self.outputs.chunks_consumed);
+        for request in self.outputs.outbox.requests() {
+            self.requests.post(self.tick, *request);
+        }
+        if let Some(report) = self.outputs.report {
+            self.contacts.post(self.tick, report);
+        }
+        self.tick += 1;
+        &self.outputs
+    }
+
+    /// What the last step gave.
+    #[must_use]
+    pub fn outputs(&self) -> &TickOutputs {
+        &self.outputs
+    }
+
+    /// Hands over what is due, both ways.
+    fn deliver(&mut self) {
+        while let Some(request) = self.requests.take(self.tick) {
+            self.station.handle(Message::Request(&request));
+        }
+        while let Some(report) = self.contacts.take(self.tick) {
+            self.station.handle(Message::Contact(&report));
+        }
+        while let Some((header, slots)) = self.station.poll(self.client) {
+            self.chunks.post(self.tick, InboxChunk { header, slots });
+        }
+        while self.inbox.len() < INBOX {
+            let Some(chunk) = self.chunks.take(self.tick) else {
+                break;
+            };
+            if let Some(tape) = &mut self.tape {
+                tape.arrived(chunk);
+            }
+            self.inbox.push(chunk);
+        }
+    }
+}

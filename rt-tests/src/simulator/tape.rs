@@ -1,0 +1,101 @@
+//! Every input of every tick of a simulation. A controller that is given them again gives the same bits, so
+//! that a tick can be timed several times, without a station beside it.
+
+use hrtc::controller::{Controller, StageObserver, TickInputs, TickOutputs};
+use hrtc::device::Sample;
+use hrtc::inbox::InboxChunk;
+
+/// The inputs of one tick beside the chunks, and what the tick gave.
+#[derive(Debug, Clone, Copy)]
+struct Noted {
+    sample: Option<Sample>,
+    station: u64,
+    /// Chunks that had arrived, since the start.
+    arrived: usize,
+    replay_hash: u64,
+}
+
+/// The inputs of a run.
+#[derive(Debug, Clone, Default)]
+pub struct Tape {
+    ticks: Vec<Noted>,
+    chunks: Vec<InboxChunk>,
+}
+
+impl Tape {
+    /// A chunk has arrived.
+    pub(super) fn arrived(&mut self, chunk: InboxChunk) {
+        self.chunks.push(chunk);
+    }
+
+    /// A tick is over.
+    pub(super) fn note(&mut self, sample: Option<Sample>, station: u64, replay_hash: u64) {
+        self.ticks.push(Noted {
+            sample,
+            station,
+            arrived: self.chunks.len(),
+            replay_hash,
+        });
+    }
+
+    /// Ticks recorded.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.ticks.len()
+    }
+
+    /// Whether nothing was recorded.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.ticks.is_empty()
+    }
+}
+
+/// A tape on its way through a fresh controller of the same plan.
+#[derive(Debug)]
+pub struct Playback<'a> {
+    tape: &'a Tape,
+    controller: Controller,
+    outputs: TickOutputs,
+    tick: usize,
+    /// Chunks consumed, since the start.
+    consumed: usize,
+}
+
+impl<'a> Playback<'a> {
+    /// At the start of the tape.
+    #[must_use]
+    pub fn new(tape: &'a Tape, controller: Controller) -> Self {
+        Self {
+            tape,
+            controller,
+            outputs: TickOutputs::new(1),
+            tick: 0,
+            consumed: 0,
+        }
+    }
+
+    /// The tick that comes next.
+    #[must_use]
+    pub fn tick(&self) -> usize {
+        self.tick
+    }
+
+    /// One tick, between whose inputs and outputs only the controller works; `None` at the end of the tape,
+    /// else whether it gave the bits that were recorded.
+    pub fn step(&mut self, observer: &mut impl StageObserver) -> Option<bool> {
+        let noted = self.tape.ticks.get(self.tick)?;
+        let samples = [noted.sample];
+        let inputs = TickInputs {
+            tick: self.tick as u64,
+            samples: &samples,
+            station: noted.station,
+            chunks: [&self.tape.chunks[self.consumed..noted.arrived], &[]],
+            stopping: false,
+        };
+        self.controller.tick(&inputs, &mut self.outputs, observer);
+        self.consumed += self.outputs.chunks_consumed;
+        self.tick += 1;
+        Some(self.controller.replay_hash() == noted.replay_hash)
+    }
+}
