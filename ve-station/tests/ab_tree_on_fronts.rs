@@ -3,16 +3,16 @@
 
 mod common;
 
-use common::{Walk, build, made_meshes, real_meshes_where};
+use common::{build, load, made_meshes, real_meshes_where};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use shared::ab_tree::AbTree;
-use shared::spm::SpmParts;
+use shared::spm::{FrontWalk, SpmParts};
 
 /// Up to half of the full mesh, to and fro, down, and up again.
 fn walk(name: &str, parts: &SpmParts, operations: u32, random: &mut Xoshiro256PlusPlus) {
     let header = parts.header;
-    let mut walk = Walk::new(parts);
+    let mut walk = FrontWalk::new(load(parts));
     let mut tree = AbTree::new(header.base_faces + 2 * header.vsps);
     tree.preconstruct(header.faces);
     for (face, base) in (0u32..).zip(&parts.base_faces) {
@@ -24,7 +24,7 @@ fn walk(name: &str, parts: &SpmParts, operations: u32, random: &mut Xoshiro256Pl
     for k in 0..operations {
         let splits_of_ten = [9, 9, 5, 1, 8][(k * 5 / operations) as usize];
         if random.next_u32() % 10 < splits_of_ten {
-            if walk.split(random, |_| true).is_none() {
+            if walk.split(&mut || random.next_u32(), |_| true).is_none() {
                 continue;
             }
             let out = &walk.out;
@@ -32,7 +32,7 @@ fn walk(name: &str, parts: &SpmParts, operations: u32, random: &mut Xoshiro256Pl
                 assert!(tree.insert(face, leaf), "{name}");
             }
         } else {
-            if walk.collapse(random).is_none() {
+            if walk.collapse(&mut || random.next_u32()).is_none() {
                 continue;
             }
             for &face in walk.out.made_or_removed() {

@@ -3,10 +3,10 @@
 
 mod common;
 
-use common::{Walk, build, load, made_meshes, random_front, real_meshes_where};
+use common::{build, load, made_meshes, random_front, real_meshes_where};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::spm::{ActiveMesh, Face, NONE, OperationFaces, SpmParts};
+use shared::spm::{ActiveMesh, Face, FrontWalk, OperationFaces, SpmParts};
 use std::collections::BTreeMap;
 
 /// Made meshes and four real ones, built to small bases so that most of each is splits.
@@ -38,17 +38,20 @@ fn any_legal_order_of_the_splits_of_a_front_ends_in_the_same_mesh() {
         for (chance, down) in [(90, false), (99, false), (50, true)] {
             let ascending = random_front(&parts, &mut random, chance, down);
             let wanted = |i: u32| ascending.is_performed(i);
-            let mut walk = Walk::new(&parts);
+            let mut walk = FrontWalk::new(load(&parts));
             let (mut splits, mut collapses) = (0u32, 0u32);
             // Some splits that the front does not hold come in and go out again.
             while ascending.performed() > 0 && splits < 2 * ascending.performed() {
                 let what = random.next_u32() % 10;
                 if what < 3 {
-                    collapses += u32::from(walk.collapse(&mut random).is_some());
+                    collapses += u32::from(walk.collapse(&mut || random.next_u32()).is_some());
                 } else {
                     splits += 1;
                     let any = what < 4;
-                    if walk.split(&mut random, |i| any || wanted(i)).is_none() {
+                    if walk
+                        .split(&mut || random.next_u32(), |i| any || wanted(i))
+                        .is_none()
+                    {
                         break;
                     }
                 }
@@ -74,7 +77,7 @@ fn any_legal_order_of_the_splits_of_a_front_ends_in_the_same_mesh() {
                 });
                 walk.performed.append(&mut foreign);
             }
-            while walk.split(&mut random, wanted).is_some() {
+            while walk.split(&mut || random.next_u32(), wanted).is_some() {
                 splits += 1;
             }
             walk.mesh.check();
@@ -88,74 +91,6 @@ fn any_legal_order_of_the_splits_of_a_front_ends_in_the_same_mesh() {
     }
 }
 
-/// A record with the ids that its handles have: slots are VSP numbers.
-struct Adjacency<'a> {
-    mesh: &'a ActiveMesh,
-    parts: &'a SpmParts,
-}
-
-impl Adjacency<'_> {
-    /// The face across the edge `from` -> `to` of an active face; `None` when it has no such edge.
-    fn across(&self, face: u32, from: u32, to: u32) -> Option<u32> {
-        let Face {
-            corners,
-            neighbours,
-        } = *self.mesh.face(face);
-        (0..3)
-            .find(|&k| corners[k] == from && corners[(k + 1) % 3] == to)
-            .map(|k| neighbours[(k + 2) % 3])
-    }
-
-    /// Whether `vertex` has an edge with `leaving` on its left and `entering` on its right, as recorded.
-    fn side_by_side(&self, vertex: u32, leaving: u32, entering: u32) -> bool {
-        let corner = |face: u32| {
-            let corners = self.mesh.face(face).corners;
-            let k = corners.iter().position(|&c| c == vertex)?;
-            Some((corners[(k + 1) % 3], corners[(k + 2) % 3]))
-        };
-        let there = |face: u32| face == NONE || self.mesh.is_active(face);
-        if !there(leaving) || !there(entering) {
-            return false;
-        }
-        let left = leaving == NONE
-            || corner(leaving)
-                .is_some_and(|(far, _)| self.across(leaving, vertex, far) == Some(entering));
-        let right = entering == NONE
-            || corner(entering)
-                .is_some_and(|(_, far)| self.across(entering, far, vertex) == Some(leaving));
-        left && right
-    }
-
-    /// Thesis 5.2.3 after Hoppe 97: the split vertex is active, and so are fn0..fn3, adjacent as recorded.
-    fn split_is_legal(&self, i: u32) -> bool {
-        let record = &self.parts.records[i as usize];
-        let [fn0, fn1, fn2, fn3] = record.fn_;
-        self.side_by_side(record.vs, fn0, fn1)
-            && (!record.has_right_face() || self.side_by_side(record.vs, fn3, fn2))
-    }
-
-    /// The same: vt and vu are active, and the neighbours of fl and fr are fn0..fn3.
-    fn collapse_is_legal(&self, i: u32) -> bool {
-        let (sizes, record) = (self.parts.header.sizes(), &self.parts.records[i as usize]);
-        let (vt, fl) = (sizes.vt(i), sizes.fl(i));
-        let (vu, fr) = (vt + 1, fl + 1);
-        let [fn0, fn1, fn2, fn3] = record.fn_;
-        let intact = |face: u32, from: u32, to: u32, ahead: u32, behind: u32, other: u32| {
-            let corners = self.mesh.face(face).corners;
-            let third = corners.iter().find(|&&c| c != from && c != to);
-            third.is_some_and(|&third| {
-                self.across(face, from, to) == Some(other)
-                    && self.across(face, to, third) == Some(ahead)
-                    && self.across(face, third, from) == Some(behind)
-            })
-        };
-        let has_right = record.has_right_face();
-        self.mesh.is_active(fl)
-            && intact(fl, vt, vu, fn1, fn0, if has_right { fr } else { NONE })
-            && (!has_right || intact(fr, vu, vt, fn2, fn3, fl))
-    }
-}
-
 #[test]
 fn legality_by_counters_equals_the_adjacency_tests_of_the_thesis() {
     let seed = 5;
@@ -163,7 +98,7 @@ fn legality_by_counters_equals_the_adjacency_tests_of_the_thesis() {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
     for (name, parts) in models() {
         let vsps = parts.header.vsps;
-        let mut walk = Walk::new(&parts);
+        let mut walk = FrontWalk::new(load(&parts));
         // Checks, and how many of them said yes, of splits and of collapses.
         let mut counts = [[0u32; 2]; 2];
         let every = 1 + vsps / 40;
@@ -171,31 +106,31 @@ fn legality_by_counters_equals_the_adjacency_tests_of_the_thesis() {
             // Up, then to and fro.
             let up = step < vsps || step % 2 == 0;
             if up {
-                walk.split(&mut random, |_| true);
+                walk.split(&mut || random.next_u32(), |_| true);
             } else {
-                walk.collapse(&mut random);
+                walk.collapse(&mut || random.next_u32());
             }
             if step % every != 0 {
                 continue;
             }
             let mesh = &walk.mesh;
-            let adjacency = Adjacency {
-                mesh,
-                parts: &parts,
-            };
             for i in 0..vsps {
                 if mesh.is_performed(i) {
                     let legal = mesh.collapse_is_legal(i);
                     assert_eq!(
                         legal,
-                        adjacency.collapse_is_legal(i),
+                        mesh.collapse_is_legal_by_adjacency(i),
                         "{name}: collapse {i}"
                     );
                     counts[1][0] += 1;
                     counts[1][1] += u32::from(legal);
                 } else {
                     let legal = mesh.split_is_legal(i);
-                    assert_eq!(legal, adjacency.split_is_legal(i), "{name}: split {i}");
+                    assert_eq!(
+                        legal,
+                        mesh.split_is_legal_by_adjacency(i),
+                        "{name}: split {i}"
+                    );
                     counts[0][0] += 1;
                     counts[0][1] += u32::from(legal);
                 }
@@ -256,22 +191,47 @@ fn the_image_of_the_full_mesh_under_active_ancestors_is_the_front() {
 fn a_split_out_of_turn_is_seen_by_both_tests() {
     // The oracle itself: on the base mesh exactly the splits without dependencies are legal.
     for (name, parts) in models() {
-        let mesh = load(&parts);
-        let adjacency = Adjacency {
-            mesh: &mesh,
-            parts: &parts,
-        };
-        let mut out = OperationFaces::new();
+        let mut mesh = load(&parts);
         for record in &parts.records {
             let free = record.dependencies(parts.header.sizes()).next().is_none();
-            assert_eq!(adjacency.split_is_legal(record.i), free, "{name}");
+            let legal = mesh.split_is_legal_by_adjacency(record.i);
+            assert_eq!(legal, free, "{name}");
         }
-        let mut mesh = mesh.clone();
-        mesh.split(0, &mut out).unwrap();
-        let adjacency = Adjacency {
-            mesh: &mesh,
-            parts: &parts,
-        };
-        assert!(adjacency.collapse_is_legal(0) && !adjacency.split_is_legal(0));
+        mesh.split(0, &mut OperationFaces::new()).unwrap();
+        assert!(mesh.collapse_is_legal_by_adjacency(0) && !mesh.split_is_legal_by_adjacency(0));
+    }
+}
+
+/// Thesis Figure 5.7 B is dead code: see [`FrontWalk::force`].
+#[test]
+fn no_split_ever_needs_a_collapse_first() {
+    let seed = 8;
+    println!("seed {seed}");
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+    for (name, parts) in models() {
+        let vsps = parts.header.vsps;
+        let (mut forced, mut waited, mut longest) = (0, 0, 0);
+        for (chance, down) in [(0, false), (80, false), (98, false), (20, true), (60, true)] {
+            let front = random_front(&parts, &mut random, chance, down);
+            let mut walk = FrontWalk::new(front);
+            for _ in 0..200 {
+                let i = random.next_u32() % vsps;
+                if walk.mesh.is_performed(i) {
+                    continue;
+                }
+                let at_once = walk.mesh.split_is_legal(i);
+                let (legal, splits) = walk.force(i);
+                assert!(legal, "{name}: VSP {i} after {splits} splits");
+                assert!(walk.mesh.is_performed(i) && (splits == 1) == at_once);
+                forced += 1;
+                waited += u32::from(!at_once);
+                longest = longest.max(splits);
+            }
+            walk.mesh.check();
+        }
+        println!(
+            "{name}: {forced} splits, {waited} of them not legal at once, at most {longest} with them"
+        );
+        assert!(vsps < 100 || waited > 100, "{name}: {waited}");
     }
 }

@@ -16,10 +16,13 @@
 //! performed depends on it. No operation allocates or recurses, and a record that does not fit the mesh
 //! (a damaged file) is refused before anything changed.
 
+mod adjacency;
 mod check;
 mod operation_faces;
+mod walk;
 
 pub use operation_faces::OperationFaces;
+pub use walk::FrontWalk;
 
 use super::record::{NONE, VspRecord};
 use crate::geometry::Aabb;
@@ -294,6 +297,16 @@ impl ActiveMesh {
     pub fn leaves(&self, slot: Slot) -> (u32, u32) {
         let links = self.links[slot as usize];
         (links.leaf_l, links.leaf_r)
+    }
+
+    /// A neighbour of each of the faces that a slot's VSP makes, active when the split is legal; [`NONE`] for the
+    /// second where the VSP makes one face only.
+    #[inline]
+    #[must_use]
+    pub fn beside(&self, slot: Slot) -> (Handle, Handle) {
+        let [fn0, fn1, fn2, fn3] = self.links[slot as usize].fn_;
+        let either = |a: Handle, b: Handle| if a == NONE { b } else { a };
+        (either(fn0, fn1), either(fn2, fn3))
     }
 
     /// The slots that a slot's VSP depends on, with repetition, at most five.

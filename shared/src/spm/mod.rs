@@ -26,7 +26,7 @@ mod hierarchy;
 mod record;
 mod regions;
 
-pub use active_mesh::{ActiveMesh, DamagedRecord, Face, Handle, OperationFaces, Slot};
+pub use active_mesh::{ActiveMesh, DamagedRecord, Face, FrontWalk, Handle, OperationFaces, Slot};
 pub use error_code::ErrorScale;
 pub use file::{
     BLOCK_BYTES, BuildSummary, FORMAT_VERSION, FileError, FullFace, Section, SpmFile, SpmHeader,

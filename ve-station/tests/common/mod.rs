@@ -4,7 +4,7 @@
 use glam::DVec3;
 use rand::RngCore;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::spm::{ActiveMesh, ErrorScale, OperationFaces, Slot, SpmFile, SpmParts, write_spm};
+use shared::spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile, SpmParts, write_spm};
 use std::path::PathBuf;
 use ve_station::build::{
     BuildOptions, NoProgress, SoupMesh, build_model, clean, is_mesh_file, read_mesh,
@@ -191,86 +191,4 @@ pub fn random_front(
         }
     }
     active
-}
-
-/// A walk over fronts: any legal split or collapse next, drawn at random.
-pub struct Walk {
-    /// The mesh; slots are VSP numbers.
-    pub mesh: ActiveMesh,
-    /// What the last operation touched.
-    pub out: OperationFaces,
-    /// The performed VSPs.
-    pub performed: Vec<Slot>,
-    /// Holds every VSP whose split is legal, and others.
-    ready: Vec<Slot>,
-    /// The VSPs that depend on each.
-    dependents: Vec<Vec<Slot>>,
-}
-
-impl Walk {
-    /// At the base mesh.
-    pub fn new(parts: &SpmParts) -> Self {
-        let mesh = load(parts);
-        let mut dependents = vec![Vec::new(); parts.records.len()];
-        for record in &parts.records {
-            for dependency in record.dependencies(parts.header.sizes()) {
-                dependents[dependency as usize].push(record.i);
-            }
-        }
-        let ready = (0..parts.header.vsps)
-            .filter(|&i| mesh.split_is_legal(i))
-            .collect();
-        Self {
-            mesh,
-            out: OperationFaces::new(),
-            performed: Vec::new(),
-            ready,
-            dependents,
-        }
-    }
-
-    /// Performs a random legal split among those that `wanted` takes; `None` when it finds none.
-    pub fn split(
-        &mut self,
-        random: &mut Xoshiro256PlusPlus,
-        wanted: impl Fn(Slot) -> bool,
-    ) -> Option<Slot> {
-        let mut tried = Vec::new();
-        let found = loop {
-            if self.ready.is_empty() {
-                break None;
-            }
-            let at = random.next_u32() as usize % self.ready.len();
-            let i = self.ready.swap_remove(at);
-            if self.mesh.split_is_legal(i) {
-                if wanted(i) {
-                    break Some(i);
-                }
-                tried.push(i);
-            }
-        };
-        self.ready.append(&mut tried);
-        let i = found?;
-        self.mesh.split(i, &mut self.out).unwrap();
-        self.performed.push(i);
-        let mesh = &self.mesh;
-        let next = self.dependents[i as usize].iter();
-        self.ready.extend(next.filter(|&&d| mesh.split_is_legal(d)));
-        Some(i)
-    }
-
-    /// Undoes a random legal split; `None` when it finds none in a hundred tries.
-    pub fn collapse(&mut self, random: &mut Xoshiro256PlusPlus) -> Option<Slot> {
-        for _ in 0..100.min(self.performed.len()) {
-            let at = random.next_u32() as usize % self.performed.len();
-            let i = self.performed[at];
-            if self.mesh.collapse_is_legal(i) {
-                self.performed.swap_remove(at);
-                self.mesh.collapse(i, &mut self.out);
-                self.ready.push(i);
-                return Some(i);
-            }
-        }
-        None
-    }
 }
