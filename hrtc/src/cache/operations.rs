@@ -51,10 +51,11 @@ impl Cache {
         }
         let fl = self.mesh.fl(slot);
         let (leaf_l, leaf_r) = self.mesh.leaves(slot);
-        if !self.tree.insert(fl, leaf_l) {
+        let (beside_l, beside_r) = self.mesh.beside(slot);
+        if !self.tree.insert_near(fl, leaf_l, beside_l) {
             return Err(damaged);
         }
-        if leaf_r != NONE && !self.tree.insert(fl + 1, leaf_r) {
+        if leaf_r != NONE && !self.tree.insert_near(fl + 1, leaf_r, beside_r) {
             self.tree.remove(fl);
             return Err(damaged);
         }

@@ -190,10 +190,16 @@ impl AbTree {
     ///
     /// Returns false, and changes nothing, when the code is no leaf or is taken: a damaged record.
     pub fn insert(&mut self, face: Handle, leaf: u32) -> bool {
+        self.insert_near(face, leaf, NONE)
+    }
+
+    /// The same as [`AbTree::insert`], found from the face `near` where that is in the tree: neighbours on the
+    /// surface are mostly neighbours in the tree, and the way down from the root is what a split costs most.
+    pub fn insert_near(&mut self, face: Handle, leaf: u32, near: Handle) -> bool {
         if !is_leaf_key(leaf, self.full_faces) || self.face_key[face as usize] != 0 {
             return false;
         }
-        let Some(mut current) = self.root else {
+        let Some(root) = self.root else {
             self.root = Some(Child::Face(face));
             self.face_key[face as usize] = leaf;
             self.face_node[face as usize] = NONE;
@@ -201,7 +207,10 @@ impl AbTree {
             self.faces = 1;
             return true;
         };
-        let mut parent = NONE;
+        let (mut current, mut parent) = match self.lowest_above(leaf, near) {
+            NONE => (root, NONE),
+            id => (Child::Node(id), self.nodes[id as usize].parent),
+        };
         // At most one step a level of the tree: 32.
         let key = loop {
             let current_key = self.key_of(current);
@@ -258,6 +267,29 @@ impl AbTree {
             self.mark(parent, Child::Node(id));
         }
         true
+    }
+
+    /// The lowest node that is above both a face and a leaf; [`NONE`] when the face is not in the tree or alone.
+    fn lowest_above(&self, leaf: u32, face: Handle) -> NodeId {
+        let in_tree = self
+            .face_key
+            .get(face as usize)
+            .is_some_and(|&key| key != 0);
+        if !in_tree {
+            return NONE;
+        }
+        let leaf_depth = depth(leaf);
+        let mut node = self.face_node[face as usize];
+        // At most one step a level of the tree.
+        while node != NONE {
+            let Node { key, parent, .. } = self.nodes[node as usize];
+            let below = leaf_depth.checked_sub(depth(key));
+            if below.is_some_and(|below| leaf >> below == key) {
+                break;
+            }
+            node = parent;
+        }
+        node
     }
 
     /// Side of the child of node `key` on the way to `leaf`.
@@ -499,12 +531,16 @@ mod tests {
             tree.preconstruct(full);
             let mut versions = vec![0u32; full as usize];
             let mut present = vec![false; full as usize];
+            let mut last = 0;
             for (face, what) in operations {
                 let face = face % full;
                 let f = face as usize;
                 match what {
                     0 | 1 if !present[f] => {
-                        prop_assert!(tree.insert(face, leaf_key(face, full)));
+                        // Another face, in the tree or not, or none.
+                        let near = (7 * face + 3 * last) % (full + 1);
+                        prop_assert!(tree.insert_near(face, leaf_key(face, full), near));
+                        last = face;
                         present[f] = true;
                     }
                     0 if present[f] => {
@@ -537,6 +573,7 @@ mod tests {
         assert!(!tree.insert(1, 2));
         assert!(tree.insert(1, leaf_key(2, 4)));
         assert!(!tree.insert(2, leaf_key(2, 4)));
+        assert!(!tree.insert_near(2, leaf_key(2, 4), 1) && !tree.insert_near(2, 3, 0));
         tree.refit(|f| some_box(f, 0));
         tree.check(|f| some_box(f, 0));
     }
