@@ -2,6 +2,7 @@
 
 use crate::accuracy::AccuracyArgs;
 use crate::bare::BareArgs;
+use crate::fronts::FrontsArgs;
 use crate::jitter::JitterArgs;
 use crate::load::LoadArgs;
 use crate::quality::QualityArgs;
@@ -30,6 +31,8 @@ pub enum Command {
     Jitter(JitterArgs),
     /// Put a recording (run --record FILE) through the controller again; status 1 when a tick differs
     Replay(ReplayArgs),
+    /// Show on any mesh that fronts are legal, certified and cheap; status 1 when a limit is broken
+    Fronts(FrontsArgs),
     /// Compare simplified meshes with meshoptimizer's at equal numbers of faces
     Quality(QualityArgs),
     /// Show what accuracy costs: the same touch from the base mesh to the full mesh; status 1 when a check fails

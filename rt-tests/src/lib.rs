@@ -7,6 +7,7 @@
 //! | [`supervise`], [`pair`] | this program again as a process, and the two of a run |
 //! | [`bare`], [`load`] | the loop to compare with, and load on the other core |
 //! | [`report`], [`plots`], [`histogram`], [`verdict`] | what it means, in words and pictures |
+//! | [`fronts`] | proofs and figures of fronts on any mesh |
 //! | [`quality`] | prefixes beside another simplifier; [`models`] and [`surface`] are what it and other checks stand on |
 //! | [`peers`] | other libraries, for comparison only |
 //! | [`machine`] | where it was measured |
@@ -15,6 +16,7 @@ pub mod accuracy;
 pub mod arguments;
 pub mod bare;
 pub mod failure;
+pub mod fronts;
 pub mod histogram;
 pub mod jitter;
 pub mod load;
@@ -47,6 +49,7 @@ pub fn execute(arguments: Arguments) -> ExitCode {
         Command::Run(args) => run::run(&args),
         Command::Jitter(args) => jitter::jitter(&args),
         Command::Replay(args) => replay::replay(&args),
+        Command::Fronts(args) => fronts::fronts(&args),
         Command::Quality(args) => quality::quality(&args),
         Command::Accuracy(args) => accuracy::accuracy(&args),
         Command::RoleStation(args) => station(args),
