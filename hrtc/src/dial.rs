@@ -108,6 +108,17 @@ impl Dial {
         operations / (faces * (2.0 * reach + ring.grid.cell))
     }
 
+    /// The speed at which a ring's own strip, which is `lead` ticks of motion wider on either side, just fits:
+    /// model units a tick.
+    #[must_use]
+    pub fn limit(&self, ring: usize, reach: f64, lead: f64, operations: f64) -> f64 {
+        // speed * (width + 2 lead speed) = product, where product = speed * width at rest.
+        let width = 2.0 * reach + self.rings[ring.min(self.count - 1)].grid.cell;
+        let product = self.greatest_speed(ring, reach, operations) * width;
+        let root = (width * width + 8.0 * lead * product).sqrt();
+        2.0 * product / (width + root)
+    }
+
     /// The finest ring that a speed, model units a tick, leaves time for. A ring that is given up comes back
     /// when the speed has fallen to 80 % of its greatest, so that the finest does not flicker.
     #[must_use]

@@ -349,6 +349,7 @@ impl Shell<'_> {
         };
         let mut finished = outcome.run.finish(meta);
         finished.result.cache.high_water_bytes = controller.cache().bytes_high_water() as u64;
+        outcome::add_dial(&mut finished.result, controller, self.plan.loop_.rate_hz);
         let dropped = self.signals.log_dropped.load(Ordering::Relaxed);
         if dropped > 0 {
             eprintln!("hrtc: {dropped} tick records found the log full and are not in the figures");

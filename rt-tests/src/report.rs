@@ -1,13 +1,14 @@
 //! The closing report of a run: for the terminal in plain words, and as a page with plots beside it.
 
-use crate::failure::Failure;
+mod page;
+
+pub use page::write_whole;
+
 use crate::machine::Machine;
-use crate::plots::{BLUE, Curve, GREEN, GREY, ORANGE, Panel, Picture};
-use hrtc::result::{Finished, SeriesBucket, Spread};
-use shared::scene::{ScenePlan, TrajectoryPlan};
+use hrtc::controller::Capacity;
+use hrtc::result::{Finished, Spread};
+use shared::scene::{RefinementPlan, ScenePlan, TrajectoryPlan};
 use std::fmt::Write as _;
-use std::io::Write as _;
-use std::path::Path;
 
 /// Everything that a report tells of.
 #[derive(Debug)]
@@ -18,8 +19,6 @@ pub struct Report<'a> {
     pub finished: &'a Finished,
     /// The machine.
     pub machine: &'a Machine,
-    /// The greatest speed at full resolution for this model at its size, m/s; 0 when it is not known.
-    pub greatest_speed_m_per_s: f64,
     /// What the supervisor saw, a sentence each: restarts, an early end.
     pub notes: &'a [String],
 }
@@ -43,11 +42,14 @@ impl Report<'_> {
         let mut sections = vec![
             ("run", self.run()),
             ("touch", self.touch()),
+            ("accuracy", self.accuracy()),
             ("resolution", self.resolution()),
             ("transfer", self.transfer()),
             ("timing", self.timing()),
             ("rights", self.rights()),
+            ("capacity", self.capacity()),
         ];
+        sections.retain(|(_, sentences)| !sentences.is_empty());
         if !self.notes.is_empty() {
             sections.push(("notes", self.notes.to_vec()));
         }
@@ -117,6 +119,67 @@ impl Report<'_> {
         lines
     }
 
+    fn accuracy(&self) -> Vec<String> {
+        let r = &self.finished.result;
+        let asked = match (self.plan.accuracy.refinement, r.tolerance_m) {
+            (RefinementPlan::Global { lod: Some(lod) }, _) => {
+                format!(
+                    "asked for: the first {} splits, everywhere",
+                    grouped(u64::from(lod))
+                )
+            }
+            (RefinementPlan::Global { lod: None }, tolerance) => {
+                format!("asked for: an error of {} everywhere", length(tolerance))
+            }
+            (RefinementPlan::Local, 0.0) => "asked for: the full mesh at the contact".to_string(),
+            (RefinementPlan::Local, tolerance) => {
+                format!(
+                    "asked for: an error of {} at the contact",
+                    length(tolerance)
+                )
+            }
+        };
+        let rings = r.rings_m.iter().skip(1).map(|&error| length(error));
+        let rings = rings.collect::<Vec<_>>().join(", ");
+        let mut lines = vec![if rings.is_empty() {
+            asked
+        } else {
+            format!("{asked}; rings around it for {rings}")
+        }];
+        if r.contact_ticks == 0 {
+            return lines;
+        }
+        lines.push(format!(
+            "{} contact tick(s) were coarser than that ({}); expected error at the contact p50 {}, p99 {}, max {}",
+            grouped(r.coarser_ticks),
+            percent(r.coarser_ticks, r.contact_ticks),
+            length(r.expected_error_m.p50),
+            length(r.expected_error_m.p99),
+            length(r.expected_error_m.max)
+        ));
+        if r.finest_tolerance_m.max > r.tolerance_m {
+            lines.push(format!(
+                "for want of time or of room the finest error asked for went up to {} (p50 {})",
+                length(r.finest_tolerance_m.max),
+                length(r.finest_tolerance_m.p50)
+            ));
+        }
+        lines
+    }
+
+    fn capacity(&self) -> Vec<String> {
+        let line = |c: &Capacity| {
+            format!(
+                "{}: at most {} of {} in use",
+                c.name,
+                grouped(c.high_water),
+                grouped(c.capacity)
+            )
+        };
+        let all = self.finished.result.capacities.iter();
+        all.map(line).collect()
+    }
+
     fn resolution(&self) -> Vec<String> {
         let r = &self.finished.result;
         let mut lines = vec![format!(
@@ -134,7 +197,7 @@ impl Report<'_> {
             length(r.measured_error_m.max),
             grouped(r.measured_errors)
         ));
-        if self.greatest_speed_m_per_s > 0.0 {
+        if r.greatest_speed_m_per_s > 0.0 {
             lines.push(self.greatest_speed());
         }
         if r.contact_unbounded_ticks > 0 {
@@ -147,7 +210,7 @@ impl Report<'_> {
     }
 
     fn greatest_speed(&self) -> String {
-        let greatest = self.greatest_speed_m_per_s;
+        let greatest = self.finished.result.greatest_speed_m_per_s;
         let mut line = format!(
             "greatest speed at full resolution: {greatest:.3} m/s for this model at its size ({} operations a tick)",
             self.plan.loop_.operations
@@ -247,212 +310,6 @@ impl Report<'_> {
         }
         lines
     }
-
-    /// Writes `report.html`, its plots and `result.json` into a folder, which is made if it is not there.
-    ///
-    /// # Errors
-    /// When the folder or a file cannot be written.
-    pub fn write(&self, folder: &Path) -> Result<(), Failure> {
-        std::fs::create_dir_all(folder).map_err(|error| Failure::write(folder, &error))?;
-        let pictures = [
-            ("force", "Force", self.force_picture()),
-            ("timing", "Timing", self.timing_picture()),
-            ("resolution", "Resolution", self.resolution_picture()),
-        ];
-        for (name, _, picture) in &pictures {
-            let path = folder.join(format!("{name}.svg"));
-            let svg = picture
-                .svg()
-                .map_err(|error| Failure::Run(format!("{}: {error}", path.display())))?;
-            write_whole(&path, svg.as_bytes())?;
-        }
-        let json = serde_json::to_vec(self.finished)
-            .map_err(|error| Failure::Run(format!("the result has no JSON ({error})")))?;
-        write_whole(&folder.join("result.json"), &json)?;
-        let images: Vec<(&str, &str)> = pictures.iter().map(|p| (p.0, p.1)).collect();
-        write_whole(&folder.join("report.html"), self.page(&images).as_bytes())
-    }
-
-    fn page(&self, images: &[(&str, &str)]) -> String {
-        let r = &self.finished.result;
-        let title = escaped(&format!("{} on {}", r.scene, r.model));
-        let mut page = format!(
-            "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title>\n<style>body{{font:15px/1.5 sans-serif;max-width:62em;margin:2em auto;padding:0 1em;color:#222}}th{{text-align:left;vertical-align:top;padding-right:1.5em}}img{{max-width:100%}}</style></head>\n<body><h1>{title}</h1>\n<table>\n"
-        );
-        for (name, sentences) in self.sections() {
-            let cell: Vec<String> = sentences.iter().map(|s| escaped(s)).collect();
-            let _ = writeln!(
-                page,
-                "<tr><th>{name}</th><td>{}</td></tr>",
-                cell.join("<br>")
-            );
-        }
-        page.push_str("</table>\n<p>In the plots every point is the worst tick of its stretch of time; a grey ground means contact. All numbers are in result.json.</p>\n");
-        for (name, title) in images {
-            let _ = writeln!(
-                page,
-                "<h2>{title}</h2>\n<p><img src=\"{name}.svg\" alt=\"{title} over time\"></p>"
-            );
-        }
-        page.push_str("</body></html>\n");
-        page
-    }
-
-    fn curve(
-        &self,
-        label: &str,
-        color: plotters::style::RGBColor,
-        value: impl Fn(&SeriesBucket) -> Option<f64>,
-    ) -> Curve {
-        let series = &self.finished.series;
-        Curve {
-            label: label.to_string(),
-            color,
-            points: series
-                .iter()
-                .filter_map(|bucket| Some((bucket.seconds, value(bucket)?)))
-                .collect(),
-            dots: false,
-        }
-    }
-
-    fn over_time(&self, panels: Vec<Panel>) -> Picture {
-        let bands = contact_bands(&self.finished.series);
-        Picture {
-            x_label: "time, s".to_string(),
-            x_log: false,
-            panels: panels
-                .into_iter()
-                .map(|panel| Panel {
-                    bands: bands.clone(),
-                    ..panel
-                })
-                .collect(),
-        }
-    }
-
-    fn force_picture(&self) -> Picture {
-        let limit = self.plan.safety.force_max_n;
-        let near = self.finished.result.force_n.max > 0.25 * limit;
-        self.over_time(vec![Panel {
-            title: "Force on the hand".to_string(),
-            y_label: "force, N".to_string(),
-            curves: vec![self.curve("force", BLUE, |b| Some(b.force_n))],
-            // A limit far above the data would press the curve flat.
-            mark: near.then(|| (limit, "limit of the gate".to_string())),
-            ..Panel::default()
-        }])
-    }
-
-    fn timing_picture(&self) -> Picture {
-        let period_us = 1e6 / self.plan.loop_.rate_hz;
-        self.over_time(vec![
-            Panel {
-                title: "Work of a tick and wake-up after its deadline".to_string(),
-                y_label: "time, µs".to_string(),
-                y_log: true,
-                curves: vec![
-                    self.curve("wake-up", ORANGE, |b| Some(b.wake_us)),
-                    self.curve("work (thread CPU)", BLUE, |b| Some(b.work_us)),
-                ],
-                mark: Some((period_us, "period".to_string())),
-                ..Panel::default()
-            },
-            Panel {
-                title: "Missed periods".to_string(),
-                y_label: "periods".to_string(),
-                curves: vec![self.curve("missed", ORANGE, |b| Some(b.missed as f64))],
-                ..Panel::default()
-            },
-        ])
-    }
-
-    fn resolution_picture(&self) -> Picture {
-        let micrometres = |metres: f64| metres * 1e6;
-        let measured = Curve {
-            dots: true,
-            ..self.curve("measured", GREEN, |b| {
-                (b.measured_error_m >= 0.0).then(|| micrometres(b.measured_error_m))
-            })
-        };
-        self.over_time(vec![
-            Panel {
-                title: "Refined faces".to_string(),
-                y_label: "faces".to_string(),
-                curves: vec![self.curve("faces", BLUE, |b| Some(b.refined_faces as f64))],
-                ..Panel::default()
-            },
-            Panel {
-                title: "Error at the contact".to_string(),
-                y_label: "error, µm".to_string(),
-                // A hundredth of a micrometre is below what a device or a hand could tell.
-                y_at_least: 0.01,
-                curves: vec![
-                    self.curve("certified", ORANGE, |b| {
-                        (b.contact_ticks > 0).then(|| micrometres(b.certified_error_m))
-                    }),
-                    measured,
-                ],
-                ..Panel::default()
-            },
-            Panel {
-                title: "Contact at full resolution".to_string(),
-                y_label: "share, %".to_string(),
-                curves: vec![self.curve("full resolution", GREY, |b| {
-                    (b.contact_ticks > 0)
-                        .then(|| 100.0 * b.contact_full_ticks as f64 / b.contact_ticks as f64)
-                })],
-                ..Panel::default()
-            },
-        ])
-    }
-}
-
-/// Stretches of time with contact.
-fn contact_bands(series: &[SeriesBucket]) -> Vec<(f64, f64)> {
-    let mut bands: Vec<(f64, f64)> = Vec::new();
-    let mut open: Option<f64> = None;
-    for bucket in series {
-        match (open, bucket.contact_ticks > 0) {
-            (None, true) => open = Some(bucket.seconds),
-            (Some(from), false) => {
-                bands.push((from, bucket.seconds));
-                open = None;
-            }
-            _ => {}
-        }
-    }
-    if let (Some(from), Some(last)) = (open, series.last()) {
-        bands.push((from, last.seconds));
-    }
-    bands
-}
-
-/// Writes a file whole or not at all.
-///
-/// # Errors
-/// When it cannot be written.
-pub fn write_whole(path: &Path, contents: &[u8]) -> Result<(), Failure> {
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let write = || -> std::io::Result<()> {
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
-        file.write_all(contents)?;
-        // A temporary file is private; a report is for whoever may read the folder.
-        let readable = std::os::unix::fs::PermissionsExt::from_mode(0o644);
-        file.as_file().set_permissions(readable)?;
-        file.persist(path)?;
-        Ok(())
-    };
-    write().map_err(|error| Failure::write(path, &error))
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
 }
 
 /// A share in percent; nothing of nothing is said as such. Never rounded up to 100.
@@ -490,7 +347,8 @@ pub fn bytes(count: u64) -> String {
 }
 
 /// A length as a person reads it.
-fn length(metres: f64) -> String {
+#[must_use]
+pub fn length(metres: f64) -> String {
     match metres.abs() {
         0.0 => "0".to_string(),
         m if m < 1e-10 => "below 0.1 nm".to_string(),
@@ -502,124 +360,4 @@ fn length(metres: f64) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use hrtc::result::{Accumulator, RunMeta};
-    use hrtc::tick_record::{CoreRecord, MissClass, TickRecord};
-    use shared::geometry::Wrench;
-    use shared::scene::{Overrides, parse};
-
-    fn finished(contact: bool) -> Finished {
-        let mut run = Accumulator::new(1_000_000).unwrap();
-        for tick in 0..5000 {
-            let touches = contact && tick % 1000 > 400;
-            run.push(&TickRecord {
-                tick,
-                skipped: 0,
-                miss: MissClass::None,
-                wake_ns: 9_000,
-                period_ns: 1_000_000,
-                work_cpu_ns: 20_000,
-                work_wall_ns: 20_000,
-                stage_ns: [4_000; 5],
-                page_faults: 0,
-                allocations: 0,
-                chunks_arrived: 0,
-                station: 1,
-                sample: None,
-                wrench: Wrench {
-                    force: glam::DVec3::X * f64::from(u8::from(touches)),
-                    torque: glam::DVec3::ZERO,
-                },
-                core: CoreRecord {
-                    contact: touches,
-                    contact_full: tick % 7 != 0,
-                    contact_bounded: true,
-                    ready: true,
-                    ..CoreRecord::default()
-                },
-            });
-        }
-        run.finish(RunMeta {
-            scene: "a<b".to_string(),
-            model: "m&n".to_string(),
-            ..RunMeta::default()
-        })
-    }
-
-    #[test]
-    fn a_report_is_written_whole_and_its_pictures_are_beside_it() {
-        let scene = include_str!("../../config/scenes/first-touch.toml");
-        let plan = parse(scene, "s", Path::new(""), &Overrides::default()).unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let machine = Machine::read();
-        for contact in [true, false] {
-            let finished = finished(contact);
-            let report = Report {
-                plan: &plan,
-                finished: &finished,
-                machine: &machine,
-                greatest_speed_m_per_s: 0.05,
-                notes: &["a note".to_string()],
-            };
-            let out = folder.path().join("deep/er");
-            report.write(&out).unwrap();
-            let page = std::fs::read_to_string(out.join("report.html")).unwrap();
-            assert!(page.contains("a&lt;b on m&amp;n") && !page.contains("a<b"));
-            for name in ["force", "timing", "resolution"] {
-                assert!(page.contains(&format!("src=\"{name}.svg\"")));
-                let svg = std::fs::read_to_string(out.join(format!("{name}.svg"))).unwrap();
-                assert!(svg.contains("</svg>") && !svg.contains("NaN"));
-            }
-            let json = std::fs::read(out.join("result.json")).unwrap();
-            let back: Finished = serde_json::from_slice(&json).unwrap();
-            assert!(back.result.ticks == 5000 && back.series.len() == finished.series.len());
-            assert_eq!(
-                std::fs::read_dir(&out).unwrap().count(),
-                5,
-                "nothing half-written"
-            );
-            let words = report.words();
-            assert!(words.contains(if contact {
-                "in contact"
-            } else {
-                "never touched"
-            }));
-            assert!(words.contains("a note"));
-            assert!(words.contains("0.050 m/s") && words.contains("resolution follows speed"));
-        }
-        let file = folder.path().join("file");
-        std::fs::write(&file, "").unwrap();
-        let finished = finished(false);
-        let report = Report {
-            plan: &plan,
-            finished: &finished,
-            machine: &machine,
-            greatest_speed_m_per_s: 0.0,
-            notes: &[],
-        };
-        assert_eq!(report.write(&file).unwrap_err().status(), 2);
-    }
-
-    #[test]
-    fn contact_is_banded_where_it_was() {
-        let finished = finished(true);
-        let bands = contact_bands(&finished.series);
-        assert_eq!(bands.len(), 5, "{bands:?}");
-        for (index, (from, to)) in bands.iter().enumerate() {
-            assert!((from - (index as f64 + 0.4)).abs() < 0.01);
-            assert!((to - (index as f64 + 1.0)).abs() < 0.01);
-        }
-    }
-
-    #[test]
-    fn numbers_read_as_a_person_writes_them() {
-        assert_eq!(grouped(1234567), "1\u{202f}234\u{202f}567");
-        assert_eq!(grouped(12), "12");
-        assert_eq!(percent(99_999, 100_000), "99.99 %");
-        assert_eq!(percent(1, 1), "100.00 %");
-        assert_eq!(percent(0, 0), "none");
-        assert_eq!(bytes(3 << 20), "3.0 MiB");
-        assert_eq!(length(2.5e-5), "25.0 µm");
-    }
-}
+mod tests;

@@ -4,7 +4,7 @@ use crate::arguments::OverrideArgs;
 use crate::failure::Failure;
 use crate::machine::Machine;
 use crate::pair::{PairArgs, Shown, run_pair};
-use crate::report::{Report, bytes, grouped};
+use crate::report::{Report, bytes, grouped, length};
 use crate::supervise::stop_flag;
 use clap::Args;
 use hrtc::result::Status;
@@ -15,7 +15,6 @@ use std::path::PathBuf;
 use std::time::Duration;
 use ve_station::build::TerminalProgress;
 use ve_station::database::Database;
-use ve_station::inspect::{self, Motion, area, longest_side};
 
 /// Longest run, seconds: a day.
 const LONGEST: f64 = 86_400.0;
@@ -65,31 +64,13 @@ pub fn check_seconds(seconds: f64) -> Result<(), Failure> {
 ///
 /// # Errors
 /// One sentence that names the file.
-pub fn prepare_models(plan: &ScenePlan) -> Result<Database, Failure> {
+pub fn prepare_models(plan: &ScenePlan) -> Result<(), Failure> {
     let progress = TerminalProgress::new();
     let opened = Database::open(plan, &progress);
     progress.finish();
-    opened.map_err(|error| Failure::Input(error.to_string()))
-}
-
-/// The greatest speed at full resolution for the first object, m/s; 0 when its file is damaged.
-fn greatest_speed(plan: &ScenePlan, database: &Database) -> f64 {
-    let model = database.objects.first().map(|object| object.model);
-    let (Some(model), Some(object), Some(probe)) = (
-        model.and_then(|model| database.models.get(model)),
-        plan.objects.first(),
-        plan.probes.first(),
-    ) else {
-        return 0.0;
-    };
-    let header = model.file.model_header();
-    let motion = Motion {
-        metres_per_unit: object.scale.metres_per_unit(longest_side(&header)),
-        probe_radius_m: probe.radius_m,
-        operations: plan.loop_.operations as f64,
-        period_s: 1.0 / plan.loop_.rate_hz,
-    };
-    area(&model.file).map_or(0.0, |area| inspect::greatest_speed(&header, area, motion))
+    opened
+        .map(drop)
+        .map_err(|error| Failure::Input(error.to_string()))
 }
 
 /// Runs the command.
@@ -103,7 +84,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         PathBuf::from("reports").join(format!("{}-{}", plan.name, model_name(&plan)))
     });
     std::fs::create_dir_all(&out).map_err(|error| Failure::write(&out, &error))?;
-    let database = prepare_models(&plan)?;
+    prepare_models(&plan)?;
     let stop = stop_flag()?;
     let line = LiveLine::new(args.seconds);
     let pair = PairArgs {
@@ -121,8 +102,6 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         plan: &plan,
         finished: &outcome.finished,
         machine: &machine,
-        // After the run: it reads the whole mesh, which would warm the pages that the run is to read.
-        greatest_speed_m_per_s: greatest_speed(&plan, &database),
         notes: &outcome.notes,
     };
     report.write(&out)?;
@@ -214,7 +193,11 @@ fn worded(status: &Status) -> String {
     let touch = match (status.ready, status.station, status.contact) {
         (_, false, _) => "station not there".to_string(),
         (false, ..) => "waiting for the model".to_string(),
-        (.., true) => format!("touching, {:.2} N", status.force_n),
+        (.., true) => format!(
+            "touching, {:.2} N, error {}",
+            status.force_n,
+            errors(status)
+        ),
         (.., false) => "in free space".to_string(),
     };
     format!(
@@ -224,4 +207,14 @@ fn worded(status: &Status) -> String {
         bytes(status.cache_bytes),
         status.missed
     )
+}
+
+/// The certified error at the contact, and the newest measured one.
+fn errors(status: &Status) -> String {
+    let certified = format!("at most {}", length(status.certified_error_m));
+    if status.measured_error_m < 0.0 {
+        certified
+    } else {
+        format!("{certified}, measured {}", length(status.measured_error_m))
+    }
 }

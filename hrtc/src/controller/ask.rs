@@ -45,6 +45,17 @@ impl Controller {
         self.dial.as_ref()
     }
 
+    /// The greatest speed of what the finest ring could be, model units a tick: above it the finest ring is
+    /// raised. 0 without a model.
+    #[must_use]
+    pub fn greatest_speed(&self) -> f64 {
+        let (Some(model), Some(dial)) = (&self.model, &self.dial) else {
+            return 0.0;
+        };
+        let radius = self.radius_m / model.frame.metres_per_unit;
+        dial.limit(0, RADII_AROUND * radius, LEAD_TICKS, self.operations as f64)
+    }
+
     /// The finest tolerance that is asked for now, model units.
     pub(super) fn finest_tolerance(&self) -> f32 {
         self.dial.as_ref().map_or(0.0, Dial::finest_tolerance)

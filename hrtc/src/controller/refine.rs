@@ -10,8 +10,8 @@ use shared::spm::{OperationFaces, RegionId};
 
 /// Regions that may be wanted at once.
 pub const MOST_WANTED: usize = 256;
-/// Regions that may be kept to be asked for in a tick.
-const MOST_UNKNOWN: usize = 64;
+/// Regions that may be kept to be asked for in a tick: the cells of two balls.
+const MOST_UNKNOWN: usize = 250;
 /// Ticks for which a region stays wanted after the prediction left it: no flicker at a cell's wall.
 const LINGER: u64 = 40;
 /// Splits, and collapses, a tick where nothing is urgent.
@@ -85,9 +85,8 @@ impl Refinement {
     /// Marks a predicted region in the table, or keeps it to be asked for.
     pub fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
         let Some(index) = cache.regions.index(p.key) else {
-            if self.unknown.len() < MOST_UNKNOWN
-                && self.unknown.iter().all(|known| known.key != p.key)
-            {
+            // A tick looks at one ball of each of two rings: nothing comes twice.
+            if self.unknown.len() < MOST_UNKNOWN {
                 self.unknown.push(p);
                 self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());
             }

@@ -211,6 +211,8 @@ fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
         "contact_ticks",
         "contact_full_ticks",
         "contact_unbounded_ticks",
+        "tolerance_m",
+        "coarser_ticks",
         "force_step_n_max",
         "clamped_ticks",
         "rejected_samples",

@@ -1,10 +1,10 @@
 //! How a run ends: errors of one sentence, figures, and the few lines for a person.
 
 use crate::connection::LinkError;
-use crate::controller::Fault;
+use crate::controller::{Controller, Fault};
 use crate::realtime::MissingRight;
 use crate::recorder::RecordingError;
-use crate::result::{Accumulator, Finished, Right};
+use crate::result::{Accumulator, Finished, Right, RunResult};
 use shared::protocol::{BaseFace, BaseVertex, ModelHeader, TransportError};
 use shared::scene::{LoopPlan, SceneError};
 use shared::spm::VspRecord;
@@ -52,6 +52,18 @@ pub(super) struct Outcome {
     pub run: Accumulator,
 }
 
+/// Adds what the controller knows of its dial and of its capacities.
+pub(super) fn add_dial(result: &mut RunResult, controller: &Controller, rate_hz: f64) {
+    result.tolerance_m = controller.tolerance_m();
+    result.capacities = controller.capacities();
+    if let (Some(dial), Some(frame)) = (controller.dial(), controller.frame()) {
+        let scale = frame.metres_per_unit;
+        let rings = dial.rings().iter();
+        result.rings_m = rings.map(|r| f64::from(r.tolerance) * scale).collect();
+        result.greatest_speed_m_per_s = controller.greatest_speed() * scale * rate_hz;
+    }
+}
+
 /// Bytes of the whole mesh as the station would send it: base mesh and records.
 pub(super) fn bytes_full_mesh(header: &ModelHeader) -> u64 {
     u64::from(header.base_vertices) * size_of::<BaseVertex>() as u64
@@ -94,8 +106,8 @@ pub(super) fn print_text(finished: &Finished) {
         r.scene, r.ticks, r.seconds, r.missed, r.missed_own_cpu
     );
     println!(
-        "touched for {} ticks, {} of them at full resolution; force p50 {:.2} N, max {:.2} N",
-        r.contact_ticks, r.contact_full_ticks, r.force_n.p50, r.force_n.max
+        "touched for {} ticks, {} of them at full resolution, {} coarser than asked for; force p50 {:.2} N, max {:.2} N",
+        r.contact_ticks, r.contact_full_ticks, r.coarser_ticks, r.force_n.p50, r.force_n.max
     );
     println!(
         "work p50 {:.0} us, p99 {:.0} us (thread CPU); cache {} of {} KiB; {} splits, {} collapses",
@@ -106,4 +118,8 @@ pub(super) fn print_text(finished: &Finished) {
         r.vsplits,
         r.ecols
     );
+    println!("what was sized at start, and the most that was in it:");
+    for c in &r.capacities {
+        println!("  {:<28} {:>9} of {:>9}", c.name, c.high_water, c.capacity);
+    }
 }

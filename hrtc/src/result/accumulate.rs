@@ -1,0 +1,322 @@
+//! The log thread's side of a run: every tick is added up into tables of fixed size.
+
+use super::series::Series;
+use super::{
+    Buckets, CacheResult, Finished, Histograms, MedianMax, RunMeta, RunResult, SeriesBucket,
+    ShortSpread, Spread, Status,
+};
+use crate::tick_record::{STAGES, TickRecord};
+use glam::DVec3;
+use hdrhistogram::Histogram;
+
+/// A histogram with a fixed range, three significant digits and an exact maximum.
+struct Fixed {
+    histogram: Histogram<u64>,
+    /// Histogram counts a unit of the quantity.
+    scale: f64,
+    max: f64,
+}
+
+impl Fixed {
+    /// For a quantity counted in steps of 1 / `scale`, up to 2^`bits` steps.
+    fn new(scale: f64, bits: u32) -> Option<Self> {
+        Histogram::new_with_bounds(1, 1 << bits, 3)
+            .ok()
+            .map(|histogram| Self {
+                histogram,
+                scale,
+                max: 0.0,
+            })
+    }
+
+    fn push(&mut self, value: f64) {
+        let value = if value.is_finite() {
+            value.max(0.0)
+        } else {
+            0.0
+        };
+        self.max = self.max.max(value);
+        // `as` saturates; so does the histogram at its upper bound.
+        self.histogram
+            .saturating_record((value * self.scale).round() as u64);
+    }
+
+    fn quantile(&self, q: f64) -> f64 {
+        if self.histogram.is_empty() {
+            return 0.0;
+        }
+        (self.histogram.value_at_quantile(q) as f64 / self.scale).min(self.max)
+    }
+
+    fn spread(&self) -> Spread {
+        Spread {
+            p50: self.quantile(0.5),
+            p99: self.quantile(0.99),
+            p999: self.quantile(0.999),
+            max: self.max,
+        }
+    }
+
+    fn short(&self) -> ShortSpread {
+        let Spread { p50, p99, max, .. } = self.spread();
+        ShortSpread { p50, p99, max }
+    }
+
+    fn buckets(&self) -> Buckets {
+        self.histogram
+            .iter_recorded()
+            .map(|step| (step.value_iterated_to(), step.count_at_value()))
+            .collect()
+    }
+}
+
+/// Timings arrive in nanoseconds and leave in microseconds.
+const NANOSECONDS_IN_US: f64 = 1e3;
+
+/// Adds up the ticks of a run.
+pub struct Accumulator {
+    period_ns: u64,
+    result: RunResult,
+    series: Series,
+    first_tick: Option<u64>,
+    last_tick: u64,
+    last_force: DVec3,
+    ready_tick: Option<u64>,
+    status: Status,
+    wake: Fixed,
+    work_cpu: Fixed,
+    work_wall: Fixed,
+    period: Fixed,
+    stages: Vec<Fixed>,
+    faces: Fixed,
+    certified: Fixed,
+    finest: Fixed,
+    expected: Fixed,
+    measured: Fixed,
+    force: Fixed,
+}
+
+impl Accumulator {
+    /// Tables for a run with this period, nanoseconds; `None` when they cannot be made.
+    #[must_use]
+    pub fn new(period_ns: u64) -> Option<Self> {
+        let timing = || Fixed::new(NANOSECONDS_IN_US, 32);
+        let picometres = || Fixed::new(1e12, 50);
+        let micronewtons = || Fixed::new(1e6, 40);
+        Some(Self {
+            period_ns,
+            result: RunResult::default(),
+            series: Series::new(),
+            first_tick: None,
+            last_tick: 0,
+            last_force: DVec3::ZERO,
+            ready_tick: None,
+            status: Status {
+                measured_error_m: -1.0,
+                ..Status::default()
+            },
+            wake: timing()?,
+            work_cpu: timing()?,
+            work_wall: timing()?,
+            period: timing()?,
+            stages: STAGES.iter().map(|_| timing()).collect::<Option<_>>()?,
+            faces: Fixed::new(1.0, 32)?,
+            certified: picometres()?,
+            finest: picometres()?,
+            expected: picometres()?,
+            measured: picometres()?,
+            force: micronewtons()?,
+        })
+    }
+
+    /// Counts one tick; ticks come in order.
+    pub fn push(&mut self, record: &TickRecord) {
+        self.push_timing(record);
+        let core = &record.core;
+        let seconds = self.seconds();
+        let result = &mut self.result;
+        let force = record.wrench.force;
+        let step = (force - self.last_force).length();
+        if step.is_finite() {
+            result.force_step_n_max = result.force_step_n_max.max(step);
+        }
+        self.last_force = force;
+        if core.ready {
+            self.ready_tick.get_or_insert(record.tick);
+            self.faces.push(f64::from(core.active_faces));
+        }
+        if core.contact {
+            if result.contact_ticks == 0 {
+                result.bytes_to_first_touch = core.bytes_received;
+            }
+            result.contact_ticks += 1;
+            result.contact_full_ticks += u64::from(core.contact_full);
+            result.contact_unbounded_ticks += u64::from(!core.contact_bounded);
+            if core.contact_bounded {
+                self.certified.push(core.certified_error_m);
+            }
+            result.coarser_ticks += u64::from(!core.contact_asked);
+            self.finest.push(core.finest_tolerance_m);
+            self.expected.push(if core.contact_tolerance_m >= 0.0 {
+                core.contact_tolerance_m
+            } else {
+                core.certified_error_m
+            });
+            self.force.push(force.length());
+            if core.depth_m.is_finite() {
+                result.depth_m_max = result.depth_m_max.max(core.depth_m);
+            }
+        }
+        if core.measured_error_m >= 0.0 {
+            result.measured_errors += 1;
+            self.measured.push(core.measured_error_m);
+        }
+        result.clamped_ticks += u64::from(core.clamped);
+        result.rejected_samples += u64::from(core.rejected_sample);
+        result.energy_j = core.energy_j;
+        result.vsplits += u64::from(core.vsplits);
+        result.ecols += u64::from(core.ecols);
+        result.operations_max = result.operations_max.max(u64::from(core.work_units));
+        // Totals of the core: the largest, so that a core that starts anew does not take them back.
+        result.vsps_received = result.vsps_received.max(core.vsps_received);
+        result.bytes_received = result.bytes_received.max(core.bytes_received);
+        result.regions_subscribed = result.regions_subscribed.max(core.regions_subscribed);
+        result.resubscribed = result.resubscribed.max(core.resubscribed);
+        let cache = &mut result.cache;
+        cache.evicted = cache.evicted.max(core.evicted);
+        cache.high_water_bytes = cache.high_water_bytes.max(core.cache_bytes);
+        cache.vsps = cache.vsps.max(u64::from(core.vsps_loaded));
+        result.replay_hash = (core.replay_hash ^ (core.replay_hash >> 53)) & ((1 << 53) - 1);
+        self.status = Status {
+            seconds,
+            ticks: result.ticks,
+            contact: core.contact,
+            contact_ticks: result.contact_ticks,
+            force_n: finite(force.length()),
+            certified_error_m: finite(core.certified_error_m),
+            measured_error_m: if core.measured_error_m >= 0.0 {
+                finite(core.measured_error_m)
+            } else {
+                self.status.measured_error_m
+            },
+            finest_tolerance_m: finite(core.finest_tolerance_m),
+            refined_faces: u64::from(core.active_faces),
+            cache_bytes: core.cache_bytes,
+            vsps: u64::from(core.vsps_loaded),
+            missed: result.missed,
+            station: record.station != 0,
+            ready: core.ready,
+        };
+        self.series.push(record.tick, SeriesBucket::of(record));
+    }
+
+    fn push_timing(&mut self, record: &TickRecord) {
+        let result = &mut self.result;
+        result.ticks += 1;
+        let skipped = u64::from(record.skipped);
+        result.missed += skipped;
+        result.misses.count(record.miss, skipped);
+        result.page_faults += u64::from(record.page_faults);
+        result.allocations += u64::from(record.allocations);
+        if self.first_tick.is_none() {
+            self.first_tick = Some(record.tick);
+        } else {
+            // The first tick has none before it.
+            push_ns(&mut self.period, record.period_ns);
+        }
+        self.last_tick = record.tick;
+        push_ns(&mut self.wake, record.wake_ns);
+        push_ns(&mut self.work_cpu, record.work_cpu_ns);
+        push_ns(&mut self.work_wall, record.work_wall_ns);
+        for (stage, &ns) in self.stages.iter_mut().zip(&record.stage_ns) {
+            push_ns(stage, ns);
+        }
+    }
+
+    /// How the run stands.
+    #[must_use]
+    pub fn status(&self) -> Status {
+        self.status
+    }
+
+    /// Seconds from the first tick to the end of the last.
+    fn seconds(&self) -> f64 {
+        let periods = self
+            .first_tick
+            .map_or(0, |first| self.last_tick.saturating_sub(first) + 1);
+        self.period_s() * periods as f64
+    }
+
+    fn period_s(&self) -> f64 {
+        self.period_ns as f64 * 1e-9
+    }
+
+    /// Ends the run.
+    #[must_use]
+    pub fn finish(self, meta: RunMeta) -> Finished {
+        let seconds = self.seconds();
+        let period_s = self.period_s();
+        let series = self.series.finish(period_s);
+        let ready_ms = self.ready_tick.map_or(0.0, |tick| {
+            meta.start_to_first_tick_ms + tick as f64 * period_s * 1e3
+        });
+        let stage_us = STAGES
+            .iter()
+            .zip(&self.stages)
+            .map(|(name, stage)| ((*name).to_string(), stage.spread()))
+            .collect();
+        let faces = self.faces.spread();
+        let result = RunResult {
+            scene: meta.scene,
+            model: meta.model,
+            faces: meta.faces,
+            seconds: finite(seconds),
+            seed: meta.seed,
+            missed_own_cpu: self.result.misses.own_cpu,
+            period_us: self.period.spread(),
+            wake_us: self.wake.spread(),
+            work_us: self.work_cpu.spread(),
+            work_wall_us: self.work_wall.spread(),
+            stage_us,
+            refined_faces: MedianMax {
+                p50: faces.p50,
+                max: faces.max,
+            },
+            certified_error_m: self.certified.short(),
+            measured_error_m: self.measured.short(),
+            finest_tolerance_m: self.finest.short(),
+            expected_error_m: self.expected.short(),
+            force_n: self.force.short(),
+            energy_j: finite(self.result.energy_j),
+            bytes_full_mesh: meta.bytes_full_mesh,
+            cache: CacheResult {
+                bytes: meta.cache_bytes,
+                ..self.result.cache
+            },
+            hrtc_rss_bytes: meta.rss_bytes,
+            first_force_ready_ms: finite(ready_ms),
+            operations_budget: meta.operations_budget,
+            ..self.result
+        };
+        Finished {
+            result,
+            series,
+            histograms: Histograms {
+                wake_ns: self.wake.buckets(),
+                work_cpu_ns: self.work_cpu.buckets(),
+                work_wall_ns: self.work_wall.buckets(),
+                period_ns: self.period.buckets(),
+            },
+            rights: meta.rights,
+        }
+    }
+}
+
+fn push_ns(table: &mut Fixed, ns: u32) {
+    table.push(f64::from(ns) / NANOSECONDS_IN_US);
+}
+
+/// JSON has no NaN: what is not finite counts as 0.
+fn finite(value: f64) -> f64 {
+    if value.is_finite() { value } else { 0.0 }
+}
