@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Mesh operations a tick in the figure for the greatest speed: K of the loop's default.
-pub const OPERATIONS_A_TICK: f64 = 32.0;
+pub const OPERATIONS_A_TICK: f64 = 96.0;
 /// Period of the tick in that figure, seconds.
 pub const PERIOD_S: f64 = 1e-3;
 /// Radius of the probe in that figure, metres.

@@ -14,12 +14,20 @@ use shared::protocol::{
 use shared::spm::{NONE, RegionId, VspRecord};
 
 /// Work units of the inbox a tick: a record or base item is 4, sixteen ids of a closure are 8, the head of a part 1.
-pub const BUDGET: u32 = 80;
+const BUDGET: u32 = 80;
+/// Chunks that wait while that is enough; more are taken in proportion, so that a burst is spread over few ticks.
+const WAITING: usize = 4;
 const PER_ITEM: u32 = 4;
 /// Ids of a closure that are taken in one go.
 const IDS_AT_ONCE: usize = 16;
 /// Ticks for which a record may wait for room before its region is given up.
 const PATIENCE: u32 = 50;
+
+/// The most work units of the inbox a tick: what K operations a tick need, a few more records than splits.
+#[must_use]
+pub fn budget(operations: usize) -> u32 {
+    (5 * operations as u32 / 2).max(BUDGET)
+}
 
 /// Where the draining stands within the oldest chunk.
 #[derive(Debug, Clone, Default)]
@@ -68,9 +76,11 @@ impl Controller {
         operations: &mut u32,
         record: &mut CoreRecord,
     ) -> usize {
-        let mut budget = BUDGET;
         let mut consumed = 0;
         let [first, second] = inputs.chunks;
+        let waiting = (first.len() + second.len()).div_ceil(WAITING) as u32;
+        let allowed = (BUDGET * waiting).clamp(BUDGET, budget(self.operations));
+        let mut budget = allowed;
         for chunk in first.iter().chain(second) {
             match self.subscriber.receive(&chunk.header) {
                 Reception::Stale => {
@@ -109,7 +119,7 @@ impl Controller {
                 break;
             }
         }
-        record.work_units += BUDGET - budget;
+        record.work_units += allowed - budget;
         consumed
     }
 

@@ -352,7 +352,7 @@ impl Controller {
     #[must_use]
     pub fn work_budget(&self) -> u32 {
         let closure_max = self.header().map_or(0, |header| header.closure_max);
-        inbox::BUDGET + refine::budget(self.operations, closure_max)
+        inbox::budget(self.operations) + refine::budget(self.operations, closure_max)
     }
 
     /// One tick.

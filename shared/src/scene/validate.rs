@@ -275,7 +275,7 @@ fn loop_plan(source: &Source, typed: &LoopTyped) -> Result<LoopPlan, SceneError>
     let longest_spin = (5e5 / rate_hz) as i64;
     let spin = source.whole_number(typed.spin_us.as_ref(), "spin_us", 0, 0..=longest_spin)?;
     let operations =
-        source.whole_number(typed.operations.as_ref(), "operations", 32, 1..=100_000)?;
+        source.whole_number(typed.operations.as_ref(), "operations", 96, 1..=100_000)?;
     Ok(LoopPlan {
         rate_hz,
         core: usize::try_from(core).ok(),

@@ -33,7 +33,7 @@ fn the_bundled_scene_says_the_defaults() {
     .unwrap();
     assert_eq!(bundled, short);
     assert_eq!(bundled.loop_.core, Some(1));
-    assert_eq!(bundled.loop_.operations, 32);
+    assert_eq!(bundled.loop_.operations, 96);
     assert_eq!(bundled.cache_bytes, 16 << 20);
     assert_eq!(bundled.objects[0].scale, ModelScale::Size(0.15));
     assert_eq!(bundled.objects[0].model.name(), "generate:relief:100000");
@@ -74,7 +74,7 @@ fn every_bad_number_is_refused_with_its_key_and_line() {
         ("core = 1", "core = -2"),
         ("priority = 80", "priority = 100"),
         ("spin_us = 0", "spin_us = 501"),
-        ("operations = 32", "operations = 0"),
+        ("operations = 96", "operations = 0"),
         ("tolerance_m = 0.0", "tolerance_m = -1.0"),
         ("force_max_n = 8.0", "force_max_n = 0"),
         ("slew_n_per_s = 2000.0", "slew_n_per_s = inf"),
