@@ -27,12 +27,14 @@ impl Cache {
         self.collapses.count
     }
 
-    /// Whether less than a sixteenth of slots, list blocks or places for regions is free.
+    /// Whether less than an eighth of the slots, or a sixteenth of list blocks or places for regions is free.
     ///
-    /// Slots count as free when they may be evicted without releasing anything.
+    /// Slots count as free when they may be evicted without releasing anything. Enough of them at hand is what
+    /// lets a fast probe load without waiting for room.
     #[must_use]
     pub fn is_nearly_full(&self) -> bool {
-        let slots = self.evictions.first == NONE && self.free.len() < self.slots as usize / 16;
+        let free = self.free.len() as u32 + self.evictions.count;
+        let slots = free < self.slots / 8;
         slots || self.lists.is_nearly_full() || self.regions.is_nearly_full()
     }
 

@@ -3,7 +3,7 @@
 use super::{Controller, TickOutputs};
 use crate::cache::RegionKey;
 use crate::dial::Dial;
-use crate::predict::{Motion, Predicted, RADII_AROUND, REFINE_AROUND};
+use crate::predict::{LEAD_TICKS, Motion, Predicted, RADII_AROUND};
 use crate::proxy::{Contact, Proxy};
 use crate::query::{Surface, closest_point};
 use glam::DVec3;
@@ -12,8 +12,8 @@ use shared::protocol::ModelHeader;
 use shared::scene::RefinementPlan;
 use shared::spm::RegionId;
 
-/// Ticks ahead at which refinement starts: what the refined strip is wider by, in ticks of motion.
-const LEAD_TICKS: f64 = REFINE_AROUND;
+/// Chunks that wait for the tick from which on nothing is asked for ahead of need.
+const WAITING_MOST: usize = 8;
 
 impl Controller {
     /// The rings for a model: from the tolerance asked for up its ladder.
@@ -39,6 +39,12 @@ impl Controller {
         self.tolerance_m
     }
 
+    /// Steps of economy that the cache's size makes necessary now: 0 when nothing is done without.
+    #[must_use]
+    pub fn economy_steps(&self) -> u32 {
+        self.refinement.economy.steps()
+    }
+
     /// The rings, once the model is there.
     #[must_use]
     pub fn dial(&self) -> Option<&Dial> {
@@ -61,8 +67,20 @@ impl Controller {
         self.dial.as_ref().map_or(0.0, Dial::finest_tolerance)
     }
 
+    /// Ticks that the probe takes over a cell of the finest ring; infinite at rest.
+    pub(super) fn cell_ticks(&self) -> f64 {
+        let cell = |dial: &Dial| dial.rings()[dial.finest()].grid.cell;
+        self.dial.as_ref().map_or(0.0, cell) / self.predictor.pace()
+    }
+
     /// Predicts regions and writes the tick's requests.
-    pub(super) fn predict(&mut self, sample: Option<Pose>, tick: u64, outputs: &mut TickOutputs) {
+    pub(super) fn predict(
+        &mut self,
+        sample: Option<Pose>,
+        tick: u64,
+        waiting: usize,
+        outputs: &mut TickOutputs,
+    ) {
         self.refinement.begin();
         self.refinement.economy.recover(tick);
         if let (Some(model), Some(pose)) = (self.model, sample) {
@@ -79,7 +97,9 @@ impl Controller {
             }
         }
         let economy = &self.refinement.economy;
-        let may_prefetch = economy.may_prefetch();
+        // Answers come in the order of the questions: what is only ahead must not stand in the way of what is
+        // needed next.
+        let may_prefetch = economy.may_prefetch() && waiting < WAITING_MOST;
         let may_ask = economy.may_ask(tick) && self.subscriber.may_ask(&self.cache);
         let unknown = if may_ask {
             self.refinement.unknown()
@@ -99,8 +119,7 @@ impl Controller {
         let Some(dial) = &mut self.dial else {
             return;
         };
-        let (velocity, _) = self.predictor.motion();
-        let speed = velocity.length();
+        let speed = self.predictor.pace();
         let reach = RADII_AROUND * motion.radius + speed * LEAD_TICKS;
         let by_speed = dial.finest_at_speed(speed, reach, self.operations as f64);
         let economy = &self.refinement.economy;
@@ -188,7 +207,7 @@ impl Controller {
             return;
         };
         let (velocity, _) = self.predictor.motion();
-        let reach = proxy.radius() + velocity.length() * RADII_AROUND * 120.0;
+        let reach = proxy.radius() + velocity.length() * RADII_AROUND * 60.0;
         let near = self.clearance - model.radius_max <= reach;
         let local = self.refinement_plan == RefinementPlan::Local;
         let landed = match self.predictor.ahead(proxy.position()) {

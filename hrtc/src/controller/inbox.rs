@@ -26,7 +26,7 @@ const PATIENCE: u32 = 50;
 /// The most work units of the inbox a tick: what K operations a tick need, a few more records than splits.
 #[must_use]
 pub fn budget(operations: usize) -> u32 {
-    (5 * operations as u32 / 2).max(BUDGET)
+    (6 * operations as u32).max(BUDGET)
 }
 
 /// Where the draining stands within the oldest chunk.

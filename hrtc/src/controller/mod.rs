@@ -312,6 +312,12 @@ impl Controller {
         self.fault
     }
 
+    /// The probe's centre in the world as it was last sampled, metres; the origin before.
+    #[must_use]
+    pub fn probe(&self) -> DVec3 {
+        self.last_position.unwrap_or(DVec3::ZERO)
+    }
+
     /// The cache.
     #[must_use]
     pub fn cache(&self) -> &Cache {
@@ -375,7 +381,8 @@ impl Controller {
         let mut left = self.operations as u32;
         outputs.chunks_consumed = self.drain(inputs, &mut left, &mut record);
         let sample = self.sample(inputs, &mut record);
-        self.predict(sample, inputs.tick, outputs);
+        let waiting = inputs.chunks.iter().map(|run| run.len()).sum();
+        self.predict(sample, inputs.tick, waiting, outputs);
         observer.ended(Stage::Inbox);
 
         self.refine(inputs.tick, &mut left, &mut record);

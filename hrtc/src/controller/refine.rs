@@ -138,6 +138,18 @@ pub fn due(tick: u64, ticks: f64) -> u64 {
     tick.saturating_add(ticks as u64)
 }
 
+/// Ticks for which a region stays wanted after the prediction left it: of the finest ring, what the probe takes
+/// over a cell, so that the trail of a fast one is no longer.
+fn linger(region: &Region, finest: f32, cell_ticks: f64) -> u64 {
+    let is_finest = region.key.tolerance().is_some_and(|t| t <= finest);
+    let least = TURNS as u64 + 4;
+    if is_finest {
+        (cell_ticks as u64).clamp(least, LINGER)
+    } else {
+        LINGER
+    }
+}
+
 /// Whether a region's prediction is as new as it can be: the coarser rings are looked at less often.
 fn is_current(region: &Region, finest: f32, tick: u64) -> bool {
     let turns = TURNS as u64 + 2;
@@ -236,10 +248,13 @@ impl Controller {
     fn choose(&mut self, tick: u64, entries: &mut u32) -> u32 {
         let mut spent = 0;
         let mut k = 0;
+        let finest = self.finest_tolerance();
+        let cell_ticks = self.cell_ticks();
         while k < self.refinement.wanted.len() {
             let index = self.refinement.wanted[k];
             let region = self.cache.regions.at(index);
-            let goes = tick > region.needed + LINGER || self.is_too_fine(region);
+            let stays = region.needed + linger(region, finest, cell_ticks);
+            let goes = tick > stays || self.is_too_fine(region);
             if *entries > 0 && goes {
                 let cost = change_cost(self.cache.set_wanted(index, false));
                 *entries = entries.saturating_sub(cost);

@@ -103,7 +103,8 @@ pub struct Pair {
     to_station: VecDeque<(u64, Request)>,
     to_controller: VecDeque<(u64, InboxChunk)>,
     inbox: Vec<InboxChunk>,
-    outputs: TickOutputs,
+    /// What the last tick gave.
+    pub outputs: TickOutputs,
     rate: f64,
     last_force: DVec3,
     /// What each tick gave, for replays: inputs and hash.
@@ -258,6 +259,11 @@ impl Pair {
             allocations: 0,
             last_wrench: Wrench::ZERO,
         }
+    }
+
+    /// Chunks that have arrived and wait.
+    pub fn waiting(&self) -> usize {
+        self.inbox.len()
     }
 
     /// One tick with the hand on the tour.
