@@ -11,8 +11,10 @@ use crate::dial::{Dial, Ring};
 use glam::{DVec3, UVec3};
 use shared::spm::{RegionGrid, RegionId};
 
-/// Ticks over which velocity and acceleration are estimated: an encoder's step is averaged, a turn is not.
-const SPAN: usize = 4;
+/// Ticks over which velocity and acceleration are estimated: an encoder's step is averaged, a turn is not. A hand
+/// that moves less than the probe's radius over the longer span is slow enough for that one, and there a single
+/// step of the encoder must not look like a motion.
+const SPANS: [usize; 2] = [4, 16];
 /// Ticks over which a hand's acceleration fades: what of it is left after so many is a third. On a tour of a
 /// rough terrain at 1 m/s the point 25 ticks ahead is then missed by 6 mm at median; by 10 mm straight on over
 /// the same span, by 13 mm over 16 ticks.
@@ -127,8 +129,10 @@ const RING_ROUND: [(Look, bool); 3] = [
 /// The predictor: a short history of the device.
 #[derive(Debug, Clone)]
 pub struct Predictor {
-    history: [DVec3; 2 * SPAN + 1],
+    history: [DVec3; 2 * SPANS[1] + 1],
     known: usize,
+    /// Which of [`SPANS`].
+    span: usize,
     /// Average speed, model units a tick.
     pace: f64,
     sources: Sources,
@@ -145,8 +149,9 @@ impl Predictor {
     #[must_use]
     pub fn new() -> Self {
         Self {
-            history: [DVec3::ZERO; 2 * SPAN + 1],
+            history: [DVec3::ZERO; 2 * SPANS[1] + 1],
             known: 0,
+            span: SPANS[1],
             pace: 0.0,
             sources: Sources::ALL,
             turn: 0,
@@ -163,11 +168,11 @@ impl Predictor {
     /// Velocity and acceleration of the device now, model units per tick and per tick squared.
     #[must_use]
     pub fn motion(&self) -> (DVec3, DVec3) {
-        if self.known <= 2 * SPAN {
+        if self.known < self.history.len() {
             return (DVec3::ZERO, DVec3::ZERO);
         }
-        let span = SPAN as f64;
-        let [now, middle, old] = [self.history[0], self.history[SPAN], self.history[2 * SPAN]];
+        let span = self.span as f64;
+        let [now, middle, old] = [0, 1, 2].map(|k| self.history[k * self.span]);
         let acceleration = (now - 2.0 * middle + old) / (span * span);
         let velocity = (now - middle) / span;
         (velocity, acceleration)
@@ -211,7 +216,7 @@ impl Predictor {
                     }
                 };
                 // The difference over a span is the velocity in its middle.
-                let velocity = velocity + acceleration * (0.5 * SPAN as f64);
+                let velocity = velocity + acceleration * (0.5 * self.span as f64);
                 Some(position + velocity * ticks + acceleration * bend)
             }
         }
@@ -235,9 +240,11 @@ impl Predictor {
         motion: Motion,
         mut visit: impl FnMut(Predicted),
     ) {
-        self.history.copy_within(0..2 * SPAN, 1);
+        self.history.copy_within(0..2 * SPANS[1], 1);
         self.history[0] = device;
-        self.known = (self.known + 1).min(2 * SPAN + 1);
+        self.known = (self.known + 1).min(self.history.len());
+        let slow = device.distance(self.history[SPANS[1]]) < motion.radius;
+        self.span = SPANS[usize::from(slow)];
         self.pace += (self.motion().0.length() - self.pace) / PACE_TICKS;
         let finest = dial.finest();
         let finest_ring = &dial.rings()[finest];

@@ -1,5 +1,7 @@
 use super::*;
 use crate::tick_record::CoreRecord;
+use crate::tick_record::{STAGES, TickRecord};
+use glam::DVec3;
 use shared::geometry::Wrench;
 
 fn record(tick: u64) -> TickRecord {

@@ -63,7 +63,6 @@ fn a_report_is_written_whole_and_its_pictures_are_beside_it() {
             plan: &plan,
             finished: &finished,
             machine: &machine,
-            greatest_speed_m_per_s: 0.05,
             notes: &["a note".to_string()],
         };
         let out = folder.path().join("deep/er");
@@ -101,7 +100,6 @@ fn a_report_is_written_whole_and_its_pictures_are_beside_it() {
         plan: &plan,
         finished: &finished,
         machine: &machine,
-        greatest_speed_m_per_s: 0.0,
         notes: &[],
     };
     assert_eq!(report.write(&file).unwrap_err().status(), 2);
