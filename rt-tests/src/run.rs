@@ -64,13 +64,11 @@ pub fn check_seconds(seconds: f64) -> Result<(), Failure> {
 ///
 /// # Errors
 /// One sentence that names the file.
-pub fn prepare_models(plan: &ScenePlan) -> Result<(), Failure> {
+pub fn prepare_models(plan: &ScenePlan) -> Result<Database, Failure> {
     let progress = TerminalProgress::new();
     let opened = Database::open(plan, &progress);
     progress.finish();
-    opened
-        .map(drop)
-        .map_err(|error| Failure::Input(error.to_string()))
+    opened.map_err(|error| Failure::Input(error.to_string()))
 }
 
 /// Runs the command.
