@@ -75,7 +75,7 @@ impl Axis {
     fn marks(&self) -> Vec<(f64, String)> {
         let decades = (self.high / self.low).log10();
         let steps: &[f64] = match self.unit {
-            _ if decades > 2.0 => &[1.0],
+            _ if decades > 2.6 => &[1.0],
             _ if decades > 0.9 => &[1.0, 2.0, 5.0],
             _ => &[1.0, 2.0, 3.0, 5.0, 7.0],
         };

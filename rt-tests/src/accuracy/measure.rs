@@ -171,7 +171,7 @@ pub fn measure(
     let rounding = ROUNDING * model.diagonal_m();
     let ready = make_ready(&mut simulator)?;
     point.ready_ms = ready as f64 * period_ms;
-    point.bytes_until_ready = simulator.outputs().record.bytes_received;
+    point.bytes_until_ready = simulator.mesh_bytes();
     let settled = come_to_rest(&mut simulator, reference.rest, ready)?;
     point.settled_ms = settled as f64 * period_ms;
     let start = simulator.tick as usize;
@@ -180,6 +180,7 @@ pub fn measure(
         let outputs = simulator.step(Some(*sample), &mut NoObserver);
         let (record, force) = (outputs.record, outputs.wrenches[0].force);
         let contact = outputs.contact;
+        let mesh_bytes = simulator.mesh_bytes();
         point.measured_m = point.measured_m.max(record.measured_error_m);
         if contact.is_some() || felt.contact.is_some() {
             all.forces.push(force.distance(felt.force));
@@ -196,7 +197,7 @@ pub fn measure(
             all.certified.push(record.certified_error_m);
             all.points.push(contact.point);
             if record.contact_full && point.bytes_until_full == 0 {
-                point.bytes_until_full = record.bytes_received;
+                point.bytes_until_full = mesh_bytes;
             }
             if point.contact_ticks.is_multiple_of(TOOL_EVERY) {
                 let (faces, us) = tool(&simulator.controller, contact.point, scale);
@@ -220,7 +221,7 @@ pub fn measure(
         }
     }
     let last = simulator.outputs().record;
-    point.bytes = last.bytes_received;
+    point.bytes = simulator.mesh_bytes();
     point.vsps_received = last.vsps_received;
     let high_water = simulator.controller.cache().bytes_high_water();
     point.cache_bytes = high_water as u64;

@@ -152,7 +152,7 @@ pub struct Point {
     pub force_n: f64,
     /// The median one.
     pub force_p50_n: f64,
-    /// Bytes received from the start to the end of the trajectory.
+    /// Bytes received from the start to the end of the trajectory, without the measured errors sent back.
     pub bytes: u64,
     /// Of these, until a touch could be answered.
     pub bytes_until_ready: u64,

@@ -21,7 +21,7 @@ use hrtc::controller::{Controller, StageObserver, TickInputs, TickOutputs};
 use hrtc::device::Sample;
 use hrtc::inbox::InboxChunk;
 use hrtc::subscriber::Identity;
-use shared::protocol::{ContactReport, Request};
+use shared::protocol::{ChunkKind, ContactReport, Request};
 use shared::scene::ScenePlan;
 use ve_station::station::{Message, Station};
 
@@ -63,6 +63,7 @@ pub struct Simulator<D> {
     inbox: Vec<InboxChunk>,
     outputs: TickOutputs,
     tape: Option<Tape>,
+    mesh_bytes: u64,
 }
 
 impl<D: AsRef<[u8]>> Simulator<D> {
@@ -85,6 +86,7 @@ impl<D: AsRef<[u8]>> Simulator<D> {
             inbox: Vec::with_capacity(INBOX),
             outputs: TickOutputs::new(1),
             tape: None,
+            mesh_bytes: 0,
         }
     }
 
@@ -128,6 +130,12 @@ impl<D: AsRef<[u8]>> Simulator<D> {
         &self.outputs
     }
 
+    /// Bytes of the chunks that have arrived, without those that only tell a measured error.
+    #[must_use]
+    pub fn mesh_bytes(&self) -> u64 {
+        self.mesh_bytes
+    }
+
     /// What the last step gave.
     #[must_use]
     pub fn outputs(&self) -> &TickOutputs {
@@ -151,6 +159,9 @@ impl<D: AsRef<[u8]>> Simulator<D> {
             };
             if let Some(tape) = &mut self.tape {
                 tape.arrived(chunk);
+            }
+            if chunk.header.kind != ChunkKind::Measured as u32 {
+                self.mesh_bytes += size_of::<InboxChunk>() as u64;
             }
             self.inbox.push(chunk);
         }
