@@ -8,7 +8,7 @@ use shared::spm::{ActiveMesh, FrontWalk};
 use std::collections::BTreeMap;
 
 /// Splits and collapses of a walk.
-const OPERATIONS: u32 = 100_000;
+pub const OPERATIONS: u32 = 100_000;
 /// How often all invariants of mesh and tree are checked, and the legality of every VSP.
 const CHECKS: u32 = 20;
 /// VSPs whose legality is asked after every operation.
