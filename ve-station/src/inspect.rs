@@ -207,6 +207,15 @@ impl Facts {
             (self.locked_vertices, "vertices locked beside cuts"),
         ];
         line("changed", list(&changed, "nothing"));
+        if self.cracks_max > 0.0 {
+            line(
+                "cracks",
+                format!(
+                    "along cuts on coarse meshes: at most {:.3e} wide, both sides within the certified error",
+                    self.cracks_max
+                ),
+            );
+        }
         line(
             "full mesh",
             format!("{} vertices, {} faces", self.vertices, self.faces),

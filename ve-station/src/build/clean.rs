@@ -2,6 +2,7 @@
 
 use super::{BuildError, SoupMesh};
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use shared::geometry::triangle_is_degenerate;
 use shared::spm::BuildSummary;
 
@@ -56,9 +57,12 @@ pub fn clean(soup: SoupMesh) -> Result<CleanMesh, BuildError> {
     summary.not_finite_faces = dropped(&mut triangles, |t| t.iter().all(|&v| finite(v)));
 
     let at = |v: u32| Vec3::from_array(positions[v as usize]).as_dvec3();
-    summary.zero_area_faces = dropped(&mut triangles, |&[a, b, c]| {
-        !triangle_is_degenerate(at(a), at(b), at(c))
-    });
+    let flat: Vec<bool> = triangles
+        .par_iter()
+        .map(|&[a, b, c]| triangle_is_degenerate(at(a), at(b), at(c)))
+        .collect();
+    let mut flat = flat.into_iter();
+    summary.zero_area_faces = dropped(&mut triangles, |_| flat.next() == Some(false));
 
     let same_position = group_by_position(&positions);
     summary.duplicate_faces = drop_duplicates(&mut triangles, &same_position);
@@ -111,13 +115,16 @@ fn choose_origin(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> DVec3 {
 
 /// For every vertex the first one of bit-equal position.
 fn group_by_position(positions: &[[f32; 3]]) -> Vec<u32> {
-    let key = |v: u32| positions[v as usize].map(f32::to_bits);
-    let mut order: Vec<u32> = (0..positions.len() as u32).collect();
-    order.sort_unstable_by_key(|&v| (key(v), v));
-    let mut same: Vec<u32> = (0..positions.len() as u32).collect();
-    for pair in order.windows(2) {
-        if key(pair[0]) == key(pair[1]) {
-            same[pair[1] as usize] = same[pair[0] as usize];
+    let mut order: Vec<([u32; 3], u32)> = positions
+        .par_iter()
+        .zip(0..positions.len() as u32)
+        .map(|(position, vertex)| (position.map(f32::to_bits), vertex))
+        .collect();
+    order.par_sort_unstable();
+    let mut same = vec![0; positions.len()];
+    for group in order.chunk_by(|a, b| a.0 == b.0) {
+        for &(_, vertex) in group {
+            same[vertex as usize] = group[0].1;
         }
     }
     same
@@ -127,26 +134,28 @@ fn group_by_position(positions: &[[f32; 3]]) -> Vec<u32> {
 /// opposite orientation are the two sides of a sheet and stay.
 fn drop_duplicates(triangles: &mut Vec<[u32; 3]>, same_position: &[u32]) -> u64 {
     let mut keys: Vec<([u32; 3], u32)> = triangles
-        .iter()
-        .zip(0u32..)
-        .map(|(t, index)| {
-            let mut corners = t.map(|v| same_position[v as usize]);
+        .par_iter()
+        .zip(0..triangles.len() as u32)
+        .map(|(triangle, index)| {
+            let mut corners = triangle.map(|v| same_position[v as usize]);
             let lowest = (0..3).min_by_key(|&k| corners[k]).unwrap_or(0);
             corners.rotate_left(lowest);
             (corners, index)
         })
         .collect();
-    keys.sort_unstable();
-    let mut keep = vec![true; triangles.len()];
-    for pair in keys.windows(2) {
-        if pair[0].0 == pair[1].0 {
-            keep[pair[1].1 as usize] = false;
-        }
-    }
+    keys.par_sort_unstable();
+    let mut copies: Vec<u32> = keys
+        .par_windows(2)
+        .filter(|pair| pair[0].0 == pair[1].0)
+        .map(|pair| pair[1].1)
+        .collect();
+    drop(keys);
+    copies.sort_unstable();
+    let mut copies = copies.into_iter().peekable();
     let mut index = 0;
     dropped(triangles, |_| {
         index += 1;
-        keep[index - 1]
+        copies.next_if_eq(&(index - 1)).is_none()
     })
 }
 

@@ -2,11 +2,20 @@
 //!
 //! Two corners become one vertex when their faces meet in an edge that exactly these two faces have, in
 //! opposite directions: first by vertex number, then, for rims left over, by position (seams of vertices
-//! that a file stores twice). Everything else is cut: at a bow-tie, at an edge of three faces, the fans
-//! get vertices of their own. Copies of a cut vertex are locked, so that no coarser mesh opens a crack there.
+//! that a file stores twice). Where more than two faces meet in an edge, those of opposite directions that go
+//! on most nearly straight are taken for one surface, as of two sheets that cross, or of the two sides of one.
+//! Everything else is cut: at a bow-tie, at an edge of three faces, the fans get vertices of their own. Copies of a cut vertex are locked, so that no coarser mesh opens a crack there;
+//! but where there are more than [`MOST_LOCKED`], which would all be in every base mesh, they collapse like
+//! others, and the widest crack is reported (see `cracks`).
 
 use super::CleanMesh;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use shared::spm::BuildSummary;
+
+/// The most copies of cut vertices that are locked: some 8000 faces of a base mesh, half a mebibyte of the
+/// controller's cache.
+pub const MOST_LOCKED: usize = 4096;
 
 /// A mesh in which every edge has one or two faces, two in opposite directions, and every vertex one fan.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,6 +24,8 @@ pub struct ManifoldMesh {
     pub positions: Vec<[f32; 3]>,
     /// Corners, counterclockwise.
     pub triangles: Vec<[u32; 3]>,
+    /// For every vertex whether it is one of several copies of a cut vertex, or of rims that touch.
+    pub copies: Vec<bool>,
     /// For every vertex whether it must stay where it is on every front.
     pub locked: Vec<bool>,
     /// The summary of the cleaning, with what was done here.
@@ -28,34 +39,106 @@ fn next_side(side: Side) -> Side {
     if side % 3 == 2 { side - 2 } else { side + 1 }
 }
 
-/// Sides grouped by the undirected edge that they run along: `(edge, side)`, sorted.
-struct Edges(Vec<(u64, Side)>);
+/// Sides grouped by the undirected edge that they run along: those of one edge lie together, ascending, and
+/// all edges of one lower vertex. Memory: 4 B a side and 4 B a vertex.
+struct Edges<'a> {
+    corner_vertex: &'a [u32],
+    sides: Vec<Side>,
+}
 
-impl Edges {
-    fn new(corner_vertex: &[u32], sides: impl Iterator<Item = Side>) -> Self {
-        let mut all: Vec<(u64, Side)> = sides
-            .map(|side| {
-                let a = corner_vertex[side as usize];
-                let b = corner_vertex[next_side(side) as usize];
-                (u64::from(a.min(b)) << 32 | u64::from(a.max(b)), side)
-            })
-            .collect();
-        all.sort_unstable();
-        Self(all)
+impl<'a> Edges<'a> {
+    fn new(corner_vertex: &'a [u32], sides: impl Iterator<Item = Side> + Clone) -> Self {
+        let lower = |side: Side| {
+            let ends = edge(corner_vertex, side);
+            ends.0 as usize
+        };
+        let vertices = corner_vertex.iter().max().map_or(0, |&v| v as usize + 1);
+        // Where the sides of each vertex start, moved on as they are put there.
+        let mut place = vec![0u32; vertices + 1];
+        for side in sides.clone() {
+            place[lower(side) + 1] += 1;
+        }
+        for vertex in 0..vertices {
+            place[vertex + 1] += place[vertex];
+        }
+        let mut sorted = vec![0; place[vertices] as usize];
+        for side in sides {
+            let at = &mut place[lower(side)];
+            sorted[*at as usize] = side;
+            *at += 1;
+        }
+        // Now each place is where the sides of the vertex end.
+        let mut start = 0;
+        for &end in &place[..vertices] {
+            sorted[start as usize..end as usize]
+                .sort_unstable_by_key(|&side| (edge(corner_vertex, side), side));
+            start = end;
+        }
+        Self {
+            corner_vertex,
+            sides: sorted,
+        }
     }
 
-    fn groups(&self) -> impl Iterator<Item = &[(u64, Side)]> {
-        self.0.chunk_by(|x, y| x.0 == y.0)
+    fn groups(&self) -> impl Iterator<Item = &[Side]> {
+        self.sides
+            .chunk_by(|&x, &y| edge(self.corner_vertex, x) == edge(self.corner_vertex, y))
     }
 }
 
+/// The undirected edge of a side.
+fn edge(corner_vertex: &[u32], side: Side) -> (u32, u32) {
+    let a = corner_vertex[side as usize];
+    let b = corner_vertex[next_side(side) as usize];
+    (a.min(b), a.max(b))
+}
+
 /// The two sides of a group when they are exactly two and run in opposite directions.
-fn manifold_pair(group: &[(u64, Side)], corner_vertex: &[u32]) -> Option<(Side, Side)> {
-    let &[(_, first), (_, second)] = group else {
+fn manifold_pair(group: &[Side], corner_vertex: &[u32]) -> Option<(Side, Side)> {
+    let &[first, second] = group else {
         return None;
     };
     let start = |side: Side| corner_vertex[side as usize];
     (start(first) != start(second)).then_some((first, second))
+}
+
+/// Sides at one edge that are matched; more than so many are all cut.
+const MOST_MATCHED: usize = 32;
+
+/// The pairs of sides in which surfaces go on across an edge of more than two faces: best first, the straightest.
+/// Faces with the same third corner are two sides of a sheet, not neighbours.
+fn straightest_pairs(
+    group: &[Side],
+    corner_vertex: &[u32],
+    corner_position: impl Fn(Side) -> DVec3,
+) -> Vec<(Side, Side)> {
+    if group.len() < 3 || group.len() > MOST_MATCHED {
+        return Vec::new();
+    }
+    // Across the edge, into the face, as a unit vector.
+    let inwards = |side: Side| {
+        let (start, end) = (corner_position(side), corner_position(next_side(side)));
+        let to_third = corner_position(next_side(next_side(side))) - start;
+        to_third.reject_from(end - start).normalize_or_zero()
+    };
+    let third = |side: Side| corner_vertex[next_side(next_side(side)) as usize];
+    let is_up = |side: Side| corner_vertex[side as usize] < corner_vertex[next_side(side) as usize];
+    let mut candidates = Vec::new();
+    for &up in group.iter().filter(|&&side| is_up(side)) {
+        for &down in group.iter().filter(|&&side| !is_up(side)) {
+            if third(up) != third(down) {
+                candidates.push((inwards(up).dot(inwards(down)), up, down));
+            }
+        }
+    }
+    candidates.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    let mut pairs: Vec<(Side, Side)> = Vec::new();
+    for (_, up, down) in candidates {
+        if pairs.iter().all(|&(a, b)| a != up && b != down) {
+            pairs.push((up, down));
+        }
+    }
+    pairs
 }
 
 /// Root of a corner's class, halving paths.
@@ -69,20 +152,22 @@ fn root(parent: &mut [u32], mut corner: u32) -> u32 {
 }
 
 /// Classes of corners joined across the pairs, `alone` corners kept out: for every corner its class,
-/// numbered in order of first use, and how many there are.
+/// numbered in order of first use, and how many there are. A pair with such a corner is an edge no longer, so
+/// its other end is not joined across it either: the vertex there would have two fans.
 fn classes(pairs: &[(Side, Side)], alone: &[bool]) -> (Vec<u32>, u32) {
     let corners = alone.len();
     let mut parent: Vec<u32> = (0..corners as u32).collect();
     let mut join = |a: u32, b: u32| {
-        if !alone[a as usize] && !alone[b as usize] {
-            let (a, b) = (root(&mut parent, a), root(&mut parent, b));
-            // The lower one is the root, so that the result does not depend on the order of pairs.
-            parent[a.max(b) as usize] = a.min(b);
-        }
+        let (a, b) = (root(&mut parent, a), root(&mut parent, b));
+        // The lower one is the root, so that the result does not depend on the order of pairs.
+        parent[a.max(b) as usize] = a.min(b);
     };
     for &(first, second) in pairs {
-        join(first, next_side(second));
-        join(next_side(first), second);
+        let corners = [first, next_side(first), second, next_side(second)];
+        if !corners.iter().any(|&corner| alone[corner as usize]) {
+            join(first, next_side(second));
+            join(next_side(first), second);
+        }
     }
     let mut class = vec![0; corners];
     let mut count = 0;
@@ -105,23 +190,29 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
     let sides = by_number.len() as u32;
     let mut pairs = Vec::with_capacity(by_number.len() / 2);
     let mut rim = Vec::new();
+    let at = |corner: Side| {
+        let number = by_number[corner as usize];
+        Vec3::from_array(mesh.positions[number as usize]).as_dvec3()
+    };
     for group in Edges::new(by_number, 0..sides).groups() {
         match manifold_pair(group, by_number) {
             Some(pair) => pairs.push(pair),
-            None if group.len() == 1 => rim.push(group[0].1),
-            None => {}
+            None if group.len() == 1 => rim.push(group[0]),
+            None => pairs.extend(straightest_pairs(group, by_number, at)),
         }
     }
     let by_position: Vec<u32> = by_number
         .iter()
         .map(|&v| mesh.same_position[v as usize])
         .collect();
-    let seams = Edges::new(&by_position, rim.into_iter());
+    let seams = Edges::new(&by_position, rim.iter().copied());
     pairs.extend(
         seams
             .groups()
             .filter_map(|g| manifold_pair(g, &by_position)),
     );
+    drop(seams);
+    drop(by_position);
 
     // Fans may still meet: an edge cut between two fans that close again round both of its ends. Then
     // a corner of each of its faces is set apart, until every edge is manifold.
@@ -133,11 +224,11 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
         let mut rims = Vec::new();
         for group in edges.groups() {
             if group.len() == 1 {
-                rims.push(group[0].1);
+                rims.push(group[0]);
             } else if manifold_pair(group, &class).is_none() {
-                let (edge, _) = group[0];
-                for &(_, side) in group {
-                    let at_lower = u64::from(class[side as usize]) == edge >> 32;
+                let (lower, _) = edge(&class, group[0]);
+                for &side in group {
+                    let at_lower = class[side as usize] == lower;
                     let corner = if at_lower { side } else { next_side(side) };
                     alone[corner as usize] = true;
                 }
@@ -148,35 +239,35 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
             break (class, vertices, rims);
         }
     };
-    finish(mesh, &class, vertices, &rims)
+    drop((pairs, alone));
+    finish(mesh, class, vertices, &rims)
 }
 
-/// The mesh over the classes, and which of them are locked.
-fn finish(mesh: &CleanMesh, class: &[u32], vertices: u32, rims: &[Side]) -> ManifoldMesh {
+/// The mesh over the classes, and which of them are copies.
+fn finish(mesh: &CleanMesh, class: Vec<u32>, vertices: u32, rims: &[Side]) -> ManifoldMesh {
     let by_number: &[u32] = mesh.triangles.as_flattened();
-    let mut number_and_class: Vec<(u32, u32)> = by_number
-        .iter()
-        .zip(class)
-        .map(|(&number, &class)| (number, class))
-        .collect();
-    number_and_class.sort_unstable();
-    number_and_class.dedup();
-
+    let number_and_class = numbers_of_classes(by_number, &class, vertices);
     let mut positions = vec![[0.0; 3]; vertices as usize];
     for &(number, class) in &number_and_class {
         positions[class as usize] = mesh.positions[number as usize];
     }
-    let mut locked = vec![false; vertices as usize];
+    let mut copies = vec![false; vertices as usize];
     let mut numbers = 0;
-    for copies in number_and_class.chunk_by(|a, b| a.0 == b.0) {
+    for same in number_and_class.chunk_by(|a, b| a.0 == b.0) {
         numbers += 1;
-        for &(_, class) in copies {
-            locked[class as usize] |= copies.len() > 1;
+        for &(_, class) in same {
+            copies[class as usize] |= same.len() > 1;
         }
     }
-    lock_touching_rims(mesh, class, rims, &mut locked);
+    mark_touching_rims(mesh, &class, rims, &mut copies);
 
     let pairs = number_and_class.len() as u64;
+    let count = copies.iter().filter(|&&copy| copy).count();
+    let locked = if count <= MOST_LOCKED {
+        copies.clone()
+    } else {
+        vec![false; vertices as usize]
+    };
     let summary = BuildSummary {
         vertices: vertices.into(),
         stitched_vertices: pairs - u64::from(vertices),
@@ -186,14 +277,35 @@ fn finish(mesh: &CleanMesh, class: &[u32], vertices: u32, rims: &[Side]) -> Mani
     };
     ManifoldMesh {
         positions,
-        triangles: class.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+        triangles: class.as_chunks::<3>().0.to_vec(),
+        copies,
         locked,
         summary,
     }
 }
 
-/// Locks every rim vertex whose position another vertex of a rim has too: a seam that could not be stitched.
-fn lock_touching_rims(mesh: &CleanMesh, class: &[u32], rims: &[Side], locked: &mut [bool]) {
+/// Every pair of a vertex number of the file and a class that has a corner of it, once, sorted. Hardly a
+/// class has corners of two numbers, so those are set apart.
+fn numbers_of_classes(by_number: &[u32], class: &[u32], vertices: u32) -> Vec<(u32, u32)> {
+    let mut first = vec![u32::MAX; vertices as usize];
+    let mut others = Vec::new();
+    for (&number, &class) in by_number.iter().zip(class) {
+        let first = &mut first[class as usize];
+        if *first == u32::MAX {
+            *first = number;
+        } else if *first != number {
+            others.push((number, class));
+        }
+    }
+    others.sort_unstable();
+    others.dedup();
+    let mut all: Vec<(u32, u32)> = first.into_iter().zip(0..).chain(others).collect();
+    all.par_sort_unstable();
+    all
+}
+
+/// Marks every rim vertex whose position another vertex of a rim has too: a seam that could not be stitched.
+fn mark_touching_rims(mesh: &CleanMesh, class: &[u32], rims: &[Side], copies: &mut [bool]) {
     let mut position_and_class: Vec<(u32, u32)> = rims
         .iter()
         .flat_map(|&side| [side, next_side(side)])
@@ -204,9 +316,9 @@ fn lock_touching_rims(mesh: &CleanMesh, class: &[u32], rims: &[Side], locked: &m
         .collect();
     position_and_class.sort_unstable();
     position_and_class.dedup();
-    for copies in position_and_class.chunk_by(|a, b| a.0 == b.0) {
-        for &(_, class) in copies {
-            locked[class as usize] |= copies.len() > 1;
+    for same in position_and_class.chunk_by(|a, b| a.0 == b.0) {
+        for &(_, class) in same {
+            copies[class as usize] |= same.len() > 1;
         }
     }
 }
@@ -316,6 +428,62 @@ mod tests {
         assert_eq!(mesh.triangles.len(), 10);
     }
 
+    #[test]
+    fn sheets_that_cross_and_two_sides_of_a_sheet_stay_whole() {
+        // Four quarter planes round an edge along z, oriented as two planes.
+        let mesh = cut(
+            vec![
+                [0.0; 3],
+                [0.0, 0.0, 1.0],
+                [1.0, 0.0, 0.0],
+                [-1.0, 0.1, 0.0],
+                [0.0, 1.0, 0.0],
+                [0.1, -1.0, 0.0],
+            ],
+            vec![[0, 1, 2], [1, 0, 3], [0, 1, 4], [1, 0, 5]],
+        );
+        assert_manifold(&mesh);
+        assert_eq!(mesh.positions.len(), 8);
+        assert_eq!(mesh.summary.cut_vertices, 2);
+        // Both sides of a fan of six: a pillow.
+        let rim = (0..6).map(|k| f64::from(k) * 1.047);
+        let mut positions = vec![[0.0; 3]];
+        positions.extend(rim.map(|angle| [angle.cos(), angle.sin(), 0.0]));
+        let front: Vec<[u32; 3]> = (0..6).map(|k| [0, 1 + k, 1 + (k + 1) % 6]).collect();
+        let back = front.iter().map(|t| [t[0], t[2], t[1]]);
+        let mesh = cut(positions, front.iter().copied().chain(back).collect());
+        assert_manifold(&mesh);
+        assert_eq!(mesh.positions.len(), 8);
+        assert_eq!(mesh.summary.cut_vertices, 1);
+    }
+
+    /// At the corners of the sheet two faces share two edges, and all four round the diagonal both its ends.
+    #[test]
+    fn a_sheet_with_two_sides_is_cut_at_its_corners_only() {
+        let at = |i: u32, j: u32| 10 * j + i;
+        let mut positions = Vec::new();
+        let mut faces = Vec::new();
+        for j in 0..10 {
+            for i in 0..10 {
+                positions.push([f64::from(i), f64::from(j), 0.0]);
+                if i < 9 && j < 9 {
+                    let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+                    faces.extend([[a, b, d], [b, c, d]]);
+                }
+            }
+        }
+        let back: Vec<[u32; 3]> = faces.iter().map(|t| [t[0], t[2], t[1]]).collect();
+        faces.extend(back);
+        let mesh = cut(positions, faces);
+        assert_manifold(&mesh);
+        // An inner vertex has a copy for each side; a pillow of 162 faces a side has few more.
+        assert!(
+            mesh.positions.len() < 100 + 64 + 40,
+            "{}",
+            mesh.positions.len()
+        );
+    }
+
     proptest! {
         #[test]
         fn any_soup_becomes_a_manifold_of_the_same_geometry(
@@ -330,12 +498,13 @@ mod tests {
                 let before = cleaned.triangles.iter().map(|t| t.map(|v| cleaned.positions[v as usize]));
                 let after = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize]));
                 prop_assert!(before.eq(after));
-                let copies = mesh.positions.iter().zip(&mesh.locked).filter(|(p, _)| {
+                let copies = mesh.positions.iter().zip(&mesh.copies).filter(|(p, _)| {
                     mesh.positions.iter().filter(|q| q == p).count() > 1
                 });
-                for (_, &locked) in copies {
-                    prop_assert!(locked);
+                for (_, &copy) in copies {
+                    prop_assert!(copy);
                 }
+                prop_assert_eq!(&mesh.copies, &mesh.locked);
             }
         }
     }

@@ -15,6 +15,7 @@
 //! Everything is deterministic: the same bytes in give the same bytes out, with any number of threads.
 
 mod clean;
+mod cracks;
 mod error;
 mod hierarchy;
 mod import;
@@ -26,7 +27,7 @@ mod simplify;
 mod spm;
 
 pub use clean::{CleanMesh, clean};
-pub use import::{SoupMesh, is_mesh_file, read_mesh};
+pub use import::{MeshFormat, SoupMesh, is_mesh_file, read_mesh, read_mesh_bytes};
 pub use manifold::{ManifoldMesh, cut_to_manifold};
 pub use progress::{NoProgress, Progress, TerminalProgress};
 
@@ -73,9 +74,12 @@ pub enum BuildError {
     Io(#[from] io::Error),
     /// An ending that names no format.
     #[error(
-        "this is no mesh file that can be read: give one that ends in .obj, .ply, .stl or .off"
+        "this is no mesh file that can be read: give one that ends in .obj, .ply, .stl, .off, .cdpm or .spmtxt"
     )]
     UnknownFormat,
+    /// A folder, a pipe, a device.
+    #[error("this is no file: give a mesh file")]
+    NoFile,
     /// The text cannot be understood.
     #[error("line {line}: {reason}")]
     Line {
@@ -85,7 +89,7 @@ pub enum BuildError {
         reason: String,
     },
     /// The file cannot be understood.
-    #[error("this is not a {format} mesh: {reason}")]
+    #[error("this cannot be read as a {format} mesh: {reason}")]
     Format {
         /// Name of the format.
         format: &'static str,

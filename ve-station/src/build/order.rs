@@ -25,6 +25,7 @@ pub fn in_tree_order(mesh: ManifoldMesh) -> ManifoldMesh {
     let order = tree_order(&mesh);
     let mut number = vec![NONE; mesh.positions.len()];
     let mut positions = Vec::with_capacity(mesh.positions.len());
+    let mut copies = Vec::with_capacity(mesh.positions.len());
     let mut locked = Vec::with_capacity(mesh.positions.len());
     let mut triangles = Vec::with_capacity(order.len());
     for face in order {
@@ -33,6 +34,7 @@ pub fn in_tree_order(mesh: ManifoldMesh) -> ManifoldMesh {
             if *number == NONE {
                 *number = positions.len() as u32;
                 positions.push(mesh.positions[vertex as usize]);
+                copies.push(mesh.copies[vertex as usize]);
                 locked.push(mesh.locked[vertex as usize]);
             }
             *number
@@ -41,6 +43,7 @@ pub fn in_tree_order(mesh: ManifoldMesh) -> ManifoldMesh {
     ManifoldMesh {
         positions,
         triangles,
+        copies,
         locked,
         summary: mesh.summary,
     }

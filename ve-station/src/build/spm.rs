@@ -1,5 +1,6 @@
 //! From a history to the parts of an SPM file: ids and records.
 
+use super::cracks::widest_crack;
 use super::error::descendant_radius;
 use super::hierarchy::{add_hierarchy, ladder};
 use super::regions::{Model, default_grid, regions_of};
@@ -135,8 +136,7 @@ pub fn assemble(
         summary: BuildSummary {
             closure_mean: found.closure_mean,
             cleared_regions: found.cleared,
-            // Copies of a cut vertex are locked: see `manifold`.
-            cracks_max: 0.0,
+            cracks_max: widest_crack(mesh, history),
             ..mesh.summary
         },
         base_vertices,

@@ -1,10 +1,10 @@
 //! Wavefront OBJ: `v` and `f` lines; everything else is about looks.
 
 use super::text::{Lines, excerpt, position, words};
-use super::{BuildError, SoupMesh};
+use super::{BuildError, Soup, SoupMesh};
 
 pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
-    let mut mesh = SoupMesh::default();
+    let mut soup = Soup::default();
     let mut corners = Vec::new();
     for (line, content) in Lines::of(text) {
         let mut words = words(content);
@@ -18,27 +18,27 @@ pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
         match words.next() {
             Some("v") => {
                 let position = position(&mut words).ok_or_else(|| bad("vertex"))?;
-                mesh.positions.push(position);
+                soup.mesh.positions.push(position);
             }
             Some("f") => {
                 corners.clear();
                 for word in words {
                     let number = word.split('/').next().unwrap_or_default();
                     let number: i64 = number.parse().map_err(|_| bad("face"))?;
-                    corners.push(resolve(number, mesh.positions.len()));
+                    corners.push(resolve(number, soup.mesh.positions.len()));
                 }
-                mesh.push_polygon(&corners);
+                soup.push_polygon(&corners);
             }
             _ => {}
         }
     }
-    if mesh.positions.is_empty() {
+    if soup.mesh.positions.is_empty() {
         return Err(BuildError::Format {
             format: "Wavefront OBJ",
             reason: "it has no line that starts with v".to_string(),
         });
     }
-    Ok(mesh)
+    Ok(soup.finish())
 }
 
 /// Numbers count from 1; negative ones from the last vertex so far. What names no vertex is `u32::MAX`,
@@ -47,7 +47,7 @@ fn resolve(number: i64, vertices: usize) -> u32 {
     let index = if number > 0 {
         number - 1
     } else if number < 0 {
-        vertices as i64 + number
+        number.saturating_add(vertices as i64)
     } else {
         -1
     };

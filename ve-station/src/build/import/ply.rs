@@ -1,121 +1,170 @@
-//! PLY, text or binary of either byte order, through `ply-rs-bw`.
+//! PLY: a header that declares elements, then their values as text or binary of either byte order.
+//!
+//! `vertex` gives positions (x, y, z of any scalar type), `face` polygons and `tristrips` strips of triangles
+//! (-1 starts another). Everything else is passed over.
 
-use super::{BuildError, SoupMesh};
-use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+mod header;
+mod values;
 
-/// The position of a `vertex`; other properties are passed over.
-struct Vertex([f64; 3]);
-
-impl PropertyAccess for Vertex {
-    fn new() -> Self {
-        Self([0.0; 3])
-    }
-
-    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        let axis = match name {
-            "x" => 0,
-            "y" => 1,
-            "z" => 2,
-            _ => return PropertyAccessResult::Set,
-        };
-        self.0[axis] = match property {
-            Property::Char(v) => v.into(),
-            Property::UChar(v) => v.into(),
-            Property::Short(v) => v.into(),
-            Property::UShort(v) => v.into(),
-            Property::Int(v) => v.into(),
-            Property::UInt(v) => v.into(),
-            Property::Float(v) => v.into(),
-            Property::Double(v) => v,
-            _ => f64::NAN,
-        };
-        PropertyAccessResult::Set
-    }
-}
-
-/// The corners of a `face`; other properties are passed over.
-struct Polygon(Vec<u32>);
-
-impl PropertyAccess for Polygon {
-    fn new() -> Self {
-        Self(Vec::new())
-    }
-
-    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        if name == "vertex_indices" || name == "vertex_index" {
-            self.0 = match property {
-                Property::ListChar(v) => indices(v),
-                Property::ListUChar(v) => indices(v),
-                Property::ListShort(v) => indices(v),
-                Property::ListUShort(v) => indices(v),
-                Property::ListInt(v) => indices(v),
-                Property::ListUInt(v) => v,
-                // Indices as fractions, or no list: a face that names no vertex.
-                _ => vec![u32::MAX; 3],
-            };
-        }
-        PropertyAccessResult::Set
-    }
-}
-
-fn indices<T: TryInto<u32>>(list: Vec<T>) -> Vec<u32> {
-    list.into_iter()
-        .map(|index| index.try_into().unwrap_or(u32::MAX))
-        .collect()
-}
-
-/// Any other element: read to get past it.
-struct Ignored;
-
-impl PropertyAccess for Ignored {
-    fn new() -> Self {
-        Self
-    }
-
-    fn set_property(&mut self, _: &str, _: Property) -> PropertyAccessResult {
-        PropertyAccessResult::Set
-    }
-}
+use super::{BuildError, Soup, SoupMesh};
+use header::{Element, Encoding, Kind, read_header};
+use values::{Binary, Text, Values};
 
 pub(super) fn read(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
-    let mut reader = Reader::new(bytes);
-    let vertices = Parser::<Vertex>::new();
-    let polygons = Parser::<Polygon>::new();
-    let header = vertices.read_header(&mut reader).map_err(refused)?;
-    let mut mesh = SoupMesh::default();
-    for (_, element) in &header.elements {
+    let header = read_header(bytes)?;
+    let mut soup = Soup::default();
+    match header.encoding {
+        Encoding::Text => read_elements(&header.elements, Text::new(header.lines), &mut soup)?,
+        Encoding::Little => {
+            read_elements(
+                &header.elements,
+                Binary::<false>::new(header.body),
+                &mut soup,
+            )?;
+        }
+        Encoding::Big => {
+            read_elements(
+                &header.elements,
+                Binary::<true>::new(header.body),
+                &mut soup,
+            )?;
+        }
+    }
+    Ok(soup.finish())
+}
+
+fn read_elements(
+    elements: &[Element],
+    mut values: impl Values,
+    soup: &mut Soup,
+) -> Result<(), BuildError> {
+    for element in elements {
         match element.name.as_str() {
-            "vertex" => {
-                if ["x", "y", "z"]
-                    .iter()
-                    .any(|&p| !element.properties.contains_key(p))
-                {
-                    return Err(not_ply("its vertices have no x, y and z"));
-                }
-                mesh.positions = vertices
-                    .read_payload_for_element(&mut reader, element, &header)
-                    .map_err(refused)?
-                    .into_iter()
-                    .map(|v| v.0)
-                    .collect();
-            }
-            "face" => {
-                for polygon in polygons
-                    .read_payload_for_element(&mut reader, element, &header)
-                    .map_err(refused)?
-                {
-                    mesh.push_polygon(&polygon.0);
-                }
-            }
+            "vertex" => read_vertices(element, &mut values, soup)?,
+            "face" => read_faces(element, &mut values, soup, false)?,
+            "tristrips" => read_faces(element, &mut values, soup, true)?,
+            // Without properties there is nothing to pass over, however many there are.
+            _ if element.properties.is_empty() => {}
             _ => {
-                Parser::<Ignored>::new()
-                    .read_payload_for_element(&mut reader, element, &header)
-                    .map_err(refused)?;
+                for item in 0..element.count {
+                    values.begin(element, item)?;
+                    for property in &element.properties {
+                        skip(&property.kind, &mut values)?;
+                    }
+                }
             }
         }
     }
-    Ok(mesh)
+    Ok(())
+}
+
+fn read_vertices(
+    element: &Element,
+    values: &mut impl Values,
+    soup: &mut Soup,
+) -> Result<(), BuildError> {
+    let axes: Vec<usize> = element
+        .properties
+        .iter()
+        .map(|property| match (property.name.as_str(), &property.kind) {
+            ("x", Kind::Scalar(_)) => 0,
+            ("y", Kind::Scalar(_)) => 1,
+            ("z", Kind::Scalar(_)) => 2,
+            _ => 3,
+        })
+        .collect();
+    if (0..3).any(|axis| !axes.contains(&axis)) {
+        return Err(element.refused("its vertices have no numbers x, y and z"));
+    }
+    let positions = &mut soup.mesh.positions;
+    positions.reserve_exact(values.at_most(element) as usize);
+    for item in 0..element.count {
+        values.begin(element, item)?;
+        let mut position = [0.0; 3];
+        for (&axis, property) in axes.iter().zip(&element.properties) {
+            match property.kind {
+                Kind::Scalar(scalar) if axis < 3 => position[axis] = values.scalar(scalar)?,
+                ref kind => skip(kind, values)?,
+            }
+        }
+        positions.push(position);
+    }
+    Ok(())
+}
+
+fn read_faces(
+    element: &Element,
+    values: &mut impl Values,
+    soup: &mut Soup,
+    strips: bool,
+) -> Result<(), BuildError> {
+    let names = ["vertex_indices", "vertex_index"];
+    let place = element.properties.iter().position(|property| {
+        names.contains(&property.name.as_str()) && matches!(property.kind, Kind::List { .. })
+    });
+    let Some(place) = place else {
+        return Err(element.refused("its faces have no list vertex_indices"));
+    };
+    if !strips {
+        let most = values.at_most(element) as usize;
+        soup.mesh.triangles.reserve_exact(most);
+    }
+    let mut corners = Vec::new();
+    for item in 0..element.count {
+        values.begin(element, item)?;
+        for (k, property) in element.properties.iter().enumerate() {
+            match property.kind {
+                Kind::List { count, item } if k == place => {
+                    corners.clear();
+                    for _ in 0..values.length(count, item)? {
+                        corners.push(vertex(values.scalar(item)?));
+                    }
+                }
+                ref kind => skip(kind, values)?,
+            }
+        }
+        if strips {
+            corners
+                .split(|&corner| corner == u32::MAX)
+                .for_each(|strip| push_strip(strip, soup));
+        } else {
+            soup.push_polygon(&corners);
+        }
+    }
+    Ok(())
+}
+
+/// Every other triangle of a strip turns the other way; one without area turns the strip over.
+fn push_strip(strip: &[u32], soup: &mut Soup) {
+    for (k, corners) in strip.windows(3).enumerate() {
+        let [a, b, c] = [corners[0], corners[1], corners[2]];
+        if a != b && b != c && c != a {
+            let triangle = if k % 2 == 0 { [a, b, c] } else { [b, a, c] };
+            soup.mesh.triangles.push(triangle);
+        }
+    }
+}
+
+/// The vertex that a number names; `u32::MAX`, which is beyond every mesh, when none.
+fn vertex(number: f64) -> u32 {
+    let index = number as u32;
+    if f64::from(index) == number {
+        index
+    } else {
+        u32::MAX
+    }
+}
+
+fn skip(kind: &Kind, values: &mut impl Values) -> Result<(), BuildError> {
+    match *kind {
+        Kind::Scalar(scalar) => values.scalar(scalar).map(drop),
+        Kind::List { count, item } => {
+            for _ in 0..values.length(count, item)? {
+                values.scalar(item)?;
+            }
+            Ok(())
+        }
+    }
 }
 
 fn not_ply(reason: &str) -> BuildError {
@@ -123,11 +172,4 @@ fn not_ply(reason: &str) -> BuildError {
         format: "PLY",
         reason: reason.to_string(),
     }
-}
-
-/// The parser's words on one line.
-fn refused(error: ply_rs_bw::parser::ParseError) -> BuildError {
-    let text = error.to_string();
-    let words: Vec<&str> = text.split_whitespace().collect();
-    not_ply(words.join(" ").trim_end_matches('.'))
 }

@@ -1,105 +1,172 @@
-//! STL, text or binary, through `stl_io`. The format repeats the corners of every face, so equal ones
-//! become one vertex: equal to the last bit that an f32 has at the model's size. (Writers leave noise of
-//! 1e-17 where others write 0; an exact comparison would tear the model there.)
+//! STL, text or binary. The format repeats the corners of every face, so equal ones become one vertex: equal
+//! to the last bit that an f32 has at the model's size. (Writers leave noise of 1e-17 where others write 0;
+//! an exact comparison would tear the model there.)
 
-use super::{BuildError, SoupMesh};
-use std::io::Cursor;
+use super::text::{Lines, excerpt, number, words};
+use super::{BuildError, Soup, SoupMesh};
+use rayon::prelude::*;
 
 /// Bytes before the triangles of a binary file.
 const HEAD: usize = 84;
 /// Bytes of a triangle in a binary file.
 const TRIANGLE: usize = 50;
 
-pub(super) fn read(mut bytes: Vec<u8>) -> Result<SoupMesh, BuildError> {
-    let mut corners: Vec<[f32; 3]> = Vec::new();
-    if is_binary(&bytes) {
-        // Some binary files start with "solid" like text ones; their head means nothing.
-        bytes[0] = b' ';
-        read_solid(&bytes, &mut corners)?;
-    } else if bytes.starts_with(b"solid") {
-        for solid in solids(&bytes) {
-            read_solid(solid, &mut corners)?;
-        }
+pub(super) fn read(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
+    if is_text(bytes) {
+        return read_text(bytes);
+    }
+    let body = bytes.get(HEAD..).ok_or_else(|| {
+        refused("it neither starts with \"solid\" nor is as long as the head of a binary file")
+    })?;
+    let announced = u32::from_le_bytes([bytes[80], bytes[81], bytes[82], bytes[83]]) as usize;
+    let there = body.len() / TRIANGLE;
+    // Some who write a stream never come back to put the number in.
+    let unknown = announced == 0 || announced == u32::MAX as usize;
+    let count = if unknown && body.len() % TRIANGLE == 0 {
+        there
     } else {
-        return Err(refused(
-            "its length is not that of the triangles it announces",
-        ));
-    }
-    Ok(weld(&corners))
-}
-
-/// Whether the length is exactly that of the announced triangles.
-fn is_binary(bytes: &[u8]) -> bool {
-    let Some(count) = bytes.get(80..HEAD) else {
-        return false;
+        announced
     };
-    let count = u32::from_le_bytes([count[0], count[1], count[2], count[3]]) as usize;
-    bytes.len() == HEAD + count * TRIANGLE
-}
-
-/// The solids of a text file: it may hold several, one after the other.
-fn solids(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
-    let starts: Vec<usize> = (0..bytes.len())
-        .filter(|&at| {
-            bytes[at..].starts_with(b"solid") && (at == 0 || matches!(bytes[at - 1], b'\n' | b'\r'))
-        })
-        .chain([bytes.len()])
-        .collect();
-    (1..starts.len()).map(move |k| &bytes[starts[k - 1]..starts[k]])
-}
-
-fn read_solid(bytes: &[u8], corners: &mut Vec<[f32; 3]>) -> Result<(), BuildError> {
-    let mut source = Cursor::new(bytes);
-    let reader = stl_io::create_stl_reader(&mut source).map_err(|e| refused(&e.to_string()))?;
-    for triangle in reader {
-        let triangle = triangle.map_err(|e| refused(&e.to_string()))?;
-        corners.extend(triangle.vertices.iter().map(|v| v.0));
+    if count > there {
+        return Err(refused(&format!(
+            "it announces {announced} triangles and holds {there}: copy or export it again"
+        )));
     }
-    Ok(())
+    let corners: Vec<[f32; 3]> = body
+        .chunks_exact(TRIANGLE)
+        .take(count)
+        .flat_map(|triangle| {
+            let coordinate = |at: usize| {
+                let bytes = &triangle[at..at + 4];
+                f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
+            };
+            // The normal comes first; the corners tell it better.
+            [12, 24, 36].map(|at| [coordinate(at), coordinate(at + 4), coordinate(at + 8)])
+        })
+        .collect();
+    let corner_numbers: Vec<u32> = (0..corners.len() as u32).collect();
+    let mut soup = Soup::default();
+    soup.mesh.triangles = corner_numbers.as_chunks::<3>().0.to_vec();
+    Ok(welded(soup.finish(), &corners))
+}
+
+/// Binary files may start with "solid" too, whose head means nothing: text has a facet, or ends, and is not
+/// as long as a binary file would be.
+fn is_text(bytes: &[u8]) -> bool {
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let starts = text.trim_ascii_start();
+    if !starts
+        .get(..5)
+        .is_some_and(|start| start.eq_ignore_ascii_case(b"solid"))
+    {
+        return false;
+    }
+    let announced = bytes
+        .get(80..HEAD)
+        .map(|count| u32::from_le_bytes([count[0], count[1], count[2], count[3]]));
+    let exact = announced.is_some_and(|count| bytes.len() == HEAD + count as usize * TRIANGLE);
+    !exact && !starts[..starts.len().min(1024)].contains(&0)
+}
+
+/// Words, wherever lines end; names of solids are passed over.
+fn read_text(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
+    let bytes = super::text::decoded(bytes)?;
+    let mut soup = Soup::default();
+    let mut positions: Vec<[f32; 3]> = Vec::new();
+    // Numbers of the corners of the loop that is open.
+    let mut corners: Option<Vec<u32>> = None;
+    // Coordinates of the vertex that is being read, or of a normal.
+    let mut coordinates: Vec<f64> = Vec::new();
+    let mut in_vertex = false;
+    let mut last_line = 1;
+    for (line, content) in Lines::of(bytes) {
+        last_line = line;
+        let bad = |what: &str| BuildError::Line {
+            line,
+            reason: format!("\"{}\" is {what} of an STL mesh", excerpt(content)),
+        };
+        for word in words(content) {
+            if let Some(number) = number(word) {
+                coordinates.push(number);
+                if in_vertex && coordinates.len() == 3 {
+                    let open = corners.as_mut().ok_or_else(|| bad("no vertex in a loop"))?;
+                    open.push(positions.len() as u32);
+                    positions.push([0, 1, 2].map(|k| coordinates[k] as f32));
+                    coordinates.clear();
+                    in_vertex = false;
+                }
+                continue;
+            }
+            if in_vertex {
+                return Err(bad("no vertex"));
+            }
+            coordinates.clear();
+            match word.to_ascii_lowercase().as_str() {
+                "solid" | "endsolid" => break,
+                "facet" | "normal" | "outer" | "endfacet" => {}
+                "loop" => corners = Some(Vec::new()),
+                "vertex" => in_vertex = true,
+                "endloop" => {
+                    let closed = corners.take().ok_or_else(|| bad("no end of a loop"))?;
+                    soup.push_polygon(&closed);
+                }
+                _ => return Err(bad("no part")),
+            }
+        }
+    }
+    if in_vertex || corners.is_some() {
+        return Err(BuildError::Line {
+            line: last_line,
+            reason: "the STL mesh ends within a face: copy or export it again".to_string(),
+        });
+    }
+    soup.mesh.positions = positions.iter().map(|p| p.map(f64::from)).collect();
+    Ok(welded(soup.finish(), &positions))
 }
 
 fn refused(reason: &str) -> BuildError {
     BuildError::Format {
         format: "STL",
-        reason: reason.trim_end_matches(['.', '?']).to_string(),
+        reason: reason.to_string(),
     }
 }
 
-/// One vertex for each position, that of its first use.
-fn weld(corners: &[[f32; 3]]) -> SoupMesh {
+/// One vertex for each position, that of its first use; triangles name corners so far.
+fn welded(mut mesh: SoupMesh, corners: &[[f32; 3]]) -> SoupMesh {
     let extent = corners
-        .as_flattened()
-        .iter()
+        .par_iter()
+        .flatten()
         .filter(|x| x.is_finite())
-        .fold(0.0f32, |most, x| most.max(x.abs()));
+        .map(|x| x.abs())
+        .reduce(|| 0.0, f32::max);
     // Adding the extent and taking it away again leaves the bits that count at this size.
-    let key = |at: u32| corners[at as usize].map(|x| ((x + extent) - extent + 0.0).to_bits());
-    let mut order: Vec<u32> = (0..corners.len() as u32).collect();
-    order.sort_unstable_by_key(|&at| (key(at), at));
+    let key = |p: [f32; 3]| p.map(|x| ((x + extent) - extent + 0.0).to_bits());
+    let mut order: Vec<([u32; 3], u32)> = corners
+        .par_iter()
+        .zip(0..corners.len() as u32)
+        .map(|(&p, at)| (key(p), at))
+        .collect();
+    order.par_sort_unstable();
     let mut first_use = vec![0u32; corners.len()];
-    for pair in 0..order.len() {
-        let at = order[pair];
-        let same = pair > 0 && key(order[pair - 1]) == key(at);
-        first_use[at as usize] = if same {
-            first_use[order[pair - 1] as usize]
-        } else {
-            at
-        };
+    for same in order.chunk_by(|a, b| a.0 == b.0) {
+        for &(_, at) in same {
+            first_use[at as usize] = same[0].1;
+        }
     }
-    let mut mesh = SoupMesh::default();
-    let mut vertex_of = vec![0u32; corners.len()];
+    drop(order);
+    mesh.positions.clear();
+    // In place: a first use comes before every other one, so what it points to is a vertex by then.
     for at in 0..corners.len() {
         let first = first_use[at] as usize;
         if first == at {
-            vertex_of[at] = mesh.positions.len() as u32;
+            first_use[at] = mesh.positions.len() as u32;
             mesh.positions.push(corners[at].map(f64::from));
         } else {
-            vertex_of[at] = vertex_of[first];
+            first_use[at] = first_use[first];
         }
     }
-    mesh.triangles = vertex_of
-        .chunks_exact(3)
-        .map(|t| [t[0], t[1], t[2]])
-        .collect();
+    for corner in mesh.triangles.as_flattened_mut() {
+        *corner = first_use[*corner as usize];
+    }
     mesh
 }

@@ -49,7 +49,7 @@ fn a_huge_count_in_a_short_file_is_an_error_and_no_memory() {
         property float x\nproperty float y\nproperty float z\nend_header\nabcd";
     assert!(triangles_of(ply, "ply").is_err());
     let mut stl = vec![0u8; 84];
-    stl[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
+    stl[80..84].copy_from_slice(&(u32::MAX - 1).to_le_bytes());
     assert!(triangles_of(&stl, "stl").is_err());
 }
 
@@ -125,4 +125,229 @@ fn stl_reads_text_of_several_solids_and_binary_that_starts_like_text() {
     assert_eq!(mesh.triangles, [[0, 1, 2]]);
     binary.pop();
     assert!(triangles_of(&binary, "stl").is_err());
+}
+
+#[test]
+fn polygons_are_cut_along_diagonals_that_lie_inside() {
+    // An arrow whose second corner is reflex, in every format that has polygons; a fan would fold over.
+    let expected = [[0, 1, 3], [1, 2, 3]];
+    let obj = "f 1 2 3 4\nv 0 0 0\nv 4 1 0\nv 8 0 0\nv 4 9 0\n";
+    let off = "OFF 4 1 0\n0 0 0\n4 1 0\n8 0 0\n4 9 0\n4 0 1 2 3\n";
+    let ply = "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int vertex_index\n\
+        element vertex 4\nproperty int x\nproperty int y\nproperty int z\nend_header\n\
+        4 0 1 2 3\n0 0 0\n4 1 0\n8 0 0\n4 9 0\n";
+    for (text, ending) in [(obj, "obj"), (off, "off"), (ply, "ply")] {
+        let mut mesh = triangles_of(text.as_bytes(), ending).unwrap();
+        for triangle in &mut mesh.triangles {
+            let least = (0..3).min_by_key(|&k| triangle[k]).unwrap();
+            triangle.rotate_left(least);
+        }
+        mesh.triangles.sort_unstable();
+        assert_eq!(mesh.triangles, expected, "{ending}");
+    }
+}
+
+#[test]
+fn marks_comments_and_printers_of_not_a_number_are_no_obstacle() {
+    let text = b"\xef\xbb\xbf# \xe9 in Latin-1\nv nan -nan(ind) 1\nv inf 0 0\nv 0 0 0\nf 1 2 3\n";
+    let mesh = triangles_of(text, "obj").unwrap();
+    assert!(mesh.positions[0][0].is_nan() && mesh.positions[0][1].is_nan());
+    assert_eq!(mesh.triangles, [[0, 1, 2]]);
+    let error = triangles_of(b"\xff\xfev\0 \0", "obj").unwrap_err();
+    assert!(error.to_string().contains("UTF-16"), "{error}");
+}
+
+#[test]
+fn off_takes_every_keyword_of_a_text() {
+    let body = "1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n";
+    for head in [
+        "STCNOFF\n3 1 0\n",
+        "OFF3 1 0\n",
+        "3 1 0\n",
+        "\n# c\nNOFF 3 1\n",
+    ] {
+        let mesh = triangles_of(format!("{head}{body}").as_bytes(), "off").unwrap();
+        assert_eq!(mesh.triangles, [[0, 1, 2]], "{head}");
+    }
+    for head in ["nOFF\n3 3 1 0\n", "4OFF\n3 1 0\n", "OFF BINARY\n", "BOFF\n"] {
+        assert!(triangles_of(format!("{head}{body}").as_bytes(), "off").is_err());
+    }
+}
+
+#[test]
+fn ply_takes_lists_and_elements_of_any_type() {
+    let head = "ply\r\nformat binary_big_endian 1.0\r\ncomment \u{e9}\r\nobj_info x\r\n\
+        element camera 1\r\nproperty list ushort double matrix\r\nproperty char c\r\n\
+        element vertex 4\r\nproperty list int8 float t\r\nproperty float64 z\r\nproperty int16 y\r\nproperty uint x\r\n\
+        element tristrips 1\r\nproperty list int int vertex_indices\r\n\
+        element face 1\r\nproperty float quality\r\nproperty list uint ushort vertex_indices\r\nend_header\r\n";
+    let mut bytes: Vec<u8> = head.chars().map(|c| c as u8).collect();
+    bytes.extend(2u16.to_be_bytes());
+    bytes.extend([0; 16]);
+    bytes.push(7);
+    for (t, x, y, z) in [
+        (0u8, 0u32, -1i16, 0.5f64),
+        (1, 1, 0, 0.0),
+        (2, 2, 2, 1e9),
+        (0, 3, 3, 3.0),
+    ] {
+        bytes.push(t);
+        bytes.extend(vec![0; 4 * t as usize]);
+        bytes.extend(z.to_be_bytes());
+        bytes.extend(y.to_be_bytes());
+        bytes.extend(x.to_be_bytes());
+    }
+    for number in [8i32, 0, 1, 2, 3, -1, 3, 2, 1] {
+        bytes.extend(number.to_be_bytes());
+    }
+    bytes.extend(0.5f32.to_be_bytes());
+    bytes.extend(3u32.to_be_bytes());
+    for corner in [3u16, 0, 2] {
+        bytes.extend(corner.to_be_bytes());
+    }
+    let mesh = triangles_of(&bytes, "ply").unwrap();
+    assert_eq!(mesh.positions[0], [0.0, -1.0, 0.5]);
+    assert_eq!(mesh.positions[2], [2.0, 2.0, 1e9]);
+    assert_eq!(mesh.triangles, [[0, 1, 2], [2, 1, 3], [3, 2, 1], [3, 0, 2]]);
+    for cut in 1..40 {
+        let error = triangles_of(&bytes[..bytes.len() - cut], "ply").unwrap_err();
+        assert!(error.to_string().contains("ends within"), "{error}");
+    }
+}
+
+#[test]
+fn ply_headers_end_in_any_line_ending() {
+    for end in ["\n", "\r\n", "\r"] {
+        let head = [
+            "ply",
+            "format binary_little_endian 1.0",
+            "element face 1",
+            "property list uchar uchar vertex_indices",
+            "element vertex 1",
+            "property uchar x",
+            "property uchar y",
+            "property uchar z",
+            "end_header",
+            "",
+        ];
+        let mut bytes = head.join(end).into_bytes();
+        // A list of ten corners starts with the byte of a line feed.
+        bytes.extend([10, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3]);
+        let mesh = triangles_of(&bytes, "ply").unwrap();
+        assert_eq!(mesh.triangles.len(), 8, "{end:?}");
+        assert_eq!(mesh.positions, [[1.0, 2.0, 3.0]]);
+    }
+}
+
+#[test]
+fn bad_ply_headers_and_values_are_named_by_line() {
+    let cases: [(&str, &str); 6] = [
+        ("ply\nformat ascii 1.0\nelement vertex many\n", "line 3"),
+        ("ply\nformat ascii 1.0\nproperty int x\n", "line 3"),
+        (
+            "ply\nformat ascii 1.0\nelement face 1\nproperty list float int vertex_indices\n",
+            "line 4",
+        ),
+        (
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty int x\nend_header\n1\n",
+            "line 3",
+        ),
+        (
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty int x\nproperty int y\nproperty int z\nend_header\n\n1 2\n",
+            "line 9",
+        ),
+        (
+            "ply\nformat ascii 1.0\nelement face 1\nproperty list int int vertex_indices\nend_header\n-1\n",
+            "line 6",
+        ),
+    ];
+    for (text, expected) in cases {
+        let error = triangles_of(text.as_bytes(), "ply")
+            .unwrap_err()
+            .to_string();
+        assert!(error.starts_with(expected), "{error}");
+    }
+}
+
+#[test]
+fn stl_of_an_unknown_count_is_as_long_as_it_is() {
+    let mut binary = vec![0u8; 84];
+    for k in 0..3u8 {
+        let mut triangle = [0u8; 50];
+        for (corner, at) in [12, 28, 44].into_iter().enumerate() {
+            triangle[at..at + 4].copy_from_slice(&(f32::from(k) + corner as f32).to_le_bytes());
+        }
+        binary.extend(triangle);
+    }
+    for (announced, expected) in [
+        (0u32, Some(3)),
+        (u32::MAX, Some(3)),
+        (2, Some(2)),
+        (4, None),
+    ] {
+        binary[80..84].copy_from_slice(&announced.to_le_bytes());
+        let faces = triangles_of(&binary, "stl")
+            .ok()
+            .map(|mesh| mesh.triangles.len());
+        assert_eq!(faces, expected, "{announced}");
+    }
+}
+
+#[test]
+fn stl_texts_on_one_line_are_read_and_broken_ones_named() {
+    let line = "SOLID a vertex\nFACET NORMAL 0 0 nan OUTER LOOP VERTEX 0 0 0 VERTEX 1 0 0 VERTEX 1 1 0 VERTEX 0 1 0 \
+        ENDLOOP ENDFACET\nendsolid a loop";
+    let mesh = triangles_of(line.as_bytes(), "stl").unwrap();
+    assert_eq!(mesh.positions.len(), 4);
+    assert_eq!(mesh.triangles.len(), 2);
+    for (text, expected) in [
+        ("solid\nfacet\nouter loop\nvertex 1 2\nendloop\n", "line 5"),
+        ("solid\nvertex 1 2 3\n", "line 2"),
+        (
+            "solid\nfacet\nouter loop\nvertex 1 2 3\n",
+            "ends within a face",
+        ),
+        ("solid\nDear reader\n", "line 2"),
+    ] {
+        let error = triangles_of(text.as_bytes(), "stl")
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+/// The figures of appendix A, with the base faces that its first split needs.
+#[test]
+fn a_cdpm_refines_as_printed_in_the_thesis() {
+    let text = "# 3D model: 5804 faces 2904 vertices 2896 VSPs\n# Base Mesh: 10 faces 8 vertices\n\
+        v 0.0250617 0.0799181 -0.159895\nv 0.38019 0.230182 -0.0215354\nv 0.108728 -0.155195 0.0126244\n\
+        v -0.433037 0.231398 0.0454415\nv -0.357951 -0.143089 -0.116849\nv 0.257309 0.187015 0.0507284\n\
+        v -0.347619 -0.129812 0.124568\nv 0.151632 -0.043319 -0.08824\n\
+        f 3 2 6\nf 5 4 1\nf 7 5 3\nf 2 1 6\nf 2 3 1\nf 1 3 5\nf 6 1 4\nf 3 6 7\nf 7 6 4\nf 4 5 7\n\
+        v* 1 -0.123045 -0.00540496 -0.0360497 0.349609 -0.103558 -0.0485731 6 -5 & 3 5 4 6 2 7\n";
+    let mesh = triangles_of(text.as_bytes(), "cdpm").unwrap();
+    assert_eq!((mesh.positions.len(), mesh.triangles.len()), (9, 12));
+    assert_eq!(mesh.positions[8][0], 0.025_061_7 + 0.349_609);
+    // Closed: every edge is there once in each direction.
+    let mut edges: Vec<(u32, u32)> = mesh
+        .triangles
+        .iter()
+        .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
+        .collect();
+    edges.sort_unstable();
+    assert!(edges.windows(2).all(|pair| pair[0] != pair[1]));
+    assert!(
+        edges
+            .iter()
+            .all(|&(a, b)| edges.binary_search(&(b, a)).is_ok())
+    );
+    for bad in [
+        "v* 1 0 0 0 0 0 0 6 -5 & 3 1",
+        "v* 12 0 0 0 0 0 0 & 0",
+        "f 1 2",
+        "x 1",
+    ] {
+        let error = triangles_of(format!("{text}{bad}\n").as_bytes(), "cdpm").unwrap_err();
+        assert!(error.to_string().starts_with("line 22:"), "{error}");
+    }
 }
