@@ -12,6 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 use ve_station::build::{self, BuildOptions, TerminalProgress};
+use ve_station::export::{self, Detail, ExportFormat};
 use ve_station::generate::{self, Shape};
 use ve_station::inspect::{self, Facts};
 use ve_station::serve::{ServeArgs, serve};
@@ -31,7 +32,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Builds an SPM file from a mesh file (OBJ, PLY, STL, OFF)
+    /// Builds an SPM file from a mesh file (OBJ, PLY, STL, OFF, or the thesis's CDPM and SPM text)
     Build {
         /// The mesh file
         mesh: PathBuf,
@@ -70,6 +71,29 @@ enum Command {
         /// Longest side of the model in the world, metres, for the greatest speed
         #[arg(long, value_name = "M", default_value_t = 0.15)]
         size: f64,
+        /// Prints one JSON object instead of text
+        #[arg(long)]
+        json: bool,
+    },
+    /// Writes an SPM file as a mesh that any viewer shows, or as the thesis's text
+    ///
+    /// The ending of the output names the format: .obj, .ply, .stl and .off hold the mesh, .cdpm and .spmtxt
+    /// the base mesh and the splits as in appendices A and B of the thesis; `build` reads all of them.
+    Export {
+        /// The SPM file
+        file: PathBuf,
+        /// The file to write
+        #[arg(short, long, value_name = "FILE")]
+        output: PathBuf,
+        /// The format, whatever the ending: obj, ply, stl, off, cdpm or spmtxt
+        #[arg(long, value_name = "NAME", value_parser = format_named)]
+        format: Option<ExportFormat>,
+        /// At most so many faces: the first splits only
+        #[arg(long, value_name = "N", conflicts_with = "tolerance")]
+        faces: Option<u32>,
+        /// Only the splits whose expected error is larger than this, in the units of the model
+        #[arg(long, value_name = "E", allow_negative_numbers = true)]
+        tolerance: Option<f64>,
         /// Prints one JSON object instead of text
         #[arg(long)]
         json: bool,
@@ -209,6 +233,33 @@ fn run(command: Command) -> Result<(), Box<dyn Error>> {
                 print(found.to_text().trim_end())
             }
         }
+        Command::Export {
+            file,
+            output,
+            format,
+            faces,
+            tolerance,
+            json,
+        } => {
+            let detail = match (faces, tolerance) {
+                (Some(most), _) => Detail::Faces(most),
+                (None, Some(tolerance)) => Detail::Tolerance(tolerance),
+                (None, None) => Detail::Full,
+            };
+            let done = export::export(&file, &output, format, detail)?;
+            if json {
+                print(&serde_json::to_string(&done)?)
+            } else {
+                print(&format!(
+                    "{} vertices, {} faces, {} splits: {} bytes in {}",
+                    done.vertices,
+                    done.faces,
+                    done.vsps,
+                    done.file_bytes,
+                    output.display()
+                ))
+            }
+        }
         Command::Serve(options) => {
             let stop = Arc::new(AtomicBool::new(false));
             for signal in [SIGINT, SIGTERM] {
@@ -218,6 +269,10 @@ fn run(command: Command) -> Result<(), Box<dyn Error>> {
             Ok(())
         }
     }
+}
+
+fn format_named(name: &str) -> Result<ExportFormat, String> {
+    ExportFormat::named(name).ok_or_else(|| "choose obj, ply, stl, off, cdpm or spmtxt".to_string())
 }
 
 /// Prints a line; a reader that went away (`| head`) is no error.

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`build`] | mesh file to SPM file |
 //! | [`generate`] | shapes of known geometry as meshes of any size |
+//! | [`export`] | an SPM file as a plain mesh, or in the thesis's text formats |
 //! | [`inspect`] | what an SPM file holds, for people and scripts |
 //! | [`database`] | the models of a scene, mapped |
 //! | [`collection`], [`station`] | the pure core: closures and answers |
@@ -15,6 +16,7 @@ pub mod build;
 pub mod collection;
 pub mod connection;
 pub mod database;
+pub mod export;
 pub mod generate;
 pub mod inspect;
 pub mod serve;

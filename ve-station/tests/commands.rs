@@ -113,17 +113,37 @@ fn bad_meshes_are_one_sentence_each() {
     write("short.ply", b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n");
     write("no.stl", b"not an stl at all");
     write("empty.ply", b"");
+    write("empty.cdpm", b"");
+    std::fs::create_dir(at.join("folder.obj")).unwrap();
+    write(
+        "short.stl",
+        &[&[b' '; 80][..], &9u32.to_le_bytes()].concat(),
+    );
+    write("binary.ply", b"ply\nformat binary_big_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n0123");
+    write("list.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty int vertex_indices\nend_header\n0 0 0\n1\n");
+    write(
+        "broken.cdpm",
+        b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nv* 1 0 0 0 0 0 0 2 & 1 2\n",
+    );
+    write("broken.spmtxt", b"b 1 3\n$ 2 4 1\nv 1 0 0 0\nv* 2 1 3 4\n");
     let cases = [
         ("missing.obj", "No such file"),
         ("nan.obj", "not a finite number"),
         ("text.obj", "no line that starts with v"),
-        ("letter.txt", ".obj, .ply, .stl or .off"),
+        ("letter.txt", ".obj, .ply, .stl, .off, .cdpm or .spmtxt"),
         ("broken.obj", "line 2"),
         ("points.obj", "no face"),
         ("line.off", "no area"),
         ("short.ply", "PLY"),
         ("no.stl", "STL"),
         ("empty.ply", "PLY"),
+        ("empty.cdpm", "starts with v"),
+        ("folder.obj", "no file"),
+        ("short.stl", "announces 9 triangles and holds 0"),
+        ("binary.ply", "within vertex 1 of 3"),
+        ("list.ply", "line 7: its faces have no list"),
+        ("broken.cdpm", "line 5: \"v* 1 0 0 0 0 0 0 2 & 1 2\""),
+        ("broken.spmtxt", "line 4: \"v* 2 1 3 4\""),
     ];
     for (mesh, expected) in cases {
         let text = refused(at, &["build", mesh, "-o", "out.spm"]);
@@ -142,6 +162,50 @@ fn bad_meshes_are_one_sentence_each() {
         &["generate", "plate", "--faces", "100", "-o", "plate.stl"],
     );
     assert!(text.contains(".obj or .ply"), "{text}");
+}
+
+#[test]
+fn export_writes_what_build_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    station(
+        at,
+        &["generate", "relief", "--faces", "3000", "-o", "a.ply"],
+    );
+    let built = json(&station(at, &["build", "a.ply", "-o", "a.spm", "--json"]));
+    for output in ["b.obj", "b.ply", "b.stl", "b.off", "b.cdpm", "b.spmtxt"] {
+        let done = json(&station(at, &["export", "a.spm", "-o", output, "--json"]));
+        assert_eq!(done["faces"], built["faces"], "{output}");
+        let again = json(&station(at, &["build", output, "-o", "b.spm", "--json"]));
+        for field in ["vertices", "faces"] {
+            assert_eq!(again[field], built[field], "{output}");
+        }
+    }
+    let arguments = ["export", "a.spm", "-o", "c.txt", "--format", "cdpm"];
+    let few = station(at, &[&arguments[..], &["--faces", "1000"]].concat());
+    assert!(few.status.success());
+    let text = String::from_utf8(few.stdout).unwrap();
+    assert!(text.contains("faces") && text.contains("c.txt"), "{text}");
+    let text = std::fs::read_to_string(at.join("c.txt")).unwrap();
+    assert!(
+        text.starts_with("# 3D model: 1000 faces") || text.starts_with("# 3D model: 999 faces")
+    );
+    let cases: [(&[&str], &str); 4] = [
+        (
+            &["export", "a.ply", "-o", "c.obj"],
+            "a.ply: this is not an SPM file",
+        ),
+        (&["export", "a.spm", "-o", "c.xyz"], "--format"),
+        (
+            &["export", "a.spm", "-o", "c.obj", "--tolerance", "-1"],
+            "--tolerance",
+        ),
+        (&["export", "none.spm", "-o", "c.obj"], "none.spm"),
+    ];
+    for (arguments, expected) in cases {
+        let text = refused(at, arguments);
+        assert!(text.contains(expected), "{text}");
+    }
 }
 
 #[test]
