@@ -97,6 +97,7 @@ pub fn assemble(
     let base_faces = base_faces(&history, &ids, faces);
     let records = records(&history, &ids, faces, &code);
     check_records(&records, ids.sizes)?;
+    let cracks_max = widest_crack(mesh, &history);
     drop((history, radius));
 
     progress.phase("assigning regions", faces.into());
@@ -136,7 +137,7 @@ pub fn assemble(
         summary: BuildSummary {
             closure_mean: found.closure_mean,
             cleared_regions: found.cleared,
-            cracks_max: widest_crack(mesh, history),
+            cracks_max,
             ..mesh.summary
         },
         base_vertices,
