@@ -1,7 +1,7 @@
 //! Files and messages from hell: mutated from a corpus, always the same ones for a seed.
 //!
 //! Nothing may panic, hang, or take memory beyond what its length explains, and every refusal is one sentence.
-//! `HRTC_FUZZ_ROUNDS` makes the runs longer (2000 by default), `HRTC_FUZZ_SEED` other ones. An input that fails is
+//! `HRTC_FUZZ_ROUNDS` makes the runs longer (800 by default), `HRTC_FUZZ_SEED` other ones. An input that fails is
 //! kept in a file, named in the message: move it to `tests/corpus`, where every run starts from it.
 
 #[path = "../common/mod.rs"]
@@ -27,10 +27,7 @@ fn number(variable: &str, default: u64) -> u64 {
 
 /// Inputs of a run, and its seed, printed.
 fn rounds_and_seed() -> (u64, u64) {
-    let (rounds, seed) = (
-        number("HRTC_FUZZ_ROUNDS", 2000),
-        number("HRTC_FUZZ_SEED", 1),
-    );
+    let (rounds, seed) = (number("HRTC_FUZZ_ROUNDS", 800), number("HRTC_FUZZ_SEED", 1));
     println!("seed {seed}, {rounds} rounds");
     (rounds, seed)
 }
