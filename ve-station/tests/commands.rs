@@ -87,7 +87,7 @@ fn generate_build_and_inspect_agree() {
         }
         // A sphere of 5 cm radius has 0.0314 square metres.
         let cell = 0.1 / built["divisions"].as_f64().unwrap();
-        let speed = 32.0 / (4096.0 / 0.031_416 * (0.006 + cell) * 1e-3);
+        let speed = 96.0 / (4096.0 / 0.031_416 * (0.006 + cell) * 1e-3);
         let said = found["greatest_speed_m_per_s"].as_f64().unwrap();
         assert!((said / speed - 1.0).abs() < 0.02, "{said} {speed}");
         let text = station(at, &["inspect", "mesh.spm"]);

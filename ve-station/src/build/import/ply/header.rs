@@ -129,7 +129,8 @@ pub(super) fn read_header(bytes: &[u8]) -> Result<Header<'_>, BuildError> {
                 });
             }
             ["element", name, count] => elements.push(Element {
-                name: name.to_string(),
+                // Messages quote it.
+                name: excerpt(name.as_bytes()),
                 count: count.parse().map_err(|_| bad("element"))?,
                 properties: Vec::new(),
                 line,
