@@ -1,8 +1,8 @@
 //! What a run leaves behind, as numbers: the result fields of `--json`, the series behind the plots, the
 //! histograms behind the percentiles, and the lines of the supervised mode.
 //!
-//! The log thread pushes every [`TickRecord`] into an [`Accumulator`]; all its tables have a fixed size, so a
-//! run of any length needs the same memory (fifteen histograms of 0.2 to 0.3 MB).
+//! The log thread pushes every [`crate::tick_record::TickRecord`] into an [`Accumulator`]; all its tables have
+//! a fixed size, so a run of any length needs the same memory (fifteen histograms of 0.2 to 0.3 MB).
 
 use crate::controller::Capacity;
 use crate::tick_record::MissClass;
