@@ -199,7 +199,7 @@ impl Subscriber {
         for place in 0..cache.regions.capacity() {
             match cache.regions.get(place).map(|region| region.state) {
                 Some(RegionState::Asked | RegionState::ToAskAgain) => {
-                    cache.let_go(place);
+                    cache.let_go(place, u32::MAX);
                     cache.regions.remove(place);
                 }
                 // A station that starts the epoch anew does not believe in it any more.

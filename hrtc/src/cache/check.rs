@@ -1,6 +1,6 @@
 //! Every invariant of a cache, for tests.
 
-use super::{Cache, Cursor, PENDING, Queue};
+use super::{Cache, Cursor, PENDING, Queue, RegionState};
 
 impl Cache {
     /// Checks every invariant of mesh, tree, counts and queues; for tests, it allocates.
@@ -17,11 +17,17 @@ impl Cache {
             let region = self.regions.at(index);
             let mut cursor = Cursor::start(&region.closure);
             let mut pending = 0;
+            let length = region.closure.length();
+            let leaving = region.state == RegionState::Leaving;
+            let mut place = 0;
             while let Some(item) = self.lists.get(&region.closure, cursor) {
+                // What a change has not gone through yet is as it was.
+                let is_done = place < length - region.changing;
+                place += 1;
                 if item & PENDING == 0 {
-                    held[item as usize] += 1;
-                    wanted[item as usize] += u16::from(region.wanted);
-                } else {
+                    held[item as usize] += u16::from(!(leaving && is_done));
+                    wanted[item as usize] += u16::from(!leaving && region.wanted == is_done);
+                } else if !leaving {
                     pending += 1;
                 }
                 cursor = self.lists.next(cursor);

@@ -131,6 +131,15 @@ impl ListPool {
         true
     }
 
+    /// The place of the last item of a list that is not empty.
+    #[must_use]
+    pub fn last(list: &List) -> Cursor {
+        Cursor {
+            block: list.tail,
+            index: (list.length - 1) % ITEMS as u32,
+        }
+    }
+
     /// The item at a cursor, `None` behind the last. The list must not have grown since the cursor was made.
     #[must_use]
     pub fn get(&self, list: &List, cursor: Cursor) -> Option<u32> {

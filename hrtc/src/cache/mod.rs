@@ -360,8 +360,9 @@ impl Cache {
             return Err(LoadError::NoRoom);
         }
         let entry = self.regions.at_mut(region);
-        if entry.closure == List::EMPTY {
-            entry.cursor = Cursor::start(&list);
+        // Where the first record to come belongs: no run of loaded ones is gone through for it.
+        if known.is_none() && entry.pending == 0 {
+            entry.cursor = ListPool::last(&list);
         }
         entry.closure = list;
         match known {
@@ -456,48 +457,75 @@ impl Cache {
         Ok(())
     }
 
-    /// Lets go of a region's closure; the region stays in the table with its state for the caller to set.
+    /// Lets go of a region's closure, at most `most` entries of it; the rest when it is called again. The region
+    /// stays in the table, leaving until all of it is gone; its state is then for the caller to set.
     ///
-    /// Returns the number of entries gone through.
-    pub fn let_go(&mut self, region: usize) -> u32 {
-        let entry = *self.regions.at(region);
-        if entry.wanted {
-            self.set_wanted(region, false);
+    /// Returns whether all of it is gone.
+    pub fn let_go(&mut self, region: usize, most: u32) -> bool {
+        if self.regions.at(region).state != RegionState::Leaving {
+            // A change that has begun is finished; only a damaged region is let go of while it is wanted.
+            let wanted = self.regions.at(region).wanted;
+            self.set_wanted(region, wanted, u32::MAX);
+            self.set_wanted(region, false, u32::MAX);
+            let entry = self.regions.at_mut(region);
+            entry.pending = 0;
+            entry.changing = entry.closure.length();
+            entry.cursor = Cursor::start(&entry.closure);
         }
-        let mut cursor = Cursor::start(&entry.closure);
-        while let Some(item) = self.lists.get(&entry.closure, cursor) {
-            if item & PENDING == 0 {
+        let entry = *self.regions.at(region);
+        let mut cursor = entry.cursor;
+        let count = most.min(entry.changing);
+        for _ in 0..count {
+            if let Some(item) = self.lists.get(&entry.closure, cursor)
+                && item & PENDING == 0
+            {
                 self.references[item as usize].held -= 1;
                 self.requeue(item);
             }
             cursor = self.lists.next(cursor);
         }
         let entry = self.regions.at_mut(region);
+        entry.changing -= count;
+        entry.cursor = cursor;
+        if entry.changing > 0 {
+            entry.state = RegionState::Leaving;
+            return false;
+        }
         let mut list = entry.closure;
-        let length = list.length();
-        entry.pending = 0;
         self.lists.free(&mut list);
         let entry = self.regions.at_mut(region);
         entry.closure = list;
         entry.cursor = Cursor::start(&list);
-        length
+        true
     }
 
-    /// Puts a held region into the set to be performed, or takes it out.
+    /// Puts a held region into the set to be performed, or takes it out: at most `most` entries of its closure, the
+    /// rest when it is called again. A change that has begun is finished before another begins.
     ///
     /// Returns the number of entries gone through.
-    pub fn set_wanted(&mut self, region: usize, wanted: bool) -> u32 {
-        let entry = *self.regions.at(region);
-        if entry.wanted == wanted {
-            return 0;
+    pub fn set_wanted(&mut self, region: usize, wanted: bool, most: u32) -> u32 {
+        let entry = self.regions.at_mut(region);
+        if entry.changing == 0 {
+            if entry.wanted == wanted {
+                return 0;
+            }
+            entry.wanted = wanted;
+            entry.refined = false;
+            entry.to_split = 0;
+            entry.changing = entry.closure.length();
+            entry.cursor = Cursor::start(&entry.closure);
         }
-        let mut cursor = Cursor::start(&entry.closure);
+        let entry = *entry;
+        let mut cursor = entry.cursor;
         let mut to_split = 0;
-        while let Some(slot) = self.lists.get(&entry.closure, cursor) {
-            if slot & PENDING == 0 {
+        let count = most.min(entry.changing);
+        for _ in 0..count {
+            if let Some(slot) = self.lists.get(&entry.closure, cursor)
+                && slot & PENDING == 0
+            {
                 to_split += u32::from(!self.mesh.is_performed(slot));
                 let references = &mut self.references[slot as usize];
-                if wanted {
+                if entry.wanted {
                     references.wanted += 1;
                 } else {
                     references.wanted -= 1;
@@ -507,10 +535,14 @@ impl Cache {
             cursor = self.lists.next(cursor);
         }
         let entry = self.regions.at_mut(region);
-        entry.wanted = wanted;
-        entry.refined = false;
-        entry.to_split = if wanted { to_split } else { 0 };
-        entry.cursor = Cursor::start(&entry.closure);
-        entry.closure.length()
+        entry.changing -= count;
+        entry.cursor = cursor;
+        if entry.wanted {
+            entry.to_split += to_split;
+        }
+        if entry.changing == 0 {
+            entry.cursor = Cursor::start(&entry.closure);
+        }
+        count
     }
 }

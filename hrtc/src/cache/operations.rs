@@ -10,6 +10,9 @@ impl Cache {
     pub fn next_split(&mut self, region: usize, budget: &mut u32) -> Option<Slot> {
         let entry = *self.regions.at(region);
         debug_assert!(entry.wanted);
+        if entry.changing > 0 {
+            return None;
+        }
         let mut cursor = entry.cursor;
         let mut found = None;
         let mut at_end = false;

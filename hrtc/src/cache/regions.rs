@@ -57,6 +57,8 @@ pub enum RegionState {
     Asked,
     /// Its closure is loaded.
     Held,
+    /// Being dropped, a stretch of its closure at a time.
+    Leaving,
     /// Dropped here; the station is still to be told.
     ToRelease,
     /// Its answer counted on records that are not here any more: to be asked for with every record.
@@ -74,6 +76,8 @@ pub struct Region {
     pub state: RegionState,
     /// Whether its closure is to be performed (it is in set B of thesis Figure 5.17).
     pub wanted: bool,
+    /// Entries of its closure that a change of `wanted`, or its leaving, has still to go through.
+    pub changing: u32,
     /// Whether all of it is performed; while wanted.
     pub refined: bool,
     /// Whether the answer that is under way has begun; while asked for.
@@ -171,6 +175,7 @@ impl RegionTable {
             key,
             state: RegionState::Asked,
             wanted: false,
+            changing: 0,
             refined: false,
             answer_begun: false,
             refused_at: 0,

@@ -104,8 +104,8 @@ impl Controller {
                     consumed += 1;
                 }
                 Taken::Part => {
-                    // Room is short when budget is left and nothing moved.
-                    if self.inbox.done == before && budget > 0 {
+                    // Room is short when budget is left and nothing moved; what leaves is about to make some.
+                    if self.inbox.done == before && budget > 0 && !self.is_leaving() {
                         self.inbox.waited += 1;
                     }
                     break;
@@ -367,7 +367,7 @@ impl Controller {
             self.asked(head.region, head.tolerance_bits),
         ) {
             // The station begins again when it was asked again: what came before counts no more.
-            self.cache.let_go(region);
+            self.cache.let_go(region, u32::MAX);
             self.cache.regions.at_mut(region).answer_begun = true;
         }
     }
@@ -408,7 +408,7 @@ impl Controller {
 
     /// Asks for a region again, with every record: its answer counts on records that are not here any more.
     fn ask_again(&mut self, region: usize) {
-        self.cache.let_go(region);
+        self.cache.let_go(region, u32::MAX);
         let entry = self.cache.regions.at_mut(region);
         entry.state = RegionState::ToAskAgain;
         entry.answer_begun = false;
@@ -417,12 +417,11 @@ impl Controller {
 
     /// Drops an asked region for lack of room; the station is told.
     fn give_up(&mut self, region: usize) {
-        self.cache.let_go(region);
         self.subscriber.answered();
-        if self.subscriber.may_release() {
-            self.cache.regions.at_mut(region).state = RegionState::ToRelease;
-            self.subscriber.release(region);
+        if self.subscriber.may_release() && !self.is_leaving() {
+            self.leave(region);
         } else {
+            self.cache.let_go(region, u32::MAX);
             // The station goes on believing in it; should it be asked for again, the answer lacks
             // records, and is asked for once more.
             self.cache.regions.remove(region);
@@ -431,7 +430,7 @@ impl Controller {
 
     /// Drops an asked region that cannot be used; after a while it may be asked for again.
     pub(super) fn refuse(&mut self, region: usize, tick: u64) {
-        self.cache.let_go(region);
+        self.cache.let_go(region, u32::MAX);
         let entry = self.cache.regions.at_mut(region);
         if entry.state == RegionState::Asked {
             self.subscriber.answered();

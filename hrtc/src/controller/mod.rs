@@ -357,8 +357,7 @@ impl Controller {
     /// Work units that a tick may take at the most: the bound that `work_units` is compared with.
     #[must_use]
     pub fn work_budget(&self) -> u32 {
-        let closure_max = self.header().map_or(0, |header| header.closure_max);
-        inbox::budget(self.operations) + refine::budget(self.operations, closure_max)
+        inbox::budget(self.operations) + refine::budget(self.operations)
     }
 
     /// One tick.

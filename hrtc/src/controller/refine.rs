@@ -18,6 +18,10 @@ const LINGER: u64 = 40;
 const PACE: u32 = 6;
 /// Ticks after which a backlog of collapses is to be worked off.
 const COLLAPSE_TICKS: u32 = 48;
+/// Closure entries that change set for one work unit.
+const CHANGES_PER_UNIT: u32 = 4;
+/// Closure entries of a region that is let go of in one go: all of a cell, a stretch of a whole model.
+const LEAVING_AT_ONCE: u32 = 4096;
 /// Closure entries gone through a tick, for each operation allowed.
 const ENTRIES_PER_OPERATION: u32 = 24;
 /// Places of the region table that one search for a region to release looks at.
@@ -26,17 +30,10 @@ const WINDOW: usize = 64;
 const RELEASES: u32 = 3;
 
 /// The most work units that refinement may take a tick: closure entries gone through (four that change
-/// set count as one) and operations. The last region that comes in, and the last that goes out, may
-/// overdraw by a closure.
+/// set count as one) and operations. A closure that is longer, as that of a whole model, takes several ticks.
 #[must_use]
-pub fn budget(operations: usize, closure_max: u32) -> u32 {
-    let k = operations as u32;
-    k * (ENTRIES_PER_OPERATION + 1) + 2 * change_cost(closure_max)
-}
-
-/// Work units of taking a closure of this length into the wanted set, or out of it.
-fn change_cost(entries: u32) -> u32 {
-    entries / 4 + 1
+pub fn budget(operations: usize) -> u32 {
+    operations as u32 * (ENTRIES_PER_OPERATION + 1)
 }
 
 /// The set B.
@@ -55,6 +52,8 @@ pub struct Refinement {
     pub(super) economy: Economy,
     /// Where in the region table the search for a region to release goes on.
     hand: usize,
+    /// A region that is let go of in several ticks.
+    leaving: Option<usize>,
     wanted_high_water: usize,
     unknown_high_water: usize,
 }
@@ -71,6 +70,7 @@ impl Refinement {
             faces: OperationFaces::new(),
             economy: Economy::new(),
             hand: 0,
+            leaving: None,
             wanted_high_water: 0,
             unknown_high_water: 0,
         }
@@ -198,9 +198,12 @@ impl Controller {
             }
         }
         let cache = &self.cache;
-        self.refinement
-            .wanted
-            .retain(|&region| cache.regions.get(region).is_some_and(|r| r.wanted));
+        self.refinement.wanted.retain(|&region| {
+            cache
+                .regions
+                .get(region)
+                .is_some_and(|r| r.wanted || r.changing > 0)
+        });
         record.work_units += spent + allowed_entries - entries + record.vsplits;
         let backlog = self.cache.to_collapse() / COLLAPSE_TICKS;
         let quiet = if record.vsplits > PACE { 0 } else { PACE };
@@ -212,6 +215,7 @@ impl Controller {
             record.ecols += 1;
         }
         record.work_units += record.ecols;
+        self.go_on_leaving();
         for _ in 0..RELEASES {
             if !self.cache.is_nearly_full() || !self.release_one(None, tick) {
                 break;
@@ -227,7 +231,7 @@ impl Controller {
         queue.clear();
         for &index in wanted.iter() {
             let region = self.cache.regions.at(index);
-            if !region.refined {
+            if region.wanted && region.changing == 0 && !region.refined {
                 queue.push(order_of(region, index, finest, tick));
             }
         }
@@ -255,32 +259,64 @@ impl Controller {
             let region = self.cache.regions.at(index);
             let stays = region.needed + linger(region, finest, cell_ticks);
             let goes = tick > stays || self.is_too_fine(region);
-            if *entries > 0 && goes {
-                let cost = change_cost(self.cache.set_wanted(index, false));
-                *entries = entries.saturating_sub(cost);
-                spent += cost;
-                self.refinement.wanted.swap_remove(k);
-            } else {
+            let wanted = region.wanted && !goes;
+            spent += self.change(index, wanted, entries);
+            let region = self.cache.regions.at(index);
+            if region.wanted || region.changing > 0 {
                 k += 1;
+            } else {
+                self.refinement.wanted.swap_remove(k);
             }
         }
         for k in 0..self.refinement.order.len() {
             let index = self.refinement.order[k];
             let region = self.cache.regions.at(index);
-            if region.wanted || region.state != RegionState::Held {
+            if region.wanted || region.changing > 0 || region.state != RegionState::Held {
                 continue;
             }
             if *entries == 0 || self.refinement.wanted.len() == MOST_WANTED {
                 break;
             }
-            let cost = change_cost(self.cache.set_wanted(index, true));
-            *entries = entries.saturating_sub(cost);
-            spent += cost;
+            spent += self.change(index, true, entries);
             self.refinement.wanted.push(index);
         }
         let wanted = self.refinement.wanted.len();
         self.refinement.wanted_high_water = self.refinement.wanted_high_water.max(wanted);
         spent
+    }
+
+    /// Takes a held region into the wanted set or out of it, as far as the entries allow. The work units spent.
+    fn change(&mut self, index: usize, wanted: bool, entries: &mut u32) -> u32 {
+        if *entries == 0 {
+            return 0;
+        }
+        let most = *entries * CHANGES_PER_UNIT;
+        let gone_through = self.cache.set_wanted(index, wanted, most);
+        let cost = gone_through.div_ceil(CHANGES_PER_UNIT);
+        *entries -= cost;
+        cost
+    }
+
+    /// Lets go of a region, a stretch a tick; then the station is told. Only one at a time.
+    pub(super) fn leave(&mut self, index: usize) {
+        self.refinement.leaving = Some(index);
+        self.go_on_leaving();
+    }
+
+    /// Whether a region is still being let go of.
+    pub(super) fn is_leaving(&self) -> bool {
+        self.refinement.leaving.is_some()
+    }
+
+    fn go_on_leaving(&mut self) {
+        let Some(index) = self.refinement.leaving else {
+            return;
+        };
+        if self.subscriber.may_release() && self.cache.let_go(index, LEAVING_AT_ONCE) {
+            self.cache.regions.at_mut(index).state = RegionState::ToRelease;
+            self.subscriber.release(index);
+            self.refinement.leaving = None;
+        }
     }
 
     /// Whether a region is finer than what is asked for now: it only takes up room.
@@ -322,7 +358,7 @@ impl Controller {
     /// room, one that is due later and only loaded ahead. Looking at a window keeps the cost of a tick bounded,
     /// whatever the table holds.
     fn release_one(&mut self, asking: Option<u64>, tick: u64) -> bool {
-        if !self.subscriber.may_release() {
+        if !self.subscriber.may_release() || self.is_leaving() {
             return false;
         }
         let capacity = self.cache.regions.capacity();
@@ -333,7 +369,8 @@ impl Controller {
             let Some(region) = self.cache.regions.get(index) else {
                 continue;
             };
-            if region.state != RegionState::Held || region.wanted {
+            let at_rest = !region.wanted && region.changing == 0;
+            if region.state != RegionState::Held || !at_rest {
                 continue;
             }
             let too_fine = self.is_too_fine(region);
@@ -360,9 +397,7 @@ impl Controller {
         let Some((index, ..)) = victim else {
             return false;
         };
-        self.cache.let_go(index);
-        self.cache.regions.at_mut(index).state = RegionState::ToRelease;
-        self.subscriber.release(index);
+        self.leave(index);
         true
     }
 }

@@ -12,13 +12,19 @@ use shared::geometry::{Pose, Wrench};
 use shared::protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, Request};
 use shared::scene::{Overrides, ScenePlan, parse};
 use shared::spm::{SpmFile, VspRecord, write_spm};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use ve_station::station::{Message, ServedModel, ServedObject, Station};
 
 /// Periods that a message takes each way.
 const DELAY: u64 = 2;
+
+/// Ticks without any change after which a front at rest is taken to be complete.
+const QUIET_TICKS: u64 = 500;
+
+/// Ticks above a place before it is touched.
+const APPROACH_TICKS: u64 = 500;
 
 /// Name by which both cores know the model.
 const NAME: &str = "model.spm";
@@ -122,6 +128,33 @@ pub struct Pair {
     /// Allocations and frees within device and tick; stays 0 without the counting allocator.
     pub allocations: u64,
     last_wrench: Wrench,
+}
+
+/// A place on the surface and one above it, metres of the world.
+#[derive(Debug, Clone, Copy)]
+pub struct Touch {
+    /// In free space.
+    pub above: DVec3,
+    /// The probe's centre on the surface: pressed in by its radius.
+    pub goal: DVec3,
+}
+
+/// Places on the surface under a plan's tour at some times, seconds.
+pub fn touches<const N: usize>(plan: &ScenePlan, spm: &[u8], seconds: [f64; N]) -> [Touch; N] {
+    let mut pair = Pair::new(plan, spm.to_vec(), 8.0);
+    while pair.controller.tour().is_none() {
+        pair.step();
+        assert!(pair.tick < 10_000, "the tour arrives");
+    }
+    let tour = pair.controller.tour().expect("it was waited for");
+    let frame = pair.controller.frame().expect("the model is there");
+    seconds.map(|seconds| {
+        let point = tour.iter().find(|point| point.t >= seconds);
+        // Points of a tour lie under the surface.
+        let inside = point.expect("the tour is longer").position;
+        let inside = frame.to_world(DVec3::from_array(inside) - frame.origin);
+        pair.touch(spm, inside)
+    })
 }
 
 /// Changes a chunk.
@@ -413,6 +446,65 @@ impl Pair {
     /// The force of the last tick, newtons.
     pub fn force(&self) -> DVec3 {
         self.last_wrench.force
+    }
+
+    /// The surface over a point under it, metres of the world.
+    pub fn touch(&self, spm: &[u8], inside: DVec3) -> Touch {
+        let frame = self.controller.frame().expect("the model is there");
+        let inside = frame.to_model(inside);
+        let file = SpmFile::open(spm).expect("the SPM is good");
+        let (_, closest) = file.closest_point(inside).expect("the SPM is good");
+        let out = frame.vector_to_world(closest.point - inside).normalize();
+        let goal = frame.to_world(closest.point);
+        Touch {
+            above: goal + 0.0025 * out,
+            goal,
+        }
+    }
+
+    /// Ticks with the probe first above a place and then at it, until the front has not changed and nothing has
+    /// arrived for [`QUIET_TICKS`] ticks.
+    pub fn rest(&mut self, touch: Touch, most: u64) {
+        let (mut quiet, mut received, start) = (0, u64::MAX, self.tick);
+        while quiet < QUIET_TICKS {
+            let ticks = self.tick - start;
+            assert!(
+                ticks < most,
+                "the front does not come to rest in {most} ticks"
+            );
+            let is_down = ticks >= APPROACH_TICKS;
+            let place = if is_down { touch.goal } else { touch.above };
+            let record = self.hold(place);
+            let changed = record.vsplits + record.ecols > 0 || record.vsps_received != received;
+            received = record.vsps_received;
+            assert!(
+                is_down || ticks < APPROACH_TICKS / 2 || !record.contact,
+                "it is free"
+            );
+            quiet = if is_down && !changed { quiet + 1 } else { 0 };
+        }
+    }
+
+    /// One tick with the device held at a place.
+    pub fn hold(&mut self, place: DVec3) -> CoreRecord {
+        let sample = Sample {
+            pose: Pose::at(place),
+        };
+        self.step_sample(Some(sample), &mut NoObserver)
+    }
+
+    /// The active faces by the file's ids, which no slot has a part in.
+    pub fn front_faces(&self) -> BTreeSet<u32> {
+        let header = self.controller.header().expect("the model is there");
+        let mesh = self.controller.cache().mesh();
+        let mut faces = BTreeSet::new();
+        mesh.for_each_active_face(|face| {
+            let id = mesh.maker_of_face(face).map_or(face, |slot| {
+                header.base_faces + 2 * mesh.id(slot) + (face - mesh.fl(slot))
+            });
+            assert!(faces.insert(id), "a face is there once");
+        });
+        faces
     }
 
     /// Ids of the VSPs that are performed, ascending: the refined front.

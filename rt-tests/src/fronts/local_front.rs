@@ -100,7 +100,7 @@ impl<'a> LocalFront<'a> {
         let cells: BTreeSet<RegionKey> = cells.iter().copied().collect();
         for &key in self.wanted.difference(&cells) {
             if let Some(region) = self.cache.regions.index(key) {
-                self.cache.set_wanted(region, false);
+                self.cache.set_wanted(region, false, u32::MAX);
             }
         }
         let added: Vec<RegionKey> = cells.difference(&self.wanted).copied().collect();
@@ -109,7 +109,7 @@ impl<'a> LocalFront<'a> {
                 Some(region) => region,
                 None => self.load(key)?,
             };
-            self.cache.set_wanted(region, true);
+            self.cache.set_wanted(region, true, u32::MAX);
         }
         self.wanted = cells;
         Ok(())
@@ -171,7 +171,7 @@ impl<'a> LocalFront<'a> {
             })
             .collect();
         for region in idle {
-            self.cache.let_go(region);
+            self.cache.let_go(region, u32::MAX);
             self.cache.regions.remove(region);
         }
     }

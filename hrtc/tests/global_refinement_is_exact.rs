@@ -1,0 +1,164 @@
+//! `refinement = "global"`: the refined mesh is exactly the prefix of the sequence, or exactly the splits that
+//! exceed the tolerance; and no tick does more than its budget for it.
+
+mod common;
+
+use common::{Pair, Touch, plan, spm, touches};
+use shared::scene::RefinementPlan;
+use shared::spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile};
+use std::collections::BTreeSet;
+use ve_station::build::BuildOptions;
+use ve_station::generate::{Shape, generate};
+
+/// Ticks within which the whole model must be refined.
+const MOST_TICKS: u64 = 40_000;
+
+fn model(faces: u32) -> Vec<u8> {
+    let mesh = generate(Shape::Relief, faces, 1);
+    spm(mesh, &BuildOptions::default())
+}
+
+fn pair(model: &[u8], lod: Option<u32>, tolerance_m: f64, cache_bytes: usize) -> Pair {
+    let mut plan = plan("");
+    plan.accuracy.tolerance_m = tolerance_m;
+    plan.accuracy.refinement = RefinementPlan::Global { lod };
+    plan.cache_bytes = cache_bytes;
+    Pair::new(&plan, model.to_vec(), 8.0)
+}
+
+/// The faces after these splits, by an active mesh of its own whose slots are the file's numbers.
+fn faces_after(file: &SpmFile<Vec<u8>>, splits: impl Iterator<Item = u32>) -> BTreeSet<u32> {
+    let header = file.model_header();
+    let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
+    for (handle, vertex) in (0u32..).zip(file.base_vertices()) {
+        mesh.set_base_vertex(handle, vertex.position, 0.0);
+    }
+    for (handle, face) in (0u32..).zip(file.base_faces()) {
+        let set = mesh.set_base_face(handle, face.corners, face.neighbours);
+        set.expect("the file has checked its base mesh");
+    }
+    let mut out = OperationFaces::new();
+    for i in 0..header.vsps {
+        let record = file.record(i).expect("the file is good");
+        mesh.load(i, &record, record.vs, record.fn_, [0.0; 2]);
+    }
+    for i in splits {
+        mesh.split(i, &mut out).expect("the sequence is legal");
+    }
+    let mut faces = BTreeSet::new();
+    mesh.for_each_active_face(|face| assert!(faces.insert(face)));
+    faces
+}
+
+/// Rests on the surface until the front is complete; no tick does more than its budget.
+fn complete(pair: &mut Pair, touch: Touch, what: &str) {
+    pair.rest(touch, MOST_TICKS);
+    pair.controller.cache().check();
+    within_budget(pair, what);
+}
+
+fn within_budget(pair: &Pair, what: &str) {
+    let (most, budget) = (pair.summary.work_max, pair.controller.work_budget());
+    println!(
+        "{what}: at tick {} work at the most {most} of {budget}",
+        pair.tick
+    );
+    assert!(most <= budget, "{what}: a tick does {most} of {budget}");
+}
+
+#[test]
+fn a_level_of_detail_is_the_prefix_mesh() {
+    let model = model(30_000);
+    let file = SpmFile::open(model.clone()).expect("the model is good");
+    let vsps = file.model_header().vsps;
+    let [touch] = touches(&plan(""), &model, [1.0]);
+    for lod in [0, 1, vsps / 10, vsps / 2, vsps, vsps + 7] {
+        let mut pair = pair(&model, Some(lod), 0.0, 64 << 20);
+        complete(&mut pair, touch, &format!("lod {lod}"));
+        let count = lod.min(vsps);
+        assert_eq!(pair.refined_front(), (0..count).collect::<Vec<u32>>());
+        assert_eq!(
+            pair.front_faces(),
+            faces_after(&file, 0..count),
+            "lod {lod}"
+        );
+        // The surface of few splits may lie elsewhere.
+        let record = pair.summary.last;
+        assert!(record.contact || count < vsps, "it touches");
+        assert_eq!(record.contact, record.contact_asked, "lod {lod}");
+    }
+}
+
+#[test]
+fn a_tolerance_is_the_splits_that_exceed_it() {
+    let model = model(30_000);
+    let file = SpmFile::open(model.clone()).expect("the model is good");
+    let header = file.model_header();
+    let [touch] = touches(&plan(""), &model, [1.0]);
+    let scale = ErrorScale::for_diagonal(header.diagonal);
+    for tolerance in [0.0, 1e-4, 1e-3] {
+        let mut pair = pair(&model, None, tolerance, 64 << 20);
+        complete(&mut pair, touch, &format!("tolerance {tolerance} m"));
+        let metres = pair
+            .controller
+            .frame()
+            .expect("it is there")
+            .metres_per_unit;
+        let units = f64::from((tolerance / metres) as f32);
+        let exceeds = |&i: &u32| {
+            let code = file.record(i).expect("the file is good").e;
+            tolerance == 0.0 || scale.decode(code) > units
+        };
+        let splits: Vec<u32> = (0..header.vsps).filter(exceeds).collect();
+        assert!(!splits.is_empty());
+        assert_eq!(pair.refined_front(), splits, "{tolerance} m");
+        assert_eq!(pair.front_faces(), faces_after(&file, splits.into_iter()));
+        assert!(pair.summary.last.contact && pair.summary.last.contact_asked);
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_cut_and_said() {
+    let model = model(60_000);
+    let file = SpmFile::open(model.clone()).expect("the model is good");
+    let vsps = file.model_header().vsps;
+    let [touch] = touches(&plan(""), &model, [1.0]);
+    let bytes = 4 << 20;
+    for lod in [Some(vsps), None] {
+        let mut pair = pair(&model, lod, 0.0, bytes);
+        for tick in 0..12_000 {
+            let record = pair.hold(if tick < 500 { touch.above } else { touch.goal });
+            assert!(record.cache_bytes <= bytes as u64);
+            assert!(!record.contact || record.contact_bounded);
+        }
+        pair.controller.cache().check();
+        let (record, front) = (pair.summary.last, pair.refined_front());
+        println!(
+            "{lod:?}: {} of {vsps} splits, tolerance {:.2e} m, {} steps of economy",
+            front.len(),
+            record.finest_tolerance_m,
+            pair.controller.economy_steps()
+        );
+        within_budget(&pair, &format!("{lod:?} in a small cache"));
+        let slots = pair.controller.cache().slots();
+        assert!(
+            slots < vsps && front.len() as u32 > slots / 8,
+            "it is of use"
+        );
+        assert!(
+            record.contact && !record.contact_asked,
+            "it is cut, and said"
+        );
+        if lod.is_some() {
+            let count = front.len() as u32;
+            assert_eq!(
+                front,
+                (0..count).collect::<Vec<u32>>(),
+                "a prefix all the same"
+            );
+        } else {
+            assert!(record.finest_tolerance_m > 0.0);
+        }
+        assert_eq!(pair.front_faces(), faces_after(&file, front.into_iter()));
+    }
+}
