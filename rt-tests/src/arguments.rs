@@ -5,6 +5,7 @@ use crate::bare::BareArgs;
 use crate::fronts::FrontsArgs;
 use crate::jitter::JitterArgs;
 use crate::load::LoadArgs;
+use crate::predictors::PredictorsArgs;
 use crate::quality::QualityArgs;
 use crate::replay::ReplayArgs;
 use crate::run::RunArgs;
@@ -37,6 +38,8 @@ pub enum Command {
     Quality(QualityArgs),
     /// Show what accuracy costs: the same touch from the base mesh to the full mesh; status 1 when a check fails
     Accuracy(AccuracyArgs),
+    /// Show what each source of the prediction buys: the same motion with each alone and with all
+    Predictors(PredictorsArgs),
     /// The station of a run.
     #[command(hide = true)]
     RoleStation(RoleArgs),

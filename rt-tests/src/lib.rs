@@ -2,7 +2,7 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`run`], [`jitter`], [`replay`], [`accuracy`] | the commands |
+//! | [`run`], [`jitter`], [`replay`], [`accuracy`], [`predictors`] | the commands |
 //! | [`simulator`] | both pure cores in one process, under a simulated clock |
 //! | [`supervise`], [`pair`] | this program again as a process, and the two of a run |
 //! | [`bare`], [`load`] | the loop to compare with, and load on the other core |
@@ -25,6 +25,7 @@ pub mod models;
 pub mod pair;
 pub mod peers;
 pub mod plots;
+pub mod predictors;
 pub mod quality;
 pub mod replay;
 pub mod report;
@@ -52,6 +53,7 @@ pub fn execute(arguments: Arguments) -> ExitCode {
         Command::Fronts(args) => fronts::fronts(&args),
         Command::Quality(args) => quality::quality(&args),
         Command::Accuracy(args) => accuracy::accuracy(&args),
+        Command::Predictors(args) => predictors::predictors(&args),
         Command::RoleStation(args) => station(args),
         Command::RoleHrtc(args) => controller(args),
         Command::RoleBare(args) => stop_flag().and_then(|stop| bare::bare(&args, &stop)),

@@ -94,8 +94,11 @@ impl Reference {
     }
 }
 
-/// Ticks without the device until the base mesh is there.
-fn make_ready<D: AsRef<[u8]>>(simulator: &mut Simulator<D>) -> Result<u64, Failure> {
+/// Ticks without the device until the base mesh is there; their number.
+///
+/// # Errors
+/// When the controller cannot go on with the model, or it does not arrive.
+pub fn make_ready<D: AsRef<[u8]>>(simulator: &mut Simulator<D>) -> Result<u64, Failure> {
     while !simulator.step(None, &mut NoObserver).record.ready {
         if let Some(fault) = simulator.controller.fault() {
             return Err(Failure::Run(fault.to_string()));
@@ -108,7 +111,10 @@ fn make_ready<D: AsRef<[u8]>>(simulator: &mut Simulator<D>) -> Result<u64, Failu
 }
 
 /// Ticks with the device at rest until nothing comes and nothing changes any more; the tick of the last change.
-fn come_to_rest<D: AsRef<[u8]>>(
+///
+/// # Errors
+/// When it does not come to rest.
+pub fn come_to_rest<D: AsRef<[u8]>>(
     simulator: &mut Simulator<D>,
     rest: Sample,
     ready: u64,

@@ -14,8 +14,8 @@
 
 mod chart;
 mod checks;
-mod measure;
-mod model;
+pub(crate) mod measure;
+pub(crate) mod model;
 mod page;
 mod result;
 mod table;

@@ -159,6 +159,11 @@ impl Model {
         })
     }
 
+    /// Makes the tours go at this speed, m/s.
+    pub fn set_speed(&mut self, speed_m_per_s: f64) {
+        self.tour.0 = speed_m_per_s;
+    }
+
     /// Diagonal of the object's box, metres.
     #[must_use]
     pub fn diagonal_m(&self) -> f64 {

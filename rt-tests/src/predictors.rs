@@ -1,0 +1,189 @@
+//! `rt-tests predictors`: what each source of the prediction buys.
+//!
+//! Both cores run in this process under a simulated clock ([`crate::simulator`]). For each model and speed the
+//! device's poses are recorded once, in a closed loop on the mesh that was never simplified; then a controller
+//! with each choice of sources is given the same poses. What it predicts is all that differs, and how often the
+//! contact was coarser than asked for tells what that is worth.
+
+use crate::accuracy::measure::{Reference, come_to_rest, make_ready};
+use crate::accuracy::model::Model;
+use crate::failure::Failure;
+use crate::run::{print, print_json};
+use clap::Args;
+use hrtc::controller::NoObserver;
+use hrtc::predict::{Course, Sources};
+use serde::Serialize;
+use std::fmt::Write;
+
+/// What is measured when no model is named.
+const DEFAULT_MODELS: [&str; 2] = ["relief:100000", "terrain:130000"];
+/// Speeds of the tour when none is given, m/s.
+const SPEEDS: [f64; 3] = [0.05, 0.1, 0.2];
+/// Length of the tour, seconds of simulated time.
+const SECONDS: f64 = 4.0;
+
+/// What is predicted from, and its name in the table. Without any, only where the probe is.
+const VARIANTS: [(&str, Sources); 7] = [
+    ("none", of(false, None, false)),
+    ("neighbours", of(true, None, false)),
+    ("linear", of(false, Some(Course::Linear), false)),
+    ("quadratic", of(false, Some(Course::Quadratic), false)),
+    ("fading", of(false, Some(Course::Fading), false)),
+    ("fading, landed", of(false, Some(Course::Fading), true)),
+    ("all", Sources::ALL),
+];
+
+const fn of(neighbours: bool, course: Option<Course>, landing: bool) -> Sources {
+    Sources {
+        neighbours,
+        course,
+        landing,
+    }
+}
+
+/// Arguments of `rt-tests predictors`.
+#[derive(Debug, Args)]
+pub struct PredictorsArgs {
+    /// Mesh or SPM files, or shapes as SHAPE:FACES [default: relief:100000 terrain:130000]
+    #[arg(value_name = "MODEL")]
+    pub models: Vec<String>,
+    /// Seed of the tour over each model
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+    /// Speed of the tour, metres a second [default: 0.05, 0.1 and 0.2]
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    pub speed: Option<f64>,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is printed as JSON.
+#[derive(Debug, Serialize)]
+pub struct Predictors {
+    /// Seed of the tours.
+    pub seed: u64,
+    /// Length of each tour, seconds.
+    pub seconds: f64,
+    /// One for each model, speed and choice of sources.
+    pub runs: Vec<Run>,
+}
+
+/// One run.
+#[derive(Debug, Serialize)]
+pub struct Run {
+    /// The model.
+    pub model: String,
+    /// Speed of the tour, m/s.
+    pub speed_m_per_s: f64,
+    /// What was predicted from: a name of the table.
+    pub sources: &'static str,
+    /// Ticks in contact.
+    pub contact_ticks: u64,
+    /// Ticks in contact at which it was coarser than asked for.
+    pub coarser_ticks: u64,
+    /// Their share of the ticks in contact, from 0 to 1.
+    pub coarser_share: f64,
+    /// Records that were sent while the probe moved: the price.
+    pub vsps_received: u64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence, status 2 for bad input.
+pub fn predictors(args: &PredictorsArgs) -> Result<(), Failure> {
+    let speeds = match args.speed {
+        None => SPEEDS.to_vec(),
+        Some(speed) if (1e-4..=10.0).contains(&speed) => vec![speed],
+        Some(speed) => {
+            return Err(Failure::Input(format!(
+                "--speed is {speed}; write metres a second from 0.0001 to 10"
+            )));
+        }
+    };
+    let typed: Vec<String> = if args.models.is_empty() {
+        DEFAULT_MODELS.map(String::from).to_vec()
+    } else {
+        args.models.clone()
+    };
+    let models: Vec<Model> = typed
+        .iter()
+        .map(|typed| Model::open(typed))
+        .collect::<Result<_, _>>()?;
+    let mut found = Predictors {
+        seed: args.seed,
+        seconds: SECONDS,
+        runs: Vec::new(),
+    };
+    for mut model in models {
+        for &speed in &speeds {
+            model.set_speed(speed);
+            eprintln!("{} at {speed} m/s", model.name);
+            let reference = Reference::record(&model, args.seed, SECONDS)?;
+            for (name, sources) in VARIANTS {
+                found
+                    .runs
+                    .push(run(&model, &reference, speed, name, sources)?);
+            }
+        }
+    }
+    if args.json {
+        eprint!("{}", table(&found));
+        print_json(&found)
+    } else {
+        print(&table(&found))
+    }
+}
+
+/// The recorded poses with one choice of sources.
+fn run(
+    model: &Model,
+    reference: &Reference,
+    speed: f64,
+    name: &'static str,
+    sources: Sources,
+) -> Result<Run, Failure> {
+    let mut simulator = model.simulator(&model.plan)?;
+    simulator.controller.set_sources(sources);
+    let ready = make_ready(&mut simulator)?;
+    come_to_rest(&mut simulator, reference.rest, ready)?;
+    let before = simulator.outputs().record.vsps_received;
+    let (mut contact_ticks, mut coarser_ticks) = (0, 0);
+    for &sample in &reference.samples {
+        let record = simulator.step(Some(sample), &mut NoObserver).record;
+        contact_ticks += u64::from(record.contact);
+        coarser_ticks += u64::from(record.contact && !record.contact_asked);
+    }
+    Ok(Run {
+        model: model.name.clone(),
+        speed_m_per_s: speed,
+        sources: name,
+        contact_ticks,
+        coarser_ticks,
+        coarser_share: coarser_ticks as f64 / contact_ticks.max(1) as f64,
+        vsps_received: simulator.outputs().record.vsps_received - before,
+    })
+}
+
+/// A row for each choice of sources, a column for each model and speed.
+fn table(found: &Predictors) -> String {
+    let mut text =
+        String::from("share of the contact coarser than asked for, and records sent for it\n");
+    let columns = || found.runs.iter().filter(|run| run.sources == VARIANTS[0].0);
+    let _ = write!(text, "{:<16}", "predicted from");
+    for column in columns() {
+        let head = format!("{} {} m/s", column.model, column.speed_m_per_s);
+        let _ = write!(text, " {head:>26}");
+    }
+    text.push('\n');
+    for (name, _) in VARIANTS {
+        let _ = write!(text, "{name:<16}");
+        for run in found.runs.iter().filter(|run| run.sources == name) {
+            let share = 100.0 * run.coarser_share;
+            let _ = write!(text, " {share:>15.2} % {:>8}", run.vsps_received);
+        }
+        text.push('\n');
+    }
+    text
+}
