@@ -27,8 +27,9 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
 use tick_thread::TickThread;
 
-/// Records between the tick and the log: some seconds.
-const LOG: usize = 8192;
+/// Records between the tick and the log, which is drained every [`DRAIN`]: two seconds at 1 kHz. Locked memory
+/// commits them all.
+const LOG: usize = 2048;
 /// Requests and contacts between the tick and the link.
 const OUT: usize = 64;
 /// The tick's stack; locked memory commits it whole.

@@ -395,9 +395,9 @@ impl Subscriber {
             let Some(index) = cache.regions.add(key) else {
                 break;
             };
+            cache.regions.touch(index, tick);
             let region = cache.regions.at_mut(index);
             region.state = RegionState::Asked;
-            region.touched = tick;
             region.due = due;
             push(&mut request, key, RegionAction::Subscribe);
             asked += 1;

@@ -7,7 +7,7 @@
 //! | references | 16 | held, wanted, dependents, queue links |
 //! | ids | 16 to 32 | open addressing, at most half full |
 //! | closures | 26 | six list entries a VSP |
-//! | regions | 10 | one region for 16 VSPs |
+//! | regions | 11 | one region for 16 VSPs |
 //!
 //! Base vertices and faces live at the head of the same arrays. Reference counts say what may go: *held*
 //! counts the regions whose closure a record belongs to, *wanted* those of them that are to be performed.

@@ -2,7 +2,7 @@
 
 use super::id_map::{Id, IdMap};
 use super::lists::{Cursor, List};
-use shared::spm::RegionId;
+use shared::spm::{NONE, RegionId};
 
 /// What names a region: a cell in the grid of its tolerance's level, or one of the special ids.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -101,10 +101,20 @@ pub struct Region {
     pub to_split: u32,
 }
 
-/// A table of fixed capacity.
+/// Neighbours in the order of use.
+#[derive(Debug, Clone, Copy)]
+struct Links {
+    earlier: u32,
+    later: u32,
+}
+
+/// A table of fixed capacity, whose regions stand in the order in which they were last used as well.
 #[derive(Debug, Clone)]
 pub struct RegionTable {
     regions: Vec<Option<Region>>,
+    links: Vec<Links>,
+    /// Used least, and most, recently; [`NONE`] in an empty table.
+    ends: Links,
     by_key: IdMap<RegionKey>,
     free: Vec<u32>,
     high_water: usize,
@@ -112,14 +122,27 @@ pub struct RegionTable {
 
 impl RegionTable {
     /// Bytes for each region that it may hold.
-    pub const BYTES_PER_REGION: usize =
-        size_of::<Option<Region>>() + size_of::<u32>() + IdMap::<RegionKey>::BYTES_PER_ENTRY;
+    pub const BYTES_PER_REGION: usize = size_of::<Option<Region>>()
+        + size_of::<Links>()
+        + size_of::<u32>()
+        + IdMap::<RegionKey>::BYTES_PER_ENTRY;
 
     /// Room for `capacity` regions.
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         Self {
             regions: vec![None; capacity],
+            links: vec![
+                Links {
+                    earlier: NONE,
+                    later: NONE
+                };
+                capacity
+            ],
+            ends: Links {
+                earlier: NONE,
+                later: NONE,
+            },
             by_key: IdMap::new(capacity),
             free: (0..capacity as u32).rev().collect(),
             high_water: 0,
@@ -187,14 +210,63 @@ impl RegionTable {
             due: 0,
             to_split: 0,
         });
+        self.append(index);
         self.high_water = self.high_water.max(self.known());
         Some(index as usize)
+    }
+
+    /// Notes that a region is used at a tick: it is the last one then that should go.
+    pub fn touch(&mut self, index: usize, tick: u64) {
+        self.at_mut(index).touched = tick;
+        self.unlink(index as u32);
+        self.append(index as u32);
+    }
+
+    /// The region that was not used for longest.
+    #[must_use]
+    pub fn oldest(&self) -> Option<usize> {
+        (self.ends.earlier != NONE).then_some(self.ends.earlier as usize)
+    }
+
+    /// The one that was used next after a known one.
+    #[must_use]
+    pub fn next_older(&self, index: usize) -> Option<usize> {
+        let later = self.links[index].later;
+        (later != NONE).then_some(later as usize)
+    }
+
+    fn append(&mut self, index: u32) {
+        let last = std::mem::replace(&mut self.ends.later, index);
+        if last == NONE {
+            self.ends.earlier = index;
+        } else {
+            self.links[last as usize].later = index;
+        }
+        self.links[index as usize] = Links {
+            earlier: last,
+            later: NONE,
+        };
+    }
+
+    fn unlink(&mut self, index: u32) {
+        let Links { earlier, later } = self.links[index as usize];
+        if earlier == NONE {
+            self.ends.earlier = later;
+        } else {
+            self.links[earlier as usize].later = later;
+        }
+        if later == NONE {
+            self.ends.later = earlier;
+        } else {
+            self.links[later as usize].earlier = earlier;
+        }
     }
 
     /// Forgets a region.
     pub fn remove(&mut self, index: usize) {
         if let Some(region) = self.regions[index].take() {
             self.by_key.remove(region.key);
+            self.unlink(index as u32);
             self.free.push(index as u32);
         }
     }

@@ -341,10 +341,10 @@ impl Controller {
                     *budget -= cost;
                     self.take_record(region, &item, operations)
                 }
-                AnswerItem::End(head) if head.is_last() => self
-                    .cache
-                    .finish(region)
-                    .map(|()| self.subscriber.answered()),
+                AnswerItem::End(head) if head.is_last() => self.cache.finish(region).map(|()| {
+                    self.subscriber.answered();
+                    self.refinement.arrived(region, tick, &self.cache);
+                }),
                 AnswerItem::End(_) => Ok(()),
             };
             match (loaded, item) {

@@ -24,10 +24,10 @@ const CHANGES_PER_UNIT: u32 = 4;
 const LEAVING_AT_ONCE: u32 = 4096;
 /// Closure entries gone through a tick, for each operation allowed.
 const ENTRIES_PER_OPERATION: u32 = 24;
-/// Places of the region table that one search for a region to release looks at.
+/// Regions that one search for a region to release looks at.
 const WINDOW: usize = 64;
 /// Regions released a tick at the most, where nothing waits for their room.
-const RELEASES: u32 = 3;
+const RELEASES: u32 = 4;
 
 /// The most work units that refinement may take a tick: closure entries gone through (four that change
 /// set count as one) and operations. A closure that is longer, as that of a whole model, takes several ticks.
@@ -50,8 +50,6 @@ pub struct Refinement {
     faces: OperationFaces,
     /// What is done without for want of room.
     pub(super) economy: Economy,
-    /// Where in the region table the search for a region to release goes on.
-    hand: usize,
     /// A region that is let go of in several ticks.
     leaving: Option<usize>,
     wanted_high_water: usize,
@@ -69,17 +67,24 @@ impl Refinement {
             unknown: Vec::with_capacity(MOST_UNKNOWN),
             faces: OperationFaces::new(),
             economy: Economy::new(),
-            hand: 0,
             leaving: None,
             wanted_high_water: 0,
             unknown_high_water: 0,
         }
     }
 
-    /// Empties the sets of the tick before.
+    /// Empties the predictions of the tick before.
     pub fn begin(&mut self) {
-        self.order.clear();
         self.unknown.clear();
+    }
+
+    /// A region that was asked for is held now: if it is needed it need not wait for the next prediction of it.
+    pub fn arrived(&mut self, index: usize, tick: u64, cache: &Cache) {
+        let needed = cache.regions.at(index).needed;
+        // 0 is never: it was only loaded ahead.
+        if needed > 0 && tick <= needed + TURNS as u64 && self.order.len() < MOST_WANTED {
+            self.order.push(index);
+        }
     }
 
     /// Marks a predicted region in the table, or keeps it to be asked for.
@@ -92,8 +97,8 @@ impl Refinement {
             }
             return;
         };
+        cache.regions.touch(index, tick);
         let region = cache.regions.at_mut(index);
-        region.touched = tick;
         region.due = due(tick, p.ticks);
         if p.refine {
             region.needed = tick;
@@ -270,8 +275,11 @@ impl Controller {
         }
         for k in 0..self.refinement.order.len() {
             let index = self.refinement.order[k];
-            let region = self.cache.regions.at(index);
-            if region.wanted || region.changing > 0 || region.state != RegionState::Held {
+            // What arrived may have been released again to make room.
+            let to_come = self.cache.regions.get(index).is_some_and(|region| {
+                region.state == RegionState::Held && !region.wanted && region.changing == 0
+            });
+            if !to_come {
                 continue;
             }
             if *entries == 0 || self.refinement.wanted.len() == MOST_WANTED {
@@ -280,6 +288,7 @@ impl Controller {
             spent += self.change(index, true, entries);
             self.refinement.wanted.push(index);
         }
+        self.refinement.order.clear();
         let wanted = self.refinement.wanted.len();
         self.refinement.wanted_high_water = self.refinement.wanted_high_water.max(wanted);
         spent
@@ -353,48 +362,42 @@ impl Controller {
         }
     }
 
-    /// Releases a held region: of the next [`WINDOW`] in the table one that is finer than there is room for, or
-    /// the one that was not predicted for longest; failing that, if a region that is due at `asking` needs the
-    /// room, one that is due later and only loaded ahead. Looking at a window keeps the cost of a tick bounded,
+    /// Releases a held region: of the [`WINDOW`] used least recently the first that is not predicted any more, or
+    /// is finer than there is room for; failing that, if a region that is due at `asking` needs the room, of those
+    /// that are only loaded ahead the one that is due last. Looking at a window keeps the cost of a tick bounded,
     /// whatever the table holds.
     fn release_one(&mut self, asking: Option<u64>, tick: u64) -> bool {
         if !self.subscriber.may_release() || self.is_leaving() {
             return false;
         }
-        let capacity = self.cache.regions.capacity();
-        let mut victim: Option<(usize, bool, u64, u64)> = None;
-        for _ in 0..WINDOW.min(capacity) {
-            let index = self.refinement.hand;
-            self.refinement.hand = (index + 1) % capacity;
-            let Some(region) = self.cache.regions.get(index) else {
-                continue;
+        let mut victim: Option<(usize, u64)> = None;
+        let mut next = self.cache.regions.oldest();
+        for _ in 0..WINDOW {
+            let Some(index) = next else {
+                break;
             };
+            next = self.cache.regions.next_older(index);
+            let region = self.cache.regions.at(index);
+            if region.state == RegionState::Refused {
+                // It holds nothing: out of the window's way.
+                let touched = region.touched;
+                self.cache.regions.touch(index, touched);
+                continue;
+            }
             let at_rest = !region.wanted && region.changing == 0;
             if region.state != RegionState::Held || !at_rest {
                 continue;
             }
-            let too_fine = self.is_too_fine(region);
-            let needed = region.needed + LINGER >= tick;
-            if needed && !too_fine {
-                continue;
+            if self.is_too_fine(region) || region.touched + LINGER < tick {
+                victim = Some((index, region.due));
+                break;
             }
-            let predicted = region.touched + LINGER >= tick && !too_fine;
-            if predicted && asking.is_none_or(|due| region.due <= due) {
-                continue;
-            }
-            let better = victim.is_none_or(|(_, was_predicted, touched, due)| {
-                match (predicted, was_predicted) {
-                    (false, true) => true,
-                    (true, false) => false,
-                    (false, false) => region.touched < touched,
-                    (true, true) => region.due > due,
-                }
-            });
-            if better {
-                victim = Some((index, predicted, region.touched, region.due));
+            let ahead = region.needed + LINGER < tick && asking.is_some_and(|due| region.due > due);
+            if ahead && victim.is_none_or(|(_, due)| region.due > due) {
+                victim = Some((index, region.due));
             }
         }
-        let Some((index, ..)) = victim else {
+        let Some((index, _)) = victim else {
             return false;
         };
         self.leave(index);

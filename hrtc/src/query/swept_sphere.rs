@@ -23,6 +23,8 @@ pub struct SweepHit {
 const STEPS: usize = 24;
 /// Gap, as a fraction of the radius, at which a face counts as touched.
 const TOUCH: f64 = 1e-9;
+/// Relative rounding of a separating plane's two sides, generously.
+const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// The first touch of a sphere of `radius` moving from `start` by `motion`; `None` when it gets through.
 ///
@@ -58,7 +60,8 @@ pub fn swept_sphere(
                 let end = start + motion * fraction;
                 let (low, high) = (start.min(end) - radius, start.max(end) + radius);
                 for side in [1, 0] {
-                    if overlaps(&node.boxes()[side], low, high) {
+                    let aabb = &node.boxes()[side];
+                    if overlaps(aabb, low, high) && !passes_beside(aabb, start, end, radius) {
                         stack.push(0.0, children[side]);
                     }
                 }
@@ -77,6 +80,24 @@ fn overlaps(aabb: &Aabb, low: DVec3, high: DVec3) -> bool {
         & (upper.y >= low.y)
         & (lower.z <= high.z)
         & (upper.z >= low.z)
+}
+
+/// Whether an edge direction of the box and the segment span a plane that separates them, beyond rounding: the
+/// box of a long slanting segment holds far more than the segment meets.
+fn passes_beside(aabb: &Aabb, start: DVec3, end: DVec3, radius: f64) -> bool {
+    let (lower, upper) = (aabb.lower.as_dvec3(), aabb.upper.as_dvec3());
+    let half = 0.5 * (upper - lower) + radius;
+    let way = end - start;
+    let between = 0.5 * (lower + upper) - start;
+    let (along, apart) = (way.abs(), between.abs());
+    let beside = |one: usize, other: usize| {
+        let product = between[one] * way[other] - between[other] * way[one];
+        let most = half[one] * along[other] + half[other] * along[one];
+        let rounding = apart[one] * along[other] + apart[other] * along[one];
+        product.abs() > most + ROUNDING * (most + rounding)
+    };
+    // `|` and not `||`: one branch a box.
+    beside(0, 1) | beside(1, 2) | beside(2, 0)
 }
 
 /// First parameter below `limit` at which the sphere touches the triangle.
