@@ -10,7 +10,7 @@ use common::{Pair, Random, plan, spm};
 use glam::{DQuat, DVec3};
 use hrtc::controller::NoObserver;
 use hrtc::device::Sample;
-use shared::geometry::{Pose, side_of_plane};
+use shared::geometry::{Pose, side_of_plane, solid_angle};
 use shared::scene::{ModelScale, ScenePlan, TrajectoryPlan};
 use std::cmp::Ordering;
 use ve_station::build::{BuildOptions, SoupMesh};
@@ -257,12 +257,69 @@ fn above_front(pair: &Pair, world: DVec3) -> bool {
         let corners = mesh.corners(face);
         let flat = corners.map(|c| (c - point).truncate());
         let turns = [0, 1, 2].map(|k| flat[k].perp_dot(flat[(k + 1) % 3]));
-        if turns.iter().all(|&turn| turn >= 0.0) {
+        // A sliver without area, or a face on edge, is neither over nor under the point.
+        let has_area = turns.iter().any(|&turn| turn > 0.0);
+        if has_area && turns.iter().all(|&turn| turn >= 0.0) {
             let [a, b, c] = corners;
             above &= side_of_plane(a, b, c, point) == Ordering::Greater;
         }
     });
     above
+}
+
+/// How often the front winds round the proxy's centre: 0 outside of a closed one.
+fn winding(pair: &Pair) -> f64 {
+    let (Some(frame), Some(proxy)) = (pair.controller.frame(), pair.controller.proxy()) else {
+        return 0.0;
+    };
+    let centre = frame.to_model(proxy);
+    let mesh = pair.controller.cache().mesh();
+    let mut sum = 0.0;
+    mesh.for_each_active_face(|face| sum += solid_angle(mesh.corners(face), centre));
+    sum / (4.0 * std::f64::consts::PI)
+}
+
+#[test]
+fn a_front_that_moves_over_the_proxy_takes_it_along() {
+    let relief = model(generate(Shape::Relief, 30_000, 1));
+    for size in SIZES {
+        let mut random = Random(17);
+        let mut probe = Probe::new(&relief, size, DVec3::X * 0.7);
+        let (mut ticks, mut held, mut changes) = (0u32, 0u32, 0u32);
+        for round in 0..20 {
+            // A hand that holds still or rubs, just below a surface that is refined and coarsened under it by
+            // more than the probe's radius.
+            let direction = |random: &mut Random| {
+                let mut unit = || random.unit() - 0.5;
+                DVec3::new(unit(), unit(), unit()).normalize()
+            };
+            let aim = direction(&mut random);
+            let beside = (aim + 0.3 * direction(&mut random)).normalize();
+            let speed = FASTEST * [0.03, 0.3][round % 2];
+            let mut from = |probe: &mut Probe, place: DVec3, speed: f64| {
+                probe.move_to(place, speed, |proxy, pair| {
+                    ticks += 1;
+                    held += u32::from(pair.summary.last.contact);
+                    changes += pair.summary.last.vsplits + pair.summary.last.ecols;
+                    let winding = winding(pair);
+                    assert!(
+                        winding.abs() < 0.5,
+                        "round {round} at {size} m: {winding} at {proxy}"
+                    );
+                });
+            };
+            from(&mut probe, aim * 0.7, FASTEST);
+            for (k, place) in [0.35, 0.3, 0.25, 0.3, 0.25, 0.3].into_iter().enumerate() {
+                let tolerance = [0.0, 0.02, 0.004][(k + round) % 3] * size;
+                probe.pair.controller.set_tolerance(tolerance);
+                let place = if k % 2 == 0 { aim } else { beside } * place;
+                from(&mut probe, place, speed);
+            }
+            from(&mut probe, aim * 0.7, FASTEST);
+        }
+        println!("size {size}: {held} of {ticks} ticks in contact, {changes} splits and collapses");
+        assert!(held > 1000 && changes > 10_000);
+    }
 }
 
 #[test]

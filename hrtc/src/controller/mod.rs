@@ -318,6 +318,13 @@ impl Controller {
         self.last_position.unwrap_or(DVec3::ZERO)
     }
 
+    /// The proxy's centre in the world, metres: where the probe would be if it could not enter the object.
+    #[must_use]
+    pub fn proxy(&self) -> Option<DVec3> {
+        let proxy = self.proxy.as_ref().filter(|proxy| proxy.is_placed())?;
+        Some(self.model?.frame.to_world(proxy.position()))
+    }
+
     /// The cache.
     #[must_use]
     pub fn cache(&self) -> &Cache {
@@ -433,10 +440,6 @@ impl Controller {
             tree: self.cache.tree(),
         };
         let mut work = Work::default();
-        let changed = record.vsplits + record.ecols > 0;
-        if changed && proxy.surface_may_have_moved(surface, self.hint) {
-            proxy.keep_side(surface, &mut work);
-        }
         let advance = proxy.advance(surface, goal);
         work.add(advance.work);
         self.dropped_constraints += u64::from(advance.dropped);
@@ -444,7 +447,6 @@ impl Controller {
         let nearest = proxy.nearest(surface, hint, &mut work);
         self.hint = nearest.map(|nearest| nearest.face);
         self.clearance = nearest.map_or(f64::INFINITY, |n| n.closest.distance_squared.sqrt());
-        proxy.note_side(surface, nearest);
         record.query_work = work.nodes + work.faces;
         if let Some(contact) = advance.contact {
             record.contact = true;

@@ -191,6 +191,7 @@ impl Controller {
                 };
                 match self.cache.split(slot, &mut self.refinement.faces) {
                     Ok(()) => {
+                        self.carry_proxy();
                         *left -= 1;
                         record.vsplits += 1;
                     }
@@ -212,10 +213,7 @@ impl Controller {
         record.work_units += spent + allowed_entries - entries + record.vsplits;
         let backlog = self.cache.to_collapse() / COLLAPSE_TICKS;
         let quiet = if record.vsplits > PACE { 0 } else { PACE };
-        while *left > 0
-            && record.ecols < backlog.max(quiet)
-            && self.cache.collapse_oldest(&mut self.refinement.faces)
-        {
+        while *left > 0 && record.ecols < backlog.max(quiet) && self.collapse_oldest() {
             *left -= 1;
             record.ecols += 1;
         }
@@ -225,6 +223,22 @@ impl Controller {
             if !self.cache.is_nearly_full() || !self.release_one(None, tick) {
                 break;
             }
+        }
+    }
+
+    /// Performs the oldest collapse that is waiting; false when none is.
+    fn collapse_oldest(&mut self) -> bool {
+        let performed = self.cache.collapse_oldest(&mut self.refinement.faces);
+        if performed {
+            self.carry_proxy();
+        }
+        performed
+    }
+
+    /// Takes the proxy along with the operation that was just performed.
+    fn carry_proxy(&mut self) {
+        if let Some(proxy) = &mut self.proxy {
+            proxy.carry(self.cache.mesh(), &self.refinement.faces);
         }
     }
 
@@ -349,7 +363,7 @@ impl Controller {
             if self.cache.has_slot() {
                 return true;
             }
-            if *left > 0 && self.cache.collapse_oldest(&mut self.refinement.faces) {
+            if *left > 0 && self.collapse_oldest() {
                 *left -= 1;
                 record.ecols += 1;
                 continue;

@@ -13,7 +13,6 @@
 
 mod constraints;
 pub mod projection;
-mod side;
 
 pub use constraints::MOST_CONSTRAINTS;
 
@@ -21,7 +20,8 @@ use crate::query::{NearFaces, Nearest, Surface, Work, closest_point, swept_spher
 use constraints::Constraints;
 use glam::DVec3;
 use projection::project;
-use shared::spm::{Handle, NONE};
+use shared::geometry::closest_point_on_triangle;
+use shared::spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
 /// What the sweep's radius is smaller by, as a fraction of the probe's radius.
 const SKIN: f64 = 1e-6;
@@ -35,6 +35,9 @@ const CONVERGED: f64 = 1e-7;
 const SERIES: f64 = 0.9;
 /// Steps a tick at the most; what is left is done in the next tick, from a safe position.
 const STEPS: usize = 8;
+/// How far beyond a surface that has passed over it the proxy is put, as a fraction of the radius.
+const BEYOND: f64 = 1e-3;
+
 /// The sphere that stays outside, in the model's frame and units.
 #[derive(Debug, Clone)]
 pub struct Proxy {
@@ -42,18 +45,8 @@ pub struct Proxy {
     position: DVec3,
     goal: DVec3,
     placed: bool,
-    side: Option<Side>,
     constraints: Constraints,
     near: NearFaces,
-}
-
-/// On which side of the front the proxy is.
-#[derive(Debug, Clone, Copy)]
-struct Side {
-    /// On the side that the faces' normals point to.
-    outside: bool,
-    /// Certified error of the face that says so, model units.
-    certified: f64,
 }
 
 /// What holds the proxy at the end of a tick.
@@ -88,7 +81,6 @@ impl Proxy {
             position: DVec3::ZERO,
             goal: DVec3::ZERO,
             placed: false,
-            side: None,
             constraints: Constraints::new(),
             near: NearFaces::new(),
         }
@@ -119,53 +111,24 @@ impl Proxy {
         self.placed = true;
     }
 
-    /// Remembers the side at the end of a tick.
-    pub fn note_side(&mut self, surface: Surface<'_>, nearest: Option<Nearest>) {
-        self.side = nearest.and_then(|nearest| {
-            let normal = side::pseudo_normal(surface, &nearest)?;
-            Some(Side {
-                outside: (self.position - nearest.closest.point).dot(normal) >= 0.0,
-                certified: f64::from(surface.mesh.certified_error(nearest.face)),
-            })
-        });
-    }
-
-    /// After splits or collapses: where the surface has moved over the proxy's centre, puts the centre back
-    /// on its side. At full resolution nothing moves, so nothing is done there.
-    pub fn keep_side(&mut self, surface: Surface<'_>, work: &mut Work) {
-        let (Some(side), true) = (self.side, self.placed) else {
-            return;
-        };
-        let (nearest, cost) = closest_point(surface, self.position, None);
-        work.add(cost);
-        let Some(nearest) = nearest else {
-            return;
-        };
-        let certified = f64::from(surface.mesh.certified_error(nearest.face)).max(side.certified);
-        let distance = nearest.closest.distance_squared.sqrt();
-        let Some(normal) = side::pseudo_normal(surface, &nearest) else {
-            return;
-        };
-        let away = if side.outside { normal } else { -normal };
-        let crossed = (self.position - nearest.closest.point).dot(away) < 0.0;
-        // The surface moves by no more than its certified error: anything farther is another sheet.
-        if crossed && distance < certified {
-            self.position = nearest.closest.point + away * self.radius;
-        }
-    }
-
-    /// Whether the surface at the proxy may have moved since the side was noted.
+    /// Takes the proxy along where the split or collapse that was just performed has passed over its centre: to
+    /// the surface as it is now, on the side where it was. The constraints of the tick do the rest.
     ///
-    /// A face of the full mesh that is still active has not moved, and it was the closest.
-    #[must_use]
-    pub fn surface_may_have_moved(&self, surface: Surface<'_>, hint: Option<Handle>) -> bool {
-        match (self.side, hint) {
-            (Some(side), Some(face)) => {
-                side.certified > 0.0
-                    || !surface.mesh.is_active(face)
-                    || surface.mesh.certified_error(face) > 0.0
-            }
-            _ => true,
+    /// Operation by operation the volume between the surface before and after tells exactly whether it is
+    /// passed; where the surface is at the end of a tick does not, since sheets may have moved past each other.
+    pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
+        if !self.placed || !mesh.swept_over(operation, self.position) {
+            return;
+        }
+        let faces = operation.deformed().iter();
+        let nearest = faces
+            .chain(operation.made_or_removed())
+            .filter(|&&face| mesh.is_active(face))
+            .map(|&face| closest_point_on_triangle(mesh.corners(face), self.position))
+            .min_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared));
+        if let Some(nearest) = nearest {
+            let through = (nearest.point - self.position).normalize_or_zero();
+            self.position = nearest.point + through * (BEYOND * self.radius);
         }
     }
 

@@ -9,5 +9,6 @@ pub use aabb::Aabb;
 pub use pose::{Pose, Wrench};
 pub use predicates::{side_of_plane, triangle_is_degenerate};
 pub use triangle::{
-    ClosestPoint, closest_point_on_segment, closest_point_on_triangle, triangle_overlaps_box,
+    ClosestPoint, closest_point_on_segment, closest_point_on_triangle, solid_angle,
+    triangle_overlaps_box,
 };

@@ -24,6 +24,17 @@ impl ClosestPoint {
     }
 }
 
+/// Signed solid angle of a triangle seen from a point, in -2 pi..=2 pi: positive where its corners go round
+/// clockwise, so that over a closed mesh the sum is 4 pi inside and 0 outside (van Oosterom and Strackee 1983).
+#[must_use]
+pub fn solid_angle(corners: [DVec3; 3], point: DVec3) -> f64 {
+    let [a, b, c] = corners.map(|corner| corner - point);
+    let (la, lb, lc) = (a.length(), b.length(), c.length());
+    let volume = a.dot(b.cross(c));
+    let rest = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+    2.0 * volume.atan2(rest)
+}
+
 /// Parameter in 0..=1 of the point of segment `a b` closest to `query`; 0 for a segment of no length.
 #[must_use]
 pub fn closest_point_on_segment(a: DVec3, b: DVec3, query: DVec3) -> f64 {
@@ -193,6 +204,39 @@ mod tests {
                 let d = closest_point_on_triangle(corners, centre).distance_squared.sqrt();
                 prop_assert!(d >= half * (1.0 - 1e-12));
             }
+        }
+    }
+
+    #[test]
+    fn solid_angles_over_a_closed_mesh_tell_inside_from_outside() {
+        let corner = |k: usize| {
+            DVec3::ZERO
+                .with_x([0.0, 1.0][k & 1])
+                .with_y([0.0, 1.0][k >> 1 & 1])
+                .with_z([0.0, 1.0][k >> 2])
+        };
+        // A tetrahedron of a cube's corners, each face seen from outside counterclockwise.
+        let faces = [[0, 2, 1], [0, 1, 4], [0, 4, 2], [1, 2, 4]].map(|face| face.map(corner));
+        let whole = |point: DVec3| {
+            faces
+                .iter()
+                .map(|&face| solid_angle(face, point))
+                .sum::<f64>()
+        };
+        let turn = 4.0 * std::f64::consts::PI;
+        for inside in [
+            DVec3::splat(0.1),
+            DVec3::new(0.5, 0.3, 0.1),
+            DVec3::splat(0.333),
+        ] {
+            assert!((whole(inside) - turn).abs() < 1e-12 * turn, "{inside}");
+        }
+        for outside in [
+            DVec3::splat(-0.1),
+            DVec3::splat(0.334),
+            DVec3::new(5.0, 0.1, 0.1),
+        ] {
+            assert!(whole(outside).abs() < 1e-12 * turn, "{outside}");
         }
     }
 

@@ -19,6 +19,7 @@
 mod adjacency;
 mod check;
 mod operation_faces;
+mod swept;
 mod walk;
 
 pub use operation_faces::OperationFaces;
