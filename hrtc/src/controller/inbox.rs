@@ -16,7 +16,7 @@ use shared::spm::{NONE, RegionId, VspRecord};
 /// Work units of the inbox a tick: a record or base item is 4, sixteen ids of a closure are 8, the head of a part 1.
 const BUDGET: u32 = 80;
 /// Chunks that wait while that is enough; more are taken in proportion, so that a burst is spread over few ticks.
-const WAITING: usize = 4;
+const WAITING: usize = 2;
 const PER_ITEM: u32 = 4;
 /// Ids of a closure that are taken in one go.
 const IDS_AT_ONCE: usize = 16;
