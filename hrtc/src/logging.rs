@@ -1,13 +1,15 @@
-//! Notes on standard error: warnings, or what the variable HRTC_LOG asks for.
+//! Notes on standard error: warnings, or up to the level that the variable HRTC_LOG names (off, error, warn, info,
+//! debug, trace).
 
 use std::io::IsTerminal;
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::LevelFilter;
 
 /// Starts them; once, from `main`.
 pub fn start() {
-    let filter = EnvFilter::try_from_env("HRTC_LOG").unwrap_or_else(|_| EnvFilter::new("warn"));
+    let asked = std::env::var("HRTC_LOG").ok();
+    let level = asked.and_then(|level| level.parse().ok());
     tracing_subscriber::fmt()
-        .with_env_filter(filter)
+        .with_max_level(level.unwrap_or(LevelFilter::WARN))
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)

@@ -27,13 +27,13 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
 use tick_thread::TickThread;
 
-/// Records between the tick and the log, which is drained every [`DRAIN`]: two seconds at 1 kHz. Locked memory
+/// Records between the tick and the log, which is drained every [`DRAIN`]: a second at 1 kHz. Locked memory
 /// commits them all.
-const LOG: usize = 2048;
+const LOG: usize = 1024;
 /// Requests and contacts between the tick and the link.
 const OUT: usize = 64;
 /// The tick's stack; locked memory commits it whole.
-const STACK: usize = 1 << 20;
+const STACK: usize = 512 << 10;
 /// Bytes of the rings and of the stack of the tick: what a controller's process holds beside its cache,
 /// whatever the model.
 pub const FIXED_BYTES: usize = LOG * size_of::<TickRecord>()

@@ -6,7 +6,6 @@ use crate::fronts::FrontsArgs;
 use crate::jitter::JitterArgs;
 use crate::load::LoadArgs;
 use crate::predictors::PredictorsArgs;
-use crate::quality::QualityArgs;
 use crate::replay::ReplayArgs;
 use crate::run::RunArgs;
 use clap::{Args, Parser, Subcommand};
@@ -34,8 +33,6 @@ pub enum Command {
     Replay(ReplayArgs),
     /// Show on any mesh that fronts are legal, certified and cheap; status 1 when a limit is broken
     Fronts(FrontsArgs),
-    /// Compare simplified meshes with meshoptimizer's at equal numbers of faces
-    Quality(QualityArgs),
     /// Show what accuracy costs: the same touch from the base mesh to the full mesh; status 1 when a check fails
     Accuracy(AccuracyArgs),
     /// Show what each source of the prediction buys: the same motion with each alone and with all

@@ -8,8 +8,7 @@
 //! | [`bare`], [`load`] | the loop to compare with, and load on the other core |
 //! | [`report`], [`plots`], [`histogram`], [`verdict`] | what it means, in words and pictures |
 //! | [`fronts`] | proofs and figures of fronts on any mesh |
-//! | [`quality`] | prefixes beside another simplifier; [`models`] and [`surface`] are what it and other checks stand on |
-//! | [`peers`] | other libraries, for comparison only |
+//! | [`models`], [`surface`] | meshes and exact distances that checks stand on |
 //! | [`machine`] | where it was measured |
 
 pub mod accuracy;
@@ -23,10 +22,8 @@ pub mod load;
 pub mod machine;
 pub mod models;
 pub mod pair;
-pub mod peers;
 pub mod plots;
 pub mod predictors;
-pub mod quality;
 pub mod replay;
 pub mod report;
 pub mod run;
@@ -51,7 +48,6 @@ pub fn execute(arguments: Arguments) -> ExitCode {
         Command::Jitter(args) => jitter::jitter(&args),
         Command::Replay(args) => replay::replay(&args),
         Command::Fronts(args) => fronts::fronts(&args),
-        Command::Quality(args) => quality::quality(&args),
         Command::Accuracy(args) => accuracy::accuracy(&args),
         Command::Predictors(args) => predictors::predictors(&args),
         Command::RoleStation(args) => station(args),

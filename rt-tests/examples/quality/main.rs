@@ -1,26 +1,31 @@
-//! `rt-tests quality`: how near a simplified mesh stays to the full one, beside meshoptimizer's simplifier at equal
-//! numbers of faces.
+//! How near a simplified mesh stays to the full one, beside meshoptimizer's simplifier at equal numbers of faces:
+//! `cargo run --release -p rt-tests --example quality -- MESH…`
+//!
+//! A program of its own, so that no C++ library is part of `rt-tests`, whose memory is locked while it ticks.
 //!
 //! Ours is a prefix of the sequence of splits (the continuous detail of thesis chapter 3); it must refine back
 //! to the full mesh by splits that do not wait long for each other, which costs quality that a simplifier
 //! which only aims at one mesh need not pay. The deviation is sampled in both directions, on the same number
 //! of points for both, and given in parts of the diagonal.
 
-use crate::failure::Failure;
-use crate::models::{Model, active_triangles};
-use crate::peers::meshopt::Welded;
-use crate::run::{print, print_json};
-use crate::surface::Surface;
-use clap::Args;
+mod welded;
+
+use clap::Parser;
 use glam::DVec3;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use rt_tests::failure::Failure;
+use rt_tests::models::{Model, active_triangles};
+use rt_tests::run::{print, print_json};
+use rt_tests::surface::Surface;
 use serde::Serialize;
 use shared::spm::OperationFaces;
 use std::fmt::Write;
 use std::path::PathBuf;
+use std::process::ExitCode;
 use ve_station::build::{BuildOptions, NoProgress};
 use ve_station::generate::{Shape, generate};
+use welded::Welded;
 
 /// Parts of the full mesh's faces at which the two are compared.
 const SHARES: [f64; 4] = [0.5, 0.2, 0.05, 0.01];
@@ -35,9 +40,9 @@ const MOST_MEAN_RATIO: f64 = 1.0;
 /// The most that the largest deviation at the median model may be of meshoptimizer's.
 const MOST_MAX_RATIO: f64 = 1.5;
 
-/// Arguments of `rt-tests quality`.
-#[derive(Debug, Args)]
-pub struct QualityArgs {
+/// Compare simplified meshes with meshoptimizer's at equal numbers of faces; status 1 when a limit is broken.
+#[derive(Debug, Parser)]
+pub struct Arguments {
     /// Mesh files [default: the shapes that ve-station generate makes]
     pub models: Vec<PathBuf>,
     /// Print one JSON object with the result on standard output
@@ -106,11 +111,21 @@ pub struct Deviation {
     pub max: f64,
 }
 
-/// Runs the command.
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(_) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(failure.status())
+        }
+    }
+}
+
+/// Compares, says what it found, and judges.
 ///
 /// # Errors
 /// One sentence: status 2 for a bad file, 1 when a limit is broken.
-pub fn quality(args: &QualityArgs) -> Result<(), Failure> {
+fn run(args: &Arguments) -> Result<Quality, Failure> {
     let mut found = Quality {
         seed: args.seed,
         models: Vec::new(),
@@ -171,7 +186,7 @@ pub fn quality(args: &QualityArgs) -> Result<(), Failure> {
         print(&summary)?;
     }
     if found.pass || found.models.is_empty() {
-        return Ok(());
+        return Ok(found);
     }
     Err(Failure::Run(
         "a prefix of ours deviates more than meshoptimizer's simplifier by more than the limit"
@@ -267,12 +282,7 @@ fn prefix(model: &Model, faces: u32) -> Result<Vec<[DVec3; 3]>, Failure> {
 }
 
 /// Sampled deviation of a simplified mesh from the full one.
-pub fn deviation(
-    full: &Surface,
-    simple: &Surface,
-    diagonal: f64,
-    random: &mut impl Rng,
-) -> Deviation {
+fn deviation(full: &Surface, simple: &Surface, diagonal: f64, random: &mut impl Rng) -> Deviation {
     let mut sum = [0.0; 2];
     let mut max: f64 = 0.0;
     for (direction, (from, to)) in [(full, simple), (simple, full)].into_iter().enumerate() {
@@ -315,4 +325,46 @@ fn words(model: &ModelQuality) -> String {
         );
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mesh_is_compared_at_every_share_and_a_missing_file_is_bad_input() {
+        let folder = tempfile::tempdir().unwrap();
+        let mesh = folder.path().join("sphere.obj");
+        let mut text = String::new();
+        let sphere = generate(Shape::Sphere, 4000, 1);
+        for [x, y, z] in &sphere.positions {
+            let _ = writeln!(text, "v {x} {y} {z}");
+        }
+        for face in &sphere.triangles {
+            let [a, b, c] = face.map(|corner| corner + 1);
+            let _ = writeln!(text, "f {a} {b} {c}");
+        }
+        std::fs::write(&mesh, text).unwrap();
+        let arguments = |model: PathBuf| Arguments {
+            models: vec![model],
+            json: true,
+            seed: 1,
+        };
+        let found = run(&arguments(mesh)).unwrap();
+        let points = &found.models[0].points;
+        assert_eq!(points.len(), SHARES.len());
+        assert!(points.iter().all(|p| p.faces <= p.faces_theirs));
+        assert!(
+            points
+                .iter()
+                .all(|p| p.ours.mean > 0.0 && p.theirs.mean > 0.0)
+        );
+        // Coarser is farther off, for both.
+        let grows = |of: fn(&Point) -> f64| points.windows(2).all(|p| of(&p[0]) < of(&p[1]));
+        assert!(grows(|p| p.ours.mean) && grows(|p| p.theirs.mean));
+
+        let nowhere = run(&arguments(folder.path().join("nowhere.obj"))).unwrap_err();
+        assert_eq!(nowhere.status(), 2);
+        assert!(nowhere.to_string().contains("nowhere.obj"));
+    }
 }
