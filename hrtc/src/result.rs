@@ -182,8 +182,10 @@ pub struct RunResult {
     pub ecols: u64,
     /// Regions subscribed.
     pub regions_subscribed: u64,
-    /// Regions asked again.
+    /// Epochs that ended, each with regions declared and asked for anew.
     pub resubscribed: u64,
+    /// Regions asked for again, with every record.
+    pub resent: u64,
     /// Bytes received.
     pub bytes_received: u64,
     /// Bytes received up to the first contact.

@@ -25,7 +25,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
-use tick_thread::TickThread;
+use tick_thread::{Ended, TickThread};
 
 /// Records between the tick and the log, which is drained every [`DRAIN`]: a second at 1 kHz. Locked memory
 /// commits them all.
@@ -114,7 +114,7 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Result<(), RunError> {
     let probe = &plan.probes[0];
     let device = Simulated::new(probe.device, 1.0 / plan.loop_.rate_hz);
     let device_max_n = device.capabilities().force_max_n;
-    let controller = Controller::new(&plan, identity, device_max_n, tour_seconds);
+    let controller = Box::new(Controller::new(&plan, identity, device_max_n, tour_seconds));
     let script_points = match &probe.trajectory {
         TrajectoryPlan::Points(points) => points.clone(),
         TrajectoryPlan::Tour { .. } => Vec::new(),
@@ -199,9 +199,9 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Result<(), RunError> {
     let drained = shell.drain(log_out, recording, stop);
     let ended = thread.join();
     stop_link(link);
-    let (controller, work_budget) = ended.map_err(|_| RunError::TickPanicked)?;
+    let ended = ended.map_err(|_| RunError::TickPanicked)?;
     let outcome = drained?;
-    shell.finish(outcome, &controller, work_budget)
+    shell.finish(outcome, &ended)
 }
 
 fn stop_link(link: LinkHandle) {
@@ -323,12 +323,8 @@ impl Shell<'_> {
         None
     }
 
-    fn finish(
-        &self,
-        outcome: Outcome,
-        controller: &Controller,
-        work_budget: u32,
-    ) -> Result<(), RunError> {
+    fn finish(&self, outcome: Outcome, ended: &Ended) -> Result<(), RunError> {
+        let controller = &ended.controller;
         let first = self.signals.first_tick_ns.load(Ordering::Relaxed);
         let header = controller.header();
         let seed = match &self.plan.probes[0].trajectory {
@@ -345,12 +341,13 @@ impl Shell<'_> {
             bytes_full_mesh: header.map_or(0, outcome::bytes_full_mesh),
             rss_bytes: outcome::resident_bytes(),
             start_to_first_tick_ms: first.saturating_sub(self.started) as f64 / 1e6,
-            operations_budget: u64::from(work_budget),
+            operations_budget: u64::from(ended.work_budget),
             rights: rights(&self.plan.loop_, &missing),
         };
         let mut finished = outcome.run.finish(meta);
         finished.result.cache.high_water_bytes = controller.cache().bytes_high_water() as u64;
         outcome::add_dial(&mut finished.result, controller, self.plan.loop_.rate_hz);
+        finished.result.capacities.extend_from_slice(&ended.rings);
         let dropped = self.signals.log_dropped.load(Ordering::Relaxed);
         if dropped > 0 {
             eprintln!("hrtc: {dropped} tick records found the log full and are not in the figures");

@@ -105,11 +105,13 @@ pub struct Subscriber {
     /// Place in the region table up to which held regions were declared in this epoch.
     declared: usize,
     outstanding: u32,
+    outstanding_high_water: u32,
     last_progress: u64,
     timeout_ticks: u64,
     /// Places in the region table of regions to be released.
     releases: [u32; MOST_RELEASES],
     release_count: usize,
+    releases_high_water: usize,
     /// Places in the region table of regions to be asked for again.
     resends: [u32; OUTSTANDING as usize],
     resend_count: usize,
@@ -141,10 +143,12 @@ impl Subscriber {
             tour_asked: false,
             declared: 0,
             outstanding: 0,
+            outstanding_high_water: 0,
             last_progress: 0,
             timeout_ticks,
             releases: [0; MOST_RELEASES],
             release_count: 0,
+            releases_high_water: 0,
             resends: [0; OUTSTANDING as usize],
             resend_count: 0,
             refused_hand: 0,
@@ -271,6 +275,16 @@ impl Subscriber {
     pub fn release(&mut self, place: usize) {
         self.releases[self.release_count] = place as u32;
         self.release_count += 1;
+        self.releases_high_water = self.releases_high_water.max(self.release_count);
+    }
+
+    /// The most answers outstanding, and releases that waited to be told, at once; and how many there may be.
+    #[must_use]
+    pub fn high_water(&self) -> [(usize, usize); 2] {
+        [
+            (self.outstanding_high_water as usize, OUTSTANDING as usize),
+            (self.releases_high_water, MOST_RELEASES),
+        ]
     }
 
     /// Whether regions may be asked for.
@@ -405,6 +419,7 @@ impl Subscriber {
         if request.count > 0 {
             self.send(outbox, request, tick, asked + again > 0);
             self.outstanding += asked;
+            self.outstanding_high_water = self.outstanding_high_water.max(self.outstanding);
             self.subscribed += u64::from(asked);
         }
     }

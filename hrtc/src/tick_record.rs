@@ -60,8 +60,10 @@ pub struct CoreRecord {
     pub bytes_received: u64,
     /// Regions subscribed, total.
     pub regions_subscribed: u64,
-    /// Regions asked again, total.
+    /// Epochs ended, so that regions were declared and asked for anew, total.
     pub resubscribed: u64,
+    /// Regions asked for again, with every record, since their answer counted on records that were gone, total.
+    pub resent: u64,
     /// Records evicted, total.
     pub evicted: u64,
     /// VSPs loaded now.

@@ -229,9 +229,10 @@ impl Report<'_> {
         let r = &self.finished.result;
         vec![
             format!(
-                "{} region(s) subscribed ({} asked again), {} splits and {} collapses performed",
+                "{} region(s) subscribed ({} asked for again, {} new start(s) of the link), {} splits and {} collapses performed",
                 grouped(r.regions_subscribed),
-                grouped(r.resubscribed),
+                grouped(r.resent),
+                grouped(r.resubscribed.saturating_sub(1)),
                 grouped(r.vsplits),
                 grouped(r.ecols)
             ),

@@ -16,7 +16,7 @@ fn predictors(folder: &std::path::Path, arguments: &[&str]) -> Output {
 #[test]
 fn every_choice_of_sources_feels_the_same_motion_and_prediction_pays() {
     let folder = tempfile::tempdir().unwrap();
-    let arguments = ["relief:60000", "--seed", "3", "--speed", "0.15", "--json"];
+    let arguments = ["relief:60000", "--seed", "3", "--speed", "0.4", "--json"];
     let output = predictors(folder.path(), &arguments);
     let said = String::from_utf8_lossy(&output.stderr);
     println!("seed 3\n{said}");

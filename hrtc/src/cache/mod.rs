@@ -48,6 +48,8 @@ pub struct CacheHighWater {
     pub blocks: (usize, usize),
     /// Regions known.
     pub regions: (usize, usize),
+    /// Faces of the refined front, each with a place in the tree.
+    pub faces: (usize, usize),
 }
 
 /// The cache cannot hold what it must.
@@ -121,6 +123,7 @@ pub struct Cache {
     scale: ErrorScale,
     loaded: u32,
     loaded_high_water: u32,
+    faces_high_water: u32,
     slots: u32,
     evicted: u64,
     base_inserted: u32,
@@ -187,6 +190,7 @@ impl Cache {
             scale: ErrorScale::for_diagonal(1.0),
             loaded: 0,
             loaded_high_water: 0,
+            faces_high_water: 0,
             slots: 0,
             evicted: 0,
             base_inserted: 0,
@@ -252,6 +256,10 @@ impl Cache {
             splits: (self.loaded_high_water as usize, self.slots as usize),
             blocks: (self.lists.high_water() as usize, self.lists.capacity()),
             regions: (self.regions.high_water(), self.regions.capacity()),
+            faces: (
+                self.faces_high_water as usize,
+                self.sizes.base_faces as usize + 2 * self.slots as usize,
+            ),
         }
     }
 

@@ -73,6 +73,7 @@ impl Cache {
             self.tree.deform(face);
         }
         self.requeue_with_dependencies(slot);
+        self.faces_high_water = self.faces_high_water.max(self.mesh.active_faces());
         Ok(())
     }
 

@@ -32,13 +32,28 @@ impl Controller {
     pub fn capacities(&self) -> Vec<Capacity> {
         let cache = self.cache.high_water();
         let [wanted, unknown] = self.refinement.high_water();
-        let mut all = vec![
-            Capacity::new("splits in the cache", cache.splits.1, cache.splits.0),
-            Capacity::new("blocks of closures", cache.blocks.1, cache.blocks.0),
-            Capacity::new("regions known", cache.regions.1, cache.regions.0),
-            Capacity::new("regions to be refined", wanted.1, wanted.0),
-            Capacity::new("regions predicted in a tick", unknown.1, unknown.0),
-        ];
+        let [answers, releases] = self.subscriber.high_water();
+        let mut all: Vec<Capacity> = [
+            ("splits in the cache", cache.splits),
+            ("faces of the front and its tree", cache.faces),
+            ("blocks of closures", cache.blocks),
+            ("regions known", cache.regions),
+            ("regions to be refined", wanted),
+            ("regions predicted in a tick", unknown),
+            ("answers under way", answers),
+            ("releases to be told", releases),
+        ]
+        .map(|(name, (most, room))| Capacity::new(name, room, most))
+        .into();
+        if let Some(proxy) = &self.proxy {
+            let [faces, planes] = proxy.high_water();
+            all.push(Capacity::new("faces near the probe", faces.1, faces.0));
+            all.push(Capacity::new(
+                "half-spaces of the proxy",
+                planes.1,
+                planes.0,
+            ));
+        }
         if self.tour.is_some() {
             let (length, capacity) = (self.path.len(), self.path.capacity());
             all.push(Capacity::new("points of the tour", capacity, length));

@@ -554,6 +554,7 @@ impl Controller {
         record.bytes_received = self.bytes_received;
         record.regions_subscribed = self.subscriber.subscribed;
         record.resubscribed = self.subscriber.resubscribed;
+        record.resent = self.subscriber.resent;
         record.evicted = self.cache.evicted();
         record.vsps_loaded = self.cache.loaded();
         record.cache_bytes = self.cache.bytes_used() as u64;

@@ -36,6 +36,7 @@ pub struct Constraints {
     /// The candidate of each plane.
     sources: [usize; MOST_CONSTRAINTS],
     count: usize,
+    high_water: usize,
     dropped: u32,
 }
 
@@ -61,8 +62,14 @@ impl Constraints {
             planes: [NO_PLANE; MOST_CONSTRAINTS],
             sources: [0; MOST_CONSTRAINTS],
             count: 0,
+            high_water: 0,
             dropped: 0,
         }
+    }
+
+    /// The most half-spaces that there ever were.
+    pub fn high_water(&self) -> usize {
+        self.high_water
     }
 
     /// The half-spaces.
@@ -107,6 +114,7 @@ impl Constraints {
                 self.add(k);
             }
         }
+        self.high_water = self.high_water.max(self.count);
         work
     }
 

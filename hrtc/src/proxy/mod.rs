@@ -16,7 +16,7 @@ pub mod projection;
 
 pub use constraints::MOST_CONSTRAINTS;
 
-use crate::query::{NearFaces, Nearest, Surface, Work, closest_point, swept_sphere};
+use crate::query::{MOST_FACES, NearFaces, Nearest, Surface, Work, closest_point, swept_sphere};
 use constraints::Constraints;
 use glam::DVec3;
 use projection::project;
@@ -102,6 +102,15 @@ impl Proxy {
     #[must_use]
     pub fn is_placed(&self) -> bool {
         self.placed
+    }
+
+    /// The most faces that were looked at, and half-spaces that held the proxy, in a step; and how many fit.
+    #[must_use]
+    pub fn high_water(&self) -> [(usize, usize); 2] {
+        [
+            (self.near.high_water(), MOST_FACES),
+            (self.constraints.high_water(), MOST_CONSTRAINTS),
+        ]
     }
 
     /// Puts it somewhere without a sweep: at the first sample, or where the surface has moved over it.

@@ -49,6 +49,7 @@ pub struct NearFaces {
     radius: f64,
     faces: [NearFace; MOST_FACES],
     count: usize,
+    high_water: usize,
 }
 
 impl NearFaces {
@@ -60,7 +61,14 @@ impl NearFaces {
             radius: 0.0,
             faces: [NearFace::NONE; MOST_FACES],
             count: 0,
+            high_water: 0,
         }
+    }
+
+    /// The most faces that it ever held.
+    #[must_use]
+    pub fn high_water(&self) -> usize {
+        self.high_water
     }
 
     /// Gathers all faces within `radius` of `centre`. Where there are too many the ball shrinks to what
@@ -69,7 +77,7 @@ impl NearFaces {
         self.centre = centre;
         self.radius = radius;
         self.count = 0;
-        faces_within(surface, centre, radius, |face, closest| {
+        let work = faces_within(surface, centre, radius, |face, closest| {
             let distance = closest.distance_squared.sqrt();
             if distance >= self.radius && self.radius < radius {
                 return;
@@ -97,7 +105,9 @@ impl NearFaces {
                 corners: surface.mesh.corners(face),
                 distance,
             };
-        })
+        });
+        self.high_water = self.high_water.max(self.count);
+        work
     }
 
     /// Empties the ball: it covers nothing until it is gathered anew.

@@ -183,6 +183,7 @@ impl Accumulator {
         result.bytes_received = result.bytes_received.max(core.bytes_received);
         result.regions_subscribed = result.regions_subscribed.max(core.regions_subscribed);
         result.resubscribed = result.resubscribed.max(core.resubscribed);
+        result.resent = result.resent.max(core.resent);
         let cache = &mut result.cache;
         cache.evicted = cache.evicted.max(core.evicted);
         cache.high_water_bytes = cache.high_water_bytes.max(core.cache_bytes);

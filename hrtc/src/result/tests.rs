@@ -224,6 +224,7 @@ fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
         "ecols",
         "regions_subscribed",
         "resubscribed",
+        "resent",
         "bytes_received",
         "bytes_to_first_touch",
         "bytes_full_mesh",

@@ -1,7 +1,10 @@
 //! The thread that ticks.
 
-use super::Signals;
-use crate::controller::{Controller, Fault, Stage, StageObserver, TickInputs, TickOutputs};
+use super::{LOG, OUT, Signals};
+use crate::connection::INBOX;
+use crate::controller::{
+    Capacity, Controller, Fault, Stage, StageObserver, TickInputs, TickOutputs,
+};
 use crate::counting_allocator;
 use crate::device::{Device, Script, Simulated};
 use crate::inbox::InboxChunk;
@@ -17,7 +20,8 @@ use std::sync::{Arc, Mutex};
 
 /// Everything that the thread owns.
 pub(super) struct TickThread {
-    pub controller: Controller,
+    /// Boxed: it is too large to be moved about on a small stack.
+    pub controller: Box<Controller>,
     pub device: Simulated,
     pub script: Script,
     pub script_points: Vec<(f64, Pose)>,
@@ -31,6 +35,15 @@ pub(super) struct TickThread {
     pub missing: Arc<Mutex<Vec<MissingRight>>>,
     pub plan: LoopPlan,
     pub seconds: Option<f64>,
+}
+
+/// What is left of the thread.
+pub(super) struct Ended {
+    pub controller: Box<Controller>,
+    /// Most work units of a tick that its rules allow.
+    pub work_budget: u32,
+    /// The most that were in the rings at once.
+    pub rings: Vec<Capacity>,
 }
 
 /// Wall time of each stage.
@@ -49,7 +62,7 @@ impl StageObserver for StageClock {
 
 impl TickThread {
     /// Ticks until the force is down after the wish to stop; gives the controller back.
-    pub fn run(mut self) -> (Controller, u32) {
+    pub fn run(mut self) -> Ended {
         let obtained = obtain(self.plan.core, self.plan.priority);
         if let Ok(mut missing) = self.missing.lock() {
             *missing = obtained.missing;
@@ -63,6 +76,7 @@ impl TickThread {
         let mut script_start = None;
         let mut arrived = 0u64;
         let mut waiting = 0usize;
+        let (mut inbox, mut requests, mut log) = (0, 0, 0);
         self.signals.ticking.store(true, Ordering::Release);
         loop {
             let wake = pacer.wait();
@@ -80,6 +94,7 @@ impl TickThread {
             let station = self.station.load(Ordering::Relaxed);
             let slots = self.inbox.slots();
             arrived += (slots - waiting) as u64;
+            inbox = slots.max(inbox);
             let mut clock = StageClock {
                 last: monotonic_ns(),
                 stages: [0; 5],
@@ -114,6 +129,7 @@ impl TickThread {
                 // A full ring loses the request; the gap in its numbers ends the epoch, which heals it.
                 let _ = self.requests.push(*request);
             }
+            requests = (OUT - self.requests.slots()).max(requests);
             if let Some(report) = outputs.report {
                 let _ = self.contacts.push(report);
             }
@@ -139,6 +155,7 @@ impl TickThread {
             if self.log.push(record).is_err() {
                 self.signals.log_dropped.fetch_add(1, Ordering::Relaxed);
             }
+            log = (LOG - self.log.slots()).max(log);
             if let Some(found) = self.controller.fault() {
                 // Not in touch any more, so the lock costs no force.
                 if let Ok(mut fault) = self.fault.try_lock() {
@@ -151,8 +168,15 @@ impl TickThread {
         }
         self.device.write(Wrench::ZERO);
         self.signals.ended.store(true, Ordering::Release);
-        let budget = self.controller.work_budget();
-        (self.controller, budget)
+        Ended {
+            work_budget: self.controller.work_budget(),
+            controller: self.controller,
+            rings: vec![
+                Capacity::new("chunks in the inbox", INBOX, inbox),
+                Capacity::new("requests to the link", OUT, requests),
+                Capacity::new("tick records for the log", LOG, log),
+            ],
+        }
     }
 
     /// Tells the simulated hand what to intend, from the scene's points or the station's tour.
