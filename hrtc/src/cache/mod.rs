@@ -375,8 +375,11 @@ impl Cache {
         entry.closure = list;
         match known {
             Some(slot) => {
-                self.references[slot as usize].held += 1;
-                self.requeue(slot);
+                let held = &mut self.references[slot as usize].held;
+                *held += 1;
+                if *held == 1 {
+                    self.requeue(slot);
+                }
             }
             None => entry.pending += 1,
         }
@@ -468,8 +471,8 @@ impl Cache {
     /// Lets go of a region's closure, at most `most` entries of it; the rest when it is called again. The region
     /// stays in the table, leaving until all of it is gone; its state is then for the caller to set.
     ///
-    /// Returns whether all of it is gone.
-    pub fn let_go(&mut self, region: usize, most: u32) -> bool {
+    /// Returns whether all of it is gone, and the number of entries gone through.
+    pub fn let_go(&mut self, region: usize, most: u32) -> (bool, u32) {
         if self.regions.at(region).state != RegionState::Leaving {
             // A change that has begun is finished; only a damaged region is let go of while it is wanted.
             let wanted = self.regions.at(region).wanted;
@@ -487,8 +490,11 @@ impl Cache {
             if let Some(item) = self.lists.get(&entry.closure, cursor)
                 && item & PENDING == 0
             {
-                self.references[item as usize].held -= 1;
-                self.requeue(item);
+                let held = &mut self.references[item as usize].held;
+                *held -= 1;
+                if *held == 0 {
+                    self.requeue(item);
+                }
             }
             cursor = self.lists.next(cursor);
         }
@@ -497,14 +503,14 @@ impl Cache {
         entry.cursor = cursor;
         if entry.changing > 0 {
             entry.state = RegionState::Leaving;
-            return false;
+            return (false, count);
         }
         let mut list = entry.closure;
         self.lists.free(&mut list);
         let entry = self.regions.at_mut(region);
         entry.closure = list;
         entry.cursor = Cursor::start(&list);
-        true
+        (true, count)
     }
 
     /// Puts a held region into the set to be performed, or takes it out: at most `most` entries of its closure, the
@@ -533,12 +539,17 @@ impl Cache {
             {
                 to_split += u32::from(!self.mesh.is_performed(slot));
                 let references = &mut self.references[slot as usize];
-                if entry.wanted {
+                // Most of a closure is wanted by its neighbours too: only the first and the last count.
+                let turns = if entry.wanted {
                     references.wanted += 1;
+                    references.wanted == 1
                 } else {
                     references.wanted -= 1;
+                    references.wanted == 0
+                };
+                if turns {
+                    self.requeue(slot);
                 }
-                self.requeue(slot);
             }
             cursor = self.lists.next(cursor);
         }

@@ -418,7 +418,7 @@ impl Controller {
     /// Drops an asked region for lack of room; the station is told.
     fn give_up(&mut self, region: usize) {
         self.subscriber.answered();
-        if self.subscriber.may_release() && !self.is_leaving() {
+        if self.may_leave() {
             self.leave(region);
         } else {
             self.cache.let_go(region, u32::MAX);

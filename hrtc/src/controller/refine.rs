@@ -20,8 +20,8 @@ const PACE: u32 = 6;
 const COLLAPSE_TICKS: u32 = 48;
 /// Closure entries that change set for one work unit.
 const CHANGES_PER_UNIT: u32 = 4;
-/// Closure entries of a region that is let go of in one go: all of a cell, a stretch of a whole model.
-const LEAVING_AT_ONCE: u32 = 4096;
+/// Closure entries that are let go of a tick at the most: several cells, or a stretch of a whole model.
+const LEAVING_A_TICK: u32 = 4096;
 /// Closure entries gone through a tick, for each operation allowed.
 const ENTRIES_PER_OPERATION: u32 = 24;
 /// Regions that one search for a region to release looks at.
@@ -30,10 +30,11 @@ const WINDOW: usize = 64;
 const RELEASES: u32 = 4;
 
 /// The most work units that refinement may take a tick: closure entries gone through (four that change
-/// set count as one) and operations. A closure that is longer, as that of a whole model, takes several ticks.
+/// set, or are let go of, count as one) and operations. A closure that is longer, as that of a whole model,
+/// takes several ticks.
 #[must_use]
 pub fn budget(operations: usize) -> u32 {
-    operations as u32 * (ENTRIES_PER_OPERATION + 1)
+    operations as u32 * (ENTRIES_PER_OPERATION + 1) + LEAVING_A_TICK / CHANGES_PER_UNIT
 }
 
 /// The set B.
@@ -52,6 +53,8 @@ pub struct Refinement {
     pub(super) economy: Economy,
     /// A region that is let go of in several ticks.
     leaving: Option<usize>,
+    /// Closure entries let go of in this tick.
+    let_go: u32,
     wanted_high_water: usize,
     unknown_high_water: usize,
 }
@@ -68,6 +71,7 @@ impl Refinement {
             faces: OperationFaces::new(),
             economy: Economy::new(),
             leaving: None,
+            let_go: 0,
             wanted_high_water: 0,
             unknown_high_water: 0,
         }
@@ -224,6 +228,8 @@ impl Controller {
                 break;
             }
         }
+        record.work_units += self.refinement.let_go.div_ceil(CHANGES_PER_UNIT);
+        self.refinement.let_go = 0;
     }
 
     /// Performs the oldest collapse that is waiting; false when none is.
@@ -320,10 +326,16 @@ impl Controller {
         cost
     }
 
-    /// Lets go of a region, a stretch a tick; then the station is told. Only one at a time.
+    /// Lets go of a region, a stretch a tick; then the station is told. Only one at a time, see `may_leave`.
     pub(super) fn leave(&mut self, index: usize) {
         self.refinement.leaving = Some(index);
         self.go_on_leaving();
+    }
+
+    /// Whether another region may be let go of now: its closure is gone through entry by entry.
+    pub(super) fn may_leave(&self) -> bool {
+        let in_budget = self.refinement.let_go < LEAVING_A_TICK;
+        in_budget && self.subscriber.may_release() && !self.is_leaving()
     }
 
     /// Whether a region is still being let go of.
@@ -335,7 +347,13 @@ impl Controller {
         let Some(index) = self.refinement.leaving else {
             return;
         };
-        if self.subscriber.may_release() && self.cache.let_go(index, LEAVING_AT_ONCE) {
+        let most = LEAVING_A_TICK - self.refinement.let_go;
+        if !self.subscriber.may_release() || most == 0 {
+            return;
+        }
+        let (gone, entries) = self.cache.let_go(index, most);
+        self.refinement.let_go += entries;
+        if gone {
             self.cache.regions.at_mut(index).state = RegionState::ToRelease;
             self.subscriber.release(index);
             self.refinement.leaving = None;
@@ -381,7 +399,7 @@ impl Controller {
     /// that are only loaded ahead the one that is due last. Looking at a window keeps the cost of a tick bounded,
     /// whatever the table holds.
     fn release_one(&mut self, asking: Option<u64>, tick: u64) -> bool {
-        if !self.subscriber.may_release() || self.is_leaving() {
+        if !self.may_leave() {
             return false;
         }
         let mut victim: Option<(usize, u64)> = None;
