@@ -92,7 +92,7 @@ pub struct Ratio {
 }
 
 /// One model.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct ModelFronts {
     /// The model.
     pub model: String,
@@ -125,6 +125,8 @@ pub struct ModelFronts {
     pub collapse_ns: Percentiles,
     /// Batches of splits.
     pub batches: usize,
+    /// Batches of collapses.
+    pub collapse_batches: usize,
     /// Splits in a batch, mean.
     pub batch_splits_mean: f64,
 }
@@ -220,6 +222,7 @@ fn judge_model(model: &Model, seed: u64, line: &Line) -> Result<ModelFronts, Fai
         split_ns: percentiles(&cost.split_ns),
         collapse_ns: percentiles(&cost.collapse_ns),
         batches: cost.split_ns.len(),
+        collapse_batches: cost.collapse_ns.len(),
         batch_splits_mean: cost.splits as f64 / cost.split_ns.len().max(1) as f64,
     })
 }
@@ -284,9 +287,12 @@ fn broken(m: &ModelFronts) -> Vec<String> {
         );
         limit("dial.exceeded_share", m.dial.exceeded_share, MOST_EXCEEDED);
     }
-    if m.batches >= FEWEST_BATCHES {
-        for (name, ns) in [("split_ns", m.split_ns), ("collapse_ns", m.collapse_ns)] {
-            limit(&format!("{name}.p50"), ns.p50, MOST_NS.p50);
+    for (name, ns, batches) in [
+        ("split_ns", m.split_ns, m.batches),
+        ("collapse_ns", m.collapse_ns, m.collapse_batches),
+    ] {
+        limit(&format!("{name}.p50"), ns.p50, MOST_NS.p50);
+        if batches >= FEWEST_BATCHES {
             limit(&format!("{name}.p99"), ns.p99, MOST_NS.p99);
         }
     }
@@ -352,5 +358,45 @@ impl Line {
     /// Says a line that stays, also where standard error is no terminal.
     fn say(&self, text: &str) {
         self.bar.suspend(|| eprint!("{text}"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn slow(batches: usize, collapse_batches: usize) -> ModelFronts {
+        let ns = Percentiles {
+            p50: 2000.0,
+            p99: 9000.0,
+        };
+        ModelFronts {
+            model: "slow".to_string(),
+            split_ns: ns,
+            collapse_ns: ns,
+            batches,
+            collapse_batches,
+            ..ModelFronts::default()
+        }
+    }
+
+    fn names(m: &ModelFronts) -> Vec<String> {
+        let word = |text: String| {
+            let rest = text.split_once(": ")?.1;
+            rest.split_whitespace().next().map(str::to_string)
+        };
+        broken(m).into_iter().filter_map(word).collect()
+    }
+
+    #[test]
+    fn the_median_cost_is_judged_over_however_few_batches_and_the_slowest_over_a_hundred() {
+        let medians = ["split_ns.p50", "collapse_ns.p50"];
+        assert_eq!(names(&slow(1, 1)), medians);
+        assert_eq!(names(&slow(99, 99)), medians);
+        // Each by its own batches.
+        let of_splits = ["split_ns.p50", "split_ns.p99", "collapse_ns.p50"];
+        assert_eq!(names(&slow(100, 99)), of_splits);
+        assert_eq!(names(&slow(100, 100)).len(), 4);
+        assert_eq!(names(&ModelFronts::default()), [""; 0]);
     }
 }
