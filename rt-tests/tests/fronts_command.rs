@@ -3,6 +3,7 @@
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
+use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh, write_file};
 use ve_station::generate::{Shape, generate, write_mesh};
 
 fn rt_tests(arguments: &[&Path]) -> Output {
@@ -53,6 +54,9 @@ fn both_print_one_object_with_the_fields_of_the_design() {
         "certified_ratio/p50",
         "certified_ratio/p95",
         "dial/asked_over_true_p50",
+        "dial/asked_over_attainable_p50",
+        "dial/asked_over_true_within_reach_p50",
+        "dial/vsps_over_coarsest",
         "split_ns/p50",
         "split_ns/p99",
         "collapse_ns/p50",
@@ -64,10 +68,71 @@ fn both_print_one_object_with_the_fields_of_the_design() {
         assert_eq!(number(model, &format!("/{field}")), 0.0, "{field}");
     }
     assert!(number(model, "/dial/exceeded_share") <= 1e-3);
+    assert!(number(model, "/dial/too_fine_share") <= 0.25);
+    // One table: beside the JSON on standard error, without it on standard output.
+    let table = std::fs::read_to_string(out.join("fronts.txt")).unwrap();
+    assert!(table.lines().all(|line| line.chars().count() <= 160));
+    assert!(said.contains(&table), "{said}");
+    let shown = rt_tests(&["fronts".as_ref(), &mesh]);
+    let [above, aside] = [shown.stdout, shown.stderr].map(|s| String::from_utf8(s).unwrap());
+    assert!(above.contains("at most") && above.contains("torus.obj"));
+    assert!(!aside.contains("at most"), "{aside}");
     assert!(out.join("fronts.json").is_file() && out.join("fronts.txt").is_file());
 
     let nowhere = folder.path().join("nowhere.obj");
     let refused = rt_tests(&["fronts".as_ref(), &nowhere]);
     assert_eq!(refused.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("nowhere.obj"));
+}
+
+/// A model whose expected errors are all twice what they should be, as an SPM file.
+fn build_with_errors_doubled(mesh: SoupMesh, path: &Path) {
+    /// Codes of E for a factor of two.
+    const OCTAVE: u16 = 2048;
+    let mut parts = build_model(mesh, &BuildOptions::default(), &NoProgress).unwrap();
+    for record in parts.records.iter_mut().filter(|record| record.e > 0) {
+        record.e = record.e.saturating_add(OCTAVE);
+    }
+    parts.seal();
+    write_file(&parts, path).unwrap();
+}
+
+/// What is broken of a model, other than its cost, and its dial.
+fn broken_and_dial(path: &Path) -> (Vec<String>, Value) {
+    let found = rt_tests(&["fronts".as_ref(), "--json".as_ref(), path]);
+    let found: Value = serde_json::from_slice(&found.stdout).unwrap();
+    let broken = found["broken"].as_array().unwrap().iter();
+    let broken = broken.map(|b| b.as_str().unwrap().to_string());
+    (
+        broken.filter(|b| !b.contains("_ns.")).collect(),
+        found["models"][0]["dial"].clone(),
+    )
+}
+
+#[test]
+fn a_dial_that_is_twice_as_fine_as_it_need_be_is_told_from_a_mesh_that_gives_no_choice() {
+    let folder = tempfile::tempdir().unwrap();
+    let relief = folder.path().join("relief.obj");
+    write_mesh(&generate(Shape::Relief, 20_000, 1), &relief).unwrap();
+    // Of planes and facets: most of its stretches are far nearer than asked on any front that keeps what is asked.
+    let part = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/models/featuretype.stl");
+    let mut counted = 0;
+    for mesh in [&relief, &part] {
+        if !mesh.exists() {
+            println!("skipped: {} is not there", mesh.display());
+            continue;
+        }
+        let (broken, dial) = broken_and_dial(mesh);
+        assert!(broken.is_empty(), "{broken:?}");
+        assert!(number(&dial, "/vsps_over_coarsest") < 1.25, "{dial}");
+        let doubled = folder.path().join("doubled.spm");
+        build_with_errors_doubled(read_mesh(mesh).unwrap(), &doubled);
+        let (broken, dial) = broken_and_dial(&doubled);
+        let too_fine = |b: &String| b.contains("dial.too_fine_share");
+        assert!(broken.iter().any(too_fine), "{broken:?}");
+        assert!(broken.iter().all(|b| b.contains("dial.")), "{broken:?}");
+        assert!(number(&dial, "/vsps_over_coarsest") > 1.25, "{dial}");
+        counted += 1;
+    }
+    assert!(counted > 0);
 }
