@@ -1,7 +1,8 @@
 //! Connection agent of the station: the iceoryx2 ports around the pure [`Station`], on one thread.
 //!
 //! It polls: every fifth of a millisecond what came is handed to the core, and what the core has to say is sent. Nothing
-//! here blocks; what a full queue discards shows as a gap to the receiver, and epochs heal it.
+//! here blocks; what a full queue discards shows as a gap to the receiver, and epochs heal it. A tour, which takes long,
+//! is rolled between two looks at the ports, a little each time; its client is told in time that it is being rolled.
 
 use crate::station::{Chunk, Message, Station};
 use iceoryx2::node::Node;
@@ -9,8 +10,8 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, ipc};
 use shared::protocol::{
-    BUFFER, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Domain, HELLO_PERIOD_MS, Hello,
-    HelloError, Request, Role, TransportError,
+    ANSWER_TIMEOUT_MS, BUFFER, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Domain,
+    HELLO_PERIOD_MS, Hello, HelloError, Request, Role, TransportError,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,6 +21,10 @@ use std::time::{Duration, Instant};
 const POLL: Duration = Duration::from_micros(200);
 /// Time between two heartbeats.
 const HELLO: Duration = Duration::from_millis(HELLO_PERIOD_MS);
+/// Steps of a client's tour between two looks at the ports: tenths of a millisecond, unless they read a slow disk.
+const ROLLED: u64 = 8;
+/// Time after which a client whose tour is being rolled is told something: a part of what it would wait.
+const TOLD: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS / 4);
 /// Time between two clean-ups of dead nodes.
 const CLEANUP: Duration = Duration::from_secs(1);
 /// A client silent for so long is forgotten, and its topic closed.
@@ -34,6 +39,8 @@ pub struct Connection<D> {
     ports: Ports,
     /// Last sign of life of each client.
     heard: BTreeMap<u64, Instant>,
+    /// Clients whose tour is being rolled, and when each was told something last.
+    rolling: BTreeMap<u64, Instant>,
     /// Sentences about peers already said.
     said: BTreeSet<String>,
 }
@@ -134,6 +141,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
             station,
             ports: Ports::open(domain)?,
             heard: BTreeMap::new(),
+            rolling: BTreeMap::new(),
             said: BTreeSet::new(),
         })
     }
@@ -150,7 +158,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
         while !stop.load(Ordering::Relaxed) {
             let now = Instant::now();
             self.receive(now);
-            self.send();
+            self.send(now);
             if now >= next_hello {
                 next_hello = now + HELLO;
                 let hello = Hello::new(Role::Station, self.station.incarnation(), 0);
@@ -165,7 +173,9 @@ impl<D: AsRef<[u8]>> Connection<D> {
                 // A peer that died leaves its files and queues to whoever looks.
                 let _ = self.ports.node.try_cleanup_dead_nodes();
             }
-            std::thread::sleep(POLL);
+            if self.rolling.is_empty() {
+                std::thread::sleep(POLL);
+            }
         }
     }
 
@@ -222,24 +232,45 @@ impl<D: AsRef<[u8]>> Connection<D> {
         }
     }
 
-    /// Sends what the core has to say, as far as credit goes.
-    fn send(&mut self) {
+    /// Sends what the core has to say, as far as credit goes and a few steps of a tour lead.
+    fn send(&mut self, now: Instant) {
         let clients: Vec<u64> = self.station.clients().collect();
         // A client that the core forgot keeps no topic.
         self.ports.records.retain(|id, _| clients.contains(id));
+        self.rolling.retain(|id, _| clients.contains(id));
         for client in clients {
             if let Err(error) = self.ports.open_records(client) {
                 self.say(error.to_string());
                 continue;
             }
-            while let Some(chunk) = self.station.poll(client) {
-                if let Err(error) = self.ports.send(client, &chunk) {
-                    self.say(error.to_string());
+            let mut steps = ROLLED;
+            let mut told = false;
+            while let Some(chunk) = self.station.poll_within(client, &mut steps) {
+                self.send_chunk(client, &chunk);
+                told = true;
+            }
+            if steps > 0 {
+                self.rolling.remove(&client);
+                continue;
+            }
+            let last = self.rolling.entry(client).or_insert(now);
+            if told {
+                *last = now;
+            } else if now.duration_since(*last) >= TOLD {
+                *last = now;
+                if let Some(chunk) = self.station.poll_unfinished(client) {
+                    self.send_chunk(client, &chunk);
                 }
             }
         }
         for note in self.station.take_notes() {
             tracing::warn!("{note}");
+        }
+    }
+
+    fn send_chunk(&mut self, client: u64, chunk: &Chunk) {
+        if let Err(error) = self.ports.send(client, chunk) {
+            self.say(error.to_string());
         }
     }
 

@@ -19,21 +19,29 @@
 //! every VSP whether its record follows, so the client notices, and asks for that region again with every record
 //! ([`RegionAction::Resend`]).
 //!
+//! # Tours
+//! A tour takes thousands of searches of the full mesh, seconds where that is dense. So it comes after everything else
+//! that a client asked for, and [`Station::poll_within`] makes a few steps of it at a time, between which the shell
+//! listens to others. What was rolled is kept, whatever becomes of the epoch: whoever asks for the same tour again
+//! gets it from the start, and it is rolled on from where it was.
+//!
 //! # Memory
 //! Answers are made chunk by chunk under the credit window, as many to a chunk as there is room: of a queued
 //! question only its name is kept, of the one being answered its closure, four bytes a VSP. [`MOST_JOBS`]
-//! questions may wait; one more breaks the epoch.
+//! questions may wait; one more breaks the epoch. Of the tour that is rolled or was rolled last the points are kept,
+//! eleven minutes of it at the most.
 
 mod answer;
 mod client;
+mod rolling;
 
 pub use client::MOST_JOBS;
 
 use crate::collection::{CollectError, Collection, RegionAt};
-use crate::tour::Tour;
 use answer::{Job, Progress};
 use client::{Accepted, Client};
 use glam::DVec3;
+use rolling::Rolling;
 use shared::protocol::{
     CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MOST_CLIENTS, MeasuredError,
     REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
@@ -190,16 +198,22 @@ impl<D: AsRef<[u8]>> Station<D> {
         }
     }
 
-    /// The next chunk for a client, `None` when there is nothing to say or no credit left.
+    /// The next chunk for a client, `None` when there is nothing to say or no credit left. Rolls a tour for as long
+    /// as a chunk of it takes.
     pub fn poll(&mut self, client: u64) -> Option<Chunk> {
-        let at = self.clients.iter().position(|c| c.id == client)?;
-        if !self.clients[at].has_credit() {
-            return None;
-        }
+        self.poll_within(client, &mut { u64::MAX })
+    }
+
+    /// Like [`Station::poll`], but rolls a tour for so many steps at the most (each a search of the full mesh), and
+    /// counts them down. `None` with no steps left means that there may be more to say: call again.
+    pub fn poll_within(&mut self, client: u64, steps: &mut u64) -> Option<Chunk> {
+        let at = self.with_credit(client)?;
         if let Some(chunk) = self.clients[at].measured_chunk() {
             return Some(self.send(at, chunk));
         }
-        let mut job = self.clients[at].jobs.pop_front()?;
+        let Some(mut job) = self.clients[at].jobs.pop_front() else {
+            return self.roll(at, steps);
+        };
         match self.advance(at, &mut job) {
             Progress::Chunk(chunk) => {
                 self.clients[at].jobs.push_front(job);
@@ -207,6 +221,51 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             Progress::Last(chunk) => Some(self.send(at, chunk)),
         }
+    }
+
+    /// What there is of the tour that is being rolled for a client, perhaps no point at all: so that it knows that
+    /// it is not forgotten. `None` when there is no such tour, or no credit.
+    pub fn poll_unfinished(&mut self, client: u64) -> Option<Chunk> {
+        let at = self.with_credit(client)?;
+        let rolling = self.clients[at].tours.pop_front()?;
+        Some(self.hand_out(at, rolling))
+    }
+
+    /// The place of a client that may be told something.
+    fn with_credit(&self, client: u64) -> Option<usize> {
+        let at = self.clients.iter().position(|c| c.id == client)?;
+        self.clients[at].has_credit().then_some(at)
+    }
+
+    /// Rolls the tour that a client asked for first; a chunk when one is full.
+    fn roll(&mut self, at: usize, steps: &mut u64) -> Option<Chunk> {
+        let mut rolling = self.clients[at].tours.pop_front()?;
+        let served = &self.models[rolling.model].served;
+        match rolling.roll(&served.file, steps) {
+            Ok(true) => Some(self.hand_out(at, rolling)),
+            Ok(false) => {
+                self.clients[at].tours.push_front(rolling);
+                None
+            }
+            Err(_) => {
+                let name = &served.name;
+                let note = format!("a tour of {name} is refused: the file is damaged all over");
+                self.note((rolling.model, NONE), note);
+                let chunk = self.refused(rolling.object, None, Refusal::DamagedBlock);
+                Some(self.send(at, chunk))
+            }
+        }
+    }
+
+    /// The next chunk of a tour, which waits for its turn again or is kept.
+    fn hand_out(&mut self, at: usize, mut rolling: Rolling) -> Chunk {
+        let chunk = rolling.chunk();
+        if chunk.0.last == 1 {
+            self.clients[at].rolled = Some(rolling);
+        } else {
+            self.clients[at].tours.push_front(rolling);
+        }
+        self.send(at, chunk)
     }
 
     /// Numbers a chunk and addresses it.
@@ -266,7 +325,7 @@ impl<D: AsRef<[u8]>> Station<D> {
                 }
             }
         }
-        if self.clients[at].jobs.len() > MOST_JOBS {
+        if self.clients[at].asks_too_much() {
             self.clients[at].break_epoch();
             self.counters.broken_epochs += 1;
         }
@@ -315,26 +374,26 @@ impl<D: AsRef<[u8]>> Station<D> {
             self.refuse_model(at, request);
             return;
         };
-        let object = request.object;
-        let job = match Tour::new(&self.models[model].served.file, request.tour) {
-            Ok(tour) => Job::Tour {
-                model,
-                object,
-                tour: Box::new(tour),
-                next_slot: 0,
-            },
+        let (object, ask) = (request.object, request.tour);
+        let client = &mut self.clients[at];
+        if let Some(mut rolled) = client.rolled.take_if(|r| r.serves(model, &ask)) {
+            rolled.again(object);
+            client.tours.push_back(rolled);
+            return;
+        }
+        match Rolling::new(&self.models[model].served.file, model, object, ask) {
+            Ok(rolling) => client.tours.push_back(rolling),
             Err(error) => {
                 let name = &self.models[model].served.name;
                 let note = format!("a tour of {name} is refused: {error}");
                 self.note((model, NONE), note);
-                Job::Refused {
+                self.clients[at].jobs.push_back(Job::Refused {
                     object,
                     ask: None,
                     refusal: error.refusal(),
-                }
+                });
             }
-        };
-        self.clients[at].jobs.push_back(job);
+        }
     }
 
     fn refuse_model(&mut self, at: usize, request: &Request) {

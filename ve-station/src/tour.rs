@@ -7,19 +7,23 @@
 //! another sheet. The intent lies `depth` below where a probe of the asked radius would touch.
 //!
 //! Everything is in model units relative to the file's origin; only [`TourPoint`]s carry the origin.
-//! The path is made touch by touch, so that its length costs no memory.
+//! The path is made touch by touch, so that its length costs no memory, and a touch step by step, each of one search
+//! of the mesh at the most: over ten million faces a touch takes thousands of searches, and whoever makes the tour
+//! has others to answer in between. Where it is interrupted changes no bit of it.
 
 mod path;
 mod roll;
+mod touch;
 
 use glam::{DQuat, DVec3};
-use path::{Leg, Resampler};
+use path::{Leg, Resampler, Sample};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{RngCore, SeedableRng};
-use roll::{Ball, Contact};
+use roll::{Ball, Slide};
 use shared::protocol::{Refusal, TourAsk, TourPoint};
 use shared::spm::{FileError, SpmFile};
 use thiserror::Error;
+use touch::{Choice, End, Leave, Place, Space};
 
 /// Seconds between two points.
 const PERIOD: f64 = 0.005;
@@ -29,12 +33,11 @@ const LONGEST: f64 = 86_400.0;
 const HOVER: f64 = 0.12;
 /// The ball's radius at least, as a share of the longest side.
 const LEAST_BALL: f64 = 0.004;
+/// The ball is moved at once by the way between two points, but by no more than this share of its radius: moved by
+/// the whole radius it could get through the surface.
+const MOST_MOVED: f64 = 0.75;
 /// Touches given up for damage of the file before the tour is refused.
 const MOST_DAMAGED: u32 = 1024;
-/// Places looked at for the next touch before one far away is taken.
-const NEAR_TRIES: usize = 24;
-/// Faces drawn for the first touch, of which one is kept in proportion to its area.
-const AREA_DRAWS: usize = 64;
 /// The highest speed, longest sides a second: beyond it a period passes whole touches.
 const FASTEST: f64 = 20.0;
 
@@ -83,21 +86,38 @@ pub fn make_tour<D: AsRef<[u8]>>(
 pub struct Tour {
     ask: TourAsk,
     draw: Draw,
-    /// Middle of the model's box.
-    centre: DVec3,
-    /// Longest side of the box.
-    size: f64,
-    /// Radius around the middle outside of which there is nothing.
-    outside: f64,
-    ball: Ball,
+    space: Space,
     resampler: Resampler,
-    /// Where the path ends, once it has begun: the last contact and the way up from it.
-    last: Option<(Contact, DVec3)>,
+    /// The touch that is being made.
+    making: Option<Making>,
+    /// Touches given up for damage of the file since the last point.
+    damaged: u32,
+    /// Where the path ends, once it has begun.
+    last: Option<End>,
     /// Points given.
     given: u64,
     /// Points to give.
     total: u64,
     before: DVec3,
+}
+
+/// How far a touch is.
+#[derive(Debug)]
+enum Making {
+    Choosing(Choice),
+    Sliding(Place, Slide),
+    Leaving(Place, Leave),
+}
+
+/// What a step of a tour came to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Step {
+    /// The next point.
+    Point(TourPoint),
+    /// The next point is nearer.
+    Nearer,
+    /// Every point was given.
+    Over,
 }
 
 /// Random numbers; the stream is part of a replay.
@@ -163,16 +183,21 @@ impl Tour {
         Ok(Self {
             ask,
             draw: Draw(Xoshiro256PlusPlus::seed_from_u64(ask.seed)),
-            centre: (lower + upper) * 0.5,
-            size,
-            outside: 0.51 * diagonal + 2.0 * rolling,
-            ball: Ball {
-                radius: rolling,
-                step: (speed * PERIOD).min(0.5 * rolling),
-                lower,
-                upper,
+            space: Space {
+                ball: Ball {
+                    radius: rolling,
+                    step: (speed * PERIOD).min(MOST_MOVED * rolling),
+                    lower,
+                    upper,
+                },
+                centre: (lower + upper) * 0.5,
+                size,
+                outside: 0.51 * diagonal + 2.0 * rolling,
+                hover: HOVER * size,
             },
             resampler: Resampler::new(speed * PERIOD),
+            making: None,
+            damaged: 0,
             last: None,
             given: 0,
             total: (seconds / PERIOD).ceil() as u64 + 1,
@@ -186,7 +211,7 @@ impl Tour {
         self.given == self.total
     }
 
-    /// The next point, `None` after the last.
+    /// The next point, `None` after the last: as many steps as it takes.
     ///
     /// # Errors
     /// When the file is damaged where the tour goes.
@@ -194,28 +219,39 @@ impl Tour {
         &mut self,
         file: &SpmFile<D>,
     ) -> Result<Option<TourPoint>, FileError> {
-        Ok(self.next(file)?.map(|(point, _)| point))
+        loop {
+            match self.step(file)? {
+                Step::Point(point) => return Ok(Some(point)),
+                Step::Nearer => {}
+                Step::Over => return Ok(None),
+            }
+        }
     }
 
-    /// The next point and what it belongs to.
-    fn next<D: AsRef<[u8]>>(
-        &mut self,
-        file: &SpmFile<D>,
-    ) -> Result<Option<(TourPoint, Leg)>, FileError> {
+    /// One step towards the next point: one search of the mesh or one face read, at the most.
+    ///
+    /// # Errors
+    /// When the file is damaged where the tour goes.
+    pub fn step<D: AsRef<[u8]>>(&mut self, file: &SpmFile<D>) -> Result<Step, FileError> {
         if self.is_over() {
-            return Ok(None);
+            return Ok(Step::Over);
         }
-        let mut damaged = 0;
-        let sample = loop {
-            match self.resampler.next() {
-                Some(sample) => break sample,
-                // Where the file is damaged there is no touch; elsewhere there is.
-                None => match self.add_touch(file) {
-                    Err(_) if damaged < MOST_DAMAGED => damaged += 1,
-                    added => added?,
-                },
-            }
-        };
+        if self.making.is_none()
+            && let Some(sample) = self.resampler.next()
+        {
+            self.damaged = 0;
+            return Ok(Step::Point(self.give(file, sample)));
+        }
+        match self.make(file) {
+            // Where the file is damaged there is no touch; elsewhere there is.
+            Err(_) if self.damaged < MOST_DAMAGED => self.damaged += 1,
+            made => made?,
+        }
+        Ok(Step::Nearer)
+    }
+
+    /// The point at a place of the path.
+    fn give<D: AsRef<[u8]>>(&mut self, file: &SpmFile<D>, sample: Sample) -> TourPoint {
         let full = self.given as f64 * PERIOD;
         let t = full.min(self.ask.seconds);
         // The last period may be cut short: so is its way.
@@ -229,168 +265,96 @@ impl Tour {
         self.given += 1;
         let origin = DVec3::from_array(file.model_header().origin);
         let turn = DQuat::from_rotation_arc(DVec3::Z, sample.axis);
-        let point = TourPoint {
+        TourPoint {
             t,
             position: (position + origin).to_array(),
             orientation_wxyz: [turn.w, turn.x, turn.y, turn.z],
-        };
-        Ok(Some((point, sample.leg)))
+        }
     }
 
-    /// Adds one touch to the path, whole or not at all: travel, approach, press, slide, lift.
-    fn add_touch<D: AsRef<[u8]>>(&mut self, file: &SpmFile<D>) -> Result<(), FileError> {
-        let hover = HOVER * self.size;
-        let (contact, up, direct) = self.choose(file, hover)?;
+    /// The most that the ball need roll for the points that are left: their way, and half as much for a slide whose
+    /// intent, inside of a bend, gets less far than the ball.
+    fn way_left(&self) -> f64 {
+        1.5 * (self.total - self.given) as f64 * PERIOD * self.ask.speed
+    }
+
+    /// Takes the touch in the making a step further. An error gives it up.
+    fn make<D: AsRef<[u8]>>(&mut self, file: &SpmFile<D>) -> Result<(), FileError> {
+        let ball = &self.space.ball;
+        self.making = match self.making.take() {
+            None => Some(Making::Choosing(Choice::new(self.last))),
+            Some(Making::Choosing(mut choice)) => {
+                match choice.step(&self.space, file, &mut self.draw)? {
+                    None => Some(Making::Choosing(choice)),
+                    Some(place) => {
+                        let length = self.ask.speed * self.draw.between(4.0, 6.0);
+                        let length = length.min(20.0 * self.space.size).min(self.way_left());
+                        let slide = Slide::new(ball, place.contact, length, &mut self.draw);
+                        Some(Making::Sliding(place, slide))
+                    }
+                }
+            }
+            Some(Making::Sliding(place, mut slide)) => {
+                if slide.step(ball, file, &mut self.draw) {
+                    Some(Making::Sliding(place, slide))
+                } else {
+                    let leave = Leave::new(slide.into_path(), place.contact.normal);
+                    Some(Making::Leaving(place, leave))
+                }
+            }
+            Some(Making::Leaving(place, mut leave)) => {
+                match leave.step(ball, file, &mut self.draw) {
+                    None => Some(Making::Leaving(place, leave)),
+                    Some(lift) => {
+                        self.add_touch(place, &leave, lift);
+                        None
+                    }
+                }
+            }
+        };
+        Ok(())
+    }
+
+    /// Adds a touch to the path: travel, approach, press, slide, lift.
+    fn add_touch(&mut self, place: Place, leave: &Leave, lift: DVec3) {
+        let contact = place.contact;
+        let (hover, up) = (self.space.hover, contact.normal);
         let above = contact.centre + up * hover;
-        let mut way = vec![
-            (above, up, Leg::Free),
-            (contact.centre, contact.normal, Leg::Free),
-        ];
-        let length = (self.ask.speed * self.draw.between(4.0, 6.0)).min(20.0 * self.size);
-        let slide = self.ball.slide(file, contact, length, &mut self.draw);
-        let sink = self.ball.radius - self.ask.radius + self.ask.depth;
-        let mut normal = contact.normal;
-        let mut push = |way: &mut Vec<_>, contact: &Contact| {
+        if let Some(last) = self.last
+            && !place.direct
+        {
+            let from = last.contact.centre + last.up * hover;
+            self.travel_around(from, last.up, above, up);
+        }
+        self.resampler.push(above, up, Leg::Free);
+        self.resampler.push(contact.centre, up, Leg::Free);
+        let sink = self.space.ball.radius - self.ask.radius + self.ask.depth;
+        let mut normal = up;
+        for contact in leave.contacts() {
             // Facets make the normal jitter; the intent of a hand does not.
             normal = normal
                 .lerp(contact.normal, 0.2)
                 .normalize_or(contact.normal);
             let position = contact.centre - normal * sink;
-            way.push((position, normal, Leg::Slide));
-        };
-        for contact in &slide {
-            push(&mut way, contact);
+            self.resampler.push(position, normal, Leg::Slide);
         }
-        // Lift where a way out exists: here, or where the ball came from; at the start there is one.
-        let stride = slide.len().div_ceil(16).max(1);
-        let mut end = slide.len().saturating_sub(1);
-        let lift = loop {
-            let here = slide.get(end).copied().unwrap_or(contact);
-            if let Ok(Some(lift)) = self.way_up(file, here, up) {
-                break lift;
-            }
-            if end == 0 {
-                break up;
-            }
-            let back = end.saturating_sub(stride);
-            for contact in slide[back..end].iter().rev() {
-                push(&mut way, contact);
-            }
-            end = back;
-        };
-        let leave = slide.get(end).copied().unwrap_or(contact);
-        way.push((leave.centre, leave.normal, Leg::Slide));
-        way.push((leave.centre + lift * hover, lift, Leg::Free));
-        if let Some((last, last_up)) = self.last
-            && !direct
-        {
-            self.travel_around(last.centre + last_up * hover, last_up, above, up);
-        }
-        for (position, axis, leg) in way {
-            self.resampler.push(position, axis, leg);
-        }
-        self.last = Some((leave, lift));
-        Ok(())
-    }
-
-    /// The next contact, its way out, and whether the straight way from the last one is free.
-    fn choose<D: AsRef<[u8]>>(
-        &mut self,
-        file: &SpmFile<D>,
-        hover: f64,
-    ) -> Result<(Contact, DVec3, bool), FileError> {
-        let mut fallback = None;
-        for _ in 0..NEAR_TRIES {
-            let from = match self.last {
-                Some((contact, _)) => {
-                    let away = self.draw.direction() * self.draw.between(0.05, 0.35) * self.size;
-                    contact.centre + away
-                }
-                None => self.draw_by_area(file, hover)?,
-            };
-            let Some((contact, up)) = self.ball.drop_from(file, from)? else {
-                continue;
-            };
-            if !self.ball.escapes(file, contact.centre, up)? {
-                continue;
-            }
-            let direct = match self.last {
-                Some((last, last_up)) => self.ball.segment_is_clear(
-                    file,
-                    last.centre + last_up * hover,
-                    contact.centre + up * hover,
-                )?,
-                None => true,
-            };
-            if direct {
-                return Ok((contact, up, true));
-            }
-            fallback = fallback.or(Some((contact, up)));
-        }
-        if let Some((contact, up)) = fallback {
-            return Ok((contact, up, false));
-        }
-        // From outside of everything the way to the closest point is free, and so is the way back.
-        loop {
-            let from = self.centre + self.draw.direction() * (self.outside + self.size);
-            if let Some((contact, up)) = self.ball.drop_from(file, from)? {
-                return Ok((contact, up, false));
-            }
-        }
-    }
-
-    /// A point near a face drawn by area, on either side of it.
-    fn draw_by_area<D: AsRef<[u8]>>(
-        &mut self,
-        file: &SpmFile<D>,
-        height: f64,
-    ) -> Result<DVec3, FileError> {
-        let faces = file.model_header().faces;
-        let (mut sum, mut kept) = (0.0, self.centre);
-        for _ in 0..AREA_DRAWS {
-            let [a, b, c] = file.leaf_corners(self.draw.below(faces))?;
-            let normal = (b - a).cross(c - a);
-            let area = normal.length();
-            sum += area;
-            let side = if self.draw.unit() < 0.5 {
-                -height
-            } else {
-                height
-            };
-            if self.draw.unit() * sum < area {
-                kept = (a + b + c) / 3.0 + normal / area * side;
-            }
-        }
-        Ok(kept)
-    }
-
-    /// A free way from a contact to the outside: along the normal, along a hint, or nearby.
-    fn way_up<D: AsRef<[u8]>>(
-        &mut self,
-        file: &SpmFile<D>,
-        contact: Contact,
-        hint: DVec3,
-    ) -> Result<Option<DVec3>, FileError> {
-        for attempt in 0..8 {
-            let way = match attempt {
-                0 => contact.normal,
-                1 => hint,
-                _ => (contact.normal + 0.9 * self.draw.direction()).normalize_or(contact.normal),
-            };
-            if way.dot(contact.normal) > 0.1 && self.ball.escapes(file, contact.centre, way)? {
-                return Ok(Some(way));
-            }
-        }
-        Ok(None)
+        let left = leave.contact().unwrap_or(contact);
+        self.resampler.push(left.centre, left.normal, Leg::Slide);
+        let away = left.centre + lift * hover;
+        self.resampler.push(away, lift, Leg::Free);
+        self.last = Some(End {
+            contact: left,
+            up: lift,
+        });
     }
 
     /// Out along one free line, around the sphere that holds everything, in along another.
     fn travel_around(&mut self, from: DVec3, from_up: DVec3, to: DVec3, to_up: DVec3) {
         let exit = |p: DVec3, way: DVec3| {
             // The far root of |p + s way - centre| = outside; when p is outside already, p itself.
-            let q = p - self.centre;
+            let q = p - self.space.centre;
             let half = q.dot(way);
-            let rest = self.outside * self.outside - q.length_squared();
+            let rest = self.space.outside * self.space.outside - q.length_squared();
             if rest <= 0.0 {
                 p
             } else {
@@ -398,7 +362,7 @@ impl Tour {
             }
         };
         let (out, into) = (exit(from, from_up), exit(to, to_up));
-        let (a, b) = (out - self.centre, into - self.centre);
+        let (a, b) = (out - self.space.centre, into - self.space.centre);
         let (from_axis, to_axis) = (a.normalize_or(from_up), b.normalize_or(to_up));
         self.resampler.push(out, from_axis, Leg::Free);
         let angle = from_axis.angle_between(to_axis);
@@ -414,7 +378,7 @@ impl Tour {
             let axis = DQuat::from_axis_angle(around, angle * share) * from_axis;
             let radius = ra + (rb - ra) * share;
             self.resampler
-                .push(self.centre + axis * radius, axis, Leg::Free);
+                .push(self.space.centre + axis * radius, axis, Leg::Free);
         }
         self.resampler.push(into, to_axis, Leg::Free);
     }

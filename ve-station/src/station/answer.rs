@@ -2,7 +2,6 @@
 
 use super::{Chunk, Station, region_at};
 use crate::collection::{LACKING, RegionAt};
-use crate::tour::Tour;
 use bytemuck::Zeroable;
 use shared::protocol::{
     AnswersWriter, BaseFace, BaseVertex, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot,
@@ -39,13 +38,6 @@ pub enum Job {
         /// With every record, whatever the client is believed to hold.
         whole: bool,
         answer: Option<Answer>,
-    },
-    /// A scripted path.
-    Tour {
-        model: usize,
-        object: u32,
-        tour: Box<Tour>,
-        next_slot: usize,
     },
 }
 
@@ -116,28 +108,15 @@ impl<D: AsRef<[u8]>> Station<D> {
                 let object = *object;
                 self.advance_regions(at, object, job)
             }
-            Job::Tour {
-                model,
-                object,
-                tour,
-                next_slot,
-            } => {
-                let (model, object) = (*model, *object);
-                match tour_chunk(&self.models[model].served.file, object, tour, next_slot) {
-                    Some(chunk) => Progress::of(chunk),
-                    None => {
-                        let name = &self.models[model].served.name;
-                        let note =
-                            format!("a tour of {name} is refused: the file is damaged all over");
-                        self.note((model, NONE), note);
-                        Progress::Last(self.refused(object, None, Refusal::DamagedBlock))
-                    }
-                }
-            }
         }
     }
 
-    fn refused(&mut self, object: u32, ask: Option<&RegionAsk>, refusal: Refusal) -> Chunk {
+    pub(super) fn refused(
+        &mut self,
+        object: u32,
+        ask: Option<&RegionAsk>,
+        refusal: Refusal,
+    ) -> Chunk {
         let (mut header, slots) = blank(ChunkKind::Refused, object);
         if let Some(ask) = ask {
             header.region = ask.region;
@@ -350,25 +329,4 @@ fn model_chunk<D: AsRef<[u8]>>(file: &SpmFile<D>, object: u32, next_slot: &mut u
     }
     header.last = u32::from(*next_slot == end);
     (header, slots)
-}
-
-/// The next points of a tour, `None` when the file is damaged where it goes.
-fn tour_chunk<D: AsRef<[u8]>>(
-    file: &SpmFile<D>,
-    object: u32,
-    tour: &mut Tour,
-    next_slot: &mut usize,
-) -> Option<Chunk> {
-    let (mut header, mut slots) = blank(ChunkKind::Tour, object);
-    header.code = *next_slot as u32;
-    for slot in &mut slots {
-        let Some(point) = tour.next_point(file).ok()? else {
-            break;
-        };
-        *slot = bytemuck::cast(point);
-        header.count += 1;
-        *next_slot += 1;
-    }
-    header.last = u32::from(tour.is_over());
-    Some((header, slots))
 }

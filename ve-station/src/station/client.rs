@@ -3,6 +3,7 @@
 use super::Chunk;
 use super::answer::{Job, blank};
 use super::region_at;
+use super::rolling::Rolling;
 use crate::collection::{RegionAt, Residency};
 use shared::protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, MeasuredError, RegionAsk, Request};
 use std::collections::{BTreeMap, VecDeque};
@@ -47,6 +48,10 @@ pub struct Client {
     /// When it was last heard, in messages.
     pub last_heard: u64,
     pub jobs: VecDeque<Job>,
+    /// Tours asked for: rolled while nothing else is to be answered.
+    pub tours: VecDeque<Rolling>,
+    /// The tour rolled last, whole or in part: whoever lost its chunks asks for it again.
+    pub rolled: Option<Rolling>,
     residencies: BTreeMap<usize, Residency>,
     measured: VecDeque<(u32, MeasuredError)>,
     /// Whether the measured errors go out even if they are few.
@@ -66,6 +71,8 @@ impl Client {
             consumed: 0,
             last_heard: 0,
             jobs: VecDeque::new(),
+            tours: VecDeque::new(),
+            rolled: None,
             residencies: BTreeMap::new(),
             measured: VecDeque::new(),
             flush: false,
@@ -112,13 +119,20 @@ impl Client {
         self.consumed = 0;
     }
 
-    /// Clears queue and belief, and waits for the next epoch.
+    /// Clears queue and belief, and waits for the next epoch. Of a tour what is rolled is kept.
     pub fn break_epoch(&mut self) {
         self.broken = true;
         self.jobs.clear();
+        self.rolled = self.tours.pop_front().or(self.rolled.take());
+        self.tours.clear();
         self.residencies.clear();
         self.measured.clear();
         self.flush = false;
+    }
+
+    /// Whether more is asked for than may wait.
+    pub fn asks_too_much(&self) -> bool {
+        self.jobs.len() + self.tours.len() > MOST_JOBS
     }
 
     pub fn has_credit(&self) -> bool {

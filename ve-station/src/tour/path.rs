@@ -75,4 +75,10 @@ impl Resampler {
         }
         None
     }
+
+    /// What the way to the last point was for.
+    #[cfg(test)]
+    pub fn leg(&self) -> Option<Leg> {
+        self.at.map(|at| at.leg)
+    }
 }

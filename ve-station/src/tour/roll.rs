@@ -1,4 +1,4 @@
-//! A ball that rolls over a mesh, and the free lines around it.
+//! A ball that rolls over a mesh, and the free lines around it; what takes many searches is made one at a time.
 
 use super::Draw;
 use glam::{DQuat, DVec3};
@@ -24,7 +24,7 @@ pub struct Contact {
 pub struct Ball {
     /// Its radius.
     pub radius: f64,
-    /// How far it is moved at once.
+    /// How far it is moved at once; less than the radius, so that it does not get through a wall.
     pub step: f64,
     /// Smallest corner of the mesh's box.
     pub lower: DVec3,
@@ -46,18 +46,9 @@ const TURNED_OVER: f64 = -0.2;
 const TURN_LENGTH: f64 = 2.2;
 
 impl Ball {
-    /// The contact below a point, moved from the point straight to the closest face; with it the way
-    /// back. `None` when the point lies on the mesh.
-    pub fn drop_from<D: AsRef<[u8]>>(
-        &self,
-        file: &SpmFile<D>,
-        from: DVec3,
-    ) -> Result<Option<(Contact, DVec3)>, FileError> {
-        Ok(self.touch(file, from)?.map(|c| (c, c.normal)))
-    }
-
-    /// The ball moved from `from` onto (or out to) its radius above the closest point.
-    fn touch<D: AsRef<[u8]>>(
+    /// The ball moved from a point straight to the closest face (or out to its radius above it): its normal is
+    /// the way back. `None` when the point lies on the mesh.
+    pub fn touch<D: AsRef<[u8]>>(
         &self,
         file: &SpmFile<D>,
         from: DVec3,
@@ -78,127 +69,176 @@ impl Ball {
             upright: normal.dot(of_face).abs(),
         }))
     }
+}
 
-    /// Whether a ball of half the radius gets from `from` along `way` out of the mesh's box.
-    pub fn escapes<D: AsRef<[u8]>>(
-        &self,
-        file: &SpmFile<D>,
-        from: DVec3,
-        way: DVec3,
-    ) -> Result<bool, FileError> {
+/// A search along a straight line: whether a ball of half the radius gets to its end, or out of the mesh's box
+/// before.
+#[derive(Debug)]
+pub struct Line {
+    from: DVec3,
+    way: DVec3,
+    length: f64,
+    /// How far it is clear.
+    at: f64,
+    /// Steps that are left.
+    left: usize,
+}
+
+impl Line {
+    /// From `from` along `way` (unit length) out of the mesh's box.
+    pub fn out_of_box(ball: &Ball, from: DVec3, way: DVec3) -> Self {
         // Beyond this it has left the box in any case.
-        let far = (self.upper - self.lower).length() + 4.0 * self.radius;
-        self.is_clear(file, from, way, far)
+        let far = (ball.upper - ball.lower).length() + 4.0 * ball.radius;
+        Self::new(from, way, far)
     }
 
-    /// Whether a ball of half the radius gets straight from `from` to `to`.
-    pub fn segment_is_clear<D: AsRef<[u8]>>(
-        &self,
-        file: &SpmFile<D>,
-        from: DVec3,
-        to: DVec3,
-    ) -> Result<bool, FileError> {
+    /// Straight from `from` to `to`.
+    pub fn between(from: DVec3, to: DVec3) -> Self {
         let way = to - from;
         let length = way.length();
-        self.is_clear(file, from, way.normalize_or(DVec3::Z), length)
+        Self::new(from, way.normalize_or(DVec3::Z), length)
     }
 
-    fn is_clear<D: AsRef<[u8]>>(
-        &self,
-        file: &SpmFile<D>,
-        from: DVec3,
-        way: DVec3,
-        length: f64,
-    ) -> Result<bool, FileError> {
-        let margin = 0.5 * self.radius;
-        let mut at = 0.0f64;
-        for _ in 0..MOST_LINE_STEPS {
-            let point = from + way * at.min(length);
-            let outside = (point.cmpgt(self.upper + margin) & way.cmpge(DVec3::ZERO))
-                | (point.cmplt(self.lower - margin) & way.cmple(DVec3::ZERO));
-            if outside.any() {
-                return Ok(true);
-            }
-            let (_, closest) = file.closest_point(point)?;
-            let distance = closest.distance_squared.sqrt();
-            if distance < margin {
-                return Ok(false);
-            }
-            if at >= length {
-                return Ok(true);
-            }
-            at += (distance - margin).max(0.2 * margin);
+    fn new(from: DVec3, way: DVec3, length: f64) -> Self {
+        Self {
+            from,
+            way,
+            length,
+            at: 0.0,
+            left: MOST_LINE_STEPS,
         }
-        Ok(false)
     }
 
-    /// Rolls for a length (of the centre's way) from a contact; the contacts, the first one included.
-    ///
-    /// Ends early in a place that it cannot leave.
-    pub fn slide<D: AsRef<[u8]>>(
-        &self,
+    /// One search further; whether the line is clear, once that is known.
+    pub fn step<D: AsRef<[u8]>>(
+        &mut self,
+        ball: &Ball,
         file: &SpmFile<D>,
-        start: Contact,
-        length: f64,
+    ) -> Result<Option<bool>, FileError> {
+        if self.left == 0 {
+            return Ok(Some(false));
+        }
+        self.left -= 1;
+        let margin = 0.5 * ball.radius;
+        let point = self.from + self.way * self.at.min(self.length);
+        let outside = (point.cmpgt(ball.upper + margin) & self.way.cmpge(DVec3::ZERO))
+            | (point.cmplt(ball.lower - margin) & self.way.cmple(DVec3::ZERO));
+        if outside.any() {
+            return Ok(Some(true));
+        }
+        let (_, closest) = file.closest_point(point)?;
+        let distance = closest.distance_squared.sqrt();
+        if distance < margin {
+            return Ok(Some(false));
+        }
+        if self.at >= self.length {
+            return Ok(Some(true));
+        }
+        self.at += (distance - margin).max(0.2 * margin);
+        Ok(None)
+    }
+}
+
+/// A ball that rolls from a contact; it may end early in a place that it cannot leave.
+#[derive(Debug)]
+pub struct Slide {
+    /// The contacts so far, the first one included.
+    path: Vec<Contact>,
+    heading: DVec3,
+    curvature: f64,
+    wanted_curvature: f64,
+    /// Turns in a row, and steps since the last one.
+    turns: u32,
+    since_turn: u32,
+    /// Steps to make.
+    steps: usize,
+    /// Steps within which the normal must not turn over.
+    lookback: usize,
+    /// Tries that are left: turning back at a rim shortens the path, so they are bounded too.
+    left: usize,
+}
+
+impl Slide {
+    /// From a contact, for a length (of the centre's way).
+    pub fn new(ball: &Ball, start: Contact, length: f64, draw: &mut Draw) -> Self {
+        let steps = (length / ball.step).ceil().min(1e6) as usize;
+        Self {
+            path: vec![start],
+            heading: tangent(draw.direction(), start.normal),
+            curvature: 0.0,
+            wanted_curvature: 0.0,
+            turns: 0,
+            since_turn: 0,
+            steps,
+            lookback: (TURN_LENGTH * ball.radius / ball.step).ceil() as usize,
+            left: 2 * steps,
+        }
+    }
+
+    /// The contacts.
+    pub fn into_path(self) -> Vec<Contact> {
+        self.path
+    }
+
+    /// One search further; whether it goes on.
+    pub fn step<D: AsRef<[u8]>>(
+        &mut self,
+        ball: &Ball,
+        file: &SpmFile<D>,
         draw: &mut Draw,
-    ) -> Vec<Contact> {
-        let steps = (length / self.step).ceil().min(1e6) as usize;
-        let lookback = (TURN_LENGTH * self.radius / self.step).ceil() as usize;
-        let size = (self.upper - self.lower).max_element();
-        let mut path = vec![start];
-        let mut heading = tangent(draw.direction(), start.normal);
-        let (mut curvature, mut wanted_curvature) = (0.0, 0.0);
-        let (mut turns, mut since_turn) = (0, 0u32);
-        // Turning back at a rim shortens the path: the tries are bounded too.
-        for _ in 0..2 * steps {
-            let Some(&here) = path.last() else { break };
-            if path.len() > steps || turns > MOST_TURNS {
-                break;
-            }
-            if draw.unit() * 0.1 * size < self.step {
-                wanted_curvature = draw.between(-6.0, 6.0) / size;
-            }
-            curvature += (wanted_curvature - curvature) * 0.05;
-            let bend = DQuat::from_axis_angle(here.normal, curvature * self.step);
-            heading = tangent(bend * heading, here.normal);
-            // Where the file is damaged the surface ends, as at a rim.
-            let next = self
-                .touch(file, here.centre + heading * self.step)
-                .unwrap_or(None);
-            let jumped = next.is_none_or(|n| n.surface.distance(here.surface) > JUMP * self.step);
-            let back = path.len().saturating_sub(lookback);
-            let over = next.is_some_and(|n| {
-                n.upright < OVERHANG
-                    || path[back..]
-                        .iter()
-                        .any(|p| p.normal.dot(n.normal) < TURNED_OVER)
-            });
-            if jumped || over {
-                if over {
-                    path.truncate(back.max(1));
-                }
-                // Back to where it came from, give or take a quarter turn.
-                let there = path.last().copied().unwrap_or(here);
-                let forth = here.centre - there.centre;
-                let forth = if forth.length() > self.step {
-                    forth
-                } else {
-                    heading
-                };
-                let turn =
-                    DQuat::from_axis_angle(there.normal, PI + draw.between(-0.25, 0.25) * TAU);
-                heading = turn * tangent(forth, there.normal);
-                turns += 1;
-                since_turn = 0;
-                continue;
-            }
-            since_turn += 1;
-            if since_turn > 20 {
-                turns = 0;
-            }
-            path.extend(next);
+    ) -> bool {
+        let over = self.left == 0 || self.path.len() > self.steps || self.turns > MOST_TURNS;
+        let Some(&here) = self.path.last().filter(|_| !over) else {
+            return false;
+        };
+        self.left -= 1;
+        let size = (ball.upper - ball.lower).max_element();
+        if draw.unit() * 0.1 * size < ball.step {
+            self.wanted_curvature = draw.between(-6.0, 6.0) / size;
         }
-        path
+        self.curvature += (self.wanted_curvature - self.curvature) * 0.05;
+        let bend = DQuat::from_axis_angle(here.normal, self.curvature * ball.step);
+        self.heading = tangent(bend * self.heading, here.normal);
+        // Where the file is damaged the surface ends, as at a rim.
+        let next = ball
+            .touch(file, here.centre + self.heading * ball.step)
+            .unwrap_or(None);
+        let jumped = next.is_none_or(|n| n.surface.distance(here.surface) > JUMP * ball.step);
+        let back = self.path.len().saturating_sub(self.lookback);
+        let turned_over = next.is_some_and(|n| {
+            n.upright < OVERHANG
+                || self.path[back..]
+                    .iter()
+                    .any(|p| p.normal.dot(n.normal) < TURNED_OVER)
+        });
+        if turned_over {
+            self.path.truncate(back.max(1));
+        }
+        if jumped || turned_over {
+            self.turn_back(ball, here, draw);
+        } else {
+            self.path.extend(next);
+            self.since_turn += 1;
+            if self.since_turn > 20 {
+                self.turns = 0;
+            }
+        }
+        true
+    }
+
+    /// Back to where it came from, give or take a quarter turn.
+    fn turn_back(&mut self, ball: &Ball, here: Contact, draw: &mut Draw) {
+        let there = self.path.last().copied().unwrap_or(here);
+        let forth = here.centre - there.centre;
+        let forth = if forth.length() > ball.step {
+            forth
+        } else {
+            self.heading
+        };
+        let turn = DQuat::from_axis_angle(there.normal, PI + draw.between(-0.25, 0.25) * TAU);
+        self.heading = turn * tangent(forth, there.normal);
+        self.turns += 1;
+        self.since_turn = 0;
     }
 }
 

@@ -21,7 +21,11 @@ fn ask<D: AsRef<[u8]>>(file: &SpmFile<D>, seed: u64, seconds: f64) -> TourAsk {
 
 fn walk<D: AsRef<[u8]>>(file: &SpmFile<D>, ask: TourAsk) -> Vec<(TourPoint, Leg)> {
     let mut tour = Tour::new(file, ask).unwrap();
-    std::iter::from_fn(|| tour.next(file).unwrap()).collect()
+    std::iter::from_fn(|| {
+        let point = tour.next_point(file).unwrap()?;
+        Some((point, tour.resampler.leg().unwrap()))
+    })
+    .collect()
 }
 
 fn distance<D: AsRef<[u8]>>(file: &SpmFile<D>, point: &TourPoint) -> f64 {
