@@ -3,6 +3,34 @@
 use crate::build::{BuildOptions, NoProgress, build_model};
 use crate::generate::{Shape, generate};
 use shared::spm::{SpmFile, write_spm};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bytes that count how often they are read.
+#[derive(Debug, Clone)]
+pub struct Counted {
+    bytes: Vec<u8>,
+    reads: Arc<AtomicU64>,
+}
+
+impl Counted {
+    /// With the count.
+    pub fn new(bytes: Vec<u8>) -> (Self, Arc<AtomicU64>) {
+        let reads = Arc::<AtomicU64>::default();
+        let counted = Self {
+            bytes,
+            reads: Arc::clone(&reads),
+        };
+        (counted, reads)
+    }
+}
+
+impl AsRef<[u8]> for Counted {
+    fn as_ref(&self) -> &[u8] {
+        self.reads.fetch_add(1, Ordering::Relaxed);
+        &self.bytes
+    }
+}
 
 /// The bytes of a small built model.
 pub fn model_bytes(shape: Shape, faces: u32, regions: u32) -> Vec<u8> {

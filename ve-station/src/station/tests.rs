@@ -1,15 +1,16 @@
 mod client;
 mod packing;
+mod sessions;
+mod tours;
 
 use super::*;
 use crate::generate::Shape;
 use crate::testing::model;
 use bytemuck::Zeroable;
-use client::{Client, Wire, region_of};
-use proptest::prelude::*;
+use client::{Client, region_of};
 use shared::protocol::{
     AnswerItem, AnswersReader, BaseFace, BaseVertex, CREDIT_CHUNKS, ChunkKind, MODEL_HEADER_SLOTS,
-    ModelHeader, PartHead, TourAsk, TourPoint,
+    ModelHeader, PartHead,
 };
 use shared::spm::VspRecord;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -44,38 +45,6 @@ fn station(incarnation: u64) -> Station<Bytes> {
     Station::new(incarnation, vec![served], vec![object])
 }
 
-/// What may happen to a session.
-#[derive(Debug, Clone)]
-enum Step {
-    Subscribe(usize),
-    Release(usize),
-    NewEpoch,
-    Credit,
-    Up(usize),
-    Pull(usize),
-    Down(usize),
-    LoseRequest,
-    LoseChunk,
-    DuplicateRequest,
-    RestartStation,
-}
-
-fn step() -> impl Strategy<Value = Step> {
-    prop_oneof![
-        6 => (0usize..40).prop_map(Step::Subscribe),
-        4 => (0usize..40).prop_map(Step::Release),
-        1 => Just(Step::NewEpoch),
-        3 => Just(Step::Credit),
-        6 => (1usize..6).prop_map(Step::Up),
-        6 => (1usize..20).prop_map(Step::Pull),
-        6 => (1usize..20).prop_map(Step::Down),
-        1 => Just(Step::LoseRequest),
-        1 => Just(Step::LoseChunk),
-        1 => Just(Step::DuplicateRequest),
-        1 => Just(Step::RestartStation),
-    ]
-}
-
 /// What sessions ask for: occupied cells, one without faces (the axis of the torus), some at tolerances, the
 /// whole at one and a prefix.
 fn regions() -> Vec<RegionAt> {
@@ -103,219 +72,6 @@ fn regions() -> Vec<RegionAt> {
         .find(|r| header.grid.contains(*r) && !all.contains(r));
     regions.extend(empty.map(RegionAt::full));
     regions
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
-
-    #[test]
-    fn any_session_ends_in_the_union_of_the_closures(steps in prop::collection::vec(step(), 1..120)) {
-        let regions = regions();
-        let mut server = station(1);
-        let mut client = Client::new(7);
-        let mut wire = Wire::default();
-        for step in steps {
-            match step {
-                Step::Subscribe(k) => wire.up.extend(client.subscribe(regions[k % regions.len()])),
-                Step::Release(k) => wire.up.extend(client.release(regions[k % regions.len()])),
-                Step::NewEpoch => wire.up.extend(client.new_epoch()),
-                Step::Credit => wire.up.push_back(client.request(RequestKind::Credit)),
-                Step::Up(n) => wire.carry_up(&mut server, n),
-                Step::Pull(n) => wire.pull(&mut server, 7, n),
-                Step::Down(n) => wire.carry_down(&mut client, n),
-                Step::LoseRequest => { wire.up.pop_front(); }
-                Step::LoseChunk => { wire.down.pop_front(); }
-                Step::DuplicateRequest => {
-                    if let Some(&request) = wire.up.front() {
-                        wire.up.push_front(request);
-                    }
-                }
-                Step::RestartStation => server = station(server.incarnation() + 1),
-            }
-            prop_assert!(wire.down.len() as u64 <= 2 * CREDIT_CHUNKS + 64);
-        }
-        // Quiet: nothing is lost any more; silence ends an epoch.
-        for _ in 0..600 {
-            wire.carry_up(&mut server, usize::MAX);
-            wire.pull(&mut server, 7, usize::MAX);
-            let silent = wire.down.is_empty();
-            wire.carry_down(&mut client, usize::MAX);
-            if client.asked.is_empty() && wire.up.is_empty() {
-                break;
-            }
-            if silent {
-                wire.up.extend(client.new_epoch());
-            } else {
-                wire.up.push_back(client.request(RequestKind::Credit));
-            }
-        }
-        prop_assert!(client.asked.is_empty(), "open: {:?}", client.asked);
-        client.check();
-    }
-
-    #[test]
-    fn no_bytes_make_the_station_panic_or_exceed_the_credit(
-        garbage in prop::collection::vec(
-            (prop::collection::vec(any::<u8>(), size_of::<Request>()), 0u64..3, 0u32..8, 0u32..3, 0u64..4),
-            1..40,
-        ),
-        contacts in prop::collection::vec(prop::collection::vec(any::<u8>(), size_of::<ContactReport>()), 0..8),
-    ) {
-        let mut server = station(1);
-        for (bytes, client, kind, epoch, sequence) in garbage {
-            let mut request: Request = bytemuck::pod_read_unaligned(&bytes);
-            // Plain noise rarely gets past the first check: some fields are made likely.
-            request.client = client;
-            request.incarnation = 1;
-            request.kind = kind;
-            request.epoch = epoch;
-            request.sequence = sequence;
-            request.object %= 2;
-            request.model = if client == 0 { open().model_header().model } else { request.model };
-            request.name = Request::name_hash("torus");
-            request.consumed %= 3;
-            server.handle(Message::Request(&request));
-            for id in 0..3 {
-                let mut sent = 0;
-                while server.poll(id).is_some() {
-                    sent += 1;
-                    prop_assert!(sent <= CREDIT_CHUNKS);
-                }
-            }
-        }
-        for bytes in contacts {
-            let mut report: ContactReport = bytemuck::pod_read_unaligned(&bytes);
-            report.client %= 3;
-            report.object %= 3;
-            server.handle(Message::Contact(&report));
-        }
-    }
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
-
-    /// Who releases only while nothing is open, on a link that loses nothing, never needs a new epoch: so
-    /// the station's belief was right all the time.
-    #[test]
-    fn a_careful_client_on_a_sound_link_never_starts_again(
-        steps in prop::collection::vec((0usize..40, any::<bool>(), 1usize..8), 1..80),
-    ) {
-        let regions = regions();
-        let mut server = station(1);
-        let mut client = Client::new(7);
-        let mut wire = Wire::default();
-        for (k, subscribe, most) in steps {
-            let region = regions[k % regions.len()];
-            if subscribe {
-                wire.up.extend(client.subscribe(region));
-            } else {
-                while !client.asked.is_empty() {
-                    wire.carry_up(&mut server, usize::MAX);
-                    wire.pull(&mut server, 7, most);
-                    wire.carry_down(&mut client, usize::MAX);
-                    wire.up.push_back(client.request(RequestKind::Credit));
-                }
-                wire.up.extend(client.release(region));
-            }
-        }
-        while !client.asked.is_empty() {
-            wire.carry_up(&mut server, usize::MAX);
-            wire.pull(&mut server, 7, usize::MAX);
-            wire.carry_down(&mut client, usize::MAX);
-            wire.up.push_back(client.request(RequestKind::Credit));
-        }
-        prop_assert_eq!((client.epoch, client.incomplete), (0, 0));
-        client.check();
-    }
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
-
-    /// Who gives regions up at any moment, answers under way or not, and drops their records at once, may find
-    /// answers that count on them. It asks for those again, and no more is needed on a link that loses nothing.
-    #[test]
-    fn a_careless_client_on_a_sound_link_never_starts_again(
-        steps in prop::collection::vec((0usize..40, 0..5u8, 1usize..5), 1..120),
-    ) {
-        let regions = regions();
-        let mut server = station(1);
-        let mut client = Client::new(7);
-        let mut wire = Wire::default();
-        for (k, step, most) in steps {
-            let region = regions[k % regions.len()];
-            match step {
-                0 | 1 => wire.up.extend(client.subscribe(region)),
-                2 => wire.up.extend(client.release(region)),
-                3 => {
-                    wire.carry_up(&mut server, most);
-                    wire.pull(&mut server, 7, most);
-                }
-                _ => {
-                    wire.carry_down(&mut client, most);
-                    wire.up.push_back(client.request(RequestKind::Credit));
-                }
-            }
-        }
-        for _ in 0..600 {
-            wire.carry_up(&mut server, usize::MAX);
-            wire.pull(&mut server, 7, usize::MAX);
-            wire.carry_down(&mut client, usize::MAX);
-            if client.asked.is_empty() && wire.up.is_empty() {
-                break;
-            }
-            wire.up.push_back(client.request(RequestKind::Credit));
-        }
-        prop_assert!(client.asked.is_empty(), "open: {:?}", client.asked);
-        prop_assert_eq!(client.epoch, 0);
-        client.check();
-    }
-}
-
-#[test]
-fn records_dropped_under_an_answer_come_again_without_another_epoch() {
-    let file = open();
-    let (mut server, mut client, mut wire) = (station(1), Client::new(7), Wire::default());
-    // Two regions that share VSPs: one is given up while the answer to the other counts on it.
-    let mut collection = Collection::new(file.model_header().vsps);
-    let [a, b] = [regions()[0], regions()[1]];
-    let shared: BTreeSet<u32> = collection.closure(&file, a).unwrap().into_iter().collect();
-    assert!(
-        collection
-            .closure(&file, b)
-            .unwrap()
-            .iter()
-            .any(|i| shared.contains(i))
-    );
-    let mut settle = |client: &mut Client, server: &mut Station<Bytes>| {
-        for _ in 0..10 {
-            wire.up.push_back(client.request(RequestKind::Credit));
-            wire.carry_up(server, usize::MAX);
-            wire.pull(server, 7, usize::MAX);
-            wire.carry_down(client, usize::MAX);
-        }
-    };
-    for request in client.subscribe(a) {
-        server.handle(Message::Request(&request));
-    }
-    settle(&mut client, &mut server);
-    for request in client.subscribe(b) {
-        server.handle(Message::Request(&request));
-    }
-    let under_way: Vec<Chunk> = std::iter::from_fn(|| server.poll(7)).collect();
-    for request in client.release(a) {
-        server.handle(Message::Request(&request));
-    }
-    for chunk in &under_way {
-        for request in client.receive(chunk).unwrap() {
-            server.handle(Message::Request(&request));
-        }
-    }
-    assert_eq!((client.incomplete, client.epoch), (1, 0));
-    settle(&mut client, &mut server);
-    assert_eq!((client.incomplete, client.epoch), (1, 0));
-    client.check();
 }
 
 /// Everything that a client gets for one request, with credit given as needed.
@@ -571,28 +327,6 @@ fn contacts_come_back_with_their_distance_to_the_full_mesh() {
     server.handle(Message::Contact(&report(100)));
     server.handle(Message::Contact(&report(150)));
     assert_eq!(server.poll(1).unwrap().0.count, 2);
-}
-
-#[test]
-fn a_tour_arrives_whole() {
-    let (mut server, mut client, file) = (station(1), Client::new(1), open());
-    let mut request = client.request(RequestKind::Tour);
-    request.tour = TourAsk {
-        seed: 3,
-        seconds: 2.0,
-        speed: 1.0,
-        depth: 0.01,
-        radius: 0.02,
-    };
-    let truth = crate::tour::make_tour(&file, request.tour).unwrap();
-    let chunks = ask(&mut server, &mut client, request);
-    let mut points: Vec<TourPoint> = Vec::new();
-    for (header, slots) in &chunks {
-        assert_eq!(header.code as usize, points.len());
-        points.extend(bytemuck::cast_slice(&slots[..header.count as usize]));
-    }
-    assert_eq!(chunks.last().unwrap().0.last, 1);
-    assert_eq!(points, truth);
 }
 
 #[test]

@@ -1,9 +1,10 @@
 use super::*;
 use crate::build::{BuildOptions, NoProgress, build_model, read_mesh};
 use crate::generate::Shape;
-use crate::testing::model;
+use crate::testing::{Counted, model, model_bytes};
 use shared::spm::write_spm;
 use std::path::Path;
+use std::sync::atomic::Ordering;
 
 /// The ask of the acceptance runs, for a model as if it were 0.15 m long: 0.1 m/s, 2 mm deep, 1 mm radius.
 fn ask<D: AsRef<[u8]>>(file: &SpmFile<D>, seed: u64, seconds: f64) -> TourAsk {
@@ -48,6 +49,37 @@ fn the_same_seed_gives_the_same_tour_and_another_one_another() {
     let tour = |seed| make_tour(&file, ask(&file, seed, 5.0)).unwrap();
     assert_eq!(tour(1), tour(1));
     assert_ne!(tour(1), tour(2));
+}
+
+#[test]
+fn a_step_is_a_small_part_of_a_touch_and_steps_of_two_tours_may_alternate() {
+    for (shape, seed) in [(Shape::Relief, 1), (Shape::Terrain, 2), (Shape::Torus, 3)] {
+        let (bytes, reads) = Counted::new(model_bytes(shape, 6000, 8));
+        let file = SpmFile::open(bytes).unwrap();
+        let reads = || reads.load(Ordering::Relaxed);
+        let asks = [seed, seed + 10].map(|seed| ask(&file, seed, 20.0));
+        let mut tours = asks.map(|ask| Tour::new(&file, ask).unwrap());
+        let mut points = [Vec::new(), Vec::new()];
+        let (mut most, mut before_first) = (0, 0);
+        while !tours.iter().all(Tour::is_over) {
+            for (tour, points) in tours.iter_mut().zip(&mut points) {
+                let before = reads();
+                let step = tour.step(&file).unwrap();
+                most = most.max(reads() - before);
+                match step {
+                    Step::Point(point) => points.push(point),
+                    _ if points.is_empty() => before_first += reads() - before,
+                    _ => {}
+                }
+            }
+        }
+        println!("{shape}: {most} reads in a step, {before_first} before the first points");
+        assert!(
+            20 * most < before_first,
+            "{shape}: {most} of {before_first}"
+        );
+        assert_eq!(points, asks.map(|ask| make_tour(&file, ask).unwrap()));
+    }
 }
 
 #[test]

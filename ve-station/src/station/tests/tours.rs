@@ -1,0 +1,236 @@
+//! Tours: rolled in steps, after everything else, and kept.
+
+use super::client::{Client, region_of};
+use super::*;
+use crate::testing::Counted;
+use crate::tour::make_tour;
+use proptest::prelude::*;
+use shared::protocol::{TourAsk, TourPoint};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// A station over bytes that are counted, and the count.
+fn counted_station() -> (Station<Counted>, Arc<AtomicU64>) {
+    let (bytes, reads) = Counted::new(TORUS.to_vec());
+    let served = ServedModel {
+        name: "torus".to_owned(),
+        file: SpmFile::open(bytes).unwrap(),
+    };
+    let object = ServedObject {
+        model: 0,
+        name: Request::name_hash("torus"),
+    };
+    (Station::new(1, vec![served], vec![object]), reads)
+}
+
+fn tour_ask(seed: u64, seconds: f64) -> TourAsk {
+    TourAsk {
+        seed,
+        seconds,
+        speed: 1.0,
+        depth: 0.01,
+        radius: 0.02,
+    }
+}
+
+/// Asks for a tour.
+fn ask_tour<D: AsRef<[u8]>>(server: &mut Station<D>, client: &mut Client, ask: TourAsk) {
+    let mut request = client.request(RequestKind::Tour);
+    request.tour = ask;
+    server.handle(Message::Request(&request));
+}
+
+/// Takes a chunk of a tour in, and gives credit for it; whether it is the last.
+fn take<D: AsRef<[u8]>>(
+    server: &mut Station<D>,
+    client: &mut Client,
+    (header, slots): &Chunk,
+    points: &mut Vec<TourPoint>,
+) -> bool {
+    assert_eq!(header.kind, ChunkKind::Tour as u32);
+    assert_eq!(header.sequence, client.consumed);
+    assert_eq!(header.code as usize, points.len());
+    points.extend(bytemuck::cast_slice::<_, TourPoint>(
+        &slots[..header.count as usize],
+    ));
+    client.consumed += 1;
+    let credit = client.request(RequestKind::Credit);
+    server.handle(Message::Request(&credit));
+    header.last == 1
+}
+
+/// All that is left of a tour.
+fn take_all<D: AsRef<[u8]>>(
+    server: &mut Station<D>,
+    client: &mut Client,
+    points: &mut Vec<TourPoint>,
+) {
+    while let Some(chunk) = server.poll(client.id) {
+        if take(server, client, &chunk, points) {
+            return;
+        }
+    }
+    panic!("no last chunk after {} points", points.len());
+}
+
+#[test]
+fn a_tour_arrives_whole() {
+    let (mut server, mut client, file) = (station(1), Client::new(1), open());
+    let ask = tour_ask(3, 2.0);
+    ask_tour(&mut server, &mut client, ask);
+    let mut points = Vec::new();
+    take_all(&mut server, &mut client, &mut points);
+    assert_eq!(points, make_tour(&file, ask).unwrap());
+    assert_eq!(server.poll(1), None);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    /// However few steps are made at a time, whatever is said in between, and however often it is asked for anew.
+    #[test]
+    fn a_tour_cut_in_any_way_is_the_same_tour(
+        seed in 0u64..1000,
+        cuts in prop::collection::vec((0u64..200, 0u8..20), 1..60),
+    ) {
+        let (mut server, mut client) = (station(1), Client::new(1));
+        let ask = tour_ask(seed, 10.0);
+        let mut points = Vec::new();
+        ask_tour(&mut server, &mut client, ask);
+        for (steps, and_then) in cuts {
+            let mut left = steps;
+            while let Some(chunk) = server.poll_within(1, &mut left) {
+                take(&mut server, &mut client, &chunk, &mut points);
+            }
+            match and_then {
+                0 => {
+                    client.new_epoch();
+                    points.clear();
+                    ask_tour(&mut server, &mut client, ask);
+                }
+                1..5 => if let Some(chunk) = server.poll_unfinished(1) {
+                    take(&mut server, &mut client, &chunk, &mut points);
+                }
+                _ => {}
+            }
+        }
+        let truth = make_tour(&open(), ask).unwrap();
+        if points.len() < truth.len() {
+            take_all(&mut server, &mut client, &mut points);
+        }
+        prop_assert_eq!(points, truth);
+    }
+}
+
+#[test]
+fn what_is_asked_while_a_tour_is_rolled_is_answered_between_two_steps() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    ask_tour(&mut server, &mut client, tour_ask(1, 600.0));
+    let mut steps = 100;
+    assert_eq!(server.poll_within(1, &mut steps), None);
+    assert_eq!(steps, 0, "it is not made in a hundred steps");
+    let region = regions()[0];
+    for request in client.subscribe(region) {
+        server.handle(Message::Request(&request));
+    }
+    let mut chunks = Vec::new();
+    while let Some(chunk) = server.poll_within(1, &mut 0) {
+        assert_eq!(client.receive(&chunk), Some(Vec::new()));
+        chunks.push(chunk);
+    }
+    assert_eq!(region_of(&parts(&chunks).0[0]), region);
+    client.check();
+    // Nor does it keep anybody else waiting.
+    let mut other = Client::new(2);
+    let request = other.request(RequestKind::Model);
+    server.handle(Message::Request(&request));
+    let (header, _) = server.poll_within(2, &mut 0).unwrap();
+    assert_eq!(header.kind, ChunkKind::Model as u32);
+}
+
+#[test]
+fn who_waits_for_a_tour_can_be_told_that_it_is_being_rolled() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    assert_eq!(server.poll_unfinished(1), None);
+    let ask = tour_ask(1, 2.0);
+    ask_tour(&mut server, &mut client, ask);
+    let mut points = Vec::new();
+    for _ in 0..3 {
+        assert_eq!(server.poll_within(1, &mut 2), None);
+        let (header, slots) = server.poll_unfinished(1).unwrap();
+        assert_eq!((header.count, header.last), (0, 0));
+        assert!(!take(
+            &mut server,
+            &mut client,
+            &(header, slots),
+            &mut points
+        ));
+    }
+    take_all(&mut server, &mut client, &mut points);
+    assert_eq!(points, make_tour(&open(), ask).unwrap());
+    assert_eq!(server.poll_unfinished(1), None);
+    // The credit holds for it too.
+    ask_tour(&mut server, &mut client, tour_ask(2, 2.0));
+    let told = std::iter::from_fn(|| server.poll_unfinished(1)).count() as u64;
+    assert_eq!(told, CREDIT_CHUNKS);
+}
+
+#[test]
+fn a_tour_asked_for_again_goes_on_where_it_was() {
+    let (mut server, reads) = counted_station();
+    let mut client = Client::new(1);
+    let ask = tour_ask(5, 60.0);
+    let begun = reads.load(Ordering::Relaxed);
+    ask_tour(&mut server, &mut client, ask);
+    let mut half = Vec::new();
+    while half.len() < 6000 {
+        let chunk = server.poll(1).unwrap();
+        assert!(!take(&mut server, &mut client, &chunk, &mut half));
+    }
+    let first_half = reads.load(Ordering::Relaxed) - begun;
+    assert!(first_half > 100_000, "rolling reads: {first_half}");
+    // Another incarnation is as good as another epoch.
+    for again in 0..4 {
+        client.new_epoch();
+        if again == 2 {
+            client = Client::new(1);
+            client.incarnation = 2;
+        }
+        let before = reads.load(Ordering::Relaxed);
+        ask_tour(&mut server, &mut client, ask);
+        let mut points = Vec::new();
+        while points.len() < half.len() {
+            let chunk = server.poll_within(1, &mut 0).unwrap();
+            take(&mut server, &mut client, &chunk, &mut points);
+        }
+        assert_eq!(points, half);
+        let read = reads.load(Ordering::Relaxed) - before;
+        assert!(read < 1000, "{read} reads for what was rolled before");
+        if again == 3 {
+            take_all(&mut server, &mut client, &mut points);
+            assert_eq!(points, make_tour(&open(), ask).unwrap());
+        }
+    }
+    // Another tour is another one.
+    let other = tour_ask(6, 3.0);
+    ask_tour(&mut server, &mut client, other);
+    let mut points = Vec::new();
+    take_all(&mut server, &mut client, &mut points);
+    assert_eq!(points, make_tour(&open(), other).unwrap());
+}
+
+#[test]
+fn a_tour_longer_than_what_is_kept_arrives_whole_every_time() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let ask = TourAsk {
+        speed: 0.1,
+        ..tour_ask(1, 700.0)
+    };
+    let truth = make_tour(&open(), ask).unwrap();
+    for _ in 0..2 {
+        ask_tour(&mut server, &mut client, ask);
+        let mut points = Vec::new();
+        take_all(&mut server, &mut client, &mut points);
+        assert!(points == truth, "{} of {}", points.len(), truth.len());
+        client.new_epoch();
+    }
+}

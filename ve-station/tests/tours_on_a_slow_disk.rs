@@ -1,0 +1,233 @@
+//! A tour that takes long to roll keeps nobody waiting: over real iceoryx2, with a model that is read slowly.
+
+use bytemuck::Zeroable;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::{BackpressureStrategy, ipc};
+use shared::protocol::{
+    BUFFER, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, Domain, Hello, RegionAction, Request,
+    RequestKind, Role,
+};
+use shared::spm::{SpmFile, write_spm};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+use ve_station::build::{BuildOptions, NoProgress, build_model};
+use ve_station::connection::Connection;
+use ve_station::generate::{Shape, generate};
+use ve_station::station::{ServedModel, ServedObject, Station};
+
+const CLIENT: u64 = 0xC11E;
+
+/// Bytes whose every read takes a time; it can be changed.
+struct Slow {
+    bytes: Vec<u8>,
+    nanoseconds: Arc<AtomicU64>,
+}
+
+impl AsRef<[u8]> for Slow {
+    fn as_ref(&self) -> &[u8] {
+        let time = Duration::from_nanos(self.nanoseconds.load(Ordering::Relaxed));
+        let start = Instant::now();
+        while start.elapsed() < time {
+            std::hint::spin_loop();
+        }
+        &self.bytes
+    }
+}
+
+/// A client's ports.
+struct Client {
+    requests: Publisher<ipc::Service, Request, ()>,
+    records: Subscriber<ipc::Service, [ChunkSlot], ChunkHeader>,
+    hello: Subscriber<ipc::Service, Hello, ()>,
+    model: u64,
+    sent: u64,
+    consumed: u64,
+}
+
+impl Client {
+    fn open(domain: &Domain, node: &iceoryx2::node::Node<ipc::Service>, model: u64) -> Self {
+        let records = domain.records_service(node, CLIENT).unwrap();
+        let requests = domain.subscribe_service(node).unwrap();
+        let hello = domain.hello_service(node).unwrap();
+        Self {
+            requests: requests
+                .publisher_builder()
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+                .unwrap(),
+            records: records
+                .subscriber_builder()
+                .buffer_size(BUFFER)
+                .create()
+                .unwrap(),
+            hello: hello
+                .subscriber_builder()
+                .buffer_size(BUFFER)
+                .create()
+                .unwrap(),
+            model,
+            sent: 0,
+            consumed: 0,
+        }
+    }
+
+    fn ask(&mut self, kind: RequestKind, change: impl FnOnce(&mut Request)) {
+        let mut request = Request::zeroed();
+        request.client = CLIENT;
+        request.incarnation = 1;
+        request.sequence = self.sent;
+        request.consumed = self.consumed;
+        request.model = self.model;
+        request.name = Request::name_hash("torus");
+        request.kind = kind as u32;
+        change(&mut request);
+        self.requests.send_copy(request).unwrap();
+        self.sent += 1;
+    }
+
+    fn heartbeats(&self) -> u64 {
+        let mut heard = 0;
+        while let Some(hello) = self.hello.receive().unwrap() {
+            heard += u64::from(matches!(hello.read(), Ok((Role::Station, ..))));
+        }
+        heard
+    }
+
+    /// The head of the next chunk, which is acknowledged.
+    fn chunk(&mut self) -> Option<ChunkHeader> {
+        let sample = self.records.receive().unwrap()?;
+        assert_eq!(sample.payload().len(), CHUNK_SLOTS);
+        let header = *sample.user_header();
+        drop(sample);
+        assert_eq!(header.sequence, self.consumed);
+        self.consumed += 1;
+        self.ask(RequestKind::Credit, |_| {});
+        Some(header)
+    }
+}
+
+/// A station on its own thread, stopped whatever becomes of the test.
+struct Served {
+    domain: Domain,
+    stop: Arc<AtomicBool>,
+    thread: Option<thread::JoinHandle<()>>,
+}
+
+impl Served {
+    fn start(domain: &Domain, file: SpmFile<Slow>) -> Self {
+        let stop = Arc::<AtomicBool>::default();
+        let (on, stopped) = (domain.clone(), Arc::clone(&stop));
+        let thread = thread::spawn(move || {
+            let served = ServedModel {
+                name: "torus".to_owned(),
+                file,
+            };
+            let object = ServedObject {
+                model: 0,
+                name: Request::name_hash("torus"),
+            };
+            let station = Station::new(1, vec![served], vec![object]);
+            Connection::open(&on, station).unwrap().run(&stopped);
+        });
+        Self {
+            domain: domain.clone(),
+            stop,
+            thread: Some(thread),
+        }
+    }
+
+    fn runs(&self) -> bool {
+        self.thread.as_ref().is_some_and(|t| !t.is_finished())
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        let ended = self.thread.take().map(thread::JoinHandle::join);
+        self.domain.remove_files();
+        assert!(thread::panicking() || matches!(ended, Some(Ok(()))));
+    }
+}
+
+#[test]
+fn heartbeats_regions_and_signs_of_life_come_while_a_touch_is_rolled() {
+    let parts = build_model(
+        generate(Shape::Torus, 3000, 1),
+        &BuildOptions::default(),
+        &NoProgress,
+    )
+    .unwrap();
+    let mut bytes = Vec::new();
+    write_spm(&parts, &mut bytes).unwrap();
+    let nanoseconds = Arc::<AtomicU64>::default();
+    let slow = Slow {
+        bytes,
+        nanoseconds: Arc::clone(&nanoseconds),
+    };
+    let file = SpmFile::open(slow).unwrap();
+    let (model, region) = (file.model_header().model, file.regions()[0]);
+    // A touch takes some 200 000 reads: two seconds.
+    nanoseconds.store(10_000, Ordering::Relaxed);
+
+    let domain = Domain::new(&format!("slow-disk-{}", std::process::id())).unwrap();
+    let served = Served::start(&domain, file);
+    let node = domain.node().unwrap();
+    let mut client = Client::open(&domain, &node, model);
+    while client.heartbeats() == 0 {
+        assert!(served.runs());
+        thread::sleep(Duration::from_millis(1));
+    }
+    client.ask(RequestKind::Tour, |request| {
+        request.tour.seed = 1;
+        request.tour.seconds = 20.0;
+        request.tour.speed = 1.0;
+        request.tour.depth = 0.01;
+        request.tour.radius = 0.02;
+    });
+    // Until the first points: heartbeats, and chunks that say nothing but that it is there.
+    let (mut heard, mut signs, mut answered) = (0, 0, false);
+    let mut asked = false;
+    let points = loop {
+        heard += client.heartbeats();
+        match client.chunk() {
+            Some(header) if header.kind == ChunkKind::Tour as u32 && header.count > 0 => {
+                break header.count;
+            }
+            Some(header) if header.kind == ChunkKind::Tour as u32 => signs += 1,
+            Some(header) => {
+                assert_eq!(header.kind, ChunkKind::Answers as u32);
+                answered = true;
+            }
+            None => thread::sleep(Duration::from_micros(500)),
+        }
+        if signs == 2 && !asked {
+            asked = true;
+            client.ask(RequestKind::Regions, |request| {
+                request.count = 1;
+                request.regions[0].region = region.0;
+                request.regions[0].action = RegionAction::Subscribe as u32;
+            });
+        }
+    };
+    println!("{heard} heartbeats, {signs} signs of life before the first {points} points");
+    assert!(heard >= 3 && signs >= 3, "{heard} {signs}");
+    assert!(answered, "the region waited for the tour");
+    assert_eq!(points, CHUNK_SLOTS as u32);
+    // Then quickly to the end.
+    nanoseconds.store(0, Ordering::Relaxed);
+    let mut given = points;
+    while given < 4001 {
+        match client.chunk() {
+            Some(header) => {
+                assert_eq!((header.kind, header.code), (ChunkKind::Tour as u32, given));
+                given += header.count;
+                assert_eq!(header.last == 1, given == 4001);
+            }
+            None => thread::sleep(Duration::from_millis(1)),
+        }
+    }
+}
