@@ -13,9 +13,9 @@
 //! touch runs over planes (68 % of the contacts on stretches that are nearer than asked whatever is done; 8 % on
 //! the others), true to 1e-5 of the diagonal as long as the features around them stand, and no VSP can be left out
 //! without exceeding what is asked at one of these. Such a stretch says nothing about E, and whether it is in the
-//! majority is a matter of the path. So what is judged is the median of those stretches where the coarsest front
-//! has at most 3.5, and how many of all are nearer than asked by more than that *and* nearer than they need be
-//! ([`Dial::too_fine_share`]); the medians of all stay in the table.
+//! majority is a matter of the path. The limit of the median of all stands, and the mesh is named where it is the
+//! reason; judged beside it are the median of those stretches where the coarsest front has at most 3.5, and how
+//! many of all are nearer than asked by more than that *and* nearer than they need be ([`Dial::too_fine_share`]).
 
 use super::coarsest::{coarsest, front_of_dial};
 use super::cost::{OBJECT_M, longest_side};

@@ -70,6 +70,15 @@ pub fn broken(m: &ModelFronts) -> Vec<String> {
         );
         limit("dial.too_fine_share", m.dial.too_fine_share, MOST_TOO_FINE);
         limit("dial.exceeded_share", m.dial.exceeded_share, MOST_EXCEEDED);
+        // The mesh may be the reason, and is named then; the limit stands all the same.
+        let reason = format!(
+            "dial.asked_over_true_p50 (on the coarsest fronts that keep what is asked {:.2}, where those reach the \
+             limit {:.2}, too fine {:.1} %)",
+            m.dial.asked_over_attainable_p50,
+            m.dial.asked_over_true_within_reach_p50,
+            m.dial.too_fine_share * 100.0,
+        );
+        limit(&reason, m.dial.asked_over_true_p50, ASKED_OVER_TRUE);
     }
     for (name, ns, batches) in [
         ("split_ns", m.split_ns, m.batches),
@@ -81,26 +90,6 @@ pub fn broken(m: &ModelFronts) -> Vec<String> {
         }
     }
     broken
-}
-
-/// What is within its limit and needs a word all the same.
-#[must_use]
-pub fn remarks(m: &ModelFronts) -> Vec<String> {
-    let mut remarks = Vec::new();
-    let is_broken = m.dial.too_fine_share > MOST_TOO_FINE
-        || m.dial.asked_over_true_within_reach_p50 > ASKED_OVER_TRUE;
-    if counts(&m.dial) && m.dial.asked_over_true_p50 > ASKED_OVER_TRUE && !is_broken {
-        remarks.push(format!(
-            "{}: asked/true is {:.2}, beyond {ASKED_OVER_TRUE}, and {:.2} where so near an error is \
-             to be had (best {:.2}, too fine {:.1} %)",
-            m.model,
-            m.dial.asked_over_true_p50,
-            m.dial.asked_over_true_within_reach_p50,
-            m.dial.asked_over_attainable_p50,
-            m.dial.too_fine_share * 100.0,
-        ));
-    }
-    remarks
 }
 
 /// Whether any tolerance counts.
@@ -149,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dial_is_too_fine_when_the_mesh_leaves_a_choice() {
+    fn a_dial_that_is_too_fine_is_named_whether_the_mesh_leaves_a_choice_or_not() {
         let with = |share: f64, counts: bool| {
             let case = Case {
                 counts,
@@ -165,15 +154,15 @@ mod tests {
                 ..ModelFronts::default()
             }
         };
-        assert_eq!(names(&with(0.26, true)), ["dial.too_fine_share"]);
-        assert_eq!(remarks(&with(0.26, true)), [""; 0]);
-        assert_eq!(names(&with(0.25, true)), [""; 0]);
-        assert_eq!(remarks(&with(0.25, true)).len(), 1);
+        let raw = "dial.asked_over_true_p50";
+        assert_eq!(names(&with(0.26, true)), ["dial.too_fine_share", raw]);
+        assert_eq!(names(&with(0.25, true)), [raw]);
         assert_eq!(names(&with(1.0, false)), [""; 0]);
         let mut beyond = with(0.0, true);
+        beyond.dial.asked_over_true_p50 = 3.4;
+        assert_eq!(names(&beyond), [""; 0]);
         beyond.dial.asked_over_true_within_reach_p50 = 3.6;
         let median = ["dial.asked_over_true_within_reach_p50"];
         assert_eq!(names(&beyond), median);
-        assert_eq!(remarks(&beyond), [""; 0]);
     }
 }

@@ -59,8 +59,6 @@ pub struct Fronts {
     pub models: Vec<ModelFronts>,
     /// What is beyond its limit, in words; empty when all is well.
     pub broken: Vec<String>,
-    /// What is within its limit and needs a word all the same.
-    pub remarks: Vec<String>,
 }
 
 /// A median and a value that one in a hundred exceeds.
@@ -134,14 +132,12 @@ pub fn fronts(args: &FrontsArgs) -> Result<(), Failure> {
         seed: args.seed,
         models: Vec::new(),
         broken: Vec::new(),
-        remarks: Vec::new(),
     };
     let options = BuildOptions::default();
     let mut take = |model: Result<Model, Failure>| {
         let shown = judge_model(&model?, args.seed, &line)?;
         line.say(&table::row(&shown))?;
         found.broken.extend(limits::broken(&shown));
-        found.remarks.extend(limits::remarks(&shown));
         found.models.push(shown);
         Ok::<(), Failure>(())
     };

@@ -1,7 +1,7 @@
 //! The table that a person sees, at most 160 columns wide.
 
 use super::dial::ASKED_OVER_TRUE;
-use super::limits::{MOST_CHAIN, MOST_EXCEEDED, MOST_NS, MOST_TOO_FINE, broken, remarks};
+use super::limits::{MOST_CHAIN, MOST_EXCEEDED, MOST_NS, MOST_TOO_FINE, broken};
 use super::{Fronts, ModelFronts};
 use std::fmt::Write;
 
@@ -17,7 +17,7 @@ pub fn head() -> String {
     );
     let _ = writeln!(
         text,
-        "{:<NAME$} {:>9} {:>6} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6} {:>8} {:>6} {:>7} {:>7} {:>6.1} {:>6.1}% {:>6.2}% {:>5} {:>6} {:>5} {:>6}",
+        "{:<NAME$} {:>9} {:>6} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6} {:>8} {:>6} {:>7.1} {:>7} {:>6.1} {:>6.1}% {:>6.2}% {:>5} {:>6} {:>5} {:>6}",
         "at most",
         "",
         "",
@@ -29,7 +29,7 @@ pub fn head() -> String {
         "",
         "",
         0,
-        "",
+        ASKED_OVER_TRUE,
         "",
         ASKED_OVER_TRUE,
         100.0 * MOST_TOO_FINE,
@@ -74,7 +74,7 @@ pub fn row(m: &ModelFronts) -> String {
     )
 }
 
-/// The lines below: what the columns mean that do not say it, remarks, and what is beyond its limit.
+/// The lines below: what the columns mean that do not say it, and what is beyond its limit.
 #[must_use]
 pub fn foot(models: &[ModelFronts]) -> String {
     let mut text = String::from(
@@ -83,9 +83,6 @@ pub fn foot(models: &[ModelFronts]) -> String {
          reach: where best is at most 3.5; \
          too fine: stretches where asked/true is beyond 3.5, and beyond best\n",
     );
-    for remark in models.iter().flat_map(remarks) {
-        let _ = writeln!(text, "{remark}");
-    }
     for broken in models.iter().flat_map(broken) {
         let _ = writeln!(text, "beyond its limit: {broken}");
     }
@@ -136,7 +133,7 @@ mod tests {
         assert!(lengths[1..].iter().all(|&l| l == lengths[1]), "{lengths:?}");
         assert!(lengths[0] <= lengths[1] && lengths[1] <= 160, "{lengths:?}");
         let words: Vec<&str> = shown.lines().nth(2).unwrap().split_whitespace().collect();
-        let limits = "0 40 0 3.5 25.0% 0.10% 1000 5000 1000 5000";
+        let limits = "0 40 0 3.5 3.5 25.0% 0.10% 1000 5000 1000 5000";
         assert_eq!(words[2..].join(" "), limits);
         assert!(shown.contains("a-part-with-a-very-…"));
         assert!(
