@@ -1,9 +1,9 @@
 //! The closest point of the front to a point: depth first, the nearer child first.
 
-use super::{Stack, Surface, Work};
+use super::{Stack, Surface, Work, not_below};
 use glam::DVec3;
 use shared::ab_tree::Child;
-use shared::geometry::{ClosestPoint, closest_point_on_triangle};
+use shared::geometry::{BoxQuery, ClosestPoint, closest_point_on_triangle};
 use shared::spm::Handle;
 
 /// The answer of [`closest_point`].
@@ -25,52 +25,82 @@ pub fn closest_point(
     point: DVec3,
     hint: Option<Handle>,
 ) -> (Option<Nearest>, Work) {
-    let mut work = Work::default();
-    let mut best: Option<Nearest> = None;
-    let mut bound = f64::INFINITY;
-    let mut try_face = |face: Handle, bound: &mut f64, work: &mut Work| {
-        work.faces += 1;
-        let closest = closest_point_on_triangle(surface.mesh.corners(face), point);
-        if closest.distance_squared < *bound {
-            *bound = closest.distance_squared;
-            best = Some(Nearest { face, closest });
-        }
+    let mut search = Search {
+        surface,
+        point,
+        best: None,
+        bound: f64::INFINITY,
+        box_bound: f32::INFINITY,
+        work: Work::default(),
     };
     if let Some(face) = hint {
-        try_face(face, &mut bound, &mut work);
+        search.try_face(face);
     }
+    let query = BoxQuery::point(point);
     let mut stack = Stack::new();
-    if let Some(root) = surface.tree.root() {
-        stack.push(0.0, root);
-    }
-    while let Some((distance, child)) = stack.pop() {
-        if distance >= bound {
-            continue;
-        }
-        match child {
+    let mut next = surface.tree.root();
+    while let Some(child) = next {
+        next = match child {
             Child::Face(face) => {
                 if hint != Some(face) {
-                    try_face(face, &mut bound, &mut work);
+                    search.try_face(face);
                 }
+                None
             }
             Child::Node(id) => {
-                work.nodes += 1;
+                search.work.nodes += 1;
                 let node = surface.tree.node(id);
-                let [left, right] = node.boxes().map(|b| b.distance_squared(point));
+                let [left, right] = node.boxes().distances_squared(&query);
                 let [left_child, right_child] = node.children();
-                let (near, far) = if left <= right {
-                    ((left, left_child), (right, right_child))
-                } else {
-                    ((right, right_child), (left, left_child))
-                };
-                if far.0 < bound {
-                    stack.push(far.0, far.1);
+                // Branches, not a choice of operands: consecutive queries go the same way, and a predicted
+                // branch has the next node on its way before this one is decided.
+                match (left < search.box_bound, right < search.box_bound) {
+                    (true, true) if left <= right => {
+                        stack.push(right, right_child);
+                        Some(left_child)
+                    }
+                    (true, true) => {
+                        stack.push(left, left_child);
+                        Some(right_child)
+                    }
+                    (true, false) => Some(left_child),
+                    (false, true) => Some(right_child),
+                    (false, false) => None,
                 }
-                if near.0 < bound {
-                    stack.push(near.0, near.1);
-                }
+            }
+        };
+        while next.is_none() {
+            // The bound may have come down since.
+            match stack.pop() {
+                Some((distance, child)) if distance < search.box_bound => next = Some(child),
+                Some(_) => {}
+                None => break,
             }
         }
     }
-    (best, work)
+    (search.best, search.work)
+}
+
+/// The best face so far.
+struct Search<'a> {
+    surface: Surface<'a>,
+    point: DVec3,
+    best: Option<Nearest>,
+    /// Its squared distance.
+    bound: f64,
+    /// The same for boxes.
+    box_bound: f32,
+    work: Work,
+}
+
+impl Search<'_> {
+    fn try_face(&mut self, face: Handle) {
+        self.work.faces += 1;
+        let closest = closest_point_on_triangle(self.surface.mesh.corners(face), self.point);
+        if closest.distance_squared < self.bound {
+            self.bound = closest.distance_squared;
+            self.box_bound = not_below(self.bound);
+            self.best = Some(Nearest { face, closest });
+        }
+    }
 }

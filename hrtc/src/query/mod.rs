@@ -1,7 +1,7 @@
 //! Queries of a point or sphere against the active front: a file a query, bounded, no allocation, f64.
 //!
-//! All run in the model's frame and units. A stack of 64 entries suffices: the tree is at most 31
-//! levels deep and a level leaves at most one entry behind.
+//! All run in the model's frame and units. A stack of 32 entries suffices: the tree is at most 31 levels deep
+//! and a level leaves at most one entry behind.
 
 mod closest_point;
 mod faces_within;
@@ -17,7 +17,7 @@ use shared::ab_tree::{AbTree, Child};
 use shared::spm::ActiveMesh;
 
 /// Entries of a traversal's stack.
-const STACK: usize = 64;
+const STACK: usize = 32;
 
 /// The surface that is asked: an active mesh and the tree over it.
 #[derive(Debug, Clone, Copy)]
@@ -45,9 +45,9 @@ impl Work {
     }
 }
 
-/// A traversal's stack.
+/// A traversal's stack: the children that are left for later, each with a key.
 struct Stack {
-    entries: [(f64, Child); STACK],
+    entries: [(f32, Child); STACK],
     count: usize,
 }
 
@@ -59,13 +59,23 @@ impl Stack {
         }
     }
 
-    fn push(&mut self, key: f64, child: Child) {
+    fn push(&mut self, key: f32, child: Child) {
         self.entries[self.count] = (key, child);
         self.count += 1;
     }
 
-    fn pop(&mut self) -> Option<(f64, Child)> {
+    fn pop(&mut self) -> Option<(f32, Child)> {
         self.count = self.count.checked_sub(1)?;
         Some(self.entries[self.count])
+    }
+}
+
+/// A bound on squared distances as the boxes compare it, in f32: not below the exact one.
+fn not_below(bound: f64) -> f32 {
+    let nearest = bound as f32;
+    if f64::from(nearest) < bound {
+        nearest.next_up()
+    } else {
+        nearest
     }
 }

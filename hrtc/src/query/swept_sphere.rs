@@ -7,7 +7,7 @@
 use super::{Stack, Surface, Work};
 use glam::DVec3;
 use shared::ab_tree::Child;
-use shared::geometry::{Aabb, closest_point_on_triangle};
+use shared::geometry::{Aabb, BoxQuery, closest_point_on_triangle};
 use shared::spm::Handle;
 
 /// The first touch of a swept sphere.
@@ -40,11 +40,9 @@ pub fn swept_sphere(
     let mut best: Option<SweepHit> = None;
     let mut fraction = 1.0;
     let mut stack = Stack::new();
-    if let Some(root) = surface.tree.root() {
-        stack.push(0.0, root);
-    }
-    while let Some((_, child)) = stack.pop() {
-        match child {
+    let mut next = surface.tree.root();
+    while let Some(child) = next {
+        next = match child {
             Child::Face(face) => {
                 work.faces += 1;
                 let corners = surface.mesh.corners(face);
@@ -52,34 +50,34 @@ pub fn swept_sphere(
                     fraction = t;
                     best = Some(SweepHit { fraction: t, face });
                 }
+                None
             }
             Child::Node(id) => {
                 work.nodes += 1;
                 let node = surface.tree.node(id);
-                let children = node.children();
+                let [left, right] = node.children();
                 let end = start + motion * fraction;
                 let (low, high) = (start.min(end) - radius, start.max(end) + radius);
-                for side in [1, 0] {
-                    let aabb = &node.boxes()[side];
-                    if overlaps(aabb, low, high) && !passes_beside(aabb, start, end, radius) {
-                        stack.push(0.0, children[side]);
+                let met = node.boxes().overlap(&BoxQuery::between(low, high));
+                let on_the_way = |side: usize| {
+                    met[side] && !passes_beside(&node.boxes().get(side), start, end, radius)
+                };
+                match (on_the_way(0), on_the_way(1)) {
+                    (true, true) => {
+                        stack.push(0.0, right);
+                        Some(left)
                     }
+                    (true, false) => Some(left),
+                    (false, true) => Some(right),
+                    (false, false) => None,
                 }
             }
+        };
+        if next.is_none() {
+            next = stack.pop().map(|(_, child)| child);
         }
     }
     (best, work)
-}
-
-fn overlaps(aabb: &Aabb, low: DVec3, high: DVec3) -> bool {
-    let (lower, upper) = (aabb.lower.as_dvec3(), aabb.upper.as_dvec3());
-    // `&` and not `&&`: one branch a box.
-    (lower.x <= high.x)
-        & (upper.x >= low.x)
-        & (lower.y <= high.y)
-        & (upper.y >= low.y)
-        & (lower.z <= high.z)
-        & (upper.z >= low.z)
 }
 
 /// Whether an edge direction of the box and the segment span a plane that separates them, beyond rounding: the

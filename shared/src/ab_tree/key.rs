@@ -4,6 +4,7 @@
 //! child, so leaves lie at depth ceil(log2 n) or one above.
 
 /// Depth of a key; the root has depth 0.
+#[inline]
 #[must_use]
 pub fn depth(key: u32) -> u32 {
     debug_assert!(key > 0);
@@ -33,6 +34,7 @@ pub fn leaf_key(position: u32, faces: u32) -> u32 {
 ///
 /// Halving with the larger half left gives ceil((n - b) / 2) to child b, so a path b1 b2 .. bd leaves
 /// ceil((n - (b1 + 2 b2 + 4 b3 + ..)) / 2^d): the path read backwards is what is taken off.
+#[inline]
 fn faces_below(key: u32, faces: u32) -> u32 {
     let depth = depth(key);
     let path = u64::from(key) - (1 << depth);
@@ -46,12 +48,14 @@ fn faces_below(key: u32, faces: u32) -> u32 {
 }
 
 /// Whether a key is a leaf of the tree over `faces` faces.
+#[inline]
 #[must_use]
 pub fn is_leaf_key(key: u32, faces: u32) -> bool {
     key != 0 && faces_below(key, faces) == 1 && (key == 1 || faces_below(key / 2, faces) > 1)
 }
 
 /// The deepest node above (or equal to) both keys.
+#[inline]
 #[must_use]
 pub fn lowest_common_ancestor(a: u32, b: u32) -> u32 {
     let (da, db) = (depth(a), depth(b));

@@ -10,7 +10,7 @@
 //! about both.
 
 use super::key::{depth, is_leaf_key, lowest_common_ancestor};
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, BoxPair};
 use crate::spm::{Handle, NONE};
 
 /// Index of a node; [`NONE`] for none.
@@ -49,7 +49,7 @@ impl Child {
 #[repr(C, align(64))]
 #[derive(Debug, Clone, Copy)]
 pub struct Node {
-    boxes: [Aabb; 2],
+    boxes: BoxPair,
     children: [u32; 2],
     parent: NodeId,
     key: u32,
@@ -61,7 +61,7 @@ impl Node {
     /// Boxes of the left and the right child.
     #[inline]
     #[must_use]
-    pub fn boxes(&self) -> &[Aabb; 2] {
+    pub fn boxes(&self) -> &BoxPair {
         &self.boxes
     }
 
@@ -109,7 +109,7 @@ impl AbTree {
     pub fn new(capacity: u32) -> Self {
         assert!(capacity < FACE_BIT, "face handles have 31 bits");
         let empty = Node {
-            boxes: [Aabb::EMPTY; 2],
+            boxes: BoxPair::EMPTY,
             children: [0; 2],
             parent: NONE,
             key: 0,
@@ -232,7 +232,7 @@ impl AbTree {
             id => {
                 let side = self.side_of(id, current);
                 (
-                    self.nodes[id as usize].boxes[side],
+                    self.nodes[id as usize].boxes.get(side),
                     self.deformed[id as usize] >> side & 1 == 1,
                 )
             }
@@ -244,8 +244,8 @@ impl AbTree {
         node.parent = parent;
         node.children[side] = Child::Face(face).pack();
         node.children[1 - side] = current.pack();
-        node.boxes[side] = Aabb::EMPTY;
-        node.boxes[1 - side] = child_box;
+        node.boxes = BoxPair::EMPTY;
+        node.boxes.set(1 - side, child_box);
         let inherits = child_deformed || self.is_marked(current);
         self.deformed[id as usize] = u8::from(inherits) << (1 - side);
         self.face_key[face as usize] = leaf;
@@ -322,20 +322,23 @@ impl AbTree {
             parent,
             ..
         } = self.nodes[node as usize];
+        let sibling_box = boxes.get(1 - side);
         let sibling = Child::unpack(children[1 - side]);
         let sibling_deformed = self.deformed[node as usize] >> (1 - side) & 1 == 1;
         self.set_parent(sibling, parent);
         match parent {
             NONE => {
                 self.root = Some(sibling);
-                self.root_box = boxes[1 - side];
+                self.root_box = sibling_box;
                 self.root_face_deformed = sibling_deformed;
             }
             above => {
                 let above_side = self.side_of(above, Child::Node(node));
                 self.nodes[above as usize].children[above_side] = sibling.pack();
                 // The box shrinks above, so the path is marked even though the sibling's own box stands.
-                self.nodes[above as usize].boxes[above_side] = boxes[1 - side];
+                self.nodes[above as usize]
+                    .boxes
+                    .set(above_side, sibling_box);
                 let flags = &mut self.deformed[above as usize];
                 if sibling_deformed {
                     *flags |= 1 << above_side;
@@ -414,17 +417,13 @@ impl AbTree {
                     current = id;
                     continue;
                 }
-                Child::Node(id) => {
-                    let [left, right] = self.nodes[id as usize].boxes;
-                    left.union(right)
-                }
+                Child::Node(id) => self.nodes[id as usize].boxes.union(),
             };
-            self.nodes[current as usize].boxes[side] = child_box;
+            self.nodes[current as usize].boxes.set(side, child_box);
             self.deformed[current as usize] &= !(1 << side);
             refitted += 1;
         }
-        let [left, right] = self.nodes[root as usize].boxes;
-        self.root_box = left.union(right);
+        self.root_box = self.nodes[root as usize].boxes.union();
         refitted
     }
 
@@ -485,7 +484,8 @@ impl AbTree {
                     let left = boxes.pop().expect("the left child was visited");
                     let node = &self.nodes[id as usize];
                     assert_eq!(node.children(), [left.0, right.0]);
-                    assert_eq!(node.boxes, [left.1, right.1], "boxes of node {id}");
+                    let fresh = BoxPair::new([left.1, right.1]);
+                    assert_eq!(node.boxes, fresh, "boxes of node {id}");
                     boxes.push((child, left.1.union(right.1)));
                 }
             }

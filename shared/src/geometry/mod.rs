@@ -1,6 +1,7 @@
 //! Geometry in the model's frame: f32 where stored, f64 where something is decided.
 
 mod aabb;
+mod box_pair;
 mod exact_contact;
 mod pose;
 mod predicates;
@@ -11,6 +12,7 @@ mod triangle_distance;
 mod triangle_pair;
 
 pub use aabb::Aabb;
+pub use box_pair::{BoxPair, BoxQuery};
 pub use pose::{Pose, Wrench};
 pub use predicates::{side_of_plane, triangle_is_degenerate};
 pub use segment::{

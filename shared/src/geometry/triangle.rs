@@ -37,6 +37,7 @@ pub fn solid_angle(corners: [DVec3; 3], point: DVec3) -> f64 {
 
 /// Parameter in 0..=1 of the point of segment `a b` closest to `query`; 0 for a segment of no length.
 #[must_use]
+#[inline]
 pub fn closest_point_on_segment(a: DVec3, b: DVec3, query: DVec3) -> f64 {
     let ab = b - a;
     let length_squared = ab.length_squared();
@@ -79,17 +80,22 @@ pub fn closest_point_on_triangle(corners: [DVec3; 3], query: DVec3) -> ClosestPo
         let inverse = 1.0 / sum;
         return ClosestPoint::at(corners, [wa * inverse, wb * inverse, wc * inverse], query);
     }
-    // On or beyond an edge, or a triangle without area: the nearest of the three edges is the answer.
-    let edge = |i: usize, j: usize| {
+    // On or beyond an edge: the nearest of those that the query is beyond; of all three where there is no area.
+    let flat = !(sum > 0.0 && sum.is_normal());
+    let mut best = ClosestPoint {
+        point: a,
+        weights: [1.0, 0.0, 0.0],
+        distance_squared: f64::INFINITY,
+    };
+    for (i, j, beyond) in [(0, 1, wc), (1, 2, wa), (2, 0, wb)] {
+        if beyond > 0.0 && !flat {
+            continue;
+        }
         let t = closest_point_on_segment(corners[i], corners[j], query);
         let mut weights = [0.0; 3];
         weights[i] = 1.0 - t;
         weights[j] = t;
-        ClosestPoint::at(corners, weights, query)
-    };
-    let mut best = edge(0, 1);
-    for (i, j) in [(1, 2), (2, 0)] {
-        let candidate = edge(i, j);
+        let candidate = ClosestPoint::at(corners, weights, query);
         if candidate.distance_squared < best.distance_squared {
             best = candidate;
         }

@@ -1,0 +1,207 @@
+//! Two boxes side by side, so that one comparison decides about both: what a node of the AB-tree holds.
+//!
+//! An axis is one vector [lower 0, lower 1, -upper 0, -upper 1]; with the upper sides negated, distance and
+//! overlap are the same arithmetic for all four numbers. Everything is f32 and rounded so that a box is never
+//! further from a point, nor apart from another box, than it is in truth.
+
+use super::Aabb;
+use glam::{DVec3, Vec3, Vec4, Vec4Swizzles};
+
+/// Two boxes; each may be empty.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoxPair {
+    axes: [Vec4; 3],
+}
+
+/// A point or a box as a [`BoxPair`] is compared with, rounded outwards to f32.
+#[derive(Debug, Clone, Copy)]
+pub struct BoxQuery {
+    axes: [Vec4; 3],
+}
+
+/// What a squared distance in f32 is multiplied by, so that no rounding makes it too large: the five roundings of
+/// a difference, its square and two sums make less than 4 units of 2^-23.
+const SHRINK: f32 = 1.0 - 4.0 * f32::EPSILON;
+
+impl BoxPair {
+    /// Two empty boxes.
+    pub const EMPTY: Self = Self {
+        axes: [Vec4::INFINITY; 3],
+    };
+
+    /// Two boxes.
+    #[inline]
+    #[must_use]
+    pub fn new([a, b]: [Aabb; 2]) -> Self {
+        let axis = |k: usize| Vec4::new(a.lower[k], b.lower[k], -a.upper[k], -b.upper[k]);
+        Self {
+            axes: [axis(0), axis(1), axis(2)],
+        }
+    }
+
+    /// One of the two, 0 or 1.
+    #[inline]
+    #[must_use]
+    pub fn get(&self, side: usize) -> Aabb {
+        let [x, y, z] = self.axes;
+        Aabb {
+            lower: Vec3::new(x[side], y[side], z[side]),
+            upper: -Vec3::new(x[side + 2], y[side + 2], z[side + 2]),
+        }
+    }
+
+    /// Sets one of the two, 0 or 1.
+    #[inline]
+    pub fn set(&mut self, side: usize, to: Aabb) {
+        for (k, axis) in self.axes.iter_mut().enumerate() {
+            axis[side] = to.lower[k];
+            axis[side + 2] = -to.upper[k];
+        }
+    }
+
+    /// The smallest box around both.
+    #[inline]
+    #[must_use]
+    pub fn union(&self) -> Aabb {
+        let [x, y, z] = self.axes.map(|axis| axis.min(axis.yxwz()));
+        Aabb {
+            lower: Vec3::new(x.x, y.x, z.x),
+            upper: -Vec3::new(x.z, y.z, z.z),
+        }
+    }
+
+    /// Whether each shares a point with a box; touching counts.
+    #[inline]
+    #[must_use]
+    pub fn overlap(&self, query: &BoxQuery) -> [bool; 2] {
+        let [x, y, z] = [0, 1, 2].map(|k| self.axes[k].cmple(query.axes[k]));
+        let within = (x & y & z).bitmask();
+        [within & 0b0101 == 0b0101, within & 0b1010 == 0b1010]
+    }
+
+    /// Squared distances from a point or box, each at most what it is in truth.
+    #[inline]
+    #[must_use]
+    pub fn distances_squared(&self, query: &BoxQuery) -> [f32; 2] {
+        let beyond = |k: usize| {
+            let apart = self.axes[k] - query.axes[k];
+            apart.max(apart.zwxy()).max(Vec4::ZERO)
+        };
+        let [x, y, z] = [beyond(0), beyond(1), beyond(2)];
+        // What is beyond the range of f32 is still no infinity: that would be more than the truth.
+        let squared = ((x * x + y * y + z * z) * SHRINK).min(Vec4::MAX);
+        [squared.x, squared.y]
+    }
+}
+
+impl BoxQuery {
+    /// A point, finite.
+    #[inline]
+    #[must_use]
+    pub fn point(point: DVec3) -> Self {
+        Self::between(point, point)
+    }
+
+    /// A box by its smallest and its largest corner, finite.
+    #[inline]
+    #[must_use]
+    pub fn between(low: DVec3, high: DVec3) -> Self {
+        let axis = |low: f64, high: f64| {
+            let (below, above) = (low as f32, high as f32);
+            let below = if f64::from(below) > low {
+                below.next_down()
+            } else {
+                below
+            };
+            let above = if f64::from(above) < high {
+                above.next_up()
+            } else {
+                above
+            };
+            Vec4::new(above, above, -below, -below)
+        };
+        Self {
+            axes: [0, 1, 2].map(|k| axis(low[k], high[k])),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn number() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            -1.0..1.0f32,
+            (-1.0..1.0f32).prop_map(|x| x * 1e-30),
+            (-1.0..1.0f32).prop_map(|x| x * 1e25),
+            Just(0.0)
+        ]
+    }
+
+    fn some_box() -> impl Strategy<Value = Aabb> {
+        prop::array::uniform6(number()).prop_map(|[a, b, c, d, e, f]| {
+            Aabb::of_points([Vec3::new(a, b, c), Vec3::new(d, e, f)])
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn boxes_come_out_as_they_went_in(a in some_box(), b in some_box(), c in some_box()) {
+            let mut pair = BoxPair::new([a, b]);
+            prop_assert_eq!([pair.get(0), pair.get(1)], [a, b]);
+            prop_assert_eq!(pair.union(), a.union(b));
+            pair.set(1, c);
+            prop_assert_eq!([pair.get(0), pair.get(1)], [a, c]);
+        }
+
+        #[test]
+        fn distances_are_close_to_the_truth_and_never_above_it(
+            a in some_box(), b in some_box(),
+            point in prop::array::uniform3(prop_oneof![-2.0..2.0f64, number().prop_map(f64::from)]),
+        ) {
+            let point = DVec3::from_array(point);
+            let found = BoxPair::new([a, b]).distances_squared(&BoxQuery::point(point));
+            for (found, of) in found.into_iter().zip([a, b]) {
+                let exact = of.distance_squared(point);
+                prop_assert!(f64::from(found) <= exact, "{} {}", found, exact);
+                // Near, in units of the numbers that the difference is taken of.
+                let size = point.abs().max_element().max(f64::from(of.upper.abs().max_element()));
+                let size = size.max(f64::from(of.lower.abs().max_element()));
+                let slack = 2e-6 * size * (exact.sqrt() + size) + 1e-37;
+                prop_assert!(f64::from(found) >= (exact - slack).min(f64::from(f32::MAX)), "{} {}", found, exact);
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn boxes_overlap_when_they_do_and_when_rounding_cannot_tell(
+            a in some_box(), b in some_box(), c in some_box(), nudge in -2i32..3,
+        ) {
+            // Corners between two neighbours in f32, or on one.
+            let eighth = f64::from(nudge) * 0.25 * f64::from(f32::EPSILON);
+            let [low, high] = [c.lower, c.upper].map(|p| p.as_dvec3() * (1.0 + eighth));
+            let (low, high) = (low.min(high), low.max(high));
+            let found = BoxPair::new([a, b]).overlap(&BoxQuery::between(low, high));
+            let exactly = BoxPair::new([a, b]).overlap(&BoxQuery::between(c.lower.as_dvec3(), c.upper.as_dvec3()));
+            for ((found, exactly), of) in found.into_iter().zip(exactly).zip([a, b]) {
+                let (lower, upper) = (of.lower.as_dvec3(), of.upper.as_dvec3());
+                let truth = lower.cmple(high).all() && upper.cmpge(low).all();
+                prop_assert!(found || !truth);
+                prop_assert_eq!(exactly, of.lower.cmple(c.upper).all() && of.upper.cmpge(c.lower).all());
+            }
+        }
+    }
+
+    #[test]
+    fn an_empty_box_is_farther_than_any_other() {
+        let far = BoxPair::EMPTY.distances_squared(&BoxQuery::point(DVec3::ZERO));
+        assert_eq!(far, [f32::MAX; 2]);
+        assert!(BoxPair::EMPTY.get(0).is_empty());
+        let all = BoxQuery::between(DVec3::splat(-1e30), DVec3::splat(1e30));
+        assert_eq!(BoxPair::EMPTY.overlap(&all), [false; 2]);
+    }
+}
