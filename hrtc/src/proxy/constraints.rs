@@ -6,6 +6,7 @@
 //! edge. So only *local minima* of the distance get a half-space (Johnson and Willemsen 2003); the others are
 //! looked at along the motion itself, and only when it leaves their half-space.
 
+use crate::proxy::features::Features;
 use crate::proxy::projection::Plane;
 use crate::query::{MOST_FACES, NearFace, NearFaces, Work};
 use glam::DVec3;
@@ -32,6 +33,7 @@ struct Candidate {
 pub struct Constraints {
     candidates: [Candidate; MOST_FACES],
     candidate_count: usize,
+    features: Features,
     planes: [Plane; MOST_CONSTRAINTS],
     /// The candidate of each plane.
     sources: [usize; MOST_CONSTRAINTS],
@@ -59,6 +61,7 @@ impl Constraints {
         Self {
             candidates: [candidate; MOST_FACES],
             candidate_count: 0,
+            features: Features::new(),
             planes: [NO_PLANE; MOST_CONSTRAINTS],
             sources: [0; MOST_CONSTRAINTS],
             count: 0,
@@ -107,8 +110,17 @@ impl Constraints {
                 self.candidate_count += 1;
             }
         });
+        self.features.begin(self.candidate_count);
+        for candidate in &self.candidates[..self.candidate_count] {
+            self.features
+                .note(candidate.near.vertices, candidate.distance);
+        }
         for k in 0..self.candidate_count {
-            let has_plane = self.is_minimum(k);
+            // No nearer face holds the feature on which its nearest point lies.
+            let Candidate {
+                feature, distance, ..
+            } = self.candidates[k];
+            let has_plane = self.features.least(feature) >= distance;
             self.candidates[k].has_plane = has_plane;
             if has_plane {
                 self.add(k);
@@ -116,23 +128,6 @@ impl Constraints {
         }
         self.high_water = self.high_water.max(self.count);
         work
-    }
-
-    /// Whether no nearer face holds the feature on which a candidate's nearest point lies.
-    fn is_minimum(&self, k: usize) -> bool {
-        let candidate = &self.candidates[k];
-        if candidate.feature.iter().all(|&v| v != NONE) {
-            return true;
-        }
-        let holds = |other: &Candidate| {
-            candidate
-                .feature
-                .iter()
-                .all(|v| *v == NONE || other.near.vertices.contains(v))
-        };
-        self.candidates[..self.candidate_count]
-            .iter()
-            .all(|other| other.distance >= candidate.distance || !holds(other))
     }
 
     /// Adds a half-space; when full, the one with the most room makes place.

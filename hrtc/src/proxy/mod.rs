@@ -12,6 +12,7 @@
 //! not a touch, and every crossing is.
 
 mod constraints;
+mod features;
 pub mod projection;
 
 pub use constraints::MOST_CONSTRAINTS;
@@ -35,6 +36,8 @@ const CONVERGED: f64 = 1e-7;
 const SERIES: f64 = 0.9;
 /// Steps a tick at the most; what is left is done in the next tick, from a safe position.
 const STEPS: usize = 8;
+/// Nodes visited and faces tested by the steps of a tick, beyond which no further step is begun.
+const MOST_WORK: u32 = 8192;
 /// How far beyond a surface that has passed over it the proxy is put, as a fraction of the radius.
 const BEYOND: f64 = 1e-3;
 
@@ -157,10 +160,14 @@ impl Proxy {
         let mut last_motion = None;
         let mut dropped = 0;
         for _ in 0..STEPS {
+            if work.nodes + work.faces > MOST_WORK {
+                break;
+            }
             let wanted = goal - self.position;
             let length = wanted.length();
             let reach = reach.min(length + 1e-3 * self.radius);
-            if !self.near.covers(self.position, self.radius + reach) {
+            let covers = self.near.covers(self.position, self.radius + reach);
+            if !covers && !self.near.is_full_at(self.position) {
                 let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
                 work.add(self.near.gather(surface, self.position, ball));
             }

@@ -13,6 +13,9 @@ use shared::spm::{Handle, NONE};
 /// Faces that a ball may hold; a ball with more is shrunk.
 pub const MOST_FACES: usize = 192;
 
+/// Share of a full ball's radius within which a point has not moved.
+const STAYED: f64 = 0.25;
+
 /// A face of the ball.
 #[derive(Debug, Clone, Copy)]
 pub struct NearFace {
@@ -82,38 +85,62 @@ impl NearFaces {
             if distance >= self.radius && self.radius < radius {
                 return;
             }
-            let place = if self.count < MOST_FACES {
-                self.count += 1;
-                self.count - 1
-            } else {
-                // Full: the farthest goes, and the ball ends short of it.
-                let mut farthest = 0;
-                for k in 1..MOST_FACES {
-                    if self.faces[k].distance > self.faces[farthest].distance {
-                        farthest = k;
-                    }
-                }
-                self.radius = self.radius.min(self.faces[farthest].distance.max(distance));
-                if self.faces[farthest].distance <= distance {
-                    return;
-                }
-                farthest
-            };
-            self.faces[place] = NearFace {
+            let near = NearFace {
                 face,
                 vertices: surface.mesh.face(face).corners,
                 corners: surface.mesh.corners(face),
                 distance,
             };
+            if self.count < MOST_FACES {
+                self.faces[self.count] = near;
+                self.count += 1;
+                if self.count == MOST_FACES {
+                    for k in (0..MOST_FACES / 2).rev() {
+                        self.sift_down(k);
+                    }
+                }
+                return;
+            }
+            // Full: the farthest goes, and the ball ends short of it.
+            let farthest = self.faces[0].distance;
+            self.radius = self.radius.min(farthest.max(distance));
+            if distance < farthest {
+                self.faces[0] = near;
+                self.sift_down(0);
+            }
         });
         self.high_water = self.high_water.max(self.count);
         work
+    }
+
+    /// Of a full ball: restores the order of a heap, the farthest first, below a place whose face was changed.
+    fn sift_down(&mut self, mut place: usize) {
+        loop {
+            let child = 2 * place + 1;
+            if child >= MOST_FACES {
+                return;
+            }
+            let distance = |k: usize| self.faces[k].distance;
+            let right_is_farther = child + 1 < MOST_FACES && distance(child + 1) > distance(child);
+            let farther = child + usize::from(right_is_farther);
+            if distance(farther) <= distance(place) {
+                return;
+            }
+            self.faces.swap(place, farther);
+            place = farther;
+        }
     }
 
     /// Empties the ball: it covers nothing until it is gathered anew.
     pub fn forget(&mut self) {
         self.radius = f64::NEG_INFINITY;
         self.count = 0;
+    }
+
+    /// Whether more faces are around `point` than fit, so that a ball gathered there would tell hardly more.
+    #[must_use]
+    pub fn is_full_at(&self, point: DVec3) -> bool {
+        self.count == MOST_FACES && point.distance(self.centre) < STAYED * self.radius
     }
 
     /// The radius around `point` within which all faces are among these; negative for none.
