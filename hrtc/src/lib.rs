@@ -32,3 +32,5 @@ pub mod run;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]
 pub mod subscriber;
 pub mod tick_record;
+#[deny(clippy::disallowed_methods, clippy::disallowed_types)]
+pub mod tool;

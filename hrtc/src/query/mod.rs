@@ -1,17 +1,43 @@
-//! Queries of a point or sphere against the active front: a file a query, bounded, no allocation, f64.
+//! Queries against the active front: a file a query, bounded, no allocation, f64 where it decides.
+//!
+//! | of | files |
+//! |---|---|
+//! | a point or sphere | `closest_point`, `faces_within`, `near_faces`, `swept_sphere`, `front_side` |
+//! | a segment or capsule | `segment`, `capsule` |
+//! | two bodies, each a front or a tool | `tree_pairs`, `closest_features`, `depth` |
 //!
 //! All run in the model's frame and units. A stack of 32 entries suffices: the tree is at most 31 levels deep
 //! and a level leaves at most one entry behind.
 
+mod body;
+mod capsule;
+mod closest_features;
 mod closest_point;
+mod depth;
 mod faces_within;
+mod front_side;
 mod near_faces;
+mod segment;
 mod swept_sphere;
+mod tree_pairs;
 
+pub use body::{Body, Placed};
+pub use capsule::{
+    Capsule, CapsuleContact, ClosestToCapsule, closest_to_capsule, faces_near_capsule,
+};
+pub use closest_features::{ClosestFeatures, Features, closest_features};
 pub use closest_point::{Nearest, closest_point};
+pub use depth::{
+    DeepSample, DeepestSample, LocalDepth, deepest_sample, local_depth, local_depth_of_faces,
+};
 pub use faces_within::faces_within;
+pub use front_side::signed_distance;
 pub use near_faces::{MOST_FACES, NearFace, NearFaces};
+pub use segment::{ClosestToSegment, NearestToSegment, closest_to_segment, faces_near_segment};
 pub use swept_sphere::{SweepHit, swept_sphere};
+pub use tree_pairs::{
+    Ending, FacePair, PairWork, PairsFound, all_pairs, first_pair, for_each_pair,
+};
 
 use shared::ab_tree::{AbTree, Child};
 use shared::spm::ActiveMesh;

@@ -18,7 +18,7 @@ pub use predicates::{side_of_plane, triangle_is_degenerate};
 pub use segment::{
     ClosestPair, closest_points_of_segment_and_triangle, closest_points_of_segments,
 };
-pub use similarity::{Similarity, rounded_down, rounded_up};
+pub use similarity::{Similarity, widened};
 pub use triangle::{
     ClosestPoint, closest_point_on_segment, closest_point_on_triangle, solid_angle,
     triangle_overlaps_box,

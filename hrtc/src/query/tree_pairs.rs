@@ -1,0 +1,282 @@
+//! Tree against tree: the faces of two bodies that meet (ACTIVE-INTERSECT of thesis 3.3.2).
+//!
+//! Boxes decide what is descended, [`triangle_pair`] decides what meets, exactly. Of two nodes the larger is opened:
+//! opening both at once leaves the faces of a small tool against all levels of a large front.
+
+use super::body::{Body, overlap};
+use glam::DVec3;
+use shared::ab_tree::{Child, NodeId};
+use shared::geometry::{Aabb, TrianglePair, triangle_pair};
+use shared::spm::{Handle, NONE};
+use std::ops::ControlFlow;
+
+/// Entries of a pair traversal's stack: a level of either tree, of at most 31, leaves at most one behind.
+pub(super) const PAIR_STACK: usize = 128;
+
+/// Two faces that meet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FacePair {
+    /// The face of the first body.
+    pub a: Handle,
+    /// The face of the second body.
+    pub b: Handle,
+    /// How they meet, in the frame of the query.
+    pub meeting: TrianglePair,
+}
+
+impl FacePair {
+    /// No pair: what an output buffer is filled with.
+    pub const NONE: Self = Self {
+        a: NONE,
+        b: NONE,
+        meeting: TrianglePair::Disjoint,
+    };
+}
+
+/// How a pair query ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// Everything was looked at.
+    Complete,
+    /// Whoever asked had enough, or the output was full: this many pairs of nodes and faces were left unvisited.
+    Stopped {
+        /// Pairs left; each stands for all below it.
+        unvisited: u32,
+    },
+    /// The budget was spent with this many pairs of nodes and faces unvisited.
+    OutOfBudget {
+        /// Pairs left; each stands for all below it.
+        unvisited: u32,
+    },
+}
+
+impl Ending {
+    /// Whether the answer is the whole answer.
+    #[must_use]
+    pub fn is_complete(self) -> bool {
+        self == Self::Complete
+    }
+}
+
+/// What a pair query cost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PairWork {
+    /// Pairs of nodes visited, or of a node and a face: what the budget counts.
+    pub node_pairs: u32,
+    /// Pairs of boxes tested (N_bv of thesis 3.3.3).
+    pub boxes: u32,
+    /// Pairs of faces tested (N_p).
+    pub faces: u32,
+}
+
+impl PairWork {
+    /// Adds another query's cost.
+    pub fn add(&mut self, other: Self) {
+        self.node_pairs += other.node_pairs;
+        self.boxes += other.boxes;
+        self.faces += other.faces;
+    }
+}
+
+/// A face at hand: its corners are read once for a run of pairs with it.
+pub(super) struct Held {
+    face: Handle,
+    pub(super) corners: [DVec3; 3],
+}
+
+impl Held {
+    pub(super) fn new() -> Self {
+        Self {
+            face: NONE,
+            corners: [DVec3::ZERO; 3],
+        }
+    }
+
+    #[inline]
+    pub(super) fn take(&mut self, body: &impl Body, face: Handle) -> &[DVec3; 3] {
+        if self.face != face {
+            self.face = face;
+            self.corners = body.corners(face);
+        }
+        &self.corners
+    }
+}
+
+/// Two subtrees or faces whose boxes were found to overlap: a cache line.
+#[derive(Clone, Copy)]
+struct Entry {
+    a: Child,
+    b: Child,
+    box_a: Aabb,
+    box_b: Aabb,
+}
+
+/// Calls `visit` with every pair of faces that meet, until it breaks or `budget` pairs of nodes were visited.
+pub fn for_each_pair<A: Body, B: Body>(
+    a: &A,
+    b: &B,
+    budget: u32,
+    mut visit: impl FnMut(FacePair) -> ControlFlow<()>,
+) -> (Ending, PairWork) {
+    let mut work = PairWork::default();
+    let (Some(root_a), Some(root_b)) = (a.root(), b.root()) else {
+        return (Ending::Complete, work);
+    };
+    let roots = Entry {
+        a: root_a,
+        b: root_b,
+        box_a: a.root_box(),
+        box_b: b.root_box(),
+    };
+    let mut stack = [roots; PAIR_STACK];
+    let mut count = 1;
+    let (mut held_a, mut held_b) = (Held::new(), Held::new());
+    while count > 0 {
+        count -= 1;
+        let Entry {
+            a: x,
+            b: y,
+            box_a,
+            box_b,
+        } = stack[count];
+        if let (Child::Face(x), Child::Face(y)) = (x, y) {
+            work.faces += 1;
+            let corners_a = *held_a.take(a, x);
+            let meeting = triangle_pair(corners_a, *held_b.take(b, y));
+            if meeting.meets() {
+                let pair = FacePair {
+                    a: x,
+                    b: y,
+                    meeting,
+                };
+                if visit(pair).is_break() {
+                    let unvisited = count as u32;
+                    return (Ending::Stopped { unvisited }, work);
+                }
+            }
+            continue;
+        }
+        if work.node_pairs == budget {
+            let unvisited = count as u32 + 1;
+            return (Ending::OutOfBudget { unvisited }, work);
+        }
+        work.node_pairs += 1;
+        work.boxes += 2;
+        if let Some(node) = opens_first(x, y, &box_a, &box_b) {
+            let (children, boxes) = a.children(node);
+            for k in [1, 0] {
+                if overlap(&boxes[k], &box_b) {
+                    stack[count] = Entry {
+                        a: children[k],
+                        b: y,
+                        box_a: boxes[k],
+                        box_b,
+                    };
+                    count += 1;
+                }
+            }
+        } else if let Child::Node(node) = y {
+            let (children, boxes) = b.children(node);
+            for k in [1, 0] {
+                if overlap(&box_a, &boxes[k]) {
+                    stack[count] = Entry {
+                        a: x,
+                        b: children[k],
+                        box_a,
+                        box_b: boxes[k],
+                    };
+                    count += 1;
+                }
+            }
+        }
+    }
+    (Ending::Complete, work)
+}
+
+/// The node of the first to be opened; `None` for one of the second. The larger of two nodes is opened: its halves miss
+/// more of the other.
+#[inline]
+pub(super) fn opens_first(a: Child, b: Child, box_a: &Aabb, box_b: &Aabb) -> Option<NodeId> {
+    match (a, b) {
+        (Child::Node(node), Child::Face(_)) => Some(node),
+        (Child::Node(node), Child::Node(_)) if size(box_a) >= size(box_b) => Some(node),
+        _ => None,
+    }
+}
+
+/// Sum of a box's sides.
+#[inline]
+fn size(aabb: &Aabb) -> f32 {
+    (aabb.upper - aabb.lower).element_sum()
+}
+
+/// The answer of [`all_pairs`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PairsFound {
+    /// Pairs written to the output.
+    pub count: usize,
+    /// Whether that is all.
+    pub ending: Ending,
+    /// What it cost.
+    pub work: PairWork,
+}
+
+/// Writes all pairs of faces that meet to `out`, in tree order. Where there are more than fit, or the budget of
+/// node pairs is spent, the ending says so.
+pub fn all_pairs<A: Body, B: Body>(a: &A, b: &B, budget: u32, out: &mut [FacePair]) -> PairsFound {
+    let mut count = 0;
+    let (ending, work) = for_each_pair(a, b, budget, |pair| match out.get_mut(count) {
+        Some(place) => {
+            *place = pair;
+            count += 1;
+            ControlFlow::Continue(())
+        }
+        None => ControlFlow::Break(()),
+    });
+    PairsFound {
+        count,
+        ending,
+        work,
+    }
+}
+
+/// Any pair of faces that meet: the one of the last tick (`hint`) if it still does, else the first found.
+///
+/// `None` with a complete ending means that the surfaces do not meet; one may still be inside the other.
+#[must_use]
+pub fn first_pair<A: Body, B: Body>(
+    a: &A,
+    b: &B,
+    budget: u32,
+    hint: Option<(Handle, Handle)>,
+) -> (Option<FacePair>, Ending, PairWork) {
+    if let Some((x, y)) = hint
+        && a.has(x)
+        && b.has(y)
+    {
+        let meeting = triangle_pair(a.corners(x), b.corners(y));
+        if meeting.meets() {
+            let work = PairWork {
+                faces: 1,
+                ..PairWork::default()
+            };
+            let pair = FacePair {
+                a: x,
+                b: y,
+                meeting,
+            };
+            return (Some(pair), Ending::Complete, work);
+        }
+    }
+    let mut found = None;
+    let (ending, work) = for_each_pair(a, b, budget, |pair| {
+        found = Some(pair);
+        ControlFlow::Break(())
+    });
+    let ending = if found.is_some() {
+        Ending::Complete
+    } else {
+        ending
+    };
+    (found, ending, work)
+}

@@ -1,0 +1,341 @@
+//! A tool: a static mesh under a moving pose, as a probe with a shape.
+//!
+//! Its tree is the complete binary tree over its faces (median splits, the first half rounded up, as the AB-tree's),
+//! parents before children. A pose moves the vertices and refits the boxes in one pass from the last node to the first:
+//! tight boxes in the other body's frame, so that a pair of boxes is tested without another look at the pose.
+
+mod shapes;
+
+pub use shapes::{capsule_mesh, cylinder_mesh};
+
+use crate::query::Body;
+use glam::{DVec3, Vec3A};
+use shared::ab_tree::{Child, NodeId};
+use shared::geometry::{Aabb, Similarity, widened};
+use shared::spm::{Handle, NONE};
+use thiserror::Error;
+
+/// Positions, in units of the tool's file, and faces with corners counterclockwise from outside.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ToolMesh {
+    /// Vertices.
+    pub positions: Vec<DVec3>,
+    /// Faces, indices of vertices.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Why a mesh cannot be a tool.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum ToolError {
+    /// Nothing to touch with.
+    #[error("the tool has no faces")]
+    Empty,
+    /// More faces than the limit.
+    #[error("the tool has {0} faces; the limit is {limit}", limit = Tool::MOST_FACES)]
+    TooMany(usize),
+    /// A face names a vertex that is not there.
+    #[error("face {0} of the tool names a vertex that is not there")]
+    NoSuchVertex(usize),
+    /// A coordinate is not a number of f32's range.
+    #[error("vertex {0} of the tool is not finite")]
+    NotFinite(usize),
+}
+
+/// A vertex in the query's frame.
+#[derive(Debug, Clone, Copy)]
+struct Moved {
+    position: DVec3,
+    /// The same rounded to f32.
+    near: Vec3A,
+}
+
+/// A node: 64 bytes, boxes in the query's frame.
+#[derive(Debug, Clone, Copy)]
+struct ToolNode {
+    boxes: [Aabb; 2],
+    children: [Child; 2],
+}
+
+/// The node above a face or node, and its side.
+type Place = (NodeId, u32);
+
+/// A mesh that moves as a whole. Nothing allocates after [`Tool::new`].
+#[derive(Debug, Clone)]
+pub struct Tool {
+    rest: Vec<DVec3>,
+    faces: Vec<[u32; 3]>,
+    /// Which corners stand for their vertex: each vertex once.
+    samples: Vec<[bool; 3]>,
+    nodes: Vec<ToolNode>,
+    /// The node above each face and each node, and the side of it; [`NONE`] above the root.
+    face_places: Vec<Place>,
+    node_places: Vec<Place>,
+    moved: Vec<Moved>,
+    root_box: Aabb,
+    to_query: Similarity,
+}
+
+impl Tool {
+    /// Faces that a tool may have.
+    pub const MOST_FACES: usize = 1 << 20;
+
+    /// A tool in its own frame.
+    ///
+    /// # Errors
+    /// When the mesh has no faces, too many, a coordinate that is not finite or beyond f32, or a corner that is not there.
+    pub fn new(mesh: &ToolMesh) -> Result<Self, ToolError> {
+        let count = mesh.triangles.len();
+        if count == 0 {
+            return Err(ToolError::Empty);
+        }
+        if count > Self::MOST_FACES {
+            return Err(ToolError::TooMany(count));
+        }
+        let limit = DVec3::splat(f64::from(f32::MAX));
+        let good = |p: &DVec3| p.abs().cmple(limit).all();
+        if let Some(vertex) = mesh.positions.iter().position(|p| !good(p)) {
+            return Err(ToolError::NotFinite(vertex));
+        }
+        let there = |t: &[u32; 3]| t.iter().all(|&v| (v as usize) < mesh.positions.len());
+        if let Some(face) = mesh.triangles.iter().position(|t| !there(t)) {
+            return Err(ToolError::NoSuchVertex(face));
+        }
+        let (nodes, face_places, node_places) = tree_over(mesh);
+        let mut seen = vec![false; mesh.positions.len()];
+        let samples = mesh
+            .triangles
+            .iter()
+            .map(|t| t.map(|v| !std::mem::replace(&mut seen[v as usize], true)))
+            .collect();
+        let nowhere = Moved {
+            position: DVec3::ZERO,
+            near: Vec3A::ZERO,
+        };
+        let mut tool = Self {
+            rest: mesh.positions.clone(),
+            faces: mesh.triangles.clone(),
+            samples,
+            nodes,
+            face_places,
+            node_places,
+            moved: vec![nowhere; mesh.positions.len()],
+            root_box: Aabb::EMPTY,
+            to_query: Similarity::IDENTITY,
+        };
+        tool.place(&Similarity::IDENTITY);
+        Ok(tool)
+    }
+
+    /// Moves the tool: `to_query` goes from its own frame to the other body's.
+    pub fn place(&mut self, to_query: &Similarity) {
+        self.to_query = *to_query;
+        for (moved, &rest) in self.moved.iter_mut().zip(&self.rest) {
+            let position = to_query.point(rest);
+            *moved = Moved {
+                position,
+                near: position.as_vec3a(),
+            };
+        }
+        // Two loops without a branch: the boxes of faces, then those of nodes, children before their parents.
+        for (face, &(node, side)) in self.faces.iter().zip(&self.face_places) {
+            let [a, b, c] = face.map(|v| self.moved[v as usize].near);
+            let aabb = widened(a.min(b).min(c), a.max(b).max(c));
+            match self.nodes.get_mut(node as usize) {
+                Some(node) => node.boxes[side as usize] = aabb,
+                None => self.root_box = aabb,
+            }
+        }
+        for k in (1..self.nodes.len()).rev() {
+            let [left, right] = self.nodes[k].boxes;
+            let (parent, side) = self.node_places[k];
+            self.nodes[parent as usize].boxes[side as usize] = left.union(right);
+        }
+        if let Some(node) = self.nodes.first() {
+            let [left, right] = node.boxes;
+            self.root_box = left.union(right);
+        }
+    }
+
+    /// From its own frame to the query's, as placed last.
+    #[must_use]
+    pub fn to_query(&self) -> &Similarity {
+        &self.to_query
+    }
+
+    /// Number of faces.
+    #[must_use]
+    pub fn faces(&self) -> u32 {
+        self.faces.len() as u32
+    }
+
+    /// Vertices in the query's frame.
+    pub fn vertices(&self) -> impl ExactSizeIterator<Item = DVec3> + '_ {
+        self.moved.iter().map(|moved| moved.position)
+    }
+
+    /// Corners of a face, indices of vertices.
+    #[must_use]
+    pub fn triangle(&self, face: Handle) -> [u32; 3] {
+        self.faces[face as usize]
+    }
+}
+
+impl Body for Tool {
+    #[inline]
+    fn root(&self) -> Option<Child> {
+        // A tool of one face has no node.
+        Some(if self.nodes.is_empty() {
+            Child::Face(0)
+        } else {
+            Child::Node(0)
+        })
+    }
+
+    fn root_box(&self) -> Aabb {
+        self.root_box
+    }
+
+    #[inline]
+    fn children(&self, node: NodeId) -> ([Child; 2], [Aabb; 2]) {
+        let node = &self.nodes[node as usize];
+        (node.children, node.boxes)
+    }
+
+    #[inline]
+    fn corners(&self, face: Handle) -> [DVec3; 3] {
+        self.faces[face as usize].map(|v| self.moved[v as usize].position)
+    }
+
+    fn has(&self, face: Handle) -> bool {
+        (face as usize) < self.faces.len()
+    }
+
+    fn samples(&self, face: Handle) -> [bool; 3] {
+        self.samples[face as usize]
+    }
+}
+
+/// Median splits along the longest axis of the centroids' box, parents first; ties go by number.
+fn tree_over(mesh: &ToolMesh) -> (Vec<ToolNode>, Vec<Place>, Vec<Place>) {
+    let centroid = |face: u32| -> DVec3 {
+        let corners = mesh.triangles[face as usize].map(|v| mesh.positions[v as usize]);
+        corners.iter().sum()
+    };
+    let mut order: Vec<(DVec3, u32)> = (0..mesh.triangles.len() as u32)
+        .map(|face| (centroid(face), face))
+        .collect();
+    let mut nodes: Vec<ToolNode> = Vec::with_capacity(order.len() - 1);
+    let mut face_places = vec![(NONE, 0); order.len()];
+    let mut node_places = Vec::with_capacity(order.len() - 1);
+    // A range of faces, and the place in its parent that waits for it.
+    let mut waiting = vec![(0..order.len(), (NONE, 0u32))];
+    while let Some((range, place)) = waiting.pop() {
+        let child = if range.len() == 1 {
+            let face = order[range.start].1;
+            face_places[face as usize] = place;
+            Child::Face(face)
+        } else {
+            let id = nodes.len() as NodeId;
+            node_places.push(place);
+            nodes.push(ToolNode {
+                boxes: [Aabb::EMPTY; 2],
+                children: [Child::Face(0); 2],
+            });
+            let half = range.len().div_ceil(2);
+            let set = &mut order[range.clone()];
+            let bounds = set.iter().map(|&(c, _)| c);
+            let low = bounds.clone().fold(DVec3::INFINITY, DVec3::min);
+            let sides = bounds.fold(DVec3::NEG_INFINITY, DVec3::max) - low;
+            let axis = sides.max_position();
+            set.select_nth_unstable_by(half, |(a, f), (b, g)| {
+                a[axis].total_cmp(&b[axis]).then(f.cmp(g))
+            });
+            let middle = range.start + half;
+            waiting.push((middle..range.end, (id, 1)));
+            waiting.push((range.start..middle, (id, 0)));
+            Child::Node(id)
+        };
+        if let Some(parent) = nodes.get_mut(place.0 as usize) {
+            parent.children[place.1 as usize] = child;
+        }
+    }
+    (nodes, face_places, node_places)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+    use shared::geometry::Pose;
+
+    fn tool() -> Tool {
+        Tool::new(&capsule_mesh(0.5, 3.0, 12, 10)).expect("a capsule is a tool")
+    }
+
+    #[test]
+    fn every_pose_leaves_every_corner_in_every_box_above_it() {
+        let mut tool = tool();
+        for k in 0..20 {
+            let angle = f64::from(k);
+            let pose = Pose {
+                position: DVec3::new(angle, 1e6 * angle, -1.0),
+                orientation: DQuat::from_rotation_x(angle) * DQuat::from_rotation_z(0.3 * angle),
+            };
+            let s = Similarity::new(pose, 10f64.powi(k % 7 - 3)).expect("a good pose");
+            tool.place(&s);
+            let mut faces = 0;
+            let mut stack = vec![(tool.root().expect("a root"), vec![tool.root_box()])];
+            while let Some((child, above)) = stack.pop() {
+                match child {
+                    Child::Face(face) => {
+                        faces += 1;
+                        for corner in tool.corners(face) {
+                            assert!(above.iter().all(|b| b.lower.as_dvec3().cmple(corner).all()
+                                && b.upper.as_dvec3().cmpge(corner).all()));
+                        }
+                    }
+                    Child::Node(id) => {
+                        let (children, boxes) = tool.children(id);
+                        for side in [0, 1] {
+                            let mut above = above.clone();
+                            above.push(boxes[side]);
+                            stack.push((children[side], above));
+                        }
+                    }
+                }
+            }
+            assert_eq!(faces, tool.faces());
+            for (moved, rest) in tool.vertices().zip(&tool.rest) {
+                assert_eq!(moved, s.point(*rest));
+            }
+        }
+    }
+
+    #[test]
+    fn each_vertex_is_one_sample() {
+        let tool = tool();
+        let count: usize = (0..tool.faces())
+            .map(|f| tool.samples(f).iter().filter(|&&s| s).count())
+            .sum();
+        assert_eq!(count, tool.rest.len());
+    }
+
+    #[test]
+    fn what_is_no_tool_is_refused() {
+        let mesh = |positions: &[DVec3], triangles: &[[u32; 3]]| ToolMesh {
+            positions: positions.to_vec(),
+            triangles: triangles.to_vec(),
+        };
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let refused = |m: &ToolMesh| Tool::new(m).expect_err("it is no tool");
+        assert_eq!(refused(&mesh(&corners, &[])), ToolError::Empty);
+        let beyond = mesh(&corners, &[[0, 1, 2], [0, 1, 3]]);
+        assert_eq!(refused(&beyond), ToolError::NoSuchVertex(1));
+        for bad in [f64::NAN, f64::INFINITY, 1e39] {
+            let lost = [DVec3::ZERO, DVec3::X, DVec3::splat(bad)];
+            assert_eq!(refused(&mesh(&lost, &[[0, 1, 2]])), ToolError::NotFinite(2));
+        }
+        let one = Tool::new(&mesh(&corners, &[[0, 1, 2]])).expect("one face is a tool");
+        assert_eq!(one.root(), Some(Child::Face(0)));
+    }
+}
