@@ -47,7 +47,7 @@ impl Body for Surface<'_> {
     #[inline]
     fn children(&self, node: NodeId) -> ([Child; 2], [Aabb; 2]) {
         let node = self.tree.node(node);
-        (node.children(), *node.boxes())
+        (node.children(), [0, 1].map(|side| node.boxes().get(side)))
     }
 
     #[inline]

@@ -149,7 +149,7 @@ pub fn closest_to_segment(
                 work.nodes += 1;
                 let node = surface.tree.node(id);
                 let children = node.children();
-                let distances = [0, 1].map(|k| reach.distance_squared(&node.boxes()[k]));
+                let distances = [0, 1].map(|k| reach.distance_squared(&node.boxes().get(k)));
                 let near = usize::from(distances[1] < distances[0]);
                 for side in [1 - near, near] {
                     if distances[side] < bound {
@@ -216,7 +216,7 @@ pub fn faces_near_segment(
                 let node = surface.tree.node(id);
                 let children = node.children();
                 for side in [1, 0] {
-                    if reach.distance_squared(&node.boxes()[side]) <= bound {
+                    if reach.distance_squared(&node.boxes().get(side)) <= bound {
                         stack[count] = children[side];
                         count += 1;
                     }
