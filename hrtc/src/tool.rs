@@ -11,8 +11,8 @@ pub use shapes::{capsule_mesh, cylinder_mesh};
 use crate::query::Body;
 use glam::{DVec3, Vec3A};
 use shared::ab_tree::{Child, NodeId};
-use shared::geometry::{Aabb, Similarity, widened};
-use shared::spm::{Handle, NONE};
+use shared::geometry::{Aabb, BoxPair, Similarity};
+use shared::spm::Handle;
 use thiserror::Error;
 
 /// Positions, in units of the tool's file, and faces with corners counterclockwise from outside.
@@ -52,12 +52,9 @@ struct Moved {
 /// A node: 64 bytes, boxes in the query's frame.
 #[derive(Debug, Clone, Copy)]
 struct ToolNode {
-    boxes: [Aabb; 2],
+    boxes: BoxPair,
     children: [Child; 2],
 }
-
-/// The node above a face or node, and its side.
-type Place = (NodeId, u32);
 
 /// A mesh that moves as a whole. Nothing allocates after [`Tool::new`].
 #[derive(Debug, Clone)]
@@ -67,11 +64,11 @@ pub struct Tool {
     /// Which corners stand for their vertex: each vertex once.
     samples: Vec<[bool; 3]>,
     nodes: Vec<ToolNode>,
-    /// The node above each face and each node, and the side of it; [`NONE`] above the root.
-    face_places: Vec<Place>,
-    node_places: Vec<Place>,
+    /// The children of each node, places in `boxes`.
+    below: Vec<[u32; 2]>,
     moved: Vec<Moved>,
-    root_box: Aabb,
+    /// Boxes in the query's frame, each on both sides of its pair: those of nodes, then those of faces.
+    boxes: Vec<BoxPair>,
     to_query: Similarity,
 }
 
@@ -100,7 +97,13 @@ impl Tool {
         if let Some(face) = mesh.triangles.iter().position(|t| !there(t)) {
             return Err(ToolError::NoSuchVertex(face));
         }
-        let (nodes, face_places, node_places) = tree_over(mesh);
+        let nodes = tree_over(mesh);
+        let place = |child: Child| match child {
+            Child::Node(node) => node,
+            Child::Face(face) => nodes.len() as u32 + face,
+        };
+        let below = nodes.iter().map(|n| n.children.map(place)).collect();
+        let boxes = vec![BoxPair::EMPTY; nodes.len() + count];
         let mut seen = vec![false; mesh.positions.len()];
         let samples = mesh
             .triangles
@@ -116,10 +119,9 @@ impl Tool {
             faces: mesh.triangles.clone(),
             samples,
             nodes,
-            face_places,
-            node_places,
+            below,
+            boxes,
             moved: vec![nowhere; mesh.positions.len()],
-            root_box: Aabb::EMPTY,
             to_query: Similarity::IDENTITY,
         };
         tool.place(&Similarity::IDENTITY);
@@ -137,22 +139,17 @@ impl Tool {
             };
         }
         // Two loops without a branch: the boxes of faces, then those of nodes, children before their parents.
-        for (face, &(node, side)) in self.faces.iter().zip(&self.face_places) {
+        let (of_nodes, of_faces) = self.boxes.split_at_mut(self.nodes.len());
+        for (aabb, face) in of_faces.iter_mut().zip(&self.faces) {
             let [a, b, c] = face.map(|v| self.moved[v as usize].near);
-            let aabb = widened(a.min(b).min(c), a.max(b).max(c));
-            match self.nodes.get_mut(node as usize) {
-                Some(node) => node.boxes[side as usize] = aabb,
-                None => self.root_box = aabb,
-            }
+            *aabb = BoxPair::twice_widened(a.min(b).min(c), a.max(b).max(c));
         }
-        for k in (1..self.nodes.len()).rev() {
-            let [left, right] = self.nodes[k].boxes;
-            let (parent, side) = self.node_places[k];
-            self.nodes[parent as usize].boxes[side as usize] = left.union(right);
-        }
-        if let Some(node) = self.nodes.first() {
-            let [left, right] = node.boxes;
-            self.root_box = left.union(right);
+        let first_face = of_nodes.len();
+        for k in (0..first_face).rev() {
+            let [left, right] = self.below[k].map(|place| &self.boxes[place as usize]);
+            let boxes = BoxPair::beside(left, right);
+            self.nodes[k].boxes = boxes;
+            self.boxes[k] = boxes.joined();
         }
     }
 
@@ -192,11 +189,11 @@ impl Body for Tool {
     }
 
     fn root_box(&self) -> Aabb {
-        self.root_box
+        self.boxes[0].get(0)
     }
 
     #[inline]
-    fn children(&self, node: NodeId) -> ([Child; 2], [Aabb; 2]) {
+    fn children(&self, node: NodeId) -> ([Child; 2], BoxPair) {
         let node = &self.nodes[node as usize];
         (node.children, node.boxes)
     }
@@ -216,7 +213,7 @@ impl Body for Tool {
 }
 
 /// Median splits along the longest axis of the centroids' box, parents first; ties go by number.
-fn tree_over(mesh: &ToolMesh) -> (Vec<ToolNode>, Vec<Place>, Vec<Place>) {
+fn tree_over(mesh: &ToolMesh) -> Vec<ToolNode> {
     let centroid = |face: u32| -> DVec3 {
         let corners = mesh.triangles[face as usize].map(|v| mesh.positions[v as usize]);
         corners.iter().sum()
@@ -225,20 +222,15 @@ fn tree_over(mesh: &ToolMesh) -> (Vec<ToolNode>, Vec<Place>, Vec<Place>) {
         .map(|face| (centroid(face), face))
         .collect();
     let mut nodes: Vec<ToolNode> = Vec::with_capacity(order.len() - 1);
-    let mut face_places = vec![(NONE, 0); order.len()];
-    let mut node_places = Vec::with_capacity(order.len() - 1);
-    // A range of faces, and the place in its parent that waits for it.
-    let mut waiting = vec![(0..order.len(), (NONE, 0u32))];
+    // A range of faces, and the node and its side that wait for it.
+    let mut waiting = vec![(0..order.len(), None)];
     while let Some((range, place)) = waiting.pop() {
         let child = if range.len() == 1 {
-            let face = order[range.start].1;
-            face_places[face as usize] = place;
-            Child::Face(face)
+            Child::Face(order[range.start].1)
         } else {
-            let id = nodes.len() as NodeId;
-            node_places.push(place);
+            let id = nodes.len();
             nodes.push(ToolNode {
-                boxes: [Aabb::EMPTY; 2],
+                boxes: BoxPair::EMPTY,
                 children: [Child::Face(0); 2],
             });
             let half = range.len().div_ceil(2);
@@ -251,15 +243,16 @@ fn tree_over(mesh: &ToolMesh) -> (Vec<ToolNode>, Vec<Place>, Vec<Place>) {
                 a[axis].total_cmp(&b[axis]).then(f.cmp(g))
             });
             let middle = range.start + half;
-            waiting.push((middle..range.end, (id, 1)));
-            waiting.push((range.start..middle, (id, 0)));
-            Child::Node(id)
+            waiting.push((middle..range.end, Some((id, 1))));
+            waiting.push((range.start..middle, Some((id, 0))));
+            Child::Node(id as NodeId)
         };
-        if let Some(parent) = nodes.get_mut(place.0 as usize) {
-            parent.children[place.1 as usize] = child;
+        if let Some((parent, side)) = place {
+            let parent: &mut ToolNode = &mut nodes[parent];
+            parent.children[side] = child;
         }
     }
-    (nodes, face_places, node_places)
+    nodes
 }
 
 #[cfg(test)]
@@ -298,7 +291,7 @@ mod tests {
                         let (children, boxes) = tool.children(id);
                         for side in [0, 1] {
                             let mut above = above.clone();
-                            above.push(boxes[side]);
+                            above.push(boxes.get(side));
                             stack.push((children[side], above));
                         }
                     }

@@ -6,7 +6,7 @@
 use super::Surface;
 use glam::DVec3;
 use shared::ab_tree::{Child, NodeId};
-use shared::geometry::{Aabb, Similarity};
+use shared::geometry::{Aabb, BoxPair, Similarity};
 use shared::spm::{Handle, NONE};
 
 /// A body of a pair query.
@@ -18,7 +18,7 @@ pub trait Body {
     fn root_box(&self) -> Aabb;
 
     /// The children of a node, and boxes of the query's frame that hold them.
-    fn children(&self, node: NodeId) -> ([Child; 2], [Aabb; 2]);
+    fn children(&self, node: NodeId) -> ([Child; 2], BoxPair);
 
     /// The corners of a face in the query's frame: equal bits whenever they are asked for, and for all faces that
     /// share the vertex.
@@ -45,9 +45,9 @@ impl Body for Surface<'_> {
     }
 
     #[inline]
-    fn children(&self, node: NodeId) -> ([Child; 2], [Aabb; 2]) {
+    fn children(&self, node: NodeId) -> ([Child; 2], BoxPair) {
         let node = self.tree.node(node);
-        (node.children(), [0, 1].map(|side| node.boxes().get(side)))
+        (node.children(), *node.boxes())
     }
 
     #[inline]
@@ -80,9 +80,10 @@ impl<B: Body> Body for Placed<B> {
     }
 
     #[inline]
-    fn children(&self, node: NodeId) -> ([Child; 2], [Aabb; 2]) {
+    fn children(&self, node: NodeId) -> ([Child; 2], BoxPair) {
         let (children, boxes) = self.body.children(node);
-        (children, boxes.map(|aabb| self.to_query.box_around(&aabb)))
+        let moved = [0, 1].map(|side| self.to_query.box_around(&boxes.get(side)));
+        (children, BoxPair::new(moved))
     }
 
     #[inline]
@@ -112,7 +113,7 @@ impl<B: Body> Body for &B {
     }
 
     #[inline]
-    fn children(&self, node: NodeId) -> ([Child; 2], [Aabb; 2]) {
+    fn children(&self, node: NodeId) -> ([Child; 2], BoxPair) {
         (*self).children(node)
     }
 
@@ -128,25 +129,4 @@ impl<B: Body> Body for &B {
     fn samples(&self, face: Handle) -> [bool; 3] {
         (*self).samples(face)
     }
-}
-
-/// Whether two boxes share a point.
-#[inline]
-pub(super) fn overlap(a: &Aabb, b: &Aabb) -> bool {
-    // `&` and not `&&`: one branch a pair.
-    (a.lower.x <= b.upper.x)
-        & (b.lower.x <= a.upper.x)
-        & (a.lower.y <= b.upper.y)
-        & (b.lower.y <= a.upper.y)
-        & (a.lower.z <= b.upper.z)
-        & (b.lower.z <= a.upper.z)
-}
-
-/// A bound from below on the squared distance of two boxes.
-#[inline]
-pub(super) fn gap_squared(a: &Aabb, b: &Aabb) -> f64 {
-    // A difference of f32 is off by half an ulp of itself at most.
-    const SHARE: f64 = 1.0 - 4.0 * f32::EPSILON as f64;
-    let gap = (a.lower - b.upper).max(b.lower - a.upper);
-    gap.max(glam::Vec3::ZERO).as_dvec3().length_squared() * SHARE
 }

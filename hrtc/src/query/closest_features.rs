@@ -1,10 +1,12 @@
 //! The closest features of two bodies within a margin: branch and bound over both trees, nearer pairs first.
 
-use super::body::{Body, gap_squared};
+use super::body::Body;
+use super::not_below;
 use super::tree_pairs::{Ending, Held, PAIR_STACK, PairWork, opens_first};
+use glam::DVec3;
 use shared::ab_tree::Child;
 use shared::geometry::{
-    Aabb, ClosestPair, closest_points_of_triangles, least_distance_squared_of_triangles,
+    BoxQuery, ClosestPair, closest_points_of_triangles, least_distance_squared_of_triangles,
 };
 use shared::spm::Handle;
 
@@ -32,14 +34,59 @@ pub struct ClosestFeatures {
     pub work: PairWork,
 }
 
+/// The way from the first body's closest point to the second's: faces that are as far apart along it are not nearer.
+/// Any direction bounds the distance; this one is mostly the best.
+#[derive(Clone, Copy)]
+struct Way {
+    /// Unit length, or zero for none.
+    direction: DVec3,
+    absolute: DVec3,
+}
+
+impl Way {
+    const NONE: Self = Self {
+        direction: DVec3::ZERO,
+        absolute: DVec3::ZERO,
+    };
+
+    fn between([from, to]: [DVec3; 2]) -> Self {
+        let direction = (to - from).normalize_or_zero();
+        Self {
+            direction,
+            absolute: direction.abs(),
+        }
+    }
+
+    /// Squared gap of two triangles along the way, at most what it is in truth; 0 where they overlap along it.
+    #[inline]
+    fn gap_squared_of_triangles(&self, a: &[DVec3; 3], b: &[DVec3; 3]) -> f64 {
+        let offsets = [a[1], a[2], b[0], b[1], b[2]].map(|p| p - a[0]);
+        let [a1, a2, b0, b1, b2] = offsets.map(|p| self.direction.dot(p));
+        let reach = offsets
+            .iter()
+            .fold(DVec3::ZERO, |most, p| most.max(p.abs()));
+        self.gap(
+            b0.min(b1).min(b2) - a1.max(a2).max(0.0),
+            self.absolute.dot(reach) + self.absolute.dot(a[0].abs()),
+        )
+    }
+
+    /// Less the rounding of numbers of a size, and of the direction's own length.
+    #[inline]
+    fn gap(&self, gap: f64, size: f64) -> f64 {
+        let gap = (gap - 16.0 * f64::EPSILON * size).max(0.0) * (1.0 - 4.0 * f64::EPSILON);
+        gap * gap
+    }
+}
+
 /// Two subtrees or faces and a bound from below on their squared distance.
 #[derive(Clone, Copy)]
 struct Entry {
-    gap: f64,
+    gap: f32,
     a: Child,
     b: Child,
-    box_a: Aabb,
-    box_b: Aabb,
+    box_a: BoxQuery,
+    box_b: BoxQuery,
 }
 
 /// The closest features of two bodies, if they are within `margin` (units of the query's frame; not a number
@@ -62,15 +109,18 @@ pub fn closest_features<A: Body, B: Body>(
     let mut nearest: Option<Features> = None;
     let mut work = PairWork::default();
     let (mut held_a, mut held_b) = (Held::new(), Held::new());
-    let mut try_faces = |x: Handle, y: Handle, bound: &mut f64, work: &mut PairWork| {
-        work.faces += 1;
+    let mut way = Way::NONE;
+    let mut try_faces = |x: Handle, y: Handle, bound: &mut f64, way: &mut Way| {
         let (corners_a, corners_b) = (*held_a.take(a, x), *held_b.take(b, y));
-        if least_distance_squared_of_triangles(corners_a, corners_b) >= *bound {
+        if way.gap_squared_of_triangles(&corners_a, &corners_b) >= *bound
+            || least_distance_squared_of_triangles(corners_a, corners_b) >= *bound
+        {
             return;
         }
         let closest = closest_points_of_triangles(corners_a, corners_b);
         if closest.distance_squared < *bound {
             *bound = closest.distance_squared;
+            *way = Way::between(closest.points);
             nearest = Some(Features {
                 a: x,
                 b: y,
@@ -82,7 +132,8 @@ pub fn closest_features<A: Body, B: Body>(
         && a.has(x)
         && b.has(y)
     {
-        try_faces(x, y, &mut bound, &mut work);
+        work.faces += 1;
+        try_faces(x, y, &mut bound, &mut way);
     }
     let (Some(root_a), Some(root_b)) = (a.root(), b.root()) else {
         return ClosestFeatures {
@@ -92,25 +143,29 @@ pub fn closest_features<A: Body, B: Body>(
             work,
         };
     };
-    let (box_a, box_b) = (a.root_box(), b.root_box());
     let roots = Entry {
-        gap: gap_squared(&box_a, &box_b),
+        gap: 0.0,
         a: root_a,
         b: root_b,
-        box_a,
-        box_b,
+        box_a: BoxQuery::around(&a.root_box()),
+        box_b: BoxQuery::around(&b.root_box()),
     };
+    // The bound as the boxes compare it.
+    let mut box_bound = not_below(bound);
     let mut stack = [roots; PAIR_STACK];
     let mut count = 1;
     let mut ending = Ending::Complete;
     while count > 0 {
         count -= 1;
         let entry = stack[count];
-        if entry.gap >= bound {
+        // The bound may have come down since.
+        if entry.gap >= box_bound {
             continue;
         }
         if let (Child::Face(x), Child::Face(y)) = (entry.a, entry.b) {
-            try_faces(x, y, &mut bound, &mut work);
+            work.faces += 1;
+            try_faces(x, y, &mut bound, &mut way);
+            box_bound = not_below(bound);
             continue;
         }
         if work.node_pairs == budget {
@@ -123,18 +178,20 @@ pub fn closest_features<A: Body, B: Body>(
         work.boxes += 2;
         let pairs = if let Some(node) = opens_first(entry.a, entry.b, &entry.box_a, &entry.box_b) {
             let (children, boxes) = a.children(node);
+            let (gaps, queries) = (boxes.distances_squared(&entry.box_b), boxes.queries());
             [0, 1].map(|k| Entry {
-                gap: gap_squared(&boxes[k], &entry.box_b),
+                gap: gaps[k],
                 a: children[k],
-                box_a: boxes[k],
+                box_a: queries[k],
                 ..entry
             })
         } else if let Child::Node(node) = entry.b {
             let (children, boxes) = b.children(node);
+            let (gaps, queries) = (boxes.distances_squared(&entry.box_a), boxes.queries());
             [0, 1].map(|k| Entry {
-                gap: gap_squared(&entry.box_a, &boxes[k]),
+                gap: gaps[k],
                 b: children[k],
-                box_b: boxes[k],
+                box_b: queries[k],
                 ..entry
             })
         } else {
@@ -142,7 +199,7 @@ pub fn closest_features<A: Body, B: Body>(
         };
         let near = usize::from(pairs[1].gap < pairs[0].gap);
         for pair in [pairs[1 - near], pairs[near]] {
-            if pair.gap < bound {
+            if pair.gap < box_bound {
                 stack[count] = pair;
                 count += 1;
             }
@@ -151,7 +208,7 @@ pub fn closest_features<A: Body, B: Body>(
     // What is left open, and what was found; nothing else is nearer than the margin.
     let open = stack[..count]
         .iter()
-        .fold(bound, |least, entry| least.min(entry.gap));
+        .fold(bound, |least, entry| least.min(f64::from(entry.gap)));
     ClosestFeatures {
         nearest,
         at_least: (open.sqrt() * (1.0 - f64::EPSILON)).min(margin),

@@ -97,9 +97,13 @@ pub fn deepest_sample<B: Body>(
             Child::Face(face) => search.try_corners(body, face, body.samples(face)),
             Child::Node(node) => {
                 let (children, boxes) = body.children(node);
-                search.work.boxes += 2;
+                // A subtree of a few faces holds about as many vertices: they are looked at themselves.
                 let mut entries = [0, 1].map(|k| Entry {
-                    at_most: search.bound(&boxes[k]).min(at_most),
+                    at_most: if is_low(body, children[k]) {
+                        at_most
+                    } else {
+                        search.bound(&boxes.get(k)).min(at_most)
+                    },
                     child: children[k],
                 });
                 if entries[0].at_most > entries[1].at_most {
@@ -118,6 +122,15 @@ pub fn deepest_sample<B: Body>(
         .iter()
         .fold(search.depth(), |most, entry| most.max(entry.at_most));
     search.answer(open, ending)
+}
+
+/// Whether a child is a face or just above one.
+fn is_low(body: &impl Body, child: Child) -> bool {
+    let is_face = |child| matches!(child, Child::Face(_));
+    match child {
+        Child::Face(_) => true,
+        Child::Node(node) => body.children(node).0.into_iter().any(is_face),
+    }
 }
 
 struct Search<'a> {
@@ -154,6 +167,7 @@ impl Search<'_> {
 
     /// No vertex in the box is deeper.
     fn bound(&mut self, aabb: &Aabb) -> f64 {
+        self.work.boxes += 1;
         let centre = 0.5 * (aabb.lower.as_dvec3() + aabb.upper.as_dvec3());
         // A little for the rounding of both terms.
         let reach = 0.5 * aabb.diagonal() * (1.0 + 1e-12);

@@ -3,15 +3,15 @@
 //! Boxes decide what is descended, [`triangle_pair`] decides what meets, exactly. Of two nodes the larger is opened:
 //! opening both at once leaves the faces of a small tool against all levels of a large front.
 
-use super::body::{Body, overlap};
+use super::body::Body;
 use glam::DVec3;
 use shared::ab_tree::{Child, NodeId};
-use shared::geometry::{Aabb, TrianglePair, triangle_pair};
+use shared::geometry::{BoxQuery, TrianglePair, triangle_pair};
 use shared::spm::{Handle, NONE};
 use std::ops::ControlFlow;
 
 /// Entries of a pair traversal's stack: a level of either tree, of at most 31, leaves at most one behind.
-pub(super) const PAIR_STACK: usize = 128;
+pub(super) const PAIR_STACK: usize = 72;
 
 /// Two faces that meet.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,13 +102,13 @@ impl Held {
     }
 }
 
-/// Two subtrees or faces whose boxes were found to overlap: a cache line.
+/// Two subtrees or faces whose boxes were found to overlap.
 #[derive(Clone, Copy)]
 struct Entry {
     a: Child,
     b: Child,
-    box_a: Aabb,
-    box_b: Aabb,
+    box_a: BoxQuery,
+    box_b: BoxQuery,
 }
 
 /// Calls `visit` with every pair of faces that meet, until it breaks or `budget` pairs of nodes were visited.
@@ -125,8 +125,8 @@ pub fn for_each_pair<A: Body, B: Body>(
     let roots = Entry {
         a: root_a,
         b: root_b,
-        box_a: a.root_box(),
-        box_b: b.root_box(),
+        box_a: BoxQuery::around(&a.root_box()),
+        box_b: BoxQuery::around(&b.root_box()),
     };
     let mut stack = [roots; PAIR_STACK];
     let mut count = 1;
@@ -164,12 +164,13 @@ pub fn for_each_pair<A: Body, B: Body>(
         work.boxes += 2;
         if let Some(node) = opens_first(x, y, &box_a, &box_b) {
             let (children, boxes) = a.children(node);
+            let (met, queries) = (boxes.overlap(&box_b), boxes.queries());
             for k in [1, 0] {
-                if overlap(&boxes[k], &box_b) {
+                if met[k] {
                     stack[count] = Entry {
                         a: children[k],
                         b: y,
-                        box_a: boxes[k],
+                        box_a: queries[k],
                         box_b,
                     };
                     count += 1;
@@ -177,13 +178,14 @@ pub fn for_each_pair<A: Body, B: Body>(
             }
         } else if let Child::Node(node) = y {
             let (children, boxes) = b.children(node);
+            let (met, queries) = (boxes.overlap(&box_a), boxes.queries());
             for k in [1, 0] {
-                if overlap(&box_a, &boxes[k]) {
+                if met[k] {
                     stack[count] = Entry {
                         a: x,
                         b: children[k],
                         box_a,
-                        box_b: boxes[k],
+                        box_b: queries[k],
                     };
                     count += 1;
                 }
@@ -196,18 +198,17 @@ pub fn for_each_pair<A: Body, B: Body>(
 /// The node of the first to be opened; `None` for one of the second. The larger of two nodes is opened: its halves miss
 /// more of the other.
 #[inline]
-pub(super) fn opens_first(a: Child, b: Child, box_a: &Aabb, box_b: &Aabb) -> Option<NodeId> {
+pub(super) fn opens_first(
+    a: Child,
+    b: Child,
+    box_a: &BoxQuery,
+    box_b: &BoxQuery,
+) -> Option<NodeId> {
     match (a, b) {
         (Child::Node(node), Child::Face(_)) => Some(node),
-        (Child::Node(node), Child::Node(_)) if size(box_a) >= size(box_b) => Some(node),
+        (Child::Node(node), Child::Node(_)) if box_a.size() >= box_b.size() => Some(node),
         _ => None,
     }
-}
-
-/// Sum of a box's sides.
-#[inline]
-fn size(aabb: &Aabb) -> f32 {
-    (aabb.upper - aabb.lower).element_sum()
 }
 
 /// The answer of [`all_pairs`].

@@ -5,7 +5,7 @@
 //! further from a point, nor apart from another box, than it is in truth.
 
 use super::Aabb;
-use glam::{DVec3, Vec3, Vec4, Vec4Swizzles};
+use glam::{BVec4A, DVec3, Vec3, Vec3A, Vec4, Vec4Swizzles};
 
 /// Two boxes; each may be empty.
 #[repr(C)]
@@ -24,7 +24,75 @@ pub struct BoxQuery {
 /// a difference, its square and two sums make less than 4 units of 2^-23.
 const SHRINK: f32 = 1.0 - 4.0 * f32::EPSILON;
 
+impl BoxQuery {
+    /// A stored box, exact.
+    #[inline]
+    #[must_use]
+    pub fn around(aabb: &Aabb) -> Self {
+        let axis =
+            |k: usize| Vec4::new(aabb.upper[k], aabb.upper[k], -aabb.lower[k], -aabb.lower[k]);
+        Self {
+            axes: [axis(0), axis(1), axis(2)],
+        }
+    }
+
+    /// Sum of the three sides.
+    #[inline]
+    #[must_use]
+    pub fn size(&self) -> f32 {
+        let [x, y, z] = self.axes;
+        let sum = x + y + z;
+        sum.x + sum.z
+    }
+}
+
 impl BoxPair {
+    /// One box on both sides, around corners that were rounded to f32: widened by twice that rounding.
+    #[inline]
+    #[must_use]
+    pub fn twice_widened(lower: Vec3A, upper: Vec3A) -> Self {
+        // The least normal number covers the rounding of subnormal ones.
+        let rounding = |p: Vec3A| p.abs() * f32::EPSILON + Vec3A::splat(f32::MIN_POSITIVE);
+        let (low, high) = (lower - rounding(lower), -upper - rounding(upper));
+        let axis = |k: usize| Vec4::new(low[k], low[k], high[k], high[k]);
+        Self {
+            axes: [axis(0), axis(1), axis(2)],
+        }
+    }
+
+    /// The box around both, on both sides.
+    #[inline]
+    #[must_use]
+    pub fn joined(&self) -> Self {
+        Self {
+            axes: self.axes.map(|axis| axis.min(axis.yxwz())),
+        }
+    }
+
+    /// The first box of one and the second of the other.
+    #[inline]
+    #[must_use]
+    pub fn beside(first: &Self, second: &Self) -> Self {
+        let of_first = BVec4A::new(true, false, true, false);
+        Self {
+            axes: [0, 1, 2].map(|k| Vec4::select(of_first, first.axes[k], second.axes[k])),
+        }
+    }
+
+    /// Both as what another pair is compared with.
+    #[inline]
+    #[must_use]
+    pub fn queries(&self) -> [BoxQuery; 2] {
+        [
+            BoxQuery {
+                axes: self.axes.map(|axis| -axis.zzxx()),
+            },
+            BoxQuery {
+                axes: self.axes.map(|axis| -axis.wwyy()),
+            },
+        ]
+    }
+
     /// Two empty boxes.
     pub const EMPTY: Self = Self {
         axes: [Vec4::INFINITY; 3],
@@ -130,6 +198,7 @@ impl BoxQuery {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::widened;
     use proptest::prelude::*;
 
     fn number() -> impl Strategy<Value = f32> {
@@ -151,8 +220,19 @@ mod tests {
         #[test]
         fn boxes_come_out_as_they_went_in(a in some_box(), b in some_box(), c in some_box()) {
             let mut pair = BoxPair::new([a, b]);
+            for (query, of) in pair.queries().iter().zip([a, b]) {
+                prop_assert_eq!(query.axes, BoxQuery::around(&of).axes);
+                let sides = of.upper - of.lower;
+                prop_assert!((query.size() - sides.element_sum()).abs() <= 1e-6 * (of.upper.abs().max_element() + of.lower.abs().max_element()));
+            }
             prop_assert_eq!([pair.get(0), pair.get(1)], [a, b]);
             prop_assert_eq!(pair.union(), a.union(b));
+            let joined = pair.joined();
+            prop_assert_eq!([joined.get(0), joined.get(1)], [a.union(b); 2]);
+            let beside = BoxPair::beside(&pair, &BoxPair::new([b, c]));
+            prop_assert_eq!([beside.get(0), beside.get(1)], [a, c]);
+            let wide = BoxPair::twice_widened(a.lower.into(), a.upper.into());
+            prop_assert_eq!([wide.get(0), wide.get(1)], [widened(a.lower.into(), a.upper.into()); 2]);
             pair.set(1, c);
             prop_assert_eq!([pair.get(0), pair.get(1)], [a, c]);
         }

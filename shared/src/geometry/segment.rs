@@ -1,9 +1,10 @@
 //! Closest points of segments, and of a segment and a triangle; f64, no epsilon, any scale.
 
 use super::exact_contact::contact_of_segment;
-use super::predicates::triangle_is_degenerate;
+use super::predicates::{side_of_plane, triangle_is_degenerate};
 use super::triangle::{closest_point_on_segment, closest_point_on_triangle};
 use glam::DVec3;
+use std::cmp::Ordering;
 
 /// The closest points of two figures; both lie on their figure within rounding.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,6 +22,7 @@ impl ClosestPair {
         distance_squared: f64::INFINITY,
     };
 
+    #[inline]
     pub(super) fn between(on_first: DVec3, on_second: DVec3) -> Self {
         Self {
             points: [on_first, on_second],
@@ -46,6 +48,7 @@ impl ClosestPair {
         }
     }
 
+    #[inline]
     pub(super) fn keep_nearer(&mut self, other: Self) {
         if other.distance_squared < self.distance_squared {
             *self = other;
@@ -56,32 +59,38 @@ impl ClosestPair {
 /// The closest points of two segments; a segment of no length is a point.
 #[must_use]
 pub fn closest_points_of_segments(first: [DVec3; 2], second: [DVec3; 2]) -> ClosestPair {
+    let mut best = closest_inner_points(first, second).unwrap_or(ClosestPair::NONE);
     let [p, q] = [first, second];
+    for end in p {
+        best.keep_nearer(ClosestPair::between(end, foot(q, end)));
+    }
+    for end in q {
+        best.keep_nearer(ClosestPair::between(foot(p, end), end));
+    }
+    best
+}
+
+/// The point of a segment closest to another.
+#[inline]
+pub(super) fn foot([a, b]: [DVec3; 2], point: DVec3) -> DVec3 {
+    a.lerp(b, closest_point_on_segment(a, b, point))
+}
+
+/// Where the lines of two segments come closest, if that is within both; else an end of one of them is closest.
+///
+/// Cross products, not differences of dot products, which cancel on near-parallel segments. There the place along
+/// the segments is uncertain by rounding over the angle; the foot on the other segment makes the distance good.
+#[inline]
+pub(super) fn closest_inner_points(p: [DVec3; 2], q: [DVec3; 2]) -> Option<ClosestPair> {
     let (u, v, between) = (p[1] - p[0], q[1] - q[0], q[0] - p[0]);
-    // Cross products, not differences of dot products, which cancel on near-parallel segments. Where the lines
-    // come closest within both segments that is the answer.
     let normal = u.cross(v);
     let square = normal.length_squared();
     let (s, t) = (between.cross(v).dot(normal), between.cross(u).dot(normal));
-    let mut best = ClosestPair::NONE;
-    if square > 0.0 && s > 0.0 && s < square && t > 0.0 && t < square {
-        best = ClosestPair::between(p[0] + u * (s / square), q[0] + v * (t / square));
-        // The other one's point is then the foot of this one's, so rounding of near-parallel ones is made good.
-        let foot = closest_point_on_segment(q[0], q[1], best.points[0]);
-        best.keep_nearer(ClosestPair::between(best.points[0], q[0] + v * foot));
-        if normal.length_squared() > 1e-12 * u.length_squared() * v.length_squared() {
-            return best;
-        }
+    if !(square > 0.0 && s > 0.0 && s < square && t > 0.0 && t < square) {
+        return None;
     }
-    for end in p {
-        let t = closest_point_on_segment(q[0], q[1], end);
-        best.keep_nearer(ClosestPair::between(end, q[0].lerp(q[1], t)));
-    }
-    for end in q {
-        let s = closest_point_on_segment(p[0], p[1], end);
-        best.keep_nearer(ClosestPair::between(p[0].lerp(p[1], s), end));
-    }
-    best
+    let on_p = p[0] + u * (s / square);
+    Some(ClosestPair::between(on_p, foot(q, on_p)))
 }
 
 /// The closest points of a segment and a triangle; distance 0 exactly where they share a point.
@@ -90,24 +99,32 @@ pub fn closest_points_of_segment_and_triangle(
     segment: [DVec3; 2],
     triangle: [DVec3; 3],
 ) -> ClosestPair {
-    let [p, q] = segment;
     if let Some(at) = piercing_point(segment, triangle) {
         return ClosestPair::shared(at);
     }
+    // An end and the triangle, a corner and the segment, or inner points of the segment and an edge.
     let mut best = ClosestPair::NONE;
-    for end in [p, q] {
+    for end in segment {
         let closest = closest_point_on_triangle(triangle, end);
         best.keep_nearer(ClosestPair::between(end, closest.point));
     }
     for k in 0..3 {
         let edge = [triangle[k], triangle[(k + 1) % 3]];
-        best.keep_nearer(closest_points_of_segments(segment, edge));
+        best.keep_nearer(ClosestPair::between(foot(segment, edge[0]), edge[0]));
+        if let Some(inner) = closest_inner_points(segment, edge) {
+            best.keep_nearer(inner);
+        }
     }
     best
 }
 
 /// A point that a segment shares with a triangle, by exact signs. Triangles without area are left to their edges.
 fn piercing_point([p, q]: [DVec3; 2], t: [DVec3; 3]) -> Option<DVec3> {
+    let side = |x: DVec3| side_of_plane(t[0], t[1], t[2], x);
+    let (of_p, of_q) = (side(p), side(q));
+    if of_p == of_q && of_p != Ordering::Equal {
+        return None;
+    }
     let finite = p.is_finite() && q.is_finite() && t.iter().all(|c| c.is_finite());
     if !finite || triangle_is_degenerate(t[0], t[1], t[2]) {
         return None;

@@ -1,8 +1,6 @@
 //! Closest points of two triangles, and of a capsule and a triangle.
 
-use super::segment::{
-    ClosestPair, closest_points_of_segment_and_triangle, closest_points_of_segments,
-};
+use super::segment::{ClosestPair, closest_inner_points, closest_points_of_segment_and_triangle};
 use super::triangle::closest_point_on_triangle;
 use super::triangle_pair::triangle_pair;
 use glam::DVec3;
@@ -22,10 +20,13 @@ pub fn closest_points_of_triangles(a: [DVec3; 3], b: [DVec3; 3]) -> ClosestPair 
         let closest = closest_point_on_triangle(a, corner);
         best.keep_nearer(ClosestPair::between(closest.point, corner));
     }
+    // A corner and an edge were met with the corner; what is left are inner points of two edges.
     for k in 0..3 {
         for l in 0..3 {
             let edges = [[a[k], a[(k + 1) % 3]], [b[l], b[(l + 1) % 3]]];
-            best.keep_nearer(closest_points_of_segments(edges[0], edges[1]));
+            if let Some(inner) = closest_inner_points(edges[0], edges[1]) {
+                best.keep_nearer(inner);
+            }
         }
     }
     best
