@@ -2,6 +2,7 @@
 
 use crate::accuracy::AccuracyArgs;
 use crate::bare::BareArgs;
+use crate::compare::CompareArgs;
 use crate::fronts::FrontsArgs;
 use crate::jitter::JitterArgs;
 use crate::load::LoadArgs;
@@ -35,6 +36,8 @@ pub enum Command {
     Fronts(FrontsArgs),
     /// Show what accuracy costs: the same touch from the base mesh to the full mesh; status 1 when a check fails
     Accuracy(AccuracyArgs),
+    /// Show what a query and an update cost beside parry's; status 1 when an answer is wrong or a limit broken
+    Compare(CompareArgs),
     /// Show what each source of the prediction buys: the same motion with each alone and with all
     Predictors(PredictorsArgs),
     /// The station of a run.

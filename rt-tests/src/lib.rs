@@ -2,18 +2,20 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`run`], [`jitter`], [`replay`], [`accuracy`], [`predictors`] | the commands |
+//! | [`run`], [`jitter`], [`replay`], [`accuracy`], [`compare`], [`predictors`] | the commands |
 //! | [`simulator`] | both pure cores in one process, under a simulated clock |
 //! | [`supervise`], [`pair`] | this program again as a process, and the two of a run |
 //! | [`bare`], [`load`] | the loop to compare with, and load on the other core |
 //! | [`report`], [`plots`], [`histogram`], [`verdict`] | what it means, in words and pictures |
 //! | [`fronts`] | proofs and figures of fronts on any mesh |
 //! | [`models`], [`surface`] | meshes and exact distances that checks stand on |
+//! | [`peers`] | other libraries, for comparison only |
 //! | [`machine`] | where it was measured |
 
 pub mod accuracy;
 pub mod arguments;
 pub mod bare;
+pub mod compare;
 pub mod failure;
 pub mod fronts;
 pub mod histogram;
@@ -22,6 +24,7 @@ pub mod load;
 pub mod machine;
 pub mod models;
 pub mod pair;
+pub mod peers;
 pub mod plots;
 pub mod predictors;
 pub mod replay;
@@ -49,6 +52,7 @@ pub fn execute(arguments: Arguments) -> ExitCode {
         Command::Replay(args) => replay::replay(&args),
         Command::Fronts(args) => fronts::fronts(&args),
         Command::Accuracy(args) => accuracy::accuracy(&args),
+        Command::Compare(args) => compare::compare(&args),
         Command::Predictors(args) => predictors::predictors(&args),
         Command::RoleStation(args) => station(args),
         Command::RoleHrtc(args) => controller(args),

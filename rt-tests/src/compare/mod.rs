@@ -1,0 +1,408 @@
+//! `rt-tests compare`: what a query and an update cost, beside parry's on the same meshes in the same run.
+//!
+//! | module | measures |
+//! |---|---|
+//! | [`closest`] | the closest point along a path over the surface |
+//! | [`update`] | an update of the tree where a patch of faces was deformed |
+//! | [`full_front`] | ours over the full mesh: no refinement has a part in it |
+//! | [`timing`] | single queries, in turn, with interruptions taken out |
+//!
+//! Ours is measured twice: on the front as the controller forms it, refined around the tip and coarse elsewhere,
+//! and on the full mesh. Every answer is checked against an exact search in f64 over all faces.
+
+mod closest;
+mod full_front;
+mod timing;
+mod update;
+
+use crate::accuracy::model::source;
+use crate::failure::Failure;
+use crate::models::Model;
+use crate::peers::parry::Mesh;
+use crate::plots::{BLUE, Curve, GREEN, GREY, ORANGE, Panel, Picture};
+use crate::report::{bytes, grouped, write_whole};
+use crate::run::{print, print_json};
+use crate::surface::Surface;
+use clap::Args;
+use full_front::FullFront;
+use rand::SeedableRng;
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde::Serialize;
+use shared::scene::ModelSource;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::time::Instant;
+use timing::quantile;
+use ve_station::build::{BuildOptions, NoProgress};
+use ve_station::generate::{Shape, generate};
+
+/// What is measured when no model is named.
+const DEFAULT_MODEL: &str = "relief:100000";
+/// Faces of the shapes over which the cost is seen to grow.
+const GROWTH: [u32; 5] = [4_000, 16_000, 64_000, 250_000, 1_000_000];
+/// The most that ours, on the front of the controller, may take of parry's time in single precision.
+const MOST_CLOSEST: f64 = 0.5;
+/// The most that an update of ours may take of parry's.
+const MOST_UPDATE: f64 = 0.4;
+
+/// Arguments of `rt-tests compare`.
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// Mesh or SPM files, or shapes as SHAPE:FACES [default: relief:100000]
+    #[arg(value_name = "MODEL")]
+    pub models: Vec<String>,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Seed of the paths and patches
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Show the growth of the cost on shapes of at most so many faces; 0 for none
+    #[arg(long, value_name = "FACES", default_value_t = 1_000_000)]
+    pub growth: u32,
+    /// Folder for compare.json and compare.svg
+    #[arg(long, value_name = "DIR", default_value = "reports/compare")]
+    pub out: PathBuf,
+}
+
+/// Who answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Who {
+    /// Ours, on the front as the controller forms it.
+    OursLocal,
+    /// Ours, on the full mesh.
+    OursFull,
+    /// Parry in single precision, on the full mesh.
+    ParryF32,
+    /// Parry in double precision, on the full mesh.
+    ParryF64,
+}
+
+impl Who {
+    const ALL: [Self; 4] = [
+        Self::OursLocal,
+        Self::OursFull,
+        Self::ParryF32,
+        Self::ParryF64,
+    ];
+
+    fn words(self) -> &'static str {
+        match self {
+            Self::OursLocal => "ours, local front",
+            Self::OursFull => "ours, full mesh",
+            Self::ParryF32 => "parry f32",
+            Self::ParryF64 => "parry f64",
+        }
+    }
+}
+
+/// What one contender took for one task on one model.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// The task.
+    pub task: &'static str,
+    /// The model.
+    pub model: String,
+    /// Faces of the full mesh.
+    pub faces: u32,
+    /// Who.
+    pub who: Who,
+    /// Median, nanoseconds.
+    pub p50_ns: f64,
+    /// 99th of 100, nanoseconds.
+    pub p99_ns: f64,
+    /// The longest, nanoseconds.
+    pub max_ns: f64,
+    /// Answers that differ from the exact ones by more than rounding.
+    pub answers_differ: u64,
+    /// Bytes of mesh and tree together, for the task `build`; else 0.
+    pub bytes: u64,
+}
+
+impl Row {
+    fn new(
+        task: &'static str,
+        model: &Model,
+        who: Who,
+        mut ns: Vec<f64>,
+        answers_differ: u64,
+    ) -> Self {
+        ns.sort_unstable_by(f64::total_cmp);
+        Self {
+            task,
+            model: model.name.clone(),
+            faces: model.file.model_header().faces,
+            who,
+            p50_ns: quantile(&ns, 0.5),
+            p99_ns: quantile(&ns, 0.99),
+            max_ns: quantile(&ns, 1.0),
+            answers_differ,
+            bytes: 0,
+        }
+    }
+}
+
+/// What is printed as JSON.
+#[derive(Debug, Serialize)]
+pub struct Compare {
+    /// Seed of the paths and patches.
+    pub seed: u64,
+    /// One a task, model and contender.
+    pub rows: Vec<Row>,
+    /// The closest point along a path on shapes of growing size.
+    pub growth: Vec<Row>,
+    /// What is beyond its limit, in words; empty when all is well.
+    pub broken: Vec<String>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence: status 2 for a bad file, 1 when a limit is broken or an answer wrong.
+pub fn compare(args: &CompareArgs) -> Result<(), Failure> {
+    std::fs::create_dir_all(&args.out).map_err(|error| Failure::write(&args.out, &error))?;
+    let typed = match args.models.as_slice() {
+        [] => &[DEFAULT_MODEL.to_string()],
+        models => models,
+    };
+    let mut found = Compare {
+        seed: args.seed,
+        rows: Vec::new(),
+        growth: Vec::new(),
+        broken: Vec::new(),
+    };
+    for typed in typed {
+        eprintln!("{typed}: building");
+        let model = open(typed)?;
+        eprintln!("{typed}: measuring");
+        let rows = measure(&model, args.seed)?;
+        found.broken.extend(broken(&rows));
+        found.rows.extend(rows);
+    }
+    for faces in GROWTH.into_iter().filter(|&faces| faces <= args.growth) {
+        eprintln!("relief of {} faces: building", grouped(faces.into()));
+        let model = open(&format!("relief:{faces}"))?;
+        eprintln!("relief of {} faces: measuring", grouped(faces.into()));
+        found.growth.extend(grow(&model, args.seed)?);
+    }
+    found.broken.extend(wrong(&found.growth));
+    let failed = |error: String| Failure::Run(format!("the picture of the comparison: {error}"));
+    write_whole(
+        &args.out.join("compare.svg"),
+        picture(&found).svg().map_err(failed)?.as_bytes(),
+    )?;
+    let json = serde_json::to_string_pretty(&found).unwrap_or_default();
+    write_whole(&args.out.join("compare.json"), json.as_bytes())?;
+    if args.json {
+        eprint!("{}", words(&found));
+        print_json(&found)?;
+    } else {
+        print(&words(&found))?;
+    }
+    match found.broken.first() {
+        None => Ok(()),
+        Some(first) => Err(Failure::Run(first.clone())),
+    }
+}
+
+fn open(typed: &str) -> Result<Model, Failure> {
+    let options = BuildOptions::default();
+    match source(typed)? {
+        (_, ModelSource::File(path)) => Model::open(&path, &options, &NoProgress),
+        (name, ModelSource::Generate { shape, faces }) => {
+            let shape: Shape = shape
+                .parse()
+                .map_err(|_| Failure::Input(format!("{shape} is no shape")))?;
+            Model::build(name, generate(shape, faces, 1), &options, &NoProgress)
+                .map_err(|error| Failure::Run(error.to_string()))
+        }
+    }
+}
+
+/// Every task on a model.
+fn measure(model: &Model, seed: u64) -> Result<Vec<Row>, Failure> {
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let full = Surface::new(model.full_triangles());
+    let mut front = FullFront::new(model)?;
+    let start = Instant::now();
+    let mut single = closest::single(model)?;
+    let single_ns = start.elapsed().as_nanos() as f64;
+    let start = Instant::now();
+    let mut double = closest::double(model)?;
+    let double_ns = start.elapsed().as_nanos() as f64;
+    let mut rows = closest::rows(
+        "closest_path",
+        model,
+        &full,
+        &front,
+        [&single, &double],
+        &mut random,
+    )?;
+    rows.extend(update::rows(
+        model,
+        &mut front,
+        &mut single,
+        &mut double,
+        &mut random,
+    ));
+    let built = [
+        (Who::OursFull, front.build_ns, front.bytes()),
+        (Who::ParryF32, single_ns, single.bytes()),
+        (Who::ParryF64, double_ns, double.bytes()),
+    ];
+    rows.extend(built.map(|(who, ns, bytes)| Row {
+        bytes: bytes as u64,
+        ..Row::new("build", model, who, vec![ns], 0)
+    }));
+    Ok(rows)
+}
+
+/// What is seen to grow.
+fn grow(model: &Model, seed: u64) -> Result<Vec<Row>, Failure> {
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let full = Surface::new(model.full_triangles());
+    let front = FullFront::new(model)?;
+    let (single, double) = (closest::single(model)?, closest::double(model)?);
+    closest::rows(
+        "growth",
+        model,
+        &full,
+        &front,
+        [&single, &double],
+        &mut random,
+    )
+}
+
+/// Wrong answers, in words.
+fn wrong(rows: &[Row]) -> Vec<String> {
+    let wrong = rows.iter().filter(|row| row.answers_differ > 0);
+    wrong
+        .map(|row| {
+            format!(
+                "{}, {}: {} of {} answers differ",
+                row.model,
+                row.task,
+                row.who.words(),
+                row.answers_differ
+            )
+        })
+        .collect()
+}
+
+/// Wrong answers, and what is beyond its limit, in words.
+fn broken(rows: &[Row]) -> Vec<String> {
+    let mut broken = wrong(rows);
+    let mut limit = |task: &str, what: &str, ours: Who, most: f64, of: fn(&Row) -> f64| {
+        let row = |who: Who| rows.iter().find(|row| row.task == task && row.who == who);
+        if let (Some(ours), Some(theirs)) = (row(ours), row(Who::ParryF32))
+            && of(ours) > most * of(theirs)
+        {
+            broken.push(format!(
+                "{}, {task}: the {what} of ours is {:.2} of parry's, at most {most} is allowed",
+                ours.model,
+                of(ours) / of(theirs)
+            ));
+        }
+    };
+    let (p50, p99) = (|row: &Row| row.p50_ns, |row: &Row| row.p99_ns);
+    limit("closest_path", "median", Who::OursLocal, MOST_CLOSEST, p50);
+    limit(
+        "closest_path",
+        "99th of 100",
+        Who::OursLocal,
+        MOST_CLOSEST,
+        p99,
+    );
+    limit("update64", "median", Who::OursFull, MOST_UPDATE, p50);
+    broken
+}
+
+/// The tables of the terminal.
+fn words(found: &Compare) -> String {
+    let mut text = format!(
+        "{:<14} {:<20} {:>9} {:<18} {:>11} {:>11} {:>11} {:>7} {:>10}\n",
+        "task", "model", "faces", "who", "p50 ns", "p99 ns", "max ns", "differ", "memory"
+    );
+    for row in found.rows.iter().chain(&found.growth) {
+        let memory = if row.bytes > 0 {
+            bytes(row.bytes)
+        } else {
+            String::new()
+        };
+        let _ = writeln!(
+            text,
+            "{:<14} {:<20} {:>9} {:<18} {:>11} {:>11} {:>11} {:>7} {:>10}",
+            row.task,
+            row.model,
+            row.faces,
+            row.who.words(),
+            grouped(row.p50_ns.round() as u64),
+            grouped(row.p99_ns.round() as u64),
+            grouped(row.max_ns.round() as u64),
+            row.answers_differ,
+            memory,
+        );
+    }
+    for broken in &found.broken {
+        let _ = writeln!(text, "beyond its limit: {broken}");
+    }
+    text
+}
+
+/// Cost against the number of faces.
+fn picture(found: &Compare) -> Picture {
+    let panel = |title: &str, of: fn(&Row) -> f64| Panel {
+        title: title.to_string(),
+        y_label: "ns".to_string(),
+        y_log: true,
+        curves: Who::ALL
+            .into_iter()
+            .zip([BLUE, GREEN, ORANGE, GREY])
+            .map(|(who, color)| Curve {
+                label: who.words().to_string(),
+                color,
+                points: found
+                    .growth
+                    .iter()
+                    .filter(|row| row.who == who)
+                    .map(|row| (f64::from(row.faces), of(row)))
+                    .collect(),
+                dots: false,
+            })
+            .collect(),
+        ..Panel::default()
+    };
+    Picture {
+        x_label: "faces of the full mesh".to_string(),
+        x_log: true,
+        panels: vec![
+            panel("Closest point along a path: median", |row| row.p50_ns),
+            panel("Closest point along a path: 99th of 100", |row| row.p99_ns),
+        ],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_answer_on_a_small_shape_is_right_and_limits_are_seen() {
+        let model = open("relief:3000").unwrap_or_else(|error| panic!("{error}"));
+        let mut rows = measure(&model, 1).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(rows.len(), 4 + 3 + 3);
+        assert_eq!(wrong(&rows), [""; 0]);
+        assert!(
+            rows.iter()
+                .all(|row| row.p50_ns <= row.p99_ns && row.p99_ns <= row.max_ns)
+        );
+        for row in &mut rows {
+            row.p50_ns = 100.0;
+            row.p99_ns = 100.0;
+        }
+        assert_eq!(broken(&rows).len(), 3);
+        rows[0].answers_differ = 1;
+        assert_eq!(broken(&rows).len(), 4);
+    }
+}

@@ -1,0 +1,3 @@
+//! Libraries that measure what ours is worth; nothing of the product depends on them.
+
+pub mod parry;

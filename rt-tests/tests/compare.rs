@@ -1,0 +1,60 @@
+//! `rt-tests compare` as a user types it, on a small shape.
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+fn compare(arguments: &[&str], out: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_rt-tests"))
+        .arg("compare")
+        .args(arguments)
+        .arg("--out")
+        .arg(out)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn every_contender_answers_alike_and_the_result_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("new/compare");
+    let output = compare(&["relief:3000", "--growth", "4000", "--json"], &out);
+    let said = String::from_utf8_lossy(&output.stderr);
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{said}"));
+    let broken = found["broken"].as_array().unwrap();
+    // Times are the machine's affair; answers must be right.
+    assert_eq!(
+        output.status.code(),
+        Some(i32::from(!broken.is_empty())),
+        "{said}"
+    );
+    let of = |list: &str| found[list].as_array().unwrap().clone();
+    let rows: Vec<Value> = of("rows").into_iter().chain(of("growth")).collect();
+    for task in ["closest_path", "update64", "build", "growth"] {
+        assert!(rows.iter().any(|row| row["task"] == task), "{task}");
+    }
+    for who in ["ours_local", "ours_full", "parry_f32", "parry_f64"] {
+        assert!(rows.iter().any(|row| row["who"] == who), "{who}");
+    }
+    for row in &rows {
+        assert_eq!(row["answers_differ"], 0, "{row}");
+        let ns = |field: &str| row[field].as_f64().unwrap();
+        assert!(ns("p50_ns") > 0.0 && ns("p99_ns") >= ns("p50_ns") && ns("max_ns") >= ns("p99_ns"));
+    }
+    assert!(
+        std::fs::read_to_string(out.join("compare.svg"))
+            .unwrap()
+            .contains("</svg>")
+    );
+    assert!(out.join("compare.json").is_file());
+}
+
+#[test]
+fn a_missing_file_is_one_sentence_with_status_2() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = compare(&["nowhere.obj", "--growth", "0"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("nowhere.obj"), "{said}");
+}
