@@ -13,7 +13,8 @@ use std::cmp::Ordering::{self, Equal, Greater, Less};
 
 /// How two closed triangles meet. The case is exact; the points carry the rounding of f64.
 ///
-/// The case does not depend on the order of the two, on the order of their corners, or on scale.
+/// The case does not depend on the order of the two, on the order of their corners, or on scale, as long as the
+/// products of three differences neither overflow (coordinates below 1e100) nor underflow (above 1e-70, or 0).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TrianglePair {
     /// They share no point.

@@ -222,6 +222,58 @@ fn numbers_that_are_none_meet_nothing() {
     }
 }
 
+/// A million pairs of whatever numbers: no panic, nothing that is not finite, the same case with the two exchanged,
+/// and distance 0 exactly where they meet.
+#[test]
+fn any_numbers_are_answered() {
+    let mut state = 7u64;
+    let mut next = || {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let z = (state ^ state >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ z >> 31
+    };
+    let mut cases = [0usize; 5];
+    for _ in 0..1_000_000 {
+        let kind = next() % 16;
+        let scale = 10f64.powi((next() % 17) as i32 - 10);
+        let mut number = || {
+            let unit = (next() >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
+            match (kind, next() % 8) {
+                (0, 0) => [f64::NAN, f64::INFINITY, 1e300, -1e200][(next() % 4) as usize],
+                (1, _) => unit * 10f64.powi((next() % 121) as i32 - 60),
+                (2..=5, _) => (unit * 5.0).round() * scale,
+                (6..=7, _) => (unit * 3.0).round() * scale + unit * 1e-14 * scale,
+                (8, 0..3) => 0.0,
+                _ => unit * scale,
+            }
+        };
+        let mut t = || [0; 3].map(|_| DVec3::new(number(), number(), number()));
+        let (a, mut b) = (t(), t());
+        match next() % 12 {
+            0 => b[0] = a[0],
+            1 => (b[0], b[1]) = (a[1], a[0]),
+            2 => b[2] = b[0],
+            3 => b[2] = b[0].lerp(b[1], 0.25),
+            4 => b[0] = a[0].lerp(a[1], 0.5),
+            _ => {}
+        }
+        let pair = triangle_pair(a, b);
+        assert!(ends(&pair).iter().all(|end| end.is_finite()), "{a:?} {b:?}");
+        let swapped = triangle_pair(b, a);
+        assert_eq!(case(&pair), case(&swapped), "{a:?} {b:?}");
+        cases[case(&pair) as usize] += 1;
+        let within = |p: &DVec3| p.abs().cmplt(DVec3::splat(1e60)).all();
+        if kind > 1 && a.iter().chain(&b).all(within) {
+            let closest = closest_points_of_triangles(a, b);
+            assert!(closest.distance_squared.is_finite());
+            assert!(closest.points.iter().all(|p| p.is_finite()));
+            assert!(!pair.meets() || closest.distance_squared == 0.0);
+        }
+    }
+    assert!(cases.iter().all(|&count| count > 1000), "{cases:?}");
+}
+
 /// Tests from threads: the numbers are those of the reports.
 #[allow(clippy::excessive_precision, reason = "the numbers are the reports'")]
 mod threads {
