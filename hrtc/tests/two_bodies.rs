@@ -76,6 +76,16 @@ fn moved(front: &Front, to: &Similarity) -> Vec<(Handle, [DVec3; 3])> {
     front.faces.iter().map(moved).collect()
 }
 
+/// Whether faces without a corner in common meet.
+fn crosses_itself(front: &Front) -> bool {
+    let corners = |face: Handle| front.mesh.face(face).corners;
+    front.faces.iter().enumerate().any(|(k, &(x, s))| {
+        front.faces[..k].iter().any(|&(y, t)| {
+            !corners(x).iter().any(|v| corners(y).contains(v)) && triangle_pair(s, t).meets()
+        })
+    })
+}
+
 fn parts() -> &'static [(String, SpmParts)] {
     static PARTS: OnceLock<Vec<(String, SpmParts)>> = OnceLock::new();
     PARTS.get_or_init(|| models(900))
@@ -204,7 +214,7 @@ proptest! {
         prop_assert!((swapped.at_least - expected).abs() <= rounding);
     }
 
-    /// The vertex of a tool that is deepest in a closed front is that of all vertices, inside told by the winding.
+    /// The vertex of a tool that is deepest in a closed front that does not cross itself is that of all vertices, inside told by the winding.
     #[test]
     fn the_deepest_sample_is_that_of_all_vertices(seed in any::<u64>(), budget in 0u32..3000) {
         let mut random = Random(seed);
@@ -214,6 +224,8 @@ proptest! {
         let closed: Vec<_> = parts().iter().filter(closed).collect();
         let (_, parts) = closed[random.below(closed.len() as u64) as usize];
         let a = Front::new(parts, [0, 97, 100][random.below(3) as usize], &mut random);
+        // A coarse front may cross itself: then sides are those of its sheets, and inside is not one thing.
+        prop_assume!(!crosses_itself(&a));
         let size = a.diagonal();
         let mesh = capsule_mesh(0.05 * size, 0.3 * size, 10, 6);
         let mut tool = Tool::new(&mesh).expect("a capsule is a tool");

@@ -49,7 +49,9 @@ struct Entry {
     child: Child,
 }
 
-/// The vertex of `body` (in the front's frame) deepest behind a closed front.
+/// The vertex of `body` (in the front's frame) deepest behind a closed front that does not cross itself; on another
+/// one sides change from sheet to sheet ([`signed_distance`]), and a vertex found is behind the sheet nearest to it,
+/// but a deeper one may be passed over.
 ///
 /// The depth changes by no more than the way between two points, so the depth at the centre of a box plus half its
 /// diagonal bounds every vertex in it: boxes that cannot hold a deeper one are passed over. `hint`, the face of the
