@@ -1,9 +1,9 @@
 //! The closest point of the front to a point: depth first, the nearer child first.
 
-use super::{Stack, Surface, Work, not_below};
+use super::{Stack, Surface, Work};
 use glam::DVec3;
 use shared::ab_tree::Child;
-use shared::geometry::{BoxQuery, ClosestPoint, closest_point_on_triangle};
+use shared::geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
 use shared::spm::Handle;
 
 /// The answer of [`closest_point`].
@@ -30,7 +30,7 @@ pub fn closest_point(
         point,
         best: None,
         bound: f64::INFINITY,
-        box_bound: f32::INFINITY,
+        box_bound: BoxBound::NONE,
         work: Work::default(),
     };
     if let Some(face) = hint {
@@ -39,44 +39,49 @@ pub fn closest_point(
     let query = BoxQuery::point(point);
     let mut stack = Stack::new();
     let mut next = surface.tree.root();
-    while let Some(child) = next {
-        next = match child {
-            Child::Face(face) => {
+    loop {
+        match next {
+            Some(Child::Node(id)) => {
+                search.work.nodes += 1;
+                let node = surface.tree.node(id);
+                let within = node.boxes().within(&query, search.box_bound);
+                let [left, right] = node.children();
+                // Branches, not a choice of operands: consecutive queries go the same way, and a predicted
+                // branch has the next node on its way before this one is decided.
+                if within.first() {
+                    if within.second() {
+                        let [to_left, to_right] = within.squared();
+                        if to_left <= to_right {
+                            stack.push(to_right, right);
+                            next = Some(left);
+                        } else {
+                            stack.push(to_left, left);
+                            next = Some(right);
+                        }
+                    } else {
+                        next = Some(left);
+                    }
+                    continue;
+                } else if within.second() {
+                    next = Some(right);
+                    continue;
+                }
+            }
+            Some(Child::Face(face)) => {
                 if hint != Some(face) {
                     search.try_face(face);
                 }
-                None
             }
-            Child::Node(id) => {
-                search.work.nodes += 1;
-                let node = surface.tree.node(id);
-                let [left, right] = node.boxes().distances_squared(&query);
-                let [left_child, right_child] = node.children();
-                // Branches, not a choice of operands: consecutive queries go the same way, and a predicted
-                // branch has the next node on its way before this one is decided.
-                match (left < search.box_bound, right < search.box_bound) {
-                    (true, true) if left <= right => {
-                        stack.push(right, right_child);
-                        Some(left_child)
-                    }
-                    (true, true) => {
-                        stack.push(left, left_child);
-                        Some(right_child)
-                    }
-                    (true, false) => Some(left_child),
-                    (false, true) => Some(right_child),
-                    (false, false) => None,
-                }
+            None => break,
+        }
+        // The bound may have come down since.
+        next = loop {
+            match stack.pop() {
+                Some((squared, child)) if search.box_bound.includes(squared) => break Some(child),
+                Some(_) => {}
+                None => break None,
             }
         };
-        while next.is_none() {
-            // The bound may have come down since.
-            match stack.pop() {
-                Some((distance, child)) if distance < search.box_bound => next = Some(child),
-                Some(_) => {}
-                None => break,
-            }
-        }
     }
     (search.best, search.work)
 }
@@ -89,7 +94,7 @@ struct Search<'a> {
     /// Its squared distance.
     bound: f64,
     /// The same for boxes.
-    box_bound: f32,
+    box_bound: BoxBound,
     work: Work,
 }
 
@@ -99,7 +104,7 @@ impl Search<'_> {
         let closest = closest_point_on_triangle(self.surface.mesh.corners(face), self.point);
         if closest.distance_squared < self.bound {
             self.bound = closest.distance_squared;
-            self.box_bound = not_below(self.bound);
+            self.box_bound = BoxBound::squared(self.bound);
             self.best = Some(Nearest { face, closest });
         }
     }

@@ -1,9 +1,9 @@
 //! Every face of the front within a distance of a point.
 
-use super::{Stack, Surface, Work, not_below};
+use super::{Stack, Surface, Work};
 use glam::DVec3;
 use shared::ab_tree::Child;
-use shared::geometry::{BoxQuery, ClosestPoint, closest_point_on_triangle};
+use shared::geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
 use shared::spm::Handle;
 
 /// Calls `visit` with every face whose distance to `point` is at most `distance`, in tree order.
@@ -15,7 +15,7 @@ pub fn faces_within(
 ) -> Work {
     let mut work = Work::default();
     let bound = distance * distance;
-    let (query, box_bound) = (BoxQuery::point(point), not_below(bound));
+    let (query, box_bound) = (BoxQuery::point(point), BoxBound::squared(bound));
     let mut stack = Stack::new();
     let mut next = surface.tree.root();
     while let Some(child) = next {
@@ -31,15 +31,16 @@ pub fn faces_within(
             Child::Node(id) => {
                 work.nodes += 1;
                 let node = surface.tree.node(id);
-                let [left, right] = node.boxes().distances_squared(&query);
-                let [left_child, right_child] = node.children();
-                if left <= box_bound {
-                    if right <= box_bound {
-                        stack.push(right, right_child);
+                let within = node.boxes().within(&query, box_bound);
+                let [left, right] = node.children();
+                match (within.first(), within.second()) {
+                    (true, true) => {
+                        stack.push(0.0, right);
+                        Some(left)
                     }
-                    Some(left_child)
-                } else {
-                    (right <= box_bound).then_some(right_child)
+                    (true, false) => Some(left),
+                    (false, true) => Some(right),
+                    (false, false) => None,
                 }
             }
         };

@@ -152,14 +152,89 @@ impl BoxPair {
     #[inline]
     #[must_use]
     pub fn distances_squared(&self, query: &BoxQuery) -> [f32; 2] {
+        // What is beyond the range of f32 is still no infinity: that would be more than the truth.
+        let squared = (self.squared(query) * SHRINK).min(Vec4::MAX);
+        [squared.x, squared.y]
+    }
+
+    /// Which of the two lie within a distance of a point or box; none is left out by rounding.
+    #[inline]
+    #[must_use]
+    pub fn within(&self, query: &BoxQuery, bound: BoxBound) -> Within {
+        let squared = self.squared(query);
+        Within {
+            squared,
+            which: squared.cmple(Vec4::splat(bound.0)).bitmask() & 0b11,
+        }
+    }
+
+    /// Squared distances in the first two places, rounded either way.
+    #[inline]
+    fn squared(&self, query: &BoxQuery) -> Vec4 {
         let beyond = |k: usize| {
             let apart = self.axes[k] - query.axes[k];
             apart.max(apart.zwxy()).max(Vec4::ZERO)
         };
         let [x, y, z] = [beyond(0), beyond(1), beyond(2)];
-        // What is beyond the range of f32 is still no infinity: that would be more than the truth.
-        let squared = ((x * x + y * y + z * z) * SHRINK).min(Vec4::MAX);
-        [squared.x, squared.y]
+        x * x + y * y + z * z
+    }
+}
+
+/// The answer of [`BoxPair::within`].
+#[derive(Debug, Clone, Copy)]
+pub struct Within {
+    squared: Vec4,
+    which: u32,
+}
+
+impl Within {
+    /// Whether the first is within.
+    #[inline]
+    #[must_use]
+    pub fn first(&self) -> bool {
+        self.which & 0b01 != 0
+    }
+
+    /// Whether the second is within.
+    #[inline]
+    #[must_use]
+    pub fn second(&self) -> bool {
+        self.which & 0b10 != 0
+    }
+
+    /// Squared distances of both, to be compared with [`BoxBound::includes`] only: rounded either way.
+    #[inline]
+    #[must_use]
+    pub fn squared(&self) -> [f32; 2] {
+        [self.squared.x, self.squared.y]
+    }
+}
+
+/// A squared distance as those of boxes are compared with it: so much larger than it is that no rounding leaves out
+/// a box that is as near.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoxBound(f32);
+
+/// Undoes [`SHRINK`], and the rounding of the bound itself.
+const GROW: f32 = 1.0 + 8.0 * f32::EPSILON;
+
+impl BoxBound {
+    /// Everything is within.
+    pub const NONE: Self = Self(f32::INFINITY);
+
+    /// Of a squared distance, not negative.
+    #[inline]
+    #[must_use]
+    pub fn squared(bound: f64) -> Self {
+        // The square of what is very small may have been rounded to a subnormal number or to nothing.
+        Self(bound as f32 * GROW + f32::MIN_POSITIVE)
+    }
+
+    /// Whether a distance of [`Within::squared`] is within.
+    #[inline]
+    #[must_use]
+    pub fn includes(self, squared: f32) -> bool {
+        squared <= self.0
     }
 }
 
@@ -175,22 +250,14 @@ impl BoxQuery {
     #[inline]
     #[must_use]
     pub fn between(low: DVec3, high: DVec3) -> Self {
-        let axis = |low: f64, high: f64| {
-            let (below, above) = (low as f32, high as f32);
-            let below = if f64::from(below) > low {
-                below.next_down()
-            } else {
-                below
-            };
-            let above = if f64::from(above) < high {
-                above.next_up()
-            } else {
-                above
-            };
-            Vec4::new(above, above, -below, -below)
-        };
+        // A unit in the last place outwards, whichever way it was rounded: no branch, which nothing could predict.
+        let most = DVec3::splat(f64::from(f32::MAX));
+        let [low, high] = [low, high].map(|corner| corner.clamp(-most, most).as_vec3());
+        let room = |corner: Vec3| corner.abs() * f32::EPSILON + Vec3::splat(f32::MIN_POSITIVE);
+        let (below, above) = (low - room(low), high + room(high));
+        let axis = |k: usize| Vec4::new(above[k], above[k], -below[k], -below[k]);
         Self {
-            axes: [0, 1, 2].map(|k| axis(low[k], high[k])),
+            axes: [axis(0), axis(1), axis(2)],
         }
     }
 }
@@ -254,6 +321,34 @@ mod tests {
                 prop_assert!(f64::from(found) >= (exact - slack).min(f64::from(f32::MAX)), "{} {}", found, exact);
             }
         }
+
+        #[test]
+        fn what_is_within_is_found_and_hardly_more(
+            a in some_box(), b in some_box(),
+            point in prop::array::uniform3(prop_oneof![-2.0..2.0f64, number().prop_map(f64::from)]),
+        ) {
+            let point = DVec3::from_array(point);
+            let (pair, query) = (BoxPair::new([a, b]), BoxQuery::point(point));
+            for (side, of) in [a, b].into_iter().enumerate() {
+                let exact = of.distance_squared(point);
+                let within = |bound: f64| {
+                    let bound = BoxBound::squared(bound);
+                    let found = pair.within(&query, bound);
+                    let which = [found.first(), found.second()][side];
+                    // What is put off and looked at again is judged alike.
+                    assert_eq!(which, bound.includes(found.squared()[side]));
+                    which
+                };
+                prop_assert!(within(exact), "{}", exact);
+                prop_assert_eq!(pair.within(&query, BoxBound::NONE).which, 0b11);
+                let size = point.abs().max_element().max(f64::from(of.upper.abs().max_element()));
+                let size = size.max(f64::from(of.lower.abs().max_element()));
+                let slack = 2e-6 * size * (exact.sqrt() + size) + 1e-37;
+                if exact > slack && exact < f64::from(f32::MAX) {
+                    prop_assert!(!within(exact - slack), "{} {}", exact, slack);
+                }
+            }
+        }
     }
 
     proptest! {
@@ -271,7 +366,11 @@ mod tests {
                 let (lower, upper) = (of.lower.as_dvec3(), of.upper.as_dvec3());
                 let truth = lower.cmple(high).all() && upper.cmpge(low).all();
                 prop_assert!(found || !truth);
-                prop_assert_eq!(exactly, of.lower.cmple(c.upper).all() && of.upper.cmpge(c.lower).all());
+                // Farther apart than two units in the last place of the box asked for, nothing overlaps.
+                let room = c.lower.abs().max(c.upper.abs()).as_dvec3() * 3e-7 + 1e-37;
+                let apart = lower.cmpgt(c.upper.as_dvec3() + room).any()
+                    || upper.cmplt(c.lower.as_dvec3() - room).any();
+                prop_assert!(!(exactly && apart));
             }
         }
     }

@@ -12,7 +12,7 @@ mod triangle_distance;
 mod triangle_pair;
 
 pub use aabb::Aabb;
-pub use box_pair::{BoxPair, BoxQuery};
+pub use box_pair::{BoxBound, BoxPair, BoxQuery, Within};
 pub use pose::{Pose, Wrench};
 pub use predicates::{side_of_plane, triangle_is_degenerate};
 pub use segment::{

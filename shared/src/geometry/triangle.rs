@@ -51,6 +51,7 @@ pub fn closest_point_on_segment(a: DVec3, b: DVec3, query: DVec3) -> f64 {
 /// Closest point of a triangle, by Voronoi regions (Ericson, Real-Time Collision Detection, 5.1.5).
 ///
 /// A triangle whose corners lie on a line answers as its longest edge: no epsilon, any scale.
+#[inline]
 #[must_use]
 pub fn closest_point_on_triangle(corners: [DVec3; 3], query: DVec3) -> ClosestPoint {
     let [a, b, c] = corners;
