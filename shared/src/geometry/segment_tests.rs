@@ -91,6 +91,18 @@ proptest! {
         }
     }
 
+    /// Segments that cross at any angle, however small, are at distance 0 within rounding.
+    #[test]
+    fn nearly_parallel_segments_that_cross_meet(
+        p in prop::array::uniform2(vector()), place in 0.2..0.8f64, slope in vector(), exponent in 1..17i32,
+    ) {
+        let half = 0.5 * (p[1] - p[0]) + slope * 10f64.powi(-exponent);
+        let middle = p[0].lerp(p[1], place);
+        let closest = closest_points_of_segments(p, [middle - half, middle + half]);
+        let distance = closest.distance_squared.sqrt();
+        prop_assert!(distance < 4e-15, "{}", distance);
+    }
+
     #[test]
     fn a_segment_and_a_triangle(
         p in prop::array::uniform2(any()), t in prop::array::uniform3(any()), exponent in -10..=6i32,
