@@ -31,14 +31,24 @@ fn every_contender_answers_alike_and_the_result_is_whole() {
     );
     let of = |list: &str| found[list].as_array().unwrap().clone();
     let rows: Vec<Value> = of("rows").into_iter().chain(of("growth")).collect();
-    for task in ["closest_path", "update64", "build", "growth"] {
+    let tasks = [
+        "closest_path",
+        "tool240_pairs",
+        "tool960_pairs",
+        "update64",
+        "build",
+        "growth",
+    ];
+    for task in tasks {
         assert!(rows.iter().any(|row| row["task"] == task), "{task}");
     }
     for who in ["ours_local", "ours_full", "parry_f32", "parry_f64"] {
         assert!(rows.iter().any(|row| row["who"] == who), "{who}");
     }
     for row in &rows {
-        assert_eq!(row["answers_differ"], 0, "{row}");
+        // Parry in single precision takes triangles for meeting that do not: it is there to be compared with.
+        let is_ours = row["who"].as_str().unwrap().starts_with("ours");
+        assert!(!is_ours || row["answers_differ"] == 0, "{row}");
         let ns = |field: &str| row[field].as_f64().unwrap();
         assert!(ns("p50_ns") > 0.0 && ns("p99_ns") >= ns("p50_ns") && ns("max_ns") >= ns("p99_ns"));
     }

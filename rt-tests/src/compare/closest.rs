@@ -26,18 +26,29 @@ const REFINED: f64 = 0.02;
 /// How far answers may lie apart, parts of the diagonal: rounding in double and in single precision.
 pub const TOLERANCES: [f64; 2] = [1e-12, 2e-6];
 
-/// The positions of the tip.
-pub fn tips(model: &Model, full: &Surface, random: &mut impl Rng) -> Vec<DVec3> {
+/// Points of the surface, with the normals of their faces: where the path goes.
+pub fn touches(model: &Model, full: &Surface, random: &mut impl Rng) -> Vec<(DVec3, DVec3)> {
     let diagonal = model.file.model_header().diagonal;
+    let normal_of = |triangle: u32| {
+        let [a, b, c] = full.triangles()[triangle as usize];
+        (b - a).cross(c - a).normalize_or_zero()
+    };
     path(full, STEP * diagonal, POINTS, random)
         .iter()
+        .map(|near| (near.point, normal_of(near.triangle)))
+        .collect()
+}
+
+/// The positions of the tip.
+fn tips(model: &Model, full: &Surface, random: &mut impl Rng) -> Vec<DVec3> {
+    let diagonal = model.file.model_header().diagonal;
+    touches(model, full, random)
+        .into_iter()
         .enumerate()
-        .map(|(k, near)| {
-            let [a, b, c] = full.triangles()[near.triangle as usize];
-            let normal = (b - a).cross(c - a).normalize_or_zero();
+        .map(|(k, (point, normal))| {
             let wave = (2.0 * (k % WAVE) as f64 / WAVE as f64 - 1.0).abs();
             let height = HEIGHTS[0] + (HEIGHTS[1] - HEIGHTS[0]) * wave;
-            near.point + normal * (height * diagonal)
+            point + normal * (height * diagonal)
         })
         .collect()
 }

@@ -3,6 +3,7 @@
 //! | module | measures |
 //! |---|---|
 //! | [`closest`] | the closest point along a path over the surface |
+//! | [`tools`] | all pairs of faces of the surface and of a tool that touches |
 //! | [`update`] | an update of the tree where a patch of faces was deformed |
 //! | [`full_front`] | ours over the full mesh: no refinement has a part in it |
 //! | [`timing`] | single queries, in turn, with interruptions taken out |
@@ -13,6 +14,7 @@
 mod closest;
 mod full_front;
 mod timing;
+mod tools;
 mod update;
 
 use crate::accuracy::model::source;
@@ -42,6 +44,8 @@ const DEFAULT_MODEL: &str = "relief:100000";
 const GROWTH: [u32; 5] = [4_000, 16_000, 64_000, 250_000, 1_000_000];
 /// The most that ours, on the front of the controller, may take of parry's time in single precision.
 const MOST_CLOSEST: f64 = 0.5;
+/// The most that all pairs of a tool, on the front of the controller, may take of those of parry's leaves with GJK.
+const MOST_TOOL: f64 = 0.2;
 /// The most that an update of ours may take of parry's.
 const MOST_UPDATE: f64 = 0.4;
 
@@ -239,6 +243,13 @@ fn measure(model: &Model, seed: u64) -> Result<Vec<Row>, Failure> {
         [&single, &double],
         &mut random,
     )?;
+    rows.extend(tools::rows(
+        model,
+        &full,
+        &front,
+        [&mut single, &mut double],
+        &mut random,
+    )?);
     rows.extend(update::rows(
         model,
         &mut front,
@@ -274,9 +285,12 @@ fn grow(model: &Model, seed: u64) -> Result<Vec<Row>, Failure> {
     )
 }
 
-/// Wrong answers, in words.
+/// Wrong answers of ours, in words; those of others are in the table.
 fn wrong(rows: &[Row]) -> Vec<String> {
-    let wrong = rows.iter().filter(|row| row.answers_differ > 0);
+    let ours = [Who::OursLocal, Who::OursFull];
+    let wrong = rows
+        .iter()
+        .filter(|row| row.answers_differ > 0 && ours.contains(&row.who));
     wrong
         .map(|row| {
             format!(
@@ -293,28 +307,30 @@ fn wrong(rows: &[Row]) -> Vec<String> {
 /// Wrong answers, and what is beyond its limit, in words.
 fn broken(rows: &[Row]) -> Vec<String> {
     let mut broken = wrong(rows);
-    let mut limit = |task: &str, what: &str, ours: Who, most: f64, of: fn(&Row) -> f64| {
-        let row = |who: Who| rows.iter().find(|row| row.task == task && row.who == who);
-        if let (Some(ours), Some(theirs)) = (row(ours), row(Who::ParryF32))
-            && of(ours) > most * of(theirs)
-        {
-            broken.push(format!(
-                "{}, {task}: the {what} of ours is {:.2} of parry's, at most {most} is allowed",
-                ours.model,
-                of(ours) / of(theirs)
-            ));
-        }
-    };
+    let mut limit =
+        |task: &str, what: &str, [ours, theirs]: [Who; 2], most: f64, of: fn(&Row) -> f64| {
+            let row = |who: Who| rows.iter().find(|row| row.task == task && row.who == who);
+            if let (Some(ours), Some(theirs)) = (row(ours), row(theirs))
+                && of(ours) > most * of(theirs)
+            {
+                broken.push(format!(
+                    "{}, {task}: the {what} of ours is {:.2} of parry's, at most {most} is allowed",
+                    ours.model,
+                    of(ours) / of(theirs)
+                ));
+            }
+        };
     let (p50, p99) = (|row: &Row| row.p50_ns, |row: &Row| row.p99_ns);
-    limit("closest_path", "median", Who::OursLocal, MOST_CLOSEST, p50);
-    limit(
-        "closest_path",
-        "99th of 100",
-        Who::OursLocal,
-        MOST_CLOSEST,
-        p99,
-    );
-    limit("update64", "median", Who::OursFull, MOST_UPDATE, p50);
+    let near = [Who::OursLocal, Who::ParryF32];
+    limit("closest_path", "median", near, MOST_CLOSEST, p50);
+    limit("closest_path", "99th of 100", near, MOST_CLOSEST, p99);
+    for (task, _, _) in tools::TOOLS {
+        let touching = [Who::OursLocal, Who::ParryF64];
+        limit(task, "median", touching, MOST_TOOL, p50);
+        limit(task, "99th of 100", touching, MOST_TOOL, p99);
+    }
+    let same = [Who::OursFull, Who::ParryF32];
+    limit("update64", "median", same, MOST_UPDATE, p50);
     broken
 }
 
@@ -391,7 +407,7 @@ mod tests {
     fn every_answer_on_a_small_shape_is_right_and_limits_are_seen() {
         let model = open("relief:3000").unwrap_or_else(|error| panic!("{error}"));
         let mut rows = measure(&model, 1).unwrap_or_else(|error| panic!("{error}"));
-        assert_eq!(rows.len(), 4 + 3 + 3);
+        assert_eq!(rows.len(), 4 + 2 * 4 + 3 + 3);
         assert_eq!(wrong(&rows), [""; 0]);
         assert!(
             rows.iter()
@@ -401,8 +417,8 @@ mod tests {
             row.p50_ns = 100.0;
             row.p99_ns = 100.0;
         }
-        assert_eq!(broken(&rows).len(), 3);
+        assert_eq!(broken(&rows).len(), 7);
         rows[0].answers_differ = 1;
-        assert_eq!(broken(&rows).len(), 4);
+        assert_eq!(broken(&rows).len(), 8);
     }
 }

@@ -4,7 +4,7 @@ pub use double::ParryF64;
 pub use single::ParryF32;
 
 use glam::DVec3;
-use shared::geometry::Aabb;
+use shared::geometry::{Aabb, Similarity};
 
 /// A triangle mesh of parry: what both precisions are asked.
 pub trait Mesh {
@@ -14,6 +14,11 @@ pub trait Mesh {
     fn bytes(&self) -> usize;
     /// Takes new boxes of some faces in and refits those above; the length of the whole box's diagonal.
     fn update(&mut self, faces: &[u32], boxes: &[Aabb]) -> f64;
+    /// Takes a tool up: its corners and faces in its own frame.
+    fn take_tool(&mut self, positions: &[DVec3], faces: &[[u32; 3]]);
+    /// Moves the tool, refits its boxes, and visits the pairs of a face of the mesh and one of the tool of which
+    /// parry says that they intersect: pairs of leaves of both trees, then GJK.
+    fn tool_pairs(&mut self, to_query: &Similarity, visit: &mut dyn FnMut(u32, u32));
 }
 
 macro_rules! precision {
@@ -25,6 +30,10 @@ macro_rules! precision {
             tree: $parry::partitioning::Bvh,
             /// Faces of the last update, whose marks the next one takes back.
             changed: Vec<u32>,
+            tool: $parry::partitioning::Bvh,
+            tool_positions: Vec<DVec3>,
+            tool_faces: Vec<[u32; 3]>,
+            tool_moved: Vec<$parry::math::Vector>,
         }
 
         impl $name {
@@ -41,8 +50,20 @@ macro_rules! precision {
                     mesh,
                     tree,
                     changed: Vec::with_capacity(64),
+                    tool: $parry::partitioning::Bvh::new(),
+                    tool_positions: Vec::new(),
+                    tool_faces: Vec::new(),
+                    tool_moved: Vec::new(),
                 })
             }
+        }
+
+        fn around(
+            positions: &[$parry::math::Vector],
+            face: &[u32; 3],
+        ) -> $parry::bounding_volume::Aabb {
+            let [a, b, c] = face.map(|v| positions[v as usize]);
+            $parry::bounding_volume::Aabb::new(a.min(b).min(c), a.max(b).max(c))
         }
 
         impl Mesh for $name {
@@ -52,6 +73,45 @@ macro_rules! precision {
                 let point = vector(point);
                 let found = self.mesh.project_local_point(point, false);
                 f64::from((found.point - point).length())
+            }
+
+            fn take_tool(&mut self, positions: &[DVec3], faces: &[[u32; 3]]) {
+                self.tool_positions = positions.to_vec();
+                self.tool_moved = positions.iter().map(|&p| vector(p)).collect();
+                self.tool_faces = faces.to_vec();
+                let boxes: Vec<_> = faces
+                    .iter()
+                    .map(|face| around(&self.tool_moved, face))
+                    .collect();
+                let strategy = $parry::partitioning::BvhBuildStrategy::default();
+                self.tool = $parry::partitioning::Bvh::from_leaves(strategy, &boxes);
+            }
+
+            fn tool_pairs(&mut self, to_query: &Similarity, visit: &mut dyn FnMut(u32, u32)) {
+                for (moved, &position) in self.tool_moved.iter_mut().zip(&self.tool_positions) {
+                    *moved = vector(to_query.point(position));
+                }
+                for (k, face) in (0u32..).zip(&self.tool_faces) {
+                    let aabb = around(&self.tool_moved, face);
+                    self.tool.insert_or_update_partially(aabb, k, 0.0);
+                }
+                self.tool.refit_without_opt();
+                let here = $parry::math::Pose::IDENTITY;
+                let pairs = self
+                    .mesh
+                    .bvh()
+                    .leaf_pairs(&self.tool, |a, b| a.intersects(b));
+                for (face, of_tool) in pairs {
+                    let corners =
+                        self.tool_faces[of_tool as usize].map(|v| self.tool_moved[v as usize]);
+                    let [a, b, c] = corners;
+                    let other = $parry::shape::Triangle::new(a, b, c);
+                    let own = self.mesh.triangle(face);
+                    let answer = $parry::query::intersection_test(&here, &own, &here, &other);
+                    if answer.is_ok_and(|answer| answer.intersecting) {
+                        visit(face, of_tool);
+                    }
+                }
             }
 
             fn bytes(&self) -> usize {
@@ -77,7 +137,7 @@ macro_rules! precision {
 mod single {
     use super::Mesh;
     use glam::DVec3;
-    use shared::geometry::Aabb;
+    use shared::geometry::{Aabb, Similarity};
 
     fn vector(point: DVec3) -> parry3d::math::Vector {
         point.as_vec3()
@@ -90,7 +150,7 @@ mod single {
 mod double {
     use super::Mesh;
     use glam::DVec3;
-    use shared::geometry::Aabb;
+    use shared::geometry::{Aabb, Similarity};
 
     fn vector(point: DVec3) -> parry3d_f64::math::Vector {
         point
