@@ -2,11 +2,11 @@
 //!
 //! | module | measures |
 //! |---|---|
-//! | [`closest`] | the closest point along a path over the surface |
-//! | [`tools`] | all pairs of faces of the surface and of a tool that touches |
-//! | [`update`] | an update of the tree where a patch of faces was deformed |
-//! | [`full_front`] | ours over the full mesh: no refinement has a part in it |
-//! | [`timing`] | single queries, in turn, with interruptions taken out |
+//! | `closest` | the closest point along a path over the surface |
+//! | `tools` | all pairs of faces of the surface and of a tool that touches |
+//! | `update` | an update of the tree where a patch of faces was deformed |
+//! | `full_front` | ours over the full mesh: no refinement has a part in it |
+//! | `timing` | single queries, in turn, with interruptions taken out |
 //!
 //! Ours is measured twice: on the front as the controller forms it, refined around the tip and coarse elsewhere,
 //! and on the full mesh. Every answer is checked against an exact search in f64 over all faces.
