@@ -33,7 +33,7 @@ const LOG: usize = 1024;
 /// Requests and contacts between the tick and the link.
 const OUT: usize = 64;
 /// The tick's stack; locked memory commits it whole.
-const STACK: usize = 512 << 10;
+const STACK: usize = 384 << 10;
 /// Bytes of the rings and of the stack of the tick: what a controller's process holds beside its cache,
 /// whatever the model.
 pub const FIXED_BYTES: usize = LOG * size_of::<TickRecord>()

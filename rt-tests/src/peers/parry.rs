@@ -107,8 +107,10 @@ macro_rules! precision {
                     let [a, b, c] = corners;
                     let other = $parry::shape::Triangle::new(a, b, c);
                     let own = self.mesh.triangle(face);
-                    let answer = $parry::query::intersection_test(&here, &own, &here, &other);
-                    if answer.is_ok_and(|answer| answer.intersecting) {
+                    // GJK itself: the dispatcher before it would bring every shape's code along.
+                    if $parry::query::details::intersection_test_support_map_support_map(
+                        &here, &own, &other,
+                    ) {
                         visit(face, of_tool);
                     }
                 }
