@@ -1,116 +1,46 @@
 //! Queries through the AB-tree find what a look at every active face finds, on random fronts of made and real
 //! models at several scales; at full resolution, what parry's own tree finds.
 
+#[path = "common/bodies.rs"]
+mod bodies;
 mod common;
 
+use bodies::{Front, vector};
 use common::{Random, real_model};
 use glam::{DVec3, Vec3};
-use hrtc::query::{Surface, closest_point, faces_within, swept_sphere};
+use hrtc::query::{closest_point, faces_within, swept_sphere};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
-use shared::ab_tree::AbTree;
 use shared::geometry::closest_point_on_triangle;
-use shared::spm::{ActiveMesh, ErrorScale, Handle, OperationFaces, SpmParts};
+use shared::spm::{Handle, SpmParts};
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use ve_station::generate::{Shape, generate};
 
-/// A front with its tree, and its faces for the look at all.
-struct Front {
-    mesh: ActiveMesh,
-    tree: AbTree,
-    faces: Vec<(Handle, [DVec3; 3])>,
-    lower: DVec3,
-    upper: DVec3,
-}
-
-impl Front {
-    /// Performs each legal split, ascending, with a chance in percent, and undoes some again.
-    fn new(parts: &SpmParts, chance: u64, random: &mut Random) -> Self {
-        let header = &parts.header;
-        let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
-        let scale = ErrorScale::for_diagonal(header.diagonal);
-        let radius = |code: u16| scale.decode(code) as f32;
-        for (v, base) in (0u32..).zip(&parts.base_vertices) {
-            mesh.set_base_vertex(v, base.position, radius(base.r as u16));
-        }
-        let mut tree = AbTree::new(header.base_faces + 2 * header.vsps);
-        tree.preconstruct(header.faces);
-        for (f, base) in (0u32..).zip(&parts.base_faces) {
-            mesh.set_base_face(f, base.corners, base.neighbours)
-                .expect("the builder's base mesh is good");
-            assert!(tree.insert(f, base.leaf));
-        }
-        tree.refit(|f| mesh.face_box(f));
-        for record in &parts.records {
-            let radii = [radius(record.r_t), radius(record.r_u)];
-            mesh.load(record.i, record, record.vs, record.fn_, radii);
-        }
-        let mut out = OperationFaces::new();
-        for i in 0..header.vsps {
-            if mesh.split_is_legal(i) && random.below(100) < chance {
-                mesh.split(i, &mut out).expect("the builder's records fit");
-                for (&face, leaf) in out.made_or_removed().iter().zip(out.leaves) {
-                    assert!(tree.insert(face, leaf));
-                }
-                out.deformed().iter().for_each(|&f| tree.deform(f));
-            }
-        }
-        tree.refit(|f| mesh.face_box(f));
-        for i in (0..header.vsps).rev() {
-            if chance < 100 && mesh.collapse_is_legal(i) && random.below(4) == 0 {
-                mesh.collapse(i, &mut out);
-                out.made_or_removed().iter().for_each(|&f| tree.remove(f));
-                out.deformed().iter().for_each(|&f| tree.deform(f));
-            }
-        }
-        tree.refit(|f| mesh.face_box(f));
-        let mut faces = Vec::new();
-        mesh.for_each_active_face(|f| faces.push((f, mesh.corners(f))));
-        Self {
-            mesh,
-            tree,
-            faces,
-            lower: DVec3::from_array(header.lower),
-            upper: DVec3::from_array(header.upper),
-        }
-    }
-
-    fn surface(&self) -> Surface<'_> {
-        Surface {
-            mesh: &self.mesh,
-            tree: &self.tree,
-        }
-    }
-
-    fn diagonal(&self) -> f64 {
-        self.lower.distance(self.upper)
-    }
-
-    /// A point near a random face, in the box, outside it, or far away.
-    fn point(&self, random: &mut Random) -> DVec3 {
-        let size = self.diagonal();
-        let spread = vector(random);
-        match random.below(8) {
-            0 => self.lower.lerp(self.upper, 0.5) + spread * size,
-            1 => self.lower.lerp(self.upper, 0.5) + spread * size * 1000.0,
-            2 | 3 => (self.lower + self.upper) * 0.5 + spread * (self.upper - self.lower) * 0.5,
-            4 => self.any_face(random).1[0],
-            _ => {
-                let [a, b, c] = self.any_face(random).1;
-                (a + b + c) / 3.0 + spread * size * 0.01
-            }
-        }
-    }
-
-    fn any_face(&self, random: &mut Random) -> (Handle, [DVec3; 3]) {
-        self.faces[random.below(self.faces.len() as u64) as usize]
+/// A random front, some of whose splits were undone again.
+fn some_front(parts: &SpmParts, chance: u64, random: &mut Random) -> Front {
+    let front = Front::new(parts, chance, random);
+    if chance < 100 {
+        front.undo_some(parts.header.vsps, random)
+    } else {
+        front
     }
 }
 
-/// Uniform in the cube from -1 to 1.
-fn vector(random: &mut Random) -> DVec3 {
-    let mut side = || 2.0 * random.unit() - 1.0;
-    DVec3::new(side(), side(), side())
+/// A point near a random face, in the box, outside it, or far away.
+fn some_point(front: &Front, random: &mut Random) -> DVec3 {
+    let (lower, upper) = (front.lower, front.upper);
+    let size = front.diagonal();
+    let spread = vector(random);
+    match random.below(8) {
+        0 => lower.lerp(upper, 0.5) + spread * size,
+        1 => lower.lerp(upper, 0.5) + spread * size * 1000.0,
+        2 | 3 => (lower + upper) * 0.5 + spread * (upper - lower) * 0.5,
+        4 => front.any_face(random).1[0],
+        _ => {
+            let [a, b, c] = front.any_face(random).1;
+            (a + b + c) / 3.0 + spread * size * 0.01
+        }
+    }
 }
 
 /// Made models at three scales, and real ones.
@@ -154,7 +84,7 @@ fn for_each_front(
     let mut random = Random(seed);
     for (name, parts) in models() {
         for &chance in chances {
-            let front = Front::new(&parts, chance, &mut random);
+            let front = some_front(&parts, chance, &mut random);
             check(&name, &front, &parts, &mut random);
         }
     }
@@ -164,7 +94,7 @@ fn for_each_front(
 fn the_closest_point_is_that_of_all_faces_with_and_without_a_hint() {
     for_each_front(21, &[0, 60, 97, 100], |name, front, _, random| {
         for _ in 0..60 {
-            let point = front.point(random);
+            let point = some_point(front, random);
             let least = front
                 .faces
                 .iter()
@@ -192,7 +122,7 @@ fn the_closest_point_is_that_of_all_faces_with_and_without_a_hint() {
 fn faces_within_a_distance_are_those_of_all_faces() {
     for_each_front(22, &[0, 60, 97, 100], |name, front, _, random| {
         for k in 0..40 {
-            let point = front.point(random);
+            let point = some_point(front, random);
             let distance = front.diagonal() * [0.01, 0.05, 0.3, 2.0][k % 4] * random.unit();
             let mut expected: Vec<Handle> = front
                 .faces
@@ -257,7 +187,7 @@ fn a_swept_sphere_stops_where_it_first_touches_any_face() {
         for k in 0..30 {
             let size = front.diagonal();
             let radius = size * [0.002, 0.01, 0.05][k % 3];
-            let start = front.point(random);
+            let start = some_point(front, random);
             // Towards the model, or anywhere.
             let motion = if k % 2 == 0 {
                 front.any_face(random).1[0] - start
@@ -332,7 +262,7 @@ fn at_full_resolution_the_closest_point_is_as_near_as_the_one_parry_finds() {
         }
         let peer = TriMesh::new(vertices, faces).expect("the full mesh has faces");
         for _ in 0..100 {
-            let point = front.point(random);
+            let point = some_point(front, random);
             let theirs = peer
                 .project_local_point(point / size, false)
                 .point

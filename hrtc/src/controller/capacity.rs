@@ -33,7 +33,7 @@ impl Controller {
         let cache = self.cache.high_water();
         let [wanted, unknown] = self.refinement.high_water();
         let [answers, releases] = self.subscriber.high_water();
-        let mut all: Vec<Capacity> = [
+        let mut all = vec![
             ("splits in the cache", cache.splits),
             ("faces of the front and its tree", cache.faces),
             ("blocks of closures", cache.blocks),
@@ -42,22 +42,18 @@ impl Controller {
             ("regions predicted in a tick", unknown),
             ("answers under way", answers),
             ("releases to be told", releases),
-        ]
-        .map(|(name, (most, room))| Capacity::new(name, room, most))
-        .into();
+        ];
         if let Some(proxy) = &self.proxy {
             let [faces, planes] = proxy.high_water();
-            all.push(Capacity::new("faces near the probe", faces.1, faces.0));
-            all.push(Capacity::new(
-                "half-spaces of the proxy",
-                planes.1,
-                planes.0,
-            ));
+            all.push(("faces near the probe", faces));
+            all.push(("half-spaces of the proxy", planes));
         }
         if self.tour.is_some() {
-            let (length, capacity) = (self.path.len(), self.path.capacity());
-            all.push(Capacity::new("points of the tour", capacity, length));
+            let points = (self.path.len(), self.path.capacity());
+            all.push(("points of the tour", points));
         }
-        all
+        all.into_iter()
+            .map(|(name, (most, room))| Capacity::new(name, room, most))
+            .collect()
     }
 }

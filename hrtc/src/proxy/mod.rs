@@ -116,7 +116,7 @@ impl Proxy {
         ]
     }
 
-    /// Puts it somewhere without a sweep: at the first sample, or where the surface has moved over it.
+    /// Puts it somewhere without a sweep, as at the first sample.
     pub fn place(&mut self, position: DVec3) {
         self.position = position;
         self.goal = position;

@@ -1,7 +1,6 @@
 //! The closest features of two bodies within a margin: branch and bound over both trees, nearer pairs first.
 
 use super::body::Body;
-use super::not_below;
 use super::tree_pairs::{Ending, Held, PAIR_STACK, PairWork, opens_first};
 use glam::DVec3;
 use shared::ab_tree::Child;
@@ -150,8 +149,6 @@ pub fn closest_features<A: Body, B: Body>(
         box_a: BoxQuery::around(&a.root_box()),
         box_b: BoxQuery::around(&b.root_box()),
     };
-    // The bound as the boxes compare it.
-    let mut box_bound = not_below(bound);
     let mut stack = [roots; PAIR_STACK];
     let mut count = 1;
     let mut ending = Ending::Complete;
@@ -159,13 +156,12 @@ pub fn closest_features<A: Body, B: Body>(
         count -= 1;
         let entry = stack[count];
         // The bound may have come down since.
-        if entry.gap >= box_bound {
+        if f64::from(entry.gap) >= bound {
             continue;
         }
         if let (Child::Face(x), Child::Face(y)) = (entry.a, entry.b) {
             work.faces += 1;
             try_faces(x, y, &mut bound, &mut way);
-            box_bound = not_below(bound);
             continue;
         }
         if work.node_pairs == budget {
@@ -199,7 +195,7 @@ pub fn closest_features<A: Body, B: Body>(
         };
         let near = usize::from(pairs[1].gap < pairs[0].gap);
         for pair in [pairs[1 - near], pairs[near]] {
-            if pair.gap < box_bound {
+            if f64::from(pair.gap) < bound {
                 stack[count] = pair;
                 count += 1;
             }

@@ -32,16 +32,7 @@ pub fn faces_within(
                 work.nodes += 1;
                 let node = surface.tree.node(id);
                 let within = node.boxes().within(&query, box_bound);
-                let [left, right] = node.children();
-                match (within.first(), within.second()) {
-                    (true, true) => {
-                        stack.push(0.0, right);
-                        Some(left)
-                    }
-                    (true, false) => Some(left),
-                    (false, true) => Some(right),
-                    (false, false) => None,
-                }
+                stack.descend([within.first(), within.second()], node.children())
             }
         };
         if next.is_none() {

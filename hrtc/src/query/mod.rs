@@ -94,14 +94,18 @@ impl Stack {
         self.count = self.count.checked_sub(1)?;
         Some(self.entries[self.count])
     }
-}
 
-/// A bound on squared distances as the boxes compare it, in f32: not below the exact one.
-fn not_below(bound: f64) -> f32 {
-    let nearest = bound as f32;
-    if f64::from(nearest) < bound {
-        nearest.next_up()
-    } else {
-        nearest
+    /// The child to go on with; the second of two that are met is left for later.
+    #[inline]
+    fn descend(&mut self, met: [bool; 2], [left, right]: [Child; 2]) -> Option<Child> {
+        match met {
+            [true, true] => {
+                self.push(0.0, right);
+                Some(left)
+            }
+            [true, false] => Some(left),
+            [false, true] => Some(right),
+            [false, false] => None,
+        }
     }
 }

@@ -55,22 +55,13 @@ pub fn swept_sphere(
             Child::Node(id) => {
                 work.nodes += 1;
                 let node = surface.tree.node(id);
-                let [left, right] = node.children();
                 let end = start + motion * fraction;
                 let (low, high) = (start.min(end) - radius, start.max(end) + radius);
                 let met = node.boxes().overlap(&BoxQuery::between(low, high));
                 let on_the_way = |side: usize| {
                     met[side] && !passes_beside(&node.boxes().get(side), start, end, radius)
                 };
-                match (on_the_way(0), on_the_way(1)) {
-                    (true, true) => {
-                        stack.push(0.0, right);
-                        Some(left)
-                    }
-                    (true, false) => Some(left),
-                    (false, true) => Some(right),
-                    (false, false) => None,
-                }
+                stack.descend([on_the_way(0), on_the_way(1)], node.children())
             }
         };
         if next.is_none() {

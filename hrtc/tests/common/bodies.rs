@@ -38,6 +38,7 @@ impl Front {
                 .expect("the builder's base mesh is good");
             assert!(tree.insert(f, base.leaf));
         }
+        tree.refit(|f| mesh.face_box(f));
         for record in &parts.records {
             let radii = [radius(record.r_t), radius(record.r_u)];
             mesh.load(record.i, record, record.vs, record.fn_, radii);
@@ -49,6 +50,20 @@ impl Front {
                 for (&face, leaf) in out.made_or_removed().iter().zip(out.leaves) {
                     assert!(tree.insert(face, leaf));
                 }
+                out.deformed().iter().for_each(|&f| tree.deform(f));
+            }
+        }
+        Self::of(mesh, tree)
+    }
+
+    /// Undoes every fourth of the splits that may be undone when their turn comes, descending.
+    pub fn undo_some(self, vsps: u32, random: &mut Random) -> Self {
+        let (mut mesh, mut tree) = (self.mesh, self.tree);
+        let mut out = OperationFaces::new();
+        for i in (0..vsps).rev() {
+            if mesh.collapse_is_legal(i) && random.below(4) == 0 {
+                mesh.collapse(i, &mut out);
+                out.made_or_removed().iter().for_each(|&f| tree.remove(f));
                 out.deformed().iter().for_each(|&f| tree.deform(f));
             }
         }

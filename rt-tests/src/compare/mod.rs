@@ -19,6 +19,7 @@ mod update;
 
 use crate::accuracy::model::source;
 use crate::failure::Failure;
+use crate::fronts::quantile;
 use crate::models::Model;
 use crate::peers::parry::Mesh;
 use crate::plots::{BLUE, Curve, GREEN, GREY, ORANGE, Panel, Picture};
@@ -34,7 +35,6 @@ use shared::scene::ModelSource;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::time::Instant;
-use timing::quantile;
 use ve_station::build::{BuildOptions, NoProgress};
 use ve_station::generate::{Shape, generate};
 

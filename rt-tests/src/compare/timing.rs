@@ -73,19 +73,10 @@ fn clock_ns() -> f64 {
     taken[500]
 }
 
-/// The value that a share of sorted numbers does not exceed; 0 of none.
-#[must_use]
-pub fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let last = sorted.len().saturating_sub(1);
-    sorted
-        .get((last as f64 * share).round() as usize)
-        .copied()
-        .unwrap_or(0.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fronts::quantile;
 
     #[test]
     fn every_query_is_put_to_everyone_and_wrong_answers_are_counted() {

@@ -215,7 +215,7 @@ fn judge_model(model: &Model, seed: u64, line: &Line) -> Result<ModelFronts, Fai
 }
 
 /// A value of sorted numbers that this part of them does not exceed; 0 of none.
-fn quantile(sorted: &[f64], part: f64) -> f64 {
+pub(crate) fn quantile(sorted: &[f64], part: f64) -> f64 {
     let place = (sorted.len() as f64 * part) as usize;
     sorted
         .get(place.min(sorted.len().saturating_sub(1)))
