@@ -137,6 +137,7 @@ fn faces_within_a_distance_are_those_of_all_faces() {
                 let own = closest_point_on_triangle(front.mesh.corners(face), point);
                 assert_eq!(own, closest, "{name}");
                 found.push(face);
+                distance
             });
             found.sort_unstable();
             expected.sort_unstable();

@@ -37,7 +37,7 @@ const SERIES: f64 = 0.9;
 /// Steps a tick at the most; what is left is done in the next tick, from a safe position.
 const STEPS: usize = 8;
 /// Nodes visited and faces tested by the steps of a tick, beyond which no further step is begun.
-const MOST_WORK: u32 = 8192;
+const MOST_WORK: u32 = 4096;
 /// How far beyond a surface that has passed over it the proxy is put, as a fraction of the radius.
 const BEYOND: f64 = 1e-3;
 

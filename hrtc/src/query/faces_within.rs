@@ -1,4 +1,4 @@
-//! Every face of the front within a distance of a point.
+//! Every face of the front within a distance of a point, the nearer part of the tree first.
 
 use super::{Stack, Surface, Work};
 use glam::DVec3;
@@ -6,16 +6,18 @@ use shared::ab_tree::Child;
 use shared::geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
 use shared::spm::Handle;
 
-/// Calls `visit` with every face whose distance to `point` is at most `distance`, in tree order.
+/// Calls `visit` with every face whose distance to `point` is at most `distance`; `visit` says up to which distance
+/// the search goes on, no larger than before.
 pub fn faces_within(
     surface: Surface<'_>,
     point: DVec3,
     distance: f64,
-    mut visit: impl FnMut(Handle, ClosestPoint),
+    mut visit: impl FnMut(Handle, ClosestPoint) -> f64,
 ) -> Work {
     let mut work = Work::default();
-    let bound = distance * distance;
-    let (query, box_bound) = (BoxQuery::point(point), BoxBound::squared(bound));
+    let mut bound = distance * distance;
+    let query = BoxQuery::point(point);
+    let mut box_bound = BoxBound::squared(bound);
     let mut stack = Stack::new();
     let mut next = surface.tree.root();
     while let Some(child) = next {
@@ -24,7 +26,11 @@ pub fn faces_within(
                 work.faces += 1;
                 let closest = closest_point_on_triangle(surface.mesh.corners(face), point);
                 if closest.distance_squared <= bound {
-                    visit(face, closest);
+                    let distance = visit(face, closest);
+                    if distance * distance < bound {
+                        bound = distance * distance;
+                        box_bound = BoxBound::squared(bound);
+                    }
                 }
                 None
             }
@@ -32,11 +38,15 @@ pub fn faces_within(
                 work.nodes += 1;
                 let node = surface.tree.node(id);
                 let within = node.boxes().within(&query, box_bound);
-                stack.descend([within.first(), within.second()], node.children())
+                let met = [within.first(), within.second()];
+                stack.descend_nearer(met, within.squared(), node.children())
             }
         };
-        if next.is_none() {
-            next = stack.pop().map(|(_, child)| child);
+        while next.is_none()
+            && let Some((squared, child)) = stack.pop()
+        {
+            // The bound may have come down since.
+            next = box_bound.includes(squared).then_some(child);
         }
     }
     work

@@ -108,4 +108,21 @@ impl Stack {
             [false, false] => None,
         }
     }
+
+    /// The child to go on with, the one of the smaller key; the other, if it is met, is left for later.
+    #[inline]
+    fn descend_nearer(
+        &mut self,
+        met: [bool; 2],
+        keys: [f32; 2],
+        children: [Child; 2],
+    ) -> Option<Child> {
+        if met == [true, true] {
+            let nearer = usize::from(keys[1] < keys[0]);
+            self.push(keys[1 - nearer], children[1 - nearer]);
+            Some(children[nearer])
+        } else {
+            self.descend(met, children)
+        }
+    }
 }

@@ -83,7 +83,7 @@ impl NearFaces {
         let work = faces_within(surface, centre, radius, |face, closest| {
             let distance = closest.distance_squared.sqrt();
             if distance >= self.radius && self.radius < radius {
-                return;
+                return self.radius;
             }
             let near = NearFace {
                 face,
@@ -99,7 +99,7 @@ impl NearFaces {
                         self.sift_down(k);
                     }
                 }
-                return;
+                return self.radius;
             }
             // Full: the farthest goes, and the ball ends short of it.
             let farthest = self.faces[0].distance;
@@ -108,6 +108,7 @@ impl NearFaces {
                 self.faces[0] = near;
                 self.sift_down(0);
             }
+            self.radius
         });
         self.high_water = self.high_water.max(self.count);
         work

@@ -272,7 +272,10 @@ fn tool(controller: &Controller, at: DVec3, scale: f64) -> (f64, f64) {
     for _ in 0..3 {
         let before = thread_cpu_ns();
         faces = 0;
-        faces_within(surface, at, TOOL_RADIUS_M / scale, |_, _| faces += 1);
+        faces_within(surface, at, TOOL_RADIUS_M / scale, |_, _| {
+            faces += 1;
+            TOOL_RADIUS_M / scale
+        });
         best = best.min((thread_cpu_ns() - before) as f64 * 1e-3);
     }
     (f64::from(faces), best)
