@@ -35,6 +35,12 @@ const REPORT_EVERY: u64 = 10;
 /// Ticks without a good sample after which the force ramps down.
 const SAMPLES_MISSED_MOST: u32 = 20;
 
+/// Nodes visited and faces tested by the proxy's steps in a tick without splits and collapses.
+const PROXY_WORK: u32 = 4096;
+/// ... what an operation takes of them: it costs as much as so many; and what is left in any tick.
+const PROXY_WORK_PER_OPERATION: u32 = 32;
+const PROXY_WORK_LEAST: u32 = 1024;
+
 /// Stages of a tick, told to an observer when they end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
@@ -440,7 +446,9 @@ impl Controller {
             tree: self.cache.tree(),
         };
         let mut work = Work::default();
-        let advance = proxy.advance(surface, goal);
+        let operations = PROXY_WORK_PER_OPERATION * (record.vsplits + record.ecols);
+        let most_work = PROXY_WORK.saturating_sub(operations).max(PROXY_WORK_LEAST);
+        let advance = proxy.advance(surface, goal, most_work);
         work.add(advance.work);
         self.dropped_constraints += u64::from(advance.dropped);
         let hint = self.hint.filter(|&face| surface.mesh.is_active(face));

@@ -36,8 +36,6 @@ const CONVERGED: f64 = 1e-7;
 const SERIES: f64 = 0.9;
 /// Steps a tick at the most; what is left is done in the next tick, from a safe position.
 const STEPS: usize = 8;
-/// Nodes visited and faces tested by the steps of a tick, beyond which no further step is begun.
-const MOST_WORK: u32 = 4096;
 /// How far beyond a surface that has passed over it the proxy is put, as a fraction of the radius.
 const BEYOND: f64 = 1e-3;
 
@@ -145,7 +143,10 @@ impl Proxy {
     }
 
     /// One tick: as close to `goal` (the device, model units, finite) as the surface lets it.
-    pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3) -> Advance {
+    ///
+    /// No further step is begun once `most_work` nodes were visited and faces tested; what is left is done in the
+    /// next tick.
+    pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3, most_work: u32) -> Advance {
         let mut work = Work::default();
         if !self.placed {
             self.place(goal);
@@ -159,8 +160,9 @@ impl Proxy {
         let mut contact = None;
         let mut last_motion = None;
         let mut dropped = 0;
+        let mut had_stopped = false;
         for _ in 0..STEPS {
-            if work.nodes + work.faces > MOST_WORK {
+            if work.nodes + work.faces > most_work {
                 break;
             }
             let wanted = goal - self.position;
@@ -202,17 +204,17 @@ impl Proxy {
                 work.add(cost);
                 hit.map_or(1.0, |hit| hit.fraction)
             };
-            if fraction < 1.0 {
-                self.position += motion * fraction;
-            } else if step.active().is_empty() {
+            if fraction >= 1.0 && step.active().is_empty() {
                 self.position = goal;
                 break;
-            } else {
-                self.position += motion;
-                if motion.length() <= CONVERGED * self.radius {
-                    break;
-                }
             }
+            self.position += motion * fraction;
+            // A face that the sweep has met may give way to the next step: only two stops end the tick.
+            let stopped = motion.length() * fraction <= CONVERGED * self.radius;
+            if stopped && (fraction >= 1.0 || had_stopped) {
+                break;
+            }
+            had_stopped = stopped;
         }
         if self.position == goal {
             contact = None;
