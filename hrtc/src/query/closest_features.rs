@@ -110,7 +110,8 @@ pub fn closest_features<A: Body, B: Body>(
     let (mut held_a, mut held_b) = (Held::new(), Held::new());
     let mut way = Way::NONE;
     let mut try_faces = |x: Handle, y: Handle, bound: &mut f64, way: &mut Way| {
-        let (corners_a, corners_b) = (*held_a.take(a, x), *held_b.take(b, y));
+        let corners_a = *held_a.take(x, || a.corners(x));
+        let corners_b = *held_b.take(y, || b.corners(y));
         if way.gap_squared_of_triangles(&corners_a, &corners_b) >= *bound
             || least_distance_squared_of_triangles(corners_a, corners_b) >= *bound
         {

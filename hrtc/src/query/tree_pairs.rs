@@ -4,9 +4,8 @@
 //! opening both at once leaves the faces of a small tool against all levels of a large front.
 
 use super::body::Body;
-use glam::DVec3;
 use shared::ab_tree::{Child, NodeId};
-use shared::geometry::{BoxQuery, TrianglePair, triangle_pair};
+use shared::geometry::{BoxQuery, Facet, TrianglePair, triangle_pair};
 use shared::spm::{Handle, NONE};
 use std::ops::ControlFlow;
 
@@ -78,27 +77,27 @@ impl PairWork {
     }
 }
 
-/// A face at hand: its corners are read once for a run of pairs with it.
-pub(super) struct Held {
+/// A face at hand: what is read of it is read once for a run of pairs with it.
+pub(super) struct Held<T> {
     face: Handle,
-    pub(super) corners: [DVec3; 3],
+    value: Option<T>,
 }
 
-impl Held {
+impl<T> Held<T> {
     pub(super) fn new() -> Self {
         Self {
             face: NONE,
-            corners: [DVec3::ZERO; 3],
+            value: None,
         }
     }
 
     #[inline]
-    pub(super) fn take(&mut self, body: &impl Body, face: Handle) -> &[DVec3; 3] {
+    pub(super) fn take(&mut self, face: Handle, read: impl FnOnce() -> T) -> &T {
         if self.face != face {
             self.face = face;
-            self.corners = body.corners(face);
+            self.value = None;
         }
-        &self.corners
+        self.value.get_or_insert_with(read)
     }
 }
 
@@ -141,8 +140,8 @@ pub fn for_each_pair<A: Body, B: Body>(
         } = stack[count];
         if let (Child::Face(x), Child::Face(y)) = (x, y) {
             work.faces += 1;
-            let corners_a = *held_a.take(a, x);
-            let meeting = triangle_pair(corners_a, *held_b.take(b, y));
+            let facet_a = held_a.take(x, || Facet::new(a.corners(x)));
+            let meeting = facet_a.pair_with(held_b.take(y, || Facet::new(b.corners(y))));
             if meeting.meets() {
                 let pair = FacePair {
                     a: x,

@@ -26,4 +26,4 @@ pub use triangle::{
 pub use triangle_distance::{
     capsule_triangle_distance, closest_points_of_triangles, least_distance_squared_of_triangles,
 };
-pub use triangle_pair::{TrianglePair, triangle_pair};
+pub use triangle_pair::{Facet, TrianglePair, triangle_pair};

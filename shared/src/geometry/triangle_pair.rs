@@ -80,6 +80,70 @@ fn in_range(a: [DVec3; 3], b: [DVec3; 3]) -> bool {
     a.iter().all(within) && b.iter().all(within)
 }
 
+/// Corners seen from a plane: distances times the length of its normal, each within `rounding` of the truth.
+///
+/// What is decided from these is decided without a branch a corner: on which side one lies is a coin toss, and a branch
+/// that is mispredicted costs more than all the arithmetic of a pair.
+#[derive(Clone, Copy)]
+struct Distances {
+    of: [f64; 3],
+    rounding: f64,
+}
+
+impl Distances {
+    #[inline]
+    fn from(plane: &Facet, corners: &[DVec3; 3]) -> Self {
+        let offsets = corners.map(|corner| corner - plane.corners[0]);
+        let [p, q, r] = offsets.map(DVec3::abs);
+        Self {
+            of: offsets.map(|offset| plane.normal.dot(offset)),
+            rounding: plane.rounding * p.max(q).max(r).max_element(),
+        }
+    }
+
+    /// All corners lie strictly on one side, and rounding does not cast doubt on it.
+    #[inline]
+    fn surely_on_one_side(&self) -> bool {
+        let [x, y, z] = self.of;
+        let above = (x > self.rounding) & (y > self.rounding) & (z > self.rounding);
+        let below = (x < -self.rounding) & (y < -self.rounding) & (z < -self.rounding);
+        above | below
+    }
+
+    /// No corner is so near to the plane that rounding casts doubt on its side.
+    #[inline]
+    fn surely_off(&self) -> bool {
+        let [x, y, z] = self.of.map(|distance| distance.abs() > self.rounding);
+        x & y & z
+    }
+
+    /// The sides of the corners, which are surely off the plane.
+    #[inline]
+    fn sides(self) -> Sides {
+        let signs = self.of.map(|d| if d > 0.0 { Greater } else { Less });
+        Sides {
+            signs,
+            distances: self.of,
+        }
+    }
+
+    /// The sides of the corners, by exact predicates where they need them.
+    fn exact_sides(self, plane: [DVec3; 3], corners: [DVec3; 3]) -> Sides {
+        let mut signs = self.sides().signs;
+        for k in 0..3 {
+            // What is not a number is not above the rounding either.
+            let sure = self.of[k].abs() > self.rounding;
+            if !sure {
+                signs[k] = side_of_plane(plane[0], plane[1], plane[2], corners[k]);
+            }
+        }
+        Sides {
+            signs,
+            distances: self.of,
+        }
+    }
+}
+
 /// Corners seen from a plane: exact signs, and distances times the length of the normal as f64 has them.
 #[derive(Clone, Copy)]
 struct Sides {
@@ -88,33 +152,10 @@ struct Sides {
 }
 
 impl Sides {
-    #[inline]
-    fn of(plane: [DVec3; 3], corners: [DVec3; 3]) -> Self {
-        let (u, v) = (plane[1] - plane[0], plane[2] - plane[0]);
-        let normal = u.cross(v);
-        let largest = u.abs().max_element() * v.abs().max_element() * ROUNDING;
-        let offsets = corners.map(|corner| corner - plane[0]);
-        let distances = offsets.map(|offset| normal.dot(offset));
-        let mut signs = [Equal; 3];
-        for k in 0..3 {
-            let bound = largest * offsets[k].abs().max_element();
-            signs[k] = if distances[k] > bound {
-                Greater
-            } else if distances[k] < -bound {
-                Less
-            } else {
-                side_of_plane(plane[0], plane[1], plane[2], corners[k])
-            };
-        }
-        Self { signs, distances }
-    }
-
-    #[inline]
     fn on_one_side(&self) -> bool {
         self.signs[0] != Equal && self.signs[0] == self.signs[1] && self.signs[1] == self.signs[2]
     }
 
-    #[inline]
     fn on_both_sides(&self) -> bool {
         self.signs.contains(&Greater) && self.signs.contains(&Less)
     }
@@ -124,18 +165,15 @@ impl Sides {
     fn lone(&self) -> usize {
         let lone = |k: usize| {
             let sign = self.signs[k];
-            sign != Equal && self.signs[(k + 1) % 3] != sign && self.signs[(k + 2) % 3] != sign
+            let (next, last) = (self.signs[NEXT[k]], self.signs[LAST[k]]);
+            (sign != Equal) & (next != sign) & (last != sign)
         };
-        if lone(0) {
-            0
-        } else if lone(1) {
-            1
-        } else {
-            2
-        }
+        let of_the_others = if lone(1) { 1 } else { 2 };
+        if lone(0) { 0 } else { of_the_others }
     }
 
     /// Where the edge between two corners meets the plane.
+    #[inline]
     fn crossing(&self, corners: [DVec3; 3], from: usize, to: usize) -> DVec3 {
         let (near, far) = (self.distances[from].abs(), self.distances[to].abs());
         let sum = near + far;
@@ -144,18 +182,63 @@ impl Sides {
     }
 }
 
+/// The corner after each, and the one before.
+const NEXT: [usize; 3] = [1, 2, 0];
+const LAST: [usize; 3] = [2, 0, 1];
+
+/// A triangle and its plane, for a run of pairs with it.
+#[derive(Debug, Clone, Copy)]
+pub struct Facet {
+    corners: [DVec3; 3],
+    /// Not normalised.
+    normal: DVec3,
+    /// Rounding of [`Distances`], over the largest component of the third difference.
+    rounding: f64,
+}
+
+impl Facet {
+    /// Of any numbers: a triangle that is not finite meets nothing.
+    #[inline]
+    #[must_use]
+    pub fn new(corners: [DVec3; 3]) -> Self {
+        let (u, v) = (corners[1] - corners[0], corners[2] - corners[0]);
+        Self {
+            corners,
+            normal: u.cross(v),
+            rounding: u.abs().max_element() * v.abs().max_element() * ROUNDING,
+        }
+    }
+
+    /// How it meets another.
+    #[inline]
+    #[must_use]
+    pub fn pair_with(&self, other: &Self) -> TrianglePair {
+        let of_other = Distances::from(self, &other.corners);
+        let of_own = Distances::from(other, &self.corners);
+        if of_other.surely_on_one_side() | of_own.surely_on_one_side() {
+            return TrianglePair::Disjoint;
+        }
+        let (a, b) = (self.corners, other.corners);
+        if of_own.surely_off() & of_other.surely_off() {
+            return intervals_on_the_common_line(a, of_own.sides(), b, of_other.sides());
+        }
+        near_a_plane(a, of_own, b, of_other)
+    }
+}
+
 /// How two triangles meet.
 #[must_use]
 pub fn triangle_pair(a: [DVec3; 3], b: [DVec3; 3]) -> TrianglePair {
-    let of_b = Sides::of(a, b);
-    if of_b.on_one_side() {
-        return TrianglePair::Disjoint;
-    }
-    let of_a = Sides::of(b, a);
-    if of_a.on_one_side() {
-        return TrianglePair::Disjoint;
-    }
-    if of_a.on_both_sides() && of_b.on_both_sides() {
+    Facet::new(a).pair_with(&Facet::new(b))
+}
+
+/// A corner of one is so near to the plane of the other that its side is no matter of f64.
+#[cold]
+fn near_a_plane(a: [DVec3; 3], of_a: Distances, b: [DVec3; 3], of_b: Distances) -> TrianglePair {
+    let (of_a, of_b) = (of_a.exact_sides(b, a), of_b.exact_sides(a, b));
+    if of_a.on_one_side() || of_b.on_one_side() {
+        TrianglePair::Disjoint
+    } else if of_a.on_both_sides() && of_b.on_both_sides() {
         intervals_on_the_common_line(a, of_a, b, of_b)
     } else {
         special_position(a, of_a, b, of_b)
@@ -170,30 +253,39 @@ fn intervals_on_the_common_line(
     of_b: Sides,
 ) -> TrianglePair {
     let (pa, pb) = (of_a.lone(), of_b.lone());
-    let (mut qa, mut ra) = ((pa + 1) % 3, (pa + 2) % 3);
-    let (mut qb, mut rb) = ((pb + 1) % 3, (pb + 2) % 3);
     // As if each lone corner were above the other's plane: turning a triangle over swaps its other two.
-    if of_a.signs[pa] == Less {
-        (qb, rb) = (rb, qb);
-    }
-    if of_b.signs[pb] == Less {
-        (qa, ra) = (ra, qa);
-    }
-    let first = side_of_plane(a[pa], a[qa], b[pb], b[qb]);
-    if first == Greater {
-        return TrianglePair::Disjoint;
-    }
-    let second = side_of_plane(a[pa], a[ra], b[rb], b[pb]);
-    if second == Greater {
+    let others = |lone: usize, turned: bool| {
+        let (next, last) = (NEXT[lone], LAST[lone]);
+        if turned { (last, next) } else { (next, last) }
+    };
+    let (qa, ra) = others(pa, of_b.signs[pb] == Less);
+    let (qb, rb) = others(pb, of_a.signs[pa] == Less);
+    // The sides of b's corners about the planes through a's lone corner and one edge of each; see `Distances`.
+    let (u, v) = (a[qa] - a[pa], a[ra] - a[pa]);
+    let [p, q, r] = [pb, qb, rb].map(|k| b[k] - a[pa]);
+    let of_first = u.cross(p).dot(q);
+    let of_second = v.cross(r).dot(p);
+    let largest = p.abs().max(q.abs()).max(r.abs());
+    let reach = largest.max_element();
+    let rounding = u.abs().max(v.abs()).max_element() * reach * reach * ROUNDING;
+    if (of_first > rounding) | (of_second > rounding) {
         return TrianglePair::Disjoint;
     }
     if !in_range(a, b) {
         return TrianglePair::Disjoint;
     }
     let on_a = [of_a.crossing(a, pa, qa), of_a.crossing(a, pa, ra)];
-    if first == Equal || second == Equal {
-        let at = on_a[usize::from(first != Equal)];
-        return TrianglePair::Touching { from: at, to: at };
+    let surely = (of_first < -rounding) & (of_second < -rounding);
+    if !surely {
+        let first = side_of_plane(a[pa], a[qa], b[pb], b[qb]);
+        let second = side_of_plane(a[pa], a[ra], b[rb], b[pb]);
+        if first == Greater || second == Greater {
+            return TrianglePair::Disjoint;
+        }
+        if first == Equal || second == Equal {
+            let at = on_a[usize::from(first != Equal)];
+            return TrianglePair::Touching { from: at, to: at };
+        }
     }
     let on_b = [of_b.crossing(b, pb, qb), of_b.crossing(b, pb, rb)];
     // The two inner ends of four on a line.
