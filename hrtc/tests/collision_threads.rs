@@ -433,3 +433,108 @@ fn the_unit_of_length_does_not_change_what_meets() {
         assert!(off * 500 <= total, "{off} of {total}");
     }
 }
+
+/// dimforge/rapier #961: the tree panicked on huge, empty and NaN boxes. What is none is refused, all else is answered.
+#[test]
+fn rapier_issue_961() {
+    for size in [0.0, 1e-38, 1e-20, 1e15, 1e30] {
+        let mesh = scaled(&box_mesh(DVec3::ONE), size);
+        let front = Front::of_mesh(&mesh);
+        let mut probe = tool(&mesh);
+        for shift in [0.0, 0.5, 3.0] {
+            let at = DVec3::splat(shift * size);
+            probe.place(&frame(at, DQuat::IDENTITY, 1.0));
+            let found = distance(&front.surface(), &probe);
+            assert!(found.is_finite() && found >= 0.0, "{size} {shift} {found}");
+            // Boxes one inside a corner of the other, apart, or all in one point; two that are one but for the
+            // rounding to f32 may do either.
+            let meets = size == 0.0 || shift < 2.0;
+            let found = pairs(&front.surface(), &probe);
+            assert!(shift == 0.0 || found.is_empty() != meets, "{size} {shift}");
+            let nearest = closest_point(front.surface(), at, None).0;
+            let nearest = nearest.expect("it has faces").closest;
+            assert!(nearest.point.is_finite() && nearest.distance_squared.is_finite());
+        }
+    }
+    for bad in [f64::NAN, f64::INFINITY, 1e300] {
+        let mut mesh = box_mesh(DVec3::ONE);
+        mesh.positions[3].y = bad;
+        assert!(Tool::new(&mesh).is_err(), "{bad}");
+    }
+}
+
+/// flexible-collision-library/fcl #395, #322: a face without area threw an exception. With such faces in the mesh, at a
+/// corner and along an edge, all else is found as without them.
+#[test]
+fn fcl_issue_395() {
+    let plain = box_mesh(DVec3::ONE);
+    let mut with = plain.clone();
+    let first = with.positions.len() as u32;
+    let [a, b, c] = plain.triangles[0];
+    let [at_a, at_b, at_c] = [a, b, c].map(|v| plain.positions[v as usize]);
+    with.positions
+        .extend([0.5 * (at_a + at_b), at_a, at_a, at_c]);
+    with.triangles
+        .extend([[a, first, b], [a, first + 1, first + 2], [c, first + 3, b]]);
+    let count = plain.triangles.len() as u32;
+    let (plain, with) = (Front::of_mesh(&plain), Front::of_mesh(&with));
+    let mut probe = tool(&capsule_mesh(0.3, 1.5, 12, 10));
+    let mut random = Random(395);
+    let mut met = 0;
+    for _ in 0..200 {
+        let at = vector(&mut random) * 1.4;
+        probe.place(&frame(at, orientation(&mut random), 1.0));
+        let sorted = |front: &Front| {
+            let found = pairs(&front.surface(), &probe);
+            assert!(
+                found
+                    .iter()
+                    .all(|pair| pair.meeting.point().is_some_and(DVec3::is_finite))
+            );
+            let real = found.iter().filter(|pair| pair.a < count);
+            let mut real: Vec<_> = real.map(|pair| (pair.a, pair.b)).collect();
+            real.sort_unstable();
+            real
+        };
+        let expected = sorted(&plain);
+        met += expected.len();
+        assert_eq!(sorted(&with), expected);
+        let there = [&plain, &with].map(|front| distance(&front.surface(), &probe));
+        assert!((there[0] - there[1]).abs() <= 1e-15, "{there:?}");
+    }
+    assert!(met > 500, "{met}");
+}
+
+/// libigl #644, #905, mikedh/trimesh #75, #242: wrong signs by a face that is there twice, the second time turned over,
+/// and by open meshes. The distance is right, and the sign wherever the closest face is not the double one.
+#[test]
+fn libigl_issue_644() {
+    let mut double = box_mesh(DVec3::ONE);
+    let [a, b, c] = double.triangles[0];
+    let corners = [a, b, c].map(|v| double.positions[v as usize]);
+    let turned = double.triangles.len() as u32;
+    double.triangles.push([a, c, b]);
+    let mut open = box_mesh(DVec3::ONE);
+    open.triangles.remove(0);
+    let fronts = [Front::of_mesh(&double), Front::of_mesh(&open)];
+    let mut random = Random(644);
+    let mut judged = 0;
+    for _ in 0..2000 {
+        let point = vector(&mut random) * 1.5;
+        let at_hole = closest_point_on_triangle(corners, point).distance_squared;
+        for front in &fronts {
+            let nearest = closest_point(front.surface(), point, None).0;
+            let nearest = nearest.expect("it has faces");
+            let signed = signed_distance(front.surface(), point, &nearest);
+            assert_eq!(signed.abs(), nearest.closest.distance_squared.sqrt());
+            // The double face itself is as near as the hole, but for rounding.
+            if nearest.closest.distance_squared < at_hole * (1.0 - 1e-9) {
+                judged += 1;
+                assert_ne!(nearest.face, turned);
+                let inside = point.abs().max_element() < 1.0;
+                assert_eq!(signed < 0.0, inside, "{point} {signed}");
+            }
+        }
+    }
+    assert!(judged > 2000, "{judged}");
+}
