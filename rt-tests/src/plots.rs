@@ -11,6 +11,8 @@ pub const ORANGE: RGBColor = RGBColor(217, 108, 26);
 /// See [`BLUE`].
 pub const GREEN: RGBColor = RGBColor(56, 142, 80);
 /// See [`BLUE`].
+pub const PURPLE: RGBColor = RGBColor(130, 70, 160);
+/// See [`BLUE`].
 pub const GREY: RGBColor = RGBColor(120, 120, 120);
 
 const WIDTH: u32 = 960;
@@ -114,7 +116,7 @@ impl Picture {
             .caption(&panel.title, ("sans-serif", 16))
             .margin(6)
             // The last label of the horizontal axis reaches past it.
-            .margin_right(28)
+            .margin_right(28 + self.legend_width())
             .x_label_area_size(36)
             .y_label_area_size(72);
         let failed = |error: &dyn std::fmt::Display| error.to_string();
@@ -147,7 +149,43 @@ impl Picture {
                 panel,
                 (x0, x1, y0, y1),
             ),
+        }?;
+        self.legend(area, panel)
+    }
+
+    /// Names beside the panel, where they cover no curve.
+    fn legend<DB: DrawingBackend>(
+        &self,
+        area: &DrawingArea<DB, Shift>,
+        panel: &Panel,
+    ) -> Result<(), String> {
+        let failed = |error: DrawingAreaErrorKind<DB::ErrorType>| error.to_string();
+        let left = (WIDTH - self.legend_width()) as i32;
+        let names = panel
+            .curves
+            .iter()
+            .map(|curve| (&curve.label, curve.color, 3));
+        let mark = panel.mark.iter().map(|(_, label)| (label, GREY, 0));
+        let is_named = panel.curves.len() > 1 || panel.mark.is_some();
+        for (k, (label, color, half)) in (0i32..).zip(names.chain(mark)).filter(|_| is_named) {
+            let y = 36 + 18 * k;
+            let sign = Rectangle::new([(left, y - half), (left + 12, y + half)], color.filled());
+            area.draw(&sign).map_err(failed)?;
+            let text = Text::new(label.as_str(), (left + 18, y - 6), ("sans-serif", 12));
+            area.draw(&text).map_err(failed)?;
         }
+        Ok(())
+    }
+
+    /// Room for the longest name, the same in every panel, so that their horizontal axes are one.
+    fn legend_width(&self) -> u32 {
+        let named = |panel: &&Panel| panel.curves.len() > 1 || panel.mark.is_some();
+        let labels = self.panels.iter().filter(named).flat_map(|panel| {
+            let curves = panel.curves.iter().map(|curve| &curve.label);
+            curves.chain(panel.mark.iter().map(|(_, label)| label))
+        });
+        let longest = labels.map(|label| label.chars().count()).max();
+        longest.map_or(0, |count| (24 + 7 * count as u32).min(WIDTH / 3))
     }
 
     fn fill<'a, DB, X, Y>(
@@ -195,30 +233,12 @@ impl Picture {
             } else {
                 chart.draw_series(LineSeries::new(points, color.stroke_width(1)))
             };
-            series
-                .map_err(failed)?
-                .label(&curve.label)
-                .legend(move |(x, y)| {
-                    Rectangle::new([(x, y - 3), (x + 12, y + 3)], color.filled())
-                });
+            series.map_err(failed)?;
         }
-        if let Some((value, label)) = &panel.mark {
+        if let Some((value, _)) = &panel.mark {
             let line =
                 DashedLineSeries::new([(x0, *value), (x1, *value)], 6, 4, GREY.stroke_width(1));
-            chart
-                .draw_series(line)
-                .map_err(failed)?
-                .label(label)
-                .legend(|(x, y)| PathElement::new([(x, y), (x + 12, y)], GREY));
-        }
-        if panel.curves.len() > 1 || panel.mark.is_some() {
-            chart
-                .configure_series_labels()
-                .position(SeriesLabelPosition::UpperRight)
-                .background_style(WHITE.mix(0.85))
-                .border_style(BLACK.mix(0.2))
-                .draw()
-                .map_err(failed)?;
+            chart.draw_series(line).map_err(failed)?;
         }
         Ok(())
     }

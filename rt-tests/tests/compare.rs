@@ -37,12 +37,23 @@ fn every_contender_answers_alike_and_the_result_is_whole() {
         "tool960_pairs",
         "update64",
         "build",
-        "growth",
     ];
-    for task in tasks {
-        assert!(rows.iter().any(|row| row["task"] == task), "{task}");
+    for (list, task) in ["rows", "growth"]
+        .into_iter()
+        .flat_map(|l| tasks.map(|t| (l, t)))
+    {
+        assert!(
+            of(list).iter().any(|row| row["task"] == task),
+            "{list} {task}"
+        );
     }
-    for who in ["ours_local", "ours_full", "parry_f32", "parry_f64"] {
+    for who in [
+        "ours_local",
+        "ours_full",
+        "parry_f32",
+        "parry_f64",
+        "parry_f64_moved",
+    ] {
         assert!(rows.iter().any(|row| row["who"] == who), "{who}");
     }
     for row in &rows {
@@ -52,11 +63,45 @@ fn every_contender_answers_alike_and_the_result_is_whole() {
         let ns = |field: &str| row[field].as_f64().unwrap();
         assert!(ns("p50_ns") > 0.0 && ns("p99_ns") >= ns("p50_ns") && ns("max_ns") >= ns("p99_ns"));
     }
-    assert!(
-        std::fs::read_to_string(out.join("compare.svg"))
-            .unwrap()
-            .contains("</svg>")
-    );
+    // Figure 4.7: never above Theorem 2, from one leaf to all of them, and near it where the leaves lie evenly.
+    let number = |row: &Value, field: &str| row[field].as_f64().unwrap();
+    let marking = of("marking");
+    for row in &marking {
+        assert!(number(row, "marked_max") <= number(row, "bound"), "{row}");
+    }
+    let near = marking
+        .iter()
+        .filter(|row| row["spread"] == "even" && row["deformed"] == 64)
+        .map(|row| number(row, "marked_max") / number(row, "bound"));
+    assert!(near.fold(0.0, f64::max) > 0.8);
+    assert!(marking.iter().any(|row| row["deformed"] == row["faces"]));
+    for row in of("update_share") {
+        assert!(number(&row, "update_p50_ns") > 0.0 && number(&row, "query_p50_ns") > 0.0);
+    }
+    // Figures 5.20 and 4.8: the boxes of the full mesh's tree cost a coarse one little, and what is refined around the
+    // contact is searched as the full mesh is.
+    for list in ["levels", "growth_levels"] {
+        let levels = of(list);
+        let pairs = |front: &str| {
+            let row = levels.iter().find(|row| row["front"] == front).unwrap();
+            number(row, "node_pairs")
+        };
+        assert!(
+            (pairs("local") / pairs("full") - 1.0).abs() < 0.05,
+            "{levels:?}"
+        );
+        for row in levels
+            .iter()
+            .filter(|row| row["front"] == "prefix" || row["front"] == "coarse")
+        {
+            let rebuilt = number(row, "node_pairs_rebuilt");
+            assert!(number(row, "node_pairs") < 1.1 * rebuilt, "{row}");
+        }
+    }
+    for picture in ["compare.svg", "marking.svg", "levels.svg"] {
+        let text = std::fs::read_to_string(out.join(picture)).unwrap();
+        assert!(text.contains("</svg>"), "{picture}");
+    }
     assert!(out.join("compare.json").is_file());
 }
 

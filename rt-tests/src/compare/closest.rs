@@ -58,7 +58,6 @@ fn tips(model: &Model, full: &Surface, random: &mut impl Rng) -> Vec<DVec3> {
 /// # Errors
 /// When a region cannot be loaded.
 pub fn rows(
-    task: &'static str,
     model: &Model,
     full: &Surface,
     front: &FullFront,
@@ -94,7 +93,7 @@ pub fn rows(
             .map(|(who, timed)| {
                 let tolerance = TOLERANCES[usize::from(who == Who::ParryF32)] * diagonal;
                 let differ = timed.differ(&expected, tolerance);
-                Row::new(task, model, who, timed.ns, differ)
+                Row::new("closest_path", model, who, timed.ns, differ)
             })
             .collect(),
     )

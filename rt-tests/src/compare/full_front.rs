@@ -1,4 +1,4 @@
-//! Our tree over the full mesh: every split performed, every face in the tree.
+//! Our tree over a front with every split of the sequence up to some point performed: at the end, the full mesh.
 
 use crate::failure::Failure;
 use crate::models::Model;
@@ -7,7 +7,7 @@ use shared::ab_tree::AbTree;
 use shared::spm::{ActiveMesh, Handle, NONE, OperationFaces};
 use std::time::Instant;
 
-/// The full mesh as a front.
+/// A prefix of the sequence as a front, mostly the full mesh.
 pub struct FullFront {
     mesh: ActiveMesh,
     tree: AbTree,
@@ -21,16 +21,26 @@ impl FullFront {
     /// # Errors
     /// When the file is damaged.
     pub fn new(model: &Model) -> Result<Self, Failure> {
+        Self::prefix(model, model.records.len())
+    }
+
+    /// Performs the first splits, so many of them, and builds the tree.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub fn prefix(model: &Model, splits: usize) -> Result<Self, Failure> {
         let failed =
             |error: &dyn std::fmt::Display| Failure::Run(format!("{}: {error}", model.name));
         let header = model.file.model_header();
         let mut mesh = model.active_mesh();
         let mut out = OperationFaces::new();
-        for record in &model.records {
+        for record in &model.records[..splits] {
             mesh.split(record.i, &mut out)
                 .map_err(|error| failed(&error))?;
         }
-        let leaves: Vec<(Handle, u32)> = Self::leaves(model).collect();
+        let leaves: Vec<(Handle, u32)> = Self::leaves(model)
+            .filter(|&(face, _)| mesh.is_active(face))
+            .collect();
         let start = Instant::now();
         let mut tree = AbTree::new(header.base_faces + 2 * header.vsps);
         tree.preconstruct(header.faces);

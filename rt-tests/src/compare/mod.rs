@@ -5,7 +5,10 @@
 //! | `closest` | the closest point along a path over the surface |
 //! | `tools` | all pairs of faces of the surface and of a tool that touches |
 //! | `update` | an update of the tree where a patch of faces was deformed |
-//! | `full_front` | ours over the full mesh: no refinement has a part in it |
+//! | `marking` | nodes that an update marks, beside the bound of Theorem 2, and its time beside a query's |
+//! | `levels` | a probe against the coarse, the locally refined and the full mesh |
+//! | `full_front` | ours over a prefix of the sequence, mostly the full mesh: no local refinement has a part in it |
+//! | `picture` | all of it as pictures |
 //! | `timing` | single queries, in turn, with interruptions taken out |
 //!
 //! Ours is measured twice: on the front as the controller forms it, refined around the tip and coarse elsewhere,
@@ -13,6 +16,9 @@
 
 mod closest;
 mod full_front;
+mod levels;
+mod marking;
+mod picture;
 mod timing;
 mod tools;
 mod update;
@@ -22,12 +28,13 @@ use crate::failure::Failure;
 use crate::fronts::quantile;
 use crate::models::Model;
 use crate::peers::parry::Mesh;
-use crate::plots::{BLUE, Curve, GREEN, GREY, ORANGE, Panel, Picture};
 use crate::report::{bytes, grouped, write_whole};
 use crate::run::{print, print_json};
 use crate::surface::Surface;
 use clap::Args;
 use full_front::FullFront;
+use levels::Level;
+use marking::{Marking, UpdateShare};
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
@@ -40,11 +47,15 @@ use ve_station::generate::{Shape, generate};
 
 /// What is measured when no model is named.
 const DEFAULT_MODEL: &str = "relief:100000";
+/// Points of the path from one pose of a tool to the next; fewer poses where all sizes are gone through.
+const EVERY: usize = 5;
+const EVERY_OF_GROWTH: usize = 20;
 /// Faces of the shapes over which the cost is seen to grow.
 const GROWTH: [u32; 5] = [4_000, 16_000, 64_000, 250_000, 1_000_000];
 /// The most that ours, on the front of the controller, may take of parry's time in single precision.
 const MOST_CLOSEST: f64 = 0.5;
-/// The most that all pairs of a tool, on the front of the controller, may take of those of parry's leaves with GJK.
+/// The most that all pairs of a tool, on the front of the controller, may take of those of parry's leaves with GJK, which
+/// are told the pose as parry's own code tells it; see [`crate::peers::parry::ToolPose`].
 const MOST_TOOL: f64 = 0.2;
 /// The most that an update of ours may take of parry's.
 const MOST_UPDATE: f64 = 0.4;
@@ -64,7 +75,7 @@ pub struct CompareArgs {
     /// Show the growth of the cost on shapes of at most so many faces; 0 for none
     #[arg(long, value_name = "FACES", default_value_t = 1_000_000)]
     pub growth: u32,
-    /// Folder for compare.json and compare.svg
+    /// Folder for compare.json and the pictures
     #[arg(long, value_name = "DIR", default_value = "reports/compare")]
     pub out: PathBuf,
 }
@@ -81,14 +92,17 @@ pub enum Who {
     ParryF32,
     /// Parry in double precision, on the full mesh.
     ParryF64,
+    /// The same with the tool made anew at every pose.
+    ParryF64Moved,
 }
 
 impl Who {
-    const ALL: [Self; 4] = [
+    const ALL: [Self; 5] = [
         Self::OursLocal,
         Self::OursFull,
         Self::ParryF32,
         Self::ParryF64,
+        Self::ParryF64Moved,
     ];
 
     fn words(self) -> &'static str {
@@ -97,6 +111,7 @@ impl Who {
             Self::OursFull => "ours, full mesh",
             Self::ParryF32 => "parry f32",
             Self::ParryF64 => "parry f64",
+            Self::ParryF64Moved => "parry f64, moved",
         }
     }
 }
@@ -154,8 +169,16 @@ pub struct Compare {
     pub seed: u64,
     /// One a task, model and contender.
     pub rows: Vec<Row>,
-    /// The closest point along a path on shapes of growing size.
+    /// The same on shapes of growing size.
     pub growth: Vec<Row>,
+    /// Nodes that updates mark.
+    pub marking: Vec<Marking>,
+    /// Updates of local fronts beside queries.
+    pub update_share: Vec<UpdateShare>,
+    /// A probe against fronts of all levels.
+    pub levels: Vec<Level>,
+    /// The same on the shapes of growing size.
+    pub growth_levels: Vec<Level>,
     /// What is beyond its limit, in words; empty when all is well.
     pub broken: Vec<String>,
 }
@@ -174,28 +197,42 @@ pub fn compare(args: &CompareArgs) -> Result<(), Failure> {
         seed: args.seed,
         rows: Vec::new(),
         growth: Vec::new(),
+        marking: Vec::new(),
+        update_share: Vec::new(),
+        levels: Vec::new(),
+        growth_levels: Vec::new(),
         broken: Vec::new(),
     };
     for typed in typed {
         eprintln!("{typed}: building");
         let model = open(typed)?;
         eprintln!("{typed}: measuring");
-        let rows = measure(&model, args.seed)?;
-        found.broken.extend(broken(&rows));
-        found.rows.extend(rows);
+        let measured = Measured::new(&model, args.seed, EVERY)?;
+        found.broken.extend(broken(&measured.rows));
+        found.rows.extend(measured.rows);
+        let (marking, update_share) = updates(&model, args.seed)?;
+        found.marking.extend(marking);
+        found.update_share.extend(update_share);
+        found.levels.extend(measured.levels);
     }
     for faces in GROWTH.into_iter().filter(|&faces| faces <= args.growth) {
         eprintln!("relief of {} faces: building", grouped(faces.into()));
         let model = open(&format!("relief:{faces}"))?;
         eprintln!("relief of {} faces: measuring", grouped(faces.into()));
-        found.growth.extend(grow(&model, args.seed)?);
+        let measured = Measured::new(&model, args.seed, EVERY_OF_GROWTH)?;
+        found.growth.extend(measured.rows);
+        found.growth_levels.extend(measured.levels);
     }
     found.broken.extend(wrong(&found.growth));
+    found
+        .broken
+        .extend(marking::broken(&found.marking, &found.update_share));
+    found.broken.extend(levels::broken(&found.growth_levels));
     let failed = |error: String| Failure::Run(format!("the picture of the comparison: {error}"));
-    write_whole(
-        &args.out.join("compare.svg"),
-        picture(&found).svg().map_err(failed)?.as_bytes(),
-    )?;
+    for (name, picture) in picture::pictures(&found) {
+        let svg = picture.svg().map_err(failed)?;
+        write_whole(&args.out.join(name), svg.as_bytes())?;
+    }
     let json = serde_json::to_string_pretty(&found).unwrap_or_default();
     write_whole(&args.out.join("compare.json"), json.as_bytes())?;
     if args.json {
@@ -224,65 +261,55 @@ fn open(typed: &str) -> Result<Model, Failure> {
     }
 }
 
-/// Every task on a model.
-fn measure(model: &Model, seed: u64) -> Result<Vec<Row>, Failure> {
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let full = Surface::new(model.full_triangles());
-    let mut front = FullFront::new(model)?;
-    let start = Instant::now();
-    let mut single = closest::single(model)?;
-    let single_ns = start.elapsed().as_nanos() as f64;
-    let start = Instant::now();
-    let mut double = closest::double(model)?;
-    let double_ns = start.elapsed().as_nanos() as f64;
-    let mut rows = closest::rows(
-        "closest_path",
-        model,
-        &full,
-        &front,
-        [&single, &double],
-        &mut random,
-    )?;
-    rows.extend(tools::rows(
-        model,
-        &full,
-        &front,
-        [&mut single, &mut double],
-        &mut random,
-    )?);
-    rows.extend(update::rows(
-        model,
-        &mut front,
-        &mut single,
-        &mut double,
-        &mut random,
-    ));
-    let built = [
-        (Who::OursFull, front.build_ns, front.bytes()),
-        (Who::ParryF32, single_ns, single.bytes()),
-        (Who::ParryF64, double_ns, double.bytes()),
-    ];
-    rows.extend(built.map(|(who, ns, bytes)| Row {
-        bytes: bytes as u64,
-        ..Row::new("build", model, who, vec![ns], 0)
-    }));
-    Ok(rows)
+/// What is measured on a model of any size.
+struct Measured {
+    rows: Vec<Row>,
+    levels: Vec<Level>,
 }
 
-/// What is seen to grow.
-fn grow(model: &Model, seed: u64) -> Result<Vec<Row>, Failure> {
+impl Measured {
+    /// Every task on a model; a tool touches at every so many points of the path.
+    fn new(model: &Model, seed: u64, every: usize) -> Result<Self, Failure> {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let full = Surface::new(model.full_triangles());
+        let mut front = FullFront::new(model)?;
+        let start = Instant::now();
+        let mut single = closest::single(model)?;
+        let single_ns = start.elapsed().as_nanos() as f64;
+        let start = Instant::now();
+        let mut double = closest::double(model)?;
+        let double_ns = start.elapsed().as_nanos() as f64;
+        let both: [&dyn Mesh; 2] = [&single, &double];
+        let mut rows = closest::rows(model, &full, &front, both, &mut random)?;
+        let both: [&mut dyn Mesh; 2] = [&mut single, &mut double];
+        rows.extend(tools::rows(model, &full, &front, both, every, &mut random)?);
+        let levels = levels::levels(model, &full, &front, &mut random)?;
+        rows.extend(update::rows(
+            model,
+            &mut front,
+            &mut single,
+            &mut double,
+            &mut random,
+        ));
+        let built = [
+            (Who::OursFull, front.build_ns, front.bytes()),
+            (Who::ParryF32, single_ns, single.bytes()),
+            (Who::ParryF64, double_ns, double.bytes()),
+        ];
+        rows.extend(built.map(|(who, ns, bytes)| Row {
+            bytes: bytes as u64,
+            ..Row::new("build", model, who, vec![ns], 0)
+        }));
+        Ok(Self { rows, levels })
+    }
+}
+
+/// What updates mark and take.
+fn updates(model: &Model, seed: u64) -> Result<(Vec<Marking>, Vec<UpdateShare>), Failure> {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let marking = marking::markings(model, &FullFront::new(model)?, &mut random);
     let full = Surface::new(model.full_triangles());
-    let front = FullFront::new(model)?;
-    let (single, double) = (closest::single(model)?, closest::double(model)?);
-    closest::rows(
-        "growth",
-        model,
-        &full,
-        &front,
-        [&single, &double],
-        &mut random,
-    )
+    Ok((marking, marking::shares(model, &full, &mut random)?))
 }
 
 /// Wrong answers of ours, in words; those of others are in the table.
@@ -360,43 +387,12 @@ fn words(found: &Compare) -> String {
             memory,
         );
     }
+    text += &marking::words(&found.marking, &found.update_share);
+    text += &levels::words(found.levels.iter().chain(&found.growth_levels));
     for broken in &found.broken {
         let _ = writeln!(text, "beyond its limit: {broken}");
     }
     text
-}
-
-/// Cost against the number of faces.
-fn picture(found: &Compare) -> Picture {
-    let panel = |title: &str, of: fn(&Row) -> f64| Panel {
-        title: title.to_string(),
-        y_label: "ns".to_string(),
-        y_log: true,
-        curves: Who::ALL
-            .into_iter()
-            .zip([BLUE, GREEN, ORANGE, GREY])
-            .map(|(who, color)| Curve {
-                label: who.words().to_string(),
-                color,
-                points: found
-                    .growth
-                    .iter()
-                    .filter(|row| row.who == who)
-                    .map(|row| (f64::from(row.faces), of(row)))
-                    .collect(),
-                dots: false,
-            })
-            .collect(),
-        ..Panel::default()
-    };
-    Picture {
-        x_label: "faces of the full mesh".to_string(),
-        x_log: true,
-        panels: vec![
-            panel("Closest point along a path: median", |row| row.p50_ns),
-            panel("Closest point along a path: 99th of 100", |row| row.p99_ns),
-        ],
-    }
 }
 
 #[cfg(test)]
@@ -406,8 +402,9 @@ mod tests {
     #[test]
     fn every_answer_on_a_small_shape_is_right_and_limits_are_seen() {
         let model = open("relief:3000").unwrap_or_else(|error| panic!("{error}"));
-        let mut rows = measure(&model, 1).unwrap_or_else(|error| panic!("{error}"));
-        assert_eq!(rows.len(), 4 + 2 * 4 + 3 + 3);
+        let measured = Measured::new(&model, 1, EVERY).unwrap_or_else(|error| panic!("{error}"));
+        let mut rows = measured.rows;
+        assert_eq!(rows.len(), 4 + 2 * 5 + 3 + 3);
         assert_eq!(wrong(&rows), [""; 0]);
         assert!(
             rows.iter()

@@ -7,31 +7,83 @@ use super::{Row, Who};
 use crate::failure::Failure;
 use crate::fronts::local_front::LocalFront;
 use crate::models::{Model, active_triangles};
-use crate::peers::parry::Mesh;
+use crate::peers::parry::{Mesh, ToolPose};
 use crate::surface::Surface as Full;
 use glam::{DQuat, DVec3};
 use hrtc::query::{FacePair, Surface, all_pairs};
 use hrtc::tool::{Tool, ToolMesh, capsule_mesh};
 use rand::Rng;
 use shared::geometry::{Pose, Similarity, triangle_pair};
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 
 /// Radius and length of the capsule, and how deep its tip is, in parts of the diagonal.
 const RADIUS: f64 = 0.015;
 const LENGTH: f64 = 0.1;
 const DEPTH: f64 = 0.003;
-/// Points of the path from one pose to the next.
-const EVERY: usize = 5;
 /// Poses after which the local front is formed anew, and how far around the tip it is refined, parts of the diagonal.
-const STRETCH: usize = 10;
+pub const STRETCH: usize = 10;
 const REFINED: f64 = 0.03;
 /// Pairs that an answer may have.
-const MOST_PAIRS: usize = 4096;
+pub const MOST_PAIRS: usize = 4096;
 
 /// The tools by task: faces around and circles.
 pub const TOOLS: [(&str, usize, usize); 2] = [("tool240_pairs", 12, 10), ("tool960_pairs", 24, 20)];
 
-/// A row for each contender and tool.
+/// A pose of a tool at which it touches.
+pub struct Touch {
+    /// The point of the surface.
+    pub point: DVec3,
+    /// The pose.
+    pub pose: Pose,
+    /// The same, to the frame of the model.
+    pub to_query: Similarity,
+}
+
+impl Touch {
+    /// Of a tool along z with its end so deep in the surface.
+    pub fn new((point, normal): (DVec3, DVec3), length: f64, depth: f64) -> Option<Self> {
+        let pose = Pose {
+            position: point + normal * (0.5 * length - depth),
+            orientation: DQuat::from_rotation_arc(DVec3::Z, normal),
+        };
+        let to_query = Similarity::new(pose, 1.0)?;
+        Some(Self {
+            point,
+            pose,
+            to_query,
+        })
+    }
+}
+
+/// How far around a touch a front is refined.
+pub fn refined_reach(model: &Model) -> f64 {
+    REFINED * model.file.model_header().diagonal
+}
+
+/// Forms a front that is refined so far around some touches.
+///
+/// # Errors
+/// When a region cannot be loaded.
+pub fn refine(touches: &[Touch], reach: f64, front: &mut LocalFront<'_>) -> Result<(), Failure> {
+    let cells: BTreeSet<_> = touches
+        .iter()
+        .flat_map(|touch| front.cells_near(touch.point, 0.0, reach))
+        .collect();
+    let cells: Vec<_> = cells.into_iter().collect();
+    front.want(&cells)?;
+    front.settle()
+}
+
+/// The mesh of a tool of [`TOOLS`], its length, and how deep it touches.
+pub fn capsule(model: &Model, (_, around, circles): (&str, usize, usize)) -> (ToolMesh, f64, f64) {
+    let diagonal = model.file.model_header().diagonal;
+    let length = LENGTH * diagonal;
+    let mesh = capsule_mesh(RADIUS * diagonal, length, around, circles);
+    (mesh, length, DEPTH * diagonal)
+}
+
+/// A row for each contender and tool, at every so many points of the path.
 ///
 /// # Errors
 /// When a region cannot be loaded, or parry refuses a tool.
@@ -40,30 +92,25 @@ pub fn rows(
     full: &Full,
     front: &FullFront,
     [single, double]: [&mut dyn Mesh; 2],
+    every: usize,
     random: &mut impl Rng,
 ) -> Result<Vec<Row>, Failure> {
-    let diagonal = model.file.model_header().diagonal;
-    let poses: Vec<(DVec3, Similarity)> = touches(model, full, random)
-        .into_iter()
-        .step_by(EVERY)
-        .filter_map(|(point, normal)| {
-            let pose = Pose {
-                position: point + normal * ((0.5 * LENGTH - DEPTH) * diagonal),
-                orientation: DQuat::from_rotation_arc(DVec3::Z, normal),
-            };
-            Some((point, Similarity::new(pose, 1.0)?))
-        })
-        .collect();
+    let touching = touches(model, full, random);
     let (handles, corners) = active_triangles(front.mesh());
     let by_handle: Vec<_> = handles.into_iter().zip(corners).collect();
     let by_place: Vec<_> = (0u32..).zip(model.full_triangles()).collect();
     let mut rows = Vec::new();
-    for (task, around, circles) in TOOLS {
-        let mesh = capsule_mesh(RADIUS * diagonal, LENGTH * diagonal, around, circles);
+    for kind in TOOLS {
+        let (mesh, length, depth) = capsule(model, kind);
+        let poses: Vec<Touch> = touching
+            .iter()
+            .step_by(every)
+            .filter_map(|&at| Touch::new(at, length, depth))
+            .collect();
         let mut tool = new_tool(model, &mesh)?;
         let mut expect = |faces: &[(u32, [DVec3; 3])]| -> Vec<f64> {
-            let mut answer = |(_, pose): &(DVec3, Similarity)| {
-                tool.place(pose);
+            let mut answer = |touch: &Touch| {
+                tool.place(&touch.to_query);
                 by_search(faces, &tool)
             };
             poses.iter().map(&mut answer).collect()
@@ -72,59 +119,62 @@ pub fn rows(
         single.take_tool(&mesh.positions, &mesh.triangles);
         double.take_tool(&mesh.positions, &mesh.triangles);
         let mut out = vec![FacePair::NONE; MOST_PAIRS];
-        let mut ours = |k: usize| ours(front.surface(), &mut tool, &poses[k].1, &mut out);
-        let mut of_single = |k: usize| theirs(single, &poses[k].1);
-        let mut of_double = |k: usize| theirs(double, &poses[k].1);
+        let mut ours = |k: usize| ours(front.surface(), &mut tool, &poses[k].to_query, &mut out);
+        let mut of_single = |k: usize| theirs(single, &poses[k].pose, ToolPose::Given);
+        // One mesh answers for two.
+        let double = RefCell::new(&mut *double);
+        let of_double = |k: usize, how| theirs(&mut **double.borrow_mut(), &poses[k].pose, how);
         let mut timed = time(
             poses.len(),
-            &mut [&mut ours, &mut of_single, &mut of_double],
+            &mut [
+                &mut ours,
+                &mut of_single,
+                &mut |k| of_double(k, ToolPose::Given),
+                &mut |k| of_double(k, ToolPose::Moved),
+            ],
         );
         let (near, near_expected) = local(model, &mesh, &poses)?;
         timed.insert(0, near);
-        let expected = [&near_expected, &of_handles, &of_places, &of_places];
-        let who = [Who::OursLocal, Who::OursFull, Who::ParryF32, Who::ParryF64];
+        let expected = [
+            &near_expected,
+            &of_handles,
+            &of_places,
+            &of_places,
+            &of_places,
+        ];
+        let who = Who::ALL;
         for ((who, timed), expected) in who.into_iter().zip(timed).zip(expected) {
             let differ = timed.differ(expected, 0.0);
-            rows.push(Row::new(task, model, who, timed.ns, differ));
+            rows.push(Row::new(kind.0, model, who, timed.ns, differ));
         }
     }
     Ok(rows)
 }
 
-fn new_tool(model: &Model, mesh: &ToolMesh) -> Result<Tool, Failure> {
+pub fn new_tool(model: &Model, mesh: &ToolMesh) -> Result<Tool, Failure> {
     Tool::new(mesh).map_err(|error| Failure::Run(format!("{}: the tool: {error}", model.name)))
 }
 
 /// On the front as the controller forms it; what is expected is found on that front as well.
-fn local(
-    model: &Model,
-    mesh: &ToolMesh,
-    poses: &[(DVec3, Similarity)],
-) -> Result<(Timed, Vec<f64>), Failure> {
-    let diagonal = model.file.model_header().diagonal;
+fn local(model: &Model, mesh: &ToolMesh, poses: &[Touch]) -> Result<(Timed, Vec<f64>), Failure> {
     let mut tool = new_tool(model, mesh)?;
     let mut out = vec![FacePair::NONE; MOST_PAIRS];
     let mut front = LocalFront::new(model)?;
+    let reach = refined_reach(model);
     let (mut all, mut expected) = (Timed::default(), Vec::new());
     for stretch in poses.chunks(STRETCH) {
-        let cells: BTreeSet<_> = stretch
-            .iter()
-            .flat_map(|&(point, _)| front.cells_near(point, 0.0, REFINED * diagonal))
-            .collect();
-        let cells: Vec<_> = cells.into_iter().collect();
-        front.want(&cells)?;
-        front.settle()?;
+        refine(stretch, reach, &mut front)?;
         let surface = Surface {
             mesh: front.cache().mesh(),
             tree: front.cache().tree(),
         };
         let (handles, corners) = active_triangles(surface.mesh);
         let faces: Vec<_> = handles.into_iter().zip(corners).collect();
-        for (_, pose) in stretch {
-            tool.place(pose);
+        for touch in stretch {
+            tool.place(&touch.to_query);
             expected.push(by_search(&faces, &tool));
         }
-        let mut query = |k: usize| ours(surface, &mut tool, &stretch[k].1, &mut out);
+        let mut query = |k: usize| ours(surface, &mut tool, &stretch[k].to_query, &mut out);
         let timed = time(stretch.len(), &mut [&mut query]);
         timed.into_iter().for_each(|timed| all.extend(timed));
     }
@@ -132,7 +182,7 @@ fn local(
 }
 
 /// Moves the tool and finds all pairs.
-fn ours(surface: Surface<'_>, tool: &mut Tool, pose: &Similarity, out: &mut [FacePair]) -> f64 {
+pub fn ours(surface: Surface<'_>, tool: &mut Tool, pose: &Similarity, out: &mut [FacePair]) -> f64 {
     tool.place(pose);
     let found = all_pairs(&surface, &*tool, u32::MAX, out);
     if !found.ending.is_complete() {
@@ -146,9 +196,9 @@ fn ours(surface: Surface<'_>, tool: &mut Tool, pose: &Similarity, out: &mut [Fac
         .number()
 }
 
-fn theirs(mesh: &mut dyn Mesh, pose: &Similarity) -> f64 {
+fn theirs(mesh: &mut dyn Mesh, pose: &Pose, how: ToolPose) -> f64 {
     let mut digest = Digest::default();
-    mesh.tool_pairs(pose, &mut |face, of_tool| {
+    mesh.tool_pairs(pose, how, &mut |face, of_tool| {
         digest = digest.with(face, of_tool)
     });
     digest.number()

@@ -9,7 +9,8 @@ use crate::surface::unit;
 use glam::Vec3;
 use rand::Rng;
 use shared::geometry::Aabb;
-use shared::spm::NONE;
+use shared::spm::{ActiveMesh, Handle, NONE};
+use std::collections::HashSet;
 
 /// Faces of a patch, as deformed by about eight splits.
 pub const PATCH: usize = 64;
@@ -18,16 +19,16 @@ const PATCHES: usize = 400;
 /// By how much a patch is moved, in parts of the diagonal.
 const SHIFT: f32 = 1e-3;
 
-/// Faces around a random one, nearest by adjacency first.
-fn patch(front: &FullFront, handles: &[u32], random: &mut impl Rng) -> Vec<u32> {
-    let first = handles[(unit(random) * handles.len() as f64) as usize];
+/// So many faces around one, nearest by adjacency first; fewer where its piece of the mesh has no more.
+pub fn patch(mesh: &ActiveMesh, first: Handle, count: usize) -> Vec<Handle> {
     let mut patch = vec![first];
+    let mut found = HashSet::from([first]);
     let mut next = 0;
-    while patch.len() < PATCH && next < patch.len() {
-        let face = front.mesh().face(patch[next]);
+    while patch.len() < count && next < patch.len() {
+        let face = mesh.face(patch[next]);
         next += 1;
         for neighbour in face.neighbours {
-            if neighbour != NONE && !patch.contains(&neighbour) && patch.len() < PATCH {
+            if neighbour != NONE && patch.len() < count && found.insert(neighbour) {
                 patch.push(neighbour);
             }
         }
@@ -48,7 +49,8 @@ pub fn rows(
     // Places of parry's faces, which are those of the full mesh in the order of the tree.
     let places = places(model, front, &handles);
     let patches: Vec<Vec<u32>> = (0..PATCHES)
-        .map(|_| patch(front, &handles, random))
+        .map(|_| (unit(random) * handles.len() as f64) as usize)
+        .map(|first| patch(front.mesh(), handles[first], PATCH))
         .collect();
     let of_parry: Vec<Vec<u32>> = patches
         .iter()

@@ -4,7 +4,19 @@ pub use double::ParryF64;
 pub use single::ParryF32;
 
 use glam::DVec3;
-use shared::geometry::{Aabb, Similarity};
+use shared::geometry::{Aabb, Pose};
+
+/// How parry is told where the tool is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ToolPose {
+    /// By the pose, which every box and face of the tool is moved by as it is met. It is what parry does itself where it
+    /// asks for pairs of leaves (`intersect_meshes`, at version 0.31 the only place), and what every query of its that
+    /// takes two shapes does: a shape is not changed by a pose.
+    Given,
+    /// The tool is made anew at its pose, its tree refitted: what a user may do who knows that few poses are far apart
+    /// and that all pairs are asked for.
+    Moved,
+}
 
 /// A triangle mesh of parry: what both precisions are asked.
 pub trait Mesh {
@@ -16,9 +28,9 @@ pub trait Mesh {
     fn update(&mut self, faces: &[u32], boxes: &[Aabb]) -> f64;
     /// Takes a tool up: its corners and faces in its own frame.
     fn take_tool(&mut self, positions: &[DVec3], faces: &[[u32; 3]]);
-    /// Moves the tool, refits its boxes, and visits the pairs of a face of the mesh and one of the tool of which
-    /// parry says that they intersect: pairs of leaves of both trees, then GJK.
-    fn tool_pairs(&mut self, to_query: &Similarity, visit: &mut dyn FnMut(u32, u32));
+    /// Visits the pairs of a face of the mesh and one of the tool of which parry says that they intersect: pairs of
+    /// leaves of both trees, then GJK.
+    fn tool_pairs(&mut self, pose: &Pose, how: ToolPose, visit: &mut dyn FnMut(u32, u32));
 }
 
 macro_rules! precision {
@@ -30,10 +42,39 @@ macro_rules! precision {
             tree: $parry::partitioning::Bvh,
             /// Faces of the last update, whose marks the next one takes back.
             changed: Vec<u32>,
-            tool: $parry::partitioning::Bvh,
-            tool_positions: Vec<DVec3>,
-            tool_faces: Vec<[u32; 3]>,
-            tool_moved: Vec<$parry::math::Vector>,
+            tool: Tool,
+        }
+
+        /// A tool in its own frame, and as it was moved last.
+        #[derive(Default)]
+        struct Tool {
+            tree: $parry::partitioning::Bvh,
+            positions: Vec<$parry::math::Vector>,
+            faces: Vec<[u32; 3]>,
+            moved_tree: $parry::partitioning::Bvh,
+            moved: Vec<$parry::math::Vector>,
+        }
+
+        impl Tool {
+            /// Its vertices are moved, its boxes refitted.
+            fn move_to(&mut self, pose: &$parry::math::Pose) {
+                for (moved, &position) in self.moved.iter_mut().zip(&self.positions) {
+                    *moved = pose.transform_point(position);
+                }
+                for (k, face) in (0u32..).zip(&self.faces) {
+                    let aabb = around(&self.moved, face);
+                    self.moved_tree.insert_or_update_partially(aabb, k, 0.0);
+                }
+                self.moved_tree.refit_without_opt();
+            }
+        }
+
+        fn triangle(
+            positions: &[$parry::math::Vector],
+            face: &[u32; 3],
+        ) -> $parry::shape::Triangle {
+            let [a, b, c] = face.map(|v| positions[v as usize]);
+            $parry::shape::Triangle::new(a, b, c)
         }
 
         impl $name {
@@ -50,10 +91,7 @@ macro_rules! precision {
                     mesh,
                     tree,
                     changed: Vec::with_capacity(64),
-                    tool: $parry::partitioning::Bvh::new(),
-                    tool_positions: Vec::new(),
-                    tool_faces: Vec::new(),
-                    tool_moved: Vec::new(),
+                    tool: Tool::default(),
                 })
             }
         }
@@ -76,41 +114,45 @@ macro_rules! precision {
             }
 
             fn take_tool(&mut self, positions: &[DVec3], faces: &[[u32; 3]]) {
-                self.tool_positions = positions.to_vec();
-                self.tool_moved = positions.iter().map(|&p| vector(p)).collect();
-                self.tool_faces = faces.to_vec();
-                let boxes: Vec<_> = faces
-                    .iter()
-                    .map(|face| around(&self.tool_moved, face))
-                    .collect();
+                let positions: Vec<_> = positions.iter().map(|&p| vector(p)).collect();
+                let boxes: Vec<_> = faces.iter().map(|face| around(&positions, face)).collect();
                 let strategy = $parry::partitioning::BvhBuildStrategy::default();
-                self.tool = $parry::partitioning::Bvh::from_leaves(strategy, &boxes);
+                let tree = $parry::partitioning::Bvh::from_leaves(strategy, &boxes);
+                self.tool = Tool {
+                    moved_tree: tree.clone(),
+                    tree,
+                    moved: positions.clone(),
+                    positions,
+                    faces: faces.to_vec(),
+                };
             }
 
-            fn tool_pairs(&mut self, to_query: &Similarity, visit: &mut dyn FnMut(u32, u32)) {
-                for (moved, &position) in self.tool_moved.iter_mut().zip(&self.tool_positions) {
-                    *moved = vector(to_query.point(position));
+            fn tool_pairs(&mut self, pose: &Pose, how: ToolPose, visit: &mut dyn FnMut(u32, u32)) {
+                // GJK itself: the dispatcher before it would bring every shape's code along.
+                use $parry::query::details::intersection_test_support_map_support_map as meet;
+                let to_mesh = pose_of(pose);
+                let tree = self.mesh.bvh();
+                if how == ToolPose::Moved {
+                    self.tool.move_to(&to_mesh);
+                    let tool = &self.tool;
+                    let here = $parry::math::Pose::IDENTITY;
+                    for (face, of_tool) in tree.leaf_pairs(&tool.moved_tree, |a, b| a.intersects(b))
+                    {
+                        let other = triangle(&tool.moved, &tool.faces[of_tool as usize]);
+                        if meet(&here, &self.mesh.triangle(face), &other) {
+                            visit(face, of_tool);
+                        }
+                    }
+                    return;
                 }
-                for (k, face) in (0u32..).zip(&self.tool_faces) {
-                    let aabb = around(&self.tool_moved, face);
-                    self.tool.insert_or_update_partially(aabb, k, 0.0);
-                }
-                self.tool.refit_without_opt();
-                let here = $parry::math::Pose::IDENTITY;
-                let pairs = self
-                    .mesh
-                    .bvh()
-                    .leaf_pairs(&self.tool, |a, b| a.intersects(b));
-                for (face, of_tool) in pairs {
-                    let corners =
-                        self.tool_faces[of_tool as usize].map(|v| self.tool_moved[v as usize]);
-                    let [a, b, c] = corners;
-                    let other = $parry::shape::Triangle::new(a, b, c);
-                    let own = self.mesh.triangle(face);
-                    // GJK itself: the dispatcher before it would bring every shape's code along.
-                    if $parry::query::details::intersection_test_support_map_support_map(
-                        &here, &own, &other,
-                    ) {
+                let tool = &self.tool;
+                let overlap = |a: &Node, b: &Node| {
+                    use $parry::bounding_volume::BoundingVolume;
+                    a.aabb().intersects(&b.aabb().transform_by(&to_mesh))
+                };
+                for (face, of_tool) in tree.leaf_pairs(&tool.tree, overlap) {
+                    let other = triangle(&tool.positions, &tool.faces[of_tool as usize]);
+                    if meet(&to_mesh, &self.mesh.triangle(face), &other) {
                         visit(face, of_tool);
                     }
                 }
@@ -137,12 +179,17 @@ macro_rules! precision {
 
 /// Single precision.
 mod single {
-    use super::Mesh;
+    use super::{Mesh, ToolPose};
     use glam::DVec3;
-    use shared::geometry::{Aabb, Similarity};
+    use parry3d::partitioning::BvhNode as Node;
+    use shared::geometry::{Aabb, Pose};
 
     fn vector(point: DVec3) -> parry3d::math::Vector {
         point.as_vec3()
+    }
+
+    fn pose_of(pose: &Pose) -> parry3d::math::Pose {
+        parry3d::math::Pose::from_parts(vector(pose.position), pose.orientation.as_quat())
     }
 
     precision!(ParryF32, parry3d, "The mesh in single precision.");
@@ -150,12 +197,17 @@ mod single {
 
 /// Double precision.
 mod double {
-    use super::Mesh;
+    use super::{Mesh, ToolPose};
     use glam::DVec3;
-    use shared::geometry::{Aabb, Similarity};
+    use parry3d_f64::partitioning::BvhNode as Node;
+    use shared::geometry::{Aabb, Pose};
 
     fn vector(point: DVec3) -> parry3d_f64::math::Vector {
         point
+    }
+
+    fn pose_of(pose: &Pose) -> parry3d_f64::math::Pose {
+        parry3d_f64::math::Pose::from_parts(pose.position, pose.orientation)
     }
 
     precision!(ParryF64, parry3d_f64, "The mesh in double precision.");
