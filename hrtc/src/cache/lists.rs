@@ -81,6 +81,16 @@ impl ListPool {
         }
     }
 
+    /// Frees every list.
+    pub fn clear(&mut self) {
+        let last = self.blocks.len() as u32;
+        for (next, block) in (1..=last).zip(&mut self.blocks) {
+            block.next = if next < last { next } else { NONE };
+        }
+        self.free = if last == 0 { NONE } else { 0 };
+        self.used = 0;
+    }
+
     /// Blocks that there are.
     #[must_use]
     pub fn capacity(&self) -> usize {

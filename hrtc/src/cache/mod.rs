@@ -125,9 +125,17 @@ pub struct Cache {
     loaded_high_water: u32,
     faces_high_water: u32,
     slots: u32,
+    /// Slots that were ever in use for this model, from the first on.
+    slots_used: u32,
     evicted: u64,
-    base_inserted: u32,
 }
+
+const NO_MODEL: Sizes = Sizes {
+    base_vertices: 0,
+    base_faces: 0,
+    vsps: 0,
+    faces: 0,
+};
 
 const EMPTY_QUEUE: Ends = Ends {
     first: NONE,
@@ -181,19 +189,14 @@ impl Cache {
             evictions: EMPTY_QUEUE,
             lists: ListPool::new(Self::blocks_for(slots)),
             regions: RegionTable::new(Self::regions_for(slots)),
-            sizes: Sizes {
-                base_vertices: 0,
-                base_faces: 0,
-                vsps: 0,
-                faces: 0,
-            },
+            sizes: NO_MODEL,
             scale: ErrorScale::for_diagonal(1.0),
             loaded: 0,
             loaded_high_water: 0,
             faces_high_water: 0,
             slots: 0,
+            slots_used: 0,
             evicted: 0,
-            base_inserted: 0,
         }
     }
 
@@ -281,7 +284,27 @@ impl Cache {
 
     // --- the base mesh -------------------------------------------------------------------------
 
-    /// Shares the storage out to a model; once.
+    /// Forgets the model and everything of it; counts and high-water marks stay. Nothing is freed or allocated, and
+    /// only what was in use is gone through.
+    pub fn reset(&mut self) {
+        // Slots are handed out from the first on, and again when they come back.
+        let used = self.slots_used;
+        self.mesh.clear(used);
+        self.tree.clear(self.sizes.base_faces + 2 * used);
+        self.ids.clear();
+        self.references[..used as usize].fill(References::default());
+        self.free.clear();
+        self.collapses = EMPTY_QUEUE;
+        self.evictions = EMPTY_QUEUE;
+        self.lists.clear();
+        self.regions.clear();
+        self.sizes = NO_MODEL;
+        self.loaded = 0;
+        self.slots = 0;
+        self.slots_used = 0;
+    }
+
+    /// Shares the storage out to a model; once, and again after every [`Cache::reset`].
     ///
     /// # Errors
     /// When the base mesh and the model's largest closure do not fit.
@@ -325,10 +348,6 @@ impl Cache {
             .set_base_face(face, value.corners, value.neighbours)
             .is_some()
             && self.tree.insert(face, value.leaf)
-            && {
-                self.base_inserted += 1;
-                true
-            }
     }
 
     /// R as an f32 that is not below the code's value.
@@ -447,6 +466,7 @@ impl Cache {
         }
         self.loaded += 1;
         self.loaded_high_water = self.loaded_high_water.max(self.loaded);
+        self.slots_used = self.slots_used.max(slot + 1);
         self.lists.set(cursor, slot);
         let entry = self.regions.at_mut(region);
         entry.cursor = self.lists.next(cursor);

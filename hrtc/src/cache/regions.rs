@@ -149,6 +149,18 @@ impl RegionTable {
         }
     }
 
+    /// Forgets every region.
+    pub fn clear(&mut self) {
+        self.regions.fill(None);
+        self.ends = Links {
+            earlier: NONE,
+            later: NONE,
+        };
+        self.by_key.clear();
+        self.free.clear();
+        self.free.extend((0..self.regions.len() as u32).rev());
+    }
+
     /// Number of regions known.
     #[must_use]
     pub fn known(&self) -> usize {

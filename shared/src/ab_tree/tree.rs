@@ -130,7 +130,20 @@ impl AbTree {
         }
     }
 
-    /// Fixes the shape (ACTIVE-PRECONSTRUCT): the number of faces of the full mesh. Once, while empty.
+    /// Empties it, so that [`AbTree::preconstruct`] may follow; `faces`: of how many handles, from the first on, use
+    /// was made. Nothing is freed or allocated.
+    pub fn clear(&mut self, faces: u32) {
+        self.face_key[..faces as usize].fill(0);
+        self.deformed[..self.fresh as usize].fill(0);
+        self.root = None;
+        self.free = NONE;
+        self.fresh = 0;
+        self.faces = 0;
+        self.root_box = Aabb::EMPTY;
+        self.root_face_deformed = false;
+    }
+
+    /// Fixes the shape (ACTIVE-PRECONSTRUCT): the number of faces of the full mesh. While empty.
     pub fn preconstruct(&mut self, full_faces: u32) {
         assert!(
             self.faces == 0,

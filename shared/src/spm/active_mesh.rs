@@ -134,7 +134,17 @@ impl ActiveMesh {
         }
     }
 
-    /// Shares out storage that was made for any model to this one; once, before anything is set or loaded.
+    /// Empties it, of whatever model it was, so that [`ActiveMesh::reshape`] may follow; `slots`: of how many, from
+    /// the first on, use was made. Nothing is freed or allocated.
+    pub fn clear(&mut self, slots: u32) {
+        let faces = self.base_faces as usize + 2 * slots as usize;
+        self.faces[..faces].fill(Face::UNUSED);
+        self.states[..slots as usize].fill(State::default());
+        self.active_faces = 0;
+        self.performed = 0;
+    }
+
+    /// Shares out storage that was made for any model to this one; before anything is set or loaded.
     ///
     /// Returns the number of slots, `None` when the base mesh alone does not fit.
     pub fn reshape(&mut self, base_vertices: u32, base_faces: u32) -> Option<u32> {
@@ -146,7 +156,7 @@ impl ActiveMesh {
         self.base_faces = base_faces;
         assert!(
             self.active_faces == 0 && self.performed == 0,
-            "storage is shared out once"
+            "storage is shared out while it is empty"
         );
         Some(slots as u32)
     }
