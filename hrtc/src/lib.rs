@@ -4,6 +4,8 @@
 //! around it owns the clock, the threads, the device and the iceoryx2 ports.
 
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]
+pub mod broad_phase;
+#[deny(clippy::disallowed_methods, clippy::disallowed_types)]
 pub mod cache;
 pub mod connection;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]

@@ -1,0 +1,201 @@
+//! Which objects are near which probes: the boxes of all objects against a ball around each probe.
+//!
+//! The boxes lie in one array a coordinate, so that the compiler compares several at once. For the hundreds of
+//! objects of a scene that is faster than any order or tree of them, its cost is the same in every tick, and nothing
+//! has to be kept up to date when something moves.
+
+use glam::DVec3;
+
+/// Pairs of an object and a probe that one search finds at the most; of more the nearest are kept.
+pub const MOST_NEAR: usize = 64;
+
+/// A ball around a probe, world, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ball {
+    /// Which probe.
+    pub probe: usize,
+    /// Its centre.
+    pub centre: DVec3,
+    /// Its radius.
+    pub radius: f64,
+}
+
+/// An object whose box meets a probe's ball.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Near {
+    /// Which object.
+    pub object: usize,
+    /// Which probe.
+    pub probe: usize,
+    /// Distance of the box from the centre of the ball, metres; 0 inside.
+    pub distance: f64,
+}
+
+/// The boxes of all objects, in the world.
+#[derive(Debug, Clone)]
+pub struct BroadPhase {
+    lower: [Vec<f64>; 3],
+    upper: [Vec<f64>; 3],
+    /// Squared distances of one ball.
+    distances: Vec<f64>,
+    near: Vec<Near>,
+}
+
+impl BroadPhase {
+    /// Room for some objects, which are nowhere until they are placed.
+    #[must_use]
+    pub fn new(objects: usize) -> Self {
+        Self {
+            lower: [(); 3].map(|()| vec![f64::INFINITY; objects]),
+            upper: [(); 3].map(|()| vec![f64::NEG_INFINITY; objects]),
+            distances: vec![0.0; objects],
+            near: Vec::with_capacity(MOST_NEAR),
+        }
+    }
+
+    /// Places an object's box: its corners, world, metres.
+    pub fn place(&mut self, object: usize, lower: DVec3, upper: DVec3) {
+        for axis in 0..3 {
+            self.lower[axis][object] = lower[axis];
+            self.upper[axis][object] = upper[axis];
+        }
+    }
+
+    /// All pairs of an object and a ball that meet, nearest first; at most [`MOST_NEAR`], the nearest. A ball that is
+    /// not finite meets nothing.
+    pub fn find(&mut self, balls: impl IntoIterator<Item = Ball>) -> &[Near] {
+        self.near.clear();
+        for ball in balls {
+            if !ball.centre.is_finite() {
+                continue;
+            }
+            self.measure(ball.centre);
+            let reach = ball.radius * ball.radius;
+            for object in 0..self.distances.len() {
+                let squared = self.distances[object];
+                if squared <= reach {
+                    self.keep(Near {
+                        object,
+                        probe: ball.probe,
+                        distance: squared.sqrt(),
+                    });
+                }
+            }
+        }
+        // Of equal distance the first object comes first: the order is that of the scene.
+        self.near.sort_unstable_by(|a, b| {
+            a.distance
+                .total_cmp(&b.distance)
+                .then(a.object.cmp(&b.object))
+                .then(a.probe.cmp(&b.probe))
+        });
+        &self.near
+    }
+
+    /// What the last search found.
+    #[must_use]
+    pub fn near(&self) -> &[Near] {
+        &self.near
+    }
+
+    /// Squared distances of all boxes from a point.
+    fn measure(&mut self, point: DVec3) {
+        let [lx, ly, lz] = &self.lower;
+        let [ux, uy, uz] = &self.upper;
+        // Nothing here is NaN, and a plain comparison is one instruction for several boxes.
+        let larger = |a: f64, b: f64| if a > b { a } else { b };
+        let outside = |lower: f64, upper: f64, at: f64| larger(larger(lower - at, at - upper), 0.0);
+        let boxes = lx
+            .iter()
+            .zip(ux)
+            .zip(ly.iter().zip(uy))
+            .zip(lz.iter().zip(uz));
+        for (place, (((lx, ux), (ly, uy)), (lz, uz))) in self.distances.iter_mut().zip(boxes) {
+            let x = outside(*lx, *ux, point.x);
+            let y = outside(*ly, *uy, point.y);
+            let z = outside(*lz, *uz, point.z);
+            *place = x * x + y * y + z * z;
+        }
+    }
+
+    fn keep(&mut self, near: Near) {
+        if self.near.len() < MOST_NEAR {
+            self.near.push(near);
+            return;
+        }
+        let farthest = self
+            .near
+            .iter_mut()
+            .max_by(|a, b| a.distance.total_cmp(&b.distance));
+        if let Some(farthest) = farthest
+            && near.distance < farthest.distance
+        {
+            *farthest = near;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn boxes() -> impl Strategy<Value = Vec<([f64; 3], [f64; 3])>> {
+        let corner = || prop::array::uniform3(-1.0..1.0f64);
+        prop::collection::vec((corner(), prop::array::uniform3(0.0..0.3f64)), 0..40)
+    }
+
+    proptest! {
+        #[test]
+        fn finds_what_a_look_at_every_box_finds(
+            boxes in boxes(),
+            balls in prop::collection::vec((prop::array::uniform3(-1.2..1.2f64), 0.0..0.6f64), 0..5),
+        ) {
+            let mut phase = BroadPhase::new(boxes.len());
+            for (object, (lower, sides)) in boxes.iter().enumerate() {
+                let lower = DVec3::from_array(*lower);
+                phase.place(object, lower, lower + DVec3::from_array(*sides));
+            }
+            let balls: Vec<Ball> = balls
+                .into_iter()
+                .enumerate()
+                .map(|(probe, (centre, radius))| Ball { probe, centre: centre.into(), radius })
+                .collect();
+            let mut expected: Vec<Near> = Vec::new();
+            for ball in &balls {
+                for (object, (lower, sides)) in boxes.iter().enumerate() {
+                    let lower = DVec3::from_array(*lower);
+                    let upper = lower + DVec3::from_array(*sides);
+                    let nearest = ball.centre.clamp(lower, upper);
+                    let distance = nearest.distance(ball.centre);
+                    if (distance - ball.radius).abs() > 1e-9 && distance < ball.radius {
+                        expected.push(Near { object, probe: ball.probe, distance });
+                    }
+                }
+            }
+            expected.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+            let found = phase.find(balls.iter().copied()).to_vec();
+            prop_assert!(found.windows(2).all(|w| w[0].distance <= w[1].distance));
+            prop_assert_eq!(found.len(), expected.len().min(MOST_NEAR));
+            for (found, expected) in found.iter().zip(&expected) {
+                prop_assert!((found.distance - expected.distance).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_nowhere_or_not_finite_is_near_to_nothing() {
+        let mut phase = BroadPhase::new(2);
+        phase.place(1, DVec3::ZERO, DVec3::ONE);
+        let ball = |centre, radius| Ball {
+            probe: 0,
+            centre,
+            radius,
+        };
+        assert_eq!(phase.find([ball(DVec3::ZERO, 1e6)]).len(), 1);
+        for centre in [DVec3::NAN, DVec3::INFINITY, DVec3::NEG_INFINITY] {
+            assert!(phase.find([ball(centre, 1.0)]).is_empty(), "{centre}");
+        }
+        assert!(phase.find([ball(DVec3::ZERO, f64::NAN)]).is_empty());
+    }
+}
