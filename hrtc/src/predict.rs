@@ -160,6 +160,14 @@ impl Predictor {
         }
     }
 
+    /// Forgets what it saw: another probe comes, or the same from elsewhere.
+    pub fn forget(&mut self) {
+        *self = Self {
+            sources: self.sources,
+            ..Self::new()
+        };
+    }
+
     /// Predicts from these sources from now on.
     pub fn set_sources(&mut self, sources: Sources) {
         self.sources = sources;

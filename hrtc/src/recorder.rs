@@ -13,13 +13,13 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use shared::geometry::Pose;
 use shared::protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
-use shared::scene::{self, Overrides, SceneError};
+use shared::scene::{self, MOST_PROBES, Overrides, SceneError};
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-const MAGIC: &[u8; 8] = b"HRTCREC2";
+const MAGIC: &[u8; 8] = b"HRTCREC3";
 const TICK: u8 = 1;
 const CHUNK: u8 = 2;
 const END: u8 = 3;
@@ -54,8 +54,6 @@ pub struct RecordingHead {
     tolerance_m: Option<f64>,
     client: u64,
     incarnation: u64,
-    object: u32,
-    name: u64,
     device_max_n: f64,
     tour_seconds: f64,
 }
@@ -87,14 +85,13 @@ impl RecordingHead {
             tolerance_m: overrides.tolerance_m,
             client: identity.client,
             incarnation: identity.incarnation,
-            object: identity.object,
-            name: identity.name,
             device_max_n,
             tour_seconds,
         })
     }
 
-    fn controller(&self) -> Result<Controller, RecordingError> {
+    /// The controller of the recording, and its number of probes.
+    fn controller(&self) -> Result<(Controller, usize), RecordingError> {
         let overrides = Overrides {
             model: self.model.clone(),
             size_m: self.size_m,
@@ -112,15 +109,9 @@ impl RecordingHead {
         let identity = Identity {
             client: self.client,
             incarnation: self.incarnation,
-            object: self.object,
-            name: self.name,
         };
-        Ok(Controller::new(
-            &plan,
-            identity,
-            self.device_max_n,
-            self.tour_seconds,
-        ))
+        let controller = Controller::new(&plan, identity, self.device_max_n, self.tour_seconds);
+        Ok((controller, plan.probes.len()))
     }
 }
 
@@ -131,10 +122,11 @@ struct RecordedTick {
     tick: u64,
     station: u64,
     chunks_arrived: u64,
+    /// Which probes gave a sample: bit k for probe k.
     has_sample: u32,
     stopping: u32,
-    position: [f64; 3],
-    orientation_xyzw: [f64; 4],
+    positions: [[f64; 3]; MOST_PROBES],
+    orientations_xyzw: [[f64; 4]; MOST_PROBES],
     replay_hash: u64,
 }
 
@@ -185,15 +177,17 @@ impl Recording {
     /// # Errors
     /// When the file cannot be written.
     pub fn tick(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
-        let pose = record.sample.unwrap_or(Pose::IDENTITY);
+        let samples = record.samples;
+        let bits = (0..).zip(samples).map(|(k, s)| u32::from(s.is_some()) << k);
+        let poses = samples.map(|sample| sample.unwrap_or(Pose::IDENTITY));
         let tick = RecordedTick {
             tick: record.tick,
             station: record.station,
             chunks_arrived: record.chunks_arrived,
-            has_sample: u32::from(record.sample.is_some()),
+            has_sample: bits.fold(0, |all, bit| all | bit),
             stopping: u32::from(record.core.stopping),
-            position: pose.position.to_array(),
-            orientation_xyzw: pose.orientation.to_array(),
+            positions: poses.map(|pose| pose.position.to_array()),
+            orientations_xyzw: poses.map(|pose| pose.orientation.to_array()),
             replay_hash: record.core.replay_hash,
         };
         self.end.ticks += 1;
@@ -301,7 +295,8 @@ pub fn replay(path: &Path) -> Result<Replay, RecordingError> {
             _ => return Err(foreign()),
         }
     }
-    let first_difference = run(head.controller()?, &ticks, &chunks);
+    let (controller, probes) = head.controller()?;
+    let first_difference = run(controller, probes, &ticks, &chunks);
     Ok(Replay {
         ticks: ticks.len() as u64,
         equal: first_difference < 0,
@@ -311,21 +306,28 @@ pub fn replay(path: &Path) -> Result<Replay, RecordingError> {
 }
 
 /// The first tick with other outputs than recorded; -1 for none.
-fn run(mut controller: Controller, ticks: &[RecordedTick], chunks: &[InboxChunk]) -> i64 {
-    let mut outputs = TickOutputs::new(1);
+fn run(
+    mut controller: Controller,
+    probes: usize,
+    ticks: &[RecordedTick],
+    chunks: &[InboxChunk],
+) -> i64 {
+    let mut outputs = TickOutputs::new(probes);
     let mut done = 0;
     for recorded in ticks {
         let arrived = usize::try_from(recorded.chunks_arrived)
             .unwrap_or(usize::MAX)
             .min(chunks.len());
-        let pose = Pose {
-            position: recorded.position.into(),
-            orientation: glam::DQuat::from_array(recorded.orientation_xyzw),
-        };
-        let samples = [(recorded.has_sample != 0).then_some(Sample { pose })];
+        let samples: [Option<Sample>; MOST_PROBES] = std::array::from_fn(|k| {
+            let pose = Pose {
+                position: recorded.positions[k].into(),
+                orientation: glam::DQuat::from_array(recorded.orientations_xyzw[k]),
+            };
+            (recorded.has_sample >> k & 1 == 1).then_some(Sample { pose })
+        });
         let inputs = TickInputs {
             tick: recorded.tick,
-            samples: &samples,
+            samples: &samples[..probes],
             station: recorded.station,
             chunks: [chunks.get(done..arrived).unwrap_or_default(), &[]],
             stopping: recorded.stopping != 0,

@@ -61,6 +61,29 @@ pub struct CacheResult {
     pub evicted: u64,
 }
 
+/// What one probe felt over a run.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct ProbeResult {
+    /// Ticks in contact.
+    pub contact_ticks: u64,
+    /// Of these, at full resolution.
+    pub contact_full_ticks: u64,
+    /// Of these, coarser than asked for.
+    pub coarser_ticks: u64,
+    /// Force over its ticks in contact, newtons.
+    pub force_n: ShortSpread,
+    /// Largest certified error at its contact, metres.
+    pub certified_error_m_max: f64,
+    /// Deepest the device was behind the proxy, metres.
+    pub depth_m_max: f64,
+    /// Ticks whose force was clamped.
+    pub clamped_ticks: u64,
+    /// Device samples rejected.
+    pub rejected_samples: u64,
+    /// Energy that the rendering put out, joules.
+    pub energy_j: f64,
+}
+
 /// Skipped periods by reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Misses {
@@ -134,9 +157,9 @@ pub struct RunResult {
     pub work_wall_us: Spread,
     /// Wall time by stage, microseconds.
     pub stage_us: BTreeMap<String, Spread>,
-    /// Ticks in contact.
+    /// Ticks in contact, of any probe.
     pub contact_ticks: u64,
-    /// Of these, at full resolution.
+    /// Of these, those in which every probe that touched did so at full resolution.
     pub contact_full_ticks: u64,
     /// Of these, without a certified bound.
     pub contact_unbounded_ticks: u64,
@@ -162,7 +185,19 @@ pub struct RunResult {
     pub measured_error_m: ShortSpread,
     /// How many arrived.
     pub measured_errors: u64,
-    /// Force over the ticks in contact, newtons.
+    /// What each probe felt.
+    pub probes: Vec<ProbeResult>,
+    /// Objects of the scene.
+    pub objects: u64,
+    /// Objects that may be awake at once.
+    pub seats: u64,
+    /// Objects that were awake.
+    pub awake: MedianMax,
+    /// Ticks in which a probe could have touched an object that was not awake.
+    pub unseated_ticks: u64,
+    /// What the objects that are not awake cost a tick, microseconds of wall time: the stage of the broad phase.
+    pub idle_us: Spread,
+    /// Force of each probe over its ticks in contact, newtons.
     pub force_n: ShortSpread,
     /// Largest change of the force between two ticks, newtons.
     pub force_step_n_max: f64,
@@ -190,7 +225,7 @@ pub struct RunResult {
     pub bytes_received: u64,
     /// Bytes received up to the first contact.
     pub bytes_to_first_touch: u64,
-    /// Bytes that the whole mesh would have been.
+    /// Bytes that the whole mesh of every model would have been.
     pub bytes_full_mesh: u64,
     /// The cache.
     pub cache: CacheResult,
@@ -225,8 +260,12 @@ pub struct RunMeta {
     pub seed: u64,
     /// Limit of the cache, bytes.
     pub cache_bytes: u64,
-    /// Bytes of the whole mesh: base mesh and records.
+    /// Bytes of the whole meshes: base mesh and records of every model.
     pub bytes_full_mesh: u64,
+    /// Objects of the scene.
+    pub objects: u64,
+    /// Objects that may be awake at once.
+    pub seats: u64,
     /// Resident memory of this process, bytes.
     pub rss_bytes: u64,
     /// From the start of both processes (of this one, when it runs alone) to tick 0, milliseconds.
@@ -284,11 +323,15 @@ pub struct Status {
     pub seconds: f64,
     /// Ticks run.
     pub ticks: u64,
-    /// Whether the probe touches.
+    /// Whether a probe touches.
     pub contact: bool,
+    /// Probes that touch.
+    pub touching: u64,
+    /// Objects that are awake.
+    pub awake: u64,
     /// Ticks in contact so far.
     pub contact_ticks: u64,
-    /// Force, newtons.
+    /// Largest force of a probe, newtons.
     pub force_n: f64,
     /// Certified error at the contact, metres.
     pub certified_error_m: f64,

@@ -8,7 +8,7 @@ pub use outcome::RunError;
 
 use crate::connection::{INBOX, Link, LinkEndpoints, LinkHandle, LinkOptions, Recorder};
 use crate::controller::{Controller, Fault};
-use crate::device::{Device, Script, Simulated};
+use crate::device::Device;
 use crate::inbox::InboxChunk;
 use crate::proxy::MOST_CONSTRAINTS;
 use crate::realtime::{MissingRight, monotonic_ns};
@@ -25,7 +25,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
-use tick_thread::{Ended, TickThread};
+use tick_thread::{Ended, Hand, TickThread};
 
 /// Records between the tick and the log, which is drained every [`DRAIN`]: a second at 1 kHz. Locked memory
 /// commits them all.
@@ -107,18 +107,18 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Result<(), RunError> {
     let identity = Identity {
         client: incarnation,
         incarnation,
-        object: 0,
-        name: Request::name_hash(&plan.objects[0].model.name()),
     };
     let tour_seconds = args.seconds.unwrap_or(TOUR_SECONDS);
-    let probe = &plan.probes[0];
-    let device = Simulated::new(probe.device, 1.0 / plan.loop_.rate_hz);
-    let device_max_n = device.capabilities().force_max_n;
+    let hands: Vec<Hand> = plan
+        .probes
+        .iter()
+        .map(|probe| Hand::new(probe, 1.0 / plan.loop_.rate_hz))
+        .collect();
+    let weakest = hands
+        .iter()
+        .map(|hand| hand.device.capabilities().force_max_n);
+    let device_max_n = weakest.fold(f64::INFINITY, f64::min);
     let controller = Box::new(Controller::new(&plan, identity, device_max_n, tour_seconds));
-    let script_points = match &probe.trajectory {
-        TrajectoryPlan::Points(points) => points.clone(),
-        TrajectoryPlan::Tour { .. } => Vec::new(),
-    };
     let (arrivals, recording) = match &args.record {
         None => (None, None),
         Some(path) => {
@@ -167,9 +167,7 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Result<(), RunError> {
     let missing = Arc::new(Mutex::new(Vec::new()));
     let tick = TickThread {
         controller,
-        device,
-        script: Script::default(),
-        script_points,
+        hands,
         requests: requests_in,
         contacts: contacts_in,
         inbox: inbox_out,
@@ -237,7 +235,8 @@ impl Shell<'_> {
         stop: &AtomicBool,
     ) -> Result<Outcome, RunError> {
         let period_ns = (1e9 / self.plan.loop_.rate_hz).round() as u64;
-        let mut run = Accumulator::new(period_ns).ok_or(RunError::Histogram)?;
+        let mut run =
+            Accumulator::new(period_ns, self.plan.probes.len()).ok_or(RunError::Histogram)?;
         let mut next_status = 0;
         let mut said = Said::default();
         let mut error = None;
@@ -338,14 +337,16 @@ impl Shell<'_> {
             faces: header.map_or(0, |h| u64::from(h.faces)),
             seed,
             cache_bytes: self.plan.cache_bytes as u64,
-            bytes_full_mesh: header.map_or(0, outcome::bytes_full_mesh),
+            bytes_full_mesh: controller.headers().map(outcome::bytes_full_mesh).sum(),
+            objects: self.plan.objects.len() as u64,
+            seats: self.plan.seats() as u64,
             rss_bytes: outcome::resident_bytes(),
             start_to_first_tick_ms: first.saturating_sub(self.started) as f64 / 1e6,
             operations_budget: u64::from(ended.work_budget),
             rights: rights(&self.plan.loop_, &missing),
         };
         let mut finished = outcome.run.finish(meta);
-        finished.result.cache.high_water_bytes = controller.cache().bytes_high_water() as u64;
+        finished.result.cache.high_water_bytes = controller.bytes_high_water() as u64;
         outcome::add_dial(&mut finished.result, controller, self.plan.loop_.rate_hz);
         finished.result.capacities.extend_from_slice(&ended.rings);
         let dropped = self.signals.log_dropped.load(Ordering::Relaxed);

@@ -5,28 +5,34 @@ use shared::protocol::{
     CREDIT_CHUNKS, ChunkHeader, REGIONS_PER_REQUEST, RegionAction, RegionAsk, Request, RequestKind,
     TourAsk,
 };
+use shared::spm::NONE;
 
 /// Answers that may be outstanding: no more than the credit lets come before the next word from here, so that
 /// what is asked for next is still what is needed most.
 const OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
-/// Chunks consumed before the station is told without another reason.
-const CREDIT_STEP: u64 = CREDIT_CHUNKS / 4;
+/// Share of the credit that is consumed before the station is told without another reason.
+const CREDIT_STEP: u64 = 4;
 /// Releases that may wait for the next request: half of what it holds.
 const MOST_RELEASES: usize = REGIONS_PER_REQUEST / 2;
 /// Ticks for which a refused region is not asked for again ...
 const REFUSED_TICKS: u64 = 2000;
 /// ... and places of the region table a tick that are looked at for one.
 const REFUSED_WINDOW: usize = 4;
-/// Requests a tick at the most.
+/// Requests of a session in a tick at the most.
 pub const REQUESTS_PER_TICK: usize = 4;
 
-/// Who this client is and what it wants to touch.
+/// Who this client is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Identity {
     /// The client.
     pub client: u64,
     /// Its incarnation: another one after every restart.
     pub incarnation: u64,
+}
+
+/// What a conversation with the station is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Session {
     /// Object of the scene.
     pub object: u32,
     /// Hash of the model's name in the scene.
@@ -44,47 +50,49 @@ pub enum Reception {
     Gap,
 }
 
-/// Requests of one tick.
+/// Requests of one tick; storage made once.
 #[derive(Debug, Clone)]
 pub struct Outbox {
-    requests: [Request; REQUESTS_PER_TICK],
-    count: usize,
+    requests: Vec<Request>,
+    /// Requests that there may be when the present session has had its share.
+    most: usize,
 }
 
 impl Outbox {
-    /// Empty.
+    /// Empty, with room for the requests of so many sessions in a tick.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn new(sessions: usize) -> Self {
         Self {
-            requests: [bytemuck::Zeroable::zeroed(); REQUESTS_PER_TICK],
-            count: 0,
+            requests: Vec::with_capacity(REQUESTS_PER_TICK * sessions),
+            most: 0,
         }
     }
 
     /// The requests.
     #[must_use]
     pub fn requests(&self) -> &[Request] {
-        &self.requests[..self.count]
+        &self.requests
     }
 
     /// Empties it for the next tick.
     pub fn clear(&mut self) {
-        self.count = 0;
+        self.requests.clear();
+        self.most = 0;
+    }
+
+    /// Another session has the word: it may make [`REQUESTS_PER_TICK`] requests.
+    pub fn next_session(&mut self) {
+        let most = self.requests.len() + REQUESTS_PER_TICK;
+        self.most = most.min(self.requests.capacity());
     }
 
     fn has_room(&self) -> bool {
-        self.count < REQUESTS_PER_TICK
+        self.requests.len() < self.most
     }
 
     fn push(&mut self, request: Request) {
-        self.requests[self.count] = request;
-        self.count += 1;
-    }
-}
-
-impl Default for Outbox {
-    fn default() -> Self {
-        Self::new()
+        debug_assert!(self.requests.len() < self.requests.capacity());
+        self.requests.push(request);
     }
 }
 
@@ -92,6 +100,9 @@ impl Default for Outbox {
 #[derive(Debug, Clone)]
 pub struct Subscriber {
     identity: Identity,
+    session: Session,
+    /// Chunks that may be under way.
+    credit: u64,
     station: u64,
     epoch: u32,
     sent: u64,
@@ -126,11 +137,17 @@ pub struct Subscriber {
 }
 
 impl Subscriber {
-    /// A subscriber that has not met a station. `timeout_ticks`: silence after which it asks again.
+    /// A subscriber that has not met a station and has no object yet. `timeout_ticks`: silence after which it asks
+    /// again.
     #[must_use]
     pub fn new(identity: Identity, timeout_ticks: u64) -> Self {
         Self {
             identity,
+            session: Session {
+                object: NONE,
+                name: 0,
+            },
+            credit: CREDIT_CHUNKS,
             station: 0,
             epoch: 0,
             sent: 0,
@@ -158,10 +175,28 @@ impl Subscriber {
         }
     }
 
-    /// Who this client is.
-    #[must_use]
-    pub fn identity(&self) -> &Identity {
-        &self.identity
+    /// Begins a session about an object, in an epoch that no session about it has had; its totals go on.
+    pub fn begin_session(&mut self, session: Session, epoch: u32, tick: u64) {
+        self.session = session;
+        self.epoch = epoch;
+        self.model = 0;
+        self.tour = None;
+        self.start(tick);
+    }
+
+    /// Tells the station that the session ends, as far as that is heard; the epoch that it ends in.
+    pub fn close(&mut self, outbox: &mut Outbox, tick: u64) -> u32 {
+        outbox.next_session();
+        if self.sent > 0 && outbox.has_room() {
+            let request = self.request(RequestKind::Close);
+            self.send(outbox, request, tick, false);
+        }
+        self.epoch
+    }
+
+    /// Sets how many chunks may be under way from now on; at least one.
+    pub fn set_credit(&mut self, chunks: u64) {
+        self.credit = chunks.clamp(1, CREDIT_CHUNKS);
     }
 
     /// Takes what the heartbeat says; a new incarnation ends the epoch.
@@ -189,17 +224,7 @@ impl Subscriber {
             self.resubscribed += 1;
         }
         self.epoch = self.epoch.wrapping_add(1);
-        self.sent = 0;
-        self.next_chunk = 0;
-        self.consumed = 0;
-        self.consumed_told = 0;
-        self.model_asked = false;
-        self.tour_asked = false;
-        self.declared = 0;
-        self.outstanding = 0;
-        self.release_count = 0;
-        self.resend_count = 0;
-        self.last_progress = tick;
+        self.start(tick);
         for place in 0..cache.regions.capacity() {
             match cache.regions.get(place).map(|region| region.state) {
                 Some(RegionState::Asked | RegionState::ToAskAgain) => {
@@ -213,10 +238,26 @@ impl Subscriber {
         }
     }
 
+    /// Everything of an epoch as it is at its start.
+    fn start(&mut self, tick: u64) {
+        self.sent = 0;
+        self.next_chunk = 0;
+        self.consumed = 0;
+        self.consumed_told = 0;
+        self.model_asked = false;
+        self.tour_asked = false;
+        self.declared = 0;
+        self.outstanding = 0;
+        self.release_count = 0;
+        self.resend_count = 0;
+        self.last_progress = tick;
+    }
+
     /// What a chunk is to this epoch; a next one is to be consumed with [`Subscriber::consumed`].
     #[must_use]
     pub fn receive(&self, header: &ChunkHeader) -> Reception {
         let ours = header.client == self.identity.client
+            && header.object == self.session.object
             && header.station == self.station
             && header.epoch == self.epoch;
         if !ours || header.sequence < self.next_chunk {
@@ -303,10 +344,11 @@ impl Subscriber {
         request.sequence = self.sent;
         request.consumed = self.consumed;
         request.model = self.model;
-        request.name = self.identity.name;
+        request.name = self.session.name;
         request.epoch = self.epoch;
         request.kind = kind as u32;
-        request.object = self.identity.object;
+        request.object = self.session.object;
+        request.credit = self.credit as u32;
         request
     }
 
@@ -327,6 +369,7 @@ impl Subscriber {
         wanted: impl Iterator<Item = (RegionKey, u64)>,
         outbox: &mut Outbox,
     ) {
+        outbox.next_session();
         if self.station == 0 {
             return;
         }
@@ -346,7 +389,8 @@ impl Subscriber {
             self.declare(tick, cache, outbox);
             self.ask(tick, cache, wanted, outbox);
         }
-        if self.consumed - self.consumed_told >= CREDIT_STEP && outbox.has_room() {
+        let step = (self.credit / CREDIT_STEP).max(1);
+        if self.consumed - self.consumed_told >= step && outbox.has_room() {
             let request = self.request(RequestKind::Credit);
             self.send(outbox, request, tick, false);
         }

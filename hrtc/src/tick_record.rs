@@ -1,6 +1,7 @@
 //! What one tick leaves behind: plain numbers, pushed into a ring and worded by another thread.
 
 use shared::geometry::{Pose, Wrench};
+use shared::scene::MOST_PROBES;
 
 /// Why a period was missed (facts of real time: "misses in classes").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -20,19 +21,46 @@ pub enum MissClass {
     Unexplained,
 }
 
-/// Stages of a tick, in order, as indices of [`TickRecord::stage_ns`].
-pub const STAGES: [&str; 5] = ["inbox", "refine", "refit", "query", "force"];
+/// Stages of a tick, as indices of [`TickRecord::stage_ns`].
+pub const STAGES: [&str; 6] = ["inbox", "refine", "refit", "query", "force", "broad_phase"];
 
-/// What the pure core reports of one tick. Counters are of this tick unless called total.
+/// What one probe felt in a tick; of several objects the worst.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct CoreRecord {
+pub struct ProbeRecord {
     /// Whether the probe touches.
     pub contact: bool,
     /// Whether every face that holds the probe is a face of the full mesh.
     pub contact_full: bool,
-    /// Whether the contact has a certified bound.
-    pub contact_bounded: bool,
     /// Whether the contact is as accurate as was asked for.
+    pub contact_asked: bool,
+    /// Expected error of the front at the contact, metres; see [`CoreRecord::contact_tolerance_m`].
+    pub contact_tolerance_m: f64,
+    /// The finest expected error that is asked for where it touches, metres.
+    pub finest_tolerance_m: f64,
+    /// Certified error at the contact, metres.
+    pub certified_error_m: f64,
+    /// Penetration of the device behind the proxy, metres.
+    pub depth_m: f64,
+    /// Whether the force was clamped.
+    pub clamped: bool,
+    /// Whether the sample was rejected.
+    pub rejected_sample: bool,
+    /// Energy put out by the rendering, joules, total.
+    pub energy_j: f64,
+}
+
+/// What the pure core reports of one tick. Counters are of this tick unless called total.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CoreRecord {
+    /// What each probe felt; the next fields are of all of them, the worst of those that touch.
+    pub probes: [ProbeRecord; MOST_PROBES],
+    /// Whether a probe touches.
+    pub contact: bool,
+    /// Whether every face that holds a probe is a face of the full mesh.
+    pub contact_full: bool,
+    /// Whether the contacts have a certified bound.
+    pub contact_bounded: bool,
+    /// Whether the contacts are as accurate as was asked for.
     pub contact_asked: bool,
     /// Expected error of the front at the contact, metres: 0 at full resolution, negative where not even the
     /// coarsest ring is done there.
@@ -44,7 +72,11 @@ pub struct CoreRecord {
     pub certified_error_m: f64,
     /// Penetration of the device behind the proxy, metres.
     pub depth_m: f64,
-    /// Faces of the active front.
+    /// Objects that are awake.
+    pub awake: u32,
+    /// Pairs of a probe and an object that it could touch, but that is not awake.
+    pub unseated: u32,
+    /// Faces of the active fronts.
     pub active_faces: u32,
     /// Splits performed.
     pub vsplits: u32,
@@ -70,13 +102,13 @@ pub struct CoreRecord {
     pub vsps_loaded: u32,
     /// Cache bytes in use now.
     pub cache_bytes: u64,
-    /// Whether the force was clamped.
+    /// Whether a force was clamped.
     pub clamped: bool,
-    /// Whether the sample was rejected.
+    /// Whether a sample was rejected.
     pub rejected_sample: bool,
     /// Energy put out by the rendering, joules, total; above 0 means it pushed energy in.
     pub energy_j: f64,
-    /// Whether the model is there, so that a touch could be answered.
+    /// Whether every model is known, so that a touch could be answered.
     pub ready: bool,
     /// Newest measured error, metres, and its tick; negative when none arrived this tick.
     pub measured_error_m: f64,
@@ -84,6 +116,30 @@ pub struct CoreRecord {
     pub stopping: bool,
     /// Hash over every tick's outputs so far.
     pub replay_hash: u64,
+}
+
+impl CoreRecord {
+    /// Fills in what is of all probes from what each of them felt.
+    pub fn gather(&mut self) {
+        self.clamped = self.probes.iter().any(|probe| probe.clamped);
+        self.rejected_sample = self.probes.iter().any(|probe| probe.rejected_sample);
+        let touching = || self.probes.iter().filter(|probe| probe.contact);
+        let most = |of: fn(&ProbeRecord) -> f64| touching().map(of).fold(0.0, f64::max);
+        let is_touching = touching().next().is_some();
+        let is_full = is_touching && touching().all(|probe| probe.contact_full);
+        let is_asked = is_touching && touching().all(|probe| probe.contact_asked);
+        let is_unknown = touching().any(|probe| probe.contact_tolerance_m < 0.0);
+        let tolerance_m = most(|probe| probe.contact_tolerance_m);
+        self.contact_tolerance_m = if is_unknown { -1.0 } else { tolerance_m };
+        self.finest_tolerance_m = most(|probe| probe.finest_tolerance_m);
+        self.certified_error_m = most(|probe| probe.certified_error_m);
+        self.depth_m = most(|probe| probe.depth_m);
+        self.contact = is_touching;
+        self.contact_full = is_full;
+        self.contact_asked = is_asked;
+        // Every front has a bound, whatever its resolution.
+        self.contact_bounded = is_touching;
+    }
 }
 
 /// What the log thread gets of one tick.
@@ -104,7 +160,7 @@ pub struct TickRecord {
     /// Wall time of the work, ns.
     pub work_wall_ns: u32,
     /// Wall time of each of [`STAGES`], ns.
-    pub stage_ns: [u32; 5],
+    pub stage_ns: [u32; STAGES.len()],
     /// Page faults of the thread during the tick.
     pub page_faults: u32,
     /// Allocations and frees of the thread during the tick.
@@ -114,10 +170,19 @@ pub struct TickRecord {
     pub chunks_arrived: u64,
     /// Incarnation of the station as this tick saw it; 0 for none.
     pub station: u64,
-    /// The device's pose; `None` when it gave none.
-    pub sample: Option<Pose>,
-    /// The wrench written.
-    pub wrench: Wrench,
+    /// Each device's pose; `None` when it gave none.
+    pub samples: [Option<Pose>; MOST_PROBES],
+    /// The wrenches written.
+    pub wrenches: [Wrench; MOST_PROBES],
     /// The core's own record.
     pub core: CoreRecord,
+}
+
+impl TickRecord {
+    /// The largest force of a probe, newtons; what is not finite counts as 0.
+    #[must_use]
+    pub fn largest_force(&self) -> f64 {
+        let forces = self.wrenches.iter().map(|wrench| wrench.force.length());
+        forces.filter(|force| force.is_finite()).fold(0.0, f64::max)
+    }
 }

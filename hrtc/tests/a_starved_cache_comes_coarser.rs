@@ -6,14 +6,14 @@ mod common;
 use common::{Pair, plan, spm, touches};
 use hrtc::cache::CacheError;
 use hrtc::controller::Fault;
-use shared::scene::ScenePlan;
+use shared::scene::{ProbeShape, ScenePlan};
 use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};
 
 /// A probe so wide that what it touches at full resolution fills many cells.
 fn wide_plan() -> ScenePlan {
     let mut plan = plan("");
-    plan.probes[0].radius_m = 0.006;
+    plan.probes[0].shape = ProbeShape::Sphere { radius_m: 0.006 };
     plan
 }
 

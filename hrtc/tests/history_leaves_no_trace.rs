@@ -32,7 +32,7 @@ fn same_front(one: &Pair, other: &Pair, what: &str) {
         assert!(pair.summary.last.contact_asked, "{what}: as was asked");
         assert_eq!(pair.controller.economy_steps(), 0, "{what}: room enough");
     }
-    let contacts = [one, other].map(|pair| pair.outputs.contact.expect("it touches").point);
+    let contacts = [one, other].map(|pair| pair.outputs.contact().expect("it touches").point);
     println!(
         "{what}: contacts {:.1e} units apart",
         contacts[0].distance(contacts[1])

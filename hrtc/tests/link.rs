@@ -143,6 +143,7 @@ impl Tick {
         request.incarnation = 1;
         request.sequence = self.next;
         request.consumed = self.consumed;
+        request.credit = shared::protocol::CREDIT_CHUNKS as u32;
         request.name = Request::name_hash("torus");
         request.kind = kind as u32;
         change(&mut request);

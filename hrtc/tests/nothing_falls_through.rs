@@ -11,7 +11,7 @@ use glam::{DQuat, DVec3};
 use hrtc::controller::NoObserver;
 use hrtc::device::Sample;
 use shared::geometry::{Pose, side_of_plane, solid_angle};
-use shared::scene::{ModelScale, ScenePlan, TrajectoryPlan};
+use shared::scene::{ModelScale, ProbeShape, ScenePlan, TrajectoryPlan};
 use std::cmp::Ordering;
 use ve_station::build::{BuildOptions, SoupMesh};
 use ve_station::generate::{Shape, generate};
@@ -30,7 +30,9 @@ fn bare_plan(size: f64) -> ScenePlan {
     plan.objects[0].scale = ModelScale::Size(size);
     plan.objects[0].surface.stiffness_n_per_m = STIFFNESS;
     plan.objects[0].surface.damping_ns_per_m = 0.0;
-    plan.probes[0].radius_m = RADIUS * size;
+    plan.probes[0].shape = ProbeShape::Sphere {
+        radius_m: RADIUS * size,
+    };
     plan.probes[0].trajectory = TrajectoryPlan::Points(Vec::new());
     plan.safety.force_max_n = 1e12;
     plan.safety.slew_n_per_s = 1e15;

@@ -9,8 +9,9 @@ use clap::Args;
 use hrtc::pacer::{Pacer, Wake, Worked};
 use hrtc::realtime::{obtain, thread_cpu_ns};
 use hrtc::result::{Accumulator, Finished, Right, RunMeta, SupervisedLine};
-use hrtc::tick_record::{CoreRecord, TickRecord};
+use hrtc::tick_record::{CoreRecord, STAGES, TickRecord};
 use shared::geometry::Wrench;
+use shared::scene::MOST_PROBES;
 use std::sync::atomic::AtomicBool;
 
 /// What the bare loop's role is told.
@@ -65,7 +66,7 @@ fn measure(args: &BareArgs, stop: &AtomicBool) -> Option<Finished> {
     let steps = calibrate(args.work_ns);
     let obtained = obtain(args.core, args.priority);
     run_loop(args, steps, most, stop, &mut ticks);
-    let mut run = Accumulator::new(period)?;
+    let mut run = Accumulator::new(period, 0)?;
     for tick in &ticks {
         run.push(&record(tick));
     }
@@ -132,13 +133,13 @@ fn record(&(wake, worked): &(Wake, Worked)) -> TickRecord {
         period_ns: wake.period_ns,
         work_cpu_ns: worked.cpu_ns,
         work_wall_ns: worked.wall_ns,
-        stage_ns: [0; 5],
+        stage_ns: [0; STAGES.len()],
         page_faults: worked.page_faults,
         allocations: 0,
         chunks_arrived: 0,
         station: 0,
-        sample: None,
-        wrench: Wrench::ZERO,
+        samples: [None; MOST_PROBES],
+        wrenches: [Wrench::ZERO; MOST_PROBES],
         core: CoreRecord {
             measured_error_m: -1.0,
             ..CoreRecord::default()

@@ -152,13 +152,14 @@ fn run(
     come_to_rest(&mut simulator, reference.rest, ready)?;
     let before = simulator.outputs().record.vsps_received;
     let (mut contact_ticks, mut coarser_ticks) = (0, 0);
-    let radius = model.plan.probes[0].radius_m / model.metres_per_unit;
+    let radius = model.plan.probes[0].radius_m() / model.metres_per_unit;
     for (&sample, felt) in reference.samples.iter().zip(&reference.felt) {
         let outputs = simulator.step(Some(sample), &mut NoObserver);
         let Some(there) = felt.contact else {
             continue;
         };
-        let contact = outputs.contact.as_ref();
+        let contact = outputs.contact();
+        let contact = contact.as_ref();
         let is_there = contact.is_some_and(|contact| contact.point.distance(there) <= radius);
         contact_ticks += 1;
         coarser_ticks += u64::from(!(is_there && outputs.record.contact_asked));

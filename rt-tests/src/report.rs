@@ -42,6 +42,7 @@ impl Report<'_> {
         let mut sections = vec![
             ("run", self.run()),
             ("touch", self.touch()),
+            ("objects", self.objects()),
             ("accuracy", self.accuracy()),
             ("resolution", self.resolution()),
             ("transfer", self.transfer()),
@@ -84,7 +85,7 @@ impl Report<'_> {
     fn touch(&self) -> Vec<String> {
         let r = &self.finished.result;
         if r.contact_ticks == 0 {
-            return vec!["the probe never touched the object".to_string()];
+            return vec!["nothing was touched".to_string()];
         }
         let safety = &self.plan.safety;
         let mut lines = vec![
@@ -116,6 +117,45 @@ impl Report<'_> {
                 -r.energy_j * 1e3
             )
         });
+        lines
+    }
+
+    /// Of several objects and probes; nothing of one.
+    fn objects(&self) -> Vec<String> {
+        let r = &self.finished.result;
+        let mut lines = Vec::new();
+        if r.probes.len() > 1 {
+            for (number, probe) in r.probes.iter().enumerate() {
+                lines.push(format!(
+                    "probe {number}: {} tick(s) in contact, {} at full resolution; force p50 {:.2} N, max {:.2} N; energy {:.3} mJ",
+                    grouped(probe.contact_ticks),
+                    percent(probe.contact_full_ticks, probe.contact_ticks),
+                    probe.force_n.p50,
+                    probe.force_n.max,
+                    probe.energy_j * 1e3
+                ));
+            }
+        }
+        if r.objects > 1 {
+            lines.push(format!(
+                "{} objects, at most {} of them awake at once (p50 {}, max {}); the others cost p50 {:.1}, p99 {:.1}, max {:.1} µs a tick",
+                grouped(r.objects),
+                r.seats,
+                r.awake.p50,
+                r.awake.max,
+                r.idle_us.p50,
+                r.idle_us.p99,
+                r.idle_us.max
+            ));
+            lines.push(if r.unseated_ticks == 0 {
+                "each was awake before a probe could touch it".to_string()
+            } else {
+                format!(
+                    "in {} tick(s) a probe could have touched an object that was not awake: more were near than could be",
+                    grouped(r.unseated_ticks)
+                )
+            });
+        }
         lines
     }
 

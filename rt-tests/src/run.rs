@@ -191,15 +191,22 @@ fn worded(status: &Status) -> String {
     let touch = match (status.ready, status.station, status.contact) {
         (_, false, _) => "station not there".to_string(),
         (false, ..) => "waiting for the model".to_string(),
-        (.., true) => format!(
-            "touching, {:.2} N, error {}",
-            status.force_n,
-            errors(status)
-        ),
+        (.., true) => {
+            let probes = match status.touching {
+                0 | 1 => String::new(),
+                count => format!(" with {count} probes"),
+            };
+            let (force, errors) = (status.force_n, errors(status));
+            format!("touching{probes}, {force:.2} N, error {errors}")
+        }
         (.., false) => "in free space".to_string(),
     };
+    let awake = match status.awake {
+        0 | 1 => String::new(),
+        count => format!("  {count} objects awake"),
+    };
     format!(
-        "{:.1} s  {touch}  {} faces refined  cache {}  missed {}",
+        "{:.1} s  {touch}{awake}  {} faces refined  cache {}  missed {}",
         status.seconds,
         grouped(status.refined_faces),
         bytes(status.cache_bytes),

@@ -325,7 +325,7 @@ fn replay(file: &Path) -> (Output, serde_json::Value) {
 fn a_sample_late_in_the_run(bytes: &[u8]) -> (usize, u64) {
     const TICK: u8 = 1;
     const CHUNK: u8 = 2;
-    const TICK_BYTES: usize = 32 + 56 + 8;
+    const TICK_BYTES: usize = 32 + 56 * shared::scene::MOST_PROBES + 8;
     const CHUNK_BYTES: usize = size_of::<ChunkHeader>() + CHUNK_SLOTS * size_of::<ChunkSlot>();
     let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
     let mut at = 16 + usize::try_from(number(8)).unwrap();
@@ -340,6 +340,40 @@ fn a_sample_late_in_the_run(bytes: &[u8]) -> (usize, u64) {
             other => panic!("no sample after tick 1000, then an entry {other}"),
         }
     }
+}
+
+#[test]
+fn a_hundred_objects_under_three_probes_are_reported_and_replayed() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene().with_file_name("hundred-objects.toml");
+    let file = folder.path().join("run.rec");
+    let output = rt_tests(&[
+        "run",
+        scene.to_str().unwrap(),
+        "--seconds=4",
+        "--json",
+        "--out",
+        folder.path().join("out").to_str().unwrap(),
+        "--record",
+        file.to_str().unwrap(),
+    ]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    for sentence in ["probe 2: ", "100 objects, at most 7 of them awake"] {
+        assert!(said.contains(sentence), "{said}");
+    }
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let number = |name: &str| result[name].as_u64().unwrap();
+    assert_eq!((number("objects"), number("seats")), (100, 7));
+    let probes = result["probes"].as_array().unwrap();
+    assert_eq!(probes.len(), 3);
+    for probe in probes {
+        assert!(probe["contact_ticks"].as_u64().unwrap() > 100, "{probe}");
+        assert!(probe["force_n"]["max"].as_f64().unwrap() > 0.1, "{probe}");
+    }
+    assert_eq!(number("allocations"), 0);
+    assert!(number("contact_full_ticks") * 100 >= number("contact_ticks") * 95);
+    assert_eq!(replay(&file).1["equal"], true);
 }
 
 #[test]

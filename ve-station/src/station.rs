@@ -1,12 +1,12 @@
 //! The pure core of the station: requests in, chunks out. It opens no file, reads no clock, never blocks.
 //!
 //! # What a client is believed to hold
-//! Per client and model the station counts, for every VSP, the regions held that contain it. The answer to a
+//! A *session* is a client and an object. Per session the station counts, for every VSP, the regions held that contain it. The answer to a
 //! subscription is the whole closure (ids, ascending) and then the records whose count was 0. That belief is
 //! right as long as both sides have processed the same requests in the same order, and it is thrown away
 //! whenever this is not certain:
 //!
-//! - A new epoch or a new incarnation of the client clears queue, numbers and belief. The client then says
+//! - A new epoch of the session or a new incarnation of the client clears queue, numbers and belief. The client then says
 //!   what it holds ([`RegionAction::Held`]) and asks for the rest.
 //! - A gap in the numbers of the requests *breaks* the epoch: queue and belief are cleared, nothing more is
 //!   sent and nothing of this epoch is listened to. The client, hearing nothing for
@@ -32,18 +32,18 @@
 //! eleven minutes of it at the most.
 
 mod answer;
-mod client;
 mod rolling;
+mod session;
 
-pub use client::MOST_JOBS;
+pub use session::MOST_JOBS;
 
 use crate::collection::{CollectError, Collection, RegionAt};
 use answer::{Job, Progress};
-use client::{Accepted, Client};
 use glam::DVec3;
 use rolling::Rolling;
+use session::{Accepted, Session};
 use shared::protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MOST_CLIENTS, MeasuredError,
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MOST_CLIENTS, MOST_SESSIONS, MeasuredError,
     REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
 };
 use shared::spm::{NONE, RegionId, SpmFile};
@@ -123,7 +123,10 @@ pub struct Station<D> {
     incarnation: u64,
     models: Vec<Model<D>>,
     objects: Vec<ServedObject>,
-    clients: Vec<Client>,
+    /// In the order in which they came.
+    sessions: Vec<Session>,
+    /// Sessions served so far: whose turn it is.
+    turns: usize,
     counters: Counters,
     /// Messages handled; the order in which clients were heard.
     heard: u64,
@@ -153,7 +156,8 @@ impl<D: AsRef<[u8]>> Station<D> {
             incarnation,
             models,
             objects,
-            clients: Vec::with_capacity(MOST_CLIENTS),
+            sessions: Vec::new(),
+            turns: 0,
             counters: Counters::default(),
             heard: 0,
             notes: Vec::new(),
@@ -175,7 +179,15 @@ impl<D: AsRef<[u8]>> Station<D> {
 
     /// Ids of the clients it knows, in the order in which they came.
     pub fn clients(&self) -> impl Iterator<Item = u64> + '_ {
-        self.clients.iter().map(|c| c.id)
+        let sessions = self.sessions.iter().enumerate();
+        sessions
+            .filter(|&(at, session)| self.first_of(session.client) == Some(at))
+            .map(|(_, session)| session.client)
+    }
+
+    /// The place of a client's first session.
+    fn first_of(&self, client: u64) -> Option<usize> {
+        self.sessions.iter().position(|s| s.client == client)
     }
 
     /// Sentences for people (regions refused, requests for unknown models), each said once.
@@ -186,7 +198,7 @@ impl<D: AsRef<[u8]>> Station<D> {
     /// Forgets a client: for a shell that has not heard of it for long. When it comes back, its epoch is
     /// incomplete here, so it starts another.
     pub fn forget(&mut self, client: u64) {
-        self.clients.retain(|c| c.id != client);
+        self.sessions.retain(|s| s.client != client);
     }
 
     /// Takes a message in. Whatever it holds, the worst that happens is that it is counted and ignored.
@@ -207,51 +219,71 @@ impl<D: AsRef<[u8]>> Station<D> {
     /// Like [`Station::poll`], but rolls a tour for so many steps at the most (each a search of the full mesh), and
     /// counts them down. `None` with no steps left means that there may be more to say: call again.
     pub fn poll_within(&mut self, client: u64, steps: &mut u64) -> Option<Chunk> {
-        let at = self.with_credit(client)?;
-        if let Some(chunk) = self.clients[at].measured_chunk() {
+        self.each_in_turn(client, |station, at| station.answer(at))
+            .or_else(|| self.each_in_turn(client, |station, at| station.roll(at, steps)))
+    }
+
+    /// What there is of a tour that is being rolled for a client, perhaps no point at all: so that it knows that
+    /// it is not forgotten. `None` when there is no such tour, or no credit.
+    pub fn poll_unfinished(&mut self, client: u64) -> Option<Chunk> {
+        self.each_in_turn(client, |station, at| {
+            let rolling = station.sessions[at].tours.pop_front()?;
+            Some(station.hand_out(at, rolling))
+        })
+    }
+
+    /// The first chunk that one of a client's sessions with credit has to give; the next time another begins, so
+    /// that none waits for the end of what the others asked for.
+    fn each_in_turn(
+        &mut self,
+        client: u64,
+        mut give: impl FnMut(&mut Self, usize) -> Option<Chunk>,
+    ) -> Option<Chunk> {
+        let count = self.sessions.len();
+        let start = self.turns;
+        (0..count).find_map(|k| {
+            let at = (start + k) % count;
+            let session = &self.sessions[at];
+            if session.client != client || !session.has_credit() {
+                return None;
+            }
+            let chunk = give(self, at)?;
+            self.turns = at + 1;
+            Some(chunk)
+        })
+    }
+
+    /// The next chunk of a session but for tours.
+    fn answer(&mut self, at: usize) -> Option<Chunk> {
+        if let Some(chunk) = self.sessions[at].measured_chunk() {
             return Some(self.send(at, chunk));
         }
-        let Some(mut job) = self.clients[at].jobs.pop_front() else {
-            return self.roll(at, steps);
-        };
+        let mut job = self.sessions[at].jobs.pop_front()?;
         match self.advance(at, &mut job) {
             Progress::Chunk(chunk) => {
-                self.clients[at].jobs.push_front(job);
+                self.sessions[at].jobs.push_front(job);
                 Some(self.send(at, chunk))
             }
             Progress::Last(chunk) => Some(self.send(at, chunk)),
         }
     }
 
-    /// What there is of the tour that is being rolled for a client, perhaps no point at all: so that it knows that
-    /// it is not forgotten. `None` when there is no such tour, or no credit.
-    pub fn poll_unfinished(&mut self, client: u64) -> Option<Chunk> {
-        let at = self.with_credit(client)?;
-        let rolling = self.clients[at].tours.pop_front()?;
-        Some(self.hand_out(at, rolling))
-    }
-
-    /// The place of a client that may be told something.
-    fn with_credit(&self, client: u64) -> Option<usize> {
-        let at = self.clients.iter().position(|c| c.id == client)?;
-        self.clients[at].has_credit().then_some(at)
-    }
-
-    /// Rolls the tour that a client asked for first; a chunk when one is full.
+    /// Rolls the tour that a session asked for first; a chunk when one is full.
     fn roll(&mut self, at: usize, steps: &mut u64) -> Option<Chunk> {
-        let mut rolling = self.clients[at].tours.pop_front()?;
+        let mut rolling = self.sessions[at].tours.pop_front()?;
         let served = &self.models[rolling.model].served;
         match rolling.roll(&served.file, steps) {
             Ok(true) => Some(self.hand_out(at, rolling)),
             Ok(false) => {
-                self.clients[at].tours.push_front(rolling);
+                self.sessions[at].tours.push_front(rolling);
                 None
             }
             Err(_) => {
                 let name = &served.name;
                 let note = format!("a tour of {name} is refused: the file is damaged all over");
                 self.note((rolling.model, NONE), note);
-                let chunk = self.refused(rolling.object, None, Refusal::DamagedBlock);
+                let object = self.sessions[at].object;
+                let chunk = self.refused(object, None, Refusal::DamagedBlock);
                 Some(self.send(at, chunk))
             }
         }
@@ -259,28 +291,28 @@ impl<D: AsRef<[u8]>> Station<D> {
 
     /// The next chunk of a tour, which waits for its turn again or is kept.
     fn hand_out(&mut self, at: usize, mut rolling: Rolling) -> Chunk {
-        let chunk = rolling.chunk();
+        let chunk = rolling.chunk(self.sessions[at].object);
         if chunk.0.last == 1 {
-            self.clients[at].rolled = Some(rolling);
+            self.sessions[at].rolled = Some(rolling);
         } else {
-            self.clients[at].tours.push_front(rolling);
+            self.sessions[at].tours.push_front(rolling);
         }
         self.send(at, chunk)
     }
 
     /// Numbers a chunk and addresses it.
     fn send(&mut self, at: usize, (mut header, slots): Chunk) -> Chunk {
-        let client = &mut self.clients[at];
+        let session = &mut self.sessions[at];
         header.station = self.incarnation;
-        header.client = client.id;
-        header.epoch = client.epoch;
-        header.sequence = client.sent;
+        header.client = session.client;
+        header.epoch = session.epoch;
+        header.sequence = session.sent;
         header.model = self
             .objects
             .get(header.object as usize)
             .and_then(|o| self.models.get(o.model))
             .map_or(0, |m| m.served.file.model_header().model);
-        client.sent += 1;
+        session.sent += 1;
         self.counters.chunks += 1;
         (header, slots)
     }
@@ -299,8 +331,8 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             _ => &[],
         };
-        let at = self.client_of(request);
-        match self.clients[at].accept(request, self.heard) {
+        let at = self.session_of(request);
+        match self.sessions[at].accept(request, self.heard) {
             Accepted::Yes => self.counters.requests += 1,
             Accepted::Stale => {
                 self.counters.stale += 1;
@@ -324,25 +356,44 @@ impl<D: AsRef<[u8]>> Station<D> {
                     self.ask_region(at, request, ask);
                 }
             }
+            RequestKind::Close => {
+                self.sessions.remove(at);
+                return;
+            }
         }
-        if self.clients[at].asks_too_much() {
-            self.clients[at].break_epoch();
+        if self.sessions[at].asks_too_much() {
+            self.sessions[at].break_epoch();
             self.counters.broken_epochs += 1;
         }
     }
 
-    /// The client of a request; the stalest makes room for a new one.
-    fn client_of(&mut self, request: &Request) -> usize {
-        if let Some(at) = self.clients.iter().position(|c| c.id == request.client) {
+    /// The session of a request. Of too many clients the stalest makes room for a new one, of too many sessions of
+    /// one client its stalest.
+    fn session_of(&mut self, request: &Request) -> usize {
+        let (client, object) = (request.client, request.object);
+        let is_of = |s: &Session| s.client == client && s.object == object;
+        if let Some(at) = self.sessions.iter().position(is_of) {
             return at;
         }
-        if self.clients.len() == MOST_CLIENTS {
-            let stalest = (0..self.clients.len()).min_by_key(|&at| self.clients[at].last_heard);
-            self.clients.remove(stalest.unwrap_or(0));
+        let is_known = self.first_of(client).is_some();
+        if !is_known && self.clients().count() == MOST_CLIENTS {
+            let heard = |id: u64| self.sessions.iter().filter(move |s| s.client == id);
+            let stalest = self
+                .clients()
+                .min_by_key(|&id| heard(id).map(|s| s.last_heard).max());
+            if let Some(stalest) = stalest {
+                self.forget(stalest);
+            }
             self.counters.forgotten += 1;
         }
-        self.clients.push(Client::new(request));
-        self.clients.len() - 1
+        let own = || (0..self.sessions.len()).filter(|&at| self.sessions[at].client == client);
+        if own().count() == MOST_SESSIONS
+            && let Some(stalest) = own().min_by_key(|&at| self.sessions[at].last_heard)
+        {
+            self.sessions.remove(stalest);
+        }
+        self.sessions.push(Session::new(request));
+        self.sessions.len() - 1
     }
 
     /// The model of a request's object, when both mean the same.
@@ -360,9 +411,8 @@ impl<D: AsRef<[u8]>> Station<D> {
 
     fn ask_model(&mut self, at: usize, request: &Request) {
         match self.model_of(request, true) {
-            Some(model) => self.clients[at].jobs.push_back(Job::Model {
+            Some(model) => self.sessions[at].jobs.push_back(Job::Model {
                 model,
-                object: request.object,
                 next_slot: 0,
             }),
             None => self.refuse_model(at, request),
@@ -374,21 +424,20 @@ impl<D: AsRef<[u8]>> Station<D> {
             self.refuse_model(at, request);
             return;
         };
-        let (object, ask) = (request.object, request.tour);
-        let client = &mut self.clients[at];
-        if let Some(mut rolled) = client.rolled.take_if(|r| r.serves(model, &ask)) {
-            rolled.again(object);
-            client.tours.push_back(rolled);
+        let ask = request.tour;
+        let session = &mut self.sessions[at];
+        if let Some(mut rolled) = session.rolled.take_if(|r| r.serves(&ask)) {
+            rolled.again();
+            session.tours.push_back(rolled);
             return;
         }
-        match Rolling::new(&self.models[model].served.file, model, object, ask) {
-            Ok(rolling) => client.tours.push_back(rolling),
+        match Rolling::new(&self.models[model].served.file, model, ask) {
+            Ok(rolling) => session.tours.push_back(rolling),
             Err(error) => {
                 let name = &self.models[model].served.name;
                 let note = format!("a tour of {name} is refused: {error}");
                 self.note((model, NONE), note);
-                self.clients[at].jobs.push_back(Job::Refused {
-                    object,
+                self.sessions[at].jobs.push_back(Job::Refused {
                     ask: None,
                     refusal: error.refusal(),
                 });
@@ -404,8 +453,7 @@ impl<D: AsRef<[u8]>> Station<D> {
                 "a controller asked for another model of object {object} than this scene names: start both with the same scene and options"
             ),
         );
-        self.clients[at].jobs.push_back(Job::Refused {
-            object,
+        self.sessions[at].jobs.push_back(Job::Refused {
             ask: None,
             refusal: Refusal::UnknownModel,
         });
@@ -416,15 +464,13 @@ impl<D: AsRef<[u8]>> Station<D> {
             self.counters.damaged += 1;
             return;
         };
-        let object = request.object;
         let refused = |refusal| Job::Refused {
-            object,
             ask: Some(*ask),
             refusal,
         };
         let Some(model) = self.model_of(request, false) else {
             if action != RegionAction::Release {
-                self.clients[at]
+                self.sessions[at]
                     .jobs
                     .push_back(refused(Refusal::UnknownModel));
             }
@@ -433,29 +479,29 @@ impl<D: AsRef<[u8]>> Station<D> {
         let region = region_at(ask);
         let vsps = self.models[model].served.file.model_header().vsps;
         match action {
-            RegionAction::Subscribe => self.clients[at].subscribe(model, object, *ask, false),
-            RegionAction::Resend => self.clients[at].subscribe(model, object, *ask, true),
+            RegionAction::Subscribe => self.sessions[at].subscribe(model, *ask, false),
+            RegionAction::Resend => self.sessions[at].subscribe(model, *ask, true),
             RegionAction::Held => match self.models[model].closure(region) {
                 Ok(mut closure) => {
-                    self.clients[at]
-                        .residency(model)
+                    self.sessions[at]
+                        .residency
                         .insert(region, &mut closure, vsps);
                 }
                 Err(error) => {
                     let job = refused(error.refusal());
                     self.refuse_region(model, &error);
-                    self.clients[at].jobs.push_back(job);
+                    self.sessions[at].jobs.push_back(job);
                 }
             },
             RegionAction::Release => {
-                self.clients[at].cancel(model, region);
-                if !self.clients[at].residency(model).holds(region) {
+                self.sessions[at].cancel(region);
+                if !self.sessions[at].residency.holds(region) {
                     return;
                 }
                 match self.models[model].closure(region) {
-                    Ok(closure) => self.clients[at].residency(model).remove(region, &closure),
+                    Ok(closure) => self.sessions[at].residency.remove(region, &closure),
                     // It was readable when it was taken in. Without it the belief cannot be kept.
-                    Err(_) => self.clients[at].break_epoch(),
+                    Err(_) => self.sessions[at].break_epoch(),
                 }
             }
         }
@@ -473,14 +519,18 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     fn handle_contact(&mut self, report: &ContactReport) {
-        let Some(client) = self.clients.iter_mut().find(|c| c.id == report.client) else {
+        let mut sessions = self.sessions.iter_mut();
+        if report.object == NONE {
+            for session in sessions.filter(|s| s.client == report.client) {
+                session.flush_measured(report.probe);
+            }
+            return;
+        }
+        let is_of = |s: &&mut Session| s.client == report.client && s.object == report.object;
+        let Some(session) = sessions.find(is_of) else {
             self.counters.stale += 1;
             return;
         };
-        if report.object == NONE {
-            client.flush_measured();
-            return;
-        }
         let model = self
             .objects
             .get(report.object as usize)
@@ -492,8 +542,8 @@ impl<D: AsRef<[u8]>> Station<D> {
         match found {
             Some(Ok((_, closest))) => {
                 self.counters.measured += 1;
-                client.push_measured(
-                    report.object,
+                session.push_measured(
+                    report.probe,
                     MeasuredError {
                         tick: report.tick,
                         distance: closest.distance_squared.sqrt(),

@@ -80,6 +80,7 @@ impl Client {
         request.incarnation = 1;
         request.sequence = self.sent;
         request.consumed = self.consumed;
+        request.credit = shared::protocol::CREDIT_CHUNKS as u32;
         request.model = self.model;
         request.name = Request::name_hash("torus");
         request.kind = kind as u32;

@@ -1,13 +1,13 @@
 //! What is asked for: the rings of the dial around the contact, or the whole model alike.
 
-use super::{Controller, TickOutputs};
+use super::library::Model;
+use super::seat::Seat;
 use crate::cache::RegionKey;
 use crate::dial::Dial;
-use crate::predict::{LEAD_TICKS, Motion, Predicted, RADII_AROUND};
-use crate::proxy::{Contact, Proxy};
+use crate::predict::{LEAD_TICKS, Predicted, RADII_AROUND};
+use crate::proxy::Contact;
 use crate::query::{Surface, closest_point};
-use glam::DVec3;
-use shared::geometry::Pose;
+use crate::subscriber::Outbox;
 use shared::protocol::ModelHeader;
 use shared::scene::RefinementPlan;
 use shared::spm::RegionId;
@@ -15,28 +15,21 @@ use shared::spm::RegionId;
 /// Chunks that wait for the tick from which on nothing is asked for ahead of need.
 const WAITING_MOST: usize = 8;
 
-impl Controller {
+impl Seat {
     /// The rings for a model: from the tolerance asked for up its ladder.
     pub(super) fn dial_for(&self, header: &ModelHeader, area: f64, metres_per_unit: f64) -> Dial {
         Dial::new(header, (self.tolerance_m / metres_per_unit) as f32, area)
     }
 
-    /// Asks for another expected error at the contact from the next tick on, metres; not a number and negative
-    /// ones count as 0. No geometry is sent for it that is here already, and nothing is forgotten.
-    pub fn set_tolerance(&mut self, tolerance_m: f64) {
-        self.tolerance_m = tolerance_m.max(0.0);
-        if let Some(model) = self.model {
+    /// Asks for another expected error at the contact from the next tick on, metres.
+    pub(super) fn set_tolerance(&mut self, tolerance_m: f64) {
+        self.tolerance_m = tolerance_m;
+        if let Some((model, frame)) = self.known() {
             let finest = self.dial.as_ref().map_or(0, Dial::finest);
-            let mut dial = self.dial_for(&model.header, model.area, model.frame.metres_per_unit);
+            let mut dial = self.dial_for(&model.header, model.area, frame.metres_per_unit);
             dial.set_finest(finest);
             self.dial = Some(dial);
         }
-    }
-
-    /// The expected error asked for at the contact, metres.
-    #[must_use]
-    pub fn tolerance_m(&self) -> f64 {
-        self.tolerance_m
     }
 
     /// Steps of economy that the cache's size makes necessary now: 0 when nothing is done without.
@@ -45,20 +38,15 @@ impl Controller {
         self.refinement.economy.steps()
     }
 
-    /// The rings, once the model is there.
-    #[must_use]
-    pub fn dial(&self) -> Option<&Dial> {
-        self.dial.as_ref()
-    }
-
-    /// The greatest speed of what the finest ring could be, model units a tick: above it the finest ring is
-    /// raised. 0 without a model.
+    /// The greatest speed of what the finest ring could be, model units a tick, for the widest probe: above it the
+    /// finest ring is raised. 0 without a model.
     #[must_use]
     pub fn greatest_speed(&self) -> f64 {
-        let (Some(model), Some(dial)) = (&self.model, &self.dial) else {
+        let (Some((_, frame)), Some(dial)) = (self.known(), &self.dial) else {
             return 0.0;
         };
-        let radius = self.radius_m / model.frame.metres_per_unit;
+        let widest = self.touches.iter().map(|touch| touch.radius_m);
+        let radius = widest.fold(0.0, f64::max) / frame.metres_per_unit;
         dial.limit(0, RADII_AROUND * radius, LEAD_TICKS, self.operations as f64)
     }
 
@@ -67,33 +55,28 @@ impl Controller {
         self.dial.as_ref().map_or(0.0, Dial::finest_tolerance)
     }
 
-    /// Ticks that the probe takes over a cell of the finest ring; infinite at rest.
+    /// Ticks that the slowest probe takes over a cell of the finest ring; infinite at rest.
     pub(super) fn cell_ticks(&self) -> f64 {
         let cell = |dial: &Dial| dial.rings()[dial.finest()].grid.cell;
-        self.dial.as_ref().map_or(0.0, cell) / self.predictor.pace()
+        let followed = self.touches.iter().filter(|touch| touch.is_followed);
+        let slowest = followed
+            .map(|touch| touch.predictor.pace())
+            .reduce(f64::min);
+        self.dial.as_ref().map_or(0.0, cell) / slowest.unwrap_or(0.0)
     }
 
-    /// Predicts regions and writes the tick's requests.
-    pub(super) fn predict(
-        &mut self,
-        sample: Option<Pose>,
-        tick: u64,
-        waiting: usize,
-        outputs: &mut TickOutputs,
-    ) {
+    /// Predicts regions and writes the tick's requests; `waiting`: chunks that wait for the tick.
+    pub(super) fn predict(&mut self, tick: u64, waiting: usize, outbox: &mut Outbox) {
         self.refinement.begin();
         self.refinement.economy.recover(tick);
-        if let (Some(model), Some(pose)) = (self.model, sample) {
-            let device = model.frame.to_model(pose.position);
-            let proxy = self.proxy.as_ref().filter(|proxy| proxy.is_placed());
-            let motion = Motion {
-                position: proxy.map_or(device, Proxy::position),
-                radius: self.radius_m / model.frame.metres_per_unit,
-                clearance: self.clearance - model.radius_max,
-            };
+        if let Some((model, frame)) = self.known() {
             match self.refinement_plan {
-                RefinementPlan::Local => self.predict_rings(device, motion, tick),
-                RefinementPlan::Global { lod } => self.want_globally(lod, tick),
+                RefinementPlan::Local => self.predict_rings(&model, frame.metres_per_unit, tick),
+                RefinementPlan::Global { lod } => {
+                    if self.touches.iter().any(|touch| touch.goal.is_some()) {
+                        self.want_globally(lod, tick);
+                    }
+                }
             }
         }
         let economy = &self.refinement.economy;
@@ -111,25 +94,39 @@ impl Controller {
             .filter(|p| p.refine || may_prefetch)
             .map(|p| (p.key, super::refine::due(tick, p.ticks)));
         self.subscriber
-            .requests(tick, &mut self.cache, wanted, &mut outputs.outbox);
+            .requests(tick, &mut self.cache, wanted, outbox);
     }
 
-    /// Sets the finest ring by speed and room, then notes the regions of the rings.
-    fn predict_rings(&mut self, device: DVec3, motion: Motion, tick: u64) {
+    /// For each probe sets the finest ring by its speed and by room, then notes the regions of its rings. The finest
+    /// of all is that of the dial: what one probe needs is not too fine for the others.
+    fn predict_rings(&mut self, model: &Model, metres_per_unit: f64, tick: u64) {
         let Some(dial) = &mut self.dial else {
             return;
         };
-        let speed = self.predictor.pace();
-        let reach = RADII_AROUND * motion.radius + speed * LEAD_TICKS;
-        let by_speed = dial.finest_at_speed(speed, reach, self.operations as f64);
-        let economy = &self.refinement.economy;
-        dial.set_finest(by_speed.max(economy.raised()));
-        let rings = economy.has_rings();
         let (refinement, cache) = (&mut self.refinement, &mut self.cache);
-        self.predictor
-            .predict(dial, rings, device, motion, |predicted| {
-                refinement.note(predicted, tick, cache);
-            });
+        let rings = refinement.economy.has_rings();
+        let raised = refinement.economy.raised();
+        let mut finest = None;
+        for touch in self.touches.iter_mut().filter(|touch| touch.is_followed) {
+            let Some((device, motion)) = touch.motion(metres_per_unit, model.radius_max) else {
+                continue;
+            };
+            let speed = touch.predictor.pace();
+            let reach = RADII_AROUND * motion.radius + speed * LEAD_TICKS;
+            dial.set_finest(touch.finest);
+            let by_speed = dial.finest_at_speed(speed, reach, self.operations as f64);
+            dial.set_finest(by_speed.max(raised));
+            touch.finest = dial.finest();
+            finest = Some(finest.map_or(touch.finest, |least: usize| least.min(touch.finest)));
+            touch
+                .predictor
+                .predict(dial, rings, device, motion, |predicted| {
+                    refinement.note(predicted, tick, cache);
+                });
+        }
+        if let Some(finest) = finest {
+            dial.set_finest(finest);
+        }
     }
 
     /// Wants one block: the first splits of the sequence, or all that exceed a tolerance, as far as the cache
@@ -201,28 +198,33 @@ impl Controller {
         })
     }
 
-    /// Moves what the predictor will look at next onto the front as far as it is known, for the next tick.
+    /// Moves what the predictors will look at next onto the front as far as it is known, for the next tick.
     pub(super) fn look_ahead(&mut self) {
-        let (Some(model), Some(proxy)) = (&self.model, &self.proxy) else {
+        let Some(model) = self.model else {
             return;
         };
-        let (velocity, _) = self.predictor.motion();
-        let reach = proxy.radius() + velocity.length() * RADII_AROUND * 60.0;
-        let near = self.clearance - model.radius_max <= reach;
         let local = self.refinement_plan == RefinementPlan::Local;
-        let landed = match self.predictor.ahead(proxy.position()) {
-            Some(ahead) if local && near && proxy.is_placed() && ahead.is_finite() => {
-                let surface = Surface {
-                    mesh: self.cache.mesh(),
-                    tree: self.cache.tree(),
-                };
-                let hint = self.hint.filter(|&face| surface.mesh.is_active(face));
-                closest_point(surface, ahead, hint)
-                    .0
-                    .map(|n| n.closest.point)
-            }
-            _ => None,
-        };
-        self.predictor.land(landed);
+        for touch in self.touches.iter_mut().filter(|touch| touch.is_followed) {
+            let Some(proxy) = &touch.proxy else {
+                continue;
+            };
+            let (velocity, _) = touch.predictor.motion();
+            let reach = proxy.radius() + velocity.length() * RADII_AROUND * 60.0;
+            let near = touch.clearance - model.radius_max <= reach;
+            let landed = match touch.predictor.ahead(proxy.position()) {
+                Some(ahead) if local && near && proxy.is_placed() && ahead.is_finite() => {
+                    let surface = Surface {
+                        mesh: self.cache.mesh(),
+                        tree: self.cache.tree(),
+                    };
+                    let hint = touch.hint.filter(|&face| surface.mesh.is_active(face));
+                    closest_point(surface, ahead, hint)
+                        .0
+                        .map(|n| n.closest.point)
+                }
+                _ => None,
+            };
+            touch.predictor.land(landed);
+        }
     }
 }

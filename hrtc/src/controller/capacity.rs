@@ -27,33 +27,55 @@ impl Capacity {
 }
 
 impl Controller {
-    /// Capacities and high-water marks, for the end of a run: it allocates.
+    /// Capacities and high-water marks, for the end of a run: it allocates. Of several seats, whose capacities are
+    /// equal, the fullest counts.
     #[must_use]
     pub fn capacities(&self) -> Vec<Capacity> {
-        let cache = self.cache.high_water();
-        let [wanted, unknown] = self.refinement.high_water();
-        let [answers, releases] = self.subscriber.high_water();
-        let mut all = vec![
-            ("splits in the cache", cache.splits),
-            ("faces of the front and its tree", cache.faces),
-            ("blocks of closures", cache.blocks),
-            ("regions known", cache.regions),
-            ("regions to be refined", wanted),
-            ("regions predicted in a tick", unknown),
-            ("answers under way", answers),
-            ("releases to be told", releases),
-        ];
-        if let Some(proxy) = &self.proxy {
-            let [faces, planes] = proxy.high_water();
-            all.push(("faces near the probe", faces));
-            all.push(("half-spaces of the proxy", planes));
+        let mut all: Vec<(&str, (usize, usize))> = Vec::new();
+        let mut note = |name, (most, room): (usize, usize)| match all
+            .iter_mut()
+            .find(|(other, _)| *other == name)
+        {
+            Some((_, (before, capacity))) => {
+                *before = most.max(*before);
+                *capacity = room.max(*capacity);
+            }
+            None => all.push((name, (most, room))),
+        };
+        for seat in &self.seats {
+            let cache = seat.cache.high_water();
+            let [wanted, unknown] = seat.refinement.high_water();
+            let [answers, releases] = seat.subscriber.high_water();
+            note("splits in the cache", cache.splits);
+            note("faces of the front and its tree", cache.faces);
+            note("blocks of closures", cache.blocks);
+            note("regions known", cache.regions);
+            note("regions to be refined", wanted);
+            note("regions predicted in a tick", unknown);
+            note("answers under way", answers);
+            note("releases to be told", releases);
+            for proxy in seat.touches.iter().filter_map(|touch| touch.proxy.as_ref()) {
+                let [faces, planes] = proxy.high_water();
+                note("faces near the probe", faces);
+                note("half-spaces of the proxy", planes);
+            }
         }
-        if self.tour.is_some() {
-            let points = (self.path.len(), self.path.capacity());
-            all.push(("points of the tour", points));
+        let tours = self.probes.iter().filter_map(|probe| probe.tour.as_ref());
+        for points in tours.map(|tour| &tour.points) {
+            note("points of the tour", (points.len(), points.capacity()));
+        }
+        if self.seats.len() < self.placings.len() {
+            note("slots of base meshes kept", self.library.high_water());
         }
         all.into_iter()
             .map(|(name, (most, room))| Capacity::new(name, room, most))
             .collect()
+    }
+
+    /// The most bytes that cache and base meshes ever took.
+    #[must_use]
+    pub fn bytes_high_water(&self) -> usize {
+        let seats = self.seats.iter().map(|seat| seat.cache.bytes_high_water());
+        seats.sum::<usize>() + self.library.bytes_used()
     }
 }

@@ -1,15 +1,15 @@
 //! Draining the inbox: chunks into model, closures, records, tour.
 
-use super::{Controller, Fault, Model, ModelFrame, TickInputs};
+use super::library::{Model, first_face_slot, model_slots};
+use super::seat::{Budget, Desk, Seat};
+use super::{Fault, ModelFrame};
 use crate::cache::{LoadError, RegionKey, RegionState};
 use crate::dial::triangle_area;
 use crate::inbox::InboxChunk;
-use crate::proxy::Proxy;
 use crate::subscriber::Reception;
-use crate::tick_record::CoreRecord;
 use shared::protocol::{
-    AnswerItem, AnswersReader, BaseFace, BaseVertex, CHUNK_SLOTS, ChunkKind, MODEL_HEADER_SLOTS,
-    MeasuredError, ModelHeader, PartHead, Refusal, TourPoint,
+    AnswerItem, AnswersReader, BaseFace, BaseVertex, CHUNK_SLOTS, ChunkKind, ChunkSlot,
+    MODEL_HEADER_SLOTS, MeasuredError, ModelHeader, PartHead, Refusal, TourPoint,
 };
 use shared::spm::{NONE, RegionId, VspRecord};
 
@@ -29,7 +29,14 @@ pub fn budget(operations: usize) -> u32 {
     (6 * operations as u32).max(BUDGET)
 }
 
-/// Where the draining stands within the oldest chunk.
+/// The work units of the inbox in a tick with so many chunks that wait.
+#[must_use]
+pub fn allowed(waiting: usize, operations: usize) -> u32 {
+    let waiting = waiting.div_ceil(WAITING) as u32;
+    (BUDGET * waiting).clamp(BUDGET, budget(operations))
+}
+
+/// Where a seat's draining stands within its oldest chunk.
 #[derive(Debug, Clone, Default)]
 pub struct Inbox {
     /// Items of the oldest chunk that are done.
@@ -68,80 +75,60 @@ enum Taken {
     Gap,
 }
 
-impl Controller {
-    /// Consumes chunks within the budget; returns how many are done with.
-    pub(super) fn drain(
-        &mut self,
-        inputs: &TickInputs<'_>,
-        operations: &mut u32,
-        record: &mut CoreRecord,
-    ) -> usize {
-        let mut consumed = 0;
-        let [first, second] = inputs.chunks;
-        let waiting = (first.len() + second.len()).div_ceil(WAITING) as u32;
-        let allowed = (BUDGET * waiting).clamp(BUDGET, budget(self.operations));
-        let mut budget = allowed;
-        for chunk in first.iter().chain(second) {
-            match self.subscriber.receive(&chunk.header) {
-                Reception::Stale => {
-                    consumed += 1;
-                    self.inbox.turn();
-                    continue;
-                }
-                Reception::Gap => {
-                    self.end_epoch(inputs.tick);
-                    consumed += 1;
-                    continue;
-                }
-                Reception::Next => {}
+impl Seat {
+    /// Takes a chunk of the seat's object as far as budget and room go; whether it is done with.
+    pub(super) fn receive(&mut self, chunk: &InboxChunk, desk: &mut Desk<'_>) -> bool {
+        match self.subscriber.receive(&chunk.header) {
+            Reception::Stale => {
+                self.inbox.turn();
+                return true;
             }
-            let before = self.inbox.done;
-            match self.take(chunk, inputs.tick, &mut budget, operations, record) {
-                Taken::Whole => {
-                    self.subscriber.consumed(inputs.tick);
-                    self.bytes_received += size_of::<InboxChunk>() as u64;
-                    self.inbox.turn();
-                    consumed += 1;
-                }
-                Taken::Part => {
-                    // Room is short when budget is left and nothing moved; what leaves is about to make some.
-                    if self.inbox.done == before && budget > 0 && !self.is_leaving() {
-                        self.inbox.waited += 1;
-                    }
-                    break;
-                }
-                Taken::Gap => {
-                    self.end_epoch(inputs.tick);
-                    consumed += 1;
-                }
+            Reception::Gap => {
+                self.end_epoch(desk);
+                return true;
             }
-            if budget == 0 {
-                break;
+            Reception::Next => {}
+        }
+        let before = self.inbox.done;
+        match self.take(chunk, desk) {
+            Taken::Whole => {
+                self.subscriber.consumed(desk.tick);
+                self.bytes_received += size_of::<InboxChunk>() as u64;
+                self.inbox.turn();
+                true
+            }
+            Taken::Part => {
+                // Room is short when budget is left and nothing moved; what leaves is about to make some.
+                if self.inbox.done == before && desk.budget.inbox > 0 && !self.is_leaving() {
+                    self.inbox.waited += 1;
+                }
+                self.is_stalled = true;
+                false
+            }
+            Taken::Gap => {
+                self.end_epoch(desk);
+                true
             }
         }
-        record.work_units += allowed - budget;
-        consumed
     }
 
-    fn end_epoch(&mut self, tick: u64) {
-        self.subscriber.end_epoch(tick, &mut self.cache);
+    /// Follows the station's incarnation; an epoch that ends takes an unfinished tour with it.
+    pub(super) fn observe(&mut self, station: u64, tick: u64) {
+        self.subscriber.observe(station, tick, &mut self.cache);
+    }
+
+    fn end_epoch(&mut self, desk: &mut Desk<'_>) {
+        self.subscriber.end_epoch(desk.tick, &mut self.cache);
         self.inbox.turn();
-        if !self.path_is_whole {
-            self.path.clear();
+        if let Some(tour) = self.tour_of.and_then(|k| desk.probes[k].tour.as_mut()) {
+            tour.points.clear();
         }
     }
 
-    fn take(
-        &mut self,
-        chunk: &InboxChunk,
-        tick: u64,
-        budget: &mut u32,
-        operations: &mut u32,
-        record: &mut CoreRecord,
-    ) -> Taken {
+    fn take(&mut self, chunk: &InboxChunk, desk: &mut Desk<'_>) -> Taken {
         match ChunkKind::from_code(chunk.header.kind) {
-            Some(ChunkKind::Model) => self.take_model(chunk, budget),
-            Some(ChunkKind::Answers) => self.take_answers(chunk, tick, budget, operations, record),
+            Some(ChunkKind::Model) => self.take_model(chunk, desk),
+            Some(ChunkKind::Answers) => self.take_answers(chunk, desk),
             Some(ChunkKind::Measured) => {
                 let items: &[MeasuredError] = bytemuck::cast_slice(&chunk.slots);
                 let count = (chunk.header.count as usize).min(items.len());
@@ -152,11 +139,11 @@ impl Controller {
                 Taken::Whole
             }
             Some(ChunkKind::Tour) => {
-                self.take_tour(chunk);
+                self.take_tour(chunk, desk);
                 Taken::Whole
             }
             Some(ChunkKind::Refused) => {
-                self.take_refusal(chunk, tick);
+                self.take_refusal(chunk, desk.tick);
                 Taken::Whole
             }
             // A kind of a later version: skipped, the numbers go on.
@@ -164,8 +151,12 @@ impl Controller {
         }
     }
 
-    fn take_model(&mut self, chunk: &InboxChunk, budget: &mut u32) -> Taken {
-        if self.fault.is_some() {
+    fn take_model(&mut self, chunk: &InboxChunk, desk: &mut Desk<'_>) -> Taken {
+        let Some(placing) = self.placing else {
+            return Taken::Whole;
+        };
+        // What wakes has its model already and asks for none.
+        if self.fault.is_some() || self.waking.is_some() {
             return Taken::Whole;
         }
         if let Some(model) = &self.model {
@@ -186,6 +177,10 @@ impl Controller {
                 self.fault = Some(error.into());
                 return Taken::Whole;
             }
+            desk.library.begin(placing.model, &header);
+            for (place, slot) in chunk.slots[..MODEL_HEADER_SLOTS].iter().enumerate() {
+                desk.library.keep(placing.model, place, slot);
+            }
             self.inbox.coming = Some(header);
             self.inbox.model_slots = MODEL_HEADER_SLOTS as u32;
         }
@@ -196,9 +191,7 @@ impl Controller {
             self.fault = Some(Fault::AnotherModel);
             return Taken::Whole;
         }
-        let vertex_slots = header.base_vertices.div_ceil(4);
-        let faces_from = MODEL_HEADER_SLOTS as u32 + vertex_slots;
-        let end = faces_from + header.base_faces.div_ceil(2);
+        let end = model_slots(&header) as u32;
         // A repeated answer (after an epoch ended) starts anew: what was set is set again, equal.
         for slot in 0..CHUNK_SLOTS as u32 {
             let place = chunk.header.code.saturating_add(slot);
@@ -208,62 +201,131 @@ impl Controller {
             if place > self.inbox.model_slots {
                 return Taken::Gap;
             }
-            if *budget < 4 * PER_ITEM {
-                *budget = 0;
+            if desk.budget.inbox < 4 * PER_ITEM {
+                desk.budget.inbox = 0;
                 return Taken::Part;
             }
-            let words = &chunk.slots[slot as usize].words;
-            let good = if place < faces_from {
-                let first = 4 * (place - MODEL_HEADER_SLOTS as u32);
-                let items: &[BaseVertex; 4] = bytemuck::cast_ref(words);
-                let count = 4.min(header.base_vertices - first);
-                *budget -= PER_ITEM;
-                (0..count).all(|k| self.cache.set_base_vertex(first + k, &items[k as usize]))
-            } else {
-                let first = 2 * (place - faces_from);
-                let items: &[BaseFace; 2] = bytemuck::cast_ref(words);
-                let count = 2.min(header.base_faces - first);
-                *budget -= 2 * PER_ITEM;
-                (0..count).all(|k| self.cache.set_base_face(first + k, &items[k as usize]))
-            };
-            if !good {
+            let slot = &chunk.slots[slot as usize];
+            if !self.take_base_slot(&header, place, slot, &mut desk.budget.inbox) {
                 self.fault = Some(Fault::DamagedModel);
                 return Taken::Whole;
             }
+            desk.library.keep(placing.model, place as usize, slot);
             self.inbox.model_slots = place + 1;
             self.inbox.done += 1;
         }
         if self.inbox.model_slots >= end {
-            self.finish_model(header);
+            self.finish_model(header, desk);
+            self.subscriber.answered();
         }
         Taken::Whole
     }
 
-    fn finish_model(&mut self, header: ModelHeader) {
+    /// Takes a slot of base vertices or base faces; false when it makes no sense.
+    fn take_base_slot(
+        &mut self,
+        header: &ModelHeader,
+        place: u32,
+        slot: &ChunkSlot,
+        budget: &mut u32,
+    ) -> bool {
+        let faces_from = first_face_slot(header) as u32;
+        if place < faces_from {
+            let first = 4 * (place - MODEL_HEADER_SLOTS as u32);
+            let items: &[BaseVertex; 4] = bytemuck::cast_ref(&slot.words);
+            let count = 4.min(header.base_vertices - first);
+            *budget -= PER_ITEM;
+            (0..count).all(|k| self.cache.set_base_vertex(first + k, &items[k as usize]))
+        } else {
+            let first = 2 * (place - faces_from);
+            let items: &[BaseFace; 2] = bytemuck::cast_ref(&slot.words);
+            let count = 2.min(header.base_faces - first);
+            *budget -= 2 * PER_ITEM;
+            (0..count).all(|k| self.cache.set_base_face(first + k, &items[k as usize]))
+        }
+    }
+
+    /// Takes more of the kept base mesh in, while the object wakes; half of the tick's budget at the most, so that
+    /// what others touch goes on coming.
+    pub(super) fn wake(&mut self, desk: &mut Desk<'_>) {
+        let (Some(mut place), Some(placing)) = (self.waking, self.placing) else {
+            return;
+        };
+        let (Some(model), Some(slots)) = (
+            desk.library.model(placing.model).copied(),
+            desk.library.slots(placing.model),
+        ) else {
+            return;
+        };
+        let least = desk.budget.inbox / 2;
+        while place < slots.len() && desk.budget.inbox >= least + 4 * PER_ITEM {
+            let slot = &slots[place];
+            let budget = &mut desk.budget.inbox;
+            if !self.take_base_slot(&model.header, place as u32, slot, budget) {
+                self.fault = Some(Fault::DamagedModel);
+                return;
+            }
+            place += 1;
+        }
+        let is_whole = place == slots.len();
+        self.waking = (!is_whole).then_some(place);
+        if is_whole {
+            self.finish_model(model.header, desk);
+        }
+    }
+
+    fn finish_model(&mut self, header: ModelHeader, desk: &mut Desk<'_>) {
+        let Some(placing) = self.placing else {
+            return;
+        };
         if !self.cache.mesh().base_is_consistent() {
             self.fault = Some(Fault::DamagedModel);
             return;
         }
         self.cache.refit();
-        let frame = ModelFrame::new(&self.object, &header);
+        let frame = ModelFrame::new(placing.pose, placing.scale, &header);
+        let model = match desk.library.model(placing.model) {
+            Some(known) if known.header.model != header.model => {
+                self.fault = Some(Fault::AnotherModel);
+                return;
+            }
+            Some(known) => *known,
+            None => {
+                let model = self.measured_base(header);
+                desk.library.learn(placing.model, model);
+                model
+            }
+        };
+        self.dial = Some(self.dial_for(&header, model.area, frame.metres_per_unit));
+        self.model = Some(model);
+        self.frame = Some(frame);
+        self.subscriber.model_is(header.model);
+        self.ask_next_tour(desk);
+    }
+
+    /// The model of a base mesh that has just come.
+    fn measured_base(&self, header: ModelHeader) -> Model {
         let mesh = self.cache.mesh();
         let radius_max = (0..header.base_vertices)
             .map(|v| mesh.radius(v))
             .fold(0.0f32, f32::max);
-        let area = (0..header.base_faces)
-            .map(|face| triangle_area(mesh.corners(face)))
-            .sum();
-        self.dial = Some(self.dial_for(&header, area, frame.metres_per_unit));
-        self.proxy = Some(Proxy::new(self.radius_m / frame.metres_per_unit));
-        self.model = Some(Model {
+        Model {
             header,
-            frame,
             radius_max: f64::from(radius_max),
-            area,
-        });
-        self.subscriber.model_is(header.model);
-        self.subscriber.answered();
-        if let Some(ask) = self.tour_ask(&frame) {
+            area: (0..header.base_faces)
+                .map(|face| triangle_area(mesh.corners(face)))
+                .sum(),
+        }
+    }
+
+    /// Asks for the tour of the next probe that awaits one of this object.
+    pub(super) fn ask_next_tour(&mut self, desk: &mut Desk<'_>) {
+        let (Some(object), Some(frame)) = (self.object(), self.frame) else {
+            return;
+        };
+        let mut probes = desk.probes.iter();
+        self.tour_of = probes.position(|probe| probe.awaits_tour_of(object));
+        if let Some(ask) = self.tour_of.and_then(|k| desk.probes[k].tour_ask(&frame)) {
             self.subscriber.ask_tour(ask);
         }
     }
@@ -285,14 +347,9 @@ impl Controller {
         self.cache.regions.at(index).answer_begun.then_some(index)
     }
 
-    fn take_answers(
-        &mut self,
-        chunk: &InboxChunk,
-        tick: u64,
-        budget: &mut u32,
-        operations: &mut u32,
-        record: &mut CoreRecord,
-    ) -> Taken {
+    fn take_answers(&mut self, chunk: &InboxChunk, desk: &mut Desk<'_>) -> Taken {
+        let tick = desk.tick;
+        let budget = &mut *desk.budget;
         let whole_chunk = AnswersReader::new(chunk.header.count);
         let mut reader = self.inbox.reader.unwrap_or(whole_chunk);
         loop {
@@ -309,12 +366,12 @@ impl Controller {
                 AnswerItem::Record(_) => PER_ITEM,
                 AnswerItem::End(_) => 0,
             };
-            if *budget < cost {
-                *budget = 0;
+            if budget.inbox < cost {
+                budget.inbox = 0;
                 return Taken::Part;
             }
             if let AnswerItem::Part(head) = item {
-                *budget -= cost;
+                budget.inbox -= cost;
                 self.inbox.done += 1;
                 self.begin_answer(&head);
                 continue;
@@ -326,20 +383,20 @@ impl Controller {
             let loaded = match item {
                 AnswerItem::Part(_) => Ok(()),
                 AnswerItem::Id { id, record_follows } => {
-                    *budget -= cost;
+                    budget.inbox -= cost;
                     self.take_ids(chunk, region, (id, record_follows), &mut reader)
                 }
                 AnswerItem::Record(item) => {
-                    if !self.cache.has_slot() && !self.make_room(region, tick, operations, record) {
+                    if !self.cache.has_slot() && !self.make_room(region, tick, budget) {
                         if self.inbox.waited < PATIENCE {
                             return Taken::Part;
                         }
-                        self.give_up(region);
+                        self.give_up(region, budget);
                         self.refinement.starved(tick);
                         continue;
                     }
-                    *budget -= cost;
-                    self.take_record(region, &item, operations)
+                    budget.inbox -= cost;
+                    self.take_record(region, &item, &mut budget.operations)
                 }
                 AnswerItem::End(head) if head.is_last() => self.cache.finish(region).map(|()| {
                     self.subscriber.answered();
@@ -351,7 +408,7 @@ impl Controller {
                 (Ok(()), _) => self.inbox.done += 1,
                 (Err(LoadError::NoRoom), AnswerItem::Record(_)) => return Taken::Part,
                 (Err(LoadError::NoRoom), _) => {
-                    self.give_up(region);
+                    self.give_up(region, budget);
                     self.refinement.starved(tick);
                 }
                 (Err(LoadError::Gap), _) => self.ask_again(region),
@@ -416,10 +473,10 @@ impl Controller {
     }
 
     /// Drops an asked region for lack of room; the station is told.
-    fn give_up(&mut self, region: usize) {
+    fn give_up(&mut self, region: usize, budget: &mut Budget) {
         self.subscriber.answered();
-        if self.may_leave() {
-            self.leave(region);
+        if self.may_leave(budget) {
+            self.leave(region, budget);
         } else {
             self.cache.let_go(region, u32::MAX);
             // The station goes on believing in it; should it be asked for again, the answer lacks
@@ -441,26 +498,27 @@ impl Controller {
         self.refused_regions += 1;
     }
 
-    fn take_tour(&mut self, chunk: &InboxChunk) {
-        if self.path_is_whole {
+    fn take_tour(&mut self, chunk: &InboxChunk, desk: &mut Desk<'_>) {
+        let Some(tour) = self.tour_of.and_then(|k| desk.probes[k].tour.as_mut()) else {
             return;
-        }
+        };
         let points: &[TourPoint] = bytemuck::cast_slice(&chunk.slots);
         let count = (chunk.header.count as usize).min(points.len());
         for point in &points[..count] {
             let finite = point.t.is_finite()
                 && point.position.iter().all(|x| x.is_finite())
                 && point.orientation_wxyz.iter().all(|x| x.is_finite());
-            let ordered = self.path.last().is_none_or(|last| last.t < point.t);
+            let ordered = tour.points.last().is_none_or(|last| last.t < point.t);
             // A longer tour than was asked for is cut, never stored.
-            if finite && ordered && self.path.len() < self.path.capacity() {
-                self.path.push(*point);
+            if finite && ordered && tour.points.len() < tour.points.capacity() {
+                tour.points.push(*point);
             }
         }
         if chunk.header.last == 1 {
-            self.path_is_whole = true;
+            tour.is_whole = true;
             self.subscriber.tour_is_here();
             self.subscriber.answered();
+            self.ask_next_tour(desk);
         }
     }
 
@@ -468,7 +526,7 @@ impl Controller {
         match Refusal::from_code(chunk.header.code) {
             Some(Refusal::UnknownModel) => self.fault = Some(Fault::UnknownModel),
             // Only a tour is refused without a region.
-            _ if chunk.header.region == NONE && !self.path_is_whole => {
+            _ if chunk.header.region == NONE && self.tour_of.is_some() => {
                 self.fault = Some(Fault::NoTour);
             }
             _ => {

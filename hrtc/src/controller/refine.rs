@@ -1,16 +1,15 @@
 //! Two-phase refinement (thesis Figure 5.17): splits in B \ A, collapses in A \ B, what the contact reaches
 //! first, at most K operations a tick.
 
-use super::Controller;
+use super::seat::{Budget, Seat};
 use crate::cache::{Cache, Region, RegionState};
 use crate::dial::Economy;
 use crate::predict::{Predicted, TURNS};
-use crate::tick_record::CoreRecord;
 use shared::spm::{OperationFaces, RegionId};
 
 /// Regions that may be wanted at once.
 pub const MOST_WANTED: usize = 256;
-/// Regions that may be kept to be asked for in a tick: the cells of two balls.
+/// Regions that may be kept to be asked for in a tick, for each probe: the cells of two balls.
 const MOST_UNKNOWN: usize = 250;
 /// Ticks for which a region stays wanted after the prediction left it: no flicker at a cell's wall.
 const LINGER: u64 = 40;
@@ -19,11 +18,11 @@ const PACE: u32 = 6;
 /// Ticks after which a backlog of collapses is to be worked off.
 const COLLAPSE_TICKS: u32 = 48;
 /// Closure entries that change set for one work unit.
-const CHANGES_PER_UNIT: u32 = 4;
+pub const CHANGES_PER_UNIT: u32 = 4;
 /// Closure entries that are let go of a tick at the most: several cells, or a stretch of a whole model.
-const LEAVING_A_TICK: u32 = 4096;
+pub const LEAVING_A_TICK: u32 = 4096;
 /// Closure entries gone through a tick, for each operation allowed.
-const ENTRIES_PER_OPERATION: u32 = 24;
+pub const ENTRIES_PER_OPERATION: u32 = 24;
 /// Regions that one search for a region to release looks at.
 const WINDOW: usize = 64;
 /// Regions released a tick at the most, where nothing waits for their room.
@@ -53,28 +52,35 @@ pub struct Refinement {
     pub(super) economy: Economy,
     /// A region that is let go of in several ticks.
     leaving: Option<usize>,
-    /// Closure entries let go of in this tick.
-    let_go: u32,
     wanted_high_water: usize,
     unknown_high_water: usize,
 }
 
 impl Refinement {
-    /// Nothing wanted.
+    /// Nothing wanted by so many probes.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn new(probes: usize) -> Self {
         Self {
             wanted: Vec::with_capacity(MOST_WANTED),
             queue: Vec::with_capacity(MOST_WANTED),
             order: Vec::with_capacity(MOST_WANTED),
-            unknown: Vec::with_capacity(MOST_UNKNOWN),
+            unknown: Vec::with_capacity(MOST_UNKNOWN * probes),
             faces: OperationFaces::new(),
             economy: Economy::new(),
             leaving: None,
-            let_go: 0,
             wanted_high_water: 0,
             unknown_high_water: 0,
         }
+    }
+
+    /// Forgets everything but its high-water marks: another object comes.
+    pub fn reset(&mut self) {
+        self.wanted.clear();
+        self.queue.clear();
+        self.order.clear();
+        self.unknown.clear();
+        self.economy = Economy::new();
+        self.leaving = None;
     }
 
     /// Empties the predictions of the tick before.
@@ -94,8 +100,8 @@ impl Refinement {
     /// Marks a predicted region in the table, or keeps it to be asked for.
     pub fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
         let Some(index) = cache.regions.index(p.key) else {
-            // A tick looks at one ball of each of two rings: nothing comes twice.
-            if self.unknown.len() < MOST_UNKNOWN {
+            // For each probe a tick looks at one ball of each of two rings: of one probe nothing comes twice.
+            if self.unknown.len() < self.unknown.capacity() {
                 self.unknown.push(p);
                 self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());
             }
@@ -136,7 +142,7 @@ impl Refinement {
     pub fn high_water(&self) -> [(usize, usize); 2] {
         [
             (self.wanted_high_water, MOST_WANTED),
-            (self.unknown_high_water, MOST_UNKNOWN),
+            (self.unknown_high_water, self.unknown.capacity()),
         ]
     }
 }
@@ -176,28 +182,29 @@ fn order_of(region: &Region, index: usize, finest: f32, tick: u64) -> u64 {
     left << 63 | ticks << 32 | finer << 16 | index as u64
 }
 
-impl Controller {
+impl Seat {
     /// Splits, then collapses with what is left of the tick's operations.
     ///
     /// As many splits as it takes to have every region done when it is due, and at least a pace, so that ticks
     /// are even.
-    pub(super) fn refine(&mut self, tick: u64, left: &mut u32, record: &mut CoreRecord) {
-        let mut entries = self.operations as u32 * ENTRIES_PER_OPERATION;
-        let spent = self.choose(tick, &mut entries);
-        let allowed_entries = entries;
-        let allowed = self.splits_due(tick).clamp(PACE, (*left).max(PACE));
+    pub(super) fn refine(&mut self, tick: u64, budget: &mut Budget) {
+        let spent = self.choose(tick, &mut budget.entries);
+        let allowed_entries = budget.entries;
+        let allowed = self
+            .splits_due(tick)
+            .clamp(PACE, budget.operations.max(PACE));
         // Collapses come first only when the records that wait need their room; see `make_room`.
         for k in 0..self.refinement.queue.len() {
             let region = (self.refinement.queue[k] & 0xFFFF) as usize;
-            while *left > 0 && entries > 0 && record.vsplits < allowed {
-                let Some(slot) = self.cache.next_split(region, &mut entries) else {
+            while budget.operations > 0 && budget.entries > 0 && self.tally.vsplits < allowed {
+                let Some(slot) = self.cache.next_split(region, &mut budget.entries) else {
                     break;
                 };
                 match self.cache.split(slot, &mut self.refinement.faces) {
                     Ok(()) => {
-                        self.carry_proxy();
-                        *left -= 1;
-                        record.vsplits += 1;
+                        self.carry_proxies();
+                        budget.operations -= 1;
+                        self.tally.vsplits += 1;
                     }
                     Err(_) => {
                         // The rest of the closure may depend on it: the region stays as it is.
@@ -214,37 +221,40 @@ impl Controller {
                 .get(region)
                 .is_some_and(|r| r.wanted || r.changing > 0)
         });
-        record.work_units += spent + allowed_entries - entries + record.vsplits;
+        self.tally.work_units += spent + allowed_entries - budget.entries + self.tally.vsplits;
         let backlog = self.cache.to_collapse() / COLLAPSE_TICKS;
-        let quiet = if record.vsplits > PACE { 0 } else { PACE };
-        while *left > 0 && record.ecols < backlog.max(quiet) && self.collapse_oldest() {
-            *left -= 1;
-            record.ecols += 1;
+        let quiet = if self.tally.vsplits > PACE { 0 } else { PACE };
+        while budget.operations > 0
+            && self.tally.ecols < backlog.max(quiet)
+            && self.collapse_oldest()
+        {
+            budget.operations -= 1;
+            self.tally.ecols += 1;
         }
-        record.work_units += record.ecols;
-        self.go_on_leaving();
+        self.tally.work_units += self.tally.ecols;
+        self.go_on_leaving(budget);
         for _ in 0..RELEASES {
-            if !self.cache.is_nearly_full() || !self.release_one(None, tick) {
+            if !self.cache.is_nearly_full() || !self.release_one(None, tick, budget) {
                 break;
             }
         }
-        record.work_units += self.refinement.let_go.div_ceil(CHANGES_PER_UNIT);
-        self.refinement.let_go = 0;
     }
 
     /// Performs the oldest collapse that is waiting; false when none is.
     fn collapse_oldest(&mut self) -> bool {
         let performed = self.cache.collapse_oldest(&mut self.refinement.faces);
         if performed {
-            self.carry_proxy();
+            self.carry_proxies();
         }
         performed
     }
 
-    /// Takes the proxy along with the operation that was just performed.
-    fn carry_proxy(&mut self) {
-        if let Some(proxy) = &mut self.proxy {
-            proxy.carry(self.cache.mesh(), &self.refinement.faces);
+    /// Takes the proxies along with the operation that was just performed.
+    fn carry_proxies(&mut self) {
+        for touch in &mut self.touches {
+            if let Some(proxy) = &mut touch.proxy {
+                proxy.carry(self.cache.mesh(), &self.refinement.faces);
+            }
         }
     }
 
@@ -327,15 +337,14 @@ impl Controller {
     }
 
     /// Lets go of a region, a stretch a tick; then the station is told. Only one at a time, see `may_leave`.
-    pub(super) fn leave(&mut self, index: usize) {
+    pub(super) fn leave(&mut self, index: usize, budget: &mut Budget) {
         self.refinement.leaving = Some(index);
-        self.go_on_leaving();
+        self.go_on_leaving(budget);
     }
 
     /// Whether another region may be let go of now: its closure is gone through entry by entry.
-    pub(super) fn may_leave(&self) -> bool {
-        let in_budget = self.refinement.let_go < LEAVING_A_TICK;
-        in_budget && self.subscriber.may_release() && !self.is_leaving()
+    pub(super) fn may_leave(&self, budget: &Budget) -> bool {
+        budget.leaving > 0 && self.subscriber.may_release() && !self.is_leaving()
     }
 
     /// Whether a region is still being let go of.
@@ -343,16 +352,15 @@ impl Controller {
         self.refinement.leaving.is_some()
     }
 
-    fn go_on_leaving(&mut self) {
+    fn go_on_leaving(&mut self, budget: &mut Budget) {
         let Some(index) = self.refinement.leaving else {
             return;
         };
-        let most = LEAVING_A_TICK - self.refinement.let_go;
-        if !self.subscriber.may_release() || most == 0 {
+        if !self.subscriber.may_release() || budget.leaving == 0 {
             return;
         }
-        let (gone, entries) = self.cache.let_go(index, most);
-        self.refinement.let_go += entries;
+        let (gone, entries) = self.cache.let_go(index, budget.leaving);
+        budget.leaving -= entries;
         if gone {
             self.cache.regions.at_mut(index).state = RegionState::ToRelease;
             self.subscriber.release(index);
@@ -370,27 +378,21 @@ impl Controller {
     /// Makes a slot free: a waiting collapse, or the region whose turn it is to go. Whether one is free now.
     ///
     /// Never takes what a wanted region or the contact's own cells need.
-    pub(super) fn make_room(
-        &mut self,
-        asking: usize,
-        tick: u64,
-        left: &mut u32,
-        record: &mut CoreRecord,
-    ) -> bool {
+    pub(super) fn make_room(&mut self, asking: usize, tick: u64, budget: &mut Budget) -> bool {
         loop {
             if self.cache.has_slot() {
                 return true;
             }
-            if *left > 0 && self.collapse_oldest() {
-                *left -= 1;
-                record.ecols += 1;
+            if budget.operations > 0 && self.collapse_oldest() {
+                budget.operations -= 1;
+                self.tally.ecols += 1;
                 continue;
             }
             let due = self.cache.regions.at(asking).due;
-            if *left == 0 || !self.release_one(Some(due), tick) {
+            if budget.operations == 0 || !self.release_one(Some(due), tick, budget) {
                 return false;
             }
-            *left -= 1;
+            budget.operations -= 1;
         }
     }
 
@@ -398,8 +400,8 @@ impl Controller {
     /// is finer than there is room for; failing that, if a region that is due at `asking` needs the room, of those
     /// that are only loaded ahead the one that is due last. Looking at a window keeps the cost of a tick bounded,
     /// whatever the table holds.
-    fn release_one(&mut self, asking: Option<u64>, tick: u64) -> bool {
-        if !self.may_leave() {
+    fn release_one(&mut self, asking: Option<u64>, tick: u64, budget: &mut Budget) -> bool {
+        if !self.may_leave(budget) {
             return false;
         }
         let mut victim: Option<(usize, u64)> = None;
@@ -432,7 +434,7 @@ impl Controller {
         let Some((index, _)) = victim else {
             return false;
         };
-        self.leave(index);
+        self.leave(index, budget);
         true
     }
 }

@@ -2,12 +2,13 @@
 
 use super::series::Series;
 use super::{
-    Buckets, CacheResult, Finished, Histograms, MedianMax, RunMeta, RunResult, SeriesBucket,
-    ShortSpread, Spread, Status,
+    Buckets, CacheResult, Finished, Histograms, MedianMax, ProbeResult, RunMeta, RunResult,
+    SeriesBucket, ShortSpread, Spread, Status,
 };
-use crate::tick_record::{STAGES, TickRecord};
+use crate::tick_record::{ProbeRecord, STAGES, TickRecord};
 use glam::DVec3;
 use hdrhistogram::Histogram;
+use shared::scene::MOST_PROBES;
 
 /// A histogram with a fixed range, three significant digits and an exact maximum. Its counts of 32 bits last for
 /// 49 days of ticks, and the process is locked in memory: every byte counts.
@@ -63,6 +64,14 @@ impl Fixed {
         ShortSpread { p50, p99, max }
     }
 
+    /// The table of both.
+    fn together(mut self, other: Self) -> Self {
+        // Both have the same range, so every count finds its place.
+        let _ = self.histogram.add(&other.histogram);
+        self.max = self.max.max(other.max);
+        self
+    }
+
     fn buckets(&self) -> Buckets {
         self.histogram
             .iter_recorded()
@@ -81,7 +90,7 @@ pub struct Accumulator {
     series: Series,
     first_tick: Option<u64>,
     last_tick: u64,
-    last_force: DVec3,
+    last_forces: [DVec3; MOST_PROBES],
     ready_tick: Option<u64>,
     status: Status,
     wake: Fixed,
@@ -94,23 +103,28 @@ pub struct Accumulator {
     finest: Fixed,
     expected: Fixed,
     measured: Fixed,
-    force: Fixed,
+    awake: Fixed,
+    /// Force of each probe.
+    forces: Vec<Fixed>,
 }
 
 impl Accumulator {
-    /// Tables for a run with this period, nanoseconds; `None` when they cannot be made.
+    /// Tables for a run with this period, nanoseconds, and so many probes; `None` when they cannot be made.
     #[must_use]
-    pub fn new(period_ns: u64) -> Option<Self> {
+    pub fn new(period_ns: u64, probes: usize) -> Option<Self> {
         let timing = || Fixed::new(NANOSECONDS_IN_US, 32);
         let picometres = || Fixed::new(1e12, 50);
         let micronewtons = || Fixed::new(1e6, 40);
         Some(Self {
             period_ns,
-            result: RunResult::default(),
+            result: RunResult {
+                probes: vec![ProbeResult::default(); probes],
+                ..RunResult::default()
+            },
             series: Series::new(),
             first_tick: None,
             last_tick: 0,
-            last_force: DVec3::ZERO,
+            last_forces: [DVec3::ZERO; MOST_PROBES],
             ready_tick: None,
             status: Status {
                 measured_error_m: -1.0,
@@ -126,7 +140,8 @@ impl Accumulator {
             finest: picometres()?,
             expected: picometres()?,
             measured: picometres()?,
-            force: micronewtons()?,
+            awake: Fixed::new(1.0, 5)?,
+            forces: (0..probes).map(|_| micronewtons()).collect::<Option<_>>()?,
         })
     }
 
@@ -136,13 +151,22 @@ impl Accumulator {
         let core = &record.core;
         let seconds = self.seconds();
         let result = &mut self.result;
-        let force = record.wrench.force;
-        let step = (force - self.last_force).length();
-        if step.is_finite() {
-            result.force_step_n_max = result.force_step_n_max.max(step);
+        for (k, probe) in result.probes.iter_mut().enumerate() {
+            let force = record.wrenches[k].force;
+            let step = (force - self.last_forces[k]).length();
+            if step.is_finite() {
+                result.force_step_n_max = result.force_step_n_max.max(step);
+            }
+            self.last_forces[k] = force;
+            if core.probes[k].contact {
+                self.forces[k].push(force.length());
+            }
+            probe.add(&core.probes[k]);
+            result.rejected_samples += u64::from(core.probes[k].rejected_sample);
         }
-        self.last_force = force;
+        result.unseated_ticks += u64::from(core.unseated > 0);
         if core.ready {
+            self.awake.push(f64::from(core.awake));
             self.ready_tick.get_or_insert(record.tick);
             self.faces.push(f64::from(core.active_faces));
         }
@@ -163,7 +187,6 @@ impl Accumulator {
             } else {
                 core.certified_error_m
             });
-            self.force.push(force.length());
             if core.depth_m.is_finite() {
                 result.depth_m_max = result.depth_m_max.max(core.depth_m);
             }
@@ -173,7 +196,6 @@ impl Accumulator {
             self.measured.push(core.measured_error_m);
         }
         result.clamped_ticks += u64::from(core.clamped);
-        result.rejected_samples += u64::from(core.rejected_sample);
         result.energy_j = core.energy_j;
         result.vsplits += u64::from(core.vsplits);
         result.ecols += u64::from(core.ecols);
@@ -193,8 +215,10 @@ impl Accumulator {
             seconds,
             ticks: result.ticks,
             contact: core.contact,
+            touching: core.probes.iter().filter(|probe| probe.contact).count() as u64,
+            awake: u64::from(core.awake),
             contact_ticks: result.contact_ticks,
-            force_n: finite(force.length()),
+            force_n: record.largest_force(),
             certified_error_m: finite(core.certified_error_m),
             measured_error_m: if core.measured_error_m >= 0.0 {
                 finite(core.measured_error_m)
@@ -255,7 +279,7 @@ impl Accumulator {
 
     /// Ends the run.
     #[must_use]
-    pub fn finish(self, meta: RunMeta) -> Finished {
+    pub fn finish(mut self, meta: RunMeta) -> Finished {
         let seconds = self.seconds();
         let period_s = self.period_s();
         let series = self.series.finish(period_s);
@@ -268,6 +292,13 @@ impl Accumulator {
             .map(|(name, stage)| ((*name).to_string(), stage.spread()))
             .collect();
         let faces = self.faces.spread();
+        let broad_phase = self.stages.last().map(Fixed::spread).unwrap_or_default();
+        for (probe, force) in self.result.probes.iter_mut().zip(&self.forces) {
+            probe.force_n = force.short();
+            probe.energy_j = finite(probe.energy_j);
+        }
+        let force = self.forces.into_iter().reduce(Fixed::together);
+        let awake = self.awake.spread();
         let result = RunResult {
             scene: meta.scene,
             model: meta.model,
@@ -288,7 +319,14 @@ impl Accumulator {
             measured_error_m: self.measured.short(),
             finest_tolerance_m: self.finest.short(),
             expected_error_m: self.expected.short(),
-            force_n: self.force.short(),
+            objects: meta.objects,
+            seats: meta.seats,
+            awake: MedianMax {
+                p50: awake.p50,
+                max: awake.max,
+            },
+            idle_us: broad_phase,
+            force_n: force.as_ref().map(Fixed::short).unwrap_or_default(),
             energy_j: finite(self.result.energy_j),
             bytes_full_mesh: meta.bytes_full_mesh,
             cache: CacheResult {
@@ -310,6 +348,24 @@ impl Accumulator {
                 period_ns: self.period.buckets(),
             },
             rights: meta.rights,
+        }
+    }
+}
+
+impl ProbeResult {
+    /// Counts one tick of the probe.
+    fn add(&mut self, felt: &ProbeRecord) {
+        self.clamped_ticks += u64::from(felt.clamped);
+        self.rejected_samples += u64::from(felt.rejected_sample);
+        self.energy_j = felt.energy_j;
+        if felt.contact {
+            self.contact_ticks += 1;
+            self.contact_full_ticks += u64::from(felt.contact_full);
+            self.coarser_ticks += u64::from(!felt.contact_asked);
+            self.certified_error_m_max = self
+                .certified_error_m_max
+                .max(finite(felt.certified_error_m));
+            self.depth_m_max = self.depth_m_max.max(finite(felt.depth_m));
         }
     }
 }

@@ -47,7 +47,7 @@ impl SeriesBucket {
             missed: u64::from(record.skipped),
             contact_ticks: u64::from(core.contact),
             contact_full_ticks: u64::from(core.contact && core.contact_full),
-            force_n: finite(record.wrench.force.length()),
+            force_n: record.largest_force(),
             work_us: f64::from(record.work_cpu_ns) / 1e3,
             wake_us: f64::from(record.wake_ns) / 1e3,
             refined_faces: u64::from(core.active_faces),

@@ -1,8 +1,8 @@
 use super::*;
-use crate::tick_record::CoreRecord;
-use crate::tick_record::{STAGES, TickRecord};
+use crate::tick_record::{CoreRecord, ProbeRecord, STAGES, TickRecord};
 use glam::DVec3;
 use shared::geometry::Wrench;
+use shared::scene::MOST_PROBES;
 
 fn record(tick: u64) -> TickRecord {
     TickRecord {
@@ -13,13 +13,13 @@ fn record(tick: u64) -> TickRecord {
         period_ns: 1_000_000,
         work_cpu_ns: 20_000,
         work_wall_ns: 25_000,
-        stage_ns: [1_000, 2_000, 3_000, 4_000, 5_000],
+        stage_ns: [1_000, 2_000, 3_000, 4_000, 5_000, 6_000],
         page_faults: 0,
         allocations: 0,
         chunks_arrived: 0,
         station: 1,
-        sample: None,
-        wrench: Wrench::ZERO,
+        samples: [None; MOST_PROBES],
+        wrenches: [Wrench::ZERO; MOST_PROBES],
         core: CoreRecord {
             measured_error_m: -1.0,
             ..CoreRecord::default()
@@ -28,7 +28,7 @@ fn record(tick: u64) -> TickRecord {
 }
 
 fn accumulator() -> Accumulator {
-    Accumulator::new(1_000_000).unwrap()
+    Accumulator::new(1_000_000, 2).unwrap()
 }
 
 /// Values without order, 1000 of them to a decade.
@@ -125,7 +125,12 @@ fn the_contact_is_accounted_from_its_first_tick() {
             cache_bytes: 1000 - tick,
             ..record.core
         };
-        record.wrench.force = DVec3::new(0.0, 0.0, if contact { 2.0 } else { 0.0 });
+        record.core.probes[1] = ProbeRecord {
+            contact,
+            contact_full: tick >= 5,
+            ..ProbeRecord::default()
+        };
+        record.wrenches[1].force = DVec3::new(0.0, 0.0, if contact { 2.0 } else { 0.0 });
         run.push(&record);
     }
     assert!(run.status().contact && run.status().station);
@@ -145,6 +150,15 @@ fn the_contact_is_accounted_from_its_first_tick() {
     assert_eq!(result.force_step_n_max, 2.0);
     assert!((result.force_n.p50 - 2.0).abs() < 2e-3);
     assert_eq!(result.energy_j, -0.5);
+    let [idle, touching] = &result.probes[..] else {
+        panic!("there are two probes");
+    };
+    assert_eq!((idle.contact_ticks, idle.force_n.max), (0, 0.0));
+    assert_eq!(
+        (touching.contact_ticks, touching.contact_full_ticks),
+        (6, 5)
+    );
+    assert_eq!(touching.force_n, result.force_n);
     assert_eq!(result.vsplits, 30);
     assert_eq!(result.cache.high_water_bytes, 1000);
     assert_eq!(result.cache.bytes, 4096);
@@ -186,7 +200,14 @@ fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
     let mut run = accumulator();
     for tick in [0, 1, 1 << 40] {
         let mut record = record(tick);
-        record.wrench.force = DVec3::new(f64::NAN, f64::INFINITY, 0.0);
+        record.wrenches[0].force = DVec3::new(f64::NAN, f64::INFINITY, 0.0);
+        record.core.probes[0] = ProbeRecord {
+            contact: true,
+            certified_error_m: f64::NAN,
+            depth_m: f64::NAN,
+            energy_j: f64::NAN,
+            ..ProbeRecord::default()
+        };
         record.core = CoreRecord {
             contact: true,
             contact_bounded: true,
@@ -218,6 +239,9 @@ fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
         "force_step_n_max",
         "clamped_ticks",
         "rejected_samples",
+        "objects",
+        "seats",
+        "unseated_ticks",
         "energy_j",
         "vsps_received",
         "vsplits",
@@ -235,7 +259,7 @@ fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
         assert!(result[name].is_number(), "{name}");
     }
     let four = ["p50", "p99", "p999", "max"];
-    for name in ["period_us", "wake_us", "work_us", "work_wall_us"] {
+    for name in ["period_us", "wake_us", "work_us", "work_wall_us", "idle_us"] {
         assert!(four.iter().all(|q| result[name][*q].is_number()), "{name}");
     }
     for stage in STAGES {

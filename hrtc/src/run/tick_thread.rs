@@ -6,15 +6,15 @@ use crate::controller::{
     Capacity, Controller, Fault, Stage, StageObserver, TickInputs, TickOutputs,
 };
 use crate::counting_allocator;
-use crate::device::{Device, Script, Simulated};
+use crate::device::{Device, Sample, Script, Simulated};
 use crate::inbox::InboxChunk;
-use crate::pacer::{Pacer, Wake};
+use crate::pacer::Pacer;
 use crate::realtime::{MissingRight, monotonic_ns, obtain};
-use crate::tick_record::TickRecord;
+use crate::tick_record::{STAGES, TickRecord};
 use rtrb::{Consumer, Producer};
 use shared::geometry::{Pose, Wrench};
 use shared::protocol::{ContactReport, Request};
-use shared::scene::LoopPlan;
+use shared::scene::{LoopPlan, MOST_PROBES, ProbePlan, TrajectoryPlan};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -22,9 +22,8 @@ use std::sync::{Arc, Mutex};
 pub(super) struct TickThread {
     /// Boxed: it is too large to be moved about on a small stack.
     pub controller: Box<Controller>,
-    pub device: Simulated,
-    pub script: Script,
-    pub script_points: Vec<(f64, Pose)>,
+    /// One for each probe.
+    pub hands: Vec<Hand>,
     pub requests: Producer<Request>,
     pub contacts: Producer<ContactReport>,
     pub inbox: Consumer<InboxChunk>,
@@ -49,7 +48,7 @@ pub(super) struct Ended {
 /// Wall time of each stage.
 struct StageClock {
     last: u64,
-    stages: [u32; 5],
+    stages: [u32; STAGES.len()],
 }
 
 impl StageObserver for StageClock {
@@ -71,9 +70,8 @@ impl TickThread {
         let last_tick = self
             .seconds
             .map(|seconds| (seconds * self.plan.rate_hz).ceil() as u64);
-        let mut outputs = TickOutputs::new(1);
+        let mut outputs = TickOutputs::new(self.hands.len());
         let mut pacer = Pacer::new(self.plan.rate_hz, self.plan.spin_us);
-        let mut script_start = None;
         let mut arrived = 0u64;
         let mut waiting = 0usize;
         let (mut inbox, mut requests, mut log) = (0, 0, 0);
@@ -89,17 +87,19 @@ impl TickThread {
                 || last_tick.is_some_and(|last| wake.tick >= last);
             let calls = counting_allocator::calls();
             counting_allocator::arm(true);
-            self.intend(wake, &mut script_start);
-            let sample = self.device.read(1 + wake.skipped);
+            let mut samples = [None; MOST_PROBES];
+            for (k, (hand, sample)) in self.hands.iter_mut().zip(&mut samples).enumerate() {
+                hand.intend(k, &self.controller, wake.tick, self.plan.rate_hz);
+                *sample = hand.device.read(1 + wake.skipped);
+            }
             let station = self.station.load(Ordering::Relaxed);
             let slots = self.inbox.slots();
             arrived += (slots - waiting) as u64;
             inbox = slots.max(inbox);
             let mut clock = StageClock {
                 last: monotonic_ns(),
-                stages: [0; 5],
+                stages: [0; STAGES.len()],
             };
-            let samples = [sample];
             let consumed = {
                 let chunks = self.inbox.read_chunk(slots);
                 let halves = match &chunks {
@@ -111,7 +111,7 @@ impl TickThread {
                 };
                 let inputs = TickInputs {
                     tick: wake.tick,
-                    samples: &samples,
+                    samples: &samples[..self.hands.len()],
                     station,
                     chunks: halves,
                     stopping,
@@ -123,14 +123,22 @@ impl TickThread {
                 outputs.chunks_consumed
             };
             waiting = slots - consumed;
-            let wrench = outputs.wrenches.first().copied().unwrap_or(Wrench::ZERO);
-            self.device.write(wrench);
+            let mut wrenches = [Wrench::ZERO; MOST_PROBES];
+            for ((hand, &felt), wrench) in self
+                .hands
+                .iter_mut()
+                .zip(&outputs.wrenches)
+                .zip(&mut wrenches)
+            {
+                *wrench = felt;
+                hand.device.write(felt);
+            }
             for request in outputs.outbox.requests() {
                 // A full ring loses the request; the gap in its numbers ends the epoch, which heals it.
                 let _ = self.requests.push(*request);
             }
             requests = (OUT - self.requests.slots()).max(requests);
-            if let Some(report) = outputs.report {
+            for &report in &outputs.reports {
                 let _ = self.contacts.push(report);
             }
             counting_allocator::arm(false);
@@ -148,8 +156,8 @@ impl TickThread {
                 allocations: (counting_allocator::calls() - calls) as u32,
                 chunks_arrived: arrived,
                 station,
-                sample: sample.map(|sample| sample.pose),
-                wrench,
+                samples: samples.map(|sample| sample.map(|sample: Sample| sample.pose)),
+                wrenches,
                 core: outputs.record,
             };
             if self.log.push(record).is_err() {
@@ -166,7 +174,9 @@ impl TickThread {
                 break;
             }
         }
-        self.device.write(Wrench::ZERO);
+        for hand in &mut self.hands {
+            hand.device.write(Wrench::ZERO);
+        }
         self.signals.ended.store(true, Ordering::Release);
         Ended {
             work_budget: self.controller.work_budget(),
@@ -178,21 +188,47 @@ impl TickThread {
             ],
         }
     }
+}
 
-    /// Tells the simulated hand what to intend, from the scene's points or the station's tour.
-    fn intend(&mut self, wake: Wake, start: &mut Option<u64>) {
-        let tick = wake.tick;
-        let t = |start: u64| (tick - start) as f64 / self.plan.rate_hz;
-        let intent = if self.script_points.is_empty() {
-            let (Some(tour), Some(frame)) = (self.controller.tour(), self.controller.frame())
-            else {
+/// A probe's device, and what leads it.
+pub(super) struct Hand {
+    pub device: Simulated,
+    script: Script,
+    /// The scene's points; none for a tour.
+    points: Vec<(f64, Pose)>,
+    /// The tick in which the script began.
+    start: Option<u64>,
+}
+
+impl Hand {
+    /// At rest before its first point.
+    pub fn new(probe: &ProbePlan, period_s: f64) -> Self {
+        Self {
+            device: Simulated::new(probe.device, period_s),
+            script: Script::default(),
+            points: match &probe.trajectory {
+                TrajectoryPlan::Points(points) => points.clone(),
+                TrajectoryPlan::Tour { .. } => Vec::new(),
+            },
+            start: None,
+        }
+    }
+
+    /// Tells the simulated hand of a probe what to intend, from the scene's points or the station's tour.
+    fn intend(&mut self, probe: usize, controller: &Controller, tick: u64, rate_hz: f64) {
+        let t = |start: u64| (tick - start) as f64 / rate_hz;
+        let intent = if self.points.is_empty() {
+            let Some((object, tour)) = controller.tour_of(probe) else {
                 return;
             };
-            let from = *start.get_or_insert(tick);
+            let Some(frame) = controller.frame_of(object) else {
+                return;
+            };
+            let from = *self.start.get_or_insert(tick);
             self.script.along_tour(tour, &frame, t(from))
         } else {
-            let from = *start.get_or_insert(tick);
-            self.script.along_points(&self.script_points, t(from))
+            let from = *self.start.get_or_insert(tick);
+            self.script.along_points(&self.points, t(from))
         };
         if let Some(intent) = intent {
             self.device.intend(intent);

@@ -17,6 +17,8 @@ use std::path::{Path, PathBuf};
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use ve_station::station::{Message, ServedModel, ServedObject, Station};
 
+pub mod scene;
+
 /// Periods that a message takes each way.
 const DELAY: u64 = 2;
 
@@ -238,8 +240,6 @@ pub fn identity() -> Identity {
     Identity {
         client: 7,
         incarnation: 8,
-        object: 0,
-        name: Request::name_hash(NAME),
     }
 }
 
@@ -405,8 +405,8 @@ impl Pair {
             let queue = &mut self.to_station;
             post(&mut self.faults, queue, tick + DELAY, *request);
         }
-        if let Some(report) = self.outputs.report {
-            self.station.handle(Message::Contact(&report));
+        for report in &self.outputs.reports {
+            self.station.handle(Message::Contact(report));
         }
         let wrench = self.outputs.wrenches[0];
         self.allocations += count(|| self.device.write(wrench));

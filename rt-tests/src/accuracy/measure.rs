@@ -69,7 +69,7 @@ impl Reference {
             samples.push(sample);
             felt.push(Felt {
                 force: outputs.wrenches[0].force,
-                contact: outputs.contact.map(|contact| contact.point),
+                contact: outputs.contact().map(|contact| contact.point),
             });
             hand.feel(outputs.wrenches[0]);
         }
@@ -185,7 +185,7 @@ pub fn measure(
     for (sample, felt) in reference.samples.iter().zip(&reference.felt) {
         let outputs = simulator.step(Some(*sample), &mut NoObserver);
         let (record, force) = (outputs.record, outputs.wrenches[0].force);
-        let contact = outputs.contact;
+        let contact = outputs.contact();
         let mesh_bytes = simulator.mesh_bytes();
         point.measured_m = point.measured_m.max(record.measured_error_m);
         if contact.is_some() || felt.contact.is_some() {

@@ -181,7 +181,7 @@ impl Model {
             seconds,
             speed: self.tour.0 / scale,
             depth: self.tour.1 / scale,
-            radius: self.plan.probes[0].radius_m / scale,
+            radius: self.plan.probes[0].radius_m() / scale,
         };
         make_tour(&self.file, ask)
             .map_err(|error| Failure::Input(format!("a tour of {}: {error}", self.name)))
@@ -196,7 +196,7 @@ impl Model {
     /// A fresh controller of a plan.
     #[must_use]
     pub fn controller(plan: &ScenePlan) -> Controller {
-        Controller::new(plan, identity(plan), DEVICE_MAX_N, 0.0)
+        Controller::new(plan, identity(), DEVICE_MAX_N, 0.0)
     }
 
     /// Controller and station of a plan, with nothing sent yet.
@@ -254,10 +254,5 @@ fn simulator<D: AsRef<[u8]>>(plan: &ScenePlan, served: ServedModel<D>) -> Simula
         name: Request::name_hash(&served.name),
     };
     let station = Station::new(station_incarnation(), vec![served], vec![object]);
-    Simulator::new(
-        Model::controller(plan),
-        identity(plan),
-        station,
-        DELAY_TICKS,
-    )
+    Simulator::new(Model::controller(plan), identity(), station, DELAY_TICKS)
 }

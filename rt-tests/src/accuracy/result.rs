@@ -86,7 +86,7 @@ impl StageQuantiles {
     }
 }
 
-/// The stages of a tick.
+/// The stages of a tick with one object.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct StageTimes {
     /// Inbox and prediction.
@@ -105,7 +105,8 @@ impl StageTimes {
     /// With their names, in the order of a tick.
     #[must_use]
     pub fn named(&self) -> [(&'static str, StageQuantiles); 5] {
-        let [inbox, refine, refit, query, force] = STAGES;
+        // One object needs no broad phase.
+        let [inbox, refine, refit, query, force, _] = STAGES;
         [
             (inbox, self.inbox),
             (refine, self.refine),

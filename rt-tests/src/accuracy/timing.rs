@@ -15,7 +15,7 @@ pub const REPEATS: usize = 5;
 /// Ticks of one setting before the next has its turn.
 const BLOCK: usize = 256;
 /// Stages of a tick.
-const STAGES: usize = 5;
+const STAGES: usize = hrtc::tick_record::STAGES.len();
 
 /// Processor time of the thread at the end of each stage.
 #[derive(Debug, Clone, Copy)]
@@ -127,7 +127,7 @@ fn summarise(setting: &mut Measured, least: &[[u32; STAGES]], contact: &[bool]) 
         let mean = times.iter().sum::<f64>() / times.len().max(1) as f64;
         *stage = StageQuantiles::of(mean, &Quantiles::of(&mut times));
     }
-    let [inbox, refine, refit, query, force] = stages;
+    let [inbox, refine, refit, query, force, _] = stages;
     point.stage_us.inbox = inbox;
     point.stage_us.refine = refine;
     point.stage_us.refit = refit;

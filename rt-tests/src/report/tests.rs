@@ -4,15 +4,17 @@ use super::page::contact_bands;
 use super::*;
 use hrtc::controller::Capacity;
 use hrtc::result::{Accumulator, RunMeta};
-use hrtc::tick_record::{CoreRecord, MissClass, TickRecord};
+use hrtc::tick_record::{CoreRecord, MissClass, STAGES, TickRecord};
 use shared::geometry::Wrench;
-use shared::scene::{Overrides, parse};
+use shared::scene::{MOST_PROBES, Overrides, parse};
 use std::path::Path;
 
 fn finished(contact: bool) -> Finished {
-    let mut run = Accumulator::new(1_000_000).unwrap();
+    let mut run = Accumulator::new(1_000_000, 1).unwrap();
     for tick in 0..5000 {
         let touches = contact && tick % 1000 > 400;
+        let mut wrenches = [Wrench::ZERO; MOST_PROBES];
+        wrenches[0].force = glam::DVec3::X * f64::from(u8::from(touches));
         run.push(&TickRecord {
             tick,
             skipped: 0,
@@ -21,16 +23,13 @@ fn finished(contact: bool) -> Finished {
             period_ns: 1_000_000,
             work_cpu_ns: 20_000,
             work_wall_ns: 20_000,
-            stage_ns: [4_000; 5],
+            stage_ns: [4_000; STAGES.len()],
             page_faults: 0,
             allocations: 0,
             chunks_arrived: 0,
             station: 1,
-            sample: None,
-            wrench: Wrench {
-                force: glam::DVec3::X * f64::from(u8::from(touches)),
-                torque: glam::DVec3::ZERO,
-            },
+            samples: [None; MOST_PROBES],
+            wrenches,
             core: CoreRecord {
                 contact: touches,
                 contact_full: tick % 7 != 0,
@@ -86,7 +85,7 @@ fn a_report_is_written_whole_and_its_pictures_are_beside_it() {
         assert!(words.contains(if contact {
             "in contact"
         } else {
-            "never touched"
+            "nothing was touched"
         }));
         assert!(words.contains("a note"));
         assert!(words.contains("rings around it for 10.0 µm, 200.0 µm"));

@@ -22,7 +22,6 @@ use hrtc::device::Sample;
 use hrtc::inbox::InboxChunk;
 use hrtc::subscriber::Identity;
 use shared::protocol::{ChunkKind, ContactReport, Request};
-use shared::scene::ScenePlan;
 use ve_station::station::{Message, Station};
 
 /// Periods that a message takes each way unless another delay is asked for.
@@ -30,14 +29,12 @@ pub const DELAY_TICKS: u64 = 2;
 /// Incarnation of the first station of a run.
 const STATION: u64 = 100;
 
-/// Who the controller of a simulation is: the only client, with the scene's first object.
+/// Who the controller of a simulation is: the only client.
 #[must_use]
-pub fn identity(plan: &ScenePlan) -> Identity {
+pub fn identity() -> Identity {
     Identity {
         client: 7,
         incarnation: 8,
-        object: 0,
-        name: Request::name_hash(&plan.objects[0].model.name()),
     }
 }
 
@@ -123,7 +120,7 @@ impl<D: AsRef<[u8]>> Simulator<D> {
         for request in self.outputs.outbox.requests() {
             self.requests.post(self.tick, *request);
         }
-        if let Some(report) = self.outputs.report {
+        for &report in &self.outputs.reports {
             self.contacts.post(self.tick, report);
         }
         self.tick += 1;

@@ -3,9 +3,9 @@
 //!
 //! | service | publishers | subscribers | payload |
 //! |---|---|---|---|
-//! | `hrtc/v2/subscribe` | controllers | station | [`Request`] |
-//! | `hrtc/v2/pose` | controllers | station | [`ContactReport`] |
-//! | `hrtc/v2/records/CLIENT` | station | one controller | 64 [`ChunkSlot`]s, user header [`ChunkHeader`] |
+//! | `hrtc/v3/subscribe` | controllers | station | [`Request`] |
+//! | `hrtc/v3/pose` | controllers | station | [`ContactReport`] |
+//! | `hrtc/v3/records/CLIENT` | station | one controller | 64 [`ChunkSlot`]s, user header [`ChunkHeader`] |
 //! | `hrtc/hello` | all | all | [`Hello`] |
 //!
 //! One quality of service for all of them, because a tunnel between machines creates its mirrors from one
@@ -158,8 +158,8 @@ impl Domain {
         &self,
         node: &Node<ipc::Service>,
     ) -> Result<PortFactory<ipc::Service, Request, ()>, TransportError> {
-        let name = self.service_name("hrtc/v2/subscribe")?;
-        self.retry("open the service hrtc/v2/subscribe", || {
+        let name = self.service_name("hrtc/v3/subscribe")?;
+        self.retry("open the service hrtc/v3/subscribe", || {
             node.service_builder(&name)
                 .publish_subscribe::<Request>()
                 .max_publishers(MOST_PORTS)
@@ -181,8 +181,8 @@ impl Domain {
         &self,
         node: &Node<ipc::Service>,
     ) -> Result<PortFactory<ipc::Service, ContactReport, ()>, TransportError> {
-        let name = self.service_name("hrtc/v2/pose")?;
-        self.retry("open the service hrtc/v2/pose", || {
+        let name = self.service_name("hrtc/v3/pose")?;
+        self.retry("open the service hrtc/v3/pose", || {
             node.service_builder(&name)
                 .publish_subscribe::<ContactReport>()
                 .max_publishers(MOST_PORTS)
@@ -205,8 +205,8 @@ impl Domain {
         node: &Node<ipc::Service>,
         client: u64,
     ) -> Result<PortFactory<ipc::Service, [ChunkSlot], ChunkHeader>, TransportError> {
-        let name = self.service_name(&format!("hrtc/v2/records/{client:016x}"))?;
-        self.retry("open a service hrtc/v2/records", || {
+        let name = self.service_name(&format!("hrtc/v3/records/{client:016x}"))?;
+        self.retry("open a service hrtc/v3/records", || {
             node.service_builder(&name)
                 .publish_subscribe::<[ChunkSlot]>()
                 .user_header::<ChunkHeader>()

@@ -4,7 +4,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use thiserror::Error;
 
 /// Version of the protocol; part of every service name but the heartbeat's.
-pub const PROTOCOL_VERSION: u32 = 2;
+pub const PROTOCOL_VERSION: u32 = 3;
 /// Time between two heartbeats, milliseconds.
 pub const HELLO_PERIOD_MS: u64 = 100;
 

@@ -1,13 +1,17 @@
 //! The messages as they lie in shared memory: fixed size, plain data, SI units unless said.
 
+use crate::scene::MOST_SEATS;
 use crate::spm::{LEVELS, RegionGrid, Sizes};
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Slots of a chunk; every chunk is sent whole (4 KiB), so that a tunnel's segments never grow.
 pub const CHUNK_SLOTS: usize = 64;
-/// Chunks that may be under way to one client.
+/// Chunks that may be under way to one client, in all of its sessions together.
 pub const CREDIT_CHUNKS: u64 = 32;
+/// Sessions of one client that a station keeps: those of the objects that the client has awake, and as many again
+/// that it has just given up.
+pub const MOST_SESSIONS: usize = 2 * MOST_SEATS;
 /// Regions named by one request at the most.
 pub const REGIONS_PER_REQUEST: usize = 32;
 /// Silence after which a question is asked again, milliseconds.
@@ -82,7 +86,7 @@ impl Refusal {
 /// The user header of a chunk.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ChunkHeader.v2")]
+#[type_name("hrtc.ChunkHeader.v3")]
 pub struct ChunkHeader {
     /// Incarnation of the sending station.
     pub station: u64,
@@ -92,7 +96,7 @@ pub struct ChunkHeader {
     pub model: u64,
     /// Number of this chunk in its epoch, from 0.
     pub sequence: u64,
-    /// The client's epoch that it answers.
+    /// The session's epoch that it answers.
     pub epoch: u32,
     /// [`ChunkKind`] as a number.
     pub kind: u32,
@@ -114,7 +118,7 @@ pub struct ChunkHeader {
 #[repr(C)]
 #[repr(align(8))]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ChunkSlot.v2")]
+#[type_name("hrtc.ChunkSlot.v3")]
 pub struct ChunkSlot {
     /// Raw words; cast with `bytemuck`.
     pub words: [u32; 16],
@@ -288,15 +292,23 @@ pub enum RequestKind {
     Regions = 3,
     /// A scripted path over the object.
     Tour = 4,
+    /// The client has put the object to sleep: the session ends.
+    Close = 5,
 }
 
 impl RequestKind {
     /// The kind of a received code.
     #[must_use]
     pub fn from_code(code: u32) -> Option<Self> {
-        [Self::Credit, Self::Model, Self::Regions, Self::Tour]
-            .into_iter()
-            .find(|&kind| kind as u32 == code)
+        [
+            Self::Credit,
+            Self::Model,
+            Self::Regions,
+            Self::Tour,
+            Self::Close,
+        ]
+        .into_iter()
+        .find(|&kind| kind as u32 == code)
     }
 }
 
@@ -327,7 +339,7 @@ impl RegionAction {
 /// One region of a request.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.RegionAsk.v2")]
+#[type_name("hrtc.RegionAsk.v3")]
 pub struct RegionAsk {
     /// [`crate::spm::RegionId`] as a number.
     pub region: u32,
@@ -340,7 +352,7 @@ pub struct RegionAsk {
 /// What a tour is made from.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.TourAsk.v2")]
+#[type_name("hrtc.TourAsk.v3")]
 pub struct TourAsk {
     /// Seed of every choice.
     pub seed: u64,
@@ -357,7 +369,7 @@ pub struct TourAsk {
 /// A message of the controller.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.Request.v2")]
+#[type_name("hrtc.Request.v3")]
 pub struct Request {
     /// The client.
     pub client: u64,
@@ -373,7 +385,7 @@ pub struct Request {
     pub name: u64,
     /// Tour (kind Tour).
     pub tour: TourAsk,
-    /// Epoch of the client.
+    /// Epoch of the session.
     pub epoch: u32,
     /// [`RequestKind`] as a number.
     pub kind: u32,
@@ -381,6 +393,10 @@ pub struct Request {
     pub object: u32,
     /// Valid entries of `regions`.
     pub count: u32,
+    /// Chunks that may be under way in this session from now on; the client's sessions share [`CREDIT_CHUNKS`].
+    pub credit: u32,
+    /// Zero.
+    pub reserved: u32,
     /// Regions (kind Regions).
     pub regions: [RegionAsk; REGIONS_PER_REQUEST],
 }
@@ -396,7 +412,7 @@ impl Request {
 /// Pose and contact of one tick, for the measured error and the view. Sent decimated.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ContactReport.v2")]
+#[type_name("hrtc.ContactReport.v3")]
 pub struct ContactReport {
     /// The client.
     pub client: u64,

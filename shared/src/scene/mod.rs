@@ -6,8 +6,9 @@ mod typed;
 mod validate;
 
 pub use plan::{
-    AccuracyPlan, Hand, LoopPlan, ModelScale, ModelSource, ObjectPlan, Overrides, ProbePlan,
-    RefinementPlan, SafetyPlan, ScenePlan, SimulatedDevicePlan, SurfacePlan, TrajectoryPlan,
+    AccuracyPlan, Hand, LoopPlan, MOST_OBJECTS, MOST_PROBES, MOST_SEATS, ModelScale, ModelSource,
+    ObjectPlan, Overrides, ProbePlan, ProbeShape, RefinementPlan, SafetyPlan, ScenePlan,
+    SimulatedDevicePlan, SurfacePlan, TrajectoryPlan,
 };
 pub use typed::parse_bytes;
 pub use validate::{SHAPES, SceneError, load, parse};

@@ -3,6 +3,13 @@
 use crate::geometry::Pose;
 use std::path::PathBuf;
 
+/// Probes of a scene at the most.
+pub const MOST_PROBES: usize = 4;
+/// Objects of a scene at the most.
+pub const MOST_OBJECTS: usize = 4096;
+/// Seats of a controller at the most, see [`ScenePlan::seats`].
+pub const MOST_SEATS: usize = 2 * MOST_PROBES + 1;
+
 /// Everything that a scene says.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScenePlan {
@@ -18,10 +25,19 @@ pub struct ScenePlan {
     pub accuracy: AccuracyPlan,
     /// Limits of every force that leaves.
     pub safety: SafetyPlan,
-    /// Objects, at least one.
+    /// Objects, at least one and at most [`MOST_OBJECTS`].
     pub objects: Vec<ObjectPlan>,
-    /// Probes, at least one.
+    /// Probes, at least one and at most [`MOST_PROBES`].
     pub probes: Vec<ProbePlan>,
+}
+
+impl ScenePlan {
+    /// Objects that may be awake at once, each with an equal share of the cache: for every probe the one that it
+    /// touches and the one that it comes to next, and one to spare.
+    #[must_use]
+    pub fn seats(&self) -> usize {
+        self.objects.len().min(2 * self.probes.len() + 1)
+    }
 }
 
 /// The loop and its thread.
@@ -144,12 +160,32 @@ pub struct SurfacePlan {
 /// One probe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProbePlan {
-    /// Radius of the sphere, metres.
-    pub radius_m: f64,
+    /// What touches.
+    pub shape: ProbeShape,
     /// The device that moves it.
     pub device: SimulatedDevicePlan,
     /// What the simulated hand intends.
     pub trajectory: TrajectoryPlan,
+}
+
+impl ProbePlan {
+    /// Radius of the ball at its tip, metres.
+    #[must_use]
+    pub fn radius_m(&self) -> f64 {
+        match self.shape {
+            ProbeShape::Sphere { radius_m } => radius_m,
+        }
+    }
+}
+
+/// The shape of a probe.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ProbeShape {
+    /// A ball around the device's position.
+    Sphere {
+        /// Its radius, metres.
+        radius_m: f64,
+    },
 }
 
 /// The simulated device: a mass with damping, moved by a hand and by the rendered force.
@@ -177,8 +213,10 @@ pub struct Hand {
 /// What the hand intends.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TrajectoryPlan {
-    /// A tour of the first object: approach, press, slide, lift, move on.
+    /// A tour of an object: approach, press, slide, lift, move on.
     Tour {
+        /// Which object, an index into [`ScenePlan::objects`].
+        object: usize,
         /// Seed of its choices.
         seed: u64,
         /// Speed, m/s.
@@ -193,7 +231,7 @@ pub enum TrajectoryPlan {
 /// What the command line says over the scene.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Overrides {
-    /// Another model for the first object (relative to the current folder).
+    /// Another model for the first object and its copies (relative to the current folder).
     pub model: Option<PathBuf>,
     /// Its longest side, metres.
     pub size_m: Option<f64>,

@@ -63,11 +63,13 @@ pub(super) struct SafetyTyped {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ObjectTyped {
+    pub(super) name: Option<Spanned<String>>,
     pub(super) model: Option<Spanned<String>>,
     pub(super) generate: Option<GenerateTyped>,
     pub(super) size_m: Option<Spanned<f64>>,
     pub(super) metres_per_unit: Option<Spanned<f64>>,
     pub(super) pose: Option<Spanned<PoseTyped>>,
+    pub(super) grid: Option<GridTyped>,
     #[serde(default)]
     pub(super) surface: SurfaceTyped,
     pub(super) effects: Option<Spanned<Vec<toml::Value>>>,
@@ -85,6 +87,13 @@ pub(super) struct GenerateTyped {
 pub(super) struct PoseTyped {
     pub(super) position_m: Option<[f64; 3]>,
     pub(super) orientation_wxyz: Option<[f64; 4]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct GridTyped {
+    pub(super) counts: Spanned<[i64; 3]>,
+    pub(super) spacing_m: Spanned<f64>,
 }
 
 #[derive(Deserialize, Default)]
@@ -147,6 +156,8 @@ pub(super) enum TrajectoryTyped {
 #[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TourTyped {
+    /// An object's number or name.
+    pub(super) object: Option<Spanned<toml::Value>>,
     pub(super) seed: Option<Spanned<i64>>,
     pub(super) speed_m_per_s: Option<Spanned<f64>>,
     pub(super) depth_m: Option<Spanned<f64>>,

@@ -2,15 +2,17 @@
 //! one sentence that names file, line and what to do.
 
 use super::plan::{
-    AccuracyPlan, Hand, LoopPlan, ModelScale, ModelSource, ObjectPlan, Overrides, ProbePlan,
-    RefinementPlan, SafetyPlan, ScenePlan, SimulatedDevicePlan, SurfacePlan, TrajectoryPlan,
+    AccuracyPlan, Hand, LoopPlan, MOST_PROBES, ModelScale, ModelSource, Overrides, ProbePlan,
+    ProbeShape, RefinementPlan, SafetyPlan, ScenePlan, SimulatedDevicePlan, TrajectoryPlan,
 };
 use super::trajectory;
 use super::typed::*;
-use crate::geometry::Pose;
+use objects::Objects;
 use std::path::Path;
 use thiserror::Error;
 use toml::Spanned;
+
+mod objects;
 
 /// Shapes that `generate = { shape = "..." }` may name.
 pub const SHAPES: [&str; 6] = ["sphere", "torus", "terrain", "plate", "wedge", "relief"];
@@ -177,18 +179,8 @@ fn plan(
             None => source.whole(&sentence),
         }
     })?;
-    let object = one(
-        source,
-        &typed.object,
-        "[[object]]",
-        "name the model to touch in one [[object]] table",
-    )?;
-    let probe = one(
-        source,
-        &typed.probe,
-        "[[probe]]",
-        "describe what touches in one [[probe]] table (it may be empty)",
-    )?;
+    let objects = Objects::new(source, &typed.object)?;
+    let probes = probe_plans(source, &typed.probe, folder, &objects)?;
     let mut plan = ScenePlan {
         name: name.to_string(),
         folder: folder.to_path_buf(),
@@ -196,30 +188,35 @@ fn plan(
         cache_bytes: typed.cache.bytes.map_or(16 << 20, |bytes| bytes.0),
         accuracy: accuracy_plan(source, &typed.accuracy)?,
         safety: safety_plan(source, &typed.safety)?,
-        objects: vec![object_plan(source, object.get_ref(), object.span().start)?],
-        probes: vec![probe_plan(source, probe.get_ref(), folder)?],
+        objects: objects.plans,
+        probes,
     };
-    apply(&mut plan, overrides).map_err(|sentence| source.whole(&sentence))?;
+    apply(&mut plan, objects.first_copies, overrides)
+        .map_err(|sentence| source.whole(&sentence))?;
     Ok(plan)
 }
 
-/// The only entry of a list that must have exactly one in this version.
-fn one<'a, T>(
+fn probe_plans(
     source: &Source,
-    list: &'a [Spanned<T>],
-    table: &str,
-    missing: &str,
-) -> Result<&'a Spanned<T>, SceneError> {
-    match list {
-        [] => Err(source.whole(&format!("there is no {table}; {missing}"))),
-        [only] => Ok(only),
-        [_, second, ..] => Err(source.value(
-            second,
-            &format!(
-                "this is a second {table}; this version serves exactly one, take the others out"
-            ),
-        )),
+    typed: &[Spanned<ProbeTyped>],
+    folder: &Path,
+    objects: &Objects,
+) -> Result<Vec<ProbePlan>, SceneError> {
+    if typed.is_empty() {
+        return Err(source.whole(
+            "there is no [[probe]]; describe what touches in a [[probe]] table (it may be empty)",
+        ));
     }
+    if let Some(extra) = typed.get(MOST_PROBES) {
+        return Err(source.value(
+            extra,
+            &format!("this is a [[probe]] too many; a scene has at most {MOST_PROBES}, take the others out"),
+        ));
+    }
+    typed
+        .iter()
+        .map(|probe| probe_plan(source, probe.get_ref(), folder, objects))
+        .collect()
 }
 
 fn accuracy_plan(source: &Source, typed: &AccuracyTyped) -> Result<AccuracyPlan, SceneError> {
@@ -309,112 +306,12 @@ fn safety_plan(source: &Source, typed: &SafetyTyped) -> Result<SafetyPlan, Scene
     })
 }
 
-fn object_plan(
+fn probe_plan(
     source: &Source,
-    typed: &ObjectTyped,
-    start: usize,
-) -> Result<ObjectPlan, SceneError> {
-    let model = match (&typed.model, &typed.generate) {
-        (Some(file), None) if !file.get_ref().trim().is_empty() => {
-            ModelSource::File(file.get_ref().into())
-        }
-        (None, Some(generate)) => generate_plan(source, generate)?,
-        (Some(file), _) => {
-            return Err(source.value(
-                file,
-                "give either model = \"file.spm\" or generate = { shape = \"relief\", faces = 100000 }, not both and not an empty name",
-            ));
-        }
-        (None, None) => {
-            return Err(source.at(
-                start,
-                "the object has no model; give model = \"file.spm\" or generate = { shape = \"relief\", faces = 100000 }",
-            ));
-        }
-    };
-    let scale = match (&typed.size_m, &typed.metres_per_unit) {
-        (Some(size), None) => ModelScale::Size(source.number(Some(size), "size_m", 0.0, LENGTH)?),
-        (None, Some(unit)) => ModelScale::MetresPerUnit(source.number(
-            Some(unit),
-            "metres_per_unit",
-            0.0,
-            Range::Within(1e-12, 1e12),
-        )?),
-        (Some(size), Some(_)) => {
-            return Err(source.value(
-                size,
-                "give either size_m (its longest side) or metres_per_unit, not both",
-            ));
-        }
-        (None, None) => {
-            return Err(source.at(
-                start,
-                "the object has no size; give size_m (its longest side, metres) or metres_per_unit",
-            ));
-        }
-    };
-    if let Some(effects) = &typed.effects
-        && !effects.get_ref().is_empty()
-    {
-        return Err(source.value(
-            effects,
-            "this version has no surface effects yet; leave the effects list empty or out",
-        ));
-    }
-    let pose = match &typed.pose {
-        None => Pose::IDENTITY,
-        Some(pose) => Pose::from_wxyz(
-            pose.get_ref().position_m.unwrap_or([0.0; 3]),
-            pose.get_ref().orientation_wxyz.unwrap_or([1.0, 0.0, 0.0, 0.0]),
-        )
-        .filter(|pose| pose.position.abs().max_element() <= 1e7)
-        .ok_or_else(|| {
-            source.value(
-                pose,
-                "the pose needs finite numbers, a position within 1e7 m and an orientation (w, x, y, z) that is not all zero",
-            )
-        })?,
-    };
-    Ok(ObjectPlan {
-        model,
-        scale,
-        pose,
-        surface: SurfacePlan {
-            stiffness_n_per_m: source.number(
-                typed.surface.stiffness_n_per_m.as_ref(),
-                "stiffness_n_per_m",
-                800.0,
-                Range::Positive(MOST),
-            )?,
-            damping_ns_per_m: source.number(
-                typed.surface.damping_ns_per_m.as_ref(),
-                "damping_ns_per_m",
-                0.5,
-                Range::NotNegative(MOST),
-            )?,
-        },
-    })
-}
-
-fn generate_plan(source: &Source, typed: &GenerateTyped) -> Result<ModelSource, SceneError> {
-    let shape = typed.shape.get_ref();
-    if !SHAPES.contains(&shape.as_str()) {
-        return Err(source.value(
-            &typed.shape,
-            &format!(
-                "there is no shape \"{shape}\"; take one of {}",
-                SHAPES.join(", ")
-            ),
-        ));
-    }
-    let faces = source.whole_number(Some(&typed.faces), "faces", 0, 64..=1 << 26)?;
-    Ok(ModelSource::Generate {
-        shape: shape.clone(),
-        faces: faces as u32,
-    })
-}
-
-fn probe_plan(source: &Source, typed: &ProbeTyped, folder: &Path) -> Result<ProbePlan, SceneError> {
+    typed: &ProbeTyped,
+    folder: &Path,
+    objects: &Objects,
+) -> Result<ProbePlan, SceneError> {
     let radius = match &typed.shape {
         Some(ShapeTyped::Sphere(sphere)) => sphere.radius_m.as_ref(),
         None => None,
@@ -425,11 +322,13 @@ fn probe_plan(source: &Source, typed: &ProbeTyped, folder: &Path) -> Result<Prob
         None => &absent,
     };
     Ok(ProbePlan {
-        radius_m: source.number(radius, "radius_m", 0.001, LENGTH)?,
+        shape: ProbeShape::Sphere {
+            radius_m: source.number(radius, "radius_m", 0.001, LENGTH)?,
+        },
         device: device_plan(source, device)?,
         trajectory: match &typed.trajectory {
-            None => tour_plan(source, &TourTyped::default())?,
-            Some(TrajectoryTyped::Tour(tour)) => tour_plan(source, tour)?,
+            None => tour_plan(source, &TourTyped::default(), objects)?,
+            Some(TrajectoryTyped::Tour(tour)) => tour_plan(source, tour, objects)?,
             Some(TrajectoryTyped::Csv(file)) => {
                 let path = folder.join(file.get_ref());
                 let shown = path.display();
@@ -470,9 +369,18 @@ fn device_plan(source: &Source, typed: &SimulatedTyped) -> Result<SimulatedDevic
     })
 }
 
-fn tour_plan(source: &Source, typed: &TourTyped) -> Result<TrajectoryPlan, SceneError> {
+fn tour_plan(
+    source: &Source,
+    typed: &TourTyped,
+    objects: &Objects,
+) -> Result<TrajectoryPlan, SceneError> {
+    let object = match &typed.object {
+        None => 0,
+        Some(object) => objects.index(source, object)?,
+    };
     let seed = source.whole_number(typed.seed.as_ref(), "seed", 1, 0..=i64::MAX)?;
     Ok(TrajectoryPlan::Tour {
+        object,
         seed: seed.unsigned_abs(),
         speed_m_per_s: source.number(
             typed.speed_m_per_s.as_ref(),
@@ -485,7 +393,7 @@ fn tour_plan(source: &Source, typed: &TourTyped) -> Result<TrajectoryPlan, Scene
 }
 
 /// Lays what the command line says over the plan.
-fn apply(plan: &mut ScenePlan, overrides: &Overrides) -> Result<(), String> {
+fn apply(plan: &mut ScenePlan, first_copies: usize, overrides: &Overrides) -> Result<(), String> {
     if let Some(tolerance) = overrides.tolerance_m {
         let tolerance = Range::NotNegative(MOST).check("--tolerance (metres)", tolerance)?;
         plan.accuracy.tolerance_m = tolerance;
@@ -497,7 +405,7 @@ fn apply(plan: &mut ScenePlan, overrides: &Overrides) -> Result<(), String> {
     if let Some(text) = &overrides.cache {
         plan.cache_bytes = parse_bytes(text).map_err(|sentence| format!("--cache {sentence}"))?;
     }
-    if let Some(object) = plan.objects.first_mut() {
+    for object in &mut plan.objects[..first_copies] {
         if let Some(model) = &overrides.model {
             // Made absolute, because the plan's relative paths start from the scene's folder.
             let absolute = std::path::absolute(model)

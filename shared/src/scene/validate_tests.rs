@@ -1,4 +1,5 @@
 use super::*;
+use crate::geometry::Pose;
 use glam::DVec3;
 
 const BUNDLED: &str = include_str!("../../../config/scenes/first-touch.toml");
@@ -37,7 +38,7 @@ fn the_bundled_scene_says_the_defaults() {
     assert_eq!(bundled.cache_bytes, 16 << 20);
     assert_eq!(bundled.objects[0].scale, ModelScale::Size(0.15));
     assert_eq!(bundled.objects[0].model.name(), "generate:relief:100000");
-    assert_eq!(bundled.probes[0].radius_m, 0.001);
+    assert_eq!(bundled.probes[0].radius_m(), 0.001);
 }
 
 #[test]
@@ -111,13 +112,90 @@ fn what_this_version_lacks_is_said_plainly() {
     ));
     assert!(message.contains("effects"), "{message}");
     plain(&exchanged("size_m = 0.15 ", "effects = []\nsize_m = 0.15 ")).unwrap();
-    let message = refusal(&format!("{BUNDLED}\n[[probe]]\n"));
-    assert!(message.contains("second [[probe]]"), "{message}");
-    let message = refusal(&format!("{BUNDLED}\n[[object]]\nsize_m = 1\n"));
-    assert!(message.contains("second [[object]]"), "{message}");
     assert!(refusal("").contains("no [[object]]"));
     let no_probe = &BUNDLED[..BUNDLED.rfind("[[probe]]").unwrap()];
     assert!(refusal(no_probe).contains("no [[probe]]"));
+}
+
+#[test]
+fn objects_and_probes_are_counted_in_their_order() {
+    let second = "\n[[object]]\nname = \"far\"\nmodel = \"a.spm\"\nsize_m = 1\n";
+    let row = "\n[[object]]\nmodel = \"b.spm\"\nsize_m = 1\npose = { position_m = [0, 0, 5] }\ngrid = { counts = [3, 2, 1], spacing_m = 0.5 }\n";
+    let tours = "\n[[probe]]\ntrajectory = { tour = { object = \"far\" } }\n[[probe]]\ntrajectory = { tour = { object = 7 } }\n";
+    let scene = plain(&format!("{BUNDLED}{second}{row}{tours}")).unwrap();
+    assert_eq!((scene.objects.len(), scene.probes.len()), (8, 3));
+    let places = scene.objects[2..]
+        .iter()
+        .map(|object| object.pose.position.to_array());
+    assert_eq!(
+        places.collect::<Vec<_>>(),
+        [
+            [0.0, 0.0, 5.0],
+            [0.5, 0.0, 5.0],
+            [1.0, 0.0, 5.0],
+            [0.0, 0.5, 5.0],
+            [0.5, 0.5, 5.0],
+            [1.0, 0.5, 5.0]
+        ]
+    );
+    let toured = scene.probes.iter().map(|probe| match probe.trajectory {
+        TrajectoryPlan::Tour { object, .. } => object,
+        TrajectoryPlan::Points(_) => usize::MAX,
+    });
+    assert_eq!(toured.collect::<Vec<_>>(), [0, 1, 7]);
+    assert_eq!(scene.seats(), 7);
+    assert_eq!(plain(BUNDLED).unwrap().seats(), 1);
+}
+
+#[test]
+fn what_there_is_too_much_or_nothing_of_is_refused_with_its_line() {
+    for (added, at, expected) in [
+        ("[[probe]]\n".repeat(4), 4, "at most 4"),
+        (
+            "[[object]]\nmodel = \"a\"\nsize_m = 1\ngrid = { counts = [70, 70, 1], spacing_m = 1 }"
+                .to_string(),
+            4,
+            "at most 4096",
+        ),
+        (
+            "[[object]]\nmodel = \"a\"\nsize_m = 1\ngrid = { counts = [1, 0, 1], spacing_m = 1 }"
+                .to_string(),
+            4,
+            "from 1 up",
+        ),
+        (
+            "[[object]]\nmodel = \"a\"\nsize_m = 1\ngrid = { counts = [2, 2, 1], spacing_m = -1 }"
+                .to_string(),
+            4,
+            "spacing_m",
+        ),
+        (
+            "[[object]]\nmodel = \"a\"\nsize_m = 1\ngrid = { counts = [2, 2, 1], spacing = 1 }"
+                .to_string(),
+            4,
+            "unknown field `spacing`",
+        ),
+        (
+            "[[probe]]\ntrajectory = { tour = { object = 1 } }".to_string(),
+            2,
+            "from 0 to 0",
+        ),
+        (
+            "[[probe]]\ntrajectory = { tour = { object = \"none\" } }".to_string(),
+            2,
+            "no such object",
+        ),
+        (
+            "[[object]]\nname = \"\"\nmodel = \"a\"\nsize_m = 1".to_string(),
+            2,
+            "a name of its own",
+        ),
+    ] {
+        let message = refusal(&format!("{}\n{added}", BUNDLED.trim_end()));
+        let line = BUNDLED.trim_end().lines().count() + at;
+        assert!(message.contains(&format!("line {line}:")), "{message}");
+        assert!(message.contains(expected), "{message}");
+    }
 }
 
 #[test]
@@ -197,6 +275,7 @@ fn the_command_line_lies_over_the_scene() {
     assert_eq!(
         plan.probes[0].trajectory,
         TrajectoryPlan::Tour {
+            object: 0,
             seed: u64::MAX,
             speed_m_per_s: 0.5,
             depth_m: 0.002

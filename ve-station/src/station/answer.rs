@@ -19,21 +19,15 @@ const FACES_PER_SLOT: usize = size_of::<ChunkSlot>() / size_of::<BaseFace>();
 pub enum Job {
     /// Say no.
     Refused {
-        object: u32,
         /// The region asked for, if it is about one.
         ask: Option<RegionAsk>,
         refusal: Refusal,
     },
     /// Head and base mesh.
-    Model {
-        model: usize,
-        object: u32,
-        next_slot: usize,
-    },
+    Model { model: usize, next_slot: usize },
     /// Closure and records.
     Region {
         model: usize,
-        object: u32,
         ask: RegionAsk,
         /// With every record, whatever the client is believed to hold.
         whole: bool,
@@ -43,8 +37,8 @@ pub enum Job {
 
 impl Job {
     /// Whether it is the question for this region.
-    pub fn is_of(&self, of: usize, region: RegionAt) -> bool {
-        matches!(self, Self::Region { model, ask, .. } if *model == of && region_at(ask) == region)
+    pub fn is_of(&self, region: RegionAt) -> bool {
+        matches!(self, Self::Region { ask, .. } if region_at(ask) == region)
     }
 }
 
@@ -89,25 +83,17 @@ pub fn blank(kind: ChunkKind, object: u32) -> Chunk {
 impl<D: AsRef<[u8]>> Station<D> {
     /// Makes the next chunk of an answer.
     pub(super) fn advance(&mut self, at: usize, job: &mut Job) -> Progress {
+        let object = self.sessions[at].object;
         match job {
-            Job::Refused {
-                object,
-                ask,
-                refusal,
-            } => Progress::Last(self.refused(*object, ask.as_ref(), *refusal)),
-            Job::Model {
-                model,
-                object,
-                next_slot,
-            } => Progress::of(model_chunk(
+            Job::Refused { ask, refusal } => {
+                Progress::Last(self.refused(object, ask.as_ref(), *refusal))
+            }
+            Job::Model { model, next_slot } => Progress::of(model_chunk(
                 &self.models[*model].served.file,
-                *object,
+                object,
                 next_slot,
             )),
-            Job::Region { object, .. } => {
-                let object = *object;
-                self.advance_regions(at, object, job)
-            }
+            Job::Region { .. } => self.advance_regions(at, object, job),
         }
     }
 
@@ -128,7 +114,7 @@ impl<D: AsRef<[u8]>> Station<D> {
         (header, slots)
     }
 
-    /// Packs the answer to a region, and what waits behind it for regions of the same object, into a chunk.
+    /// Packs the answer to a region, and what waits behind it for other regions, into a chunk.
     fn advance_regions(&mut self, at: usize, object: u32, first: &mut Job) -> Progress {
         let mut writer = AnswersWriter::new();
         // The job being packed, once that is not the first any more.
@@ -145,17 +131,15 @@ impl<D: AsRef<[u8]>> Station<D> {
                     return Progress::Last(self.refused(object, Some(&ask), refusal));
                 }
                 Packed::Refused(ask, refusal) => {
-                    self.clients[at].jobs.push_front(Job::Refused {
-                        object,
+                    self.sessions[at].jobs.push_front(Job::Refused {
                         ask: Some(ask),
                         refusal,
                     });
                     break;
                 }
             }
-            let jobs = &mut self.clients[at].jobs;
-            let is_alike =
-                matches!(jobs.front(), Some(Job::Region { object: of, .. }) if *of == object);
+            let jobs = &mut self.sessions[at].jobs;
+            let is_alike = matches!(jobs.front(), Some(Job::Region { .. }));
             if !is_alike || writer.room() < AnswersWriter::LEAST_ROOM {
                 break;
             }
@@ -169,7 +153,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             None => Progress::of((header, slots)),
             Some(job) => {
                 if !whole {
-                    self.clients[at].jobs.push_front(job);
+                    self.sessions[at].jobs.push_front(job);
                 }
                 Progress::Last((header, slots))
             }
@@ -212,7 +196,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             Err(_) => {
                 // Its blocks were sound a moment ago; still, no record is made up.
                 given.closure.iter_mut().for_each(|i| *i &= !LACKING);
-                let residency = self.clients[at].residency(model);
+                let residency = &mut self.sessions[at].residency;
                 residency.remove(region, &given.closure);
                 Packed::Refused(*ask, Refusal::DamagedBlock)
             }
@@ -228,7 +212,7 @@ impl<D: AsRef<[u8]>> Station<D> {
         whole: bool,
     ) -> Answer {
         let vsps = self.models[model].served.file.model_header().vsps;
-        let residency = self.clients[at].residency(model);
+        let residency = &mut self.sessions[at].residency;
         residency.insert(region, &mut closure, vsps);
         if whole {
             closure.iter_mut().for_each(|i| *i |= LACKING);

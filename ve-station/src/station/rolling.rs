@@ -13,7 +13,6 @@ const MOST_KEPT: usize = 1 << 17;
 #[derive(Debug)]
 pub struct Rolling {
     pub model: usize,
-    pub object: u32,
     ask: TourAsk,
     tour: Tour,
     /// Points that are made and not forgotten.
@@ -29,12 +28,10 @@ impl Rolling {
     pub fn new<D: AsRef<[u8]>>(
         file: &SpmFile<D>,
         model: usize,
-        object: u32,
         ask: TourAsk,
     ) -> Result<Self, TourError> {
         Ok(Self {
             model,
-            object,
             ask,
             tour: Tour::new(file, ask)?,
             points: Vec::new(),
@@ -44,14 +41,13 @@ impl Rolling {
     }
 
     /// Whether it is the tour asked for, and can be handed out from its start.
-    pub fn serves(&self, model: usize, ask: &TourAsk) -> bool {
+    pub fn serves(&self, ask: &TourAsk) -> bool {
         let same = bytemuck::bytes_of(&self.ask) == bytemuck::bytes_of(ask);
-        same && self.model == model && self.forgotten == 0
+        same && self.forgotten == 0
     }
 
     /// Hands out from the start again.
-    pub fn again(&mut self, object: u32) {
-        self.object = object;
+    pub fn again(&mut self) {
         self.given = 0;
     }
 
@@ -75,8 +71,8 @@ impl Rolling {
     }
 
     /// The next chunk: of the points that are made, as many as there is room for, perhaps none.
-    pub fn chunk(&mut self) -> Chunk {
-        let (mut header, mut slots) = blank(ChunkKind::Tour, self.object);
+    pub fn chunk(&mut self, object: u32) -> Chunk {
+        let (mut header, mut slots) = blank(ChunkKind::Tour, object);
         header.code = (self.forgotten + self.given) as u32;
         for (slot, point) in slots.iter_mut().zip(&self.points[self.given..]) {
             *slot = bytemuck::cast(*point);

@@ -25,6 +25,7 @@ impl Spoken {
         request.incarnation = self.incarnation;
         request.sequence = self.sequence;
         request.consumed = self.received;
+        request.credit = shared::protocol::CREDIT_CHUNKS as u32;
         request.name = Request::name_hash("torus");
         self.sequence += 1;
         request

@@ -51,6 +51,7 @@ impl Client {
         request.epoch = self.epoch;
         request.sequence = self.next_request;
         request.consumed = self.consumed;
+        request.credit = CREDIT_CHUNKS as u32;
         request.model = self.model;
         request.name = Request::name_hash("torus");
         request.kind = kind as u32;

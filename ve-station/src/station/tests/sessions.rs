@@ -248,3 +248,113 @@ fn records_dropped_under_an_answer_come_again_without_another_epoch() {
     assert_eq!((client.incomplete, client.epoch), (1, 0));
     client.check();
 }
+
+/// A client of one object of two that have the same model.
+fn twin(object: u32) -> (Client, u32) {
+    (Client::new(1), object)
+}
+
+/// What the twin's session says, with its object.
+fn said(object: u32, requests: Vec<Request>) -> impl Iterator<Item = Request> {
+    requests.into_iter().map(move |mut request| {
+        request.object = object;
+        request
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Two objects of one model are two sessions: whatever is asked about one, given up and asked anew, the other's
+    /// numbers and belief are its own.
+    #[test]
+    fn sessions_of_two_objects_of_one_model_do_not_mix(
+        steps in prop::collection::vec((0usize..40, 0..4u8, 0usize..2), 1..80),
+    ) {
+        let served = ServedModel { name: "torus".to_owned(), file: open() };
+        let object = ServedObject { model: 0, name: Request::name_hash("torus") };
+        let mut server = Station::new(1, vec![served], vec![object; 2]);
+        let regions = regions();
+        let mut twins = [twin(0), twin(1)];
+        for (k, step, which) in steps {
+            let region = regions[k % regions.len()];
+            let (client, object) = &mut twins[which];
+            let requests = match step {
+                0 | 1 => client.subscribe(region),
+                2 => client.release(region),
+                _ => client.new_epoch(),
+            };
+            for request in said(*object, requests) {
+                server.handle(Message::Request(&request));
+            }
+            // All chunks of the client come on one topic.
+            while let Some(chunk) = server.poll(1) {
+                let (client, object) = &mut twins[chunk.0.object as usize];
+                let requests = client.receive(&chunk);
+                prop_assert!(requests.is_some(), "its numbers are its own");
+                let credit = vec![client.request(RequestKind::Credit)];
+                let requests = requests.unwrap_or_default();
+                for request in said(*object, requests).chain(said(*object, credit)) {
+                    server.handle(Message::Request(&request));
+                }
+            }
+        }
+        for (client, _) in &mut twins {
+            prop_assert!(client.asked.is_empty());
+            client.check();
+        }
+        prop_assert_eq!(server.counters().broken_epochs, 0);
+    }
+}
+
+#[test]
+fn a_closed_session_is_forgotten_and_begins_anew() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let region = regions()[0];
+    for request in client.subscribe(region) {
+        server.handle(Message::Request(&request));
+    }
+    let first: Vec<Chunk> = std::iter::from_fn(|| server.poll(1)).collect();
+    let close = client.request(RequestKind::Close);
+    server.handle(Message::Request(&close));
+    assert_eq!(server.clients().count(), 0);
+    let mut anew = Client::new(1);
+    anew.epoch = 1;
+    for request in anew.subscribe(region) {
+        server.handle(Message::Request(&request));
+    }
+    let again: Vec<Chunk> = std::iter::from_fn(|| server.poll(1)).collect();
+    assert_eq!(again.len(), first.len());
+    assert!(again.iter().all(|chunk| anew.receive(chunk).is_some()));
+    anew.check();
+}
+
+#[test]
+fn the_sessions_of_a_client_are_bounded_and_each_has_its_own_credit() {
+    let served = ServedModel {
+        name: "torus".to_owned(),
+        file: open(),
+    };
+    let object = ServedObject {
+        model: 0,
+        name: Request::name_hash("torus"),
+    };
+    let objects = 3 * MOST_SESSIONS;
+    let mut server = Station::new(1, vec![served], vec![object; objects]);
+    for object in 0..objects as u32 {
+        let mut request = Client::new(1).request(RequestKind::Model);
+        request.object = object;
+        request.credit = 1;
+        server.handle(Message::Request(&request));
+    }
+    assert_eq!(server.clients().collect::<Vec<_>>(), [1]);
+    let heads: Vec<u32> = std::iter::from_fn(|| server.poll(1))
+        .map(|(header, _)| header.object)
+        .collect();
+    let last = (objects - MOST_SESSIONS) as u32..objects as u32;
+    assert_eq!(
+        heads,
+        last.collect::<Vec<_>>(),
+        "the stalest made room, and each of the others says one chunk in its turn"
+    );
+}

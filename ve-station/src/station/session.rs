@@ -1,4 +1,4 @@
-//! What the station knows of one client.
+//! What the station knows of one session: a client and an object.
 
 use super::Chunk;
 use super::answer::{Job, blank};
@@ -6,9 +6,9 @@ use super::region_at;
 use super::rolling::Rolling;
 use crate::collection::{RegionAt, Residency};
 use shared::protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, MeasuredError, RegionAsk, Request};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
-/// Questions of one client that may wait for an answer.
+/// Questions of one session that may wait for an answer.
 pub const MOST_JOBS: usize = 1 << 14;
 /// Measured errors that fit into a chunk, and that wait for credit at the most; more replace the oldest.
 const MOST_MEASURED: usize = 2 * CHUNK_SLOTS;
@@ -30,10 +30,11 @@ pub enum Accepted {
     Damaged,
 }
 
-/// A client.
+/// One client's conversation about one object.
 #[derive(Debug)]
-pub struct Client {
-    pub id: u64,
+pub struct Session {
+    pub client: u64,
+    pub object: u32,
     incarnation: u64,
     /// The incarnation before: its late requests must not undo the new one's.
     former: Option<u64>,
@@ -45,6 +46,8 @@ pub struct Client {
     pub sent: u64,
     /// Chunks of the epoch acknowledged.
     consumed: u64,
+    /// Chunks that may be under way.
+    credit: u64,
     /// When it was last heard, in messages.
     pub last_heard: u64,
     pub jobs: VecDeque<Job>,
@@ -52,16 +55,20 @@ pub struct Client {
     pub tours: VecDeque<Rolling>,
     /// The tour rolled last, whole or in part: whoever lost its chunks asks for it again.
     pub rolled: Option<Rolling>,
-    residencies: BTreeMap<usize, Residency>,
-    measured: VecDeque<(u32, MeasuredError)>,
+    /// What of the object's model the client is believed to hold.
+    pub residency: Residency,
+    measured: VecDeque<MeasuredError>,
+    /// The probe that touched last.
+    measured_probe: u32,
     /// Whether the measured errors go out even if they are few.
     flush: bool,
 }
 
-impl Client {
+impl Session {
     pub fn new(request: &Request) -> Self {
         Self {
-            id: request.client,
+            client: request.client,
+            object: request.object,
             incarnation: request.incarnation,
             former: None,
             epoch: request.epoch,
@@ -69,12 +76,14 @@ impl Client {
             next: 0,
             sent: 0,
             consumed: 0,
+            credit: 0,
             last_heard: 0,
             jobs: VecDeque::new(),
             tours: VecDeque::new(),
             rolled: None,
-            residencies: BTreeMap::new(),
+            residency: Residency::default(),
             measured: VecDeque::new(),
+            measured_probe: 0,
             flush: false,
         }
     }
@@ -107,6 +116,7 @@ impl Client {
         }
         self.next += 1;
         self.consumed = self.consumed.max(request.consumed);
+        self.credit = u64::from(request.credit).min(CREDIT_CHUNKS);
         Accepted::Yes
     }
 
@@ -125,7 +135,7 @@ impl Client {
         self.jobs.clear();
         self.rolled = self.tours.pop_front().or(self.rolled.take());
         self.tours.clear();
-        self.residencies.clear();
+        self.residency = Residency::default();
         self.measured.clear();
         self.flush = false;
     }
@@ -136,21 +146,14 @@ impl Client {
     }
 
     pub fn has_credit(&self) -> bool {
-        !self.broken && self.sent - self.consumed < CREDIT_CHUNKS
-    }
-
-    pub fn residency(&mut self, model: usize) -> &mut Residency {
-        self.residencies.entry(model).or_default()
+        !self.broken && self.sent - self.consumed < self.credit
     }
 
     /// Queues the question for a region, unless it waits already. `whole`: with every record.
     ///
     /// An answer that has begun is broken off, and given anew with every record: who asks again lost it.
-    pub fn subscribe(&mut self, model: usize, object: u32, ask: RegionAsk, mut whole: bool) {
-        let waiting = self
-            .jobs
-            .iter_mut()
-            .find(|j| j.is_of(model, region_at(&ask)));
+    pub fn subscribe(&mut self, model: usize, ask: RegionAsk, mut whole: bool) {
+        let waiting = self.jobs.iter_mut().find(|j| j.is_of(region_at(&ask)));
         if let Some(Job::Region {
             answer,
             whole: waiting_whole,
@@ -162,11 +165,10 @@ impl Client {
                 return;
             }
             whole = true;
-            self.cancel(model, region_at(&ask));
+            self.cancel(region_at(&ask));
         }
         self.jobs.push_back(Job::Region {
             model,
-            object,
             ask,
             whole,
             answer: None,
@@ -174,50 +176,43 @@ impl Client {
     }
 
     /// Drops the question for a region, answered in part or not at all.
-    pub fn cancel(&mut self, model: usize, region: RegionAt) {
-        self.jobs.retain(|j| !j.is_of(model, region));
+    pub fn cancel(&mut self, region: RegionAt) {
+        self.jobs.retain(|j| !j.is_of(region));
     }
 
-    pub fn push_measured(&mut self, object: u32, error: MeasuredError) {
+    pub fn push_measured(&mut self, probe: u32, error: MeasuredError) {
         if self.broken {
             return;
         }
         if self.measured.len() == MOST_MEASURED {
             self.measured.pop_front();
         }
-        self.measured.push_back((object, error));
+        self.measured.push_back(error);
+        self.measured_probe = probe;
     }
 
-    /// Sends what is there: the contact ended.
-    pub fn flush_measured(&mut self) {
-        self.flush = !self.measured.is_empty();
+    /// Sends what is there when it was this probe that touched: its contact ended.
+    pub fn flush_measured(&mut self, probe: u32) {
+        self.flush |= !self.measured.is_empty() && self.measured_probe == probe;
     }
 
-    /// The waiting measured errors of one object, when they are enough or old enough.
+    /// The waiting measured errors, when they are enough or old enough.
     pub fn measured_chunk(&mut self) -> Option<Chunk> {
-        let (&(object, first), &(last_object, last)) =
-            (self.measured.front()?, self.measured.back()?);
+        let (first, last) = (self.measured.front()?, self.measured.back()?);
         let due = self.flush
             || self.measured.len() >= MEASURED_BATCH
-            || last.tick.saturating_sub(first.tick) >= MEASURED_TICKS
-            || last_object != object;
+            || last.tick.saturating_sub(first.tick) >= MEASURED_TICKS;
         if !due {
             return None;
         }
-        let (mut header, mut slots) = blank(ChunkKind::Measured, object);
+        let (mut header, mut slots) = blank(ChunkKind::Measured, self.object);
         let words: &mut [MeasuredError] = bytemuck::cast_slice_mut(&mut slots);
-        for place in words {
-            match self.measured.front() {
-                Some(&(of, error)) if of == object => {
-                    *place = error;
-                    header.count += 1;
-                    self.measured.pop_front();
-                }
-                _ => break,
-            }
+        for (place, error) in words.iter_mut().zip(self.measured.drain(..)) {
+            *place = error;
+            header.count += 1;
         }
         header.last = 1;
-        self.flush &= !self.measured.is_empty();
+        self.flush = false;
         Some((header, slots))
     }
 }

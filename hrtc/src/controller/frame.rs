@@ -1,0 +1,72 @@
+//! Between the world and the stored coordinates of an object's model.
+
+use glam::DVec3;
+use shared::geometry::Pose;
+use shared::protocol::ModelHeader;
+use shared::scene::ModelScale;
+
+/// The frame of an object: between the world and the model's stored coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ModelFrame {
+    /// Pose of the model's own frame in the world.
+    pub pose: Pose,
+    /// Metres a model unit.
+    pub metres_per_unit: f64,
+    /// Origin of the stored coordinates, model units.
+    pub origin: DVec3,
+}
+
+impl ModelFrame {
+    /// The frame of an object of this pose and size.
+    #[must_use]
+    pub fn new(pose: Pose, scale: ModelScale, header: &ModelHeader) -> Self {
+        let sides = DVec3::from_array(header.upper) - DVec3::from_array(header.lower);
+        Self {
+            pose,
+            metres_per_unit: scale.metres_per_unit(sides.max_element()),
+            origin: DVec3::from_array(header.origin),
+        }
+    }
+
+    /// A point of the world in stored coordinates.
+    #[must_use]
+    pub fn to_model(&self, world: DVec3) -> DVec3 {
+        self.pose.inverse_transform_point(world) / self.metres_per_unit - self.origin
+    }
+
+    /// A pose in the world, metres, in stored coordinates.
+    #[must_use]
+    pub fn pose_to_model(&self, world: Pose) -> Pose {
+        Pose {
+            position: self.to_model(world.position),
+            orientation: self.pose.orientation.conjugate() * world.orientation,
+        }
+    }
+
+    /// A point in stored coordinates in the world.
+    #[must_use]
+    pub fn to_world(&self, model: DVec3) -> DVec3 {
+        self.pose
+            .transform_point((model + self.origin) * self.metres_per_unit)
+    }
+
+    /// A direction or displacement in model units as metres of the world.
+    #[must_use]
+    pub fn vector_to_world(&self, model: DVec3) -> DVec3 {
+        self.pose.orientation * (model * self.metres_per_unit)
+    }
+
+    /// The box in the world, metres, of a box in stored coordinates that is grown by a margin, model units.
+    #[must_use]
+    pub fn box_to_world(&self, lower: DVec3, upper: DVec3, margin: f64) -> (DVec3, DVec3) {
+        let corners = [lower - margin, upper + margin];
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for k in 0..8 {
+            let pick = |axis: usize| corners[k >> axis & 1][axis];
+            let world = self.to_world(DVec3::new(pick(0), pick(1), pick(2)));
+            low = low.min(world);
+            high = high.max(world);
+        }
+        (low, high)
+    }
+}

@@ -1,0 +1,155 @@
+//! A probe: its sample, its tour, and the gate and account of its force.
+
+use super::{ModelFrame, TickInputs};
+use crate::energy::EnergyAccount;
+use crate::gate::Gate;
+use glam::DVec3;
+use shared::geometry::{Pose, Wrench};
+use shared::protocol::{TourAsk, TourPoint};
+use shared::scene::{ProbePlan, ScenePlan, TrajectoryPlan};
+
+/// Ticks without a good sample after which the force ramps down.
+const SAMPLES_MISSED_MOST: u32 = 20;
+/// Share of the greatest speed that is left a tick later: a hand that stops may go on.
+const SPEED_FADES: f64 = 0.97;
+
+/// The tour that a probe's hand is to be led along.
+#[derive(Debug, Clone)]
+pub struct TourPath {
+    /// Object of the scene.
+    pub object: u32,
+    seed: u64,
+    speed_m_per_s: f64,
+    depth_m: f64,
+    seconds: f64,
+    /// Its points in the file's own frame and units, as far as they have arrived.
+    pub points: Vec<TourPoint>,
+    /// Whether all have.
+    pub is_whole: bool,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Probe {
+    /// Radius of its ball, metres.
+    pub radius_m: f64,
+    /// The tour, if it is on one.
+    pub tour: Option<TourPath>,
+    /// The pose of this tick: the sample, or where it was last; world, metres.
+    pub pose: Option<Pose>,
+    /// Where it was in the tick before.
+    pub last_position: Option<DVec3>,
+    /// The greatest way of a tick in the last ticks, metres.
+    pub speed: f64,
+    /// Whether this tick's sample was refused.
+    pub rejected: bool,
+    /// What the gate let through in this tick.
+    pub wrench: Wrench,
+    /// Whether it was cut.
+    pub clamped: bool,
+    pub energy: EnergyAccount,
+    gate: Gate,
+    samples_missed: u32,
+}
+
+impl Probe {
+    /// Everything allocated now; `device_max_n` is what its device can render, `tour_seconds` how long a tour is.
+    pub fn new(plan: &ScenePlan, probe: &ProbePlan, device_max_n: f64, tour_seconds: f64) -> Self {
+        let tour = match probe.trajectory {
+            TrajectoryPlan::Tour {
+                object,
+                seed,
+                speed_m_per_s,
+                depth_m,
+            } => Some(TourPath {
+                object: object as u32,
+                seed,
+                speed_m_per_s,
+                depth_m,
+                seconds: tour_seconds,
+                points: Vec::with_capacity(path_capacity(tour_seconds)),
+                is_whole: false,
+            }),
+            TrajectoryPlan::Points(_) => None,
+        };
+        Self {
+            radius_m: probe.radius_m(),
+            tour,
+            pose: None,
+            last_position: None,
+            speed: 0.0,
+            rejected: false,
+            wrench: Wrench::ZERO,
+            clamped: false,
+            energy: EnergyAccount::default(),
+            gate: Gate::new(plan.safety, device_max_n, plan.loop_.rate_hz),
+            samples_missed: 0,
+        }
+    }
+
+    /// Takes the sample of a tick if it is usable, else stays where it was.
+    pub fn sample(&mut self, inputs: &TickInputs<'_>, index: usize) {
+        let given = inputs.samples.get(index).copied().flatten();
+        self.rejected = false;
+        self.pose = match given {
+            Some(sample) if sample.pose.is_finite() => {
+                self.samples_missed = 0;
+                Some(sample.pose)
+            }
+            Some(_) | None => {
+                self.rejected = given.is_some();
+                self.samples_missed = self.samples_missed.saturating_add(1);
+                self.last_position.map(Pose::at)
+            }
+        };
+        let moved = match (self.pose, self.last_position) {
+            (Some(pose), Some(last)) => pose.position.distance(last),
+            _ => 0.0,
+        };
+        self.speed = moved.max(SPEED_FADES * self.speed);
+    }
+
+    /// Passes a force through the gate to the device, and into the account.
+    pub fn feel(&mut self, wanted: Wrench, is_open: bool) {
+        let position = self.pose.map(|pose| pose.position);
+        if position.is_some() {
+            self.last_position = position;
+        }
+        let open = is_open && self.samples_missed <= SAMPLES_MISSED_MOST;
+        let gated = self.gate.pass(wanted, open);
+        self.wrench = gated.wrench;
+        self.clamped = gated.clamped;
+        if let Some(position) = position {
+            self.energy.tick(position, gated.wrench.force);
+        }
+    }
+
+    /// Whether its force has ramped down.
+    pub fn is_at_rest(&self) -> bool {
+        self.gate.is_closed()
+    }
+
+    /// The tour to ask for, in the units of the object's model.
+    pub fn tour_ask(&self, frame: &ModelFrame) -> Option<TourAsk> {
+        let tour = self.tour.as_ref()?;
+        let scale = frame.metres_per_unit;
+        Some(TourAsk {
+            seed: tour.seed,
+            seconds: tour.seconds,
+            speed: tour.speed_m_per_s / scale,
+            depth: tour.depth_m / scale,
+            radius: self.radius_m / scale,
+        })
+    }
+
+    /// Whether a tour of an object is still to come.
+    pub fn awaits_tour_of(&self, object: u32) -> bool {
+        let tour = self.tour.as_ref();
+        tour.is_some_and(|tour| tour.object == object && !tour.is_whole)
+    }
+}
+
+/// Points that a tour of some seconds may have: four a tick of 200 Hz, with room to spare.
+fn path_capacity(seconds: f64) -> usize {
+    (seconds * 400.0).clamp(0.0, 4e6) as usize + 1024
+}

@@ -1,0 +1,283 @@
+//! A seat: what one awake object needs, made once and used by one object after the other.
+
+use super::library::{Library, Model};
+use super::probe::Probe;
+use super::refine::Refinement;
+use super::touch::{Felt, Touch};
+use super::{Fault, ModelFrame, PROXY_WORK_LEAST, inbox::Inbox};
+use crate::cache::{Cache, RegionKey};
+use crate::dial::Dial;
+use crate::query::{Surface, Work};
+use crate::subscriber::{Identity, Outbox, Session, Subscriber};
+use shared::geometry::Pose;
+use shared::protocol::MODEL_HEADER_SLOTS;
+use shared::scene::{ModelScale, RefinementPlan, ScenePlan, SurfacePlan};
+use shared::spm::NONE;
+
+/// What a scene says of an object, without its model's name.
+#[derive(Debug, Clone, Copy)]
+pub struct Placing {
+    /// Object of the scene.
+    pub object: u32,
+    /// Index of its model in the library.
+    pub model: usize,
+    /// Hash of the model's name in the scene.
+    pub name: u64,
+    pub pose: Pose,
+    pub scale: ModelScale,
+    pub surface: SurfacePlan,
+}
+
+/// What is left of a tick's work, in units; all seats draw on it.
+#[derive(Debug, Clone, Copy)]
+pub struct Budget {
+    /// Of the inbox.
+    pub inbox: u32,
+    /// Splits and collapses.
+    pub operations: u32,
+    /// Closure entries gone through.
+    pub entries: u32,
+    /// Closure entries let go of.
+    pub leaving: u32,
+}
+
+/// What a seat did in a tick.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Tally {
+    pub vsplits: u32,
+    pub ecols: u32,
+    pub work_units: u32,
+}
+
+/// What a seat may change beside itself in a tick.
+#[derive(Debug)]
+pub struct Desk<'a> {
+    pub tick: u64,
+    pub library: &'a mut Library,
+    pub probes: &'a mut [Probe],
+    pub budget: &'a mut Budget,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Seat {
+    pub(super) placing: Option<Placing>,
+    pub(super) operations: usize,
+    pub(super) tolerance_m: f64,
+    pub(super) refinement_plan: RefinementPlan,
+    period_s: f64,
+    pub(super) cache: Cache,
+    pub(super) subscriber: Subscriber,
+    pub(super) inbox: Inbox,
+    pub(super) refinement: Refinement,
+    pub(super) model: Option<Model>,
+    pub(super) frame: Option<ModelFrame>,
+    pub(super) dial: Option<Dial>,
+    /// The block of the whole model that was done last.
+    pub(super) global_before: Option<RegionKey>,
+    pub(super) fault: Option<Fault>,
+    /// One for each probe.
+    pub(super) touches: Vec<Touch>,
+    /// The probe whose tour is asked for.
+    pub(super) tour_of: Option<usize>,
+    /// Next slot of the kept base mesh to take in, while the object wakes.
+    pub(super) waking: Option<usize>,
+    /// A chunk waits for room: those behind it wait too, in this tick.
+    pub(super) is_stalled: bool,
+    /// Whether the object must stay: its model or a tour is coming.
+    pub(super) is_pinned: bool,
+    /// Tick when the object was last in reach or otherwise needed, and its distance then, metres.
+    pub(super) needed: u64,
+    pub(super) distance: f64,
+    pub(super) tally: Tally,
+    pub(super) bytes_received: u64,
+    pub(super) vsps_received: u64,
+    pub(super) measured: Option<f64>,
+    pub(super) refused_regions: u64,
+    pub(super) last_refused: u32,
+    pub(super) dropped_constraints: u64,
+}
+
+impl Seat {
+    /// An empty seat with so many bytes of cache; everything is allocated now.
+    pub fn new(plan: &ScenePlan, bytes: usize, identity: Identity, timeout_ticks: u64) -> Self {
+        let radii = plan.probes.iter().map(|probe| probe.radius_m());
+        Self {
+            placing: None,
+            operations: plan.loop_.operations,
+            tolerance_m: plan.accuracy.tolerance_m,
+            refinement_plan: plan.accuracy.refinement,
+            period_s: 1.0 / plan.loop_.rate_hz,
+            cache: Cache::new(bytes),
+            subscriber: Subscriber::new(identity, timeout_ticks),
+            inbox: Inbox::new(),
+            refinement: Refinement::new(plan.probes.len()),
+            model: None,
+            frame: None,
+            dial: None,
+            global_before: None,
+            fault: None,
+            touches: radii.map(Touch::new).collect(),
+            tour_of: None,
+            waking: None,
+            is_stalled: false,
+            is_pinned: false,
+            needed: 0,
+            distance: f64::INFINITY,
+            tally: Tally::default(),
+            bytes_received: 0,
+            vsps_received: 0,
+            measured: None,
+            refused_regions: 0,
+            last_refused: NONE,
+            dropped_constraints: 0,
+        }
+    }
+
+    /// The object that sits here.
+    #[must_use]
+    pub fn object(&self) -> Option<u32> {
+        self.placing.map(|placing| placing.object)
+    }
+
+    /// The cache.
+    #[must_use]
+    pub fn cache(&self) -> &Cache {
+        &self.cache
+    }
+
+    /// The rings, once the model is there.
+    #[must_use]
+    pub fn dial(&self) -> Option<&Dial> {
+        self.dial.as_ref()
+    }
+
+    /// Whether the model is there, so that a touch could be answered.
+    #[must_use]
+    pub fn is_ready(&self) -> bool {
+        self.model.is_some()
+    }
+
+    /// Whether a probe touches the object.
+    #[must_use]
+    pub fn is_touched(&self) -> bool {
+        self.touches.iter().any(|touch| touch.felt.is_some())
+    }
+
+    /// Gives the seat to an object whose session goes on from an epoch. With `kept`, a base mesh in the library, it
+    /// is taken in from there; else it is asked for. Nothing is freed or allocated.
+    pub(super) fn give(&mut self, placing: Placing, epoch: u32, kept: Option<Model>, tick: u64) {
+        self.cache.reset();
+        self.inbox = Inbox::new();
+        self.refinement.reset();
+        self.model = None;
+        self.frame = None;
+        self.dial = None;
+        self.global_before = None;
+        self.tour_of = None;
+        self.waking = None;
+        for touch in &mut self.touches {
+            touch.leave();
+        }
+        self.subscriber.begin_session(
+            Session {
+                object: placing.object,
+                name: placing.name,
+            },
+            epoch,
+            tick,
+        );
+        if let Some(model) = kept {
+            // Checked when it came: the same storage takes the same base mesh.
+            match self.cache.begin_model(&model.header) {
+                Ok(()) => {
+                    self.waking = Some(MODEL_HEADER_SLOTS);
+                    self.subscriber.model_is(model.header.model);
+                }
+                Err(error) => self.fault = Some(error.into()),
+            }
+        }
+        self.needed = tick;
+        self.distance = f64::INFINITY;
+        self.placing = Some(placing);
+    }
+
+    /// Ends the session, as far as the station hears of it. The epoch that it ends with.
+    pub(super) fn close(&mut self, outbox: &mut Outbox, tick: u64) -> u32 {
+        self.subscriber.close(outbox, tick)
+    }
+
+    /// The frame of the object, once its model is there.
+    pub(super) fn known(&self) -> Option<(Model, ModelFrame)> {
+        self.model.zip(self.frame)
+    }
+
+    /// Takes the poses of the probes.
+    pub(super) fn aim(&mut self, probes: &[Probe]) {
+        let Some(frame) = self.frame else {
+            return;
+        };
+        for (touch, probe) in self.touches.iter_mut().zip(probes) {
+            touch.aim(&frame, probe.pose);
+        }
+    }
+
+    /// Moves the proxies, measures the clearances and feels the surface. `most_work`: what all queries of the tick
+    /// may cost, of which `work` is spent.
+    pub(super) fn query(&mut self, probes: &[Probe], work: &mut Work, most_work: u32) {
+        let (Some((_, frame)), Some(placing)) = (self.known(), self.placing) else {
+            return;
+        };
+        for (k, probe) in probes.iter().enumerate() {
+            let touch = &mut self.touches[k];
+            touch.felt = None;
+            if !touch.is_followed {
+                continue;
+            }
+            let surface = Surface {
+                mesh: self.cache.mesh(),
+                tree: self.cache.tree(),
+            };
+            let left = most_work.saturating_sub(work.nodes + work.faces);
+            let (contact, cost, dropped) = touch.advance(surface, left.max(PROXY_WORK_LEAST));
+            work.add(cost);
+            self.dropped_constraints += u64::from(dropped);
+            let Some(contact) = contact else {
+                continue;
+            };
+            let certified = Touch::certified(surface, &contact);
+            let velocity = match (probe.pose, probe.last_position) {
+                (Some(pose), Some(last)) => (pose.position - last) / self.period_s,
+                _ => glam::DVec3::ZERO,
+            };
+            let (depth_m, wrench) = touch.render(&frame, &placing.surface, velocity);
+            let reached = if certified == 0.0 {
+                Some(0.0)
+            } else {
+                self.tolerance_at(&contact)
+            };
+            let as_fine = reached.is_some_and(|t| t <= self.finest_tolerance());
+            self.refinement.economy.felt(as_fine);
+            let asked = self.is_as_asked(certified, reached);
+            self.touches[k].felt = Some(Felt {
+                contact,
+                certified,
+                tolerance_m: reached.map_or(-1.0, |t| f64::from(t) * frame.metres_per_unit),
+                asked,
+                depth_m,
+                wrench,
+            });
+        }
+    }
+
+    /// Whether a contact of this certified error and reached tolerance, model units, is what was asked for.
+    fn is_as_asked(&self, certified: f32, reached: Option<f32>) -> bool {
+        match (self.refinement_plan, &self.model) {
+            (RefinementPlan::Global { lod: Some(lod) }, Some(model)) => {
+                let count = lod.min(model.header.vsps);
+                certified == 0.0 || self.global_before == Some(RegionKey::prefix(count))
+            }
+            _ => reached.is_some_and(|t| self.dial.as_ref().is_some_and(|d| t <= d.asked())),
+        }
+    }
+}

@@ -1,0 +1,393 @@
+//! Scenes of several objects and probes in one controller: each touch is as that of one object alone, whatever the
+//! number of seats, and what is out of reach does not disturb it.
+
+mod common;
+
+use common::scene::{Scene, scene_plan, scene_station};
+use common::{Faults, Random, spm};
+use glam::DVec3;
+use hrtc::controller::{NoObserver, TickInputs};
+use hrtc::counting_allocator::{CountingAllocator, count};
+use hrtc::device::Sample;
+use hrtc::inbox::InboxChunk;
+use shared::geometry::Pose;
+use shared::protocol::{CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot};
+use std::sync::LazyLock;
+use ve_station::build::BuildOptions;
+use ve_station::generate::{Shape, generate};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// Radius of the balls that are touched, and of the probes, metres.
+const BALL: f64 = 0.05;
+const PROBE: f64 = 0.001;
+/// How deep the hand presses, metres.
+const PRESS: f64 = 0.001;
+/// Centres of neighbours in a row, metres.
+const SPACING: f64 = 0.13;
+
+static SPHERE: LazyLock<Vec<u8>> =
+    LazyLock::new(|| spm(generate(Shape::Sphere, 20_000, 1), &BuildOptions::default()));
+static RELIEF: LazyLock<Vec<u8>> =
+    LazyLock::new(|| spm(generate(Shape::Relief, 20_000, 1), &BuildOptions::default()));
+
+fn centre(object: usize) -> DVec3 {
+    DVec3::X * (SPACING * object as f64)
+}
+
+/// A row of balls.
+fn row(objects: usize, probes: usize, cache_bytes: usize) -> Scene {
+    let balls: Vec<_> = (0..objects)
+        .map(|object| ("sphere", 2.0 * BALL, centre(object)))
+        .collect();
+    let plan = scene_plan(&balls, probes, cache_bytes);
+    Scene::new(&plan, &[("sphere", &SPHERE)])
+}
+
+/// Above a ball, this far from its surface; pressed in where negative.
+fn above(object: usize, gap: f64) -> DVec3 {
+    centre(object) + DVec3::Z * (BALL + PROBE + gap)
+}
+
+/// Leads the first probe from where it is to a place, at most `step` metres a tick.
+fn lead(scene: &mut Scene, at: &mut DVec3, to: DVec3, step: f64) {
+    while *at != to {
+        let way = to - *at;
+        let share = (step / way.length()).min(1.0);
+        *at = if share < 1.0 { *at + way * share } else { to };
+        scene.step(&[Some(*at)]);
+    }
+}
+
+#[test]
+fn a_probe_over_a_row_touches_each_of_twenty_objects_at_its_surface() {
+    let mut scene = row(20, 1, 6 << 20);
+    assert_eq!(scene.controller.seats().len(), 3);
+    let mut at = above(0, 0.02);
+    scene.settle(&[Some(at)]);
+    for object in 0..20 {
+        lead(&mut scene, &mut at, above(object, 0.02), 5e-4);
+        lead(&mut scene, &mut at, above(object, -PRESS), 1e-4);
+        let (mut full, mut ticks) = (0, 0);
+        for k in 0..300 {
+            // A small circle on top: the contact moves on.
+            let turn = k as f64 * 0.02;
+            let around = DVec3::new(turn.sin(), 1.0 - turn.cos(), 0.0) * 0.002;
+            let out = (above(object, 0.0) + around - centre(object)).normalize();
+            at = centre(object) + out * (BALL + PROBE - PRESS);
+            let record = scene.step(&[Some(at)]);
+            ticks += 1;
+            full += u32::from(record.contact_full);
+            assert!(record.contact, "object {object}, tick {k}");
+            assert_eq!(record.unseated, 0);
+            let touched = scene.outputs.contacts[0].expect("it touches");
+            assert_eq!(touched.object as usize, object);
+            let proxy = scene.controller.proxy_of(0, object).expect("it is awake");
+            let outside = proxy.distance(centre(object)) - BALL - PROBE;
+            // Chords of the mesh lie under the ball by a few micrometres, those of a coarser one by more.
+            assert!(outside.abs() < 3e-4, "object {object}: {outside}");
+        }
+        assert!(
+            full * 100 >= ticks * 99,
+            "object {object}: {full} of {ticks}"
+        );
+        lead(&mut scene, &mut at, above(object, 0.02), 1e-3);
+    }
+    scene.check();
+}
+
+#[test]
+fn a_fast_probe_falls_through_nothing_that_was_asleep() {
+    let mut scene = row(12, 1, 4 << 20);
+    let mut at = above(0, 0.02);
+    scene.settle(&[Some(at)]);
+    for (round, speed) in [0.0005, 0.002, 0.005, 0.02].into_iter().enumerate() {
+        for object in [5, 11, 2, 8, 0] {
+            // Far away, so that all are asleep or about to be; then straight into the middle.
+            lead(&mut scene, &mut at, above(object, 0.5), 0.01);
+            for _ in 0..200 {
+                scene.step(&[Some(at)]);
+            }
+            lead(&mut scene, &mut at, centre(object), speed);
+            for _ in 0..60 {
+                scene.step(&[Some(at)]);
+            }
+            let proxy = scene.controller.proxy_of(0, object).expect("it is awake");
+            let outside = proxy.distance(centre(object)) - BALL - PROBE;
+            assert!(
+                outside > -1e-3,
+                "round {round}, object {object} at {speed} m a tick: {outside}"
+            );
+            assert!(scene.outputs.record.contact);
+        }
+    }
+}
+
+#[test]
+fn two_probes_touch_one_object_and_one_probe_two() {
+    let gap = 0.5 * PROBE;
+    let apart = DVec3::X * (2.0 * BALL + gap);
+    let balls = [
+        ("sphere", 2.0 * BALL, DVec3::ZERO),
+        ("sphere", 2.0 * BALL, apart),
+    ];
+    let plan = scene_plan(&balls, 3, 8 << 20);
+    let mut scene = Scene::new(&plan, &[("sphere", &SPHERE)]);
+    // In the groove between both, so deep that each is pressed by half a millimetre.
+    let reach = BALL + PROBE - 0.5 * PRESS;
+    let height = (reach * reach - 0.25 * apart.length_squared()).sqrt();
+    let groove = 0.5 * apart + DVec3::Z * height;
+    let side = |way: DVec3| way * (BALL + PROBE - PRESS);
+    let pressed = [Some(groove), Some(side(-DVec3::X)), Some(side(DVec3::Y))];
+    let free = [
+        Some(groove + DVec3::Z * 0.03),
+        Some(side(-DVec3::X) * 1.3),
+        Some(side(DVec3::Y) * 1.3),
+    ];
+    scene.settle(&free);
+    for k in 0..=200 {
+        let share = f64::from(k) / 200.0;
+        let places: Vec<_> = free
+            .iter()
+            .zip(&pressed)
+            .map(|(from, to)| from.zip(*to).map(|(from, to)| from.lerp(to, share)))
+            .collect();
+        scene.step(&places);
+    }
+    let record = scene.settle(&pressed);
+    assert!(record.contact_full && record.probes[..3].iter().all(|p| p.contact_full));
+    let [both, left, front] = [0, 1, 2].map(|k| scene.outputs.wrenches[k].force);
+    for (force, way) in [(left, -DVec3::X), (front, DVec3::Y)] {
+        assert!((force.length() - 800.0 * PRESS).abs() < 0.05, "{force}");
+        assert!(force.normalize().dot(way) > 0.99, "{force}");
+    }
+    // Each of the two pushes with its own depth; sideways they hold each other.
+    let upwards = 2.0 * 800.0 * 0.5 * PRESS * height / reach;
+    assert!((both.z - upwards).abs() < 0.2 * upwards, "{both} {upwards}");
+    assert!(
+        both.x.abs() < 0.2 * both.z && both.y.abs() < 0.2 * both.z,
+        "{both}"
+    );
+    for object in [0, 1] {
+        let proxy = scene.controller.proxy_of(0, object).expect("it is near");
+        assert!(proxy.distance(groove) > 1e-5, "object {object} holds it");
+    }
+    // What two probes do to an object is what one does, twice: with one alone the others' front is the same.
+    let mut alone = Scene::new(&plan, &[("sphere", &SPHERE)]);
+    alone.settle(&free);
+    for k in 0..=200 {
+        let share = f64::from(k) / 200.0;
+        let from = free[1].zip(pressed[1]);
+        alone.step(&[None, from.map(|(from, to)| from.lerp(to, share)), None]);
+    }
+    alone.settle(&[None, pressed[1], None]);
+    let force = alone.outputs.wrenches[1].force;
+    assert!(force.distance(left) < 1e-3, "{force} {left}");
+}
+
+#[test]
+fn seats_recycled_a_thousand_times_hold_what_a_fresh_load_holds() {
+    let objects: Vec<_> = (0..8)
+        .map(|object| {
+            let model = ["sphere", "relief"][object % 2];
+            (model, 2.0 * BALL, centre(object))
+        })
+        .collect();
+    let plan = scene_plan(&objects, 1, 4 << 20);
+    let models = [("sphere", SPHERE.as_slice()), ("relief", RELIEF.as_slice())];
+    let mut scene = Scene::new(&plan, &models);
+    scene.settle(&[Some(above(0, 0.02))]);
+    let (mut random, mut woken) = (Random(1), 0);
+    let mut awake = vec![false; objects.len()];
+    while woken < 1000 {
+        let object = random.below(8) as usize;
+        let place = above(object, 0.02 * random.unit() - PRESS);
+        for _ in 0..20 + random.below(30) {
+            scene.step(&[Some(place)]);
+            for (object, before) in awake.iter_mut().enumerate() {
+                let now = scene.controller.seat_of(object).is_some();
+                woken += u32::from(now && !*before);
+                *before = now;
+            }
+        }
+        if woken % 100 < 2 {
+            scene.check();
+        }
+    }
+    assert_eq!(scene.allocations, 0);
+    assert!(scene.controller.fault().is_none());
+    assert_eq!(scene.controller.refused().0, 0);
+    // Each object in turn: its front is that of a scene in which nothing else ever happened.
+    // The relief is lower than the ball there.
+    for (object, pressed) in [(3, -0.005), (6, -PRESS)] {
+        let mut fresh = Scene::new(&plan, &models);
+        for scene in [&mut scene, &mut fresh] {
+            scene.settle(&[Some(above(object, 0.03))]);
+            let record = scene.settle(&[Some(above(object, pressed))]);
+            assert!(record.contact_full, "object {object}");
+        }
+        assert!(!fresh.refined_front(object).is_empty());
+        assert_eq!(scene.refined_front(object), fresh.refined_front(object));
+        scene.check();
+    }
+}
+
+#[test]
+fn a_bad_link_and_a_new_station_leave_every_session_as_it_was() {
+    let run = |bad: bool| {
+        let mut scene = row(5, 2, 8 << 20);
+        let at = |scene: &Scene| {
+            let turn = scene.tick as f64 * 0.002;
+            let around = DVec3::new(turn.sin(), turn.cos(), 0.0) * 0.01;
+            [1, 3].map(|object| {
+                let out = (above(object, 0.0) + around - centre(object)).normalize();
+                Some(centre(object) + out * (BALL + PROBE - PRESS))
+            })
+        };
+        scene.settle(&[1, 3].map(|object| Some(above(object, 0.02))));
+        for k in 0..4000 {
+            if bad && k == 500 {
+                scene.faults = Some(Faults {
+                    random: Random(4),
+                    loss: 0.03,
+                    duplication: 0.05,
+                    overtaking: 0.1,
+                });
+            }
+            if bad && k == 2000 {
+                let balls: Vec<_> = (0..5)
+                    .map(|object| ("sphere", 2.0 * BALL, centre(object)))
+                    .collect();
+                let plan = scene_plan(&balls, 2, 8 << 20);
+                scene.restart_station(scene_station(&plan, &[("sphere", &SPHERE)], 101));
+            }
+            let places = at(&scene);
+            let record = scene.step(&places);
+            assert!(k < 50 || record.probes[..2].iter().all(|probe| probe.contact));
+        }
+        scene.faults = None;
+        scene.settle(&[1, 3].map(|object| Some(above(object, -PRESS))));
+        scene.check();
+        assert!(scene.controller.fault().is_none());
+        scene
+    };
+    let (quiet, bad) = (run(false), run(true));
+    assert_eq!(quiet.outputs.record.resubscribed, 0);
+    assert!(bad.outputs.record.resubscribed > 2, "it was bad");
+    for object in [1, 3] {
+        assert_eq!(quiet.refined_front(object), bad.refined_front(object));
+    }
+    for probe in [0, 1] {
+        let forces = [&quiet, &bad].map(|scene| scene.outputs.wrenches[probe].force);
+        assert!(forces[0].distance(forces[1]) < 0.02, "{forces:?}");
+    }
+}
+
+#[test]
+fn one_probes_bad_samples_do_not_disturb_another() {
+    let run = |bad: bool| {
+        let mut scene = row(3, 2, 8 << 20);
+        scene.settle(&[0, 2].map(|object| Some(above(object, 0.02))));
+        let mut forces = Vec::new();
+        for k in 0..1500u32 {
+            let depth = PRESS * (f64::from(k) * 0.01).sin();
+            let other = match (bad, k % 3) {
+                (true, 0) => Some(DVec3::NAN),
+                (true, 1) => None,
+                (true, _) => Some(DVec3::splat(f64::INFINITY)),
+                (false, _) => Some(above(2, 0.02)),
+            };
+            let record = scene.step(&[Some(above(0, depth)), other]);
+            assert!(
+                scene
+                    .outputs
+                    .wrenches
+                    .iter()
+                    .all(|wrench| wrench.is_finite())
+            );
+            assert_eq!(record.probes[1].rejected_sample, bad && k % 3 != 1);
+            assert!(!record.probes[0].rejected_sample);
+            forces.push(scene.outputs.wrenches[0].force.to_array().map(f64::to_bits));
+        }
+        assert!(forces.iter().any(|force| force[2] != 0));
+        forces
+    };
+    assert_eq!(run(true), run(false));
+}
+
+#[test]
+fn chunks_and_samples_of_what_there_is_not_are_ignored() {
+    let run = |noise: bool| {
+        let mut scene = row(4, 1, 4 << 20);
+        let mut random = Random(7);
+        for k in 0..2500u32 {
+            if noise && scene.inbox.len() < 32 {
+                let header = ChunkHeader {
+                    client: 7,
+                    station: 100,
+                    object: [4, 77, u32::MAX][random.below(3) as usize],
+                    epoch: random.below(3) as u32,
+                    sequence: random.below(3),
+                    kind: ChunkKind::Answers as u32,
+                    count: 4096,
+                    ..ChunkHeader::default()
+                };
+                let slots = [ChunkSlot {
+                    words: [random.next() as u32; 16],
+                }; CHUNK_SLOTS];
+                scene.inbox.insert(0, InboxChunk { header, slots });
+            }
+            let depth = PRESS * (f64::from(k) * 0.01).sin();
+            let object = k as usize / 600 % 4;
+            let mut places = vec![Some(above(object, depth))];
+            if noise {
+                // More samples than probes.
+                places.push(Some(above(1, 0.0)));
+                places.push(None);
+            }
+            scene.step(&places);
+        }
+        scene.check();
+        (
+            scene.outputs.wrenches[0].force.to_array(),
+            scene.outputs.record.contact,
+            scene.outputs.record.contact_full,
+        )
+    };
+    assert_eq!(run(true), run(false));
+}
+
+#[test]
+fn any_number_of_objects_and_probes_ticks_without_a_station() {
+    for (objects, probes) in [(1, 4), (2, 1), (9, 4), (10, 4), (300, 4)] {
+        let balls: Vec<_> = (0..objects)
+            .map(|object| ("sphere", 2.0 * BALL, centre(object)))
+            .collect();
+        let plan = scene_plan(&balls, probes, 4 << 20);
+        let mut scene = Scene::new(&plan, &[("sphere", &SPHERE)]);
+        let samples = vec![
+            Some(Sample {
+                pose: Pose::at(DVec3::ZERO)
+            });
+            probes
+        ];
+        for tick in 0..100 {
+            let inputs = TickInputs {
+                tick,
+                samples: &samples,
+                station: 0,
+                chunks: [&[], &[]],
+                stopping: tick > 50,
+            };
+            let allocations = count(|| {
+                scene
+                    .controller
+                    .tick(&inputs, &mut scene.outputs, &mut NoObserver);
+            });
+            assert_eq!(allocations, 0);
+            assert!(!scene.outputs.record.contact);
+        }
+        assert!(scene.controller.is_at_rest());
+    }
+}
