@@ -36,3 +36,5 @@ pub mod subscriber;
 pub mod tick_record;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]
 pub mod tool;
+#[deny(clippy::disallowed_methods, clippy::disallowed_types)]
+pub mod tool_proxy;

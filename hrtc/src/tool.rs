@@ -159,6 +159,12 @@ impl Tool {
         &self.to_query
     }
 
+    /// Vertices in its own frame.
+    #[must_use]
+    pub fn rest(&self) -> &[DVec3] {
+        &self.rest
+    }
+
     /// Number of faces.
     #[must_use]
     pub fn faces(&self) -> u32 {

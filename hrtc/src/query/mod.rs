@@ -4,7 +4,7 @@
 //! |---|---|
 //! | a point or sphere | `closest_point`, `faces_within`, `near_faces`, `swept_sphere`, `front_side` |
 //! | a segment or capsule | `segment`, `capsule` |
-//! | two bodies, each a front or a tool | `tree_pairs`, `closest_features`, `depth` |
+//! | two bodies, each a front or a tool | `tree_pairs`, `near_pairs`, `closest_features`, `depth` |
 //!
 //! All run in the model's frame and units. A stack of 32 entries suffices: the tree is at most 31 levels deep
 //! and a level leaves at most one entry behind.
@@ -17,6 +17,7 @@ mod depth;
 mod faces_within;
 mod front_side;
 mod near_faces;
+mod near_pairs;
 mod segment;
 mod swept_sphere;
 mod tree_pairs;
@@ -33,6 +34,7 @@ pub use depth::{
 pub use faces_within::faces_within;
 pub use front_side::signed_distance;
 pub use near_faces::{MOST_FACES, NearFace, NearFaces};
+pub use near_pairs::for_each_near_pair;
 pub use segment::{ClosestToSegment, NearestToSegment, closest_to_segment, faces_near_segment};
 pub use swept_sphere::{SweepHit, swept_sphere};
 pub use tree_pairs::{

@@ -1,0 +1,105 @@
+//! What splits and collapses have moved near the tool since the last tick.
+
+use super::neighbourhood::{Neighbourhood, apart, reach_along};
+use super::shape::ToolShape;
+use glam::DVec3;
+use shared::spm::{ActiveMesh, OperationFaces};
+
+/// Ways out that are tried, each twice as far as the one before.
+const WAYS: i32 = 6;
+
+/// Changes of the surface near the tool.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disturbance {
+    is_there: bool,
+    may_have_met: bool,
+    /// Sum of the directions from changed faces to the tool.
+    side: DVec3,
+    /// How far a changed face has come out towards the tool, at the most; model units.
+    push: f64,
+}
+
+impl Disturbance {
+    /// None.
+    pub fn new() -> Self {
+        Self {
+            is_there: false,
+            may_have_met: false,
+            side: DVec3::ZERO,
+            push: 0.0,
+        }
+    }
+
+    /// What was noted, which is forgotten here.
+    pub fn take(&mut self) -> Self {
+        std::mem::replace(self, Self::new())
+    }
+
+    /// Whether a face near the tool has changed.
+    pub fn is_there(&self) -> bool {
+        self.is_there
+    }
+
+    /// Whether the surface may meet the tool now.
+    pub fn may_have_met(&self) -> bool {
+        self.may_have_met
+    }
+
+    /// Notes an operation. What was near is told by the faces gathered, what has come near by the ball of the tool.
+    pub fn note(
+        &mut self,
+        near: &mut Neighbourhood,
+        shape: &ToolShape,
+        centre: DVec3,
+        mesh: &ActiveMesh,
+        operation: &OperationFaces,
+    ) {
+        let changed = || {
+            operation
+                .deformed()
+                .iter()
+                .chain(operation.made_or_removed())
+        };
+        let (mut lower, mut upper) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for &face in changed().filter(|&&face| mesh.is_active(face)) {
+            for corner in mesh.corners(face) {
+                (lower, upper) = (lower.min(corner), upper.max(corner));
+            }
+        }
+        let outside = (lower - centre).max(centre - upper).max(DVec3::ZERO);
+        let ball = shape.radius + near.margin().max(0.0);
+        let is_near = outside.length_squared() <= ball * ball;
+        let mut was_near = false;
+        for &face in changed() {
+            let Some(place) = near.place_of(face) else {
+                continue;
+            };
+            was_near = true;
+            if !mesh.is_active(face) {
+                continue;
+            }
+            let corners = mesh.corners(face);
+            let before = std::mem::replace(&mut near.faces[place as usize].corners, corners);
+            for pair in near.pairs.iter() {
+                if pair.surface != place {
+                    continue;
+                }
+                let direction = near.direction(pair);
+                let height = reach_along(direction, corners);
+                self.push = self.push.max(height - reach_along(direction, before));
+                self.side += direction;
+                let tool = near.corners(shape, pair.tool);
+                self.may_have_met |= apart(direction, height, tool) <= 0.0;
+            }
+        }
+        self.is_there |= is_near || was_near;
+        // What was not near before has no direction that tells.
+        self.may_have_met |= is_near;
+    }
+
+    /// Ways out along the side of the tool, the shortest first; `rest` is the distance at which contacts act.
+    pub fn ways(&self, rest: f64) -> impl Iterator<Item = DVec3> + use<> {
+        let (side, push) = (self.side.normalize_or_zero(), self.push.max(rest) + rest);
+        (0..WAYS).map(move |k| side * (push * f64::from(1 << k)))
+    }
+}

@@ -1,0 +1,559 @@
+//! The proxy of a tool: where the tool would be if it could not enter the object, in six degrees of freedom.
+//!
+//! After Ortega, Redon and Coquillart 2007: the motion from the proxy to the device is projected onto what the contacts
+//! allow ([`projection`]), in the metric of the tool's mass, so that a rotation weighs as the way that it moves the
+//! surface of the tool; then the proxy goes along it as far as no face passes another (`sweep`). Nothing
+//! depends on an absolute length: what is small is small beside the tool.
+//!
+//! Contacts act at a rest distance of a ten-thousandth of the tool's radius of gyration, the sweep stops at half of it:
+//! so a resting contact is not a touch, and every crossing is. The tool feels that much thicker than its mesh.
+//!
+//! | file | does |
+//! |---|---|
+//! | `motion` | twists and placements |
+//! | `shape` | the tool's mesh about its centre |
+//! | `neighbourhood` | pairs of faces near each other, gathered once and reused |
+//! | `contacts` | local minima of the distance |
+//! | `projection` | the quadratic program |
+//! | `sweep` | conservative advancement |
+//! | `coupling` | force and torque |
+
+mod contacts;
+mod coupling;
+mod disturbance;
+mod motion;
+mod neighbourhood;
+pub mod projection;
+mod shape;
+mod sweep;
+
+pub use contacts::ToolContact;
+pub use coupling::{Coupling, about};
+pub use motion::{Placement, Twist};
+pub use neighbourhood::{MOST_PAIRS, MOST_SURFACE_FACES};
+
+use crate::query::{Ending, PairWork, Surface, first_pair};
+use crate::tool::Tool;
+use contacts::Contacts;
+use disturbance::Disturbance;
+use glam::DVec3;
+use neighbourhood::Neighbourhood;
+use projection::{HalfSpace, MOST_ACTIVE, MOST_HALF_SPACES, project};
+use shape::ToolShape;
+use shared::geometry::{Pose, Similarity, Wrench, closest_points_of_triangles};
+use shared::spm::{ActiveMesh, OperationFaces};
+use sweep::free_share;
+use thiserror::Error;
+
+/// Distance at which contacts act, as a fraction of the radius of gyration.
+const REST: f64 = 1e-4;
+/// Share of the rest distance that the sweep leaves.
+const FLOOR: f64 = 0.5;
+/// What a step looks for contacts within, beyond the device's motion, as a fraction of the radius of gyration.
+const LOOK_AROUND: f64 = 2e-3;
+/// The first step of a tick in units of that of the last one, at the most as far as is looked.
+const EXPECTED: f64 = 1.25;
+/// Steps in units of the device's motion, or of what a step looks around in, at the most while the proxy is behind.
+const CATCH_UP: f64 = 4.0;
+/// Margin of a gathering, in units of what a step looks within.
+const AHEAD: f64 = 2.5;
+/// Motion, as a fraction of the radius of gyration, below which a tick is done.
+const CONVERGED: f64 = 1e-6;
+/// The same as a fraction of the device's motion in this tick: what is left is done in the next one.
+const LAG: f64 = 0.015;
+/// Steps a tick at the most; what is left is done in the next tick, from a safe place.
+const STEPS: usize = 6;
+/// Pairs that stop the steps of a tick and are remembered, at the most: one a step.
+const MOST_STOPS: usize = STEPS;
+/// Pairs of faces looked at by the steps of a tick, beyond which no further step is begun.
+const MOST_LOOKS: u32 = 8192;
+
+/// Why a tool cannot be a probe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum ToolProxyError {
+    /// No length to measure by.
+    #[error("the tool has no extent, or the scale is not a positive number")]
+    NoExtent,
+}
+
+/// Whether the proxy is free of the surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// Not placed yet.
+    Nowhere,
+    /// Placed, and not seen clear of the surface yet: it goes with the device, without a force.
+    Inside,
+    /// No face of it meets the surface.
+    Clear,
+    /// The surface has moved into it and there was no way out: it stays until the device is clear.
+    Caught,
+}
+
+/// What a tick of the proxy gives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ToolAdvance {
+    contacts: [ToolContact; MOST_ACTIVE],
+    contact_count: usize,
+    /// Whether everything near was looked at. If not, the proxy has stayed where it is safe.
+    pub ending: Ending,
+    /// What it cost, in pairs of nodes and of faces.
+    pub work: PairWork,
+    /// Steps taken.
+    pub steps: u32,
+    /// Contacts that did not fit.
+    pub dropped: u32,
+    /// Whether the device's pose was not a pose: the proxy has stayed.
+    pub rejected: bool,
+}
+
+impl ToolAdvance {
+    fn new() -> Self {
+        Self {
+            contacts: [ToolContact::NONE; MOST_ACTIVE],
+            contact_count: 0,
+            ending: Ending::Complete,
+            work: PairWork::default(),
+            steps: 0,
+            dropped: 0,
+            rejected: false,
+        }
+    }
+
+    /// The contacts that push; none in free space.
+    #[must_use]
+    pub fn contacts(&self) -> &[ToolContact] {
+        &self.contacts[..self.contact_count]
+    }
+}
+
+/// The tool that stays outside, in the model's frame and units. Nothing allocates after [`ToolProxy::new`].
+#[derive(Debug, Clone)]
+pub struct ToolProxy {
+    tool: Tool,
+    scale: f64,
+    shape: ToolShape,
+    near: Neighbourhood,
+    contacts: Contacts,
+    half_spaces: Vec<HalfSpace>,
+    /// Pairs that have stopped a step of this tick.
+    stops: Vec<usize>,
+    disturbance: Disturbance,
+    state: State,
+    at: Placement,
+    goal: Placement,
+    /// How far the last step went, model units: how far the next one looks.
+    pace: f64,
+    /// How far the first step of the last tick would have gone, model units.
+    opening: f64,
+    /// Margin that the budget allowed last, model units.
+    widest: f64,
+    rejected: u64,
+}
+
+impl ToolProxy {
+    /// A proxy of a tool, not placed yet; `scale` is the length of the tool's unit in units of the model.
+    ///
+    /// # Errors
+    /// When tool or scale give no length.
+    pub fn new(tool: Tool, scale: f64) -> Result<Self, ToolProxyError> {
+        if !(scale.is_normal() && scale > 0.0) {
+            return Err(ToolProxyError::NoExtent);
+        }
+        let shape = ToolShape::new(&tool, scale);
+        if !(shape.gyration.is_normal() && shape.radius.is_finite()) {
+            return Err(ToolProxyError::NoExtent);
+        }
+        let nowhere = Placement::NOWHERE;
+        Ok(Self {
+            near: Neighbourhood::new(&shape),
+            contacts: Contacts::new(),
+            half_spaces: Vec::with_capacity(MOST_HALF_SPACES),
+            stops: Vec::with_capacity(MOST_STOPS),
+            disturbance: Disturbance::new(),
+            state: State::Nowhere,
+            at: nowhere,
+            goal: nowhere,
+            pace: 0.0,
+            opening: 0.0,
+            widest: f64::INFINITY,
+            rejected: 0,
+            tool,
+            scale,
+            shape,
+        })
+    }
+
+    /// Whether it has been placed.
+    #[must_use]
+    pub fn is_placed(&self) -> bool {
+        self.state != State::Nowhere
+    }
+
+    /// Its pose, model units: that of the tool's own frame.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        self.pose_at(&self.at)
+    }
+
+    /// Radius of gyration of the tool's surface about its centre, model units.
+    #[must_use]
+    pub fn gyration(&self) -> f64 {
+        self.shape.gyration
+    }
+
+    /// Distance at which contacts act, model units: by so much the tool feels thicker than it is.
+    #[must_use]
+    pub fn rest(&self) -> f64 {
+        REST * self.shape.gyration
+    }
+
+    /// Poses that were none.
+    #[must_use]
+    pub fn rejected(&self) -> u64 {
+        self.rejected
+    }
+
+    /// The most pairs of faces and contacts that a step had; and how many fit.
+    #[must_use]
+    pub fn high_water(&self) -> [(usize, usize); 2] {
+        [
+            (self.near.high_water(), MOST_PAIRS),
+            (self.contacts.high_water(), MOST_HALF_SPACES),
+        ]
+    }
+
+    /// The surface is nowhere nearer than this, model units, as far as the last tick has looked.
+    #[must_use]
+    pub fn clearance(&self) -> f64 {
+        self.near.clearance(&self.shape)
+    }
+
+    fn pose_at(&self, at: &Placement) -> Pose {
+        Pose {
+            position: at.centre - at.orientation * self.shape.centre,
+            orientation: at.orientation,
+        }
+    }
+
+    /// `None` for what is no pose.
+    fn placement(&self, pose: &Pose) -> Option<Placement> {
+        let length = pose.orientation.length();
+        if !(pose.is_finite() && length.is_normal()) {
+            return None;
+        }
+        let orientation = pose.orientation / length;
+        let centre = pose.position + orientation * self.shape.centre;
+        centre.is_finite().then_some(Placement {
+            centre,
+            orientation,
+        })
+    }
+
+    /// Puts it somewhere without a sweep, as at the first sample. Where it meets the surface there, it goes with the
+    /// device until it does not. Whether the pose is one.
+    pub fn place(&mut self, pose: &Pose) -> bool {
+        let Some(at) = self.placement(pose) else {
+            self.rejected += 1;
+            return false;
+        };
+        self.at = at;
+        self.goal = at;
+        self.state = State::Inside;
+        self.near.forget();
+        true
+    }
+
+    /// Notes a split or collapse that was just performed: what it moves near the tool is looked at anew, and where the
+    /// surface has moved into the tool, the next tick puts it out on the side where it was.
+    pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
+        if self.state == State::Clear {
+            self.disturbance
+                .note(&mut self.near, &self.shape, self.at.centre, mesh, operation);
+        }
+    }
+
+    /// One tick: as close to `goal` (the device, model units) as the surface lets it, with at most `budget` pairs of
+    /// nodes.
+    pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, budget: u32) -> ToolAdvance {
+        let mut answer = ToolAdvance::new();
+        let Some(goal) = self.placement(goal) else {
+            self.rejected += 1;
+            answer.rejected = true;
+            return answer;
+        };
+        if self.state == State::Nowhere {
+            self.at = goal;
+            self.goal = goal;
+            self.state = State::Inside;
+        }
+        let travelled = self.goal.to(&goal).farthest(self.shape.radius);
+        self.goal = goal;
+        let disturbance = self.disturbance.take();
+        if disturbance.is_there() {
+            self.near.forget();
+            if disturbance.may_have_met() {
+                self.put_out(surface, &disturbance, budget, &mut answer);
+            }
+        }
+        match self.state {
+            State::Clear => self.follow(surface, travelled, budget, &mut answer),
+            _ => self.jump_when_clear(surface, budget, &mut answer),
+        }
+        answer
+    }
+
+    /// Whether the tool meets the surface somewhere; `None` when the budget does not tell.
+    fn meets(
+        &mut self,
+        surface: Surface<'_>,
+        at: &Placement,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> Option<bool> {
+        self.put_tool(at);
+        let left = budget.saturating_sub(answer.work.node_pairs);
+        let (pair, ending, work) = first_pair(&surface, &self.tool, left, None);
+        answer.work.add(work);
+        if pair.is_none() && !ending.is_complete() {
+            answer.ending = ending;
+            return None;
+        }
+        Some(pair.is_some())
+    }
+
+    /// Moves the mesh to a placement.
+    fn put_tool(&mut self, at: &Placement) {
+        if let Some(to_query) = Similarity::new(self.pose_at(at), self.scale) {
+            self.tool.place(&to_query);
+        }
+    }
+
+    /// Goes to the device if the tool is clear of the surface there.
+    fn jump_when_clear(&mut self, surface: Surface<'_>, budget: u32, answer: &mut ToolAdvance) {
+        let goal = self.goal;
+        let clear = self.meets(surface, &goal, budget, answer) == Some(false);
+        if clear || self.state == State::Inside {
+            self.at = goal;
+        }
+        if clear {
+            self.state = State::Clear;
+            self.near.forget();
+        }
+    }
+
+    /// After the surface has moved: where it meets the tool, the tool goes out on its side.
+    fn put_out(
+        &mut self,
+        surface: Surface<'_>,
+        disturbance: &Disturbance,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) {
+        let here = self.at;
+        if self.meets(surface, &here, budget, answer) == Some(false) {
+            return;
+        }
+        for way in disturbance.ways(self.rest()) {
+            let out = Placement {
+                centre: here.centre + way,
+                ..here
+            };
+            if self.meets(surface, &out, budget, answer) == Some(false) {
+                self.at = out;
+                return;
+            }
+        }
+        self.state = State::Caught;
+    }
+
+    /// The steps of a tick.
+    fn follow(
+        &mut self,
+        surface: Surface<'_>,
+        travelled: f64,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) {
+        let (radius, gyration, rest) = (self.shape.radius, self.shape.gyration, self.rest());
+        let look_around = LOOK_AROUND * gyration;
+        self.pace = self.pace.max(travelled.min(EXPECTED * self.opening));
+        self.stops.clear();
+        let mut looks = 0;
+        while answer.steps < STEPS as u32 && looks < MOST_LOOKS {
+            let wanted = self.at.to(&self.goal);
+            let length = wanted.farthest(radius);
+            let reach = self.pace.min(length) + look_around;
+            if self.near.margin() < rest + reach {
+                let margin = (rest + AHEAD * reach).min(self.widest);
+                if !self.gather(surface, margin, budget, answer) {
+                    break;
+                }
+            }
+            answer.steps += 1;
+            let reach = reach.min(self.near.margin() - rest);
+            self.near.place(&self.shape, &self.at);
+            let rotation = self.at.rotation();
+            looks += self.contacts.collect(
+                &self.near,
+                &self.shape,
+                surface,
+                self.at.centre,
+                rotation,
+                rest + reach,
+            );
+            looks += self.add_stops(rest);
+            answer.dropped = answer.dropped.max(self.contacts.dropped());
+            let motion = self.allowed(&wanted, rest, Some(answer));
+            let whole = motion.farthest(radius);
+            if whole <= 4.0 * f64::EPSILON * (self.at.centre.length() + length) {
+                break;
+            }
+            // No farther than what was gathered, nor turning beyond the room that the sagitta leaves.
+            if answer.steps == 1 {
+                self.opening = whole;
+            }
+            let covered = (self.near.margin() - rest) / whole;
+            let mut share = covered.min(1.0);
+            if !self.near.is_empty() {
+                let most_turn = (0.5 * rest / radius).sqrt();
+                share = share.min(most_turn / motion.angular.length());
+            }
+            let step = if share < 1.0 {
+                // A part of the way, but all of what the rest distance asks for.
+                self.allowed(&motion.times(share), rest, None)
+            } else {
+                motion
+            };
+            let swept = free_share(&mut self.near, &self.shape, &self.at, &step, FLOOR * rest);
+            looks += swept.followed;
+            answer.work.faces += swept.followed;
+            let free = answer.contact_count == 0 && share == 1.0 && swept.share == 1.0;
+            let done = step.times(swept.share);
+            self.at = if free {
+                self.goal
+            } else {
+                self.at.moved(&done)
+            };
+            self.near.spend(&done, radius);
+            if let Some(stop) = swept.stop
+                && self.stops.len() < MOST_STOPS
+                && !self.stops.contains(&stop)
+            {
+                self.stops.push(stop);
+            }
+            let went = done.farthest(radius);
+            // What is held back by what was gathered alone goes faster, up to a limit: it may have far to go.
+            self.pace = if covered < 1.0 && share == covered && swept.share == 1.0 {
+                (2.0 * went).min(CATCH_UP * travelled.max(look_around))
+            } else {
+                went
+            };
+            let settled = (CONVERGED * gyration).max(LAG * travelled);
+            if free || (swept.share == 1.0 && share == 1.0 && went <= settled) {
+                break;
+            }
+        }
+        answer.work.faces += looks;
+        self.near.place(&self.shape, &self.at);
+    }
+
+    /// What has stopped a step of this tick is a contact as long as it is no farther than the rest distance, a minimum
+    /// or not: what is left of it is no other way known. How many were looked at.
+    fn add_stops(&mut self, rest: f64) -> u32 {
+        for &k in &self.stops {
+            let pair = &self.near.pairs[k];
+            let face = &self.near.faces[pair.surface as usize];
+            let corners = self.near.corners(&self.shape, pair.tool);
+            let closest = closest_points_of_triangles(face.corners, corners);
+            let [from, to] = closest.points;
+            if let Some(normal) = (to - from).try_normalize()
+                && closest.distance_squared <= rest * rest
+            {
+                let centre = self.at.centre;
+                self.contacts
+                    .add(ToolContact::between(face.face, [from, to], normal, centre));
+            }
+        }
+        self.stops.len() as u32
+    }
+
+    /// Gathers what is near; when the budget does not allow it nothing is known, and the next tick tries a smaller
+    /// margin.
+    fn gather(
+        &mut self,
+        surface: Surface<'_>,
+        margin: f64,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> bool {
+        let at = self.at;
+        self.put_tool(&at);
+        self.stops.clear();
+        let left = budget.saturating_sub(answer.work.node_pairs);
+        let (ending, work) = self
+            .near
+            .gather(surface, &self.tool, &self.shape, &at, margin, left);
+        answer.work.add(work);
+        if !ending.is_complete() {
+            answer.ending = ending;
+            self.widest = (0.5 * margin).max(2.0 * self.rest());
+            return false;
+        }
+        self.widest = 2.0 * self.widest.max(self.rest());
+        self.near.margin() > self.rest()
+    }
+
+    /// The motion closest to the wanted one that the contacts allow; those that push go into the answer.
+    fn allowed(&mut self, wanted: &Twist, rest: f64, answer: Option<&mut ToolAdvance>) -> Twist {
+        let gyration = self.shape.gyration;
+        let half_space = |contact: &ToolContact| {
+            let [n, t] = [contact.normal, contact.arm.cross(contact.normal) / gyration];
+            HalfSpace {
+                row: [n.x, n.y, n.z, t.x, t.y, t.z],
+                offset: rest - contact.gap,
+            }
+        };
+        self.half_spaces.clear();
+        self.half_spaces
+            .extend(self.contacts.all().iter().map(half_space));
+        let (v, w) = (wanted.linear, wanted.angular * gyration);
+        let goal = [v.x, v.y, v.z, w.x, w.y, w.z];
+        let mut found = project(goal, &self.half_spaces);
+        if !found.complete {
+            // Squeezed between surfaces nearer than the rest distance: to stay is always allowed.
+            for half_space in &mut self.half_spaces {
+                half_space.offset = half_space.offset.min(0.0);
+            }
+            found = project(goal, &self.half_spaces);
+        }
+        if let Some(answer) = answer {
+            answer.contact_count = found.active().len();
+            for (place, &(k, _)) in answer.contacts.iter_mut().zip(found.active()) {
+                *place = self.contacts.all()[k];
+            }
+        }
+        let [vx, vy, vz, wx, wy, wz] = found.point;
+        Twist {
+            linear: DVec3::new(vx, vy, vz),
+            angular: DVec3::new(wx, wy, wz) / gyration,
+        }
+    }
+
+    /// Force and torque of the coupling on the device, in the model's axes, the torque about the position of the
+    /// device's pose. `velocity` is that of the device's centre, model units and radians a second.
+    #[must_use]
+    pub fn wrench(&self, coupling: &Coupling, metres_per_unit: f64, velocity: &Twist) -> Wrench {
+        if self.state == State::Inside || self.state == State::Nowhere {
+            return Wrench::ZERO;
+        }
+        let metres = |twist: Twist| Twist {
+            linear: twist.linear * metres_per_unit,
+            ..twist
+        };
+        let stretch = metres(self.goal.to(&self.at));
+        let gyration = self.shape.gyration * metres_per_unit;
+        let wrench = coupling.wrench(&stretch, &metres(*velocity), gyration);
+        let arm = -(self.goal.orientation * self.shape.centre) * metres_per_unit;
+        about(&wrench, arm)
+    }
+}

@@ -1,0 +1,458 @@
+//! The pairs of faces of tool and surface that are near each other, gathered once and held for as long as the tool
+//! moves less than the margin.
+//!
+//! Each pair keeps a direction along which it is apart: a look at three corners then mostly tells that it does not
+//! matter, and along a motion that stays apart in it nothing passes.
+
+use super::motion::{Placement, Twist};
+use super::shape::{ToolShape, is_flat};
+use crate::query::{Ending, PairWork, Surface, for_each_near_pair};
+use crate::tool::Tool;
+use glam::{DMat3, DVec3};
+use shared::spm::{ActiveMesh, Handle, NONE};
+use std::ops::ControlFlow;
+
+/// Pairs of faces that fit.
+pub const MOST_PAIRS: usize = 4096;
+/// Faces of the surface that fit.
+pub const MOST_SURFACE_FACES: usize = 2048;
+
+/// A face of the surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SurfaceFace {
+    pub face: Handle,
+    pub vertices: [Handle; 3],
+    pub corners: [DVec3; 3],
+    /// Unit normal; zero without area.
+    pub normal: DVec3,
+    /// The corner of the neighbour beyond the edge opposite each corner; at a rim one of the edge's own.
+    pub beyond: [DVec3; 3],
+    /// Which edges it answers for.
+    pub owns_edge: [bool; 3],
+    /// Which of those are no lines within a plane.
+    pub asks_edge: [bool; 3],
+    /// Which corners it answers for.
+    pub owns: [bool; 3],
+}
+
+impl SurfaceFace {
+    fn of(mesh: &ActiveMesh, face: Handle) -> Self {
+        let corners = mesh.corners(face);
+        let [a, b, c] = corners;
+        let links = mesh.face(face);
+        let mut made = Self {
+            face,
+            vertices: links.corners,
+            corners,
+            normal: (b - a).cross(c - a).normalize_or_zero(),
+            beyond: corners.map(|_| DVec3::ZERO),
+            owns_edge: [true; 3],
+            asks_edge: [true; 3],
+            owns: [false; 3],
+        };
+        for k in 0..3 {
+            let on_edge = [links.corners[(k + 1) % 3], links.corners[(k + 2) % 3]];
+            let across = links.neighbours[k];
+            made.beyond[k] = corners[(k + 1) % 3];
+            if across != NONE {
+                let others = mesh.face(across).corners;
+                let beyond = others.iter().position(|v| !on_edge.contains(v));
+                if let Some(place) = beyond {
+                    made.beyond[k] = mesh.corners(across)[place];
+                }
+                made.owns_edge[k] = face < across;
+                made.asks_edge[k] = made.owns_edge[k] && !is_flat(corners, made.beyond[k]);
+            }
+        }
+        made
+    }
+}
+
+/// A face of the tool and one of the surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct NearPair {
+    pub tool: u32,
+    /// Place among the faces of the surface.
+    pub surface: u32,
+    pub along: Direction,
+}
+
+/// A unit direction from the surface to the tool along which two faces are apart.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Direction {
+    /// It stays as the tool turns, and so does how far the surface reaches along it: good over a face of the surface.
+    Still { direction: DVec3, height: f64 },
+    /// It turns with the tool and is given in the tool's axes: good under a face of the tool.
+    Turning(DVec3),
+}
+
+/// How far corners are beyond a height along a direction: the least of three.
+#[inline]
+pub(super) fn apart(direction: DVec3, height: f64, corners: [DVec3; 3]) -> f64 {
+    let [a, b, c] = corners.map(|p| direction.dot(p));
+    a.min(b).min(c) - height
+}
+
+/// How far corners reach along a direction.
+#[inline]
+pub(super) fn reach_along(direction: DVec3, corners: [DVec3; 3]) -> f64 {
+    let [a, b, c] = corners.map(|p| direction.dot(p));
+    a.max(b).max(c)
+}
+
+/// A set of handles with their places, by open addressing; never more than half full.
+#[derive(Debug, Clone)]
+struct Places {
+    entries: Vec<(Handle, u32)>,
+}
+
+impl Places {
+    fn new(most: usize) -> Self {
+        Self {
+            entries: vec![(NONE, 0); (2 * most).next_power_of_two()],
+        }
+    }
+
+    fn clear(&mut self) {
+        self.entries.fill((NONE, 0));
+    }
+
+    /// Where a handle is, or would be.
+    fn slot(&self, key: Handle) -> usize {
+        let mask = self.entries.len() - 1;
+        // Fibonacci hashing: the upper bits of the product are the mixed ones.
+        let mut at = (u64::from(key).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) as usize & mask;
+        while self.entries[at].0 != NONE && self.entries[at].0 != key {
+            at = (at + 1) & mask;
+        }
+        at
+    }
+
+    fn find(&self, key: Handle) -> Option<u32> {
+        let (found, place) = self.entries[self.slot(key)];
+        (found == key).then_some(place)
+    }
+
+    /// The place of a handle, and whether it is the one given because it was not there.
+    fn find_or_add(&mut self, key: Handle, place: u32) -> (u32, bool) {
+        let at = self.slot(key);
+        if self.entries[at].0 == key {
+            return (self.entries[at].1, false);
+        }
+        self.entries[at] = (key, place);
+        (place, true)
+    }
+}
+
+/// All pairs within a margin of a tool where it was gathered.
+#[derive(Debug, Clone)]
+pub struct Neighbourhood {
+    pub(super) pairs: Vec<NearPair>,
+    pub(super) faces: Vec<SurfaceFace>,
+    face_places: Places,
+    vertex_places: Places,
+    /// Tool vertices that the pairs have, and their positions now, by vertex.
+    vertices: Vec<u32>,
+    is_listed: Vec<bool>,
+    positions: Vec<DVec3>,
+    ends: Vec<DVec3>,
+    /// The tool's axes, now and at the end of the motion.
+    rotation: DMat3,
+    end_rotation: DMat3,
+    /// What is left of the margin.
+    margin: f64,
+    high_water: usize,
+}
+
+impl Neighbourhood {
+    /// Of nothing, for a tool.
+    pub fn new(shape: &ToolShape) -> Self {
+        let vertices = shape.points.len();
+        Self {
+            pairs: Vec::with_capacity(MOST_PAIRS),
+            faces: Vec::with_capacity(MOST_SURFACE_FACES),
+            face_places: Places::new(MOST_SURFACE_FACES),
+            vertex_places: Places::new(3 * MOST_SURFACE_FACES),
+            vertices: Vec::with_capacity(vertices),
+            is_listed: vec![false; vertices],
+            positions: vec![DVec3::ZERO; vertices],
+            ends: vec![DVec3::ZERO; vertices],
+            rotation: DMat3::IDENTITY,
+            end_rotation: DMat3::IDENTITY,
+            margin: f64::NEG_INFINITY,
+            high_water: 0,
+        }
+    }
+
+    /// Nothing is known any more.
+    pub fn forget(&mut self) {
+        self.margin = f64::NEG_INFINITY;
+    }
+
+    /// All pairs nearer than this are among these; negative for none.
+    pub fn margin(&self) -> f64 {
+        self.margin
+    }
+
+    /// The most pairs that there ever were.
+    pub fn high_water(&self) -> usize {
+        self.high_water
+    }
+
+    /// Whether nothing is near.
+    pub fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    /// The place of a face of the surface among those near.
+    pub fn place_of(&self, face: Handle) -> Option<u32> {
+        self.face_places.find(face)
+    }
+
+    /// The surface is nowhere nearer than this.
+    pub fn clearance(&self, shape: &ToolShape) -> f64 {
+        let gap = |pair: &NearPair| self.apart_now(pair, self.corners(shape, pair.tool));
+        let least = self.pairs.iter().map(gap).fold(self.margin, f64::min);
+        least.max(0.0)
+    }
+
+    /// Gathers all pairs within `margin` of the tool, which is placed `at`. Where there are too many the margin shrinks;
+    /// where that does not help, or the budget of node pairs is spent, nothing is known and the ending says so.
+    pub fn gather(
+        &mut self,
+        surface: Surface<'_>,
+        tool: &Tool,
+        shape: &ToolShape,
+        at: &Placement,
+        margin: f64,
+        budget: u32,
+    ) -> (Ending, PairWork) {
+        self.clear();
+        self.rotation = at.rotation();
+        let back = self.rotation.transpose();
+        let mut margin = margin;
+        let mut held = (NONE, [DVec3::ZERO; 3], DVec3::ZERO);
+        let (ending, work) =
+            for_each_near_pair(&surface, tool, margin, budget, |face, tool_face| {
+                if self.pairs.len() == MOST_PAIRS || self.faces.len() == MOST_SURFACE_FACES {
+                    margin *= 0.5;
+                    self.shrink(surface.mesh, shape, at.centre, margin);
+                    if 4 * self.pairs.len() > 3 * MOST_PAIRS
+                        || 4 * self.faces.len() > 3 * MOST_SURFACE_FACES
+                    {
+                        return ControlFlow::Break(());
+                    }
+                }
+                if held.0 != tool_face {
+                    let corners = corners_at(shape, at.centre, self.rotation, tool_face);
+                    let [a, b, c] = corners;
+                    held = (tool_face, corners, (b - a).cross(c - a).normalize_or_zero());
+                }
+                let place = self.face_place(surface.mesh, face);
+                let (gap, along) = best_apart(&self.faces[place as usize], held.1, held.2, back);
+                if gap > margin {
+                    return ControlFlow::Continue(margin);
+                }
+                self.pairs.push(NearPair {
+                    tool: tool_face,
+                    surface: place,
+                    along,
+                });
+                ControlFlow::Continue(margin)
+            });
+        self.high_water = self.high_water.max(self.pairs.len());
+        self.margin = if ending.is_complete() {
+            margin
+        } else {
+            f64::NEG_INFINITY
+        };
+        for pair in &self.pairs {
+            for v in shape.faces[pair.tool as usize].vertices {
+                if !self.is_listed[v as usize] {
+                    self.is_listed[v as usize] = true;
+                    self.vertices.push(v);
+                }
+            }
+        }
+        (ending, work)
+    }
+
+    fn clear(&mut self) {
+        self.pairs.clear();
+        self.clear_faces();
+        for &v in &self.vertices {
+            self.is_listed[v as usize] = false;
+        }
+        self.vertices.clear();
+    }
+
+    fn clear_faces(&mut self) {
+        self.faces.clear();
+        self.face_places.clear();
+        self.vertex_places.clear();
+    }
+
+    /// The place of a face, which is taken in if it is new.
+    fn face_place(&mut self, mesh: &ActiveMesh, face: Handle) -> u32 {
+        let (place, is_new) = self.face_places.find_or_add(face, self.faces.len() as u32);
+        if is_new {
+            let mut made = SurfaceFace::of(mesh, face);
+            for k in 0..3 {
+                made.owns[k] = self.vertex_places.find_or_add(made.vertices[k], place).1;
+            }
+            self.faces.push(made);
+        }
+        place
+    }
+
+    /// Keeps only pairs that may be within a margin, and the faces that they have.
+    fn shrink(&mut self, mesh: &ActiveMesh, shape: &ToolShape, centre: DVec3, margin: f64) {
+        let mut kept = 0;
+        for k in 0..self.pairs.len() {
+            let pair = self.pairs[k];
+            let corners = corners_at(shape, centre, self.rotation, pair.tool);
+            if self.apart_now(&pair, corners) <= margin {
+                let face = self.faces[pair.surface as usize].face;
+                self.pairs[kept] = NearPair {
+                    // A handle until the faces are counted anew.
+                    surface: face,
+                    ..pair
+                };
+                kept += 1;
+            }
+        }
+        self.pairs.truncate(kept);
+        self.clear_faces();
+        for k in 0..kept {
+            self.pairs[k].surface = self.face_place(mesh, self.pairs[k].surface);
+        }
+    }
+
+    /// Puts the listed vertices where the tool is.
+    pub fn place(&mut self, shape: &ToolShape, at: &Placement) {
+        self.rotation = at.rotation();
+        put(
+            &self.vertices,
+            &mut self.positions,
+            shape,
+            at.centre,
+            self.rotation,
+        );
+    }
+
+    /// Puts the ends of a motion where it leads.
+    pub fn place_ends(&mut self, shape: &ToolShape, at: &Placement) {
+        self.end_rotation = at.rotation();
+        put(
+            &self.vertices,
+            &mut self.ends,
+            shape,
+            at.centre,
+            self.end_rotation,
+        );
+    }
+
+    /// The tool has moved.
+    pub fn spend(&mut self, motion: &Twist, radius: f64) {
+        self.margin -= motion.farthest(radius);
+    }
+
+    /// How far the faces of a pair are apart along its direction, given the corners of the tool's; negative where they
+    /// overlap along it.
+    #[inline]
+    pub(super) fn apart_now(&self, pair: &NearPair, corners: [DVec3; 3]) -> f64 {
+        self.apart_under(pair, self.rotation, corners)
+    }
+
+    /// The same at the end of the motion.
+    #[inline]
+    pub(super) fn apart_then(&self, pair: &NearPair, corners: [DVec3; 3]) -> f64 {
+        self.apart_under(pair, self.end_rotation, corners)
+    }
+
+    #[inline]
+    fn apart_under(&self, pair: &NearPair, rotation: DMat3, corners: [DVec3; 3]) -> f64 {
+        match pair.along {
+            Direction::Still { direction, height } => apart(direction, height, corners),
+            Direction::Turning(direction) => {
+                let direction = rotation * direction;
+                let surface = self.faces[pair.surface as usize].corners;
+                apart(direction, reach_along(direction, surface), corners)
+            }
+        }
+    }
+
+    /// The direction of a pair now.
+    pub(super) fn direction(&self, pair: &NearPair) -> DVec3 {
+        match pair.along {
+            Direction::Still { direction, .. } => direction,
+            Direction::Turning(direction) => self.rotation * direction,
+        }
+    }
+
+    /// Corners of a face of the tool now.
+    #[inline]
+    pub(super) fn corners(&self, shape: &ToolShape, face: u32) -> [DVec3; 3] {
+        shape.faces[face as usize]
+            .vertices
+            .map(|v| self.positions[v as usize])
+    }
+
+    /// Corners of a face of the tool at the end of the motion.
+    #[inline]
+    pub(super) fn end_corners(&self, shape: &ToolShape, face: u32) -> [DVec3; 3] {
+        shape.faces[face as usize]
+            .vertices
+            .map(|v| self.ends[v as usize])
+    }
+}
+
+/// Corners of a face of the tool at a place.
+fn corners_at(shape: &ToolShape, centre: DVec3, rotation: DMat3, face: u32) -> [DVec3; 3] {
+    let vertices = shape.faces[face as usize].vertices;
+    vertices.map(|v| centre + rotation * shape.points[v as usize])
+}
+
+fn put(vertices: &[u32], places: &mut [DVec3], shape: &ToolShape, centre: DVec3, rotation: DMat3) {
+    for &v in vertices {
+        places[v as usize] = centre + rotation * shape.points[v as usize];
+    }
+}
+
+/// Of two faces' normals and the way between their middles the one along which they are apart most; and how far. `back` leads to the tool's
+/// axes.
+fn best_apart(
+    face: &SurfaceFace,
+    corners: [DVec3; 3],
+    normal: DVec3,
+    back: DMat3,
+) -> (f64, Direction) {
+    // Both ways of a normal at once: what reaches least one way reaches most the other.
+    let either = |normal: DVec3| {
+        let [a, b, c] = face.corners.map(|p| normal.dot(p));
+        let [p, q, r] = corners.map(|p| normal.dot(p));
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let (ahead, behind) = (p.min(q).min(r) - high, low - p.max(q).max(r));
+        if ahead >= behind {
+            (ahead, normal, high)
+        } else {
+            (behind, -normal, -low)
+        }
+    };
+    let (over, direction, height) = either(face.normal);
+    let (under, turning, _) = either(normal);
+    let middle = |[a, b, c]: [DVec3; 3]| a + b + c;
+    let between = (middle(corners) - middle(face.corners)).normalize_or_zero();
+    let (beside, across, reach) = either(between);
+    if beside > over.max(under) {
+        let along = Direction::Still {
+            direction: across,
+            height: reach,
+        };
+        (beside, along)
+    } else if over >= under {
+        (over, Direction::Still { direction, height })
+    } else {
+        (under, Direction::Turning(back * turning))
+    }
+}

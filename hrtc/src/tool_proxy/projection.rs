@@ -1,0 +1,273 @@
+//! The motion closest to the wanted one among those that every contact allows: a quadratic program in six unknowns.
+//!
+//! The dual active set method of Goldfarb and Idnani (1983), here with the unit matrix: it starts at the wanted motion,
+//! takes in the most violated contact and drops those that come to pull. Every step raises the dual, so no set comes
+//! back and it ends; at most six contacts hold at once. A contact whose row lies in the span of those that hold, within
+//! a sine of 1e-6, stands with them instead of being inverted.
+
+/// Three components of translation and three of rotation, of one unit.
+pub type Vector6 = [f64; 6];
+
+/// The half-space `row . y >= offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HalfSpace {
+    /// Its normal, not of unit length.
+    pub row: Vector6,
+    /// Least product; negative leaves room.
+    pub offset: f64,
+}
+
+/// Half-spaces that hold at once, at the most.
+pub const MOST_ACTIVE: usize = 6;
+/// Half-spaces at the most.
+pub const MOST_HALF_SPACES: usize = 512;
+/// Squared sine below which a row counts as one of the span of others.
+const DEPENDENT: f64 = 1e-12;
+/// Violation, as a fraction of the largest number of the problem, below which a half-space is obeyed.
+const OBEYED: f64 = 1e-12;
+/// Changes of the active set at the most; far more than it takes.
+const ROUNDS: usize = 128;
+
+/// The answer of [`project`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projection {
+    /// The closest point.
+    pub point: Vector6,
+    /// Whether it obeys every half-space; if not they leave no point, or the numbers do not allow to find it.
+    pub complete: bool,
+    active: [(usize, f64); MOST_ACTIVE],
+    count: usize,
+}
+
+impl Projection {
+    /// The half-spaces that push and their multipliers: `point = goal + sum of multiplier * row`.
+    #[must_use]
+    pub fn active(&self) -> &[(usize, f64)] {
+        &self.active[..self.count]
+    }
+
+    fn drop_active(&mut self, place: usize) {
+        self.count -= 1;
+        self.active.swap(place, self.count);
+    }
+}
+
+fn dot(a: &Vector6, b: &Vector6) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+/// Adds `factor * b` to `a`.
+fn add_scaled(a: &mut Vector6, factor: f64, b: &Vector6) {
+    for (x, y) in a.iter_mut().zip(b) {
+        *x += factor * y;
+    }
+}
+
+/// An orthonormal basis of the active rows, with the triangle that makes them of it.
+struct Basis {
+    directions: [Vector6; MOST_ACTIVE],
+    /// `triangle[k][j]`: component of row k along direction j.
+    triangle: [Vector6; MOST_ACTIVE],
+    count: usize,
+}
+
+impl Basis {
+    fn of(half_spaces: &[HalfSpace], active: &[(usize, f64)]) -> Self {
+        let mut basis = Self {
+            directions: [[0.0; 6]; MOST_ACTIVE],
+            triangle: [[0.0; 6]; MOST_ACTIVE],
+            count: 0,
+        };
+        for &(k, _) in active {
+            let (components, rest) = basis.split(&half_spaces[k].row);
+            let length = dot(&rest, &rest).sqrt();
+            let place = basis.count;
+            basis.triangle[place] = components;
+            basis.triangle[place][place] = length;
+            basis.directions[place] = rest.map(|x| x / length);
+            basis.count += 1;
+        }
+        basis
+    }
+
+    /// Components of a row along the directions, and what is left of it: Gram-Schmidt, twice for the rounding of once.
+    fn split(&self, row: &Vector6) -> (Vector6, Vector6) {
+        let (mut components, mut rest) = ([0.0; 6], *row);
+        for _ in 0..2 {
+            for (component, direction) in components.iter_mut().zip(&self.directions[..self.count])
+            {
+                let along = dot(&rest, direction);
+                *component += along;
+                add_scaled(&mut rest, -along, direction);
+            }
+        }
+        (components, rest)
+    }
+
+    /// Weights of the rows that sum up to what has these components.
+    fn weights(&self, components: &Vector6) -> Vector6 {
+        let mut weights = [0.0; 6];
+        for j in (0..self.count).rev() {
+            let later: f64 = (j + 1..self.count)
+                .map(|k| weights[k] * self.triangle[k][j])
+                .sum();
+            weights[j] = (components[j] - later) / self.triangle[j][j];
+        }
+        weights
+    }
+}
+
+/// The point closest to `goal` in the intersection of the half-spaces, [`MOST_HALF_SPACES`] of them at the most.
+#[must_use]
+pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
+    let mut best = Projection {
+        point: goal,
+        complete: false,
+        active: [(0, 0.0); MOST_ACTIVE],
+        count: 0,
+    };
+    let largest = half_spaces
+        .iter()
+        .fold(dot(&goal, &goal).sqrt(), |most, h| most.max(h.offset.abs()));
+    let tolerance = OBEYED * largest;
+    // Rows in the span of active ones, violated by no more than that span is uncertain.
+    let mut stands = [false; MOST_HALF_SPACES];
+    let mut rounds = 0;
+    'next: loop {
+        let mut worst: Option<(usize, f64)> = None;
+        for (k, half_space) in half_spaces.iter().enumerate() {
+            let length = dot(&half_space.row, &half_space.row).sqrt();
+            let violation = (half_space.offset - dot(&half_space.row, &best.point)) / length;
+            let is_active = best.active().iter().any(|&(a, _)| a == k);
+            if violation > tolerance
+                && !is_active
+                && !stands[k]
+                && worst.is_none_or(|(_, most)| violation > most)
+            {
+                worst = Some((k, violation));
+            }
+        }
+        let Some((added, violation)) = worst else {
+            best.complete = true;
+            return best;
+        };
+        let new = &half_spaces[added];
+        let square = dot(&new.row, &new.row);
+        let mut multiplier = 0.0;
+        loop {
+            rounds += 1;
+            if rounds > ROUNDS {
+                return best;
+            }
+            let basis = Basis::of(half_spaces, best.active());
+            let (components, rest) = basis.split(&new.row);
+            let weights = basis.weights(&components);
+            let left = dot(&rest, &rest);
+            let independent = best.count < MOST_ACTIVE && left > DEPENDENT * square;
+            if !independent && violation <= 2.0 * DEPENDENT.sqrt() * largest {
+                stands[added] = true;
+                continue 'next;
+            }
+            let full = if independent {
+                ((new.offset - dot(&new.row, &best.point)) / left).max(0.0)
+            } else {
+                f64::INFINITY
+            };
+            let mut step = full;
+            let mut blocking = None;
+            for (place, (&(_, held), &weight)) in best.active().iter().zip(&weights).enumerate() {
+                if weight > 0.0 && held / weight < step {
+                    step = held / weight;
+                    blocking = Some(place);
+                }
+            }
+            if step == f64::INFINITY {
+                return best;
+            }
+            if independent {
+                add_scaled(&mut best.point, step, &rest);
+            }
+            for ((_, held), weight) in best.active[..best.count].iter_mut().zip(weights) {
+                *held = (*held - step * weight).max(0.0);
+            }
+            multiplier += step;
+            match blocking {
+                Some(place) => best.drop_active(place),
+                None => {
+                    best.active[best.count] = (added, multiplier);
+                    best.count += 1;
+                    continue 'next;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn vector() -> impl Strategy<Value = Vector6> {
+        prop::array::uniform6(-1.0..1.0f64)
+    }
+
+    proptest! {
+        /// What is found obeys the conditions of Karush, Kuhn and Tucker, which only the closest point does.
+        #[test]
+        fn the_closest_point_is_found_at_any_scale(
+            goal in vector(),
+            rows in prop::collection::vec((vector(), -0.5..0.0f64), 0..40),
+            exponent in -9..6i32,
+        ) {
+            let s = 10f64.powi(exponent);
+            let half_spaces: Vec<HalfSpace> =
+                rows.iter().map(|&(row, offset)| HalfSpace { row, offset: offset * s }).collect();
+            let found = project(goal.map(|x| x * s), &half_spaces);
+            prop_assert!(found.complete, "the origin is allowed");
+            for half_space in &half_spaces {
+                prop_assert!(dot(&half_space.row, &found.point) >= half_space.offset - 1e-9 * s);
+            }
+            let mut sum = goal.map(|x| x * s);
+            for &(k, multiplier) in found.active() {
+                let half_space = &half_spaces[k];
+                prop_assert!(multiplier >= 0.0);
+                prop_assert!((dot(&half_space.row, &found.point) - half_space.offset).abs() < 1e-8 * s);
+                add_scaled(&mut sum, multiplier, &half_space.row);
+            }
+            for (x, y) in sum.iter().zip(&found.point) {
+                prop_assert!((x - y).abs() < 1e-8 * s);
+            }
+        }
+    }
+
+    #[test]
+    fn rows_at_any_angle_are_obeyed() {
+        for exponent in 0..=12 {
+            let angle = 10f64.powi(-exponent);
+            let rows = [
+                [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+                [angle.sin(), 0.0, angle.cos(), 0.0, 0.0, 0.0],
+                [0.0, 0.0, 1.0, 0.0, angle, 0.0],
+            ];
+            let half_spaces = rows.map(|row| HalfSpace { row, offset: 0.0 });
+            let found = project([-0.3, 0.2, -1.0, 0.0, -0.4, 0.0], &half_spaces);
+            assert!(found.complete, "{angle}");
+            for row in &rows {
+                assert!(
+                    dot(row, &found.point) >= -3e-6,
+                    "{angle}: {:?}",
+                    found.point
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn what_leaves_no_point_is_told() {
+        let row = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let against = row.map(|x: f64| -x);
+        let half_spaces = [row, against].map(|row| HalfSpace { row, offset: 0.5 });
+        assert!(!project([0.0; 6], &half_spaces).complete);
+    }
+}
