@@ -55,7 +55,9 @@ impl Cursor {
 #[derive(Debug, Clone)]
 pub struct ListPool {
     blocks: Vec<Block>,
+    /// First free block, chained through `next`; blocks from `fresh` on were never used.
     free: u32,
+    fresh: u32,
     used: u32,
     high_water: u32,
 }
@@ -69,13 +71,14 @@ impl ListPool {
     /// A pool of `blocks` blocks.
     #[must_use]
     pub fn new(blocks: usize) -> Self {
-        let chain = (0..blocks).map(|k| Block {
+        let block = Block {
             items: [NONE; ITEMS],
-            next: if k + 1 < blocks { k as u32 + 1 } else { NONE },
-        });
+            next: NONE,
+        };
         Self {
-            blocks: chain.collect(),
-            free: if blocks == 0 { NONE } else { 0 },
+            blocks: vec![block; blocks],
+            free: NONE,
+            fresh: 0,
             used: 0,
             high_water: 0,
         }
@@ -83,11 +86,8 @@ impl ListPool {
 
     /// Frees every list.
     pub fn clear(&mut self) {
-        let last = self.blocks.len() as u32;
-        for (next, block) in (1..=last).zip(&mut self.blocks) {
-            block.next = if next < last { next } else { NONE };
-        }
-        self.free = if last == 0 { NONE } else { 0 };
+        self.free = NONE;
+        self.fresh = 0;
         self.used = 0;
     }
 
@@ -121,11 +121,17 @@ impl ListPool {
     pub fn push(&mut self, list: &mut List, item: u32) -> bool {
         let index = list.length as usize % ITEMS;
         if index == 0 {
-            let id = self.free;
-            if id == NONE {
-                return false;
-            }
-            self.free = self.blocks[id as usize].next;
+            let id = match self.free {
+                NONE if self.fresh as usize == self.blocks.len() => return false,
+                NONE => {
+                    self.fresh += 1;
+                    self.fresh - 1
+                }
+                id => {
+                    self.free = self.blocks[id as usize].next;
+                    id
+                }
+            };
             self.blocks[id as usize].next = NONE;
             self.used += 1;
             self.high_water = self.high_water.max(self.used);

@@ -292,7 +292,6 @@ impl Cache {
         self.mesh.clear(used);
         self.tree.clear(self.sizes.base_faces + 2 * used);
         self.ids.clear();
-        self.references[..used as usize].fill(References::default());
         self.free.clear();
         self.collapses = EMPTY_QUEUE;
         self.evictions = EMPTY_QUEUE;

@@ -137,8 +137,6 @@ impl ActiveMesh {
     /// Empties it, of whatever model it was, so that [`ActiveMesh::reshape`] may follow; `slots`: of how many, from
     /// the first on, use was made. Nothing is freed or allocated.
     pub fn clear(&mut self, slots: u32) {
-        let faces = self.base_faces as usize + 2 * slots as usize;
-        self.faces[..faces].fill(Face::UNUSED);
         self.states[..slots as usize].fill(State::default());
         self.active_faces = 0;
         self.performed = 0;
@@ -158,6 +156,8 @@ impl ActiveMesh {
             self.active_faces == 0 && self.performed == 0,
             "storage is shared out while it is empty"
         );
+        // What a split makes is set by it; a base face is told by this from one that has not come.
+        self.faces[..base_faces as usize].fill(Face::UNUSED);
         Some(slots as u32)
     }
 
