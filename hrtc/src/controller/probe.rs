@@ -12,6 +12,8 @@ use shared::scene::{ProbePlan, ScenePlan, TrajectoryPlan};
 const SAMPLES_MISSED_MOST: u32 = 20;
 /// Share of the greatest speed that is left a tick later: a hand that stops may go on.
 const SPEED_FADES: f64 = 0.97;
+/// Ticks for which a speed must be kept up to count: one wild sample, there and back, is no motion.
+const KEPT_UP: usize = 3;
 
 /// The tour that a probe's hand is to be led along.
 #[derive(Debug, Clone)]
@@ -39,8 +41,10 @@ pub struct Probe {
     pub pose: Option<Pose>,
     /// Where it was in the tick before.
     pub last_position: Option<DVec3>,
-    /// The greatest way of a tick in the last ticks, metres.
+    /// The greatest way of a tick in the last ticks, metres, of those that were kept up.
     pub speed: f64,
+    /// Ways of the last ticks.
+    moves: [f64; KEPT_UP],
     /// Whether this tick's sample was refused.
     pub rejected: bool,
     /// What the gate let through in this tick.
@@ -78,6 +82,7 @@ impl Probe {
             pose: None,
             last_position: None,
             speed: 0.0,
+            moves: [0.0; KEPT_UP],
             rejected: false,
             wrench: Wrench::ZERO,
             clamped: false,
@@ -106,7 +111,10 @@ impl Probe {
             (Some(pose), Some(last)) => pose.position.distance(last),
             _ => 0.0,
         };
-        self.speed = moved.max(SPEED_FADES * self.speed);
+        self.moves.rotate_right(1);
+        self.moves[0] = moved;
+        let kept_up = self.moves.into_iter().fold(f64::INFINITY, f64::min);
+        self.speed = kept_up.max(SPEED_FADES * self.speed);
     }
 
     /// Passes a force through the gate to the device, and into the account.
