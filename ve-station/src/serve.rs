@@ -65,11 +65,15 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
     let database = Database::open(&plan, &progress);
     progress.finish();
     let database = database?;
-    for (number, object) in database.objects.iter().enumerate() {
-        let model = &database.models[object.model];
+    for (index, model) in database.models.iter().enumerate() {
         let head = model.file.model_header();
+        let objects = database.objects.iter().filter(|o| o.model == index);
+        let of = match objects.count() {
+            0 | 1 => String::new(),
+            count => format!("{count} objects: "),
+        };
         eprintln!(
-            "object {number}: {}, {} faces, {} regions, base mesh of {} faces",
+            "{of}{}, {} faces, {} regions, base mesh of {} faces",
             model.name,
             head.faces,
             model.file.regions().len(),
