@@ -152,6 +152,12 @@ impl Seat {
         self.dial.as_ref()
     }
 
+    /// The frame of the object, once its model is there.
+    #[must_use]
+    pub fn frame(&self) -> Option<ModelFrame> {
+        self.frame
+    }
+
     /// Whether the model is there, so that a touch could be answered.
     #[must_use]
     pub fn is_ready(&self) -> bool {
@@ -207,7 +213,7 @@ impl Seat {
         self.subscriber.close(outbox, tick)
     }
 
-    /// The frame of the object, once its model is there.
+    /// Model and frame of the object, once they are there.
     pub(super) fn known(&self) -> Option<(Model, ModelFrame)> {
         self.model.zip(self.frame)
     }

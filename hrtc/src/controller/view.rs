@@ -3,7 +3,6 @@
 use super::probe::Probe;
 use super::{Controller, Fault, ModelFrame, Seat};
 use crate::cache::{Cache, CacheError};
-use crate::dial::Dial;
 use crate::predict::Sources;
 use crate::proxy::Proxy;
 use glam::DVec3;
@@ -52,22 +51,10 @@ impl Controller {
         self.seats[0].cache()
     }
 
-    /// The rings of the first seat, once its model is there.
-    #[must_use]
-    pub fn dial(&self) -> Option<&Dial> {
-        self.seats[0].dial()
-    }
-
     /// Steps of economy that the size of the first seat's cache makes necessary now.
     #[must_use]
     pub fn economy_steps(&self) -> u32 {
         self.seats[0].economy_steps()
-    }
-
-    /// The greatest speed at full resolution on the first seat, model units a tick.
-    #[must_use]
-    pub fn greatest_speed(&self) -> f64 {
-        self.seats[0].greatest_speed()
     }
 
     /// The frame of the first object, once its model is known.

@@ -56,11 +56,12 @@ pub(super) struct Outcome {
 pub(super) fn add_dial(result: &mut RunResult, controller: &Controller, rate_hz: f64) {
     result.tolerance_m = controller.tolerance_m();
     result.capacities = controller.capacities();
-    if let (Some(dial), Some(frame)) = (controller.dial(), controller.frame()) {
+    let first = controller.seats().iter().find(|seat| seat.is_ready());
+    if let Some((seat, dial, frame)) = first.and_then(|s| Some((s, s.dial()?, s.frame()?))) {
         let scale = frame.metres_per_unit;
         let rings = dial.rings().iter();
         result.rings_m = rings.map(|r| f64::from(r.tolerance) * scale).collect();
-        result.greatest_speed_m_per_s = controller.greatest_speed() * scale * rate_hz;
+        result.greatest_speed_m_per_s = seat.greatest_speed() * scale * rate_hz;
     }
 }
 
