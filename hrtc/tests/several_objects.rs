@@ -391,3 +391,78 @@ fn any_number_of_objects_and_probes_ticks_without_a_station() {
         assert!(scene.controller.is_at_rest());
     }
 }
+
+#[test]
+fn whatever_probes_and_link_do_every_scene_keeps_its_limits() {
+    let models = [("sphere", SPHERE.as_slice()), ("relief", RELIEF.as_slice())];
+    let (mut contacts, mut evicted, mut unseated) = (0, 0, 0);
+    for seed in 0..12 {
+        let mut random = Random(seed);
+        let objects: Vec<_> = (0..1 + random.below(12))
+            .map(|_| {
+                let [x, y, z] = [(); 3].map(|()| 0.4 * random.unit());
+                let (model, size) = (random.below(2) as usize, 0.02 + 0.2 * random.unit());
+                (models[model].0, size, DVec3::new(x, y, z))
+            })
+            .collect();
+        let probes = 1 + random.below(4) as usize;
+        let bytes = [3 << 20, 5 << 20, 16 << 20][random.below(3) as usize];
+        let plan = scene_plan(&objects, probes, bytes);
+        let mut scene = Scene::new(&plan, &models);
+        let mut at = vec![DVec3::ZERO; probes];
+        let mut goals = at.clone();
+        for tick in 0..3000 {
+            if random.below(400) == 0 {
+                scene.faults = (random.below(2) == 0).then(|| Faults {
+                    random: Random(random.next()),
+                    loss: 0.05,
+                    duplication: 0.05,
+                    overtaking: 0.1,
+                });
+            }
+            if random.below(1500) == 0 {
+                scene.restart_station(scene_station(&plan, &models, 101 + tick));
+            }
+            let mut places = Vec::new();
+            for (at, goal) in at.iter_mut().zip(&mut goals) {
+                if random.below(100) == 0 {
+                    let (_, size, centre) = objects[random.below(objects.len() as u64) as usize];
+                    let way = DVec3::new(random.unit(), random.unit(), random.unit()) - 0.5;
+                    *goal =
+                        centre + way.normalize_or(DVec3::X) * size * (0.3 + 0.4 * random.unit());
+                }
+                if random.below(500) == 0 {
+                    // A device that is somewhere else at once.
+                    *at = *goal;
+                }
+                *at += (*goal - *at).clamp_length_max(0.003 * random.unit());
+                places.push(match random.below(50) {
+                    0 => None,
+                    1 => Some(DVec3::new(f64::NAN, 0.0, 0.0)),
+                    2 => Some(DVec3::splat(1e300)),
+                    _ => Some(*at),
+                });
+            }
+            let record = scene.step(&places);
+            contacts += u32::from(record.contact);
+            unseated += u32::from(record.unseated > 0);
+            assert!(scene.outputs.wrenches.iter().all(|w| w.is_finite()));
+            assert!(
+                record.cache_bytes as usize <= bytes,
+                "seed {seed}, tick {tick}"
+            );
+            assert!(record.work_units <= scene.controller.work_budget());
+            if tick % 500 == 0 {
+                scene.check();
+            }
+        }
+        evicted += scene.outputs.record.evicted;
+        scene.check();
+        assert_eq!(scene.controller.fault(), None, "seed {seed}");
+        assert_eq!(scene.controller.refused().0, 0, "seed {seed}");
+        assert_eq!(scene.allocations, 0);
+        assert!(scene.controller.bytes_high_water() <= bytes);
+    }
+    println!("{contacts} ticks in contact, {evicted} evicted, {unseated} ticks unseated");
+    assert!(contacts > 5000 && evicted > 1000);
+}

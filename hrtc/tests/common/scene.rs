@@ -183,9 +183,10 @@ impl Scene {
         panic!("the scene does not come to rest");
     }
 
-    /// Checks the caches of all seats.
+    /// Checks the caches of all seats; while a base mesh is coming there is nothing to check.
     pub fn check(&self) {
-        for seat in self.controller.seats() {
+        let seats = self.controller.seats().iter();
+        for seat in seats.filter(|seat| seat.is_ready()) {
             seat.cache().check();
         }
     }
