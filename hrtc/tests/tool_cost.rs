@@ -26,6 +26,7 @@ struct Walk {
     at: DVec3,
     heading: DVec3,
     normal: DVec3,
+    orientation: DQuat,
 }
 
 impl Walk {
@@ -44,7 +45,9 @@ impl Walk {
         let normal = contacts.iter().fold(DVec3::ZERO, |sum, c| sum + c.normal);
         // A hand turns slowly over what is rough.
         let normal = normal.normalize_or(away);
-        self.normal = self.normal.lerp(normal, 0.002).normalize();
+        let before = self.normal;
+        self.normal = before.lerp(normal, 0.002).normalize();
+        self.orientation = DQuat::from_rotation_arc(before, self.normal) * self.orientation;
         let pull = proxy - goal;
         let behind = pull.reject_from_normalized(self.normal);
         let turn = if behind.length() > 0.25 * DEPTH {
@@ -76,20 +79,19 @@ fn run(name: &str, front: &Front, mesh: &ToolMesh, lying: bool) {
     } else {
         (a, normal)
     };
+    let up = if lying { DVec3::X } else { DVec3::Z };
     let mut walk = Walk {
         at: a,
         heading: normal.any_orthonormal_vector(),
         normal,
+        orientation: DQuat::from_rotation_arc(up, normal),
     };
     let low = mesh.positions.iter().fold(f64::INFINITY, |low, p| {
         low.min(if lying { p.x } else { p.z })
     });
-    let pose = |walk: &Walk| {
-        let up = if lying { DVec3::X } else { DVec3::Z };
-        Pose {
-            position: walk.at - walk.normal * low,
-            orientation: DQuat::from_rotation_arc(up, walk.normal),
-        }
+    let pose = |walk: &Walk| Pose {
+        position: walk.at - walk.normal * low,
+        orientation: walk.orientation,
     };
     walk.at += walk.normal * 0.01;
     for _ in 0..115 {

@@ -138,7 +138,7 @@ impl Contacts {
     /// All local minima below `limit`, of the tool where the neighbourhood was placed. Returns the pairs looked at.
     pub fn collect(
         &mut self,
-        near: &Neighbourhood,
+        near: &mut Neighbourhood,
         shape: &ToolShape,
         surface: Surface<'_>,
         centre: DVec3,
@@ -149,9 +149,15 @@ impl Contacts {
         self.dropped = 0;
         let mut asked = 0;
         let back = rotation.transpose();
-        for pair in &near.pairs {
+        for k in 0..near.pairs.len() {
+            if near.is_known_beyond(k, limit) {
+                continue;
+            }
+            let pair = near.pairs[k];
             let corners = near.corners(shape, pair.tool);
-            if near.apart_now(pair, corners) > limit {
+            let now = near.apart_now(&pair, corners);
+            if now > limit {
+                near.saw(k, now);
                 continue;
             }
             asked += 1;

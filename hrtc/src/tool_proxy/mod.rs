@@ -54,13 +54,13 @@ const LOOK_AROUND: f64 = 2e-3;
 /// The first step of a tick in units of that of the last one, at the most as far as is looked.
 const EXPECTED: f64 = 1.25;
 /// Steps in units of the device's motion, or of what a step looks around in, at the most while the proxy is behind.
-const CATCH_UP: f64 = 4.0;
+const CATCH_UP: f64 = 2.0;
 /// Margin of a gathering, in units of what a step looks within.
-const AHEAD: f64 = 2.5;
+const AHEAD: f64 = 3.0;
 /// Motion, as a fraction of the radius of gyration, below which a tick is done.
 const CONVERGED: f64 = 1e-6;
 /// The same as a fraction of the device's motion in this tick: what is left is done in the next one.
-const LAG: f64 = 0.015;
+const LAG: f64 = 0.05;
 /// Steps a tick at the most; what is left is done in the next tick, from a safe place.
 const STEPS: usize = 6;
 /// Pairs that stop the steps of a tick and are remembered, at the most: one a step.
@@ -394,7 +394,7 @@ impl ToolProxy {
             self.near.place(&self.shape, &self.at);
             let rotation = self.at.rotation();
             looks += self.contacts.collect(
-                &self.near,
+                &mut self.near,
                 &self.shape,
                 surface,
                 self.at.centre,
@@ -494,13 +494,18 @@ impl ToolProxy {
             .near
             .gather(surface, &self.tool, &self.shape, &at, margin, left);
         answer.work.add(work);
-        if !ending.is_complete() {
-            answer.ending = ending;
+        let known = self.near.margin();
+        if known <= self.rest() {
+            // Either the budget is spent, or more is within the rest distance than there is room for.
+            answer.ending = match ending {
+                Ending::Complete => Ending::Stopped { unvisited: 0 },
+                other => other,
+            };
             self.widest = (0.5 * margin).max(2.0 * self.rest());
             return false;
         }
         self.widest = 2.0 * self.widest.max(self.rest());
-        self.near.margin() > self.rest()
+        true
     }
 
     /// The motion closest to the wanted one that the contacts allow; those that push go into the answer.

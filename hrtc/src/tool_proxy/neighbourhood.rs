@@ -17,6 +17,9 @@ pub const MOST_PAIRS: usize = 4096;
 /// Faces of the surface that fit.
 pub const MOST_SURFACE_FACES: usize = 2048;
 
+/// Times that the margin of a full neighbourhood is halved at once, at the most.
+const HALVINGS: usize = 6;
+
 /// A face of the surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SurfaceFace {
@@ -161,6 +164,10 @@ pub struct Neighbourhood {
     end_rotation: DMat3,
     /// What is left of the margin.
     margin: f64,
+    /// No point of the tool has moved farther since it was gathered.
+    moved: f64,
+    /// For each pair: until so much was moved it cannot touch.
+    clear_until: Vec<f64>,
     high_water: usize,
 }
 
@@ -180,6 +187,8 @@ impl Neighbourhood {
             rotation: DMat3::IDENTITY,
             end_rotation: DMat3::IDENTITY,
             margin: f64::NEG_INFINITY,
+            moved: 0.0,
+            clear_until: Vec::with_capacity(MOST_PAIRS),
             high_water: 0,
         }
     }
@@ -235,11 +244,14 @@ impl Neighbourhood {
         let (ending, work) =
             for_each_near_pair(&surface, tool, margin, budget, |face, tool_face| {
                 if self.pairs.len() == MOST_PAIRS || self.faces.len() == MOST_SURFACE_FACES {
-                    margin *= 0.5;
-                    self.shrink(surface.mesh, shape, at.centre, margin);
-                    if 4 * self.pairs.len() > 3 * MOST_PAIRS
-                        || 4 * self.faces.len() > 3 * MOST_SURFACE_FACES
-                    {
+                    for _ in 0..HALVINGS {
+                        margin *= 0.5;
+                        self.shrink(surface.mesh, margin);
+                        if self.has_room() {
+                            break;
+                        }
+                    }
+                    if !self.has_room() {
                         return ControlFlow::Break(());
                     }
                 }
@@ -258,6 +270,7 @@ impl Neighbourhood {
                     surface: place,
                     along,
                 });
+                self.clear_until.push(gap);
                 ControlFlow::Continue(margin)
             });
         self.high_water = self.high_water.max(self.pairs.len());
@@ -277,8 +290,15 @@ impl Neighbourhood {
         (ending, work)
     }
 
+    /// Whether it is worth while to go on after it was full.
+    fn has_room(&self) -> bool {
+        4 * self.pairs.len() <= 3 * MOST_PAIRS && 4 * self.faces.len() <= 3 * MOST_SURFACE_FACES
+    }
+
     fn clear(&mut self) {
         self.pairs.clear();
+        self.clear_until.clear();
+        self.moved = 0.0;
         self.clear_faces();
         for &v in &self.vertices {
             self.is_listed[v as usize] = false;
@@ -306,21 +326,22 @@ impl Neighbourhood {
     }
 
     /// Keeps only pairs that may be within a margin, and the faces that they have.
-    fn shrink(&mut self, mesh: &ActiveMesh, shape: &ToolShape, centre: DVec3, margin: f64) {
+    fn shrink(&mut self, mesh: &ActiveMesh, margin: f64) {
         let mut kept = 0;
         for k in 0..self.pairs.len() {
             let pair = self.pairs[k];
-            let corners = corners_at(shape, centre, self.rotation, pair.tool);
-            if self.apart_now(&pair, corners) <= margin {
+            if self.clear_until[k] <= margin {
                 let face = self.faces[pair.surface as usize].face;
                 self.pairs[kept] = NearPair {
                     // A handle until the faces are counted anew.
                     surface: face,
                     ..pair
                 };
+                self.clear_until[kept] = self.clear_until[k];
                 kept += 1;
             }
         }
+        self.clear_until.truncate(kept);
         self.pairs.truncate(kept);
         self.clear_faces();
         for k in 0..kept {
@@ -354,7 +375,21 @@ impl Neighbourhood {
 
     /// The tool has moved.
     pub fn spend(&mut self, motion: &Twist, radius: f64) {
-        self.margin -= motion.farthest(radius);
+        let way = motion.farthest(radius);
+        self.margin -= way;
+        self.moved += way;
+    }
+
+    /// Whether a pair is farther apart than a distance, by what was seen of it and how far the tool has moved since.
+    #[inline]
+    pub(super) fn is_known_beyond(&self, pair: usize, distance: f64) -> bool {
+        self.clear_until[pair] - self.moved > distance
+    }
+
+    /// A pair is at least so far apart now.
+    #[inline]
+    pub(super) fn saw(&mut self, pair: usize, apart: f64) {
+        self.clear_until[pair] = apart + self.moved;
     }
 
     /// How far the faces of a pair are apart along its direction, given the corners of the tool's; negative where they

@@ -46,7 +46,11 @@ pub fn free_share(
     near.place_ends(shape, &start.moved(motion));
     let turn = motion.angular.length();
     let sagitta = motion.sagitta(shape.radius);
+    let way = motion.farthest(shape.radius);
     for k in 0..near.pairs.len() {
+        if near.is_known_beyond(k, way + floor) {
+            continue;
+        }
         let pair = near.pairs[k];
         let (corners, ends) = (
             near.corners(shape, pair.tool),
