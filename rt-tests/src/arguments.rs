@@ -9,6 +9,7 @@ use crate::load::LoadArgs;
 use crate::predictors::PredictorsArgs;
 use crate::replay::ReplayArgs;
 use crate::run::RunArgs;
+use crate::stability::StabilityArgs;
 use clap::{Args, Parser, Subcommand};
 use shared::scene::Overrides;
 use std::ffi::OsString;
@@ -40,6 +41,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Show what each source of the prediction buys: the same motion with each alone and with all
     Predictors(PredictorsArgs),
+    /// Run the hard cases, each with its measure, limit and verdict; status 1 when one fails
+    Stability(StabilityArgs),
     /// The station of a run.
     #[command(hide = true)]
     RoleStation(RoleArgs),

@@ -2,7 +2,7 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`run`], [`jitter`], [`replay`], [`accuracy`], [`compare`], [`predictors`] | the commands |
+//! | [`run`], [`jitter`], [`replay`], [`accuracy`], [`compare`], [`predictors`], [`stability`] | the commands |
 //! | [`simulator`] | both pure cores in one process, under a simulated clock |
 //! | [`supervise`], [`pair`] | this program again as a process, and the two of a run |
 //! | [`bare`], [`load`] | the loop to compare with, and load on the other core |
@@ -31,6 +31,7 @@ pub mod replay;
 pub mod report;
 pub mod run;
 pub mod simulator;
+pub mod stability;
 pub mod supervise;
 pub mod surface;
 pub mod verdict;
@@ -54,6 +55,7 @@ pub fn execute(arguments: Arguments) -> ExitCode {
         Command::Accuracy(args) => accuracy::accuracy(&args),
         Command::Compare(args) => compare::compare(&args),
         Command::Predictors(args) => predictors::predictors(&args),
+        Command::Stability(args) => stability::stability(&args),
         Command::RoleStation(args) => station(args),
         Command::RoleHrtc(args) => controller(args),
         Command::RoleBare(args) => stop_flag().and_then(|stop| bare::bare(&args, &stop)),

@@ -61,6 +61,8 @@ pub struct Simulator<D> {
     outputs: TickOutputs,
     tape: Option<Tape>,
     mesh_bytes: u64,
+    /// Whether the station is away.
+    mute: bool,
 }
 
 impl<D: AsRef<[u8]>> Simulator<D> {
@@ -84,7 +86,13 @@ impl<D: AsRef<[u8]>> Simulator<D> {
             outputs: TickOutputs::new(1),
             tape: None,
             mesh_bytes: 0,
+            mute: false,
         }
+    }
+
+    /// Takes the station away, with what is under way, or brings it back as it was.
+    pub fn mute(&mut self, mute: bool) {
+        self.mute = mute;
     }
 
     /// Records every input from now on; before the first step, or the tape is of no use.
@@ -108,7 +116,11 @@ impl<D: AsRef<[u8]>> Simulator<D> {
         let inputs = TickInputs {
             tick: self.tick,
             samples: &samples,
-            station: self.station.incarnation(),
+            station: if self.mute {
+                0
+            } else {
+                self.station.incarnation()
+            },
             chunks: [&self.inbox, &[]],
             stopping: false,
         };
@@ -142,10 +154,18 @@ impl<D: AsRef<[u8]>> Simulator<D> {
     /// Hands over what is due, both ways.
     fn deliver(&mut self) {
         while let Some(request) = self.requests.take(self.tick) {
-            self.station.handle(Message::Request(&request));
+            if !self.mute {
+                self.station.handle(Message::Request(&request));
+            }
         }
         while let Some(report) = self.contacts.take(self.tick) {
-            self.station.handle(Message::Contact(&report));
+            if !self.mute {
+                self.station.handle(Message::Contact(&report));
+            }
+        }
+        if self.mute {
+            while self.chunks.take(self.tick).is_some() {}
+            return;
         }
         while let Some((header, slots)) = self.station.poll(self.client) {
             self.chunks.post(self.tick, InboxChunk { header, slots });

@@ -1,0 +1,307 @@
+//! A controller that touches one mesh, in virtual time, and the faults that are put in on purpose.
+
+use crate::failure::Failure;
+use crate::simulator::{DELAY_TICKS, Simulator, identity, station_incarnation};
+use glam::DVec3;
+use hrtc::controller::{Controller, NoObserver};
+use hrtc::device::{Device, Intent, Sample, Simulated};
+use hrtc::tick_record::CoreRecord;
+use shared::geometry::{Pose, Wrench};
+use shared::protocol::Request;
+use shared::scene::{
+    Hand, ModelScale, Overrides, ScenePlan, SimulatedDevicePlan, TrajectoryPlan, parse,
+};
+use shared::spm::{SpmFile, write_spm};
+use std::path::Path;
+use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model};
+use ve_station::station::{ServedModel, ServedObject, Station};
+
+/// Quiet ticks after which a front at rest is complete.
+const QUIET_TICKS: u32 = 200;
+/// Ticks after which one that does not come to rest is given up.
+const MOST_TICKS: u32 = 20_000;
+/// No limit on a force, newtons: what the rendering itself wants is looked at.
+const UNLIMITED_N: f64 = 1e12;
+
+/// A fault put in on purpose: a case that passes all the same shows nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// None.
+    None,
+    /// Every force comes a tick late.
+    LateTick,
+    /// The force points the other way.
+    Sign,
+    /// A contact less deep than a tenth of a millimetre is taken for none.
+    AbsoluteEpsilon,
+    /// A constraint is lost: of a mesh its faces around the place of contact, of a set of planes one.
+    LostConstraint,
+    /// Limits of the gate are not kept.
+    OpenGate,
+}
+
+/// What a bench is made of.
+#[derive(Debug, Clone, Copy)]
+pub struct Setup {
+    /// Radius of the probe, metres.
+    pub radius_m: f64,
+    /// Longest side of the object, metres.
+    pub size_m: f64,
+    /// Stiffness of its surface, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Rate of the loop, 1/s.
+    pub rate_hz: f64,
+    /// Pose of the object.
+    pub pose: Pose,
+    /// Limits of the gate: force in newtons and its change in newtons a second; `None` for neither.
+    pub gate: Option<[f64; 2]>,
+    /// The fault.
+    pub fault: Fault,
+}
+
+impl Default for Setup {
+    /// The device and loop that the cases name: 1 kHz, 1 kN/m, a ball of 1 mm on an object of 0.2 m.
+    fn default() -> Self {
+        Self {
+            radius_m: 1e-3,
+            size_m: 0.2,
+            stiffness_n_per_m: 1000.0,
+            rate_hz: 1000.0,
+            pose: Pose::at(DVec3::ZERO),
+            gate: None,
+            fault: Fault::None,
+        }
+    }
+}
+
+/// What a tick gave.
+#[derive(Debug, Clone, Copy)]
+pub struct Felt {
+    /// Force on the device, newtons.
+    pub force: DVec3,
+    /// Where the proxy is, world, metres.
+    pub proxy: DVec3,
+    /// The core's own record.
+    pub record: CoreRecord,
+}
+
+/// The bytes of the SPM file of a mesh; `whole`: the base mesh is the full mesh.
+///
+/// # Errors
+/// One sentence when nothing can be built from it.
+pub fn model(mesh: SoupMesh, whole: bool) -> Result<Vec<u8>, Failure> {
+    let failed = |error: &dyn std::fmt::Display| Failure::Run(format!("a case's mesh: {error}"));
+    let options = BuildOptions {
+        base_faces: whole.then_some(u32::MAX),
+        ..BuildOptions::default()
+    };
+    let parts = build_model(mesh, &options, &NoProgress).map_err(|e| failed(&e))?;
+    let mut bytes = Vec::new();
+    write_spm(&parts, &mut bytes).map_err(|e| failed(&e))?;
+    Ok(bytes)
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Bench {
+    simulator: Simulator<Vec<u8>>,
+    setup: Setup,
+    /// The force of the tick before.
+    before: DVec3,
+}
+
+impl Bench {
+    /// With the model there.
+    ///
+    /// # Errors
+    /// One sentence when the model cannot be served.
+    pub fn new(model: &[u8], setup: Setup) -> Result<Self, Failure> {
+        let plan = plan(&setup)?;
+        let damaged = |error| Failure::Run(format!("a case's model: {error}"));
+        let name = plan.objects[0].model.name();
+        let object = ServedObject {
+            model: 0,
+            name: Request::name_hash(&name),
+        };
+        let file = SpmFile::open(model.to_vec()).map_err(damaged)?;
+        let served = ServedModel { name, file };
+        let station = Station::new(station_incarnation(), vec![served], vec![object]);
+        let controller = Controller::new(&plan, identity(&plan), UNLIMITED_N, 0.0);
+        let simulator = Simulator::new(controller, identity(&plan), station, DELAY_TICKS);
+        Ok(Self {
+            simulator,
+            setup,
+            before: DVec3::ZERO,
+        })
+    }
+
+    /// What it is made of.
+    #[must_use]
+    pub fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    /// Seconds a tick.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        1.0 / self.setup.rate_hz
+    }
+
+    /// Rests at a place until the front around it is complete.
+    ///
+    /// # Errors
+    /// One sentence when it does not come to rest.
+    pub fn settle(&mut self, place: DVec3) -> Result<Felt, Failure> {
+        let (mut faces, mut quiet) = (0, 0);
+        for _ in 0..MOST_TICKS {
+            let felt = self.touch(place);
+            let same = felt.record.ready && felt.record.active_faces == faces;
+            quiet = if same { quiet + 1 } else { 0 };
+            faces = felt.record.active_faces;
+            if quiet > QUIET_TICKS {
+                return Ok(felt);
+            }
+        }
+        Err(Failure::Run(
+            "a case's mesh does not come to rest under the probe".to_string(),
+        ))
+    }
+
+    /// A tick with the device there, world, metres.
+    pub fn touch(&mut self, place: DVec3) -> Felt {
+        self.sample(Some(Pose::at(place)))
+    }
+
+    /// A tick with any sample.
+    pub fn sample(&mut self, pose: Option<Pose>) -> Felt {
+        let outputs = self
+            .simulator
+            .step(pose.map(|pose| Sample { pose }), &mut NoObserver);
+        let (force, record) = (outputs.wrenches[0].force, outputs.record);
+        let now = std::mem::replace(&mut self.before, force);
+        let dead = self.setup.stiffness_n_per_m * 1e-4;
+        let force = match self.setup.fault {
+            Fault::LateTick => now,
+            Fault::Sign => -force,
+            Fault::AbsoluteEpsilon if force.length() < dead => DVec3::ZERO,
+            _ => force,
+        };
+        Felt {
+            force,
+            proxy: self.simulator.controller.proxy().unwrap_or(DVec3::ZERO),
+            record,
+        }
+    }
+
+    /// What holds the probe after the last tick, model units.
+    #[must_use]
+    pub fn contact(&self) -> Option<DVec3> {
+        self.simulator
+            .outputs()
+            .contact
+            .map(|contact| contact.point)
+    }
+
+    /// A place of the world in model units, once the model is there.
+    #[must_use]
+    pub fn to_model(&self, world: DVec3) -> Option<DVec3> {
+        let frame = self.simulator.controller.frame()?;
+        Some(frame.to_model(world))
+    }
+
+    /// Silences the station, or lets it speak again.
+    pub fn mute(&mut self, mute: bool) {
+        self.simulator.mute(mute);
+    }
+
+    /// Hash over every tick's outputs so far.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        self.simulator.controller.replay_hash()
+    }
+}
+
+fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
+    let scene = crate::BUNDLED_SCENE;
+    let mut plan = parse(scene, "stability", Path::new(""), &Overrides::default())?;
+    plan.loop_.rate_hz = setup.rate_hz;
+    let object = &mut plan.objects[0];
+    object.scale = ModelScale::Size(setup.size_m);
+    object.pose = setup.pose;
+    object.surface.stiffness_n_per_m = setup.stiffness_n_per_m;
+    object.surface.damping_ns_per_m = 0.0;
+    plan.probes[0].radius_m = setup.radius_m;
+    plan.probes[0].trajectory = TrajectoryPlan::Points(Vec::new());
+    let open = setup.gate.is_none() || setup.fault == Fault::OpenGate;
+    let [force, slew] = setup
+        .gate
+        .filter(|_| !open)
+        .unwrap_or([UNLIMITED_N, UNLIMITED_N * setup.rate_hz]);
+    plan.safety.force_max_n = force;
+    plan.safety.slew_n_per_s = slew;
+    plan.safety.ramp_s = 0.0;
+    Ok(plan)
+}
+
+/// The device that the cases name: 0.1 kg with 1 N s/m, in nobody's hand.
+#[derive(Debug)]
+pub struct FreeMass {
+    device: Simulated,
+}
+
+/// Mass of the device, kg.
+pub const MASS_KG: f64 = 0.1;
+/// Its damping, N s/m.
+pub const DAMPING_NS_PER_M: f64 = 1.0;
+
+impl FreeMass {
+    /// At a place with a velocity, in periods of `period_s`; `encoder_m` is the step of its encoder or 0.
+    #[must_use]
+    pub fn new(place: DVec3, velocity: DVec3, period_s: f64, encoder_m: f64) -> Self {
+        Self::held(place, velocity, period_s, encoder_m, [0.0, 0.0])
+    }
+
+    /// Held to `place` by a hand of this stiffness (N/m) and damping (N s/m).
+    #[must_use]
+    pub fn held(
+        place: DVec3,
+        velocity: DVec3,
+        period_s: f64,
+        encoder_m: f64,
+        [stiffness_n_per_m, damping_ns_per_m]: [f64; 2],
+    ) -> Self {
+        let plan = SimulatedDevicePlan {
+            mass_kg: MASS_KG,
+            damping_ns_per_m: DAMPING_NS_PER_M,
+            encoder_m,
+            hand: Hand {
+                stiffness_n_per_m,
+                damping_ns_per_m,
+            },
+        };
+        let mut device = Simulated::new(plan, period_s);
+        device.intend(Intent {
+            pose: Pose::at(place),
+            velocity,
+        });
+        Self { device }
+    }
+
+    /// Moves the place that the hand holds it to.
+    pub fn intend(&mut self, place: DVec3, velocity: DVec3) {
+        self.device.intend(Intent {
+            pose: Pose::at(place),
+            velocity,
+        });
+    }
+
+    /// A period under the force; what the encoder reads then.
+    pub fn advance(&mut self, force: DVec3) -> DVec3 {
+        self.device.write(Wrench {
+            force,
+            torque: DVec3::ZERO,
+        });
+        let sample = self.device.read(1);
+        sample.map_or(DVec3::ZERO, |sample| sample.pose.position)
+    }
+}

@@ -1,0 +1,151 @@
+//! Meshes with a known answer.
+
+use glam::DVec3;
+use std::collections::BTreeMap;
+use ve_station::build::SoupMesh;
+
+/// Cells along a side of a patch.
+const CELLS: u32 = 12;
+
+/// A mesh made of patches that share the vertices where they meet.
+#[derive(Debug, Default)]
+struct Patches {
+    mesh: SoupMesh,
+    known: BTreeMap<[u64; 3], u32>,
+}
+
+impl Patches {
+    fn vertex(&mut self, p: DVec3) -> u32 {
+        // No negative zero, so that what is equal has equal bits.
+        let p = p + DVec3::ZERO;
+        let next = self.mesh.positions.len() as u32;
+        let place = *self
+            .known
+            .entry(p.to_array().map(f64::to_bits))
+            .or_insert(next);
+        if place == next {
+            self.mesh.positions.push(p.to_array());
+        }
+        place
+    }
+
+    /// The cells of a parallelogram; its normal is `along x across`. `hole` leaves some out.
+    fn add(&mut self, origin: DVec3, along: DVec3, across: DVec3, hole: impl Fn(DVec3) -> bool) {
+        let point = |i: u32, j: u32| {
+            let [s, t] = [i, j].map(|k| f64::from(k) / f64::from(CELLS));
+            origin + along * s + across * t
+        };
+        for i in 0..CELLS {
+            for j in 0..CELLS {
+                if hole((point(i, j) + point(i + 1, j + 1)) * 0.5) {
+                    continue;
+                }
+                let [a, b, c, d] = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+                    .map(|(i, j)| self.vertex(point(i, j)));
+                self.mesh.triangles.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+    }
+}
+
+/// A square of side 2 in z = 0, seen from above; with a hole in its middle where `hole`.
+#[must_use]
+pub fn plate(hole: bool) -> SoupMesh {
+    let mut patches = Patches::default();
+    let (side, origin) = (2.0, DVec3::new(-1.0, -1.0, 0.0));
+    patches.add(origin, DVec3::X * side, DVec3::Y * side, |p| {
+        hole && p.length() < 0.5
+    });
+    patches.mesh
+}
+
+/// Two squares of side 2 back to back: the upper one in z = 0, the other `gap` below it, which may be 0.
+#[must_use]
+pub fn sheets(gap: f64, hole: bool) -> SoupMesh {
+    let mut mesh = plate(hole);
+    let below = plate(hole);
+    let first = mesh.positions.len() as u32;
+    mesh.positions
+        .extend(below.positions.iter().map(|&[x, y, _]| [x, y, -gap]));
+    mesh.triangles.extend(
+        below
+            .triangles
+            .iter()
+            .map(|&[a, b, c]| [a + first, c + first, b + first]),
+    );
+    mesh
+}
+
+/// Two planes that meet along y in the origin; `turn` is the angle between their normals, radians: a ridge when
+/// positive, a valley when negative. Seen from above. `lost` leaves a strip out beside the edge.
+#[must_use]
+pub fn roof(turn: f64, lost: bool) -> SoupMesh {
+    let (sin, cos) = (0.5 * turn).sin_cos();
+    let mut patches = Patches::default();
+    let along = DVec3::Y * 2.0;
+    let edge = DVec3::new(0.0, -1.0, 0.0);
+    patches.add(edge, DVec3::new(cos, 0.0, -sin), along, |p| {
+        lost && p.length() < 0.5
+    });
+    patches.add(edge, along, DVec3::new(-cos, 0.0, -sin), |_| false);
+    patches.mesh
+}
+
+/// Three squares in the planes x = 0, y = 0 and z = 0 that meet in the origin, seen from within; `lost` leaves out
+/// the one in z = 0.
+#[must_use]
+pub fn corner(lost: bool) -> SoupMesh {
+    let mut patches = Patches::default();
+    let [x, y, z] = DVec3::AXES;
+    patches.add(DVec3::ZERO, y, z, |_| false);
+    patches.add(DVec3::ZERO, z, x, |_| false);
+    patches.add(DVec3::ZERO, x, y, |_| lost);
+    patches.mesh
+}
+
+/// A plate among everything that is wrong with meshes: faces without area, duplicates, slivers, turned faces, a vertex
+/// that is no number, an edge of three faces, a crack; with a hole in its middle where `hole`.
+#[must_use]
+pub fn damaged_plate(hole: bool) -> SoupMesh {
+    let mut mesh = plate(hole);
+    let faces = mesh.triangles.clone();
+    for (k, &[a, b, c]) in faces.iter().enumerate() {
+        match k % 12 {
+            0 => mesh.triangles.push([a, a, b]),
+            1 => mesh.triangles.push([a, b, c]),
+            2 => mesh.triangles.push([a, c, b]),
+            3 => mesh.triangles[k] = [a, c, b],
+            4 => {
+                // A sliver a millionth as high as it is long.
+                let [p, q] = [a, b].map(|v| DVec3::from_array(mesh.positions[v as usize]));
+                let beside = (p + q) * 0.5 - DVec3::Z * 1e-6 * p.distance(q);
+                let v = mesh.positions.len() as u32;
+                mesh.positions.push(beside.to_array());
+                mesh.triangles.push([a, v, b]);
+            }
+            5 => {
+                // A third face at an edge, down from it.
+                let p = DVec3::from_array(mesh.positions[a as usize]);
+                let v = mesh.positions.len() as u32;
+                mesh.positions.push((p - DVec3::Z * 0.1).to_array());
+                mesh.triangles.push([a, b, v]);
+            }
+            6 => {
+                // A crack a hundred thousandth wide: this face has corners of its own.
+                let v = mesh.positions.len() as u32;
+                for corner in [a, b, c] {
+                    let p = DVec3::from_array(mesh.positions[corner as usize]);
+                    mesh.positions.push((p * (1.0 - 1e-5)).to_array());
+                }
+                mesh.triangles[k] = [v, v + 1, v + 2];
+            }
+            7 => {
+                let v = mesh.positions.len() as u32;
+                mesh.positions.push([f64::NAN, 0.0, 0.0]);
+                mesh.triangles.push([a, b, v]);
+            }
+            _ => {}
+        }
+    }
+    mesh
+}
