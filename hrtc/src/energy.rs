@@ -1,23 +1,140 @@
-//! The energy account of a probe (passivity observer, Hannaford and Ryu 2002).
+//! The energy account of a probe, and the limit that it sets to the force.
+//!
+//! A force is held for a period while the device moves on, so a sampled wall gives back more than it took: K T / 2 for
+//! each unit of the integral of v² (facts of haptics, F1 and section 0.3). A passivity observer counts it (Hannaford
+//! and Ryu 2002); theirs is then dissipated by added damping, after the fact and in jerks. Here it is not given out in
+//! the first place. Where the device moves away, the force of a tick is scaled such that its work over the coming
+//! period, with the motion extrapolated, is what the spring between device and proxy loses in it: that takes v T / 2
+//! off its length. Where more is in the spring than was taken in (a touch that began between two ticks, a missed tick,
+//! a surface that rose), up to v T more is taken off until it is not: in proportion to the speed, so that a hand at rest
+//! feels nothing of it. And never is more given back than was taken in. The force is not turned round: a wall does not
+//! stick.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
+use shared::geometry::{Pose, Wrench};
 
-/// Counts the energy that the rendering puts out, exact under zero-order hold (facts of haptics, F5).
-#[derive(Debug, Clone, Default)]
+/// Periods over which a velocity is taken at the most.
+const LONGEST: usize = 16;
+
+/// Counts the energy that the rendering puts out, exact under zero-order hold (facts of haptics, F5), and limits it.
+#[derive(Debug, Clone)]
 pub struct EnergyAccount {
+    /// Step of the encoder, metres: motion within it is noise and does no work.
+    encoder_m: f64,
     joules: f64,
-    last: Option<(DVec3, DVec3)>,
+    /// Energy put out since the touch began, joules.
+    of_touch: f64,
+    /// What acts on the device.
+    wrench: Wrench,
+    /// Samples, the newest first, metres; none before the first.
+    samples: Option<[DVec3; LONGEST + 1]>,
+    /// The newest sample without what is within the encoder's step.
+    followed: DVec3,
+    /// Motion a period, metres: now, one and two periods ago.
+    motion: [DVec3; 3],
+    orientation: DQuat,
+    /// Rotation in the last period, radians.
+    rotation: DVec3,
+}
+
+/// What holds the device to its proxies.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Spring {
+    /// Stiffness, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Energy in it now, joules.
+    pub stored_j: f64,
+}
+
+impl std::ops::Add for Spring {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            stiffness_n_per_m: self.stiffness_n_per_m + other.stiffness_n_per_m,
+            stored_j: self.stored_j + other.stored_j,
+        }
+    }
 }
 
 impl EnergyAccount {
-    /// Force k acts over the period that ends with the sample of tick k + 1: `E += f[k] . (x[k+1] - x[k])`.
-    ///
-    /// Position in metres, force on the device in newtons, both of this tick.
-    pub fn tick(&mut self, position: DVec3, force: DVec3) {
-        if let Some((old_position, old_force)) = self.last {
-            self.joules += old_force.dot(position - old_position);
+    /// Nothing counted; `encoder_m` is the step of the device's encoder, metres, 0 for none.
+    #[must_use]
+    pub fn new(encoder_m: f64) -> Self {
+        Self {
+            encoder_m,
+            joules: 0.0,
+            of_touch: 0.0,
+            wrench: Wrench::ZERO,
+            samples: None,
+            followed: DVec3::ZERO,
+            motion: [DVec3::ZERO; 3],
+            orientation: DQuat::IDENTITY,
+            rotation: DVec3::ZERO,
         }
-        self.last = Some((position, force));
+    }
+
+    /// The device is here at the end of the period in which the last wrench acted: `E += f[k] . (x[k+1] - x[k])`, and
+    /// its torque times the rotation.
+    pub fn moved_to(&mut self, pose: &Pose) {
+        let position = pose.position;
+        let turn = pose.orientation * self.orientation.inverse();
+        self.orientation = pose.orientation;
+        let Some(samples) = &mut self.samples else {
+            self.samples = Some([position; LONGEST + 1]);
+            self.followed = position;
+            return;
+        };
+        let Wrench { force, torque } = self.wrench;
+        // The shorter way round.
+        self.rotation = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
+        let turned = torque.dot(self.rotation);
+        self.joules += force.dot(position - samples[0]) + turned;
+        samples.copy_within(..LONGEST, 1);
+        samples[0] = position;
+        let beyond = position - self.followed;
+        let length = beyond.length();
+        let motion = if length > self.encoder_m {
+            beyond * (1.0 - self.encoder_m / length)
+        } else {
+            DVec3::ZERO
+        };
+        self.followed += motion;
+        self.of_touch += force.dot(motion) + turned;
+        let velocity = velocity(samples, self.encoder_m);
+        self.motion = [velocity, self.motion[0], self.motion[1]];
+    }
+
+    /// The share, 0 to 1, of a wanted wrench that may be given now, in the tick of [`Self::moved_to`].
+    #[must_use]
+    pub fn share(&self, wanted: Wrench, spring: Spring) -> f64 {
+        let [now, before, earlier] = self.motion;
+        let (change, change_before) = (now - before, before - earlier);
+        // A jump is no acceleration.
+        let lasting = change.dot(change_before) > 0.0;
+        let next = if lasting { now + change } else { now };
+        let pushed = wanted.force.dot(next);
+        let work = pushed + wanted.torque.dot(self.rotation);
+        if work.is_nan() || work <= 0.0 {
+            return 1.0;
+        }
+        let size = wanted.force.length();
+        let along = if size > 0.0 { pushed / size } else { 0.0 };
+        let held = 0.5 * spring.stiffness_n_per_m * along * along;
+        // What the encoder's step alone may make of the balance is none of it.
+        let unpaid = self.of_touch + spring.stored_j - 2.0 * size * self.encoder_m;
+        let given = work - held - unpaid.clamp(0.0, 2.0 * held);
+        let taken_in = 0.0 - self.of_touch;
+        (given.min(taken_in) / work).clamp(0.0, 1.0)
+    }
+
+    /// This acts on the device from now on.
+    pub fn give(&mut self, wrench: Wrench) {
+        // A touch begins without credit; what an earlier one put out too much is still owed.
+        if self.wrench == Wrench::ZERO {
+            self.of_touch = self.of_touch.max(0.0);
+        }
+        self.wrench = wrench;
     }
 
     /// Energy put out so far, joules; above 0 the rendering pushed energy into the hand.
@@ -27,25 +144,135 @@ impl EnergyAccount {
     }
 }
 
+/// Motion a period over the longest stretch that is straight and even within the encoder's step (first-order adaptive
+/// windowing, Janabi-Sharifi, Hayward and Chen 2000).
+fn velocity(samples: &[DVec3; LONGEST + 1], encoder_m: f64) -> DVec3 {
+    let [now, ..] = *samples;
+    let even = |periods: usize| {
+        let a_period = (samples[periods] - now) / periods as f64;
+        (1..periods).all(|k| (now + a_period * k as f64).distance(samples[k]) <= encoder_m)
+    };
+    let mut periods = 1;
+    while periods < LONGEST && even(periods + 1) {
+        periods += 1;
+    }
+    (now - samples[periods]) / periods as f64
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const PERIOD_S: f64 = 1e-3;
+
+    /// A force along x, newtons.
+    fn push(newtons: f64) -> Wrench {
+        Wrench {
+            force: DVec3::X * newtons,
+            torque: DVec3::ZERO,
+        }
+    }
+
+    /// A free mass of 0.1 kg with a damping, in N s/m, falls on a wall at a speed and leaves again: the energy that the wall
+    /// put out, joules.
+    fn bounce(stiffness_n_per_m: f64, damping: f64, speed: f64, phase: f64, limited: bool) -> f64 {
+        let mut account = EnergyAccount::new(0.0);
+        let (mut x, mut v, mut force) = (speed * PERIOD_S * (1.0 + phase), -speed, 0.0);
+        for _ in 0..4000 {
+            for _ in 0..16 {
+                let dt = PERIOD_S / 16.0;
+                v += (force - damping * v) * dt / 0.1;
+                x += v * dt;
+            }
+            account.moved_to(&Pose::at(DVec3::X * x));
+            let depth = (-x).max(0.0);
+            let wanted = push(stiffness_n_per_m * depth);
+            let spring = Spring {
+                stiffness_n_per_m,
+                stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+            };
+            let share = if limited {
+                account.share(wanted, spring)
+            } else {
+                1.0
+            };
+            force = wanted.force.x * share;
+            account.give(push(force));
+            if x > 0.0 && v > 0.0 {
+                break;
+            }
+        }
+        account.joules()
+    }
+
     #[test]
     fn a_sampled_spring_leaks_what_theory_says() {
         // Into a wall of stiffness K at speed v and out again: the hold leaks K T / 2 * integral of v^2.
-        let (k, v, dt) = (1000.0, 0.1, 1e-3);
-        let mut account = EnergyAccount::default();
+        let (k, v) = (1000.0, 0.1);
+        let mut account = EnergyAccount::new(0.0);
         let mut x: f64 = 0.0;
         for tick in 0..=40 {
-            account.tick(DVec3::X * x, DVec3::X * (-k * x.max(0.0)));
-            x += if tick < 20 { v * dt } else { -v * dt };
+            account.moved_to(&Pose::at(DVec3::X * x));
+            account.give(push(-k * x.max(0.0)));
+            x += if tick < 20 {
+                v * PERIOD_S
+            } else {
+                -v * PERIOD_S
+            };
         }
-        let leak = k * dt / 2.0 * v * v * (40.0 * dt);
+        let leak = k * PERIOD_S / 2.0 * v * v * (40.0 * PERIOD_S);
         assert!(
             (account.joules() - leak).abs() < 1e-9,
             "{}",
             account.joules()
         );
+    }
+
+    #[test]
+    fn a_limited_wall_of_any_stiffness_gives_back_no_more_than_it_took() {
+        for stiffness in [100.0, 1000.0, 3000.0, 10_000.0] {
+            for damping in [0.0, 0.1, 1.0] {
+                for k in 0..40 {
+                    let (speed, phase) =
+                        (0.05 + 0.0125 * f64::from(k), f64::from(k * 7 % 40) / 40.0);
+                    let without = bounce(stiffness, damping, speed, phase, false);
+                    let with = bounce(stiffness, damping, speed, phase, true);
+                    assert!(without > 0.0, "{stiffness} {damping} {speed}: {without}");
+                    assert!(
+                        with <= 1e-6 * without,
+                        "{stiffness} {damping} {speed}: {with} of {without}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn noise_within_a_step_of_the_encoder_takes_nothing_off_a_resting_force() {
+        let mut account = EnergyAccount::new(1e-5);
+        let stiffness_n_per_m = 1000.0;
+        for tick in 0..600_000u32 {
+            // Pressed in quietly, then at rest under noise of a step for ten minutes.
+            let press = (f64::from(tick) * 1e-5).min(2e-3);
+            let noise = if press < 2e-3 {
+                0.0
+            } else {
+                [0.0, 1e-5, 0.0, 0.0, 1e-5][tick as usize % 5]
+            };
+            let depth = press + noise;
+            account.moved_to(&Pose::at(DVec3::X * -depth));
+            let wanted = push(stiffness_n_per_m * depth);
+            let spring = Spring {
+                stiffness_n_per_m,
+                stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+            };
+            let share = account.share(wanted, spring);
+            // By no more than the noise itself shows in the force.
+            assert!(
+                wanted.force.x * (1.0 - share) <= stiffness_n_per_m * 1e-5,
+                "tick {tick}: {share}"
+            );
+            account.give(push(wanted.force.x * share));
+        }
     }
 }

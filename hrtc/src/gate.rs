@@ -98,6 +98,7 @@ mod tests {
         force_max_n: 8.0,
         slew_n_per_s: 500.0,
         ramp_s: 0.1,
+        passivity: false,
     };
 
     proptest! {

@@ -37,6 +37,7 @@ fn bare_plan(size: f64) -> ScenePlan {
     plan.safety.force_max_n = 1e12;
     plan.safety.slew_n_per_s = 1e15;
     plan.safety.ramp_s = 0.0;
+    plan.safety.passivity = false;
     plan
 }
 

@@ -34,6 +34,7 @@ pub use seat::Seat;
 use crate::broad_phase::BroadPhase;
 use crate::cache::CacheError;
 use crate::device::Sample;
+use crate::energy::Spring;
 use crate::inbox::InboxChunk;
 use crate::proxy::Contact;
 use crate::query::Work;
@@ -401,6 +402,7 @@ impl Controller {
         let due = inputs.tick.is_multiple_of(REPORT_EVERY);
         for (k, probe) in self.probes.iter_mut().enumerate() {
             let mut wanted: Option<Wrench> = None;
+            let mut spring = Spring::default();
             let mut strongest: Option<(f64, Touched)> = None;
             for seat in &self.seats {
                 let (Some(felt), Some(object), Some(frame)) =
@@ -416,13 +418,14 @@ impl Controller {
                         torque: sum.torque + felt.wrench.torque,
                     },
                 });
+                spring = spring + felt.spring;
                 let force = felt.wrench.force.length();
                 if strongest.is_none_or(|(most, _)| force > most) {
                     let contact = felt.contact;
                     strongest = Some((force, Touched { object, contact }));
                 }
             }
-            probe.feel(wanted.unwrap_or(Wrench::ZERO), is_open);
+            probe.feel(wanted.unwrap_or(Wrench::ZERO), spring, is_open);
             let of_probe = &mut record.probes[k];
             of_probe.rejected_sample = probe.rejected;
             of_probe.clamped = probe.clamped;

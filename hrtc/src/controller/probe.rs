@@ -1,7 +1,7 @@
 //! A probe: its sample, its tour, and the gate and account of its force.
 
 use super::{ModelFrame, TickInputs};
-use crate::energy::EnergyAccount;
+use crate::energy::{EnergyAccount, Spring};
 use crate::gate::Gate;
 use glam::DVec3;
 use shared::geometry::{Pose, Wrench};
@@ -52,6 +52,8 @@ pub struct Probe {
     /// Whether it was cut.
     pub clamped: bool,
     pub energy: EnergyAccount,
+    /// Whether the account limits the force.
+    passivity: bool,
     gate: Gate,
     samples_missed: u32,
 }
@@ -86,7 +88,8 @@ impl Probe {
             rejected: false,
             wrench: Wrench::ZERO,
             clamped: false,
-            energy: EnergyAccount::default(),
+            energy: EnergyAccount::new(probe.device.encoder_m),
+            passivity: plan.safety.passivity,
             gate: Gate::new(plan.safety, device_max_n, plan.loop_.rate_hz),
             samples_missed: 0,
         }
@@ -117,19 +120,22 @@ impl Probe {
         self.speed = kept_up.max(SPEED_FADES * self.speed);
     }
 
-    /// Passes a force through the gate to the device, and into the account.
-    pub fn feel(&mut self, wanted: Wrench, is_open: bool) {
-        let position = self.pose.map(|pose| pose.position);
-        if position.is_some() {
-            self.last_position = position;
+    /// Passes what the springs of all touches want through account and gate to the device.
+    pub fn feel(&mut self, mut wanted: Wrench, spring: Spring, is_open: bool) {
+        if let Some(pose) = &self.pose {
+            self.last_position = Some(pose.position);
+            self.energy.moved_to(pose);
+        }
+        if self.passivity {
+            let share = self.energy.share(wanted, spring);
+            wanted.force *= share;
+            wanted.torque *= share;
         }
         let open = is_open && self.samples_missed <= SAMPLES_MISSED_MOST;
         let gated = self.gate.pass(wanted, open);
         self.wrench = gated.wrench;
         self.clamped = gated.clamped;
-        if let Some(position) = position {
-            self.energy.tick(position, gated.wrench.force);
-        }
+        self.energy.give(gated.wrench);
     }
 
     /// Whether its force has ramped down.

@@ -256,7 +256,7 @@ impl Seat {
                 (Some(pose), Some(last)) => (pose.position - last) / self.period_s,
                 _ => glam::DVec3::ZERO,
             };
-            let (depth_m, wrench) = touch.render(&frame, &placing.surface, velocity);
+            let (depth_m, wrench, spring) = touch.render(&frame, &placing.surface, velocity);
             let reached = if certified == 0.0 {
                 Some(0.0)
             } else {
@@ -272,6 +272,7 @@ impl Seat {
                 asked,
                 depth_m,
                 wrench,
+                spring,
             });
         }
     }

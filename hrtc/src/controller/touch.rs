@@ -1,6 +1,7 @@
 //! A touch: one probe and one object.
 
 use super::ModelFrame;
+use crate::energy::Spring;
 use crate::predict::{Motion, Predictor};
 use crate::proxy::{Contact, Proxy};
 use crate::query::{Surface, Work};
@@ -24,6 +25,8 @@ pub struct Felt {
     pub depth_m: f64,
     /// Force on the probe, newtons, before the gate.
     pub wrench: Wrench,
+    /// What holds the device to the proxy.
+    pub spring: Spring,
 }
 
 /// See the module.
@@ -143,7 +146,8 @@ impl Touch {
         })
     }
 
-    /// Stiffness and damping of the surface: depth of the device behind the proxy, metres, and the force on it.
+    /// Stiffness and damping of the surface: depth of the device behind the proxy, metres, the force on it, and the
+    /// spring that it comes from.
     ///
     /// `velocity`: of the probe, m/s.
     pub fn render(
@@ -151,10 +155,10 @@ impl Touch {
         frame: &ModelFrame,
         surface: &SurfacePlan,
         velocity: DVec3,
-    ) -> (f64, Wrench) {
+    ) -> (f64, Wrench, Spring) {
         let mut wrench = Wrench::ZERO;
         let (Some(goal), Some(proxy)) = (self.goal, &self.proxy) else {
-            return (0.0, wrench);
+            return (0.0, wrench, Spring::default());
         };
         let out = frame.vector_to_world(proxy.position() - goal.position);
         let depth = out.length();
@@ -165,6 +169,10 @@ impl Touch {
             // Damping never pulls: a wall does not stick.
             wrench.force = normal * (spring + damper).max(0.0);
         }
-        (depth, wrench)
+        let spring = Spring {
+            stiffness_n_per_m: surface.stiffness_n_per_m,
+            stored_j: 0.5 * surface.stiffness_n_per_m * depth * depth,
+        };
+        (depth, wrench, spring)
     }
 }

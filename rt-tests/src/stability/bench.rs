@@ -9,7 +9,7 @@ use hrtc::tick_record::CoreRecord;
 use shared::geometry::{Pose, Wrench};
 use shared::protocol::Request;
 use shared::scene::{
-    Hand, ModelScale, Overrides, ScenePlan, SimulatedDevicePlan, TrajectoryPlan, parse,
+    Hand, ModelScale, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan, TrajectoryPlan, parse,
 };
 use shared::spm::{SpmFile, write_spm};
 use std::path::Path;
@@ -38,6 +38,8 @@ pub enum Fault {
     LostConstraint,
     /// Limits of the gate are not kept.
     OpenGate,
+    /// The energy account does not limit the force.
+    NoPassivity,
 }
 
 /// What a bench is made of.
@@ -51,10 +53,14 @@ pub struct Setup {
     pub stiffness_n_per_m: f64,
     /// Rate of the loop, 1/s.
     pub rate_hz: f64,
+    /// Step of the device's encoder, metres; 0 for none.
+    pub encoder_m: f64,
     /// Pose of the object.
     pub pose: Pose,
     /// Limits of the gate: force in newtons and its change in newtons a second; `None` for neither.
     pub gate: Option<[f64; 2]>,
+    /// Whether the energy account limits the force: for devices that move by it, not for places that are given.
+    pub passivity: bool,
     /// The fault.
     pub fault: Fault,
 }
@@ -67,8 +73,10 @@ impl Default for Setup {
             size_m: 0.2,
             stiffness_n_per_m: 1000.0,
             rate_hz: 1000.0,
+            encoder_m: 0.0,
             pose: Pose::at(DVec3::ZERO),
             gate: None,
+            passivity: false,
             fault: Fault::None,
         }
     }
@@ -126,8 +134,8 @@ impl Bench {
         let file = SpmFile::open(model.to_vec()).map_err(damaged)?;
         let served = ServedModel { name, file };
         let station = Station::new(station_incarnation(), vec![served], vec![object]);
-        let controller = Controller::new(&plan, identity(&plan), UNLIMITED_N, 0.0);
-        let simulator = Simulator::new(controller, identity(&plan), station, DELAY_TICKS);
+        let controller = Controller::new(&plan, identity(), UNLIMITED_N, 0.0);
+        let simulator = Simulator::new(controller, identity(), station, DELAY_TICKS);
         Ok(Self {
             simulator,
             setup,
@@ -193,12 +201,17 @@ impl Bench {
         }
     }
 
+    /// Misses so many periods: the device goes on under the force that it has.
+    pub fn miss(&mut self, periods: u64) {
+        self.simulator.tick += periods;
+    }
+
     /// What holds the probe after the last tick, model units.
     #[must_use]
     pub fn contact(&self) -> Option<DVec3> {
         self.simulator
             .outputs()
-            .contact
+            .contact()
             .map(|contact| contact.point)
     }
 
@@ -230,7 +243,10 @@ fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
     object.pose = setup.pose;
     object.surface.stiffness_n_per_m = setup.stiffness_n_per_m;
     object.surface.damping_ns_per_m = 0.0;
-    plan.probes[0].radius_m = setup.radius_m;
+    plan.probes[0].shape = ProbeShape::Sphere {
+        radius_m: setup.radius_m,
+    };
+    plan.probes[0].device.encoder_m = setup.encoder_m;
     plan.probes[0].trajectory = TrajectoryPlan::Points(Vec::new());
     let open = setup.gate.is_none() || setup.fault == Fault::OpenGate;
     let [force, slew] = setup
@@ -240,6 +256,7 @@ fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
     plan.safety.force_max_n = force;
     plan.safety.slew_n_per_s = slew;
     plan.safety.ramp_s = 0.0;
+    plan.safety.passivity = setup.passivity && setup.fault != Fault::NoPassivity;
     Ok(plan)
 }
 

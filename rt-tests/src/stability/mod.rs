@@ -107,7 +107,7 @@ struct Case {
 const CONVERGENCE: f64 = 1e-6;
 
 /// The cases.
-const CASES: [Case; 19] = [
+const CASES: [Case; 21] = [
     case(
         "head-on-wall",
         "energy put out over K T/2 times the integral of v²",
@@ -121,6 +121,20 @@ const CASES: [Case; 19] = [
         0.0,
         Fault::LateTick,
         walls::net_passivity,
+    ),
+    case(
+        "passivity",
+        "the same at 0.1 to 10 kN/m, with the energy account, J",
+        0.0,
+        Fault::NoPassivity,
+        walls::passivity,
+    ),
+    case(
+        "missed-ticks",
+        "energy put out 20 ticks after a missed period, J",
+        0.0,
+        Fault::Sign,
+        walls::missed_ticks,
     ),
     case(
         "thin-sheet",

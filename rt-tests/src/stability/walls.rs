@@ -107,6 +107,75 @@ pub fn net_passivity(
     Ok(found)
 }
 
+/// Case 2, any stiffness to 10 kN/m with the energy account: energy put out, joules, the largest.
+pub fn passivity(
+    size: &Size,
+    random: &mut Xoshiro256PlusPlus,
+    fault: Fault,
+) -> Result<Found, Failure> {
+    let mut found = Found::new(f64::NEG_INFINITY);
+    for stiffness_n_per_m in [100.0, 1000.0, 3000.0, 10_000.0] {
+        let setup = Setup {
+            stiffness_n_per_m,
+            passivity: true,
+            fault,
+            ..Setup::default()
+        };
+        let mut bench = wall(setup)?;
+        for _ in 0..size.of(50, 2000) {
+            let speed = 0.05 + 0.45 * unit(random);
+            let bounce = bounce(&mut bench, speed, unit(random));
+            found.most(bounce.energy_j - DAMPING_NS_PER_M * bounce.travel);
+        }
+    }
+    Ok(found)
+}
+
+/// Case 3: energy put out 20 ticks after a miss, joules, the largest, while a hand presses more and less and one
+/// period of a hundred is missed, or five in a row.
+pub fn missed_ticks(
+    size: &Size,
+    random: &mut Xoshiro256PlusPlus,
+    fault: Fault,
+) -> Result<Found, Failure> {
+    let setup = Setup {
+        gate: Some([8.0, 2000.0]),
+        passivity: true,
+        fault,
+        ..Setup::default()
+    };
+    let mut found = Found::new(f64::NEG_INFINITY);
+    for missed in [1, 5] {
+        let mut bench = wall(setup)?;
+        let period = bench.period_s();
+        let above = DVec3::Z * (2.0 * setup.radius_m);
+        let mut hand = FreeMass::held(above, DVec3::ZERO, period, 0.0, [200.0, 2.0]);
+        let (mut force, mut last) = (DVec3::ZERO, above);
+        let (mut energy, mut since) = (0.0, 0);
+        for tick in 0..size.of(5000, 500_000) {
+            let turn = 6.0 * period * tick as f64;
+            hand.intend(DVec3::Z * (3e-3 * turn.cos() - 4e-3), DVec3::ZERO);
+            let miss = tick % 100 == 50 + (unit(random) * 2.0) as u64;
+            if miss {
+                bench.miss(missed);
+                since = 0;
+            }
+            let mut place = last;
+            for _ in 0..=if miss { missed } else { 0 } {
+                place = hand.advance(force);
+            }
+            energy += force.dot(place - last);
+            last = place;
+            force = bench.touch(place).force;
+            since += 1;
+            if since == 20 && tick > 500 {
+                found.most(energy);
+            }
+        }
+    }
+    Ok(found)
+}
+
 /// Case 10, the onset: the first force past the surface over K v T, the largest; none at all is infinite.
 pub fn onset(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let setup = Setup {
@@ -175,14 +244,15 @@ pub fn encoder(
     random: &mut Xoshiro256PlusPlus,
     fault: Fault,
 ) -> Result<Found, Failure> {
-    let setup = Setup {
-        fault,
-        ..Setup::default()
-    };
-    let mut bench = wall(setup)?;
-    let period = bench.period_s();
     let mut found = Found::new(0.0);
     for step in [1e-6, 5e-6, 1e-5, 5e-5] {
+        let setup = Setup {
+            encoder_m: step,
+            fault,
+            ..Setup::default()
+        };
+        let mut bench = wall(setup)?;
+        let period = bench.period_s();
         for _ in 0..size.of(3, 100) {
             let rest = DVec3::Z * (setup.radius_m - 1e-3 * (1.0 + unit(random)));
             let above = DVec3::Z * (2.0 * setup.radius_m);

@@ -88,6 +88,8 @@ pub struct SafetyPlan {
     pub slew_n_per_s: f64,
     /// Soft start and end, seconds.
     pub ramp_s: f64,
+    /// Whether a touch gives back no more energy than it took in.
+    pub passivity: bool,
 }
 
 /// Where a model comes from. Only the station opens it.

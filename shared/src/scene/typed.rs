@@ -58,6 +58,7 @@ pub(super) struct SafetyTyped {
     pub(super) force_max_n: Option<Spanned<f64>>,
     pub(super) slew_n_per_s: Option<Spanned<f64>>,
     pub(super) ramp_s: Option<Spanned<f64>>,
+    pub(super) passivity: Option<bool>,
 }
 
 #[derive(Deserialize)]

@@ -303,6 +303,7 @@ fn safety_plan(source: &Source, typed: &SafetyTyped) -> Result<SafetyPlan, Scene
             0.2,
             Range::NotNegative(60.0),
         )?,
+        passivity: typed.passivity.unwrap_or(true),
     })
 }
 
