@@ -378,16 +378,21 @@ impl ToolProxy {
         let look_around = LOOK_AROUND * gyration;
         self.pace = self.pace.max(travelled.min(EXPECTED * self.opening));
         self.stops.clear();
-        let mut looks = 0;
+        let (mut looks, mut gathered) = (0, false);
         while answer.steps < STEPS as u32 && looks < MOST_LOOKS {
             let wanted = self.at.to(&self.goal);
             let length = wanted.farthest(radius);
             let reach = self.pace.min(length) + look_around;
-            if self.near.margin() < rest + reach {
+            let room = self.near.margin() - rest;
+            if room < reach && !gathered {
                 let margin = (rest + AHEAD * reach).min(self.widest);
                 if !self.gather(surface, margin, budget, answer) {
                     break;
                 }
+                gathered = true;
+            } else if room < reach.min(look_around) {
+                // Once a tick is enough: it is what costs most.
+                break;
             }
             answer.steps += 1;
             let reach = reach.min(self.near.margin() - rest);
