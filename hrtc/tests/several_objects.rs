@@ -12,6 +12,7 @@ use hrtc::device::Sample;
 use hrtc::inbox::InboxChunk;
 use shared::geometry::Pose;
 use shared::protocol::{CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot};
+use shared::scene::TrajectoryPlan;
 use std::sync::LazyLock;
 use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};
@@ -390,6 +391,78 @@ fn any_number_of_objects_and_probes_ticks_without_a_station() {
         }
         assert!(scene.controller.is_at_rest());
     }
+}
+
+#[test]
+fn a_base_mesh_that_finds_no_room_comes_again_whenever_an_object_wakes() {
+    let options = BuildOptions {
+        base_faces: Some(3000),
+        ..BuildOptions::default()
+    };
+    let model = spm(generate(Shape::Sphere, 20_000, 1), &options);
+    let balls: Vec<_> = (0..6)
+        .map(|object| ("sphere", 2.0 * BALL, centre(object)))
+        .collect();
+    let plan = scene_plan(&balls, 1, 8 << 20);
+    let mut scene = Scene::new(&plan, &[("sphere", &model)]);
+    let mut at = above(0, 0.02);
+    let known = scene.settle(&[Some(at)]).bytes_received;
+    for object in [1, 2, 3, 4, 5, 0] {
+        lead(&mut scene, &mut at, above(object, 0.02), 5e-4);
+        lead(&mut scene, &mut at, above(object, -PRESS), 1e-4);
+        let record = scene.settle(&[Some(at)]);
+        assert!(
+            record.contact_full && record.unseated == 0,
+            "object {object}"
+        );
+        lead(&mut scene, &mut at, above(object, 0.02), 1e-3);
+    }
+    let base = 1500 * size_of::<ChunkSlot>() as u64;
+    assert!(scene.outputs.record.bytes_received > known + 4 * base);
+    scene.check();
+}
+
+#[test]
+fn each_probe_gets_the_tour_of_its_own_object_and_seed() {
+    let balls: Vec<_> = (0..9)
+        .map(|object| ("sphere", 2.0 * BALL, centre(object)))
+        .collect();
+    let mut plan = scene_plan(&balls, 4, 16 << 20);
+    let tours = [(7, 1), (2, 1), (7, 2), (7, 1)];
+    for (probe, (object, seed)) in plan.probes.iter_mut().zip(tours) {
+        probe.trajectory = TrajectoryPlan::Tour {
+            object,
+            seed,
+            speed_m_per_s: 0.1,
+            depth_m: PRESS,
+        };
+    }
+    let mut scene = Scene::touring(&plan, &[("sphere", &SPHERE)], 2.0);
+    while (0..4).any(|probe| scene.controller.tour_of(probe).is_none()) {
+        if scene.tick == 20 {
+            // What is lost comes again.
+            scene.faults = Some(Faults {
+                random: Random(1),
+                loss: 0.1,
+                duplication: 0.1,
+                overtaking: 0.1,
+            });
+        }
+        scene.step(&[None; 4]);
+        assert!(scene.tick < 20_000, "the tours arrive");
+    }
+    let path = |probe: usize| scene.controller.tour_of(probe).expect("it is here").1;
+    for (probe, (object, _)) in tours.into_iter().enumerate() {
+        assert_eq!(
+            scene.controller.tour_of(probe).map(|tour| tour.0),
+            Some(object)
+        );
+        assert_eq!(path(probe).len(), path(0).len());
+    }
+    // The same model, seed and units make the same tour, whatever the object.
+    assert_eq!(path(0), path(1));
+    assert_eq!(path(0), path(3));
+    assert_ne!(path(0), path(2));
 }
 
 #[test]

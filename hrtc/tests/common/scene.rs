@@ -75,8 +75,13 @@ pub struct Scene {
 
 impl Scene {
     pub fn new(plan: &ScenePlan, models: &[(&str, &[u8])]) -> Self {
+        Self::touring(plan, models, 0.0)
+    }
+
+    /// The same with tours of so many seconds.
+    pub fn touring(plan: &ScenePlan, models: &[(&str, &[u8])], seconds: f64) -> Self {
         Self {
-            controller: Controller::new(plan, identity(), 10.0, 0.0),
+            controller: Controller::new(plan, identity(), 10.0, seconds),
             station: scene_station(plan, models, 100),
             outputs: TickOutputs::new(plan.probes.len()),
             tick: 0,
