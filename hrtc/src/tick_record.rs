@@ -86,6 +86,8 @@ pub struct CoreRecord {
     pub work_units: u32,
     /// Nodes visited and faces tested by the queries.
     pub query_work: u32,
+    /// Tools whose budget left something to the next tick: until then their proxies stay where it is safe.
+    pub unfinished: u32,
     /// Records received, total.
     pub vsps_received: u64,
     /// Bytes received (chunks), total.

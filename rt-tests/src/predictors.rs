@@ -152,7 +152,7 @@ fn run(
     come_to_rest(&mut simulator, reference.rest, ready)?;
     let before = simulator.outputs().record.vsps_received;
     let (mut contact_ticks, mut coarser_ticks) = (0, 0);
-    let radius = model.plan.probes[0].radius_m() / model.metres_per_unit;
+    let radius = model.plan.probes[0].shape.tip_m() / model.metres_per_unit;
     for (&sample, felt) in reference.samples.iter().zip(&reference.felt) {
         let outputs = simulator.step(Some(sample), &mut NoObserver);
         let Some(there) = felt.contact else {

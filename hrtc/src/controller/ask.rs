@@ -45,7 +45,7 @@ impl Seat {
         let (Some((_, frame)), Some(dial)) = (self.known(), &self.dial) else {
             return 0.0;
         };
-        let widest = self.touches.iter().map(|touch| touch.radius_m);
+        let widest = self.touches.iter().map(|touch| touch.patch_m);
         let radius = widest.fold(0.0, f64::max) / frame.metres_per_unit;
         dial.limit(0, RADII_AROUND * radius, LEAD_TICKS, self.operations as f64)
     }
@@ -205,14 +205,14 @@ impl Seat {
         };
         let local = self.refinement_plan == RefinementPlan::Local;
         for touch in self.touches.iter_mut().filter(|touch| touch.is_followed) {
-            let Some(proxy) = &touch.proxy else {
+            let Some((middle, radius)) = touch.follower.patch() else {
                 continue;
             };
             let (velocity, _) = touch.predictor.motion();
-            let reach = proxy.radius() + velocity.length() * RADII_AROUND * 60.0;
+            let reach = radius + velocity.length() * RADII_AROUND * 60.0;
             let near = touch.clearance - model.radius_max <= reach;
-            let landed = match touch.predictor.ahead(proxy.position()) {
-                Some(ahead) if local && near && proxy.is_placed() && ahead.is_finite() => {
+            let landed = match touch.predictor.ahead(middle) {
+                Some(ahead) if local && near && ahead.is_finite() => {
                     let surface = Surface {
                         mesh: self.cache.mesh(),
                         tree: self.cache.tree(),

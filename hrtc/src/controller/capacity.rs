@@ -54,10 +54,9 @@ impl Controller {
             note("regions predicted in a tick", unknown);
             note("answers under way", answers);
             note("releases to be told", releases);
-            for proxy in seat.touches.iter().filter_map(|touch| touch.proxy.as_ref()) {
-                let [faces, planes] = proxy.high_water();
-                note("faces near the probe", faces);
-                note("half-spaces of the proxy", planes);
+            let touches = seat.touches.iter();
+            for (name, most) in touches.filter_map(|t| t.follower.high_water()).flatten() {
+                note(name, most);
             }
         }
         let tours = self.probes.iter().filter_map(|probe| probe.tour.as_ref());

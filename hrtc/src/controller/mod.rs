@@ -16,6 +16,7 @@
 
 mod ask;
 mod capacity;
+mod follower;
 mod frame;
 mod inbox;
 mod library;
@@ -310,6 +311,7 @@ impl Controller {
             seat.look_ahead();
         }
         record.query_work = work.nodes + work.faces;
+        record.unfinished = self.seats.iter().map(|seat| seat.tally.unfinished).sum();
         observer.ended(Stage::Query);
 
         self.render(inputs, outputs, &mut record);

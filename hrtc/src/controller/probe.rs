@@ -3,7 +3,7 @@
 use super::{ModelFrame, TickInputs};
 use crate::energy::{EnergyAccount, Spring};
 use crate::gate::Gate;
-use glam::DVec3;
+use crate::tool_proxy::{Placement, Twist};
 use shared::geometry::{Pose, Wrench};
 use shared::protocol::{TourAsk, TourPoint};
 use shared::scene::{ProbePlan, ScenePlan, TrajectoryPlan};
@@ -33,14 +33,16 @@ pub struct TourPath {
 /// See the module.
 #[derive(Debug)]
 pub struct Probe {
-    /// Radius of its ball, metres.
-    pub radius_m: f64,
+    /// Radius of the ball around its position that reaches as deep as its tip, metres.
+    tip_m: f64,
+    /// How far its shape is from its position anywhere, at the most, metres.
+    pub reach_m: f64,
     /// The tour, if it is on one.
     pub tour: Option<TourPath>,
     /// The pose of this tick: the sample, or where it was last; world, metres.
     pub pose: Option<Pose>,
     /// Where it was in the tick before.
-    pub last_position: Option<DVec3>,
+    pub last: Option<Pose>,
     /// The greatest way of a tick in the last ticks, metres, of those that were kept up.
     pub speed: f64,
     /// Ways of the last ticks.
@@ -79,10 +81,11 @@ impl Probe {
             TrajectoryPlan::Points(_) => None,
         };
         Self {
-            radius_m: probe.radius_m(),
+            tip_m: probe.shape.tip_m(),
+            reach_m: probe.shape.reach_m(),
             tour,
             pose: None,
-            last_position: None,
+            last: None,
             speed: 0.0,
             moves: [0.0; KEPT_UP],
             rejected: false,
@@ -107,23 +110,30 @@ impl Probe {
             Some(_) | None => {
                 self.rejected = given.is_some();
                 self.samples_missed = self.samples_missed.saturating_add(1);
-                self.last_position.map(Pose::at)
+                self.last
             }
         };
-        let moved = match (self.pose, self.last_position) {
-            (Some(pose), Some(last)) => pose.position.distance(last),
-            _ => 0.0,
-        };
+        let motion = self.motion();
+        // No point of the shape moves farther.
+        let moved = motion.farthest(self.reach_m);
         self.moves.rotate_right(1);
         self.moves[0] = moved;
         let kept_up = self.moves.into_iter().fold(f64::INFINITY, f64::min);
         self.speed = kept_up.max(SPEED_FADES * self.speed);
     }
 
+    /// How it has moved since the tick before, metres and radians, world.
+    pub fn motion(&self) -> Twist {
+        match (self.last, self.pose) {
+            (Some(last), Some(pose)) => placement(&last).to(&placement(&pose)),
+            _ => Twist::default(),
+        }
+    }
+
     /// Passes what the springs of all touches want through account and gate to the device.
     pub fn feel(&mut self, mut wanted: Wrench, spring: Spring, is_open: bool) {
         if let Some(pose) = &self.pose {
-            self.last_position = Some(pose.position);
+            self.last = Some(*pose);
             self.energy.moved_to(pose);
         }
         if self.passivity {
@@ -152,7 +162,7 @@ impl Probe {
             seconds: tour.seconds,
             speed: tour.speed_m_per_s / scale,
             depth: tour.depth_m / scale,
-            radius: self.radius_m / scale,
+            radius: self.tip_m / scale,
         })
     }
 
@@ -160,6 +170,13 @@ impl Probe {
     pub fn awaits_tour_of(&self, object: u32) -> bool {
         let tour = self.tour.as_ref();
         tour.is_some_and(|tour| tour.object == object && !tour.is_whole)
+    }
+}
+
+fn placement(pose: &Pose) -> Placement {
+    Placement {
+        centre: pose.position,
+        orientation: pose.orientation,
     }
 }
 

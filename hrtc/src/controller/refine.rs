@@ -252,9 +252,8 @@ impl Seat {
     /// Takes the proxies along with the operation that was just performed.
     fn carry_proxies(&mut self) {
         for touch in &mut self.touches {
-            if let Some(proxy) = &mut touch.proxy {
-                proxy.carry(self.cache.mesh(), &self.refinement.faces);
-            }
+            let operation = &self.refinement.faces;
+            touch.follower.carry(self.cache.mesh(), operation);
         }
     }
 

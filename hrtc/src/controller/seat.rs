@@ -47,6 +47,8 @@ pub struct Tally {
     pub vsplits: u32,
     pub ecols: u32,
     pub work_units: u32,
+    /// Tools whose budget left something to the next tick.
+    pub unfinished: u32,
 }
 
 /// What a seat may change beside itself in a tick.
@@ -101,7 +103,7 @@ pub struct Seat {
 impl Seat {
     /// An empty seat with so many bytes of cache; everything is allocated now.
     pub fn new(plan: &ScenePlan, bytes: usize, identity: Identity, timeout_ticks: u64) -> Self {
-        let radii = plan.probes.iter().map(|probe| probe.radius_m());
+        let shapes = plan.probes.iter().map(|probe| &probe.shape);
         Self {
             placing: None,
             operations: plan.loop_.operations,
@@ -117,7 +119,7 @@ impl Seat {
             dial: None,
             global_before: None,
             fault: None,
-            touches: radii.map(Touch::new).collect(),
+            touches: shapes.map(Touch::new).collect(),
             tour_of: None,
             waking: None,
             is_stalled: false,
@@ -245,18 +247,18 @@ impl Seat {
                 tree: self.cache.tree(),
             };
             let left = most_work.saturating_sub(work.nodes + work.faces);
-            let (contact, cost, dropped) = touch.advance(surface, left.max(PROXY_WORK_LEAST));
-            work.add(cost);
-            self.dropped_constraints += u64::from(dropped);
-            let Some(contact) = contact else {
+            let Some(followed) = touch.advance(surface, left.max(PROXY_WORK_LEAST)) else {
+                continue;
+            };
+            work.add(followed.work);
+            self.dropped_constraints += u64::from(followed.dropped);
+            self.tally.unfinished += u32::from(followed.unfinished);
+            let Some(contact) = followed.contact else {
                 continue;
             };
             let certified = Touch::certified(surface, &contact);
-            let velocity = match (probe.pose, probe.last_position) {
-                (Some(pose), Some(last)) => (pose.position - last) / self.period_s,
-                _ => glam::DVec3::ZERO,
-            };
-            let (depth_m, wrench, spring) = touch.render(&frame, &placing.surface, velocity);
+            let (depth_m, wrench, spring) =
+                touch.render(&frame, &placing.surface, probe, self.period_s);
             let reached = if certified == 0.0 {
                 Some(0.0)
             } else {

@@ -9,6 +9,7 @@ use super::seat::Seat;
 use crate::broad_phase::{Ball, Near};
 use crate::subscriber::Outbox;
 use glam::DVec3;
+use shared::geometry::Pose;
 use shared::protocol::CREDIT_CHUNKS;
 
 /// Reach of a probe at rest, in its radii, and ticks of its motion by which it is longer: the base mesh is there
@@ -62,7 +63,7 @@ impl Controller {
             Some(Ball {
                 probe,
                 centre: p.pose?.position,
-                radius: REACH_RADII * p.radius_m + REACH_TICKS * p.speed,
+                radius: REACH_RADII * p.reach_m + REACH_TICKS * p.speed,
             })
         });
         self.broad_phase.find(balls);
@@ -109,7 +110,7 @@ impl Controller {
         for k in 0..self.broad_phase.near().len() {
             let near = self.broad_phase.near()[k];
             if let Some(seat) = seat_of(&mut self.seats, near.object as u32) {
-                let start = self.probes[near.probe].last_position;
+                let start = self.probes[near.probe].last;
                 seat.comes_near(near, start, tick);
             }
         }
@@ -154,7 +155,7 @@ impl Controller {
         seat.give(placing, epoch, known.filter(|_| kept), tick);
         for near in self.broad_phase.near() {
             if near.object == object as usize {
-                let start = self.probes[near.probe].last_position;
+                let start = self.probes[near.probe].last;
                 seat.comes_near(*near, start, tick);
             }
         }
@@ -245,7 +246,7 @@ impl Controller {
         }
         let within = self.broad_phase.near().iter().filter(|near| {
             let probe = &self.probes[near.probe];
-            near.distance <= probe.radius_m + TOUCH_TICKS * probe.speed
+            near.distance <= probe.reach_m + TOUCH_TICKS * probe.speed
         });
         let missing = within.filter(|near| {
             let object = Some(near.object as u32);
@@ -258,7 +259,7 @@ impl Controller {
 
 impl Seat {
     /// A probe is near; `start`: where it was in the tick before, world, metres.
-    fn comes_near(&mut self, near: Near, start: Option<DVec3>, tick: u64) {
+    fn comes_near(&mut self, near: Near, start: Option<Pose>, tick: u64) {
         self.distance = self.distance.min(near.distance);
         let touch = &mut self.touches[near.probe];
         touch.near_at = tick;

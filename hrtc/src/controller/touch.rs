@@ -1,13 +1,16 @@
 //! A touch: one probe and one object.
 
 use super::ModelFrame;
+use super::follower::{Followed, Follower};
+use super::probe::Probe;
 use crate::energy::Spring;
 use crate::predict::{Motion, Predictor};
-use crate::proxy::{Contact, Proxy};
-use crate::query::{Surface, Work};
+use crate::proxy::Contact;
+use crate::query::Surface;
+use crate::tool_proxy::Twist;
 use glam::DVec3;
 use shared::geometry::{Pose, Wrench};
-use shared::scene::SurfacePlan;
+use shared::scene::{ProbeShape, SurfacePlan};
 use shared::spm::{Handle, NONE};
 
 /// What a touch felt like in a tick.
@@ -23,7 +26,7 @@ pub struct Felt {
     pub asked: bool,
     /// Depth of the device behind the proxy, metres.
     pub depth_m: f64,
-    /// Force on the probe, newtons, before the gate.
+    /// Force and torque on the probe, newtons and newton metres about its position, before the gate.
     pub wrench: Wrench,
     /// What holds the device to the proxy.
     pub spring: Spring,
@@ -32,35 +35,35 @@ pub struct Felt {
 /// See the module.
 #[derive(Debug)]
 pub struct Touch {
-    /// Radius of the probe, metres.
-    pub radius_m: f64,
+    /// Radius of the ball, or of what a tool's tip touches at once, metres.
+    pub patch_m: f64,
     /// Whether the probe is near enough to be followed.
     pub is_followed: bool,
     /// Tick when the probe was last in reach.
     pub near_at: u64,
     /// The probe in this tick, model frame and units.
     pub goal: Option<Pose>,
-    pub proxy: Option<Proxy>,
+    pub follower: Follower,
     pub predictor: Predictor,
     pub hint: Option<Handle>,
-    /// Distance of the surface from the centre of the proxy, model units.
+    /// Distance of the surface from the middle of the patch, model units.
     pub clearance: f64,
     /// The finest ring that is asked for around this probe.
     pub finest: usize,
     /// What it felt in the last tick; `None` in free space.
     pub felt: Option<Felt>,
     /// Where the proxy begins, world, metres, if that is not where the probe is.
-    start: Option<DVec3>,
+    start: Option<Pose>,
 }
 
 impl Touch {
-    pub fn new(radius_m: f64) -> Self {
+    pub fn new(shape: &ProbeShape) -> Self {
         Self {
-            radius_m,
+            patch_m: shape.patch_m(),
             is_followed: false,
             near_at: 0,
             goal: None,
-            proxy: None,
+            follower: Follower::new(shape),
             predictor: Predictor::new(),
             hint: None,
             clearance: 0.0,
@@ -72,11 +75,11 @@ impl Touch {
 
     /// Follows the probe from now on: its proxy is swept from `start` (world, metres), where it is known to have
     /// been free, or else begins where the probe is.
-    pub fn follow(&mut self, start: Option<DVec3>) {
+    pub fn follow(&mut self, start: Option<Pose>) {
         self.is_followed = true;
         self.start = start;
         self.predictor.forget();
-        self.proxy = None;
+        self.follower.forget();
         self.hint = None;
         self.clearance = 0.0;
         self.finest = 0;
@@ -87,7 +90,7 @@ impl Touch {
     pub fn leave(&mut self) {
         self.is_followed = false;
         self.goal = None;
-        self.proxy = None;
+        self.follower.forget();
         self.felt = None;
     }
 
@@ -97,45 +100,39 @@ impl Touch {
             return;
         }
         self.goal = probe.map(|pose| frame.pose_to_model(pose));
-        if self.proxy.is_none() {
-            let mut proxy = Proxy::new(self.radius_m / frame.metres_per_unit);
-            if let Some(start) = self.start.take() {
-                proxy.place(frame.to_model(start));
-            }
-            self.proxy = Some(proxy);
+        if !self.follower.has_begun() {
+            let start = self.start.take().map(|start| frame.pose_to_model(start));
+            self.follower
+                .begin(self.patch_m, frame.metres_per_unit, start);
         }
     }
 
     /// What a prediction starts from; `None` without a probe.
     pub fn motion(&self, metres_per_unit: f64, radius_max: f64) -> Option<(DVec3, Motion)> {
         let device = self.goal?.position;
-        let proxy = self.proxy.as_ref().filter(|proxy| proxy.is_placed());
+        let at_device = (device, self.patch_m / metres_per_unit);
+        let (position, radius) = self.follower.patch().unwrap_or(at_device);
         let motion = Motion {
-            position: proxy.map_or(device, Proxy::position),
-            radius: self.radius_m / metres_per_unit,
+            position,
+            radius,
             clearance: self.clearance - radius_max,
         };
         Some((device, motion))
     }
 
-    /// Moves the proxy, in steps that cost no more than `most_work`, and measures the clearance; the contact, what it
-    /// cost, and the constraints that did not fit.
-    pub fn advance(
-        &mut self,
-        surface: Surface<'_>,
-        most_work: u32,
-    ) -> (Option<Contact>, Work, u32) {
-        let mut work = Work::default();
-        let (Some(goal), Some(proxy)) = (self.goal, &mut self.proxy) else {
-            return (None, work, 0);
-        };
-        let advance = proxy.advance(surface, goal.position, most_work);
-        work.add(advance.work);
+    /// Moves the proxy, in steps that cost no more than `most_work`, and measures the clearance.
+    pub fn advance(&mut self, surface: Surface<'_>, most_work: u32) -> Option<Followed> {
+        let goal = self.goal?;
+        let mut followed = self.follower.advance(surface, &goal, most_work);
         let hint = self.hint.filter(|&face| surface.mesh.is_active(face));
-        let nearest = proxy.nearest(surface, hint, &mut work);
+        let nearest = self.follower.nearest(surface, hint, &mut followed.work);
+        if followed.contact.is_none() && self.follower.is_held() {
+            followed.contact =
+                nearest.map(|nearest| Contact::at(nearest.face, nearest.closest.point));
+        }
         self.hint = nearest.map(|nearest| nearest.face);
         self.clearance = nearest.map_or(f64::INFINITY, |n| n.closest.distance_squared.sqrt());
-        (advance.contact, work, advance.dropped)
+        Some(followed)
     }
 
     /// The largest certified error of the faces that hold the probe, model units.
@@ -146,32 +143,30 @@ impl Touch {
         })
     }
 
-    /// Stiffness and damping of the surface: depth of the device behind the proxy, metres, the force on it, and the
-    /// spring that it comes from.
-    ///
-    /// `velocity`: of the probe, m/s.
+    /// Stiffness and damping of the surface: depth of the device behind the proxy, metres, the wrench on it in the
+    /// world, and the spring that it comes from.
     pub fn render(
         &self,
         frame: &ModelFrame,
         surface: &SurfacePlan,
-        velocity: DVec3,
+        probe: &Probe,
+        period_s: f64,
     ) -> (f64, Wrench, Spring) {
-        let mut wrench = Wrench::ZERO;
-        let (Some(goal), Some(proxy)) = (self.goal, &self.proxy) else {
-            return (0.0, wrench, Spring::default());
+        let Some(goal) = self.goal else {
+            return (0.0, Wrench::ZERO, Spring::default());
         };
-        let out = frame.vector_to_world(proxy.position() - goal.position);
-        let depth = out.length();
-        if depth > 0.0 {
-            let normal = out / depth;
-            let spring = surface.stiffness_n_per_m * depth;
-            let damper = -surface.damping_ns_per_m * velocity.dot(normal);
-            // Damping never pulls: a wall does not stick.
-            wrench.force = normal * (spring + damper).max(0.0);
-        }
-        let spring = Spring {
-            stiffness_n_per_m: surface.stiffness_n_per_m,
-            stored_j: 0.5 * surface.stiffness_n_per_m * depth * depth,
+        let to_model = frame.pose.orientation.conjugate();
+        let motion = probe.motion();
+        let velocity = Twist {
+            linear: to_model * motion.linear / period_s,
+            angular: to_model * motion.angular / period_s,
+        };
+        let (depth, wrench, spring) =
+            self.follower
+                .render(&goal, frame.metres_per_unit, surface, &velocity);
+        let wrench = Wrench {
+            force: frame.pose.orientation * wrench.force,
+            torque: frame.pose.orientation * wrench.torque,
         };
         (depth, wrench, spring)
     }

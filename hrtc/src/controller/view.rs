@@ -4,7 +4,6 @@ use super::probe::Probe;
 use super::{Controller, Fault, ModelFrame, Seat};
 use crate::cache::{Cache, CacheError};
 use crate::predict::Sources;
-use crate::proxy::Proxy;
 use glam::DVec3;
 use shared::protocol::{ModelHeader, TourPoint};
 use shared::spm::NONE;
@@ -129,7 +128,9 @@ impl Controller {
     /// A probe's centre in the world as it was last sampled, metres; the origin before.
     #[must_use]
     pub fn probe_of(&self, probe: usize) -> DVec3 {
-        self.probes[probe].last_position.unwrap_or(DVec3::ZERO)
+        self.probes[probe]
+            .last
+            .map_or(DVec3::ZERO, |pose| pose.position)
     }
 
     /// The first probe's proxy at the first object, see [`Controller::proxy_of`].
@@ -143,9 +144,8 @@ impl Controller {
     #[must_use]
     pub fn proxy_of(&self, probe: usize, object: usize) -> Option<DVec3> {
         let seat = self.seat_of(object)?;
-        let proxy = seat.touches[probe].proxy.as_ref();
-        let placed = proxy.filter(|proxy| proxy.is_placed())?;
-        Some(seat.frame?.to_world(Proxy::position(placed)))
+        let position = seat.touches[probe].follower.position()?;
+        Some(seat.frame?.to_world(position))
     }
 
     /// Regions that the station refused so far, and the last one.

@@ -39,6 +39,9 @@ const STEPS: usize = 8;
 /// How far beyond a surface that has passed over it the proxy is put, as a fraction of the radius.
 const BEYOND: f64 = 1e-3;
 
+/// Faces that push at once at the most: as many as there are degrees of freedom.
+pub const MOST_PUSHING: usize = 6;
+
 /// The sphere that stays outside, in the model's frame and units.
 #[derive(Debug, Clone)]
 pub struct Proxy {
@@ -57,8 +60,18 @@ pub struct Contact {
     pub face: Handle,
     /// Its point closest to the proxy.
     pub point: DVec3,
-    /// All faces that push, up to three; [`NONE`] where fewer do.
-    pub faces: [Handle; 3],
+    /// All faces that push: up to three of a ball, six of a tool; [`NONE`] where fewer do.
+    pub faces: [Handle; MOST_PUSHING],
+}
+
+impl Contact {
+    /// One face that pushes, at a point.
+    #[must_use]
+    pub fn at(face: Handle, point: DVec3) -> Self {
+        let mut faces = [NONE; MOST_PUSHING];
+        faces[0] = face;
+        Self { face, point, faces }
+    }
 }
 
 /// What a tick of the proxy gives.
@@ -287,7 +300,7 @@ impl Proxy {
     /// The contact of the active planes, the one with the largest multiplier first; with none active, of a
     /// plane that is closer than the radius.
     fn strongest(&self, active: &[(usize, f64)]) -> Option<Contact> {
-        let mut faces = [NONE; 3];
+        let mut faces = [NONE; MOST_PUSHING];
         let mut strongest: Option<(usize, f64)> = None;
         for (place, &(plane, multiplier)) in faces.iter_mut().zip(active) {
             *place = self.constraints.source(plane).0;

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | a point or sphere | `closest_point`, `faces_within`, `near_faces`, `swept_sphere`, `front_side` |
 //! | a segment or capsule | `segment`, `capsule` |
+//! | a body and a box | `meets_box` |
 //! | two bodies, each a front or a tool | `tree_pairs`, `near_pairs`, `closest_features`, `depth` |
 //!
 //! All run in the model's frame and units. A stack of 32 entries suffices: the tree is at most 31 levels deep
@@ -16,6 +17,7 @@ mod closest_point;
 mod depth;
 mod faces_within;
 mod front_side;
+mod meets_box;
 mod near_faces;
 mod near_pairs;
 mod segment;
@@ -33,6 +35,7 @@ pub use depth::{
 };
 pub use faces_within::faces_within;
 pub use front_side::signed_distance;
+pub use meets_box::meets_box;
 pub use near_faces::{MOST_FACES, NearFace, NearFaces};
 pub use near_pairs::for_each_near_pair;
 pub use segment::{ClosestToSegment, NearestToSegment, closest_to_segment, faces_near_segment};

@@ -165,6 +165,7 @@ impl Accumulator {
             result.rejected_samples += u64::from(core.probes[k].rejected_sample);
         }
         result.unseated_ticks += u64::from(core.unseated > 0);
+        result.unfinished_ticks += u64::from(core.unfinished > 0);
         if core.ready {
             self.awake.push(f64::from(core.awake));
             self.ready_tick.get_or_insert(record.tick);

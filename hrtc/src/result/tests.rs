@@ -242,6 +242,7 @@ fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
         "objects",
         "seats",
         "unseated_ticks",
+        "unfinished_ticks",
         "energy_j",
         "vsps_received",
         "vsplits",

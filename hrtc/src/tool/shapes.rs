@@ -2,7 +2,48 @@
 
 use super::ToolMesh;
 use glam::DVec3;
+use shared::scene::ProbeShape;
 use std::f64::consts::{FRAC_PI_2, TAU};
+
+impl ToolMesh {
+    /// The mesh of a probe's shape about the device's position, metres; `None` for a ball, which needs none.
+    #[must_use]
+    pub fn of_shape(shape: &ProbeShape) -> Option<Self> {
+        let (mut mesh, up) = match *shape {
+            ProbeShape::Sphere { .. } => return None,
+            ProbeShape::Capsule {
+                radius_m,
+                length_m,
+                faces,
+            } => {
+                // 2 faces for each piece around and along, pieces about twice as many around as a cap has circles.
+                let around = ((f64::from(faces) / 2.0).sqrt() as usize).max(3);
+                let circles = (faces as usize / (2 * around)).max(2) & !1;
+                let mesh = capsule_mesh(radius_m, length_m, around, circles);
+                (mesh, 0.5 * length_m - radius_m)
+            }
+            ProbeShape::Cylinder {
+                radius_m,
+                length_m,
+                faces,
+            } => {
+                let mesh = cylinder_mesh(radius_m, length_m, faces as usize);
+                (mesh, 0.5 * length_m)
+            }
+            ProbeShape::Mesh(ref mesh) => {
+                let (positions, triangles) = (mesh.positions.clone(), mesh.triangles.clone());
+                return Some(Self {
+                    positions,
+                    triangles,
+                });
+            }
+        };
+        for position in &mut mesh.positions {
+            position.z += up;
+        }
+        Some(mesh)
+    }
+}
 
 /// A point of the circle of `radius` at height `z`, `k` of `around`.
 fn on_circle(radius: f64, z: f64, k: usize, around: usize) -> DVec3 {

@@ -2,6 +2,8 @@
 
 use super::neighbourhood::{Neighbourhood, apart, reach_along};
 use super::shape::ToolShape;
+use crate::query::meets_box;
+use crate::tool::Tool;
 use glam::DVec3;
 use shared::spm::{ActiveMesh, OperationFaces};
 
@@ -45,10 +47,12 @@ impl Disturbance {
         self.may_have_met
     }
 
-    /// Notes an operation. What was near is told by the faces gathered, what has come near by the ball of the tool.
+    /// Notes an operation. What was near is told by the faces gathered, what has come near by the boxes of the tool
+    /// where it was gathered; by its ball, where nothing is gathered.
     pub fn note(
         &mut self,
         near: &mut Neighbourhood,
+        tool: &Tool,
         shape: &ToolShape,
         centre: DVec3,
         mesh: &ActiveMesh,
@@ -68,7 +72,12 @@ impl Disturbance {
         }
         let outside = (lower - centre).max(centre - upper).max(DVec3::ZERO);
         let ball = shape.radius + near.margin().max(0.0);
-        let is_near = outside.length_squared() <= ball * ball;
+        let mut is_near = outside.length_squared() <= ball * ball;
+        if is_near && near.margin() > 0.0 {
+            // The tool has moved by less than the margin since: what is out of it there is clear of it here.
+            let margin = near.gathered_margin();
+            is_near = meets_box(tool, lower - margin, upper + margin);
+        }
         let mut was_near = false;
         for &face in changed() {
             let Some(place) = near.place_of(face) else {

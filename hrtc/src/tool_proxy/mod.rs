@@ -183,6 +183,26 @@ impl ToolProxy {
         })
     }
 
+    /// Begins anew, not placed yet, for a model of another scale: nothing is allocated.
+    ///
+    /// # Errors
+    /// When the scale gives no length.
+    pub fn begin(&mut self, scale: f64) -> Result<(), ToolProxyError> {
+        if !(scale.is_normal() && scale > 0.0) {
+            return Err(ToolProxyError::NoExtent);
+        }
+        self.shape.rescale(&self.tool, scale);
+        if !(self.shape.gyration.is_normal() && self.shape.radius.is_finite()) {
+            return Err(ToolProxyError::NoExtent);
+        }
+        self.scale = scale;
+        self.near.forget();
+        self.disturbance = Disturbance::new();
+        self.state = State::Nowhere;
+        (self.pace, self.opening, self.widest) = (0.0, 0.0, f64::INFINITY);
+        Ok(())
+    }
+
     /// Whether it has been placed.
     #[must_use]
     pub fn is_placed(&self) -> bool {
@@ -267,8 +287,14 @@ impl ToolProxy {
     /// surface has moved into the tool, the next tick puts it out on the side where it was.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
         if self.state == State::Clear {
-            self.disturbance
-                .note(&mut self.near, &self.shape, self.at.centre, mesh, operation);
+            self.disturbance.note(
+                &mut self.near,
+                &self.tool,
+                &self.shape,
+                self.at.centre,
+                mesh,
+                operation,
+            );
         }
     }
 
@@ -549,21 +575,39 @@ impl ToolProxy {
         }
     }
 
+    /// Whether the surface holds it back from the device, in contact or caught.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        matches!(self.state, State::Clear | State::Caught) && self.at != self.goal
+    }
+
+    /// How far the coupling is stretched, in the metric of the tool's mass, model units.
+    #[must_use]
+    pub fn stretch(&self) -> f64 {
+        let stretch = self.goal.to(&self.at);
+        let turned = stretch.angular * self.shape.gyration;
+        stretch.linear.length().hypot(turned.length())
+    }
+
     /// Force and torque of the coupling on the device, in the model's axes, the torque about the position of the
-    /// device's pose. `velocity` is that of the device's centre, model units and radians a second.
+    /// device's pose. `velocity` is that of the device's position, metres and radians a second.
     #[must_use]
     pub fn wrench(&self, coupling: &Coupling, metres_per_unit: f64, velocity: &Twist) -> Wrench {
-        if self.state == State::Inside || self.state == State::Nowhere {
+        if !self.is_held() {
             return Wrench::ZERO;
         }
-        let metres = |twist: Twist| Twist {
-            linear: twist.linear * metres_per_unit,
-            ..twist
+        let stretch = self.goal.to(&self.at);
+        let stretch = Twist {
+            linear: stretch.linear * metres_per_unit,
+            ..stretch
         };
-        let stretch = metres(self.goal.to(&self.at));
-        let gyration = self.shape.gyration * metres_per_unit;
-        let wrench = coupling.wrench(&stretch, &metres(*velocity), gyration);
+        // From the tool's centre to the device's position.
         let arm = -(self.goal.orientation * self.shape.centre) * metres_per_unit;
-        about(&wrench, arm)
+        let velocity = Twist {
+            linear: velocity.linear - velocity.angular.cross(arm),
+            ..*velocity
+        };
+        let gyration = self.shape.gyration * metres_per_unit;
+        about(&coupling.wrench(&stretch, &velocity, gyration), arm)
     }
 }

@@ -203,6 +203,11 @@ impl Neighbourhood {
         self.margin
     }
 
+    /// The margin that it was gathered with.
+    pub fn gathered_margin(&self) -> f64 {
+        self.margin + self.moved
+    }
+
     /// The most pairs that there ever were.
     pub fn high_water(&self) -> usize {
         self.high_water

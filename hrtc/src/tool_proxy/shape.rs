@@ -51,7 +51,7 @@ impl ToolShape {
     pub fn new(tool: &Tool, scale: f64) -> Self {
         let rest: Vec<DVec3> = tool.rest().iter().map(|&p| p * scale).collect();
         let triangles: Vec<[u32; 3]> = (0..tool.faces()).map(|f| tool.triangle(f)).collect();
-        let (centre, gyration) = moments(&rest, &triangles);
+        let (centre, gyration) = moments(rest.len(), |k| rest[k], || triangles.iter().copied());
         let points: Vec<DVec3> = rest.iter().map(|&p| p - centre).collect();
         let radius = points.iter().fold(0.0f64, |most, p| most.max(p.length()));
 
@@ -116,6 +116,19 @@ impl ToolShape {
         }
     }
 
+    /// The same tool in another scale.
+    pub(super) fn rescale(&mut self, tool: &Tool, scale: f64) {
+        let rest = |k: usize| tool.rest()[k] * scale;
+        // The sums of `moments` over the same triangles in the same order.
+        let triangles = || self.faces.iter().map(|face| face.vertices);
+        let (centre, gyration) = moments(self.points.len(), rest, triangles);
+        for (k, point) in self.points.iter_mut().enumerate() {
+            *point = tool.rest()[k] * scale - centre;
+        }
+        (self.centre, self.gyration) = (centre, gyration);
+        self.radius = self.points.iter().fold(0.0, |most, p| p.length().max(most));
+    }
+
     /// Vertices that share an edge with a vertex.
     pub(super) fn around(&self, vertex: u32) -> &[u32] {
         let [from, to] = [vertex, vertex + 1].map(|v| self.first[v as usize] as usize);
@@ -131,25 +144,29 @@ pub(super) fn is_flat([a, b, c]: [DVec3; 3], beyond: DVec3) -> bool {
 }
 
 /// Centre of the surface and its radius of gyration; those of the vertices where there is no area.
-fn moments(points: &[DVec3], triangles: &[[u32; 3]]) -> (DVec3, f64) {
-    let corners = |t: &[u32; 3]| t.map(|v| points[v as usize]);
+fn moments<T: Iterator<Item = [u32; 3]>>(
+    count: usize,
+    point: impl Fn(usize) -> DVec3,
+    triangles: impl Fn() -> T,
+) -> (DVec3, f64) {
+    let corners = |t: [u32; 3]| t.map(|v| point(v as usize));
     let area = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
-    let whole: f64 = triangles.iter().map(|t| area(corners(t))).sum();
+    let whole: f64 = triangles().map(|t| area(corners(t))).sum();
     if whole > 0.0 {
-        let weighted = |t: &[u32; 3]| corners(t).iter().sum::<DVec3>() / 3.0 * area(corners(t));
-        let centre = triangles.iter().map(weighted).sum::<DVec3>() / whole;
+        let weighted = |t| corners(t).iter().sum::<DVec3>() / 3.0 * area(corners(t));
+        let centre = triangles().map(weighted).sum::<DVec3>() / whole;
         // Midpoints of edges integrate a square over a triangle exactly.
-        let square = |t: &[u32; 3]| {
+        let square = |t| {
             let [a, b, c] = corners(t).map(|p| p - centre);
             let sum =
                 (a + b).length_squared() + (b + c).length_squared() + (c + a).length_squared();
             area([a, b, c]) * sum / 12.0
         };
-        let square = triangles.iter().map(square).sum::<f64>() / whole;
+        let square = triangles().map(square).sum::<f64>() / whole;
         return (centre, square.sqrt());
     }
-    let count = points.len() as f64;
-    let centre = points.iter().sum::<DVec3>() / count;
-    let square: f64 = points.iter().map(|p| p.distance_squared(centre)).sum();
-    (centre, (square / count).sqrt())
+    let points = || (0..count).map(&point);
+    let centre = points().sum::<DVec3>() / count as f64;
+    let square: f64 = points().map(|p| p.distance_squared(centre)).sum();
+    (centre, (square / count as f64).sqrt())
 }

@@ -111,6 +111,16 @@ impl Scene {
         places: &[Option<DVec3>],
         observer: &mut impl StageObserver,
     ) -> CoreRecord {
+        let poses: Vec<_> = places.iter().map(|place| place.map(Pose::at)).collect();
+        self.step_poses(&poses, observer)
+    }
+
+    /// The same with whole poses.
+    pub fn step_poses(
+        &mut self,
+        poses: &[Option<Pose>],
+        observer: &mut impl StageObserver,
+    ) -> CoreRecord {
         let tick = self.tick;
         while self.to_station.front().is_some_and(|(due, _)| *due <= tick) {
             if let Some((_, request)) = self.to_station.pop_front() {
@@ -135,13 +145,9 @@ impl Scene {
             self.inbox
                 .extend(self.to_controller.pop_front().map(|(_, chunk)| chunk));
         }
-        let samples: Vec<Option<Sample>> = places
+        let samples: Vec<Option<Sample>> = poses
             .iter()
-            .map(|place| {
-                place.map(|place| Sample {
-                    pose: Pose::at(place),
-                })
-            })
+            .map(|pose| pose.map(|pose| Sample { pose }))
             .collect();
         let inputs = TickInputs {
             tick,

@@ -181,7 +181,7 @@ impl Model {
             seconds,
             speed: self.tour.0 / scale,
             depth: self.tour.1 / scale,
-            radius: self.plan.probes[0].radius_m() / scale,
+            radius: self.plan.probes[0].shape.tip_m() / scale,
         };
         make_tour(&self.file, ask)
             .map_err(|error| Failure::Input(format!("a tour of {}: {error}", self.name)))

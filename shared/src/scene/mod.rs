@@ -8,7 +8,7 @@ mod validate;
 pub use plan::{
     AccuracyPlan, Hand, LoopPlan, MOST_OBJECTS, MOST_PROBES, MOST_SEATS, ModelScale, ModelSource,
     ObjectPlan, Overrides, ProbePlan, ProbeShape, RefinementPlan, SafetyPlan, ScenePlan,
-    SimulatedDevicePlan, SurfacePlan, TrajectoryPlan,
+    SimulatedDevicePlan, SurfacePlan, ToolMeshPlan, TrajectoryPlan,
 };
 pub use typed::parse_bytes;
 pub use validate::{SHAPES, SceneError, load, parse};

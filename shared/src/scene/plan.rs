@@ -1,6 +1,7 @@
 //! The validated plan of a scene: every number checked, every default filled in, SI units.
 
 use crate::geometry::Pose;
+use glam::DVec3;
 use std::path::PathBuf;
 
 /// Probes of a scene at the most.
@@ -170,24 +171,89 @@ pub struct ProbePlan {
     pub trajectory: TrajectoryPlan,
 }
 
-impl ProbePlan {
-    /// Radius of the ball at its tip, metres.
-    #[must_use]
-    pub fn radius_m(&self) -> f64 {
-        match self.shape {
-            ProbeShape::Sphere { radius_m } => radius_m,
-        }
-    }
-}
-
-/// The shape of a probe.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// The shape of a probe, in the device's axes: it reaches out along +z, away from what its tip touches.
+#[derive(Debug, Clone, PartialEq)]
 pub enum ProbeShape {
     /// A ball around the device's position.
     Sphere {
         /// Its radius, metres.
         radius_m: f64,
     },
+    /// A capsule whose lower ball is around the device's position.
+    Capsule {
+        /// Radius, metres.
+        radius_m: f64,
+        /// From end to end, metres.
+        length_m: f64,
+        /// Faces of its mesh, at the most.
+        faces: u32,
+    },
+    /// A cylinder that stands on the device's position.
+    Cylinder {
+        /// Radius, metres.
+        radius_m: f64,
+        /// Height, metres.
+        length_m: f64,
+        /// Faces of its mesh, at the most.
+        faces: u32,
+    },
+    /// A mesh at one level of detail, its origin at the device's position.
+    Mesh(ToolMeshPlan),
+}
+
+/// The mesh of a tool.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ToolMeshPlan {
+    /// The file that it was read from, for reports.
+    pub file: String,
+    /// Vertices, metres.
+    pub positions: Vec<DVec3>,
+    /// Faces, corners as places in `positions`, counterclockwise from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl ProbeShape {
+    /// Radius of the ball around the device's position that reaches as deep as the tip, metres; 0 for a flat tip there.
+    #[must_use]
+    pub fn tip_m(&self) -> f64 {
+        match self {
+            Self::Sphere { radius_m } | Self::Capsule { radius_m, .. } => *radius_m,
+            Self::Cylinder { .. } => 0.0,
+            Self::Mesh(mesh) => mesh
+                .positions
+                .iter()
+                .fold(0.0, |tip, p| f64::max(tip, -p.z)),
+        }
+    }
+
+    /// How far the shape is from the device's position anywhere, at the most, metres.
+    #[must_use]
+    pub fn reach_m(&self) -> f64 {
+        match self {
+            Self::Sphere { radius_m } => *radius_m,
+            Self::Capsule {
+                radius_m, length_m, ..
+            } => length_m - radius_m,
+            Self::Cylinder {
+                radius_m, length_m, ..
+            } => length_m.hypot(*radius_m),
+            Self::Mesh(mesh) => mesh
+                .positions
+                .iter()
+                .fold(0.0, |most, p| f64::max(most, p.length())),
+        }
+    }
+
+    /// Radius of the patch that the tip touches, metres: what is to be refined around a place that it comes to.
+    #[must_use]
+    pub fn patch_m(&self) -> f64 {
+        match self {
+            Self::Sphere { radius_m }
+            | Self::Capsule { radius_m, .. }
+            | Self::Cylinder { radius_m, .. } => *radius_m,
+            Self::Mesh(_) => 0.25 * self.reach_m(),
+        }
+    }
 }
 
 /// The simulated device: a mass with damping, moved by a hand and by the rendered force.

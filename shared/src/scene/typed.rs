@@ -116,6 +116,25 @@ pub(super) struct ProbeTyped {
 #[serde(rename_all = "snake_case")]
 pub(super) enum ShapeTyped {
     Sphere(SphereTyped),
+    Capsule(RodTyped),
+    Cylinder(RodTyped),
+    Mesh(MeshTyped),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RodTyped {
+    pub(super) radius_m: Spanned<f64>,
+    pub(super) length_m: Spanned<f64>,
+    pub(super) faces: Option<Spanned<i64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct MeshTyped {
+    pub(super) file: Spanned<String>,
+    pub(super) size_m: Spanned<f64>,
+    pub(super) faces: Option<Spanned<i64>>,
 }
 
 #[derive(Deserialize)]

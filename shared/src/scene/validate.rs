@@ -3,16 +3,18 @@
 
 use super::plan::{
     AccuracyPlan, Hand, LoopPlan, MOST_PROBES, ModelScale, ModelSource, Overrides, ProbePlan,
-    ProbeShape, RefinementPlan, SafetyPlan, ScenePlan, SimulatedDevicePlan, TrajectoryPlan,
+    RefinementPlan, SafetyPlan, ScenePlan, SimulatedDevicePlan, TrajectoryPlan,
 };
 use super::trajectory;
 use super::typed::*;
 use objects::Objects;
+use probe_shape::probe_shape;
 use std::path::Path;
 use thiserror::Error;
 use toml::Spanned;
 
 mod objects;
+mod probe_shape;
 
 /// Shapes that `generate = { shape = "..." }` may name.
 pub const SHAPES: [&str; 6] = ["sphere", "torus", "terrain", "plate", "wedge", "relief"];
@@ -313,19 +315,13 @@ fn probe_plan(
     folder: &Path,
     objects: &Objects,
 ) -> Result<ProbePlan, SceneError> {
-    let radius = match &typed.shape {
-        Some(ShapeTyped::Sphere(sphere)) => sphere.radius_m.as_ref(),
-        None => None,
-    };
     let absent = SimulatedTyped::default();
     let device = match &typed.device {
         Some(DeviceTyped::Simulated(device)) => device,
         None => &absent,
     };
     Ok(ProbePlan {
-        shape: ProbeShape::Sphere {
-            radius_m: source.number(radius, "radius_m", 0.001, LENGTH)?,
-        },
+        shape: probe_shape(source, typed.shape.as_ref(), folder)?,
         device: device_plan(source, device)?,
         trajectory: match &typed.trajectory {
             None => tour_plan(source, &TourTyped::default(), objects)?,

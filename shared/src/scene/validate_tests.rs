@@ -38,7 +38,7 @@ fn the_bundled_scene_says_the_defaults() {
     assert_eq!(bundled.cache_bytes, 16 << 20);
     assert_eq!(bundled.objects[0].scale, ModelScale::Size(0.15));
     assert_eq!(bundled.objects[0].model.name(), "generate:relief:100000");
-    assert_eq!(bundled.probes[0].radius_m(), 0.001);
+    assert_eq!(bundled.probes[0].shape.tip_m(), 0.001);
 }
 
 #[test]
@@ -446,4 +446,55 @@ fn the_dial_is_local_to_a_tolerance_or_global_to_a_tolerance_or_a_count() {
         assert!(message.contains(expected), "{message}");
         assert!(message.contains(", line "), "{message}");
     }
+}
+
+#[test]
+fn shapes_that_cannot_be_a_tool_are_refused_with_their_line() {
+    for (shape, part) in [
+        (
+            "{ capsule = { radius_m = 0.01, length_m = 0.015 } }",
+            "at least as long",
+        ),
+        (
+            "{ capsule = { radius_m = 0.01, length_m = 0.05, faces = 5 } }",
+            "faces",
+        ),
+        (
+            "{ cylinder = { radius_m = -1.0, length_m = 0.05 } }",
+            "radius_m",
+        ),
+        ("{ cylinder = { radius_m = 0.01 } }", "length_m"),
+        ("{ cone = { radius_m = 0.01 } }", "cone"),
+        (
+            "{ mesh = { file = \"none.spm\", size_m = 0.05 } }",
+            "cannot be read",
+        ),
+        (
+            "{ mesh = { file = \"Cargo.toml\", size_m = 0.05 } }",
+            "ve-station build",
+        ),
+        ("{ mesh = { file = \"none.spm\", size_m = 0.0 } }", "size_m"),
+    ] {
+        let text = exchanged("{ sphere = { radius_m = 0.001 } }", shape);
+        // Of this crate, which is where tests run.
+        let message = refusal(&text);
+        let line = line_of(&text, shape);
+        assert!(
+            message.contains(part) && message.contains(&format!("line {line}")),
+            "{shape}: {message}"
+        );
+    }
+}
+
+#[test]
+fn a_tool_reaches_from_its_tip_to_its_end() {
+    let shape = |text: &str| {
+        let text = exchanged("{ sphere = { radius_m = 0.001 } }", text);
+        let plan = plain(&text).unwrap();
+        plan.probes[0].shape.clone()
+    };
+    let capsule = shape("{ capsule = { radius_m = 0.003, length_m = 0.05 } }");
+    assert_eq!((capsule.tip_m(), capsule.reach_m()), (0.003, 0.047));
+    let cylinder = shape("{ cylinder = { radius_m = 0.003, length_m = 0.004, faces = 240 } }");
+    assert_eq!((cylinder.tip_m(), cylinder.reach_m()), (0.0, 0.005));
 }

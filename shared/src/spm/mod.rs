@@ -23,6 +23,7 @@ mod active_mesh;
 mod error_code;
 mod file;
 mod hierarchy;
+mod prefix_mesh;
 mod record;
 mod regions;
 
@@ -33,5 +34,6 @@ pub use file::{
     SpmParts, write_spm,
 };
 pub use hierarchy::{ReachScale, VspNode};
+pub use prefix_mesh::prefix_mesh;
 pub use record::{NONE, RecordError, Sizes, VspRecord};
 pub use regions::{LEVELS, RegionGrid, RegionId};
