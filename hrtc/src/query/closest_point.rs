@@ -33,12 +33,13 @@ pub fn closest_point(
         box_bound: BoxBound::NONE,
         work: Work::default(),
     };
-    if let Some(face) = hint {
-        search.try_face(face);
-    }
     let query = BoxQuery::point(point);
     let mut stack = Stack::new();
     let mut next = surface.tree.root();
+    if let (Some(face), Some(root)) = (hint, next) {
+        stack.push(0.0, root);
+        next = Some(Child::Face(face));
+    }
     loop {
         match next {
             Some(Child::Node(id)) => {
@@ -68,7 +69,8 @@ pub fn closest_point(
                 }
             }
             Some(Child::Face(face)) => {
-                if hint != Some(face) {
+                // The hint comes first, and again in its turn.
+                if hint != Some(face) || search.best.is_none() {
                     search.try_face(face);
                 }
             }
@@ -99,6 +101,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
+    #[inline]
     fn try_face(&mut self, face: Handle) {
         self.work.faces += 1;
         let closest = closest_point_on_triangle(self.surface.mesh.corners(face), self.point);
