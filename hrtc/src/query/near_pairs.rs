@@ -120,21 +120,26 @@ pub fn for_each_near_pair<A: Body, B: Body>(
         }
         work.node_pairs += 1;
         work.boxes += 2;
-        let mut missed = [false; 2];
         let (near, pairs) =
             if let Some(node) = opens_first(entry.a, entry.b, &entry.box_a, &entry.box_b) {
                 let (children, boxes) = a.children(node);
                 let queries = boxes.queries();
-                if let Child::Face(face) = entry.b {
+                let within = boxes.within(&entry.box_b, bound);
+                let mut near = [within.first(), within.second()];
+                if let Child::Face(face) = entry.b
+                    && near != [false; 2]
+                {
                     slabs.take(b, face);
-                    missed = [0, 1].map(|k| slabs.miss(&boxes.get(k), margin));
+                    for k in [0, 1] {
+                        near[k] = near[k] && !slabs.miss(&boxes.get(k), margin);
+                    }
                 }
                 let pair = |k: usize| Entry {
                     a: children[k],
                     box_a: queries[k],
                     ..entry
                 };
-                (boxes.within(&entry.box_b, bound), [pair(0), pair(1)])
+                (near, [pair(0), pair(1)])
             } else if let Child::Node(node) = entry.b {
                 let (children, boxes) = b.children(node);
                 let queries = boxes.queries();
@@ -143,15 +148,16 @@ pub fn for_each_near_pair<A: Body, B: Body>(
                     box_b: queries[k],
                     ..entry
                 };
-                (boxes.within(&entry.box_a, bound), [pair(0), pair(1)])
+                let within = boxes.within(&entry.box_a, bound);
+                ([within.first(), within.second()], [pair(0), pair(1)])
             } else {
                 continue;
             };
-        if near.second() && !missed[1] {
+        if near[1] {
             stack[count] = pairs[1];
             count += 1;
         }
-        if near.first() && !missed[0] {
+        if near[0] {
             stack[count] = pairs[0];
             count += 1;
         }

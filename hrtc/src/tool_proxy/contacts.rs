@@ -164,6 +164,7 @@ impl Contacts {
             let mut look = PairLook {
                 shape,
                 surface,
+                rotation,
                 back,
                 tool: pair.tool,
                 corners,
@@ -186,7 +187,8 @@ impl Contacts {
 struct PairLook<'a> {
     shape: &'a ToolShape,
     surface: Surface<'a>,
-    /// From the model's axes to the tool's.
+    /// From the tool's axes to the model's, and back.
+    rotation: DMat3,
     back: DMat3,
     tool: u32,
     corners: [DVec3; 3],
@@ -238,11 +240,13 @@ impl PairLook<'_> {
 
     /// Corners of the surface against the tool's face and its edges.
     fn surface_corners(&mut self, found: &mut impl FnMut([DVec3; 2], DVec3)) {
-        let [a, b, c] = self.corners;
-        let normal = (b - a).cross(c - a).normalize_or_zero();
+        if self.face.owns == [false; 3] {
+            return;
+        }
+        let normal = self.rotation * self.shape.faces[self.tool as usize].normal;
         for k in 0..3 {
             let corner = self.face.corners[k];
-            let height = normal.dot(corner - a);
+            let height = normal.dot(corner - self.corners[0]);
             if !self.face.owns[k] || height.abs() > self.limit {
                 continue;
             }
@@ -290,7 +294,7 @@ impl PairLook<'_> {
                     self.face.corners[(l + 1) % 3],
                     self.face.corners[(l + 2) % 3],
                 ];
-                let Some((points, across)) = inner_points(other, edge) else {
+                let Some((points, across)) = inner_points(other, edge, self.limit) else {
                     continue;
                 };
                 let [on_surface, on_tool] = points;
@@ -389,11 +393,16 @@ impl PairLook<'_> {
     }
 }
 
-/// Where the lines of two edges come closest, if that is within both, and the unit normal of both.
-fn inner_points(p: [DVec3; 2], q: [DVec3; 2]) -> Option<([DVec3; 2], DVec3)> {
+/// Where the lines of two edges come closest, if that is within both and the lines are no farther apart than a limit, and the
+/// unit normal of both.
+fn inner_points(p: [DVec3; 2], q: [DVec3; 2], limit: f64) -> Option<([DVec3; 2], DVec3)> {
     let (u, v, between) = (p[1] - p[0], q[1] - q[0], q[0] - p[0]);
     let normal = u.cross(v);
     let square = normal.length_squared();
+    let apart = between.dot(normal);
+    if apart * apart > limit * limit * square {
+        return None;
+    }
     let (s, t) = (between.cross(v).dot(normal), between.cross(u).dot(normal));
     let within = square > 0.0 && s > 0.0 && s < square && t > 0.0 && t < square;
     let points = || [p[0] + u * (s / square), q[0] + v * (t / square)];

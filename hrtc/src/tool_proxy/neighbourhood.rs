@@ -107,17 +107,23 @@ pub(super) fn reach_along(direction: DVec3, corners: [DVec3; 3]) -> f64 {
 #[derive(Debug, Clone)]
 struct Places {
     entries: Vec<(Handle, u32)>,
+    /// Entries in use: mostly few, and only these are cleared.
+    used: Vec<u32>,
 }
 
 impl Places {
     fn new(most: usize) -> Self {
         Self {
             entries: vec![(NONE, 0); (2 * most).next_power_of_two()],
+            used: Vec::with_capacity(most),
         }
     }
 
     fn clear(&mut self) {
-        self.entries.fill((NONE, 0));
+        for &at in &self.used {
+            self.entries[at as usize] = (NONE, 0);
+        }
+        self.used.clear();
     }
 
     /// Where a handle is, or would be.
@@ -143,6 +149,7 @@ impl Places {
             return (self.entries[at].1, false);
         }
         self.entries[at] = (key, place);
+        self.used.push(at as u32);
         (place, true)
     }
 }
@@ -243,9 +250,8 @@ impl Neighbourhood {
     ) -> (Ending, PairWork) {
         self.clear();
         self.rotation = at.rotation();
-        let back = self.rotation.transpose();
         let mut margin = margin;
-        let mut held = (NONE, [DVec3::ZERO; 3], DVec3::ZERO);
+        let mut held = (NONE, [DVec3::ZERO; 3], [DVec3::ZERO; 2]);
         let (ending, work) =
             for_each_near_pair(&surface, tool, margin, budget, |face, tool_face| {
                 if self.pairs.len() == MOST_PAIRS || self.faces.len() == MOST_SURFACE_FACES {
@@ -262,11 +268,11 @@ impl Neighbourhood {
                 }
                 if held.0 != tool_face {
                     let corners = corners_at(shape, at.centre, self.rotation, tool_face);
-                    let [a, b, c] = corners;
-                    held = (tool_face, corners, (b - a).cross(c - a).normalize_or_zero());
+                    let normal = shape.faces[tool_face as usize].normal;
+                    held = (tool_face, corners, [normal, self.rotation * normal]);
                 }
                 let place = self.face_place(surface.mesh, face);
-                let (gap, along) = best_apart(&self.faces[place as usize], held.1, held.2, back);
+                let (gap, along) = best_apart(&self.faces[place as usize], held.1, held.2, margin);
                 if gap > margin {
                     return ControlFlow::Continue(margin);
                 }
@@ -459,13 +465,14 @@ fn put(vertices: &[u32], places: &mut [DVec3], shape: &ToolShape, centre: DVec3,
     }
 }
 
-/// Of two faces' normals and the way between their middles the one along which they are apart most; and how far. `back` leads to the tool's
-/// axes.
+/// Of two faces' normals and the way between their middles the one along which they are apart most, and how far; or the first
+/// along which they are farther apart than `enough`. The normal of the tool's face is given in the tool's axes, then in the
+/// model's.
 fn best_apart(
     face: &SurfaceFace,
     corners: [DVec3; 3],
-    normal: DVec3,
-    back: DMat3,
+    [own, normal]: [DVec3; 2],
+    enough: f64,
 ) -> (f64, Direction) {
     // Both ways of a normal at once: what reaches least one way reaches most the other.
     let either = |normal: DVec3| {
@@ -474,25 +481,33 @@ fn best_apart(
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
         let (ahead, behind) = (p.min(q).min(r) - high, low - p.max(q).max(r));
         if ahead >= behind {
-            (ahead, normal, high)
+            (ahead, 1.0, high)
         } else {
-            (behind, -normal, -low)
+            (behind, -1.0, -low)
         }
     };
-    let (over, direction, height) = either(face.normal);
-    let (under, turning, _) = either(normal);
+    let still = |normal: DVec3, way: f64, height: f64| {
+        let direction = way * normal;
+        Direction::Still { direction, height }
+    };
+    let (over, way, height) = either(face.normal);
+    let over_face = still(face.normal, way, height);
+    if over > enough {
+        return (over, over_face);
+    }
+    let (under, way, _) = either(normal);
+    let under_tool = Direction::Turning(way * own);
+    if under > enough {
+        return (under, under_tool);
+    }
     let middle = |[a, b, c]: [DVec3; 3]| a + b + c;
     let between = (middle(corners) - middle(face.corners)).normalize_or_zero();
-    let (beside, across, reach) = either(between);
+    let (beside, way, height) = either(between);
     if beside > over.max(under) {
-        let along = Direction::Still {
-            direction: across,
-            height: reach,
-        };
-        (beside, along)
+        (beside, still(between, way, height))
     } else if over >= under {
-        (over, Direction::Still { direction, height })
+        (over, over_face)
     } else {
-        (under, Direction::Turning(back * turning))
+        (under, under_tool)
     }
 }

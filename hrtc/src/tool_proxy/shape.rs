@@ -24,6 +24,8 @@ pub(super) struct ToolEdge {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ToolFace {
     pub vertices: [u32; 3],
+    /// Unit normal in the tool's axes; zero without area.
+    pub normal: DVec3,
     pub edges: [ToolEdge; 3],
     /// Which corners this face answers for.
     pub owns: [bool; 3],
@@ -92,8 +94,10 @@ impl ToolShape {
                         is_owned,
                     }
                 };
+                let [a, b, c] = vertices.map(|v| points[v as usize]);
                 ToolFace {
                     vertices,
+                    normal: (b - a).cross(c - a).normalize_or_zero(),
                     edges: [edge(0), edge(1), edge(2)],
                     owns: tool.samples(face),
                 }
