@@ -85,7 +85,9 @@ pub enum RefinementPlan {
 pub struct SafetyPlan {
     /// Largest force, newtons.
     pub force_max_n: f64,
-    /// Largest change of the force, newtons a second.
+    /// Largest torque, newton metres.
+    pub torque_max_nm: f64,
+    /// Largest change of the force, newtons a second; a torque changes by the same share of its limit.
     pub slew_n_per_s: f64,
     /// Soft start and end, seconds.
     pub ramp_s: f64,

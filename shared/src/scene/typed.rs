@@ -56,6 +56,7 @@ pub(super) enum RefinementTyped {
 #[serde(deny_unknown_fields)]
 pub(super) struct SafetyTyped {
     pub(super) force_max_n: Option<Spanned<f64>>,
+    pub(super) torque_max_nm: Option<Spanned<f64>>,
     pub(super) slew_n_per_s: Option<Spanned<f64>>,
     pub(super) ramp_s: Option<Spanned<f64>>,
     pub(super) passivity: Option<bool>,

@@ -293,6 +293,12 @@ fn safety_plan(source: &Source, typed: &SafetyTyped) -> Result<SafetyPlan, Scene
             8.0,
             Range::Positive(MOST),
         )?,
+        torque_max_nm: source.number(
+            typed.torque_max_nm.as_ref(),
+            "torque_max_nm",
+            0.3,
+            Range::Within(1e-6, 1e3),
+        )?,
         slew_n_per_s: source.number(
             typed.slew_n_per_s.as_ref(),
             "slew_n_per_s",

@@ -78,6 +78,7 @@ fn every_bad_number_is_refused_with_its_key_and_line() {
         ("operations = 96", "operations = 0"),
         ("tolerance_m = 0.0", "tolerance_m = -1.0"),
         ("force_max_n = 8.0", "force_max_n = 0"),
+        ("torque_max_nm = 0.3", "torque_max_nm = -0.3"),
         ("slew_n_per_s = 2000.0", "slew_n_per_s = inf"),
         ("ramp_s = 0.2", "ramp_s = -0.1"),
         ("faces = 100000", "faces = 3"),
