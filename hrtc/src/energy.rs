@@ -24,8 +24,9 @@ pub struct EnergyAccount {
     joules: f64,
     /// Energy put out since the touch began, joules.
     of_touch: f64,
-    /// What acts on the device.
+    /// What acts on the device, and what of it is limited.
     wrench: Wrench,
+    limited: Wrench,
     /// Samples, the newest first, metres; none before the first.
     samples: Option<[DVec3; LONGEST + 1]>,
     /// The newest sample without what is within the encoder's step.
@@ -44,6 +45,17 @@ pub struct Spring {
     pub stiffness_n_per_m: f64,
     /// Energy in it now, joules.
     pub stored_j: f64,
+}
+
+impl Spring {
+    /// A share of it.
+    #[must_use]
+    pub fn times(self, share: f64) -> Self {
+        Self {
+            stiffness_n_per_m: self.stiffness_n_per_m * share,
+            stored_j: self.stored_j * share,
+        }
+    }
 }
 
 impl std::ops::Add for Spring {
@@ -66,6 +78,7 @@ impl EnergyAccount {
             joules: 0.0,
             of_touch: 0.0,
             wrench: Wrench::ZERO,
+            limited: Wrench::ZERO,
             samples: None,
             followed: DVec3::ZERO,
             motion: [DVec3::ZERO; 3],
@@ -88,8 +101,7 @@ impl EnergyAccount {
         let Wrench { force, torque } = self.wrench;
         // The shorter way round.
         self.rotation = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
-        let turned = torque.dot(self.rotation);
-        self.joules += force.dot(position - samples[0]) + turned;
+        self.joules += force.dot(position - samples[0]) + torque.dot(self.rotation);
         samples.copy_within(..LONGEST, 1);
         samples[0] = position;
         let beyond = position - self.followed;
@@ -100,7 +112,8 @@ impl EnergyAccount {
             DVec3::ZERO
         };
         self.followed += motion;
-        self.of_touch += force.dot(motion) + turned;
+        let Wrench { force, torque } = self.limited;
+        self.of_touch += force.dot(motion) + torque.dot(self.rotation);
         let velocity = velocity(samples, self.encoder_m);
         self.motion = [velocity, self.motion[0], self.motion[1]];
     }
@@ -128,13 +141,20 @@ impl EnergyAccount {
         (given.min(taken_in) / work).clamp(0.0, 1.0)
     }
 
-    /// This acts on the device from now on.
-    pub fn give(&mut self, wrench: Wrench) {
+    /// This acts on the device from now on, and of it `limited` is what [`Self::share`] was asked for.
+    pub fn give(&mut self, wrench: Wrench, limited: Wrench) {
         // A touch begins without credit; what an earlier one put out too much is still owed.
-        if self.wrench == Wrench::ZERO {
+        if self.limited == Wrench::ZERO {
             self.of_touch = self.of_touch.max(0.0);
         }
         self.wrench = wrench;
+        self.limited = limited;
+    }
+
+    /// Motion in the last period, metres, without what is noise of the encoder.
+    #[must_use]
+    pub fn motion(&self) -> DVec3 {
+        self.motion[0]
     }
 
     /// Energy put out so far, joules; above 0 the rendering pushed energy into the hand.
@@ -197,7 +217,7 @@ mod tests {
                 1.0
             };
             force = wanted.force.x * share;
-            account.give(push(force));
+            account.give(push(force), push(force));
             if x > 0.0 && v > 0.0 {
                 break;
             }
@@ -213,7 +233,8 @@ mod tests {
         let mut x: f64 = 0.0;
         for tick in 0..=40 {
             account.moved_to(&Pose::at(DVec3::X * x));
-            account.give(push(-k * x.max(0.0)));
+            let force = push(-k * x.max(0.0));
+            account.give(force, force);
             x += if tick < 20 {
                 v * PERIOD_S
             } else {
@@ -272,7 +293,8 @@ mod tests {
                 wanted.force.x * (1.0 - share) <= stiffness_n_per_m * 1e-5,
                 "tick {tick}: {share}"
             );
-            account.give(push(wanted.force.x * share));
+            let given = push(wanted.force.x * share);
+            account.give(given, given);
         }
     }
 }

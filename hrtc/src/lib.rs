@@ -15,6 +15,8 @@ pub mod device;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]
 pub mod dial;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]
+pub mod effects;
+#[deny(clippy::disallowed_methods, clippy::disallowed_types)]
 pub mod energy;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]
 pub mod gate;

@@ -135,6 +135,14 @@ impl Follower {
         }
     }
 
+    /// The proxy; the axes of a ball are the model's.
+    pub fn pose(&self) -> Option<Pose> {
+        match self {
+            Self::Ball(_) => self.position().map(Pose::at),
+            Self::Tool(tool) => self.is_placed().then(|| tool.proxy.pose()),
+        }
+    }
+
     /// Middle and radius of the ball that holds what is touched, or would be.
     pub fn patch(&self) -> Option<(DVec3, f64)> {
         let position = self.position()?;

@@ -35,7 +35,7 @@ pub use seat::Seat;
 use crate::broad_phase::BroadPhase;
 use crate::cache::CacheError;
 use crate::device::Sample;
-use crate::energy::Spring;
+use crate::effects::{Clock, Rendered};
 use crate::inbox::InboxChunk;
 use crate::proxy::Contact;
 use crate::query::Work;
@@ -49,6 +49,7 @@ use shared::geometry::Wrench;
 use shared::protocol::{ANSWER_TIMEOUT_MS, ContactReport, Request};
 use shared::scene::{MOST_SEATS, ScenePlan};
 use shared::spm::NONE;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// Ticks between two contact reports of a probe to the station.
@@ -184,6 +185,7 @@ pub enum Fault {
 pub struct Controller {
     identity: Identity,
     operations: usize,
+    period_s: f64,
     tolerance_m: f64,
     cache_bytes: usize,
     placings: Vec<Placing>,
@@ -213,7 +215,8 @@ impl Controller {
         let all_awake = count == placings.len();
         let kept = Library::bytes_for(models, plan.cache_bytes, all_awake);
         let bytes = (plan.cache_bytes - kept) / count;
-        let new_seat = |_| Seat::new(plan, bytes, identity, timeout_ticks);
+        let listed: Arc<[_]> = plan.objects.iter().map(|of| of.effects.clone()).collect();
+        let new_seat = |_| Seat::new(plan, bytes, identity, timeout_ticks, listed.clone());
         let mut seats: Vec<Seat> = (0..count).map(new_seat).collect();
         if all_awake {
             for (seat, placing) in seats.iter_mut().zip(&placings) {
@@ -232,6 +235,7 @@ impl Controller {
         Self {
             identity,
             operations: plan.loop_.operations,
+            period_s: 1.0 / rate,
             tolerance_m: plan.accuracy.tolerance_m,
             cache_bytes: plan.cache_bytes,
             library: Library::new(models, kept),
@@ -307,7 +311,7 @@ impl Controller {
         let most_work = PROXY_WORK.saturating_sub(PROXY_WORK_PER_OPERATION * operations);
         for &(_, k) in &self.order {
             let seat = &mut self.seats[k];
-            seat.query(&self.probes, &mut work, most_work);
+            seat.query(inputs.tick, &self.probes, &mut work, most_work);
             seat.look_ahead();
         }
         record.query_work = work.nodes + work.faces;
@@ -402,32 +406,32 @@ impl Controller {
         outputs.wrenches.fill(Wrench::ZERO);
         outputs.contacts.fill(None);
         let due = inputs.tick.is_multiple_of(REPORT_EVERY);
+        let clock = Clock {
+            tick: inputs.tick,
+            period_s: self.period_s,
+        };
         for (k, probe) in self.probes.iter_mut().enumerate() {
-            let mut wanted: Option<Wrench> = None;
-            let mut spring = Spring::default();
+            let mut wanted: Option<Rendered> = None;
             let mut strongest: Option<(f64, Touched)> = None;
             for seat in &self.seats {
-                let (Some(felt), Some(object), Some(frame)) =
-                    (&seat.touches[k].felt, seat.object(), seat.frame)
+                let touch = &seat.touches[k];
+                if let Some(rendered) = touch.rendered {
+                    // A sum begins with its first term, not with a zero that would round.
+                    wanted = Some(wanted.map_or(rendered, |sum| sum + rendered));
+                }
+                let (Some(felt), Some(rendered), Some(object), Some(frame)) =
+                    (&touch.felt, &touch.rendered, seat.object(), seat.frame)
                 else {
                     continue;
                 };
                 record.probes[k].add(felt, frame.metres_per_unit, seat.finest_tolerance());
-                wanted = Some(match wanted {
-                    None => felt.wrench,
-                    Some(sum) => Wrench {
-                        force: sum.force + felt.wrench.force,
-                        torque: sum.torque + felt.wrench.torque,
-                    },
-                });
-                spring = spring + felt.spring;
-                let force = felt.wrench.force.length();
+                let force = rendered.resists.force.length();
                 if strongest.is_none_or(|(most, _)| force > most) {
                     let contact = felt.contact;
                     strongest = Some((force, Touched { object, contact }));
                 }
             }
-            probe.feel(wanted.unwrap_or(Wrench::ZERO), spring, is_open);
+            probe.feel(clock, wanted.unwrap_or_default(), is_open);
             let of_probe = &mut record.probes[k];
             of_probe.rejected_sample = probe.rejected;
             of_probe.clamped = probe.clamped;

@@ -1,7 +1,8 @@
 //! A probe: its sample, its tour, and the gate and account of its force.
 
 use super::{ModelFrame, TickInputs};
-use crate::energy::{EnergyAccount, Spring};
+use crate::effects::{Clock, Rendered, SceneEffects};
+use crate::energy::EnergyAccount;
 use crate::gate::Gate;
 use crate::tool_proxy::{Placement, Twist};
 use shared::geometry::{Pose, Wrench};
@@ -56,6 +57,8 @@ pub struct Probe {
     pub energy: EnergyAccount,
     /// Whether the account limits the force.
     passivity: bool,
+    /// What the scene adds anywhere.
+    pub effects: SceneEffects,
     gate: Gate,
     samples_missed: u32,
 }
@@ -93,6 +96,7 @@ impl Probe {
             clamped: false,
             energy: EnergyAccount::new(probe.device.encoder_m),
             passivity: plan.safety.passivity,
+            effects: SceneEffects::new(&plan.effects),
             gate: Gate::new(plan.safety, device_max_n, plan.loop_.rate_hz),
             samples_missed: 0,
         }
@@ -130,22 +134,40 @@ impl Probe {
         }
     }
 
-    /// Passes what the springs of all touches want through account and gate to the device.
-    pub fn feel(&mut self, mut wanted: Wrench, spring: Spring, is_open: bool) {
+    /// Passes what all touches, and the scene, want through account and gate to the device.
+    pub fn feel(&mut self, clock: Clock, mut wanted: Rendered, is_open: bool) {
         if let Some(pose) = &self.pose {
             self.last = Some(*pose);
             self.energy.moved_to(pose);
+            if !self.effects.is_empty() {
+                let velocity = self.energy.motion() / clock.period_s;
+                self.effects.feel(clock, pose, velocity, &mut wanted);
+            }
         }
+        let mut resists = wanted.resists;
         if self.passivity {
-            let share = self.energy.share(wanted, spring);
-            wanted.force *= share;
-            wanted.torque *= share;
+            resists = resists * self.energy.share(resists, wanted.spring);
         }
         let open = is_open && self.samples_missed <= SAMPLES_MISSED_MOST;
-        let gated = self.gate.pass(wanted, open);
-        self.wrench = gated.wrench;
-        self.clamped = gated.clamped;
-        self.energy.give(gated.wrench);
+        let drives = wanted.drives;
+        if drives == Wrench::ZERO {
+            let gated = self.gate.pass(resists, open);
+            (self.wrench, self.clamped) = (gated.wrench, gated.clamped);
+            self.energy.give(gated.wrench, gated.wrench);
+        } else {
+            let sum = resists + drives;
+            let gated = self.gate.pass(sum, open);
+            (self.wrench, self.clamped) = (gated.wrench, gated.clamped);
+            // The gate takes off both alike.
+            let (passed, whole) = (gated.wrench.force.length(), sum.force.length());
+            let share = if whole > 0.0 {
+                (passed / whole).min(1.0)
+            } else {
+                1.0
+            };
+            let share = if share.is_nan() { 0.0 } else { share };
+            self.energy.give(gated.wrench, resists * share);
+        }
     }
 
     /// Whether its force has ramped down.

@@ -7,12 +7,14 @@ use super::touch::{Felt, Touch};
 use super::{Fault, ModelFrame, PROXY_WORK_LEAST, inbox::Inbox};
 use crate::cache::{Cache, RegionKey};
 use crate::dial::Dial;
+use crate::effects::Clock;
 use crate::query::{Surface, Work};
 use crate::subscriber::{Identity, Outbox, Session, Subscriber};
 use shared::geometry::Pose;
 use shared::protocol::MODEL_HEADER_SLOTS;
-use shared::scene::{ModelScale, RefinementPlan, ScenePlan, SurfacePlan};
+use shared::scene::{EffectPlan, ModelScale, RefinementPlan, ScenePlan, SurfacePlan};
 use shared::spm::NONE;
+use std::sync::Arc;
 
 /// What a scene says of an object, without its model's name.
 #[derive(Debug, Clone, Copy)]
@@ -98,11 +100,23 @@ pub struct Seat {
     pub(super) refused_regions: u64,
     pub(super) last_refused: u32,
     pub(super) dropped_constraints: u64,
+    /// Effects of each object's surface.
+    listed: Arc<[Arc<[EffectPlan]>]>,
 }
 
 impl Seat {
     /// An empty seat with so many bytes of cache; everything is allocated now.
-    pub fn new(plan: &ScenePlan, bytes: usize, identity: Identity, timeout_ticks: u64) -> Self {
+    ///
+    /// `listed`: the effects of each object's surface.
+    pub fn new(
+        plan: &ScenePlan,
+        bytes: usize,
+        identity: Identity,
+        timeout_ticks: u64,
+        listed: Arc<[Arc<[EffectPlan]>]>,
+    ) -> Self {
+        let most = listed.iter().map(|effects| effects.len()).max();
+        let new_touch = |shape| Touch::new(shape, most.unwrap_or(0));
         let shapes = plan.probes.iter().map(|probe| &probe.shape);
         Self {
             placing: None,
@@ -119,7 +133,7 @@ impl Seat {
             dial: None,
             global_before: None,
             fault: None,
-            touches: shapes.map(Touch::new).collect(),
+            touches: shapes.map(new_touch).collect(),
             tour_of: None,
             waking: None,
             is_stalled: false,
@@ -133,6 +147,7 @@ impl Seat {
             refused_regions: 0,
             last_refused: NONE,
             dropped_constraints: 0,
+            listed,
         }
     }
 
@@ -186,6 +201,9 @@ impl Seat {
         self.waking = None;
         for touch in &mut self.touches {
             touch.leave();
+            touch
+                .effects
+                .become_those_of(&self.listed[placing.object as usize]);
         }
         self.subscriber.begin_session(
             Session {
@@ -232,13 +250,18 @@ impl Seat {
 
     /// Moves the proxies, measures the clearances and feels the surface. `most_work`: what all queries of the tick
     /// may cost, of which `work` is spent.
-    pub(super) fn query(&mut self, probes: &[Probe], work: &mut Work, most_work: u32) {
+    pub(super) fn query(&mut self, tick: u64, probes: &[Probe], work: &mut Work, most_work: u32) {
         let (Some((_, frame)), Some(placing)) = (self.known(), self.placing) else {
             return;
+        };
+        let clock = Clock {
+            tick,
+            period_s: self.period_s,
         };
         for (k, probe) in probes.iter().enumerate() {
             let touch = &mut self.touches[k];
             touch.felt = None;
+            touch.rendered = None;
             if !touch.is_followed {
                 continue;
             }
@@ -254,11 +277,12 @@ impl Seat {
             self.dropped_constraints += u64::from(followed.dropped);
             self.tally.unfinished += u32::from(followed.unfinished);
             let Some(contact) = followed.contact else {
+                touch.render_near(clock, &frame);
                 continue;
             };
             let certified = Touch::certified(surface, &contact);
-            let (depth_m, wrench, spring) =
-                touch.render(&frame, &placing.surface, probe, self.period_s);
+            let feels = (&frame, &placing.surface);
+            let depth_m = touch.render(clock, feels, surface, &contact, probe, work);
             let reached = if certified == 0.0 {
                 Some(0.0)
             } else {
@@ -273,8 +297,6 @@ impl Seat {
                 tolerance_m: reached.map_or(-1.0, |t| f64::from(t) * frame.metres_per_unit),
                 asked,
                 depth_m,
-                wrench,
-                spring,
             });
         }
     }

@@ -3,10 +3,10 @@
 use super::ModelFrame;
 use super::follower::{Followed, Follower};
 use super::probe::Probe;
-use crate::energy::Spring;
+use crate::effects::{Clock, Rendered, SurfaceEffects, Touching};
 use crate::predict::{Motion, Predictor};
 use crate::proxy::Contact;
-use crate::query::Surface;
+use crate::query::{Surface, Work};
 use crate::tool_proxy::Twist;
 use glam::DVec3;
 use shared::geometry::{Pose, Wrench};
@@ -26,10 +26,6 @@ pub struct Felt {
     pub asked: bool,
     /// Depth of the device behind the proxy, metres.
     pub depth_m: f64,
-    /// Force and torque on the probe, newtons and newton metres about its position, before the gate.
-    pub wrench: Wrench,
-    /// What holds the device to the proxy.
-    pub spring: Spring,
 }
 
 /// See the module.
@@ -52,12 +48,19 @@ pub struct Touch {
     pub finest: usize,
     /// What it felt in the last tick; `None` in free space.
     pub felt: Option<Felt>,
+    /// What it renders in this tick, world: forces and torques about the probe's position, before account and gate.
+    pub rendered: Option<Rendered>,
+    /// The effects of the object's surface on this probe.
+    pub effects: SurfaceEffects,
+    /// Nearest point of the surface, model units.
+    nearest: Option<DVec3>,
     /// Where the proxy begins, world, metres, if that is not where the probe is.
     start: Option<Pose>,
 }
 
 impl Touch {
-    pub fn new(shape: &ProbeShape) -> Self {
+    /// `effects`: the most that an object's surface has.
+    pub fn new(shape: &ProbeShape, effects: usize) -> Self {
         Self {
             patch_m: shape.patch_m(),
             is_followed: false,
@@ -69,6 +72,9 @@ impl Touch {
             clearance: 0.0,
             finest: 0,
             felt: None,
+            rendered: None,
+            effects: SurfaceEffects::with_room(effects),
+            nearest: None,
             start: None,
         }
     }
@@ -84,6 +90,8 @@ impl Touch {
         self.clearance = 0.0;
         self.finest = 0;
         self.felt = None;
+        self.rendered = None;
+        self.nearest = None;
     }
 
     /// Lets go of the probe.
@@ -92,6 +100,8 @@ impl Touch {
         self.goal = None;
         self.follower.forget();
         self.felt = None;
+        self.rendered = None;
+        self.nearest = None;
     }
 
     /// Takes the pose of the probe in the world.
@@ -131,6 +141,7 @@ impl Touch {
                 nearest.map(|nearest| Contact::at(nearest.face, nearest.closest.point));
         }
         self.hint = nearest.map(|nearest| nearest.face);
+        self.nearest = nearest.map(|nearest| nearest.closest.point);
         self.clearance = nearest.map_or(f64::INFINITY, |n| n.closest.distance_squared.sqrt());
         Some(followed)
     }
@@ -143,31 +154,76 @@ impl Touch {
         })
     }
 
-    /// Stiffness and damping of the surface: depth of the device behind the proxy, metres, the wrench on it in the
-    /// world, and the spring that it comes from.
+    /// Renders stiffness and damping of the surface where the probe touches, and what its effects make of them. Depth
+    /// of the device behind the proxy, metres.
     pub fn render(
-        &self,
-        frame: &ModelFrame,
-        surface: &SurfacePlan,
+        &mut self,
+        clock: Clock,
+        (frame, plan): (&ModelFrame, &SurfacePlan),
+        surface: Surface<'_>,
+        contact: &Contact,
         probe: &Probe,
-        period_s: f64,
-    ) -> (f64, Wrench, Spring) {
+        work: &mut Work,
+    ) -> f64 {
         let Some(goal) = self.goal else {
-            return (0.0, Wrench::ZERO, Spring::default());
+            return 0.0;
         };
         let to_model = frame.pose.orientation.conjugate();
         let motion = probe.motion();
         let velocity = Twist {
-            linear: to_model * motion.linear / period_s,
-            angular: to_model * motion.angular / period_s,
+            linear: to_model * motion.linear / clock.period_s,
+            angular: to_model * motion.angular / clock.period_s,
         };
-        let (depth, wrench, spring) =
-            self.follower
-                .render(&goal, frame.metres_per_unit, surface, &velocity);
-        let wrench = Wrench {
-            force: frame.pose.orientation * wrench.force,
-            torque: frame.pose.orientation * wrench.torque,
+        let scale = frame.metres_per_unit;
+        let (depth, wrench, spring) = self.follower.render(&goal, scale, plan, &velocity);
+        let mut rendered = Rendered::new(wrench, spring);
+        if !self.effects.is_empty()
+            && let Some(proxy) = self.follower.pose()
+        {
+            let touching = Touching {
+                clock,
+                surface,
+                metres_per_unit: scale,
+                origin: frame.origin * scale,
+                to_world: frame.pose.orientation,
+                point: contact.point * scale,
+                proxy: Pose {
+                    position: proxy.position * scale,
+                    orientation: proxy.orientation,
+                },
+                arm: match self.follower {
+                    Follower::Ball(_) => DVec3::ZERO,
+                    Follower::Tool(_) => (contact.point - goal.position) * scale,
+                },
+                velocity: velocity.linear,
+                stiffness_n_per_m: plan.stiffness_n_per_m,
+            };
+            self.effects.touch(&touching, &mut rendered, work);
+        }
+        self.rendered = Some(rendered.turned(frame.pose.orientation));
+        depth
+    }
+
+    /// Renders what the effects of the surface do where nothing is touched.
+    pub fn render_near(&mut self, clock: Clock, frame: &ModelFrame) {
+        if self.effects.is_empty() {
+            return;
+        }
+        let (Some(nearest), Some((middle, radius))) = (self.nearest, self.follower.patch()) else {
+            return;
         };
-        (depth, wrench, spring)
+        let way = nearest - middle;
+        let gap = (way.length() - radius) * frame.metres_per_unit;
+        let force = self.effects.near(clock, gap, way.normalize_or_zero());
+        if force != DVec3::ZERO {
+            let pulls = Rendered {
+                drives: Wrench {
+                    force,
+                    torque: DVec3::ZERO,
+                },
+                ..Rendered::default()
+            };
+            self.rendered = Some(pulls.turned(frame.pose.orientation));
+        }
     }
 }

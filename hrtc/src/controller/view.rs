@@ -3,6 +3,7 @@
 use super::probe::Probe;
 use super::{Controller, Fault, ModelFrame, Seat};
 use crate::cache::{Cache, CacheError};
+use crate::effects::UsageByKind;
 use crate::predict::Sources;
 use glam::DVec3;
 use shared::protocol::{ModelHeader, TourPoint};
@@ -166,6 +167,20 @@ impl Controller {
     #[must_use]
     pub fn dropped_constraints(&self) -> u64 {
         self.seats.iter().map(|seat| seat.dropped_constraints).sum()
+    }
+
+    /// What the effects of each kind cost so far, in the order of [`shared::scene::Effect::NAMES`]: nothing where a scene
+    /// lists none. An object that goes to sleep takes its own along.
+    #[must_use]
+    pub fn effects(&self) -> UsageByKind {
+        let mut usage = UsageByKind::default();
+        for probe in &self.probes {
+            probe.effects.tell(&mut usage);
+        }
+        for touch in self.seats.iter().flat_map(|seat| &seat.touches) {
+            touch.effects.tell(&mut usage);
+        }
+        usage
     }
 
     /// Whether all forces have ramped down after `stopping`.

@@ -91,6 +91,28 @@ impl Wrench {
     }
 }
 
+impl std::ops::Add for Wrench {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            force: self.force + other.force,
+            torque: self.torque + other.torque,
+        }
+    }
+}
+
+impl std::ops::Mul<f64> for Wrench {
+    type Output = Self;
+
+    fn mul(self, factor: f64) -> Self {
+        Self {
+            force: self.force * factor,
+            torque: self.torque * factor,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,8 +1,10 @@
 //! The validated plan of a scene: every number checked, every default filled in, SI units.
 
+use super::effects::EffectPlan;
 use crate::geometry::Pose;
 use glam::DVec3;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Probes of a scene at the most.
 pub const MOST_PROBES: usize = 4;
@@ -30,6 +32,8 @@ pub struct ScenePlan {
     pub objects: Vec<ObjectPlan>,
     /// Probes, at least one and at most [`MOST_PROBES`].
     pub probes: Vec<ProbePlan>,
+    /// Effects of the scene, which every probe feels anywhere.
+    pub effects: Vec<EffectPlan>,
 }
 
 impl ScenePlan {
@@ -151,6 +155,8 @@ pub struct ObjectPlan {
     pub pose: Pose,
     /// What its surface feels like.
     pub surface: SurfacePlan,
+    /// Effects of its surface, at most one of a kind; nothing that is not listed.
+    pub effects: Arc<[EffectPlan]>,
 }
 
 /// Stiffness and damping of a surface.

@@ -1,5 +1,9 @@
 //! The scene as typed: what serde reads, unknown keys refused, nothing checked yet but the types.
 
+mod effects;
+
+pub(super) use effects::*;
+
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -14,6 +18,8 @@ pub(super) struct SceneTyped {
     pub(super) accuracy: AccuracyTyped,
     #[serde(default)]
     pub(super) safety: SafetyTyped,
+    #[serde(default)]
+    pub(super) effects: Vec<Spanned<EffectTyped>>,
     #[serde(default)]
     pub(super) object: Vec<Spanned<ObjectTyped>>,
     #[serde(default)]
@@ -74,7 +80,8 @@ pub(super) struct ObjectTyped {
     pub(super) grid: Option<GridTyped>,
     #[serde(default)]
     pub(super) surface: SurfaceTyped,
-    pub(super) effects: Option<Spanned<Vec<toml::Value>>>,
+    #[serde(default)]
+    pub(super) effects: Vec<Spanned<EffectTyped>>,
 }
 
 #[derive(Deserialize)]

@@ -13,6 +13,7 @@ use std::path::Path;
 use thiserror::Error;
 use toml::Spanned;
 
+mod effects;
 mod objects;
 mod probe_shape;
 
@@ -192,9 +193,11 @@ fn plan(
         safety: safety_plan(source, &typed.safety)?,
         objects: objects.plans,
         probes,
+        effects: Vec::new(),
     };
-    apply(&mut plan, objects.first_copies, overrides)
-        .map_err(|sentence| source.whole(&sentence))?;
+    let first_copies = objects.copies.first().map_or(0, |copies| copies.end);
+    apply(&mut plan, first_copies, overrides).map_err(|sentence| source.whole(&sentence))?;
+    effects::add(source, &typed, &objects.copies, &mut plan)?;
     Ok(plan)
 }
 

@@ -5,14 +5,15 @@ use crate::geometry::Pose;
 use crate::scene::plan::{MOST_OBJECTS, ModelScale, ModelSource, ObjectPlan, SurfacePlan};
 use crate::scene::typed::{GenerateTyped, GridTyped, ObjectTyped};
 use glam::DVec3;
+use std::sync::Arc;
 use toml::Spanned;
 
 /// The objects of a scene, copies counted, and the names that were given to them.
 pub(super) struct Objects<'a> {
     pub(super) plans: Vec<ObjectPlan>,
     names: Vec<(&'a str, usize)>,
-    /// Copies of the first table.
-    pub(super) first_copies: usize,
+    /// The copies of each table.
+    pub(super) copies: Vec<std::ops::Range<usize>>,
 }
 
 impl<'a> Objects<'a> {
@@ -23,7 +24,7 @@ impl<'a> Objects<'a> {
         let mut all = Self {
             plans: Vec::new(),
             names: Vec::new(),
-            first_copies: 0,
+            copies: Vec::new(),
         };
         for table in typed {
             let object = table.get_ref();
@@ -37,6 +38,7 @@ impl<'a> Objects<'a> {
                 }
                 all.names.push((name.get_ref(), all.plans.len()));
             }
+            let first = all.plans.len();
             let plan = object_plan(source, object, table.span().start)?;
             match &object.grid {
                 None => all.plans.push(plan),
@@ -48,9 +50,7 @@ impl<'a> Objects<'a> {
                     &format!("these are more than {MOST_OBJECTS} objects, the most that a scene may have; take some out"),
                 ));
             }
-            if all.first_copies == 0 {
-                all.first_copies = all.plans.len();
-            }
+            all.copies.push(first..all.plans.len());
         }
         if all.plans.is_empty() {
             return Err(source
@@ -161,14 +161,6 @@ fn object_plan(
             ));
         }
     };
-    if let Some(effects) = &typed.effects
-        && !effects.get_ref().is_empty()
-    {
-        return Err(source.value(
-            effects,
-            "this version has no surface effects yet; leave the effects list empty or out",
-        ));
-    }
     let pose = match &typed.pose {
         None => Pose::IDENTITY,
         Some(pose) => Pose::from_wxyz(
@@ -201,6 +193,8 @@ fn object_plan(
                 Range::NotNegative(MOST),
             )?,
         },
+        // What they may be depends on the loop and the probes: they are looked at last.
+        effects: Arc::new([]),
     })
 }
 

@@ -1,0 +1,105 @@
+//! A spring to a point, or to the nearest point of a path: k (c - x) - b v, up to a largest force.
+//!
+//! On a path the nearest point is looked for along it from where it was, not everywhere: the force does not jump where
+//! another part of the path comes near.
+
+use glam::DVec3;
+use shared::scene::SpringPlan;
+
+/// Pieces of the path that are passed in a tick at the most.
+const MOST_PIECES: usize = 16;
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub struct Spring {
+    plan: SpringPlan,
+    /// The piece of the path that was nearest.
+    piece: Option<usize>,
+}
+
+impl Spring {
+    /// Not attached yet: it will be where the path is nearest.
+    #[must_use]
+    pub fn new(plan: SpringPlan) -> Self {
+        Self { plan, piece: None }
+    }
+
+    /// Newtons at a place, metres, and a velocity, m/s; world.
+    pub fn force(&mut self, position: DVec3, velocity: DVec3) -> DVec3 {
+        let force = (self.nearest(position) - position) * self.plan.stiffness_n_per_m
+            - velocity * self.plan.damping_ns_per_m;
+        force.clamp_length_max(self.plan.force_max_n)
+    }
+
+    fn nearest(&mut self, position: DVec3) -> DVec3 {
+        let path = &self.plan.path_m;
+        let last = path.len().saturating_sub(2);
+        let on = |piece: usize| {
+            let (a, b) = (path[piece], path[(piece + 1).min(path.len() - 1)]);
+            let along = b - a;
+            let share = (position - a).dot(along) / along.length_squared();
+            // A piece without length is a point.
+            let share = if share.is_finite() { share } else { 0.0 };
+            a + along * share.clamp(0.0, 1.0)
+        };
+        let distance = |piece: usize| on(piece).distance_squared(position);
+        let mut piece = self.piece.unwrap_or_else(|| {
+            let nearest = (0..=last).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+            nearest.unwrap_or(0)
+        });
+        for _ in 0..MOST_PIECES {
+            let beside = [piece.saturating_sub(1), (piece + 1).min(last)];
+            let here = distance(piece);
+            let Some(&nearer) = beside.iter().find(|&&other| distance(other) < here) else {
+                break;
+            };
+            piece = nearer;
+        }
+        self.piece = Some(piece);
+        on(piece)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spring(path_m: Vec<DVec3>) -> Spring {
+        Spring::new(SpringPlan {
+            path_m,
+            stiffness_n_per_m: 100.0,
+            damping_ns_per_m: 0.0,
+            force_max_n: 5.0,
+        })
+    }
+
+    #[test]
+    fn a_point_pulls_in_proportion_up_to_the_largest_force() {
+        let mut to_point = spring(vec![DVec3::X]);
+        let near = to_point.force(DVec3::X * 0.99, DVec3::ZERO);
+        assert!(near.distance(DVec3::X) < 1e-9);
+        let far = to_point.force(DVec3::ZERO, DVec3::ZERO);
+        assert!(far.distance(DVec3::X * 5.0) < 1e-9);
+    }
+
+    #[test]
+    fn a_path_is_followed_along_itself() {
+        // A hairpin of fine pieces whose two legs are near each other.
+        let leg = |y: f64| (0..=50).map(move |k| DVec3::new(0.01 * f64::from(k), y, 0.0));
+        let path: Vec<DVec3> = leg(0.0)
+            .chain(leg(0.01).collect::<Vec<_>>().into_iter().rev())
+            .collect();
+        let mut held = spring(path);
+        held.force(DVec3::ZERO, DVec3::ZERO);
+        // Along the first leg, then nearer to the other: it stays on its own.
+        let mut force = DVec3::ZERO;
+        for k in 0..200 {
+            let x = 0.001 * f64::from(k);
+            force = held.force(DVec3::new(x, 0.008, 0.0), DVec3::ZERO);
+        }
+        assert!((force.y + 0.8).abs() < 1e-9, "{force}");
+        // Two points in one place are no piece: no number is lost.
+        let mut twice = spring(vec![DVec3::ONE, DVec3::ONE]);
+        assert!(twice.force(DVec3::ZERO, DVec3::ZERO).is_finite());
+    }
+}

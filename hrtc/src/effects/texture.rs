@@ -1,0 +1,207 @@
+//! Texture: a relief laid over the surface by its height h, without faces (Ho, Basdogan and Srinivasan 1999): the depth
+//! changes by h and the normal tilts, n' = n - ∇h + (∇h · n) n.
+//!
+//! The surface is lowered by the largest height, so that the first touch is not a step. What is finer than the loop can
+//! render at the speed of the probe, v / wavelength at half the rate, is faded out before it aliases (facts of haptics,
+//! F13); of a height map the fine levels only.
+
+use super::{Rendered, Touching};
+use glam::{DVec2, DVec3};
+use shared::scene::{Pattern, TexturePlan};
+use std::f64::consts::TAU;
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub struct Texture {
+    plan: TexturePlan,
+}
+
+/// Height and gradient at a place, of an amplitude of 1.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Relief {
+    /// -1 to 1.
+    pub height: f64,
+    /// 1/m.
+    pub gradient: DVec3,
+}
+
+impl Texture {
+    /// Laid over an object.
+    #[must_use]
+    pub fn new(plan: TexturePlan) -> Self {
+        Self { plan }
+    }
+
+    /// Changes what resists.
+    pub fn raise(&self, at: &Touching<'_>, amount: f64, out: &mut Rendered) {
+        let size = out.resists.force.length();
+        if !(size > 0.0 && size.is_finite()) {
+            return;
+        }
+        let normal = out.resists.force / size;
+        let step = at.velocity.length() * at.clock.period_s;
+        let relief = relief(&self.plan.pattern, at.point + at.origin, step);
+        let amplitude = amount * self.plan.amplitude_m;
+        let lowered = amplitude * (relief.height - 1.0);
+        let slope = relief.gradient * amplitude;
+        let tilted = normal - slope + normal * normal.dot(slope);
+        let pressed = (size + at.stiffness_n_per_m * lowered).max(0.0);
+        let force = tilted.normalize_or(normal) * pressed;
+        out.resist(force - out.resists.force, at.arm);
+        out.spring.stored_j *= (pressed / size) * (pressed / size);
+    }
+}
+
+/// A pattern at a place of the object, metres, for a probe that moves `step` a tick.
+#[must_use]
+pub fn relief(pattern: &Pattern, place: DVec3, step: f64) -> Relief {
+    match pattern {
+        Pattern::Grating {
+            wavelength_m,
+            direction,
+        } => {
+            let (sine, cosine) = (TAU * (place.dot(*direction) / wavelength_m).fract()).sin_cos();
+            let share = share(*wavelength_m, step);
+            Relief {
+                height: share * sine,
+                gradient: *direction * (share * cosine * TAU / wavelength_m),
+            }
+        }
+        Pattern::Noise { wavelength_m, seed } => {
+            let (height, gradient) = noise(place / *wavelength_m, *seed);
+            let share = share(*wavelength_m, step);
+            Relief {
+                height: share * height,
+                gradient: gradient * (share / wavelength_m),
+            }
+        }
+        Pattern::HeightMap { map, width_m, axis } => {
+            let across = DVec2::new(*width_m, width_m / map.aspect());
+            // Seen along the axis: the other two, in turn.
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            // Two samples are a wave, and a wave is to take more than two ticks; and the quadratic spline of a level
+            // may still hold half of it: one level more.
+            let apart = width_m / map.width() as f64;
+            let coarseness = (2.0 * step / apart).max(f64::MIN_POSITIVE).log2();
+            let at = map.at(DVec2::new(place[u], place[v]) / across, coarseness);
+            let mut gradient = DVec3::ZERO;
+            gradient[u] = at.slope.x / across.x;
+            gradient[v] = at.slope.y / across.y;
+            Relief {
+                height: at.height,
+                gradient,
+            }
+        }
+    }
+}
+
+/// What is left of waves of a length: all below a quarter of the rate, nothing from half of it on.
+fn share(wavelength: f64, step: f64) -> f64 {
+    (2.0 - 4.0 * step / wavelength).clamp(0.0, 1.0)
+}
+
+/// Smooth noise of bumps about one apart, -1 to 1, and its gradient: random heights at whole coordinates, blended by
+/// the quintic of Perlin 2002, so that the slope is smooth too.
+fn noise(place: DVec3, seed: u64) -> (f64, DVec3) {
+    let cell = place.floor();
+    let within = place - cell;
+    let blend = |t: f64| {
+        (
+            t * t * t * (t * (6.0 * t - 15.0) + 10.0),
+            30.0 * t * t * (t - 1.0) * (t - 1.0),
+        )
+    };
+    let [(sx, dx), (sy, dy), (sz, dz)] = within.to_array().map(blend);
+    let mut height = 0.0;
+    let mut gradient = DVec3::ZERO;
+    for corner in 0..8u32 {
+        let side = |bit: u32, s: f64, d: f64| {
+            if corner >> bit & 1 == 1 {
+                (s, d)
+            } else {
+                (1.0 - s, -d)
+            }
+        };
+        let [(wx, gx), (wy, gy), (wz, gz)] = [side(0, sx, dx), side(1, sy, dy), side(2, sz, dz)];
+        let offset = DVec3::new(
+            f64::from(corner & 1),
+            f64::from(corner >> 1 & 1),
+            f64::from(corner >> 2 & 1),
+        );
+        let value = random((cell + offset).to_array().map(|x| x as i64), seed);
+        height += value * wx * wy * wz;
+        gradient += value * DVec3::new(gx * wy * wz, wx * gy * wz, wx * wy * gz);
+    }
+    (height, gradient)
+}
+
+/// A number from -1 to 1 for a cell: the bits mixed as by SplitMix64 (Steele, Lea and Flood 2014).
+fn random(cell: [i64; 3], seed: u64) -> f64 {
+    let mut bits = seed;
+    for x in cell {
+        bits = (bits ^ x as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
+        bits = (bits ^ bits >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        bits = (bits ^ bits >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        bits ^= bits >> 31;
+    }
+    (bits >> 11) as f64 * (2.0 / (1u64 << 53) as f64) - 1.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use shared::scene::HeightMap;
+    use std::sync::Arc;
+
+    fn patterns() -> Vec<Pattern> {
+        let samples = (0..32 * 16).map(|k| random([k, 0, 0], 7) as f32);
+        let map = HeightMap::new(32, 16, samples.collect());
+        vec![
+            Pattern::Grating {
+                wavelength_m: 2e-3,
+                direction: DVec3::new(0.6, 0.0, 0.8),
+            },
+            Pattern::Noise {
+                wavelength_m: 3e-3,
+                seed: 5,
+            },
+            Pattern::HeightMap {
+                map: Arc::new(map),
+                width_m: 0.05,
+                axis: 1,
+            },
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn the_gradient_is_that_of_the_height(x in -0.1..0.1f64, y in -0.1..0.1f64, z in -0.1..0.1f64, step in 0.0..4e-4f64) {
+            let place = DVec3::new(x, y, z);
+            for pattern in patterns() {
+                let here = relief(&pattern, place, step);
+                prop_assert!(here.height.abs() <= 1.0 + 1e-12);
+                let h = 1e-8;
+                for axis in 0..3 {
+                    let d = DVec3::AXES[axis] * h;
+                    let [a, b] = [d, -d].map(|d| relief(&pattern, place + d, step).height);
+                    let slope = (a - b) / (2.0 * h);
+                    prop_assert!((slope - here.gradient[axis]).abs() < 0.05 + 1e-3 * slope.abs(), "{pattern:?} {axis} {slope} {}", here.gradient[axis]);
+                }
+            }
+        }
+
+        #[test]
+        fn what_the_loop_cannot_render_is_gone(x in -0.1..0.1f64) {
+            for pattern in patterns() {
+                // Half a wave a tick, and for the map half of its width.
+                let step = match &pattern {
+                    Pattern::Grating { wavelength_m, .. } | Pattern::Noise { wavelength_m, .. } => 0.5 * wavelength_m,
+                    Pattern::HeightMap { width_m, .. } => *width_m,
+                };
+                let [a, b] = [0.0, 1.3e-3].map(|d| relief(&pattern, DVec3::splat(x + d), step).height);
+                prop_assert!((a - b).abs() < 1e-9, "{pattern:?}");
+            }
+        }
+    }
+}

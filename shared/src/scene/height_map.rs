@@ -1,0 +1,275 @@
+//! A height map: a picture whose brightness is height, at every level of coarseness.
+
+use glam::DVec2;
+use std::io::{BufReader, Read, Seek};
+use thiserror::Error;
+
+/// Most pixels of a picture.
+const MOST_PIXELS: u64 = 1 << 24;
+
+/// Heights from -1 (black) to 1 (white) on a grid that repeats, and the same with half as many samples a side, and so
+/// on down to one: what is finer than the loop can render is left out by taking a coarser one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeightMap {
+    levels: Vec<Level>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Level {
+    width: usize,
+    height: usize,
+    samples: Vec<f32>,
+}
+
+/// Why a picture is no height map.
+#[derive(Debug, Error)]
+pub enum HeightMapError {
+    /// It cannot be read as PNG.
+    #[error(transparent)]
+    Png(#[from] png::DecodingError),
+    /// It is too large.
+    #[error("it has {0} pixels, more than {MOST_PIXELS}")]
+    TooLarge(u64),
+}
+
+/// Height and slope at a place.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Height {
+    /// -1 to 1.
+    pub height: f64,
+    /// Change of the height by a whole width or height of the picture.
+    pub slope: DVec2,
+}
+
+impl HeightMap {
+    /// Reads a PNG picture; of colours the brightness counts.
+    ///
+    /// # Errors
+    /// When it is no PNG, is damaged, or is too large.
+    pub fn read_png(from: impl Read + Seek) -> Result<Self, HeightMapError> {
+        let mut decoder = png::Decoder::new(BufReader::new(from));
+        decoder.set_transformations(png::Transformations::EXPAND);
+        let mut reader = decoder.read_info()?;
+        let (width, height) = reader.info().size();
+        let pixels = u64::from(width) * u64::from(height);
+        let bytes = reader
+            .output_buffer_size()
+            .filter(|_| pixels <= MOST_PIXELS)
+            .ok_or(HeightMapError::TooLarge(pixels))?;
+        let mut buffer = vec![0; bytes];
+        let frame = reader.next_frame(&mut buffer)?;
+        let channels = frame.color_type.samples();
+        let value = |sample: &[u8]| match *sample {
+            [high, low] => f32::from(u16::from_be_bytes([high, low])) / 65535.0,
+            [one] => f32::from(one) / 255.0,
+            _ => 0.0,
+        };
+        let depth = if frame.bit_depth == png::BitDepth::Sixteen {
+            2
+        } else {
+            1
+        };
+        let brightness = |pixel: &[u8]| {
+            let mut of = pixel.chunks_exact(depth).map(value);
+            let mut next = || of.next().unwrap_or(0.0);
+            match channels {
+                // Rec. 601, as pictures are greyed.
+                3 | 4 => 0.299 * next() + 0.587 * next() + 0.114 * next(),
+                _ => next(),
+            }
+        };
+        let rows = buffer.chunks_exact(frame.line_size).take(height as usize);
+        let samples = rows
+            .flat_map(|row| {
+                row.chunks_exact(channels * depth)
+                    .take(width as usize)
+                    .map(|pixel| 2.0 * brightness(pixel) - 1.0)
+            })
+            .collect();
+        Ok(Self::new(width as usize, height as usize, samples))
+    }
+
+    /// Of samples from -1 to 1, row by row.
+    ///
+    /// # Panics
+    /// When there are not `width` times `height` of them, or none.
+    #[must_use]
+    pub fn new(width: usize, height: usize, samples: Vec<f32>) -> Self {
+        assert!(!samples.is_empty() && samples.len() == width * height);
+        let mut levels = vec![Level {
+            width,
+            height,
+            samples,
+        }];
+        while let Some(coarser) = levels.last().and_then(Level::halved) {
+            levels.push(coarser);
+        }
+        Self { levels }
+    }
+
+    /// Width over height.
+    #[must_use]
+    pub fn aspect(&self) -> f64 {
+        self.levels[0].width as f64 / self.levels[0].height as f64
+    }
+
+    /// Samples across.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.levels[0].width
+    }
+
+    /// Bytes that it holds.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let of = |level: &Level| std::mem::size_of_val(&level.samples[..]);
+        self.levels.iter().map(of).sum()
+    }
+
+    /// Height and slope at a place, 0 to 1 across the picture and repeated beyond, at a coarseness: 0 for all that is
+    /// there, 1 for samples twice as far apart, and so on, whole or between.
+    #[must_use]
+    pub fn at(&self, place: DVec2, coarseness: f64) -> Height {
+        let last = self.levels.len() - 1;
+        let coarseness = coarseness.clamp(0.0, last as f64);
+        let finer = coarseness.floor();
+        let share = coarseness - finer;
+        let index = finer as usize;
+        let a = self.levels[index].at(place);
+        if share == 0.0 {
+            return a;
+        }
+        let b = self.levels[(index + 1).min(last)].at(place);
+        Height {
+            height: a.height + share * (b.height - a.height),
+            slope: a.slope.lerp(b.slope, share),
+        }
+    }
+}
+
+impl Level {
+    /// Means of two by two samples; `None` of a single one.
+    fn halved(&self) -> Option<Self> {
+        if self.samples.len() == 1 {
+            return None;
+        }
+        let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
+        let of = |x: usize, y: usize| self.samples[(y % self.height) * self.width + x % self.width];
+        let samples = (0..width * height).map(|k| {
+            let (x, y) = (2 * (k % width), 2 * (k / width));
+            0.25 * (of(x, y) + of(x + 1, y) + of(x, y + 1) + of(x + 1, y + 1))
+        });
+        Some(Self {
+            width,
+            height,
+            samples: samples.collect(),
+        })
+    }
+
+    /// A quadratic spline through the neighbourhood: height and slope are both continuous.
+    fn at(&self, place: DVec2) -> Height {
+        let size = DVec2::new(self.width as f64, self.height as f64);
+        let place = place * size;
+        if !place.is_finite() {
+            return Height::default();
+        }
+        // Samples lie in the middle of their cells.
+        let cell = place.floor();
+        let within = place - cell - 0.5;
+        let column = |offset: i64| (cell.x as i64 + offset).rem_euclid(self.width as i64) as usize;
+        let row = |offset: i64| (cell.y as i64 + offset).rem_euclid(self.height as i64) as usize;
+        let (wx, dx) = spline(within.x);
+        let (wy, dy) = spline(within.y);
+        let mut found = Height::default();
+        for (j, (wy, dy)) in wy.into_iter().zip(dy).enumerate() {
+            let start = row(j as i64 - 1) * self.width;
+            for (i, (wx, dx)) in wx.into_iter().zip(dx).enumerate() {
+                let sample = f64::from(self.samples[start + column(i as i64 - 1)]);
+                found.height += sample * wx * wy;
+                found.slope += sample * size * DVec2::new(dx * wy, wx * dy);
+            }
+        }
+        found
+    }
+}
+
+/// Weights of the sample before, of the nearest and of the one after, `t` from the nearest (-0.5 to 0.5), and how they
+/// change with it: the quadratic B-spline.
+fn spline(t: f64) -> ([f64; 3], [f64; 3]) {
+    let (before, after) = (0.5 - t, 0.5 + t);
+    (
+        [0.5 * before * before, 0.75 - t * t, 0.5 * after * after],
+        [-before, -2.0 * t, after],
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn waves(n: usize) -> HeightMap {
+        let turn = std::f64::consts::TAU / n as f64;
+        let sample = |k: usize| ((k % n) as f64 * turn).sin() as f32;
+        HeightMap::new(n, n, (0..n * n).map(sample).collect())
+    }
+
+    #[test]
+    fn the_slope_is_that_of_the_height_and_the_picture_repeats() {
+        let map = waves(16);
+        for k in 0..200 {
+            let place = DVec2::new(0.013 * f64::from(k) - 1.0, 0.4);
+            for coarseness in [0.0, 0.7, 2.3] {
+                let h = 1e-6;
+                let here = map.at(place, coarseness);
+                let step = |d: DVec2| {
+                    let (a, b) = (map.at(place + d, coarseness), map.at(place - d, coarseness));
+                    (a.height - b.height) / (2.0 * h)
+                };
+                assert!((step(DVec2::X * h) - here.slope.x).abs() < 1e-3, "{place}");
+                assert!((step(DVec2::Y * h) - here.slope.y).abs() < 1e-3, "{place}");
+                let again = map.at(place + DVec2::new(3.0, -2.0), coarseness);
+                assert!((again.height - here.height).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn coarser_levels_lose_what_is_fine_and_no_mean() {
+        let map = waves(64);
+        let size = |coarseness| {
+            (0..100)
+                .map(|k| {
+                    map.at(DVec2::new(0.01 * f64::from(k), 0.5), coarseness)
+                        .height
+                })
+                .fold(0.0f64, |most, h| most.max(h.abs()))
+        };
+        assert!(size(0.0) > 0.95, "{}", size(0.0));
+        assert!(size(6.0) < 1e-6, "{}", size(6.0));
+    }
+
+    #[test]
+    fn a_png_is_read_back_at_both_depths_and_damage_is_an_error() {
+        for (depth, bytes) in [
+            (png::BitDepth::Eight, vec![0u8, 255, 128, 64]),
+            (png::BitDepth::Sixteen, vec![0, 0, 255, 255, 128, 0, 64, 0]),
+        ] {
+            let mut file = Vec::new();
+            let mut encoder = png::Encoder::new(&mut file, 2, 2);
+            encoder.set_color(png::ColorType::Grayscale);
+            encoder.set_depth(depth);
+            let mut writer = encoder.write_header().unwrap();
+            writer.write_image_data(&bytes).unwrap();
+            drop(writer);
+            let map = HeightMap::read_png(std::io::Cursor::new(&file)).unwrap();
+            let expected = [-1.0, 1.0, 0.0, -0.5];
+            for (sample, expected) in map.levels[0].samples.iter().zip(expected) {
+                assert!((sample - expected).abs() < 0.01, "{sample} {expected}");
+            }
+            for cut in 0..file.len() {
+                let read = HeightMap::read_png(std::io::Cursor::new(&file[..cut]));
+                assert!(read.is_err() || read.is_ok_and(|read| read == map), "{cut}");
+            }
+        }
+    }
+}
