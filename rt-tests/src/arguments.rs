@@ -3,6 +3,7 @@
 use crate::accuracy::AccuracyArgs;
 use crate::bare::BareArgs;
 use crate::compare::CompareArgs;
+use crate::effects::EffectsArgs;
 use crate::fronts::FrontsArgs;
 use crate::jitter::JitterArgs;
 use crate::load::LoadArgs;
@@ -43,6 +44,8 @@ pub enum Command {
     Predictors(PredictorsArgs),
     /// Run the hard cases, each with its measure, limit and verdict; status 1 when one fails
     Stability(StabilityArgs),
+    /// Show what each effect of a scene costs a tick, and that one that is not listed costs nothing
+    Effects(EffectsArgs),
     /// The station of a run.
     #[command(hide = true)]
     RoleStation(RoleArgs),

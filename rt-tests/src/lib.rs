@@ -2,7 +2,7 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`run`], [`jitter`], [`replay`], [`accuracy`], [`compare`], [`predictors`], [`stability`] | the commands |
+//! | [`run`], [`jitter`], [`replay`], [`accuracy`], [`compare`], [`predictors`], [`stability`], [`effects`] | the commands |
 //! | [`simulator`] | both pure cores in one process, under a simulated clock |
 //! | [`supervise`], [`pair`] | this program again as a process, and the two of a run |
 //! | [`bare`], [`load`] | the loop to compare with, and load on the other core |
@@ -16,6 +16,7 @@ pub mod accuracy;
 pub mod arguments;
 pub mod bare;
 pub mod compare;
+pub mod effects;
 pub mod failure;
 pub mod fronts;
 pub mod histogram;
@@ -56,6 +57,7 @@ pub fn execute(arguments: Arguments) -> ExitCode {
         Command::Compare(args) => compare::compare(&args),
         Command::Predictors(args) => predictors::predictors(&args),
         Command::Stability(args) => stability::stability(&args),
+        Command::Effects(args) => effects::effects(&args),
         Command::RoleStation(args) => station(args),
         Command::RoleHrtc(args) => controller(args),
         Command::RoleBare(args) => stop_flag().and_then(|stop| bare::bare(&args, &stop)),

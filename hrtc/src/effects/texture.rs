@@ -1,5 +1,6 @@
 //! Texture: a relief laid over the surface by its height h, without faces (Ho, Basdogan and Srinivasan 1999): the depth
-//! changes by h and the normal tilts, n' = n - ∇h + (∇h · n) n.
+//! changes by h and the normal tilts, n' = n - ∇h + (∇h · n) n. It is not made a unit vector again: so the force is the
+//! gradient of half the stiffness times the squared depth, and a closed path gains nothing by it.
 //!
 //! The surface is lowered by the largest height, so that the first touch is not a step. What is finer than the loop can
 //! render at the speed of the probe, v / wavelength at half the rate, is faded out before it aliases (facts of haptics,
@@ -46,7 +47,7 @@ impl Texture {
         let slope = relief.gradient * amplitude;
         let tilted = normal - slope + normal * normal.dot(slope);
         let pressed = (size + at.stiffness_n_per_m * lowered).max(0.0);
-        let force = tilted.normalize_or(normal) * pressed;
+        let force = tilted * pressed;
         out.resist(force - out.resists.force, at.arm);
         out.spring.stored_j *= (pressed / size) * (pressed / size);
     }

@@ -19,7 +19,7 @@ pub(crate) mod model;
 mod page;
 mod result;
 mod table;
-mod timing;
+pub(crate) mod timing;
 
 pub use result::{Accuracy, Bytes, Check, Knob, Point, Quantiles, StageQuantiles, StageTimes};
 

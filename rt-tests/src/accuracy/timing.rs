@@ -5,9 +5,10 @@ use super::measure::Measured;
 use super::model::Model;
 use super::result::{Quantiles, StageQuantiles};
 use crate::failure::Failure;
-use crate::simulator::Playback;
+use crate::simulator::{Playback, Tape};
 use hrtc::controller::{Stage, StageObserver};
 use hrtc::realtime::thread_cpu_ns;
+use shared::scene::ScenePlan;
 
 /// Times that every tick is done; its time is the least of them. The work is the same bits each time, so
 /// what differs is the machine.
@@ -15,7 +16,7 @@ pub const REPEATS: usize = 5;
 /// Ticks of one setting before the next has its turn.
 const BLOCK: usize = 256;
 /// Stages of a tick.
-const STAGES: usize = hrtc::tick_record::STAGES.len();
+pub const STAGES: usize = hrtc::tick_record::STAGES.len();
 
 /// Processor time of the thread at the end of each stage.
 #[derive(Debug, Clone, Copy)]
@@ -56,15 +57,31 @@ impl StageObserver for StageClock {
 /// # Errors
 /// When a replay does not give the recorded bits.
 pub fn time(settings: &mut [Measured], contact: &[bool]) -> Result<(), Failure> {
-    let mut least: Vec<Vec<[u32; STAGES]>> = settings
+    let recorded: Vec<(&Tape, &ScenePlan)> = settings
         .iter()
-        .map(|setting| vec![[u32::MAX; STAGES]; setting.tape.len()])
+        .map(|setting| (&setting.tape, &setting.plan))
+        .collect();
+    let least = least_ns(&recorded)?;
+    for (setting, least) in settings.iter_mut().zip(&least) {
+        summarise(setting, least, contact);
+    }
+    Ok(())
+}
+
+/// Nanoseconds of every stage of every tick of each recording, the least of [`REPEATS`].
+///
+/// # Errors
+/// When a replay does not give the recorded bits.
+pub fn least_ns(recorded: &[(&Tape, &ScenePlan)]) -> Result<Vec<Vec<[u32; STAGES]>>, Failure> {
+    let mut least: Vec<Vec<[u32; STAGES]>> = recorded
+        .iter()
+        .map(|(tape, _)| vec![[u32::MAX; STAGES]; tape.len()])
         .collect();
     let mut clock = StageClock::new();
     for _ in 0..REPEATS {
-        let mut playbacks: Vec<Playback<'_>> = settings
+        let mut playbacks: Vec<Playback<'_>> = recorded
             .iter()
-            .map(|setting| Playback::new(&setting.tape, Model::controller(&setting.plan)))
+            .map(|&(tape, plan)| Playback::new(tape, Model::controller(plan)))
             .collect();
         let mut running = true;
         while running {
@@ -74,10 +91,7 @@ pub fn time(settings: &mut [Measured], contact: &[bool]) -> Result<(), Failure> 
             }
         }
     }
-    for (setting, least) in settings.iter_mut().zip(&least) {
-        summarise(setting, least, contact);
-    }
-    Ok(())
+    Ok(least)
 }
 
 /// Plays a block of one setting; whether there is more.

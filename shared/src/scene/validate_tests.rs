@@ -106,13 +106,7 @@ fn every_bad_number_is_refused_with_its_key_and_line() {
 }
 
 #[test]
-fn what_this_version_lacks_is_said_plainly() {
-    let message = refusal(&exchanged(
-        "size_m = 0.15 ",
-        "effects = [{ friction = { static = 0.4, dynamic = 0.3 } }]\nsize_m = 0.15 ",
-    ));
-    assert!(message.contains("effects"), "{message}");
-    plain(&exchanged("size_m = 0.15 ", "effects = []\nsize_m = 0.15 ")).unwrap();
+fn a_scene_without_objects_or_probes_is_refused() {
     assert!(refusal("").contains("no [[object]]"));
     let no_probe = &BUNDLED[..BUNDLED.rfind("[[probe]]").unwrap()];
     assert!(refusal(no_probe).contains("no [[probe]]"));

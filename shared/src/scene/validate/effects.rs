@@ -496,3 +496,7 @@ fn place<T>(source: &Source, at: &Spanned<T>, typed: [f64; 3]) -> Result<DVec3, 
     }
     Err(source.value(at, "a place needs three finite numbers within 1e7 m"))
 }
+
+#[cfg(test)]
+#[path = "effects_tests.rs"]
+mod tests;
