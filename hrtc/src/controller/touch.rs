@@ -187,13 +187,18 @@ impl Touch {
                 origin: frame.origin * scale,
                 to_world: frame.pose.orientation,
                 point: contact.point * scale,
+                middle: scale
+                    * match self.follower {
+                        Follower::Ball(_) => proxy.position,
+                        Follower::Tool(_) => contact.point,
+                    },
                 proxy: Pose {
                     position: proxy.position * scale,
                     orientation: proxy.orientation,
                 },
                 arm: match self.follower {
                     Follower::Ball(_) => DVec3::ZERO,
-                    Follower::Tool(_) => (contact.point - goal.position) * scale,
+                    Follower::Tool(_) => (contact.point - proxy.position) * scale,
                 },
                 velocity: velocity.linear,
                 stiffness_n_per_m: plan.stiffness_n_per_m,

@@ -32,6 +32,12 @@ impl Controller {
         self.tolerance_m
     }
 
+    /// Number of probes.
+    #[must_use]
+    pub fn probes(&self) -> usize {
+        self.probes.len()
+    }
+
     /// The seats; with one object there is one.
     #[must_use]
     pub fn seats(&self) -> &[Seat] {

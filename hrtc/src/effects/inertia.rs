@@ -29,3 +29,30 @@ impl Inertia {
         force
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_that_is_accelerated_feels_the_mass() {
+        let (mass_kg, a, period) = (0.2, 3.0, 1e-3);
+        let mut inertia = Inertia::new(InertiaPlan {
+            mass_kg,
+            stiffness_n_per_m: 400.0,
+            damping_ns_per_m: 4.0,
+        });
+        let mut force = DVec3::ZERO;
+        for tick in 0..5000 {
+            let t = period * f64::from(tick);
+            let (place, speed) = (DVec3::X * (0.5 * a * t * t), DVec3::X * (a * t));
+            force = inertia.force(place, speed, period);
+        }
+        assert!(force.distance(DVec3::NEG_X * mass_kg * a) < 1e-3, "{force}");
+        // At rest it comes to rest.
+        for _ in 0..5000 {
+            force = inertia.force(DVec3::ZERO, DVec3::ZERO, period);
+        }
+        assert!(force.length() < 1e-6, "{force}");
+    }
+}

@@ -63,9 +63,11 @@ pub struct Touching<'a> {
     pub to_world: DQuat,
     /// Where it touches.
     pub point: DVec3,
+    /// The middle of the ball, or where a tool touches.
+    pub middle: DVec3,
     /// The proxy.
     pub proxy: Pose,
-    /// From the device's position to where the force acts; zero of a ball, which has no axes.
+    /// From the proxy's position to where it touches: the lever of a force there; zero of a ball, which has no axes.
     pub arm: DVec3,
     /// Velocity of the probe along the object, m/s.
     pub velocity: DVec3,

@@ -1,18 +1,19 @@
 //! Force shading: the force turns from face to face as if edges were rounded (Morgenbesser and Srinivasan 1996), which
 //! hides the facets of a mesh.
 //!
-//! The direction is the mean of the normals of the faces around the contact: each counts by its area, as far as it may
-//! lie in the ball, times (1 - d²/r²)² for its distance d, and less the more it is turned from the force, down to
-//! nothing at `max_turn`: sharper edges stay sharp. All three are continuous, so the force is. It depends on lengths of
-//! the object, not on faces: it feels alike at any level of detail.
+//! The direction is the mean of the normals of the faces around the proxy. A face counts by its area, as far as it may
+//! lie in the disc of the radius r; by (1 - a²/r²)², where a is how far aside of the contact it lies; and by how much it
+//! faces the proxy. All three change continuously with the proxy's place, so the direction does. Faces that are turned
+//! from the mean by half of `max_turn` or more are left out in a second round: so sharper edges stay sharp. It depends
+//! on lengths of the object, not on faces: it feels alike at any level of detail.
 
 use super::{Rendered, Touching};
 use crate::query::{Work, faces_within};
 use glam::DVec3;
 use shared::scene::ShadingPlan;
 
-/// Nodes and faces that are looked at, at the most, before what was seen must do.
-const MOST_WORK: u32 = 512;
+/// Faces that count at the most; the search comes to the nearer part of the tree first.
+const MOST_FACES: usize = 256;
 
 /// See the module.
 #[derive(Debug, Clone, Copy)]
@@ -35,35 +36,44 @@ impl Shading {
         }
         let normal = out.resists.force / size;
         let radius = self.plan.radius_m / at.metres_per_unit;
-        let sharp = self.plan.max_turn.cos();
         let disc = std::f64::consts::PI * radius * radius;
-        let mut sum = DVec3::ZERO;
-        let mut seen = 0;
-        let centre = at.point / at.metres_per_unit;
-        let work = faces_within(at.surface, centre, radius, |face, closest| {
+        // Of a ball its middle, of a tool where it touches: both move without a jump.
+        let centre = at.middle / at.metres_per_unit;
+        let off = centre.distance(at.point / at.metres_per_unit);
+        let mut weighed = [DVec3::ZERO; MOST_FACES];
+        let mut count = 0;
+        let within = off.hypot(radius);
+        let work = faces_within(at.surface, centre, within, |face, closest| {
             let [a, b, c] = at.surface.mesh.corners(face);
             let cross = (b - a).cross(c - a);
-            let length = cross.length();
-            // On the other side of the front the force turns against the face's own normal.
-            let facing = if length > 0.0 {
-                cross.dot(normal) / length
+            let out = (centre - closest.point).normalize_or(normal);
+            // Negative on the other side of the front, where the face pushes against its own normal.
+            let faces = cross.normalize_or_zero().dot(out);
+            let aside = (closest.distance_squared - off * off).max(0.0) / (radius * radius);
+            let near = (1.0 - aside).max(0.0);
+            let weight = (0.5 * cross.length()).min(disc) * near * near * faces;
+            if let Some(place) = weighed.get_mut(count) {
+                *place = cross.normalize_or_zero() * weight;
+                count += 1;
+                within
             } else {
                 0.0
-            };
-            let alike = ((facing.abs() - sharp) / (1.0 - sharp)).max(0.0);
-            let near = (1.0 - closest.distance_squared / (radius * radius)).max(0.0);
-            let weight = (0.5 * length).min(disc) * near * near * alike;
-            if weight > 0.0 {
-                sum += cross * (facing.signum() * weight / length);
             }
-            seen += 1;
-            // The nearest come first, as a rule: in a dense mesh a smaller ball does.
-            if seen > MOST_WORK { 0.0 } else { radius }
         });
-        if let Some(shaded) = sum.try_normalize() {
-            let shaded = (normal.lerp(shaded, amount)).normalize_or(normal);
-            let turned = (shaded - normal) * size;
-            out.resist(turned, at.arm);
+        let weighed = &weighed[..count];
+        let mean: DVec3 = weighed.iter().sum();
+        let mean = mean.normalize_or(normal);
+        let sharp = (0.5 * self.plan.max_turn).cos();
+        let kept: DVec3 = weighed
+            .iter()
+            .map(|face| {
+                let alike = face.normalize_or_zero().dot(mean);
+                *face * ((alike - sharp) / (1.0 - sharp)).max(0.0)
+            })
+            .sum();
+        if let Some(shaded) = kept.try_normalize() {
+            let shaded = normal.lerp(shaded, amount).normalize_or(normal);
+            out.resist((shaded - normal) * size, at.arm);
         }
         work
     }

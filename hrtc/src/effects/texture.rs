@@ -40,7 +40,8 @@ impl Texture {
             return;
         }
         let normal = out.resists.force / size;
-        let step = at.velocity.length() * at.clock.period_s;
+        let along = at.velocity - normal * normal.dot(at.velocity);
+        let step = along.length() * at.clock.period_s;
         let relief = relief(&self.plan.pattern, at.point + at.origin, step);
         let amplitude = amount * self.plan.amplitude_m;
         let lowered = amplitude * (relief.height - 1.0);

@@ -74,6 +74,7 @@ impl<D: AsRef<[u8]>> Simulator<D> {
         station: Station<D>,
         delay: u64,
     ) -> Self {
+        let outputs = TickOutputs::new(controller.probes());
         Self {
             controller,
             station,
@@ -83,7 +84,7 @@ impl<D: AsRef<[u8]>> Simulator<D> {
             contacts: Line::new(delay),
             chunks: Line::new(delay),
             inbox: Vec::with_capacity(INBOX),
-            outputs: TickOutputs::new(1),
+            outputs,
             tape: None,
             mesh_bytes: 0,
             mute: false,
@@ -105,17 +106,25 @@ impl<D: AsRef<[u8]>> Simulator<D> {
         self.tape.take()
     }
 
-    /// One period with the device's sample.
+    /// One period with the sample of the only device.
     pub fn step(
         &mut self,
         sample: Option<Sample>,
         observer: &mut impl StageObserver,
     ) -> &TickOutputs {
+        self.step_each(&[sample], observer)
+    }
+
+    /// One period with the samples of all devices.
+    pub fn step_each(
+        &mut self,
+        samples: &[Option<Sample>],
+        observer: &mut impl StageObserver,
+    ) -> &TickOutputs {
         self.deliver();
-        let samples = [sample];
         let inputs = TickInputs {
             tick: self.tick,
-            samples: &samples,
+            samples,
             station: if self.mute {
                 0
             } else {
@@ -126,7 +135,7 @@ impl<D: AsRef<[u8]>> Simulator<D> {
         };
         self.controller.tick(&inputs, &mut self.outputs, observer);
         if let Some(tape) = &mut self.tape {
-            tape.note(sample, inputs.station, self.outputs.record.replay_hash);
+            tape.note(samples, inputs.station, self.outputs.record.replay_hash);
         }
         self.inbox.drain(..self.outputs.chunks_consumed);
         for request in self.outputs.outbox.requests() {

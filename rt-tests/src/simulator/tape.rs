@@ -8,7 +8,8 @@ use hrtc::inbox::InboxChunk;
 /// The inputs of one tick beside the chunks, and what the tick gave.
 #[derive(Debug, Clone, Copy)]
 struct Noted {
-    sample: Option<Sample>,
+    /// Samples, since the start.
+    sampled: usize,
     station: u64,
     /// Chunks that had arrived, since the start.
     arrived: usize,
@@ -19,6 +20,7 @@ struct Noted {
 #[derive(Debug, Clone, Default)]
 pub struct Tape {
     ticks: Vec<Noted>,
+    samples: Vec<Option<Sample>>,
     chunks: Vec<InboxChunk>,
 }
 
@@ -29,9 +31,10 @@ impl Tape {
     }
 
     /// A tick is over.
-    pub(super) fn note(&mut self, sample: Option<Sample>, station: u64, replay_hash: u64) {
+    pub(super) fn note(&mut self, samples: &[Option<Sample>], station: u64, replay_hash: u64) {
+        self.samples.extend_from_slice(samples);
         self.ticks.push(Noted {
-            sample,
+            sampled: self.samples.len(),
             station,
             arrived: self.chunks.len(),
             replay_hash,
@@ -58,7 +61,8 @@ pub struct Playback<'a> {
     controller: Controller,
     outputs: TickOutputs,
     tick: usize,
-    /// Chunks consumed, since the start.
+    /// Samples and chunks consumed, since the start.
+    sampled: usize,
     consumed: usize,
 }
 
@@ -68,9 +72,10 @@ impl<'a> Playback<'a> {
     pub fn new(tape: &'a Tape, controller: Controller) -> Self {
         Self {
             tape,
+            outputs: TickOutputs::new(controller.probes()),
             controller,
-            outputs: TickOutputs::new(1),
             tick: 0,
+            sampled: 0,
             consumed: 0,
         }
     }
@@ -85,16 +90,16 @@ impl<'a> Playback<'a> {
     /// else whether it gave the bits that were recorded.
     pub fn step(&mut self, observer: &mut impl StageObserver) -> Option<bool> {
         let noted = self.tape.ticks.get(self.tick)?;
-        let samples = [noted.sample];
         let inputs = TickInputs {
             tick: self.tick as u64,
-            samples: &samples,
+            samples: &self.tape.samples[self.sampled..noted.sampled],
             station: noted.station,
             chunks: [&self.tape.chunks[self.consumed..noted.arrived], &[]],
             stopping: false,
         };
         self.controller.tick(&inputs, &mut self.outputs, observer);
         self.consumed += self.outputs.chunks_consumed;
+        self.sampled = noted.sampled;
         self.tick += 1;
         Some(self.controller.replay_hash() == noted.replay_hash)
     }

@@ -61,8 +61,23 @@ pub struct Setup {
     pub gate: Option<[f64; 2]>,
     /// Whether the energy account limits the force: for devices that move by it, not for places that are given.
     pub passivity: bool,
+    /// Effects of the scene and of its object, as a scene lists them.
+    pub effects: &'static str,
+    /// Probes.
+    pub probes: usize,
     /// The fault.
     pub fault: Fault,
+}
+
+impl Setup {
+    /// The device and loop that the cases name, with a fault.
+    #[must_use]
+    pub fn with(fault: Fault) -> Self {
+        Self {
+            fault,
+            ..Self::default()
+        }
+    }
 }
 
 impl Default for Setup {
@@ -77,6 +92,8 @@ impl Default for Setup {
             pose: Pose::at(DVec3::ZERO),
             gate: None,
             passivity: false,
+            effects: "",
+            probes: 1,
             fault: Fault::None,
         }
     }
@@ -182,9 +199,16 @@ impl Bench {
 
     /// A tick with any sample.
     pub fn sample(&mut self, pose: Option<Pose>) -> Felt {
-        let outputs = self
-            .simulator
-            .step(pose.map(|pose| Sample { pose }), &mut NoObserver);
+        self.sample_each(&[pose])
+    }
+
+    /// A tick with a sample of each probe; what the first one felt.
+    pub fn sample_each(&mut self, poses: &[Option<Pose>]) -> Felt {
+        let samples: Vec<Option<Sample>> = poses
+            .iter()
+            .map(|pose| pose.map(|pose| Sample { pose }))
+            .collect();
+        let outputs = self.simulator.step_each(&samples, &mut NoObserver);
         let (force, record) = (outputs.wrenches[0].force, outputs.record);
         let now = std::mem::replace(&mut self.before, force);
         let dead = self.setup.stiffness_n_per_m * 1e-4;
@@ -227,6 +251,13 @@ impl Bench {
         self.simulator.mute(mute);
     }
 
+    /// How often effects were called so far.
+    #[must_use]
+    pub fn effect_calls(&self) -> u64 {
+        let usage = self.simulator.controller.effects();
+        usage.iter().map(|kind| kind.calls).sum()
+    }
+
     /// Hash over every tick's outputs so far.
     #[must_use]
     pub fn hash(&self) -> u64 {
@@ -235,8 +266,8 @@ impl Bench {
 }
 
 fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
-    let scene = crate::BUNDLED_SCENE;
-    let mut plan = parse(scene, "stability", Path::new(""), &Overrides::default())?;
+    let scene = format!("effects = [{}]\n{}", setup.effects, crate::BUNDLED_SCENE);
+    let mut plan = parse(&scene, "stability", Path::new(""), &Overrides::default())?;
     plan.loop_.rate_hz = setup.rate_hz;
     let object = &mut plan.objects[0];
     object.scale = ModelScale::Size(setup.size_m);
@@ -257,6 +288,8 @@ fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
     plan.safety.slew_n_per_s = slew;
     plan.safety.ramp_s = 0.0;
     plan.safety.passivity = setup.passivity && setup.fault != Fault::NoPassivity;
+    let probe = plan.probes[0].clone();
+    plan.probes.resize(setup.probes, probe);
     Ok(plan)
 }
 

@@ -21,10 +21,7 @@ pub fn ridge(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
     let mut found = Found::new(0.0);
     for degrees in (10..=170).step_by(20) {
         let turn = f64::from(degrees).to_radians();
-        let setup = Setup {
-            fault,
-            ..Setup::default()
-        };
+        let setup = Setup::with(fault);
         let mut bench = Bench::new(
             &model(shapes::roof(turn, fault == Fault::LostConstraint), true)?,
             setup,
@@ -180,10 +177,7 @@ pub fn rest_in_corner(
     random: &mut Xoshiro256PlusPlus,
     fault: Fault,
 ) -> Result<Found, Failure> {
-    let setup = Setup {
-        fault,
-        ..Setup::default()
-    };
+    let setup = Setup::with(fault);
     let mesh = shapes::corner(fault == Fault::LostConstraint);
     let mut bench = Bench::new(&model(mesh, true)?, setup)?;
     let home = DVec3::splat(setup.radius_m);

@@ -18,8 +18,7 @@ const GATE: [f64; 2] = [8.0, 2000.0];
 pub fn jumps(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let setup = Setup {
         gate: Some(GATE),
-        fault,
-        ..Setup::default()
+        ..Setup::with(fault)
     };
     let bytes = model(generate(Shape::Sphere, 4096, 1), false)?;
     let allowed = GATE[1] / setup.rate_hz;
@@ -56,8 +55,7 @@ pub fn jumps(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
 pub fn noise(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let setup = Setup {
         gate: Some(GATE),
-        fault,
-        ..Setup::default()
+        ..Setup::with(fault)
     };
     let mut bench = Bench::new(&model(generate(Shape::Sphere, 4096, 1), false)?, setup)?;
     let radius = 0.5 * setup.size_m;
@@ -99,10 +97,7 @@ pub fn silent_station(
     fault: Fault,
 ) -> Result<Found, Failure> {
     let bytes = model(generate(Shape::Relief, 20_000, 1), false)?;
-    let setup = Setup {
-        fault,
-        ..Setup::default()
-    };
+    let setup = Setup::with(fault);
     let press = |silent: bool| -> Result<Vec<DVec3>, Failure> {
         let mut bench = Bench::new(&bytes, setup)?;
         let felt = bench.settle(DVec3::Z * setup.size_m)?;
@@ -215,10 +210,7 @@ pub fn scale(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
 /// Case 10 of collision in virtual time: a probe that rests on a plate for long at full depth: how far its force
 /// strays from K times the depth, relative, the largest.
 pub fn rest(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
-    let setup = Setup {
-        fault,
-        ..Setup::default()
-    };
+    let setup = Setup::with(fault);
     let mut bench = Bench::new(&model(shapes::plate(false), false)?, setup)?;
     bench.settle(DVec3::Z * 0.01)?;
     let mut found = Found::new(0.0);

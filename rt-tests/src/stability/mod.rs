@@ -8,11 +8,13 @@
 //! | `walls` | energy, onset and creep of the force, the encoder |
 //! | `sheets` | nothing is passed: thin, sharp, broken, or coarse |
 //! | `corners` | ridges, valleys, tips and corners |
+//! | `effects` | friction, texture, fields: energy, drift, switching |
 //! | `disturbances` | jumps, noise, a station that goes away, another scale |
 
 mod bench;
 mod corners;
 mod disturbances;
+mod effects;
 mod shapes;
 mod sheets;
 mod walls;
@@ -107,7 +109,7 @@ struct Case {
 const CONVERGENCE: f64 = 1e-6;
 
 /// The cases.
-const CASES: [Case; 21] = [
+const CASES: [Case; 31] = [
     case(
         "head-on-wall",
         "energy put out over K T/2 times the integral of v²",
@@ -254,6 +256,76 @@ const CASES: [Case; 21] = [
         1.0 + 1e-9,
         Fault::Sign,
         walls::encoder,
+    ),
+    case(
+        "friction-loop",
+        "energy that friction puts out on a closed path, J",
+        0.0,
+        Fault::Sign,
+        effects::friction_loop,
+    ),
+    case(
+        "friction-stick",
+        "stray of the force after ten minutes' sticking, relative",
+        1e-9,
+        Fault::Sign,
+        effects::friction_stick,
+    ),
+    case(
+        "friction-apart",
+        "ticks at which two probes feel each other's friction",
+        0.0,
+        Fault::LateTick,
+        effects::friction_apart,
+    ),
+    case(
+        "texture-loop",
+        "energy that texture and shading put out, of their work",
+        1e-12,
+        Fault::NoPassivity,
+        effects::texture_loop,
+    ),
+    case(
+        "texture-alias",
+        "what is felt of waves too fine for the loop, of K A",
+        1e-9,
+        Fault::Sign,
+        effects::texture_alias,
+    ),
+    case(
+        "magnet-loop",
+        "energy a magnet puts out over K T/2 times that of v²",
+        1.1,
+        Fault::LateTick,
+        effects::magnet_loop,
+    ),
+    case(
+        "fields",
+        "swing at the end over the first, springs and drags",
+        0.1,
+        Fault::LateTick,
+        effects::fields,
+    ),
+    case(
+        "boundary",
+        "energy put out less what the device damps, J",
+        0.0,
+        Fault::NoPassivity,
+        effects::boundary,
+    ),
+    case(
+        "effects-toggled",
+        "change of force in a tick over the slew limit",
+        1.0 + 1e-9,
+        Fault::OpenGate,
+        effects::toggled,
+    ),
+    case(
+        "effects-unlisted",
+        "ticks at which an effect that is off changes a bit",
+        0.0,
+        Fault::LateTick,
+        effects::unlisted,
     ),
 ];
 

@@ -111,8 +111,7 @@ pub fn edges_and_vertices(
                 position: aim(random, 1.0).1 * 1000.0,
                 orientation: DQuat::from_axis_angle(axis, 6.0 * unit(random)),
             },
-            fault,
-            ..Setup::default()
+            ..Setup::with(fault)
         };
         let mut bench = Bench::new(&bytes, setup)?;
         let scale = 0.5 * setup.size_m;
@@ -156,10 +155,7 @@ pub fn damaged_mesh(
     fault: Fault,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
-    let setup = Setup {
-        fault,
-        ..Setup::default()
-    };
+    let setup = Setup::with(fault);
     let mesh = shapes::damaged_plate(fault == Fault::LostConstraint);
     let mut bench = Bench::new(&model(mesh, true)?, setup)?;
     let home = DVec3::Z * 0.02;
@@ -185,10 +181,7 @@ pub fn prediction_miss(
     random: &mut Xoshiro256PlusPlus,
     fault: Fault,
 ) -> Result<Found, Failure> {
-    let setup = Setup {
-        fault,
-        ..Setup::default()
-    };
+    let setup = Setup::with(fault);
     let mesh = generate(Shape::Relief, 50_000, 1);
     let corner =
         |v: u32| DVec3::from_array(mesh.positions[v as usize].map(|x| f64::from(x as f32)));

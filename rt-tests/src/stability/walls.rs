@@ -67,8 +67,7 @@ pub fn head_on(
     for rate_hz in [500.0, 1000.0, 2000.0, 4000.0] {
         let setup = Setup {
             rate_hz,
-            fault,
-            ..Setup::default()
+            ..Setup::with(fault)
         };
         let mut bench = wall(setup)?;
         for speed in [0.05, 0.1, 0.2, 0.5] {
@@ -94,8 +93,7 @@ pub fn net_passivity(
         let setup = Setup {
             rate_hz,
             stiffness_n_per_m: 0.9 * 2.0 * DAMPING_NS_PER_M * rate_hz,
-            fault,
-            ..Setup::default()
+            ..Setup::with(fault)
         };
         let mut bench = wall(setup)?;
         for _ in 0..size.of(24, 2000) {
@@ -118,8 +116,7 @@ pub fn passivity(
         let setup = Setup {
             stiffness_n_per_m,
             passivity: true,
-            fault,
-            ..Setup::default()
+            ..Setup::with(fault)
         };
         let mut bench = wall(setup)?;
         for _ in 0..size.of(50, 2000) {
@@ -141,8 +138,7 @@ pub fn missed_ticks(
     let setup = Setup {
         gate: Some([8.0, 2000.0]),
         passivity: true,
-        fault,
-        ..Setup::default()
+        ..Setup::with(fault)
     };
     let mut found = Found::new(f64::NEG_INFINITY);
     for missed in [1, 5] {
@@ -178,10 +174,7 @@ pub fn missed_ticks(
 
 /// Case 10, the onset: the first force past the surface over K v T, the largest; none at all is infinite.
 pub fn onset(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
-    let setup = Setup {
-        fault,
-        ..Setup::default()
-    };
+    let setup = Setup::with(fault);
     let mut bench = wall(setup)?;
     let mut found = Found::new(0.0);
     for _ in 0..size.of(100, 10_000) {
@@ -211,10 +204,7 @@ pub fn onset(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
 /// Case 10, the creep: force along a plate without friction over K times its size, the largest, while the probe
 /// creeps 1e-9 to 1e-6 m a tick.
 pub fn creep(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
-    let setup = Setup {
-        fault,
-        ..Setup::default()
-    };
+    let setup = Setup::with(fault);
     let mut bench = wall(setup)?;
     let mut found = Found::new(0.0);
     let full = setup.stiffness_n_per_m * setup.size_m;
@@ -248,8 +238,7 @@ pub fn encoder(
     for step in [1e-6, 5e-6, 1e-5, 5e-5] {
         let setup = Setup {
             encoder_m: step,
-            fault,
-            ..Setup::default()
+            ..Setup::with(fault)
         };
         let mut bench = wall(setup)?;
         let period = bench.period_s();

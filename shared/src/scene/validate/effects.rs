@@ -446,10 +446,11 @@ impl Limits<'_> {
         0.5 * self.mass_kg * self.rate_hz
     }
 
-    /// Largest stiffness that it can render together with a damping (facts of haptics, F1 and F2; half the damping is
-    /// counted, for it comes late), and never more than a quarter of a swing of the mass in a tick.
+    /// Largest stiffness that it can render together with a damping: half of what theory allows (facts of haptics, F1 and
+    /// F2), where it would ring for seconds, with half of the damping, which comes late; and never more than a quarter of
+    /// a swing of the mass in a tick. `rt-tests stability fields` tries the limit.
     fn stiffness(&self, damping: f64) -> f64 {
-        let damped = (2.0 * self.damping_ns_per_m + damping) * self.rate_hz;
+        let damped = (self.damping_ns_per_m + 0.5 * damping) * self.rate_hz;
         damped.min(0.25 * self.mass_kg * self.rate_hz * self.rate_hz)
     }
 }

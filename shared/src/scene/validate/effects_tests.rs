@@ -71,7 +71,7 @@ fn a_wrong_parameter_is_refused_with_its_line_and_what_to_write() {
         ("magnet = { force_n = 20, reach_m = 0.01 }", "force_n is 20"),
         (
             "magnet = { force_n = 1, reach_m = 0.001 }",
-            "write at least 0.002",
+            "write at least 0.004",
         ),
         (
             "viscosity = { damping_ns_per_m = 0.1 }",
@@ -111,8 +111,8 @@ fn a_wrong_parameter_is_refused_with_its_line_and_what_to_write() {
             "stiffness_n_per_m is -5",
         ),
         (
-            "spring = { point_m = [0, 0, 0], stiffness_n_per_m = 2001 }",
-            "at most 2000",
+            "spring = { point_m = [0, 0, 0], stiffness_n_per_m = 1001 }",
+            "at most 1000",
         ),
         ("spring = { stiffness_n_per_m = 5 }", "one of the two"),
         (
