@@ -7,7 +7,8 @@ pub use page::write_whole;
 use crate::machine::Machine;
 use hrtc::controller::Capacity;
 use hrtc::result::{Finished, Spread};
-use shared::scene::{RefinementPlan, ScenePlan, TrajectoryPlan};
+use shared::scene::{Effect, RefinementPlan, ScenePlan, TrajectoryPlan};
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 /// Everything that a report tells of.
@@ -106,10 +107,19 @@ impl Report<'_> {
                 length(r.depth_m_max)
             ),
         ];
+        let effects = self.effects();
+        if !effects.is_empty() {
+            lines.push(format!("with the effects {}", effects.join(", ")));
+        }
         lines.push(if r.energy_j > 0.0 {
             format!(
-                "the rendering pushed {:.3} mJ into the hand: an ideal surface gives none",
-                r.energy_j * 1e3
+                "the rendering pushed {:.3} mJ into the hand: an ideal surface gives none{}",
+                r.energy_j * 1e3,
+                if effects.is_empty() {
+                    ""
+                } else {
+                    ", but a magnet, a vibration, a spring, a weight or a mass may"
+                }
             )
         } else {
             format!(
@@ -118,6 +128,14 @@ impl Report<'_> {
             )
         });
         lines
+    }
+
+    /// The effects that the scene lists, each once.
+    fn effects(&self) -> Vec<&'static str> {
+        let of_objects = self.plan.objects.iter().flat_map(|of| of.effects.iter());
+        let listed = of_objects.chain(&self.plan.effects);
+        let kinds: BTreeSet<usize> = listed.map(|effect| effect.effect.index()).collect();
+        kinds.into_iter().map(|kind| Effect::NAMES[kind]).collect()
     }
 
     /// Of several objects and probes; nothing of one.
