@@ -11,6 +11,7 @@ use crate::predictors::PredictorsArgs;
 use crate::replay::ReplayArgs;
 use crate::run::RunArgs;
 use crate::stability::StabilityArgs;
+use crate::zwidth::ZwidthArgs;
 use clap::{Args, Parser, Subcommand};
 use shared::scene::Overrides;
 use std::ffi::OsString;
@@ -46,6 +47,8 @@ pub enum Command {
     Stability(StabilityArgs),
     /// Show what each effect of a scene costs a tick, and that one that is not listed costs nothing
     Effects(EffectsArgs),
+    /// Measure how stiff a wall this machine can render: its period, the delay of its force, and theory beside it
+    Zwidth(ZwidthArgs),
     /// The station of a run.
     #[command(hide = true)]
     RoleStation(RoleArgs),

@@ -219,15 +219,7 @@ pub fn jitter(args: &JitterArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
     let bundled = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
-    let scene = match &args.scene {
-        Some(scene) => scene.clone(),
-        None => {
-            let path = bundled.path().join("first-touch.toml");
-            std::fs::write(&path, crate::BUNDLED_SCENE)
-                .map_err(|error| Failure::write(&path, &error))?;
-            path
-        }
-    };
+    let scene = crate::bundled_or(args.scene.as_deref(), bundled.path())?;
     let plan = load(&scene, &args.overrides.overrides())?;
     let out = args
         .out

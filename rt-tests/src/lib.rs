@@ -2,7 +2,7 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`run`], [`jitter`], [`replay`], [`accuracy`], [`compare`], [`predictors`], [`stability`], [`effects`] | the commands |
+//! | [`run`], [`jitter`], [`replay`], [`accuracy`], [`compare`], [`predictors`], [`stability`], [`effects`], [`zwidth`] | the commands |
 //! | [`simulator`] | both pure cores in one process, under a simulated clock |
 //! | [`supervise`], [`pair`] | this program again as a process, and the two of a run |
 //! | [`bare`], [`load`] | the loop to compare with, and load on the other core |
@@ -36,14 +36,26 @@ pub mod stability;
 pub mod supervise;
 pub mod surface;
 pub mod verdict;
+pub mod zwidth;
 
 use arguments::{Arguments, Command, ControllerArgs, RoleArgs};
 use failure::Failure;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use supervise::stop_flag;
 
 /// The scene for commands that need one and were given none.
 pub const BUNDLED_SCENE: &str = include_str!("../../config/scenes/first-touch.toml");
+
+/// A scene file: the one that was named, or the bundled one, written into a folder.
+fn bundled_or(named: Option<&Path>, folder: &Path) -> Result<PathBuf, Failure> {
+    if let Some(named) = named {
+        return Ok(named.to_path_buf());
+    }
+    let path = folder.join("first-touch.toml");
+    std::fs::write(&path, BUNDLED_SCENE).map_err(|error| Failure::write(&path, &error))?;
+    Ok(path)
+}
 
 /// Does what was typed; says in one sentence on standard error why it could not.
 #[must_use]
@@ -58,6 +70,7 @@ pub fn execute(arguments: Arguments) -> ExitCode {
         Command::Predictors(args) => predictors::predictors(&args),
         Command::Stability(args) => stability::stability(&args),
         Command::Effects(args) => effects::effects(&args),
+        Command::Zwidth(args) => zwidth::zwidth(&args),
         Command::RoleStation(args) => station(args),
         Command::RoleHrtc(args) => controller(args),
         Command::RoleBare(args) => stop_flag().and_then(|stop| bare::bare(&args, &stop)),

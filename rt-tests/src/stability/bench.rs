@@ -311,6 +311,26 @@ impl FreeMass {
         Self::held(place, velocity, period_s, encoder_m, [0.0, 0.0])
     }
 
+    /// Another device, of this mass, kg, and damping, N s/m.
+    #[must_use]
+    pub fn of(
+        [mass_kg, damping_ns_per_m]: [f64; 2],
+        place: DVec3,
+        velocity: DVec3,
+        period_s: f64,
+    ) -> Self {
+        let plan = SimulatedDevicePlan {
+            mass_kg,
+            damping_ns_per_m,
+            encoder_m: 0.0,
+            hand: Hand {
+                stiffness_n_per_m: 0.0,
+                damping_ns_per_m: 0.0,
+            },
+        };
+        Self::planned(plan, place, velocity, period_s)
+    }
+
     /// Held to `place` by a hand of this stiffness (N/m) and damping (N s/m).
     #[must_use]
     pub fn held(
@@ -329,6 +349,10 @@ impl FreeMass {
                 damping_ns_per_m,
             },
         };
+        Self::planned(plan, place, velocity, period_s)
+    }
+
+    fn planned(plan: SimulatedDevicePlan, place: DVec3, velocity: DVec3, period_s: f64) -> Self {
         let mut device = Simulated::new(plan, period_s);
         device.intend(Intent {
             pose: Pose::at(place),

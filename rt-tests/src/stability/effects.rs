@@ -2,6 +2,7 @@
 //! and what is switched, or not listed, is not felt.
 
 use super::bench::{Bench, DAMPING_NS_PER_M, Fault, FreeMass, Setup, model};
+use super::walls::wall;
 use super::{Found, Size, shapes};
 use crate::failure::Failure;
 use crate::surface::unit;
@@ -13,13 +14,6 @@ use std::f64::consts::TAU;
 /// Coefficients of the friction of these cases.
 const STATIC: f64 = 0.4;
 const FRICTION: &str = "{ friction = { static = 0.4, dynamic = 0.3 } }";
-
-/// A plate that is touched at once everywhere.
-fn plate(setup: Setup) -> Result<Bench, Failure> {
-    let mut bench = Bench::new(&model(shapes::plate(false), true)?, setup)?;
-    bench.settle(DVec3::Z * 0.01)?;
-    Ok(bench)
-}
 
 /// What a way cost.
 struct Way {
@@ -59,7 +53,7 @@ pub fn friction_loop(
         effects: FRICTION,
         ..Setup::with(fault)
     };
-    let mut bench = plate(setup)?;
+    let mut bench = wall(setup)?;
     let mut found = Found::new(f64::NEG_INFINITY);
     for _ in 0..size.of(40, 4000) {
         let radius = 0.02 * unit(random);
@@ -89,7 +83,7 @@ pub fn friction_stick(
         effects: FRICTION,
         ..Setup::with(fault)
     };
-    let mut bench = plate(setup)?;
+    let mut bench = wall(setup)?;
     let depth = 2e-3;
     let pressed = DVec3::Z * (setup.radius_m - depth);
     bench.touch(pressed);
@@ -201,7 +195,7 @@ pub fn texture_alias(
         effects: "{ texture = { amplitude_m = 2e-5, grating = { wavelength_m = 1e-3 } } }",
         ..Setup::with(fault)
     };
-    let mut bench = plate(setup)?;
+    let mut bench = wall(setup)?;
     let depth = 1e-3;
     let due = DVec3::Z * setup.stiffness_n_per_m * (depth - amplitude);
     let full = setup.stiffness_n_per_m * amplitude;
@@ -239,7 +233,7 @@ pub fn magnet_loop(
         effects: "{ magnet = { force_n = 1.0, reach_m = 0.01 } }",
         ..Setup::with(fault)
     };
-    let mut bench = plate(setup)?;
+    let mut bench = wall(setup)?;
     let (force, reach) = (1.0, 0.01);
     let mut found = Found::new(0.0);
     for _ in 0..size.of(40, 4000) {
@@ -285,7 +279,7 @@ pub fn fields(
                 gate: Some([8.0, 1e9]),
                 ..Setup::with(fault)
             };
-            let mut bench = plate(setup)?;
+            let mut bench = wall(setup)?;
             let period = bench.period_s();
             for _ in 0..size.of(2, 100) {
                 let middle = DVec3::Z * 0.1;
@@ -333,7 +327,7 @@ pub fn boundary(
             passivity: true,
             ..Setup::with(fault)
         };
-        let mut bench = plate(setup)?;
+        let mut bench = wall(setup)?;
         let period = bench.period_s();
         for _ in 0..size.of(20, 2000) {
             let start = DVec3::Z * (0.149 - 1e-3 * unit(random));
@@ -386,7 +380,7 @@ pub fn toggled(
     let mut found = Found::new(0.0);
     let allowed = GATE[1] / setup.rate_hz;
     for _ in 0..size.of(2, 50) {
-        let mut bench = plate(setup)?;
+        let mut bench = wall(setup)?;
         let mut last = DVec3::ZERO;
         let phase = TAU * unit(random);
         for tick in 0..1500 {
@@ -419,7 +413,7 @@ pub fn unlisted(
             effects,
             ..Setup::with(fault)
         };
-        let mut bench = plate(setup)?;
+        let mut bench = wall(setup)?;
         let forces = ways.iter().map(|&way| {
             let place = DVec3::new(0.01 * way, 0.0, setup.radius_m - 1e-3 * (way - 0.3));
             bench.touch(place).force

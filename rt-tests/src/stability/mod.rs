@@ -11,13 +11,13 @@
 //! | `effects` | friction, texture, fields: energy, drift, switching |
 //! | `disturbances` | jumps, noise, a station that goes away, another scale |
 
-mod bench;
+pub(crate) mod bench;
 mod corners;
 mod disturbances;
 mod effects;
 mod shapes;
 mod sheets;
-mod walls;
+pub(crate) mod walls;
 
 pub use bench::Fault;
 

@@ -1,6 +1,6 @@
 //! A wall: the energy that it puts out, how its force begins, and what an encoder makes of it.
 
-use super::bench::{Bench, DAMPING_NS_PER_M, Fault, FreeMass, Setup, model};
+use super::bench::{Bench, DAMPING_NS_PER_M, Fault, FreeMass, MASS_KG, Setup, model};
 use super::{Found, Size, shapes};
 use crate::failure::Failure;
 use crate::surface::unit;
@@ -11,19 +11,24 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 const BOUNCE_TICKS: u32 = 4000;
 
 /// What a bounce off a wall did.
-struct Bounce {
+pub struct Bounce {
     /// Energy that the wall put out, joules.
-    energy_j: f64,
+    pub energy_j: f64,
     /// The integral of the squared speed over the contact, m²/s.
-    travel: f64,
+    pub travel: f64,
 }
 
 /// A free mass falls on the wall at a speed, anywhere within a period of touching, and leaves again.
 fn bounce(bench: &mut Bench, speed: f64, phase: f64) -> Bounce {
+    bounce_of(bench, [MASS_KG, DAMPING_NS_PER_M], speed, phase)
+}
+
+/// The same of a device of this mass, kg, and damping, N s/m.
+pub fn bounce_of(bench: &mut Bench, device: [f64; 2], speed: f64, phase: f64) -> Bounce {
     let period = bench.period_s();
     let surface = bench.setup().radius_m;
     let start = DVec3::Z * (surface + speed * period * (1.0 + phase));
-    let mut mass = FreeMass::new(start, DVec3::Z * -speed, period, 0.0);
+    let mut mass = FreeMass::of(device, start, DVec3::Z * -speed, period);
     let mut bounce = Bounce {
         energy_j: 0.0,
         travel: 0.0,
@@ -51,7 +56,11 @@ fn bounce(bench: &mut Bench, speed: f64, phase: f64) -> Bounce {
     bounce
 }
 
-fn wall(setup: Setup) -> Result<Bench, Failure> {
+/// A plate that is there as a whole.
+///
+/// # Errors
+/// One sentence when it cannot be served.
+pub fn wall(setup: Setup) -> Result<Bench, Failure> {
     let mut bench = Bench::new(&model(shapes::plate(false), true)?, setup)?;
     bench.settle(DVec3::Z * 0.01)?;
     Ok(bench)
