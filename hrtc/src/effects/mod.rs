@@ -272,9 +272,10 @@ impl SurfaceEffects {
     pub fn near(&mut self, clock: Clock, gap_m: f64, towards: DVec3) -> DVec3 {
         let mut force = DVec3::ZERO;
         for listed in &mut self.0 {
-            if let OfSurface::Friction(friction) = &mut listed.effect {
-                friction.let_go();
-                continue;
+            match &mut listed.effect {
+                OfSurface::Friction(friction) => friction.let_go(),
+                OfSurface::Shading(shading) => shading.let_go(),
+                _ => {}
             }
             if !matches!(listed.effect, OfSurface::Magnet(_)) {
                 continue;

@@ -6,6 +6,9 @@
 //! faces the proxy. All three change continuously with the proxy's place, so the direction does. Faces that are turned
 //! from the mean by half of `max_turn` or more are left out in a second round: so sharper edges stay sharp. It depends
 //! on lengths of the object, not on faces: it feels alike at any level of detail.
+//!
+//! A proxy that is held deep below a ridge comes round it in one tick. So the direction follows no faster than the device
+//! moves: by `max_turn` on a way of r.
 
 use super::{Rendered, Touching};
 use crate::query::{Work, faces_within};
@@ -19,17 +22,27 @@ const MOST_FACES: usize = 256;
 #[derive(Debug, Clone, Copy)]
 pub struct Shading {
     plan: ShadingPlan,
+    /// The direction of the last tick.
+    direction: Option<DVec3>,
 }
 
 impl Shading {
     /// Over a radius.
     #[must_use]
     pub fn new(plan: ShadingPlan) -> Self {
-        Self { plan }
+        Self {
+            plan,
+            direction: None,
+        }
+    }
+
+    /// The surface is not touched any more.
+    pub fn let_go(&mut self) {
+        self.direction = None;
     }
 
     /// Turns what resists. What it cost.
-    pub fn turn(&self, at: &Touching<'_>, amount: f64, out: &mut Rendered) -> Work {
+    pub fn turn(&mut self, at: &Touching<'_>, amount: f64, out: &mut Rendered) -> Work {
         let size = out.resists.force.length();
         if !(size > 0.0 && size.is_finite()) {
             return Work::default();
@@ -71,10 +84,27 @@ impl Shading {
                 *face * ((alike - sharp) / (1.0 - sharp)).max(0.0)
             })
             .sum();
-        if let Some(shaded) = kept.try_normalize() {
-            let shaded = normal.lerp(shaded, amount).normalize_or(normal);
-            out.resist((shaded - normal) * size, at.arm);
-        }
+        // Over a sharp edge nothing is left: the force is the surface's own.
+        let wanted = kept.normalize_or(normal);
+        let way = at.velocity.length() * at.clock.period_s / self.plan.radius_m;
+        let is_smooth = kept != DVec3::ZERO;
+        let shaded = match self.direction {
+            Some(last) if is_smooth => turned_to(last, wanted, way * self.plan.max_turn),
+            _ => wanted,
+        };
+        self.direction = Some(shaded);
+        let shaded = normal.lerp(shaded, amount).normalize_or(normal);
+        out.resist((shaded - normal) * size, at.arm);
         work
     }
+}
+
+/// A unit vector turned towards another one, by an angle at the most.
+fn turned_to(from: DVec3, to: DVec3, most: f64) -> DVec3 {
+    let angle = from.angle_between(to);
+    if angle <= most {
+        return to;
+    }
+    let aside = (to - from * from.dot(to)).normalize_or_zero();
+    (from * most.cos() + aside * most.sin()).normalize_or(to)
 }

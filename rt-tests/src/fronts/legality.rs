@@ -1,10 +1,10 @@
 //! Random walks over fronts: legality by counters beside the adjacency test, and every invariant on the way.
 
+use super::walk::WalkWithTree;
 use crate::models::Model;
 use rand::Rng;
 use serde::Serialize;
-use shared::ab_tree::AbTree;
-use shared::spm::{ActiveMesh, FrontWalk};
+use shared::spm::ActiveMesh;
 use std::collections::BTreeMap;
 
 /// Splits and collapses of a walk.
@@ -38,42 +38,27 @@ pub struct Legality {
 /// When an invariant of mesh or tree does not hold.
 pub fn walk(model: &Model, random: &mut impl Rng) -> Legality {
     let mut found = Legality::default();
-    let header = model.file.model_header();
-    let mut walk = FrontWalk::new(model.active_mesh());
-    if walk.vsps() == 0 {
+    if model.file.model_header().vsps == 0 {
         return found;
     }
-    let mut tree = AbTree::new(header.base_faces + 2 * header.vsps);
-    tree.preconstruct(header.faces);
-    for (face, base) in (0u32..).zip(model.file.base_faces()) {
-        assert!(tree.insert(face, base.leaf), "a leaf code occurs twice");
-    }
+    let mut walked = WalkWithTree::new(model);
     let mut draw = || random.next_u32();
     for step in 0..OPERATIONS {
         // Up, to and fro near the top, down, to and fro, and up again.
         let splits_of_ten = [10, 9, 6, 5, 1, 5, 9, 5][(step * 8 / OPERATIONS) as usize];
         let up = draw() % 10 < splits_of_ten;
-        // At an end of the walk it turns round.
-        if up && split(&mut walk, &mut tree, &mut draw) {
-            found.splits += 1;
-        } else if walk.collapse(&mut draw).is_some() {
-            for &face in walk.out.made_or_removed() {
-                tree.remove(face);
-            }
-            found.collapses += 1;
-        } else if split(&mut walk, &mut tree, &mut draw) {
-            found.splits += 1;
-        } else {
-            break;
+        match walked.step(up, &mut draw) {
+            Some(true) => found.splits += 1,
+            Some(false) => found.collapses += 1,
+            None => break,
         }
-        for &face in walk.out.deformed() {
-            tree.deform(face);
-        }
+        let WalkWithTree { walk, .. } = &walked;
         for _ in 0..ASKED {
             compare(&walk.mesh, draw() % walk.vsps(), &mut found);
         }
         if step % (OPERATIONS / CHECKS) == 0 || step + 1 == OPERATIONS {
-            tree.refit(|face| walk.mesh.face_box(face));
+            walked.refit();
+            let WalkWithTree { walk, tree } = &walked;
             tree.check(|face| walk.mesh.face_box(face));
             walk.mesh.check();
             for i in 0..walk.vsps() {
@@ -90,17 +75,6 @@ pub fn walk(model: &Model, random: &mut impl Rng) -> Legality {
         }
     }
     found
-}
-
-/// A random split in mesh and tree; false when none is legal.
-fn split(walk: &mut FrontWalk, tree: &mut AbTree, draw: &mut impl FnMut() -> u32) -> bool {
-    if walk.split(draw, |_| true).is_none() {
-        return false;
-    }
-    for (&face, leaf) in walk.out.made_or_removed().iter().zip(walk.out.leaves) {
-        assert!(tree.insert(face, leaf), "a leaf code occurs twice");
-    }
-    true
 }
 
 fn compare(mesh: &ActiveMesh, i: u32, found: &mut Legality) {

@@ -21,6 +21,9 @@ pub mod limits;
 pub mod local_front;
 pub mod path;
 pub mod table;
+mod walk;
+
+pub use walk::WalkWithTree;
 
 use crate::failure::Failure;
 use crate::models::Model;

@@ -59,6 +59,59 @@ pub fn ridge(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
     Ok(found)
 }
 
+/// Case 6, shaded: the change of the force in a tick over the force, the largest, where the probe slides over a ridge
+/// whose normals turn by 10 to 50 degrees, and the force is shaded over 5 mm.
+pub fn shaded_ridge(
+    size: &Size,
+    random: &mut Xoshiro256PlusPlus,
+    fault: Fault,
+) -> Result<Found, Failure> {
+    let mut found = Found::new(0.0);
+    for degrees in (10..=50).step_by(10) {
+        let (sin, cos) = (0.5 * f64::from(degrees).to_radians()).sin_cos();
+        let mesh = shapes::roof(
+            f64::from(degrees).to_radians(),
+            fault == Fault::LostConstraint,
+        );
+        let setup = Setup {
+            effects: "{ shading = { radius_m = 0.005, max_turn_deg = 60 } }",
+            ..Setup::with(fault)
+        };
+        let mut bench = Bench::new(&model(mesh, true)?, setup)?;
+        bench.settle(DVec3::Z * 0.01)?;
+        for _ in 0..size.of(4, 200) {
+            let speed = 0.02 + 0.08 * unit(random);
+            let depth = setup.radius_m * (0.2 + 0.6 * unit(random));
+            let reach = 0.01;
+            // At an even depth below where the probe would touch: along a slope, round the edge, along the other slope.
+            let off = setup.radius_m - depth;
+            let round = 0.5 * f64::from(degrees).to_radians() * off;
+            let place = |way: f64| {
+                let along = (way.abs() - round).max(0.0) * way.signum();
+                let turn = way.clamp(-round, round) / off;
+                DVec3::new(along * cos, 0.0, -along.abs() * sin)
+                    + DVec3::new(turn.sin(), 0.0, turn.cos()) * off
+            };
+            bench.touch(place(-reach) + DVec3::Z * 0.01);
+            let mut last = bench.touch(place(-reach)).force;
+            let ticks = (2.0 * reach / (speed * bench.period_s())).ceil() as u32;
+            for tick in 1..=ticks {
+                let way = reach * (2.0 * f64::from(tick) / f64::from(ticks) - 1.0);
+                let force = bench.touch(place(way)).force;
+                let larger = last.length().max(force.length());
+                found.most(if larger > 0.0 {
+                    force.distance(last) / larger
+                } else {
+                    f64::INFINITY
+                });
+                last = force;
+            }
+            bench.touch(DVec3::Z * 0.02);
+        }
+    }
+    Ok(found)
+}
+
 /// Case 7: how far the proxy is outside one of two planes of a valley, or moves farther than the device, over the
 /// numbers' size, the largest; angles of 1e-8 to 1 rad.
 pub fn valley(

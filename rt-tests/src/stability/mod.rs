@@ -9,12 +9,14 @@
 //! | `sheets` | nothing is passed: thin, sharp, broken, or coarse |
 //! | `corners` | ridges, valleys, tips and corners |
 //! | `effects` | friction, texture, fields: energy, drift, switching |
+//! | `fronts` | a front that moves, files in any unit |
 //! | `disturbances` | jumps, noise, a station that goes away, another scale |
 
 pub(crate) mod bench;
 mod corners;
 mod disturbances;
 mod effects;
+mod fronts;
 mod shapes;
 mod sheets;
 pub(crate) mod walls;
@@ -109,7 +111,7 @@ struct Case {
 const CONVERGENCE: f64 = 1e-6;
 
 /// The cases.
-const CASES: [Case; 31] = [
+const CASES: [Case; 34] = [
     case(
         "head-on-wall",
         "energy put out over K T/2 times the integral of v²",
@@ -160,6 +162,13 @@ const CASES: [Case; 31] = [
         corners::ridge,
     ),
     case(
+        "shaded-ridge",
+        "change of force in a tick over the force, shaded",
+        0.07,
+        Fault::LostConstraint,
+        corners::shaded_ridge,
+    ),
+    case(
         "valley",
         "outside one of two planes, of the size",
         1e-9,
@@ -188,6 +197,13 @@ const CASES: [Case; 31] = [
         disturbances::scale,
     ),
     case(
+        "units",
+        "difference in files of units of 1e-6 to 1e6, relative",
+        1e-9,
+        Fault::AbsoluteEpsilon,
+        fronts::units,
+    ),
+    case(
         "slow-onset",
         "first force over K v T",
         1.05,
@@ -214,6 +230,13 @@ const CASES: [Case; 31] = [
         0.0,
         Fault::LostConstraint,
         sheets::damaged_mesh,
+    ),
+    case(
+        "refit",
+        "nearest faces that are not, after each split or collapse",
+        0.0,
+        Fault::LostConstraint,
+        fronts::refit,
     ),
     case(
         "prediction-miss",
