@@ -20,6 +20,7 @@ use path::{Leg, Resampler, Sample};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{RngCore, SeedableRng};
 use roll::{Ball, Slide};
+use shared::geometry::Pose;
 use shared::protocol::{Refusal, TourAsk, TourPoint};
 use shared::spm::{FileError, SpmFile};
 use thiserror::Error;
@@ -99,6 +100,8 @@ pub struct Tour {
     /// Points to give.
     total: u64,
     before: DVec3,
+    /// Axes of the tool at the last point.
+    turn: DQuat,
 }
 
 /// How far a touch is.
@@ -202,6 +205,7 @@ impl Tour {
             given: 0,
             total: (seconds / PERIOD).ceil() as u64 + 1,
             before: DVec3::ZERO,
+            turn: DQuat::IDENTITY,
         })
     }
 
@@ -264,11 +268,17 @@ impl Tour {
         self.before = sample.position;
         self.given += 1;
         let origin = DVec3::from_array(file.model_header().origin);
-        let turn = DQuat::from_rotation_arc(DVec3::Z, sample.axis);
+        // On from where it was by the shortest way: it never spins about its own axis, whichever way that points.
+        let arc = DQuat::from_rotation_arc(self.turn * DVec3::Z, sample.axis);
+        self.turn = (arc * self.turn).normalize();
+        let turn = Pose {
+            position: DVec3::ZERO,
+            orientation: self.turn,
+        };
         TourPoint {
             t,
             position: (position + origin).to_array(),
-            orientation_wxyz: [turn.w, turn.x, turn.y, turn.z],
+            orientation_wxyz: turn.wxyz(),
         }
     }
 

@@ -31,7 +31,12 @@ impl Script {
             let point: &TourPoint = &points[k];
             // Tours are in the file's own frame: its origin is part of the position.
             let position = DVec3::from_array(point.position) - frame.origin;
-            Pose::at(frame.to_world(position))
+            // What is no orientation leaves the object's own axes.
+            let own = Pose::from_wxyz([0.0; 3], point.orientation_wxyz).unwrap_or(Pose::IDENTITY);
+            Pose {
+                position: frame.to_world(position),
+                orientation: frame.pose.orientation * own.orientation,
+            }
         };
         self.along(points.len(), |k| points[k].t, pose, t)
     }
@@ -71,6 +76,31 @@ impl Script {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DQuat;
+
+    /// The axes of a tool follow the object's surface wherever the object is.
+    #[test]
+    fn a_tour_leads_in_the_frame_of_its_object() {
+        let turn = DQuat::from_rotation_y(1.0);
+        let own = DQuat::from_rotation_x(2.0);
+        let frame = ModelFrame {
+            pose: Pose {
+                position: DVec3::X,
+                orientation: turn,
+            },
+            metres_per_unit: 0.5,
+            origin: DVec3::Z,
+        };
+        let point = TourPoint {
+            t: 0.0,
+            position: [0.0, 2.0, 1.0],
+            orientation_wxyz: [own.w, own.x, own.y, own.z],
+        };
+        let intent = Script::default().along_tour(&[point], &frame, 0.0).unwrap();
+        let expected = DVec3::X + turn * DVec3::new(0.0, 1.0, 0.5);
+        assert!(intent.pose.position.distance(expected) < 1e-15);
+        assert!(intent.pose.orientation.angle_between(turn * own) < 1e-7);
+    }
 
     #[test]
     fn it_interpolates_and_rests_at_both_ends() {

@@ -106,6 +106,25 @@ fn a_tour_is_as_long_as_asked_and_no_faster() {
     }
 }
 
+/// The axis goes all round the models, so it also passes where it is opposite to where it began.
+#[test]
+fn a_tool_turns_as_its_axis_does_and_never_spins_about_it() {
+    for (shape, file) in shapes() {
+        let points = make_tour(&file, ask(&file, 4, 30.0)).unwrap();
+        let turns = points.iter().map(|point| {
+            let pose = Pose::from_wxyz(point.position, point.orientation_wxyz).unwrap();
+            pose.orientation
+        });
+        let turns: Vec<DQuat> = turns.collect();
+        for pair in turns.windows(2) {
+            let [a, b] = [pair[0] * DVec3::Z, pair[1] * DVec3::Z];
+            // The arc cosine of a product near 1 is good to the root of its rounding.
+            let limit = a.angle_between(b) + 1e-7;
+            assert!(pair[0].angle_between(pair[1]) <= limit, "{shape}: {a} {b}");
+        }
+    }
+}
+
 #[test]
 fn free_ways_never_come_near_the_mesh() {
     for (shape, file) in shapes() {
