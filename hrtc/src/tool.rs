@@ -45,8 +45,11 @@ pub enum ToolError {
 #[derive(Debug, Clone, Copy)]
 struct Moved {
     position: DVec3,
-    /// The same rounded to f32.
-    near: Vec3A,
+    /// Where the way that the boxes hold ends.
+    end: DVec3,
+    /// The corners of the box around both, rounded to f32.
+    lower: Vec3A,
+    upper: Vec3A,
 }
 
 /// A node: 64 bytes, boxes in the query's frame.
@@ -112,7 +115,9 @@ impl Tool {
             .collect();
         let nowhere = Moved {
             position: DVec3::ZERO,
-            near: Vec3A::ZERO,
+            end: DVec3::ZERO,
+            lower: Vec3A::ZERO,
+            upper: Vec3A::ZERO,
         };
         let mut tool = Self {
             rest: mesh.positions.clone(),
@@ -133,16 +138,40 @@ impl Tool {
         self.to_query = *to_query;
         for (moved, &rest) in self.moved.iter_mut().zip(&self.rest) {
             let position = to_query.point(rest);
+            let near = position.as_vec3a();
             *moved = Moved {
                 position,
-                near: position.as_vec3a(),
+                end: position,
+                lower: near,
+                upper: near,
             };
         }
+        self.refit();
+    }
+
+    /// The same, with boxes that hold every corner on its straight way to where `end` puts it.
+    pub fn place_along(&mut self, to_query: &Similarity, end: &Similarity) {
+        self.to_query = *to_query;
+        for (moved, &rest) in self.moved.iter_mut().zip(&self.rest) {
+            let (position, end) = (to_query.point(rest), end.point(rest));
+            let (near, far) = (position.as_vec3a(), end.as_vec3a());
+            *moved = Moved {
+                position,
+                end,
+                lower: near.min(far),
+                upper: near.max(far),
+            };
+        }
+        self.refit();
+    }
+
+    fn refit(&mut self) {
         // Two loops without a branch: the boxes of faces, then those of nodes, children before their parents.
         let (of_nodes, of_faces) = self.boxes.split_at_mut(self.nodes.len());
         for (aabb, face) in of_faces.iter_mut().zip(&self.faces) {
-            let [a, b, c] = face.map(|v| self.moved[v as usize].near);
-            *aabb = BoxPair::twice_widened(a.min(b).min(c), a.max(b).max(c));
+            let [a, b, c] = face.map(|v| &self.moved[v as usize]);
+            let lower = a.lower.min(b.lower).min(c.lower);
+            *aabb = BoxPair::twice_widened(lower, a.upper.max(b.upper).max(c.upper));
         }
         let first_face = of_nodes.len();
         for k in (0..first_face).rev() {
@@ -207,6 +236,11 @@ impl Body for Tool {
     #[inline]
     fn corners(&self, face: Handle) -> [DVec3; 3] {
         self.faces[face as usize].map(|v| self.moved[v as usize].position)
+    }
+
+    #[inline]
+    fn ends(&self, face: Handle) -> [DVec3; 3] {
+        self.faces[face as usize].map(|v| self.moved[v as usize].end)
     }
 
     fn has(&self, face: Handle) -> bool {

@@ -18,7 +18,7 @@ struct Entry {
     box_b: BoxQuery,
 }
 
-/// The slabs of a face: across it, and across its longest edge in its plane. A box around a long face that lies askew
+/// The slabs of a face along its way: across it, and across its longest edge in its plane. A box around a long face that lies askew
 /// holds far more than the face is near.
 struct Slabs {
     face: Handle,
@@ -39,7 +39,7 @@ impl Slabs {
             return;
         }
         self.face = face;
-        let corners = body.corners(face);
+        let (corners, ends) = (body.corners(face), body.ends(face));
         let [a, b, c] = corners;
         let longest = [b - a, c - b, a - c].into_iter().fold(DVec3::ZERO, |l, e| {
             if e.length_squared() > l.length_squared() {
@@ -52,7 +52,10 @@ impl Slabs {
         let across = normal.cross(longest).normalize_or_zero();
         self.slabs = [normal, across].map(|direction| {
             let [p, q, r] = corners.map(|corner| direction.dot(corner));
-            (direction, direction.abs(), p.min(q).min(r), p.max(q).max(r))
+            let [s, t, u] = ends.map(|corner| direction.dot(corner));
+            let low = p.min(q).min(r).min(s).min(t).min(u);
+            let high = p.max(q).max(r).max(s).max(t).max(u);
+            (direction, direction.abs(), low, high)
         });
     }
 
@@ -73,7 +76,7 @@ impl Slabs {
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// Calls `visit` with every pair of faces within `margin` (units of the query's frame), and some that are not much farther,
-/// in tree order.
+/// in tree order. The faces of `b` are taken at every place of their straight way from [`Body::corners`] to [`Body::ends`].
 ///
 /// `visit` breaks, or returns the margin from then on (not negative), so that whoever has no room left goes on with a
 /// smaller one. It ends when `budget` pairs of nodes were visited.

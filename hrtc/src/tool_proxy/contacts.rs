@@ -5,6 +5,7 @@
 //! over a plate would halve its way to every edge. Each pair of features is looked at once, by the two faces that
 //! answer for them. Features within a plane are left out where the corners of the plane tell as much.
 
+use super::motion::Placement;
 use super::neighbourhood::{Neighbourhood, SurfaceFace};
 use super::projection::MOST_HALF_SPACES;
 use super::shape::{FLAT, ToolShape};
@@ -65,6 +66,8 @@ impl ToolContact {
 #[derive(Debug, Clone)]
 pub struct Contacts {
     all: Vec<ToolContact>,
+    /// Where the tool is for them.
+    at: Placement,
     dropped: u32,
     high_water: usize,
 }
@@ -98,9 +101,26 @@ impl Contacts {
     pub fn new() -> Self {
         Self {
             all: Vec::with_capacity(MOST_HALF_SPACES),
+            at: Placement::NOWHERE,
             dropped: 0,
             high_water: 0,
         }
+    }
+
+    /// None are left.
+    pub fn clear(&mut self) {
+        self.all.clear();
+    }
+
+    /// Takes them along to where the tool is now, as if it had touched the planes through their points.
+    pub fn carry(&mut self, at: &Placement) {
+        let turn = at.rotation() * self.at.rotation().transpose();
+        for contact in &mut self.all {
+            contact.arm = turn * contact.arm;
+            let tool = at.centre + contact.arm;
+            contact.gap = contact.normal.dot(tool - contact.point);
+        }
+        self.at = *at;
     }
 
     /// The contacts.
@@ -141,11 +161,12 @@ impl Contacts {
         near: &mut Neighbourhood,
         shape: &ToolShape,
         surface: Surface<'_>,
-        centre: DVec3,
-        rotation: DMat3,
+        at: &Placement,
         limit: f64,
     ) -> u32 {
         self.all.clear();
+        self.at = *at;
+        let (centre, rotation) = (at.centre, at.rotation());
         self.dropped = 0;
         let mut asked = 0;
         let back = rotation.transpose();

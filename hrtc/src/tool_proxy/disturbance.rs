@@ -71,11 +71,11 @@ impl Disturbance {
             }
         }
         let outside = (lower - centre).max(centre - upper).max(DVec3::ZERO);
-        let ball = shape.radius + near.margin().max(0.0);
+        let ball = shape.radius + near.corridor.reach().max(0.0);
         let mut is_near = outside.length_squared() <= ball * ball;
-        if is_near && near.margin() > 0.0 {
-            // The tool has moved by less than the margin since: what is out of it there is clear of it here.
-            let margin = near.gathered_margin();
+        if is_near && near.corridor.left() > 0.0 {
+            // The boxes hold the way that was gathered along, from which the tool has strayed by less than the margin.
+            let margin = near.corridor.margin();
             is_near = meets_box(tool, lower - margin, upper + margin);
         }
         let mut was_near = false;

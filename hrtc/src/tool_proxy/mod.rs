@@ -12,15 +12,19 @@
 //! |---|---|
 //! | `motion` | twists and placements |
 //! | `shape` | the tool's mesh about its centre |
+//! | `corridor` | a motion and what is beside it |
 //! | `neighbourhood` | pairs of faces near each other, gathered once and reused |
 //! | `contacts` | local minima of the distance |
 //! | `projection` | the quadratic program |
 //! | `sweep` | conservative advancement |
+//! | `follow` | the steps of a tick |
 //! | `coupling` | force and torque |
 
 mod contacts;
+mod corridor;
 mod coupling;
 mod disturbance;
+mod follow;
 mod motion;
 mod neighbourhood;
 pub mod projection;
@@ -36,39 +40,16 @@ use crate::query::{Ending, PairWork, Surface, first_pair};
 use crate::tool::Tool;
 use contacts::Contacts;
 use disturbance::Disturbance;
-use glam::DVec3;
+use follow::MOST_STOPS;
 use neighbourhood::Neighbourhood;
-use projection::{HalfSpace, MOST_ACTIVE, MOST_HALF_SPACES, project};
+use projection::{HalfSpace, MOST_ACTIVE, MOST_HALF_SPACES};
 use shape::ToolShape;
-use shared::geometry::{Pose, Similarity, Wrench, closest_points_of_triangles};
+use shared::geometry::{Pose, Similarity, Wrench};
 use shared::spm::{ActiveMesh, OperationFaces};
-use sweep::free_share;
 use thiserror::Error;
 
 /// Distance at which contacts act, as a fraction of the radius of gyration.
 const REST: f64 = 1e-4;
-/// Share of the rest distance that the sweep leaves.
-const FLOOR: f64 = 0.5;
-/// What a step looks for contacts within, beyond the device's motion, as a fraction of the radius of gyration.
-const LOOK_AROUND: f64 = 2e-3;
-/// The first step of a tick in units of that of the last one, at the most as far as is looked.
-const EXPECTED: f64 = 1.25;
-/// Steps in units of the device's motion, or of what a step looks around in, at the most while the proxy is behind.
-const CATCH_UP: f64 = 1.5;
-/// Margin of a gathering, in units of what a step looks within: 3 gathers in two ticks of five, at twice the cost of the
-/// worst; 1 in nearly every one.
-const AHEAD: f64 = 1.0;
-/// Motion, as a fraction of the radius of gyration, below which a tick is done.
-const CONVERGED: f64 = 1e-6;
-/// The same as a fraction of the device's motion in this tick: what is left is done in the next one.
-const LAG: f64 = 0.05;
-/// Steps a tick at the most; what is left is done in the next tick, from a safe place.
-const STEPS: usize = 6;
-/// Pairs that stop the steps of a tick and are remembered, at the most: one a step.
-const MOST_STOPS: usize = STEPS;
-/// Pairs of faces looked at by the steps of a tick, beyond which no further step is begun.
-const MOST_LOOKS: u32 = 8192;
-
 /// Why a tool cannot be a probe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum ToolProxyError {
@@ -142,12 +123,8 @@ pub struct ToolProxy {
     state: State,
     at: Placement,
     goal: Placement,
-    /// How far the last step went, model units: how far the next one looks.
-    pace: f64,
-    /// How far the first step of the last tick would have gone, model units.
-    opening: f64,
-    /// Margin that the budget allowed last, model units.
-    widest: f64,
+    /// Share of what is gathered ahead that the budget allowed last.
+    thrift: f64,
     rejected: u64,
 }
 
@@ -174,9 +151,7 @@ impl ToolProxy {
             state: State::Nowhere,
             at: nowhere,
             goal: nowhere,
-            pace: 0.0,
-            opening: 0.0,
-            widest: f64::INFINITY,
+            thrift: 1.0,
             rejected: 0,
             tool,
             scale,
@@ -200,7 +175,8 @@ impl ToolProxy {
         self.near.forget();
         self.disturbance = Disturbance::new();
         self.state = State::Nowhere;
-        (self.pace, self.opening, self.widest) = (0.0, 0.0, f64::INFINITY);
+        self.contacts.clear();
+        self.thrift = 1.0;
         Ok(())
     }
 
@@ -369,6 +345,7 @@ impl ToolProxy {
         if clear {
             self.state = State::Clear;
             self.near.forget();
+            self.contacts.clear();
         }
     }
 
@@ -402,189 +379,6 @@ impl ToolProxy {
         }
         self.state = State::Caught;
         true
-    }
-
-    /// The steps of a tick.
-    fn follow(
-        &mut self,
-        surface: Surface<'_>,
-        travelled: f64,
-        budget: u32,
-        answer: &mut ToolAdvance,
-    ) {
-        let (radius, gyration, rest) = (self.shape.radius, self.shape.gyration, self.rest());
-        let look_around = LOOK_AROUND * gyration;
-        self.pace = self.pace.max(travelled.min(EXPECTED * self.opening));
-        self.stops.clear();
-        let (mut looks, mut gathered) = (0, false);
-        while answer.steps < STEPS as u32 && looks < MOST_LOOKS {
-            let wanted = self.at.to(&self.goal);
-            let length = wanted.farthest(radius);
-            let reach = self.pace.min(length) + look_around;
-            let room = self.near.margin() - rest;
-            if room < reach && !gathered {
-                let margin = (rest + AHEAD * reach).min(self.widest);
-                if !self.gather(surface, margin, budget, answer) {
-                    break;
-                }
-                gathered = true;
-            } else if room < reach.min(look_around) {
-                // Once a tick is enough: it is what costs most.
-                break;
-            }
-            answer.steps += 1;
-            let reach = reach.min(self.near.margin() - rest);
-            self.near.place(&self.shape, &self.at);
-            let rotation = self.at.rotation();
-            looks += self.contacts.collect(
-                &mut self.near,
-                &self.shape,
-                surface,
-                self.at.centre,
-                rotation,
-                rest + reach,
-            );
-            looks += self.add_stops(rest);
-            answer.dropped = answer.dropped.max(self.contacts.dropped());
-            let motion = self.allowed(&wanted, rest, Some(answer));
-            let whole = motion.farthest(radius);
-            if whole <= 4.0 * f64::EPSILON * (self.at.centre.length() + length) {
-                break;
-            }
-            // No farther than what was gathered, nor turning beyond the room that the sagitta leaves.
-            if answer.steps == 1 {
-                self.opening = whole;
-            }
-            let covered = (self.near.margin() - rest) / whole;
-            let mut share = covered.min(1.0);
-            if !self.near.is_empty() {
-                let most_turn = (0.5 * rest / radius).sqrt();
-                share = share.min(most_turn / motion.angular.length());
-            }
-            let step = if share < 1.0 {
-                // A part of the way, but all of what the rest distance asks for.
-                self.allowed(&motion.times(share), rest, None)
-            } else {
-                motion
-            };
-            let swept = free_share(&mut self.near, &self.shape, &self.at, &step, FLOOR * rest);
-            looks += swept.followed;
-            answer.work.faces += swept.followed;
-            let free = answer.contact_count == 0 && share == 1.0 && swept.share == 1.0;
-            let done = step.times(swept.share);
-            self.at = if free {
-                self.goal
-            } else {
-                self.at.moved(&done)
-            };
-            self.near.spend(&done, radius);
-            if let Some(stop) = swept.stop
-                && self.stops.len() < MOST_STOPS
-                && !self.stops.contains(&stop)
-            {
-                self.stops.push(stop);
-            }
-            let went = done.farthest(radius);
-            // What is held back by what was gathered alone goes faster, up to a limit: it may have far to go.
-            self.pace = if covered < 1.0 && share == covered && swept.share == 1.0 {
-                (2.0 * went).min(CATCH_UP * travelled.max(look_around))
-            } else {
-                went
-            };
-            let settled = (CONVERGED * gyration).max(LAG * travelled);
-            if free || (swept.share == 1.0 && share == 1.0 && went <= settled) {
-                break;
-            }
-        }
-        answer.work.faces += looks;
-        self.near.place(&self.shape, &self.at);
-    }
-
-    /// What has stopped a step of this tick is a contact as long as it is no farther than the rest distance, a minimum
-    /// or not: what is left of it is no other way known. How many were looked at.
-    fn add_stops(&mut self, rest: f64) -> u32 {
-        for &k in &self.stops {
-            let pair = &self.near.pairs[k];
-            let face = &self.near.faces[pair.surface as usize];
-            let corners = self.near.corners(&self.shape, pair.tool);
-            let closest = closest_points_of_triangles(face.corners, corners);
-            let [from, to] = closest.points;
-            if let Some(normal) = (to - from).try_normalize()
-                && closest.distance_squared <= rest * rest
-            {
-                let centre = self.at.centre;
-                self.contacts
-                    .add(ToolContact::between(face.face, [from, to], normal, centre));
-            }
-        }
-        self.stops.len() as u32
-    }
-
-    /// Gathers what is near; when the budget does not allow it nothing is known, and the next tick tries a smaller
-    /// margin.
-    fn gather(
-        &mut self,
-        surface: Surface<'_>,
-        margin: f64,
-        budget: u32,
-        answer: &mut ToolAdvance,
-    ) -> bool {
-        let at = self.at;
-        self.put_tool(&at);
-        self.stops.clear();
-        let left = budget.saturating_sub(answer.work.node_pairs);
-        let (ending, work) = self
-            .near
-            .gather(surface, &self.tool, &self.shape, &at, margin, left);
-        answer.work.add(work);
-        let known = self.near.margin();
-        if known <= self.rest() {
-            // Either the budget is spent, or more is within the rest distance than there is room for.
-            answer.ending = match ending {
-                Ending::Complete => Ending::Stopped { unvisited: 0 },
-                other => other,
-            };
-            self.widest = (0.5 * margin).max(2.0 * self.rest());
-            return false;
-        }
-        self.widest = 2.0 * self.widest.max(self.rest());
-        true
-    }
-
-    /// The motion closest to the wanted one that the contacts allow; those that push go into the answer.
-    fn allowed(&mut self, wanted: &Twist, rest: f64, answer: Option<&mut ToolAdvance>) -> Twist {
-        let gyration = self.shape.gyration;
-        let half_space = |contact: &ToolContact| {
-            let [n, t] = [contact.normal, contact.arm.cross(contact.normal) / gyration];
-            HalfSpace {
-                row: [n.x, n.y, n.z, t.x, t.y, t.z],
-                offset: rest - contact.gap,
-            }
-        };
-        self.half_spaces.clear();
-        self.half_spaces
-            .extend(self.contacts.all().iter().map(half_space));
-        let (v, w) = (wanted.linear, wanted.angular * gyration);
-        let goal = [v.x, v.y, v.z, w.x, w.y, w.z];
-        let mut found = project(goal, &self.half_spaces);
-        if !found.complete {
-            // Squeezed between surfaces nearer than the rest distance: to stay is always allowed.
-            for half_space in &mut self.half_spaces {
-                half_space.offset = half_space.offset.min(0.0);
-            }
-            found = project(goal, &self.half_spaces);
-        }
-        if let Some(answer) = answer {
-            answer.contact_count = found.active().len();
-            for (place, &(k, _)) in answer.contacts.iter_mut().zip(found.active()) {
-                *place = self.contacts.all()[k];
-            }
-        }
-        let [vx, vy, vz, wx, wy, wz] = found.point;
-        Twist {
-            linear: DVec3::new(vx, vy, vz),
-            angular: DVec3::new(wx, wy, wz) / gyration,
-        }
     }
 
     /// Whether the surface holds it back from the device, in contact or caught.

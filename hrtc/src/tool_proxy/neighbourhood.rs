@@ -1,9 +1,13 @@
-//! The pairs of faces of tool and surface that are near each other, gathered once and held for as long as the tool
-//! moves less than the margin.
+//! The pairs of faces of tool and surface that come near each other on a motion, gathered once and held for as long as
+//! the tool strays from that motion by less than the margin.
+//!
+//! A tool that slides goes far along the surface and hardly towards it: a margin as wide as its way would hold several
+//! times the pairs.
 //!
 //! Each pair keeps a direction along which it is apart: a look at three corners then mostly tells that it does not
 //! matter, and along a motion that stays apart in it nothing passes.
 
+use super::corridor::Corridor;
 use super::motion::{Placement, Twist};
 use super::shape::{ToolShape, is_flat};
 use crate::query::{Ending, PairWork, Surface, for_each_near_pair};
@@ -154,7 +158,7 @@ impl Places {
     }
 }
 
-/// All pairs within a margin of a tool where it was gathered.
+/// All pairs within the margin of a corridor.
 #[derive(Debug, Clone)]
 pub struct Neighbourhood {
     pub(super) pairs: Vec<NearPair>,
@@ -169,8 +173,8 @@ pub struct Neighbourhood {
     /// The tool's axes, now and at the end of the motion.
     rotation: DMat3,
     end_rotation: DMat3,
-    /// What is left of the margin.
-    margin: f64,
+    /// Where the pairs are known.
+    pub corridor: Corridor,
     /// No point of the tool has moved farther since it was gathered.
     moved: f64,
     /// For each pair: until so much was moved it cannot touch.
@@ -193,7 +197,7 @@ impl Neighbourhood {
             ends: vec![DVec3::ZERO; vertices],
             rotation: DMat3::IDENTITY,
             end_rotation: DMat3::IDENTITY,
-            margin: f64::NEG_INFINITY,
+            corridor: Corridor::nowhere(),
             moved: 0.0,
             clear_until: Vec::with_capacity(MOST_PAIRS),
             high_water: 0,
@@ -202,17 +206,7 @@ impl Neighbourhood {
 
     /// Nothing is known any more.
     pub fn forget(&mut self) {
-        self.margin = f64::NEG_INFINITY;
-    }
-
-    /// All pairs nearer than this are among these; negative for none.
-    pub fn margin(&self) -> f64 {
-        self.margin
-    }
-
-    /// The margin that it was gathered with.
-    pub fn gathered_margin(&self) -> f64 {
-        self.margin + self.moved
+        self.corridor = Corridor::nowhere();
     }
 
     /// The most pairs that there ever were.
@@ -233,25 +227,35 @@ impl Neighbourhood {
     /// The surface is nowhere nearer than this.
     pub fn clearance(&self, shape: &ToolShape) -> f64 {
         let gap = |pair: &NearPair| self.apart_now(pair, self.corners(shape, pair.tool));
-        let least = self.pairs.iter().map(gap).fold(self.margin, f64::min);
+        let least = self
+            .pairs
+            .iter()
+            .map(gap)
+            .fold(self.corridor.left(), f64::min);
         least.max(0.0)
     }
 
-    /// Gathers all pairs within `margin` of the tool, which is placed `at`. Where there are too many the margin shrinks;
-    /// where that does not help, or the budget of node pairs is spent, nothing is known and the ending says so.
+    /// Gathers all pairs of a corridor, along which `tool` was placed. Where there are too many the margin shrinks; where
+    /// that does not help, or the budget of node pairs is spent, nothing is known and the ending says so.
     pub fn gather(
         &mut self,
         surface: Surface<'_>,
         tool: &Tool,
         shape: &ToolShape,
-        at: &Placement,
-        margin: f64,
+        corridor: Corridor,
         budget: u32,
     ) -> (Ending, PairWork) {
         self.clear();
-        self.rotation = at.rotation();
-        let mut margin = margin;
-        let mut held = (NONE, [DVec3::ZERO; 3], [DVec3::ZERO; 2]);
+        let [start, end] = corridor.ends();
+        self.rotation = start.rotation();
+        self.end_rotation = end.rotation();
+        let mut margin = corridor.straight_margin();
+        let mut held = HeldFace {
+            face: NONE,
+            corners: [[DVec3::ZERO; 3]; 2],
+            own: DVec3::ZERO,
+            normal: DVec3::ZERO,
+        };
         let (ending, work) =
             for_each_near_pair(&surface, tool, margin, budget, |face, tool_face| {
                 if self.pairs.len() == MOST_PAIRS || self.faces.len() == MOST_SURFACE_FACES {
@@ -266,13 +270,20 @@ impl Neighbourhood {
                         return ControlFlow::Break(());
                     }
                 }
-                if held.0 != tool_face {
-                    let corners = corners_at(shape, at.centre, self.rotation, tool_face);
+                if held.face != tool_face {
                     let normal = shape.faces[tool_face as usize].normal;
-                    held = (tool_face, corners, [normal, self.rotation * normal]);
+                    held = HeldFace {
+                        face: tool_face,
+                        corners: [
+                            corners_at(shape, start.centre, self.rotation, tool_face),
+                            corners_at(shape, end.centre, self.end_rotation, tool_face),
+                        ],
+                        own: normal,
+                        normal: self.rotation * normal,
+                    };
                 }
                 let place = self.face_place(surface.mesh, face);
-                let (gap, along) = best_apart(&self.faces[place as usize], held.1, held.2, margin);
+                let (gap, along) = held.best_apart(&self.faces[place as usize], margin);
                 if gap > margin {
                     return ControlFlow::Continue(margin);
                 }
@@ -285,10 +296,10 @@ impl Neighbourhood {
                 ControlFlow::Continue(margin)
             });
         self.high_water = self.high_water.max(self.pairs.len());
-        self.margin = if ending.is_complete() {
-            margin
+        self.corridor = if ending.is_complete() {
+            corridor.narrowed(margin)
         } else {
-            f64::NEG_INFINITY
+            Corridor::nowhere()
         };
         for pair in &self.pairs {
             for v in shape.faces[pair.tool as usize].vertices {
@@ -384,11 +395,10 @@ impl Neighbourhood {
         );
     }
 
-    /// The tool has moved.
-    pub fn spend(&mut self, motion: &Twist, radius: f64) {
-        let way = motion.farthest(radius);
-        self.margin -= way;
-        self.moved += way;
+    /// The tool has moved to a place by a motion.
+    pub fn spend(&mut self, place: &Placement, motion: &Twist, radius: f64) {
+        self.corridor.follow(place);
+        self.moved += motion.farthest(radius);
     }
 
     /// Whether a pair is farther apart than a distance, by what was seen of it and how far the tool has moved since.
@@ -465,49 +475,59 @@ fn put(vertices: &[u32], places: &mut [DVec3], shape: &ToolShape, centre: DVec3,
     }
 }
 
-/// Of two faces' normals and the way between their middles the one along which they are apart most, and how far; or the first
-/// along which they are farther apart than `enough`. The normal of the tool's face is given in the tool's axes, then in the
-/// model's.
-fn best_apart(
-    face: &SurfaceFace,
-    corners: [DVec3; 3],
-    [own, normal]: [DVec3; 2],
-    enough: f64,
-) -> (f64, Direction) {
-    // Both ways of a normal at once: what reaches least one way reaches most the other.
-    let either = |normal: DVec3| {
-        let [a, b, c] = face.corners.map(|p| normal.dot(p));
-        let [p, q, r] = corners.map(|p| normal.dot(p));
-        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        let (ahead, behind) = (p.min(q).min(r) - high, low - p.max(q).max(r));
-        if ahead >= behind {
-            (ahead, 1.0, high)
-        } else {
-            (behind, -1.0, -low)
+/// A face of the tool that is gathered for.
+struct HeldFace {
+    face: u32,
+    /// Where its corners are at the start and at the end of the way.
+    corners: [[DVec3; 3]; 2],
+    /// Its normal in the tool's axes, and in the model's at the start.
+    own: DVec3,
+    normal: DVec3,
+}
+
+impl HeldFace {
+    /// Of the two faces' normals and the way between their middles the one along which they stay apart most on the straight
+    /// way, and how far; or the first along which they stay farther apart than `enough`.
+    fn best_apart(&self, face: &SurfaceFace, enough: f64) -> (f64, Direction) {
+        let [start, end] = &self.corners;
+        // Both ways of a normal at once: what reaches least one way reaches most the other.
+        let either = |normal: DVec3| {
+            let [a, b, c] = face.corners.map(|p| normal.dot(p));
+            let [p, q, r] = start.map(|p| normal.dot(p));
+            let [s, t, u] = end.map(|p| normal.dot(p));
+            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+            let least = p.min(q).min(r).min(s.min(t).min(u));
+            let most = p.max(q).max(r).max(s.max(t).max(u));
+            let (ahead, behind) = (least - high, low - most);
+            if ahead >= behind {
+                (ahead, 1.0, high)
+            } else {
+                (behind, -1.0, -low)
+            }
+        };
+        let still = |normal: DVec3, way: f64, height: f64| {
+            let direction = way * normal;
+            Direction::Still { direction, height }
+        };
+        let (over, way, height) = either(face.normal);
+        let over_face = still(face.normal, way, height);
+        if over > enough {
+            return (over, over_face);
         }
-    };
-    let still = |normal: DVec3, way: f64, height: f64| {
-        let direction = way * normal;
-        Direction::Still { direction, height }
-    };
-    let (over, way, height) = either(face.normal);
-    let over_face = still(face.normal, way, height);
-    if over > enough {
-        return (over, over_face);
-    }
-    let (under, way, _) = either(normal);
-    let under_tool = Direction::Turning(way * own);
-    if under > enough {
-        return (under, under_tool);
-    }
-    let middle = |[a, b, c]: [DVec3; 3]| a + b + c;
-    let between = (middle(corners) - middle(face.corners)).normalize_or_zero();
-    let (beside, way, height) = either(between);
-    if beside > over.max(under) {
-        (beside, still(between, way, height))
-    } else if over >= under {
-        (over, over_face)
-    } else {
-        (under, under_tool)
+        let (under, way, _) = either(self.normal);
+        let under_tool = Direction::Turning(way * self.own);
+        if under > enough {
+            return (under, under_tool);
+        }
+        let middle = |[a, b, c]: [DVec3; 3]| a + b + c;
+        let between = (middle(*start) - middle(face.corners)).normalize_or_zero();
+        let (beside, way, height) = either(between);
+        if beside > over.max(under) {
+            (beside, still(between, way, height))
+        } else if over >= under {
+            (over, over_face)
+        } else {
+            (under, under_tool)
+        }
     }
 }
