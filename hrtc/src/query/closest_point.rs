@@ -15,10 +15,11 @@ pub struct Nearest {
     pub closest: ClosestPoint,
 }
 
-/// The closest point of the front, exact in f64; `None` only for an empty front.
+/// The closest point of the front, exact in f64; `None` only for an empty front. Of faces that are equally near, as
+/// those around a vertex, it is the one whose leaf key is least.
 ///
-/// `hint`, an active face, gives the first bound: on a coarse front the loose boxes of base faces would
-/// otherwise cost up to 2.5 times (facts of collision).
+/// `hint`, an active face, gives the first bound and changes nothing else: on a coarse front the loose boxes of base
+/// faces would otherwise cost up to 2.5 times (facts of collision).
 #[must_use]
 pub fn closest_point(
     surface: Surface<'_>,
@@ -105,10 +106,17 @@ impl Search<'_> {
     fn try_face(&mut self, face: Handle) {
         self.work.faces += 1;
         let closest = closest_point_on_triangle(self.surface.mesh.corners(face), self.point);
-        if closest.distance_squared < self.bound {
+        if closest.distance_squared < self.bound || self.is_first_of_equals(face, &closest) {
             self.bound = closest.distance_squared;
             self.box_bound = BoxBound::squared(self.bound);
             self.best = Some(Nearest { face, closest });
         }
+    }
+    /// Whether a face is as near as the best so far and comes before it.
+    #[inline]
+    fn is_first_of_equals(&self, face: Handle, closest: &ClosestPoint) -> bool {
+        let leaf = |face| self.surface.tree.leaf_of(face);
+        closest.distance_squared == self.bound
+            && self.best.is_some_and(|best| leaf(face) < leaf(best.face))
     }
 }

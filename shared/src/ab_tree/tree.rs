@@ -172,6 +172,13 @@ impl AbTree {
         &self.nodes[id as usize]
     }
 
+    /// Leaf key of a face of the tree; 0 for one that is not in it.
+    #[inline]
+    #[must_use]
+    pub fn leaf_of(&self, face: Handle) -> u32 {
+        self.face_key[face as usize]
+    }
+
     /// Number of faces in the tree.
     #[must_use]
     pub fn faces(&self) -> u32 {
