@@ -12,7 +12,7 @@ use hrtc::counting_allocator::{CountingAllocator, count};
 use hrtc::query::{
     Capsule, FacePair, Nearest, Placed, all_pairs, closest_features, closest_point,
     closest_to_capsule, deepest_sample, faces_near_capsule, faces_within, first_pair, local_depth,
-    signed_distance, swept_sphere,
+    signed_distance, swept_capsule, swept_sphere,
 };
 use hrtc::tool::{Tool, capsule_mesh};
 use shared::geometry::{Pose, Similarity};
@@ -49,9 +49,9 @@ fn front() -> Front {
 #[derive(Debug, Default)]
 struct Tally {
     rejected: u64,
-    asked: [u64; 10],
+    asked: [u64; 11],
     /// Answers with something found.
-    found: [u64; 10],
+    found: [u64; 11],
 }
 
 struct Asker<'a> {
@@ -123,8 +123,8 @@ impl Asker<'_> {
         let hint = self.hint.map(|nearest| nearest.face);
         // Those of two bodies take a hundred times as long: one of forty.
         let kind = match self.random.below(40) {
-            0 => 5 + self.random.below(5) as usize,
-            _ => self.random.below(5) as usize,
+            0 => 6 + self.random.below(5) as usize,
+            _ => self.random.below(6) as usize,
         };
         let found = match kind {
             0 => {
@@ -172,6 +172,17 @@ impl Asker<'_> {
                 }
             }
             5 => {
+                let axis = [point, other];
+                let motion = self.vector() - point;
+                let found = swept_capsule(surface, Capsule { axis, radius }, motion, BUDGET);
+                assert!((0.0..=1.0).contains(&found.free));
+                if let Some(touch) = found.touch {
+                    assert!((0.0..=1.0).contains(&touch.fraction) && touch.normal.is_finite());
+                    assert!(touch.on_axis.is_finite() && touch.on_face.is_finite());
+                }
+                found.touch.is_some()
+            }
+            6 => {
                 self.tool.place(&frame);
                 let found = all_pairs(&surface, &self.tool, BUDGET, &mut self.out);
                 for pair in &self.out[..found.count] {
@@ -179,7 +190,7 @@ impl Asker<'_> {
                 }
                 found.count > 0
             }
-            6 => {
+            7 => {
                 let placed = Placed {
                     body: &self.rest,
                     to_query: frame,
@@ -188,7 +199,7 @@ impl Asker<'_> {
                 assert!(pair.is_none_or(|p| p.meeting.point().is_some_and(DVec3::is_finite)));
                 pair.is_some()
             }
-            7 => {
+            8 => {
                 self.tool.place(&frame);
                 let margin = f64::INFINITY;
                 let found = closest_features(&surface, &self.tool, margin, BUDGET, None);
@@ -199,7 +210,7 @@ impl Asker<'_> {
                 }
                 found.nearest.is_some()
             }
-            8 => {
+            9 => {
                 self.tool.place(&frame);
                 let found = deepest_sample(surface, &self.tool, BUDGET, None);
                 assert!(!found.at_most.is_nan());

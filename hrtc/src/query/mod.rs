@@ -3,7 +3,7 @@
 //! | of | files |
 //! |---|---|
 //! | a point or sphere | `closest_point`, `faces_within`, `near_faces`, `swept_sphere`, `front_side` |
-//! | a segment or capsule | `segment`, `capsule` |
+//! | a segment or capsule | `segment`, `capsule`, `swept_capsule` |
 //! | a body and a box | `meets_box` |
 //! | two bodies, each a front or a tool | `tree_pairs`, `near_pairs`, `closest_features`, `depth` |
 //!
@@ -21,6 +21,7 @@ mod meets_box;
 mod near_faces;
 mod near_pairs;
 mod segment;
+mod swept_capsule;
 mod swept_sphere;
 mod tree_pairs;
 
@@ -39,6 +40,7 @@ pub use meets_box::meets_box;
 pub use near_faces::{MOST_FACES, NearFace, NearFaces};
 pub use near_pairs::for_each_near_pair;
 pub use segment::{ClosestToSegment, NearestToSegment, closest_to_segment, faces_near_segment};
+pub use swept_capsule::{CapsuleTouch, SweptCapsule, swept_capsule};
 pub use swept_sphere::{SweepHit, swept_sphere};
 pub use tree_pairs::{
     Ending, FacePair, PairWork, PairsFound, all_pairs, first_pair, for_each_pair,

@@ -21,14 +21,16 @@ pub struct SweepHit {
 
 /// Newton steps on one face; what is left after them is a position short of the touch, so safe.
 const STEPS: usize = 24;
-/// Gap, as a fraction of the radius, at which a face counts as touched.
+/// Gap, as a fraction of the radius, at which a face counts as touched; see [`touching_gap`].
 const TOUCH: f64 = 1e-9;
-/// Relative rounding of a separating plane's two sides, generously.
+/// Relative rounding of places, and of a separating plane's two sides, generously.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// The first touch of a sphere of `radius` moving from `start` by `motion`; `None` when it gets through.
 ///
-/// A face that overlaps the sphere at the start stops it only if the motion goes towards that face.
+/// A face that overlaps the sphere at the start stops it only if the motion goes towards that face. The touch of a point,
+/// a sphere without radius, may be lost in rounding where its way slants: [`super::closest_to_segment`] tells exactly
+/// whether that way meets a face.
 #[must_use]
 pub fn swept_sphere(
     surface: Surface<'_>,
@@ -38,6 +40,8 @@ pub fn swept_sphere(
 ) -> (Option<SweepHit>, Work) {
     let mut work = Work::default();
     let mut best: Option<SweepHit> = None;
+    // A face counts as touched a little before it is.
+    let reach = radius + 2.0 * touching_gap(start, motion, radius);
     let mut fraction = 1.0;
     let mut stack = Stack::new();
     let mut next = surface.tree.root();
@@ -56,10 +60,10 @@ pub fn swept_sphere(
                 work.nodes += 1;
                 let node = surface.tree.node(id);
                 let end = start + motion * fraction;
-                let (low, high) = (start.min(end) - radius, start.max(end) + radius);
+                let (low, high) = (start.min(end) - reach, start.max(end) + reach);
                 let met = node.boxes().overlap(&BoxQuery::between(low, high));
                 let on_the_way = |side: usize| {
-                    met[side] && !passes_beside(&node.boxes().get(side), start, end, radius)
+                    met[side] && !passes_beside(&node.boxes().get(side), start, end, reach)
                 };
                 stack.descend([on_the_way(0), on_the_way(1)], node.children())
             }
@@ -73,9 +77,9 @@ pub fn swept_sphere(
 
 /// Whether an edge direction of the box and the segment span a plane that separates them, beyond rounding: the
 /// box of a long slanting segment holds far more than the segment meets.
-fn passes_beside(aabb: &Aabb, start: DVec3, end: DVec3, radius: f64) -> bool {
+fn passes_beside(aabb: &Aabb, start: DVec3, end: DVec3, reach: f64) -> bool {
     let (lower, upper) = (aabb.lower.as_dvec3(), aabb.upper.as_dvec3());
-    let half = 0.5 * (upper - lower) + radius;
+    let half = 0.5 * (upper - lower) + reach;
     let way = end - start;
     let between = 0.5 * (lower + upper) - start;
     let (along, apart) = (way.abs(), between.abs());
@@ -97,15 +101,43 @@ pub(super) fn first_touch(
     radius: f64,
     limit: f64,
 ) -> Option<f64> {
+    let touch = touching_gap(start, motion, radius);
+    first_within(motion, [radius, touch], limit, |shift| {
+        let centre = start + shift;
+        let closest = closest_point_on_triangle(corners, centre);
+        (centre - closest.point, closest.distance_squared)
+    })
+}
+
+/// Gap at which a face counts as touched by what moves from `start`: a part of the radius, or rounding where that is more.
+pub(super) fn touching_gap(start: DVec3, motion: DVec3, radius: f64) -> f64 {
+    let size = (start.abs() + motion.abs()).max_element();
+    (TOUCH * radius).max(ROUNDING * size)
+}
+
+/// First parameter below `limit` at which a convex thing that moves by `motion` is within `radius` of a convex thing at
+/// rest, but for a gap that counts as `touch`; `None` when it does not come near, or only moves away.
+///
+/// `apart` is given how far it was moved, and says how it is apart from what is at rest: from there to the moved, and the
+/// squared distance.
+#[inline]
+pub(super) fn first_within(
+    motion: DVec3,
+    [radius, touch]: [f64; 2],
+    limit: f64,
+    apart: impl Fn(DVec3) -> (DVec3, f64),
+) -> Option<f64> {
     let mut t = 0.0;
     for _ in 0..STEPS {
-        let centre = start + motion * t;
-        let closest = closest_point_on_triangle(corners, centre);
-        let offset = centre - closest.point;
-        let distance = closest.distance_squared.sqrt();
+        let (offset, distance_squared) = apart(motion * t);
+        let distance = distance_squared.sqrt();
         let gap = distance - radius;
-        // Rate of the distance along the motion; negative while approaching. A centre on the face
-        // itself has no direction: it counts as stopped.
+        // It came nearer until here, and what is left is rounding, in any direction.
+        if t > 0.0 && gap <= touch {
+            return Some(t);
+        }
+        // Rate of the distance along the motion; negative while approaching. What meets the face itself
+        // has no direction: it counts as stopped.
         let rate = if distance > 0.0 {
             offset.dot(motion) / distance
         } else {
@@ -114,7 +146,7 @@ pub(super) fn first_touch(
         if rate >= 0.0 {
             return None;
         }
-        if gap <= TOUCH * radius {
+        if gap <= touch {
             return Some(t);
         }
         t -= gap / rate;
