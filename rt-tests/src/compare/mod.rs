@@ -3,6 +3,7 @@
 //! | module | measures |
 //! |---|---|
 //! | `closest` | the closest point along a path over the surface |
+//! | `sweeps` | how far a capsule gets that is moved onto the surface |
 //! | `tools` | all pairs of faces of the surface and of a tool that touches |
 //! | `update` | an update of the tree where a patch of faces was deformed |
 //! | `marking` | nodes that an update marks, beside the bound of Theorem 2, and its time beside a query's |
@@ -19,6 +20,7 @@ mod full_front;
 mod levels;
 mod marking;
 mod picture;
+mod sweeps;
 mod timing;
 mod tools;
 mod update;
@@ -291,6 +293,15 @@ impl Measured {
             &mut double,
             &mut random,
         ));
+        let both: [&dyn Mesh; 2] = [&single, &double];
+        rows.extend(sweeps::rows(
+            model,
+            &full,
+            &front,
+            both,
+            every,
+            &mut random,
+        )?);
         let built = [
             (Who::OursFull, front.build_ns, front.bytes()),
             (Who::ParryF32, single_ns, single.bytes()),
@@ -404,7 +415,7 @@ mod tests {
         let model = open("relief:3000").unwrap_or_else(|error| panic!("{error}"));
         let measured = Measured::new(&model, 1, EVERY).unwrap_or_else(|error| panic!("{error}"));
         let mut rows = measured.rows;
-        assert_eq!(rows.len(), 4 + 2 * 5 + 3 + 3);
+        assert_eq!(rows.len(), 4 + 4 + 2 * 5 + 3 + 3);
         assert_eq!(wrong(&rows), [""; 0]);
         assert!(
             rows.iter()
