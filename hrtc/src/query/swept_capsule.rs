@@ -46,7 +46,7 @@ pub struct SweptCapsule {
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// The first touch of a capsule (model frame and units) that moves by `motion`; of no length it is a sphere, and the answer
-/// that of [`super::swept_sphere`].
+/// that of [`super::swept_sphere()`].
 ///
 /// A face in the capsule at the start stops it only if the motion goes towards that face, or if the axis meets it. When
 /// `budget` nodes were visited the ending says so, and `free` still is no more than the truth. A capsule or a motion that is
