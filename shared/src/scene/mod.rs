@@ -18,4 +18,7 @@ pub use plan::{
     SimulatedDevicePlan, SurfacePlan, ToolMeshPlan, TrajectoryPlan,
 };
 pub use typed::parse_bytes;
-pub use validate::{SHAPES, SceneError, load, parse};
+pub use validate::{
+    DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, RailPlan, RestPlan, SHAPES, SceneError,
+    least_coupled_mass, load, parse,
+};

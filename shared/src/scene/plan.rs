@@ -1,6 +1,7 @@
 //! The validated plan of a scene: every number checked, every default filled in, SI units.
 
 use super::effects::EffectPlan;
+use super::validate::MovablePlan;
 use crate::geometry::Pose;
 use glam::DVec3;
 use std::path::PathBuf;
@@ -157,6 +158,8 @@ pub struct ObjectPlan {
     pub surface: SurfacePlan,
     /// Effects of its surface, at most one of a kind; nothing that is not listed.
     pub effects: Arc<[EffectPlan]>,
+    /// How it moves, if it does.
+    pub movable: Option<MovablePlan>,
 }
 
 /// Stiffness and damping of a surface.

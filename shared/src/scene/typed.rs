@@ -4,6 +4,7 @@ mod effects;
 
 pub(super) use effects::*;
 
+use super::validate::MovableTyped;
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -82,6 +83,7 @@ pub(super) struct ObjectTyped {
     pub(super) surface: SurfaceTyped,
     #[serde(default)]
     pub(super) effects: Vec<Spanned<EffectTyped>>,
+    pub(super) movable: Option<Spanned<MovableTyped>>,
 }
 
 #[derive(Deserialize)]

@@ -14,8 +14,14 @@ use thiserror::Error;
 use toml::Spanned;
 
 mod effects;
+mod movable;
 mod objects;
 mod probe_shape;
+
+pub(super) use movable::MovableTyped;
+pub use movable::{
+    DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, RailPlan, RestPlan, least_coupled_mass,
+};
 
 /// Shapes that `generate = { shape = "..." }` may name.
 pub const SHAPES: [&str; 6] = ["sphere", "torus", "terrain", "plate", "wedge", "relief"];
@@ -198,6 +204,9 @@ fn plan(
     let first_copies = objects.copies.first().map_or(0, |copies| copies.end);
     apply(&mut plan, first_copies, overrides).map_err(|sentence| source.whole(&sentence))?;
     effects::add(source, &typed, &objects.copies, &mut plan)?;
+    let tables = typed.object.iter().map(Spanned::get_ref);
+    let firsts = objects.copies.iter().map(|copies| copies.start);
+    movable::check(source, tables.zip(firsts), &plan)?;
     Ok(plan)
 }
 

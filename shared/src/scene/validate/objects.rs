@@ -1,5 +1,6 @@
 //! The objects of a scene: tables, their names and their copies.
 
+use super::movable::movable_plan;
 use super::{LENGTH, MOST, Range, SHAPES, SceneError, Source};
 use crate::geometry::Pose;
 use crate::scene::plan::{MOST_OBJECTS, ModelScale, ModelSource, ObjectPlan, SurfacePlan};
@@ -195,6 +196,11 @@ fn object_plan(
         },
         // What they may be depends on the loop and the probes: they are looked at last.
         effects: Arc::new([]),
+        movable: typed
+            .movable
+            .as_ref()
+            .map(|movable| movable_plan(source, movable.get_ref()))
+            .transpose()?,
     })
 }
 
