@@ -36,18 +36,21 @@ pub struct Near {
 pub struct BroadPhase {
     lower: [Vec<f64>; 3],
     upper: [Vec<f64>; 3],
+    /// Objects that move, and how far each may go in a tick, metres.
+    ways: Vec<(usize, f64)>,
     /// Squared distances of one ball.
     distances: Vec<f64>,
     near: Vec<Near>,
 }
 
 impl BroadPhase {
-    /// Room for some objects, which are nowhere until they are placed.
+    /// Room for some objects, which are nowhere until they are placed; of them so many may move.
     #[must_use]
-    pub fn new(objects: usize) -> Self {
+    pub fn new(objects: usize, moving: usize) -> Self {
         Self {
             lower: [(); 3].map(|()| vec![f64::INFINITY; objects]),
             upper: [(); 3].map(|()| vec![f64::NEG_INFINITY; objects]),
+            ways: Vec::with_capacity(moving),
             distances: vec![0.0; objects],
             near: Vec::with_capacity(MOST_NEAR),
         }
@@ -61,9 +64,23 @@ impl BroadPhase {
         }
     }
 
-    /// All pairs of an object and a ball that meet, nearest first; at most [`MOST_NEAR`], the nearest. A ball that is
-    /// not finite meets nothing.
-    pub fn find(&mut self, balls: impl IntoIterator<Item = Ball>) -> &[Near] {
+    /// How far each object that moves may go in a tick, metres, from now on.
+    pub fn set_ways(&mut self, ways: impl Iterator<Item = (usize, f64)>) {
+        self.ways.clear();
+        let room = self.ways.capacity();
+        self.ways.extend(ways.take(room));
+    }
+
+    /// How far an object may go in a tick, metres.
+    #[must_use]
+    pub fn way(&self, object: usize) -> f64 {
+        let found = self.ways.iter().find(|(moving, _)| *moving == object);
+        found.map_or(0.0, |&(_, way)| way)
+    }
+
+    /// All pairs of an object and a ball that meet within so many ticks, nearest first; at most [`MOST_NEAR`], the
+    /// nearest. A ball that is not finite meets nothing.
+    pub fn find(&mut self, balls: impl IntoIterator<Item = Ball>, ticks: f64) -> &[Near] {
         self.near.clear();
         for ball in balls {
             if !ball.centre.is_finite() {
@@ -74,6 +91,19 @@ impl BroadPhase {
             for object in 0..self.distances.len() {
                 let squared = self.distances[object];
                 if squared <= reach {
+                    self.keep(Near {
+                        object,
+                        probe: ball.probe,
+                        distance: squared.sqrt(),
+                    });
+                }
+            }
+            // What moves may come to meet it.
+            for k in 0..self.ways.len() {
+                let (object, way) = self.ways[k];
+                let squared = self.distances[object];
+                let farther = ball.radius + way * ticks;
+                if squared > reach && squared <= farther * farther {
                     self.keep(Near {
                         object,
                         probe: ball.probe,
@@ -151,7 +181,7 @@ mod tests {
             boxes in boxes(),
             balls in prop::collection::vec((prop::array::uniform3(-1.2..1.2f64), 0.0..0.6f64), 0..5),
         ) {
-            let mut phase = BroadPhase::new(boxes.len());
+            let mut phase = BroadPhase::new(boxes.len(), 0);
             for (object, (lower, sides)) in boxes.iter().enumerate() {
                 let lower = DVec3::from_array(*lower);
                 phase.place(object, lower, lower + DVec3::from_array(*sides));
@@ -174,7 +204,7 @@ mod tests {
                 }
             }
             expected.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-            let found = phase.find(balls.iter().copied()).to_vec();
+            let found = phase.find(balls.iter().copied(), 10.0).to_vec();
             prop_assert!(found.windows(2).all(|w| w[0].distance <= w[1].distance));
             prop_assert_eq!(found.len(), expected.len().min(MOST_NEAR));
             for (found, expected) in found.iter().zip(&expected) {
@@ -185,17 +215,45 @@ mod tests {
 
     #[test]
     fn what_is_nowhere_or_not_finite_is_near_to_nothing() {
-        let mut phase = BroadPhase::new(2);
+        let mut phase = BroadPhase::new(2, 0);
         phase.place(1, DVec3::ZERO, DVec3::ONE);
         let ball = |centre, radius| Ball {
             probe: 0,
             centre,
             radius,
         };
-        assert_eq!(phase.find([ball(DVec3::ZERO, 1e6)]).len(), 1);
+        assert_eq!(phase.find([ball(DVec3::ZERO, 1e6)], 1.0).len(), 1);
         for centre in [DVec3::NAN, DVec3::INFINITY, DVec3::NEG_INFINITY] {
-            assert!(phase.find([ball(centre, 1.0)]).is_empty(), "{centre}");
+            assert!(phase.find([ball(centre, 1.0)], 1.0).is_empty(), "{centre}");
         }
-        assert!(phase.find([ball(DVec3::ZERO, f64::NAN)]).is_empty());
+        assert!(phase.find([ball(DVec3::ZERO, f64::NAN)], 1.0).is_empty());
+    }
+
+    #[test]
+    fn what_moves_is_near_as_many_ticks_before_as_is_asked_for() {
+        let mut phase = BroadPhase::new(3, 2);
+        for object in 0..3 {
+            let lower = DVec3::X * (1.0 + object as f64);
+            phase.place(object, lower, lower + 0.5);
+        }
+        let ball = Ball {
+            probe: 1,
+            centre: DVec3::ZERO,
+            radius: 1.0,
+        };
+        // The third comes at a tenth of a metre a tick, from two metres beyond the ball.
+        phase.set_ways([(2, 0.1), (0, 0.3)].into_iter());
+        assert_eq!((phase.way(0), phase.way(1), phase.way(2)), (0.3, 0.0, 0.1));
+        let mut objects = |ticks| -> Vec<usize> {
+            let found = phase.find([ball], ticks);
+            assert!(
+                found
+                    .iter()
+                    .all(|near| near.distance == 1.0 + near.object as f64)
+            );
+            found.iter().map(|near| near.object).collect()
+        };
+        assert_eq!(objects(19.0), [0]);
+        assert_eq!(objects(20.5), [0, 2], "each once");
     }
 }

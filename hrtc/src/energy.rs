@@ -9,6 +9,9 @@
 //! a surface that rose), up to v T more is taken off until it is not: in proportion to the speed, so that a hand at rest
 //! feels nothing of it. And never is more given back than was taken in. The force is not turned round: a wall does not
 //! stick.
+//!
+//! A surface that moves carries the device along, and that costs or gives what it may: the account is that of the
+//! spring between them, so the work over the motion of the material ([`Carried`]) is taken off.
 
 use glam::{DQuat, DVec3};
 use shared::geometry::{Pose, Wrench};
@@ -36,6 +39,35 @@ pub struct EnergyAccount {
     orientation: DQuat,
     /// Rotation in the last period, radians.
     rotation: DVec3,
+}
+
+/// Work of forces and of torques on the device over the motion of the material that gives them, joules; nothing where
+/// that stands.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Carried {
+    /// Of forces.
+    pub pushed_j: f64,
+    /// Of torques.
+    pub turned_j: f64,
+}
+
+impl Carried {
+    /// All of it.
+    #[must_use]
+    pub fn total(self) -> f64 {
+        self.pushed_j + self.turned_j
+    }
+}
+
+impl std::ops::Add for Carried {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            pushed_j: self.pushed_j + other.pushed_j,
+            turned_j: self.turned_j + other.turned_j,
+        }
+    }
 }
 
 /// What holds the device to its proxies.
@@ -88,8 +120,9 @@ impl EnergyAccount {
     }
 
     /// The device is here at the end of the period in which the last wrench acted: `E += f[k] . (x[k+1] - x[k])`, and
-    /// its torque times the rotation.
-    pub fn moved_to(&mut self, pose: &Pose) {
+    /// its torque times the rotation; less what it did over the motion of the material, joules: the wrench, and of it
+    /// what is limited.
+    pub fn moved_to(&mut self, pose: &Pose, [carried, limited]: [f64; 2]) {
         let position = pose.position;
         let turn = pose.orientation * self.orientation.inverse();
         self.orientation = pose.orientation;
@@ -101,7 +134,8 @@ impl EnergyAccount {
         let Wrench { force, torque } = self.wrench;
         // The shorter way round.
         self.rotation = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
-        self.joules += force.dot(position - samples[0]) + torque.dot(self.rotation);
+        let work = force.dot(position - samples[0]) + torque.dot(self.rotation);
+        self.joules += work - carried;
         samples.copy_within(..LONGEST, 1);
         samples[0] = position;
         let beyond = position - self.followed;
@@ -113,25 +147,27 @@ impl EnergyAccount {
         };
         self.followed += motion;
         let Wrench { force, torque } = self.limited;
-        self.of_touch += force.dot(motion) + torque.dot(self.rotation);
+        let work = force.dot(motion) + torque.dot(self.rotation);
+        self.of_touch += work - limited;
         let velocity = velocity(samples, self.encoder_m);
         self.motion = [velocity, self.motion[0], self.motion[1]];
     }
 
-    /// The share, 0 to 1, of a wanted wrench that may be given now, in the tick of [`Self::moved_to`].
+    /// The share, 0 to 1, of a wanted wrench that may be given now, in the tick of [`Self::moved_to`]; `ahead`: its
+    /// work over the motion of the material in the coming period.
     #[must_use]
-    pub fn share(&self, wanted: Wrench, spring: Spring) -> f64 {
+    pub fn share(&self, wanted: Wrench, spring: Spring, ahead: Carried) -> f64 {
         let [now, before, earlier] = self.motion;
         let (change, change_before) = (now - before, before - earlier);
         // A jump is no acceleration.
         let lasting = change.dot(change_before) > 0.0;
         let next = if lasting { now + change } else { now };
-        let pushed = wanted.force.dot(next);
-        let work = pushed + wanted.torque.dot(self.rotation);
-        if work.is_nan() || work <= 0.0 {
+        let pushed = wanted.force.dot(next) - ahead.pushed_j;
+        let work = pushed + (wanted.torque.dot(self.rotation) - ahead.turned_j);
+        let size = wanted.force.length();
+        if work.is_nan() || work <= self.rounding(size, ahead) {
             return 1.0;
         }
-        let size = wanted.force.length();
         let along = if size > 0.0 { pushed / size } else { 0.0 };
         let held = 0.5 * spring.stiffness_n_per_m * along * along;
         // What the encoder's step alone may make of the balance is none of it.
@@ -139,6 +175,17 @@ impl EnergyAccount {
         let given = work - held - unpaid.clamp(0.0, 2.0 * held);
         let taken_in = 0.0 - self.of_touch;
         (given.min(taken_in) / work).clamp(0.0, 1.0)
+    }
+
+    /// What rounding alone may make of the difference between two motions that are alike, joules; nothing of a surface
+    /// that stands, whose motion is none.
+    fn rounding(&self, force: f64, ahead: Carried) -> f64 {
+        if ahead == Carried::default() {
+            return 0.0;
+        }
+        let place = self.samples.map_or(0.0, |samples| samples[0].length());
+        let terms = force * place + ahead.pushed_j.abs() + ahead.turned_j.abs();
+        8.0 * f64::EPSILON * terms
     }
 
     /// This acts on the device from now on, and of it `limited` is what [`Self::share`] was asked for.
@@ -184,6 +231,8 @@ mod tests {
     use super::*;
 
     const PERIOD_S: f64 = 1e-3;
+    /// No work over the motion of what stands.
+    const STANDING: [f64; 2] = [0.0; 2];
 
     /// A force along x, newtons.
     fn push(newtons: f64) -> Wrench {
@@ -204,7 +253,7 @@ mod tests {
                 v += (force - damping * v) * dt / 0.1;
                 x += v * dt;
             }
-            account.moved_to(&Pose::at(DVec3::X * x));
+            account.moved_to(&Pose::at(DVec3::X * x), STANDING);
             let depth = (-x).max(0.0);
             let wanted = push(stiffness_n_per_m * depth);
             let spring = Spring {
@@ -212,7 +261,7 @@ mod tests {
                 stored_j: 0.5 * stiffness_n_per_m * depth * depth,
             };
             let share = if limited {
-                account.share(wanted, spring)
+                account.share(wanted, spring, Carried::default())
             } else {
                 1.0
             };
@@ -232,7 +281,7 @@ mod tests {
         let mut account = EnergyAccount::new(0.0);
         let mut x: f64 = 0.0;
         for tick in 0..=40 {
-            account.moved_to(&Pose::at(DVec3::X * x));
+            account.moved_to(&Pose::at(DVec3::X * x), STANDING);
             let force = push(-k * x.max(0.0));
             account.give(force, force);
             x += if tick < 20 {
@@ -281,13 +330,13 @@ mod tests {
                 [0.0, 1e-5, 0.0, 0.0, 1e-5][tick as usize % 5]
             };
             let depth = press + noise;
-            account.moved_to(&Pose::at(DVec3::X * -depth));
+            account.moved_to(&Pose::at(DVec3::X * -depth), STANDING);
             let wanted = push(stiffness_n_per_m * depth);
             let spring = Spring {
                 stiffness_n_per_m,
                 stored_j: 0.5 * stiffness_n_per_m * depth * depth,
             };
-            let share = account.share(wanted, spring);
+            let share = account.share(wanted, spring, Carried::default());
             // By no more than the noise itself shows in the force.
             assert!(
                 wanted.force.x * (1.0 - share) <= stiffness_n_per_m * 1e-5,
@@ -295,6 +344,50 @@ mod tests {
             );
             let given = push(wanted.force.x * share);
             account.give(given, given);
+        }
+    }
+
+    #[test]
+    fn a_surface_that_carries_the_device_along_takes_nothing_off_its_force() {
+        // A surface comes at 1 m/s onto a device that it carries along from then on, pressed in by a millimetre.
+        let stiffness_n_per_m = 1000.0;
+        for carried in [true, false] {
+            let mut account = EnergyAccount::new(0.0);
+            let (mut surface, mut device, mut force) = (0.0f64, 1e-3f64, 0.0f64);
+            let mut least = f64::INFINITY;
+            for tick in 0..2000 {
+                surface += PERIOD_S;
+                device = device.max(surface - 1e-3);
+                let work = if carried { force * PERIOD_S } else { 0.0 };
+                account.moved_to(&Pose::at(DVec3::X * device), [work; 2]);
+                let depth = (surface - device).max(0.0);
+                let wanted = push(stiffness_n_per_m * depth);
+                let spring = Spring {
+                    stiffness_n_per_m,
+                    stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+                };
+                let ahead = Carried {
+                    pushed_j: if carried {
+                        wanted.force.x * PERIOD_S
+                    } else {
+                        0.0
+                    },
+                    turned_j: 0.0,
+                };
+                let share = account.share(wanted, spring, ahead);
+                if tick > 10 {
+                    least = least.min(share);
+                }
+                force = wanted.force.x * share;
+                account.give(push(force), push(force));
+            }
+            if carried {
+                assert!(least > 0.999, "{least}");
+                assert!(account.joules() < 1e-12, "{}", account.joules());
+            } else {
+                // Such an account lets nobody be pushed: the reason for the other.
+                assert!(least < 0.1, "{least}");
+            }
         }
     }
 }

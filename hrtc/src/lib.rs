@@ -22,6 +22,8 @@ pub mod energy;
 pub mod gate;
 pub mod inbox;
 pub mod logging;
+#[deny(clippy::disallowed_methods, clippy::disallowed_types)]
+pub mod movable;
 pub mod pacer;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]
 pub mod predict;

@@ -5,6 +5,7 @@
 //! a fixed size, so a run of any length needs the same memory (fifteen histograms of 0.2 to 0.3 MB).
 
 use crate::controller::Capacity;
+use crate::movable::MovedObject;
 use crate::tick_record::MissClass;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -193,6 +194,10 @@ pub struct RunResult {
     pub seats: u64,
     /// Objects that were awake.
     pub awake: MedianMax,
+    /// Ticks in which an object moved, or might have: one that moves and did not sleep.
+    pub moving_ticks: u64,
+    /// Where each object that moved came to.
+    pub moved: Vec<MovedObject>,
     /// Ticks in which a probe could have touched an object that was not awake.
     pub unseated_ticks: u64,
     /// Ticks in which the budget of a tool's proxy was spent and left something to the next one.

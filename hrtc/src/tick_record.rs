@@ -74,6 +74,8 @@ pub struct CoreRecord {
     pub depth_m: f64,
     /// Objects that are awake.
     pub awake: u32,
+    /// Objects that are moving, or may: those that move and do not sleep.
+    pub moving: u32,
     /// Pairs of a probe and an object that it could touch, but that is not awake.
     pub unseated: u32,
     /// Faces of the active fronts.

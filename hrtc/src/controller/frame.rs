@@ -5,6 +5,15 @@ use shared::geometry::Pose;
 use shared::protocol::ModelHeader;
 use shared::scene::ModelScale;
 
+/// A pose in the world as it is in the axes of an object at a pose of its own, metres.
+#[must_use]
+pub fn in_axes_of(object: &Pose, world: Pose) -> Pose {
+    Pose {
+        position: object.inverse_transform_point(world.position),
+        orientation: object.orientation.conjugate() * world.orientation,
+    }
+}
+
 /// The frame of an object: between the world and the model's stored coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelFrame {
@@ -37,9 +46,15 @@ impl ModelFrame {
     /// A pose in the world, metres, in stored coordinates.
     #[must_use]
     pub fn pose_to_model(&self, world: Pose) -> Pose {
+        self.object_to_model(in_axes_of(&self.pose, world))
+    }
+
+    /// A pose in the object's axes, metres (as `in_axes_of` gives it), in stored coordinates.
+    #[must_use]
+    pub fn object_to_model(&self, pose: Pose) -> Pose {
         Pose {
-            position: self.to_model(world.position),
-            orientation: self.pose.orientation.conjugate() * world.orientation,
+            position: pose.position / self.metres_per_unit - self.origin,
+            ..pose
         }
     }
 

@@ -1,6 +1,6 @@
 //! The controller: the pure core of the tick. Values in, values out; no clock, no I/O, no allocation.
 //!
-//! Order of a tick: broad phase, inbox, predict, refine (collapses first only when room is short), refit, query,
+//! Order of a tick: what moves, broad phase, inbox, predict, refine (collapses first only when room is short), refit, query,
 //! force, gate. Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k.
 //!
 //! | part | is |
@@ -20,6 +20,7 @@ mod follower;
 mod frame;
 mod inbox;
 mod library;
+mod moving;
 mod probe;
 mod record;
 mod refine;
@@ -36,11 +37,14 @@ use crate::broad_phase::BroadPhase;
 use crate::cache::CacheError;
 use crate::device::Sample;
 use crate::effects::{Clock, Rendered};
+use crate::energy::Carried;
 use crate::inbox::InboxChunk;
+use crate::movable::Movables;
 use crate::proxy::Contact;
 use crate::query::Work;
 use crate::subscriber::{Identity, Outbox};
 use crate::tick_record::CoreRecord;
+use glam::DVec3;
 use library::Library;
 use probe::Probe;
 use seat::{Budget, Desk, Placing, Tally};
@@ -75,7 +79,7 @@ pub enum Stage {
     Query,
     /// Force, gate, reports.
     Force,
-    /// Broad phase and seats; the first of a tick.
+    /// What moves, broad phase and seats; the first of a tick.
     BroadPhase,
 }
 
@@ -193,6 +197,8 @@ pub struct Controller {
     seats: Vec<Seat>,
     library: Library,
     broad_phase: BroadPhase,
+    /// What moves.
+    movables: Movables,
     seating: Seating,
     /// Of the chunks that wait, oldest at bit 0: which were taken before their turn, because one before them waits
     /// for room on another seat.
@@ -231,6 +237,7 @@ impl Controller {
         }
         let new_probe = |probe| Probe::new(plan, probe, device_max_n, tour_seconds);
         let probes: Vec<Probe> = plan.probes.iter().map(new_probe).collect();
+        let movables = Movables::new(plan);
         let toured = probes.iter().filter_map(|probe| probe.tour.as_ref());
         Self {
             identity,
@@ -239,7 +246,8 @@ impl Controller {
             tolerance_m: plan.accuracy.tolerance_m,
             cache_bytes: plan.cache_bytes,
             library: Library::new(models, kept),
-            broad_phase: BroadPhase::new(placings.len()),
+            broad_phase: BroadPhase::new(placings.len(), movables.iter().count()),
+            movables,
             seating: Seating::new(placings.len(), toured.map(|tour| tour.object)),
             placings,
             probes,
@@ -278,6 +286,7 @@ impl Controller {
             seat.tally = Tally::default();
             seat.observe(inputs.station, inputs.tick);
         }
+        self.move_objects(inputs.tick);
         record.unseated = self.seat_objects(inputs.tick, &mut outputs.outbox);
         observer.ended(Stage::BroadPhase);
 
@@ -413,11 +422,16 @@ impl Controller {
         for (k, probe) in self.probes.iter_mut().enumerate() {
             let mut wanted: Option<Rendered> = None;
             let mut strongest: Option<(f64, Touched)> = None;
+            let at = probe.pose.map_or(DVec3::ZERO, |pose| pose.position);
+            let mut ahead = Carried::default();
             for seat in &self.seats {
                 let touch = &seat.touches[k];
                 if let Some(rendered) = touch.rendered {
                     // A sum begins with its first term, not with a zero that would round.
                     wanted = Some(wanted.map_or(rendered, |sum| sum + rendered));
+                    if let (false, Some(object)) = (self.movables.is_empty(), seat.object()) {
+                        ahead = ahead + self.movables.work_ahead(object, &rendered.resists, at);
+                    }
                 }
                 let (Some(felt), Some(rendered), Some(object), Some(frame)) =
                     (&touch.felt, &touch.rendered, seat.object(), seat.frame)
@@ -431,7 +445,17 @@ impl Controller {
                     strongest = Some((force, Touched { object, contact }));
                 }
             }
-            probe.feel(clock, wanted.unwrap_or_default(), is_open);
+            let shares = probe.feel(clock, wanted.unwrap_or_default(), ahead, is_open);
+            for seat in &self.seats {
+                if let (false, Some(object), Some(rendered)) = (
+                    self.movables.is_empty(),
+                    seat.object(),
+                    &seat.touches[k].rendered,
+                ) {
+                    let given = [rendered.resists * shares[0], rendered.drives * shares[1]];
+                    self.movables.push(object, k, given, at);
+                }
+            }
             let of_probe = &mut record.probes[k];
             of_probe.rejected_sample = probe.rejected;
             of_probe.clamped = probe.clamped;
@@ -481,6 +505,7 @@ fn placings(plan: &ScenePlan) -> (Vec<Placing>, usize) {
             model,
             name,
             pose: of.pose,
+            before: None,
             scale: of.scale,
             surface: of.surface,
         }

@@ -2,8 +2,9 @@
 
 use super::{ModelFrame, TickInputs};
 use crate::effects::{Clock, Rendered, SceneEffects};
-use crate::energy::EnergyAccount;
+use crate::energy::{Carried, EnergyAccount};
 use crate::gate::Gate;
+use crate::movable::material_motion;
 use crate::tool_proxy::{Placement, Twist};
 use shared::geometry::{Pose, Wrench};
 use shared::protocol::{TourAsk, TourPoint};
@@ -55,6 +56,8 @@ pub struct Probe {
     /// Whether it was cut.
     pub clamped: bool,
     pub energy: EnergyAccount,
+    /// Work of the last wrench over the motion of the material, joules: of all of it, and of what is limited.
+    pub carried: [f64; 2],
     /// Whether the account limits the force.
     passivity: bool,
     /// What the scene adds anywhere.
@@ -95,6 +98,7 @@ impl Probe {
             wrench: Wrench::ZERO,
             clamped: false,
             energy: EnergyAccount::new(probe.device.encoder_m),
+            carried: [0.0; 2],
             passivity: plan.safety.passivity,
             effects: SceneEffects::new(&plan.effects),
             gate: Gate::new(plan.safety, device_max_n, plan.loop_.rate_hz),
@@ -134,40 +138,68 @@ impl Probe {
         }
     }
 
-    /// Passes what all touches, and the scene, want through account and gate to the device.
-    pub fn feel(&mut self, clock: Clock, mut wanted: Rendered, is_open: bool) {
+    /// The same along the material of an object whose pose was another in the tick before.
+    pub fn motion_along(&self, before: Option<&Pose>, now: &Pose) -> Twist {
+        let motion = self.motion();
+        let (Some(before), Some(pose)) = (before, &self.pose) else {
+            return motion;
+        };
+        let carried = material_motion(before, now, pose.position);
+        Twist {
+            linear: motion.linear - carried.linear,
+            angular: motion.angular - carried.angular,
+        }
+    }
+
+    /// Passes what all touches, and the scene, want through account and gate to the device. `ahead`: the work of what
+    /// resists over the motion of the material in the coming period. The shares that have passed of what resists and of
+    /// what drives.
+    pub fn feel(
+        &mut self,
+        clock: Clock,
+        mut wanted: Rendered,
+        ahead: Carried,
+        is_open: bool,
+    ) -> [f64; 2] {
         if let Some(pose) = &self.pose {
             self.last = Some(*pose);
-            self.energy.moved_to(pose);
+            self.energy
+                .moved_to(pose, std::mem::take(&mut self.carried));
             if !self.effects.is_empty() {
                 let velocity = self.energy.motion() / clock.period_s;
                 self.effects.feel(clock, pose, velocity, &mut wanted);
             }
         }
         let mut resists = wanted.resists;
+        let mut given = 1.0;
         if self.passivity {
-            resists = resists * self.energy.share(resists, wanted.spring);
+            given = self.energy.share(resists, wanted.spring, ahead);
+            resists = resists * given;
         }
         let open = is_open && self.samples_missed <= SAMPLES_MISSED_MOST;
-        let drives = wanted.drives;
-        if drives == Wrench::ZERO {
-            let gated = self.gate.pass(resists, open);
-            (self.wrench, self.clamped) = (gated.wrench, gated.clamped);
-            self.energy.give(gated.wrench, gated.wrench);
+        let is_driven = wanted.drives != Wrench::ZERO;
+        let sum = if is_driven {
+            resists + wanted.drives
         } else {
-            let sum = resists + drives;
-            let gated = self.gate.pass(sum, open);
-            (self.wrench, self.clamped) = (gated.wrench, gated.clamped);
-            // The gate takes off both alike.
-            let (passed, whole) = (gated.wrench.force.length(), sum.force.length());
-            let share = if whole > 0.0 {
-                (passed / whole).min(1.0)
-            } else {
-                1.0
-            };
-            let share = if share.is_nan() { 0.0 } else { share };
-            self.energy.give(gated.wrench, resists * share);
-        }
+            resists
+        };
+        let gated = self.gate.pass(sum, open);
+        (self.wrench, self.clamped) = (gated.wrench, gated.clamped);
+        // The gate takes off both alike.
+        let (passed, whole) = (gated.wrench.force.length(), sum.force.length());
+        let share = if whole > 0.0 {
+            (passed / whole).min(1.0)
+        } else {
+            1.0
+        };
+        let share = if share.is_nan() { 0.0 } else { share };
+        let limited = if is_driven {
+            resists * share
+        } else {
+            gated.wrench
+        };
+        self.energy.give(gated.wrench, limited);
+        [given * share, share]
     }
 
     /// Whether its force has ramped down.

@@ -38,6 +38,7 @@ impl Controller {
             record.finest_tolerance_m = finest;
         }
         record.energy_j = self.probes.iter().map(|probe| probe.energy.joules()).sum();
+        record.moving = self.movables.awake() as u32;
         record.ready = self.is_ready();
         record.measured_error_m = measured;
         self.mix(record);
@@ -65,6 +66,9 @@ impl Controller {
         mix(u64::from(record.vsplits) << 32 | u64::from(record.ecols));
         mix(record.certified_error_m.to_bits());
         mix(record.finest_tolerance_m.to_bits());
+        for number in self.movables.numbers() {
+            mix(number.to_bits());
+        }
         self.replay_hash = hash;
     }
 }

@@ -25,7 +25,9 @@ pub struct Placing {
     pub model: usize,
     /// Hash of the model's name in the scene.
     pub name: u64,
+    /// Its pose in this tick, and in the tick before if that was another.
     pub pose: Pose,
+    pub before: Option<Pose>,
     pub scale: ModelScale,
     pub surface: SurfacePlan,
 }
@@ -233,6 +235,16 @@ impl Seat {
         self.subscriber.close(outbox, tick)
     }
 
+    /// The object has moved, or does no more.
+    pub(super) fn move_to(&mut self, pose: Pose, before: Option<Pose>) {
+        if let Some(placing) = &mut self.placing {
+            (placing.pose, placing.before) = (pose, before);
+        }
+        if let Some(frame) = &mut self.frame {
+            frame.pose = pose;
+        }
+    }
+
     /// Model and frame of the object, once they are there.
     pub(super) fn known(&self) -> Option<(Model, ModelFrame)> {
         self.model.zip(self.frame)
@@ -281,7 +293,7 @@ impl Seat {
                 continue;
             };
             let certified = Touch::certified(surface, &contact);
-            let feels = (&frame, &placing.surface);
+            let feels = (&frame, placing.before.as_ref(), &placing.surface);
             let depth_m = touch.render(clock, feels, surface, &contact, probe, work);
             let reached = if certified == 0.0 {
                 Some(0.0)

@@ -4,9 +4,11 @@
 //! as long as nobody else needs one; then those go first that have been out of reach for longest. When every seat is
 //! needed, the objects nearest to a probe have them. One object takes a seat in a tick, so that a tick stays short.
 
-use super::Controller;
-use super::seat::Seat;
-use crate::broad_phase::{Ball, Near};
+use super::frame::in_axes_of;
+use super::library::Model;
+use super::seat::{Placing, Seat};
+use super::{Controller, ModelFrame};
+use crate::broad_phase::{Ball, BroadPhase, Near};
 use crate::subscriber::Outbox;
 use glam::DVec3;
 use shared::geometry::Pose;
@@ -66,7 +68,7 @@ impl Controller {
                 radius: REACH_RADII * p.reach_m + REACH_TICKS * p.speed,
             })
         });
-        self.broad_phase.find(balls);
+        self.broad_phase.find(balls, REACH_TICKS);
         self.note_needs(tick);
         if self.seats.len() < self.placings.len() {
             self.seat_one(tick, outbox);
@@ -93,12 +95,7 @@ impl Controller {
                 seating.unplaced.push(object);
                 return;
             };
-            let frame = super::ModelFrame::new(placing.pose, placing.scale, &model.header);
-            let [lower, upper] = [model.header.lower, model.header.upper]
-                .map(|corner| DVec3::from_array(corner) - frame.origin);
-            // The front of a coarse mesh may stick out by R.
-            let (lower, upper) = frame.box_to_world(lower, upper, model.radius_max);
-            broad_phase.place(object as usize, lower, upper);
+            place(broad_phase, &placing, model);
         }
     }
 
@@ -246,7 +243,8 @@ impl Controller {
         }
         let within = self.broad_phase.near().iter().filter(|near| {
             let probe = &self.probes[near.probe];
-            near.distance <= probe.reach_m + TOUCH_TICKS * probe.speed
+            let way = self.broad_phase.way(near.object);
+            near.distance <= probe.reach_m + TOUCH_TICKS * (probe.speed + way)
         });
         let missing = within.filter(|near| {
             let object = Some(near.object as u32);
@@ -261,12 +259,27 @@ impl Seat {
     /// A probe is near; `start`: where it was in the tick before, world, metres.
     fn comes_near(&mut self, near: Near, start: Option<Pose>, tick: u64) {
         self.distance = self.distance.min(near.distance);
+        let Some(placing) = &self.placing else {
+            return;
+        };
         let touch = &mut self.touches[near.probe];
         touch.near_at = tick;
         if !touch.is_followed {
-            touch.follow(start);
+            // As it was seen from the object then: what has moved since is the same to the sweep.
+            let was = placing.before.unwrap_or(placing.pose);
+            touch.follow(start.map(|start| in_axes_of(&was, start)));
         }
     }
+}
+
+/// Tells the broad phase where an object is.
+pub fn place(broad_phase: &mut BroadPhase, placing: &Placing, model: &Model) {
+    let frame = ModelFrame::new(placing.pose, placing.scale, &model.header);
+    let [lower, upper] = [model.header.lower, model.header.upper]
+        .map(|corner| DVec3::from_array(corner) - frame.origin);
+    // The front of a coarse mesh may stick out by R.
+    let (lower, upper) = frame.box_to_world(lower, upper, model.radius_max);
+    broad_phase.place(placing.object as usize, lower, upper);
 }
 
 /// The seat of an object.

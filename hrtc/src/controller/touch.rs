@@ -54,7 +54,7 @@ pub struct Touch {
     pub effects: SurfaceEffects,
     /// Nearest point of the surface, model units.
     nearest: Option<DVec3>,
-    /// Where the proxy begins, world, metres, if that is not where the probe is.
+    /// Where the proxy begins, object's axes, metres, if that is not where the probe is.
     start: Option<Pose>,
 }
 
@@ -79,8 +79,8 @@ impl Touch {
         }
     }
 
-    /// Follows the probe from now on: its proxy is swept from `start` (world, metres), where it is known to have
-    /// been free, or else begins where the probe is.
+    /// Follows the probe from now on: its proxy is swept from `start` (object's axes, metres), where it is known to
+    /// have been free, or else begins where the probe is.
     pub fn follow(&mut self, start: Option<Pose>) {
         self.is_followed = true;
         self.start = start;
@@ -111,7 +111,7 @@ impl Touch {
         }
         self.goal = probe.map(|pose| frame.pose_to_model(pose));
         if !self.follower.has_begun() {
-            let start = self.start.take().map(|start| frame.pose_to_model(start));
+            let start = self.start.take().map(|start| frame.object_to_model(start));
             self.follower
                 .begin(self.patch_m, frame.metres_per_unit, start);
         }
@@ -159,7 +159,7 @@ impl Touch {
     pub fn render(
         &mut self,
         clock: Clock,
-        (frame, plan): (&ModelFrame, &SurfacePlan),
+        (frame, before, plan): (&ModelFrame, Option<&Pose>, &SurfacePlan),
         surface: Surface<'_>,
         contact: &Contact,
         probe: &Probe,
@@ -169,7 +169,7 @@ impl Touch {
             return 0.0;
         };
         let to_model = frame.pose.orientation.conjugate();
-        let motion = probe.motion();
+        let motion = probe.motion_along(before, &frame.pose);
         let velocity = Twist {
             linear: to_model * motion.linear / clock.period_s,
             angular: to_model * motion.angular / clock.period_s,

@@ -164,6 +164,7 @@ impl Accumulator {
             probe.add(&core.probes[k]);
             result.rejected_samples += u64::from(core.probes[k].rejected_sample);
         }
+        result.moving_ticks += u64::from(core.moving > 0);
         result.unseated_ticks += u64::from(core.unseated > 0);
         result.unfinished_ticks += u64::from(core.unfinished > 0);
         if core.ready {

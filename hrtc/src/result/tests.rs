@@ -241,6 +241,7 @@ fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
         "rejected_samples",
         "objects",
         "seats",
+        "moving_ticks",
         "unseated_ticks",
         "unfinished_ticks",
         "energy_j",

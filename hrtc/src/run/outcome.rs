@@ -52,10 +52,11 @@ pub(super) struct Outcome {
     pub run: Accumulator,
 }
 
-/// Adds what the controller knows of its dial and of its capacities.
+/// Adds what the controller knows of its dial, of its capacities and of what moved.
 pub(super) fn add_dial(result: &mut RunResult, controller: &Controller, rate_hz: f64) {
     result.tolerance_m = controller.tolerance_m();
     result.capacities = controller.capacities();
+    result.moved = controller.movables().report();
     let first = controller.seats().iter().find(|seat| seat.is_ready());
     if let Some((seat, dial, frame)) = first.and_then(|s| Some((s, s.dial()?, s.frame()?))) {
         let scale = frame.metres_per_unit;

@@ -1,0 +1,66 @@
+//! A body on a hinge.
+
+use super::body::Step;
+use super::extent::Extent;
+use super::rest::{Coordinate, Rest};
+use glam::{DQuat, DVec3};
+use shared::geometry::{Pose, Wrench};
+use shared::scene::HingePlan;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hinge {
+    home: Pose,
+    /// World.
+    axis: DVec3,
+    /// A point of the axis, world.
+    pub anchor: DVec3,
+    /// From there to the middle of the body where the scene puts it, world.
+    arm: DVec3,
+    weight_n: DVec3,
+    turn: Coordinate,
+}
+
+impl Hinge {
+    pub fn new(plan: &HingePlan, home: Pose, extent: &Extent) -> Self {
+        let mass = plan.mass.mass_kg;
+        let moments = plan.mass.inertia_kgm2.unwrap_or(extent.moments(mass));
+        let from_axis = (extent.middle - plan.anchor_m).reject_from_normalized(plan.axis);
+        let about_middle = moments.dot(plan.axis * plan.axis);
+        let inertia = about_middle + mass * from_axis.length_squared();
+        Self {
+            home,
+            axis: home.orientation * plan.axis,
+            anchor: home.transform_point(plan.anchor_m),
+            arm: home.orientation * (extent.middle - plan.anchor_m),
+            weight_n: plan.mass.gravity_m_per_s2 * mass,
+            turn: Coordinate::new(Rest::new(&plan.turn, inertia), plan.limits_rad),
+        }
+    }
+
+    fn rotation(&self) -> DQuat {
+        DQuat::from_axis_angle(self.axis, self.turn.at)
+    }
+
+    /// A step; the torque of `load` is about the anchor.
+    pub fn step(&mut self, load: &Wrench, step: &Step) {
+        let of_weight = (self.rotation() * self.arm).cross(self.weight_n);
+        let torque = self.axis.dot(load.torque + of_weight);
+        self.turn.step(torque, step.period_s, step.fastest_turn);
+    }
+
+    pub fn pose(&self) -> Pose {
+        let rotation = self.rotation();
+        Pose {
+            position: self.anchor + rotation * (self.home.position - self.anchor),
+            orientation: (rotation * self.home.orientation).normalize(),
+        }
+    }
+
+    pub fn kinetic_j(&self) -> f64 {
+        self.turn.kinetic_j()
+    }
+
+    pub fn stop(&mut self) {
+        self.turn.stop();
+    }
+}
