@@ -11,6 +11,9 @@ use shared::scene::{Effect, RefinementPlan, ScenePlan, TrajectoryPlan};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
+/// Objects of which it is said where they came to; of more only how many.
+const MOVED_MOST: usize = 8;
+
 /// Everything that a report tells of.
 #[derive(Debug)]
 pub struct Report<'a> {
@@ -44,6 +47,7 @@ impl Report<'_> {
             ("run", self.run()),
             ("touch", self.touch()),
             ("objects", self.objects()),
+            ("motion", self.motion()),
             ("accuracy", self.accuracy()),
             ("resolution", self.resolution()),
             ("transfer", self.transfer()),
@@ -173,6 +177,33 @@ impl Report<'_> {
                     grouped(r.unseated_ticks)
                 )
             });
+        }
+        lines
+    }
+
+    /// Of objects that moved; nothing where all stood.
+    fn motion(&self) -> Vec<String> {
+        let r = &self.finished.result;
+        let mut lines: Vec<String> = r
+            .moved
+            .iter()
+            .take(MOVED_MOST)
+            .map(|moved| {
+                let [x, y, z] = moved.position_m;
+                format!(
+                    "object {}: awake for {} tick(s), at most {} from its place; in the end at ({x:.4}, {y:.4}, {z:.4}) m, turned by {:.1}°",
+                    moved.object,
+                    grouped(moved.awake_ticks),
+                    length(moved.farthest_m),
+                    moved.turned_rad.to_degrees()
+                )
+            })
+            .collect();
+        if r.moved.len() > MOVED_MOST {
+            lines.push(format!(
+                "{} other object(s) moved, see --json",
+                grouped((r.moved.len() - MOVED_MOST) as u64)
+            ));
         }
         lines
     }

@@ -5,11 +5,13 @@ use crate::simulator::{DELAY_TICKS, Simulator, identity, station_incarnation};
 use glam::DVec3;
 use hrtc::controller::{Controller, NoObserver};
 use hrtc::device::{Device, Intent, Sample, Simulated};
+use hrtc::movable::Body;
 use hrtc::tick_record::CoreRecord;
 use shared::geometry::{Pose, Wrench};
 use shared::protocol::Request;
 use shared::scene::{
-    Hand, ModelScale, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan, TrajectoryPlan, parse,
+    Hand, ModelScale, MovablePlan, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan,
+    TrajectoryPlan, parse,
 };
 use shared::spm::{SpmFile, write_spm};
 use std::path::Path;
@@ -40,6 +42,8 @@ pub enum Fault {
     OpenGate,
     /// The energy account does not limit the force.
     NoPassivity,
+    /// Nothing brings a body to rest.
+    Restless,
 }
 
 /// What a bench is made of.
@@ -65,6 +69,8 @@ pub struct Setup {
     pub effects: &'static str,
     /// Probes.
     pub probes: usize,
+    /// How the object moves, if it does.
+    pub movable: Option<MovablePlan>,
     /// The fault.
     pub fault: Fault,
 }
@@ -94,6 +100,7 @@ impl Default for Setup {
             passivity: false,
             effects: "",
             probes: 1,
+            movable: None,
             fault: Fault::None,
         }
     }
@@ -246,6 +253,24 @@ impl Bench {
         Some(frame.to_model(world))
     }
 
+    /// What moves.
+    #[must_use]
+    pub fn body(&self) -> Option<&Body> {
+        self.simulator.controller.movables().body(0)
+    }
+
+    /// The object's pose in the last tick.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        self.body().map_or(self.setup.pose, Body::pose)
+    }
+
+    /// Whether nothing moves any more.
+    #[must_use]
+    pub fn is_asleep(&self) -> bool {
+        self.simulator.outputs().record.moving == 0
+    }
+
     /// Silences the station, or lets it speak again.
     pub fn mute(&mut self, mute: bool) {
         self.simulator.mute(mute);
@@ -272,6 +297,7 @@ fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
     let object = &mut plan.objects[0];
     object.scale = ModelScale::Size(setup.size_m);
     object.pose = setup.pose;
+    object.movable = setup.movable;
     object.surface.stiffness_n_per_m = setup.stiffness_n_per_m;
     object.surface.damping_ns_per_m = 0.0;
     plan.probes[0].shape = ProbeShape::Sphere {
@@ -367,6 +393,12 @@ impl FreeMass {
             pose: Pose::at(place),
             velocity,
         });
+    }
+
+    /// Its velocity, m/s.
+    #[must_use]
+    pub fn velocity(&self) -> DVec3 {
+        self.device.state().1
     }
 
     /// A period under the force; what the encoder reads then.

@@ -10,6 +10,7 @@
 //! | `corners` | ridges, valleys, tips and corners |
 //! | `effects` | friction, texture, fields: energy, drift, switching |
 //! | `fronts` | a front that moves, files in any unit |
+//! | `motion` | objects that are driven onto a probe, or pushed by one |
 //! | `disturbances` | jumps, noise, a station that goes away, another scale |
 
 pub(crate) mod bench;
@@ -17,6 +18,7 @@ mod corners;
 mod disturbances;
 mod effects;
 mod fronts;
+mod motion;
 mod shapes;
 mod sheets;
 pub(crate) mod walls;
@@ -88,6 +90,13 @@ impl Found {
         self.passes += 1;
     }
 
+    /// Without a touch nothing was shown.
+    pub fn count_touch(&mut self, touched: bool) {
+        if !touched {
+            self.most(f64::INFINITY);
+        }
+    }
+
     /// What went wrong is counted.
     pub fn count(&mut self, wrong: bool) {
         self.value += f64::from(u8::from(wrong));
@@ -111,7 +120,7 @@ struct Case {
 const CONVERGENCE: f64 = 1e-6;
 
 /// The cases.
-const CASES: [Case; 34] = [
+const CASES: [Case; 39] = [
     case(
         "head-on-wall",
         "energy put out over K T/2 times the integral of v²",
@@ -349,6 +358,41 @@ const CASES: [Case; 34] = [
         0.0,
         Fault::LateTick,
         effects::unlisted,
+    ),
+    case(
+        "moving-object",
+        "passes or gaps of two ticks, driven at 1 m/s or 10 rad/s",
+        0.0,
+        Fault::LostConstraint,
+        motion::moving_object,
+    ),
+    case(
+        "pushed-energy",
+        "energy of device and body over that in the beginning",
+        1.0 + 1e-9,
+        Fault::NoPassivity,
+        motion::pushed_energy,
+    ),
+    case(
+        "pushed-momentum",
+        "stray of their momentum, relative",
+        1e-9,
+        Fault::LateTick,
+        motion::pushed_momentum,
+    ),
+    case(
+        "pushed-reference",
+        "from 64 times the rate, relative, over the swing in a tick",
+        1.0,
+        Fault::Sign,
+        motion::pushed_reference,
+    ),
+    case(
+        "pushed-rest",
+        "pushed bodies that do not sleep, or change in sleep",
+        0.0,
+        Fault::Restless,
+        motion::pushed_rest,
     ),
 ];
 
