@@ -2,14 +2,15 @@
 
 mod common;
 
-use common::scene::{Scene, scene_plan};
-use common::spm;
+use common::scene::{Scene, scene_plan, scene_station};
+use common::{Faults, Random, spm};
 use glam::{DQuat, DVec3};
 use hrtc::controller::NoObserver;
 use hrtc::counting_allocator::{CountingAllocator, count};
 use shared::geometry::Pose;
 use shared::scene::{
-    DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, RailPlan, RestPlan, ScenePlan,
+    DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, ProbeShape, RailPlan, RestPlan,
+    ScenePlan,
 };
 use std::sync::LazyLock;
 use ve_station::build::BuildOptions;
@@ -27,6 +28,10 @@ const PERIOD_S: f64 = 1e-3;
 const AS_USUAL: RestPlan = RestPlan {
     spring: 0.0,
     damping: None,
+};
+const LOOSE: RestPlan = RestPlan {
+    spring: 0.0,
+    damping: Some(0.0),
 };
 const MASS: MassPlan = MassPlan {
     mass_kg: 0.2,
@@ -269,7 +274,7 @@ fn the_same_scene_at_another_scale_moves_alike() {
             linear: AS_USUAL,
             angular: AS_USUAL,
         }));
-        plan.probes[0].shape = shared::scene::ProbeShape::Sphere { radius_m: 1e-3 * s };
+        plan.probes[0].shape = ProbeShape::Sphere { radius_m: 1e-3 * s };
         plan.probes[0].device.encoder_m *= s;
         plan.safety.force_max_n *= s;
         plan.safety.torque_max_nm *= s;
@@ -359,4 +364,163 @@ fn a_tour_leads_over_the_object_where_it_is() {
     let frame = scene.controller.frame().expect("the model is there");
     let due = DVec3::new(0.1 + (scene.tick - 1) as f64 * PERIOD_S, 0.2, 0.3);
     assert!(frame.pose.position.distance(due) < 1e-12);
+}
+
+#[test]
+fn a_tool_pushes_a_body_and_both_feel_the_same() {
+    // A capsule that is led by the test against a ball beside its middle: what the device feels turned round is what the
+    // ball gains, about any point, until it turns.
+    let mut plan = balls(&[DVec3::ZERO], 1);
+    plan.probes[0].shape = ProbeShape::Capsule {
+        radius_m: 0.003,
+        length_m: 0.02,
+        faces: 240,
+    };
+    plan.objects[0].movable = Some(MovablePlan::Free(FreePlan {
+        mass: MASS,
+        linear: LOOSE,
+        angular: LOOSE,
+    }));
+    let mut scene = scene(&plan);
+    let tilted = DQuat::from_rotation_y(0.4);
+    let sample = |z: f64| {
+        [Some(Pose {
+            position: DVec3::new(0.012, 0.004, z),
+            orientation: tilted,
+        })]
+    };
+    for _ in 0..1500 {
+        scene.step_poses(&sample(0.07), &mut NoObserver);
+    }
+    let (mut given, mut largest) = (DVec3::ZERO, 0.0f64);
+    for tick in 0..300 {
+        let z = 0.054 - 2e-5 * f64::from(tick);
+        let force = scene.outputs.wrenches[0].force;
+        scene.step_poses(&sample(z), &mut NoObserver);
+        given -= force * PERIOD_S;
+        let body = scene.controller.movables().body(0).expect("it moves");
+        let gained = body.velocity() * MASS.mass_kg;
+        assert!(
+            gained.distance(given) <= 1e-9 * given.length().max(1e-6),
+            "tick {tick}: {gained} {given}"
+        );
+        largest = largest.max(given.length());
+    }
+    assert!(largest > 1e-3, "{largest} N s");
+    assert_eq!(scene.allocations, 0);
+}
+
+#[test]
+fn whatever_probes_link_and_bodies_do_the_tick_keeps_its_limits() {
+    let mut moved = 0.0f64;
+    for seed in 0..10 {
+        let mut random = Random(seed);
+        let count = 1 + random.below(9) as usize;
+        let any =
+            |random: &mut Random| DVec3::new(random.unit(), random.unit(), random.unit()) - 0.5;
+        let places: Vec<DVec3> = (0..count).map(|_| any(&mut random) * 0.6).collect();
+        let probes = 1 + random.below(3) as usize;
+        let mut plan = balls(&places, probes);
+        for object in &mut plan.objects {
+            let mass = MassPlan {
+                mass_kg: 0.02 + random.unit(),
+                inertia_kgm2: None,
+                gravity_m_per_s2: any(&mut random)
+                    * 0.5
+                    * f64::from(u8::from(random.below(2) == 0)),
+            };
+            let rest = RestPlan {
+                spring: 20.0 * random.unit(),
+                damping: None,
+            };
+            let axis = any(&mut random).normalize();
+            object.movable = match random.below(5) {
+                0 => Some(MovablePlan::Free(FreePlan {
+                    mass,
+                    linear: rest,
+                    angular: rest,
+                })),
+                1 => Some(MovablePlan::Hinge(HingePlan {
+                    mass,
+                    axis,
+                    anchor_m: any(&mut random) * 0.2,
+                    turn: RestPlan {
+                        spring: 0.05 * rest.spring,
+                        damping: None,
+                    },
+                    limits_rad: Some([-0.5, 1.0]),
+                })),
+                2 => Some(MovablePlan::Rail(RailPlan {
+                    mass,
+                    axis,
+                    slide: rest,
+                    limits_m: Some([-0.05, 0.1]),
+                })),
+                3 => Some(MovablePlan::Driven(DrivenPlan {
+                    linear_m_per_s: any(&mut random),
+                    angular_rad_per_s: any(&mut random) * 10.0,
+                    anchor_m: any(&mut random) * 0.1,
+                    period_s: Some(0.2 + random.unit()),
+                })),
+                _ => None,
+            };
+        }
+        let run = || {
+            let mut random = Random(1000 + seed);
+            let mut scene = scene(&plan);
+            let mut at = vec![DVec3::ZERO; probes];
+            for tick in 0..2500u64 {
+                if random.below(300) == 0 {
+                    scene.faults = (random.below(2) == 0).then(|| Faults {
+                        random: Random(random.next()),
+                        loss: 0.05,
+                        duplication: 0.05,
+                        overtaking: 0.1,
+                    });
+                }
+                if random.below(1000) == 0 {
+                    let models: [(&str, &[u8]); 1] = [("sphere", &SPHERE)];
+                    scene.restart_station(scene_station(&plan, &models, 101 + tick));
+                }
+                if random.below(100) == 0 {
+                    scene.tick += random.below(8);
+                }
+                let mut samples = Vec::new();
+                for at in &mut at {
+                    let body = random.below(count as u64) as usize;
+                    let goal = scene
+                        .controller
+                        .frame_of(body)
+                        .map_or(places[body], |f| f.pose.position);
+                    *at += (goal - *at).clamp_length_max(1e-3 * random.unit());
+                    samples.push(match random.below(40) {
+                        0 => None,
+                        1 => Some(DVec3::NAN),
+                        2 => Some(DVec3::splat(1e300)),
+                        _ => Some(*at),
+                    });
+                }
+                let record = scene.step(&samples);
+                assert!(scene.outputs.wrenches.iter().all(|w| w.is_finite()));
+                assert!(record.work_units <= scene.controller.work_budget());
+                for (_, body) in scene.controller.movables().iter() {
+                    assert!(body.pose().is_finite() && body.way() < 0.05, "seed {seed}");
+                }
+                if tick % 500 == 0 {
+                    scene.check();
+                }
+            }
+            assert_eq!(scene.allocations, 0, "seed {seed}");
+            let farthest = scene
+                .controller
+                .movables()
+                .iter()
+                .map(|(_, body)| body.farthest());
+            (scene.controller.replay_hash(), farthest.fold(0.0, f64::max))
+        };
+        let (hash, farthest) = run();
+        assert_eq!(run().0, hash, "seed {seed}: every run repeats");
+        moved = moved.max(farthest);
+    }
+    assert!(moved > 0.01, "{moved}");
 }
