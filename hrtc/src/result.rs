@@ -214,7 +214,8 @@ pub struct RunResult {
     pub clamped_ticks: u64,
     /// Device samples rejected.
     pub rejected_samples: u64,
-    /// Energy that the rendering put out, joules; above 0 it pushed energy in.
+    /// Energy that the rendering put out, joules, but for its work over the motion of objects that move; above 0 it
+    /// pushed energy in.
     pub energy_j: f64,
     /// Records received.
     pub vsps_received: u64,

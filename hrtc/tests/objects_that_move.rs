@@ -364,6 +364,10 @@ fn a_tour_leads_over_the_object_where_it_is() {
     let frame = scene.controller.frame().expect("the model is there");
     let due = DVec3::new(0.1 + (scene.tick - 1) as f64 * PERIOD_S, 0.2, 0.3);
     assert!(frame.pose.position.distance(due) < 1e-12);
+    // The hand goes along.
+    let carried = scene.controller.carried(0, due);
+    assert!(carried.linear.distance(DVec3::X * PERIOD_S) < 1e-12);
+    assert_eq!(scene.controller.carried(1, due).linear, DVec3::ZERO);
 }
 
 #[test]

@@ -3,13 +3,24 @@
 
 use super::Controller;
 use super::seating::{place, seat_of};
-use crate::movable::{Extent, Movables};
+use crate::movable::{Extent, Movables, material_motion};
+use crate::tool_proxy::Twist;
+use glam::DVec3;
 
 impl Controller {
     /// What moves, and where it is.
     #[must_use]
     pub fn movables(&self) -> &Movables {
         &self.movables
+    }
+
+    /// How the material of an object at a place (world, metres) has moved in the last tick, metres and radians; nothing
+    /// of what stands.
+    #[must_use]
+    pub fn carried(&self, object: usize, at: DVec3) -> Twist {
+        let body = self.movables.body(object as u32);
+        let motion = body.and_then(|body| Some(material_motion(&body.before()?, &body.pose(), at)));
+        motion.unwrap_or_default()
     }
 
     /// Takes the objects that move to where they are in this tick, and the work that the last forces did over their

@@ -225,7 +225,14 @@ impl Hand {
                 return;
             };
             let from = *self.start.get_or_insert(tick);
-            self.script.along_tour(tour, &frame, t(from))
+            let intent = self.script.along_tour(tour, &frame, t(from));
+            intent.map(|mut intent| {
+                // The hand goes with an object that moves, to where it is by the end of the coming period.
+                let carried = controller.carried(object, intent.pose.position);
+                intent.pose.position += carried.linear;
+                intent.velocity += carried.linear * rate_hz;
+                intent
+            })
         } else {
             let from = *self.start.get_or_insert(tick);
             self.script.along_points(&self.points, t(from))

@@ -19,6 +19,6 @@ pub use plan::{
 };
 pub use typed::parse_bytes;
 pub use validate::{
-    DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, RailPlan, RestPlan, SHAPES, SceneError,
-    least_coupled_mass, load, parse,
+    DrivenPlan, FreePlan, HingePlan, MOST_MOVABLES, MassPlan, MovablePlan, RailPlan, RestPlan,
+    SHAPES, SceneError, least_coupled_mass, load, parse,
 };

@@ -20,7 +20,8 @@ mod probe_shape;
 
 pub(super) use movable::MovableTyped;
 pub use movable::{
-    DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, RailPlan, RestPlan, least_coupled_mass,
+    DrivenPlan, FreePlan, HingePlan, MOST_MOVABLES, MassPlan, MovablePlan, RailPlan, RestPlan,
+    least_coupled_mass,
 };
 
 /// Shapes that `generate = { shape = "..." }` may name.
@@ -205,8 +206,7 @@ fn plan(
     apply(&mut plan, first_copies, overrides).map_err(|sentence| source.whole(&sentence))?;
     effects::add(source, &typed, &objects.copies, &mut plan)?;
     let tables = typed.object.iter().map(Spanned::get_ref);
-    let firsts = objects.copies.iter().map(|copies| copies.start);
-    movable::check(source, tables.zip(firsts), &plan)?;
+    movable::check(source, tables.zip(&objects.copies), &plan)?;
     Ok(plan)
 }
 

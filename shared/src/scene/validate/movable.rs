@@ -14,6 +14,8 @@ use glam::DVec3;
 use serde::Deserialize;
 use toml::Spanned;
 
+/// Objects of a scene that move, at the most: all awake at once take some fifty microseconds of a tick.
+pub const MOST_MOVABLES: usize = 128;
 /// 1/m' of a box of mass m, in units of 1/m, at the most.
 const MOST_MOBILITY: f64 = 7.0;
 /// Rotation that a driven object may make in a tick, radians: farther, a way round is no short way any more.
@@ -266,18 +268,26 @@ pub(super) fn movable_plan(
 }
 
 /// Checks what depends on the loop, on the probes and on the size that the command line may have changed: `tables`,
-/// each with the first object that it made.
+/// each with the objects that it made.
 pub(super) fn check<'a>(
     source: &Source,
-    tables: impl Iterator<Item = (&'a ObjectTyped, usize)>,
+    tables: impl Iterator<Item = (&'a ObjectTyped, &'a std::ops::Range<usize>)>,
     plan: &ScenePlan,
 ) -> Result<(), SceneError> {
     let rate_hz = plan.loop_.rate_hz;
-    for (table, first) in tables {
+    let mut moving = 0;
+    for (table, copies) in tables {
         let Some(typed) = &table.movable else {
             continue;
         };
-        let object = &plan.objects[first];
+        moving += copies.len();
+        if moving > MOST_MOVABLES {
+            return Err(source.value(
+                typed,
+                &format!("these are more than {MOST_MOVABLES} objects that move, the most that a tick has time for; let others stand, or make fewer copies"),
+            ));
+        }
+        let object = &plan.objects[copies.start];
         let Some(movable) = &object.movable else {
             continue;
         };

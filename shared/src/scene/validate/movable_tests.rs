@@ -163,6 +163,18 @@ fn a_body_that_the_touch_would_throw_off_is_refused_with_the_least_that_it_may_w
 
 #[test]
 fn the_command_lines_size_and_copies_do_not_confuse_whose_line_it_is() {
+    let many = "size_m = 0.1\ngrid = { counts = [129, 1, 1], spacing_m = 1 }";
+    let many = parse(
+        &text("free = { mass_kg = 0.2 }", many),
+        "test.toml",
+        Path::new(""),
+        &Overrides::default(),
+    );
+    let message = many.unwrap_err().to_string();
+    assert!(
+        message.starts_with("test.toml, line 7:") && message.contains("128"),
+        "{message}"
+    );
     let mut text = text(
         "free = { mass_kg = 0.2 }",
         "size_m = 0.1\ngrid = { counts = [2, 2, 1], spacing_m = 1 }",
