@@ -248,7 +248,11 @@ impl AbTree {
             }
         };
         let (child_box, child_deformed) = match parent {
-            NONE => (self.root_box, self.root_face_deformed),
+            // The root's own box is that of the last refit: a removal may have changed those below since.
+            NONE => match current {
+                Child::Node(id) => (self.nodes[id as usize].boxes.union(), false),
+                Child::Face(_) => (self.root_box, self.root_face_deformed),
+            },
             id => {
                 let side = self.side_of(id, current);
                 (
