@@ -13,15 +13,18 @@
 //!
 //! Legality is a property of the front (facts: 0 mismatches with the adjacency tests of thesis 5.2.3 in
 //! 3 million checks): a split is legal when its dependencies are performed, a collapse when nothing
-//! performed depends on it. No operation allocates or recurses, and a record that does not fit the mesh
+//! performed depends on it. Vertices may be on their way between two fronts ([`Flight`]). No operation allocates or recurses, and a record that does not fit the mesh
 //! (a damaged file) is refused before anything changed.
 
 mod adjacency;
 mod check;
+mod fans;
+mod flights;
 mod operation_faces;
 mod swept;
 mod walk;
 
+pub use flights::Flight;
 pub use operation_faces::OperationFaces;
 pub use walk::FrontWalk;
 
@@ -94,6 +97,7 @@ pub struct ActiveMesh {
     faces: Vec<Face>,
     links: Vec<Links>,
     states: Vec<State>,
+    flights: Vec<Flight>,
     active_faces: u32,
     performed: u32,
 }
@@ -129,6 +133,7 @@ impl ActiveMesh {
             faces: vec![Face::UNUSED; base_faces as usize + 2 * slots_usize],
             links: vec![links; slots_usize],
             states: vec![State::default(); slots_usize],
+            flights: Vec::new(),
             active_faces: 0,
             performed: 0,
         }
@@ -138,6 +143,7 @@ impl ActiveMesh {
     /// the first on, use was made. Nothing is freed or allocated.
     pub fn clear(&mut self, slots: u32) {
         self.states[..slots as usize].fill(State::default());
+        self.flights.clear();
         self.active_faces = 0;
         self.performed = 0;
     }
@@ -387,14 +393,14 @@ impl ActiveMesh {
         &self.faces[face as usize]
     }
 
-    /// Position of a vertex, model units, the f32 of the file.
+    /// Where a vertex is, model units: the f32 of the file, unless it is in flight.
     #[inline]
     #[must_use]
     pub fn position(&self, vertex: Handle) -> Vec3 {
         self.vertices[vertex as usize].position
     }
 
-    /// R of a vertex, model units.
+    /// R of a vertex where it is, model units.
     #[inline]
     #[must_use]
     pub fn radius(&self, vertex: Handle) -> f32 {
@@ -447,8 +453,12 @@ impl ActiveMesh {
             return Err(damaged);
         }
         self.collect(vs, links.fn_, out).ok_or(damaged)?;
+        out.from = [self.position(vs); 2];
+        out.radius = self.radius(vs);
+        self.ground(vs);
         let (vt, fl) = (self.vt(slot), self.fl(slot));
         let (vu, fr) = (vt + 1, fl + 1);
+        out.moved = [vt, vu];
         for k in 0..out.count {
             let vertex = if k < out.of_t { vt } else { vu };
             let face = &mut self.faces[out.deformed[k] as usize];
@@ -483,15 +493,12 @@ impl ActiveMesh {
         let (vt, fl) = (self.vt(slot), self.fl(slot));
         let vu = vt + 1;
         debug_assert_eq!(self.faces[fl as usize].neighbours[..2], [fn1, fn0]);
-        out.count = 0;
-        let collected = self
-            .fan(vt, fn0, fn2, out)
-            .and_then(|()| {
-                out.of_t = out.count;
-                self.fan(vu, fn3, fn1, out)
-            })
-            .is_some();
+        let collected = self.patch(slot, out).is_some();
         assert!(collected, "a performed split has whole fans");
+        out.moved = [links.vs; 2];
+        out.from = [vt, vu].map(|vertex| self.position(vertex));
+        self.ground(vt);
+        self.ground(vu);
         for k in 0..out.count {
             let vertex = if k < out.of_t { vt } else { vu };
             let face = &mut self.faces[out.deformed[k] as usize];
@@ -514,6 +521,7 @@ impl ActiveMesh {
         out.pair = [fl, fl + 1];
         out.pair_count = 1 + usize::from(links.leaf_r != NONE);
         out.leaves = [links.leaf_l, links.leaf_r];
+        out.made = performed;
         self.states[slot as usize].performed = performed;
         for dependency in self.dependencies(slot) {
             let count = &mut self.states[dependency as usize].dependents;
@@ -525,85 +533,6 @@ impl ActiveMesh {
         } else {
             self.active_faces -= out.pair_count as u32;
             self.performed -= 1;
-        }
-    }
-
-    /// The vertex beyond `vertex` on the edge that two faces share: `leaving` has the edge vertex -> x,
-    /// `entering` has x -> vertex. `None` when the two do not lie so, or neither exists.
-    fn across(&self, vertex: Handle, leaving: Handle, entering: Handle) -> Option<Handle> {
-        let far = |face: Handle, step: usize, other: Handle| {
-            if face == NONE {
-                return Some(None);
-            }
-            let f = &self.faces[face as usize];
-            let k = f.index_of(vertex)?;
-            // The neighbour across the edge lies opposite the third corner.
-            let third = (k + 3 - step) % 3;
-            (f.neighbours[third] == other).then_some(Some(f.corners[(k + step) % 3]))
-        };
-        match (far(leaving, 1, entering)?, far(entering, 2, leaving)?) {
-            (Some(a), Some(b)) if a == b => Some(a),
-            (Some(a), None) | (None, Some(a)) => Some(a),
-            _ => None,
-        }
-    }
-
-    /// Collects the two fans that a split of `vs` parts: counterclockwise fn0..fn2 to vt, fn3..fn1 to vu.
-    fn collect(&self, vs: Handle, fn_: [Handle; 4], out: &mut OperationFaces) -> Option<()> {
-        let [fn0, fn1, fn2, fn3] = fn_;
-        out.count = 0;
-        self.fan(vs, fn0, fn2, out)?;
-        out.of_t = out.count;
-        self.fan(vs, fn3, fn1, out)?;
-        // The fans must not share a face: a damaged record could name fn on the wrong side.
-        let (t, u) = out.deformed().split_at(out.of_t);
-        let disjoint = t.iter().all(|f| !u.contains(f));
-        disjoint.then_some(())
-    }
-
-    /// Collects the faces around `vertex` counterclockwise from `first` to `last`; where a rim comes in
-    /// between, the fan is in two pieces and the second is walked clockwise from `last`.
-    fn fan(
-        &self,
-        vertex: Handle,
-        first: Handle,
-        last: Handle,
-        out: &mut OperationFaces,
-    ) -> Option<()> {
-        let mut face = first;
-        while face != NONE {
-            out.push(face)?;
-            if face == last {
-                return Some(());
-            }
-            let f = &self.faces[face as usize];
-            face = f.neighbours[(f.index_of(vertex)? + 1) % 3];
-            if face == first {
-                // Once round without meeting `last`.
-                return None;
-            }
-        }
-        let mut face = last;
-        while face != NONE {
-            out.push(face)?;
-            let f = &self.faces[face as usize];
-            face = f.neighbours[(f.index_of(vertex)? + 2) % 3];
-            if face == last {
-                return None;
-            }
-        }
-        Some(())
-    }
-
-    /// Sets the neighbour of `face` opposite the corner `step` after `vertex`.
-    fn set_neighbour(&mut self, face: Handle, vertex: Handle, step: usize, neighbour: Handle) {
-        if face == NONE {
-            return;
-        }
-        let f = &mut self.faces[face as usize];
-        match f.index_of(vertex) {
-            Some(k) => f.neighbours[(k + step) % 3] = neighbour,
-            None => unreachable!("fn keeps the split vertex as a corner"),
         }
     }
 }

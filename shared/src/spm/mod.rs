@@ -27,7 +27,9 @@ mod prefix_mesh;
 mod record;
 mod regions;
 
-pub use active_mesh::{ActiveMesh, DamagedRecord, Face, FrontWalk, Handle, OperationFaces, Slot};
+pub use active_mesh::{
+    ActiveMesh, DamagedRecord, Face, Flight, FrontWalk, Handle, OperationFaces, Slot,
+};
 pub use error_code::ErrorScale;
 pub use file::{
     BLOCK_BYTES, BuildSummary, FORMAT_VERSION, FileError, FullFace, Section, SpmFile, SpmHeader,

@@ -1,4 +1,6 @@
 use super::*;
+use glam::DVec3;
+
 fn record(i: u32, leaf_r: u32) -> VspRecord {
     VspRecord {
         i,
@@ -92,4 +94,86 @@ fn a_record_that_does_not_fit_is_refused_and_changes_nothing() {
         assert_eq!(mesh.split(0, &mut out), Err(DamagedRecord(7)), "{fn_:?}");
         assert_eq!(mesh.faces, before);
     }
+}
+
+/// Corners of all active faces.
+fn places(mesh: &ActiveMesh) -> Vec<[DVec3; 3]> {
+    let mut all = Vec::new();
+    mesh.for_each_active_face(|face| all.push(mesh.corners(face)));
+    all
+}
+
+/// Moves every vertex in flight until so much of its way is done.
+fn fly_all(mesh: &mut ActiveMesh, done: f64, out: &mut OperationFaces) {
+    for index in 0..mesh.flights().len() {
+        let flight = mesh.flights()[index];
+        mesh.around(&flight, out).expect("the fans are small");
+        mesh.fly(index, done.max(flight.done()), out);
+    }
+    mesh.land();
+}
+
+#[test]
+fn a_split_takes_off_from_where_the_surface_was_and_lands_where_the_file_says() {
+    let mut mesh = hexagon(2).with_flights(4);
+    let mut at_once = hexagon(2);
+    mesh.set_base_vertex(0, [0.0, 0.0, 0.5], 2.0);
+    at_once.set_base_vertex(0, [0.0, 0.0, 0.5], 2.0);
+    let before = places(&mesh);
+    let mut out = OperationFaces::new();
+    for mesh in [&mut mesh, &mut at_once] {
+        mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [0.25, 0.5]);
+        mesh.split(0, &mut out).unwrap();
+    }
+    mesh.take_off(&out);
+    assert!(!mesh.may_take_off() || mesh.flights().len() == 2);
+    // The six faces are where they were, and the pair has no area: nothing has been passed.
+    assert_eq!(places(&mesh)[..6], before[..]);
+    assert!(!mesh.swept_over(&out, DVec3::new(0.1, 0.1, 0.2)));
+    for face in 0..8 {
+        assert!(mesh.certified_error(face) >= 2.0, "the parent's R");
+    }
+    fly_all(&mut mesh, 0.25, &mut out);
+    assert_eq!(mesh.position(7).to_array(), [0.0, 0.25, 0.375]);
+    mesh.check();
+    fly_all(&mut mesh, 1.0, &mut out);
+    assert!(mesh.flights().is_empty());
+    assert_eq!(places(&mesh), places(&at_once));
+    assert_eq!([7, 8].map(|v| mesh.radius(v)), [0.25, 0.5]);
+
+    // And back: at the parent's place the collapse moves nothing.
+    mesh.send_to_parent(0);
+    fly_all(&mut mesh, 0.5, &mut out);
+    assert!(!mesh.has_come_to_parent(0));
+    fly_all(&mut mesh, 1.0, &mut out);
+    assert!(mesh.has_come_to_parent(0));
+    assert_eq!(places(&mesh)[..6], before[..]);
+    mesh.collapse(0, &mut out);
+    assert!(mesh.flights().is_empty());
+    assert_eq!(places(&mesh), before);
+    assert_eq!([7, 8].map(|v| mesh.radius(v)), [0.25, 0.5]);
+}
+
+#[test]
+fn a_step_of_a_vertex_passes_what_lies_between_the_surfaces() {
+    let mut mesh = hexagon(1).with_flights(2);
+    mesh.set_base_vertex(0, [0.0, 0.0, 2.0], 0.0);
+    mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [0.0; 2]);
+    let mut out = OperationFaces::new();
+    mesh.split(0, &mut out).unwrap();
+    mesh.take_off(&out);
+    // Under the tip, over the flat front that the split leads to.
+    let point = DVec3::new(0.01, 0.02, 1.0);
+    let mut passed = 0;
+    for k in 1..=8 {
+        for index in 0..2 {
+            let flight = mesh.flights()[index];
+            mesh.around(&flight, &mut out).unwrap();
+            mesh.fly(index, f64::from(k) / 8.0, &out);
+            passed += u32::from(mesh.swept_over(&out, point));
+        }
+    }
+    mesh.land();
+    assert_eq!(passed, 1, "it is passed once");
+    assert!(mesh.flights().is_empty());
 }

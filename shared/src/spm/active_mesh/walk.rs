@@ -79,13 +79,22 @@ impl FrontWalk {
             let at = random() as usize % self.performed.len();
             let i = self.performed[at];
             if self.mesh.collapse_is_legal(i) {
-                self.performed.swap_remove(at);
-                self.mesh.collapse(i, &mut self.out);
-                self.ready.push(i);
+                self.undo(i);
                 return Some(i);
             }
         }
         None
+    }
+
+    /// Undoes a VSP whose collapse is legal.
+    ///
+    /// # Panics
+    /// When it is not performed, or not legal.
+    pub fn undo(&mut self, slot: Slot) {
+        let at = self.performed.iter().position(|&i| i == slot);
+        self.performed.swap_remove(at.expect("it is performed"));
+        self.mesh.collapse(slot, &mut self.out);
+        self.ready.push(slot);
     }
 
     /// Performs a VSP after all that it waits for, ascending, by splits alone; each must be legal by the

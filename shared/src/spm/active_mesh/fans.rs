@@ -1,0 +1,183 @@
+//! The faces around a vertex: the fans that a split parts and a collapse joins.
+
+use super::{ActiveMesh, Handle, NONE, OperationFaces, Slot};
+use glam::DVec3;
+
+impl ActiveMesh {
+    /// The vertex beyond `vertex` on the edge that two faces share: `leaving` has the edge vertex -> x,
+    /// `entering` has x -> vertex. `None` when the two do not lie so, or neither exists.
+    pub(super) fn across(
+        &self,
+        vertex: Handle,
+        leaving: Handle,
+        entering: Handle,
+    ) -> Option<Handle> {
+        let far = |face: Handle, step: usize, other: Handle| {
+            if face == NONE {
+                return Some(None);
+            }
+            let f = &self.faces[face as usize];
+            let k = f.index_of(vertex)?;
+            // The neighbour across the edge lies opposite the third corner.
+            let third = (k + 3 - step) % 3;
+            (f.neighbours[third] == other).then_some(Some(f.corners[(k + step) % 3]))
+        };
+        match (far(leaving, 1, entering)?, far(entering, 2, leaving)?) {
+            (Some(a), Some(b)) if a == b => Some(a),
+            (Some(a), None) | (None, Some(a)) => Some(a),
+            _ => None,
+        }
+    }
+
+    /// Collects the two fans that a split of `vs` parts: counterclockwise fn0..fn2 to vt, fn3..fn1 to vu.
+    pub(super) fn collect(
+        &self,
+        vs: Handle,
+        fn_: [Handle; 4],
+        out: &mut OperationFaces,
+    ) -> Option<()> {
+        let [fn0, fn1, fn2, fn3] = fn_;
+        out.count = 0;
+        self.fan(vs, fn0, fn2, out)?;
+        out.of_t = out.count;
+        self.fan(vs, fn3, fn1, out)?;
+        // The fans must not share a face: a damaged record could name fn on the wrong side.
+        let (t, u) = out.deformed().split_at(out.of_t);
+        let disjoint = t.iter().all(|f| !u.contains(f));
+        disjoint.then_some(())
+    }
+
+    /// Collects the faces around `vertex` counterclockwise from `first` to `last`; where a rim comes in
+    /// between, the fan is in two pieces and the second is walked clockwise from `last`.
+    pub(super) fn fan(
+        &self,
+        vertex: Handle,
+        first: Handle,
+        last: Handle,
+        out: &mut OperationFaces,
+    ) -> Option<()> {
+        let mut face = first;
+        while face != NONE {
+            out.push(face)?;
+            if face == last {
+                return Some(());
+            }
+            let f = &self.faces[face as usize];
+            face = f.neighbours[(f.index_of(vertex)? + 1) % 3];
+            if face == first {
+                // Once round without meeting `last`.
+                return None;
+            }
+        }
+        let mut face = last;
+        while face != NONE {
+            out.push(face)?;
+            let f = &self.faces[face as usize];
+            face = f.neighbours[(f.index_of(vertex)? + 2) % 3];
+            if face == last {
+                return None;
+            }
+        }
+        Some(())
+    }
+
+    /// Sets the neighbour of `face` opposite the corner `step` after `vertex`.
+    pub(super) fn set_neighbour(
+        &mut self,
+        face: Handle,
+        vertex: Handle,
+        step: usize,
+        neighbour: Handle,
+    ) {
+        if face == NONE {
+            return;
+        }
+        let f = &mut self.faces[face as usize];
+        match f.index_of(vertex) {
+            Some(k) => f.neighbours[(k + step) % 3] = neighbour,
+            None => unreachable!("fn keeps the split vertex as a corner"),
+        }
+    }
+
+    /// Collects the faces that the split of a loaded slot, or its collapse if it is performed, would deform.
+    ///
+    /// `None` when the record does not fit the mesh.
+    pub fn patch(&self, slot: Slot, out: &mut OperationFaces) -> Option<()> {
+        let links = self.links[slot as usize];
+        if !self.is_performed(slot) {
+            return self.collect(links.vs, links.fn_, out);
+        }
+        let [fn0, fn1, fn2, fn3] = links.fn_;
+        let vt = self.vt(slot);
+        out.count = 0;
+        self.fan(vt, fn0, fn2, out)?;
+        out.of_t = out.count;
+        self.fan(vt + 1, fn3, fn1, out)
+    }
+
+    /// Whether a face of the patch that [`ActiveMesh::patch`] collected is, after the split or collapse, as `test` says.
+    pub fn any_after(
+        &self,
+        slot: Slot,
+        patch: &OperationFaces,
+        mut test: impl FnMut([DVec3; 3]) -> bool,
+    ) -> bool {
+        let links = self.links[slot as usize];
+        let [vt, vu] = self.children(slot);
+        let is_split = !self.is_performed(slot);
+        let [before, after] = if is_split {
+            [[links.vs; 2], [vt, vu]]
+        } else {
+            [[vt, vu], [links.vs; 2]]
+        };
+        let place = |vertex: Handle| self.position(vertex).as_dvec3();
+        let (of_t, of_u) = patch.fans();
+        for (side, fan) in [of_t, of_u].into_iter().enumerate() {
+            for &face in fan {
+                let corners = self.faces[face as usize].corners;
+                if test(corners.map(|c| place(if c == before[side] { after[side] } else { c }))) {
+                    return true;
+                }
+            }
+        }
+        let mut thirds = self.thirds(slot).into_iter().flatten();
+        is_split && thirds.any(|v| test([vt, vu, v].map(place)))
+    }
+
+    /// vl and vr of a loaded slot that is not performed.
+    #[must_use]
+    pub fn thirds(&self, slot: Slot) -> [Option<Handle>; 2] {
+        let links = self.links[slot as usize];
+        let [fn0, fn1, fn2, fn3] = links.fn_;
+        [[fn0, fn1], [fn3, fn2]].map(|[leaving, entering]| {
+            let is_there = leaving != NONE || entering != NONE;
+            is_there.then(|| self.across(links.vs, leaving, entering))?
+        })
+    }
+
+    /// Collects the faces around an active vertex that a split has made: fl keeps it as a corner until it is split
+    /// itself. `None` when they are more than there is room for.
+    pub(super) fn star(&self, vertex: Handle, out: &mut OperationFaces) -> Option<()> {
+        let first = self.fl(self.maker_of_vertex(vertex)?);
+        out.count = 0;
+        let mut face = first;
+        // Counterclockwise round, or to the rim; from there the rest clockwise.
+        for step in [1, 2] {
+            while face != NONE {
+                out.push(face)?;
+                face = self.beside_corner(face, vertex, step)?;
+                if face == first {
+                    return Some(());
+                }
+            }
+            face = self.beside_corner(first, vertex, 2)?;
+        }
+        Some(())
+    }
+
+    /// The neighbour of a face opposite the corner `step` after `vertex`.
+    fn beside_corner(&self, face: Handle, vertex: Handle, step: usize) -> Option<Handle> {
+        let f = &self.faces[face as usize];
+        Some(f.neighbours[(f.index_of(vertex)? + step) % 3])
+    }
+}
