@@ -188,6 +188,13 @@ impl EnergyAccount {
         8.0 * f64::EPSILON * terms
     }
 
+    /// Energy that the touch took in beyond what its spring holds, joules: what may come into the spring otherwise, as
+    /// by a surface that rises, without being owed.
+    #[must_use]
+    pub fn reserve(&self, spring: Spring) -> f64 {
+        (0.0 - self.of_touch - spring.stored_j).max(0.0)
+    }
+
     /// This acts on the device from now on, and of it `limited` is what [`Self::share`] was asked for.
     pub fn give(&mut self, wrench: Wrench, limited: Wrench) {
         // A touch begins without credit; what an earlier one put out too much is still owed.

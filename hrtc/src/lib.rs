@@ -23,6 +23,8 @@ pub mod gate;
 pub mod inbox;
 pub mod logging;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]
+pub mod morph;
+#[deny(clippy::disallowed_methods, clippy::disallowed_types)]
 pub mod movable;
 pub mod pacer;
 #[deny(clippy::disallowed_methods, clippy::disallowed_types)]

@@ -84,6 +84,12 @@ pub struct CoreRecord {
     pub vsplits: u32,
     /// Collapses performed.
     pub ecols: u32,
+    /// Vertices that are on their way since a probe feels them.
+    pub in_flight: u32,
+    /// Splits that a probe would feel and that wait for room to fly.
+    pub postponed: u32,
+    /// Splits that a probe would feel and that wait since they would turn a face over.
+    pub refused_folds: u32,
     /// Operations of the tick in work units (splits, collapses, nodes, records) for the budget.
     pub work_units: u32,
     /// Nodes visited and faces tested by the queries.

@@ -47,8 +47,17 @@ impl Cache {
             assert_eq!(self.ids.get(self.mesh.id(slot)), Some(slot), "id of a slot");
             assert_eq!(references.held, held[slot as usize], "holders");
             assert_eq!(references.wanted, wanted[slot as usize], "wanters");
-            let idle = references.wanted == 0 && self.mesh.collapse_is_legal(slot);
+            let idle = self.may_collapse(slot) && !references.leaving;
             assert_eq!(references.queue == Queue::Collapses, idle);
+            let vt = self.mesh.vt(slot);
+            let flies = |v| {
+                self.mesh
+                    .flights()
+                    .iter()
+                    .any(|f| f.vertex() == v && f.is_to_parent())
+            };
+            assert_eq!(references.leaving, flies(vt) || flies(vt + 1), "on its way");
+            assert_eq!(flies(vt), flies(vt + 1), "both go to their parent");
         }
         assert_eq!(self.free.len() as u32 + self.loaded, self.slots, "slots");
     }

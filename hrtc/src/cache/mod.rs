@@ -16,12 +16,14 @@
 //! arrival. Nothing that a wanted region needs is in either.
 
 mod check;
+mod flights;
 mod id_map;
 mod lists;
 mod operations;
 mod queues;
 mod regions;
 
+pub use flights::MOST_FLIGHTS;
 pub use lists::{Cursor, List};
 pub use regions::{Region, RegionKey, RegionState, RegionTable};
 
@@ -94,6 +96,8 @@ struct References {
     wanted: u16,
     loaded_dependents: u16,
     queue: Queue,
+    /// Whether its vertices are on their way to their parent: it waits for no collapse then.
+    leaving: bool,
     previous: u32,
     next: u32,
 }
@@ -180,7 +184,7 @@ impl Cache {
         let slots = least;
         Self {
             bytes,
-            mesh: ActiveMesh::new(0, 0, slots as u32),
+            mesh: ActiveMesh::new(0, 0, slots as u32).with_flights(MOST_FLIGHTS),
             tree: AbTree::new(2 * slots as u32),
             ids: IdMap::new(slots),
             references: vec![References::default(); slots],

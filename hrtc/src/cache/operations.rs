@@ -1,6 +1,6 @@
 //! Splits and collapses of mesh and tree together.
 
-use super::Cache;
+use super::{Cache, Cursor, PENDING};
 use shared::spm::{DamagedRecord, NONE, OperationFaces, Slot};
 
 impl Cache {
@@ -43,6 +43,33 @@ impl Cache {
         found
     }
 
+    /// The next split of a wanted region behind one that has to wait, which is legal all the same. `place` says how far
+    /// it was looked for; `budget` counts the entries gone through and is the most that may be.
+    pub fn split_beyond(
+        &self,
+        region: usize,
+        place: &mut Option<Cursor>,
+        budget: &mut u32,
+    ) -> Option<Slot> {
+        let entry = self.regions.at(region);
+        let mut cursor = place.unwrap_or(entry.cursor);
+        while *budget > 0 {
+            cursor = self.lists.next(cursor);
+            *place = Some(cursor);
+            let slot = self.lists.get(&entry.closure, cursor)?;
+            *budget -= 1;
+            if slot & PENDING == 0 && self.mesh.split_is_legal(slot) {
+                return Some(slot);
+            }
+        }
+        None
+    }
+
+    /// Puts a split that [`Cache::next_split`] gave back: it is still to do.
+    pub fn postpone_split(&mut self, region: usize) {
+        self.regions.at_mut(region).to_split += 1;
+    }
+
     /// Performs a split and updates the tree's structure and marks.
     ///
     /// # Errors
@@ -69,29 +96,46 @@ impl Cache {
             }
             return Err(error);
         }
-        for &face in out.deformed() {
-            self.tree.deform(face);
+        self.mark_deformed(out);
+        // What it needs does not collapse: the other vertex of its parent turns round.
+        for dependency in self.mesh.dependencies(slot) {
+            self.stay(dependency);
         }
         self.requeue_with_dependencies(slot);
         self.faces_high_water = self.faces_high_water.max(self.mesh.active_faces());
         Ok(())
     }
 
-    /// Performs the oldest collapse that is waiting; false when none is.
-    pub fn collapse_oldest(&mut self, out: &mut OperationFaces) -> bool {
-        let slot = self.collapses.first;
-        if slot == NONE {
-            return false;
-        }
+    /// The slot whose collapse has waited longest.
+    #[must_use]
+    pub fn oldest_collapse(&self) -> Option<Slot> {
+        (self.collapses.first != NONE).then_some(self.collapses.first)
+    }
+
+    /// Performs the collapse of a slot that nothing needs any more.
+    pub fn collapse(&mut self, slot: Slot, out: &mut OperationFaces) {
         self.mesh.collapse(slot, out);
+        self.references[slot as usize].leaving = false;
         for &face in out.made_or_removed() {
             self.tree.remove(face);
         }
+        self.mark_deformed(out);
+        self.requeue_with_dependencies(slot);
+    }
+
+    /// Performs the oldest collapse that is waiting; false when none is.
+    pub fn collapse_oldest(&mut self, out: &mut OperationFaces) -> bool {
+        let oldest = self.oldest_collapse();
+        if let Some(slot) = oldest {
+            self.collapse(slot, out);
+        }
+        oldest.is_some()
+    }
+
+    pub(super) fn mark_deformed(&mut self, out: &OperationFaces) {
         for &face in out.deformed() {
             self.tree.deform(face);
         }
-        self.requeue_with_dependencies(slot);
-        true
     }
 
     /// Refits the tree over what the operations deformed; the number of boxes.

@@ -64,7 +64,7 @@ impl Cache {
         let references = self.references[slot as usize];
         let performed = self.mesh.is_performed(slot);
         let queue = if performed {
-            let may = references.wanted == 0 && self.mesh.collapse_is_legal(slot);
+            let may = self.may_collapse(slot) && !references.leaving;
             if may { Queue::Collapses } else { Queue::None }
         } else if references.held == 0 && references.loaded_dependents == 0 {
             Queue::Evictions

@@ -165,6 +165,15 @@ impl Follower {
         }
     }
 
+    /// While the surface that it touches moves, it goes no farther beyond the device's motion than this in a tick.
+    pub fn soften(&mut self, slide: f64) {
+        if let Self::Ball(ball) = self
+            && let Some(proxy) = &mut ball.0
+        {
+            proxy.soften(slide);
+        }
+    }
+
     /// As close to the device as the surface lets it, in steps that cost no more than `most_work`.
     pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, most_work: u32) -> Followed {
         match self {
@@ -182,9 +191,13 @@ impl Follower {
         }
     }
 
-    /// Whether it is held though nothing touches it: a tool that was caught, or that had no work left to move.
+    /// Whether it is held though nothing touches it: a tool that was caught, or that had no work left to move, or a ball
+    /// that goes gently.
     pub fn is_held(&self) -> bool {
-        matches!(self, Self::Tool(tool) if tool.has_begun && tool.proxy.is_held())
+        match self {
+            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_held),
+            Self::Tool(tool) => tool.has_begun && tool.proxy.is_held(),
+        }
     }
 
     /// The face nearest to the middle of the patch.

@@ -16,6 +16,7 @@
 
 mod ask;
 mod capacity;
+mod flight;
 mod follower;
 mod frame;
 mod inbox;

@@ -15,6 +15,9 @@ impl Controller {
         for seat in &self.seats {
             record.vsplits += seat.tally.vsplits;
             record.ecols += seat.tally.ecols;
+            record.in_flight += seat.cache.mesh().flights().len() as u32;
+            record.postponed += seat.tally.postponed;
+            record.refused_folds += seat.tally.refused;
             record.work_units += seat.tally.work_units;
             record.active_faces += seat.cache.mesh().active_faces();
             record.vsps_received += seat.vsps_received;

@@ -1,11 +1,13 @@
 //! Two-phase refinement (thesis Figure 5.17): splits in B \ A, collapses in A \ B, what the contact reaches
 //! first, at most K operations a tick.
 
+use super::flight::{Collapsed, Manner};
 use super::seat::{Budget, Seat};
 use crate::cache::{Cache, Region, RegionState};
 use crate::dial::Economy;
+use crate::morph::Feeler;
 use crate::predict::{Predicted, TURNS};
-use shared::spm::{OperationFaces, RegionId};
+use shared::spm::{DamagedRecord, OperationFaces, RegionId, Slot};
 
 /// Regions that may be wanted at once.
 pub const MOST_WANTED: usize = 256;
@@ -27,6 +29,10 @@ pub const ENTRIES_PER_OPERATION: u32 = 24;
 const WINDOW: usize = 64;
 /// Regions released a tick at the most, where nothing waits for their room.
 const RELEASES: u32 = 4;
+/// Share of a tick's closure entries for what lies behind splits that wait: one in so many.
+const BEYOND: u32 = 4;
+/// Closure entries that cost as much as finding that a split has to wait.
+const ENTRIES_PER_WAIT: u32 = 16;
 
 /// The most work units that refinement may take a tick: closure entries gone through (four that change
 /// set, or are let go of, count as one) and operations. A closure that is longer, as that of a whole model,
@@ -47,7 +53,9 @@ pub struct Refinement {
     order: Vec<usize>,
     /// Predicted regions that are not in the table.
     unknown: Vec<Predicted>,
-    faces: OperationFaces,
+    pub(super) faces: OperationFaces,
+    /// What each touch feels, with its index.
+    pub(super) feelers: Vec<(usize, Feeler)>,
     /// What is done without for want of room.
     pub(super) economy: Economy,
     /// A region that is let go of in several ticks.
@@ -66,6 +74,7 @@ impl Refinement {
             order: Vec::with_capacity(MOST_WANTED),
             unknown: Vec::with_capacity(MOST_UNKNOWN * probes),
             faces: OperationFaces::new(),
+            feelers: Vec::with_capacity(probes),
             economy: Economy::new(),
             leaving: None,
             wanted_high_water: 0,
@@ -79,6 +88,7 @@ impl Refinement {
         self.queue.clear();
         self.order.clear();
         self.unknown.clear();
+        self.feelers.clear();
         self.economy = Economy::new();
         self.leaving = None;
     }
@@ -189,10 +199,12 @@ impl Seat {
     /// are even.
     pub(super) fn refine(&mut self, tick: u64, budget: &mut Budget) {
         let spent = self.choose(tick, &mut budget.entries);
+        self.fly(tick, budget);
         let allowed_entries = budget.entries;
         let allowed = self
             .splits_due(tick)
             .clamp(PACE, budget.operations.max(PACE));
+        let mut beyond = budget.entries / BEYOND;
         // Collapses come first only when the records that wait need their room; see `make_room`.
         for k in 0..self.refinement.queue.len() {
             let region = (self.refinement.queue[k] & 0xFFFF) as usize;
@@ -200,17 +212,17 @@ impl Seat {
                 let Some(slot) = self.cache.next_split(region, &mut budget.entries) else {
                     break;
                 };
-                match self.cache.split(slot, &mut self.refinement.faces) {
-                    Ok(()) => {
-                        self.carry_proxies();
-                        budget.operations -= 1;
-                        self.tally.vsplits += 1;
-                    }
-                    Err(_) => {
-                        // The rest of the closure may depend on it: the region stays as it is.
-                        self.refuse(region, tick);
-                        break;
-                    }
+                let manner = self.manner_of_split(slot);
+                if matches!(manner, Manner::Later | Manner::Never) {
+                    self.cache.postpone_split(region);
+                    budget.entries = budget.entries.saturating_sub(ENTRIES_PER_WAIT);
+                    self.split_beyond(region, &mut beyond, budget);
+                    break;
+                }
+                if self.split(slot, manner, budget).is_err() {
+                    // The rest of the closure may depend on it: the region stays as it is.
+                    self.refuse(region, tick);
+                    break;
                 }
             }
         }
@@ -224,14 +236,12 @@ impl Seat {
         self.tally.work_units += spent + allowed_entries - budget.entries + self.tally.vsplits;
         let backlog = self.cache.to_collapse() / COLLAPSE_TICKS;
         let quiet = if self.tally.vsplits > PACE { 0 } else { PACE };
-        while budget.operations > 0
-            && self.tally.ecols < backlog.max(quiet)
-            && self.collapse_oldest()
-        {
+        for _ in 0..backlog.max(quiet).min(budget.operations) {
+            if self.collapse_oldest() == Collapsed::None {
+                break;
+            }
             budget.operations -= 1;
-            self.tally.ecols += 1;
         }
-        self.tally.work_units += self.tally.ecols;
         self.go_on_leaving(budget);
         for _ in 0..RELEASES {
             if !self.cache.is_nearly_full() || !self.release_one(None, tick, budget) {
@@ -240,17 +250,45 @@ impl Seat {
         }
     }
 
-    /// Performs the oldest collapse that is waiting; false when none is.
-    fn collapse_oldest(&mut self) -> bool {
-        let performed = self.cache.collapse_oldest(&mut self.refinement.faces);
-        if performed {
-            self.carry_proxies();
+    /// Performs a split.
+    fn split(
+        &mut self,
+        slot: Slot,
+        manner: Manner,
+        budget: &mut Budget,
+    ) -> Result<(), DamagedRecord> {
+        self.cache.split(slot, &mut self.refinement.faces)?;
+        if manner == Manner::Gently {
+            self.cache.take_off(&self.refinement.faces);
         }
-        performed
+        self.carry_proxies();
+        budget.operations -= 1;
+        self.tally.vsplits += 1;
+        Ok(())
+    }
+
+    /// Where the next split of a region has to wait, those behind it need not: they are felt no more than others.
+    /// `entries` is how many may be gone through for that in this tick.
+    fn split_beyond(&mut self, region: usize, entries: &mut u32, budget: &mut Budget) {
+        let before = *entries;
+        let mut place = None;
+        while budget.operations > 0 {
+            let Some(slot) = self.cache.split_beyond(region, &mut place, entries) else {
+                break;
+            };
+            let manner = self.manner_of_split(slot);
+            if matches!(manner, Manner::Later | Manner::Never) {
+                *entries = entries.saturating_sub(ENTRIES_PER_WAIT);
+            } else if self.split(slot, manner, budget).is_err() {
+                // A damaged one is found when its turn comes.
+                break;
+            }
+        }
+        budget.entries = budget.entries.saturating_sub(before - *entries);
     }
 
     /// Takes the proxies along with the operation that was just performed.
-    fn carry_proxies(&mut self) {
+    pub(super) fn carry_proxies(&mut self) {
         for touch in &mut self.touches {
             let operation = &self.refinement.faces;
             touch.follower.carry(self.cache.mesh(), operation);
@@ -382,10 +420,12 @@ impl Seat {
             if self.cache.has_slot() {
                 return true;
             }
-            if budget.operations > 0 && self.collapse_oldest() {
-                budget.operations -= 1;
-                self.tally.ecols += 1;
-                continue;
+            if budget.operations > 0 {
+                let collapsed = self.collapse_oldest();
+                budget.operations -= u32::from(collapsed != Collapsed::None);
+                if collapsed == Collapsed::Done {
+                    continue;
+                }
             }
             let due = self.cache.regions.at(asking).due;
             if budget.operations == 0 || !self.release_one(Some(due), tick, budget) {

@@ -51,6 +51,9 @@ pub struct Tally {
     pub vsplits: u32,
     pub ecols: u32,
     pub work_units: u32,
+    /// Splits that were felt and wait: for room, or since they would turn a face over.
+    pub postponed: u32,
+    pub refused: u32,
     /// Tools whose budget left something to the next tick.
     pub unfinished: u32,
 }
@@ -71,7 +74,9 @@ pub struct Seat {
     pub(super) operations: usize,
     pub(super) tolerance_m: f64,
     pub(super) refinement_plan: RefinementPlan,
-    period_s: f64,
+    pub(super) period_s: f64,
+    /// Whether splits and collapses that are felt fly.
+    pub(super) geomorph: bool,
     pub(super) cache: Cache,
     pub(super) subscriber: Subscriber,
     pub(super) inbox: Inbox,
@@ -126,6 +131,7 @@ impl Seat {
             tolerance_m: plan.accuracy.tolerance_m,
             refinement_plan: plan.accuracy.refinement,
             period_s: 1.0 / plan.loop_.rate_hz,
+            geomorph: plan.accuracy.geomorph,
             cache: Cache::new(bytes),
             subscriber: Subscriber::new(identity, timeout_ticks),
             inbox: Inbox::new(),
@@ -258,6 +264,7 @@ impl Seat {
         for (touch, probe) in self.touches.iter_mut().zip(probes) {
             touch.aim(&frame, probe.pose);
         }
+        self.feel(probes);
     }
 
     /// Moves the proxies, measures the clearances and feels the surface. `most_work`: what all queries of the tick
@@ -301,7 +308,14 @@ impl Seat {
                 self.tolerance_at(&contact)
             };
             let as_fine = reached.is_some_and(|t| t <= self.finest_tolerance());
-            self.refinement.economy.felt(as_fine);
+            // What waits for the contact to go comes no sooner for asking less.
+            let is_held_up = self.tally.postponed + self.tally.refused > 0;
+            self.refinement.economy.felt(as_fine || is_held_up);
+            // What is still on its way is none of what is asked for.
+            let mesh = self.cache.mesh();
+            let faces = contact.faces.iter().take_while(|&&face| face != NONE);
+            let is_in_flight = mesh.any_in_flight(&contact.faces[..faces.count()]);
+            let reached = reached.filter(|_| !is_in_flight);
             let asked = self.is_as_asked(certified, reached);
             self.touches[k].felt = Some(Felt {
                 contact,

@@ -49,6 +49,12 @@ pub struct Proxy {
     position: DVec3,
     goal: DVec3,
     placed: bool,
+    /// While the surface under it moves: how far it may go in a tick beyond the device's motion, and whether that
+    /// was said in this tick.
+    slide: f64,
+    is_softened: bool,
+    /// Whether it is behind for that.
+    is_held: bool,
     constraints: Constraints,
     near: NearFaces,
 }
@@ -95,6 +101,9 @@ impl Proxy {
             position: DVec3::ZERO,
             goal: DVec3::ZERO,
             placed: false,
+            slide: f64::INFINITY,
+            is_softened: false,
+            is_held: false,
             constraints: Constraints::new(),
             near: NearFaces::new(),
         }
@@ -155,6 +164,23 @@ impl Proxy {
         }
     }
 
+    /// The surface that it touches moves in this tick: beyond what keeps it outside and the device's own motion it goes
+    /// no farther than `slide`, model units, until it has caught up.
+    pub fn soften(&mut self, slide: f64) {
+        self.slide = if self.is_softened {
+            self.slide.min(slide)
+        } else {
+            slide
+        };
+        self.is_softened = true;
+    }
+
+    /// Whether it is behind since it was softened.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.is_held
+    }
+
     /// One tick: as close to `goal` (the device, model units, finite) as the surface lets it.
     ///
     /// No further step is begun once `most_work` nodes were visited and faces tested; what is left is done in the
@@ -165,8 +191,12 @@ impl Proxy {
             self.place(goal);
         }
         // Faces farther than the device moved in this tick can only matter through the sweep.
-        let reach = self.goal.distance(goal) + 1e-3 * self.radius;
+        let moved = self.goal.distance(goal);
+        let reach = moved + 1e-3 * self.radius;
         self.goal = goal;
+        let start = self.position;
+        let most = self.slide + moved;
+        self.is_held = false;
         // Splits and collapses may have changed any face since the last tick.
         self.near.forget();
         let skin_radius = self.radius * (1.0 - SKIN);
@@ -192,6 +222,7 @@ impl Proxy {
             let step = project(wanted, self.constraints.planes());
             contact = self.strongest(step.active()).or(contact);
             let motion = self.lengthen(step.point, reach, &mut last_motion);
+            let motion = self.restrain(start, motion, most);
             // Below the rounding of the coordinates there is nothing left to move.
             if motion.length() <= 4.0 * f64::EPSILON * (self.position.length() + length) {
                 break;
@@ -217,7 +248,7 @@ impl Proxy {
                 work.add(cost);
                 hit.map_or(1.0, |hit| hit.fraction)
             };
-            if fraction >= 1.0 && step.active().is_empty() {
+            if fraction >= 1.0 && step.active().is_empty() && !self.is_held {
                 self.position = goal;
                 break;
             }
@@ -232,11 +263,40 @@ impl Proxy {
         if self.position == goal {
             contact = None;
         }
+        if !std::mem::take(&mut self.is_softened) && !self.is_held {
+            self.slide = f64::INFINITY;
+        }
         Advance {
             contact,
             work,
             dropped,
         }
+    }
+
+    /// A motion that leads no farther than `most` from where the tick began; but what the half-spaces need to be
+    /// obeyed is done in full.
+    fn restrain(&mut self, start: DVec3, motion: DVec3, most: f64) -> DVec3 {
+        let behind = self.position - start;
+        if (behind + motion).length() <= most {
+            return motion;
+        }
+        self.is_held = true;
+        let out = project(DVec3::ZERO, self.constraints.planes()).point;
+        // From there towards the whole motion: the half-spaces are convex, so all of that way obeys them.
+        let (from, along) = (behind + out, motion - out);
+        let (a, b) = (along.length_squared(), from.dot(along));
+        let c = from.length_squared() - most * most;
+        if c >= 0.0 || a == 0.0 {
+            return out;
+        }
+        let root = (b * b - a * c).sqrt();
+        // The positive solution of |from + t along| = most, without cancellation.
+        let share = if b > 0.0 {
+            -c / (b + root)
+        } else {
+            (root - b) / a
+        };
+        out + along * share.min(1.0)
     }
 
     /// The whole of a geometric series of steps at once (Aitken).

@@ -475,7 +475,8 @@ impl Pair {
             let is_down = ticks >= APPROACH_TICKS;
             let place = if is_down { touch.goal } else { touch.above };
             let record = self.hold(place);
-            let changed = record.vsplits + record.ecols > 0 || record.vsps_received != received;
+            let changes = record.vsplits + record.ecols + record.in_flight;
+            let changed = changes > 0 || record.vsps_received != received;
             received = record.vsps_received;
             assert!(
                 is_down || ticks < APPROACH_TICKS / 2 || !record.contact,

@@ -177,6 +177,7 @@ fn settings(model: &Model) -> Vec<(Point, ScenePlan)> {
         let accuracy = AccuracyPlan {
             tolerance_m,
             refinement,
+            geomorph: false,
         };
         let (mut point, plan) = setting(knob, tolerance_m, accuracy);
         point.full_mesh = tolerance_m == 0.0;
@@ -198,6 +199,7 @@ fn settings(model: &Model) -> Vec<(Point, ScenePlan)> {
         let accuracy = AccuracyPlan {
             tolerance_m: 0.0,
             refinement: RefinementPlan::Global { lod: Some(lod) },
+            geomorph: false,
         };
         let (mut point, plan) = setting(Knob::Prefix, f64::from(lod), accuracy);
         point.full_mesh = share == 1;

@@ -13,7 +13,7 @@ use shared::scene::{
     Hand, ModelScale, MovablePlan, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan,
     TrajectoryPlan, parse,
 };
-use shared::spm::{SpmFile, write_spm};
+use shared::spm::{ActiveMesh, SpmFile, SpmParts, write_spm};
 use std::path::Path;
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model};
 use ve_station::station::{ServedModel, ServedObject, Station};
@@ -44,6 +44,8 @@ pub enum Fault {
     NoPassivity,
     /// Nothing brings a body to rest.
     Restless,
+    /// Splits and collapses under the probe happen at once.
+    NoGeomorph,
 }
 
 /// What a bench is made of.
@@ -71,6 +73,8 @@ pub struct Setup {
     pub probes: usize,
     /// How the object moves, if it does.
     pub movable: Option<MovablePlan>,
+    /// Whether splits and collapses under the probe fly.
+    pub geomorph: bool,
     /// The fault.
     pub fault: Fault,
 }
@@ -101,6 +105,7 @@ impl Default for Setup {
             effects: "",
             probes: 1,
             movable: None,
+            geomorph: false,
             fault: Fault::None,
         }
     }
@@ -122,15 +127,33 @@ pub struct Felt {
 /// # Errors
 /// One sentence when nothing can be built from it.
 pub fn model(mesh: SoupMesh, whole: bool) -> Result<Vec<u8>, Failure> {
-    let failed = |error: &dyn std::fmt::Display| Failure::Run(format!("a case's mesh: {error}"));
+    spm(&parts(mesh, whole)?)
+}
+
+/// The parts of that file.
+///
+/// # Errors
+/// One sentence when nothing can be built from it.
+pub fn parts(mesh: SoupMesh, whole: bool) -> Result<SpmParts, Failure> {
     let options = BuildOptions {
         base_faces: whole.then_some(u32::MAX),
         ..BuildOptions::default()
     };
-    let parts = build_model(mesh, &options, &NoProgress).map_err(|e| failed(&e))?;
+    build_model(mesh, &options, &NoProgress).map_err(failed)
+}
+
+/// Its bytes.
+///
+/// # Errors
+/// One sentence when they are no model.
+pub fn spm(parts: &SpmParts) -> Result<Vec<u8>, Failure> {
     let mut bytes = Vec::new();
-    write_spm(&parts, &mut bytes).map_err(|e| failed(&e))?;
+    write_spm(parts, &mut bytes).map_err(failed)?;
     Ok(bytes)
+}
+
+fn failed(error: impl std::fmt::Display) -> Failure {
+    Failure::Run(format!("a case's mesh: {error}"))
 }
 
 /// See the module.
@@ -187,7 +210,8 @@ impl Bench {
         let (mut faces, mut quiet) = (0, 0);
         for _ in 0..MOST_TICKS {
             let felt = self.touch(place);
-            let same = felt.record.ready && felt.record.active_faces == faces;
+            let record = &felt.record;
+            let same = record.ready && record.active_faces == faces && record.in_flight == 0;
             quiet = if same { quiet + 1 } else { 0 };
             faces = felt.record.active_faces;
             if quiet > QUIET_TICKS {
@@ -271,6 +295,17 @@ impl Bench {
         self.simulator.outputs().record.moving == 0
     }
 
+    /// Asks for another expected error at the contact, metres.
+    pub fn ask(&mut self, tolerance_m: f64) {
+        self.simulator.controller.set_tolerance(tolerance_m);
+    }
+
+    /// The mesh that the probe touches, model units.
+    #[must_use]
+    pub fn mesh(&self) -> &ActiveMesh {
+        self.simulator.controller.cache().mesh()
+    }
+
     /// Silences the station, or lets it speak again.
     pub fn mute(&mut self, mute: bool) {
         self.simulator.mute(mute);
@@ -313,6 +348,7 @@ fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
     plan.safety.force_max_n = force;
     plan.safety.slew_n_per_s = slew;
     plan.safety.ramp_s = 0.0;
+    plan.accuracy.geomorph = setup.geomorph && setup.fault != Fault::NoGeomorph;
     plan.safety.passivity = setup.passivity && setup.fault != Fault::NoPassivity;
     let probe = plan.probes[0].clone();
     plan.probes.resize(setup.probes, probe);

@@ -11,6 +11,7 @@
 //! | `effects` | friction, texture, fields: energy, drift, switching |
 //! | `fronts` | a front that moves, files in any unit |
 //! | `motion` | objects that are driven onto a probe, or pushed by one |
+//! | `refinement` | splits and collapses under the probe |
 //! | `disturbances` | jumps, noise, a station that goes away, another scale |
 
 pub(crate) mod bench;
@@ -19,6 +20,7 @@ mod disturbances;
 mod effects;
 mod fronts;
 mod motion;
+mod refinement;
 mod shapes;
 mod sheets;
 pub(crate) mod walls;
@@ -120,7 +122,7 @@ struct Case {
 const CONVERGENCE: f64 = 1e-6;
 
 /// The cases.
-const CASES: [Case; 39] = [
+const CASES: [Case; 42] = [
     case(
         "head-on-wall",
         "energy put out over K T/2 times the integral of v²",
@@ -253,6 +255,27 @@ const CASES: [Case; 39] = [
         1.0,
         Fault::LostConstraint,
         sheets::prediction_miss,
+    ),
+    case(
+        "refine-under-contact",
+        "change of force in a tick over max(0.05 N, 7 %)",
+        1.0,
+        Fault::NoGeomorph,
+        refinement::under_contact,
+    ),
+    case(
+        "refine-cycle-energy",
+        "energy of coarse-fine-coarse over K p s + K s²/2",
+        1e-12,
+        Fault::NoPassivity,
+        refinement::cycle_energy,
+    ),
+    case(
+        "fold-over",
+        "ticks with a face turned over at the contact",
+        0.0,
+        Fault::NoGeomorph,
+        refinement::fold_over,
     ),
     case(
         "silent-station",

@@ -64,12 +64,14 @@ pub struct LoopPlan {
 }
 
 /// How accurate the touched surface is to be.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AccuracyPlan {
     /// Wanted expected error at the contact, metres, not negative; 0 is the full mesh.
     pub tolerance_m: f64,
     /// Where the mesh is refined.
     pub refinement: RefinementPlan,
+    /// Whether splits and collapses that a probe can feel travel to their place instead of jumping there.
+    pub geomorph: bool,
 }
 
 /// Where the mesh is refined.

@@ -50,6 +50,7 @@ pub(super) struct AccuracyTyped {
     pub(super) tolerance_m: Option<Spanned<f64>>,
     pub(super) refinement: Option<RefinementTyped>,
     pub(super) lod: Option<Spanned<i64>>,
+    pub(super) geomorph: Option<bool>,
 }
 
 #[derive(Deserialize, Clone, Copy, PartialEq, Eq)]

@@ -397,6 +397,17 @@ fn a_loaded_scene_has_its_files_name_and_folder() {
 }
 
 #[test]
+fn what_is_felt_is_morphed_where_the_scene_says_so() {
+    let geomorph = |text: &str| plain(text).unwrap().accuracy.geomorph;
+    assert!(!geomorph(&exchanged("geomorph = false", "")));
+    assert!(!geomorph(&exchanged(
+        "geomorph = false",
+        "geomorph = false"
+    )));
+    assert!(geomorph(&exchanged("geomorph = false", "geomorph = true")));
+}
+
+#[test]
 fn the_dial_is_local_to_a_tolerance_or_global_to_a_tolerance_or_a_count() {
     let plan = plain(&exchanged("tolerance_m = 0.0", "tolerance_m = 1e-4")).unwrap();
     assert_eq!(plan.accuracy.tolerance_m, 1e-4);

@@ -1,0 +1,64 @@
+//! Vertices on their way, with their tree and queues.
+
+use super::Cache;
+use shared::spm::{OperationFaces, Slot};
+
+/// Vertices that may be in flight at once.
+pub const MOST_FLIGHTS: usize = 96;
+
+impl Cache {
+    /// Whether nothing needs a performed slot any more.
+    #[must_use]
+    pub fn may_collapse(&self, slot: Slot) -> bool {
+        self.references[slot as usize].wanted == 0 && self.mesh.collapse_is_legal(slot)
+    }
+
+    /// Whether both vertices of another slot may fly.
+    #[must_use]
+    pub fn may_take_off(&self) -> bool {
+        self.mesh.may_take_off()
+    }
+
+    /// Puts the vertices of the split that was performed last back to where the surface was, and on their way; while
+    /// there is room.
+    pub fn take_off(&mut self, operation: &OperationFaces) {
+        self.mesh.take_off(operation);
+    }
+
+    /// Sends the vertices of a slot that nothing needs to where their parent is; while there is room. It waits for no
+    /// collapse then.
+    pub fn leave(&mut self, slot: Slot) {
+        self.mesh.send_to_parent(slot);
+        self.references[slot as usize].leaving = true;
+        self.requeue(slot);
+    }
+
+    /// Sends them back when it is needed again.
+    pub fn stay(&mut self, slot: Slot) {
+        let leaving = &mut self.references[slot as usize].leaving;
+        if std::mem::take(leaving) {
+            self.mesh.send_home(slot);
+            self.requeue(slot);
+        }
+    }
+
+    /// Puts a collapse behind all others that wait.
+    pub fn postpone_collapse(&mut self, slot: Slot) {
+        let references = &mut self.references[slot as usize];
+        let leaving = std::mem::replace(&mut references.leaving, true);
+        self.requeue(slot);
+        self.references[slot as usize].leaving = leaving;
+        self.requeue(slot);
+    }
+
+    /// Moves a vertex in flight to where it is when `done` of its way is done; see [`shared::spm::ActiveMesh::fly`].
+    pub fn fly(&mut self, index: usize, done: f64, around: &OperationFaces) {
+        self.mesh.fly(index, done, around);
+        self.mark_deformed(around);
+    }
+
+    /// Ends the flights that have come home.
+    pub fn land(&mut self) {
+        self.mesh.land();
+    }
+}

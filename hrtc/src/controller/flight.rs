@@ -1,0 +1,224 @@
+//! Splits and collapses that a probe feels: their vertices fly, see [`crate::morph`].
+
+use super::probe::Probe;
+use super::seat::{Budget, Seat};
+use crate::morph::{Feeler, Touching, box_of, is_beside, is_felt, share_of_way, turns_over};
+use shared::spm::{Handle, Slot};
+
+/// Steps of vertices that cost as much as a split or collapse.
+const STEPS_PER_OPERATION: u32 = 2;
+
+/// How a split or collapse is to be done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Manner {
+    /// At once: nobody feels it.
+    AtOnce,
+    /// Its vertices fly.
+    Gently,
+    /// Not in this tick: what is around it flies, or there is no room.
+    Later,
+    /// Not while it is felt and all around it is as it is: a face would be turned over.
+    Never,
+}
+
+/// What became of the collapse that has waited longest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Collapsed {
+    /// None waits.
+    None,
+    /// It is performed.
+    Done,
+    /// Somebody feels it: its vertices fly first, or it waits on.
+    Later,
+}
+
+impl Seat {
+    /// Takes in what the probes feel, and what they allow in this tick.
+    pub(super) fn feel(&mut self, probes: &[Probe]) {
+        let feelers = &mut self.refinement.feelers;
+        feelers.clear();
+        let (Some(frame), Some(placing), true) = (self.frame, self.placing, self.geomorph) else {
+            return;
+        };
+        for (k, (touch, probe)) in self.touches.iter_mut().zip(probes).enumerate() {
+            let (Some((centre, radius)), Some(goal), Some(proxy)) = (
+                touch.follower.patch(),
+                touch.goal,
+                touch.follower.position(),
+            ) else {
+                continue;
+            };
+            if !touch.is_followed {
+                continue;
+            }
+            let mut touching = Touching {
+                centre,
+                radius,
+                up: proxy - goal.position,
+                metres_per_unit: frame.metres_per_unit,
+                stiffness_n_per_m: placing.surface.stiffness_n_per_m,
+                touches: touch.felt.is_some(),
+                force_n: 0.0,
+                depth_m: 0.0,
+                reserve_j: 0.0,
+                period_s: self.period_s,
+            };
+            if let (Some(felt), Some(rendered)) = (&touch.felt, &touch.rendered) {
+                touching.force_n = rendered.resists.force.length();
+                touching.depth_m = felt.depth_m;
+                touching.reserve_j = probe.energy.reserve(rendered.spring);
+            }
+            let feeler = Feeler::new(&touching);
+            if touch.follower.is_held() {
+                // It has not caught up with what has moved: what it may do follows the force.
+                touch.follower.soften(feeler.slide());
+            }
+            feelers.push((k, feeler));
+        }
+    }
+
+    /// A step of every vertex in flight; then the collapses of those that have come to their parents.
+    pub(super) fn fly(&mut self, tick: u64, budget: &mut Budget) {
+        let count = self.cache.mesh().flights().len();
+        let most = (budget.operations * STEPS_PER_OPERATION) as usize;
+        // Where a tick has no time for all, each has its turn.
+        let first = if count > most { tick as usize } else { 0 };
+        let (mut steps, mut k) = (0, 0);
+        while k < count && steps < most {
+            steps += self.step((first + k) % count);
+            k += 1;
+        }
+        self.cache.land();
+        let spent = (steps as u32).div_ceil(STEPS_PER_OPERATION);
+        let spent = spent.min(budget.operations);
+        budget.operations -= spent;
+        self.tally.work_units += spent;
+        let mut index = 0;
+        while let Some(flight) = self.cache.mesh().flights().get(index) {
+            let maker = self.cache.mesh().maker_of_vertex(flight.vertex());
+            let arrived = flight.is_to_parent() && flight.done() >= 1.0;
+            match maker.filter(|&slot| arrived && self.cache.mesh().has_come_to_parent(slot)) {
+                Some(slot) if budget.operations > 0 => {
+                    self.collapse(slot);
+                    budget.operations -= 1;
+                    self.tally.work_units += 1;
+                }
+                _ => index += 1,
+            }
+        }
+    }
+
+    /// A step of a vertex in flight and of its sibling: as far as all allow that feel either, and both the same share of
+    /// their ways, so that the faces between them open the right way round. The number of vertices moved.
+    fn step(&mut self, index: usize) -> usize {
+        let flight = self.cache.mesh().flights()[index];
+        if let Some(slot) = self.cache.mesh().maker_of_vertex(flight.vertex())
+            && flight.is_to_parent()
+            && !self.cache.may_collapse(slot)
+        {
+            self.cache.stay(slot);
+        }
+        let flight = self.cache.mesh().flights()[index];
+        let sibling = self.cache.mesh().sibling(&flight);
+        if flight.done() >= 1.0 || sibling.is_some_and(|sibling| sibling < index) {
+            // It waits for its sibling's collapse, or moves with it.
+            return 0;
+        }
+        let pair = [Some(index), sibling];
+        let share = pair.iter().flatten().fold(1.0, |share: f64, &index| {
+            share.min(self.allowed_share(index))
+        });
+        for index in pair.into_iter().flatten() {
+            let mesh = self.cache.mesh();
+            let flight = mesh.flights()[index];
+            if mesh.around(&flight, &mut self.refinement.faces).is_some() {
+                let done = flight.done() + share;
+                self.cache.fly(index, done, &self.refinement.faces);
+                self.carry_proxies();
+            }
+        }
+        1 + usize::from(sibling.is_some())
+    }
+
+    /// The share of its way that all who feel a flight allow it in this tick; their proxies go gently then.
+    fn allowed_share(&mut self, index: usize) -> f64 {
+        let mesh = self.cache.mesh();
+        let flight = mesh.flights()[index];
+        let faces = &mut self.refinement.faces;
+        if mesh.around(&flight, faces).is_none() {
+            return 1.0;
+        }
+        let space = box_of(mesh, faces.deformed(), [mesh.end_of(&flight).as_dvec3()]);
+        let mut share: f64 = 1.0;
+        for (touch, feeler) in &self.refinement.feelers {
+            if feeler.reaches(space) {
+                let allowed = share_of_way(mesh, &flight, faces, feeler, self.period_s);
+                share = share.min(allowed);
+                self.touches[*touch].follower.soften(feeler.slide());
+            }
+        }
+        share
+    }
+
+    /// How a split is to be done.
+    pub(super) fn manner_of_split(&mut self, slot: Slot) -> Manner {
+        let places = self.cache.mesh().children(slot);
+        let manner = self.manner(slot, &places);
+        self.tally.refused += u32::from(manner == Manner::Never);
+        self.tally.postponed += u32::from(manner == Manner::Later);
+        manner
+    }
+
+    /// How a split or collapse is to be done; `places` are the vertices that the faces get for corners.
+    ///
+    /// What is felt has its surroundings at rest: then every face turns on its way from how it was to how it will be, and
+    /// not over.
+    fn manner(&mut self, slot: Slot, places: &[Handle]) -> Manner {
+        let faces = &mut self.refinement.faces;
+        let mesh = self.cache.mesh();
+        let feelers = &self.refinement.feelers;
+        // A record that does not fit is refused when it is performed.
+        if feelers.is_empty() || mesh.patch(slot, faces).is_none() {
+            return Manner::AtOnce;
+        }
+        if !is_felt(mesh, slot, faces, places, feelers) {
+            // The probe may come to where a face would be turned over.
+            let folds = is_beside(mesh, faces, places, feelers) && turns_over(mesh, slot, faces);
+            return if folds { Manner::Never } else { Manner::AtOnce };
+        }
+        let flights = mesh.flights().len();
+        // No more fly than a tick has operations.
+        let has_room = mesh.may_take_off() && flights + 2 <= self.operations.max(2);
+        if !has_room || mesh.any_in_flight(faces.deformed()) {
+            Manner::Later
+        } else if turns_over(mesh, slot, faces) {
+            Manner::Never
+        } else {
+            Manner::Gently
+        }
+    }
+
+    /// Performs the collapse that has waited longest, unless somebody feels it: then its vertices fly first.
+    pub(super) fn collapse_oldest(&mut self) -> Collapsed {
+        let Some(slot) = self.cache.oldest_collapse() else {
+            return Collapsed::None;
+        };
+        self.tally.work_units += 1;
+        let parent = self.cache.mesh().parent(slot);
+        match self.manner(slot, &[parent]) {
+            Manner::AtOnce => {
+                self.collapse(slot);
+                return Collapsed::Done;
+            }
+            Manner::Gently => self.cache.leave(slot),
+            Manner::Later | Manner::Never => self.cache.postpone_collapse(slot),
+        }
+        Collapsed::Later
+    }
+
+    fn collapse(&mut self, slot: Slot) {
+        self.cache.collapse(slot, &mut self.refinement.faces);
+        self.carry_proxies();
+        self.tally.ecols += 1;
+    }
+}

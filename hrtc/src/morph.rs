@@ -1,0 +1,303 @@
+//! Refinement that cannot be felt: what a probe allows the surface under it to do in a tick.
+//!
+//! Splits and collapses that a probe can feel do not happen at once: their vertices fly (see [`shared::spm::Flight`]).
+//! A step of a vertex raises or lowers the surface nowhere by more than its displacement along the normals of the
+//! faces around it, before or after the step; that height is limited by two allowances:
+//!
+//! - *force*: the spring between probe and proxy changes by K times the height, so K h is a share of 0.05 N or 7 % of
+//!   the force, whichever is more: below what a hand can tell (facts of haptics, section 2);
+//! - *energy*: a surface that rises h at depth p puts K p h + K h²/2 into the spring (F8). That is paid from what
+//!   the probe's account has taken in beyond what the spring holds; what is not is spread out: the energy in the spring grows by
+//!   48 times itself a second at the most (F9), slowly enough for a hand to follow.
+//!
+//! The rest of the force allowance is left to the proxy, which may slide along the surface that turns under it.
+
+use glam::DVec3;
+use shared::geometry::closest_point_on_triangle;
+use shared::spm::{ActiveMesh, Flight, Handle, OperationFaces, Slot};
+
+/// A change of force in a tick that is not felt, newtons, and as a share of the force.
+const STEP_N: f64 = 0.05;
+const STEP_SHARE: f64 = 0.07;
+/// Shares of that: what the surface may do, and what the proxy may do beyond the device's motion.
+const OF_SURFACE: f64 = 0.25;
+const OF_PROXY: f64 = 0.8;
+/// What an unpaid rise may add to the energy in the spring a second, as a multiple of it; see the module.
+const GROWTH_PER_S: f64 = 48.0;
+/// The time that a flight takes at the least, seconds.
+const FLIGHT_S: f64 = 0.004;
+/// What a probe that touches feels beyond its own radius, as a fraction of it. Where it comes next is left to the prediction:
+/// there the surface is at rest when it comes.
+const AROUND: f64 = 0.25;
+/// How many times as far no face is turned over.
+const BESIDE: f64 = 2.0;
+/// A step as a fraction of the probe's radius, at the most: so that none passes over its centre.
+const OF_RADIUS: f64 = 0.125;
+/// Times that a step is made smaller before it is made as small as it is surely allowed.
+const TRIES: usize = 4;
+/// What is taken off beyond proportion then: the normals after the step turn with it.
+const SMALLER: f64 = 1.125;
+
+/// What a touching probe feels and allows; model frame and units but where it says otherwise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Feeler {
+    centre: DVec3,
+    reach: f64,
+    touches: bool,
+    /// Away from the surface; zero where nothing tells.
+    up: DVec3,
+    /// The most that the surface may move in a tick, and rise.
+    step: f64,
+    rise: f64,
+    /// How far the proxy may go in a tick beyond the device's motion.
+    slide: f64,
+}
+
+/// What tells a feeler's allowances.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Touching {
+    /// Where the proxy is, model units.
+    pub centre: DVec3,
+    /// Radius of what touches around it, model units.
+    pub radius: f64,
+    /// From the device to the proxy: model frame, any length.
+    pub up: DVec3,
+    /// Metres a model unit.
+    pub metres_per_unit: f64,
+    /// Stiffness of the surface, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Whether it touches; else it only feels what would touch it.
+    pub touches: bool,
+    /// Force, newtons.
+    pub force_n: f64,
+    /// Depth of the device behind the proxy, metres.
+    pub depth_m: f64,
+    /// Energy that the account has taken in beyond what the spring holds, joules.
+    pub reserve_j: f64,
+    /// Seconds a tick.
+    pub period_s: f64,
+}
+
+impl Feeler {
+    /// What a probe feels and allows.
+    #[must_use]
+    pub fn new(touching: &Touching) -> Self {
+        let &Touching {
+            radius,
+            metres_per_unit,
+            stiffness_n_per_m: stiffness,
+            depth_m,
+            ..
+        } = touching;
+        let allowed_n = STEP_N.max(STEP_SHARE * touching.force_n);
+        let spring = |depth_m: f64| 0.5 * stiffness * depth_m * depth_m;
+        let growing = spring(depth_m).max(spring(STEP_N / stiffness));
+        let energy = touching
+            .reserve_j
+            .max(GROWTH_PER_S * touching.period_s * growing);
+        // K p h + K h²/2 = energy, without cancellation.
+        let twice = 2.0 * energy / stiffness;
+        let rise_m = twice / (depth_m + (depth_m * depth_m + twice).sqrt());
+        let in_units = |metres: f64| (metres / metres_per_unit).min(OF_RADIUS * radius);
+        let step = in_units(OF_SURFACE * allowed_n / stiffness);
+        let around = if touching.touches { AROUND } else { 0.0 };
+        Self {
+            centre: touching.centre,
+            reach: radius * (1.0 + around),
+            touches: touching.touches,
+            up: touching.up.normalize_or_zero(),
+            step,
+            rise: in_units(rise_m).min(step),
+            slide: OF_PROXY * allowed_n / stiffness / metres_per_unit,
+        }
+    }
+
+    /// How far the proxy may go in a tick beyond the device's motion, while the surface under it moves.
+    #[must_use]
+    pub fn slide(&self) -> f64 {
+        self.slide
+    }
+
+    /// Whether a triangle is within reach.
+    fn is_within(&self, corners: [DVec3; 3]) -> bool {
+        let closest = closest_point_on_triangle(corners, self.centre);
+        closest.distance_squared <= self.reach * self.reach
+    }
+
+    /// Whether something within a box may be felt.
+    #[must_use]
+    pub fn reaches(&self, [lower, upper]: [DVec3; 2]) -> bool {
+        let outside = (lower - self.centre)
+            .max(self.centre - upper)
+            .max(DVec3::ZERO);
+        outside.length_squared() <= self.reach * self.reach
+    }
+}
+
+/// Whether a split or collapse that is to be performed is felt: if it may move what is within reach of a probe that touches,
+/// or come within reach of one that does not. `patch` holds the faces that it deforms, `places` are the vertices that they
+/// get for corners.
+#[must_use]
+pub fn is_felt(
+    mesh: &ActiveMesh,
+    slot: Slot,
+    patch: &OperationFaces,
+    places: &[Handle],
+    feelers: &[(usize, Feeler)],
+) -> bool {
+    let space = space_of(mesh, patch, places);
+    let mut near = feelers.iter().filter(|(_, feeler)| feeler.reaches(space));
+    near.any(|(_, feeler)| {
+        let is_within = |corners| feeler.is_within(corners);
+        let mut before = patch.deformed().iter().map(|&face| mesh.corners(face));
+        mesh.any_after(slot, patch, is_within) || (feeler.touches && before.any(is_within))
+    })
+}
+
+/// Whether a split or collapse that is to be performed lies beside a contact: where the probe may be next.
+#[must_use]
+pub fn is_beside(
+    mesh: &ActiveMesh,
+    patch: &OperationFaces,
+    places: &[Handle],
+    feelers: &[(usize, Feeler)],
+) -> bool {
+    let space = space_of(mesh, patch, places);
+    feelers.iter().any(|(_, feeler)| {
+        let reach = BESIDE * feeler.reach;
+        feeler.touches && Feeler { reach, ..*feeler }.reaches(space)
+    })
+}
+
+/// The box that a split or collapse happens within.
+fn space_of(mesh: &ActiveMesh, patch: &OperationFaces, places: &[Handle]) -> [DVec3; 2] {
+    let places = places.iter();
+    let places = places.map(|&vertex| mesh.position(vertex).as_dvec3());
+    box_of(mesh, patch.deformed(), places)
+}
+
+/// Box of some faces and places.
+pub fn box_of(
+    mesh: &ActiveMesh,
+    faces: &[Handle],
+    places: impl IntoIterator<Item = DVec3>,
+) -> [DVec3; 2] {
+    let corners = faces.iter().flat_map(|&face| mesh.corners(face));
+    corners.chain(places).fold(
+        [DVec3::INFINITY, DVec3::NEG_INFINITY],
+        |[lower, upper], p| [lower.min(p), upper.max(p)],
+    )
+}
+
+/// How far a step of a vertex moves and raises the surface at the most where the feeler feels it: the displacement
+/// along the normals of the faces around it, before the step and after it, times the share of the vertex in the places
+/// within reach.
+fn height(
+    mesh: &ActiveMesh,
+    faces: &[Handle],
+    vertex: Handle,
+    step: DVec3,
+    feeler: &Feeler,
+) -> (f64, f64) {
+    let (mut moved, mut raised) = (0.0f64, 0.0f64);
+    for &face in faces {
+        let corners = mesh.corners(face);
+        let Some(k) = mesh.face(face).corners.iter().position(|&c| c == vertex) else {
+            continue;
+        };
+        let [at, b, c] = [corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]];
+        for at in [at, at + step] {
+            if !feeler.is_within([at, b, c]) {
+                continue;
+            }
+            // A face without area is an edge, which other faces have too.
+            let Some(normal) = (b - at).cross(c - at).try_normalize() else {
+                continue;
+            };
+            // A place moves by the vertex's share in it: its height over the edge bc over that of the vertex.
+            let inwards = normal.cross(c - b);
+            let height = |p: DVec3| (p - b).dot(inwards);
+            let farthest = height(feeler.centre) + feeler.reach * inwards.length();
+            let share = (farthest / height(at)).clamp(0.0, 1.0);
+            let along = share * step.dot(normal);
+            moved = moved.max(along.abs());
+            let towards = normal.dot(feeler.up);
+            let rise = if towards == 0.0 {
+                along.abs()
+            } else {
+                along * towards.signum()
+            };
+            raised = raised.max(rise);
+        }
+    }
+    (moved, raised)
+}
+
+/// The share of a flight's way that a probe that feels it allows in a tick.
+///
+/// `around` holds the faces around its vertex, `period_s` is the seconds of a tick.
+#[must_use]
+pub fn share_of_way(
+    mesh: &ActiveMesh,
+    flight: &Flight,
+    around: &OperationFaces,
+    feeler: &Feeler,
+    period_s: f64,
+) -> f64 {
+    let way = mesh.way(flight);
+    let length = way.length();
+    if length == 0.0 {
+        return 1.0;
+    }
+    let excess = |share: f64| {
+        let step = way * share;
+        let (moved, raised) = height(mesh, around.deformed(), flight.vertex(), step, feeler);
+        (moved / feeler.step).max(raised / feeler.rise)
+    };
+    // A surface moves nowhere by more than its vertices.
+    let surely = (feeler.step.min(feeler.rise) / length).min(1.0);
+    let mut share = period_s / FLIGHT_S;
+    for _ in 0..TRIES {
+        let excess = excess(share);
+        if excess <= 1.0 {
+            return share.max(surely);
+        }
+        share /= excess * SMALLER;
+    }
+    surely
+}
+
+/// Whether a split or collapse that is to be performed would turn a face over: a deformed one whose normal would point
+/// the other way, or one that opens against all faces beside it. `patch` holds the faces that it deforms.
+#[must_use]
+pub fn turns_over(mesh: &ActiveMesh, slot: Slot, patch: &OperationFaces) -> bool {
+    let normal = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
+    let mut faces = patch.deformed().iter();
+    let over = |after: [DVec3; 3]| {
+        // In the order of the patch; the pair, which comes behind it, has no face before.
+        let before = faces.next().map(|&face| normal(mesh.corners(face)));
+        before.is_some_and(|before| before.dot(normal(after)) < 0.0)
+    };
+    if mesh.any_after(slot, patch, over) {
+        return true;
+    }
+    if mesh.is_performed(slot) {
+        return false;
+    }
+    let place = |vertex: Handle| mesh.position(vertex).as_dvec3();
+    let parent = place(mesh.parent(slot));
+    let [t, u] = mesh.children(slot).map(place);
+    let pair = mesh.thirds(slot).into_iter().zip([u - t, t - u]);
+    pair.filter_map(|(third, along)| Some((third?, along)))
+        .any(|(third, along)| {
+            let against = |normal_of_pair: DVec3| {
+                let mut beside = patch
+                    .deformed()
+                    .iter()
+                    .filter(|&&face| mesh.face(face).corners.contains(&third));
+                beside.all(|&face| normal(mesh.corners(face)).dot(normal_of_pair) < 0.0)
+            };
+            // As it opens, and when it is open.
+            against(along.cross(place(third) - parent)) || against(along.cross(place(third) - t))
+        })
+}

@@ -1,0 +1,213 @@
+//! Splits and collapses under the probe cannot be felt.
+
+use super::bench::{Bench, Fault, Setup, model, parts, spm};
+use super::{Found, Size};
+use crate::failure::Failure;
+use crate::surface::unit;
+use glam::DVec3;
+use rand_xoshiro::Xoshiro256PlusPlus;
+use shared::geometry::closest_point_on_triangle;
+use shared::spm::SpmParts;
+use std::collections::HashSet;
+use ve_station::generate::{Shape, generate};
+
+/// Faces of the ball that is touched.
+const FACES: u32 = 60_000;
+/// How deep the probe is pressed, metres.
+const DEPTH_M: f64 = 1e-3;
+/// Ticks for which it is looked at what it does then.
+const LOOK_TICKS: u32 = 2000;
+/// How fast it comes down and leaves, metres a tick.
+const STEP_M: f64 = 5e-5;
+/// A change of force that is not felt, newtons, and as a share of the force.
+const STEP_N: f64 = 0.05;
+const STEP_SHARE: f64 = 0.07;
+
+/// A random direction.
+fn direction(random: &mut Xoshiro256PlusPlus) -> DVec3 {
+    let (turn, z) = (
+        std::f64::consts::TAU * unit(random),
+        2.0 * unit(random) - 1.0,
+    );
+    let r = (1.0 - z * z).sqrt();
+    DVec3::new(r * turn.cos(), r * turn.sin(), z)
+}
+
+/// A ball of 0.2 m with faces of 2 mm.
+fn ball(fault: Fault) -> Result<(Vec<u8>, Setup), Failure> {
+    let mesh = generate(Shape::Sphere, FACES, 1);
+    let setup = Setup {
+        geomorph: true,
+        fault,
+        ..Setup::default()
+    };
+    Ok((model(mesh, false)?, setup))
+}
+
+/// How coarse the front is in the pass of this number, metres.
+fn coarse(pass: u64) -> f64 {
+    [2e-3, 1e-3, 5e-4, 2e-4][pass as usize % 4]
+}
+
+/// A bench with the probe far over the ball, along `up`, where a coarse front is asked for; and its height.
+fn over(bytes: &[u8], setup: Setup, up: DVec3, coarse_m: f64) -> Result<(Bench, f64), Failure> {
+    let mut bench = Bench::new(bytes, setup)?;
+    let height = setup.size_m;
+    bench.ask(coarse_m);
+    bench.settle(up * height)?;
+    Ok((bench, height))
+}
+
+/// Comes down until the probe is [`DEPTH_M`] deep in the front as it is; the height of the device then.
+fn press(bench: &mut Bench, up: DVec3, mut height: f64) -> f64 {
+    while bench.touch(up * height).record.depth_m < DEPTH_M && height > 0.0 {
+        height -= STEP_M;
+    }
+    height
+}
+
+/// Case 12: a probe is pressed 1 mm into a ball while the front under it goes from coarse to fine and back; or it is
+/// pressed into the base mesh and the records come late. The largest change of force in a tick over what is not felt;
+/// infinite where the proxy is on the other side.
+pub fn under_contact(
+    size: &Size,
+    random: &mut Xoshiro256PlusPlus,
+    fault: Fault,
+) -> Result<Found, Failure> {
+    let (bytes, setup) = ball(fault)?;
+    let mut found = Found::new(0.0);
+    for k in 0..size.of(4, 400) {
+        let (up, coarse_m) = (direction(random), coarse(k));
+        let (mut bench, height) = over(&bytes, setup, up, coarse_m)?;
+        bench.mute(k % 2 == 1);
+        let down = press(&mut bench, up, height);
+        bench.mute(false);
+        let mut before = bench.touch(up * down).force;
+        let mut splits = 0;
+        for tolerance_m in [0.0, coarse_m, 0.0] {
+            bench.ask(tolerance_m);
+            for _ in 0..LOOK_TICKS {
+                let felt = bench.touch(up * down);
+                let allowed = STEP_N.max(STEP_SHARE * before.length());
+                let is_outside = felt.proxy.dot(up) >= down && felt.force.dot(up) >= 0.0;
+                let change = felt.force.distance(before) / allowed;
+                found.most(if is_outside { change } else { f64::INFINITY });
+                splits += felt.record.vsplits;
+                before = felt.force;
+            }
+        }
+        // Where nothing changes nothing is shown.
+        if splits == 0 {
+            found.most(f64::INFINITY);
+        }
+    }
+    Ok(found)
+}
+
+/// The energy of a cycle: the probe presses into the coarse front, the surface rises under it by s, the probe leaves the
+/// fine front, which goes coarse again. Without an account that is K p s + K s²/2, with one nothing.
+pub fn cycle_energy(
+    size: &Size,
+    random: &mut Xoshiro256PlusPlus,
+    fault: Fault,
+) -> Result<Found, Failure> {
+    let (bytes, mut setup) = ball(fault)?;
+    setup.passivity = true;
+    let mut found = Found::new(f64::NEG_INFINITY);
+    for k in 0..size.of(4, 400) {
+        let (up, coarse_m) = (direction(random), coarse(k));
+        let (mut bench, mut height) = over(&bytes, setup, up, coarse_m)?;
+        let start = bench.touch(up * height).record.energy_j;
+        let down = press(&mut bench, up, height);
+        let depth = bench.settle(up * down)?.proxy.dot(up) - down;
+        bench.ask(0.0);
+        let rise = bench.settle(up * down)?.proxy.dot(up) - down - depth;
+        height = down;
+        while height < setup.size_m {
+            height += STEP_M;
+            bench.touch(up * height);
+        }
+        bench.ask(coarse_m);
+        let end = bench.settle(up * height)?.record.energy_j;
+        let of_f8 = setup.stiffness_n_per_m * (depth * rise + 0.5 * rise * rise);
+        // Where the surface has sunk, energy is lost in any case.
+        if rise > 0.0 {
+            found.most((end - start) / of_f8);
+        }
+    }
+    Ok(found)
+}
+
+/// Case 13: a model whose splits fold the surface over on the way, though its full mesh is whole, is refined under a
+/// pressing probe: ticks in which a face at the contact is turned over. Splits that would are to be refused, and counted.
+pub fn fold_over(
+    size: &Size,
+    random: &mut Xoshiro256PlusPlus,
+    fault: Fault,
+) -> Result<Found, Failure> {
+    let setup = Setup {
+        geomorph: true,
+        fault,
+        ..Setup::default()
+    };
+    let mut parts = parts(generate(Shape::Sphere, FACES, 1), false)?;
+    fold(&mut parts);
+    let bytes = spm(&parts)?;
+    let mut found = Found::new(0.0);
+    let (mut splits, mut refused) = (0, 0);
+    for _ in 0..size.of(4, 400) {
+        let up = direction(random);
+        let (mut bench, height) = over(&bytes, setup, up, setup.size_m)?;
+        let down = press(&mut bench, up, height);
+        bench.ask(0.0);
+        for _ in 0..LOOK_TICKS {
+            let felt = bench.touch(up * down);
+            splits += felt.record.vsplits;
+            refused += felt.record.refused_folds;
+            found.count(is_turned_over(&bench, felt.proxy, setup.radius_m * 1.1));
+        }
+    }
+    // Where nothing changes, or nothing would fold, nothing is shown.
+    if splits == 0 || (refused == 0 && found.value == 0.0) {
+        found.most(f64::INFINITY);
+    }
+    Ok(found)
+}
+
+/// Exchanges the places of vt and vu where both are split again, in every eighth such record: the faces between them
+/// are turned over until then.
+fn fold(parts: &mut SpmParts) {
+    let split: HashSet<u32> = parts.records.iter().map(|record| record.vs).collect();
+    let base = parts.header.base_vertices;
+    let mut count = 0;
+    for record in &mut parts.records {
+        let vt = base + 2 * record.i;
+        if split.contains(&vt) && split.contains(&(vt + 1)) {
+            count += 1;
+            if count % 8 == 0 {
+                std::mem::swap(&mut record.pos_t, &mut record.pos_u);
+            }
+        }
+    }
+}
+
+/// Whether a face of the ball within some distance of a place points inwards.
+fn is_turned_over(bench: &Bench, place: DVec3, distance_m: f64) -> bool {
+    let (Some(centre), Some(place_in)) = (bench.to_model(DVec3::ZERO), bench.to_model(place))
+    else {
+        return false;
+    };
+    let unit = (place_in - centre).length() / place.length();
+    let mesh = bench.mesh();
+    let mut turned = false;
+    mesh.for_each_active_face(|face| {
+        let corners = mesh.corners(face);
+        let near = closest_point_on_triangle(corners, place_in)
+            .distance_squared
+            .sqrt();
+        let [a, b, c] = corners;
+        let normal = (b - a).cross(c - a);
+        turned |= near <= distance_m * unit && normal.dot(a - centre) < 0.0;
+    });
+    turned
+}
