@@ -157,11 +157,7 @@ impl EnergyAccount {
     /// work over the motion of the material in the coming period.
     #[must_use]
     pub fn share(&self, wanted: Wrench, spring: Spring, ahead: Carried) -> f64 {
-        let [now, before, earlier] = self.motion;
-        let (change, change_before) = (now - before, before - earlier);
-        // A jump is no acceleration.
-        let lasting = change.dot(change_before) > 0.0;
-        let next = if lasting { now + change } else { now };
+        let next = self.next();
         let pushed = wanted.force.dot(next) - ahead.pushed_j;
         let work = pushed + (wanted.torque.dot(self.rotation) - ahead.turned_j);
         let size = wanted.force.length();
@@ -203,6 +199,49 @@ impl EnergyAccount {
         }
         self.wrench = wrench;
         self.limited = limited;
+    }
+
+    /// The same of all of a force within one and the same touch, where no force is no end of it.
+    pub fn go_on(&mut self, force: DVec3) {
+        self.wrench = Wrench {
+            force,
+            torque: DVec3::ZERO,
+        };
+        self.limited = self.wrench;
+    }
+
+    /// What was taken in beyond what the spring holds, joules, is gone, as heat: it is not given back later.
+    pub fn forget_beyond(&mut self, stored_j: f64) {
+        self.of_touch = self.of_touch.max(-stored_j);
+    }
+
+    /// Motion in the coming period, extrapolated, metres.
+    #[must_use]
+    pub fn next(&self) -> DVec3 {
+        let [now, before, earlier] = self.motion;
+        let (change, change_before) = (now - before, before - earlier);
+        // A jump is no acceleration.
+        let lasting = change.dot(change_before) > 0.0;
+        if lasting { now + change } else { now }
+    }
+
+    /// The share, 0 to 1, of a wanted force that may be given now such that no more was given back at the end of the
+    /// period than was taken in and is not in the spring then, `stored_j` joules.
+    #[must_use]
+    pub fn share_of_spring(&self, wanted: DVec3, stored_j: f64) -> f64 {
+        let work = wanted.dot(self.next());
+        if work.is_nan() || work <= 0.0 {
+            return 1.0;
+        }
+        // What the encoder's step alone may make of the balance is none of it.
+        let noise = 2.0 * wanted.length() * self.encoder_m;
+        ((noise - self.of_touch - stored_j) / work).clamp(0.0, 1.0)
+    }
+
+    /// A new account of the same device.
+    #[must_use]
+    pub fn anew(&self) -> Self {
+        Self::new(self.encoder_m)
     }
 
     /// Motion in the last period, metres, without what is noise of the encoder.

@@ -7,12 +7,12 @@ use super::touch::{Felt, Touch};
 use super::{Fault, ModelFrame, PROXY_WORK_LEAST, inbox::Inbox};
 use crate::cache::{Cache, RegionKey};
 use crate::dial::Dial;
-use crate::effects::Clock;
+use crate::effects::{Clock, SurfaceEffects};
 use crate::query::{Surface, Work};
 use crate::subscriber::{Identity, Outbox, Session, Subscriber};
 use shared::geometry::Pose;
 use shared::protocol::MODEL_HEADER_SLOTS;
-use shared::scene::{EffectPlan, ModelScale, RefinementPlan, ScenePlan, SurfacePlan};
+use shared::scene::{EffectPlan, ModelScale, ProbePlan, RefinementPlan, ScenePlan, SurfacePlan};
 use shared::spm::NONE;
 use std::sync::Arc;
 
@@ -123,8 +123,11 @@ impl Seat {
         listed: Arc<[Arc<[EffectPlan]>]>,
     ) -> Self {
         let most = listed.iter().map(|effects| effects.len()).max();
-        let new_touch = |shape| Touch::new(shape, most.unwrap_or(0));
-        let shapes = plan.probes.iter().map(|probe| &probe.shape);
+        let new_touch = |probe: &ProbePlan| {
+            let encoder_m = plan.safety.passivity.then_some(probe.device.encoder_m);
+            let effects = SurfaceEffects::with_room(most.unwrap_or(0), encoder_m);
+            Touch::new(&probe.shape, effects)
+        };
         Self {
             placing: None,
             operations: plan.loop_.operations,
@@ -141,7 +144,7 @@ impl Seat {
             dial: None,
             global_before: None,
             fault: None,
-            touches: shapes.map(new_touch).collect(),
+            touches: plan.probes.iter().map(new_touch).collect(),
             tour_of: None,
             waking: None,
             is_stalled: false,

@@ -59,8 +59,8 @@ pub struct Touch {
 }
 
 impl Touch {
-    /// `effects`: the most that an object's surface has.
-    pub fn new(shape: &ProbeShape, effects: usize) -> Self {
+    /// `effects`: with room for the most that an object's surface has.
+    pub fn new(shape: &ProbeShape, effects: SurfaceEffects) -> Self {
         Self {
             patch_m: shape.patch_m(),
             is_followed: false,
@@ -73,7 +73,7 @@ impl Touch {
             finest: 0,
             felt: None,
             rendered: None,
-            effects: SurfaceEffects::with_room(effects),
+            effects,
             nearest: None,
             start: None,
         }
@@ -200,6 +200,7 @@ impl Touch {
                     Follower::Ball(_) => DVec3::ZERO,
                     Follower::Tool(_) => (contact.point - proxy.position) * scale,
                 },
+                device: goal.position * scale,
                 velocity: velocity.linear,
                 stiffness_n_per_m: plan.stiffness_n_per_m,
             };

@@ -5,8 +5,12 @@
 //! `z` leads from the proxy to where it is held, along the surface. While it sticks, `z` is exactly what the proxy has
 //! moved since; beyond `static` times the surface's force over its stiffness it slides, and `z` is dragged along at
 //! `dynamic` times that, until it is less by itself.
+//!
+//! Within the cone it is a spring beside that of the surface, along the surface; the hold of a period leaks its energy
+//! too, and it has an account of its own for that: so no closed path gains by it.
 
 use super::{Rendered, Touching};
+use crate::energy::EnergyAccount;
 use glam::DVec3;
 use shared::geometry::Pose;
 use shared::scene::FrictionPlan;
@@ -16,6 +20,8 @@ use shared::scene::FrictionPlan;
 pub struct Friction {
     plan: FrictionPlan,
     held: Option<Held>,
+    /// None where the scene wants no limit.
+    account: Option<EnergyAccount>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -28,22 +34,31 @@ struct Held {
 }
 
 impl Friction {
-    /// Of a surface that is not touched yet.
+    /// Of a surface that is not touched yet. `encoder_m`: step of the device's encoder, metres; `None` where the scene
+    /// wants no limit of energy.
     #[must_use]
-    pub fn new(plan: FrictionPlan) -> Self {
-        Self { plan, held: None }
+    pub fn new(plan: FrictionPlan, encoder_m: Option<f64>) -> Self {
+        Self {
+            plan,
+            held: None,
+            account: encoder_m.map(EnergyAccount::new),
+        }
     }
 
     /// The surface is not touched any more.
     pub fn let_go(&mut self) {
-        self.held = None;
+        if self.held.take().is_some()
+            && let Some(account) = &mut self.account
+        {
+            *account = account.anew();
+        }
     }
 
     /// Adds the force along the surface.
     pub fn resist(&mut self, at: &Touching<'_>, amount: f64, out: &mut Rendered) {
         let size = out.resists.force.length();
         if !(size > 0.0 && size.is_finite()) {
-            self.held = None;
+            self.let_go();
             return;
         }
         let normal = out.resists.force / size;
@@ -76,7 +91,19 @@ impl Friction {
             stretch,
             slides,
         });
-        out.resist(stretch * (at.stiffness_n_per_m * amount), at.arm);
-        out.spring.stored_j += 0.5 * at.stiffness_n_per_m * amount * stretch.length_squared();
+        let stiffness_n_per_m = at.stiffness_n_per_m * amount;
+        let stored_j = 0.5 * stiffness_n_per_m * stretch.length_squared();
+        let mut force = stretch * stiffness_n_per_m;
+        if let Some(account) = &mut self.account {
+            account.moved_to(&Pose::at(at.device), [0.0; 2]);
+            account.forget_beyond(stored_j);
+            let next = account.next();
+            let stretch = stretch - (next - normal * normal.dot(next));
+            let stored_j = 0.5 * stiffness_n_per_m * stretch.length_squared();
+            force *= account.share_of_spring(force, stored_j);
+            account.go_on(force);
+        }
+        out.resist(force, at.arm);
+        out.spring.stored_j += stored_j;
     }
 }

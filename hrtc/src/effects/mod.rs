@@ -65,6 +65,8 @@ pub struct Touching<'a> {
     pub point: DVec3,
     /// The middle of the ball, or where a tool touches.
     pub middle: DVec3,
+    /// The device.
+    pub device: DVec3,
     /// The proxy.
     pub proxy: Pose,
     /// From the proxy's position to where it touches: the lever of a force there; zero of a ball, which has no axes.
@@ -216,22 +218,36 @@ enum OfSurface {
 
 /// The effects of a surface on one probe, in the order in which they act.
 #[derive(Debug, Clone, Default)]
-pub struct SurfaceEffects(Vec<Listed<OfSurface>>);
+pub struct SurfaceEffects {
+    listed: Vec<Listed<OfSurface>>,
+    /// Step of the device's encoder, metres; `None` where the scene wants no limit of energy.
+    encoder_m: Option<f64>,
+}
 
 impl SurfaceEffects {
-    /// Room for so many; none yet.
+    /// Room for so many; none yet. `encoder_m`: step of the device's encoder, metres; `None` where the scene wants no
+    /// limit of energy.
     #[must_use]
-    pub fn with_room(most: usize) -> Self {
-        Self(Vec::with_capacity(most))
+    pub fn with_room(most: usize, encoder_m: Option<f64>) -> Self {
+        Self {
+            listed: Vec::with_capacity(most),
+            encoder_m,
+        }
     }
 
     /// Those of another object from now on, in the room that there is: nothing is allocated.
     pub fn become_those_of(&mut self, plans: &[EffectPlan]) {
-        assert!(plans.len() <= self.0.capacity(), "room was made for all");
-        self.0.clear();
-        self.0.extend(plans.iter().filter_map(|plan| {
+        assert!(
+            plans.len() <= self.listed.capacity(),
+            "room was made for all"
+        );
+        let encoder_m = self.encoder_m;
+        self.listed.clear();
+        self.listed.extend(plans.iter().filter_map(|plan| {
             let effect = match &plan.effect {
-                Effect::Friction(of) => OfSurface::Friction(friction::Friction::new(*of)),
+                Effect::Friction(of) => {
+                    OfSurface::Friction(friction::Friction::new(*of, encoder_m))
+                }
                 Effect::Shading(of) => OfSurface::Shading(shading::Shading::new(*of)),
                 Effect::Texture(of) => OfSurface::Texture(texture::Texture::new(of.clone())),
                 Effect::Magnet(of) => OfSurface::Magnet(magnet::Magnet::new(*of)),
@@ -245,12 +261,12 @@ impl SurfaceEffects {
     /// Whether there are none.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.listed.is_empty()
     }
 
     /// What they make of the force of a touch.
     pub fn touch(&mut self, at: &Touching<'_>, out: &mut Rendered, work: &mut Work) {
-        for listed in &mut self.0 {
+        for listed in &mut self.listed {
             let Some((effect, amount)) = listed.called(at.clock) else {
                 continue;
             };
@@ -271,7 +287,7 @@ impl SurfaceEffects {
     /// The force on a probe that touches nothing, the surface `gap_m` away in a direction (unit).
     pub fn near(&mut self, clock: Clock, gap_m: f64, towards: DVec3) -> DVec3 {
         let mut force = DVec3::ZERO;
-        for listed in &mut self.0 {
+        for listed in &mut self.listed {
             match &mut listed.effect {
                 OfSurface::Friction(friction) => friction.let_go(),
                 OfSurface::Shading(shading) => shading.let_go(),
@@ -289,7 +305,7 @@ impl SurfaceEffects {
 
     /// Adds calls and bytes of each kind.
     pub fn tell(&self, usage: &mut UsageByKind) {
-        tell(&self.0, usage);
+        tell(&self.listed, usage);
     }
 }
 

@@ -314,8 +314,8 @@ const CASES: [Case; 42] = [
     ),
     case(
         "friction-loop",
-        "energy that friction puts out on a closed path, J",
-        0.0,
+        "energy that friction puts out on a loop, of its work",
+        1e-12,
         Fault::Sign,
         effects::friction_loop,
     ),
