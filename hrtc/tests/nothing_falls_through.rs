@@ -38,6 +38,8 @@ fn bare_plan(size: f64) -> ScenePlan {
     plan.safety.slew_n_per_s = 1e15;
     plan.safety.ramp_s = 0.0;
     plan.safety.passivity = false;
+    // What a hand cannot tell is so many newtons, at any size.
+    plan.accuracy.geomorph = false;
     plan
 }
 

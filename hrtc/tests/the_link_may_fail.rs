@@ -4,6 +4,7 @@
 mod common;
 
 use common::{Faults, Pair, Random, plan, spm};
+use glam::DVec3;
 use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};
 
@@ -11,12 +12,24 @@ use ve_station::generate::{Shape, generate};
 const TROUBLE: u64 = 1500;
 const PEACE: u64 = 4500;
 const END: u64 = 6000;
-/// Seconds of the tour at which the hand stops, so that all runs end at the same place.
+/// Seconds of the tour at which the hand stops.
 const REST_AT: f64 = 4.7;
+/// Ticks that it may take until all is at rest at the place where every run ends: where a hand that slid over another
+/// surface on its way came to rest may be another dip.
+const MOST_TICKS: u64 = 20_000;
 
 fn model() -> Vec<u8> {
     let mesh = generate(Shape::Relief, 60_000, 1);
     spm(mesh, &BuildOptions::default())
+}
+
+/// Where the hand is led to in the end, world: inside the object.
+fn intent(pair: &Pair) -> DVec3 {
+    let tour = pair.controller.tour().expect("the tour is there");
+    let last = tour.iter().rfind(|point| point.t <= REST_AT);
+    let place = DVec3::from_array(last.expect("it has begun").position);
+    let frame = pair.controller.frame().expect("the model is there");
+    frame.to_world(place - frame.origin)
 }
 
 /// A run with some trouble between [`TROUBLE`] and [`PEACE`].
@@ -36,6 +49,16 @@ fn run(name: &str, model: &[u8], mut trouble: impl FnMut(&mut Pair)) -> Pair {
         }
         pair.step();
     }
+    // Off, straight away from the middle, round through free space, and down where every run ends.
+    let (left, inside) = (pair.controller.probe(), intent(&pair));
+    let corners = [left, left * 3.0, inside * 3.0];
+    for k in 0..1000 {
+        let way = f64::from(k) / 500.0;
+        let piece = way as usize;
+        pair.hold(corners[piece].lerp(corners[piece + 1], way.fract()));
+    }
+    let touch = pair.touch(model, inside);
+    pair.rest(touch, MOST_TICKS);
     pair.controller.cache().check();
     let s = &pair.summary;
     println!(
