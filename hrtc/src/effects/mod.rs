@@ -208,6 +208,10 @@ fn tell<E>(listed: &[Listed<E>], usage: &mut UsageByKind) {
 }
 
 #[derive(Debug, Clone)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a box would be allocated in the tick that seats an object"
+)]
 enum OfSurface {
     Friction(friction::Friction),
     Shading(shading::Shading),
