@@ -21,6 +21,9 @@ const STRAY: f64 = 0.25;
 const AHEAD: f64 = 1.5;
 /// Gatherings a tick at the most: they are what costs most.
 const MOST_GATHERINGS: u32 = 2;
+/// Pairs of nodes that the first one may have cost for another to follow in the same tick: where much is near, what is left
+/// of the way is gone in the next one.
+const MOST_BEFORE_ANOTHER: u32 = 3000;
 /// Motion, as a fraction of the radius of gyration, below which a tick is done.
 const CONVERGED: f64 = 1e-6;
 /// The same as a fraction of the device's motion in this tick: what is left is done in the next one.
@@ -52,7 +55,9 @@ impl ToolProxy {
                 let ahead = AHEAD * travelled.max(look_around);
                 let way = self.expected(&wanted, ahead, look_around);
                 if !self.near.corridor.covers(&self.at, &way, rest) {
+                    let has_cost_much = answer.work.node_pairs > MOST_BEFORE_ANOTHER;
                     if gatherings == MOST_GATHERINGS
+                        || (gatherings > 0 && has_cost_much)
                         || !self.gather(surface, way, look_around, budget, answer)
                     {
                         break;
