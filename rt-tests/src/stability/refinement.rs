@@ -19,6 +19,8 @@ const DEPTH_M: f64 = 1e-3;
 const LOOK_TICKS: u32 = 2000;
 /// How fast it comes down and leaves, metres a tick.
 const STEP_M: f64 = 5e-5;
+/// Of a height that is computed from a place, relative.
+const ROUNDING: f64 = 1e-12;
 /// A change of force that is not felt, newtons, and as a share of the force.
 const STEP_N: f64 = 0.05;
 const STEP_SHARE: f64 = 0.07;
@@ -89,7 +91,9 @@ pub fn under_contact(
             for _ in 0..LOOK_TICKS {
                 let felt = bench.touch(up * down);
                 let allowed = STEP_N.max(STEP_SHARE * before.length());
-                let is_outside = felt.proxy.dot(up) >= down && felt.force.dot(up) >= 0.0;
+                // A proxy that is free is at the device, but for rounding.
+                let is_above = felt.proxy.dot(up) >= down * (1.0 - ROUNDING);
+                let is_outside = is_above && felt.force.dot(up) >= 0.0;
                 let change = felt.force.distance(before) / allowed;
                 found.most(if is_outside { change } else { f64::INFINITY });
                 splits += felt.record.vsplits;
