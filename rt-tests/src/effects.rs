@@ -1,6 +1,7 @@
 //! `rt-tests effects`: what each effect of a scene costs a tick, and that what is not listed costs nothing.
 //!
-//! The device's poses are recorded once on the scene's first object without effects; then they go, in virtual time, to a
+//! The device's poses are recorded once on the model of the scene's first object, 0.15 m long, under the bundled scene's
+//! probe and without effects; then they go, in virtual time, to a
 //! controller without effects, to one with each effect alone, and to one with all of them. The ticks are timed from the
 //! recorded inputs in turns, so what differs is the effect.
 
@@ -72,7 +73,7 @@ pub struct Cost {
     pub p99_ns: f64,
     /// The most.
     pub max_ns: f64,
-    /// Ticks in which it acted.
+    /// Ticks in which it was called.
     pub ticks: u64,
     /// Bytes of its state.
     pub bytes: usize,

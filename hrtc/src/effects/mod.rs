@@ -270,7 +270,9 @@ impl SurfaceEffects {
 
     /// What they make of the force of a touch.
     pub fn touch(&mut self, at: &Touching<'_>, out: &mut Rendered, work: &mut Work) {
-        for listed in &mut self.listed {
+        // A magnet pulls only what does not touch.
+        let is_called = |listed: &&mut Listed<_>| !matches!(listed.effect, OfSurface::Magnet(_));
+        for listed in self.listed.iter_mut().filter(is_called) {
             let Some((effect, amount)) = listed.called(at.clock) else {
                 continue;
             };
@@ -282,7 +284,6 @@ impl SurfaceEffects {
                     let force = vibration.force(at.clock) * amount;
                     out.drives.force += at.to_world.conjugate() * force;
                 }
-                // It pulls only what does not touch.
                 OfSurface::Magnet(_) => {}
             }
         }

@@ -15,6 +15,31 @@ fn within(random: &mut Xoshiro256PlusPlus) -> DVec3 {
     DVec3::new(unit(random), unit(random), unit(random)) * 2.0 - 1.0
 }
 
+/// Slides along a way from -`reach` to `reach`, metres, at a speed, m/s, and lifts off: the change of the force in a tick
+/// over the force times what is `allowed`; infinite where there is no force.
+fn slide(
+    bench: &mut Bench,
+    way: impl Fn(f64) -> DVec3,
+    [reach, speed]: [f64; 2],
+    allowed: f64,
+    found: &mut Found,
+) {
+    let mut last = bench.touch(way(-reach)).force;
+    let ticks = (2.0 * reach / (speed * bench.period_s())).ceil() as u32;
+    for tick in 1..=ticks {
+        let at = reach * (2.0 * f64::from(tick) / f64::from(ticks) - 1.0);
+        let force = bench.touch(way(at)).force;
+        let larger = last.length().max(force.length());
+        found.most(if larger > 0.0 {
+            force.distance(last) / (larger * allowed)
+        } else {
+            f64::INFINITY
+        });
+        last = force;
+    }
+    bench.touch(DVec3::Z * 0.02);
+}
+
 /// Case 6: the change of the force in a tick over 2 F sin(turn / 2), the largest, where the probe slides over a ridge
 /// whose normals turn by 10 to 170 degrees.
 pub fn ridge(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
@@ -39,21 +64,8 @@ pub fn ridge(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
                 slope + normal * (setup.radius_m - depth)
             };
             bench.touch(place(-reach) + DVec3::new(-sin, 0.0, cos) * 0.01);
-            let mut last = bench.touch(place(-reach)).force;
-            let ticks = (2.0 * reach / (speed * bench.period_s())).ceil() as u32;
-            for tick in 1..=ticks {
-                let s = reach * (2.0 * f64::from(tick) / f64::from(ticks) - 1.0);
-                let force = bench.touch(place(s)).force;
-                let larger = last.length().max(force.length());
-                let allowed = 2.0 * larger * (0.5 * turn).sin();
-                found.most(if larger > 0.0 {
-                    force.distance(last) / allowed
-                } else {
-                    f64::INFINITY
-                });
-                last = force;
-            }
-            bench.touch(DVec3::Z * 0.02);
+            let allowed = 2.0 * (0.5 * turn).sin();
+            slide(&mut bench, place, [reach, speed], allowed, &mut found);
         }
     }
     Ok(found)
@@ -93,20 +105,7 @@ pub fn shaded_ridge(
                     + DVec3::new(turn.sin(), 0.0, turn.cos()) * off
             };
             bench.touch(place(-reach) + DVec3::Z * 0.01);
-            let mut last = bench.touch(place(-reach)).force;
-            let ticks = (2.0 * reach / (speed * bench.period_s())).ceil() as u32;
-            for tick in 1..=ticks {
-                let way = reach * (2.0 * f64::from(tick) / f64::from(ticks) - 1.0);
-                let force = bench.touch(place(way)).force;
-                let larger = last.length().max(force.length());
-                found.most(if larger > 0.0 {
-                    force.distance(last) / larger
-                } else {
-                    f64::INFINITY
-                });
-                last = force;
-            }
-            bench.touch(DVec3::Z * 0.02);
+            slide(&mut bench, place, [reach, speed], 1.0, &mut found);
         }
     }
     Ok(found)

@@ -88,7 +88,10 @@ impl Effect {
     /// Whether it belongs to a surface: listed for the scene, it is every object's.
     #[must_use]
     pub fn is_of_surface(&self) -> bool {
-        self.index() <= 3
+        matches!(
+            self,
+            Self::Friction(_) | Self::Shading(_) | Self::Texture(_) | Self::Magnet(_)
+        )
     }
 }
 

@@ -64,7 +64,9 @@ pub(super) fn add(
         let mut effects = list(source, entries, &limits)?;
         for (entry, effect) in entries.iter().zip(&effects) {
             let name = effect.effect.name();
-            if effect.effect.index() > 4 {
+            let is_of_object =
+                effect.effect.is_of_surface() || matches!(effect.effect, Effect::Vibration(_));
+            if !is_of_object {
                 return Err(source.value(
                     entry,
                     &format!("{name} is felt anywhere, not at an object's surface; list it in effects = [...] at the top of the scene, before the first table"),
