@@ -50,6 +50,23 @@ impl Projection {
         self.count -= 1;
         self.active.swap(place, self.count);
     }
+
+    /// Solves once more for the half-spaces that push: a step past a row that was nearly in their span leaves the
+    /// rounding of that row, magnified, in the point and in the multipliers.
+    fn settle(&mut self, goal: &Vector6, half_spaces: &[HalfSpace]) {
+        let basis = Basis::of(half_spaces, self.active());
+        let mut along = [0.0; 6];
+        self.point = *goal;
+        for (place, &(k, _)) in self.active[..self.count].iter().enumerate() {
+            let short = half_spaces[k].offset - dot(&half_spaces[k].row, &self.point);
+            along[place] = short / basis.triangle[place][place];
+            add_scaled(&mut self.point, along[place], &basis.directions[place]);
+        }
+        let weights = basis.weights(&along);
+        for ((_, multiplier), weight) in self.active[..self.count].iter_mut().zip(weights) {
+            *multiplier = weight.max(0.0);
+        }
+    }
 }
 
 fn dot(a: &Vector6, b: &Vector6) -> f64 {
@@ -133,6 +150,7 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
     // Rows in the span of active ones, violated by no more than that span is uncertain.
     let mut stands = [false; MOST_HALF_SPACES];
     let mut rounds = 0;
+    let mut unsettled = false;
     'next: loop {
         let mut worst: Option<(usize, f64)> = None;
         for (k, half_space) in half_spaces.iter().enumerate() {
@@ -148,6 +166,11 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
             }
         }
         let Some((added, violation)) = worst else {
+            if unsettled {
+                unsettled = false;
+                best.settle(&goal, half_spaces);
+                continue;
+            }
             best.complete = true;
             return best;
         };
@@ -164,7 +187,9 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
             let weights = basis.weights(&components);
             let left = dot(&rest, &rest);
             let independent = best.count < MOST_ACTIVE && left > DEPENDENT * square;
-            if !independent && violation <= 2.0 * DEPENDENT.sqrt() * largest {
+            // Six that hold span everything: there a row takes one's place, however little it is violated.
+            let nearly_dependent = best.count < MOST_ACTIVE && !independent;
+            if nearly_dependent && violation <= 2.0 * DEPENDENT.sqrt() * largest {
                 stands[added] = true;
                 continue 'next;
             }
@@ -192,7 +217,10 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
             }
             multiplier += step;
             match blocking {
-                Some(place) => best.drop_active(place),
+                Some(place) => {
+                    best.drop_active(place);
+                    unsettled = true;
+                }
                 None => {
                     best.active[best.count] = (added, multiplier);
                     best.count += 1;
