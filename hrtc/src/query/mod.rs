@@ -21,6 +21,7 @@ mod meets_box;
 mod near_faces;
 mod near_pairs;
 mod segment;
+mod slanting;
 mod swept_capsule;
 mod swept_sphere;
 mod tree_pairs;

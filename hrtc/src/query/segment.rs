@@ -1,5 +1,6 @@
 //! A segment against the front: the closest point, and all faces within a distance.
 
+use super::slanting::{ROUNDING, gaps_beside};
 use super::{Ending, STACK, Surface, Work};
 use glam::DVec3;
 use shared::ab_tree::Child;
@@ -28,9 +29,6 @@ pub struct ClosestToSegment {
     /// What it cost.
     pub work: Work,
 }
-
-/// Relative rounding of a separating plane's two sides, generously.
-const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// Bounds from below the distance of boxes to a segment: along the axes, and along the three directions that are
 /// normal to the segment and an edge of the box. The box of a slanting segment alone holds far more than the segment.
@@ -67,14 +65,7 @@ impl Reach {
         let gap = (lower - self.high).max(self.low - upper).max(DVec3::ZERO);
         let half = 0.5 * (upper - lower);
         let between = 0.5 * (lower + upper) - self.start;
-        let (along, apart) = (self.way.abs(), between.abs());
-        let beside = |one: usize, other: usize| {
-            let product = between[one] * self.way[other] - between[other] * self.way[one];
-            let most = half[one] * along[other] + half[other] * along[one];
-            let rounding = apart[one] * along[other] + apart[other] * along[one];
-            (product.abs() - most - ROUNDING * (most + rounding)).max(0.0)
-        };
-        let beside = DVec3::new(beside(1, 2), beside(2, 0), beside(0, 1));
+        let beside = gaps_beside(between, half, self.way);
         let bound = gap
             .length_squared()
             .max((beside * beside * self.inverse).max_element());

@@ -4,6 +4,7 @@
 //! point, so Newton's method of `swept_sphere` serves both. Boxes are asked in the order in which the capsule can reach
 //! them, and what the first of those not asked says is the bound of an answer that ran out of budget.
 
+use super::slanting::ROUNDING;
 use super::swept_sphere::{first_within, touching_gap};
 use super::{Capsule, Ending, STACK, Surface, Work};
 use glam::DVec3;
@@ -41,9 +42,6 @@ pub struct SweptCapsule {
     /// What it cost.
     pub work: Work,
 }
-
-/// Relative rounding of a box's place along a direction, generously.
-const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// The first touch of a capsule (model frame and units) that moves by `motion`; of no length it is a sphere, and the answer
 /// that of [`super::swept_sphere()`].

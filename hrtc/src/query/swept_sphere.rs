@@ -4,6 +4,7 @@
 //! Newton's method on `distance - radius` from the start never passes the first root: every iterate is
 //! itself a safe position, and no cylinders, edges or vertices need cases of their own.
 
+use super::slanting::{ROUNDING, gaps_beside};
 use super::{Stack, Surface, Work};
 use glam::DVec3;
 use shared::ab_tree::Child;
@@ -23,8 +24,6 @@ pub struct SweepHit {
 const STEPS: usize = 24;
 /// Gap, as a fraction of the radius, at which a face counts as touched; see [`touching_gap`].
 const TOUCH: f64 = 1e-9;
-/// Relative rounding of places, and of a separating plane's two sides, generously.
-const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// The first touch of a sphere of `radius` moving from `start` by `motion`; `None` when it gets through.
 ///
@@ -75,22 +74,12 @@ pub fn swept_sphere(
     (best, work)
 }
 
-/// Whether an edge direction of the box and the segment span a plane that separates them, beyond rounding: the
-/// box of a long slanting segment holds far more than the segment meets.
+/// Whether an edge direction of the box and the segment span a plane that separates them, beyond rounding.
 fn passes_beside(aabb: &Aabb, start: DVec3, end: DVec3, reach: f64) -> bool {
     let (lower, upper) = (aabb.lower.as_dvec3(), aabb.upper.as_dvec3());
     let half = 0.5 * (upper - lower) + reach;
-    let way = end - start;
     let between = 0.5 * (lower + upper) - start;
-    let (along, apart) = (way.abs(), between.abs());
-    let beside = |one: usize, other: usize| {
-        let product = between[one] * way[other] - between[other] * way[one];
-        let most = half[one] * along[other] + half[other] * along[one];
-        let rounding = apart[one] * along[other] + apart[other] * along[one];
-        product.abs() > most + ROUNDING * (most + rounding)
-    };
-    // `|` and not `||`: one branch a box.
-    beside(0, 1) | beside(1, 2) | beside(2, 0)
+    gaps_beside(between, half, end - start).max_element() > 0.0
 }
 
 /// First parameter below `limit` at which the sphere touches the triangle.

@@ -547,13 +547,13 @@ fn table(found: &Stability) -> String {
     };
     let _ = writeln!(
         text,
-        "{:19} {:58} {:>10} {:>10} {:>11}",
+        "{:20} {:58} {:>10} {:>10} {:>11}",
         "case", "measure, the worst", "seen", "limit", "passes"
     );
     for case in &found.cases {
         let _ = writeln!(
             text,
-            "{:19} {:58} {:>10} {:>10} {:>11}  {}",
+            "{:20} {:58} {:>10} {:>10} {:>11}  {}",
             case.name,
             case.measure,
             number(case.value),
