@@ -3,6 +3,7 @@
 use super::probe::Probe;
 use super::seat::{Budget, Seat};
 use crate::morph::{Feeler, Touching, box_of, is_beside, is_felt, share_of_way, turns_over};
+use glam::DVec3;
 use shared::spm::{Handle, Slot};
 
 /// Steps of vertices that cost as much as a split or collapse.
@@ -41,20 +42,13 @@ impl Seat {
             return;
         };
         for (k, (touch, probe)) in self.touches.iter_mut().zip(probes).enumerate() {
-            let (Some((centre, radius)), Some(goal), Some(proxy)) = (
-                touch.follower.patch(),
-                touch.goal,
-                touch.follower.position(),
-            ) else {
+            let Some(goal) = touch.goal.filter(|_| touch.is_followed) else {
                 continue;
             };
-            if !touch.is_followed {
-                continue;
-            }
             let mut touching = Touching {
-                centre,
-                radius,
-                up: proxy - goal.position,
+                centre: goal.position,
+                radius: 0.0,
+                up: DVec3::ZERO,
                 metres_per_unit: frame.metres_per_unit,
                 stiffness_n_per_m: placing.surface.stiffness_n_per_m,
                 touches: touch.felt.is_some(),
@@ -68,12 +62,19 @@ impl Seat {
                 touching.depth_m = felt.depth_m;
                 touching.reserve_j = probe.energy.reserve(rendered.spring);
             }
-            let feeler = Feeler::new(&touching);
-            if touch.follower.is_held() {
+            let first = feelers.len();
+            for part in touch.follower.parts(&goal) {
+                (touching.centre, touching.radius, touching.up) =
+                    (part.centre, part.radius, part.centre - part.goal);
+                feelers.push((k, Feeler::new(&touching)));
+            }
+            let Some((_, feeler)) = feelers.get(first) else {
+                continue;
+            };
+            if touch.follower.is_behind() {
                 // It has not caught up with what has moved: what it may do follows the force.
                 touch.follower.soften(feeler.slide());
             }
-            feelers.push((k, feeler));
         }
     }
 
@@ -194,6 +195,15 @@ impl Seat {
         } else if turns_over(mesh, slot, faces) {
             Manner::Never
         } else {
+            let places = places
+                .iter()
+                .map(|&vertex| mesh.position(vertex).as_dvec3());
+            let space = box_of(mesh, faces.deformed(), places);
+            for (touch, feeler) in feelers {
+                if feeler.reaches(space) {
+                    self.touches[*touch].follower.soften(feeler.slide());
+                }
+            }
             Manner::Gently
         }
     }

@@ -4,7 +4,7 @@ use crate::energy::Spring;
 use crate::proxy::{Contact, MOST_PUSHING, Proxy};
 use crate::query::{Nearest, Surface, Work, closest_point};
 use crate::tool::{Tool, ToolMesh};
-use crate::tool_proxy::{Coupling, ToolContact, ToolProxy, Twist};
+use crate::tool_proxy::{Coupling, Part, ToolContact, ToolProxy, Twist};
 use glam::DVec3;
 use shared::geometry::{Pose, Wrench};
 use shared::scene::{ProbeShape, SurfacePlan};
@@ -152,6 +152,22 @@ impl Follower {
         })
     }
 
+    /// Balls that together hold what may touch.
+    pub fn parts(&self, goal: &Pose) -> impl Iterator<Item = Part> + use<'_> {
+        let (ball, tool) = match self {
+            _ if !self.is_placed() => (None, None),
+            Self::Ball(ball) => (ball.0.as_ref(), None),
+            Self::Tool(tool) => (None, Some(tool.proxy.parts(goal))),
+        };
+        let goal = goal.position;
+        let ball = ball.map(|proxy| Part {
+            centre: proxy.position(),
+            goal,
+            radius: proxy.radius(),
+        });
+        ball.into_iter().chain(tool.into_iter().flatten())
+    }
+
     /// Takes it along with a split or collapse that was just performed.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
         match self {
@@ -167,10 +183,21 @@ impl Follower {
 
     /// While the surface that it touches moves, it goes no farther beyond the device's motion than this in a tick.
     pub fn soften(&mut self, slide: f64) {
-        if let Self::Ball(ball) = self
-            && let Some(proxy) = &mut ball.0
-        {
-            proxy.soften(slide);
+        match self {
+            Self::Ball(ball) => {
+                if let Some(proxy) = &mut ball.0 {
+                    proxy.soften(slide);
+                }
+            }
+            Self::Tool(tool) => tool.proxy.soften(slide),
+        }
+    }
+
+    /// Whether it is behind since it was softened.
+    pub fn is_behind(&self) -> bool {
+        match self {
+            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_held),
+            Self::Tool(tool) => tool.has_begun && tool.proxy.is_behind(),
         }
     }
 

@@ -7,6 +7,7 @@ use crate::cache::{Cache, Region, RegionState};
 use crate::dial::Economy;
 use crate::morph::Feeler;
 use crate::predict::{Predicted, TURNS};
+use crate::tool_proxy::MOST_BALLS;
 use shared::spm::{DamagedRecord, OperationFaces, RegionId, Slot};
 
 /// Regions that may be wanted at once.
@@ -74,7 +75,7 @@ impl Refinement {
             order: Vec::with_capacity(MOST_WANTED),
             unknown: Vec::with_capacity(MOST_UNKNOWN * probes),
             faces: OperationFaces::new(),
-            feelers: Vec::with_capacity(probes),
+            feelers: Vec::with_capacity(probes * MOST_BALLS),
             economy: Economy::new(),
             leaving: None,
             wanted_high_water: 0,

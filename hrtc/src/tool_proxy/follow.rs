@@ -45,7 +45,9 @@ impl ToolProxy {
         answer: &mut ToolAdvance,
     ) {
         let (radius, gyration, rest) = (self.shape.radius, self.shape.gyration, self.rest());
-        let look_around = LOOK_AROUND * gyration;
+        let look_around = (LOOK_AROUND * gyration).max(self.cushion());
+        let (start, most) = (self.at, travelled + self.slide);
+        self.is_behind = false;
         self.stops.clear();
         let (mut looks, mut gatherings, mut is_held_up) = (0, 0, true);
         while answer.steps < STEPS as u32 && looks < MOST_LOOKS {
@@ -85,6 +87,11 @@ impl ToolProxy {
                 let most_turn = (8.0 * rest / radius).sqrt();
                 share = share.min(most_turn / motion.angular.length());
             }
+            let left = most - start.to(&self.at).farthest(radius);
+            if whole * share > left {
+                share = left.max(0.0) / whole;
+                self.is_behind = true;
+            }
             let mut step = motion;
             if share < 1.0 {
                 // A part of the way, but all of what the rest distance asks for.
@@ -110,9 +117,12 @@ impl ToolProxy {
             is_held_up = covered < 1.0 && swept.share == 1.0;
             let went = done.farthest(radius);
             let settled = (CONVERGED * gyration).max(LAG * travelled);
-            if free || (swept.share == 1.0 && share == 1.0 && went <= settled) {
+            if free || (swept.share == 1.0 && share == 1.0 && went <= settled) || self.is_behind {
                 break;
             }
+        }
+        if !std::mem::take(&mut self.is_softened) && !self.is_behind {
+            self.slide = f64::INFINITY;
         }
         answer.work.faces += looks;
         self.near.place(&self.shape, &self.at);

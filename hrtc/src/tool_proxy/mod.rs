@@ -6,12 +6,14 @@
 //! depends on an absolute length: what is small is small beside the tool.
 //!
 //! Contacts act at a rest distance of a ten-thousandth of the tool's radius of gyration, the sweep stops at half of it:
-//! so a resting contact is not a touch, and every crossing is. The tool feels that much thicker than its mesh.
+//! so a resting contact is not a touch, and every crossing is. The tool feels that much thicker than its mesh. While the
+//! surface under it moves the distance is what the surface may do in a tick.
 //!
 //! | file | does |
 //! |---|---|
 //! | `motion` | twists and placements |
 //! | `shape` | the tool's mesh about its centre |
+//! | `cover` | balls that hold it |
 //! | `corridor` | a motion and what is beside it |
 //! | `neighbourhood` | pairs of faces near each other, gathered once and reused |
 //! | `contacts` | local minima of the distance |
@@ -23,6 +25,7 @@
 mod contacts;
 mod corridor;
 mod coupling;
+mod cover;
 mod disturbance;
 mod follow;
 mod motion;
@@ -33,14 +36,17 @@ mod sweep;
 
 pub use contacts::ToolContact;
 pub use coupling::{Coupling, about};
+pub use cover::MOST_BALLS;
 pub use motion::{Placement, Twist};
 pub use neighbourhood::{MOST_PAIRS, MOST_SURFACE_FACES};
 
 use crate::query::{Ending, PairWork, Surface, first_pair};
 use crate::tool::Tool;
 use contacts::Contacts;
+use cover::{Ball, cover};
 use disturbance::Disturbance;
 use follow::MOST_STOPS;
+use glam::DVec3;
 use neighbourhood::Neighbourhood;
 use projection::{HalfSpace, MOST_ACTIVE, MOST_HALF_SPACES};
 use shape::ToolShape;
@@ -50,12 +56,27 @@ use thiserror::Error;
 
 /// Distance at which contacts act, as a fraction of the radius of gyration.
 const REST: f64 = 1e-4;
+/// What the surface may do in a tick while it moves, as a fraction of how far the tool may slide then: twice what one
+/// vertex in flight may (see [`crate::morph`]), since more than one may move a face.
+const CUSHION: f64 = 0.625;
+
 /// Why a tool cannot be a probe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum ToolProxyError {
     /// No length to measure by.
     #[error("the tool has no extent, or the scale is not a positive number")]
     NoExtent,
+}
+
+/// A ball around a part of a probe; model frame and units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Part {
+    /// Its middle at the proxy.
+    pub centre: DVec3,
+    /// Its middle at the device.
+    pub goal: DVec3,
+    /// Its radius.
+    pub radius: f64,
 }
 
 /// Whether the proxy is free of the surface.
@@ -114,6 +135,7 @@ pub struct ToolProxy {
     tool: Tool,
     scale: f64,
     shape: ToolShape,
+    cover: Vec<Ball>,
     near: Neighbourhood,
     contacts: Contacts,
     half_spaces: Vec<HalfSpace>,
@@ -123,6 +145,11 @@ pub struct ToolProxy {
     state: State,
     at: Placement,
     goal: Placement,
+    /// How far it goes in a tick beyond the device's motion, and whether that was said for this tick.
+    slide: f64,
+    is_softened: bool,
+    /// Whether it was kept from going farther by that.
+    is_behind: bool,
     /// Share of what is gathered ahead that the budget allowed last.
     thrift: f64,
     rejected: u64,
@@ -143,6 +170,7 @@ impl ToolProxy {
         }
         let nowhere = Placement::NOWHERE;
         Ok(Self {
+            cover: cover(&tool),
             near: Neighbourhood::new(&shape),
             contacts: Contacts::new(),
             half_spaces: Vec::with_capacity(MOST_HALF_SPACES),
@@ -151,6 +179,9 @@ impl ToolProxy {
             state: State::Nowhere,
             at: nowhere,
             goal: nowhere,
+            slide: f64::INFINITY,
+            is_softened: false,
+            is_behind: false,
             thrift: 1.0,
             rejected: 0,
             tool,
@@ -177,6 +208,9 @@ impl ToolProxy {
         self.state = State::Nowhere;
         self.contacts.clear();
         self.thrift = 1.0;
+        self.slide = f64::INFINITY;
+        self.is_softened = false;
+        self.is_behind = false;
         Ok(())
     }
 
@@ -192,16 +226,42 @@ impl ToolProxy {
         self.pose_at(&self.at)
     }
 
+    /// Balls that together hold the tool, their middles where the proxy is and where it would be at a pose of the device;
+    /// model units.
+    pub fn parts(&self, goal: &Pose) -> impl Iterator<Item = Part> + use<'_> {
+        let (proxy, goal) = (self.pose(), *goal);
+        self.cover.iter().map(move |ball| {
+            let [centre, goal] =
+                [proxy, goal].map(|pose| pose.transform_point(ball.centre * self.scale));
+            Part {
+                centre,
+                goal,
+                radius: ball.radius * self.scale,
+            }
+        })
+    }
+
     /// Radius of gyration of the tool's surface about its centre, model units.
     #[must_use]
     pub fn gyration(&self) -> f64 {
         self.shape.gyration
     }
 
-    /// Distance at which contacts act, model units: by so much the tool feels thicker than it is.
+    /// Distance at which contacts act, model units: by so much the tool feels thicker than it is; more while the surface
+    /// moves.
     #[must_use]
     pub fn rest(&self) -> f64 {
-        REST * self.shape.gyration
+        (REST * self.shape.gyration).max(self.cushion())
+    }
+
+    /// How far the surface may come in a tick, model units: as long as it moves contacts act at that distance, so that it
+    /// pushes the tool and does not come to meet it.
+    fn cushion(&self) -> f64 {
+        if self.slide.is_finite() {
+            CUSHION * self.slide
+        } else {
+            0.0
+        }
     }
 
     /// Poses that were none.
@@ -273,6 +333,23 @@ impl ToolProxy {
                 operation,
             );
         }
+    }
+
+    /// The surface that it touches moves in this tick: beyond what keeps it outside and the device's own motion no point of
+    /// it goes farther than `slide`, model units, until it has caught up.
+    pub fn soften(&mut self, slide: f64) {
+        self.slide = if self.is_softened {
+            self.slide.min(slide)
+        } else {
+            slide
+        };
+        self.is_softened = true;
+    }
+
+    /// Whether it is behind since it was softened.
+    #[must_use]
+    pub fn is_behind(&self) -> bool {
+        self.is_behind
     }
 
     /// One tick: as close to `goal` (the device, model units) as the surface lets it, with at most `budget` pairs of

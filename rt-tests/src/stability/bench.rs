@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::simulator::{DELAY_TICKS, Simulator, identity, station_incarnation};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use hrtc::controller::{Controller, NoObserver};
 use hrtc::device::{Device, Intent, Sample, Simulated};
 use hrtc::movable::Body;
@@ -24,6 +24,9 @@ const QUIET_TICKS: u32 = 200;
 const MOST_TICKS: u32 = 20_000;
 /// No limit on a force, newtons: what the rendering itself wants is looked at.
 const UNLIMITED_N: f64 = 1e12;
+
+/// Faces of a tool.
+const TOOL_FACES: u32 = 240;
 
 /// A fault put in on purpose: a case that passes all the same shows nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,6 +76,8 @@ pub struct Setup {
     pub probes: usize,
     /// How the object moves, if it does.
     pub movable: Option<MovablePlan>,
+    /// Length of the probe, metres: with one it is a tool, a capsule of that radius along z.
+    pub length_m: Option<f64>,
     /// Whether splits and collapses under the probe fly.
     pub geomorph: bool,
     /// The fault.
@@ -105,6 +110,7 @@ impl Default for Setup {
             effects: "",
             probes: 1,
             movable: None,
+            length_m: None,
             geomorph: false,
             fault: Fault::None,
         }
@@ -163,6 +169,8 @@ pub struct Bench {
     setup: Setup,
     /// The force of the tick before.
     before: DVec3,
+    /// How the probe is held.
+    orientation: DQuat,
 }
 
 impl Bench {
@@ -187,6 +195,7 @@ impl Bench {
             simulator,
             setup,
             before: DVec3::ZERO,
+            orientation: DQuat::IDENTITY,
         })
     }
 
@@ -223,9 +232,17 @@ impl Bench {
         ))
     }
 
+    /// Holds the probe so from now on.
+    pub fn turn(&mut self, orientation: DQuat) {
+        self.orientation = orientation;
+    }
+
     /// A tick with the device there, world, metres.
     pub fn touch(&mut self, place: DVec3) -> Felt {
-        self.sample(Some(Pose::at(place)))
+        self.sample(Some(Pose {
+            position: place,
+            orientation: self.orientation,
+        }))
     }
 
     /// A tick with any sample.
@@ -335,8 +352,14 @@ fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
     object.movable = setup.movable;
     object.surface.stiffness_n_per_m = setup.stiffness_n_per_m;
     object.surface.damping_ns_per_m = 0.0;
-    plan.probes[0].shape = ProbeShape::Sphere {
-        radius_m: setup.radius_m,
+    let radius_m = setup.radius_m;
+    plan.probes[0].shape = match setup.length_m {
+        None => ProbeShape::Sphere { radius_m },
+        Some(length_m) => ProbeShape::Capsule {
+            radius_m,
+            length_m,
+            faces: TOOL_FACES,
+        },
     };
     plan.probes[0].device.encoder_m = setup.encoder_m;
     plan.probes[0].trajectory = TrajectoryPlan::Points(Vec::new());

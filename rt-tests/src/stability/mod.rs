@@ -122,7 +122,7 @@ struct Case {
 const CONVERGENCE: f64 = 1e-6;
 
 /// The cases.
-const CASES: [Case; 42] = [
+const CASES: [Case; 43] = [
     case(
         "head-on-wall",
         "energy put out over K T/2 times the integral of v²",
@@ -262,6 +262,13 @@ const CASES: [Case; 42] = [
         1.0,
         Fault::NoGeomorph,
         refinement::under_contact,
+    ),
+    case(
+        "refine-under-tool",
+        "the same under a tool",
+        1.0,
+        Fault::NoGeomorph,
+        refinement::under_tool,
     ),
     case(
         "refine-cycle-energy",

@@ -4,7 +4,7 @@ use super::bench::{Bench, Fault, Setup, model, parts, spm};
 use super::{Found, Size};
 use crate::failure::Failure;
 use crate::surface::unit;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use shared::geometry::closest_point_on_triangle;
 use shared::spm::SpmParts;
@@ -55,6 +55,7 @@ fn coarse(pass: u64) -> f64 {
 fn over(bytes: &[u8], setup: Setup, up: DVec3, coarse_m: f64) -> Result<(Bench, f64), Failure> {
     let mut bench = Bench::new(bytes, setup)?;
     let height = setup.size_m;
+    bench.turn(DQuat::from_rotation_arc(DVec3::Z, up));
     bench.ask(coarse_m);
     bench.settle(up * height)?;
     Ok((bench, height))
@@ -77,10 +78,30 @@ pub fn under_contact(
     fault: Fault,
 ) -> Result<Found, Failure> {
     let (bytes, setup) = ball(fault)?;
+    under(&bytes, setup, size, random)
+}
+
+/// The same under a tool that is pressed in upright.
+pub fn under_tool(
+    size: &Size,
+    random: &mut Xoshiro256PlusPlus,
+    fault: Fault,
+) -> Result<Found, Failure> {
+    let (bytes, setup) = ball(fault)?;
+    let length_m = Some(10.0 * setup.radius_m);
+    under(&bytes, Setup { length_m, ..setup }, size, random)
+}
+
+fn under(
+    bytes: &[u8],
+    setup: Setup,
+    size: &Size,
+    random: &mut Xoshiro256PlusPlus,
+) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for k in 0..size.of(4, 400) {
         let (up, coarse_m) = (direction(random), coarse(k));
-        let (mut bench, height) = over(&bytes, setup, up, coarse_m)?;
+        let (mut bench, height) = over(bytes, setup, up, coarse_m)?;
         bench.mute(k % 2 == 1);
         let down = press(&mut bench, up, height);
         bench.mute(false);
