@@ -12,7 +12,7 @@
 //!
 //! The rest of the force allowance is left to the proxy, which may slide along the surface that turns under it.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use shared::geometry::closest_point_on_triangle;
 use shared::spm::{ActiveMesh, Flight, Handle, OperationFaces, Slot};
 
@@ -118,10 +118,24 @@ impl Feeler {
         self.slide
     }
 
-    /// Whether a triangle is within reach.
-    fn is_within(&self, corners: [DVec3; 3]) -> bool {
-        let closest = closest_point_on_triangle(corners, self.centre);
-        closest.distance_squared <= self.reach * self.reach
+    /// Distance of a triangle from the centre.
+    fn distance(&self, corners: [DVec3; 3]) -> f64 {
+        closest_point_on_triangle(corners, self.centre)
+            .distance_squared
+            .sqrt()
+    }
+
+    /// Whether a tetrahedron, of any orientation and flat too, is within reach.
+    fn is_within(&self, corners: [DVec3; 4]) -> bool {
+        let [a, b, c, d] = corners;
+        if !self.reaches(box_around(corners)) {
+            return false;
+        }
+        let faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]];
+        faces
+            .into_iter()
+            .any(|face| self.distance(face) <= self.reach)
+            || is_inside(corners, self.centre)
     }
 
     /// Whether something within a box may be felt.
@@ -134,9 +148,24 @@ impl Feeler {
     }
 }
 
-/// Whether a split or collapse that is to be performed is felt: if it may move what is within reach of a probe that touches,
-/// or come within reach of one that does not. `patch` holds the faces that it deforms, `places` are the vertices that they
-/// get for corners.
+/// Whether a point is inside a tetrahedron: on the inner side of every face. Where rounding decides it is on a face.
+fn is_inside([a, b, c, d]: [DVec3; 4], p: DVec3) -> bool {
+    let volume = |a: DVec3, b: DVec3, c: DVec3, d: DVec3| (b - a).cross(c - a).dot(d - a);
+    let whole = volume(a, b, c, d);
+    let parts = [
+        volume(p, b, c, d),
+        volume(a, p, c, d),
+        volume(a, b, p, d),
+        volume(a, b, c, p),
+    ];
+    parts
+        .iter()
+        .all(|&part| part != 0.0 && (part > 0.0) == (whole > 0.0))
+}
+
+/// Whether a split or collapse that is to be performed is felt: if what the surface sweeps over on a straight way from where
+/// it is to where it will be is within reach of a probe. Both ends of that way may be out of reach on either side of
+/// the probe. `patch` holds the faces that it deforms, `places` are the vertices that they get for corners.
 #[must_use]
 pub fn is_felt(
     mesh: &ActiveMesh,
@@ -147,11 +176,7 @@ pub fn is_felt(
 ) -> bool {
     let space = space_of(mesh, patch, places);
     let mut near = feelers.iter().filter(|(_, feeler)| feeler.reaches(space));
-    near.any(|(_, feeler)| {
-        let is_within = |corners| feeler.is_within(corners);
-        let mut before = patch.deformed().iter().map(|&face| mesh.corners(face));
-        mesh.any_after(slot, patch, is_within) || (feeler.touches && before.any(is_within))
-    })
+    near.any(|(_, feeler)| mesh.any_swept(slot, patch, |tetrahedron| feeler.is_within(tetrahedron)))
 }
 
 /// Whether a split or collapse that is to be performed lies beside a contact: where the probe may be next.
@@ -183,7 +208,11 @@ pub fn box_of(
     places: impl IntoIterator<Item = DVec3>,
 ) -> [DVec3; 2] {
     let corners = faces.iter().flat_map(|&face| mesh.corners(face));
-    corners.chain(places).fold(
+    box_around(corners.chain(places))
+}
+
+fn box_around(places: impl IntoIterator<Item = DVec3>) -> [DVec3; 2] {
+    places.into_iter().fold(
         [DVec3::INFINITY, DVec3::NEG_INFINITY],
         |[lower, upper], p| [lower.min(p), upper.max(p)],
     )
@@ -191,7 +220,7 @@ pub fn box_of(
 
 /// How far a step of a vertex moves and raises the surface at the most where the feeler feels it: the displacement
 /// along the normals of the faces around it, before the step and after it, times the share of the vertex in the places
-/// within reach.
+/// within reach. A face that sweeps over what is within reach counts, wherever it begins and ends.
 fn height(
     mesh: &ActiveMesh,
     faces: &[Handle],
@@ -206,10 +235,10 @@ fn height(
             continue;
         };
         let [at, b, c] = [corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]];
+        if !feeler.is_within([at, b, c, at + step]) {
+            continue;
+        }
         for at in [at, at + step] {
-            if !feeler.is_within([at, b, c]) {
-                continue;
-            }
             // A face without area is an edge, which other faces have too.
             let Some(normal) = (b - at).cross(c - at).try_normalize() else {
                 continue;
@@ -254,8 +283,13 @@ pub fn share_of_way(
         let (moved, raised) = height(mesh, around.deformed(), flight.vertex(), step, feeler);
         (moved / feeler.step).max(raised / feeler.rise)
     };
-    // A surface moves nowhere by more than its vertices.
-    let surely = (feeler.step.min(feeler.rise) / length).min(1.0);
+    // A surface moves nowhere by more than its vertices; and it may come to the reach at once.
+    let faces = around.deformed().iter();
+    let nearest = faces.fold(f64::INFINITY, |least, &face| {
+        least.min(feeler.distance(mesh.corners(face)))
+    });
+    let surely = feeler.step.min(feeler.rise).max(nearest - feeler.reach);
+    let surely = (surely / length).min(1.0);
     let mut share = period_s / FLIGHT_S;
     for _ in 0..TRIES {
         let excess = excess(share);
@@ -269,14 +303,29 @@ pub fn share_of_way(
 
 /// Whether a split or collapse that is to be performed would turn a face over: a deformed one whose normal would point
 /// the other way, or one that opens against all faces beside it. `patch` holds the faces that it deforms.
+///
+/// Where a corner of these faces is in flight none may be turned over at the end of its way either: a normal changes
+/// in proportion to the way of one corner, so that it is not turned over in between.
 #[must_use]
 pub fn turns_over(mesh: &ActiveMesh, slot: Slot, patch: &OperationFaces) -> bool {
+    turns_over_at(mesh, slot, patch, |vertex| mesh.position(vertex))
+        || (mesh.any_in_flight(patch.deformed())
+            && turns_over_at(mesh, slot, patch, |vertex| mesh.destination(vertex)))
+}
+
+/// The same with the vertices at given places afterwards.
+fn turns_over_at(
+    mesh: &ActiveMesh,
+    slot: Slot,
+    patch: &OperationFaces,
+    place: impl Fn(Handle) -> Vec3,
+) -> bool {
+    let place = |vertex: Handle| place(vertex).as_dvec3();
     let normal = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
-    let mut faces = patch.deformed().iter();
-    let over = |after: [DVec3; 3]| {
-        // In the order of the patch; the pair, which comes behind it, has no face before.
-        let before = faces.next().map(|&face| normal(mesh.corners(face)));
-        before.is_some_and(|before| before.dot(normal(after)) < 0.0)
+    let over = |face: Option<Handle>, after: [Handle; 3]| {
+        // The pair has no face before.
+        let before = face.map(|face| normal(mesh.corners(face)));
+        before.is_some_and(|before| before.dot(normal(after.map(place))) < 0.0)
     };
     if mesh.any_after(slot, patch, over) {
         return true;
@@ -284,7 +333,6 @@ pub fn turns_over(mesh: &ActiveMesh, slot: Slot, patch: &OperationFaces) -> bool
     if mesh.is_performed(slot) {
         return false;
     }
-    let place = |vertex: Handle| mesh.position(vertex).as_dvec3();
     let parent = place(mesh.parent(slot));
     let [t, u] = mesh.children(slot).map(place);
     let pair = mesh.thirds(slot).into_iter().zip([u - t, t - u]);

@@ -183,8 +183,10 @@ impl Seat {
             return Manner::AtOnce;
         }
         if !is_felt(mesh, slot, faces, places, feelers) {
-            // The probe may come to where a face would be turned over.
-            let folds = is_beside(mesh, faces, places, feelers) && turns_over(mesh, slot, faces);
+            // The probe may come to where a face would be turned over, and a flight may bring the face to the probe.
+            let is_near =
+                is_beside(mesh, faces, places, feelers) || mesh.any_in_flight(faces.deformed());
+            let folds = is_near && turns_over(mesh, slot, faces);
             return if folds { Manner::Never } else { Manner::AtOnce };
         }
         let flights = mesh.flights().len();

@@ -115,39 +115,76 @@ impl ActiveMesh {
         self.fan(vt + 1, fn3, fn1, out)
     }
 
-    /// Whether a face of the patch that [`ActiveMesh::patch`] collected is, after the split or collapse, as `test` says.
+    /// Whether a face is as `test` says that the split or collapse of a slot will deform or make: its corners afterwards, and
+    /// the face itself where it is there already. `patch` is what [`ActiveMesh::patch`] collected.
     pub fn any_after(
         &self,
         slot: Slot,
         patch: &OperationFaces,
-        mut test: impl FnMut([DVec3; 3]) -> bool,
+        mut test: impl FnMut(Option<Handle>, [Handle; 3]) -> bool,
     ) -> bool {
-        let links = self.links[slot as usize];
-        let [vt, vu] = self.children(slot);
-        let is_split = !self.is_performed(slot);
-        let [before, after] = if is_split {
-            [[links.vs; 2], [vt, vu]]
-        } else {
-            [[vt, vu], [links.vs; 2]]
-        };
-        let place = |vertex: Handle| self.position(vertex).as_dvec3();
-        let (of_t, of_u) = patch.fans();
-        for (side, fan) in [of_t, of_u].into_iter().enumerate() {
-            for &face in fan {
-                let corners = self.faces[face as usize].corners;
-                if test(corners.map(|c| place(if c == before[side] { after[side] } else { c }))) {
-                    return true;
-                }
-            }
-        }
-        let mut thirds = self.thirds(slot).into_iter().flatten();
-        is_split && thirds.any(|v| test([vt, vu, v].map(place)))
+        let (from, to) = self.ends(slot);
+        let mut deformed = Self::deformed_of(patch);
+        let mut pair = self.thirds(slot).into_iter().flatten();
+        let [vt, vu] = to;
+        deformed.any(|(side, face)| {
+            let corners = self.face(face).corners;
+            let after = corners.map(|c| if c == from[side] { to[side] } else { c });
+            test(Some(face), after)
+        }) || (!self.is_performed(slot) && pair.any(|third| test(None, [vt, vu, third])))
     }
 
-    /// vl and vr of a loaded slot that is not performed.
+    /// Whether a tetrahedron is as `test` says that a face would sweep on its way if the vertices of the split or collapse of a
+    /// slot went straight to their places: together these hold the surface before and after, and all that it passes over.
+    pub fn any_swept(
+        &self,
+        slot: Slot,
+        patch: &OperationFaces,
+        mut test: impl FnMut([DVec3; 4]) -> bool,
+    ) -> bool {
+        let (from, to) = self.ends(slot);
+        let place = |vertex: Handle| self.position(vertex).as_dvec3();
+        let mut deformed = Self::deformed_of(patch);
+        let mut pair = self.thirds(slot).into_iter().flatten();
+        let parent = self.parent(slot);
+        let [vt, vu] = self.children(slot);
+        deformed.any(|(side, face)| {
+            let [a, b, c] = self.corners(face);
+            let moved = self.face(face).index_of(from[side]);
+            // The corner that moves is named twice.
+            test([a, b, c, moved.map_or(a, |_| place(to[side]))])
+        }) || pair.any(|third| test([parent, vt, vu, third].map(place)))
+    }
+
+    /// The vertices that the fans of a slot's patch have for corners, and those that they get.
+    fn ends(&self, slot: Slot) -> ([Handle; 2], [Handle; 2]) {
+        let (whole, parted) = ([self.parent(slot); 2], self.children(slot));
+        if self.is_performed(slot) {
+            (parted, whole)
+        } else {
+            (whole, parted)
+        }
+    }
+
+    /// The faces of a patch, each with the side that it is on.
+    fn deformed_of(patch: &OperationFaces) -> impl Iterator<Item = (usize, Handle)> {
+        let (of_t, of_u) = patch.fans();
+        let on = |side: usize| move |&face: &Handle| (side, face);
+        of_t.iter().map(on(0)).chain(of_u.iter().map(on(1)))
+    }
+
+    /// vl and vr of a loaded slot: the third corners of the pair that its split makes, or that its collapse removes.
     #[must_use]
     pub fn thirds(&self, slot: Slot) -> [Option<Handle>; 2] {
         let links = self.links[slot as usize];
+        if self.is_performed(slot) {
+            let third = |face: Handle| self.face(face).corners[2];
+            let fl = self.fl(slot);
+            return [
+                Some(third(fl)),
+                (links.leaf_r != NONE).then(|| third(fl + 1)),
+            ];
+        }
         let [fn0, fn1, fn2, fn3] = links.fn_;
         [[fn0, fn1], [fn3, fn2]].map(|[leaving, entering]| {
             let is_there = leaving != NONE || entering != NONE;

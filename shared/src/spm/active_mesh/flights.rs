@@ -163,6 +163,13 @@ impl ActiveMesh {
         }
     }
 
+    /// Where a vertex comes to rest as things are: its place, unless it is in flight.
+    #[must_use]
+    pub fn destination(&self, vertex: Handle) -> Vec3 {
+        let flight = self.flight_of(vertex).map(|index| self.flights[index]);
+        flight.map_or_else(|| self.position(vertex), |flight| self.end_of(&flight))
+    }
+
     /// Collects the faces around the vertex of a flight; `None` when they are more than there is room for.
     pub fn around(&self, flight: &Flight, out: &mut OperationFaces) -> Option<()> {
         self.star(flight.vertex, out)?;
