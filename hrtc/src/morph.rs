@@ -12,7 +12,7 @@
 //!
 //! The rest of the force allowance is left to the proxy, which may slide along the surface that turns under it.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use shared::geometry::closest_point_on_triangle;
 use shared::spm::{ActiveMesh, Flight, Handle, OperationFaces, Slot};
 
@@ -179,7 +179,7 @@ pub fn is_felt(
     near.any(|(_, feeler)| mesh.any_swept(slot, patch, |tetrahedron| feeler.is_within(tetrahedron)))
 }
 
-/// Whether a split or collapse that is to be performed lies beside a contact: where the probe may be next.
+/// Whether a split or collapse that is to be performed lies beside a probe: where it may be next.
 #[must_use]
 pub fn is_beside(
     mesh: &ActiveMesh,
@@ -190,7 +190,7 @@ pub fn is_beside(
     let space = space_of(mesh, patch, places);
     feelers.iter().any(|(_, feeler)| {
         let reach = BESIDE * feeler.reach;
-        feeler.touches && Feeler { reach, ..*feeler }.reaches(space)
+        Feeler { reach, ..*feeler }.reaches(space)
     })
 }
 
@@ -218,23 +218,27 @@ fn box_around(places: impl IntoIterator<Item = DVec3>) -> [DVec3; 2] {
     )
 }
 
+/// A vertex in flight and the faces around it.
+pub type Step<'a> = (Flight, &'a OperationFaces);
+
 /// How far a step of a vertex moves and raises the surface at the most where the feeler feels it: the displacement
 /// along the normals of the faces around it, before the step and after it, times the share of the vertex in the places
-/// within reach. A face that sweeps over what is within reach counts, wherever it begins and ends.
+/// within reach. A face that sweeps over what is within reach counts, wherever it begins and ends. `place` says where
+/// vertices are before the step.
 fn height(
     mesh: &ActiveMesh,
-    faces: &[Handle],
-    vertex: Handle,
+    (flight, around): &Step<'_>,
     step: DVec3,
+    place: impl Fn(Handle) -> DVec3,
     feeler: &Feeler,
 ) -> (f64, f64) {
     let (mut moved, mut raised) = (0.0f64, 0.0f64);
-    for &face in faces {
-        let corners = mesh.corners(face);
-        let Some(k) = mesh.face(face).corners.iter().position(|&c| c == vertex) else {
+    for &face in around.deformed() {
+        let corners = mesh.face(face).corners;
+        let Some(k) = corners.iter().position(|&c| c == flight.vertex()) else {
             continue;
         };
-        let [at, b, c] = [corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]];
+        let [at, b, c] = [k, (k + 1) % 3, (k + 2) % 3].map(|k| place(corners[k]));
         if !feeler.is_within([at, b, c, at + step]) {
             continue;
         }
@@ -262,34 +266,38 @@ fn height(
     (moved, raised)
 }
 
-/// The share of a flight's way that a probe that feels it allows in a tick.
+/// The share of their ways that a probe that feels them allows some vertices in flight in a tick, one step after the other.
 ///
-/// `around` holds the faces around its vertex, `period_s` is the seconds of a tick.
+/// `period_s` is the seconds of a tick.
 #[must_use]
-pub fn share_of_way(
-    mesh: &ActiveMesh,
-    flight: &Flight,
-    around: &OperationFaces,
-    feeler: &Feeler,
-    period_s: f64,
-) -> f64 {
-    let way = mesh.way(flight);
-    let length = way.length();
-    if length == 0.0 {
+pub fn share_of_way(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &Feeler, period_s: f64) -> f64 {
+    let ways = steps.iter().map(|(flight, _)| mesh.way(flight).length());
+    let longest = ways.fold(0.0, f64::max);
+    if longest == 0.0 {
         return 1.0;
     }
     let excess = |share: f64| {
-        let step = way * share;
-        let (moved, raised) = height(mesh, around.deformed(), flight.vertex(), step, feeler);
-        (moved / feeler.step).max(raised / feeler.rise)
+        let heights = (0..steps.len()).map(|k| {
+            // Those before it have done their steps.
+            let done = &steps[..k];
+            let place = |vertex: Handle| {
+                let before = done.iter().find(|(flight, _)| flight.vertex() == vertex);
+                let moved = before.map(|(flight, _)| mesh.way(flight) * share);
+                mesh.position(vertex).as_dvec3() + moved.unwrap_or(DVec3::ZERO)
+            };
+            let step = mesh.way(&steps[k].0) * share;
+            let (moved, raised) = height(mesh, &steps[k], step, place, feeler);
+            (moved / feeler.step).max(raised / feeler.rise)
+        });
+        heights.fold(0.0, f64::max)
     };
     // A surface moves nowhere by more than its vertices; and it may come to the reach at once.
-    let faces = around.deformed().iter();
+    let faces = steps.iter().flat_map(|(_, around)| around.deformed());
     let nearest = faces.fold(f64::INFINITY, |least, &face| {
         least.min(feeler.distance(mesh.corners(face)))
     });
     let surely = feeler.step.min(feeler.rise).max(nearest - feeler.reach);
-    let surely = (surely / length).min(1.0);
+    let surely = (surely / longest).min(1.0);
     let mut share = period_s / FLIGHT_S;
     for _ in 0..TRIES {
         let excess = excess(share);
@@ -304,28 +312,42 @@ pub fn share_of_way(
 /// Whether a split or collapse that is to be performed would turn a face over: a deformed one whose normal would point
 /// the other way, or one that opens against all faces beside it. `patch` holds the faces that it deforms.
 ///
-/// Where a corner of these faces is in flight none may be turned over at the end of its way either: a normal changes
-/// in proportion to the way of one corner, so that it is not turned over in between.
+/// Where a corner of these faces is in flight, that holds wherever it is on the rest of its way: a normal changes in proportion
+/// to the way of one corner, so that both ends tell.
 #[must_use]
 pub fn turns_over(mesh: &ActiveMesh, slot: Slot, patch: &OperationFaces) -> bool {
-    turns_over_at(mesh, slot, patch, |vertex| mesh.position(vertex))
-        || (mesh.any_in_flight(patch.deformed())
-            && turns_over_at(mesh, slot, patch, |vertex| mesh.destination(vertex)))
+    let ends: &[bool] = if mesh.any_in_flight(patch.deformed()) {
+        &[false, true]
+    } else {
+        &[false]
+    };
+    let mut pairs = ends.iter().flat_map(|&a| ends.iter().map(move |&b| [a, b]));
+    pairs.any(|at_ends| turns_over_at(mesh, slot, patch, at_ends))
 }
 
-/// The same with the vertices at given places afterwards.
+/// The same, with what is in flight where it is, or at the end of its way, before the operation and after it.
 fn turns_over_at(
     mesh: &ActiveMesh,
     slot: Slot,
     patch: &OperationFaces,
-    place: impl Fn(Handle) -> Vec3,
+    [before, after]: [bool; 2],
 ) -> bool {
-    let place = |vertex: Handle| place(vertex).as_dvec3();
-    let normal = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
-    let over = |face: Option<Handle>, after: [Handle; 3]| {
+    let place = |vertex: Handle, at_end: bool| {
+        let place = if at_end {
+            mesh.destination(vertex)
+        } else {
+            mesh.position(vertex)
+        };
+        place.as_dvec3()
+    };
+    let normal = |corners: [Handle; 3], at_end: bool| {
+        let [a, b, c] = corners.map(|vertex| place(vertex, at_end));
+        (b - a).cross(c - a)
+    };
+    let normal_before = |face: Handle| normal(mesh.face(face).corners, before);
+    let over = |face: Option<Handle>, corners: [Handle; 3]| {
         // The pair has no face before.
-        let before = face.map(|face| normal(mesh.corners(face)));
-        before.is_some_and(|before| before.dot(normal(after.map(place))) < 0.0)
+        face.is_some_and(|face| normal_before(face).dot(normal(corners, after)) < 0.0)
     };
     if mesh.any_after(slot, patch, over) {
         return true;
@@ -333,19 +355,23 @@ fn turns_over_at(
     if mesh.is_performed(slot) {
         return false;
     }
-    let parent = place(mesh.parent(slot));
-    let [t, u] = mesh.children(slot).map(place);
+    let parent = place(mesh.parent(slot), before);
+    let [t, u] = mesh.children(slot).map(|vertex| place(vertex, after));
     let pair = mesh.thirds(slot).into_iter().zip([u - t, t - u]);
     pair.filter_map(|(third, along)| Some((third?, along)))
         .any(|(third, along)| {
             let against = |normal_of_pair: DVec3| {
-                let mut beside = patch
-                    .deformed()
-                    .iter()
-                    .filter(|&&face| mesh.face(face).corners.contains(&third));
-                beside.all(|&face| normal(mesh.corners(face)).dot(normal_of_pair) < 0.0)
+                // A face without area, as one that opens too, says nothing.
+                let beside = patch.deformed().iter();
+                let beside = beside.filter(|&&face| mesh.face(face).corners.contains(&third));
+                let along = beside.map(|&face| normal_before(face).dot(normal_of_pair));
+                let [least, most] = along.fold([0.0f64; 2], |[least, most], dot| {
+                    [least.min(dot), most.max(dot)]
+                });
+                least < 0.0 && most <= 0.0
             };
+            let third = place(third, after);
             // As it opens, and when it is open.
-            against(along.cross(place(third) - parent)) || against(along.cross(place(third) - t))
+            against(along.cross(third - parent)) || against(along.cross(third - t))
         })
 }

@@ -1,6 +1,7 @@
 //! Splits and collapses that a probe feels: their vertices fly, see [`crate::morph`].
 
 use super::probe::Probe;
+use super::refine::Refinement;
 use super::seat::{Budget, Seat};
 use crate::morph::{Feeler, Touching, box_of, is_beside, is_felt, share_of_way, turns_over};
 use glam::DVec3;
@@ -125,11 +126,8 @@ impl Seat {
             // It waits for its sibling's collapse, or moves with it.
             return 0;
         }
-        let pair = [Some(index), sibling];
-        let share = pair.iter().flatten().fold(1.0, |share: f64, &index| {
-            share.min(self.allowed_share(index))
-        });
-        for index in pair.into_iter().flatten() {
+        let share = self.allowed_share(index, sibling);
+        for index in [Some(index), sibling].into_iter().flatten() {
             let mesh = self.cache.mesh();
             let flight = mesh.flights()[index];
             if mesh.around(&flight, &mut self.refinement.faces).is_some() {
@@ -141,20 +139,35 @@ impl Seat {
         1 + usize::from(sibling.is_some())
     }
 
-    /// The share of its way that all who feel a flight allow it in this tick; their proxies go gently then.
-    fn allowed_share(&mut self, index: usize) -> f64 {
+    /// The share of their ways that all who feel a vertex in flight and its sibling allow them in this tick; their proxies go
+    /// gently then.
+    fn allowed_share(&mut self, index: usize, sibling: Option<usize>) -> f64 {
         let mesh = self.cache.mesh();
+        let Refinement {
+            faces,
+            faces_of_sibling,
+            feelers,
+            ..
+        } = &mut self.refinement;
         let flight = mesh.flights()[index];
-        let faces = &mut self.refinement.faces;
-        if mesh.around(&flight, faces).is_none() {
+        let of_sibling = sibling.map(|index| mesh.flights()[index]);
+        let is_whole = mesh.around(&flight, faces).is_some()
+            && of_sibling.is_none_or(|flight| mesh.around(&flight, faces_of_sibling).is_some());
+        if !is_whole {
             return 1.0;
         }
-        let space = box_of(mesh, faces.deformed(), [mesh.end_of(&flight).as_dvec3()]);
+        let step = (flight, &*faces);
+        let second = of_sibling.map(|flight| (flight, &*faces_of_sibling));
+        let steps = [step, second.unwrap_or(step)];
+        let steps = &steps[..1 + usize::from(second.is_some())];
         let mut share: f64 = 1.0;
-        for (touch, feeler) in &self.refinement.feelers {
-            if feeler.reaches(space) {
-                let allowed = share_of_way(mesh, &flight, faces, feeler, self.period_s);
-                share = share.min(allowed);
+        for (touch, feeler) in feelers {
+            let reaches = steps.iter().any(|(flight, around)| {
+                let end = mesh.end_of(flight).as_dvec3();
+                feeler.reaches(box_of(mesh, around.deformed(), [end]))
+            });
+            if reaches {
+                share = share.min(share_of_way(mesh, steps, feeler, self.period_s));
                 self.touches[*touch].follower.soften(feeler.slide());
             }
         }

@@ -55,6 +55,8 @@ pub struct Refinement {
     /// Predicted regions that are not in the table.
     unknown: Vec<Predicted>,
     pub(super) faces: OperationFaces,
+    /// Those around the other vertex of a pair in flight.
+    pub(super) faces_of_sibling: OperationFaces,
     /// What each touch feels, with its index.
     pub(super) feelers: Vec<(usize, Feeler)>,
     /// What is done without for want of room.
@@ -75,6 +77,7 @@ impl Refinement {
             order: Vec::with_capacity(MOST_WANTED),
             unknown: Vec::with_capacity(MOST_UNKNOWN * probes),
             faces: OperationFaces::new(),
+            faces_of_sibling: OperationFaces::new(),
             feelers: Vec::with_capacity(probes * MOST_BALLS),
             economy: Economy::new(),
             leaving: None,
