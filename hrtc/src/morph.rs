@@ -179,19 +179,38 @@ pub fn is_felt(
     near.any(|(_, feeler)| mesh.any_swept(slot, patch, |tetrahedron| feeler.is_within(tetrahedron)))
 }
 
-/// Whether a split or collapse that is to be performed lies beside a probe: where it may be next.
+/// Whether what a split or collapse that is to be performed does to the faces of its patch may come to a probe, though it is not
+/// felt where they are: where a corner of them has a face beside a probe, or is in flight. A flight of that corner brings
+/// them along.
 #[must_use]
-pub fn is_beside(
+pub fn may_come_near(
     mesh: &ActiveMesh,
     patch: &OperationFaces,
     places: &[Handle],
     feelers: &[(usize, Feeler)],
 ) -> bool {
+    let beside = |feeler: &Feeler| Feeler {
+        reach: BESIDE * feeler.reach,
+        ..*feeler
+    };
     let space = space_of(mesh, patch, places);
-    feelers.iter().any(|(_, feeler)| {
-        let reach = BESIDE * feeler.reach;
-        Feeler { reach, ..*feeler }.reaches(space)
-    })
+    let is_beside = |face: Handle| {
+        let corners = mesh.corners(face);
+        let mut feelers = feelers.iter().map(|(_, feeler)| beside(feeler));
+        feelers.any(|feeler| {
+            feeler.reaches(box_around(corners)) && feeler.distance(corners) <= feeler.reach
+        })
+    };
+    feelers
+        .iter()
+        .any(|(_, feeler)| beside(feeler).reaches(space))
+        || mesh.any_in_flight(patch.deformed())
+        || patch.deformed().iter().any(|&face| {
+            let corners = mesh.face(face).corners;
+            corners
+                .into_iter()
+                .any(|corner| mesh.any_around(face, corner, is_beside))
+        })
 }
 
 /// The box that a split or collapse happens within.

@@ -3,7 +3,7 @@
 use super::probe::Probe;
 use super::refine::Refinement;
 use super::seat::{Budget, Seat};
-use crate::morph::{Feeler, Touching, box_of, is_beside, is_felt, share_of_way, turns_over};
+use crate::morph::{Feeler, Touching, box_of, is_felt, may_come_near, share_of_way, turns_over};
 use glam::DVec3;
 use shared::spm::{Handle, Slot};
 
@@ -196,10 +196,9 @@ impl Seat {
             return Manner::AtOnce;
         }
         if !is_felt(mesh, slot, faces, places, feelers) {
-            // The probe may come to where a face would be turned over, and a flight may bring the face to the probe.
-            let is_near =
-                is_beside(mesh, faces, places, feelers) || mesh.any_in_flight(faces.deformed());
-            let folds = is_near && turns_over(mesh, slot, faces);
+            // The probe may come to where a face would be turned over, or the face to the probe.
+            let folds =
+                turns_over(mesh, slot, faces) && may_come_near(mesh, faces, places, feelers);
             return if folds { Manner::Never } else { Manner::AtOnce };
         }
         let flights = mesh.flights().len();

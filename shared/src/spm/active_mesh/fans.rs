@@ -212,6 +212,28 @@ impl ActiveMesh {
         Some(())
     }
 
+    /// Whether a face around a corner of an active face is as `test` says.
+    pub fn any_around(
+        &self,
+        face: Handle,
+        corner: Handle,
+        mut test: impl FnMut(Handle) -> bool,
+    ) -> bool {
+        // Counterclockwise round, or to the rim; from there the rest clockwise.
+        [1, 2].into_iter().any(|step| {
+            let mut next = Some(face);
+            while let Some(at) = next.filter(|&at| at != NONE) {
+                if test(at) {
+                    return true;
+                }
+                next = self
+                    .beside_corner(at, corner, step)
+                    .filter(|&at| at != face);
+            }
+            false
+        })
+    }
+
     /// The neighbour of a face opposite the corner `step` after `vertex`.
     fn beside_corner(&self, face: Handle, vertex: Handle, step: usize) -> Option<Handle> {
         let f = &self.faces[face as usize];
