@@ -100,33 +100,45 @@ fn under(
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for k in 0..size.of(4, 400) {
-        let (up, coarse_m) = (direction(random), coarse(k));
-        let (mut bench, height) = over(bytes, setup, up, coarse_m)?;
-        bench.mute(k % 2 == 1);
-        let down = press(&mut bench, up, height);
-        bench.mute(false);
-        let mut before = bench.touch(up * down).force;
-        let mut splits = 0;
-        for tolerance_m in [0.0, coarse_m, 0.0] {
-            bench.ask(tolerance_m);
-            for _ in 0..LOOK_TICKS {
-                let felt = bench.touch(up * down);
-                let allowed = STEP_N.max(STEP_SHARE * before.length());
-                // A proxy that is free is at the device, but for rounding.
-                let is_above = felt.proxy.dot(up) >= down * (1.0 - ROUNDING);
-                let is_outside = is_above && felt.force.dot(up) >= 0.0;
-                let change = felt.force.distance(before) / allowed;
-                found.most(if is_outside { change } else { f64::INFINITY });
-                splits += felt.record.vsplits;
-                before = felt.force;
-            }
-        }
-        // Where nothing changes nothing is shown.
-        if splits == 0 {
-            found.most(f64::INFINITY);
-        }
+        refined_and_back(bytes, setup, k, direction(random), &mut found)?;
     }
     Ok(found)
+}
+
+/// The press of this number, along `up`.
+fn refined_and_back(
+    bytes: &[u8],
+    setup: Setup,
+    k: u64,
+    up: DVec3,
+    found: &mut Found,
+) -> Result<(), Failure> {
+    let coarse_m = coarse(k);
+    let (mut bench, height) = over(bytes, setup, up, coarse_m)?;
+    bench.mute(k % 2 == 1);
+    let down = press(&mut bench, up, height);
+    bench.mute(false);
+    let mut before = bench.touch(up * down).force;
+    let mut splits = 0;
+    for tolerance_m in [0.0, coarse_m, 0.0] {
+        bench.ask(tolerance_m);
+        for _ in 0..LOOK_TICKS {
+            let felt = bench.touch(up * down);
+            let allowed = STEP_N.max(STEP_SHARE * before.length());
+            // A proxy that is free is at the device, but for rounding.
+            let is_above = felt.proxy.dot(up) >= down * (1.0 - ROUNDING);
+            let is_outside = is_above && felt.force.dot(up) >= 0.0;
+            let change = felt.force.distance(before) / allowed;
+            found.most(if is_outside { change } else { f64::INFINITY });
+            splits += felt.record.vsplits;
+            before = felt.force;
+        }
+    }
+    // Where nothing changes nothing is shown.
+    if splits == 0 {
+        found.most(f64::INFINITY);
+    }
+    Ok(())
 }
 
 /// The energy of a cycle: the probe presses into the coarse front, the surface rises under it by s, the probe leaves the
@@ -170,6 +182,22 @@ pub fn fold_over(
     random: &mut Xoshiro256PlusPlus,
     fault: Fault,
 ) -> Result<Found, Failure> {
+    let (bytes, setup) = folded_ball(fault)?;
+    let mut found = Found::new(0.0);
+    let mut counts = [0, 0];
+    for _ in 0..size.of(4, 400) {
+        refined_over_folds(&bytes, setup, direction(random), &mut found, &mut counts)?;
+    }
+    // Where nothing changes, or nothing would fold, nothing is shown.
+    let [splits, refused] = counts;
+    if splits == 0 || (refused == 0 && found.value == 0.0) {
+        found.most(f64::INFINITY);
+    }
+    Ok(found)
+}
+
+/// The ball with folds, see [`fold`].
+fn folded_ball(fault: Fault) -> Result<(Vec<u8>, Setup), Failure> {
     let setup = Setup {
         geomorph: true,
         fault,
@@ -177,26 +205,27 @@ pub fn fold_over(
     };
     let mut parts = parts(generate(Shape::Sphere, FACES, 1), false)?;
     fold(&mut parts);
-    let bytes = spm(&parts)?;
-    let mut found = Found::new(0.0);
-    let (mut splits, mut refused) = (0, 0);
-    for _ in 0..size.of(4, 400) {
-        let up = direction(random);
-        let (mut bench, height) = over(&bytes, setup, up, setup.size_m)?;
-        let down = press(&mut bench, up, height);
-        bench.ask(0.0);
-        for _ in 0..LOOK_TICKS {
-            let felt = bench.touch(up * down);
-            splits += felt.record.vsplits;
-            refused += felt.record.refused_folds;
-            found.count(is_turned_over(&bench, felt.proxy, setup.radius_m * 1.1));
-        }
+    Ok((spm(&parts)?, setup))
+}
+
+/// A press along `up`; counts the splits, and those that were refused.
+fn refined_over_folds(
+    bytes: &[u8],
+    setup: Setup,
+    up: DVec3,
+    found: &mut Found,
+    [splits, refused]: &mut [u32; 2],
+) -> Result<(), Failure> {
+    let (mut bench, height) = over(bytes, setup, up, setup.size_m)?;
+    let down = press(&mut bench, up, height);
+    bench.ask(0.0);
+    for _ in 0..LOOK_TICKS {
+        let felt = bench.touch(up * down);
+        *splits += felt.record.vsplits;
+        *refused += felt.record.refused_folds;
+        found.count(is_turned_over(&bench, felt.proxy, setup.radius_m * 1.1));
     }
-    // Where nothing changes, or nothing would fold, nothing is shown.
-    if splits == 0 || (refused == 0 && found.value == 0.0) {
-        found.most(f64::INFINITY);
-    }
-    Ok(found)
+    Ok(())
 }
 
 /// Exchanges the places of vt and vu where both are split again, in every eighth such record: the faces between them
@@ -235,4 +264,81 @@ fn is_turned_over(bench: &Bench, place: DVec3, distance_m: f64) -> bool {
         turned |= near <= distance_m * unit && normal.dot(a - centre) < 0.0;
     });
     turned
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+
+    /// The direction of a press in the run of a seed.
+    fn direction_of(seed: u64, press: u64) -> DVec3 {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let mut up = direction(&mut random);
+        for _ in 0..press {
+            up = direction(&mut random);
+        }
+        up
+    }
+
+    fn is_not_felt(presses: &[(u64, u64)]) {
+        let (bytes, setup) = ball(Fault::None).unwrap();
+        for &(seed, k) in presses {
+            let mut found = Found::new(0.0);
+            refined_and_back(&bytes, setup, k, direction_of(seed, k), &mut found).unwrap();
+            assert!(
+                found.value <= 1.0,
+                "seed {seed}, press {k}: {}",
+                found.value
+            );
+        }
+    }
+
+    fn folds_nothing(presses: &[(u64, u64)]) {
+        let (bytes, setup) = folded_ball(Fault::None).unwrap();
+        for &(seed, k) in presses {
+            let mut found = Found::new(0.0);
+            let up = direction_of(seed, k);
+            refined_over_folds(&bytes, setup, up, &mut found, &mut [0; 2]).unwrap();
+            assert!(
+                found.value == 0.0,
+                "seed {seed}, press {k}: {}",
+                found.value
+            );
+        }
+    }
+
+    /// Below and out of reach before, above and out of reach after: it was said not to be felt.
+    #[test]
+    fn a_face_that_passes_over_a_free_probe_is_felt() {
+        is_not_felt(&[(1, 11), (1, 303), (2, 83), (3, 219), (5, 155)]);
+    }
+
+    /// Neither step came within reach alone.
+    #[test]
+    fn both_vertices_of_a_pair_together_do_not_kick() {
+        is_not_felt(&[(3, 344), (4, 296), (5, 396)]);
+    }
+
+    #[test]
+    fn a_slow_rise_is_no_kick_either() {
+        is_not_felt(&[(4, 175)]);
+    }
+
+    /// It was made out of reach, where nobody minds, and a vertex in flight brought it to the probe.
+    #[test]
+    fn no_flight_brings_a_face_that_is_turned_over() {
+        folds_nothing(&[(1, 30), (1, 236), (2, 136), (2, 148), (2, 149)]);
+    }
+
+    #[test]
+    fn nothing_is_turned_over_beside_a_free_probe() {
+        folds_nothing(&[(3, 325)]);
+    }
+
+    /// By splits beside a flight, of which none turned it over by itself.
+    #[test]
+    fn nothing_is_turned_over_by_and_by_while_a_corner_flies() {
+        folds_nothing(&[(2, 63), (2, 66), (2, 88), (2, 192), (5, 139)]);
+    }
 }
