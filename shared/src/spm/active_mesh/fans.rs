@@ -142,7 +142,7 @@ impl ActiveMesh {
         patch: &OperationFaces,
         mut test: impl FnMut([DVec3; 4]) -> bool,
     ) -> bool {
-        let (from, to) = self.ends(slot);
+        let (_, to) = self.ends(slot);
         let place = |vertex: Handle| self.position(vertex).as_dvec3();
         let mut deformed = Self::deformed_of(patch);
         let mut pair = self.thirds(slot).into_iter().flatten();
@@ -150,9 +150,8 @@ impl ActiveMesh {
         let [vt, vu] = self.children(slot);
         deformed.any(|(side, face)| {
             let [a, b, c] = self.corners(face);
-            let moved = self.face(face).index_of(from[side]);
-            // The corner that moves is named twice.
-            test([a, b, c, moved.map_or(a, |_| place(to[side]))])
+            // Its corners, and the place that one of them goes to.
+            test([a, b, c, place(to[side])])
         }) || pair.any(|third| test([parent, vt, vu, third].map(place)))
     }
 
