@@ -223,6 +223,14 @@ pub struct RunResult {
     pub vsplits: u64,
     /// Collapses performed.
     pub ecols: u64,
+    /// Ticks in which vertices were on their way, since a probe feels them.
+    pub in_flight_ticks: u64,
+    /// The most vertices that were on their way at once.
+    pub in_flight_max: u64,
+    /// Splits that a probe would feel and that waited for room to fly, each counted in every tick in which it was tried.
+    pub postponed: u64,
+    /// Splits that waited since they would turn a face over where a probe is or may come, counted likewise.
+    pub refused_folds: u64,
     /// Regions subscribed.
     pub regions_subscribed: u64,
     /// Epochs that ended, each with regions declared and asked for anew.

@@ -326,6 +326,13 @@ impl Report<'_> {
                 grouped(r.ecols)
             ),
             format!(
+                "{} vertices in flight at most, in {} tick(s); {} time(s) a split waited for room to fly, {} for a face that it would turn over",
+                grouped(r.in_flight_max),
+                grouped(r.in_flight_ticks),
+                grouped(r.postponed),
+                grouped(r.refused_folds)
+            ),
+            format!(
                 "{} received, {} of them before the first touch; the whole mesh would be {}",
                 bytes(r.bytes_received),
                 bytes(r.bytes_to_first_touch),

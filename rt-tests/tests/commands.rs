@@ -156,6 +156,8 @@ fn a_short_run_touches_a_real_mesh_and_reports_every_field() {
         "energy_j",
         "vsps_received",
         "vsplits",
+        "in_flight_ticks",
+        "postponed",
         "ecols",
         "regions_subscribed",
         "resubscribed",

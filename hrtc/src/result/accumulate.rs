@@ -201,6 +201,10 @@ impl Accumulator {
         result.energy_j = core.energy_j;
         result.vsplits += u64::from(core.vsplits);
         result.ecols += u64::from(core.ecols);
+        result.in_flight_ticks += u64::from(core.in_flight > 0);
+        result.in_flight_max = result.in_flight_max.max(u64::from(core.in_flight));
+        result.postponed += u64::from(core.postponed);
+        result.refused_folds += u64::from(core.refused_folds);
         result.operations_max = result.operations_max.max(u64::from(core.work_units));
         // Totals of the core: the largest, so that a core that starts anew does not take them back.
         result.vsps_received = result.vsps_received.max(core.vsps_received);
