@@ -24,8 +24,6 @@ const OF_SURFACE: f64 = 0.25;
 const OF_PROXY: f64 = 0.8;
 /// What an unpaid rise may add to the energy in the spring a second, as a multiple of it; see the module.
 const GROWTH_PER_S: f64 = 48.0;
-/// The time that a flight takes at the least, seconds.
-const FLIGHT_S: f64 = 0.004;
 /// What a probe that touches feels beyond its own radius, as a fraction of it. Where it comes next is left to the prediction:
 /// there the surface is at rest when it comes.
 const AROUND: f64 = 0.25;
@@ -286,10 +284,8 @@ fn height(
 }
 
 /// The share of their ways that a probe that feels them allows some vertices in flight in a tick, one step after the other.
-///
-/// `period_s` is the seconds of a tick.
 #[must_use]
-pub fn share_of_way(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &Feeler, period_s: f64) -> f64 {
+pub fn share_of_way(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &Feeler) -> f64 {
     let ways = steps.iter().map(|(flight, _)| mesh.way(flight).length());
     let longest = ways.fold(0.0, f64::max);
     if longest == 0.0 {
@@ -317,7 +313,9 @@ pub fn share_of_way(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &Feeler, peri
     });
     let surely = feeler.step.min(feeler.rise).max(nearest - feeler.reach);
     let surely = (surely / longest).min(1.0);
-    let mut share = period_s / FLIGHT_S;
+    // What is left of the way, if that is allowed.
+    let left = steps.iter().map(|(flight, _)| 1.0 - flight.done());
+    let mut share = left.fold(0.0, f64::max);
     for _ in 0..TRIES {
         let excess = excess(share);
         if excess <= 1.0 {

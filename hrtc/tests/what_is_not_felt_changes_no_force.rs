@@ -290,7 +290,7 @@ fn step(front: &mut Front, probe: &mut Probe) {
     front.mesh.around(&a, &mut front.out).expect("small fans");
     front.mesh.around(&b, &mut front.other).expect("small fans");
     let steps = [(a, &front.out), (b, &front.other)];
-    let share = share_of_way(&front.mesh, &steps, &feeler, PERIOD_S);
+    let share = share_of_way(&front.mesh, &steps, &feeler);
     probe.proxy.soften(feeler.slide());
     for (index, flight) in [a, b].into_iter().enumerate() {
         front

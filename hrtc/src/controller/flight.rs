@@ -167,7 +167,7 @@ impl Seat {
                 feeler.reaches(box_of(mesh, around.deformed(), [end]))
             });
             if reaches {
-                share = share.min(share_of_way(mesh, steps, feeler, self.period_s));
+                share = share.min(share_of_way(mesh, steps, feeler));
                 self.touches[*touch].follower.soften(feeler.slide());
             }
         }
