@@ -4,8 +4,10 @@
 //! parents before children. A pose moves the vertices and refits the boxes in one pass from the last node to the first:
 //! tight boxes in the other body's frame, so that a pair of boxes is tested without another look at the pose.
 
+mod blocks;
 mod shapes;
 
+pub(crate) use blocks::{BlockSet, Blocks, BoxWithin, Distance, Slab};
 pub use shapes::{capsule_mesh, cylinder_mesh};
 
 use crate::query::Body;
@@ -45,11 +47,8 @@ pub enum ToolError {
 #[derive(Debug, Clone, Copy)]
 struct Moved {
     position: DVec3,
-    /// Where the way that the boxes hold ends.
-    end: DVec3,
-    /// The corners of the box around both, rounded to f32.
-    lower: Vec3A,
-    upper: Vec3A,
+    /// The same, rounded to f32.
+    near: Vec3A,
 }
 
 /// A node: 64 bytes, boxes in the query's frame.
@@ -115,9 +114,7 @@ impl Tool {
             .collect();
         let nowhere = Moved {
             position: DVec3::ZERO,
-            end: DVec3::ZERO,
-            lower: Vec3A::ZERO,
-            upper: Vec3A::ZERO,
+            near: Vec3A::ZERO,
         };
         let mut tool = Self {
             rest: mesh.positions.clone(),
@@ -138,40 +135,25 @@ impl Tool {
         self.to_query = *to_query;
         for (moved, &rest) in self.moved.iter_mut().zip(&self.rest) {
             let position = to_query.point(rest);
-            let near = position.as_vec3a();
             *moved = Moved {
                 position,
-                end: position,
-                lower: near,
-                upper: near,
+                near: position.as_vec3a(),
             };
         }
         self.refit();
     }
 
-    /// The same, with boxes that hold every corner on its straight way to where `end` puts it.
-    pub fn place_along(&mut self, to_query: &Similarity, end: &Similarity) {
-        self.to_query = *to_query;
-        for (moved, &rest) in self.moved.iter_mut().zip(&self.rest) {
-            let (position, end) = (to_query.point(rest), end.point(rest));
-            let (near, far) = (position.as_vec3a(), end.as_vec3a());
-            *moved = Moved {
-                position,
-                end,
-                lower: near.min(far),
-                upper: near.max(far),
-            };
-        }
-        self.refit();
+    /// Its faces in an order in which neighbours are near.
+    pub(crate) fn order(&self) -> Vec<u32> {
+        leaves(&self.nodes)
     }
 
     fn refit(&mut self) {
         // Two loops without a branch: the boxes of faces, then those of nodes, children before their parents.
         let (of_nodes, of_faces) = self.boxes.split_at_mut(self.nodes.len());
         for (aabb, face) in of_faces.iter_mut().zip(&self.faces) {
-            let [a, b, c] = face.map(|v| &self.moved[v as usize]);
-            let lower = a.lower.min(b.lower).min(c.lower);
-            *aabb = BoxPair::twice_widened(lower, a.upper.max(b.upper).max(c.upper));
+            let [a, b, c] = face.map(|v| self.moved[v as usize].near);
+            *aabb = BoxPair::twice_widened(a.min(b).min(c), a.max(b).max(c));
         }
         let first_face = of_nodes.len();
         for k in (0..first_face).rev() {
@@ -238,11 +220,6 @@ impl Body for Tool {
         self.faces[face as usize].map(|v| self.moved[v as usize].position)
     }
 
-    #[inline]
-    fn ends(&self, face: Handle) -> [DVec3; 3] {
-        self.faces[face as usize].map(|v| self.moved[v as usize].end)
-    }
-
     fn has(&self, face: Handle) -> bool {
         (face as usize) < self.faces.len()
     }
@@ -250,6 +227,23 @@ impl Body for Tool {
     fn samples(&self, face: Handle) -> [bool; 3] {
         self.samples[face as usize]
     }
+}
+
+/// The faces of a tree from left to right.
+fn leaves(nodes: &[ToolNode]) -> Vec<u32> {
+    let mut waiting = vec![if nodes.is_empty() {
+        Child::Face(0)
+    } else {
+        Child::Node(0)
+    }];
+    let mut order = Vec::with_capacity(nodes.len() + 1);
+    while let Some(child) = waiting.pop() {
+        match child {
+            Child::Face(face) => order.push(face),
+            Child::Node(node) => waiting.extend(nodes[node as usize].children.iter().rev()),
+        }
+    }
+    order
 }
 
 /// Median splits along the longest axis of the centroids' box, parents first; ties go by number.

@@ -10,8 +10,9 @@ use shared::geometry::{Pose, Wrench};
 use shared::scene::{ProbeShape, SurfacePlan};
 use shared::spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
-/// Pairs of nodes or faces of a tool and an object that cost as much as a node or face that a ball looks at.
-const PAIRS_A_UNIT: u32 = 8;
+/// Pairs of nodes of a tool and an object, or what costs as much, that a unit of work pays for: with all units of a tick it
+/// stays within a period of a millisecond (measured).
+const PAIRS_A_UNIT: u32 = 12;
 
 /// See the module.
 #[derive(Debug)]
@@ -323,7 +324,10 @@ impl ToolFollower {
             contact: contact_of(contacts),
             work: Work {
                 nodes: advance.work.node_pairs.div_ceil(PAIRS_A_UNIT),
-                faces: advance.work.faces.div_ceil(PAIRS_A_UNIT),
+                faces: advance
+                    .spent
+                    .saturating_sub(advance.work.node_pairs)
+                    .div_ceil(PAIRS_A_UNIT),
             },
             dropped: advance.dropped,
             unfinished: !advance.ending.is_complete(),

@@ -24,11 +24,6 @@ pub trait Body {
     /// share the vertex.
     fn corners(&self, face: Handle) -> [DVec3; 3];
 
-    /// Where the corners of a face come to on the way that the boxes hold; a body that stays has none.
-    fn ends(&self, face: Handle) -> [DVec3; 3] {
-        self.corners(face)
-    }
-
     /// Whether a face is there now: a hint of an earlier tick may name one that has gone.
     fn has(&self, face: Handle) -> bool;
 
@@ -98,13 +93,6 @@ impl<B: Body> Body for Placed<B> {
             .map(|corner| self.to_query.point(corner))
     }
 
-    #[inline]
-    fn ends(&self, face: Handle) -> [DVec3; 3] {
-        self.body
-            .ends(face)
-            .map(|corner| self.to_query.point(corner))
-    }
-
     fn has(&self, face: Handle) -> bool {
         self.body.has(face)
     }
@@ -132,11 +120,6 @@ impl<B: Body> Body for &B {
     #[inline]
     fn corners(&self, face: Handle) -> [DVec3; 3] {
         (*self).corners(face)
-    }
-
-    #[inline]
-    fn ends(&self, face: Handle) -> [DVec3; 3] {
-        (*self).ends(face)
     }
 
     fn has(&self, face: Handle) -> bool {

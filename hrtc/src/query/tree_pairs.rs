@@ -68,7 +68,16 @@ pub struct PairWork {
     pub faces: u32,
 }
 
+/// A pair of faces that is looked at costs as much as so many pairs of nodes (measured).
+const FACE_PAIR: u32 = 4;
+
 impl PairWork {
+    /// All of it in pairs of nodes.
+    #[must_use]
+    pub fn cost(self) -> u32 {
+        self.node_pairs + FACE_PAIR * self.faces
+    }
+
     /// Adds another query's cost.
     pub fn add(&mut self, other: Self) {
         self.node_pairs += other.node_pairs;

@@ -17,6 +17,10 @@ use shared::spm::{Handle, NONE};
 /// Slope up to which what is around a corner may be nearer, where the corner is over the inside of a face: a turn of the
 /// tool soon brings the corner down, and the plane of a face is never too strict.
 const SLOPE: f64 = 0.05;
+/// What a pair looked at costs, in pairs of nodes (measured).
+const LOOK: u32 = 6;
+/// What a pair passed costs, in pairs of nodes (measured).
+pub(super) const PASSED: u32 = 2;
 /// Faces around a corner at the most; beyond, only those met first are asked.
 const MOST_AROUND: usize = 128;
 
@@ -155,20 +159,23 @@ impl Contacts {
         }
     }
 
-    /// All local minima below `limit`, of the tool where the neighbourhood was placed. Returns the pairs looked at.
+    /// Local minima below `limit`, of the tool where the neighbourhood was placed: of the faces that are within `near_by`
+    /// there, or where the motion to the ends that were placed leads. Returns what it cost, in pairs of nodes, and whether
+    /// it is all that there is: it ends when `most` is spent.
     pub fn collect(
         &mut self,
         near: &mut Neighbourhood,
         shape: &ToolShape,
         surface: Surface<'_>,
         at: &Placement,
-        limit: f64,
-    ) -> u32 {
+        [near_by, limit]: [f64; 2],
+        most: u32,
+    ) -> (u32, bool) {
         self.all.clear();
         self.at = *at;
         let (centre, rotation) = (at.centre, at.rotation());
         self.dropped = 0;
-        let mut asked = 0;
+        let mut spent = PASSED * near.pairs.len() as u32;
         let back = rotation.transpose();
         for k in 0..near.pairs.len() {
             if near.is_known_beyond(k, limit) {
@@ -181,7 +188,14 @@ impl Contacts {
                 near.saw(k, now);
                 continue;
             }
-            asked += 1;
+            if now > near_by && near.apart_then(&pair, near.end_corners(shape, pair.tool)) > near_by
+            {
+                continue;
+            }
+            spent += LOOK;
+            if spent > most {
+                return (spent, false);
+            }
             let mut look = PairLook {
                 shape,
                 surface,
@@ -200,7 +214,7 @@ impl Contacts {
             look.surface_corners(&mut found);
             look.edges(&mut found);
         }
-        asked
+        (spent, true)
     }
 }
 

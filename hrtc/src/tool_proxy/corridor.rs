@@ -63,14 +63,17 @@ impl Corridor {
         [self.start, self.start.moved(&self.way)]
     }
 
-    /// The margin.
-    pub fn margin(&self) -> f64 {
-        self.margin
-    }
-
     /// The margin around the straight lines on which the tool's points get from start to end.
     pub fn straight_margin(&self) -> f64 {
         self.margin + self.bend
+    }
+
+    /// How far what comes within a distance of the straight lines strays, seen from the tool, from the straight line between
+    /// where it is seen first and last: the bound of [`Twist::sagitta`] with what a turning frame adds.
+    pub fn bend_seen(&self, distance: f64) -> f64 {
+        let (turn, way) = (self.way.angular.length(), self.way.linear.length());
+        let farthest = self.radius + distance + way;
+        self.bend + 0.125 * turn * (turn * (farthest + way) + 2.0 * way)
     }
 
     /// The same corridor with another margin around the straight lines.
@@ -102,13 +105,14 @@ impl Corridor {
         off + self.bend + motion.sagitta(self.radius) <= self.margin - distance
     }
 
-    /// The share of a motion for which that holds, within a 64th.
+    /// The share of a motion for which that holds, within a 64th of what is in reach.
     pub fn covered_share(&self, from: &Placement, motion: &Twist, distance: f64) -> f64 {
         if self.covers(from, motion, distance) {
             return 1.0;
         }
+        let within = (self.reach() / motion.farthest(self.radius)).clamp(0.0, 1.0);
         (1..=HALVINGS).fold(0.0, |share, k| {
-            let farther = share + 0.5f64.powi(k);
+            let farther = share + within * 0.5f64.powi(k);
             if self.covers(from, &motion.times(farther), distance) {
                 farther
             } else {

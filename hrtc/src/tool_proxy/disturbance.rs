@@ -2,13 +2,15 @@
 
 use super::neighbourhood::{Neighbourhood, apart, reach_along};
 use super::shape::ToolShape;
-use crate::query::meets_box;
-use crate::tool::Tool;
 use glam::DVec3;
-use shared::spm::{ActiveMesh, OperationFaces};
+use shared::geometry::BoxPair;
+use shared::spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
 /// Ways out that are tried, each twice as far as the one before.
 const WAYS: i32 = 6;
+
+/// Changed faces that are listed, at the most.
+const MOST_LISTED: usize = 512;
 
 /// Changes of the surface near the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,6 +21,9 @@ pub struct Disturbance {
     side: DVec3,
     /// How far a changed face has come out towards the tool, at the most; model units.
     push: f64,
+    /// What has changed near the tool; more than fits when the count is greater. Some may have gone since.
+    faces: [Handle; MOST_LISTED],
+    count: usize,
 }
 
 impl Disturbance {
@@ -29,6 +34,8 @@ impl Disturbance {
             may_have_met: false,
             side: DVec3::ZERO,
             push: 0.0,
+            faces: [NONE; MOST_LISTED],
+            count: 0,
         }
     }
 
@@ -47,12 +54,16 @@ impl Disturbance {
         self.may_have_met
     }
 
+    /// The faces near the tool that have changed, of which some may have gone; `None` when they were too many.
+    pub fn changed(&self) -> Option<&[Handle]> {
+        self.faces.get(..self.count)
+    }
+
     /// Notes an operation. What was near is told by the faces gathered, what has come near by the boxes of the tool
     /// where it was gathered; by its ball, where nothing is gathered.
     pub fn note(
         &mut self,
         near: &mut Neighbourhood,
-        tool: &Tool,
         shape: &ToolShape,
         centre: DVec3,
         mesh: &ActiveMesh,
@@ -71,12 +82,12 @@ impl Disturbance {
             }
         }
         let outside = (lower - centre).max(centre - upper).max(DVec3::ZERO);
-        let ball = shape.radius + near.corridor.reach().max(0.0);
+        let ball = shape.radius + near.reach();
         let mut is_near = outside.length_squared() <= ball * ball;
-        if is_near && near.corridor.left() > 0.0 {
-            // The boxes hold the way that was gathered along, from which the tool has strayed by less than the margin.
-            let margin = near.corridor.margin();
-            is_near = meets_box(tool, lower - margin, upper + margin);
+        if is_near {
+            // From the way that was gathered along the tool has strayed by less than the margin.
+            let around = BoxPair::twice_widened(lower.as_vec3a(), upper.as_vec3a());
+            is_near = near.may_reach(shape, &around.get(0));
         }
         let mut was_near = false;
         for &face in changed() {
@@ -101,7 +112,15 @@ impl Disturbance {
                 self.may_have_met |= apart(direction, height, tool) <= 0.0;
             }
         }
-        self.is_there |= is_near || was_near;
+        if is_near || was_near {
+            self.is_there = true;
+            for &face in changed().filter(|&&face| mesh.is_active(face)) {
+                if let Some(place) = self.faces.get_mut(self.count) {
+                    *place = face;
+                }
+                self.count += 1;
+            }
+        }
         // What was not near before has no direction that tells.
         self.may_have_met |= is_near;
     }

@@ -2,13 +2,13 @@
 
 use super::contacts::ToolContact;
 use super::corridor::Corridor;
-use super::motion::Twist;
+use super::motion::{Placement, Twist};
 use super::projection::{HalfSpace, project};
 use super::sweep::free_share;
 use super::{ToolAdvance, ToolProxy};
 use crate::query::{Ending, Surface};
 use glam::DVec3;
-use shared::geometry::{Similarity, closest_points_of_triangles};
+use shared::geometry::closest_points_of_triangles;
 
 /// Share of the rest distance that the sweep leaves.
 const FLOOR: f64 = 0.5;
@@ -19,11 +19,17 @@ const LOOK_AROUND: f64 = 2e-3;
 const STRAY: f64 = 0.25;
 /// What is gathered ahead, in units of the device's motion, at the most.
 const AHEAD: f64 = 1.5;
+/// How far contacts are looked for, in units of the motion that those of the last step allow.
+const BEYOND: f64 = 1.25;
+/// How far it must be behind to look farther ahead in free air, in units of what it would look ahead.
+const FAR_BEHIND: f64 = 8.0;
+/// Share of the budget beyond which a tick begins nothing more, once it has gathered or gone a step: what is left of the way
+/// is gone in the next one.
+const ENOUGH: u32 = 12;
 /// Gatherings a tick at the most: they are what costs most.
 const MOST_GATHERINGS: u32 = 2;
-/// Pairs of nodes that the first one may have cost for another to follow in the same tick: where much is near, what is left
-/// of the way is gone in the next one.
-const MOST_BEFORE_ANOTHER: u32 = 3000;
+/// Gatherings of a tick that had no room, at the most.
+const MOST_FAILURES: u32 = 3;
 /// Motion, as a fraction of the radius of gyration, below which a tick is done.
 const CONVERGED: f64 = 1e-6;
 /// The same as a fraction of the device's motion in this tick: what is left is done in the next one.
@@ -32,8 +38,14 @@ const LAG: f64 = 0.05;
 const STEPS: usize = 6;
 /// Pairs that stop the steps of a tick and are remembered, at the most: one a step.
 pub(super) const MOST_STOPS: usize = STEPS;
-/// Pairs of faces looked at by the steps of a tick, beyond which no further step is begun.
-const MOST_LOOKS: u32 = 8192;
+/// What a contact in a projection costs, in pairs of nodes (measured).
+const PROJECTED: u32 = 8;
+/// After a gathering that took clearly less than it may, the next one is larger by this factor.
+const RECOVERY: f64 = 1.25;
+/// Share of what is gathered ahead to which that is reduced where it costs much, though the budget has room.
+const MODERATE: f64 = 1.0 / 3.0;
+/// Share of what is gathered ahead that is always tried: less is hardly less work.
+const LEAST_THRIFT: f64 = 1.0 / 16.0;
 
 impl ToolProxy {
     /// The steps of a tick.
@@ -46,48 +58,90 @@ impl ToolProxy {
     ) {
         let (radius, gyration, rest) = (self.shape.radius, self.shape.gyration, self.rest());
         let look_around = (LOOK_AROUND * gyration).max(self.cushion());
-        let (start, most) = (self.at, travelled + self.slide);
+        let (start, farthest) = (self.at, travelled + self.slide);
         self.is_behind = false;
         self.stops.clear();
-        let (mut looks, mut gatherings, mut is_held_up) = (0, 0, true);
-        while answer.steps < STEPS as u32 && looks < MOST_LOOKS {
+        self.haste = self.haste.max(travelled);
+        let enough = budget / ENOUGH;
+        let (mut gatherings, mut failures) = (0, 0);
+        let (mut is_held_up, mut is_settled) = (true, false);
+        let mut went_nowhere = false;
+        while answer.steps == 0 || (answer.steps < STEPS as u32 && answer.spent <= enough) {
             let wanted = self.at.to(&self.goal);
             let length = wanted.farthest(radius);
             if is_held_up {
-                let ahead = AHEAD * travelled.max(look_around);
+                let ahead = AHEAD * self.pace * self.haste.max(look_around);
                 let way = self.expected(&wanted, ahead, look_around);
-                if !self.near.corridor.covers(&self.at, &way, rest) {
-                    let has_cost_much = answer.work.node_pairs > MOST_BEFORE_ANOTHER;
-                    if gatherings == MOST_GATHERINGS
-                        || (gatherings > 0 && has_cost_much)
-                        || !self.gather(surface, way, look_around, budget, answer)
-                    {
+                let covers = self.is_due || self.near.corridor.covers(&self.at, &way, rest);
+                if went_nowhere || !covers {
+                    let is_too_much = answer.steps > 0 && answer.spent + self.dearness > enough;
+                    if gatherings == MOST_GATHERINGS || is_too_much {
                         break;
                     }
+                    if !self.gather(surface, way, look_around, budget, answer) {
+                        failures += 1;
+                        if !self.near.has_begun() {
+                            let is_hasty = self.haste > travelled;
+                            self.haste = travelled;
+                            if is_hasty || self.pace > 1.0 {
+                                // It was more than due.
+                                answer.ending = Ending::Complete;
+                            }
+                            if self.pace > 1.0 || (gatherings == 0 && !is_hasty) {
+                                self.look_less();
+                            }
+                        }
+                        if self.near.has_begun() || failures == MOST_FAILURES {
+                            break;
+                        }
+                        continue;
+                    }
                     gatherings += 1;
+                    if answer.spent > enough {
+                        break;
+                    }
                 }
             }
             answer.steps += 1;
             self.near.place(&self.shape, &self.at);
-            let limit = rest + length.min(self.near.corridor.reach());
-            looks += self
-                .contacts
-                .collect(&mut self.near, &self.shape, surface, &self.at, limit);
-            looks += self.add_stops(rest);
+            // What is farther than the step is likely to go has no say in where it leads; should it go farther, it stops.
+            self.contacts.carry(&self.at);
+            let likely = self.allowed(&wanted, rest, None);
+            let most = length.min(self.near.corridor.reach());
+            let most = most.min(BEYOND * likely.farthest(radius) + look_around);
+            let within = (BEYOND * most / likely.farthest(radius)).min(BEYOND);
+            self.near
+                .place_ends(&self.shape, &self.at.moved(&likely.times(within)));
+            let (looked, is_all) = self.contacts.collect(
+                &mut self.near,
+                &self.shape,
+                surface,
+                &self.at,
+                [rest + most.min(look_around), rest + most],
+                budget.saturating_sub(answer.spent),
+            );
+            answer.spent += looked;
+            if !is_all {
+                self.run_short(gatherings == 0, answer);
+                break;
+            }
+            self.add_stops(rest);
             answer.dropped = answer.dropped.max(self.contacts.dropped());
             let motion = self.allowed(&wanted, rest, Some(answer));
+            answer.spent += PROJECTED * self.contacts.all().len() as u32;
             let whole = motion.farthest(radius);
             if whole <= 4.0 * f64::EPSILON * (self.at.centre.length() + length) {
+                is_settled = true;
                 break;
             }
             // No farther than what was gathered, nor so far round that arcs stray from what the contacts allow.
             let covered = self.near.corridor.covered_share(&self.at, &motion, rest);
-            let mut share = covered;
+            let mut share = covered.min(most / whole);
             if !self.near.is_empty() {
                 let most_turn = (8.0 * rest / radius).sqrt();
                 share = share.min(most_turn / motion.angular.length());
             }
-            let left = most - start.to(&self.at).farthest(radius);
+            let left = farthest - start.to(&self.at).farthest(radius);
             if whole * share > left {
                 share = left.max(0.0) / whole;
                 self.is_behind = true;
@@ -98,9 +152,18 @@ impl ToolProxy {
                 step = self.allowed(&motion.times(share), rest, None);
                 step = step.times(self.near.corridor.covered_share(&self.at, &step, rest));
             }
-            let swept = free_share(&mut self.near, &self.shape, &self.at, &step, FLOOR * rest);
-            looks += swept.followed;
-            let free = answer.contact_count == 0 && share == 1.0 && swept.share == 1.0;
+            let swept = free_share(
+                &mut self.near,
+                &self.shape,
+                &self.at,
+                &step,
+                FLOOR * rest,
+                budget.saturating_sub(answer.spent),
+            );
+            answer.spent += swept.spent;
+            // Beside what holds it more is near than there is time to look at.
+            let free_so_far = answer.contact_count == 0 && swept.share == 1.0;
+            let free = free_so_far && share == 1.0;
             let done = step.times(swept.share);
             self.at = if free {
                 self.goal
@@ -114,18 +177,94 @@ impl ToolProxy {
             {
                 self.stops.push(stop);
             }
+            if !swept.is_all {
+                self.run_short(gatherings == 0, answer);
+                break;
+            }
+            self.is_due = false;
             is_held_up = covered < 1.0 && swept.share == 1.0;
+            if is_held_up
+                && free_so_far
+                && FAR_BEHIND * self.pace * travelled.max(look_around) < length
+            {
+                self.pace *= 2.0;
+            }
             let went = done.farthest(radius);
+            went_nowhere = went == 0.0;
             let settled = (CONVERGED * gyration).max(LAG * travelled);
-            if free || (swept.share == 1.0 && share == 1.0 && went <= settled) || self.is_behind {
+            let went_all = swept.share == 1.0 && share == 1.0;
+            // Where the contacts of the last step foretold this one, those of this one foretell that nothing is left.
+            let unforeseen = motion.minus(&likely).farthest(radius);
+            if free || (went_all && went.min(unforeseen) <= settled) {
+                is_settled = true;
+                break;
+            }
+            if self.is_behind {
                 break;
             }
         }
-        if !std::mem::take(&mut self.is_softened) && !self.is_behind {
+        if !std::mem::take(&mut self.is_softened) && is_settled {
             self.slide = f64::INFINITY;
         }
-        answer.work.faces += looks;
         self.near.place(&self.shape, &self.at);
+        if is_settled {
+            answer.ending = Ending::Complete;
+            self.pace = 1.0;
+            self.haste = 0.0;
+            self.bound_for = self.at;
+        } else {
+            self.bound_for = self.where_contacts_allow(answer);
+        }
+    }
+
+    /// Where the contacts known last let it go, had it the time; where no step was made they are the answer's.
+    pub(super) fn where_contacts_allow(&mut self, answer: &mut ToolAdvance) -> Placement {
+        let rest = self.rest();
+        self.contacts.carry(&self.at);
+        self.add_stops(rest);
+        let wanted = self.at.to(&self.goal);
+        let mut held = ToolAdvance::new();
+        let way = self.allowed(&wanted, rest, Some(&mut held));
+        if answer.steps == 0 {
+            answer.contacts = held.contacts;
+            answer.contact_count = held.contact_count;
+        }
+        if self.slide.is_finite() {
+            // Nor is it felt while the surface moves that it catches up.
+            self.at
+        } else if held.contact_count == 0 {
+            self.goal
+        } else {
+            self.at.moved(&way)
+        }
+    }
+
+    /// Nothing near is known any more.
+    pub(super) fn forget(&mut self) {
+        if self.near.has_begun() {
+            // What takes several ticks may never come to its end.
+            self.look_less();
+        }
+        self.near.forget();
+        self.is_due = false;
+    }
+
+    /// From now on less is gathered at once.
+    fn look_less(&mut self) {
+        if self.pace > 1.0 {
+            self.pace = (0.5 * self.pace).max(1.0);
+        } else {
+            self.thrift = (0.5 * self.thrift).max(LEAST_THRIFT);
+        }
+    }
+
+    /// The budget is spent. Where not even a tick that gathers nothing suffices, less is gathered from now on.
+    fn run_short(&mut self, had_it_all: bool, answer: &mut ToolAdvance) {
+        answer.ending = Ending::OutOfBudget { unvisited: 1 };
+        if had_it_all {
+            self.look_less();
+            self.forget();
+        }
     }
 
     /// The way that a step will take as far as the contacts of the last one tell, no farther than is looked ahead, nor so
@@ -139,8 +278,7 @@ impl ToolProxy {
         way.times(share.min(1.0))
     }
 
-    /// Gathers what comes near on a way; when the budget does not allow it nothing is known, and the next tick tries a
-    /// shorter one.
+    /// Gathers what comes near on a way; when the budget does not allow it nothing is known, and the next one is shorter.
     fn gather(
         &mut self,
         surface: Surface<'_>,
@@ -152,34 +290,38 @@ impl ToolProxy {
         let (rest, radius) = (self.rest(), self.shape.radius);
         let stray = self.thrift * look_around + STRAY * way.farthest(radius);
         let corridor = Corridor::along(self.at, way, rest, stray, &self.shape);
-        let places = corridor
-            .ends()
-            .map(|at| Similarity::new(self.pose_at(&at), self.scale));
-        if let [Some(from), Some(to)] = places {
-            self.tool.place_along(&from, &to);
-        }
         self.stops.clear();
-        let left = budget.saturating_sub(answer.work.node_pairs);
-        let (ending, work) = self
-            .near
-            .gather(surface, &self.tool, &self.shape, corridor, left);
+        // Where this leaves nothing for the step, that comes in the next tick, and so does what this does not suffice for.
+        let most = budget.saturating_sub(answer.spent) / 2;
+        let (ending, work) = self.near.gather(surface, &self.shape, corridor, most);
+        let cost = work.cost();
         answer.work.add(work);
+        answer.spent += cost;
+        self.is_due = false;
         if self.near.corridor.left() <= rest {
             // Either the budget is spent, or more is within the rest distance than there is room for.
             answer.ending = match ending {
                 Ending::Complete => Ending::Stopped { unvisited: 0 },
                 other => other,
             };
-            self.thrift *= 0.5;
             return false;
         }
-        self.thrift = (2.0 * self.thrift).min(1.0);
+        // Less is gathered where that helps, and that is where most of it went into pairs of faces.
+        let enough = budget / ENOUGH;
+        if cost > enough && (cost > 2 * work.node_pairs || cost > 2 * enough) {
+            self.thrift = (self.thrift / RECOVERY).max(self.thrift.min(MODERATE));
+        } else if cost < enough {
+            self.thrift = (RECOVERY * self.thrift).min(1.0);
+        }
+        self.is_due = true;
+        self.dearness = cost;
+        answer.ending = Ending::Complete;
         true
     }
 
     /// What has stopped a step of this tick is a contact as long as it is no farther than the rest distance, a minimum
-    /// or not: what is left of it is no other way known. How many were looked at.
-    fn add_stops(&mut self, rest: f64) -> u32 {
+    /// or not: what is left of it is no other way known.
+    fn add_stops(&mut self, rest: f64) {
         for &k in &self.stops {
             let pair = &self.near.pairs[k];
             let face = &self.near.faces[pair.surface as usize];
@@ -194,7 +336,6 @@ impl ToolProxy {
                     .add(ToolContact::between(face.face, [from, to], normal, centre));
             }
         }
-        self.stops.len() as u32
     }
 
     /// The motion closest to the wanted one that the contacts allow; those that push go into the answer.

@@ -40,7 +40,9 @@ pub use cover::MOST_BALLS;
 pub use motion::{Placement, Twist};
 pub use neighbourhood::{MOST_PAIRS, MOST_SURFACE_FACES};
 
-use crate::query::{Ending, PairWork, Surface, first_pair};
+use crate::query::{
+    Body, Ending, PairWork, Surface, WaySeen, first_pair, for_each_face_that_may_meet,
+};
 use crate::tool::Tool;
 use contacts::Contacts;
 use cover::{Ball, cover};
@@ -50,10 +52,14 @@ use glam::DVec3;
 use neighbourhood::Neighbourhood;
 use projection::{HalfSpace, MOST_ACTIVE, MOST_HALF_SPACES};
 use shape::ToolShape;
-use shared::geometry::{Pose, Similarity, Wrench};
-use shared::spm::{ActiveMesh, OperationFaces};
+use shared::geometry::{Pose, Similarity, Wrench, triangle_pair};
+use shared::spm::{ActiveMesh, Handle, OperationFaces};
 use thiserror::Error;
 
+/// What the budget counts, in pairs of nodes of equal cost (measured): a pair of faces that may meet, ...
+const TESTED: u32 = 3;
+/// ... and so many faces of the tool that are moved.
+const FACES_MOVED: u32 = 4;
 /// Distance at which contacts act, as a fraction of the radius of gyration.
 const REST: f64 = 1e-4;
 /// What the surface may do in a tick while it moves, as a fraction of how far the tool may slide then: twice what one
@@ -99,8 +105,10 @@ pub struct ToolAdvance {
     contact_count: usize,
     /// Whether everything near was looked at. If not, the proxy has stayed where it is safe.
     pub ending: Ending,
-    /// What it cost, in pairs of nodes and of faces.
+    /// What gathering and tests of the whole tool cost, in pairs of nodes and of faces.
     pub work: PairWork,
+    /// What all of it cost, in pairs of nodes of equal cost: what the budget counts.
+    pub spent: u32,
     /// Steps taken.
     pub steps: u32,
     /// Contacts that did not fit.
@@ -116,6 +124,7 @@ impl ToolAdvance {
             contact_count: 0,
             ending: Ending::Complete,
             work: PairWork::default(),
+            spent: 0,
             steps: 0,
             dropped: 0,
             rejected: false,
@@ -150,8 +159,18 @@ pub struct ToolProxy {
     is_softened: bool,
     /// Whether it was kept from going farther by that.
     is_behind: bool,
+    /// Where the contacts let it go, were it not for its own limits: there it is held.
+    bound_for: Placement,
     /// Share of what is gathered ahead that the budget allowed last.
     thrift: f64,
+    /// Whether what is gathered waits for its first step: that is taken before anything is gathered again.
+    is_due: bool,
+    /// The farthest that the device went in a tick since the tool was with it.
+    haste: f64,
+    /// What the last part of a gathering has cost.
+    dearness: u32,
+    /// How much farther ahead than the device goes in a tick it looks in free air, to catch up.
+    pace: f64,
     rejected: u64,
 }
 
@@ -182,7 +201,12 @@ impl ToolProxy {
             slide: f64::INFINITY,
             is_softened: false,
             is_behind: false,
+            bound_for: nowhere,
             thrift: 1.0,
+            is_due: false,
+            haste: 0.0,
+            dearness: 0,
+            pace: 1.0,
             rejected: 0,
             tool,
             scale,
@@ -203,7 +227,7 @@ impl ToolProxy {
             return Err(ToolProxyError::NoExtent);
         }
         self.scale = scale;
-        self.near.forget();
+        self.forget();
         self.disturbance = Disturbance::new();
         self.state = State::Nowhere;
         self.contacts.clear();
@@ -211,6 +235,8 @@ impl ToolProxy {
         self.slide = f64::INFINITY;
         self.is_softened = false;
         self.is_behind = false;
+        self.pace = 1.0;
+        self.haste = 0.0;
         Ok(())
     }
 
@@ -285,6 +311,18 @@ impl ToolProxy {
         self.near.clearance(&self.shape)
     }
 
+    /// All pairs of faces nearer than this where it is are among [`ToolProxy::known_pairs`], model units; negative where
+    /// nothing is known.
+    #[must_use]
+    pub fn known_margin(&self) -> f64 {
+        self.near.corridor.left()
+    }
+
+    /// Pairs of faces that are held against each other: one of the surface and one of the tool.
+    pub fn known_pairs(&self) -> impl Iterator<Item = (Handle, u32)> + '_ {
+        self.near.handles()
+    }
+
     fn pose_at(&self, at: &Placement) -> Pose {
         Pose {
             position: at.centre - at.orientation * self.shape.centre,
@@ -315,8 +353,9 @@ impl ToolProxy {
         };
         self.at = at;
         self.goal = at;
+        self.bound_for = at;
         self.state = State::Inside;
-        self.near.forget();
+        self.forget();
         true
     }
 
@@ -324,14 +363,8 @@ impl ToolProxy {
     /// surface has moved into the tool, the next tick puts it out on the side where it was.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
         if self.state == State::Clear {
-            self.disturbance.note(
-                &mut self.near,
-                &self.tool,
-                &self.shape,
-                self.at.centre,
-                mesh,
-                operation,
-            );
+            self.disturbance
+                .note(&mut self.near, &self.shape, self.at.centre, mesh, operation);
         }
     }
 
@@ -352,8 +385,8 @@ impl ToolProxy {
         self.is_behind
     }
 
-    /// One tick: as close to `goal` (the device, model units) as the surface lets it, with at most `budget` pairs of
-    /// nodes.
+    /// One tick: as close to `goal` (the device, model units) as the surface lets it, at the cost of no more than `budget`
+    /// pairs of nodes. What that leaves is done in the next ticks, from a safe place; the ending says so.
     pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, budget: u32) -> ToolAdvance {
         let mut answer = ToolAdvance::new();
         let Some(goal) = self.placement(goal) else {
@@ -370,18 +403,23 @@ impl ToolProxy {
         self.goal = goal;
         let disturbance = self.disturbance.take();
         if disturbance.is_there() {
-            self.near.forget();
+            self.forget();
             if disturbance.may_have_met()
                 && !self.put_out(surface, &disturbance, budget, &mut answer)
             {
                 // It stays until a tick can tell.
                 self.disturbance = disturbance;
+                self.stops.clear();
+                self.bound_for = self.where_contacts_allow(&mut answer);
                 return answer;
             }
         }
         match self.state {
             State::Clear => self.follow(surface, travelled, budget, &mut answer),
-            _ => self.jump_when_clear(surface, budget, &mut answer),
+            _ => {
+                self.jump_when_clear(surface, budget, &mut answer);
+                self.bound_for = self.at;
+            }
         }
         answer
     }
@@ -395,14 +433,52 @@ impl ToolProxy {
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         self.put_tool(at);
-        let left = budget.saturating_sub(answer.work.node_pairs);
-        let (pair, ending, work) = first_pair(&surface, &self.tool, left, None);
+        answer.spent += self.tool.faces() / FACES_MOVED;
+        // Here a pair of nodes costs half; that pays for the pairs of faces to which they lead.
+        let most = budget.saturating_sub(answer.spent);
+        let (pair, ending, work) = first_pair(&surface, &self.tool, most, None);
         answer.work.add(work);
+        answer.spent += work.node_pairs + TESTED * work.faces;
         if pair.is_none() && !ending.is_complete() {
             answer.ending = ending;
             return None;
         }
         Some(pair.is_some())
+    }
+
+    /// Whether the tool, which met nothing before, meets the surface where it is; `None` when the budget does not tell.
+    fn meets_what_changed(
+        &mut self,
+        surface: Surface<'_>,
+        disturbance: &Disturbance,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> Option<bool> {
+        let (here, to_query) = (self.at, Similarity::new(self.pose_at(&self.at), self.scale));
+        let (Some(changed), Some(to_query)) = (disturbance.changed(), to_query) else {
+            return self.meets(surface, &here, budget, answer);
+        };
+        let way = WaySeen::new([here.centre; 2], [here.rotation(); 2]);
+        let (mut is_met, mut tested) = (false, 0);
+        for &face in changed.iter().filter(|&&face| surface.has(face)) {
+            let corners = surface.corners(face);
+            let cost = for_each_face_that_may_meet(&self.shape.blocks, &way, corners, |own| {
+                let rest = self
+                    .tool
+                    .triangle(own)
+                    .map(|v| self.tool.rest()[v as usize]);
+                tested += 1;
+                is_met = triangle_pair(corners, rest.map(|p| to_query.point(p))).meets();
+                !is_met
+            });
+            answer.spent += cost;
+            if is_met {
+                break;
+            }
+        }
+        answer.work.faces += tested;
+        answer.spent += TESTED * tested;
+        Some(is_met)
     }
 
     /// Moves the mesh to a placement.
@@ -421,7 +497,7 @@ impl ToolProxy {
         }
         if clear {
             self.state = State::Clear;
-            self.near.forget();
+            self.forget();
             self.contacts.clear();
         }
     }
@@ -436,7 +512,7 @@ impl ToolProxy {
         answer: &mut ToolAdvance,
     ) -> bool {
         let here = self.at;
-        match self.meets(surface, &here, budget, answer) {
+        match self.meets_what_changed(surface, disturbance, budget, answer) {
             Some(true) => {}
             known => return known.is_some(),
         }
@@ -461,13 +537,14 @@ impl ToolProxy {
     /// Whether the surface holds it back from the device, in contact or caught.
     #[must_use]
     pub fn is_held(&self) -> bool {
-        matches!(self.state, State::Clear | State::Caught) && self.at != self.goal
+        matches!(self.state, State::Clear | State::Caught) && self.bound_for != self.goal
     }
 
-    /// How far the coupling is stretched, in the metric of the tool's mass, model units.
+    /// How far the coupling is stretched, in the metric of the tool's mass, model units. What the tool only has not had
+    /// the time to go is no part of it.
     #[must_use]
     pub fn stretch(&self) -> f64 {
-        let stretch = self.goal.to(&self.at);
+        let stretch = self.goal.to(&self.bound_for);
         let turned = stretch.angular * self.shape.gyration;
         stretch.linear.length().hypot(turned.length())
     }
@@ -479,7 +556,7 @@ impl ToolProxy {
         if !self.is_held() {
             return Wrench::ZERO;
         }
-        let stretch = self.goal.to(&self.at);
+        let stretch = self.goal.to(&self.bound_for);
         let stretch = Twist {
             linear: stretch.linear * metres_per_unit,
             ..stretch

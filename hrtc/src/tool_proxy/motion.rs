@@ -21,6 +21,15 @@ impl Twist {
         }
     }
 
+    /// What another one lacks of it.
+    #[must_use]
+    pub fn minus(&self, other: &Self) -> Self {
+        Self {
+            linear: self.linear - other.linear,
+            angular: self.angular - other.angular,
+        }
+    }
+
     /// No point within `radius` of the centre moves farther.
     #[must_use]
     pub fn farthest(&self, radius: f64) -> f64 {

@@ -7,22 +7,21 @@
 //! Each pair keeps a direction along which it is apart: a look at three corners then mostly tells that it does not
 //! matter, and along a motion that stays apart in it nothing passes.
 
+mod gather;
+
 use super::corridor::Corridor;
 use super::motion::{Placement, Twist};
 use super::shape::{ToolShape, is_flat};
-use crate::query::{Ending, PairWork, Surface, for_each_near_pair};
-use crate::tool::Tool;
+use crate::query::WaySeen;
+use gather::Begun;
 use glam::{DMat3, DVec3};
+use shared::geometry::Aabb;
 use shared::spm::{ActiveMesh, Handle, NONE};
-use std::ops::ControlFlow;
 
 /// Pairs of faces that fit.
 pub const MOST_PAIRS: usize = 4096;
 /// Faces of the surface that fit.
 pub const MOST_SURFACE_FACES: usize = 2048;
-
-/// Times that the margin of a full neighbourhood is halved at once, at the most.
-const HALVINGS: usize = 6;
 
 /// A face of the surface.
 #[derive(Debug, Clone, Copy)]
@@ -42,16 +41,20 @@ pub(super) struct SurfaceFace {
     pub owns: [bool; 3],
 }
 
+/// Unit normal of a face; zero without area.
+fn normal_of([a, b, c]: [DVec3; 3]) -> DVec3 {
+    (b - a).cross(c - a).normalize_or_zero()
+}
+
 impl SurfaceFace {
     fn of(mesh: &ActiveMesh, face: Handle) -> Self {
         let corners = mesh.corners(face);
-        let [a, b, c] = corners;
         let links = mesh.face(face);
         let mut made = Self {
             face,
             vertices: links.corners,
             corners,
-            normal: (b - a).cross(c - a).normalize_or_zero(),
+            normal: normal_of(corners),
             beyond: corners.map(|_| DVec3::ZERO),
             owns_edge: [true; 3],
             asks_edge: [true; 3],
@@ -173,8 +176,11 @@ pub struct Neighbourhood {
     /// The tool's axes, now and at the end of the motion.
     rotation: DMat3,
     end_rotation: DMat3,
-    /// Where the pairs are known.
+    /// Where the pairs are known, and the surface as it is seen from there.
     pub corridor: Corridor,
+    way: WaySeen,
+    /// What is to be gathered still.
+    begun: Option<Begun>,
     /// No point of the tool has moved farther since it was gathered.
     moved: f64,
     /// For each pair: until so much was moved it cannot touch.
@@ -198,6 +204,8 @@ impl Neighbourhood {
             rotation: DMat3::IDENTITY,
             end_rotation: DMat3::IDENTITY,
             corridor: Corridor::nowhere(),
+            way: WaySeen::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]),
+            begun: None,
             moved: 0.0,
             clear_until: Vec::with_capacity(MOST_PAIRS),
             high_water: 0,
@@ -207,6 +215,7 @@ impl Neighbourhood {
     /// Nothing is known any more.
     pub fn forget(&mut self) {
         self.corridor = Corridor::nowhere();
+        self.begun = None;
     }
 
     /// The most pairs that there ever were.
@@ -224,6 +233,12 @@ impl Neighbourhood {
         self.face_places.find(face)
     }
 
+    /// The faces of the pairs: of the surface and of the tool.
+    pub fn handles(&self) -> impl Iterator<Item = (Handle, u32)> + '_ {
+        let pair = |p: &NearPair| (self.faces[p.surface as usize].face, p.tool);
+        self.pairs.iter().map(pair)
+    }
+
     /// The surface is nowhere nearer than this.
     pub fn clearance(&self, shape: &ToolShape) -> f64 {
         let gap = |pair: &NearPair| self.apart_now(pair, self.corners(shape, pair.tool));
@@ -235,86 +250,27 @@ impl Neighbourhood {
         least.max(0.0)
     }
 
-    /// Gathers all pairs of a corridor, along which `tool` was placed. Where there are too many the margin shrinks; where
-    /// that does not help, or the budget of node pairs is spent, nothing is known and the ending says so.
-    pub fn gather(
-        &mut self,
-        surface: Surface<'_>,
-        tool: &Tool,
-        shape: &ToolShape,
-        corridor: Corridor,
-        budget: u32,
-    ) -> (Ending, PairWork) {
-        self.clear();
-        let [start, end] = corridor.ends();
-        self.rotation = start.rotation();
-        self.end_rotation = end.rotation();
-        let mut margin = corridor.straight_margin();
-        let mut held = HeldFace {
-            face: NONE,
-            corners: [[DVec3::ZERO; 3]; 2],
-            own: DVec3::ZERO,
-            normal: DVec3::ZERO,
-        };
-        let (ending, work) =
-            for_each_near_pair(&surface, tool, margin, budget, |face, tool_face| {
-                if self.pairs.len() == MOST_PAIRS || self.faces.len() == MOST_SURFACE_FACES {
-                    for _ in 0..HALVINGS {
-                        margin *= 0.5;
-                        self.shrink(surface.mesh, margin);
-                        if self.has_room() {
-                            break;
-                        }
-                    }
-                    if !self.has_room() {
-                        return ControlFlow::Break(());
-                    }
-                }
-                if held.face != tool_face {
-                    let normal = shape.faces[tool_face as usize].normal;
-                    held = HeldFace {
-                        face: tool_face,
-                        corners: [
-                            corners_at(shape, start.centre, self.rotation, tool_face),
-                            corners_at(shape, end.centre, self.end_rotation, tool_face),
-                        ],
-                        own: normal,
-                        normal: self.rotation * normal,
-                    };
-                }
-                let place = self.face_place(surface.mesh, face);
-                let (gap, along) = held.best_apart(&self.faces[place as usize], margin);
-                if gap > margin {
-                    return ControlFlow::Continue(margin);
-                }
-                self.pairs.push(NearPair {
-                    tool: tool_face,
-                    surface: place,
-                    along,
-                });
-                self.clear_until.push(gap);
-                ControlFlow::Continue(margin)
-            });
-        self.high_water = self.high_water.max(self.pairs.len());
-        self.corridor = if ending.is_complete() {
-            corridor.narrowed(margin)
-        } else {
-            Corridor::nowhere()
-        };
-        for pair in &self.pairs {
-            for v in shape.faces[pair.tool as usize].vertices {
-                if !self.is_listed[v as usize] {
-                    self.is_listed[v as usize] = true;
-                    self.vertices.push(v);
-                }
-            }
-        }
-        (ending, work)
+    /// Whether a gathering was begun and is to go on.
+    pub fn has_begun(&self) -> bool {
+        self.begun.is_some()
     }
 
-    /// Whether it is worth while to go on after it was full.
-    fn has_room(&self) -> bool {
-        4 * self.pairs.len() <= 3 * MOST_PAIRS && 4 * self.faces.len() <= 3 * MOST_SURFACE_FACES
+    /// The corridor of which something is known.
+    fn looked_at(&self) -> &Corridor {
+        self.begun.as_ref().map_or(&self.corridor, |b| &b.corridor)
+    }
+
+    /// No point of the tool gets farther within what is known; 0 where that is nothing.
+    pub fn reach(&self) -> f64 {
+        self.looked_at().reach().max(0.0)
+    }
+
+    /// Whether something in a box may be near: within the margin of the corridor. Where none is known it may.
+    pub fn may_reach(&self, shape: &ToolShape, aabb: &Aabb) -> bool {
+        let corridor = self.looked_at();
+        let margin = corridor.straight_margin();
+        let margin = margin + corridor.bend_seen(margin);
+        corridor.left() <= 0.0 || self.way.any(&shape.blocks, aabb, margin)
     }
 
     fn clear(&mut self) {
@@ -345,30 +301,6 @@ impl Neighbourhood {
             self.faces.push(made);
         }
         place
-    }
-
-    /// Keeps only pairs that may be within a margin, and the faces that they have.
-    fn shrink(&mut self, mesh: &ActiveMesh, margin: f64) {
-        let mut kept = 0;
-        for k in 0..self.pairs.len() {
-            let pair = self.pairs[k];
-            if self.clear_until[k] <= margin {
-                let face = self.faces[pair.surface as usize].face;
-                self.pairs[kept] = NearPair {
-                    // A handle until the faces are counted anew.
-                    surface: face,
-                    ..pair
-                };
-                self.clear_until[kept] = self.clear_until[k];
-                kept += 1;
-            }
-        }
-        self.clear_until.truncate(kept);
-        self.pairs.truncate(kept);
-        self.clear_faces();
-        for k in 0..kept {
-            self.pairs[k].surface = self.face_place(mesh, self.pairs[k].surface);
-        }
     }
 
     /// Puts the listed vertices where the tool is.
@@ -438,12 +370,41 @@ impl Neighbourhood {
         }
     }
 
+    /// From the tool's axes to the model's at the end of the motion.
+    pub(super) fn end_rotation(&self) -> DMat3 {
+        self.end_rotation
+    }
+
     /// The direction of a pair now.
     pub(super) fn direction(&self, pair: &NearPair) -> DVec3 {
         match pair.along {
             Direction::Still { direction, .. } => direction,
             Direction::Turning(direction) => self.rotation * direction,
         }
+    }
+
+    /// The normals of both faces of a pair, each towards the tool.
+    #[inline]
+    pub(super) fn normals(
+        &self,
+        shape: &ToolShape,
+        pair: &NearPair,
+        corners: [DVec3; 3],
+    ) -> [Direction; 2] {
+        let face = &self.faces[pair.surface as usize];
+        let over = face.normal;
+        let way = corners[0] + corners[1] + corners[2]
+            - face.corners[0]
+            - face.corners[1]
+            - face.corners[2];
+        let direction = over * over.dot(way).signum();
+        let own = shape.faces[pair.tool as usize].normal;
+        let under = own * (self.rotation * own).dot(way).signum();
+        let height = reach_along(direction, face.corners);
+        [
+            Direction::Still { direction, height },
+            Direction::Turning(under),
+        ]
     }
 
     /// Corners of a face of the tool now.
@@ -463,71 +424,8 @@ impl Neighbourhood {
     }
 }
 
-/// Corners of a face of the tool at a place.
-fn corners_at(shape: &ToolShape, centre: DVec3, rotation: DMat3, face: u32) -> [DVec3; 3] {
-    let vertices = shape.faces[face as usize].vertices;
-    vertices.map(|v| centre + rotation * shape.points[v as usize])
-}
-
 fn put(vertices: &[u32], places: &mut [DVec3], shape: &ToolShape, centre: DVec3, rotation: DMat3) {
     for &v in vertices {
         places[v as usize] = centre + rotation * shape.points[v as usize];
-    }
-}
-
-/// A face of the tool that is gathered for.
-struct HeldFace {
-    face: u32,
-    /// Where its corners are at the start and at the end of the way.
-    corners: [[DVec3; 3]; 2],
-    /// Its normal in the tool's axes, and in the model's at the start.
-    own: DVec3,
-    normal: DVec3,
-}
-
-impl HeldFace {
-    /// Of the two faces' normals and the way between their middles the one along which they stay apart most on the straight
-    /// way, and how far; or the first along which they stay farther apart than `enough`.
-    fn best_apart(&self, face: &SurfaceFace, enough: f64) -> (f64, Direction) {
-        let [start, end] = &self.corners;
-        // Both ways of a normal at once: what reaches least one way reaches most the other.
-        let either = |normal: DVec3| {
-            let [a, b, c] = face.corners.map(|p| normal.dot(p));
-            let [p, q, r] = start.map(|p| normal.dot(p));
-            let [s, t, u] = end.map(|p| normal.dot(p));
-            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-            let least = p.min(q).min(r).min(s.min(t).min(u));
-            let most = p.max(q).max(r).max(s.max(t).max(u));
-            let (ahead, behind) = (least - high, low - most);
-            if ahead >= behind {
-                (ahead, 1.0, high)
-            } else {
-                (behind, -1.0, -low)
-            }
-        };
-        let still = |normal: DVec3, way: f64, height: f64| {
-            let direction = way * normal;
-            Direction::Still { direction, height }
-        };
-        let (over, way, height) = either(face.normal);
-        let over_face = still(face.normal, way, height);
-        if over > enough {
-            return (over, over_face);
-        }
-        let (under, way, _) = either(self.normal);
-        let under_tool = Direction::Turning(way * self.own);
-        if under > enough {
-            return (under, under_tool);
-        }
-        let middle = |[a, b, c]: [DVec3; 3]| a + b + c;
-        let between = (middle(*start) - middle(face.corners)).normalize_or_zero();
-        let (beside, way, height) = either(between);
-        if beside > over.max(under) {
-            (beside, still(between, way, height))
-        } else if over >= under {
-            (over, over_face)
-        } else {
-            (under, under_tool)
-        }
     }
 }

@@ -1,7 +1,7 @@
 //! What the proxy knows of a tool's mesh beside its faces: its size, and which of its edges and corners can be nearest.
 
 use crate::query::Body;
-use crate::tool::Tool;
+use crate::tool::{Blocks, Tool};
 use glam::DVec3;
 use shared::spm::{Handle, NONE};
 use std::collections::BTreeMap;
@@ -40,6 +40,8 @@ pub struct ToolShape {
     /// Neighbours of vertex v: `around[first[v]..first[v + 1]]`.
     first: Vec<u32>,
     around: Vec<u32>,
+    /// The boxes of its faces about the centre.
+    pub(super) blocks: Blocks,
     /// The centre in the tool's own frame, units of the model.
     pub(super) centre: DVec3,
     /// Distance of the farthest vertex from the centre.
@@ -109,7 +111,10 @@ impl ToolShape {
             around.extend(of_vertex);
             first.push(around.len() as u32);
         }
+        let mut blocks = Blocks::new(tool.order());
+        blocks.refit(|face| triangles[face as usize].map(|v| points[v as usize]));
         Self {
+            blocks,
             points,
             faces,
             first,
@@ -131,6 +136,9 @@ impl ToolShape {
         }
         (self.centre, self.gyration) = (centre, gyration);
         self.radius = self.points.iter().fold(0.0, |most, p| p.length().max(most));
+        let (faces, points) = (&self.faces, &self.points);
+        self.blocks
+            .refit(|face| faces[face as usize].vertices.map(|v| points[v as usize]));
     }
 
     /// Vertices that share an edge with a vertex.

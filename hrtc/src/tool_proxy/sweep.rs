@@ -5,18 +5,26 @@
 //! suffice for the whole motion it does for a part, after which the closest points give a better direction. Every
 //! place along the way is safe, so that to stop early is safe too.
 
+use super::contacts::PASSED;
 use super::motion::{Placement, Twist};
-use super::neighbourhood::{Direction, Neighbourhood, apart, reach_along};
+use super::neighbourhood::{Direction, NearPair, Neighbourhood, apart, reach_along};
 use super::shape::ToolShape;
 use glam::{DMat3, DVec3};
 use shared::geometry::closest_points_of_triangles;
 
 /// Parts of a motion that a pair is followed through, at the most.
-const PARTS: usize = 16;
+const PARTS: u32 = 16;
+/// Places that are looked at to find a part along directions that turn.
+const TRIES: u32 = 3;
+/// What a part costs, in pairs of nodes (measured).
+const PART: u32 = 30;
 /// What a part is shortened by, so that rounding does not make it too long.
 const WITHIN: f64 = 1.0 - 1e-6;
 /// Share of the floor within which a pair counts as stopped.
 const TOUCH: f64 = 0.05;
+
+/// Share of the distance of closest points that faces are apart along the way between them, unless that is rounding.
+const CLEAR: f64 = 0.99;
 
 /// How a sweep ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,62 +33,97 @@ pub struct Swept {
     pub share: f64,
     /// The pair that stopped it.
     pub stop: Option<usize>,
-    /// Pairs followed by their closest points.
-    pub followed: u32,
+    /// What it cost, in pairs of nodes.
+    pub spent: u32,
+    /// Whether every pair was followed as far as it had to be. If not, the share is what is known to be free.
+    pub is_all: bool,
 }
 
 /// The free share of a motion of a placed neighbourhood. Pairs keep at least `floor` (model units) apart; those that
-/// are nearer already, at least half of what they are.
+/// are nearer already, at least half of what they are. What is left when `most` pairs of nodes are spent is free as far as
+/// the pairs are apart now.
 pub fn free_share(
     near: &mut Neighbourhood,
     shape: &ToolShape,
     start: &Placement,
     motion: &Twist,
     floor: f64,
+    most: u32,
 ) -> Swept {
     let mut swept = Swept {
         share: 1.0,
         stop: None,
-        followed: 0,
+        spent: PASSED * near.pairs.len() as u32,
+        is_all: true,
     };
     near.place_ends(shape, &start.moved(motion));
     let turn = motion.angular.length();
     let sagitta = motion.sagitta(shape.radius);
     let way = motion.farthest(shape.radius);
+    let mut lately = DVec3::ZERO;
     for k in 0..near.pairs.len() {
         if near.is_known_beyond(k, way + floor) {
             continue;
         }
-        let pair = near.pairs[k];
+        let mut pair = near.pairs[k];
         let (corners, ends) = (
             near.corners(shape, pair.tool),
             near.end_corners(shape, pair.tool),
         );
         let surface = near.faces[pair.surface as usize].corners;
         let now = near.apart_now(&pair, corners);
-        let then = near.apart_then(&pair, ends);
-        let bend = match pair.along {
-            Direction::Still { .. } => sagitta,
-            Direction::Turning(_) => sagitta_from_tool(surface, start.centre, motion, turn),
+        let bend_seen = sagitta_from_tool(surface, start.centre, motion, turn);
+        let is_clear = |pair: &NearPair, now: f64| {
+            let bend = match pair.along {
+                Direction::Still { .. } => sagitta,
+                Direction::Turning(_) => bend_seen,
+            };
+            now - bend >= floor && near.apart_then(pair, ends) - bend >= floor
         };
-        if now.min(then) - bend >= floor {
+        if is_clear(&pair, now) {
             continue;
         }
-        swept.followed += 1;
+        // Mostly what parts the tool from this face or one beside it does, or one of the faces' normals.
+        let height = reach_along(lately, surface);
+        let beside = Direction::Still {
+            direction: lately,
+            height,
+        };
+        let [over, under] = near.normals(shape, &pair, corners);
+        if let Some(along) = [beside, over, under].into_iter().find(|&along| {
+            pair.along = along;
+            is_clear(&pair, near.apart_now(&pair, corners))
+        }) {
+            swept.spent += 1;
+            near.pairs[k].along = along;
+            continue;
+        }
+        if swept.spent > most {
+            swept.is_all = false;
+            let room = (now - floor).max(0.0) * WITHIN;
+            if room < swept.share * way {
+                swept.share = room / way;
+                swept.stop = None;
+            }
+            continue;
+        }
         let mut follow = Follow {
             surface,
+            end: (near.end_rotation(), ends),
             arms: shape.faces[pair.tool as usize]
                 .vertices
                 .map(|v| shape.points[v as usize]),
             start,
             motion,
             sagitta,
-            sagitta_from_tool: sagitta_from_tool(surface, start.centre, motion, turn),
+            sagitta_from_tool: bend_seen,
             floor,
         };
-        let (share, along) = follow.until(swept.share, corners);
+        let (share, along, parts) = follow.until(swept.share, corners);
+        swept.spent += PART * parts;
         if let Some(along) = along {
             near.pairs[k].along = along;
+            lately = near.direction(&near.pairs[k]);
         }
         if share < swept.share {
             swept.share = share;
@@ -100,9 +143,54 @@ fn sagitta_from_tool(surface: [DVec3; 3], centre: DVec3, motion: &Twist, turn: f
     0.125 * turn * (turn * (farthest.sqrt() + way) + 2.0 * way)
 }
 
+/// Of a direction, the normals of two faces and those of their pairs of edges the one along which the second is farthest
+/// beyond the first: the axes of which one parts any two faces that do not meet.
+fn most_apart(direction: DVec3, surface: [DVec3; 3], tool: [DVec3; 3]) -> DVec3 {
+    let edges = |[a, b, c]: [DVec3; 3]| [b - a, c - b, a - c];
+    let (of_surface, of_tool) = (edges(surface), edges(tool));
+    let normals = [of_surface, of_tool].map(|[u, v, _]| u.cross(v));
+    let across = of_surface
+        .iter()
+        .flat_map(|u| of_tool.iter().map(|v| u.cross(*v)));
+    let mut best = direction;
+    let mut most = apart(best, reach_along(best, surface), tool);
+    for axis in normals.into_iter().chain(across) {
+        let Some(axis) = axis.try_normalize() else {
+            continue;
+        };
+        for axis in [axis, -axis] {
+            let now = apart(axis, reach_along(axis, surface), tool);
+            if now > most {
+                (best, most) = (axis, now);
+            }
+        }
+    }
+    best
+}
+
+/// The direction along which the second of two faces is farthest beyond the first, within rounding, and how far; `None` where
+/// they meet.
+fn way_between(surface: [DVec3; 3], tool: [DVec3; 3]) -> Option<(DVec3, f64)> {
+    let closest = closest_points_of_triangles(surface, tool);
+    let [from, to] = closest.points;
+    let direction = (to - from).try_normalize()?;
+    let now = apart(direction, reach_along(direction, surface), tool);
+    if now >= CLEAR * from.distance(to) {
+        return Some((direction, now));
+    }
+    // So near that the way between the points is rounding: then a normal of faces or edges is better.
+    let direction = most_apart(direction, surface, tool);
+    Some((
+        direction,
+        apart(direction, reach_along(direction, surface), tool),
+    ))
+}
+
 /// One pair along a motion.
 struct Follow<'a> {
     surface: [DVec3; 3],
+    /// The tool's axes and the corners of its face at the end of the motion.
+    end: (DMat3, [DVec3; 3]),
     /// Corners of the tool's face about its centre.
     arms: [DVec3; 3],
     start: &'a Placement,
@@ -114,29 +202,31 @@ struct Follow<'a> {
 
 impl Follow<'_> {
     fn at(&self, share: f64) -> (DMat3, [DVec3; 3]) {
+        if share == 1.0 {
+            return self.end;
+        }
         let at = self.start.moved(&self.motion.times(share));
         let rotation = at.rotation();
         (rotation, self.arms.map(|arm| at.centre + rotation * arm))
     }
 
-    /// How far the pair is free up to a share, and its direction at the start.
-    fn until(&mut self, whole: f64, corners: [DVec3; 3]) -> (f64, Option<Direction>) {
+    /// How far the pair is free up to a share, its direction at the start, and the parts that it took.
+    fn until(&mut self, whole: f64, corners: [DVec3; 3]) -> (f64, Option<Direction>, u32) {
         let (mut share, mut corners, mut first) = (0.0, corners, None);
         let mut rotation = self.start.rotation();
-        for _ in 0..PARTS {
-            let closest = closest_points_of_triangles(self.surface, corners);
-            let [from, to] = closest.points;
-            let Some(direction) = (to - from).try_normalize() else {
-                return (share, first);
+        let mut parts = 0;
+        while parts < PARTS {
+            parts += 1;
+            let Some((direction, now)) = way_between(self.surface, corners) else {
+                return (share, first, parts);
             };
             let height = reach_along(direction, self.surface);
-            let now = apart(direction, height, corners);
             if first.is_none() {
                 self.floor = self.floor.min(0.5 * now);
             }
             let room = now - self.floor;
             if room <= TOUCH * self.floor {
-                return (share, first);
+                return (share, first, parts);
             }
             let left = whole - share;
             let back = rotation.transpose() * direction;
@@ -157,13 +247,55 @@ impl Follow<'_> {
                 }
             }
             first = first.or(Some(along));
+            if part < left {
+                // Where a wide face rolls over a contact, a direction that stays for either is soon used up.
+                let (most, tries) =
+                    self.part_of_a_turning_way(share, left, direction, now, corners);
+                parts += tries;
+                part = part.max(most);
+            }
             share += part;
             if share >= whole {
-                return (whole, first);
+                return (whole, first, parts);
             }
             (rotation, corners) = self.at(share);
         }
-        (share, first)
+        (share, first, parts)
+    }
+
+    /// How far on from a share a pair is free along directions that turn evenly from one, along which it is apart by `now`,
+    /// to the one that parts it there; 0 where that does not tell. And how many places were looked at.
+    ///
+    /// Over a part of the way the product of what turns evenly and what goes straight is a parabola: it is below its chord by
+    /// no more than a quarter of the turn times the way. Directions between two of unit length are no longer than they are.
+    fn part_of_a_turning_way(
+        &self,
+        share: f64,
+        left: f64,
+        direction: DVec3,
+        now: f64,
+        corners: [DVec3; 3],
+    ) -> (f64, u32) {
+        let mut span = left.min((0.5 * (now - self.floor) / self.sagitta).sqrt());
+        for tries in 1..=TRIES {
+            let (_, ends) = self.at(share + span);
+            let mut shorter = 0.5;
+            if let Some((there, then)) = way_between(self.surface, ends) {
+                let turn = there - direction;
+                let below = (0..3)
+                    .map(|k| 0.25 * turn.dot(ends[k] - corners[k]).abs())
+                    .fold(0.0, f64::max);
+                let bend = below + self.sagitta * span * span;
+                let room = now.min(then) - self.floor;
+                if bend <= room {
+                    return (span * WITHIN, tries);
+                }
+                // Both go with the square of the part.
+                shorter = (room.max(0.0) / bend).sqrt().clamp(0.25, 0.75);
+            }
+            span *= shorter;
+        }
+        (0.0, TRIES)
     }
 
     /// How far on from a share a pair with some room is free along one direction, `left` at the most. `closer` tells by how

@@ -1,0 +1,362 @@
+//! The boxes of a tool's faces by eights, and of those by eights, in the tool's axes: a box of the surface is tested against
+//! eight of them at once, so that a face of the surface finds the faces of a tool near it in three or four looks.
+
+use glam::{DVec3, Vec3A, Vec4};
+use shared::geometry::Aabb;
+
+/// Blocks of the highest level, at the most.
+const TOP: usize = 2;
+/// Boxes of a block.
+pub(crate) const WIDTH: usize = 8;
+/// Relative rounding of what is compared in f32, generously.
+const ROUNDING: f64 = 64.0 * f32::EPSILON as f64;
+
+/// Eight boxes: the lower and upper sides of each axis, in two halves.
+#[derive(Debug, Clone, Copy)]
+struct Block {
+    lower: [[Vec4; 2]; 3],
+    upper: [[Vec4; 2]; 3],
+}
+
+impl Block {
+    /// Boxes that are nowhere.
+    const NOWHERE: Self = Self {
+        lower: [[Vec4::INFINITY; 2]; 3],
+        upper: [[Vec4::NEG_INFINITY; 2]; 3],
+    };
+
+    fn set(&mut self, slot: usize, aabb: &Aabb) {
+        let (half, lane) = (slot / 4, slot % 4);
+        for axis in 0..3 {
+            self.lower[axis][half][lane] = aabb.lower[axis];
+            self.upper[axis][half][lane] = aabb.upper[axis];
+        }
+    }
+
+    fn union(&self) -> Aabb {
+        let lower = self.lower.map(|[a, b]| a.min(b).min_element());
+        let upper = self.upper.map(|[a, b]| a.max(b).max_element());
+        Aabb {
+            lower: lower.into(),
+            upper: upper.into(),
+        }
+    }
+}
+
+/// A distance, rounded up.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Distance {
+    rounded: f32,
+    squared: Vec4,
+}
+
+impl Distance {
+    pub(crate) fn new(distance: f64) -> Self {
+        let squared = distance * distance * (1.0 + ROUNDING);
+        Self {
+            rounded: (distance * (1.0 + ROUNDING)) as f32,
+            // The square of what is very small may have been rounded to nothing, that of what is very large to infinity.
+            squared: Vec4::splat((squared as f32 + f32::MIN_POSITIVE).min(f32::MAX)),
+        }
+    }
+}
+
+/// A box and a distance.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BoxWithin {
+    lower: [Vec4; 3],
+    upper: [Vec4; 3],
+    squared: Vec4,
+}
+
+impl BoxWithin {
+    /// From `lower` to `upper`; no coordinate that they were computed of was larger than `size`.
+    #[inline]
+    pub(crate) fn new([lower, upper]: [Vec3A; 2], size: f32, distance: &Distance) -> Self {
+        let rounding = Vec3A::splat(ROUNDING as f32 * size);
+        let (low, high) = (lower - rounding, upper + rounding);
+        let splat = |p: Vec3A| [Vec4::splat(p.x), Vec4::splat(p.y), Vec4::splat(p.z)];
+        Self {
+            lower: splat(low),
+            upper: splat(high),
+            squared: distance.squared,
+        }
+    }
+
+    /// Which boxes of a block may be as near, as bits.
+    #[inline]
+    fn of(&self, block: &Block) -> u32 {
+        let half = |half: usize| {
+            let squared = [0, 1, 2].map(|axis| {
+                let beyond = block.lower[axis][half] - self.upper[axis];
+                let before = self.lower[axis] - block.upper[axis][half];
+                let gap = beyond.max(before).max(Vec4::ZERO);
+                gap * gap
+            });
+            let [x, y, z] = squared;
+            (x + y + z).min(Vec4::MAX).cmple(self.squared).bitmask()
+        };
+        half(0) | half(1) << 4
+    }
+}
+
+/// What lies within a distance of a range along a direction.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Slab {
+    direction: [Vec4; 3],
+    absolute: [Vec4; 3],
+    low: Vec4,
+    high: Vec4,
+}
+
+impl Slab {
+    /// Around points along a direction of at most unit length; no coordinate that these or the boxes were computed of is
+    /// larger than `size`.
+    #[inline]
+    pub(crate) fn new(
+        direction: Vec3A,
+        points: [Vec3A; 6],
+        distance: &Distance,
+        size: f32,
+    ) -> Self {
+        let [a, b, c, p, q, r] = points.map(|point| direction.dot(point));
+        let low = a.min(b).min(c).min(p.min(q).min(r));
+        let high = a.max(b).max(c).max(p.max(q).max(r));
+        let more = distance.rounded + ROUNDING as f32 * (size + distance.rounded);
+        let axes = direction.to_array().map(Vec4::splat);
+        Self {
+            direction: axes,
+            absolute: axes.map(Vec4::abs),
+            low: Vec4::splat(low - more),
+            high: Vec4::splat(high + more),
+        }
+    }
+
+    /// Which boxes of a block may be in it, as bits.
+    #[inline]
+    fn of(&self, block: &Block) -> u32 {
+        let half = |half: usize| {
+            let (mut at, mut reach) = (Vec4::ZERO, Vec4::ZERO);
+            for axis in 0..3 {
+                let (lower, upper) = (block.lower[axis][half], block.upper[axis][half]);
+                at += self.direction[axis] * (lower + upper);
+                reach += self.absolute[axis] * (upper - lower);
+            }
+            let (low, high) = (0.5 * (at - reach), 0.5 * (at + reach));
+            (low.cmple(self.high) & high.cmpge(self.low)).bitmask()
+        };
+        half(0) | half(1) << 4
+    }
+}
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub(crate) struct Blocks {
+    /// Faces in the order of the tool's tree.
+    order: Vec<u32>,
+    /// The blocks of faces, then of blocks of faces and so on up to one or two.
+    blocks: Vec<Block>,
+    /// Where each level begins.
+    levels: Vec<usize>,
+    extent: f32,
+}
+
+/// Bits of the place of a block on its level: more than the faces of a tool.
+const PLACE_BITS: usize = 24;
+/// Blocks of a set, at the most.
+const MOST_BLOCKS: usize = 16;
+/// Boxes of a block that may be near for it to be opened: where more are, those of what is looked at next tell more.
+const OPENED: u32 = 4;
+/// Blocks that wait to be opened, at the most: a set, and all but one of each level of the largest tool.
+const WAITING: usize = MOST_BLOCKS + 8 * WIDTH;
+
+/// Blocks of a tool that hold all that may be near something: what a traversal of the other body carries down.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BlockSet {
+    /// Level and place in one number each.
+    blocks: [u32; MOST_BLOCKS],
+    count: usize,
+}
+
+impl BlockSet {
+    const NONE: Self = Self {
+        blocks: [0; MOST_BLOCKS],
+        count: 0,
+    };
+
+    fn push(&mut self, level: usize, place: usize) {
+        self.blocks[self.count] = (level << PLACE_BITS | place) as u32;
+        self.count += 1;
+    }
+
+    fn all(&self) -> &[u32] {
+        &self.blocks[..self.count]
+    }
+
+    /// Number of blocks; 0 where nothing is near.
+    pub(crate) fn len(&self) -> u32 {
+        self.count as u32
+    }
+}
+
+/// Level of a block and its place there.
+fn level_and_place(block: u32) -> (usize, usize) {
+    let block = block as usize;
+    (block >> PLACE_BITS, block & ((1 << PLACE_BITS) - 1))
+}
+
+impl Blocks {
+    /// Over faces in an order in which neighbours are near; without boxes.
+    pub(crate) fn new(order: Vec<u32>) -> Self {
+        let (mut levels, mut count) = (vec![0], order.len().div_ceil(WIDTH));
+        let mut whole = count;
+        while count > TOP {
+            levels.push(whole);
+            count = count.div_ceil(WIDTH);
+            whole += count;
+        }
+        Self {
+            order,
+            blocks: vec![Block::NOWHERE; whole],
+            levels,
+            extent: 0.0,
+        }
+    }
+
+    /// Takes the corners of the faces.
+    pub(crate) fn refit(&mut self, corners: impl Fn(u32) -> [DVec3; 3]) {
+        for (place, &face) in self.order.iter().enumerate() {
+            let [a, b, c] = corners(face);
+            let (lower, upper) = (a.min(b).min(c), a.max(b).max(c));
+            let rounding = ROUNDING * lower.abs().max(upper.abs());
+            let aabb = Aabb {
+                lower: (lower - rounding).as_vec3(),
+                upper: (upper + rounding).as_vec3(),
+            };
+            self.blocks[place / WIDTH].set(place % WIDTH, &aabb);
+        }
+        for level in 1..self.levels.len() {
+            let (below, begin) = (self.levels[level - 1], self.levels[level]);
+            for place in below..begin {
+                let union = self.blocks[place].union();
+                let up = place - below;
+                self.blocks[begin + up / WIDTH].set(up % WIDTH, &union);
+            }
+        }
+        let top = self.levels.last().map_or(0, |&top| top);
+        let farthest = |block: &Block| {
+            let Aabb { lower, upper } = block.union();
+            lower.abs().max(upper.abs()).max_element()
+        };
+        self.extent = self.blocks[top..].iter().map(farthest).fold(0.0, f32::max);
+    }
+
+    /// No coordinate of a box is farther from zero.
+    pub(crate) fn extent(&self) -> f32 {
+        self.extent
+    }
+
+    /// Everything.
+    pub(crate) fn whole(&self) -> BlockSet {
+        let (mut set, top) = (BlockSet::NONE, self.levels.len() - 1);
+        for place in 0..self.count_on(top) {
+            set.push(top, place);
+        }
+        set
+    }
+
+    fn count_on(&self, level: usize) -> usize {
+        let end = self.levels.get(level + 1).copied();
+        end.unwrap_or(self.blocks.len()) - self.levels[level]
+    }
+
+    /// What of a set may be near; the blocks that it looks at are added to the cost.
+    #[inline]
+    pub(crate) fn within(&self, near: &BoxWithin, set: &BlockSet, cost: &mut u32) -> BlockSet {
+        let mut found = BlockSet::NONE;
+        *cost += set.count as u32;
+        for (k, &block) in set.all().iter().enumerate() {
+            let (level, place) = level_and_place(block);
+            let mut which = near.of(&self.blocks[self.levels[level] + place]);
+            if which == 0 {
+                continue;
+            }
+            let room = MOST_BLOCKS - found.count - (set.count - k - 1);
+            let below = which.count_ones();
+            if level <= 1 || below > OPENED || below as usize > room {
+                found.push(level, place);
+                continue;
+            }
+            let most = self.count_on(level - 1);
+            while which != 0 {
+                let place = WIDTH * place + which.trailing_zeros() as usize;
+                which &= which - 1;
+                // The box of nowhere may seem near what is as large as numbers get.
+                if place < most {
+                    found.push(level - 1, place);
+                }
+            }
+        }
+        found
+    }
+
+    /// Whether a face may be near.
+    pub(crate) fn any(&self, near: &BoxWithin) -> bool {
+        let mut found = false;
+        self.faces(near, &[], &self.whole(), &mut 0, u32::MAX, |_| {
+            found = true;
+            false
+        });
+        found
+    }
+
+    /// Calls `visit` with the faces of a set that may be near and in all slabs, until it returns false; the blocks that it
+    /// looks at are added to the cost. False where it would come to more than `most`.
+    #[inline]
+    pub(crate) fn faces(
+        &self,
+        near: &BoxWithin,
+        slabs: &[Slab],
+        set: &BlockSet,
+        cost: &mut u32,
+        most: u32,
+        mut visit: impl FnMut(u32) -> bool,
+    ) -> bool {
+        let mut waiting = [0u32; WAITING];
+        let mut count = set.count;
+        for (entry, &block) in waiting.iter_mut().zip(set.all().iter().rev()) {
+            *entry = block;
+        }
+        while count > 0 {
+            count -= 1;
+            let (level, place) = level_and_place(waiting[count]);
+            if *cost >= most {
+                return false;
+            }
+            *cost += 1;
+            let block = &self.blocks[self.levels[level] + place];
+            let mut which = near.of(block);
+            for slab in slabs {
+                if which == 0 {
+                    break;
+                }
+                which &= slab.of(block);
+            }
+            while which != 0 {
+                let below = WIDTH * place + which.trailing_zeros() as usize;
+                which &= which - 1;
+                if level > 0 {
+                    if below < self.count_on(level - 1) {
+                        waiting[count] = ((level - 1) << PLACE_BITS | below) as u32;
+                        count += 1;
+                    }
+                } else if let Some(&face) = self.order.get(below)
+                    && !visit(face)
+                {
+                    return true;
+                }
+            }
+        }
+        true
+    }
+}
