@@ -1,0 +1,169 @@
+//! A tool that has fallen behind its device, by a jump or by its budget, catches up where nothing is between; and what it
+//! only has not had the time to go is no force.
+
+#[path = "common/bodies.rs"]
+mod bodies;
+mod common;
+
+use bodies::{Front, plate_mesh};
+use glam::{DQuat, DVec3};
+use hrtc::query::first_pair;
+use hrtc::tool::{Tool, ToolMesh, capsule_mesh};
+use hrtc::tool_proxy::{Coupling, ToolProxy, Twist};
+use shared::geometry::{Pose, Wrench};
+
+const STIFFNESS: f64 = 800.0;
+const RADIUS: f64 = 0.003;
+const LENGTH: f64 = 0.02;
+const PLATE: f64 = 0.04;
+/// What a scene allows a tick, pairs of nodes.
+const BUDGET: u32 = 1 << 14;
+
+struct Hand {
+    proxy: ToolProxy,
+    tool: Tool,
+    /// How far the capsule reaches below its origin.
+    low: f64,
+}
+
+impl Hand {
+    fn new() -> Self {
+        let mesh: ToolMesh = capsule_mesh(RADIUS, LENGTH, 24, 20);
+        let tool = Tool::new(&mesh).expect("it is a tool");
+        Self {
+            proxy: ToolProxy::new(tool.clone(), 1.0).expect("it has an extent"),
+            tool,
+            low: mesh.positions.iter().map(|p| -p.z).fold(0.0, f64::max),
+        }
+    }
+
+    fn pose(&self, tip: DVec3) -> Pose {
+        Pose::at(tip + DVec3::Z * self.low)
+    }
+
+    fn to(&mut self, front: &Front, pose: &Pose, budget: u32) -> Wrench {
+        let answer = self.proxy.advance(front.surface(), pose, budget);
+        assert!(
+            answer.spent <= budget + budget / 4,
+            "{} of {budget}",
+            answer.spent
+        );
+        let spring = Coupling {
+            stiffness_n_per_m: STIFFNESS,
+            damping_ns_per_m: 0.5,
+        };
+        self.proxy.wrench(&spring, 1.0, &Twist::default())
+    }
+
+    fn meets(&mut self, front: &Front) -> bool {
+        let at = self.proxy.pose();
+        self.tool
+            .place(&bodies::frame(at.position, at.orientation, 1.0));
+        first_pair(&front.surface(), &self.tool, u32::MAX, None)
+            .0
+            .is_some()
+    }
+}
+
+#[test]
+fn a_jump_through_free_air_is_followed_without_a_force() {
+    for pieces in [8, 100] {
+        let plate = Front::of_mesh(&plate_mesh(PLATE, pieces));
+        for (from, to, ticks) in [
+            (DVec3::Z * 0.05, DVec3::Z * 0.002, 10),
+            // All along the plate much is near.
+            (
+                DVec3::new(0.03, 0.0, 0.001),
+                DVec3::new(-0.03, 0.01, 0.001),
+                40,
+            ),
+        ] {
+            let mut hand = Hand::new();
+            for _ in 0..10 {
+                hand.to(&plate, &hand.pose(from), BUDGET);
+            }
+            let goal = hand.pose(to);
+            for tick in 0..ticks {
+                let felt = hand.to(&plate, &goal, BUDGET);
+                assert_eq!(felt, Wrench::ZERO, "{pieces} pieces, tick {tick}");
+                assert!(!hand.meets(&plate));
+            }
+            assert_eq!(hand.proxy.pose(), goal, "{pieces} pieces");
+        }
+    }
+}
+
+#[test]
+fn a_jump_along_the_surface_feels_its_depth_and_no_more() {
+    let plate = Front::of_mesh(&plate_mesh(PLATE, 60));
+    let depth = 0.001;
+    let mut hand = Hand::new();
+    for k in 0..100 {
+        let height = 0.009 - 1e-4 * f64::from(k);
+        hand.to(
+            &plate,
+            &hand.pose(DVec3::new(-0.02, 0.0, height.max(-depth))),
+            BUDGET,
+        );
+    }
+    let goal = hand.pose(DVec3::new(0.02, 0.01, -depth));
+    let due = STIFFNESS * depth;
+    for tick in 0..30 {
+        let felt = hand.to(&plate, &goal, BUDGET).force;
+        assert!(felt.length() < 1.5 * due, "tick {tick}: {felt}");
+        assert!(!hand.meets(&plate));
+    }
+    let felt = hand.to(&plate, &goal, BUDGET).force;
+    assert!((felt - DVec3::Z * due).length() < 0.02 * due, "{felt}");
+}
+
+/// However little a tick may cost it costs no more, the tool stays outside, and in the end it is where it would be with more.
+#[test]
+fn a_small_budget_makes_it_slow_and_not_wrong() {
+    let mut bumpy = plate_mesh(PLATE, 120);
+    for p in &mut bumpy.positions {
+        p.z = 0.0005 * ((p.x * 900.0).sin() + (p.y * 800.0).sin());
+    }
+    let front = Front::of_mesh(&bumpy);
+    let mut held = Vec::new();
+    // A quarter of the least that a scene gives, that, and more than enough.
+    for budget in [3000, 12_288, 1 << 18] {
+        let mut hand = Hand::new();
+        let (mut unfinished, mut wildest) = (0, 0.0f64);
+        for k in 0..400 {
+            let tip = DVec3::new(
+                1e-4 * f64::from(k.min(200)),
+                0.0,
+                0.002 - 2e-5 * f64::from(k.min(150)),
+            );
+            let pose = Pose {
+                orientation: DQuat::from_rotation_y(0.002 * f64::from(k.min(200))),
+                ..hand.pose(tip)
+            };
+            let spring = Coupling {
+                stiffness_n_per_m: STIFFNESS,
+                damping_ns_per_m: 0.0,
+            };
+            let answer = hand.proxy.advance(front.surface(), &pose, budget);
+            unfinished += u32::from(!answer.ending.is_complete());
+            assert!(
+                answer.spent <= budget + budget / 4,
+                "{} of {budget}",
+                answer.spent
+            );
+            let felt = hand.proxy.wrench(&spring, 1.0, &Twist::default());
+            wildest = wildest.max(felt.force.length());
+            assert!(!hand.meets(&front), "tick {k}");
+        }
+        held.push((hand.proxy.pose().position, wildest, unfinished));
+    }
+    let (rich, most, _) = held[2];
+    for (k, &(poor, wildest, unfinished)) in held.iter().enumerate() {
+        assert!(poor.distance(rich) < 0.05e-3, "{k}: {poor} {rich} {held:?}");
+        assert!(k == 0 || wildest < 1.5 * most, "{held:?}");
+        assert!(
+            k > 0 || unfinished > 0,
+            "the small budget is felt: {held:?}"
+        );
+    }
+}
