@@ -14,6 +14,8 @@ use shared::geometry::closest_points_of_triangles;
 
 /// Parts of a motion that a pair is followed through, at the most.
 const PARTS: u32 = 16;
+/// Share of what is left of a motion below which a part along one direction is short, so that directions that turn are tried.
+const SHORT: f64 = 0.25;
 /// Places that are looked at to find a part along directions that turn.
 const TRIES: u32 = 3;
 /// What a part costs, in pairs of nodes (measured).
@@ -247,7 +249,7 @@ impl Follow<'_> {
                 }
             }
             first = first.or(Some(along));
-            if part < left {
+            if part < SHORT * left {
                 // Where a wide face rolls over a contact, a direction that stays for either is soon used up.
                 let (most, tries) =
                     self.part_of_a_turning_way(share, left, direction, now, corners);
