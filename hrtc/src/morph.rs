@@ -26,9 +26,9 @@ const OF_PROXY: f64 = 0.8;
 const GROWTH_PER_S: f64 = 48.0;
 /// What a probe that touches feels beyond its own radius, as a fraction of it. Where it comes next is left to the prediction:
 /// there the surface is at rest when it comes.
-const AROUND: f64 = 0.25;
+pub const AROUND: f64 = 0.25;
 /// How many times as far no face is turned over.
-const BESIDE: f64 = 2.0;
+pub const BESIDE: f64 = 2.0;
 /// A step as a fraction of the probe's radius, at the most: so that none passes over its centre.
 const OF_RADIUS: f64 = 0.125;
 /// Times that a step is made smaller before it is made as small as it is surely allowed.
@@ -212,7 +212,8 @@ pub fn may_come_near(
 }
 
 /// The box that a split or collapse happens within.
-fn space_of(mesh: &ActiveMesh, patch: &OperationFaces, places: &[Handle]) -> [DVec3; 2] {
+#[must_use]
+pub fn space_of(mesh: &ActiveMesh, patch: &OperationFaces, places: &[Handle]) -> [DVec3; 2] {
     let places = places.iter();
     let places = places.map(|&vertex| mesh.position(vertex).as_dvec3());
     box_of(mesh, patch.deformed(), places)

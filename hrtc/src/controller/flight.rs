@@ -3,7 +3,11 @@
 use super::probe::Probe;
 use super::refine::Refinement;
 use super::seat::{Budget, Seat};
-use crate::morph::{Feeler, Touching, box_of, is_felt, may_come_near, share_of_way, turns_over};
+use super::touch::Touch;
+use crate::morph::{
+    AROUND, BESIDE, Feeler, Touching, box_of, is_felt, may_come_near, share_of_way, space_of,
+    turns_over,
+};
 use glam::DVec3;
 use shared::spm::{Handle, Slot};
 
@@ -162,9 +166,11 @@ impl Seat {
         let steps = &steps[..1 + usize::from(second.is_some())];
         let mut share: f64 = 1.0;
         for (touch, feeler) in feelers {
+            let follower = &self.touches[*touch].follower;
             let reaches = steps.iter().any(|(flight, around)| {
                 let end = mesh.end_of(flight).as_dvec3();
-                feeler.reaches(box_of(mesh, around.deformed(), [end]))
+                let space = box_of(mesh, around.deformed(), [end]);
+                feeler.reaches(space) && follower.may_reach(space, AROUND)
             });
             if reaches {
                 share = share.min(share_of_way(mesh, steps, feeler));
@@ -188,17 +194,24 @@ impl Seat {
     /// What is felt has its surroundings at rest: then every face turns on its way from how it was to how it will be, and
     /// not over.
     fn manner(&mut self, slot: Slot, places: &[Handle]) -> Manner {
-        let faces = &mut self.refinement.faces;
+        let Refinement {
+            faces,
+            feelers,
+            reached,
+            ..
+        } = &mut self.refinement;
         let mesh = self.cache.mesh();
-        let feelers = &self.refinement.feelers;
         // A record that does not fit is refused when it is performed.
         if feelers.is_empty() || mesh.patch(slot, faces).is_none() {
             return Manner::AtOnce;
         }
-        if !is_felt(mesh, slot, faces, places, feelers) {
+        let space = space_of(mesh, faces, places);
+        take_reached(reached, feelers, &self.touches, space, AROUND);
+        if !is_felt(mesh, slot, faces, places, reached) {
             // The probe may come to where a face would be turned over, or the face to the probe.
+            take_reached(reached, feelers, &self.touches, space, BESIDE * AROUND);
             let folds =
-                turns_over(mesh, slot, faces) && may_come_near(mesh, faces, places, feelers);
+                turns_over(mesh, slot, faces) && may_come_near(mesh, faces, places, reached);
             return if folds { Manner::Never } else { Manner::AtOnce };
         }
         let flights = mesh.flights().len();
@@ -209,11 +222,7 @@ impl Seat {
         } else if turns_over(mesh, slot, faces) {
             Manner::Never
         } else {
-            let places = places
-                .iter()
-                .map(|&vertex| mesh.position(vertex).as_dvec3());
-            let space = box_of(mesh, faces.deformed(), places);
-            for (touch, feeler) in feelers {
+            for (touch, feeler) in reached {
                 if feeler.reaches(space) {
                     self.touches[*touch].follower.soften(feeler.slide());
                 }
@@ -244,5 +253,22 @@ impl Seat {
         self.cache.collapse(slot, &mut self.refinement.faces);
         self.carry_proxies();
         self.tally.ecols += 1;
+    }
+}
+
+/// Takes over the feelers of the probes that what happens in a box may reach.
+fn take_reached(
+    reached: &mut Vec<(usize, Feeler)>,
+    feelers: &[(usize, Feeler)],
+    touches: &[Touch],
+    space: [DVec3; 2],
+    around: f64,
+) {
+    reached.clear();
+    for of_probe in feelers.chunk_by(|(one, _), (other, _)| one == other) {
+        let (touch, _) = of_probe[0];
+        if touches[touch].follower.may_reach(space, around) {
+            reached.extend_from_slice(of_probe);
+        }
     }
 }

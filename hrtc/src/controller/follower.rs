@@ -169,6 +169,18 @@ impl Follower {
         ball.into_iter().chain(tool.into_iter().flatten())
     }
 
+    /// Whether something that happens in a box may be near, `around` times what the tip touches around it: a tool fills its
+    /// parts only in part.
+    pub fn may_reach(&self, [lower, upper]: [DVec3; 2], around: f64) -> bool {
+        match self {
+            Self::Ball(_) => true,
+            Self::Tool(tool) => {
+                let margin = around * tool.patch;
+                tool.proxy.may_reach([lower - margin, upper + margin])
+            }
+        }
+    }
+
     /// Takes it along with a split or collapse that was just performed.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
         match self {

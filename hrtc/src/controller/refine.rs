@@ -59,6 +59,8 @@ pub struct Refinement {
     pub(super) faces_of_sibling: OperationFaces,
     /// What each touch feels, with its index.
     pub(super) feelers: Vec<(usize, Feeler)>,
+    /// Those of them that a split, collapse or flight may reach.
+    pub(super) reached: Vec<(usize, Feeler)>,
     /// What is done without for want of room.
     pub(super) economy: Economy,
     /// A region that is let go of in several ticks.
@@ -79,6 +81,7 @@ impl Refinement {
             faces: OperationFaces::new(),
             faces_of_sibling: OperationFaces::new(),
             feelers: Vec::with_capacity(probes * MOST_BALLS),
+            reached: Vec::with_capacity(probes * MOST_BALLS),
             economy: Economy::new(),
             leaving: None,
             wanted_high_water: 0,

@@ -52,7 +52,7 @@ use glam::DVec3;
 use neighbourhood::Neighbourhood;
 use projection::{HalfSpace, MOST_ACTIVE, MOST_HALF_SPACES};
 use shape::ToolShape;
-use shared::geometry::{Pose, Similarity, Wrench, triangle_pair};
+use shared::geometry::{BoxPair, Pose, Similarity, Wrench, triangle_pair};
 use shared::spm::{ActiveMesh, Handle, OperationFaces};
 use thiserror::Error;
 
@@ -265,6 +265,13 @@ impl ToolProxy {
                 radius: ball.radius * self.scale,
             }
         })
+    }
+
+    /// Whether what happens in a box (model frame and units) may come near the tool, as far as is known.
+    #[must_use]
+    pub fn may_reach(&self, [lower, upper]: [DVec3; 2]) -> bool {
+        let space = BoxPair::twice_widened(lower.as_vec3a(), upper.as_vec3a());
+        self.near.may_reach(&self.shape, &space.get(0))
     }
 
     /// Radius of gyration of the tool's surface about its centre, model units.
