@@ -284,6 +284,25 @@ fn height(
     (moved, raised)
 }
 
+/// How much of what a probe allows in a tick it takes that some vertices in flight go a share of their ways, one step after
+/// the other; beyond 1 it is not allowed.
+#[must_use]
+pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &Feeler, share: f64) -> f64 {
+    let heights = (0..steps.len()).map(|k| {
+        // Those before it have done their steps.
+        let done = &steps[..k];
+        let place = |vertex: Handle| {
+            let before = done.iter().find(|(flight, _)| flight.vertex() == vertex);
+            let moved = before.map(|(flight, _)| mesh.way(flight) * share);
+            mesh.position(vertex).as_dvec3() + moved.unwrap_or(DVec3::ZERO)
+        };
+        let step = mesh.way(&steps[k].0) * share;
+        let (moved, raised) = height(mesh, &steps[k], step, place, feeler);
+        (moved / feeler.step).max(raised / feeler.rise)
+    });
+    heights.fold(0.0, f64::max)
+}
+
 /// The share of their ways that a probe that feels them allows some vertices in flight in a tick, one step after the other.
 #[must_use]
 pub fn share_of_way(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &Feeler) -> f64 {
@@ -292,21 +311,7 @@ pub fn share_of_way(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &Feeler) -> f
     if longest == 0.0 {
         return 1.0;
     }
-    let excess = |share: f64| {
-        let heights = (0..steps.len()).map(|k| {
-            // Those before it have done their steps.
-            let done = &steps[..k];
-            let place = |vertex: Handle| {
-                let before = done.iter().find(|(flight, _)| flight.vertex() == vertex);
-                let moved = before.map(|(flight, _)| mesh.way(flight) * share);
-                mesh.position(vertex).as_dvec3() + moved.unwrap_or(DVec3::ZERO)
-            };
-            let step = mesh.way(&steps[k].0) * share;
-            let (moved, raised) = height(mesh, &steps[k], step, place, feeler);
-            (moved / feeler.step).max(raised / feeler.rise)
-        });
-        heights.fold(0.0, f64::max)
-    };
+    let excess = |share: f64| excess(mesh, steps, feeler, share);
     // A surface moves nowhere by more than its vertices; and it may come to the reach at once.
     let faces = steps.iter().flat_map(|(_, around)| around.deformed());
     let nearest = faces.fold(f64::INFINITY, |least, &face| {

@@ -5,14 +5,18 @@ use super::refine::Refinement;
 use super::seat::{Budget, Seat};
 use super::touch::Touch;
 use crate::morph::{
-    AROUND, BESIDE, Feeler, Touching, box_of, is_felt, may_come_near, share_of_way, space_of,
-    turns_over,
+    AROUND, BESIDE, Feeler, Touching, box_of, excess, is_felt, may_come_near, share_of_way,
+    space_of, turns_over,
 };
 use glam::DVec3;
 use shared::spm::{Handle, Slot};
 
 /// Steps of vertices that cost as much as a split or collapse.
 const STEPS_PER_OPERATION: u32 = 2;
+
+/// The share of what a probe allows in a tick that splits which come to their places in the tick of their take-off may take
+/// together. Where anything else is in flight under it they take nothing.
+const AT_ONCE: f64 = 0.5;
 
 /// How a split or collapse is to be done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,8 +45,10 @@ pub enum Collapsed {
 impl Seat {
     /// Takes in what the probes feel, and what they allow in this tick.
     pub(super) fn feel(&mut self, probes: &[Probe]) {
-        let feelers = &mut self.refinement.feelers;
+        let Refinement { feelers, used, .. } = &mut self.refinement;
         feelers.clear();
+        used.clear();
+        used.resize(self.touches.len(), 0.0);
         let (Some(frame), Some(placing), true) = (self.frame, self.placing, self.geomorph) else {
             return;
         };
@@ -151,6 +157,7 @@ impl Seat {
             faces,
             faces_of_sibling,
             feelers,
+            used,
             ..
         } = &mut self.refinement;
         let flight = mesh.flights()[index];
@@ -174,10 +181,52 @@ impl Seat {
             });
             if reaches {
                 share = share.min(share_of_way(mesh, steps, feeler));
+                used[*touch] = 1.0;
                 self.touches[*touch].follower.soften(feeler.slide());
             }
         }
         share
+    }
+
+    /// Ends the flight of the split that took off last where those who feel it allow all of its way in this tick: what is
+    /// that small need not keep a contact coarse until the next one.
+    pub(super) fn land_at_once(&mut self) {
+        let mesh = self.cache.mesh();
+        let Refinement {
+            faces,
+            faces_of_sibling,
+            reached,
+            used,
+            ..
+        } = &mut self.refinement;
+        let Some([first, second]) = mesh.flights().last_chunk() else {
+            return;
+        };
+        let is_whole =
+            mesh.around(first, faces).is_some() && mesh.around(second, faces_of_sibling).is_some();
+        if !is_whole {
+            return;
+        }
+        let steps = [(*first, &*faces), (*second, &*faces_of_sibling)];
+        let taken = |feeler: &Feeler| excess(mesh, &steps, feeler, 1.0);
+        let mut all = reached.iter();
+        if !all.all(|(touch, feeler)| used[*touch] + taken(feeler) <= AT_ONCE) {
+            return;
+        }
+        for of_probe in reached.chunk_by(|(one, _), (other, _)| one == other) {
+            let most = of_probe.iter().map(|(_, feeler)| taken(feeler));
+            used[of_probe[0].0] += most.fold(0.0, f64::max);
+        }
+        let count = mesh.flights().len();
+        for index in [count - 2, count - 1] {
+            let mesh = self.cache.mesh();
+            let flight = mesh.flights()[index];
+            if mesh.around(&flight, &mut self.refinement.faces).is_some() {
+                self.cache.fly(index, 1.0, &self.refinement.faces);
+                self.carry_proxies();
+            }
+        }
+        self.cache.land();
     }
 
     /// How a split is to be done.

@@ -61,6 +61,8 @@ pub struct Refinement {
     pub(super) feelers: Vec<(usize, Feeler)>,
     /// Those of them that a split, collapse or flight may reach.
     pub(super) reached: Vec<(usize, Feeler)>,
+    /// The share of what each touch allows in this tick that is used up so far.
+    pub(super) used: Vec<f64>,
     /// What is done without for want of room.
     pub(super) economy: Economy,
     /// A region that is let go of in several ticks.
@@ -82,6 +84,7 @@ impl Refinement {
             faces_of_sibling: OperationFaces::new(),
             feelers: Vec::with_capacity(probes * MOST_BALLS),
             reached: Vec::with_capacity(probes * MOST_BALLS),
+            used: Vec::with_capacity(probes),
             economy: Economy::new(),
             leaving: None,
             wanted_high_water: 0,
@@ -269,6 +272,9 @@ impl Seat {
             self.cache.take_off(&self.refinement.faces);
         }
         self.carry_proxies();
+        if manner == Manner::Gently {
+            self.land_at_once();
+        }
         budget.operations -= 1;
         self.tally.vsplits += 1;
         Ok(())
