@@ -47,7 +47,7 @@ use crate::tool::Tool;
 use contacts::Contacts;
 use cover::{Ball, cover};
 use disturbance::Disturbance;
-use follow::MOST_STOPS;
+use follow::{HOLD_TICKS, MOST_STOPS};
 use glam::DVec3;
 use neighbourhood::Neighbourhood;
 use projection::{HalfSpace, MOST_ACTIVE, MOST_HALF_SPACES};
@@ -161,6 +161,9 @@ pub struct ToolProxy {
     is_behind: bool,
     /// Where the contacts let it go, were it not for its own limits: there it is held.
     bound_for: Placement,
+    /// Ticks since contacts pushed it last, and how far the coupling was stretched in the tick before.
+    unpushed: u32,
+    stretched: Twist,
     /// Share of what is gathered ahead that the budget allowed last.
     thrift: f64,
     /// Whether what is gathered waits for its first step: that is taken before anything is gathered again.
@@ -202,6 +205,8 @@ impl ToolProxy {
             is_softened: false,
             is_behind: false,
             bound_for: nowhere,
+            unpushed: HOLD_TICKS,
+            stretched: Twist::default(),
             thrift: 1.0,
             is_due: false,
             haste: 0.0,
@@ -284,7 +289,12 @@ impl ToolProxy {
     /// moves.
     #[must_use]
     pub fn rest(&self) -> f64 {
-        (REST * self.shape.gyration).max(self.cushion())
+        self.thickness().max(self.cushion())
+    }
+
+    /// The same where nothing moves.
+    fn thickness(&self) -> f64 {
+        REST * self.shape.gyration
     }
 
     /// How far the surface may come in a tick, model units: as long as it moves contacts act at that distance, so that it
@@ -407,6 +417,7 @@ impl ToolProxy {
             self.state = State::Inside;
         }
         let travelled = self.goal.to(&goal).farthest(self.shape.radius);
+        self.stretched = self.goal.to(&self.bound_for);
         self.goal = goal;
         let disturbance = self.disturbance.take();
         if disturbance.is_there() {
@@ -428,6 +439,11 @@ impl ToolProxy {
                 self.bound_for = self.at;
             }
         }
+        self.unpushed = if answer.contact_count > 0 {
+            0
+        } else {
+            self.unpushed.saturating_add(1)
+        };
         answer
     }
 
@@ -523,7 +539,7 @@ impl ToolProxy {
             Some(true) => {}
             known => return known.is_some(),
         }
-        for way in disturbance.ways(self.rest()) {
+        for way in disturbance.ways(self.thickness()) {
             let out = Placement {
                 centre: here.centre + way,
                 ..here
