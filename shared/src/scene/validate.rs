@@ -270,7 +270,7 @@ fn accuracy_plan(source: &Source, typed: &AccuracyTyped) -> Result<AccuracyPlan,
     Ok(AccuracyPlan {
         tolerance_m,
         refinement,
-        geomorph: typed.geomorph.unwrap_or(false),
+        geomorph: typed.geomorph.unwrap_or(true),
     })
 }
 

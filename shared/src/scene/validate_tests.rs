@@ -399,8 +399,9 @@ fn a_loaded_scene_has_its_files_name_and_folder() {
 #[test]
 fn what_is_felt_is_morphed_where_the_scene_says_so() {
     let geomorph = |text: &str| plain(text).unwrap().accuracy.geomorph;
-    assert!(!geomorph(&exchanged("geomorph = false", "")));
-    assert!(geomorph(&exchanged("geomorph = false", "geomorph = true")));
+    assert!(geomorph(&exchanged("geomorph = true", "")));
+    assert!(geomorph(&exchanged("geomorph = true", "geomorph = true")));
+    assert!(!geomorph(&exchanged("geomorph = true", "geomorph = false")));
 }
 
 #[test]
