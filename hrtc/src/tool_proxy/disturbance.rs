@@ -8,6 +8,9 @@ use shared::spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
 /// Ways out that are tried, each twice as far as the one before.
 const WAYS: i32 = 6;
+/// The same before, up to twice what the surface does in a tick where that is limited: of what has changed, most has not
+/// come so far where it meets the tool.
+const SHORTER_WAYS: i32 = 4;
 
 /// Changed faces that are listed, at the most.
 const MOST_LISTED: usize = 512;
@@ -125,9 +128,13 @@ impl Disturbance {
         self.may_have_met |= is_near;
     }
 
-    /// Ways out along the side of the tool, the shortest first; `rest` is the distance at which contacts act.
-    pub fn ways(&self, rest: f64) -> impl Iterator<Item = DVec3> + use<> {
+    /// Ways out along the side of the tool, the shortest first; `rest` is the distance at which contacts act, `most` how
+    /// far the surface comes in a tick where that is limited.
+    pub fn ways(&self, rest: f64, most: f64) -> impl Iterator<Item = DVec3> + use<> {
         let (side, push) = (self.side.normalize_or_zero(), self.push.max(rest) + rest);
-        (0..WAYS).map(move |k| side * (push * f64::from(1 << k)))
+        let shorter = (0..SHORTER_WAYS).map(move |k| most * 0.25 * f64::from(1 << k));
+        let shorter = shorter.filter(move |&way| rest < way && way < push);
+        let all = shorter.chain((0..WAYS).map(move |k| push * f64::from(1 << k)));
+        all.map(move |way| side * way)
     }
 }

@@ -50,21 +50,24 @@ const MODERATE: f64 = 1.0 / 3.0;
 const LEAST_THRIFT: f64 = 1.0 / 16.0;
 
 impl ToolProxy {
-    /// The steps of a tick.
+    /// The steps of a tick; it began at `start`, from where the surface may have put it out.
     pub(super) fn follow(
         &mut self,
         surface: Surface<'_>,
+        start: &Placement,
         travelled: f64,
         budget: u32,
         answer: &mut ToolAdvance,
     ) {
         let (radius, gyration, rest) = (self.shape.radius, self.shape.gyration, self.rest());
         let look_around = (LOOK_AROUND * gyration).max(self.cushion());
-        let (start, farthest) = (self.at, travelled + self.slide);
+        let farthest = travelled + self.slide;
         self.is_behind = false;
         self.stops.clear();
         self.haste = self.haste.max(travelled);
         let enough = budget / ENOUGH;
+        // Where the surface changes in every tick, what is gathered is not known any more in the next one.
+        let has_waited = std::mem::replace(&mut self.has_waited, true);
         let (mut gatherings, mut failures) = (0, 0);
         let (mut is_held_up, mut is_settled) = (true, false);
         let mut went_nowhere = false;
@@ -99,12 +102,13 @@ impl ToolProxy {
                         continue;
                     }
                     gatherings += 1;
-                    if answer.spent > enough {
+                    if answer.spent > enough && !has_waited {
                         break;
                     }
                 }
             }
             answer.steps += 1;
+            self.has_waited = false;
             self.near.place(&self.shape, &self.at);
             // What is farther than the step is likely to go has no say in where it leads; should it go farther, it stops.
             self.contacts.carry(&self.at);

@@ -170,6 +170,8 @@ pub struct ToolProxy {
     is_due: bool,
     /// The farthest that the device went in a tick since the tool was with it.
     haste: f64,
+    /// Whether the last tick has come to no step: the next one comes to one, whatever it has spent.
+    has_waited: bool,
     /// What the last part of a gathering has cost.
     dearness: u32,
     /// How much farther ahead than the device goes in a tick it looks in free air, to catch up.
@@ -210,6 +212,7 @@ impl ToolProxy {
             thrift: 1.0,
             is_due: false,
             haste: 0.0,
+            has_waited: false,
             dearness: 0,
             pace: 1.0,
             rejected: 0,
@@ -242,6 +245,7 @@ impl ToolProxy {
         self.is_behind = false;
         self.pace = 1.0;
         self.haste = 0.0;
+        self.has_waited = false;
         Ok(())
     }
 
@@ -419,6 +423,7 @@ impl ToolProxy {
         let travelled = self.goal.to(&goal).farthest(self.shape.radius);
         self.stretched = self.goal.to(&self.bound_for);
         self.goal = goal;
+        let start = self.at;
         let disturbance = self.disturbance.take();
         if disturbance.is_there() {
             self.forget();
@@ -433,7 +438,7 @@ impl ToolProxy {
             }
         }
         match self.state {
-            State::Clear => self.follow(surface, travelled, budget, &mut answer),
+            State::Clear => self.follow(surface, &start, travelled, budget, &mut answer),
             _ => {
                 self.jump_when_clear(surface, budget, &mut answer);
                 self.bound_for = self.at;
@@ -539,7 +544,7 @@ impl ToolProxy {
             Some(true) => {}
             known => return known.is_some(),
         }
-        for way in disturbance.ways(self.thickness()) {
+        for way in disturbance.ways(self.thickness(), self.cushion()) {
             let out = Placement {
                 centre: here.centre + way,
                 ..here

@@ -88,8 +88,13 @@ pub fn under_tool(
     fault: Fault,
 ) -> Result<Found, Failure> {
     let (bytes, setup) = ball(fault)?;
+    under(&bytes, with_tool(setup), size, random)
+}
+
+/// The same with a tool in place of the ball.
+fn with_tool(setup: Setup) -> Setup {
     let length_m = Some(10.0 * setup.radius_m);
-    under(&bytes, Setup { length_m, ..setup }, size, random)
+    Setup { length_m, ..setup }
 }
 
 fn under(
@@ -283,9 +288,18 @@ mod tests {
 
     fn is_not_felt(presses: &[(u64, u64)]) {
         let (bytes, setup) = ball(Fault::None).unwrap();
+        is_not_felt_in(&bytes, setup, presses);
+    }
+
+    fn is_not_felt_by_a_tool(presses: &[(u64, u64)]) {
+        let (bytes, setup) = ball(Fault::None).unwrap();
+        is_not_felt_in(&bytes, with_tool(setup), presses);
+    }
+
+    fn is_not_felt_in(bytes: &[u8], setup: Setup, presses: &[(u64, u64)]) {
         for &(seed, k) in presses {
             let mut found = Found::new(0.0);
-            refined_and_back(&bytes, setup, k, direction_of(seed, k), &mut found).unwrap();
+            refined_and_back(bytes, setup, k, direction_of(seed, k), &mut found).unwrap();
             assert!(
                 found.value <= 1.0,
                 "seed {seed}, press {k}: {}",
@@ -318,6 +332,18 @@ mod tests {
     #[test]
     fn both_vertices_of_a_pair_together_do_not_kick() {
         is_not_felt(&[(3, 344), (4, 296), (5, 396)]);
+    }
+
+    /// It met the tool from where it rested, and put it out by as much as anything near had changed.
+    #[test]
+    fn what_has_met_a_tool_puts_it_out_by_no_more_than_that() {
+        is_not_felt_by_a_tool(&[(1, 109)]);
+    }
+
+    /// What was gathered was not known any more in the next tick, so that the tool never came to a step.
+    #[test]
+    fn a_tool_goes_on_while_the_surface_changes_in_every_tick() {
+        is_not_felt_by_a_tool(&[(1, 279)]);
     }
 
     #[test]
