@@ -217,6 +217,7 @@ impl ToolProxy {
             answer.ending = Ending::Complete;
             self.pace = 1.0;
             self.haste = 0.0;
+            self.owed = 0.0;
             self.bound_for = self.at;
         } else {
             self.bound_for = self.where_contacts_allow(answer);
@@ -245,7 +246,9 @@ impl ToolProxy {
         } else if is_free {
             self.goal
         } else {
-            self.at.moved(&way)
+            // Contacts that are not known yet may hold it sooner: it owes no more than the device has gone.
+            let share = self.owed / way.farthest(self.shape.radius);
+            self.at.moved(&way.times(share.min(1.0)))
         }
     }
 

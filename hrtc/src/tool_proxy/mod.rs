@@ -170,6 +170,8 @@ pub struct ToolProxy {
     is_due: bool,
     /// The farthest that the device went in a tick since the tool was with it.
     haste: f64,
+    /// How far the device has gone in all since then.
+    owed: f64,
     /// Whether the last tick has come to no step: the next one comes to one, whatever it has spent.
     has_waited: bool,
     /// What the last part of a gathering has cost.
@@ -212,6 +214,7 @@ impl ToolProxy {
             thrift: 1.0,
             is_due: false,
             haste: 0.0,
+            owed: 0.0,
             has_waited: false,
             dearness: 0,
             pace: 1.0,
@@ -245,6 +248,7 @@ impl ToolProxy {
         self.is_behind = false;
         self.pace = 1.0;
         self.haste = 0.0;
+        self.owed = 0.0;
         self.has_waited = false;
         Ok(())
     }
@@ -422,6 +426,7 @@ impl ToolProxy {
         }
         let travelled = self.goal.to(&goal).farthest(self.shape.radius);
         self.stretched = self.goal.to(&self.bound_for);
+        self.owed += travelled;
         self.goal = goal;
         let start = self.at;
         let disturbance = self.disturbance.take();
@@ -522,6 +527,7 @@ impl ToolProxy {
         let clear = self.meets(surface, &goal, budget, answer) == Some(false);
         if clear || self.state == State::Inside {
             self.at = goal;
+            self.owed = 0.0;
         }
         if clear {
             self.state = State::Clear;

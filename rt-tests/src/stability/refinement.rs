@@ -346,6 +346,12 @@ mod tests {
         is_not_felt_by_a_tool(&[(1, 279)]);
     }
 
+    /// Where it could go by the contacts known so far was taken for where it will be held.
+    #[test]
+    fn a_tool_that_is_stopped_early_keeps_its_force() {
+        is_not_felt_by_a_tool(&[(2, 31), (2, 343)]);
+    }
+
     #[test]
     fn a_slow_rise_is_no_kick_either() {
         is_not_felt(&[(4, 175)]);
