@@ -21,9 +21,10 @@ const SPANS: [usize; 2] = [4, 16];
 const FADING_TICKS: f64 = 18.0;
 /// Ticks over which the speed is averaged that the dial goes by.
 const PACE_TICKS: f64 = 32.0;
-/// Ticks that it takes to have a loaded cell refined, and ticks ahead at which the refined set looks.
+/// Ticks that it takes to have a loaded cell refined.
 const REFINE_AROUND: f64 = 12.0;
-const REFINE_AHEAD: f64 = 20.0;
+/// Ticks ahead at which the refined set looks.
+pub const REFINE_AHEAD: f64 = 20.0;
 /// Radii of the probe around its centre that are refined at rest.
 pub const RADII_AROUND: f64 = 1.5;
 /// Ticks of motion by which the refined strip is wider on either side.
@@ -310,6 +311,36 @@ impl Predictor {
                 refine,
             });
         });
+    }
+}
+
+/// Visits the regions around a place where another part of the probe may touch next, and around where that goes: of the finest
+/// ring, and of the coarser ones with `rings`, where the front is coarse still. `velocity`: of that part, model units a tick.
+pub fn predict_beside(
+    dial: &Dial,
+    rings: bool,
+    place: Motion,
+    velocity: DVec3,
+    mut visit: impl FnMut(Predicted),
+) {
+    let finest = dial.finest();
+    let last = if rings {
+        dial.rings().len()
+    } else {
+        finest + 1
+    };
+    for ring in &dial.rings()[finest..last] {
+        for ticks in [0.0, REFINE_AHEAD] {
+            let way = velocity * ticks;
+            let radius = RADII_AROUND * place.radius + SPREAD[0] * way.length();
+            visit_ball(&ring.grid, place.position + way, radius, |id| {
+                visit(Predicted {
+                    key: RegionKey::new(id, ring.tolerance),
+                    ticks: ticks_until(&ring.grid, id, place, velocity),
+                    refine: true,
+                });
+            });
+        }
     }
 }
 

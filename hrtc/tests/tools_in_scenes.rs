@@ -12,7 +12,7 @@ use hrtc::tool::cylinder_mesh;
 use shared::geometry::{Pose, Wrench};
 use shared::scene::{ProbeShape, ToolMeshPlan};
 use std::sync::LazyLock;
-use ve_station::build::BuildOptions;
+use ve_station::build::{BuildOptions, SoupMesh};
 use ve_station::generate::{Shape, generate};
 
 #[global_allocator]
@@ -29,6 +29,20 @@ static PLATE: LazyLock<Vec<u8>> =
     LazyLock::new(|| spm(generate(Shape::Plate, 5000, 1), &BuildOptions::default()));
 static SPHERE: LazyLock<Vec<u8>> =
     LazyLock::new(|| spm(generate(Shape::Sphere, 20_000, 1), &BuildOptions::default()));
+
+/// Two balls of a sixth of its length at its ends.
+static DUMBBELL: LazyLock<Vec<u8>> = LazyLock::new(|| {
+    let ball = generate(Shape::Sphere, 30_000, 1);
+    let mut mesh = SoupMesh::default();
+    for middle in [-2.0, 2.0] {
+        let first = mesh.positions.len() as u32;
+        let triangles = ball.triangles.iter().map(|t| t.map(|v| v + first));
+        mesh.triangles.extend(triangles);
+        let moved = ball.positions.iter().map(|[x, y, z]| [x + middle, *y, *z]);
+        mesh.positions.extend(moved);
+    }
+    spm(mesh, &BuildOptions::default())
+});
 
 fn capsule() -> ProbeShape {
     ProbeShape::Capsule {
@@ -152,6 +166,48 @@ fn a_turned_object_turns_force_and_torque_with_it() {
             );
         }
     }
+}
+
+/// A bar lies on one ball and is tilted until it touches another far from there: neither its tip nor what it touches tells of
+/// that. With geomorphs, what is coarse there would stay so for long.
+#[test]
+fn what_another_part_of_a_tool_comes_to_touch_is_at_full_resolution() {
+    let shape = ProbeShape::Capsule {
+        radius_m: RADIUS,
+        length_m: 0.18,
+        faces: 960,
+    };
+    let (mut once, mut twice, mut coarse) = (0, 0, 0);
+    for turn in 0..4 {
+        let mut plan = scene_plan(&[("dumbbell", SIZE, DVec3::ZERO)], 1, 16 << 20);
+        plan.probes[0].shape = shape.clone();
+        assert!(plan.accuracy.geomorph);
+        let mut scene = Scene::new(&plan, &[("dumbbell", &DUMBBELL)]);
+        let around = DQuat::from_rotation_x(f64::from(turn));
+        let pose = |height: f64, tilt: f64| {
+            let orientation = around * DQuat::from_rotation_y(0.5 * std::f64::consts::PI - tilt);
+            let over = DVec3::new(-SIZE / 3.0, 0.0, SIZE / 6.0 + RADIUS + height);
+            Some(Pose {
+                position: around * over - orientation * DVec3::Z * 0.02,
+                orientation,
+            })
+        };
+        for _ in 0..600 {
+            scene.step_poses(&[pose(0.02, 0.2)], &mut NoObserver);
+        }
+        for tick in 0..2000 {
+            let t = 1e-3 * f64::from(tick);
+            let height = 0.02 - 0.021 * t.min(1.0);
+            let tilt = 0.2 - 0.21 * (t - 1.0).max(0.0);
+            let record = scene.step_poses(&[pose(height, tilt)], &mut NoObserver);
+
+            once += u32::from(record.contact);
+            coarse += u32::from(record.contact && !record.contact_asked);
+        }
+        twice += u32::from(scene.outputs.wrenches[0].force.length() > 1.5 * STIFFNESS * 0.001);
+    }
+    println!("{once} ticks in contact, {coarse} of them coarser than asked; {twice} times at both");
+    assert_eq!((twice, coarse), (4, 0), "of {once} ticks");
 }
 
 #[test]

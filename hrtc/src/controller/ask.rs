@@ -4,7 +4,7 @@ use super::library::Model;
 use super::seat::Seat;
 use crate::cache::RegionKey;
 use crate::dial::Dial;
-use crate::predict::{LEAD_TICKS, Predicted, RADII_AROUND};
+use crate::predict::{LEAD_TICKS, Predicted, RADII_AROUND, predict_beside};
 use crate::proxy::Contact;
 use crate::query::{Surface, closest_point};
 use crate::subscriber::Outbox;
@@ -123,6 +123,12 @@ impl Seat {
                 .predict(dial, rings, device, motion, |predicted| {
                     refinement.note(predicted, tick, cache);
                 });
+            for near in touch.beside.found() {
+                let rings = rings && near.is_coarse;
+                predict_beside(dial, rings, near.place, near.velocity, |predicted| {
+                    refinement.note(predicted, tick, cache);
+                });
+            }
         }
         if let Some(finest) = finest {
             dial.set_finest(finest);
@@ -198,9 +204,10 @@ impl Seat {
         })
     }
 
-    /// Moves what the predictors will look at next onto the front as far as it is known, for the next tick.
+    /// Moves what the predictors will look at next onto the front as far as it is known, for the next tick; and looks what
+    /// else of a tool may touch.
     pub(super) fn look_ahead(&mut self) {
-        let Some(model) = self.model else {
+        let Some((model, frame)) = self.known() else {
             return;
         };
         let local = self.refinement_plan == RefinementPlan::Local;
@@ -211,12 +218,16 @@ impl Seat {
             let (velocity, _) = touch.predictor.motion();
             let reach = radius + velocity.length() * RADII_AROUND * 60.0;
             let near = touch.clearance - model.radius_max <= reach;
+            let surface = Surface {
+                mesh: self.cache.mesh(),
+                tree: self.cache.tree(),
+            };
+            if let (Some(goal), true) = (touch.goal, local) {
+                let patch = touch.patch_m / frame.metres_per_unit;
+                touch.beside.look(surface, &touch.follower, &goal, patch);
+            }
             let landed = match touch.predictor.ahead(middle) {
                 Some(ahead) if local && near && ahead.is_finite() => {
-                    let surface = Surface {
-                        mesh: self.cache.mesh(),
-                        tree: self.cache.tree(),
-                    };
                     let hint = touch.hint.filter(|&face| surface.mesh.is_active(face));
                     closest_point(surface, ahead, hint)
                         .0

@@ -15,6 +15,7 @@
 //! the broad phase. The work of a tick is one budget, which the seats draw on in turn, the nearest to a contact first.
 
 mod ask;
+mod beside;
 mod capacity;
 mod flight;
 mod follower;

@@ -12,8 +12,8 @@ use shared::spm::{DamagedRecord, OperationFaces, RegionId, Slot};
 
 /// Regions that may be wanted at once.
 pub const MOST_WANTED: usize = 256;
-/// Regions that may be kept to be asked for in a tick, for each probe: the cells of two balls.
-const MOST_UNKNOWN: usize = 250;
+/// Regions that may be kept to be asked for in a tick, for each probe: the cells of six balls.
+const MOST_UNKNOWN: usize = 750;
 /// Ticks for which a region stays wanted after the prediction left it: no flicker at a cell's wall.
 const LINGER: u64 = 40;
 /// Splits, and collapses, a tick where nothing is urgent.
@@ -120,7 +120,8 @@ impl Refinement {
     /// Marks a predicted region in the table, or keeps it to be asked for.
     pub fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
         let Some(index) = cache.regions.index(p.key) else {
-            // For each probe a tick looks at one ball of each of two rings: of one probe nothing comes twice.
+            // For each probe a tick looks at one ball of each of two rings, and at four of a tool. What comes twice is
+            // asked for once.
             if self.unknown.len() < self.unknown.capacity() {
                 self.unknown.push(p);
                 self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());

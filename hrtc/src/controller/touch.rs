@@ -1,6 +1,7 @@
 //! A touch: one probe and one object.
 
 use super::ModelFrame;
+use super::beside::Beside;
 use super::follower::{Followed, Follower};
 use super::probe::Probe;
 use crate::effects::{Clock, Rendered, SurfaceEffects, Touching};
@@ -41,6 +42,8 @@ pub struct Touch {
     pub goal: Option<Pose>,
     pub follower: Follower,
     pub predictor: Predictor,
+    /// Where it may touch next, away from where it touches now.
+    pub beside: Beside,
     pub hint: Option<Handle>,
     /// Distance of the surface from the middle of the patch, model units.
     pub clearance: f64,
@@ -68,6 +71,7 @@ impl Touch {
             goal: None,
             follower: Follower::new(shape),
             predictor: Predictor::new(),
+            beside: Beside::new(),
             hint: None,
             clearance: 0.0,
             finest: 0,
@@ -85,6 +89,7 @@ impl Touch {
         self.is_followed = true;
         self.start = start;
         self.predictor.forget();
+        self.beside = Beside::new();
         self.follower.forget();
         self.hint = None;
         self.clearance = 0.0;

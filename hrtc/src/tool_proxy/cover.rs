@@ -2,7 +2,6 @@
 
 use crate::tool::Tool;
 use glam::DVec3;
-use shared::spm::Handle;
 
 /// Times that the tool is halved, at the most.
 const HALVINGS: u32 = 4;
@@ -10,7 +9,10 @@ const HALVINGS: u32 = 4;
 /// Balls at the most.
 pub const MOST_BALLS: usize = 1 << HALVINGS;
 
-/// A ball that holds some of the tool's faces; its own frame and units.
+/// Pieces into which faces are cut, at the most.
+const MOST_PIECES: usize = 1 << 16;
+
+/// A ball that holds some of the tool's surface; its own frame and units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ball {
     pub centre: DVec3,
@@ -19,30 +21,60 @@ pub(super) struct Ball {
 
 /// The balls around the halves of halves of the tool, each split across its longest side; [`MOST_BALLS`] at the most.
 pub(super) fn cover(tool: &Tool) -> Vec<Ball> {
-    let mut faces: Vec<Handle> = (0..tool.faces()).collect();
+    let mut pieces = pieces(tool);
     let mut balls = Vec::with_capacity(MOST_BALLS);
-    halve(tool, &mut faces, HALVINGS, &mut balls);
+    halve(&mut pieces, HALVINGS, &mut balls);
     balls
 }
 
-fn halve(tool: &Tool, faces: &mut [Handle], halvings: u32, balls: &mut Vec<Ball>) {
-    let corners = |face: Handle| tool.triangle(face).map(|v| tool.rest()[v as usize]);
-    let all = || faces.iter().flat_map(|&face| corners(face));
-    let lower = all().fold(DVec3::INFINITY, DVec3::min);
-    let upper = all().fold(DVec3::NEG_INFINITY, DVec3::max);
-    if halvings == 0 || faces.len() == 1 {
+/// The faces of the tool, long ones cut: a bar has faces as long as it is, and a ball around one of them holds mostly air.
+fn pieces(tool: &Tool) -> Vec<[DVec3; 3]> {
+    let faces = (0..tool.faces()).map(|face| tool.triangle(face).map(|v| tool.rest()[v as usize]));
+    let mut left: Vec<[DVec3; 3]> = faces.collect();
+    let (lower, upper) = box_of(&left);
+    let longest = (upper - lower).max_element() / MOST_BALLS as f64;
+    let mut pieces = Vec::with_capacity(left.len());
+    while let Some([a, b, c]) = left.pop() {
+        // The longest edge is ab.
+        let edges = [(a, b, c), (b, c, a), (c, a, b)];
+        let length = |&(a, b, _): &(DVec3, DVec3, DVec3)| a.distance_squared(b);
+        let by_length = |p: &_, q: &_| f64::total_cmp(&length(p), &length(q));
+        let (a, b, c) = edges.into_iter().max_by(by_length).unwrap_or((a, b, c));
+        let has_room = pieces.len() + left.len() + 2 <= MOST_PIECES;
+        if has_room && a.distance(b) > longest {
+            let middle = a.midpoint(b);
+            left.extend([[a, middle, c], [middle, b, c]]);
+        } else {
+            pieces.push([a, b, c]);
+        }
+    }
+    pieces
+}
+
+fn box_of(pieces: &[[DVec3; 3]]) -> (DVec3, DVec3) {
+    let corners = pieces.iter().flatten();
+    corners.fold(
+        (DVec3::INFINITY, DVec3::NEG_INFINITY),
+        |(lower, upper), &p| (lower.min(p), upper.max(p)),
+    )
+}
+
+fn halve(pieces: &mut [[DVec3; 3]], halvings: u32, balls: &mut Vec<Ball>) {
+    let (lower, upper) = box_of(pieces);
+    if halvings == 0 || pieces.len() == 1 {
         let centre = 0.5 * (lower + upper);
-        let radius = all().fold(0.0f64, |most, p| most.max(p.distance(centre)));
+        let corners = pieces.iter().flatten();
+        let radius = corners.fold(0.0f64, |most, p| most.max(p.distance(centre)));
         balls.push(Ball { centre, radius });
         return;
     }
     let axis = (upper - lower).max_position();
-    let place = |face: Handle| corners(face).iter().sum::<DVec3>()[axis];
-    let half = faces.len() / 2;
-    faces.select_nth_unstable_by(half, |&a, &b| place(a).total_cmp(&place(b)).then(a.cmp(&b)));
-    let (left, right) = faces.split_at_mut(half);
-    halve(tool, left, halvings - 1, balls);
-    halve(tool, right, halvings - 1, balls);
+    let place = |[a, b, c]: &[DVec3; 3]| (a + b + c)[axis];
+    let half = pieces.len() / 2;
+    pieces.select_nth_unstable_by(half, |a, b| place(a).total_cmp(&place(b)));
+    let (left, right) = pieces.split_at_mut(half);
+    halve(left, halvings - 1, balls);
+    halve(right, halvings - 1, balls);
 }
 
 #[cfg(test)]
@@ -51,7 +83,7 @@ mod tests {
     use crate::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
 
     #[test]
-    fn every_corner_is_in_a_ball_with_all_of_its_face() {
+    fn every_place_of_a_face_is_in_a_ball() {
         for mesh in [capsule_mesh(1.0, 10.0, 12, 10), cylinder_mesh(1.0, 3.0, 7)] {
             let one = ToolMesh {
                 triangles: mesh.triangles[..1].to_vec(),
@@ -62,14 +94,25 @@ mod tests {
                 let balls = cover(&tool);
                 assert!((1..=MOST_BALLS).contains(&balls.len()));
                 for face in 0..tool.faces() {
-                    let corners = tool.triangle(face).map(|v| tool.rest()[v as usize]);
-                    let held = balls.iter().any(|ball| {
-                        let most = ball.radius * (1.0 + 1e-12);
-                        corners.iter().all(|p| p.distance(ball.centre) <= most)
-                    });
-                    assert!(held, "face {face}");
+                    let [a, b, c] = tool.triangle(face).map(|v| tool.rest()[v as usize]);
+                    for (k, l) in (0..=20).flat_map(|k| (0..=20 - k).map(move |l| (k, l))) {
+                        let place =
+                            a + (b - a) * (0.05 * f64::from(k)) + (c - a) * (0.05 * f64::from(l));
+                        let held = balls
+                            .iter()
+                            .any(|ball| place.distance(ball.centre) <= ball.radius * (1.0 + 1e-9));
+                        assert!(held, "face {face}");
+                    }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_bar_is_held_by_balls_all_along() {
+        let tool = Tool::new(&capsule_mesh(1.0, 40.0, 12, 10)).expect("a tool");
+        for ball in cover(&tool) {
+            assert!(ball.radius < 3.0, "{ball:?}");
         }
     }
 }
