@@ -164,7 +164,21 @@ impl EnergyAccount {
         if work.is_nan() || work <= self.rounding(size, ahead) {
             return 1.0;
         }
-        let along = if size > 0.0 { pushed / size } else { 0.0 };
+        // By how much the spring between device and proxy gets shorter: of one that turns too, force and torque may do
+        // opposite works, so that the length of the one tells nothing of it.
+        let (work_of_spring, pull) = if wanted.torque == DVec3::ZERO {
+            (pushed, size)
+        } else {
+            (
+                work,
+                (2.0 * spring.stiffness_n_per_m * spring.stored_j).sqrt(),
+            )
+        };
+        let along = if pull > 0.0 {
+            work_of_spring / pull
+        } else {
+            0.0
+        };
         let held = 0.5 * spring.stiffness_n_per_m * along * along;
         // What the encoder's step alone may make of the balance is none of it.
         let unpaid = self.of_touch + spring.stored_j - 2.0 * size * self.encoder_m;
@@ -318,6 +332,42 @@ mod tests {
             }
         }
         account.joules()
+    }
+
+    /// A tool that rolls on the surface: its force does about as much work as its torque does the other way.
+    #[test]
+    fn opposite_works_of_force_and_torque_take_nothing_off() {
+        let (stiffness_n_per_m, newtons, step) = (1000.0, 0.5, 1e-5);
+        for rest in [1.0, 1e-3, 1e-6] {
+            let mut account = EnergyAccount::new(0.0);
+            let at = |k: f64, turned: f64| Pose {
+                position: DVec3::X * (step * k),
+                orientation: DQuat::from_rotation_z(turned * k),
+            };
+            let turned = 1e-3;
+            account.moved_to(&at(0.0, turned), STANDING);
+            // It has taken in enough.
+            account.give(push(newtons), push(newtons));
+            account.moved_to(&at(-100.0, turned), STANDING);
+            for k in 1..4 {
+                account.give(push(newtons), push(newtons));
+                account.moved_to(&at(f64::from(k) - 100.0, turned), STANDING);
+            }
+            let torque = DVec3::Z * (-newtons * step * (1.0 - rest) / turned);
+            let wanted = Wrench {
+                torque,
+                ..push(newtons)
+            };
+            let spring = Spring {
+                stiffness_n_per_m,
+                stored_j: 0.5 * newtons * newtons / stiffness_n_per_m,
+            };
+            let share = account.share(wanted, spring, Carried::default());
+            assert!(
+                share > 0.95,
+                "{share} of it, where {rest} of the work is left"
+            );
+        }
     }
 
     #[test]

@@ -202,6 +202,8 @@ fn what_another_part_of_a_tool_comes_to_touch_is_at_full_resolution() {
             let record = scene.step_poses(&[pose(height, tilt)], &mut NoObserver);
 
             once += u32::from(record.contact);
+            let force = scene.outputs.wrenches[0].force.length();
+            assert_eq!(record.contact, force > 0.0, "tick {tick}: {force} N");
             coarse += u32::from(record.contact && !record.contact_asked);
         }
         twice += u32::from(scene.outputs.wrenches[0].force.length() > 1.5 * STIFFNESS * 0.001);

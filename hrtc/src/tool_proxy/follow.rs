@@ -137,6 +137,10 @@ impl ToolProxy {
             answer.spent += PROJECTED * self.contacts.all().len() as u32;
             let whole = motion.farthest(radius);
             if whole <= 4.0 * f64::EPSILON * (self.at.centre.length() + length) {
+                if answer.contact_count == 0 {
+                    // What rounding has left of the way is no contact.
+                    self.at = self.goal;
+                }
                 is_settled = true;
                 break;
             }
