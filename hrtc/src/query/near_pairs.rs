@@ -172,19 +172,21 @@ fn for_each_near_face(
     let upper = a.max(b).max(c).max(p.max(q).max(r));
     let size = way.size + lower.abs().max(upper.abs()).max_element();
     let near = BoxWithin::new([lower, upper], size, &distance);
-    let slabs = slabs([[a, b, c], [p, q, r]], &distance, size + tool.extent());
-    tool.faces(&near, &slabs, set, cost, most, visit)
+    let slabs = || slabs([[a, b, c], [p, q, r]], &distance, size + tool.extent());
+    tool.faces(&near, (set, slabs), cost, most, visit)
 }
 
-/// Calls `visit` with the faces of a tool that may meet a face, until it returns false. What it cost, in blocks.
-pub(crate) fn for_each_face_that_may_meet(
+/// Calls `visit` with the faces of a tool that may come within a distance of a face, until it returns false. What it cost,
+/// in blocks.
+pub(crate) fn for_each_face_near(
     tool: &Blocks,
     way: &WaySeen,
     corners: [DVec3; 3],
+    distance: f64,
     visit: impl FnMut(u32) -> bool,
 ) -> u32 {
     let mut cost = FACE;
-    let near = (&tool.whole(), Distance::new(0.0));
+    let near = (&tool.whole(), Distance::new(distance));
     for_each_near_face(tool, way, corners, near, &mut cost, u32::MAX, visit);
     cost
 }
@@ -242,7 +244,7 @@ pub(crate) fn for_each_near_pair(
             Child::Node(node) => {
                 let (children, boxes) = surface.children(node);
                 for side in [1, 0] {
-                    if resume.is_after(key_of(children[side])) {
+                    if resume != Resume::START && resume.is_after(key_of(children[side])) {
                         continue;
                     }
                     let BoxSeen { corners, size } = way.around(&boxes.get(side));

@@ -43,6 +43,24 @@ impl Block {
     }
 }
 
+/// The corners of eight faces: of each corner its coordinates, in two halves.
+#[derive(Debug, Clone, Copy)]
+struct Corners([[[Vec4; 2]; 3]; 3]);
+
+impl Corners {
+    /// Faces without an extent.
+    const NONE: Self = Self([[[Vec4::ZERO; 2]; 3]; 3]);
+
+    fn set(&mut self, slot: usize, corners: [DVec3; 3]) {
+        let (half, lane) = (slot / 4, slot % 4);
+        for (place, corner) in self.0.iter_mut().zip(corners) {
+            for axis in 0..3 {
+                place[axis][half][lane] = corner[axis] as f32;
+            }
+        }
+    }
+}
+
 /// A distance, rounded up.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Distance {
@@ -132,6 +150,20 @@ impl Slab {
         }
     }
 
+    /// Which of eight faces may be in it, as bits.
+    #[inline]
+    fn of_faces(&self, faces: &Corners) -> u32 {
+        let [x, y, z] = self.direction;
+        let half = |half: usize| {
+            let [a, b, c] = faces
+                .0
+                .map(|p| x * p[0][half] + y * p[1][half] + z * p[2][half]);
+            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+            (low.cmple(self.high) & high.cmpge(self.low)).bitmask()
+        };
+        half(0) | half(1) << 4
+    }
+
     /// Which boxes of a block may be in it, as bits.
     #[inline]
     fn of(&self, block: &Block) -> u32 {
@@ -156,6 +188,8 @@ pub(crate) struct Blocks {
     order: Vec<u32>,
     /// The blocks of faces, then of blocks of faces and so on up to one or two.
     blocks: Vec<Block>,
+    /// The faces of each block of faces.
+    faces: Vec<Corners>,
     /// Where each level begins.
     levels: Vec<usize>,
     extent: f32,
@@ -166,7 +200,7 @@ const PLACE_BITS: usize = 24;
 /// Blocks of a set, at the most.
 const MOST_BLOCKS: usize = 16;
 /// Boxes of a block that may be near for it to be opened: where more are, those of what is looked at next tell more.
-const OPENED: u32 = 4;
+const OPENED: u32 = 2;
 /// Blocks that wait to be opened, at the most: a set, and all but one of each level of the largest tool.
 const WAITING: usize = MOST_BLOCKS + 8 * WIDTH;
 
@@ -209,7 +243,7 @@ impl Blocks {
     /// Over faces in an order in which neighbours are near; without boxes.
     pub(crate) fn new(order: Vec<u32>) -> Self {
         let (mut levels, mut count) = (vec![0], order.len().div_ceil(WIDTH));
-        let mut whole = count;
+        let (faces, mut whole) = (vec![Corners::NONE; count], count);
         while count > TOP {
             levels.push(whole);
             count = count.div_ceil(WIDTH);
@@ -218,6 +252,7 @@ impl Blocks {
         Self {
             order,
             blocks: vec![Block::NOWHERE; whole],
+            faces,
             levels,
             extent: 0.0,
         }
@@ -226,7 +261,8 @@ impl Blocks {
     /// Takes the corners of the faces.
     pub(crate) fn refit(&mut self, corners: impl Fn(u32) -> [DVec3; 3]) {
         for (place, &face) in self.order.iter().enumerate() {
-            let [a, b, c] = corners(face);
+            let corners @ [a, b, c] = corners(face);
+            self.faces[place / WIDTH].set(place % WIDTH, corners);
             let (lower, upper) = (a.min(b).min(c), a.max(b).max(c));
             let rounding = ROUNDING * lower.abs().max(upper.abs());
             let aabb = Aabb {
@@ -303,7 +339,8 @@ impl Blocks {
     /// Whether a face may be near.
     pub(crate) fn any(&self, near: &BoxWithin) -> bool {
         let mut found = false;
-        self.faces(near, &[], &self.whole(), &mut 0, u32::MAX, |_| {
+        let whole = (&self.whole(), || []);
+        self.faces(near, whole, &mut 0, u32::MAX, |_| {
             found = true;
             false
         });
@@ -311,19 +348,19 @@ impl Blocks {
     }
 
     /// Calls `visit` with the faces of a set that may be near and in all slabs, until it returns false; the blocks that it
-    /// looks at are added to the cost. False where it would come to more than `most`.
+    /// looks at are added to the cost. False where it would come to more than `most`. The slabs are asked for where a box
+    /// is near.
     #[inline]
-    pub(crate) fn faces(
+    pub(crate) fn faces<const N: usize>(
         &self,
         near: &BoxWithin,
-        slabs: &[Slab],
-        set: &BlockSet,
+        (set, slabs): (&BlockSet, impl Fn() -> [Slab; N]),
         cost: &mut u32,
         most: u32,
         mut visit: impl FnMut(u32) -> bool,
     ) -> bool {
         let mut waiting = [0u32; WAITING];
-        let mut count = set.count;
+        let (mut count, mut made) = (set.count, None);
         for (entry, &block) in waiting.iter_mut().zip(set.all().iter().rev()) {
             *entry = block;
         }
@@ -336,11 +373,15 @@ impl Blocks {
             *cost += 1;
             let block = &self.blocks[self.levels[level] + place];
             let mut which = near.of(block);
-            for slab in slabs {
-                if which == 0 {
-                    break;
-                }
-                which &= slab.of(block);
+            if which == 0 {
+                continue;
+            }
+            for slab in made.get_or_insert_with(&slabs).iter() {
+                which &= if level > 0 {
+                    slab.of(block)
+                } else {
+                    slab.of_faces(&self.faces[place])
+                };
             }
             while which != 0 {
                 let below = WIDTH * place + which.trailing_zeros() as usize;

@@ -6,7 +6,7 @@
 //! answer for them. Features within a plane are left out where the corners of the plane tell as much.
 
 use super::motion::Placement;
-use super::neighbourhood::{Neighbourhood, SurfaceFace};
+use super::neighbourhood::{MOST_PAIRS, Neighbourhood, SurfaceFace};
 use super::projection::MOST_HALF_SPACES;
 use super::shape::{FLAT, ToolShape};
 use crate::query::Surface;
@@ -70,6 +70,8 @@ impl ToolContact {
 #[derive(Debug, Clone)]
 pub struct Contacts {
     all: Vec<ToolContact>,
+    /// Pairs that were looked at for them.
+    is_looked: Vec<bool>,
     /// Where the tool is for them.
     at: Placement,
     dropped: u32,
@@ -105,6 +107,7 @@ impl Contacts {
     pub fn new() -> Self {
         Self {
             all: Vec::with_capacity(MOST_HALF_SPACES),
+            is_looked: vec![false; MOST_PAIRS],
             at: Placement::NOWHERE,
             dropped: 0,
             high_water: 0,
@@ -160,25 +163,29 @@ impl Contacts {
     }
 
     /// Local minima below `limit`, of the tool where the neighbourhood was placed: of the faces that are within `near_by`
-    /// there, or where the motion to the ends that were placed leads. Returns what it cost, in pairs of nodes, and whether
-    /// it is all that there is: it ends when `most` is spent.
+    /// there, or where the motion to the ends that were placed leads; anew, or those that were not looked at for another
+    /// motion from the same place. Returns what it cost, in pairs of nodes, and whether it is all that there is: it ends
+    /// when `most` is spent.
     pub fn collect(
         &mut self,
         near: &mut Neighbourhood,
         shape: &ToolShape,
         surface: Surface<'_>,
-        at: &Placement,
+        (at, anew): (&Placement, bool),
         [near_by, limit]: [f64; 2],
         most: u32,
     ) -> (u32, bool) {
-        self.all.clear();
-        self.at = *at;
+        if anew {
+            self.all.clear();
+            self.at = *at;
+            self.dropped = 0;
+            self.is_looked[..near.pairs.len()].fill(false);
+        }
         let (centre, rotation) = (at.centre, at.rotation());
-        self.dropped = 0;
         let mut spent = PASSED * near.pairs.len() as u32;
         let back = rotation.transpose();
         for k in 0..near.pairs.len() {
-            if near.is_known_beyond(k, limit) {
+            if self.is_looked[k] || near.is_known_beyond(k, limit) {
                 continue;
             }
             let pair = near.pairs[k];
@@ -192,6 +199,7 @@ impl Contacts {
             {
                 continue;
             }
+            self.is_looked[k] = true;
             spent += LOOK;
             if spent > most {
                 return (spent, false);

@@ -2,6 +2,7 @@
 
 use super::contacts::ToolContact;
 use super::corridor::Corridor;
+use super::disturbance::Disturbance;
 use super::motion::{Placement, Twist};
 use super::projection::{HalfSpace, project};
 use super::sweep::free_share;
@@ -16,16 +17,20 @@ const FLOOR: f64 = 0.5;
 /// gyration.
 const LOOK_AROUND: f64 = 2e-3;
 /// The share.
-const STRAY: f64 = 0.25;
+const STRAY: f64 = 0.1;
 /// What is gathered ahead, in units of the device's motion, at the most.
 const AHEAD: f64 = 1.5;
 /// How far contacts are looked for, in units of the motion that those of the last step allow.
 const BEYOND: f64 = 1.25;
+/// Times that contacts are looked for before a step, at the most: again where those found lead it elsewhere.
+const LOOKS: u32 = 3;
 /// How far it must be behind to look farther ahead in free air, in units of what it would look ahead.
 const FAR_BEHIND: f64 = 8.0;
 /// Share of the budget beyond which a tick begins nothing more, once it has gathered or gone a step: what is left of the way
 /// is gone in the next one.
 const ENOUGH: u32 = 12;
+/// Share of the budget that goes into renewing what is known: where that does not suffice it is gathered anew.
+const RENEWED: u32 = 8;
 /// Gatherings a tick at the most: they are what costs most.
 const MOST_GATHERINGS: u32 = 2;
 /// Gatherings of a tick that had no room, at the most.
@@ -110,31 +115,12 @@ impl ToolProxy {
             answer.steps += 1;
             self.has_waited = false;
             self.near.place(&self.shape, &self.at);
-            // What is farther than the step is likely to go has no say in where it leads; should it go farther, it stops.
-            self.contacts.carry(&self.at);
-            let likely = self.allowed(&wanted, rest, None);
-            let most = length.min(self.near.corridor.reach());
-            let most = most.min(BEYOND * likely.farthest(radius) + look_around);
-            let within = (BEYOND * most / likely.farthest(radius)).min(BEYOND);
-            self.near
-                .place_ends(&self.shape, &self.at.moved(&likely.times(within)));
-            let (looked, is_all) = self.contacts.collect(
-                &mut self.near,
-                &self.shape,
-                surface,
-                &self.at,
-                [rest + most.min(look_around), rest + most],
-                budget.saturating_sub(answer.spent),
-            );
-            answer.spent += looked;
-            if !is_all {
+            let looked = self.look(surface, (&wanted, look_around), budget, answer);
+            let Some((likely, motion, most)) = looked else {
                 self.run_short(gatherings == 0, answer);
                 break;
-            }
-            self.add_stops(rest);
+            };
             answer.dropped = answer.dropped.max(self.contacts.dropped());
-            let motion = self.allowed(&wanted, rest, Some(answer));
-            answer.spent += PROJECTED * self.contacts.all().len() as u32;
             let whole = motion.farthest(radius);
             if whole <= 4.0 * f64::EPSILON * (self.at.centre.length() + length) {
                 if answer.contact_count == 0 {
@@ -164,9 +150,9 @@ impl ToolProxy {
             }
             let swept = free_share(
                 &mut self.near,
+                &mut self.open,
                 &self.shape,
-                &self.at,
-                &step,
+                (&self.at, &step),
                 FLOOR * rest,
                 budget.saturating_sub(answer.spent),
             );
@@ -228,6 +214,55 @@ impl ToolProxy {
         }
     }
 
+    /// Looks for contacts and projects the wanted motion onto what they allow: the motion that was likely before, what is
+    /// allowed, and how far it was looked for. `None` where the budget does not suffice.
+    ///
+    /// What is farther than the step is likely to go has no say in where it leads; should it go farther, it stops. Where what
+    /// is found leads it elsewhere, what is there is looked for too: else each step would obey what the last one did not see.
+    fn look(
+        &mut self,
+        surface: Surface<'_>,
+        (wanted, look_around): (&Twist, f64),
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> Option<(Twist, Twist, f64)> {
+        let (radius, rest) = (self.shape.radius, self.rest());
+        self.contacts.carry(&self.at);
+        let mut likely = self.allowed(wanted, rest, None);
+        let mut looks = 0;
+        loop {
+            looks += 1;
+            let most = wanted.farthest(radius).min(self.near.corridor.reach());
+            let most = most.min(BEYOND * likely.farthest(radius) + look_around);
+            let within = (BEYOND * most / likely.farthest(radius)).min(BEYOND);
+            let there = self.at.moved(&likely.times(within));
+            self.near.place_ends(&self.shape, &there);
+            let (cost, is_all) = self.contacts.collect(
+                &mut self.near,
+                &self.shape,
+                surface,
+                (&self.at, looks == 1),
+                [rest + most.min(look_around), rest + most],
+                budget.saturating_sub(answer.spent),
+            );
+            answer.spent += cost;
+            if !is_all {
+                return None;
+            }
+            if looks == 1 {
+                self.add_stops(rest);
+            }
+            let motion = self.allowed(wanted, rest, Some(answer));
+            answer.spent += PROJECTED * self.contacts.all().len() as u32;
+            let begin = |way: &Twist| way.times((most / way.farthest(radius)).min(1.0));
+            let elsewhere = begin(&motion).minus(&begin(&likely)).farthest(radius);
+            if looks == LOOKS || elsewhere <= look_around {
+                return Some((likely, motion, most));
+            }
+            likely = motion;
+        }
+    }
+
     /// Where the contacts known last let it go, had it the time; where no step was made they are the answer's. What
     /// pushed it a moment ago still does: ticks that end early may not have come to it.
     pub(super) fn where_contacts_allow(&mut self, answer: &mut ToolAdvance) -> Placement {
@@ -254,6 +289,28 @@ impl ToolProxy {
             let share = self.owed / way.farthest(self.shape.radius);
             self.at.moved(&way.times(share.min(1.0)))
         }
+    }
+
+    /// What is known of the surface near is renewed where it has changed, or forgotten where that does not do.
+    pub(super) fn renew(
+        &mut self,
+        surface: Surface<'_>,
+        disturbance: &Disturbance,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) {
+        let most = budget / RENEWED;
+        let is_renewed = disturbance.changed().is_some_and(|changed| {
+            let (is_renewed, work) = self.near.renew(surface, &self.shape, changed, most);
+            answer.work.add(work);
+            answer.spent += work.cost();
+            is_renewed
+        });
+        self.stops.clear();
+        if !is_renewed {
+            self.forget();
+        }
+        self.near.place(&self.shape, &self.at);
     }
 
     /// Nothing near is known any more.

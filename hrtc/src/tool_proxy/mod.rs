@@ -40,9 +40,7 @@ pub use cover::MOST_BALLS;
 pub use motion::{Placement, Twist};
 pub use neighbourhood::{MOST_PAIRS, MOST_SURFACE_FACES};
 
-use crate::query::{
-    Body, Ending, PairWork, Surface, WaySeen, first_pair, for_each_face_that_may_meet,
-};
+use crate::query::{Body, Ending, PairWork, Surface, WaySeen, first_pair, for_each_face_near};
 use crate::tool::Tool;
 use contacts::Contacts;
 use cover::{Ball, cover};
@@ -54,6 +52,7 @@ use projection::{HalfSpace, MOST_ACTIVE, MOST_HALF_SPACES};
 use shape::ToolShape;
 use shared::geometry::{BoxPair, Pose, Similarity, Wrench, triangle_pair};
 use shared::spm::{ActiveMesh, Handle, OperationFaces};
+use sweep::Open;
 use thiserror::Error;
 
 /// What the budget counts, in pairs of nodes of equal cost (measured): a pair of faces that may meet, ...
@@ -150,6 +149,8 @@ pub struct ToolProxy {
     half_spaces: Vec<HalfSpace>,
     /// Pairs that have stopped a step of this tick.
     stops: Vec<usize>,
+    /// Pairs that a sweep looks at more than once.
+    open: Vec<Open>,
     disturbance: Disturbance,
     state: State,
     at: Placement,
@@ -201,6 +202,7 @@ impl ToolProxy {
             contacts: Contacts::new(),
             half_spaces: Vec::with_capacity(MOST_HALF_SPACES),
             stops: Vec::with_capacity(MOST_STOPS),
+            open: Vec::with_capacity(MOST_PAIRS),
             disturbance: Disturbance::new(),
             state: State::Nowhere,
             at: nowhere,
@@ -431,7 +433,7 @@ impl ToolProxy {
         let start = self.at;
         let disturbance = self.disturbance.take();
         if disturbance.is_there() {
-            self.forget();
+            self.renew(surface, &disturbance, budget, &mut answer);
             if disturbance.may_have_met()
                 && !self.put_out(surface, &disturbance, budget, &mut answer)
             {
@@ -495,7 +497,7 @@ impl ToolProxy {
         let (mut is_met, mut tested) = (false, 0);
         for &face in changed.iter().filter(|&&face| surface.has(face)) {
             let corners = surface.corners(face);
-            let cost = for_each_face_that_may_meet(&self.shape.blocks, &way, corners, |own| {
+            let cost = for_each_face_near(&self.shape.blocks, &way, corners, 0.0, |own| {
                 let rest = self
                     .tool
                     .triangle(own)
@@ -559,6 +561,7 @@ impl ToolProxy {
                 Some(true) => {}
                 None => return false,
                 Some(false) => {
+                    self.near.spend(&out, &here.to(&out), self.shape.radius);
                     self.at = out;
                     return true;
                 }

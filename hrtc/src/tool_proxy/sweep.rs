@@ -41,14 +41,26 @@ pub struct Swept {
     pub is_all: bool,
 }
 
+/// A pair that its direction does not part on the whole motion.
+#[derive(Debug, Clone, Copy)]
+pub struct Open {
+    /// The share up to which it does.
+    until: f64,
+    /// How far apart it is at the start.
+    now: f64,
+    pair: u32,
+}
+
 /// The free share of a motion of a placed neighbourhood. Pairs keep at least `floor` (model units) apart; those that
 /// are nearer already, at least half of what they are. What is left when `most` pairs of nodes are spent is free as far as
 /// the pairs are apart now.
+///
+/// What seems to stop it first is followed first: most others are then known to be free as far as that.
 pub fn free_share(
     near: &mut Neighbourhood,
+    open: &mut Vec<Open>,
     shape: &ToolShape,
-    start: &Placement,
-    motion: &Twist,
+    (start, motion): (&Placement, &Twist),
     floor: f64,
     most: u32,
 ) -> Swept {
@@ -59,32 +71,56 @@ pub fn free_share(
         is_all: true,
     };
     near.place_ends(shape, &start.moved(motion));
-    let turn = motion.angular.length();
-    let sagitta = motion.sagitta(shape.radius);
+    let bends = Bends {
+        sagitta: motion.sagitta(shape.radius),
+        turn: motion.angular.length(),
+        way: motion.linear.length(),
+        centre: start.centre,
+    };
     let way = motion.farthest(shape.radius);
-    let mut lately = DVec3::ZERO;
+    open.clear();
     for k in 0..near.pairs.len() {
         if near.is_known_beyond(k, way + floor) {
             continue;
         }
-        let mut pair = near.pairs[k];
-        let (corners, ends) = (
+        let pair = near.pairs[k];
+        let [corners, ends] = [
             near.corners(shape, pair.tool),
             near.end_corners(shape, pair.tool),
-        );
+        ];
         let surface = near.faces[pair.surface as usize].corners;
-        let now = near.apart_now(&pair, corners);
-        let bend_seen = sagitta_from_tool(surface, start.centre, motion, turn);
-        let is_clear = |pair: &NearPair, now: f64| {
-            let bend = match pair.along {
-                Direction::Still { .. } => sagitta,
-                Direction::Turning(_) => bend_seen,
-            };
-            now - bend >= floor && near.apart_then(pair, ends) - bend >= floor
-        };
-        if is_clear(&pair, now) {
+        let (now, until) = bends.clear_until(near, &pair, surface, [corners, ends], floor);
+        if until < 1.0 {
+            let pair = k as u32;
+            open.push(Open { until, now, pair });
+        }
+    }
+    open.sort_unstable_by(|a, b| {
+        let by_share = a.until.total_cmp(&b.until);
+        by_share.then(a.pair.cmp(&b.pair))
+    });
+    let mut lately = DVec3::ZERO;
+    for &Open { until, now, pair } in open.iter() {
+        if until >= swept.share {
+            break;
+        }
+        let k = pair as usize;
+        if swept.spent > most {
+            swept.is_all = false;
+            let room = (now - floor).max(0.0) * WITHIN;
+            let share = until.max(room / way);
+            if share < swept.share {
+                swept.share = share;
+                swept.stop = None;
+            }
             continue;
         }
+        let mut pair = near.pairs[k];
+        let [corners, ends] = [
+            near.corners(shape, pair.tool),
+            near.end_corners(shape, pair.tool),
+        ];
+        let surface = near.faces[pair.surface as usize].corners;
         // Mostly what parts the tool from this face or one beside it does, or one of the faces' normals.
         let height = reach_along(lately, surface);
         let beside = Direction::Still {
@@ -92,21 +128,13 @@ pub fn free_share(
             height,
         };
         let [over, under] = near.normals(shape, &pair, corners);
+        swept.spent += 1;
         if let Some(along) = [beside, over, under].into_iter().find(|&along| {
             pair.along = along;
-            is_clear(&pair, near.apart_now(&pair, corners))
+            let (_, until) = bends.clear_until(near, &pair, surface, [corners, ends], floor);
+            until >= swept.share
         }) {
-            swept.spent += 1;
             near.pairs[k].along = along;
-            continue;
-        }
-        if swept.spent > most {
-            swept.is_all = false;
-            let room = (now - floor).max(0.0) * WITHIN;
-            if room < swept.share * way {
-                swept.share = room / way;
-                swept.stop = None;
-            }
             continue;
         }
         let mut follow = Follow {
@@ -117,8 +145,8 @@ pub fn free_share(
                 .map(|v| shape.points[v as usize]),
             start,
             motion,
-            sagitta,
-            sagitta_from_tool: bend_seen,
+            sagitta: bends.sagitta,
+            sagitta_from_tool: bends.seen_from_tool(surface),
             floor,
         };
         let (share, along, parts) = follow.until(swept.share, corners);
@@ -135,14 +163,51 @@ pub fn free_share(
     swept
 }
 
-/// No corner of the surface, seen from the tool, leaves the straight line between start and end by more: the bound of
-/// [`Twist::sagitta`] with what a turning frame adds.
-fn sagitta_from_tool(surface: [DVec3; 3], centre: DVec3, motion: &Twist, turn: f64) -> f64 {
-    let way = motion.linear.length();
-    let farthest = surface.iter().fold(0.0f64, |most, corner| {
-        most.max(corner.distance_squared(centre))
-    });
-    0.125 * turn * (turn * (farthest.sqrt() + way) + 2.0 * way)
+/// How far what moves strays from straight lines between its start and its end.
+struct Bends {
+    sagitta: f64,
+    turn: f64,
+    way: f64,
+    centre: DVec3,
+}
+
+impl Bends {
+    /// No corner of the surface, seen from the tool, leaves the straight line between start and end by more: the bound of
+    /// [`Twist::sagitta`] with what a turning frame adds.
+    #[inline]
+    fn seen_from_tool(&self, surface: [DVec3; 3]) -> f64 {
+        let farthest = surface.iter().fold(0.0f64, |most, corner| {
+            most.max(corner.distance_squared(self.centre))
+        });
+        0.125 * self.turn * (self.turn * (farthest.sqrt() + self.way) + 2.0 * self.way)
+    }
+
+    /// How far a pair is apart along its direction, and up to which share of the motion it stays so by a floor: on straight
+    /// lines what is between the corners is no less than between its ends in proportion.
+    #[inline]
+    fn clear_until(
+        &self,
+        near: &Neighbourhood,
+        pair: &NearPair,
+        surface: [DVec3; 3],
+        [corners, ends]: [[DVec3; 3]; 2],
+        floor: f64,
+    ) -> (f64, f64) {
+        let bend = match pair.along {
+            Direction::Still { .. } => self.sagitta,
+            Direction::Turning(_) => self.seen_from_tool(surface),
+        };
+        let [now, then] = [near.apart_now(pair, corners), near.apart_then(pair, ends)];
+        let room = now - bend - floor;
+        let until = if room < 0.0 {
+            0.0
+        } else if then - bend >= floor {
+            1.0
+        } else {
+            room / (now - then) * WITHIN
+        };
+        (now, until)
+    }
 }
 
 /// Of a direction, the normals of two faces and those of their pairs of edges the one along which the second is farthest

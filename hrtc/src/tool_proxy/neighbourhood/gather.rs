@@ -4,9 +4,11 @@ use super::{
     Corridor, Direction, MOST_PAIRS, MOST_SURFACE_FACES, NearPair, Neighbourhood, ToolShape,
     normal_of,
 };
-use crate::query::{Ending, PairWork, Resume, Surface, WaySeen, for_each_near_pair};
+use crate::query::{
+    Body, Ending, PairWork, Resume, Surface, WaySeen, for_each_face_near, for_each_near_pair,
+};
 use glam::{DMat3, DVec3};
-use shared::spm::{ActiveMesh, Handle};
+use shared::spm::{ActiveMesh, Handle, NONE};
 use std::ops::ControlFlow;
 
 /// Times that the margin of a full neighbourhood is halved at once, at the most.
@@ -82,24 +84,8 @@ impl Neighbourhood {
                         other.insert(GatheredFace::of(surface.mesh, face))
                     }
                 };
-                let own = shape.faces[tool_face as usize];
-                self.list(own.vertices, shape, centres);
-                let moving = MovingFace {
-                    corners: [&self.positions, &self.ends]
-                        .map(|places| own.vertices.map(|v| places[v as usize])),
-                    own: own.normal,
-                    rotation: self.rotation,
-                };
-                let (gap, along) = moving.best_apart(held, margin);
-                if gap <= margin {
-                    let place = held.place;
-                    let place = place.unwrap_or_else(|| self.face_place(surface.mesh, face));
-                    held.place = Some(place);
-                    self.pairs.push(NearPair {
-                        tool: tool_face,
-                        surface: place,
-                        along,
-                    });
+                if let Some(gap) = self.take(surface.mesh, shape, centres, held, tool_face, margin)
+                {
                     self.clear_until.push(gap);
                 }
                 ControlFlow::Continue(margin + bend)
@@ -125,6 +111,113 @@ impl Neighbourhood {
             Ending::Stopped { .. } => {}
         }
         (ending, work)
+    }
+
+    /// Takes a face of the surface and one of the tool as a pair if they come within a margin on the straight ways from
+    /// where the tool was placed to where its ends were, and says how far they stay apart.
+    #[inline]
+    fn take(
+        &mut self,
+        mesh: &ActiveMesh,
+        shape: &ToolShape,
+        centres: [DVec3; 2],
+        held: &mut GatheredFace,
+        tool_face: u32,
+        margin: f64,
+    ) -> Option<f64> {
+        let own = shape.faces[tool_face as usize];
+        self.list(own.vertices, shape, centres);
+        let moving = MovingFace {
+            corners: [&self.positions, &self.ends]
+                .map(|places| own.vertices.map(|v| places[v as usize])),
+            own: own.normal,
+            rotation: self.rotation,
+        };
+        let (gap, along) = moving.best_apart(held, margin);
+        if gap > margin {
+            return None;
+        }
+        let place = held.place;
+        let place = place.unwrap_or_else(|| self.face_place(mesh, held.face));
+        held.place = Some(place);
+        self.pairs.push(NearPair {
+            tool: tool_face,
+            surface: place,
+            along,
+        });
+        Some(gap)
+    }
+
+    /// After faces have changed or gone, what is known is what would have been gathered with them as they are now. Whether
+    /// it is: not where nothing was known, where that does not fit, nor where it costs more than `most`; and what it cost.
+    pub fn renew(
+        &mut self,
+        surface: Surface<'_>,
+        shape: &ToolShape,
+        changed: &[Handle],
+        most: u32,
+    ) -> (bool, PairWork) {
+        let mut work = PairWork::default();
+        if self.begun.is_some() || self.corridor.left() <= 0.0 {
+            return (false, work);
+        }
+        let mesh = surface.mesh;
+        let margin = self.corridor.straight_margin();
+        let within = margin + self.corridor.bend_seen(margin);
+        let ends = self.corridor.ends();
+        self.place(shape, &ends[0]);
+        self.place_ends(shape, &ends[1]);
+        // A face may be told of more than once.
+        for &face in changed {
+            if let Some(place) = self.face_places.find(face) {
+                self.faces[place as usize].face = NONE;
+            }
+        }
+        let faces = &self.faces;
+        let face_of = |pair: &NearPair| faces[pair.surface as usize].face;
+        let is_there = |face: Handle| face != NONE && mesh.is_active(face);
+        let mut kept = 0;
+        for k in 0..self.pairs.len() {
+            let face = face_of(&self.pairs[k]);
+            if is_there(face) {
+                // A handle until the faces are counted anew.
+                self.pairs[kept] = NearPair {
+                    surface: face,
+                    ..self.pairs[k]
+                };
+                self.clear_until[kept] = self.clear_until[k];
+                kept += 1;
+            }
+        }
+        self.keep_first(kept, mesh);
+        let way = self.way;
+        for &face in changed {
+            if !surface.has(face) || self.face_places.find(face).is_some() {
+                continue;
+            }
+            let mut held = GatheredFace::of(mesh, face);
+            let corners = held.corners;
+            let mut has_room = true;
+            let centres = ends.map(|at| at.centre);
+            work.node_pairs += for_each_face_near(&shape.blocks, &way, corners, within, |own| {
+                work.faces += 1;
+                has_room = self.pairs.len() < MOST_PAIRS && self.faces.len() < MOST_SURFACE_FACES;
+                if has_room
+                    && self
+                        .take(mesh, shape, centres, &mut held, own, margin)
+                        .is_some()
+                {
+                    // The tool may have strayed from the way since.
+                    self.clear_until.push(f64::NEG_INFINITY);
+                }
+                has_room
+            });
+            if !has_room || work.cost() > most {
+                return (false, work);
+            }
+        }
+        self.high_water = self.high_water.max(self.pairs.len());
+        (true, work)
     }
 
     /// Lists vertices of the tool that are not yet, where they are at the start and at the end of the way.
@@ -161,6 +254,11 @@ impl Neighbourhood {
                 kept += 1;
             }
         }
+        self.keep_first(kept, mesh);
+    }
+
+    /// Keeps only the first pairs, which have handles of faces, and counts the faces anew.
+    fn keep_first(&mut self, kept: usize, mesh: &ActiveMesh) {
         self.clear_until.truncate(kept);
         self.pairs.truncate(kept);
         self.clear_faces();
