@@ -202,6 +202,8 @@ pub struct RunResult {
     pub unseated_ticks: u64,
     /// Ticks in which the budget of a tool's proxy was spent and left something to the next one.
     pub unfinished_ticks: u64,
+    /// Ticks that a tool's proxy ended early though its budget had room: the rest of its way was gone in the next ones.
+    pub early_ticks: u64,
     /// What the objects that are not awake cost a tick, microseconds of wall time: the stage of the broad phase.
     pub idle_us: Spread,
     /// Force of each probe over its ticks in contact, newtons.

@@ -96,6 +96,8 @@ pub struct CoreRecord {
     pub query_work: u32,
     /// Tools whose budget left something to the next tick: until then their proxies stay where it is safe.
     pub unfinished: u32,
+    /// Tools whose tick ended early though the budget had room: the rest of their way is gone in the next ones.
+    pub early: u32,
     /// Records received, total.
     pub vsps_received: u64,
     /// Bytes received (chunks), total.

@@ -111,6 +111,13 @@ impl Report<'_> {
                 length(r.depth_m_max)
             ),
         ];
+        if r.unfinished_ticks + r.early_ticks > 0 {
+            lines.push(format!(
+                "in {} tick(s) a tool's budget was spent, in {} more its tick ended early: the rest of its way was gone in the next ones",
+                grouped(r.unfinished_ticks),
+                grouped(r.early_ticks)
+            ));
+        }
         let effects = self.effects();
         if !effects.is_empty() {
             lines.push(format!("with the effects {}", effects.join(", ")));

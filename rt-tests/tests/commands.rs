@@ -153,6 +153,8 @@ fn a_short_run_touches_a_real_mesh_and_reports_every_field() {
         "force_step_n_max",
         "clamped_ticks",
         "rejected_samples",
+        "unfinished_ticks",
+        "early_ticks",
         "energy_j",
         "vsps_received",
         "vsplits",

@@ -50,6 +50,8 @@ pub struct Followed {
     pub dropped: u32,
     /// Whether the budget left something to the next tick.
     pub unfinished: bool,
+    /// Whether it left a part of its way to the next tick though the budget had room.
+    pub early: bool,
 }
 
 impl Followed {
@@ -58,6 +60,7 @@ impl Followed {
         work: Work { nodes: 0, faces: 0 },
         dropped: 0,
         unfinished: false,
+        early: false,
     };
 }
 
@@ -224,6 +227,7 @@ impl Follower {
                     work: advance.work,
                     dropped: advance.dropped,
                     unfinished: false,
+                    early: false,
                 }
             }),
             Self::Tool(tool) if tool.has_begun => tool.advance(surface, goal, most_work),
@@ -343,6 +347,7 @@ impl ToolFollower {
             },
             dropped: advance.dropped,
             unfinished: !advance.ending.is_complete(),
+            early: advance.ending.is_complete() && advance.is_on_its_way,
         }
     }
 }

@@ -327,6 +327,7 @@ impl Controller {
         }
         record.query_work = work.nodes + work.faces;
         record.unfinished = self.seats.iter().map(|seat| seat.tally.unfinished).sum();
+        record.early = self.seats.iter().map(|seat| seat.tally.early).sum();
         observer.ended(Stage::Query);
 
         self.render(inputs, outputs, &mut record);

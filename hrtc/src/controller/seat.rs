@@ -56,6 +56,8 @@ pub struct Tally {
     pub refused: u32,
     /// Tools whose budget left something to the next tick.
     pub unfinished: u32,
+    /// Tools that left a part of their way to the next tick though the budget had room.
+    pub early: u32,
 }
 
 /// What a seat may change beside itself in a tick.
@@ -298,6 +300,7 @@ impl Seat {
             work.add(followed.work);
             self.dropped_constraints += u64::from(followed.dropped);
             self.tally.unfinished += u32::from(followed.unfinished);
+            self.tally.early += u32::from(followed.early);
             let Some(contact) = followed.contact else {
                 touch.render_near(clock, &frame);
                 continue;

@@ -167,6 +167,7 @@ impl Accumulator {
         result.moving_ticks += u64::from(core.moving > 0);
         result.unseated_ticks += u64::from(core.unseated > 0);
         result.unfinished_ticks += u64::from(core.unfinished > 0);
+        result.early_ticks += u64::from(core.early > 0);
         if core.ready {
             self.awake.push(f64::from(core.awake));
             self.ready_tick.get_or_insert(record.tick);

@@ -244,6 +244,7 @@ fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
         "moving_ticks",
         "unseated_ticks",
         "unfinished_ticks",
+        "early_ticks",
         "energy_j",
         "vsps_received",
         "vsplits",

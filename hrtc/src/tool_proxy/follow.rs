@@ -28,7 +28,7 @@ const LOOKS: u32 = 3;
 const FAR_BEHIND: f64 = 8.0;
 /// Share of the budget beyond which a tick begins nothing more, once it has gathered or gone a step: what is left of the way
 /// is gone in the next one.
-const ENOUGH: u32 = 12;
+const ENOUGH: u32 = 16;
 /// Share of the budget that goes into renewing what is known: where that does not suffice it is gathered anew.
 const RENEWED: u32 = 8;
 /// Gatherings a tick at the most: they are what costs most.
@@ -203,6 +203,7 @@ impl ToolProxy {
             self.slide = f64::INFINITY;
         }
         self.near.place(&self.shape, &self.at);
+        answer.is_on_its_way = !is_settled;
         if is_settled {
             answer.ending = Ending::Complete;
             self.pace = 1.0;

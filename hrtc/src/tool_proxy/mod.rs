@@ -20,8 +20,10 @@
 //! | `projection` | the quadratic program |
 //! | `sweep` | conservative advancement |
 //! | `follow` | the steps of a tick |
+//! | `advance` | what a tick gives |
 //! | `coupling` | force and torque |
 
+mod advance;
 mod contacts;
 mod corridor;
 mod coupling;
@@ -34,13 +36,14 @@ pub mod projection;
 mod shape;
 mod sweep;
 
+pub use advance::ToolAdvance;
 pub use contacts::ToolContact;
 pub use coupling::{Coupling, about};
 pub use cover::MOST_BALLS;
 pub use motion::{Placement, Twist};
 pub use neighbourhood::{MOST_PAIRS, MOST_SURFACE_FACES};
 
-use crate::query::{Body, Ending, PairWork, Surface, WaySeen, first_pair, for_each_face_near};
+use crate::query::{Body, Surface, WaySeen, first_pair, for_each_face_near};
 use crate::tool::Tool;
 use contacts::Contacts;
 use cover::{Ball, cover};
@@ -48,7 +51,7 @@ use disturbance::Disturbance;
 use follow::{HOLD_TICKS, MOST_STOPS};
 use glam::DVec3;
 use neighbourhood::Neighbourhood;
-use projection::{HalfSpace, MOST_ACTIVE, MOST_HALF_SPACES};
+use projection::{HalfSpace, MOST_HALF_SPACES};
 use shape::ToolShape;
 use shared::geometry::{BoxPair, Pose, Similarity, Wrench, triangle_pair};
 use shared::spm::{ActiveMesh, Handle, OperationFaces};
@@ -95,46 +98,6 @@ enum State {
     Clear,
     /// The surface has moved into it and there was no way out: it stays until the device is clear.
     Caught,
-}
-
-/// What a tick of the proxy gives.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ToolAdvance {
-    contacts: [ToolContact; MOST_ACTIVE],
-    contact_count: usize,
-    /// Whether everything near was looked at. If not, the proxy has stayed where it is safe.
-    pub ending: Ending,
-    /// What gathering and tests of the whole tool cost, in pairs of nodes and of faces.
-    pub work: PairWork,
-    /// What all of it cost, in pairs of nodes of equal cost: what the budget counts.
-    pub spent: u32,
-    /// Steps taken.
-    pub steps: u32,
-    /// Contacts that did not fit.
-    pub dropped: u32,
-    /// Whether the device's pose was not a pose: the proxy has stayed.
-    pub rejected: bool,
-}
-
-impl ToolAdvance {
-    fn new() -> Self {
-        Self {
-            contacts: [ToolContact::NONE; MOST_ACTIVE],
-            contact_count: 0,
-            ending: Ending::Complete,
-            work: PairWork::default(),
-            spent: 0,
-            steps: 0,
-            dropped: 0,
-            rejected: false,
-        }
-    }
-
-    /// The contacts that push; none in free space.
-    #[must_use]
-    pub fn contacts(&self) -> &[ToolContact] {
-        &self.contacts[..self.contact_count]
-    }
 }
 
 /// The tool that stays outside, in the model's frame and units. Nothing allocates after [`ToolProxy::new`].
