@@ -129,7 +129,7 @@ fn a_small_budget_makes_it_slow_and_not_wrong() {
     // A quarter of the least that a scene gives, that, and more than enough.
     for budget in [3000, 12_288, 1 << 18] {
         let mut hand = Hand::new();
-        let (mut unfinished, mut wildest) = (0, 0.0f64);
+        let (mut unfinished, mut early, mut wildest) = (0, 0, 0.0f64);
         for k in 0..400 {
             let tip = DVec3::new(
                 1e-4 * f64::from(k.min(200)),
@@ -146,6 +146,13 @@ fn a_small_budget_makes_it_slow_and_not_wrong() {
             };
             let answer = hand.proxy.advance(front.surface(), &pose, budget);
             unfinished += u32::from(!answer.ending.is_complete());
+            early += u32::from(answer.ending.is_complete() && answer.is_on_its_way);
+            let (there, here) = (hand.proxy.pose().position, pose.position);
+            let is_told = answer.is_on_its_way || !answer.contacts().is_empty();
+            assert!(
+                is_told || there.distance(here) < 1e-9,
+                "tick {k}: {answer:?}"
+            );
             assert!(
                 answer.spent <= budget + budget / 4,
                 "{} of {budget}",
@@ -155,15 +162,19 @@ fn a_small_budget_makes_it_slow_and_not_wrong() {
             wildest = wildest.max(felt.force.length());
             assert!(!hand.meets(&front), "tick {k}");
         }
-        held.push((hand.proxy.pose().position, wildest, unfinished));
+        held.push((hand.proxy.pose().position, wildest, [unfinished, early]));
     }
     let (rich, most, _) = held[2];
-    for (k, &(poor, wildest, unfinished)) in held.iter().enumerate() {
+    for (k, &(poor, wildest, [unfinished, early])) in held.iter().enumerate() {
         assert!(poor.distance(rich) < 0.05e-3, "{k}: {poor} {rich} {held:?}");
-        assert!(k == 0 || wildest < 1.5 * most, "{held:?}");
+        assert!(wildest < 1.5 * most, "{held:?}");
         assert!(
             k > 0 || unfinished > 0,
             "the small budget is felt: {held:?}"
+        );
+        assert!(
+            k == 2 || early > 0,
+            "and ticks that end early are told: {held:?}"
         );
     }
 }
