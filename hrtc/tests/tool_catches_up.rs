@@ -4,12 +4,14 @@
 #[path = "common/bodies.rs"]
 mod bodies;
 mod common;
+#[path = "common/hands.rs"]
+mod hands;
 
 use bodies::{Front, plate_mesh};
 use glam::{DQuat, DVec3};
-use hrtc::query::first_pair;
-use hrtc::tool::{Tool, ToolMesh, capsule_mesh};
-use hrtc::tool_proxy::{Coupling, ToolProxy, Twist};
+use hands::Hand;
+use hrtc::tool::capsule_mesh;
+use hrtc::tool_proxy::{Coupling, ToolAdvance, Twist};
 use shared::geometry::{Pose, Wrench};
 
 const STIFFNESS: f64 = 800.0;
@@ -19,50 +21,27 @@ const PLATE: f64 = 0.04;
 /// What a scene allows a tick, pairs of nodes.
 const BUDGET: u32 = 1 << 14;
 
-struct Hand {
-    proxy: ToolProxy,
-    tool: Tool,
-    /// How far the capsule reaches below its origin.
-    low: f64,
+fn capsule() -> Hand {
+    Hand::new(capsule_mesh(RADIUS, LENGTH, 24, 20))
 }
 
-impl Hand {
-    fn new() -> Self {
-        let mesh: ToolMesh = capsule_mesh(RADIUS, LENGTH, 24, 20);
-        let tool = Tool::new(&mesh).expect("it is a tool");
-        Self {
-            proxy: ToolProxy::new(tool.clone(), 1.0).expect("it has an extent"),
-            tool,
-            low: mesh.positions.iter().map(|p| -p.z).fold(0.0, f64::max),
-        }
-    }
+/// Upright, with its tip at a place.
+fn upright(tip: DVec3) -> Pose {
+    Pose::at(tip + DVec3::Z * (0.5 * LENGTH))
+}
 
-    fn pose(&self, tip: DVec3) -> Pose {
-        Pose::at(tip + DVec3::Z * self.low)
-    }
-
-    fn to(&mut self, front: &Front, pose: &Pose, budget: u32) -> Wrench {
-        let answer = self.proxy.advance(front.surface(), pose, budget);
-        assert!(
-            answer.spent <= budget + budget / 4,
-            "{} of {budget}",
-            answer.spent
-        );
-        let spring = Coupling {
-            stiffness_n_per_m: STIFFNESS,
-            damping_ns_per_m: 0.5,
-        };
-        self.proxy.wrench(&spring, 1.0, &Twist::default())
-    }
-
-    fn meets(&mut self, front: &Front) -> bool {
-        let at = self.proxy.pose();
-        self.tool
-            .place(&bodies::frame(at.position, at.orientation, 1.0));
-        first_pair(&front.surface(), &self.tool, u32::MAX, None)
-            .0
-            .is_some()
-    }
+fn lead(hand: &mut Hand, front: &Front, pose: &Pose, budget: u32) -> (ToolAdvance, Wrench) {
+    let answer = hand.proxy.advance(front.surface(), pose, budget);
+    assert!(
+        answer.spent <= budget + budget / 4,
+        "{} of {budget}",
+        answer.spent
+    );
+    let spring = Coupling {
+        stiffness_n_per_m: STIFFNESS,
+        damping_ns_per_m: 0.0,
+    };
+    (answer, hand.proxy.wrench(&spring, 1.0, &Twist::default()))
 }
 
 #[test]
@@ -78,13 +57,13 @@ fn a_jump_through_free_air_is_followed_without_a_force() {
                 40,
             ),
         ] {
-            let mut hand = Hand::new();
+            let mut hand = capsule();
             for _ in 0..10 {
-                hand.to(&plate, &hand.pose(from), BUDGET);
+                lead(&mut hand, &plate, &upright(from), BUDGET);
             }
-            let goal = hand.pose(to);
+            let goal = upright(to);
             for tick in 0..ticks {
-                let felt = hand.to(&plate, &goal, BUDGET);
+                let (_, felt) = lead(&mut hand, &plate, &goal, BUDGET);
                 assert_eq!(felt, Wrench::ZERO, "{pieces} pieces, tick {tick}");
                 assert!(!hand.meets(&plate));
             }
@@ -97,23 +76,24 @@ fn a_jump_through_free_air_is_followed_without_a_force() {
 fn a_jump_along_the_surface_feels_its_depth_and_no_more() {
     let plate = Front::of_mesh(&plate_mesh(PLATE, 60));
     let depth = 0.001;
-    let mut hand = Hand::new();
+    let mut hand = capsule();
     for k in 0..100 {
         let height = 0.009 - 1e-4 * f64::from(k);
-        hand.to(
+        lead(
+            &mut hand,
             &plate,
-            &hand.pose(DVec3::new(-0.02, 0.0, height.max(-depth))),
+            &upright(DVec3::new(-0.02, 0.0, height.max(-depth))),
             BUDGET,
         );
     }
-    let goal = hand.pose(DVec3::new(0.02, 0.01, -depth));
+    let goal = upright(DVec3::new(0.02, 0.01, -depth));
     let due = STIFFNESS * depth;
     for tick in 0..30 {
-        let felt = hand.to(&plate, &goal, BUDGET).force;
+        let felt = lead(&mut hand, &plate, &goal, BUDGET).1.force;
         assert!(felt.length() < 1.5 * due, "tick {tick}: {felt}");
         assert!(!hand.meets(&plate));
     }
-    let felt = hand.to(&plate, &goal, BUDGET).force;
+    let felt = lead(&mut hand, &plate, &goal, BUDGET).1.force;
     assert!((felt - DVec3::Z * due).length() < 0.02 * due, "{felt}");
 }
 
@@ -128,7 +108,7 @@ fn a_small_budget_makes_it_slow_and_not_wrong() {
     let mut held = Vec::new();
     // A quarter of the least that a scene gives, that, and more than enough.
     for budget in [3000, 12_288, 1 << 18] {
-        let mut hand = Hand::new();
+        let mut hand = capsule();
         let (mut unfinished, mut early, mut wildest) = (0, 0, 0.0f64);
         for k in 0..400 {
             let tip = DVec3::new(
@@ -138,13 +118,9 @@ fn a_small_budget_makes_it_slow_and_not_wrong() {
             );
             let pose = Pose {
                 orientation: DQuat::from_rotation_y(0.002 * f64::from(k.min(200))),
-                ..hand.pose(tip)
+                ..upright(tip)
             };
-            let spring = Coupling {
-                stiffness_n_per_m: STIFFNESS,
-                damping_ns_per_m: 0.0,
-            };
-            let answer = hand.proxy.advance(front.surface(), &pose, budget);
+            let (answer, felt) = lead(&mut hand, &front, &pose, budget);
             unfinished += u32::from(!answer.ending.is_complete());
             early += u32::from(answer.ending.is_complete() && answer.is_on_its_way);
             let (there, here) = (hand.proxy.pose().position, pose.position);
@@ -153,12 +129,6 @@ fn a_small_budget_makes_it_slow_and_not_wrong() {
                 is_told || there.distance(here) < 1e-9,
                 "tick {k}: {answer:?}"
             );
-            assert!(
-                answer.spent <= budget + budget / 4,
-                "{} of {budget}",
-                answer.spent
-            );
-            let felt = hand.proxy.wrench(&spring, 1.0, &Twist::default());
             wildest = wildest.max(felt.force.length());
             assert!(!hand.meets(&front), "tick {k}");
         }

@@ -3,12 +3,15 @@
 #[path = "common/bodies.rs"]
 mod bodies;
 mod common;
+#[path = "common/hands.rs"]
+mod hands;
 
-use bodies::{Front, frame, full_mesh, scaled};
+use bodies::{Front, full_mesh, scaled};
 use glam::{DQuat, DVec3};
-use hrtc::query::{Ending, closest_point, first_pair};
-use hrtc::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
-use hrtc::tool_proxy::{ToolContact, ToolProxy};
+use hands::Hand;
+use hrtc::query::closest_point;
+use hrtc::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
+use hrtc::tool_proxy::ToolContact;
 use shared::geometry::Pose;
 use std::time::Instant;
 
@@ -64,9 +67,7 @@ impl Walk {
 }
 
 fn run(name: &str, front: &Front, mesh: &ToolMesh, lying: bool) {
-    let mut proxy =
-        ToolProxy::new(Tool::new(mesh).expect("a tool"), 1.0).expect("it has an extent");
-    let mut placed = Tool::new(mesh).expect("a tool");
+    let mut hand = Hand::new(mesh.clone());
     let (_, [a, b, c]) = front.faces[front.faces.len() / 2];
     let normal = (b - a).cross(c - a).normalize();
     let top = front
@@ -95,10 +96,10 @@ fn run(name: &str, front: &Front, mesh: &ToolMesh, lying: bool) {
     };
     walk.at += walk.normal * 0.01;
     for _ in 0..115 {
-        let _ = proxy.advance(front.surface(), &pose(&walk), BUDGET);
+        let _ = hand.proxy.advance(front.surface(), &pose(&walk), BUDGET);
         walk.at -= walk.normal * SPEED * PERIOD;
     }
-    let mut answer = proxy.advance(front.surface(), &pose(&walk), BUDGET);
+    let mut answer = hand.proxy.advance(front.surface(), &pose(&walk), BUDGET);
     let mut times = Vec::with_capacity(TICKS);
     let (mut contact, mut met, mut unfinished, mut steps, mut dropped) = (0, 0, 0, 0, 0);
     let (mut nodes, mut looks, mut gathered) = (0u64, 0u64, 0);
@@ -106,7 +107,7 @@ fn run(name: &str, front: &Front, mesh: &ToolMesh, lying: bool) {
     let (mut turned, mut went) = (0.0, 0.0);
     let mut last = pose(&walk);
     for k in 0..TICKS {
-        let held = proxy.pose().position;
+        let held = hand.proxy.pose().position;
         walk.step(
             front,
             held,
@@ -119,24 +120,18 @@ fn run(name: &str, front: &Front, mesh: &ToolMesh, lying: bool) {
         went += goal.position.distance(last.position);
         last = goal;
         let start = Instant::now();
-        answer = proxy.advance(front.surface(), &goal, BUDGET);
+        answer = hand.proxy.advance(front.surface(), &goal, BUDGET);
         times.push(start.elapsed().as_nanos() as u64);
         contact += usize::from(!answer.contacts().is_empty());
-        unfinished += usize::from(answer.ending != Ending::Complete);
+        unfinished += usize::from(!answer.ending.is_complete());
         steps += answer.steps;
         dropped += answer.dropped;
         nodes += u64::from(answer.work.node_pairs);
         looks += u64::from(answer.work.faces);
         gathered += usize::from(answer.work.node_pairs > 0);
-        most = most.max(proxy.pose().position.distance(goal.position));
+        most = most.max(hand.proxy.pose().position.distance(goal.position));
         if k % 20 == 0 {
-            let at = proxy.pose();
-            placed.place(&frame(at.position, at.orientation, 1.0));
-            met += usize::from(
-                first_pair(&front.surface(), &placed, u32::MAX, None)
-                    .0
-                    .is_some(),
-            );
+            met += usize::from(hand.meets(front));
         }
     }
     times.sort_unstable();
@@ -151,7 +146,7 @@ fn run(name: &str, front: &Front, mesh: &ToolMesh, lying: bool) {
         per(u64::from(steps)),
         per(nodes),
         per(looks),
-        proxy.high_water(),
+        hand.proxy.high_water(),
         went / TICKS as f64,
         turned / TICKS as f64,
     );

@@ -4,60 +4,40 @@
 #[path = "common/bodies.rs"]
 mod bodies;
 mod common;
+#[path = "common/hands.rs"]
+mod hands;
 
-use bodies::{Front, box_mesh, frame, full_mesh, models, orientation, plate_mesh, scaled, vector};
+use bodies::{Front, box_mesh, full_mesh, models, orientation, plate_mesh, scaled, vector};
 use common::Random;
 use glam::{DQuat, DVec3};
-use hrtc::query::{Ending, closest_point, first_pair, signed_distance};
-use hrtc::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
-use hrtc::tool_proxy::{Coupling, ToolProxy, Twist};
+use hands::Hand;
+use hrtc::query::{Ending, closest_point, signed_distance};
+use hrtc::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
+use hrtc::tool_proxy::{Coupling, Twist};
 use shared::geometry::Pose;
 use shared::spm::OperationFaces;
 
 const BUDGET: u32 = 1 << 18;
 
-/// A proxy, and the same tool to ask with.
-struct Hand {
-    proxy: ToolProxy,
-    tool: Tool,
-    mesh: ToolMesh,
+/// One tick, after which no face of the tool meets the surface.
+fn lead(hand: &mut Hand, front: &Front, pose: &Pose) {
+    let answer = hand.proxy.advance(front.surface(), pose, BUDGET);
+    assert_eq!(answer.ending, Ending::Complete);
+    assert!(!hand.meets(front), "{pose:?} {answer:?}");
 }
 
-impl Hand {
-    fn new(mesh: ToolMesh) -> Self {
-        let tool = Tool::new(&mesh).expect("it is a tool");
-        let proxy = ToolProxy::new(tool.clone(), 1.0).expect("it has an extent");
-        Self { proxy, tool, mesh }
-    }
+/// Whether the middle of the tool is in front of a closed surface.
+fn is_in_front(hand: &Hand, front: &Front) -> bool {
+    let at = hand.proxy.pose().position;
+    let (nearest, _) = closest_point(front.surface(), at, None);
+    let nearest = nearest.expect("the front has faces");
+    signed_distance(front.surface(), at, &nearest) > 0.0
+}
 
-    /// One tick, after which no face of the tool meets the surface.
-    fn to(&mut self, front: &Front, pose: &Pose) {
-        let answer = self.proxy.advance(front.surface(), pose, BUDGET);
-        assert_eq!(answer.ending, Ending::Complete);
-        assert!(!self.meets(front), "{pose:?} {answer:?}");
-    }
-
-    fn meets(&mut self, front: &Front) -> bool {
-        let at = self.proxy.pose();
-        self.tool.place(&frame(at.position, at.orientation, 1.0));
-        first_pair(&front.surface(), &self.tool, u32::MAX, None)
-            .0
-            .is_some()
-    }
-
-    /// Whether the middle of the tool is in front of a closed surface.
-    fn is_in_front(&self, front: &Front) -> bool {
-        let at = self.proxy.pose().position;
-        let (nearest, _) = closest_point(front.surface(), at, None);
-        let nearest = nearest.expect("the front has faces");
-        signed_distance(front.surface(), at, &nearest) > 0.0
-    }
-
-    fn lowest(&self) -> f64 {
-        let at = self.proxy.pose();
-        let heights = self.mesh.positions.iter().map(|&p| at.transform_point(p).z);
-        heights.fold(f64::INFINITY, f64::min)
-    }
+fn lowest(hand: &Hand) -> f64 {
+    let at = hand.proxy.pose();
+    let heights = hand.mesh.positions.iter().map(|&p| at.transform_point(p).z);
+    heights.fold(f64::INFINITY, f64::min)
 }
 
 /// Sheets of no thickness, 0.1 and 1 mm under a tool of 20 mm, at 0.05 to 2 m/s and a kilohertz; from above and below.
@@ -93,10 +73,10 @@ fn through_no_sheet_at_any_speed() {
                     };
                     let mut z = 0.02;
                     while z > -0.02 {
-                        hand.to(&front, &pose(z));
+                        lead(&mut hand, &front, &pose(z));
                         z -= speed;
                     }
-                    let low = hand.lowest();
+                    let low = lowest(&hand);
                     assert!(
                         if side > 0.0 {
                             low > 0.0
@@ -137,9 +117,9 @@ fn through_no_sheet_by_rotation_alone() {
             };
             let mut angle = 0.0;
             while angle < 7.0 {
-                hand.to(&front, &pose(angle));
+                lead(&mut hand, &front, &pose(angle));
                 angle += rate;
-                assert!(hand.lowest() > 0.0, "{rate} {angle}");
+                assert!(lowest(&hand) > 0.0, "{rate} {angle}");
             }
         }
     }
@@ -151,7 +131,7 @@ fn wander(front: &Front, mesh: ToolMesh, seed: u64, ticks: u32) -> Hand {
     let (middle, size) = (0.5 * (front.lower + front.upper), front.diagonal());
     let mut hand = Hand::new(mesh);
     let mut at = Pose::at(middle + DVec3::Z * size);
-    hand.to(front, &at);
+    lead(&mut hand, front, &at);
     let mut pressed = 0;
     for k in 0..ticks {
         if k % 40 == 0 {
@@ -159,7 +139,7 @@ fn wander(front: &Front, mesh: ToolMesh, seed: u64, ticks: u32) -> Hand {
         }
         let pull = (middle - at.position) * 0.01;
         at.position += (pull + vector(&mut random) * 0.02 * size).clamp_length_max(0.01 * size);
-        hand.to(front, &at);
+        lead(&mut hand, front, &at);
         let wrench = hand.proxy.wrench(
             &Coupling {
                 stiffness_n_per_m: 1.0,
@@ -181,7 +161,7 @@ fn over_a_sphere() {
     for seed in 0..3 {
         wander(&front, capsule_mesh(0.05, 0.4, 12, 10), seed, 2000);
         let hand = wander(&front, box_mesh(DVec3::new(0.2, 0.05, 0.1)), seed, 2000);
-        assert!(hand.is_in_front(&front));
+        assert!(is_in_front(&hand, &front));
     }
 }
 
@@ -220,7 +200,7 @@ fn while_the_surface_is_refined_under_it() {
             orientation: DQuat::from_rotation_x(1.2),
         };
         for k in 0..500 {
-            hand.to(&front, &pose(k));
+            lead(&mut hand, &front, &pose(k));
         }
         let mut out = OperationFaces::new();
         let (mut ticks, mut met) = (500, 0);
@@ -246,7 +226,7 @@ fn while_the_surface_is_refined_under_it() {
         assert_eq!(met, 0, "{name}: of {ticks} ticks");
         let depth = hand.proxy.pose().position.distance(pose(ticks).position);
         assert!(
-            hand.is_in_front(&front) && depth > 0.01 * size,
+            is_in_front(&hand, &front) && depth > 0.01 * size,
             "{name}: {depth} of {size}"
         );
     }
