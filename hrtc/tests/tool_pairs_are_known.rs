@@ -15,10 +15,16 @@ use shared::geometry::{Pose, closest_points_of_triangles};
 use shared::spm::{OperationFaces, SpmParts};
 use std::collections::HashSet;
 
-/// Performs or undoes some operations anywhere, and tells the proxy.
-fn change(front: &mut Front, parts: &SpmParts, proxy: &mut ToolProxy, random: &mut Random) {
+/// Performs or undoes fewer operations than so many anywhere, and tells the proxy.
+fn change(
+    front: &mut Front,
+    parts: &SpmParts,
+    proxy: &mut ToolProxy,
+    random: &mut Random,
+    most: u64,
+) {
     let mut out = OperationFaces::new();
-    for _ in 0..random.below(6) {
+    for _ in 0..random.below(most) {
         let i = random.below(u64::from(parts.header.vsps)) as u32;
         let Front { mesh, tree, .. } = front;
         if mesh.split_is_legal(i) {
@@ -82,7 +88,14 @@ fn missed(front: &Front, proxy: &ToolProxy, mesh: &ToolMesh) -> (usize, usize) {
 fn whatever_moves_and_changes() {
     let (mut checked, mut in_parts, mut met) = (0, 0, 0);
     for (seed, (name, parts)) in (1..).zip(models(4000)) {
-        for budget in [300, 1500, 1 << 17] {
+        // With many operations a tick there are always some beside the tool.
+        for (budget, operations) in [
+            (300, 6),
+            (1500, 6),
+            (1 << 17, 6),
+            (1500, 200),
+            (1 << 17, 200),
+        ] {
             let mut random = Random(seed);
             let mut front = Front::new(&parts, 70, &mut random);
             let (size, middle) = (front.diagonal(), 0.5 * (front.lower + front.upper));
@@ -98,13 +111,16 @@ fn whatever_moves_and_changes() {
                 let way = pull + vector(&mut random) * 0.01 * size;
                 at.position += way.clamp_length_max(0.008 * size);
                 if k % 3 == 0 {
-                    change(&mut front, &parts, &mut proxy, &mut random);
+                    change(&mut front, &parts, &mut proxy, &mut random, operations);
                 }
                 let answer = proxy.advance(front.surface(), &at, budget);
                 in_parts += u32::from(!answer.ending.is_complete());
-                if k % 4 == 0 && proxy.known_margin() > 0.0 {
+                if (k % 3 == 0 || k % 4 == 0) && proxy.known_margin() > 0.0 {
                     let (missing, within) = missed(&front, &proxy, &mesh);
-                    assert_eq!(missing, 0, "{name}, budget {budget}, tick {k}, of {within}");
+                    assert_eq!(
+                        missing, 0,
+                        "{name}, budget {budget}, {operations} operations, tick {k}, of {within}"
+                    );
                     checked += 1;
                     met += within;
                 }

@@ -1,4 +1,4 @@
-//! How the pairs are gathered.
+//! How the pairs are gathered, and renewed where the surface has changed.
 
 use super::{
     Corridor, Direction, MOST_PAIRS, MOST_SURFACE_FACES, NearPair, Neighbourhood, ToolShape,
