@@ -16,12 +16,14 @@ use glam::DVec3;
 use shared::geometry::closest_point_on_triangle;
 use shared::spm::{ActiveMesh, Flight, Handle, OperationFaces, Slot};
 
-/// A change of force in a tick that is not felt, newtons, and as a share of the force.
-const STEP_N: f64 = 0.05;
-const STEP_SHARE: f64 = 0.07;
-/// Shares of that: what the surface may do, and what the proxy may do beyond the device's motion.
+/// A change of force in a tick that is not felt, newtons.
+pub const STEP_N: f64 = 0.05;
+/// The same as a share of the force.
+pub const STEP_SHARE: f64 = 0.07;
+/// The share of that which the surface may do.
 const OF_SURFACE: f64 = 0.25;
-const OF_PROXY: f64 = 0.8;
+/// The share which the proxy may do beyond the device's motion.
+pub const OF_PROXY: f64 = 0.8;
 /// What an unpaid rise may add to the energy in the spring a second, as a multiple of it; see the module.
 const GROWTH_PER_S: f64 = 48.0;
 /// What a probe that touches feels beyond its own radius, as a fraction of it. Where it comes next is left to the prediction:

@@ -209,6 +209,13 @@ impl Follower {
         }
     }
 
+    /// What is not felt of the coupling of a tool to the device, model units.
+    pub fn set_unfelt(&mut self, unfelt: f64) {
+        if let Self::Tool(tool) = self {
+            tool.proxy.set_unfelt(unfelt);
+        }
+    }
+
     /// Whether it is behind since it was softened.
     pub fn is_behind(&self) -> bool {
         match self {

@@ -8,6 +8,7 @@ use super::{Fault, ModelFrame, PROXY_WORK_LEAST, inbox::Inbox};
 use crate::cache::{Cache, RegionKey};
 use crate::dial::Dial;
 use crate::effects::{Clock, SurfaceEffects};
+use crate::morph::{OF_PROXY, STEP_N};
 use crate::query::{Surface, Work};
 use crate::subscriber::{Identity, Outbox, Session, Subscriber};
 use shared::geometry::Pose;
@@ -293,6 +294,8 @@ impl Seat {
                 mesh: self.cache.mesh(),
                 tree: self.cache.tree(),
             };
+            let unfelt_m = OF_PROXY * STEP_N / placing.surface.stiffness_n_per_m;
+            touch.follower.set_unfelt(unfelt_m / frame.metres_per_unit);
             let left = most_work.saturating_sub(work.nodes + work.faces);
             let Some(followed) = touch.advance(surface, left.max(PROXY_WORK_LEAST)) else {
                 continue;

@@ -41,8 +41,6 @@ const CONVERGED: f64 = 1e-6;
 const LAG: f64 = 0.05;
 /// Steps a tick at the most; what is left is done in the next tick, from a safe place.
 const STEPS: usize = 6;
-/// Ticks for which a tool that was pushed is pushed on as it was though no contact is found, while they end early.
-pub(super) const HOLD_TICKS: u32 = 8;
 /// Pairs that stop the steps of a tick and are remembered, at the most: one a step.
 pub(super) const MOST_STOPS: usize = STEPS;
 /// What a contact in a projection costs, in pairs of nodes (measured).
@@ -264,8 +262,7 @@ impl ToolProxy {
         }
     }
 
-    /// Where the contacts known last let it go, had it the time; where no step was made they are the answer's. What
-    /// pushed it a moment ago still does: ticks that end early may not have come to it.
+    /// Where the contacts known last let it go, had it the time; where no step was made they are the answer's.
     pub(super) fn where_contacts_allow(&mut self, answer: &mut ToolAdvance) -> Placement {
         let rest = self.rest();
         self.contacts.carry(&self.at);
@@ -281,8 +278,6 @@ impl ToolProxy {
         if self.slide.is_finite() {
             // Nor is it felt while the surface moves that it catches up.
             self.at
-        } else if is_free && self.unpushed < HOLD_TICKS {
-            self.goal.moved(&self.stretched)
         } else if is_free {
             self.goal
         } else {

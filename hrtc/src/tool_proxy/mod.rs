@@ -43,12 +43,13 @@ pub use cover::MOST_BALLS;
 pub use motion::{Placement, Twist};
 pub use neighbourhood::{MOST_PAIRS, MOST_SURFACE_FACES};
 
+use crate::morph::{OF_PROXY, STEP_SHARE};
 use crate::query::{Body, Surface, WaySeen, first_pair, for_each_face_near};
 use crate::tool::Tool;
 use contacts::Contacts;
 use cover::{Ball, cover};
 use disturbance::Disturbance;
-use follow::{HOLD_TICKS, MOST_STOPS};
+use follow::MOST_STOPS;
 use glam::DVec3;
 use neighbourhood::Neighbourhood;
 use projection::{HalfSpace, MOST_HALF_SPACES};
@@ -67,6 +68,13 @@ const REST: f64 = 1e-4;
 /// What the surface may do in a tick while it moves, as a fraction of how far the tool may slide then: twice what one
 /// vertex in flight may (see [`crate::morph`]), since more than one may move a face.
 const CUSHION: f64 = 0.625;
+
+/// How far the end of the coupling may go where its way is a guess, in units of the device's motion: a tool that slides
+/// goes with the device, one that falls off an edge faster.
+const FALL: f64 = 4.0;
+/// What the energy in the coupling may grow by in a tick of a millisecond without being paid, as a share of it (facts of
+/// haptics, F9).
+const GROWTH_A_TICK: f64 = 0.048;
 
 /// Why a tool cannot be a probe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -125,9 +133,11 @@ pub struct ToolProxy {
     is_behind: bool,
     /// Where the contacts let it go, were it not for its own limits: there it is held.
     bound_for: Placement,
-    /// Ticks since contacts pushed it last, and how far the coupling was stretched in the tick before.
-    unpushed: u32,
+    /// Whether that was a guess in the tick before, and how far the coupling is stretched from there.
+    is_guess: bool,
     stretched: Twist,
+    /// How far the coupling may be stretched without being felt.
+    unfelt: f64,
     /// Share of what is gathered ahead that the budget allowed last.
     thrift: f64,
     /// Whether what is gathered waits for its first step: that is taken before anything is gathered again.
@@ -174,8 +184,9 @@ impl ToolProxy {
             is_softened: false,
             is_behind: false,
             bound_for: nowhere,
-            unpushed: HOLD_TICKS,
+            is_guess: false,
             stretched: Twist::default(),
+            unfelt: 0.0,
             thrift: 1.0,
             is_due: false,
             haste: 0.0,
@@ -215,6 +226,7 @@ impl ToolProxy {
         self.haste = 0.0;
         self.owed = 0.0;
         self.has_waited = false;
+        self.is_guess = false;
         Ok(())
     }
 
@@ -369,6 +381,11 @@ impl ToolProxy {
         self.is_softened = true;
     }
 
+    /// So far, model units, the coupling may be stretched without being felt; nothing until that is said.
+    pub fn set_unfelt(&mut self, unfelt: f64) {
+        self.unfelt = unfelt;
+    }
+
     /// Whether it is behind since it was softened.
     #[must_use]
     pub fn is_behind(&self) -> bool {
@@ -390,7 +407,7 @@ impl ToolProxy {
             self.state = State::Inside;
         }
         let travelled = self.goal.to(&goal).farthest(self.shape.radius);
-        self.stretched = self.goal.to(&self.bound_for);
+        self.stretched = goal.to(&self.bound_for);
         self.owed += travelled;
         self.goal = goal;
         let start = self.at;
@@ -404,22 +421,49 @@ impl ToolProxy {
                 self.disturbance = disturbance;
                 self.stops.clear();
                 self.bound_for = self.where_contacts_allow(&mut answer);
+                self.go_gently(travelled);
                 return answer;
             }
         }
         match self.state {
-            State::Clear => self.follow(surface, &start, travelled, budget, &mut answer),
+            State::Clear => {
+                self.follow(surface, &start, travelled, budget, &mut answer);
+                self.go_gently(travelled);
+            }
             _ => {
                 self.jump_when_clear(surface, budget, &mut answer);
                 self.bound_for = self.at;
+                self.is_guess = false;
             }
         }
-        self.unpushed = if answer.contact_count > 0 {
-            0
-        } else {
-            self.unpushed.saturating_add(1)
-        };
         answer
+    }
+
+    /// Where a tick ends on the way, where the tool is bound for is a guess that changes with every contact found or left:
+    /// the coupling follows it, and what is true after it, gently. Held where it was, it is stretched by the device's work
+    /// alone; beyond that it changes by no more than the device goes or a hand can tell, and is not stretched farther than
+    /// energy may grow unpaid.
+    fn go_gently(&mut self, travelled: f64) {
+        let is_true = self.bound_for == self.at;
+        if is_true && !self.is_guess {
+            return;
+        }
+        let radius = self.shape.radius;
+        let change = self.goal.to(&self.bound_for).minus(&self.stretched);
+        let slide = Some(self.slide).filter(|slide| slide.is_finite());
+        let unfelt = self.unfelt.max(self.thickness());
+        let most = (FALL * travelled + slide.unwrap_or(0.0))
+            .max(OF_PROXY * STEP_SHARE * self.stretched.farthest(radius))
+            .max(unfelt);
+        let share = (most / change.farthest(radius)).min(1.0);
+        let stretch = self.stretched.plus(&change.times(share));
+        let before = self.length_of(&self.stretched);
+        let longest = before.hypot(GROWTH_A_TICK.sqrt() * before.max(unfelt));
+        let shorter = (longest / self.length_of(&stretch)).min(1.0);
+        self.is_guess = !is_true || share < 1.0 || shorter < 1.0;
+        if share < 1.0 || shorter < 1.0 {
+            self.bound_for = self.goal.moved(&stretch.times(shorter));
+        }
     }
 
     /// Whether the tool meets the surface somewhere; `None` when the budget does not tell.
@@ -544,9 +588,13 @@ impl ToolProxy {
     /// the time to go is no part of it.
     #[must_use]
     pub fn stretch(&self) -> f64 {
-        let stretch = self.goal.to(&self.bound_for);
-        let turned = stretch.angular * self.shape.gyration;
-        stretch.linear.length().hypot(turned.length())
+        self.length_of(&self.goal.to(&self.bound_for))
+    }
+
+    /// Length of a motion in the metric of the tool's mass, model units.
+    fn length_of(&self, motion: &Twist) -> f64 {
+        let turned = motion.angular * self.shape.gyration;
+        motion.linear.length().hypot(turned.length())
     }
 
     /// Force and torque of the coupling on the device, in the model's axes, the torque about the position of the

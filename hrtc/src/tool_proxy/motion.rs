@@ -21,6 +21,15 @@ impl Twist {
         }
     }
 
+    /// One after the other, as far as they are small.
+    #[must_use]
+    pub fn plus(&self, other: &Self) -> Self {
+        Self {
+            linear: self.linear + other.linear,
+            angular: self.angular + other.angular,
+        }
+    }
+
     /// What another one lacks of it.
     #[must_use]
     pub fn minus(&self, other: &Self) -> Self {
