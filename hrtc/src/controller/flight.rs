@@ -255,6 +255,11 @@ impl Seat {
             return Manner::AtOnce;
         }
         let space = space_of(mesh, faces, places);
+        take_reached(reached, feelers, &self.touches, space, BESIDE * AROUND);
+        if reached.is_empty() && mesh.flights().is_empty() {
+            // Nor can anything bring it nearer.
+            return Manner::AtOnce;
+        }
         take_reached(reached, feelers, &self.touches, space, AROUND);
         if !is_felt(mesh, slot, faces, places, reached) {
             // The probe may come to where a face would be turned over, or the face to the probe.

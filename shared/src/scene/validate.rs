@@ -3,7 +3,7 @@
 
 use super::plan::{
     AccuracyPlan, Hand, LoopPlan, MOST_PROBES, ModelScale, ModelSource, Overrides, ProbePlan,
-    ProbeShape, RefinementPlan, SafetyPlan, ScenePlan, SimulatedDevicePlan, TrajectoryPlan,
+    RefinementPlan, SafetyPlan, ScenePlan, SimulatedDevicePlan, TrajectoryPlan,
 };
 use super::trajectory;
 use super::typed::*;
@@ -196,7 +196,7 @@ fn plan(
         folder: folder.to_path_buf(),
         loop_: loop_plan(source, &typed.loop_)?,
         cache_bytes: typed.cache.bytes.map_or(16 << 20, |bytes| bytes.0),
-        accuracy: accuracy_plan(source, &typed.accuracy, &probes)?,
+        accuracy: accuracy_plan(source, &typed.accuracy)?,
         safety: safety_plan(source, &typed.safety)?,
         objects: objects.plans,
         probes,
@@ -233,15 +233,7 @@ fn probe_plans(
         .collect()
 }
 
-fn accuracy_plan(
-    source: &Source,
-    typed: &AccuracyTyped,
-    probes: &[ProbePlan],
-) -> Result<AccuracyPlan, SceneError> {
-    // A tool feels so much more of the surface that on rough ground its contacts would stay coarse.
-    let all_balls = probes
-        .iter()
-        .all(|probe| matches!(probe.shape, ProbeShape::Sphere { .. }));
+fn accuracy_plan(source: &Source, typed: &AccuracyTyped) -> Result<AccuracyPlan, SceneError> {
     let tolerance_m = source.number(
         typed.tolerance_m.as_ref(),
         "tolerance_m",
@@ -278,7 +270,7 @@ fn accuracy_plan(
     Ok(AccuracyPlan {
         tolerance_m,
         refinement,
-        geomorph: typed.geomorph.unwrap_or(all_balls),
+        geomorph: typed.geomorph.unwrap_or(true),
     })
 }
 

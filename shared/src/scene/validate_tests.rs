@@ -403,8 +403,8 @@ fn what_is_felt_is_morphed_where_the_scene_says_so() {
     assert!(geomorph(&exchanged("geomorph = true", "geomorph = true")));
     assert!(!geomorph(&exchanged("geomorph = true", "geomorph = false")));
     let tool = "[[object]]\ngenerate = { shape = \"relief\", faces = 100000 }\nsize_m = 0.15\n[[probe]]\nshape = { capsule = { radius_m = 0.003, length_m = 0.02 } }\n";
-    assert!(!geomorph(tool));
-    assert!(geomorph(&format!("[accuracy]\ngeomorph = true\n{tool}")));
+    assert!(geomorph(tool));
+    assert!(!geomorph(&format!("[accuracy]\ngeomorph = false\n{tool}")));
 }
 
 #[test]
