@@ -7,12 +7,14 @@
 //! period, with the motion extrapolated, is what the spring between device and proxy loses in it: that takes v T / 2
 //! off its length. Where more is in the spring than was taken in (a touch that began between two ticks, a missed tick,
 //! a surface that rose), up to v T more is taken off until it is not: in proportion to the speed, so that a hand at rest
-//! feels nothing of it. And never is more given back than was taken in. The force is not turned round: a wall does not
-//! stick.
+//! feels nothing of it. And never is more given back than was taken in: where the spring holds more than that, the force of
+//! a device that moves away fades to what the rest would be the energy of, and comes back, by no more in a tick than a hand
+//! can tell. The force is not turned round: a wall does not stick.
 //!
 //! A surface that moves carries the device along, and that costs or gives what it may: the account is that of the
 //! spring between them, so the work over the motion of the material ([`Carried`]) is taken off.
 
+use crate::morph::{STEP_N, STEP_SHARE};
 use glam::{DQuat, DVec3};
 use shared::geometry::{Pose, Wrench};
 
@@ -27,6 +29,8 @@ pub struct EnergyAccount {
     joules: f64,
     /// Energy put out since the touch began, joules.
     of_touch: f64,
+    /// The share of the force that what was taken in allows.
+    paid: f64,
     /// What acts on the device, and what of it is limited.
     wrench: Wrench,
     limited: Wrench,
@@ -109,6 +113,7 @@ impl EnergyAccount {
             encoder_m,
             joules: 0.0,
             of_touch: 0.0,
+            paid: 1.0,
             wrench: Wrench::ZERO,
             limited: Wrench::ZERO,
             samples: None,
@@ -156,13 +161,22 @@ impl EnergyAccount {
     /// The share, 0 to 1, of a wanted wrench that may be given now, in the tick of [`Self::moved_to`]; `ahead`: its
     /// work over the motion of the material in the coming period.
     #[must_use]
-    pub fn share(&self, wanted: Wrench, spring: Spring, ahead: Carried) -> f64 {
+    pub fn share(&mut self, wanted: Wrench, spring: Spring, ahead: Carried) -> f64 {
         let next = self.next();
         let pushed = wanted.force.dot(next) - ahead.pushed_j;
         let work = pushed + (wanted.torque.dot(self.rotation) - ahead.turned_j);
         let size = wanted.force.length();
-        if work.is_nan() || work <= self.rounding(size, ahead) {
-            return 1.0;
+        let taken_in = 0.0 - self.of_touch;
+        let moves_away = work > self.rounding(size, ahead);
+        let due = if moves_away && spring.stored_j > taken_in {
+            (taken_in.max(0.0) / spring.stored_j).sqrt()
+        } else {
+            1.0
+        };
+        let unfelt = (STEP_SHARE * self.paid).max(STEP_N / size);
+        self.paid = due.max(self.paid - unfelt).min(self.paid + unfelt).min(1.0);
+        if !moves_away {
+            return self.paid;
         }
         // By how much the spring between device and proxy gets shorter: of one that turns too, force and torque may do
         // opposite works, so that the length of the one tells nothing of it.
@@ -183,8 +197,8 @@ impl EnergyAccount {
         // What the encoder's step alone may make of the balance is none of it.
         let unpaid = self.of_touch + spring.stored_j - 2.0 * size * self.encoder_m;
         let given = work - held - unpaid.clamp(0.0, 2.0 * held);
-        let taken_in = 0.0 - self.of_touch;
-        (given.min(taken_in) / work).clamp(0.0, 1.0)
+        self.paid = self.paid.min((taken_in / work).max(0.0));
+        (given / work).min(self.paid).clamp(0.0, 1.0)
     }
 
     /// What rounding alone may make of the difference between two motions that are alike, joules; nothing of a surface
