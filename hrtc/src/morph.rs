@@ -53,6 +53,57 @@ pub struct Feeler {
     slide: f64,
 }
 
+/// How far a proxy goes in a tick beyond the device's motion, model units: no farther than is said as long as the surface
+/// under it moves, and until it has caught up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slide {
+    most: f64,
+    is_said: bool,
+}
+
+impl Slide {
+    /// As far as it likes.
+    pub const FREE: Self = Self {
+        most: f64::INFINITY,
+        is_said: false,
+    };
+
+    /// So far in this tick, model units; the least of what is said in one.
+    pub fn say(&mut self, most: f64) {
+        self.most = if self.is_said {
+            self.most.min(most)
+        } else {
+            most
+        };
+        self.is_said = true;
+    }
+
+    /// How far it may go; infinite where nothing moves.
+    #[must_use]
+    pub fn most(&self) -> f64 {
+        self.most
+    }
+
+    /// The same where it is limited, else nothing.
+    #[must_use]
+    pub fn limit(&self) -> f64 {
+        if self.is_limited() { self.most } else { 0.0 }
+    }
+
+    /// Whether the surface moves, or it has not caught up since.
+    #[must_use]
+    pub fn is_limited(&self) -> bool {
+        self.most.is_finite()
+    }
+
+    /// The tick is over; whether it has caught up.
+    pub fn end_tick(&mut self, has_caught_up: bool) {
+        if !std::mem::take(&mut self.is_said) && has_caught_up {
+            *self = Self::FREE;
+        }
+    }
+}
+
 /// What tells a feeler's allowances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Touching {

@@ -17,6 +17,7 @@ pub mod projection;
 
 pub use constraints::MOST_CONSTRAINTS;
 
+use crate::morph::Slide;
 use crate::query::{MOST_FACES, NearFaces, Nearest, Surface, Work, closest_point, swept_sphere};
 use constraints::Constraints;
 use glam::DVec3;
@@ -49,10 +50,7 @@ pub struct Proxy {
     position: DVec3,
     goal: DVec3,
     placed: bool,
-    /// While the surface under it moves: how far it may go in a tick beyond the device's motion, and whether that
-    /// was said in this tick.
-    slide: f64,
-    is_softened: bool,
+    slide: Slide,
     /// Whether it is behind for that.
     is_held: bool,
     constraints: Constraints,
@@ -101,8 +99,7 @@ impl Proxy {
             position: DVec3::ZERO,
             goal: DVec3::ZERO,
             placed: false,
-            slide: f64::INFINITY,
-            is_softened: false,
+            slide: Slide::FREE,
             is_held: false,
             constraints: Constraints::new(),
             near: NearFaces::new(),
@@ -167,12 +164,7 @@ impl Proxy {
     /// The surface that it touches moves in this tick: beyond what keeps it outside and the device's own motion it goes
     /// no farther than `slide`, model units, until it has caught up.
     pub fn soften(&mut self, slide: f64) {
-        self.slide = if self.is_softened {
-            self.slide.min(slide)
-        } else {
-            slide
-        };
-        self.is_softened = true;
+        self.slide.say(slide);
     }
 
     /// Whether it is behind since it was softened.
@@ -195,7 +187,7 @@ impl Proxy {
         let reach = moved + 1e-3 * self.radius;
         self.goal = goal;
         let start = self.position;
-        let most = self.slide + moved;
+        let most = self.slide.most() + moved;
         self.is_held = false;
         // Splits and collapses may have changed any face since the last tick.
         self.near.forget();
@@ -263,9 +255,7 @@ impl Proxy {
         if self.position == goal {
             contact = None;
         }
-        if !std::mem::take(&mut self.is_softened) && !self.is_held {
-            self.slide = f64::INFINITY;
-        }
+        self.slide.end_tick(!self.is_held);
         Advance {
             contact,
             work,

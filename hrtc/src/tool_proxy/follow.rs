@@ -64,7 +64,7 @@ impl ToolProxy {
     ) {
         let (radius, gyration, rest) = (self.shape.radius, self.shape.gyration, self.rest());
         let look_around = (LOOK_AROUND * gyration).max(self.cushion());
-        let farthest = travelled + self.slide;
+        let farthest = travelled + self.slide.most();
         self.is_behind = false;
         self.stops.clear();
         self.haste = self.haste.max(travelled);
@@ -197,9 +197,7 @@ impl ToolProxy {
                 break;
             }
         }
-        if !std::mem::take(&mut self.is_softened) && is_settled {
-            self.slide = f64::INFINITY;
-        }
+        self.slide.end_tick(is_settled);
         self.near.place(&self.shape, &self.at);
         answer.is_on_its_way = !is_settled;
         if is_settled {
@@ -259,31 +257,6 @@ impl ToolProxy {
                 return Some((likely, motion, most));
             }
             likely = motion;
-        }
-    }
-
-    /// Where the contacts known last let it go, had it the time; where no step was made they are the answer's.
-    pub(super) fn where_contacts_allow(&mut self, answer: &mut ToolAdvance) -> Placement {
-        let rest = self.rest();
-        self.contacts.carry(&self.at);
-        self.add_stops(rest);
-        let wanted = self.at.to(&self.goal);
-        let mut held = ToolAdvance::new();
-        let way = self.allowed(&wanted, rest, Some(&mut held));
-        if answer.steps == 0 {
-            answer.contacts = held.contacts;
-            answer.contact_count = held.contact_count;
-        }
-        let is_free = held.contact_count == 0;
-        if self.slide.is_finite() {
-            // Nor is it felt while the surface moves that it catches up.
-            self.at
-        } else if is_free {
-            self.goal
-        } else {
-            // Contacts that are not known yet may hold it sooner: it owes no more than the device has gone.
-            let share = self.owed / way.farthest(self.shape.radius);
-            self.at.moved(&way.times(share.min(1.0)))
         }
     }
 
@@ -391,7 +364,7 @@ impl ToolProxy {
 
     /// What has stopped a step of this tick is a contact as long as it is no farther than the rest distance, a minimum
     /// or not: what is left of it is no other way known.
-    fn add_stops(&mut self, rest: f64) {
+    pub(super) fn add_stops(&mut self, rest: f64) {
         for &k in &self.stops {
             let pair = &self.near.pairs[k];
             let face = &self.near.faces[pair.surface as usize];
@@ -409,7 +382,12 @@ impl ToolProxy {
     }
 
     /// The motion closest to the wanted one that the contacts allow; those that push go into the answer.
-    fn allowed(&mut self, wanted: &Twist, rest: f64, answer: Option<&mut ToolAdvance>) -> Twist {
+    pub(super) fn allowed(
+        &mut self,
+        wanted: &Twist,
+        rest: f64,
+        answer: Option<&mut ToolAdvance>,
+    ) -> Twist {
         let gyration = self.shape.gyration;
         let half_space = |contact: &ToolContact| {
             let [n, t] = [contact.normal, contact.arm.cross(contact.normal) / gyration];

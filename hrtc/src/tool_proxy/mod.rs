@@ -20,6 +20,7 @@
 //! | `projection` | the quadratic program |
 //! | `sweep` | conservative advancement |
 //! | `follow` | the steps of a tick |
+//! | `hold` | where the coupling holds it while a tick ends on the way |
 //! | `advance` | what a tick gives |
 //! | `coupling` | force and torque |
 
@@ -30,6 +31,7 @@ mod coupling;
 mod cover;
 mod disturbance;
 mod follow;
+mod hold;
 mod motion;
 mod neighbourhood;
 pub mod projection;
@@ -43,7 +45,7 @@ pub use cover::MOST_BALLS;
 pub use motion::{Placement, Twist};
 pub use neighbourhood::{MOST_PAIRS, MOST_SURFACE_FACES};
 
-use crate::morph::{OF_PROXY, STEP_SHARE};
+use crate::morph::Slide;
 use crate::query::{Body, Surface, WaySeen, first_pair, for_each_face_near};
 use crate::tool::Tool;
 use contacts::Contacts;
@@ -68,13 +70,6 @@ const REST: f64 = 1e-4;
 /// What the surface may do in a tick while it moves, as a fraction of how far the tool may slide then: twice what one
 /// vertex in flight may (see [`crate::morph`]), since more than one may move a face.
 const CUSHION: f64 = 0.625;
-
-/// How far the end of the coupling may go where its way is a guess, in units of the device's motion: a tool that slides
-/// goes with the device, one that falls off an edge faster.
-const FALL: f64 = 4.0;
-/// What the energy in the coupling may grow by in a tick of a millisecond without being paid, as a share of it (facts of
-/// haptics, F9).
-const GROWTH_A_TICK: f64 = 0.048;
 
 /// Why a tool cannot be a probe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -126,9 +121,7 @@ pub struct ToolProxy {
     state: State,
     at: Placement,
     goal: Placement,
-    /// How far it goes in a tick beyond the device's motion, and whether that was said for this tick.
-    slide: f64,
-    is_softened: bool,
+    slide: Slide,
     /// Whether it was kept from going farther by that.
     is_behind: bool,
     /// Where the contacts let it go, were it not for its own limits: there it is held.
@@ -180,8 +173,7 @@ impl ToolProxy {
             state: State::Nowhere,
             at: nowhere,
             goal: nowhere,
-            slide: f64::INFINITY,
-            is_softened: false,
+            slide: Slide::FREE,
             is_behind: false,
             bound_for: nowhere,
             is_guess: false,
@@ -219,8 +211,7 @@ impl ToolProxy {
         self.state = State::Nowhere;
         self.contacts.clear();
         self.thrift = 1.0;
-        self.slide = f64::INFINITY;
-        self.is_softened = false;
+        self.slide = Slide::FREE;
         self.is_behind = false;
         self.pace = 1.0;
         self.haste = 0.0;
@@ -285,11 +276,7 @@ impl ToolProxy {
     /// How far the surface may come in a tick, model units: as long as it moves contacts act at that distance, so that it
     /// pushes the tool and does not come to meet it.
     fn cushion(&self) -> f64 {
-        if self.slide.is_finite() {
-            CUSHION * self.slide
-        } else {
-            0.0
-        }
+        CUSHION * self.slide.limit()
     }
 
     /// Poses that were none.
@@ -373,12 +360,7 @@ impl ToolProxy {
     /// The surface that it touches moves in this tick: beyond what keeps it outside and the device's own motion no point of
     /// it goes farther than `slide`, model units, until it has caught up.
     pub fn soften(&mut self, slide: f64) {
-        self.slide = if self.is_softened {
-            self.slide.min(slide)
-        } else {
-            slide
-        };
-        self.is_softened = true;
+        self.slide.say(slide);
     }
 
     /// So far, model units, the coupling may be stretched without being felt; nothing until that is said.
@@ -437,33 +419,6 @@ impl ToolProxy {
             }
         }
         answer
-    }
-
-    /// Where a tick ends on the way, where the tool is bound for is a guess that changes with every contact found or left:
-    /// the coupling follows it, and what is true after it, gently. Held where it was, it is stretched by the device's work
-    /// alone; beyond that it changes by no more than the device goes or a hand can tell, and is not stretched farther than
-    /// energy may grow unpaid.
-    fn go_gently(&mut self, travelled: f64) {
-        let is_true = self.bound_for == self.at;
-        if is_true && !self.is_guess {
-            return;
-        }
-        let radius = self.shape.radius;
-        let change = self.goal.to(&self.bound_for).minus(&self.stretched);
-        let slide = Some(self.slide).filter(|slide| slide.is_finite());
-        let unfelt = self.unfelt.max(self.thickness());
-        let most = (FALL * travelled + slide.unwrap_or(0.0))
-            .max(OF_PROXY * STEP_SHARE * self.stretched.farthest(radius))
-            .max(unfelt);
-        let share = (most / change.farthest(radius)).min(1.0);
-        let stretch = self.stretched.plus(&change.times(share));
-        let before = self.length_of(&self.stretched);
-        let longest = before.hypot(GROWTH_A_TICK.sqrt() * before.max(unfelt));
-        let shorter = (longest / self.length_of(&stretch)).min(1.0);
-        self.is_guess = !is_true || share < 1.0 || shorter < 1.0;
-        if share < 1.0 || shorter < 1.0 {
-            self.bound_for = self.goal.moved(&stretch.times(shorter));
-        }
     }
 
     /// Whether the tool meets the surface somewhere; `None` when the budget does not tell.
