@@ -174,7 +174,9 @@ impl EnergyAccount {
             1.0
         };
         let unfelt = (STEP_SHARE * self.paid).max(STEP_N / size);
-        self.paid = due.max(self.paid - unfelt).min(self.paid + unfelt).min(1.0);
+        // As the device takes the energy out of the spring: what hardly moves fades hardly.
+        let fades = unfelt.min(work.max(0.0) / spring.stored_j);
+        self.paid = due.max(self.paid - fades).min(self.paid + unfelt).min(1.0);
         if !moves_away {
             return self.paid;
         }
