@@ -11,7 +11,7 @@ use crate::tool_proxy::MOST_BALLS;
 use shared::spm::{DamagedRecord, OperationFaces, RegionId, Slot};
 
 /// Regions that may be wanted at once.
-pub const MOST_WANTED: usize = 256;
+pub const MOST_WANTED: usize = 512;
 /// Regions that may be kept to be asked for in a tick, for each probe: the cells of six balls.
 const MOST_UNKNOWN: usize = 750;
 /// Ticks for which a region stays wanted after the prediction left it: no flicker at a cell's wall.
