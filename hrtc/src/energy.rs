@@ -350,6 +350,50 @@ mod tests {
         account.joules()
     }
 
+    /// Pressed in, then raised on as far again for nothing, the device leaves and trembles: the force that is not paid for is
+    /// mostly gone before it has to be cut off, and comes back no faster than a hand can tell.
+    #[test]
+    fn a_force_that_was_not_paid_for_fades() {
+        let (stiffness_n_per_m, pressed, raised) = (1000.0, 2e-3, 2e-3);
+        for step in [1e-5, 5e-5, 1e-4] {
+            let mut account = EnergyAccount::new(0.0);
+            let (mut x, mut rise, mut tick, mut before): (f64, f64, u32, f64) = (0.0, 0.0, 0, 0.0);
+            let (mut whole, mut fall, mut excess): (f64, f64, f64) = (0.0, 0.0, 0.0);
+            while x <= 0.0 {
+                let is_leaving = rise >= raised;
+                if rise == 0.0 && x > -pressed {
+                    x -= step;
+                } else if !is_leaving {
+                    rise += 1e-5;
+                } else {
+                    // One step back in four.
+                    tick += 1;
+                    x += if tick % 4 == 0 { -step } else { step };
+                }
+                account.moved_to(&Pose::at(DVec3::X * x), STANDING);
+                let depth = (rise - x).max(0.0);
+                let wanted = push(stiffness_n_per_m * depth);
+                let spring = Spring {
+                    stiffness_n_per_m,
+                    stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+                };
+                let force = wanted.force.x * account.share(wanted, spring, Carried::default());
+                if is_leaving {
+                    let unfelt = STEP_N.max(STEP_SHARE * before) + stiffness_n_per_m * step;
+                    excess = excess.max((force - before) / unfelt);
+                    fall = fall.max(before - force);
+                } else {
+                    whole = force;
+                }
+                account.give(push(force), push(force));
+                before = force;
+            }
+            let share = fall / whole;
+            println!("{step} a tick: falls by {share}, rises by {excess} of what is not felt");
+            assert!(share < 0.8 && excess <= 1.0, "{step}: {share}, {excess}");
+        }
+    }
+
     /// A tool that rolls on the surface: its force does about as much work as its torque does the other way.
     #[test]
     fn opposite_works_of_force_and_torque_take_nothing_off() {
