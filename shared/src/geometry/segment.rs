@@ -129,7 +129,9 @@ fn piercing_point([p, q]: [DVec3; 2], t: [DVec3; 3]) -> Option<DVec3> {
     if !finite || triangle_is_degenerate(t[0], t[1], t[2]) {
         return None;
     }
-    contact_of_segment(p, q, t).map(|[from, to]| 0.5 * (from + to))
+    // Where the segment runs along the plane, the place on its line is known badly; that it is on the triangle is known.
+    contact_of_segment(p, q, t)
+        .map(|[from, to]| closest_point_on_triangle(t, 0.5 * (from + to)).point)
 }
 
 #[cfg(test)]

@@ -232,3 +232,23 @@ fn embree_issue_387() {
     let grazing = closest_points_of_segment_and_triangle(parallel, t);
     assert!((grazing.distance_squared.sqrt() - 1e-12).abs() < 1e-20);
 }
+
+/// Found by a random seed: the corner is on the segment, the edge beside it off by a rounding.
+#[test]
+fn a_segment_along_an_edge_is_told_a_point_of_the_triangle() {
+    let segment = [
+        DVec3::new(1.0, -0.5546875, 0.0),
+        DVec3::new(1.0, 2.4453125000000004, 0.0),
+    ];
+    let triangle = [
+        DVec3::new(0.8046875, 0.66015625, 0.1953125),
+        DVec3::new(1.0, 0.625, 0.0),
+        DVec3::new(1.0, 1.0, 1.1102230246251565e-15),
+    ];
+    let closest = closest_points_of_segment_and_triangle(segment, triangle);
+    assert_eq!(closest.distance_squared, 0.0);
+    for point in closest.points {
+        let on_face = closest_point_on_triangle(triangle, point);
+        assert!(on_face.distance_squared.sqrt() <= 1e-14, "{point}");
+    }
+}
