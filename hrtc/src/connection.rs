@@ -9,11 +9,11 @@ use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{BackpressureStrategy, ipc};
-use rtrb::{Consumer, Producer};
-use shared::protocol::{
-    BUFFER, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Domain, HELLO_PERIOD_MS, Hello,
-    HelloError, Request, Role, TransportError,
+use protocol::{
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, HELLO_PERIOD_MS, Hello, HelloError,
+    Request, Role,
 };
+use rtrb::{Consumer, Producer};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -21,6 +21,7 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use thiserror::Error;
+use transport::{BUFFER, Domain, TransportError};
 
 /// Room in the inbox: twice the credit window.
 pub const INBOX: usize = 64;

@@ -12,8 +12,8 @@
 //! - when the cache cannot hold what the contact needs ([`Economy`]).
 
 use glam::DVec3;
-use shared::protocol::ModelHeader;
-use shared::spm::{LEVELS, RegionGrid};
+use spm::ModelHeader;
+use spm::{LEVELS, RegionGrid};
 
 /// Most rings: the tolerance asked for, then the rungs above it.
 pub const MOST_RINGS: usize = LEVELS + 1;

@@ -15,8 +15,8 @@
 //! spring between them, so the work over the motion of the material ([`Carried`]) is taken off.
 
 use crate::morph::{STEP_N, STEP_SHARE};
+use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
-use shared::geometry::{Pose, Wrench};
 
 /// Periods over which a velocity is taken at the most.
 const LONGEST: usize = 16;

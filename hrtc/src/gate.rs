@@ -1,8 +1,8 @@
 //! The gate that every force passes: finite, clamped, slew-limited, ramped in and out.
 
+use geometry::Wrench;
 use glam::DVec3;
-use shared::geometry::Wrench;
-use shared::scene::SafetyPlan;
+use scene::SafetyPlan;
 
 /// The state of the gate.
 #[derive(Debug, Clone)]

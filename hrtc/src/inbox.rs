@@ -1,6 +1,6 @@
 //! A chunk as it lies in the ring between the connection's thread and the tick.
 
-use shared::protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
+use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
 
 /// One received chunk.
 #[derive(Debug, Clone, Copy)]

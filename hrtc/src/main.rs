@@ -2,7 +2,7 @@
 
 use clap::{Args, Parser, Subcommand};
 use hrtc::run::{Output, RunArgs, run};
-use shared::scene::Overrides;
+use scene::Overrides;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -1,6 +1,6 @@
 //! Refinement that cannot be felt: what a probe allows the surface under it to do in a tick.
 //!
-//! Splits and collapses that a probe can feel do not happen at once: their vertices fly (see [`shared::spm::Flight`]).
+//! Splits and collapses that a probe can feel do not happen at once: their vertices fly (see [`spm::Flight`]).
 //! A step of a vertex raises or lowers the surface nowhere by more than its displacement along the normals of the
 //! faces around it, before or after the step; that height is limited by two allowances:
 //!
@@ -12,9 +12,9 @@
 //!
 //! The rest of the force allowance is left to the proxy, which may slide along the surface that turns under it.
 
+use geometry::closest_point_on_triangle;
 use glam::DVec3;
-use shared::geometry::closest_point_on_triangle;
-use shared::spm::{ActiveMesh, Flight, Handle, OperationFaces, Slot};
+use spm::{ActiveMesh, Flight, Handle, OperationFaces, Slot};
 
 /// A change of force in a tick that is not felt, newtons.
 pub const STEP_N: f64 = 0.05;

@@ -9,7 +9,7 @@
 use crate::cache::RegionKey;
 use crate::dial::{Dial, Ring};
 use glam::{DVec3, UVec3};
-use shared::spm::{RegionGrid, RegionId};
+use spm::{RegionGrid, RegionId};
 
 /// Ticks over which velocity and acceleration are estimated: an encoder's step is averaged, a turn is not. A hand
 /// that moves less than the probe's radius over the longer span is slow enough for that one, and there a single

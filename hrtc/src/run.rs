@@ -17,15 +17,16 @@ use crate::result::{Accumulator, RunMeta, SupervisedLine};
 use crate::subscriber::Identity;
 use crate::tick_record::TickRecord;
 use outcome::{Outcome, rights};
+use protocol::{ContactReport, Request};
 use rtrb::{Consumer, RingBuffer};
-use shared::protocol::{ContactReport, Domain, Request};
-use shared::scene::{self, Overrides, ScenePlan, TrajectoryPlan};
+use scene::{self, Overrides, ScenePlan, TrajectoryPlan};
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
 use tick_thread::{Ended, Hand, TickThread};
+use transport::Domain;
 
 /// Records between the tick and the log, which is drained every [`DRAIN`]: a second at 1 kHz. Locked memory
 /// commits them all.

@@ -1,11 +1,11 @@
 //! The mesh subscriber: requests out, chunks in, epochs and credit (see `shared::protocol`).
 
 use crate::cache::{Cache, RegionKey, RegionState};
-use shared::protocol::{
+use protocol::{
     CREDIT_CHUNKS, ChunkHeader, REGIONS_PER_REQUEST, RegionAction, RegionAsk, Request, RequestKind,
     TourAsk,
 };
-use shared::spm::NONE;
+use spm::NONE;
 
 /// Answers that may be outstanding: no more than the credit lets come before the next word from here, so that
 /// what is asked for next is still what is needed most.

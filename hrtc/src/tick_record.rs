@@ -1,7 +1,7 @@
 //! What one tick leaves behind: plain numbers, pushed into a ring and worded by another thread.
 
-use shared::geometry::{Pose, Wrench};
-use shared::scene::MOST_PROBES;
+use geometry::{Pose, Wrench};
+use scene::MOST_PROBES;
 
 /// Why a period was missed (facts of real time: "misses in classes").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -11,10 +11,10 @@ pub(crate) use blocks::{BlockSet, Blocks, BoxWithin, Distance, Slab};
 pub use shapes::{capsule_mesh, cylinder_mesh};
 
 use crate::query::Body;
+use ab_tree::{Child, NodeId};
+use geometry::{Aabb, BoxPair, Similarity};
 use glam::{DVec3, Vec3A};
-use shared::ab_tree::{Child, NodeId};
-use shared::geometry::{Aabb, BoxPair, Similarity};
-use shared::spm::Handle;
+use spm::Handle;
 use thiserror::Error;
 
 /// Positions, in units of the tool's file, and faces with corners counterclockwise from outside.
@@ -292,8 +292,8 @@ fn tree_over(mesh: &ToolMesh) -> Vec<ToolNode> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use geometry::Pose;
     use glam::DQuat;
-    use shared::geometry::Pose;
 
     fn tool() -> Tool {
         Tool::new(&capsule_mesh(0.5, 3.0, 12, 10)).expect("a capsule is a tool")

@@ -6,7 +6,7 @@ mod common;
 use common::{Pair, plan, spm, touches};
 use hrtc::cache::CacheError;
 use hrtc::controller::Fault;
-use shared::scene::{ProbeShape, ScenePlan};
+use scene::{ProbeShape, ScenePlan};
 use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};
 

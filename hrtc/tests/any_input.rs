@@ -4,14 +4,14 @@
 mod common;
 
 use common::{Pair, Random, change_records, plan, spm};
+use geometry::Pose;
 use glam::{DQuat, DVec3};
 use hrtc::controller::NoObserver;
 use hrtc::device::{Device, Sample};
 use hrtc::inbox::InboxChunk;
 use proptest::prelude::*;
-use shared::geometry::Pose;
-use shared::protocol::{CHUNK_SLOTS, ChunkKind, Refusal};
-use shared::spm::VspRecord;
+use protocol::{CHUNK_SLOTS, ChunkKind, Refusal};
+use spm::VspRecord;
 use std::sync::OnceLock;
 use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};

@@ -1,10 +1,10 @@
 //! The integrator of what moves, against mechanics.
 
+use geometry::{Pose, Wrench};
 use glam::{DMat3, DQuat, DVec3};
 use hrtc::movable::{Body, Extent, material_motion};
 use proptest::prelude::*;
-use shared::geometry::{Pose, Wrench};
-use shared::scene::{
+use scene::{
     DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, RailPlan, RestPlan, least_coupled_mass,
 };
 use std::f64::consts::TAU;

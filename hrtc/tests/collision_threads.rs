@@ -7,13 +7,13 @@ mod common;
 
 use bodies::{Front, box_mesh, frame, full_mesh, orientation, plate_mesh, scaled, vector};
 use common::Random;
+use geometry::{Pose, Similarity, TrianglePair, closest_point_on_triangle};
 use glam::{DQuat, DVec3};
 use hrtc::query::{
     Body, Capsule, Ending, FacePair, all_pairs, closest_features, closest_point,
     closest_to_capsule, deepest_sample, signed_distance,
 };
 use hrtc::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
-use shared::geometry::{Pose, Similarity, TrianglePair, closest_point_on_triangle};
 
 fn tool(mesh: &ToolMesh) -> Tool {
     Tool::new(mesh).expect("the mesh is a tool")

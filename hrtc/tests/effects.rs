@@ -3,13 +3,13 @@
 
 mod common;
 
-use common::scene::{Scene, scene_plan};
+use common::several::{Scene, scene_plan};
 use common::spm;
+use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc::controller::NoObserver;
 use hrtc::counting_allocator::{CountingAllocator, count};
-use shared::geometry::{Pose, Wrench};
-use shared::scene::{Overrides, ProbeShape, ScenePlan, parse};
+use scene::{Overrides, ProbeShape, ScenePlan, parse};
 use std::path::Path;
 use std::sync::LazyLock;
 use ve_station::build::{BuildOptions, SoupMesh};

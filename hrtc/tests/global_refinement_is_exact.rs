@@ -4,8 +4,8 @@
 mod common;
 
 use common::{Pair, Touch, plan, spm, touches};
-use shared::scene::RefinementPlan;
-use shared::spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile};
+use scene::RefinementPlan;
+use spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile};
 use std::collections::BTreeSet;
 use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};

@@ -4,17 +4,18 @@ use bytemuck::Zeroable;
 use hrtc::connection::{INBOX, Link, LinkEndpoints, LinkHandle, LinkOptions};
 use hrtc::inbox::InboxChunk;
 use iceoryx2::prelude::BackpressureStrategy;
-use rtrb::{Consumer, Producer, RingBuffer};
-use shared::protocol::{
-    AnswerItem, AnswersReader, ChunkKind, ContactReport, Domain, HELLO_PERIOD_MS, Hello,
-    RegionAction, RegionAsk, Request, RequestKind, Role,
+use protocol::{
+    AnswerItem, AnswersReader, ChunkKind, ContactReport, HELLO_PERIOD_MS, Hello, RegionAction,
+    RegionAsk, Request, RequestKind, Role,
 };
-use shared::spm::{SpmFile, write_spm};
+use rtrb::{Consumer, Producer, RingBuffer};
+use spm::{SpmFile, write_spm};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
+use transport::Domain;
 use ve_station::build::{BuildOptions, NoProgress, build_model};
 use ve_station::connection::Connection;
 use ve_station::generate::{Shape, generate};
@@ -143,7 +144,7 @@ impl Tick {
         request.incarnation = 1;
         request.sequence = self.next;
         request.consumed = self.consumed;
-        request.credit = shared::protocol::CREDIT_CHUNKS as u32;
+        request.credit = protocol::CREDIT_CHUNKS as u32;
         request.name = Request::name_hash("torus");
         request.kind = kind as u32;
         change(&mut request);

@@ -7,8 +7,8 @@ mod common;
 
 use bodies::{Front, models, vector};
 use common::Random;
+use geometry::closest_point_on_triangle;
 use hrtc::query::{MOST_FACES, NearFaces};
-use shared::geometry::closest_point_on_triangle;
 
 #[test]
 fn every_face_of_the_ball_is_gathered_and_the_ball_is_the_largest_that_fits() {

@@ -7,12 +7,12 @@ mod common;
 
 use bodies::{Front, vector};
 use common::{Random, real_model};
+use geometry::closest_point_on_triangle;
 use glam::{DVec3, Vec3};
 use hrtc::query::{closest_point, faces_within, swept_sphere};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
-use shared::geometry::closest_point_on_triangle;
-use shared::spm::{Handle, SpmParts};
+use spm::{Handle, SpmParts};
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use ve_station::generate::{Shape, generate};
 

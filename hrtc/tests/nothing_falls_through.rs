@@ -7,11 +7,11 @@
 mod common;
 
 use common::{Pair, Random, plan, spm};
+use geometry::{Pose, side_of_plane, solid_angle};
 use glam::{DQuat, DVec3};
 use hrtc::controller::NoObserver;
 use hrtc::device::Sample;
-use shared::geometry::{Pose, side_of_plane, solid_angle};
-use shared::scene::{ModelScale, ProbeShape, ScenePlan, TrajectoryPlan};
+use scene::{ModelScale, ProbeShape, ScenePlan, TrajectoryPlan};
 use std::cmp::Ordering;
 use ve_station::build::{BuildOptions, SoupMesh};
 use ve_station::generate::{Shape, generate};

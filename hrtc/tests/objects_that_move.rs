@@ -2,13 +2,13 @@
 
 mod common;
 
-use common::scene::{Scene, scene_plan, scene_station};
+use common::several::{Scene, scene_plan, scene_station};
 use common::{Faults, Random, spm};
+use geometry::Pose;
 use glam::{DQuat, DVec3};
 use hrtc::controller::NoObserver;
 use hrtc::counting_allocator::{CountingAllocator, count};
-use shared::geometry::Pose;
-use shared::scene::{
+use scene::{
     DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, ProbeShape, RailPlan, RestPlan,
     ScenePlan,
 };
@@ -262,7 +262,7 @@ fn what_is_on_a_hinge_opens_as_far_as_its_stop_and_every_view_of_it_agrees() {
 fn the_same_scene_at_another_scale_moves_alike() {
     let run = |s: f64| {
         let mut plan = balls(&[DVec3::ZERO], 1);
-        plan.objects[0].scale = shared::scene::ModelScale::Size(2.0 * BALL * s);
+        plan.objects[0].scale = scene::ModelScale::Size(2.0 * BALL * s);
         // Soft and light, so that the device can hold against the largest.
         plan.objects[0].surface.stiffness_n_per_m *= 1e-4;
         plan.objects[0].surface.damping_ns_per_m *= 1e-4;
@@ -350,7 +350,7 @@ fn a_missed_period_is_made_good_as_the_device_goes_on_under_its_force() {
 fn a_tour_leads_over_the_object_where_it_is() {
     let mut plan = balls(&[DVec3::new(0.1, 0.2, 0.3)], 1);
     plan.objects[0].movable = Some(driven(DVec3::X, DVec3::ZERO));
-    plan.probes[0].trajectory = shared::scene::TrajectoryPlan::Tour {
+    plan.probes[0].trajectory = scene::TrajectoryPlan::Tour {
         object: 0,
         seed: 1,
         speed_m_per_s: 0.1,

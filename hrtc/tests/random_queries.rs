@@ -7,6 +7,7 @@ mod common;
 
 use bodies::{Front, full_mesh, scaled};
 use common::Random;
+use geometry::{Pose, Similarity};
 use glam::{DQuat, DVec3};
 use hrtc::counting_allocator::{CountingAllocator, count};
 use hrtc::query::{
@@ -15,7 +16,6 @@ use hrtc::query::{
     signed_distance, swept_capsule, swept_sphere,
 };
 use hrtc::tool::{Tool, capsule_mesh};
-use shared::geometry::{Pose, Similarity};
 use std::ops::ControlFlow;
 
 #[global_allocator]

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Faults, Pair, Random, Touch, plan, spm, touches};
-use shared::spm::NONE;
+use spm::NONE;
 use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};
 

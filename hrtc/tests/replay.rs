@@ -4,7 +4,7 @@ mod common;
 
 use common::{Faults, Pair, Random, identity, plan, spm};
 use hrtc::controller::{Controller, NoObserver, TickInputs, TickOutputs};
-use shared::scene::ScenePlan;
+use scene::ScenePlan;
 use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};
 
@@ -84,7 +84,7 @@ fn the_same_seed_gives_the_same_bits_and_another_seed_does_not() {
     assert_ne!(hashes(&first).last(), hashes(&other).last());
 
     let mut tour = plan.clone();
-    let shared::scene::TrajectoryPlan::Tour { seed, .. } = &mut tour.probes[0].trajectory else {
+    let scene::TrajectoryPlan::Tour { seed, .. } = &mut tour.probes[0].trajectory else {
         panic!("the test's scene has a tour");
     };
     *seed += 1;

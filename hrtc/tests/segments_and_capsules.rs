@@ -6,13 +6,13 @@ mod common;
 
 use bodies::{Front, models, orientation, plate_mesh, vector};
 use common::Random;
+use geometry::{closest_point_on_triangle, closest_points_of_segment_and_triangle};
 use glam::{DQuat, DVec3};
 use hrtc::query::{
     Capsule, Ending, closest_to_capsule, closest_to_segment, faces_near_capsule, faces_near_segment,
 };
 use proptest::prelude::*;
-use shared::geometry::{closest_point_on_triangle, closest_points_of_segment_and_triangle};
-use shared::spm::{Handle, SpmParts};
+use spm::{Handle, SpmParts};
 use std::ops::ControlFlow;
 use std::sync::OnceLock;
 

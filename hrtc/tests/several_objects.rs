@@ -3,16 +3,16 @@
 
 mod common;
 
-use common::scene::{Scene, scene_plan, scene_station};
+use common::several::{Scene, scene_plan, scene_station};
 use common::{Faults, Random, spm};
+use geometry::Pose;
 use glam::DVec3;
 use hrtc::controller::{NoObserver, TickInputs};
 use hrtc::counting_allocator::{CountingAllocator, count};
 use hrtc::device::Sample;
 use hrtc::inbox::InboxChunk;
-use shared::geometry::Pose;
-use shared::protocol::{CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot};
-use shared::scene::TrajectoryPlan;
+use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot};
+use scene::TrajectoryPlan;
 use std::sync::LazyLock;
 use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};

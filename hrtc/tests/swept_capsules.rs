@@ -7,11 +7,11 @@ mod common;
 
 use bodies::{Front, box_mesh, models, orientation, plate_mesh, scaled, vector};
 use common::Random;
+use geometry::closest_points_of_segment_and_triangle;
 use glam::DVec3;
 use hrtc::query::{Capsule, Ending, swept_capsule, swept_sphere};
 use proptest::prelude::*;
-use shared::geometry::closest_points_of_segment_and_triangle;
-use shared::spm::SpmParts;
+use spm::SpmParts;
 use std::sync::OnceLock;
 
 fn parts() -> &'static [(String, SpmParts)] {

@@ -7,10 +7,10 @@ mod common;
 
 use bodies::{Front, models, plate_mesh, scaled, vector};
 use common::Random;
+use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use hrtc::query::closest_point;
-use shared::geometry::closest_point_on_triangle;
-use shared::spm::Handle;
+use spm::Handle;
 
 /// The least distance, the face by the rule, and how many faces are as near.
 fn of_all(front: &Front, point: DVec3) -> (f64, Handle, usize) {

@@ -5,12 +5,12 @@ mod bodies;
 mod common;
 
 use bodies::{Front, full_mesh};
+use geometry::Pose;
 use glam::{DQuat, DVec3};
 use hrtc::counting_allocator::{CountingAllocator, count};
 use hrtc::tool::{Tool, capsule_mesh};
 use hrtc::tool_proxy::{Coupling, ToolProxy, Twist};
-use shared::geometry::Pose;
-use shared::spm::OperationFaces;
+use spm::OperationFaces;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;

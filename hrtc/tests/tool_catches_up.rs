@@ -8,11 +8,11 @@ mod common;
 mod hands;
 
 use bodies::{Front, plate_mesh};
+use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hands::Hand;
 use hrtc::tool::capsule_mesh;
 use hrtc::tool_proxy::{Coupling, ToolAdvance, Twist};
-use shared::geometry::{Pose, Wrench};
 
 const STIFFNESS: f64 = 800.0;
 const RADIUS: f64 = 0.003;

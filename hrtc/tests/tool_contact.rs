@@ -6,11 +6,11 @@ mod common;
 
 use bodies::{Front, box_mesh, plate_mesh, scaled, vector};
 use common::Random;
+use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc::query::Ending;
 use hrtc::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
 use hrtc::tool_proxy::{Coupling, ToolAdvance, ToolProxy, Twist};
-use shared::geometry::{Pose, Wrench};
 use std::f64::consts::FRAC_PI_2;
 
 const STIFFNESS: f64 = 800.0;

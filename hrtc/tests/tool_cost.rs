@@ -7,12 +7,12 @@ mod common;
 mod hands;
 
 use bodies::{Front, full_mesh, scaled};
+use geometry::Pose;
 use glam::{DQuat, DVec3};
 use hands::Hand;
 use hrtc::query::closest_point;
 use hrtc::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
 use hrtc::tool_proxy::ToolContact;
-use shared::geometry::Pose;
 use std::time::Instant;
 
 /// Longest side of the model, metres.

@@ -6,11 +6,11 @@ mod bodies;
 mod common;
 
 use bodies::{Front, plate_mesh};
+use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc::query::Ending;
 use hrtc::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
 use hrtc::tool_proxy::{Coupling, ToolProxy, Twist};
-use shared::geometry::{Pose, Wrench};
 use std::f64::consts::TAU;
 
 const STIFFNESS: f64 = 800.0;

@@ -8,11 +8,11 @@ mod common;
 
 use bodies::{Front, models, orientation, vector};
 use common::Random;
+use geometry::{Pose, closest_points_of_triangles};
 use glam::DVec3;
 use hrtc::tool::{Tool, ToolMesh, capsule_mesh};
 use hrtc::tool_proxy::ToolProxy;
-use shared::geometry::{Pose, closest_points_of_triangles};
-use shared::spm::{OperationFaces, SpmParts};
+use spm::{OperationFaces, SpmParts};
 use std::collections::HashSet;
 
 /// Performs or undoes fewer operations than so many anywhere, and tells the proxy.

@@ -9,13 +9,13 @@ mod hands;
 
 use bodies::{Front, box_mesh, full_mesh, models, orientation, plate_mesh, scaled, vector};
 use common::Random;
+use geometry::Pose;
 use glam::{DQuat, DVec3};
 use hands::Hand;
 use hrtc::query::{Ending, closest_point, signed_distance};
 use hrtc::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
 use hrtc::tool_proxy::{Coupling, Twist};
-use shared::geometry::Pose;
-use shared::spm::OperationFaces;
+use spm::OperationFaces;
 
 const BUDGET: u32 = 1 << 18;
 

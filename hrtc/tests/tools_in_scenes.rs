@@ -3,14 +3,14 @@
 
 mod common;
 
-use common::scene::{Scene, scene_plan};
+use common::several::{Scene, scene_plan};
 use common::spm;
+use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc::controller::NoObserver;
 use hrtc::counting_allocator::{CountingAllocator, count};
 use hrtc::tool::cylinder_mesh;
-use shared::geometry::{Pose, Wrench};
-use shared::scene::{ProbeShape, ToolMeshPlan};
+use scene::{ProbeShape, ToolMeshPlan};
 use std::sync::LazyLock;
 use ve_station::build::{BuildOptions, SoupMesh};
 use ve_station::generate::{Shape, generate};

@@ -7,6 +7,10 @@ mod common;
 
 use bodies::{Front, box_mesh, frame, models, orientation, plate_mesh, scaled, vector};
 use common::Random;
+use geometry::{
+    ClosestPair, Similarity, closest_point_on_triangle, closest_points_of_triangles,
+    least_distance_squared_of_triangles, solid_angle, triangle_pair,
+};
 use glam::{DQuat, DVec3};
 use hrtc::query::{
     Body, Ending, FacePair, Placed, all_pairs, closest_features, deepest_sample, first_pair,
@@ -14,11 +18,7 @@ use hrtc::query::{
 };
 use hrtc::tool::{Tool, capsule_mesh, cylinder_mesh};
 use proptest::prelude::*;
-use shared::geometry::{
-    ClosestPair, Similarity, closest_point_on_triangle, closest_points_of_triangles,
-    least_distance_squared_of_triangles, solid_angle, triangle_pair,
-};
-use shared::spm::{Handle, NONE, SpmParts};
+use spm::{Handle, NONE, SpmParts};
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 

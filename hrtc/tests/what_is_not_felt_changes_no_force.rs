@@ -5,14 +5,14 @@
 mod bodies;
 mod common;
 
+use ab_tree::AbTree;
 use bodies::{models, vector};
 use common::Random;
 use glam::DVec3;
 use hrtc::morph::{Feeler, Touching, is_felt, share_of_way};
 use hrtc::proxy::{Contact, Proxy};
 use hrtc::query::{Surface, closest_point};
-use shared::ab_tree::AbTree;
-use shared::spm::{ActiveMesh, ErrorScale, Handle, OperationFaces, Slot, SpmParts};
+use spm::{ActiveMesh, ErrorScale, Handle, OperationFaces, Slot, SpmParts};
 
 /// What a bench has: a probe of 1 mm on a surface of 1 kN/m, at 1 kHz.
 const RADIUS_M: f64 = 1e-3;

@@ -13,7 +13,7 @@ use crate::run::RunArgs;
 use crate::stability::StabilityArgs;
 use crate::zwidth::ZwidthArgs;
 use clap::{Args, Parser, Subcommand};
-use shared::scene::Overrides;
+use scene::Overrides;
 use std::ffi::OsString;
 use std::path::PathBuf;
 

@@ -6,12 +6,12 @@ use crate::load::arithmetic;
 use crate::run::print_json;
 use crate::supervise::is_set;
 use clap::Args;
+use geometry::Wrench;
 use hrtc::pacer::{Pacer, Wake, Worked};
 use hrtc::realtime::{obtain, thread_cpu_ns};
 use hrtc::result::{Accumulator, Finished, Right, RunMeta, SupervisedLine};
 use hrtc::tick_record::{CoreRecord, STAGES, TickRecord};
-use shared::geometry::Wrench;
-use shared::scene::MOST_PROBES;
+use scene::MOST_PROBES;
 use std::sync::atomic::AtomicBool;
 
 /// What the bare loop's role is told.

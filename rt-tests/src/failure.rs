@@ -1,6 +1,6 @@
 //! How a command ends when it does not end well.
 
-use shared::scene::SceneError;
+use scene::SceneError;
 use std::path::Path;
 use thiserror::Error;
 

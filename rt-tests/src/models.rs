@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use glam::DVec3;
-use shared::spm::{ActiveMesh, ErrorScale, FileError, SpmFile, VspRecord, write_spm};
+use spm::{ActiveMesh, ErrorScale, FileError, SpmFile, VspRecord, write_spm};
 use std::path::Path;
 use ve_station::build::{BuildError, BuildOptions, Progress, SoupMesh, build_model, is_mesh_file};
 

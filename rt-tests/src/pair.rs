@@ -6,13 +6,13 @@ use crate::machine::cores;
 use crate::supervise::{Event, Process, is_set, unique_domain};
 use hrtc::realtime::monotonic_ns;
 use hrtc::result::{Finished, Status, SupervisedLine};
-use shared::protocol::Domain;
-use shared::scene::ScenePlan;
+use scene::ScenePlan;
 use std::ffi::OsString;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
+use transport::Domain;
 
 /// Restarts of a station in one run at the most.
 const MOST_RESTARTS: usize = 3;

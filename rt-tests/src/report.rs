@@ -7,7 +7,7 @@ pub use page::write_whole;
 use crate::machine::Machine;
 use hrtc::controller::Capacity;
 use hrtc::result::{Finished, Spread};
-use shared::scene::{Effect, RefinementPlan, ScenePlan, TrajectoryPlan};
+use scene::{Effect, RefinementPlan, ScenePlan, TrajectoryPlan};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 

@@ -9,7 +9,7 @@ use crate::supervise::stop_flag;
 use clap::Args;
 use hrtc::result::Status;
 use indicatif::{ProgressBar, ProgressStyle};
-use shared::scene::{ModelSource, ScenePlan, load};
+use scene::{ModelSource, ScenePlan, load};
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;

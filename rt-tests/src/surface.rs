@@ -1,13 +1,13 @@
 //! Exact distances to any set of triangles, and points spread over it: the oracle of the checks.
 //!
-//! Parry's tree finds the candidates; the distance to a triangle is that of `shared::geometry`, which parry's
+//! Parry's tree finds the candidates; the distance to a triangle is that of `geometry`, which parry's
 //! agrees with and which has no absolute tolerance.
 
+use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 use rand::Rng;
-use shared::geometry::closest_point_on_triangle;
 
 /// Triangles with a tree over them.
 pub struct Surface {

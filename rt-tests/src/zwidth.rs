@@ -16,8 +16,8 @@ use crate::stability::bench::{Fault, Setup};
 use crate::stability::walls::{bounce_of, wall};
 use crate::supervise::stop_flag;
 use clap::Args;
+use scene::load;
 use serde::Serialize;
-use shared::scene::load;
 use std::fmt::Write;
 use std::path::PathBuf;
 

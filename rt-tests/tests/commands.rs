@@ -1,6 +1,6 @@
 //! The real commands as a user types them.
 
-use shared::protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
+use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
@@ -294,7 +294,7 @@ fn interrupt(process: u32) {
 
 #[test]
 fn the_scenes_shapes_are_the_generators() {
-    for shape in shared::scene::SHAPES {
+    for shape in scene::SHAPES {
         assert!(
             shape.parse::<ve_station::generate::Shape>().is_ok(),
             "{shape} can be written in a scene, but not generated"
@@ -329,7 +329,7 @@ fn replay(file: &Path) -> (Output, serde_json::Value) {
 fn a_sample_late_in_the_run(bytes: &[u8]) -> (usize, u64) {
     const TICK: u8 = 1;
     const CHUNK: u8 = 2;
-    const TICK_BYTES: usize = 32 + 56 * shared::scene::MOST_PROBES + 8;
+    const TICK_BYTES: usize = 32 + 56 * scene::MOST_PROBES + 8;
     const CHUNK_BYTES: usize = size_of::<ChunkHeader>() + CHUNK_SLOTS * size_of::<ChunkSlot>();
     let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
     let mut at = 16 + usize::try_from(number(8)).unwrap();

@@ -1,8 +1,8 @@
 //! The command line: what was typed, and which library function answers it.
 
 use clap::{Args, Parser, Subcommand};
+use scene::Overrides;
 use serde::Serialize;
-use shared::scene::Overrides;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::error::Error;
 use std::io::Write;

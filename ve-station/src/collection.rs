@@ -10,8 +10,9 @@
 //! cell grown by 2 t (contact points slide that far along coarse faces), found from the base mesh down.
 
 use glam::DVec3;
-use shared::protocol::{ModelHeader, Refusal};
-use shared::spm::{ErrorScale, FileError, NONE, ReachScale, RegionId, Section, SpmFile, VspRecord};
+use protocol::Refusal;
+use spm::ModelHeader;
+use spm::{ErrorScale, FileError, NONE, ReachScale, RegionId, Section, SpmFile, VspRecord};
 use std::collections::BTreeSet;
 use std::fmt;
 use thiserror::Error;

@@ -9,13 +9,14 @@ use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, ipc};
-use shared::protocol::{
-    ANSWER_TIMEOUT_MS, BUFFER, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Domain,
-    HELLO_PERIOD_MS, Hello, HelloError, Request, Role, TransportError,
+use protocol::{
+    ANSWER_TIMEOUT_MS, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, HELLO_PERIOD_MS, Hello,
+    HelloError, Request, Role,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use transport::{BUFFER, Domain, TransportError};
 
 /// Time between two looks at the ports.
 const POLL: Duration = Duration::from_micros(200);

@@ -6,8 +6,8 @@ pub use dial::{DialRow, dial_table};
 
 use memmap2::Mmap;
 use serde::Serialize;
-use shared::protocol::ModelHeader;
-use shared::spm::{BuildSummary, ErrorScale, FileError, SpmFile};
+use spm::ModelHeader;
+use spm::{BuildSummary, ErrorScale, FileError, SpmFile};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io;

@@ -4,13 +4,13 @@ use crate::build::{Progress, TerminalProgress};
 use crate::connection::Connection;
 use crate::database::{Database, DatabaseError};
 use crate::station::{Counters, Station};
+use scene::{self, Overrides, SceneError};
 use serde::Serialize;
-use shared::protocol::{Domain, TransportError};
-use shared::scene::{self, Overrides, SceneError};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::{SystemTime, UNIX_EPOCH};
 use thiserror::Error;
+use transport::{Domain, TransportError};
 
 /// What `ve-station serve` was told.
 #[derive(Debug, Clone, PartialEq)]

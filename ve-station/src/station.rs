@@ -10,7 +10,7 @@
 //!   what it holds ([`RegionAction::Held`]) and asks for the rest.
 //! - A gap in the numbers of the requests *breaks* the epoch: queue and belief are cleared, nothing more is
 //!   sent and nothing of this epoch is listened to. The client, hearing nothing for
-//!   [`shared::protocol::ANSWER_TIMEOUT_MS`], starts a new epoch. So a lost request can never leave a belief
+//!   [`protocol::ANSWER_TIMEOUT_MS`], starts a new epoch. So a lost request can never leave a belief
 //!   behind that the client does not share.
 //! - A request of an older epoch, or of an incarnation that another has replaced, is ignored.
 //!
@@ -40,14 +40,15 @@ pub use session::MOST_JOBS;
 use crate::collection::{CollectError, Collection, RegionAt};
 use answer::{Job, Progress};
 use glam::DVec3;
-use rolling::Rolling;
-use session::{Accepted, Session};
-use shared::protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MOST_CLIENTS, MOST_SESSIONS, MeasuredError,
+use protocol::{
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MOST_SESSIONS, MeasuredError,
     REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
 };
-use shared::spm::{NONE, RegionId, SpmFile};
+use rolling::Rolling;
+use session::{Accepted, Session};
+use spm::{NONE, RegionId, SpmFile};
 use std::collections::BTreeSet;
+use transport::MOST_CLIENTS;
 
 /// A chunk: header and slots.
 pub type Chunk = (ChunkHeader, [ChunkSlot; CHUNK_SLOTS]);

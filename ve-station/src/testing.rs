@@ -2,7 +2,7 @@
 
 use crate::build::{BuildOptions, NoProgress, build_model};
 use crate::generate::{Shape, generate};
-use shared::spm::{SpmFile, write_spm};
+use spm::{SpmFile, write_spm};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 

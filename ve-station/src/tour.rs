@@ -15,14 +15,14 @@ mod path;
 mod roll;
 mod touch;
 
+use geometry::Pose;
 use glam::{DQuat, DVec3};
 use path::{Leg, Resampler, Sample};
+use protocol::{Refusal, TourAsk, TourPoint};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{RngCore, SeedableRng};
 use roll::{Ball, Slide};
-use shared::geometry::Pose;
-use shared::protocol::{Refusal, TourAsk, TourPoint};
-use shared::spm::{FileError, SpmFile};
+use spm::{FileError, SpmFile};
 use thiserror::Error;
 use touch::{Choice, End, Leave, Place, Space};
 

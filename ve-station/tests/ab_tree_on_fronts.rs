@@ -3,11 +3,11 @@
 
 mod common;
 
+use ab_tree::AbTree;
 use common::{build, load, made_meshes, real_meshes_where};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::ab_tree::AbTree;
-use shared::spm::{FrontWalk, SpmParts};
+use spm::{FrontWalk, SpmParts};
 
 /// Up to half of the full mesh, to and fro, down, and up again.
 fn walk(name: &str, parts: &SpmParts, operations: u32, random: &mut Xoshiro256PlusPlus) {

@@ -6,7 +6,7 @@ mod common;
 use common::{active_faces, build, grid, input_faces, load, random_front, refine};
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::spm::{ActiveMesh, ErrorScale, SpmParts};
+use spm::{ActiveMesh, ErrorScale, SpmParts};
 use std::collections::BTreeMap;
 use ve_station::build::SoupMesh;
 

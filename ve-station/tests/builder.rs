@@ -3,8 +3,8 @@
 mod common;
 
 use common::{build, grid, load, made_meshes, models_folder, real_meshes};
-use shared::protocol::ModelHeader;
-use shared::spm::{NONE, OperationFaces};
+use spm::ModelHeader;
+use spm::{NONE, OperationFaces};
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_file, build_model};
 use ve_station::generate::{Shape, generate};
 

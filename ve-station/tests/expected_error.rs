@@ -9,7 +9,7 @@ use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::spm::{ActiveMesh, ErrorScale, OperationFaces, RegionGrid, SpmParts};
+use spm::{ActiveMesh, ErrorScale, OperationFaces, RegionGrid, SpmParts};
 use std::collections::BTreeMap;
 use ve_station::build::SoupMesh;
 use ve_station::generate::{Shape, generate};
@@ -120,7 +120,7 @@ struct Found {
 
 struct Trial {
     parts: SpmParts,
-    file: shared::spm::SpmFile<Vec<u8>>,
+    file: spm::SpmFile<Vec<u8>>,
     /// Cells of a centimetre on an object of 16.
     cells: RegionGrid,
     base: TriMesh,

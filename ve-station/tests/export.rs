@@ -4,7 +4,7 @@ mod common;
 
 use common::{FaceBits, active_faces, build, face_bits, made_meshes, real_meshes_where};
 use common::{grid, input_faces, load, refine};
-use shared::spm::{OperationFaces, SpmParts};
+use spm::{OperationFaces, SpmParts};
 use std::path::Path;
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_file, read_mesh, write_file};
 use ve_station::export::{Detail, ExportError, ExportFormat, export};

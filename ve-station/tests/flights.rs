@@ -7,7 +7,7 @@ use common::{active_faces, build, load, made_meshes, real_meshes_where};
 use glam::DVec3;
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::spm::{FrontWalk, OperationFaces, SpmParts};
+use spm::{FrontWalk, OperationFaces, SpmParts};
 use std::collections::HashMap;
 
 /// The leaves of the full mesh that a vertex stands for.
@@ -121,7 +121,7 @@ fn however_vertices_fly_the_front_decides_where_they_are_in_the_end() {
         walk.mesh.check();
         assert!(active_faces(&walk.mesh) == active_faces(&fresh), "{name}");
         for vertex in 0..parts.header.base_vertices + 2 * vsps {
-            let bits = |mesh: &shared::spm::ActiveMesh| {
+            let bits = |mesh: &spm::ActiveMesh| {
                 let place = mesh.position(vertex).to_array().map(f32::to_bits);
                 (place, mesh.radius(vertex).to_bits())
             };

@@ -6,7 +6,7 @@ use common::{load, open};
 use glam::{DVec3, UVec3, Vec3};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::spm::{ActiveMesh, OperationFaces, RegionId, SpmParts};
+use spm::{ActiveMesh, OperationFaces, RegionId, SpmParts};
 use std::collections::BTreeSet;
 use ve_station::build::{BuildOptions, NoProgress, build_model};
 use ve_station::collection::{Collection, RegionAt};

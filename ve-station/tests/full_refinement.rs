@@ -2,13 +2,13 @@
 
 mod common;
 
+use ab_tree::is_leaf_key;
 use common::{
     active_faces, build, input_faces, load, made_meshes, open, random_front, real_meshes, refine,
 };
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::ab_tree::is_leaf_key;
-use shared::spm::{ErrorScale, NONE, OperationFaces, SpmParts};
+use spm::{ErrorScale, NONE, OperationFaces, SpmParts};
 use std::collections::BTreeSet;
 
 /// Ids are dense, leaves are shared out exactly once, and no fan is larger than the builder promises.

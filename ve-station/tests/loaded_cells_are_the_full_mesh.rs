@@ -6,7 +6,7 @@ mod common;
 use common::{FaceBits, build, face_bits, load, made_meshes, open, real_meshes};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::spm::{ActiveMesh, OperationFaces, RegionGrid, RegionId, SpmFile, SpmParts};
+use spm::{ActiveMesh, OperationFaces, RegionGrid, RegionId, SpmFile, SpmParts};
 use std::collections::{BTreeMap, BTreeSet};
 use ve_station::collection::{Collection, RegionAt};
 use ve_station::generate::{Shape, generate};

@@ -4,11 +4,11 @@
 mod common;
 
 use common::{build, load};
+use geometry::solid_angle;
 use glam::DVec3;
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::geometry::solid_angle;
-use shared::spm::{ActiveMesh, FrontWalk};
+use spm::{ActiveMesh, FrontWalk};
 use std::f64::consts::TAU;
 use ve_station::generate::{Shape, generate};
 

@@ -6,7 +6,7 @@ mod common;
 use common::{build, load, made_meshes, random_front, real_meshes_where};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::spm::{ActiveMesh, Face, FrontWalk, OperationFaces, SpmParts};
+use spm::{ActiveMesh, Face, FrontWalk, OperationFaces, SpmParts};
 use std::collections::BTreeMap;
 
 /// Made meshes and four real ones, built to small bases so that most of each is splits.

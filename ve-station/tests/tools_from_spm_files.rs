@@ -3,8 +3,8 @@
 mod common;
 
 use glam::DVec3;
-use shared::scene::{Overrides, ProbeShape, parse};
-use shared::spm::{SpmFile, prefix_mesh, write_spm};
+use scene::{Overrides, ProbeShape, parse};
+use spm::{SpmFile, prefix_mesh, write_spm};
 use std::collections::BTreeMap;
 use ve_station::build::{BuildOptions, NoProgress, build_model};
 use ve_station::generate::{Shape, generate};

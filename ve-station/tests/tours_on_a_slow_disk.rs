@@ -4,15 +4,15 @@ use bytemuck::Zeroable;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{BackpressureStrategy, ipc};
-use shared::protocol::{
-    BUFFER, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, Domain, Hello, RegionAction, Request,
-    RequestKind, Role,
+use protocol::{
+    CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, Hello, RegionAction, Request, RequestKind, Role,
 };
-use shared::spm::{SpmFile, write_spm};
+use spm::{SpmFile, write_spm};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
+use transport::{BUFFER, Domain};
 use ve_station::build::{BuildOptions, NoProgress, build_model};
 use ve_station::connection::Connection;
 use ve_station::generate::{Shape, generate};
@@ -80,7 +80,7 @@ impl Client {
         request.incarnation = 1;
         request.sequence = self.sent;
         request.consumed = self.consumed;
-        request.credit = shared::protocol::CREDIT_CHUNKS as u32;
+        request.credit = protocol::CREDIT_CHUNKS as u32;
         request.model = self.model;
         request.name = Request::name_hash("torus");
         request.kind = kind as u32;

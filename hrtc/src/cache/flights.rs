@@ -1,7 +1,7 @@
 //! Vertices on their way, with their tree and queues.
 
 use super::Cache;
-use shared::spm::{OperationFaces, Slot};
+use spm::{OperationFaces, Slot};
 
 /// Vertices that may be in flight at once.
 pub const MOST_FLIGHTS: usize = 96;
@@ -51,7 +51,7 @@ impl Cache {
         self.requeue(slot);
     }
 
-    /// Moves a vertex in flight to where it is when `done` of its way is done; see [`shared::spm::ActiveMesh::fly`].
+    /// Moves a vertex in flight to where it is when `done` of its way is done; see [`spm::ActiveMesh::fly`].
     pub fn fly(&mut self, index: usize, done: f64, around: &OperationFaces) {
         self.mesh.fly(index, done, around);
         self.mark_deformed(around);

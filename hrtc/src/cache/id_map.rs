@@ -3,7 +3,7 @@
 //! Library maps rehash now and then, which is a late tick; this one never moves more than the run behind
 //! a removed entry.
 
-use shared::spm::NONE;
+use spm::NONE;
 
 /// What a map may be asked for.
 pub trait Id: Copy + Eq {

@@ -1,6 +1,6 @@
 //! Closure lists of the held regions: chained blocks in one pool, a cache line each.
 
-use shared::spm::NONE;
+use spm::NONE;
 
 const ITEMS: usize = 15;
 

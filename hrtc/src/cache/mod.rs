@@ -27,11 +27,11 @@ pub use flights::MOST_FLIGHTS;
 pub use lists::{Cursor, List};
 pub use regions::{Region, RegionKey, RegionState, RegionTable};
 
+use ab_tree::AbTree;
 use id_map::IdMap;
 use lists::ListPool;
-use shared::ab_tree::AbTree;
-use shared::protocol::{BaseFace, BaseVertex, ModelHeader};
-use shared::spm::{ActiveMesh, ErrorScale, NONE, Sizes, Slot, VspRecord};
+use spm::{ActiveMesh, ErrorScale, NONE, Sizes, Slot, VspRecord};
+use spm::{BaseFace, BaseVertex, ModelHeader};
 use thiserror::Error;
 
 /// Marks a closure entry whose record has not come yet: the rest is the VSP's id.

@@ -1,7 +1,7 @@
 //! Splits and collapses of mesh and tree together.
 
 use super::{Cache, Cursor, PENDING};
-use shared::spm::{DamagedRecord, NONE, OperationFaces, Slot};
+use spm::{DamagedRecord, NONE, OperationFaces, Slot};
 
 impl Cache {
     /// The next split of a wanted region, skipping what is performed; marks the region refined at the end.

@@ -1,7 +1,7 @@
 //! Free slots, and the queues of what may be collapsed and evicted.
 
 use super::{Cache, Queue, References};
-use shared::spm::{NONE, Slot};
+use spm::{NONE, Slot};
 
 impl Cache {
     pub(super) fn take_slot(&mut self) -> Option<Slot> {

@@ -2,7 +2,7 @@
 
 use super::id_map::{Id, IdMap};
 use super::lists::{Cursor, List};
-use shared::spm::{NONE, RegionId};
+use spm::{NONE, RegionId};
 
 /// What names a region: a cell in the grid of its tolerance's level, or one of the special ids.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

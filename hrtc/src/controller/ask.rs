@@ -8,9 +8,9 @@ use crate::predict::{LEAD_TICKS, Predicted, RADII_AROUND, predict_beside};
 use crate::proxy::Contact;
 use crate::query::{Surface, closest_point};
 use crate::subscriber::Outbox;
-use shared::protocol::ModelHeader;
-use shared::scene::RefinementPlan;
-use shared::spm::RegionId;
+use scene::RefinementPlan;
+use spm::ModelHeader;
+use spm::RegionId;
 
 /// Chunks that wait for the tick from which on nothing is asked for ahead of need.
 const WAITING_MOST: usize = 8;

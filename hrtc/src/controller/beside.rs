@@ -5,9 +5,9 @@ use super::follower::Follower;
 use crate::predict::{Motion, RADII_AROUND, REFINE_AHEAD};
 use crate::query::{Surface, closest_point};
 use crate::tool_proxy::MOST_BALLS;
+use geometry::Pose;
 use glam::DVec3;
-use shared::geometry::Pose;
-use shared::spm::{Handle, NONE};
+use spm::{Handle, NONE};
 
 /// Parts that are looked at in a tick: so each comes again sooner than a region that was predicted once is let go of.
 const A_TICK: usize = 2;

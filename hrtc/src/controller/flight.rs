@@ -9,7 +9,7 @@ use crate::morph::{
     space_of, turns_over,
 };
 use glam::DVec3;
-use shared::spm::{Handle, Slot};
+use spm::{Handle, Slot};
 
 /// Steps of vertices that cost as much as a split or collapse.
 const STEPS_PER_OPERATION: u32 = 2;

@@ -5,10 +5,10 @@ use crate::proxy::{Contact, MOST_PUSHING, Proxy};
 use crate::query::{Nearest, Surface, Work, closest_point};
 use crate::tool::{Tool, ToolMesh};
 use crate::tool_proxy::{Coupling, Part, ToolContact, ToolProxy, Twist};
+use geometry::{Pose, Wrench};
 use glam::DVec3;
-use shared::geometry::{Pose, Wrench};
-use shared::scene::{ProbeShape, SurfacePlan};
-use shared::spm::{ActiveMesh, Handle, NONE, OperationFaces};
+use scene::{ProbeShape, SurfacePlan};
+use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
 /// Pairs of nodes of a tool and an object, or what costs as much, that a unit of work pays for: with all units of a tick it
 /// stays within a period of a millisecond (measured).

@@ -1,9 +1,9 @@
 //! Between the world and the stored coordinates of an object's model.
 
+use geometry::Pose;
 use glam::DVec3;
-use shared::geometry::Pose;
-use shared::protocol::ModelHeader;
-use shared::scene::ModelScale;
+use scene::ModelScale;
+use spm::ModelHeader;
 
 /// A pose in the world as it is in the axes of an object at a pose of its own, metres.
 #[must_use]

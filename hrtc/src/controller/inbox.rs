@@ -7,11 +7,12 @@ use crate::cache::{LoadError, RegionKey, RegionState};
 use crate::dial::triangle_area;
 use crate::inbox::InboxChunk;
 use crate::subscriber::Reception;
-use shared::protocol::{
-    AnswerItem, AnswersReader, BaseFace, BaseVertex, CHUNK_SLOTS, ChunkKind, ChunkSlot,
-    MODEL_HEADER_SLOTS, MeasuredError, ModelHeader, PartHead, Refusal, TourPoint,
+use protocol::{
+    AnswerItem, AnswersReader, CHUNK_SLOTS, ChunkKind, ChunkSlot, MODEL_HEADER_SLOTS,
+    MeasuredError, PartHead, Refusal, TourPoint,
 };
-use shared::spm::{NONE, RegionId, VspRecord};
+use spm::{BaseFace, BaseVertex, ModelHeader};
+use spm::{NONE, RegionId, VspRecord};
 
 /// Work units of the inbox a tick: a record or base item is 4, sixteen ids of a closure are 8, the head of a part 1.
 const BUDGET: u32 = 80;

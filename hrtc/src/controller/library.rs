@@ -4,7 +4,8 @@
 //! way as one whose model arrives. The slots are made at start; a base mesh that finds no room in them is asked for
 //! anew whenever an object of it wakes.
 
-use shared::protocol::{ChunkSlot, MODEL_HEADER_SLOTS, ModelHeader};
+use protocol::{ChunkSlot, MODEL_HEADER_SLOTS};
+use spm::ModelHeader;
 
 /// Bytes set aside for each model's base mesh: 900 faces; and the most, as a share of the cache.
 const BYTES_PER_MODEL: usize = 36 << 10;

@@ -6,9 +6,9 @@ use crate::energy::{Carried, EnergyAccount};
 use crate::gate::Gate;
 use crate::movable::material_motion;
 use crate::tool_proxy::{Placement, Twist};
-use shared::geometry::{Pose, Wrench};
-use shared::protocol::{TourAsk, TourPoint};
-use shared::scene::{ProbePlan, ScenePlan, TrajectoryPlan};
+use geometry::{Pose, Wrench};
+use protocol::{TourAsk, TourPoint};
+use scene::{ProbePlan, ScenePlan, TrajectoryPlan};
 
 /// Ticks without a good sample after which the force ramps down.
 const SAMPLES_MISSED_MOST: u32 = 20;

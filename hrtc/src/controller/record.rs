@@ -3,7 +3,7 @@
 use super::Controller;
 use super::touch::Felt;
 use crate::tick_record::{CoreRecord, ProbeRecord};
-use shared::geometry::Wrench;
+use geometry::Wrench;
 
 impl Controller {
     /// Sums up what the seats and probes did and felt in a tick.

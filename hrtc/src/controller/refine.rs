@@ -8,7 +8,7 @@ use crate::dial::Economy;
 use crate::morph::Feeler;
 use crate::predict::{Predicted, TURNS};
 use crate::tool_proxy::MOST_BALLS;
-use shared::spm::{DamagedRecord, OperationFaces, RegionId, Slot};
+use spm::{DamagedRecord, OperationFaces, RegionId, Slot};
 
 /// Regions that may be wanted at once.
 pub const MOST_WANTED: usize = 512;

@@ -11,10 +11,10 @@ use crate::effects::{Clock, SurfaceEffects};
 use crate::morph::{OF_PROXY, STEP_N};
 use crate::query::{Surface, Work};
 use crate::subscriber::{Identity, Outbox, Session, Subscriber};
-use shared::geometry::Pose;
-use shared::protocol::MODEL_HEADER_SLOTS;
-use shared::scene::{EffectPlan, ModelScale, ProbePlan, RefinementPlan, ScenePlan, SurfacePlan};
-use shared::spm::NONE;
+use geometry::Pose;
+use protocol::MODEL_HEADER_SLOTS;
+use scene::{EffectPlan, ModelScale, ProbePlan, RefinementPlan, ScenePlan, SurfacePlan};
+use spm::NONE;
 use std::sync::Arc;
 
 /// What a scene says of an object, without its model's name.

@@ -10,9 +10,9 @@ use super::seat::{Placing, Seat};
 use super::{Controller, ModelFrame};
 use crate::broad_phase::{Ball, BroadPhase, Near};
 use crate::subscriber::Outbox;
+use geometry::Pose;
 use glam::DVec3;
-use shared::geometry::Pose;
-use shared::protocol::CREDIT_CHUNKS;
+use protocol::CREDIT_CHUNKS;
 
 /// Reach of a probe at rest, in its radii, and ticks of its motion by which it is longer: the base mesh is there
 /// within a few ticks, what lies ahead of the contact within sixty.

@@ -9,10 +9,10 @@ use crate::predict::{Motion, Predictor};
 use crate::proxy::Contact;
 use crate::query::{Surface, Work};
 use crate::tool_proxy::Twist;
+use geometry::{Pose, Wrench};
 use glam::DVec3;
-use shared::geometry::{Pose, Wrench};
-use shared::scene::{ProbeShape, SurfacePlan};
-use shared::spm::{Handle, NONE};
+use scene::{ProbeShape, SurfacePlan};
+use spm::{Handle, NONE};
 
 /// What a touch felt like in a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]

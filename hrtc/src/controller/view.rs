@@ -6,8 +6,9 @@ use crate::cache::{Cache, CacheError};
 use crate::effects::UsageByKind;
 use crate::predict::Sources;
 use glam::DVec3;
-use shared::protocol::{ModelHeader, TourPoint};
-use shared::spm::NONE;
+use protocol::TourPoint;
+use spm::ModelHeader;
+use spm::NONE;
 
 impl Controller {
     /// Predicts from these sources from now on: to see what each of them buys.
@@ -175,7 +176,7 @@ impl Controller {
         self.seats.iter().map(|seat| seat.dropped_constraints).sum()
     }
 
-    /// What the effects of each kind cost so far, in the order of [`shared::scene::Effect::NAMES`]: nothing where a scene
+    /// What the effects of each kind cost so far, in the order of [`scene::Effect::NAMES`]: nothing where a scene
     /// lists none. An object that goes to sleep takes its own along.
     #[must_use]
     pub fn effects(&self) -> UsageByKind {

@@ -6,7 +6,7 @@ mod simulated;
 pub use script::Script;
 pub use simulated::{Intent, Simulated};
 
-use shared::geometry::{Pose, Wrench};
+use geometry::{Pose, Wrench};
 
 /// What a device measured at the start of a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,9 +2,9 @@
 
 use super::simulated::Intent;
 use crate::controller::ModelFrame;
+use geometry::Pose;
 use glam::DVec3;
-use shared::geometry::Pose;
-use shared::protocol::TourPoint;
+use protocol::TourPoint;
 
 /// A place in a list of points in time.
 #[derive(Debug, Clone, Copy, Default)]

@@ -4,9 +4,9 @@
 //! that is not stable shakes here as it would in a hand.
 
 use super::{Capabilities, Device, Sample};
+use geometry::{Pose, Wrench};
 use glam::DVec3;
-use shared::geometry::{Pose, Wrench};
-use shared::scene::SimulatedDevicePlan;
+use scene::SimulatedDevicePlan;
 
 /// Steps of the integrator a period.
 const SUBSTEPS: u32 = 16;
@@ -116,7 +116,7 @@ impl Device for Simulated {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared::scene::Hand;
+    use scene::Hand;
 
     const PLAN: SimulatedDevicePlan = SimulatedDevicePlan {
         mass_kg: 0.1,

@@ -3,7 +3,7 @@
 
 use crate::energy::Spring;
 use glam::DVec3;
-use shared::scene::{BoundaryPlan, Workspace};
+use scene::{BoundaryPlan, Workspace};
 
 /// See the module.
 #[derive(Debug, Clone, Copy)]

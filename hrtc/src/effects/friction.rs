@@ -11,9 +11,9 @@
 
 use super::{Rendered, Touching};
 use crate::energy::EnergyAccount;
+use geometry::Pose;
 use glam::DVec3;
-use shared::geometry::Pose;
-use shared::scene::FrictionPlan;
+use scene::FrictionPlan;
 
 /// See the module.
 #[derive(Debug, Clone)]

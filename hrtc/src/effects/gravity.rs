@@ -1,8 +1,8 @@
 //! Gravity: the weight of the tool that the probe stands for, at its centre of mass.
 
+use geometry::Wrench;
 use glam::{DQuat, DVec3};
-use shared::geometry::Wrench;
-use shared::scene::GravityPlan;
+use scene::GravityPlan;
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.80665;

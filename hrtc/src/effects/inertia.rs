@@ -2,7 +2,7 @@
 //! 1995). The mass is integrated by the loop, so no acceleration is measured, whose noise would shake the device.
 
 use glam::DVec3;
-use shared::scene::InertiaPlan;
+use scene::InertiaPlan;
 
 /// See the module.
 #[derive(Debug, Clone, Copy)]

@@ -5,7 +5,7 @@
 //! closed path gains nothing by it.
 
 use glam::DVec3;
-use shared::scene::MagnetPlan;
+use scene::MagnetPlan;
 
 /// See the module.
 #[derive(Debug, Clone, Copy)]

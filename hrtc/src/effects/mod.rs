@@ -20,7 +20,7 @@
 //! What only resists (friction, shading, texture, boundary) is limited by the energy account together with the
 //! surface's own force. What moves the hand by its nature (a magnet, a vibration, a weight, a spring that is wound up)
 //! is not: it does not put out what it was never given. Its own stability is checked when the scene is read
-//! (`shared::scene`), and the gate limits the sum.
+//! (`scene`), and the gate limits the sum.
 
 pub mod boundary;
 pub mod friction;
@@ -35,9 +35,9 @@ pub mod viscosity;
 
 use crate::energy::Spring as Stored;
 use crate::query::{Surface, Work};
+use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
-use shared::geometry::{Pose, Wrench};
-use shared::scene::{Effect, EffectPlan};
+use scene::{Effect, EffectPlan};
 
 /// What an effect is told of the tick.
 #[derive(Debug, Clone, Copy)]

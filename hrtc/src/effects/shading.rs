@@ -13,7 +13,7 @@
 use super::{Rendered, Touching};
 use crate::query::{Work, faces_within};
 use glam::DVec3;
-use shared::scene::ShadingPlan;
+use scene::ShadingPlan;
 
 /// Faces that count at the most; the search comes to the nearer part of the tree first.
 const MOST_FACES: usize = 256;

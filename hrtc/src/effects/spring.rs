@@ -4,7 +4,7 @@
 //! another part of the path comes near.
 
 use glam::DVec3;
-use shared::scene::SpringPlan;
+use scene::SpringPlan;
 
 /// Pieces of the path that are passed in a tick at the most.
 const MOST_PIECES: usize = 16;

@@ -8,7 +8,7 @@
 
 use super::{Rendered, Touching};
 use glam::{DVec2, DVec3};
-use shared::scene::{Pattern, TexturePlan};
+use scene::{Pattern, TexturePlan};
 use std::f64::consts::TAU;
 
 /// See the module.
@@ -153,7 +153,7 @@ fn random(cell: [i64; 3], seed: u64) -> f64 {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use shared::scene::HeightMap;
+    use scene::HeightMap;
     use std::sync::Arc;
 
     fn patterns() -> Vec<Pattern> {

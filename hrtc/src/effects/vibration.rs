@@ -2,7 +2,7 @@
 
 use super::Clock;
 use glam::DVec3;
-use shared::scene::VibrationPlan;
+use scene::VibrationPlan;
 
 /// See the module.
 #[derive(Debug, Clone, Copy)]

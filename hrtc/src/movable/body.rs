@@ -7,9 +7,9 @@ use super::hinge::Hinge;
 use super::material::material_motion;
 use super::rail::Rail;
 use crate::energy::Carried;
+use geometry::{Pose, Wrench};
 use glam::DVec3;
-use shared::geometry::{Pose, Wrench};
-use shared::scene::MovablePlan;
+use scene::MovablePlan;
 
 /// The fastest that a body becomes: its longest sides a tick, and radians a tick.
 const FASTEST_SIZES: f64 = 0.1;

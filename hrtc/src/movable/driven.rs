@@ -1,8 +1,8 @@
 //! An object that moves by time alone: its pose is a function of the tick, so that nothing adds up.
 
+use geometry::Pose;
 use glam::{DQuat, DVec3};
-use shared::geometry::Pose;
-use shared::scene::DrivenPlan;
+use scene::DrivenPlan;
 use std::f64::consts::TAU;
 
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,7 +1,7 @@
 //! Size and inertia of a model's box.
 
 use glam::DVec3;
-use shared::protocol::ModelHeader;
+use spm::ModelHeader;
 
 /// The thinnest that a side counts as, as a share of the longest: a sheet, too, resists being turned in its plane.
 const THINNEST: f64 = 1e-2;

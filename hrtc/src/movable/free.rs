@@ -4,9 +4,9 @@
 use super::body::Step;
 use super::extent::Extent;
 use super::rest::Rest;
+use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
-use shared::geometry::{Pose, Wrench};
-use shared::scene::FreePlan;
+use scene::FreePlan;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Free {

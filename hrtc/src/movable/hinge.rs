@@ -3,9 +3,9 @@
 use super::body::Step;
 use super::extent::Extent;
 use super::rest::{Coordinate, Rest};
+use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
-use shared::geometry::{Pose, Wrench};
-use shared::scene::HingePlan;
+use scene::HingePlan;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hinge {

@@ -1,8 +1,8 @@
 //! The motion of what lies at a place of a body.
 
 use crate::tool_proxy::{Placement, Twist};
+use geometry::Pose;
 use glam::DVec3;
-use shared::geometry::Pose;
 
 /// By how much the material at a place (world, metres) moves from one pose of its body to another.
 ///

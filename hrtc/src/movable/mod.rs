@@ -4,7 +4,7 @@
 //! tick before, turned round: device and body feel the same force over the same period, so that momentum is kept to the
 //! last bit of a sum. The steps are semi-implicit and of a fixed number of operations: springs and dampings of the
 //! body's own are solved for (any of them is stable), the touch is explicit (its limit is checked by
-//! [`shared::scene::least_coupled_mass`]), speeds are limited. A step gives a body no more energy than the force times
+//! [`scene::least_coupled_mass`]), speeds are limited. A step gives a body no more energy than the force times
 //! the way that it then goes: `m (v' - v) = F T` leaves `(v'² - v²) m / 2 = F v' T - F² T² / 2 m`.
 //!
 //! What is asleep is not looked at and keeps its bits. It wakes when it is touched, and sleeps when it has been still
@@ -35,10 +35,10 @@ pub use material::material_motion;
 pub use report::MovedObject;
 
 use crate::energy::Carried;
+use geometry::{Pose, Wrench};
 use glam::DVec3;
-use shared::geometry::{Pose, Wrench};
-use shared::scene::{MOST_PROBES, MOST_SEATS, ScenePlan};
-use shared::spm::NONE;
+use scene::{MOST_PROBES, MOST_SEATS, ScenePlan};
+use spm::NONE;
 use std::collections::VecDeque;
 
 /// Periods that a step makes good at the most; what was missed beyond is lost to the bodies.

@@ -2,9 +2,9 @@
 
 use super::body::Step;
 use super::rest::{Coordinate, Rest};
+use geometry::{Pose, Wrench};
 use glam::DVec3;
-use shared::geometry::{Pose, Wrench};
-use shared::scene::RailPlan;
+use scene::RailPlan;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rail {

@@ -1,7 +1,7 @@
 //! What brings a body to rest: a spring and a damping of its own, solved for at the end of the step, so that any of
 //! them is stable at any rate.
 
-use shared::scene::RestPlan;
+use scene::RestPlan;
 
 /// Share of the speed that is lost in a second where the scene does not say.
 const FADES_PER_S: f64 = 2.0;

@@ -9,9 +9,9 @@
 use crate::proxy::features::Features;
 use crate::proxy::projection::Plane;
 use crate::query::{MOST_FACES, NearFace, NearFaces, Work};
+use geometry::ClosestPoint;
 use glam::DVec3;
-use shared::geometry::ClosestPoint;
-use shared::spm::{Handle, NONE};
+use spm::{Handle, NONE};
 
 /// Half-spaces at the most; beyond them the deepest are kept and the rest counted.
 pub const MOST_CONSTRAINTS: usize = 64;

@@ -2,7 +2,7 @@
 //! the distance, in a time that grows with the faces and not with their square.
 
 use crate::query::MOST_FACES;
-use shared::spm::{Handle, NONE};
+use spm::{Handle, NONE};
 
 /// Places for each face: it has three vertices and three edges, and some room keeps searches short.
 const PLACES_PER_FACE: usize = 8;

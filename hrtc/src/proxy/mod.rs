@@ -20,10 +20,10 @@ pub use constraints::MOST_CONSTRAINTS;
 use crate::morph::Slide;
 use crate::query::{MOST_FACES, NearFaces, Nearest, Surface, Work, closest_point, swept_sphere};
 use constraints::Constraints;
+use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use projection::project;
-use shared::geometry::closest_point_on_triangle;
-use shared::spm::{ActiveMesh, Handle, NONE, OperationFaces};
+use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
 /// What the sweep's radius is smaller by, as a fraction of the probe's radius.
 const SKIN: f64 = 1e-6;

@@ -4,10 +4,10 @@
 //! they are met, or a [`crate::tool::Tool`], whose vertices were moved and its tree refitted before.
 
 use super::Surface;
+use ab_tree::{Child, NodeId};
+use geometry::{Aabb, BoxPair, Similarity};
 use glam::DVec3;
-use shared::ab_tree::{Child, NodeId};
-use shared::geometry::{Aabb, BoxPair, Similarity};
-use shared::spm::{Handle, NONE};
+use spm::{Handle, NONE};
 
 /// A body of a pair query.
 pub trait Body {

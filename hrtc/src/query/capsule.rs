@@ -2,7 +2,7 @@
 
 use super::{Ending, NearestToSegment, Surface, Work, closest_to_segment, faces_near_segment};
 use glam::DVec3;
-use shared::spm::Handle;
+use spm::Handle;
 use std::ops::ControlFlow;
 
 /// A capsule in the model's frame and units.

@@ -2,12 +2,12 @@
 
 use super::body::Body;
 use super::tree_pairs::{Ending, Held, PAIR_STACK, PairWork, opens_first};
-use glam::DVec3;
-use shared::ab_tree::Child;
-use shared::geometry::{
+use ab_tree::Child;
+use geometry::{
     BoxQuery, ClosestPair, closest_points_of_triangles, least_distance_squared_of_triangles,
 };
-use shared::spm::Handle;
+use glam::DVec3;
+use spm::Handle;
 
 /// The closest points of two bodies and the faces that they lie on.
 #[derive(Debug, Clone, Copy, PartialEq)]

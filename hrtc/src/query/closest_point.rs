@@ -1,10 +1,10 @@
 //! The closest point of the front to a point: depth first, the nearer child first.
 
 use super::{Stack, Surface, Work};
+use ab_tree::Child;
+use geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
-use shared::ab_tree::Child;
-use shared::geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
-use shared::spm::Handle;
+use spm::Handle;
 
 /// The answer of [`closest_point`].
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -10,10 +10,10 @@
 
 use super::tree_pairs::{Ending, FacePair, PAIR_STACK, PairWork, for_each_pair};
 use super::{Body, Nearest, Surface, closest_point, signed_distance};
+use ab_tree::Child;
+use geometry::Aabb;
 use glam::DVec3;
-use shared::ab_tree::Child;
-use shared::geometry::Aabb;
-use shared::spm::Handle;
+use spm::Handle;
 use std::ops::ControlFlow;
 
 /// A vertex of the body behind the front.

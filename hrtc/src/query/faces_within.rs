@@ -1,10 +1,10 @@
 //! Every face of the front within a distance of a point, the nearer part of the tree first.
 
 use super::{Stack, Surface, Work};
+use ab_tree::Child;
+use geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
-use shared::ab_tree::Child;
-use shared::geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
-use shared::spm::Handle;
+use spm::Handle;
 
 /// Calls `visit` with every face whose distance to `point` is at most `distance`; `visit` says up to which distance
 /// the search goes on, no larger than before.

@@ -2,9 +2,9 @@
 //! the pseudo-normal of an edge or a corner (Baerentzen and Aanaes 2005).
 
 use super::{Nearest, Surface};
+use geometry::side_of_plane;
 use glam::DVec3;
-use shared::geometry::side_of_plane;
-use shared::spm::{Handle, NONE};
+use spm::{Handle, NONE};
 use std::cmp::Ordering;
 
 /// Faces around a corner at the most; beyond, the pseudo-normal is of those met first.

@@ -1,9 +1,9 @@
 //! Whether a body may meet a box, by the boxes of its faces.
 
 use super::{Body, Stack};
+use ab_tree::Child;
+use geometry::BoxQuery;
 use glam::DVec3;
-use shared::ab_tree::Child;
-use shared::geometry::BoxQuery;
 
 /// Whether the box of any face of the body meets the box from `lower` to `upper`, in the query's frame. A body of a single
 /// face has no boxes and always may.

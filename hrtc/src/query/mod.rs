@@ -47,8 +47,8 @@ pub use tree_pairs::{
     Ending, FacePair, PairWork, PairsFound, all_pairs, first_pair, for_each_pair,
 };
 
-use shared::ab_tree::{AbTree, Child};
-use shared::spm::ActiveMesh;
+use ab_tree::{AbTree, Child};
+use spm::ActiveMesh;
 
 /// Entries of a traversal's stack.
 const STACK: usize = 32;

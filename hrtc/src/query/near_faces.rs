@@ -6,9 +6,9 @@
 
 use super::swept_sphere::first_touch;
 use super::{Surface, SweepHit, Work, faces_within};
+use geometry::{ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
-use shared::geometry::{ClosestPoint, closest_point_on_triangle};
-use shared::spm::{Handle, NONE};
+use spm::{Handle, NONE};
 
 /// Faces that a ball may hold; a ball with more is shrunk.
 pub const MOST_FACES: usize = 192;

@@ -8,10 +8,10 @@
 use super::tree_pairs::{Ending, PairWork};
 use super::{Body, STACK, Surface};
 use crate::tool::{BlockSet, Blocks, BoxWithin, Distance, Slab};
+use ab_tree::Child;
+use geometry::Aabb;
 use glam::{DMat3, DVec3, Mat3A, Vec3A};
-use shared::ab_tree::Child;
-use shared::geometry::Aabb;
-use shared::spm::Handle;
+use spm::Handle;
 use std::ops::ControlFlow;
 
 /// A way of the tool, as seen from which the body is, first and last. In f32 about a point on the way, so that its rounding

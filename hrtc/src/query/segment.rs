@@ -2,10 +2,10 @@
 
 use super::slanting::{ROUNDING, gaps_beside};
 use super::{Ending, STACK, Surface, Work};
+use ab_tree::Child;
+use geometry::{Aabb, ClosestPair, closest_points_of_segment_and_triangle};
 use glam::DVec3;
-use shared::ab_tree::Child;
-use shared::geometry::{Aabb, ClosestPair, closest_points_of_segment_and_triangle};
-use shared::spm::{Handle, NONE};
+use spm::{Handle, NONE};
 use std::ops::ControlFlow;
 
 /// The face closest to a segment.

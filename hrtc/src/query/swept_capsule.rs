@@ -7,12 +7,12 @@
 use super::slanting::ROUNDING;
 use super::swept_sphere::{first_within, touching_gap};
 use super::{Capsule, Ending, STACK, Surface, Work};
-use glam::DVec3;
-use shared::ab_tree::Child;
-use shared::geometry::{
+use ab_tree::Child;
+use geometry::{
     Aabb, ClosestPair, closest_point_on_triangle, closest_points_of_segment_and_triangle,
 };
-use shared::spm::Handle;
+use glam::DVec3;
+use spm::Handle;
 
 /// The first touch of a swept capsule.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,10 +6,10 @@
 
 use super::slanting::{ROUNDING, gaps_beside};
 use super::{Stack, Surface, Work};
+use ab_tree::Child;
+use geometry::{Aabb, BoxQuery, closest_point_on_triangle};
 use glam::DVec3;
-use shared::ab_tree::Child;
-use shared::geometry::{Aabb, BoxQuery, closest_point_on_triangle};
-use shared::spm::Handle;
+use spm::Handle;
 
 /// The first touch of a swept sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,9 +4,9 @@
 //! opening both at once leaves the faces of a small tool against all levels of a large front.
 
 use super::body::Body;
-use shared::ab_tree::{Child, NodeId};
-use shared::geometry::{BoxQuery, Facet, TrianglePair, triangle_pair};
-use shared::spm::{Handle, NONE};
+use ab_tree::{Child, NodeId};
+use geometry::{BoxQuery, Facet, TrianglePair, triangle_pair};
+use spm::{Handle, NONE};
 use std::ops::ControlFlow;
 
 /// Entries of a pair traversal's stack: a level of either tree, of at most 31, leaves at most one behind.

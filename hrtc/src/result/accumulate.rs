@@ -8,7 +8,7 @@ use super::{
 use crate::tick_record::{ProbeRecord, STAGES, TickRecord};
 use glam::DVec3;
 use hdrhistogram::Histogram;
-use shared::scene::MOST_PROBES;
+use scene::MOST_PROBES;
 
 /// A histogram with a fixed range, three significant digits and an exact maximum. Its counts of 32 bits last for
 /// 49 days of ticks, and the process is locked in memory: every byte counts.

@@ -1,8 +1,8 @@
 use super::*;
 use crate::tick_record::{CoreRecord, ProbeRecord, STAGES, TickRecord};
+use geometry::Wrench;
 use glam::DVec3;
-use shared::geometry::Wrench;
-use shared::scene::MOST_PROBES;
+use scene::MOST_PROBES;
 
 fn record(tick: u64) -> TickRecord {
     TickRecord {

@@ -5,10 +5,11 @@ use crate::controller::{Controller, Fault};
 use crate::realtime::MissingRight;
 use crate::recorder::RecordingError;
 use crate::result::{Accumulator, Finished, Right, RunResult};
-use shared::protocol::{BaseFace, BaseVertex, ModelHeader, TransportError};
-use shared::scene::{LoopPlan, SceneError};
-use shared::spm::VspRecord;
+use scene::{LoopPlan, SceneError};
+use spm::VspRecord;
+use spm::{BaseFace, BaseVertex, ModelHeader};
 use thiserror::Error;
+use transport::TransportError;
 
 /// Why a run ended without a result: one sentence each.
 #[derive(Debug, Error)]

@@ -11,10 +11,10 @@ use crate::inbox::InboxChunk;
 use crate::pacer::Pacer;
 use crate::realtime::{MissingRight, monotonic_ns, obtain};
 use crate::tick_record::{STAGES, TickRecord};
+use geometry::{Pose, Wrench};
+use protocol::{ContactReport, Request};
 use rtrb::{Consumer, Producer};
-use shared::geometry::{Pose, Wrench};
-use shared::protocol::{ContactReport, Request};
-use shared::scene::{LoopPlan, MOST_PROBES, ProbePlan, TrajectoryPlan};
+use scene::{LoopPlan, MOST_PROBES, ProbePlan, TrajectoryPlan};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 

@@ -1,8 +1,8 @@
 //! The boxes of a tool's faces by eights, and of those by eights, in the tool's axes: a box of the surface is tested against
 //! eight of them at once, so that a face of the surface finds the faces of a tool near it in three or four looks.
 
+use geometry::Aabb;
 use glam::{DVec3, Vec3A, Vec4};
-use shared::geometry::Aabb;
 
 /// Blocks of the highest level, at the most.
 const TOP: usize = 2;

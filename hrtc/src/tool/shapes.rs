@@ -2,7 +2,7 @@
 
 use super::ToolMesh;
 use glam::DVec3;
-use shared::scene::ProbeShape;
+use scene::ProbeShape;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 impl ToolMesh {

@@ -10,9 +10,9 @@ use super::neighbourhood::{MOST_PAIRS, Neighbourhood, SurfaceFace};
 use super::projection::MOST_HALF_SPACES;
 use super::shape::{FLAT, ToolShape};
 use crate::query::Surface;
+use geometry::closest_point_on_triangle;
 use glam::{DMat3, DVec3};
-use shared::geometry::closest_point_on_triangle;
-use shared::spm::{Handle, NONE};
+use spm::{Handle, NONE};
 
 /// Slope up to which what is around a corner may be nearer, where the corner is over the inside of a face: a turn of the
 /// tool soon brings the corner down, and the plane of a face is never too strict.

@@ -4,8 +4,8 @@
 //! force and torque are exactly those that the contacts give, without a part along the surface.
 
 use super::motion::Twist;
+use geometry::Wrench;
 use glam::DVec3;
-use shared::geometry::Wrench;
 
 /// Stiffness and damping of a surface; those of rotation follow from the tool's radius of gyration.
 #[derive(Debug, Clone, Copy, PartialEq)]

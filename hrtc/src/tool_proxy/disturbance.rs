@@ -2,9 +2,9 @@
 
 use super::neighbourhood::{Neighbourhood, apart, reach_along};
 use super::shape::ToolShape;
+use geometry::BoxPair;
 use glam::DVec3;
-use shared::geometry::BoxPair;
-use shared::spm::{ActiveMesh, Handle, NONE, OperationFaces};
+use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
 /// Ways out that are tried, each twice as far as the one before.
 const WAYS: i32 = 6;

@@ -8,8 +8,8 @@ use super::projection::{HalfSpace, project};
 use super::sweep::free_share;
 use super::{ToolAdvance, ToolProxy};
 use crate::query::{Ending, Surface};
+use geometry::closest_points_of_triangles;
 use glam::DVec3;
-use shared::geometry::closest_points_of_triangles;
 
 /// Share of the rest distance that the sweep leaves.
 const FLOOR: f64 = 0.5;

@@ -52,12 +52,12 @@ use contacts::Contacts;
 use cover::{Ball, cover};
 use disturbance::Disturbance;
 use follow::MOST_STOPS;
+use geometry::{BoxPair, Pose, Similarity, Wrench, triangle_pair};
 use glam::DVec3;
 use neighbourhood::Neighbourhood;
 use projection::{HalfSpace, MOST_HALF_SPACES};
 use shape::ToolShape;
-use shared::geometry::{BoxPair, Pose, Similarity, Wrench, triangle_pair};
-use shared::spm::{ActiveMesh, Handle, OperationFaces};
+use spm::{ActiveMesh, Handle, OperationFaces};
 use sweep::Open;
 use thiserror::Error;
 

@@ -14,9 +14,9 @@ use super::motion::{Placement, Twist};
 use super::shape::{ToolShape, is_flat};
 use crate::query::WaySeen;
 use gather::Begun;
+use geometry::Aabb;
 use glam::{DMat3, DVec3};
-use shared::geometry::Aabb;
-use shared::spm::{ActiveMesh, Handle, NONE};
+use spm::{ActiveMesh, Handle, NONE};
 
 /// Pairs of faces that fit.
 pub const MOST_PAIRS: usize = 4096;

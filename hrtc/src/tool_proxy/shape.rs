@@ -3,7 +3,7 @@
 use crate::query::Body;
 use crate::tool::{Blocks, Tool};
 use glam::DVec3;
-use shared::spm::{Handle, NONE};
+use spm::{Handle, NONE};
 use std::collections::BTreeMap;
 
 /// Sine of the angle within which faces count as one plane: the rounding of f64 over the faces' size, generously.

@@ -9,8 +9,8 @@ use super::contacts::PASSED;
 use super::motion::{Placement, Twist};
 use super::neighbourhood::{Direction, NearPair, Neighbourhood, apart, reach_along};
 use super::shape::ToolShape;
+use geometry::closest_points_of_triangles;
 use glam::{DMat3, DVec3};
-use shared::geometry::closest_points_of_triangles;
 
 /// Parts of a motion that a pair is followed through, at the most.
 const PARTS: u32 = 16;

@@ -2,12 +2,12 @@
 #![allow(dead_code, reason = "every test file uses another part")]
 
 use super::common::{Random, real_model};
+use ab_tree::{AbTree, leaf_key};
+use geometry::{Pose, Similarity};
 use glam::{DQuat, DVec3, Vec3};
 use hrtc::query::Surface;
 use hrtc::tool::ToolMesh;
-use shared::ab_tree::{AbTree, leaf_key};
-use shared::geometry::{Pose, Similarity};
-use shared::spm::{ActiveMesh, ErrorScale, Handle, NONE, OperationFaces, SpmParts};
+use spm::{ActiveMesh, ErrorScale, Handle, NONE, OperationFaces, SpmParts};
 use std::collections::BTreeMap;
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use ve_station::generate::{Shape, generate};

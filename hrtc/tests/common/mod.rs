@@ -1,6 +1,7 @@
 //! The two cores and the simulated device in one process: no clock, no transport, every run repeats.
 #![allow(dead_code, reason = "every test file uses another part")]
 
+use geometry::{Pose, Wrench};
 use glam::DVec3;
 use hrtc::controller::{Controller, NoObserver, StageObserver, TickInputs, TickOutputs};
 use hrtc::counting_allocator::count;
@@ -8,16 +9,15 @@ use hrtc::device::{Device, Intent, Sample, Script, Simulated};
 use hrtc::inbox::InboxChunk;
 use hrtc::subscriber::Identity;
 use hrtc::tick_record::CoreRecord;
-use shared::geometry::{Pose, Wrench};
-use shared::protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, Request};
-use shared::scene::{Overrides, ScenePlan, parse};
-use shared::spm::{SpmFile, VspRecord, write_spm};
+use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, Request};
+use scene::{Overrides, ScenePlan, parse};
+use spm::{SpmFile, VspRecord, write_spm};
 use std::collections::{BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use ve_station::station::{Message, ServedModel, ServedObject, Station};
 
-pub mod scene;
+pub mod several;
 
 /// Periods that a message takes each way.
 const DELAY: u64 = 2;

@@ -19,7 +19,7 @@ use rt_tests::models::{Model, active_triangles};
 use rt_tests::run::{print, print_json};
 use rt_tests::surface::Surface;
 use serde::Serialize;
-use shared::spm::OperationFaces;
+use spm::OperationFaces;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -10,8 +10,8 @@ use hrtc::device::Sample;
 use hrtc::query::{Surface, faces_within};
 use hrtc::realtime::thread_cpu_ns;
 use hrtc::run::FIXED_BYTES;
-use shared::scene::ScenePlan;
-use shared::spm::FileError;
+use scene::ScenePlan;
+use spm::FileError;
 
 /// Quiet ticks after which a front that is at rest is taken to be complete.
 const QUIET_TICKS: u64 = 300;

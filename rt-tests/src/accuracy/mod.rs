@@ -31,9 +31,9 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use measure::{Measured, Reference};
 use model::Model;
-use shared::protocol::{BaseFace, BaseVertex, ModelHeader};
-use shared::scene::{AccuracyPlan, RefinementPlan, ScenePlan};
-use shared::spm::VspRecord;
+use scene::{AccuracyPlan, RefinementPlan, ScenePlan};
+use spm::VspRecord;
+use spm::{BaseFace, BaseVertex, ModelHeader};
 use std::path::PathBuf;
 use std::time::Duration;
 

@@ -3,13 +3,13 @@
 use crate::failure::Failure;
 use crate::run::prepare_models;
 use crate::simulator::{DELAY_TICKS, Simulator, identity, station_incarnation};
+use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use hrtc::controller::Controller;
 use memmap2::Mmap;
-use shared::geometry::closest_point_on_triangle;
-use shared::protocol::{Request, TourAsk, TourPoint};
-use shared::scene::{ModelSource, Overrides, ScenePlan, TrajectoryPlan, parse};
-use shared::spm::{FileError, SpmFile, write_spm};
+use protocol::{Request, TourAsk, TourPoint};
+use scene::{ModelSource, Overrides, ScenePlan, TrajectoryPlan, parse};
+use spm::{FileError, SpmFile, write_spm};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model};
@@ -132,7 +132,7 @@ impl Model {
         let scene = crate::BUNDLED_SCENE;
         let mut plan = parse(scene, "accuracy", Path::new(""), &Overrides::default())?;
         plan.objects[0].model = source;
-        plan.objects[0].scale = shared::scene::ModelScale::Size(SIZE_M);
+        plan.objects[0].scale = scene::ModelScale::Size(SIZE_M);
         let tour = match plan.probes[0].trajectory {
             TrajectoryPlan::Tour {
                 speed_m_per_s,

@@ -8,7 +8,7 @@ use crate::failure::Failure;
 use crate::simulator::{Playback, Tape};
 use hrtc::controller::{Stage, StageObserver};
 use hrtc::realtime::thread_cpu_ns;
-use shared::scene::ScenePlan;
+use scene::ScenePlan;
 
 /// Times that every tick is done; its time is the least of them. The work is the same bits each time, so
 /// what differs is the machine.

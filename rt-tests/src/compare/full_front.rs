@@ -2,9 +2,9 @@
 
 use crate::failure::Failure;
 use crate::models::Model;
+use ab_tree::AbTree;
 use hrtc::query::Surface;
-use shared::ab_tree::AbTree;
-use shared::spm::{ActiveMesh, Handle, NONE, OperationFaces};
+use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 use std::time::Instant;
 
 /// A prefix of the sequence as a front, mostly the full mesh.

@@ -15,12 +15,12 @@ use crate::fronts::quantile;
 use crate::models::Model;
 use crate::report::grouped;
 use crate::surface::{Surface as Full, unit};
+use ab_tree::AbTree;
 use hrtc::query::{FacePair, Surface, closest_point};
 use hrtc::tool::Tool;
 use rand::Rng;
 use serde::Serialize;
-use shared::ab_tree::AbTree;
-use shared::spm::{ActiveMesh, Handle};
+use spm::{ActiveMesh, Handle};
 use std::fmt::Write as _;
 use std::time::Instant;
 

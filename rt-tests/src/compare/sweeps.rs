@@ -10,10 +10,10 @@ use crate::fronts::local_front::LocalFront;
 use crate::models::{Model, active_triangles};
 use crate::peers::parry::Mesh;
 use crate::surface::Surface as Full;
+use geometry::closest_points_of_segment_and_triangle;
 use glam::{DQuat, DVec3};
 use hrtc::query::{Capsule, Surface, swept_capsule};
 use rand::Rng;
-use shared::geometry::closest_points_of_segment_and_triangle;
 
 /// The task.
 pub const TASK: &str = "swept_capsule";

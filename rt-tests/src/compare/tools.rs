@@ -9,11 +9,11 @@ use crate::fronts::local_front::LocalFront;
 use crate::models::{Model, active_triangles};
 use crate::peers::parry::{Mesh, ToolPose};
 use crate::surface::Surface as Full;
+use geometry::{Pose, Similarity, triangle_pair};
 use glam::{DQuat, DVec3};
 use hrtc::query::{FacePair, Surface, all_pairs};
 use hrtc::tool::{Tool, ToolMesh, capsule_mesh};
 use rand::Rng;
-use shared::geometry::{Pose, Similarity, triangle_pair};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 

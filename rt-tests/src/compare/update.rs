@@ -6,10 +6,10 @@ use super::{Row, Who};
 use crate::models::Model;
 use crate::peers::parry::{Mesh, ParryF32, ParryF64};
 use crate::surface::unit;
+use geometry::Aabb;
 use glam::Vec3;
 use rand::Rng;
-use shared::geometry::Aabb;
-use shared::spm::{ActiveMesh, Handle, NONE};
+use spm::{ActiveMesh, Handle, NONE};
 use std::collections::HashSet;
 
 /// Faces of a patch, as deformed by about eight splits.

@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use crate::models::{Model, active_triangles};
 use crate::surface::{Surface, inside};
 use rand::Rng;
-use shared::spm::{ActiveMesh, OperationFaces};
+use spm::{ActiveMesh, OperationFaces};
 
 /// Points of active faces, and points of the full mesh, on each front.
 const SAMPLES: usize = 6_000;

@@ -13,9 +13,9 @@
 
 use crate::models::{Model, active_triangles};
 use crate::surface::Surface;
+use geometry::closest_point_on_triangle;
 use glam::DVec3;
-use shared::geometry::closest_point_on_triangle;
-use shared::spm::{ActiveMesh, ErrorScale, OperationFaces};
+use spm::{ActiveMesh, ErrorScale, OperationFaces};
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
 

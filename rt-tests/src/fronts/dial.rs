@@ -32,7 +32,7 @@ use hrtc::predict::{Motion, Predictor, TURNS};
 use hrtc::query;
 use rand::Rng;
 use serde::Serialize;
-use shared::spm::{ErrorScale, VspRecord};
+use spm::{ErrorScale, VspRecord};
 use std::collections::BTreeMap;
 
 /// Tolerances, parts of the diagonal; below [`ALWAYS`] where the mesh has the detail.

@@ -4,7 +4,7 @@ use super::walk::WalkWithTree;
 use crate::models::Model;
 use rand::Rng;
 use serde::Serialize;
-use shared::spm::ActiveMesh;
+use spm::ActiveMesh;
 use std::collections::BTreeMap;
 
 /// Splits and collapses of a walk.

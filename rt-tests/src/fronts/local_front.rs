@@ -5,7 +5,7 @@ use crate::failure::Failure;
 use crate::models::Model;
 use glam::DVec3;
 use hrtc::cache::{Cache, LoadError, RegionKey, RegionState};
-use shared::spm::{OperationFaces, RegionId};
+use spm::{OperationFaces, RegionId};
 use std::collections::BTreeSet;
 use ve_station::collection::{Collection, RegionAt};
 

@@ -1,8 +1,8 @@
 //! A random walk over fronts with an AB-tree beside it.
 
 use crate::models::Model;
-use shared::ab_tree::AbTree;
-use shared::spm::FrontWalk;
+use ab_tree::AbTree;
+use spm::FrontWalk;
 
 /// A walk, and the tree over its front; the tree's boxes are those of its last refit.
 #[derive(Debug)]

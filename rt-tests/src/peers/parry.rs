@@ -3,8 +3,8 @@
 pub use double::ParryF64;
 pub use single::ParryF32;
 
+use geometry::{Aabb, Pose};
 use glam::DVec3;
-use shared::geometry::{Aabb, Pose};
 
 /// How parry is told where the tool is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -200,9 +200,9 @@ macro_rules! precision {
 /// Single precision.
 mod single {
     use super::{Mesh, ToolPose};
+    use geometry::{Aabb, Pose};
     use glam::DVec3;
     use parry3d::partitioning::BvhNode as Node;
-    use shared::geometry::{Aabb, Pose};
 
     fn vector(point: DVec3) -> parry3d::math::Vector {
         point.as_vec3()
@@ -222,9 +222,9 @@ mod single {
 /// Double precision.
 mod double {
     use super::{Mesh, ToolPose};
+    use geometry::{Aabb, Pose};
     use glam::DVec3;
     use parry3d_f64::partitioning::BvhNode as Node;
-    use shared::geometry::{Aabb, Pose};
 
     fn vector(point: DVec3) -> parry3d_f64::math::Vector {
         point

@@ -2,11 +2,11 @@
 
 use super::page::contact_bands;
 use super::*;
+use geometry::Wrench;
 use hrtc::controller::Capacity;
 use hrtc::result::{Accumulator, RunMeta};
 use hrtc::tick_record::{CoreRecord, MissClass, STAGES, TickRecord};
-use shared::geometry::Wrench;
-use shared::scene::{MOST_PROBES, Overrides, parse};
+use scene::{MOST_PROBES, Overrides, parse};
 use std::path::Path;
 
 fn finished(contact: bool) -> Finished {

@@ -1,11 +1,11 @@
 //! The simulated device in the hand that leads it along a tour: the loop is closed.
 
+use geometry::{Pose, Wrench};
 use glam::DVec3;
 use hrtc::controller::ModelFrame;
 use hrtc::device::{Device, Sample, Script, Simulated};
-use shared::geometry::{Pose, Wrench};
-use shared::protocol::TourPoint;
-use shared::scene::SimulatedDevicePlan;
+use protocol::TourPoint;
+use scene::SimulatedDevicePlan;
 
 /// A device and the tour that it is led along.
 #[derive(Debug, Clone)]

@@ -21,7 +21,7 @@ use hrtc::controller::{Controller, StageObserver, TickInputs, TickOutputs};
 use hrtc::device::Sample;
 use hrtc::inbox::InboxChunk;
 use hrtc::subscriber::Identity;
-use shared::protocol::{ChunkKind, ContactReport, Request};
+use protocol::{ChunkKind, ContactReport, Request};
 use ve_station::station::{Message, Station};
 
 /// Periods that a message takes each way unless another delay is asked for.

@@ -2,18 +2,18 @@
 
 use crate::failure::Failure;
 use crate::simulator::{DELAY_TICKS, Simulator, identity, station_incarnation};
+use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc::controller::{Controller, NoObserver};
 use hrtc::device::{Device, Intent, Sample, Simulated};
 use hrtc::movable::Body;
 use hrtc::tick_record::CoreRecord;
-use shared::geometry::{Pose, Wrench};
-use shared::protocol::Request;
-use shared::scene::{
+use protocol::Request;
+use scene::{
     Hand, ModelScale, MovablePlan, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan,
     TrajectoryPlan, parse,
 };
-use shared::spm::{ActiveMesh, SpmFile, SpmParts, write_spm};
+use spm::{ActiveMesh, SpmFile, SpmParts, write_spm};
 use std::path::Path;
 use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model};
 use ve_station::station::{ServedModel, ServedObject, Station};

@@ -5,9 +5,9 @@ use super::bench::{Bench, Fault, Felt, FreeMass, Setup, model};
 use super::{Found, Size, shapes};
 use crate::failure::Failure;
 use crate::surface::unit;
+use geometry::Pose;
 use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::geometry::Pose;
 use ve_station::generate::{Shape, generate};
 
 /// Limits of the gate where a case needs them: newtons, newtons a second.

@@ -6,9 +6,9 @@ use super::walls::wall;
 use super::{Found, Size, shapes};
 use crate::failure::Failure;
 use crate::surface::unit;
+use geometry::Pose;
 use glam::DVec3;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::geometry::Pose;
 use std::f64::consts::TAU;
 
 /// Coefficients of the friction of these cases.

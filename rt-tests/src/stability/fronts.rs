@@ -6,11 +6,11 @@ use crate::failure::Failure;
 use crate::fronts::WalkWithTree;
 use crate::models::Model;
 use crate::surface::unit;
+use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use hrtc::query::{Surface, closest_point};
 use rand::RngCore;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::geometry::closest_point_on_triangle;
 use ve_station::build::{BuildOptions, NoProgress};
 use ve_station::generate::{Shape, generate};
 

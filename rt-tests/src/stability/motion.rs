@@ -4,10 +4,10 @@ use super::bench::{Bench, DAMPING_NS_PER_M, Fault, FreeMass, MASS_KG, Setup, mod
 use super::{Found, Size, shapes};
 use crate::failure::Failure;
 use crate::surface::unit;
+use geometry::Pose;
 use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::geometry::Pose;
-use shared::scene::{DrivenPlan, FreePlan, MassPlan, MovablePlan, RailPlan, RestPlan};
+use scene::{DrivenPlan, FreePlan, MassPlan, MovablePlan, RailPlan, RestPlan};
 use ve_station::generate::{Shape, generate};
 
 /// Nothing of its own: what it is given it keeps.

@@ -4,10 +4,10 @@ use super::bench::{Bench, Fault, Setup, model, parts, spm};
 use super::{Found, Size};
 use crate::failure::Failure;
 use crate::surface::unit;
+use geometry::closest_point_on_triangle;
 use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::geometry::closest_point_on_triangle;
-use shared::spm::SpmParts;
+use spm::SpmParts;
 use std::collections::HashSet;
 use ve_station::generate::{Shape, generate};
 

@@ -4,9 +4,9 @@ use super::bench::{Bench, Fault, Felt, Setup, model};
 use super::{Found, Size, shapes};
 use crate::failure::Failure;
 use crate::surface::{Surface, unit};
+use geometry::Pose;
 use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::geometry::Pose;
 use ve_station::generate::{Shape, generate};
 
 /// How deep a pass goes behind the surface, metres.

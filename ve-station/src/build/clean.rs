@@ -1,10 +1,10 @@
 //! Cleaning: drops what is no surface, and counts each thing dropped.
 
 use super::{BuildError, SoupMesh};
+use geometry::triangle_is_degenerate;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use shared::geometry::triangle_is_degenerate;
-use shared::spm::BuildSummary;
+use spm::BuildSummary;
 
 /// A model whose centre lies farther from its own origin than this many of its diagonals gets another
 /// origin: six of the 24 bits of an f32 would be lost to the distance.

@@ -3,9 +3,9 @@
 //! One pass over the faces and one over the records, from the last to the first: children come after their
 //! parents. Memory: 28 B a vertex (box, and the VSP that splits it) while it runs, 20 B a VSP of result.
 
+use geometry::Aabb;
 use glam::Vec3;
-use shared::geometry::Aabb;
-use shared::spm::{ErrorScale, LEVELS, NONE, ReachScale, RegionGrid, SpmParts, VspNode, VspRecord};
+use spm::{ErrorScale, LEVELS, NONE, ReachScale, RegionGrid, SpmParts, VspNode, VspRecord};
 
 /// Fills in `base_splits` and `hierarchy` of parts whose meshes and records are complete.
 pub fn add_hierarchy(parts: &mut SpmParts) {
@@ -43,7 +43,7 @@ pub fn add_hierarchy(parts: &mut SpmParts) {
     parts.base_splits = splits;
 }
 
-/// The ladder of a model (see [`shared::protocol::ModelHeader::ladder`]): for every level of the grid the
+/// The ladder of a model (see [`spm::ModelHeader::ladder`]): for every level of the grid the
 /// smallest decoded code that at most n / 4^level VSPs exceed, rounded up to f32.
 ///
 /// Without expected errors ([`VspRecord::E_UNKNOWN`]) there is only the full mesh.

@@ -11,7 +11,7 @@
 use super::CleanMesh;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use shared::spm::BuildSummary;
+use spm::BuildSummary;
 
 /// The most copies of cut vertices that are locked: some 8000 faces of a base mesh, half a mebibyte of the
 /// controller's cache.

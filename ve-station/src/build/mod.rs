@@ -8,12 +8,13 @@
 //! | 4 | `order` | faces in AB-tree order |
 //! | 5 | `simplify` | quadric collapses in independent-set rounds: the history |
 //! | 6 | `error` | E of every collapse, meanwhile; R of every vertex: the certified error |
-//! | 7 | `spm` | ids, records: [`shared::spm::SpmParts`] |
+//! | 7 | `assemble` | ids, records: [`spm::SpmParts`] |
 //! | 8 | `regions` | the grid, what each region needs, closures |
 //! | 9 | `hierarchy` | who splits the children of a VSP, how far it reaches; the ladder of tolerances |
 //!
 //! Everything is deterministic: the same bytes in give the same bytes out, with any number of threads.
 
+mod assemble;
 mod clean;
 mod cracks;
 mod error;
@@ -24,14 +25,13 @@ mod order;
 mod progress;
 mod regions;
 mod simplify;
-mod spm;
 
 pub use clean::{CleanMesh, clean};
 pub use import::{MeshFormat, SoupMesh, is_mesh_file, read_mesh, read_mesh_bytes};
 pub use manifold::{ManifoldMesh, cut_to_manifold};
 pub use progress::{NoProgress, Progress, TerminalProgress};
 
-use shared::spm::{ErrorScale, SpmParts, write_spm};
+use spm::{ErrorScale, SpmParts, write_spm};
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -133,12 +133,11 @@ impl BuildOptions {
     /// When a number is out of range.
     pub fn check(&self) -> Result<(), BuildError> {
         if let Some(divisions) = self.regions
-            && !(divisions.is_power_of_two()
-                && divisions <= shared::spm::RegionGrid::MOST_DIVISIONS)
+            && !(divisions.is_power_of_two() && divisions <= spm::RegionGrid::MOST_DIVISIONS)
         {
             return Err(BuildError::Option(format!(
                 "--regions {divisions} is not possible: give a power of two from 1 to {}",
-                shared::spm::RegionGrid::MOST_DIVISIONS
+                spm::RegionGrid::MOST_DIVISIONS
             )));
         }
         if self.base_faces == Some(0) {
@@ -171,9 +170,9 @@ pub fn build_model(
     let target = options
         .base_faces
         .unwrap_or_else(|| (manifold.triangles.len() as u32 / 100).clamp(300, 700));
-    let scale = ErrorScale::for_diagonal(spm::bounds_of(&manifold).diagonal());
+    let scale = ErrorScale::for_diagonal(assemble::bounds_of(&manifold).diagonal());
     let history = simplify::simplify(&manifold, target, scale, progress);
-    spm::assemble(origin, &manifold, history, options.regions, progress)
+    assemble::assemble(origin, &manifold, history, options.regions, progress)
 }
 
 /// Builds an SPM file from a mesh file. The file appears whole or not at all.

@@ -4,9 +4,9 @@
 //! sampling and regions all walk over neighbours.
 
 use super::ManifoldMesh;
+use geometry::Aabb;
 use glam::{DVec3, Vec3};
-use shared::geometry::Aabb;
-use shared::spm::NONE;
+use spm::NONE;
 
 /// Sets of faces below this size are split without another task.
 const FACES_A_TASK: usize = 1 << 14;

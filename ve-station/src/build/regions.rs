@@ -28,13 +28,13 @@
 //! Memory: 28 B a vertex (hull, and the VSP that splits it), 12 B a face (corners), 8 B a VSP and search;
 //! a search itself keeps no more than one closure.
 
-use super::spm::Ids;
+use super::assemble::Ids;
 use super::{ManifoldMesh, Progress};
+use geometry::Aabb;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use shared::geometry::Aabb;
-use shared::protocol::{BaseFace, BaseVertex};
-use shared::spm::{NONE, RegionGrid, RegionId, VspRecord};
+use spm::{BaseFace, BaseVertex};
+use spm::{NONE, RegionGrid, RegionId, VspRecord};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Faces that one task puts into regions.

@@ -15,7 +15,7 @@ use super::{ManifoldMesh, Progress};
 use glam::{DVec3, Vec3};
 use quadric::Quadric;
 use rayon::prelude::*;
-use shared::spm::{ErrorScale, NONE};
+use spm::{ErrorScale, NONE};
 use topology::{Collapsible, Topology};
 
 /// The most faces round a vertex that a collapse makes: bounds the work of a split.
@@ -57,7 +57,7 @@ pub struct Collapse {
     pub fl: u32,
     /// Face right of it, `NONE` at a rim.
     pub fr: u32,
-    /// Neighbours as in [`shared::spm::VspRecord::fn_`].
+    /// Neighbours as in [`spm::VspRecord::fn_`].
     pub fn_: [u32; 4],
 }
 

@@ -1,9 +1,9 @@
 use super::*;
 use crate::generate::Shape;
 use crate::testing::{model, model_bytes};
+use geometry::Aabb;
 use glam::UVec3;
 use proptest::prelude::*;
-use shared::geometry::Aabb;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 

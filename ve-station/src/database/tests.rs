@@ -120,8 +120,8 @@ shape = { sphere = { radius_m = 0.001 } }
 device = { simulated = { mass_kg = 0.1, damping_ns_per_m = 1.0, encoder_m = 1e-5, hand = { stiffness_n_per_m = 200.0, damping_ns_per_m = 2.0 } } }
 trajectory = { tour = { seed = 1, speed_m_per_s = 0.1, depth_m = 0.002 } }
 "#;
-    let overrides = shared::scene::Overrides::default();
-    let mut plan = shared::scene::parse(text, "test", folder.path(), &overrides).unwrap();
+    let overrides = scene::Overrides::default();
+    let mut plan = scene::parse(text, "test", folder.path(), &overrides).unwrap();
     // Scenes of this version hold one object; plans may hold more.
     for name in ["other.spm", "a.spm", "copy.spm"] {
         let mut object = plan.objects[0].clone();

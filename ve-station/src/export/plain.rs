@@ -1,7 +1,7 @@
 //! Plain meshes: OBJ, PLY, STL, OFF.
 
 use super::Front;
-use shared::spm::NONE;
+use spm::NONE;
 use std::io::{self, Write};
 
 /// A front as positions and corners.

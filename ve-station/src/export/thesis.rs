@@ -6,8 +6,8 @@
 //! same f32 again; where it cannot (a coordinate a billion times smaller than its parent's) all seventeen.
 
 use super::Front;
-use shared::ab_tree::depth;
-use shared::spm::{ActiveMesh, NONE, OperationFaces, VspRecord};
+use ab_tree::depth;
+use spm::{ActiveMesh, NONE, OperationFaces, VspRecord};
 use std::io::{self, Write};
 
 /// Cells along each side of the box, as in the thesis's example.

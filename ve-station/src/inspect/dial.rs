@@ -4,7 +4,7 @@
 use super::finite;
 use crate::collection::{CollectError, Collection, RegionAt};
 use serde::Serialize;
-use shared::spm::{ErrorScale, FileError, LEVELS, RegionId, SpmFile};
+use spm::{ErrorScale, FileError, LEVELS, RegionId, SpmFile};
 use std::collections::BTreeSet;
 
 /// Regions of a level whose closures are counted, at the most.

@@ -3,11 +3,12 @@
 use super::{Chunk, Station, region_at};
 use crate::collection::{LACKING, RegionAt};
 use bytemuck::Zeroable;
-use shared::protocol::{
-    AnswersWriter, BaseFace, BaseVertex, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot,
-    MODEL_HEADER_SLOTS, ModelHeader, Refusal, RegionAsk,
+use protocol::{
+    AnswersWriter, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, MODEL_HEADER_SLOTS, Refusal,
+    RegionAsk,
 };
-use shared::spm::{FileError, NONE, SpmFile};
+use spm::{BaseFace, BaseVertex, ModelHeader};
+use spm::{FileError, NONE, SpmFile};
 
 /// Base vertices in one slot.
 const VERTICES_PER_SLOT: usize = size_of::<ChunkSlot>() / size_of::<BaseVertex>();

@@ -3,8 +3,8 @@
 use super::Chunk;
 use super::answer::blank;
 use crate::tour::{Step, Tour, TourError};
-use shared::protocol::{CHUNK_SLOTS, ChunkKind, TourAsk, TourPoint};
-use shared::spm::{FileError, SpmFile};
+use protocol::{CHUNK_SLOTS, ChunkKind, TourAsk, TourPoint};
+use spm::{FileError, SpmFile};
 
 /// Points of a tour that are kept: 8 MiB, eleven minutes. Of a longer one those handed out are forgotten.
 const MOST_KEPT: usize = 1 << 17;

@@ -5,7 +5,7 @@ use super::answer::{Job, blank};
 use super::region_at;
 use super::rolling::Rolling;
 use crate::collection::{RegionAt, Residency};
-use shared::protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, MeasuredError, RegionAsk, Request};
+use protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, MeasuredError, RegionAsk, Request};
 use std::collections::VecDeque;
 
 /// Questions of one session that may wait for an answer.

@@ -8,11 +8,9 @@ use crate::generate::Shape;
 use crate::testing::model;
 use bytemuck::Zeroable;
 use client::{Client, region_of};
-use shared::protocol::{
-    AnswerItem, AnswersReader, BaseFace, BaseVertex, CREDIT_CHUNKS, ChunkKind, MODEL_HEADER_SLOTS,
-    ModelHeader, PartHead,
-};
-use shared::spm::VspRecord;
+use protocol::{AnswerItem, AnswersReader, CREDIT_CHUNKS, ChunkKind, MODEL_HEADER_SLOTS, PartHead};
+use spm::VspRecord;
+use spm::{BaseFace, BaseVertex, ModelHeader};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, LazyLock};
 

@@ -2,7 +2,7 @@
 
 use super::Draw;
 use glam::{DQuat, DVec3};
-use shared::spm::{FileError, SpmFile};
+use spm::{FileError, SpmFile};
 use std::f64::consts::{PI, TAU};
 
 /// Where the ball touches.

@@ -2,7 +2,7 @@ use super::*;
 use crate::build::{BuildOptions, NoProgress, build_model, read_mesh};
 use crate::generate::Shape;
 use crate::testing::{Counted, model, model_bytes};
-use shared::spm::write_spm;
+use spm::write_spm;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 

@@ -4,7 +4,7 @@
 use super::Draw;
 use super::roll::{Ball, Contact, Line};
 use glam::DVec3;
-use shared::spm::{FileError, SpmFile};
+use spm::{FileError, SpmFile};
 
 /// Places looked at for the next touch before one far away is taken.
 const NEAR_TRIES: usize = 24;

@@ -4,7 +4,7 @@
 use glam::DVec3;
 use rand::RngCore;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use shared::spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile, SpmParts, write_spm};
+use spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile, SpmParts, write_spm};
 use std::path::PathBuf;
 use ve_station::build::{
     BuildOptions, NoProgress, SoupMesh, build_model, clean, is_mesh_file, read_mesh,

@@ -5,12 +5,10 @@ use super::common::build;
 use super::memory::most_bytes;
 use super::mutate::Mutator;
 use super::{keeping, rounds_and_seed, turn};
+use geometry::Aabb;
 use glam::DVec3;
-use shared::geometry::Aabb;
-use shared::protocol::{BaseFace, BaseVertex};
-use shared::spm::{
-    BLOCK_BYTES, FullFace, RegionId, SpmFile, SpmHeader, VspNode, VspRecord, write_spm,
-};
+use spm::{BLOCK_BYTES, FullFace, RegionId, SpmFile, SpmHeader, VspNode, VspRecord, write_spm};
+use spm::{BaseFace, BaseVertex};
 use std::ops::Range;
 use ve_station::collection::{Collection, RegionAt};
 use ve_station::export::{Detail, export};

@@ -5,8 +5,9 @@ use super::memory::most_bytes;
 use super::mutate::Mutator;
 use super::{check_sentence, keeping, rounds_and_seed, turn};
 use bytemuck::Zeroable;
-use shared::protocol::{ContactReport, MOST_CLIENTS, Request};
-use shared::spm::{RegionId, SpmFile, write_spm};
+use protocol::{ContactReport, Request};
+use spm::{RegionId, SpmFile, write_spm};
+use transport::MOST_CLIENTS;
 use ve_station::generate::{Shape, generate};
 use ve_station::station::{Message, ServedModel, ServedObject, Station};
 
@@ -25,7 +26,7 @@ impl Spoken {
         request.incarnation = self.incarnation;
         request.sequence = self.sequence;
         request.consumed = self.received;
-        request.credit = shared::protocol::CREDIT_CHUNKS as u32;
+        request.credit = protocol::CREDIT_CHUNKS as u32;
         request.name = Request::name_hash("torus");
         self.sequence += 1;
         request

@@ -8,7 +8,7 @@ use crate::query::{
     Body, Ending, PairWork, Resume, Surface, WaySeen, for_each_face_near, for_each_near_pair,
 };
 use glam::{DMat3, DVec3};
-use shared::spm::{ActiveMesh, Handle, NONE};
+use spm::{ActiveMesh, Handle, NONE};
 use std::ops::ControlFlow;
 
 /// Times that the margin of a full neighbourhood is halved at once, at the most.

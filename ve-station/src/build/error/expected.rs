@@ -23,7 +23,7 @@ use super::triangle::distance;
 use crate::build::simplify::{Collapse, FanFace, MOST_FACES_ROUND_A_VERTEX, Round};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use shared::spm::{ErrorScale, NONE};
+use spm::{ErrorScale, NONE};
 use std::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
 
 /// Steps of a grid: at least, at most, and for each square root of vertices that hang on the face.

@@ -8,9 +8,9 @@
 //! Memory: 12 B a face (neighbours), 24 B a box, one box for one to two faces.
 
 use super::triangle::distance;
+use geometry::Aabb;
 use glam::{DVec3, Vec3};
-use shared::geometry::Aabb;
-use shared::spm::NONE;
+use spm::NONE;
 
 /// The most faces of a walk: beyond, boxes are faster.
 const MOST_STEPS: usize = 12;

@@ -78,8 +78,8 @@ fn along(from_start: DVec3, edge: DVec3, product: f64, square: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use geometry::closest_point_on_triangle;
     use proptest::prelude::*;
-    use shared::geometry::closest_point_on_triangle;
 
     fn vector() -> impl Strategy<Value = DVec3> {
         prop::array::uniform3(-1.0..1.0f64).prop_map(DVec3::from_array)

@@ -6,13 +6,13 @@
 //! | `b`, `$` | - | faces and vertices of the base mesh; faces, vertices, splits; the cells follow on lines of numbers |
 //! | `v` | x y z | number x y z |
 //! | `f` | three vertices | number, three vertices, leaf code |
-//! | `v*` | vertex, two differences, signed third vertices of the new faces, `&`, count and faces of the first group, faces of the second | see [`spm`] |
+//! | `v*` | vertex, two differences, signed third vertices of the new faces, `&`, count and faces of the first group, faces of the second | see [`spm_text`] |
 //!
 //! Everything counts from 1. A split keeps its vertex as the first child (CDPM) or makes two (SPM); a
 //! new face with a plus is (first, second, third vertex), with a minus (second, first, third).
 
 mod cdpm;
-mod spm;
+mod spm_text;
 
 use super::text::{Lines, excerpt, number, words};
 use super::{BuildError, SoupMesh};
@@ -21,7 +21,7 @@ pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
     let first = |(_, content)| words(content).next().map(|word| matches!(word, "b" | "$"));
     // Comments apart, an SPM starts with its counts.
     if Lines::of(text).find_map(first) == Some(true) {
-        spm::read(text)
+        spm_text::read(text)
     } else {
         cdpm::read(text)
     }

@@ -1,6 +1,6 @@
 //! Faces and their neighbours during simplification, and which edges may collapse.
 
-use shared::spm::NONE;
+use spm::NONE;
 
 /// Corners and neighbours by face, and one face by vertex slot.
 pub(super) struct Topology {

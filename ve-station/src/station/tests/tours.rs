@@ -5,7 +5,7 @@ use super::*;
 use crate::testing::Counted;
 use crate::tour::make_tour;
 use proptest::prelude::*;
-use shared::protocol::{TourAsk, TourPoint};
+use protocol::{TourAsk, TourPoint};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A station over bytes that are counted, and the count.

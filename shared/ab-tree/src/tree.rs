@@ -1,0 +1,525 @@
+//! The part of the AB-tree above active faces, as a compressed binary trie over heap keys.
+//!
+//! The full tree of thesis 3.3 has a node for every full-mesh face. Here a node exists only where both of
+//! its children hold active faces; chains of nodes with a single active child are skipped, so there is one
+//! node fewer than active faces whatever the size of the full mesh. A node keeps its heap key, so the shape
+//! is the thesis's. The three statuses of Figure 3.8 are: *inactive* = not there, *deformed* = a mark bit,
+//! *active* = there and not marked.
+//!
+//! A node is one cache line and holds the boxes of its two children, so a query reads one line to decide
+//! about both.
+
+use super::key::{depth, is_leaf_key, lowest_common_ancestor};
+use super::{Handle, NONE};
+use geometry::{Aabb, BoxPair};
+
+/// Index of a node; [`NONE`] for none.
+pub type NodeId = u32;
+
+/// A child of a node, or the root: a node or an active face.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Child {
+    /// An inner node.
+    Node(NodeId),
+    /// A leaf: the face itself.
+    Face(Handle),
+}
+
+const FACE_BIT: u32 = 1 << 31;
+
+impl Child {
+    fn pack(self) -> u32 {
+        match self {
+            Self::Node(id) => id,
+            Self::Face(face) => face | FACE_BIT,
+        }
+    }
+
+    #[inline]
+    fn unpack(packed: u32) -> Self {
+        if packed & FACE_BIT == 0 {
+            Self::Node(packed)
+        } else {
+            Self::Face(packed & !FACE_BIT)
+        }
+    }
+}
+
+/// An inner node: 64 bytes.
+#[repr(C, align(64))]
+#[derive(Debug, Clone, Copy)]
+pub struct Node {
+    boxes: BoxPair,
+    children: [u32; 2],
+    parent: NodeId,
+    key: u32,
+}
+
+const _: () = assert!(size_of::<Node>() == 64);
+
+impl Node {
+    /// Boxes of the left and the right child.
+    #[inline]
+    #[must_use]
+    pub fn boxes(&self) -> &BoxPair {
+        &self.boxes
+    }
+
+    /// The left and the right child.
+    #[inline]
+    #[must_use]
+    pub fn children(&self) -> [Child; 2] {
+        self.children.map(Child::unpack)
+    }
+
+    /// Its heap key.
+    #[inline]
+    #[must_use]
+    pub fn key(&self) -> u32 {
+        self.key
+    }
+}
+
+/// An AABB tree over the active faces of one object. Sized once; no operation allocates or recurses.
+#[derive(Debug, Clone)]
+pub struct AbTree {
+    /// Faces of the full mesh, which fix the shape.
+    full_faces: u32,
+    nodes: Vec<Node>,
+    /// Per node: bit 0 = the left child is deformed, bit 1 = the right one.
+    deformed: Vec<u8>,
+    /// Per face handle: the node above it, and its leaf key (0 = not in the tree).
+    face_node: Vec<NodeId>,
+    face_key: Vec<u32>,
+    root: Option<Child>,
+    /// First free node, chained through `parent`; nodes from `fresh` on were never used.
+    free: NodeId,
+    fresh: u32,
+    faces: u32,
+    root_box: Aabb,
+    root_face_deformed: bool,
+}
+
+impl AbTree {
+    /// Bytes per face that it may hold.
+    pub const BYTES_PER_FACE: usize = size_of::<Node>() + 1 + 4 + 4;
+
+    /// Room for `capacity` face handles.
+    #[must_use]
+    pub fn new(capacity: u32) -> Self {
+        assert!(capacity < FACE_BIT, "face handles have 31 bits");
+        let empty = Node {
+            boxes: BoxPair::EMPTY,
+            children: [0; 2],
+            parent: NONE,
+            key: 0,
+        };
+        let capacity = capacity as usize;
+        Self {
+            full_faces: 0,
+            nodes: vec![empty; capacity],
+            deformed: vec![0; capacity],
+            face_node: vec![NONE; capacity],
+            face_key: vec![0; capacity],
+            root: None,
+            free: NONE,
+            fresh: 0,
+            faces: 0,
+            root_box: Aabb::EMPTY,
+            root_face_deformed: false,
+        }
+    }
+
+    /// Empties it, so that [`AbTree::preconstruct`] may follow; `faces`: of how many handles, from the first on, use
+    /// was made. Nothing is freed or allocated.
+    pub fn clear(&mut self, faces: u32) {
+        self.face_key[..faces as usize].fill(0);
+        self.deformed[..self.fresh as usize].fill(0);
+        self.root = None;
+        self.free = NONE;
+        self.fresh = 0;
+        self.faces = 0;
+        self.root_box = Aabb::EMPTY;
+        self.root_face_deformed = false;
+    }
+
+    /// Fixes the shape (ACTIVE-PRECONSTRUCT): the number of faces of the full mesh. While empty.
+    pub fn preconstruct(&mut self, full_faces: u32) {
+        assert!(
+            self.faces == 0,
+            "the shape of a tree is fixed while it is empty"
+        );
+        self.full_faces = full_faces;
+    }
+
+    /// The root, `None` for an empty tree.
+    #[inline]
+    #[must_use]
+    pub fn root(&self) -> Option<Child> {
+        self.root
+    }
+
+    /// Box of the whole tree; refitted trees only.
+    #[must_use]
+    pub fn root_box(&self) -> &Aabb {
+        &self.root_box
+    }
+
+    /// A node.
+    #[inline]
+    #[must_use]
+    pub fn node(&self, id: NodeId) -> &Node {
+        &self.nodes[id as usize]
+    }
+
+    /// Leaf key of a face of the tree; 0 for one that is not in it.
+    #[inline]
+    #[must_use]
+    pub fn leaf_of(&self, face: Handle) -> u32 {
+        self.face_key[face as usize]
+    }
+
+    /// Number of faces in the tree.
+    #[must_use]
+    pub fn faces(&self) -> u32 {
+        self.faces
+    }
+
+    fn key_of(&self, child: Child) -> u32 {
+        match child {
+            Child::Node(id) => self.nodes[id as usize].key,
+            Child::Face(face) => self.face_key[face as usize],
+        }
+    }
+
+    fn set_parent(&mut self, child: Child, parent: NodeId) {
+        match child {
+            Child::Node(id) => self.nodes[id as usize].parent = parent,
+            Child::Face(face) => self.face_node[face as usize] = parent,
+        }
+    }
+
+    fn side_of(&self, node: NodeId, child: Child) -> usize {
+        let children = self.nodes[node as usize].children;
+        let side = usize::from(children[1] == child.pack());
+        debug_assert_eq!(children[side], child.pack());
+        side
+    }
+
+    /// Adds an active face at its leaf code and marks its path (set I of ACTIVE-UPDATE).
+    ///
+    /// Returns false, and changes nothing, when the code is no leaf or is taken: a damaged record.
+    pub fn insert(&mut self, face: Handle, leaf: u32) -> bool {
+        self.insert_near(face, leaf, NONE)
+    }
+
+    /// The same as [`AbTree::insert`], found from the face `near` where that is in the tree: neighbours on the
+    /// surface are mostly neighbours in the tree, and the way down from the root is what a split costs most.
+    pub fn insert_near(&mut self, face: Handle, leaf: u32, near: Handle) -> bool {
+        if !is_leaf_key(leaf, self.full_faces) || self.face_key[face as usize] != 0 {
+            return false;
+        }
+        let Some(root) = self.root else {
+            self.root = Some(Child::Face(face));
+            self.face_key[face as usize] = leaf;
+            self.face_node[face as usize] = NONE;
+            self.root_face_deformed = true;
+            self.faces = 1;
+            return true;
+        };
+        let (mut current, mut parent) = match self.lowest_above(leaf, near) {
+            NONE => (root, NONE),
+            id => (Child::Node(id), self.nodes[id as usize].parent),
+        };
+        // At most one step a level of the tree: 32.
+        let key = loop {
+            let current_key = self.key_of(current);
+            if current_key == leaf {
+                return false;
+            }
+            let common = lowest_common_ancestor(current_key, leaf);
+            match current {
+                Child::Node(id) if common == current_key => {
+                    parent = id;
+                    let node = &self.nodes[id as usize];
+                    current = node.children()[Self::side_of_key(common, leaf)];
+                }
+                _ => break common,
+            }
+        };
+        let (child_box, child_deformed) = match parent {
+            // The root's own box is that of the last refit: a removal may have changed those below since.
+            NONE => match current {
+                Child::Node(id) => (self.nodes[id as usize].boxes.union(), false),
+                Child::Face(_) => (self.root_box, self.root_face_deformed),
+            },
+            id => {
+                let side = self.side_of(id, current);
+                (
+                    self.nodes[id as usize].boxes.get(side),
+                    self.deformed[id as usize] >> side & 1 == 1,
+                )
+            }
+        };
+        let id = self.take_node();
+        let side = Self::side_of_key(key, leaf);
+        let node = &mut self.nodes[id as usize];
+        node.key = key;
+        node.parent = parent;
+        node.children[side] = Child::Face(face).pack();
+        node.children[1 - side] = current.pack();
+        node.boxes = BoxPair::EMPTY;
+        node.boxes.set(1 - side, child_box);
+        let inherits = child_deformed || self.is_marked(current);
+        self.deformed[id as usize] = u8::from(inherits) << (1 - side);
+        self.face_key[face as usize] = leaf;
+        self.face_node[face as usize] = id;
+        self.set_parent(current, id);
+        match parent {
+            NONE => {
+                self.root = Some(Child::Node(id));
+                self.root_face_deformed = false;
+            }
+            above => {
+                let above_side = Self::side_of_key(self.nodes[above as usize].key, leaf);
+                self.nodes[above as usize].children[above_side] = Child::Node(id).pack();
+            }
+        }
+        self.faces += 1;
+        self.deformed[id as usize] |= 1 << side;
+        if parent != NONE {
+            self.mark(parent, Child::Node(id));
+        }
+        true
+    }
+
+    /// The lowest node that is above both a face and a leaf; [`NONE`] when the face is not in the tree or alone.
+    fn lowest_above(&self, leaf: u32, face: Handle) -> NodeId {
+        let in_tree = self
+            .face_key
+            .get(face as usize)
+            .is_some_and(|&key| key != 0);
+        if !in_tree {
+            return NONE;
+        }
+        let leaf_depth = depth(leaf);
+        let mut node = self.face_node[face as usize];
+        // At most one step a level of the tree.
+        while node != NONE {
+            let Node { key, parent, .. } = self.nodes[node as usize];
+            let below = leaf_depth.checked_sub(depth(key));
+            if below.is_some_and(|below| leaf >> below == key) {
+                break;
+            }
+            node = parent;
+        }
+        node
+    }
+
+    /// Side of the child of node `key` on the way to `leaf`.
+    fn side_of_key(key: u32, leaf: u32) -> usize {
+        (leaf >> (depth(leaf) - depth(key) - 1) & 1) as usize
+    }
+
+    fn is_marked(&self, child: Child) -> bool {
+        matches!(child, Child::Node(id) if self.deformed[id as usize] != 0)
+    }
+
+    /// Removes a face (set R): its sibling takes the place of the node above both.
+    pub fn remove(&mut self, face: Handle) {
+        assert!(
+            self.face_key[face as usize] != 0,
+            "only a face in the tree is removed"
+        );
+        let node = self.face_node[face as usize];
+        self.face_key[face as usize] = 0;
+        self.faces -= 1;
+        if node == NONE {
+            self.root = None;
+            self.root_box = Aabb::EMPTY;
+            return;
+        }
+        let side = self.side_of(node, Child::Face(face));
+        let Node {
+            boxes,
+            children,
+            parent,
+            ..
+        } = self.nodes[node as usize];
+        let sibling_box = boxes.get(1 - side);
+        let sibling = Child::unpack(children[1 - side]);
+        let sibling_deformed = self.deformed[node as usize] >> (1 - side) & 1 == 1;
+        self.set_parent(sibling, parent);
+        match parent {
+            NONE => {
+                self.root = Some(sibling);
+                self.root_box = sibling_box;
+                self.root_face_deformed = sibling_deformed;
+            }
+            above => {
+                let above_side = self.side_of(above, Child::Node(node));
+                self.nodes[above as usize].children[above_side] = sibling.pack();
+                // The box shrinks above, so the path is marked even though the sibling's own box stands.
+                self.nodes[above as usize]
+                    .boxes
+                    .set(above_side, sibling_box);
+                let flags = &mut self.deformed[above as usize];
+                if sibling_deformed {
+                    *flags |= 1 << above_side;
+                } else {
+                    *flags &= !(1 << above_side);
+                }
+                self.mark_above(above);
+            }
+        }
+        self.release_node(node);
+    }
+
+    /// Marks the path above a deformed face (set D).
+    pub fn deform(&mut self, face: Handle) {
+        debug_assert!(self.face_key[face as usize] != 0);
+        match self.face_node[face as usize] {
+            NONE => self.root_face_deformed = true,
+            node => self.mark(node, Child::Face(face)),
+        }
+    }
+
+    /// ACTIVE-MARK: bottom-up, stops at the first node that is marked already.
+    fn mark(&mut self, mut node: NodeId, mut child: Child) {
+        loop {
+            let bit = 1u8 << self.side_of(node, child);
+            let flags = &mut self.deformed[node as usize];
+            let was = *flags;
+            *flags |= bit;
+            if was != 0 {
+                return;
+            }
+            child = Child::Node(node);
+            node = self.nodes[node as usize].parent;
+            if node == NONE {
+                return;
+            }
+        }
+    }
+
+    /// Marks every ancestor of a node whose own child boxes are right but whose union changed.
+    fn mark_above(&mut self, node: NodeId) {
+        let parent = self.nodes[node as usize].parent;
+        if parent != NONE {
+            self.mark(parent, Child::Node(node));
+        }
+        // The root's own box is rebuilt by every walk.
+    }
+
+    /// ACTIVE-WALK and ACTIVE-REFIT: post-order over the deformed part, without recursion.
+    ///
+    /// Returns the number of boxes refitted.
+    pub fn refit(&mut self, face_box: impl Fn(Handle) -> Aabb) -> u32 {
+        let Some(Child::Node(root)) = self.root else {
+            if let Some(Child::Face(face)) = self.root {
+                self.root_box = face_box(face);
+                self.root_face_deformed = false;
+            }
+            return 1;
+        };
+        let mut refitted = 0;
+        let mut current = root;
+        loop {
+            let flags = self.deformed[current as usize];
+            if flags == 0 {
+                if current == root {
+                    break;
+                }
+                current = self.nodes[current as usize].parent;
+                continue;
+            }
+            let side = usize::from(flags & 1 == 0);
+            let child = self.nodes[current as usize].children()[side];
+            let child_box = match child {
+                Child::Face(face) => face_box(face),
+                Child::Node(id) if self.deformed[id as usize] != 0 => {
+                    current = id;
+                    continue;
+                }
+                Child::Node(id) => self.nodes[id as usize].boxes.union(),
+            };
+            self.nodes[current as usize].boxes.set(side, child_box);
+            self.deformed[current as usize] &= !(1 << side);
+            refitted += 1;
+        }
+        self.root_box = self.nodes[root as usize].boxes.union();
+        refitted
+    }
+
+    fn take_node(&mut self) -> NodeId {
+        if self.free == NONE {
+            let id = self.fresh;
+            self.fresh += 1;
+            id
+        } else {
+            let id = self.free;
+            self.free = self.nodes[id as usize].parent;
+            id
+        }
+    }
+
+    fn release_node(&mut self, id: NodeId) {
+        self.deformed[id as usize] = 0;
+        self.nodes[id as usize].parent = self.free;
+        self.free = id;
+    }
+
+    /// Checks every invariant of a refitted tree: shape by keys, links, and every box equal to a fresh
+    /// refit's bit for bit. For tests.
+    ///
+    /// # Panics
+    /// With the first thing found wrong.
+    pub fn check(&self, face_box: impl Fn(Handle) -> Aabb) {
+        let mut faces = 0;
+        let mut stack = Vec::new();
+        // Post-order by visiting twice: boxes of children are known when a node is left.
+        let mut boxes: Vec<(Child, Aabb)> = Vec::new();
+        if let Some(root) = self.root {
+            stack.push((root, NONE, false));
+        }
+        while let Some((child, parent, leaving)) = stack.pop() {
+            match child {
+                Child::Face(face) => {
+                    faces += 1;
+                    assert_eq!(self.face_node[face as usize], parent, "link of face {face}");
+                    boxes.push((child, face_box(face)));
+                }
+                Child::Node(id) if !leaving => {
+                    let node = &self.nodes[id as usize];
+                    assert_eq!(node.parent, parent, "link of node {id}");
+                    assert_eq!(self.deformed[id as usize], 0, "node {id} is still deformed");
+                    let [left, right] = node.children();
+                    for (side, c) in [(0, left), (1, right)] {
+                        let key = self.key_of(c);
+                        let below = key >> (depth(key) - depth(node.key) - 1);
+                        assert_eq!(below, 2 * node.key + side, "key under node {id}");
+                    }
+                    stack.push((child, parent, true));
+                    stack.push((right, id, false));
+                    stack.push((left, id, false));
+                }
+                Child::Node(id) => {
+                    let right = boxes.pop().expect("the right child was visited");
+                    let left = boxes.pop().expect("the left child was visited");
+                    let node = &self.nodes[id as usize];
+                    assert_eq!(node.children(), [left.0, right.0]);
+                    let fresh = BoxPair::new([left.1, right.1]);
+                    assert_eq!(node.boxes, fresh, "boxes of node {id}");
+                    boxes.push((child, left.1.union(right.1)));
+                }
+            }
+        }
+        assert_eq!(faces, self.faces, "count of faces");
+        if let Some((_, whole)) = boxes.pop() {
+            assert_eq!(whole, self.root_box, "box of the root");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,386 @@
+//! Two boxes side by side, so that one comparison decides about both: what a node of the AB-tree holds.
+//!
+//! An axis is one vector [lower 0, lower 1, -upper 0, -upper 1]; with the upper sides negated, distance and
+//! overlap are the same arithmetic for all four numbers. Everything is f32 and rounded so that a box is never
+//! further from a point, nor apart from another box, than it is in truth.
+
+use super::Aabb;
+use glam::{BVec4A, DVec3, Vec3, Vec3A, Vec4, Vec4Swizzles};
+
+/// Two boxes; each may be empty.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoxPair {
+    axes: [Vec4; 3],
+}
+
+/// A point or a box as a [`BoxPair`] is compared with, rounded outwards to f32.
+#[derive(Debug, Clone, Copy)]
+pub struct BoxQuery {
+    axes: [Vec4; 3],
+}
+
+/// What a squared distance in f32 is multiplied by, so that no rounding makes it too large: the five roundings of
+/// a difference, its square and two sums make less than 4 units of 2^-23.
+const SHRINK: f32 = 1.0 - 4.0 * f32::EPSILON;
+
+impl BoxQuery {
+    /// A stored box, exact.
+    #[inline]
+    #[must_use]
+    pub fn around(aabb: &Aabb) -> Self {
+        let axis =
+            |k: usize| Vec4::new(aabb.upper[k], aabb.upper[k], -aabb.lower[k], -aabb.lower[k]);
+        Self {
+            axes: [axis(0), axis(1), axis(2)],
+        }
+    }
+
+    /// Sum of the three sides.
+    #[inline]
+    #[must_use]
+    pub fn size(&self) -> f32 {
+        let [x, y, z] = self.axes;
+        let sum = x + y + z;
+        sum.x + sum.z
+    }
+}
+
+impl BoxPair {
+    /// One box on both sides, around corners that were rounded to f32: widened by twice that rounding.
+    #[inline]
+    #[must_use]
+    pub fn twice_widened(lower: Vec3A, upper: Vec3A) -> Self {
+        // The least normal number covers the rounding of subnormal ones.
+        let rounding = |p: Vec3A| p.abs() * f32::EPSILON + Vec3A::splat(f32::MIN_POSITIVE);
+        let (low, high) = (lower - rounding(lower), -upper - rounding(upper));
+        let axis = |k: usize| Vec4::new(low[k], low[k], high[k], high[k]);
+        Self {
+            axes: [axis(0), axis(1), axis(2)],
+        }
+    }
+
+    /// The box around both, on both sides.
+    #[inline]
+    #[must_use]
+    pub fn joined(&self) -> Self {
+        Self {
+            axes: self.axes.map(|axis| axis.min(axis.yxwz())),
+        }
+    }
+
+    /// The first box of one and the second of the other.
+    #[inline]
+    #[must_use]
+    pub fn beside(first: &Self, second: &Self) -> Self {
+        let of_first = BVec4A::new(true, false, true, false);
+        Self {
+            axes: [0, 1, 2].map(|k| Vec4::select(of_first, first.axes[k], second.axes[k])),
+        }
+    }
+
+    /// Both as what another pair is compared with.
+    #[inline]
+    #[must_use]
+    pub fn queries(&self) -> [BoxQuery; 2] {
+        [
+            BoxQuery {
+                axes: self.axes.map(|axis| -axis.zzxx()),
+            },
+            BoxQuery {
+                axes: self.axes.map(|axis| -axis.wwyy()),
+            },
+        ]
+    }
+
+    /// Two empty boxes.
+    pub const EMPTY: Self = Self {
+        axes: [Vec4::INFINITY; 3],
+    };
+
+    /// Two boxes.
+    #[inline]
+    #[must_use]
+    pub fn new([a, b]: [Aabb; 2]) -> Self {
+        let axis = |k: usize| Vec4::new(a.lower[k], b.lower[k], -a.upper[k], -b.upper[k]);
+        Self {
+            axes: [axis(0), axis(1), axis(2)],
+        }
+    }
+
+    /// One of the two, 0 or 1.
+    #[inline]
+    #[must_use]
+    pub fn get(&self, side: usize) -> Aabb {
+        let [x, y, z] = self.axes;
+        Aabb {
+            lower: Vec3::new(x[side], y[side], z[side]),
+            upper: -Vec3::new(x[side + 2], y[side + 2], z[side + 2]),
+        }
+    }
+
+    /// Sets one of the two, 0 or 1.
+    #[inline]
+    pub fn set(&mut self, side: usize, to: Aabb) {
+        for (k, axis) in self.axes.iter_mut().enumerate() {
+            axis[side] = to.lower[k];
+            axis[side + 2] = -to.upper[k];
+        }
+    }
+
+    /// The smallest box around both.
+    #[inline]
+    #[must_use]
+    pub fn union(&self) -> Aabb {
+        let [x, y, z] = self.axes.map(|axis| axis.min(axis.yxwz()));
+        Aabb {
+            lower: Vec3::new(x.x, y.x, z.x),
+            upper: -Vec3::new(x.z, y.z, z.z),
+        }
+    }
+
+    /// Whether each shares a point with a box; touching counts.
+    #[inline]
+    #[must_use]
+    pub fn overlap(&self, query: &BoxQuery) -> [bool; 2] {
+        let [x, y, z] = [0, 1, 2].map(|k| self.axes[k].cmple(query.axes[k]));
+        let within = (x & y & z).bitmask();
+        [within & 0b0101 == 0b0101, within & 0b1010 == 0b1010]
+    }
+
+    /// Squared distances from a point or box, each at most what it is in truth.
+    #[inline]
+    #[must_use]
+    pub fn distances_squared(&self, query: &BoxQuery) -> [f32; 2] {
+        // What is beyond the range of f32 is still no infinity: that would be more than the truth.
+        let squared = (self.squared(query) * SHRINK).min(Vec4::MAX);
+        [squared.x, squared.y]
+    }
+
+    /// Which of the two lie within a distance of a point or box; none is left out by rounding.
+    #[inline]
+    #[must_use]
+    pub fn within(&self, query: &BoxQuery, bound: BoxBound) -> Within {
+        let squared = self.squared(query);
+        Within {
+            squared,
+            which: squared.cmple(Vec4::splat(bound.0)).bitmask() & 0b11,
+        }
+    }
+
+    /// Squared distances in the first two places, rounded either way.
+    #[inline]
+    fn squared(&self, query: &BoxQuery) -> Vec4 {
+        let beyond = |k: usize| {
+            let apart = self.axes[k] - query.axes[k];
+            apart.max(apart.zwxy()).max(Vec4::ZERO)
+        };
+        let [x, y, z] = [beyond(0), beyond(1), beyond(2)];
+        x * x + y * y + z * z
+    }
+}
+
+/// The answer of [`BoxPair::within`].
+#[derive(Debug, Clone, Copy)]
+pub struct Within {
+    squared: Vec4,
+    which: u32,
+}
+
+impl Within {
+    /// Whether the first is within.
+    #[inline]
+    #[must_use]
+    pub fn first(&self) -> bool {
+        self.which & 0b01 != 0
+    }
+
+    /// Whether the second is within.
+    #[inline]
+    #[must_use]
+    pub fn second(&self) -> bool {
+        self.which & 0b10 != 0
+    }
+
+    /// Squared distances of both, to be compared with [`BoxBound::includes`] only: rounded either way.
+    #[inline]
+    #[must_use]
+    pub fn squared(&self) -> [f32; 2] {
+        [self.squared.x, self.squared.y]
+    }
+}
+
+/// A squared distance as those of boxes are compared with it: so much larger than it is that no rounding leaves out
+/// a box that is as near.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoxBound(f32);
+
+/// Undoes [`SHRINK`], and the rounding of the bound itself.
+const GROW: f32 = 1.0 + 8.0 * f32::EPSILON;
+
+impl BoxBound {
+    /// Everything is within.
+    pub const NONE: Self = Self(f32::INFINITY);
+
+    /// Of a squared distance, not negative.
+    #[inline]
+    #[must_use]
+    pub fn squared(bound: f64) -> Self {
+        // The square of what is very small may have been rounded to a subnormal number or to nothing.
+        Self(bound as f32 * GROW + f32::MIN_POSITIVE)
+    }
+
+    /// Whether a distance of [`Within::squared`] is within.
+    #[inline]
+    #[must_use]
+    pub fn includes(self, squared: f32) -> bool {
+        squared <= self.0
+    }
+}
+
+impl BoxQuery {
+    /// A point, finite.
+    #[inline]
+    #[must_use]
+    pub fn point(point: DVec3) -> Self {
+        Self::between(point, point)
+    }
+
+    /// A box by its smallest and its largest corner, finite.
+    #[inline]
+    #[must_use]
+    pub fn between(low: DVec3, high: DVec3) -> Self {
+        // A unit in the last place outwards, whichever way it was rounded: no branch, which nothing could predict.
+        let most = DVec3::splat(f64::from(f32::MAX));
+        let [low, high] = [low, high].map(|corner| corner.clamp(-most, most).as_vec3());
+        let room = |corner: Vec3| corner.abs() * f32::EPSILON + Vec3::splat(f32::MIN_POSITIVE);
+        let (below, above) = (low - room(low), high + room(high));
+        let axis = |k: usize| Vec4::new(above[k], above[k], -below[k], -below[k]);
+        Self {
+            axes: [axis(0), axis(1), axis(2)],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::widened;
+    use proptest::prelude::*;
+
+    fn number() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            -1.0..1.0f32,
+            (-1.0..1.0f32).prop_map(|x| x * 1e-30),
+            (-1.0..1.0f32).prop_map(|x| x * 1e25),
+            Just(0.0)
+        ]
+    }
+
+    fn some_box() -> impl Strategy<Value = Aabb> {
+        prop::array::uniform6(number()).prop_map(|[a, b, c, d, e, f]| {
+            Aabb::of_points([Vec3::new(a, b, c), Vec3::new(d, e, f)])
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn boxes_come_out_as_they_went_in(a in some_box(), b in some_box(), c in some_box()) {
+            let mut pair = BoxPair::new([a, b]);
+            for (query, of) in pair.queries().iter().zip([a, b]) {
+                prop_assert_eq!(query.axes, BoxQuery::around(&of).axes);
+                let sides = of.upper - of.lower;
+                prop_assert!((query.size() - sides.element_sum()).abs() <= 1e-6 * (of.upper.abs().max_element() + of.lower.abs().max_element()));
+            }
+            prop_assert_eq!([pair.get(0), pair.get(1)], [a, b]);
+            prop_assert_eq!(pair.union(), a.union(b));
+            let joined = pair.joined();
+            prop_assert_eq!([joined.get(0), joined.get(1)], [a.union(b); 2]);
+            let beside = BoxPair::beside(&pair, &BoxPair::new([b, c]));
+            prop_assert_eq!([beside.get(0), beside.get(1)], [a, c]);
+            let wide = BoxPair::twice_widened(a.lower.into(), a.upper.into());
+            prop_assert_eq!([wide.get(0), wide.get(1)], [widened(a.lower.into(), a.upper.into()); 2]);
+            pair.set(1, c);
+            prop_assert_eq!([pair.get(0), pair.get(1)], [a, c]);
+        }
+
+        #[test]
+        fn distances_are_close_to_the_truth_and_never_above_it(
+            a in some_box(), b in some_box(),
+            point in prop::array::uniform3(prop_oneof![-2.0..2.0f64, number().prop_map(f64::from)]),
+        ) {
+            let point = DVec3::from_array(point);
+            let found = BoxPair::new([a, b]).distances_squared(&BoxQuery::point(point));
+            for (found, of) in found.into_iter().zip([a, b]) {
+                let exact = of.distance_squared(point);
+                prop_assert!(f64::from(found) <= exact, "{} {}", found, exact);
+                // Near, in units of the numbers that the difference is taken of.
+                let size = point.abs().max_element().max(f64::from(of.upper.abs().max_element()));
+                let size = size.max(f64::from(of.lower.abs().max_element()));
+                let slack = 2e-6 * size * (exact.sqrt() + size) + 1e-37;
+                prop_assert!(f64::from(found) >= (exact - slack).min(f64::from(f32::MAX)), "{} {}", found, exact);
+            }
+        }
+
+        #[test]
+        fn what_is_within_is_found_and_hardly_more(
+            a in some_box(), b in some_box(),
+            point in prop::array::uniform3(prop_oneof![-2.0..2.0f64, number().prop_map(f64::from)]),
+        ) {
+            let point = DVec3::from_array(point);
+            let (pair, query) = (BoxPair::new([a, b]), BoxQuery::point(point));
+            for (side, of) in [a, b].into_iter().enumerate() {
+                let exact = of.distance_squared(point);
+                let within = |bound: f64| {
+                    let bound = BoxBound::squared(bound);
+                    let found = pair.within(&query, bound);
+                    let which = [found.first(), found.second()][side];
+                    // What is put off and looked at again is judged alike.
+                    assert_eq!(which, bound.includes(found.squared()[side]));
+                    which
+                };
+                prop_assert!(within(exact), "{}", exact);
+                prop_assert_eq!(pair.within(&query, BoxBound::NONE).which, 0b11);
+                let size = point.abs().max_element().max(f64::from(of.upper.abs().max_element()));
+                let size = size.max(f64::from(of.lower.abs().max_element()));
+                let slack = 2e-6 * size * (exact.sqrt() + size) + 1e-37;
+                if exact > slack && exact < f64::from(f32::MAX) {
+                    prop_assert!(!within(exact - slack), "{} {}", exact, slack);
+                }
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn boxes_overlap_when_they_do_and_when_rounding_cannot_tell(
+            a in some_box(), b in some_box(), c in some_box(), nudge in -2i32..3,
+        ) {
+            // Corners between two neighbours in f32, or on one.
+            let eighth = f64::from(nudge) * 0.25 * f64::from(f32::EPSILON);
+            let [low, high] = [c.lower, c.upper].map(|p| p.as_dvec3() * (1.0 + eighth));
+            let (low, high) = (low.min(high), low.max(high));
+            let found = BoxPair::new([a, b]).overlap(&BoxQuery::between(low, high));
+            let exactly = BoxPair::new([a, b]).overlap(&BoxQuery::between(c.lower.as_dvec3(), c.upper.as_dvec3()));
+            for ((found, exactly), of) in found.into_iter().zip(exactly).zip([a, b]) {
+                let (lower, upper) = (of.lower.as_dvec3(), of.upper.as_dvec3());
+                let truth = lower.cmple(high).all() && upper.cmpge(low).all();
+                prop_assert!(found || !truth);
+                // Farther apart than two units in the last place of the box asked for, nothing overlaps.
+                let room = c.lower.abs().max(c.upper.abs()).as_dvec3() * 3e-7 + 1e-37;
+                let apart = lower.cmpgt(c.upper.as_dvec3() + room).any()
+                    || upper.cmplt(c.lower.as_dvec3() - room).any();
+                prop_assert!(!(exactly && apart));
+            }
+        }
+    }
+
+    #[test]
+    fn an_empty_box_is_farther_than_any_other() {
+        let far = BoxPair::EMPTY.distances_squared(&BoxQuery::point(DVec3::ZERO));
+        assert_eq!(far, [f32::MAX; 2]);
+        assert!(BoxPair::EMPTY.get(0).is_empty());
+        let all = BoxQuery::between(DVec3::splat(-1e30), DVec3::splat(1e30));
+        assert_eq!(BoxPair::EMPTY.overlap(&all), [false; 2]);
+    }
+}

@@ -1,0 +1,190 @@
+use super::super::{Overrides, SceneError, parse};
+use crate::{Effect, ScenePlan};
+use std::path::Path;
+
+fn with(text: &str) -> Result<ScenePlan, SceneError> {
+    parse(
+        text,
+        "test.toml",
+        Path::new("/nonexistent"),
+        &Overrides::default(),
+    )
+}
+
+const OBJECT: &str = "[[object]]\ngenerate = { shape = \"relief\", faces = 1000 }\nsize_m = 0.15\n";
+const PROBE: &str = "[[probe]]\n";
+
+/// An entry of an object's list, on line 4.
+fn on_object(entry: &str) -> String {
+    format!("{OBJECT}effects = [{{ {entry} }}]\n{PROBE}")
+}
+
+/// An entry of the scene's list, on line 1.
+fn of_scene(entry: &str) -> String {
+    format!("effects = [{{ {entry} }}]\n{OBJECT}{PROBE}")
+}
+
+#[test]
+fn the_bundled_scene_lists_every_effect_once() {
+    let text = include_str!("../../../../config/scenes/effects.toml");
+    let plan = with(text).unwrap();
+    let mut kinds: Vec<usize> = plan.objects[0]
+        .effects
+        .iter()
+        .chain(&plan.effects)
+        .map(|effect| effect.effect.index())
+        .collect();
+    kinds.sort_unstable();
+    assert_eq!(kinds, (0..Effect::NAMES.len()).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_wrong_parameter_is_refused_with_its_line_and_what_to_write() {
+    for (entry, says) in [
+        ("friction = { static = -0.1 }", "static is -0.1"),
+        ("friction = { static = 3.5 }", "static is 3.5"),
+        ("friction = { static = 0.2, dynamic = 0.3 }", "at most 0.2"),
+        ("friction = { static = nan }", "static is NaN"),
+        ("shading = { radius_m = 0.0 }", "radius_m is 0"),
+        (
+            "shading = { radius_m = 0.001, max_turn_deg = 90 }",
+            "max_turn_deg is 90",
+        ),
+        // At 0.1 m/s a loop of 1 kHz renders waves above 0.2 mm.
+        (
+            "texture = { amplitude_m = 1e-6, grating = { wavelength_m = 2e-4 } }",
+            "no waves shorter than 0.0002",
+        ),
+        (
+            "texture = { amplitude_m = 1e-3, noise = { wavelength_m = 1e-3 } }",
+            "steeper than 45",
+        ),
+        ("texture = { amplitude_m = 1e-5 }", "exactly one of them"),
+        (
+            "texture = { amplitude_m = 1e-5, grating = { wavelength_m = 1e-3, direction = [0, 0, 0] } }",
+            "direction",
+        ),
+        (
+            "texture = { amplitude_m = 1e-5, height_map = { file = \"no.png\", width_m = 0.1 } }",
+            "no.png cannot be used",
+        ),
+        ("magnet = { force_n = 20, reach_m = 0.01 }", "force_n is 20"),
+        (
+            "magnet = { force_n = 1, reach_m = 0.001 }",
+            "write at least 0.004",
+        ),
+        (
+            "viscosity = { damping_ns_per_m = 0.1 }",
+            "at the top of the scene",
+        ),
+        (
+            "friction = { static = 0.2 }, magnet = { force_n = 0.1, reach_m = 0.01 }",
+            "is one effect",
+        ),
+        ("from_s = 1.0", "is one effect"),
+        (
+            "friction = { static = 0.2 }, from_s = 2.0, until_s = 1.0",
+            "not after from_s",
+        ),
+        ("friction = { static = 0.2 }, fade_s = 0.0", "fade_s is 0"),
+        ("friktion = { static = 0.2 }", "friktion"),
+        (
+            "friction = { static = 0.2 } }, { friction = { static = 0.1 }",
+            "already",
+        ),
+    ] {
+        let error = with(&on_object(entry)).unwrap_err().to_string();
+        assert!(
+            error.contains(says) && error.starts_with("test.toml, line 4: "),
+            "{entry}: {error}"
+        );
+    }
+    for (entry, says) in [
+        (
+            "viscosity = { damping_ns_per_m = -1 }",
+            "damping_ns_per_m is -1",
+        ),
+        // Half a mass of 0.1 kg a tick.
+        ("viscosity = { damping_ns_per_m = 51 }", "at most 50"),
+        (
+            "spring = { point_m = [0, 0, 0], stiffness_n_per_m = -5 }",
+            "stiffness_n_per_m is -5",
+        ),
+        (
+            "spring = { point_m = [0, 0, 0], stiffness_n_per_m = 1001 }",
+            "at most 1000",
+        ),
+        ("spring = { stiffness_n_per_m = 5 }", "one of the two"),
+        (
+            "spring = { path_m = [[0, 0, 0]], stiffness_n_per_m = 5 }",
+            "one of the two",
+        ),
+        (
+            "spring = { point_m = [0, inf, 0], stiffness_n_per_m = 5 }",
+            "three finite numbers",
+        ),
+        (
+            "vibration = { frequency_hz = 300, amplitude_n = 0.1 }",
+            "frequency_hz is 300",
+        ),
+        (
+            "vibration = { frequency_hz = 250, amplitude_n = 5 }",
+            "amplitude_n is 5",
+        ),
+        ("gravity = { mass_kg = 1.0 }", "mass_kg is 1"),
+        ("inertia = { mass_kg = 0.0 }", "mass_kg is 0"),
+        (
+            "inertia = { mass_kg = 0.001, stiffness_n_per_m = 300 }",
+            "at most 250",
+        ),
+        ("boundary = { stiffness_n_per_m = 100 }", "one of the two"),
+        (
+            "boundary = { box = { lower_m = [0, 0, 0], upper_m = [1, 0, 1] } }",
+            "upper_m",
+        ),
+    ] {
+        let error = with(&of_scene(entry)).unwrap_err().to_string();
+        assert!(
+            error.contains(says) && error.starts_with("test.toml, line 1: "),
+            "{entry}: {error}"
+        );
+    }
+}
+
+#[test]
+fn the_speed_that_counts_for_a_texture_is_the_one_that_runs() {
+    let text = on_object("texture = { amplitude_m = 1e-5, grating = { wavelength_m = 1e-3 } }");
+    assert!(with(&text).is_ok());
+    let faster = Overrides {
+        speed_m_per_s: Some(1.0),
+        ..Overrides::default()
+    };
+    let error = parse(&text, "test.toml", Path::new(""), &faster).unwrap_err();
+    assert!(
+        error.to_string().contains("line 4: wavelength_m"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_surface_effect_of_the_scene_is_every_objects_unless_it_has_its_own() {
+    let text = format!(
+        "effects = [{{ friction = {{ static = 0.2 }} }}, {{ gravity = {{ mass_kg = 0.1 }} }}]\n{OBJECT}{OBJECT}effects = [{{ friction = {{ static = 0.4 }} }}]\n{PROBE}"
+    );
+    let plan = with(&text).unwrap();
+    assert_eq!(plan.effects.len(), 1);
+    let coefficients = plan.objects.iter().map(|object| match &object.effects[..] {
+        [only] => match &only.effect {
+            Effect::Friction(friction) => friction.static_,
+            _ => f64::NAN,
+        },
+        _ => f64::NAN,
+    });
+    assert_eq!(coefficients.collect::<Vec<_>>(), [0.2, 0.4]);
+}
+
+#[test]
+fn friction_of_nothing_is_no_effect() {
+    let plan = with(&on_object("friction = { static = 0.0 }")).unwrap();
+    assert!(plan.objects[0].effects.is_empty());
+}

@@ -1,0 +1,188 @@
+use super::*;
+use crate::{Overrides, SceneError, ScenePlan, parse};
+use std::path::Path;
+
+/// A scene of one movable object, on its sixth line.
+fn scene(movable: &str) -> Result<ScenePlan, SceneError> {
+    parse(
+        &text(movable, "size_m = 0.1"),
+        "test.toml",
+        Path::new(""),
+        &Overrides::default(),
+    )
+}
+
+fn text(movable: &str, size: &str) -> String {
+    format!(
+        "[loop]\nrate_hz = 1000\n[[object]]\nmodel = \"m.spm\"\n{size}\nmovable = {{ {movable} }}\n[[probe]]\n"
+    )
+}
+
+fn refusal(movable: &str) -> String {
+    let message = scene(movable).expect_err(movable).to_string();
+    assert!(
+        !message.contains('\n') && message.starts_with("test.toml, line 6:"),
+        "{message}"
+    );
+    message
+}
+
+#[test]
+fn each_kind_is_read_with_its_defaults() {
+    let read = |movable| scene(movable).unwrap().objects[0].movable.unwrap();
+    let MovablePlan::Free(free) = read("free = { mass_kg = 0.2 }") else {
+        panic!("it is free");
+    };
+    let at_rest = RestPlan {
+        spring: 0.0,
+        damping: None,
+    };
+    assert_eq!((free.linear, free.angular), (at_rest, at_rest));
+    assert_eq!(free.mass.inertia_kgm2, None);
+    let hinge = "hinge = { axis = [0, 0, 2], anchor_m = [0.05, 0, 0], mass_kg = 0.2, damping_nms_per_rad = 0.01, limits_deg = [0, 90] }";
+    let MovablePlan::Hinge(hinge) = read(hinge) else {
+        panic!("it is on a hinge");
+    };
+    assert_eq!((hinge.axis, hinge.turn.damping), (DVec3::Z, Some(0.01)));
+    assert_eq!(hinge.limits_rad, Some([0.0, std::f64::consts::FRAC_PI_2]));
+    let rail =
+        "rail = { axis = [1, 0, 0], mass_kg = 0.2, spring_n_per_m = 50, limits_m = [-0.1, 0.1] }";
+    let MovablePlan::Rail(rail) = read(rail) else {
+        panic!("it is on a rail");
+    };
+    assert_eq!(
+        (rail.slide.spring, rail.limits_m),
+        (50.0, Some([-0.1, 0.1]))
+    );
+    let driven = "driven = { angular_rad_per_s = [0, 0, 10], period_s = 2 }";
+    let MovablePlan::Driven(driven) = read(driven) else {
+        panic!("it is driven");
+    };
+    assert_eq!(
+        (driven.angular_rad_per_s.z, driven.period_s),
+        (10.0, Some(2.0))
+    );
+}
+
+#[test]
+fn a_wrong_number_is_refused_with_its_line() {
+    for (movable, key) in [
+        ("free = { mass_kg = -0.2 }", "mass_kg"),
+        ("free = { mass_kg = nan }", "mass_kg"),
+        (
+            "free = { mass_kg = 0.2, damping_ns_per_m = -1 }",
+            "damping_ns_per_m",
+        ),
+        (
+            "free = { mass_kg = 0.2, spring_nm_per_rad = inf }",
+            "spring_nm_per_rad",
+        ),
+        (
+            "free = { mass_kg = 0.2, gravity_m_per_s2 = [0, 0, nan] }",
+            "gravity_m_per_s2",
+        ),
+        (
+            "free = { mass_kg = 0.2, inertia_kgm2 = [0.1, 0, 0.1] }",
+            "inertia_kgm2",
+        ),
+        (
+            "free = { mass_kg = 0.2, inertia_kgm2 = [0.1, 0.1, 0.3] }",
+            "inertia_kgm2",
+        ),
+        ("hinge = { axis = [0, 0, 0], mass_kg = 0.2 }", "axis"),
+        ("hinge = { axis = [0, nan, 1], mass_kg = 0.2 }", "axis"),
+        (
+            "hinge = { axis = [0, 0, 1], mass_kg = 0.2, anchor_m = [inf, 0, 0] }",
+            "anchor_m",
+        ),
+        (
+            "hinge = { axis = [0, 0, 1], mass_kg = 0.2, limits_deg = [90, 0] }",
+            "limits_deg",
+        ),
+        (
+            "hinge = { axis = [0, 0, 1], mass_kg = 0.2, limits_deg = [10, 90] }",
+            "limits_deg",
+        ),
+        (
+            "rail = { axis = [1, 0, 0], mass_kg = 0.2, limits_m = [0.1, -0.1] }",
+            "limits_m",
+        ),
+        (
+            "rail = { axis = [1, 0, 0], mass_kg = 0.2, limits_m = [nan, 0.1] }",
+            "limits_m",
+        ),
+        ("driven = { period_s = 0 }", "period_s"),
+        (
+            "driven = { angular_rad_per_s = [0, 0, 501] }",
+            "angular_rad_per_s",
+        ),
+        ("driven = { mass_kg = 1 }", "mass_kg"),
+        ("swinging = { mass_kg = 1 }", "swinging"),
+    ] {
+        let message = refusal(movable);
+        assert!(message.contains(key), "{movable}: {message}");
+    }
+}
+
+#[test]
+fn a_body_that_the_touch_would_throw_off_is_refused_with_the_least_that_it_may_weigh() {
+    // 800 N/m, 0.5 N s/m: 1e-3 (0.8 + 1.0) = 1.8 g of what resists: 12.6 g of a box.
+    for (kind, least) in [("free", 12.6e-3), ("hinge", 12.6e-3), ("rail", 1.8e-3)] {
+        let axis = if kind == "free" {
+            ""
+        } else {
+            "axis = [1, 0, 0], "
+        };
+        let with = |mass: f64| format!("{kind} = {{ {axis}mass_kg = {mass} }}");
+        scene(&with(1.001 * least)).unwrap();
+        let message = refusal(&with(0.999 * least));
+        assert!(
+            message.contains(&format!("mass_kg = {least:.3e}")),
+            "{message}"
+        );
+    }
+    // Of a given inertia the size counts, that of the command line too.
+    let given = "free = { mass_kg = 0.1, inertia_kgm2 = [2e-5, 2e-5, 2e-5] }";
+    scene(given).unwrap();
+    let larger = Overrides {
+        size_m: Some(0.2),
+        ..Overrides::default()
+    };
+    let parsed =
+        |size: &str, overrides| parse(&text(given, size), "test.toml", Path::new(""), overrides);
+    let message = parsed("size_m = 0.1", &larger).unwrap_err().to_string();
+    assert!(
+        message.contains("line 6:") && message.contains("inertia_kgm2"),
+        "{message}"
+    );
+    let unknown = parsed("metres_per_unit = 1.0", &Overrides::default())
+        .unwrap_err()
+        .to_string();
+    assert!(unknown.contains("size_m"), "{unknown}");
+}
+
+#[test]
+fn the_command_lines_size_and_copies_do_not_confuse_whose_line_it_is() {
+    let many = "size_m = 0.1\ngrid = { counts = [129, 1, 1], spacing_m = 1 }";
+    let many = parse(
+        &text("free = { mass_kg = 0.2 }", many),
+        "test.toml",
+        Path::new(""),
+        &Overrides::default(),
+    );
+    let message = many.unwrap_err().to_string();
+    assert!(
+        message.starts_with("test.toml, line 7:") && message.contains("128"),
+        "{message}"
+    );
+    let mut text = text(
+        "free = { mass_kg = 0.2 }",
+        "size_m = 0.1\ngrid = { counts = [2, 2, 1], spacing_m = 1 }",
+    );
+    text += "[[object]]\nmodel = \"n.spm\"\nsize_m = 0.1\nmovable = { rail = { axis = [1, 0, 0], mass_kg = 1e-3 } }\n";
+    let message = parse(&text, "test.toml", Path::new(""), &Overrides::default()).unwrap_err();
+    assert!(
+        message.to_string().starts_with("test.toml, line 12:"),
+        "{message}"
+    );
+}

@@ -1,0 +1,223 @@
+//! The objects of a scene: tables, their names and their copies.
+
+use super::movable::movable_plan;
+use super::{LENGTH, MOST, Range, SHAPES, SceneError, Source};
+use crate::plan::{MOST_OBJECTS, ModelScale, ModelSource, ObjectPlan, SurfacePlan};
+use crate::typed::{GenerateTyped, GridTyped, ObjectTyped};
+use geometry::Pose;
+use glam::DVec3;
+use std::sync::Arc;
+use toml::Spanned;
+
+/// The objects of a scene, copies counted, and the names that were given to them.
+pub(super) struct Objects<'a> {
+    pub(super) plans: Vec<ObjectPlan>,
+    names: Vec<(&'a str, usize)>,
+    /// The copies of each table.
+    pub(super) copies: Vec<std::ops::Range<usize>>,
+}
+
+impl<'a> Objects<'a> {
+    pub(super) fn new(
+        source: &Source,
+        typed: &'a [Spanned<ObjectTyped>],
+    ) -> Result<Self, SceneError> {
+        let mut all = Self {
+            plans: Vec::new(),
+            names: Vec::new(),
+            copies: Vec::new(),
+        };
+        for table in typed {
+            let object = table.get_ref();
+            if let Some(name) = &object.name {
+                let known = all.names.iter().any(|(other, _)| other == name.get_ref());
+                if known || name.get_ref().trim().is_empty() {
+                    return Err(source.value(
+                        name,
+                        "the name is empty or another object's; give each object a name of its own, or none",
+                    ));
+                }
+                all.names.push((name.get_ref(), all.plans.len()));
+            }
+            let first = all.plans.len();
+            let plan = object_plan(source, object, table.span().start)?;
+            match &object.grid {
+                None => all.plans.push(plan),
+                Some(grid) => all.plans.extend(copies(source, &plan, grid)?),
+            }
+            if all.plans.len() > MOST_OBJECTS {
+                return Err(source.value(
+                    table,
+                    &format!("these are more than {MOST_OBJECTS} objects, the most that a scene may have; take some out"),
+                ));
+            }
+            all.copies.push(first..all.plans.len());
+        }
+        if all.plans.is_empty() {
+            return Err(source
+                .whole("there is no [[object]]; name the model to touch in an [[object]] table"));
+        }
+        Ok(all)
+    }
+
+    /// The object that a tour names.
+    pub(super) fn index(
+        &self,
+        source: &Source,
+        typed: &Spanned<toml::Value>,
+    ) -> Result<usize, SceneError> {
+        let found = match typed.get_ref() {
+            toml::Value::Integer(number) => usize::try_from(*number)
+                .ok()
+                .filter(|&index| index < self.plans.len()),
+            toml::Value::String(name) => {
+                let named = self.names.iter().find(|(other, _)| other == name);
+                named.map(|&(_, index)| index)
+            }
+            _ => None,
+        };
+        found.ok_or_else(|| {
+            source.value(
+                typed,
+                &format!(
+                    "there is no such object; write a number from 0 to {} or the name of an object in quotes",
+                    self.plans.len() - 1
+                ),
+            )
+        })
+    }
+}
+
+/// Copies of an object on a grid along the axes of the world, the first where the object is, x counting fastest.
+fn copies(
+    source: &Source,
+    plan: &ObjectPlan,
+    grid: &GridTyped,
+) -> Result<Vec<ObjectPlan>, SceneError> {
+    let spacing = source.number(Some(&grid.spacing_m), "spacing_m", 0.0, LENGTH)?;
+    let counts = *grid.counts.get_ref();
+    let total = counts
+        .iter()
+        .try_fold(1i64, |total, &n| total.checked_mul(n));
+    let fits =
+        counts.iter().all(|&n| n >= 1) && total.is_some_and(|total| total <= MOST_OBJECTS as i64);
+    if !fits {
+        return Err(source.value(
+            &grid.counts,
+            &format!("counts is {counts:?}; write three whole numbers from 1 up whose product is at most {MOST_OBJECTS}"),
+        ));
+    }
+    let [nx, ny, nz] = counts;
+    let places = (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
+    Ok(places
+        .map(|place| {
+            let mut copy = plan.clone();
+            copy.pose.position += DVec3::from_array(place.map(|k| k as f64)) * spacing;
+            copy
+        })
+        .collect())
+}
+
+fn object_plan(
+    source: &Source,
+    typed: &ObjectTyped,
+    start: usize,
+) -> Result<ObjectPlan, SceneError> {
+    let model = match (&typed.model, &typed.generate) {
+        (Some(file), None) if !file.get_ref().trim().is_empty() => {
+            ModelSource::File(file.get_ref().into())
+        }
+        (None, Some(generate)) => generate_plan(source, generate)?,
+        (Some(file), _) => {
+            return Err(source.value(
+                file,
+                "give either model = \"file.spm\" or generate = { shape = \"relief\", faces = 100000 }, not both and not an empty name",
+            ));
+        }
+        (None, None) => {
+            return Err(source.at(
+                start,
+                "the object has no model; give model = \"file.spm\" or generate = { shape = \"relief\", faces = 100000 }",
+            ));
+        }
+    };
+    let scale = match (&typed.size_m, &typed.metres_per_unit) {
+        (Some(size), None) => ModelScale::Size(source.number(Some(size), "size_m", 0.0, LENGTH)?),
+        (None, Some(unit)) => ModelScale::MetresPerUnit(source.number(
+            Some(unit),
+            "metres_per_unit",
+            0.0,
+            Range::Within(1e-12, 1e12),
+        )?),
+        (Some(size), Some(_)) => {
+            return Err(source.value(
+                size,
+                "give either size_m (its longest side) or metres_per_unit, not both",
+            ));
+        }
+        (None, None) => {
+            return Err(source.at(
+                start,
+                "the object has no size; give size_m (its longest side, metres) or metres_per_unit",
+            ));
+        }
+    };
+    let pose = match &typed.pose {
+        None => Pose::IDENTITY,
+        Some(pose) => Pose::from_wxyz(
+            pose.get_ref().position_m.unwrap_or([0.0; 3]),
+            pose.get_ref().orientation_wxyz.unwrap_or([1.0, 0.0, 0.0, 0.0]),
+        )
+        .filter(|pose| pose.position.abs().max_element() <= 1e7)
+        .ok_or_else(|| {
+            source.value(
+                pose,
+                "the pose needs finite numbers, a position within 1e7 m and an orientation (w, x, y, z) that is not all zero",
+            )
+        })?,
+    };
+    Ok(ObjectPlan {
+        model,
+        scale,
+        pose,
+        surface: SurfacePlan {
+            stiffness_n_per_m: source.number(
+                typed.surface.stiffness_n_per_m.as_ref(),
+                "stiffness_n_per_m",
+                800.0,
+                Range::Positive(MOST),
+            )?,
+            damping_ns_per_m: source.number(
+                typed.surface.damping_ns_per_m.as_ref(),
+                "damping_ns_per_m",
+                0.5,
+                Range::NotNegative(MOST),
+            )?,
+        },
+        // What they may be depends on the loop and the probes: they are looked at last.
+        effects: Arc::new([]),
+        movable: typed
+            .movable
+            .as_ref()
+            .map(|movable| movable_plan(source, movable.get_ref()))
+            .transpose()?,
+    })
+}
+
+fn generate_plan(source: &Source, typed: &GenerateTyped) -> Result<ModelSource, SceneError> {
+    let shape = typed.shape.get_ref();
+    if !SHAPES.contains(&shape.as_str()) {
+        return Err(source.value(
+            &typed.shape,
+            &format!(
+                "there is no shape \"{shape}\"; take one of {}",
+                SHAPES.join(", ")
+            ),
+        ));
+    }
+    let faces = source.whole_number(Some(&typed.faces), "faces", 0, 64..=1 << 26)?;
+    Ok(ModelSource::Generate {
+        shape: shape.clone(),
+        faces: faces as u32,
+    })
+}

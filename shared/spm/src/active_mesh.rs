@@ -1,0 +1,540 @@
+//! The active mesh: the surface of a front, changed by one split or collapse at a time.
+//!
+//! Storage is in *slots*, one a loaded VSP, so that memory follows what is loaded, not the full mesh. A
+//! *handle* names a vertex or a face: below V0 (F0) those of the base mesh, then two a slot. Where slots are
+//! VSP numbers (tests, station), handles are the ids of the file.
+//!
+//! | array | entry | bytes | entries |
+//! |---|---|---|---|
+//! | vertices | position, R | 16 | V0 + 2 a slot |
+//! | faces | corners, neighbours | 24 | F0 + 2 a slot |
+//! | links | i, vs, fn, leaf codes | 32 | 1 a slot |
+//! | states | performed, dependents | 4 | 1 a slot |
+//!
+//! Legality is a property of the front (facts: 0 mismatches with the adjacency tests of thesis 5.2.3 in
+//! 3 million checks): a split is legal when its dependencies are performed, a collapse when nothing
+//! performed depends on it. Vertices may be on their way between two fronts ([`Flight`]). No operation allocates or recurses, and a record that does not fit the mesh
+//! (a damaged file) is refused before anything changed.
+
+mod adjacency;
+mod check;
+mod fans;
+mod flights;
+mod operation_faces;
+mod swept;
+mod walk;
+
+pub use flights::Flight;
+pub use operation_faces::OperationFaces;
+pub use walk::FrontWalk;
+
+use super::record::VspRecord;
+use ab_tree::{Handle, NONE};
+use geometry::Aabb;
+use glam::{DVec3, Vec3};
+use thiserror::Error;
+
+/// The place of a loaded VSP.
+pub type Slot = u32;
+
+/// A face: corners counterclockwise, and the neighbour across the edge opposite each corner.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Face {
+    /// Corners, vertex handles.
+    pub corners: [Handle; 3],
+    /// Neighbours, face handles; [`NONE`] at a rim.
+    pub neighbours: [Handle; 3],
+}
+
+impl Face {
+    const UNUSED: Self = Self {
+        corners: [NONE; 3],
+        neighbours: [NONE; 3],
+    };
+
+    fn index_of(&self, vertex: Handle) -> Option<usize> {
+        self.corners.iter().position(|&c| c == vertex)
+    }
+}
+
+/// Position and certified radius of a vertex.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Vertex {
+    position: Vec3,
+    radius: f32,
+}
+
+/// A record in handles instead of ids.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Links {
+    i: u32,
+    vs: Handle,
+    fn_: [Handle; 4],
+    leaf_l: u32,
+    leaf_r: u32,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct State {
+    /// Performed VSPs that depend on this one, counted with repetition.
+    dependents: u16,
+    loaded: bool,
+    performed: bool,
+}
+
+/// A record that does not fit the mesh it belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error("vertex split record {0} does not fit the mesh: the file is damaged")]
+pub struct DamagedRecord(pub u32);
+
+/// The mesh of a front.
+#[derive(Debug, Clone)]
+pub struct ActiveMesh {
+    base_vertices: u32,
+    base_faces: u32,
+    vertices: Vec<Vertex>,
+    faces: Vec<Face>,
+    links: Vec<Links>,
+    states: Vec<State>,
+    flights: Vec<Flight>,
+    active_faces: u32,
+    performed: u32,
+}
+
+impl ActiveMesh {
+    /// Bytes that one loaded VSP takes here.
+    pub const BYTES_PER_SLOT: usize =
+        2 * size_of::<Vertex>() + 2 * size_of::<Face>() + size_of::<Links>() + size_of::<State>();
+    /// Bytes that one base vertex takes here.
+    pub const BYTES_PER_BASE_VERTEX: usize = size_of::<Vertex>();
+    /// Bytes that one base face takes here.
+    pub const BYTES_PER_BASE_FACE: usize = size_of::<Face>();
+
+    /// Room for a base mesh and `slots` VSPs, everything allocated now.
+    #[must_use]
+    pub fn new(base_vertices: u32, base_faces: u32, slots: u32) -> Self {
+        let vertex = Vertex {
+            position: Vec3::ZERO,
+            radius: 0.0,
+        };
+        let links = Links {
+            i: NONE,
+            vs: NONE,
+            fn_: [NONE; 4],
+            leaf_l: NONE,
+            leaf_r: NONE,
+        };
+        let slots_usize = slots as usize;
+        Self {
+            base_vertices,
+            base_faces,
+            vertices: vec![vertex; base_vertices as usize + 2 * slots_usize],
+            faces: vec![Face::UNUSED; base_faces as usize + 2 * slots_usize],
+            links: vec![links; slots_usize],
+            states: vec![State::default(); slots_usize],
+            flights: Vec::new(),
+            active_faces: 0,
+            performed: 0,
+        }
+    }
+
+    /// Empties it, of whatever model it was, so that [`ActiveMesh::reshape`] may follow; `slots`: of how many, from
+    /// the first on, use was made. Nothing is freed or allocated.
+    pub fn clear(&mut self, slots: u32) {
+        self.states[..slots as usize].fill(State::default());
+        self.flights.clear();
+        self.active_faces = 0;
+        self.performed = 0;
+    }
+
+    /// Shares out storage that was made for any model to this one; before anything is set or loaded.
+    ///
+    /// Returns the number of slots, `None` when the base mesh alone does not fit.
+    pub fn reshape(&mut self, base_vertices: u32, base_faces: u32) -> Option<u32> {
+        let room = |total: usize, base: u32| Some(total.checked_sub(base as usize)? / 2);
+        let slots = room(self.vertices.len(), base_vertices)?
+            .min(room(self.faces.len(), base_faces)?)
+            .min(self.links.len());
+        self.base_vertices = base_vertices;
+        self.base_faces = base_faces;
+        assert!(
+            self.active_faces == 0 && self.performed == 0,
+            "storage is shared out while it is empty"
+        );
+        // What a split makes is set by it; a base face is told by this from one that has not come.
+        self.faces[..base_faces as usize].fill(Face::UNUSED);
+        Some(slots as u32)
+    }
+
+    /// Sets a vertex of the base mesh: position and R, model units.
+    pub fn set_base_vertex(&mut self, vertex: Handle, position: [f32; 3], radius: f32) {
+        assert!(vertex < self.base_vertices, "a base vertex out of range");
+        self.vertices[vertex as usize] = Vertex {
+            position: Vec3::from_array(position),
+            radius,
+        };
+    }
+
+    /// Sets a face of the base mesh.
+    ///
+    /// # Errors
+    /// `None` when a corner or neighbour is out of range; the mesh is unchanged then.
+    pub fn set_base_face(
+        &mut self,
+        face: Handle,
+        corners: [Handle; 3],
+        neighbours: [Handle; 3],
+    ) -> Option<()> {
+        let [a, b, c] = corners;
+        let in_range = face < self.base_faces
+            && corners.iter().all(|&v| v < self.base_vertices)
+            && neighbours
+                .iter()
+                .all(|&n| n == NONE || (n < self.base_faces && n != face))
+            && a != b
+            && b != c
+            && c != a;
+        if !in_range {
+            return None;
+        }
+        let place = &mut self.faces[face as usize];
+        if *place == Face::UNUSED {
+            self.active_faces += 1;
+        }
+        *place = Face {
+            corners,
+            neighbours,
+        };
+        Some(())
+    }
+
+    /// Whether the base mesh is complete and its neighbour links agree; a linear pass.
+    #[must_use]
+    pub fn base_is_consistent(&self) -> bool {
+        self.active_faces == self.base_faces
+            && (0..self.base_faces).all(|f| {
+                let face = self.faces[f as usize];
+                (0..3).all(|k| {
+                    let n = face.neighbours[k];
+                    n == NONE
+                        || (0..3).any(|j| {
+                            let other = &self.faces[n as usize];
+                            other.neighbours[j] == f
+                                && other.corners[(j + 1) % 3] == face.corners[(k + 2) % 3]
+                                && other.corners[(j + 2) % 3] == face.corners[(k + 1) % 3]
+                        })
+                })
+            })
+    }
+
+    /// vt of a slot; vu is the next handle.
+    #[inline]
+    #[must_use]
+    pub fn vt(&self, slot: Slot) -> Handle {
+        self.base_vertices + 2 * slot
+    }
+
+    /// fl of a slot; fr is the next handle.
+    #[inline]
+    #[must_use]
+    pub fn fl(&self, slot: Slot) -> Handle {
+        self.base_faces + 2 * slot
+    }
+
+    /// The slot whose VSP makes a vertex, `None` for a base vertex.
+    #[inline]
+    #[must_use]
+    pub fn maker_of_vertex(&self, vertex: Handle) -> Option<Slot> {
+        vertex.checked_sub(self.base_vertices).map(|k| k / 2)
+    }
+
+    /// The slot whose VSP makes a face, `None` for a base face.
+    #[inline]
+    #[must_use]
+    pub fn maker_of_face(&self, face: Handle) -> Option<Slot> {
+        face.checked_sub(self.base_faces).map(|k| k / 2)
+    }
+
+    /// Puts a record into a slot; `vs` and `fn_` are already handles. Not performed yet.
+    pub fn load(
+        &mut self,
+        slot: Slot,
+        record: &VspRecord,
+        vs: Handle,
+        fn_: [Handle; 4],
+        radii: [f32; 2],
+    ) {
+        let state = &mut self.states[slot as usize];
+        assert!(!state.loaded, "a slot is loaded twice");
+        *state = State {
+            loaded: true,
+            ..State::default()
+        };
+        self.links[slot as usize] = Links {
+            i: record.i,
+            vs,
+            fn_,
+            leaf_l: record.leaf_l,
+            leaf_r: record.leaf_r,
+        };
+        let vt = self.vt(slot) as usize;
+        for (k, (position, radius)) in [record.pos_t, record.pos_u]
+            .into_iter()
+            .zip(radii)
+            .enumerate()
+        {
+            self.vertices[vt + k] = Vertex {
+                position: Vec3::from_array(position),
+                radius,
+            };
+        }
+    }
+
+    /// Frees a slot that is not performed.
+    pub fn unload(&mut self, slot: Slot) {
+        let state = &mut self.states[slot as usize];
+        assert!(
+            state.loaded && !state.performed,
+            "only a loaded record that is not performed leaves the cache"
+        );
+        *state = State::default();
+    }
+
+    /// The VSP number in a slot.
+    #[inline]
+    #[must_use]
+    pub fn id(&self, slot: Slot) -> u32 {
+        self.links[slot as usize].i
+    }
+
+    /// The AB-tree leaf codes of a slot's faces; the second is [`NONE`] at a rim.
+    #[inline]
+    #[must_use]
+    pub fn leaves(&self, slot: Slot) -> (u32, u32) {
+        let links = self.links[slot as usize];
+        (links.leaf_l, links.leaf_r)
+    }
+
+    /// A neighbour of each of the faces that a slot's VSP makes, active when the split is legal; [`NONE`] for the
+    /// second where the VSP makes one face only.
+    #[inline]
+    #[must_use]
+    pub fn beside(&self, slot: Slot) -> (Handle, Handle) {
+        let [fn0, fn1, fn2, fn3] = self.links[slot as usize].fn_;
+        let either = |a: Handle, b: Handle| if a == NONE { b } else { a };
+        (either(fn0, fn1), either(fn2, fn3))
+    }
+
+    /// The slots that a slot's VSP depends on, with repetition, at most five.
+    pub fn dependencies(&self, slot: Slot) -> impl Iterator<Item = Slot> + use<> {
+        let links = self.links[slot as usize];
+        let (base_vertices, base_faces) = (self.base_vertices, self.base_faces);
+        let of_vertex = links.vs.checked_sub(base_vertices).map(|k| k / 2);
+        of_vertex.into_iter().chain(
+            links
+                .fn_
+                .into_iter()
+                .filter(|&f| f != NONE)
+                .filter_map(move |f| f.checked_sub(base_faces).map(|k| k / 2)),
+        )
+    }
+
+    /// Whether a slot's VSP is performed.
+    #[inline]
+    #[must_use]
+    pub fn is_performed(&self, slot: Slot) -> bool {
+        self.states[slot as usize].performed
+    }
+
+    /// Whether the split is legal now.
+    #[must_use]
+    pub fn split_is_legal(&self, slot: Slot) -> bool {
+        let state = self.states[slot as usize];
+        state.loaded && !state.performed && self.dependencies(slot).all(|d| self.is_performed(d))
+    }
+
+    /// Whether the collapse is legal now.
+    #[must_use]
+    pub fn collapse_is_legal(&self, slot: Slot) -> bool {
+        let state = self.states[slot as usize];
+        state.performed && state.dependents == 0
+    }
+
+    /// Number of active faces.
+    #[must_use]
+    pub fn active_faces(&self) -> u32 {
+        self.active_faces
+    }
+
+    /// Number of performed VSPs.
+    #[must_use]
+    pub fn performed(&self) -> u32 {
+        self.performed
+    }
+
+    /// Whether a face is active.
+    #[inline]
+    #[must_use]
+    pub fn is_active(&self, face: Handle) -> bool {
+        match self.maker_of_face(face) {
+            None => true,
+            Some(slot) => {
+                self.is_performed(slot)
+                    && (face == self.fl(slot) || self.links[slot as usize].leaf_r != NONE)
+            }
+        }
+    }
+
+    /// A face.
+    #[inline]
+    #[must_use]
+    pub fn face(&self, face: Handle) -> &Face {
+        &self.faces[face as usize]
+    }
+
+    /// Where a vertex is, model units: the f32 of the file, unless it is in flight.
+    #[inline]
+    #[must_use]
+    pub fn position(&self, vertex: Handle) -> Vec3 {
+        self.vertices[vertex as usize].position
+    }
+
+    /// R of a vertex where it is, model units.
+    #[inline]
+    #[must_use]
+    pub fn radius(&self, vertex: Handle) -> f32 {
+        self.vertices[vertex as usize].radius
+    }
+
+    /// Corners of a face in f64.
+    #[inline]
+    #[must_use]
+    pub fn corners(&self, face: Handle) -> [DVec3; 3] {
+        self.faces[face as usize]
+            .corners
+            .map(|v| self.position(v).as_dvec3())
+    }
+
+    /// Box of a face, exact.
+    #[inline]
+    #[must_use]
+    pub fn face_box(&self, face: Handle) -> Aabb {
+        Aabb::of_triangle(self.faces[face as usize].corners.map(|v| self.position(v)))
+    }
+
+    /// Certified error of a face: the largest R of its corners, model units; 0 on faces of the full mesh.
+    #[inline]
+    #[must_use]
+    pub fn certified_error(&self, face: Handle) -> f32 {
+        let [a, b, c] = self.faces[face as usize].corners;
+        self.radius(a).max(self.radius(b)).max(self.radius(c))
+    }
+
+    /// Performs the split of a slot; legal splits only.
+    ///
+    /// # Errors
+    /// When the record does not fit the mesh; nothing has changed then.
+    pub fn split(&mut self, slot: Slot, out: &mut OperationFaces) -> Result<(), DamagedRecord> {
+        assert!(self.split_is_legal(slot), "an illegal split");
+        let links = self.links[slot as usize];
+        let damaged = DamagedRecord(links.i);
+        let [fn0, fn1, fn2, fn3] = links.fn_;
+        let has_right = links.leaf_r != NONE;
+        let vs = links.vs;
+        let vl = self.across(vs, fn0, fn1).ok_or(damaged)?;
+        let vr = if has_right {
+            // Mirrored: fn3 has the edge vs -> vr as fn0 has vs -> vl.
+            self.across(vs, fn3, fn2).ok_or(damaged)?
+        } else {
+            NONE
+        };
+        if vl == vr {
+            return Err(damaged);
+        }
+        self.collect(vs, links.fn_, out).ok_or(damaged)?;
+        out.from = [self.position(vs); 2];
+        out.radius = self.radius(vs);
+        self.ground(vs);
+        let (vt, fl) = (self.vt(slot), self.fl(slot));
+        let (vu, fr) = (vt + 1, fl + 1);
+        out.moved = [vt, vu];
+        for k in 0..out.count {
+            let vertex = if k < out.of_t { vt } else { vu };
+            let face = &mut self.faces[out.deformed[k] as usize];
+            match face.index_of(vs) {
+                Some(corner) => face.corners[corner] = vertex,
+                None => unreachable!("the fan was collected by this corner"),
+            }
+        }
+        self.faces[fl as usize] = Face {
+            corners: [vt, vu, vl],
+            neighbours: [fn1, fn0, if has_right { fr } else { NONE }],
+        };
+        self.set_neighbour(fn0, vt, 2, fl);
+        self.set_neighbour(fn1, vu, 1, fl);
+        if has_right {
+            self.faces[fr as usize] = Face {
+                corners: [vu, vt, vr],
+                neighbours: [fn2, fn3, fl],
+            };
+            self.set_neighbour(fn2, vt, 1, fr);
+            self.set_neighbour(fn3, vu, 2, fr);
+        }
+        self.finish(slot, true, out);
+        Ok(())
+    }
+
+    /// Undoes the split of a slot; legal collapses only.
+    pub fn collapse(&mut self, slot: Slot, out: &mut OperationFaces) {
+        assert!(self.collapse_is_legal(slot), "an illegal collapse");
+        let links = self.links[slot as usize];
+        let [fn0, fn1, fn2, fn3] = links.fn_;
+        let (vt, fl) = (self.vt(slot), self.fl(slot));
+        let vu = vt + 1;
+        debug_assert_eq!(self.faces[fl as usize].neighbours[..2], [fn1, fn0]);
+        let collected = self.patch(slot, out).is_some();
+        assert!(collected, "a performed split has whole fans");
+        out.moved = [links.vs; 2];
+        out.from = [vt, vu].map(|vertex| self.position(vertex));
+        self.ground(vt);
+        self.ground(vu);
+        for k in 0..out.count {
+            let vertex = if k < out.of_t { vt } else { vu };
+            let face = &mut self.faces[out.deformed[k] as usize];
+            match face.index_of(vertex) {
+                Some(corner) => face.corners[corner] = links.vs,
+                None => unreachable!("the fan was collected by this corner"),
+            }
+        }
+        self.set_neighbour(fn0, links.vs, 2, fn1);
+        self.set_neighbour(fn1, links.vs, 1, fn0);
+        self.set_neighbour(fn2, links.vs, 1, fn3);
+        self.set_neighbour(fn3, links.vs, 2, fn2);
+        self.finish(slot, false, out);
+    }
+
+    /// Shared end of both operations: the pair of faces, the counters.
+    fn finish(&mut self, slot: Slot, performed: bool, out: &mut OperationFaces) {
+        let links = self.links[slot as usize];
+        let fl = self.fl(slot);
+        out.pair = [fl, fl + 1];
+        out.pair_count = 1 + usize::from(links.leaf_r != NONE);
+        out.leaves = [links.leaf_l, links.leaf_r];
+        out.made = performed;
+        self.states[slot as usize].performed = performed;
+        for dependency in self.dependencies(slot) {
+            let count = &mut self.states[dependency as usize].dependents;
+            *count = if performed { *count + 1 } else { *count - 1 };
+        }
+        if performed {
+            self.active_faces += out.pair_count as u32;
+            self.performed += 1;
+        } else {
+            self.active_faces -= out.pair_count as u32;
+            self.performed -= 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

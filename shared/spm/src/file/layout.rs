@@ -1,0 +1,214 @@
+//! What lies where in an SPM file.
+
+use crate::{BaseFace, BaseVertex, ModelHeader};
+use crate::{RegionId, VspNode, VspRecord};
+use bytemuck::{Pod, Zeroable};
+use geometry::Aabb;
+
+/// The first eight bytes of every SPM file.
+pub(super) const MAGIC: [u8; 8] = *b"hrtc-spm";
+
+/// The version of the layout; another one is refused by name.
+pub const FORMAT_VERSION: u32 = 3;
+
+/// Bytes that one checksum of a big section covers.
+pub const BLOCK_BYTES: u64 = 1 << 16;
+
+/// Sections start at multiples of this: a record is one cache line.
+pub(super) const ALIGNMENT: u64 = 64;
+
+/// The sections, in the order of the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Section {
+    /// Vertices of the base mesh ([`spm::BaseVertex`]).
+    BaseVertices = 0,
+    /// Faces of the base mesh ([`spm::BaseFace`]).
+    BaseFaces = 1,
+    /// Occupied and cleared regions, ascending ([`crate::RegionId`]).
+    Regions = 2,
+    /// Where the seeds of each region start; one entry more than regions (u32).
+    SeedOffsets = 3,
+    /// Checksums of the blocks of the big sections, section after section (u64).
+    BlockSums = 4,
+    /// The VSP that splits each base vertex, [`crate::NONE`] where it is one of the full mesh (u32).
+    BaseSplits = 5,
+    /// The VSPs that made the faces of a region and their corners, and those that keep its cell clear of
+    /// coarse faces, ascending in each region (u32).
+    Seeds = 6,
+    /// Vertex split records ([`crate::VspRecord`]).
+    Records = 7,
+    /// The full mesh in AB-tree order ([`FullFace`]).
+    FullFaces = 8,
+    /// Boxes over the full mesh, in heap order ([`geometry::Aabb`]).
+    Boxes = 9,
+    /// The vertex hierarchy, a node a VSP ([`crate::VspNode`]).
+    Hierarchy = 10,
+}
+
+impl Section {
+    /// How many there are.
+    pub(super) const COUNT: usize = 11;
+    /// Checked whole when the file is opened.
+    pub(super) const SMALL: [Self; 6] = [
+        Self::BaseVertices,
+        Self::BaseFaces,
+        Self::Regions,
+        Self::SeedOffsets,
+        Self::BlockSums,
+        Self::BaseSplits,
+    ];
+    /// Checked block by block when first used, in the order of their checksums.
+    pub(super) const BIG: [Self; 5] = [
+        Self::Seeds,
+        Self::Records,
+        Self::FullFaces,
+        Self::Boxes,
+        Self::Hierarchy,
+    ];
+
+    /// Bytes of one item.
+    pub(super) const fn item_bytes(self) -> u64 {
+        let bytes = match self {
+            Self::BaseVertices => size_of::<BaseVertex>(),
+            Self::BaseFaces => size_of::<BaseFace>(),
+            Self::Regions => size_of::<RegionId>(),
+            Self::SeedOffsets | Self::Seeds | Self::BaseSplits => size_of::<u32>(),
+            Self::BlockSums => size_of::<u64>(),
+            Self::Records => size_of::<VspRecord>(),
+            Self::FullFaces => size_of::<FullFace>(),
+            Self::Boxes => size_of::<Aabb>(),
+            Self::Hierarchy => size_of::<VspNode>(),
+        };
+        bytes as u64
+    }
+
+    /// The name in messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::BaseVertices => "base vertices",
+            Self::BaseFaces => "base faces",
+            Self::Regions => "regions",
+            Self::SeedOffsets => "seed offsets",
+            Self::BlockSums => "block checksums",
+            Self::Seeds => "seeds",
+            Self::Records => "records",
+            Self::FullFaces => "full faces",
+            Self::Boxes => "boxes",
+            Self::BaseSplits => "base splits",
+            Self::Hierarchy => "hierarchy",
+        }
+    }
+}
+
+impl std::fmt::Display for Section {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A face of the full mesh.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct FullFace {
+    /// Corners, counterclockwise, vertex ids (base vertex or child of a VSP).
+    pub corners: [u32; 3],
+    /// Face id: below F0 a base face, else made by VSP (id - F0) / 2.
+    pub face: u32,
+}
+
+/// What the builder read, dropped and found; for `inspect`. All counts.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+pub struct BuildSummary {
+    /// Vertices in the mesh file.
+    pub read_vertices: u64,
+    /// Triangles in the mesh file (polygons triangulated).
+    pub read_faces: u64,
+    /// Vertices of the cleaned mesh, which is the full mesh.
+    pub vertices: u64,
+    /// Dropped: vertices with a coordinate that is not finite or beyond f32.
+    pub not_finite_vertices: u64,
+    /// Dropped: faces with such a corner.
+    pub not_finite_faces: u64,
+    /// Dropped: faces that name a vertex that does not exist.
+    pub out_of_range_faces: u64,
+    /// Dropped: faces without area, or with a corner twice.
+    pub zero_area_faces: u64,
+    /// Dropped: second and later copies of a face with the same orientation.
+    pub duplicate_faces: u64,
+    /// Dropped: vertices that no face uses (after all else was dropped).
+    pub unreferenced_vertices: u64,
+    /// Vertices that became one with another of the same position along a seam.
+    pub stitched_vertices: u64,
+    /// Vertices added by the cut to a manifold.
+    pub cut_vertices: u64,
+    /// Vertices that are never collapsed, so that no crack opens along a cut.
+    pub locked_vertices: u64,
+    /// Regions that own no face and are there to keep their cells clear of coarse ones.
+    pub cleared_regions: u64,
+    /// Mean closure of an occupied region, VSPs.
+    pub closure_mean: f64,
+    /// Widest gap along a cut on any front, model units.
+    pub cracks_max: f64,
+}
+
+/// Where a section lies.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+pub(super) struct SectionEntry {
+    /// From the start of the file, bytes; a multiple of 64.
+    pub offset: u64,
+    /// Items.
+    pub count: u64,
+    /// xxh3 of the whole section (small ones); zero for the big ones.
+    pub checksum: u64,
+}
+
+impl SectionEntry {
+    /// Bytes of the section, `None` when that is beyond u64.
+    pub fn bytes(&self, section: Section) -> Option<u64> {
+        self.count.checked_mul(section.item_bytes())
+    }
+}
+
+/// The first bytes of the file.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct SpmHeader {
+    pub(super) magic: [u8; 8],
+    pub(super) version: u32,
+    pub(super) sections: u32,
+    pub(super) file_bytes: u64,
+    pub(super) model: ModelHeader,
+    pub(super) summary: BuildSummary,
+    pub(super) table: [SectionEntry; Section::COUNT],
+    /// xxh3 of everything before it.
+    pub(super) checksum: u64,
+}
+
+/// Depth of the box tree over `faces` faces: its leaves hold four to eight (or all, when fewer).
+pub(super) fn box_depth(faces: u32) -> u32 {
+    (faces / 4).max(1).ilog2()
+}
+
+/// Boxes in the file: heap order from 1, slot 0 unused.
+pub(super) fn box_count(faces: u32) -> u64 {
+    2 << box_depth(faces)
+}
+
+/// Positions (tree order) of the faces below a node of the AB-tree's fixed shape; `node` is a heap index.
+pub(super) fn faces_below(node: u32, faces: u32) -> std::ops::Range<u32> {
+    let (mut first, mut count) = (0, faces);
+    for bit in (0..ab_tree::depth(node)).rev() {
+        let left = count.div_ceil(2);
+        if node >> bit & 1 == 0 {
+            count = left;
+        } else {
+            first += left;
+            count -= left;
+        }
+    }
+    first..first + count
+}

@@ -1,0 +1,298 @@
+//! The iceoryx2 side of the protocol that both processes must agree on: domain, service names and the
+//! quality of service of every topic.
+//!
+//! | service | publishers | subscribers | payload |
+//! |---|---|---|---|
+//! | `hrtc/v3/subscribe` | controllers | station | [`Request`] |
+//! | `hrtc/v3/pose` | controllers | station | [`ContactReport`] |
+//! | `hrtc/v3/records/CLIENT` | station | one controller | 64 [`ChunkSlot`]s, user header [`ChunkHeader`] |
+//! | `hrtc/hello` | all | all | [`Hello`] |
+//!
+//! One quality of service for all of them, because a tunnel between machines creates its mirrors from one
+//! set of defaults (`config/iceoryx2.toml` holds the same numbers): buffers of [`BUFFER`], no history, no
+//! overflow, full queues discard the newest. Nothing blocks, and what was discarded shows as a gap.
+//!
+//! A domain is a root folder and a file prefix: two domains do not see each other. No name holds a `_`, so that
+//! no prefix begins another one.
+
+use iceoryx2::config::Config;
+use iceoryx2::node::NodeBuilder;
+use iceoryx2::prelude::{
+    AllocationStrategy, BackpressureStrategy, FileName, LogLevel, Node, Path, SemanticString,
+    ServiceName, SignalHandlingMode, ipc, set_log_level_from_env_or,
+};
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use protocol::{ChunkHeader, ChunkSlot, ContactReport, Hello, Request};
+use std::time::Duration;
+use thiserror::Error;
+
+/// Messages that a subscriber's queue holds; twice the credit window.
+pub const BUFFER: usize = 64;
+/// Controllers that a station serves at once.
+pub const MOST_CLIENTS: usize = 16;
+/// Publishers and subscribers of a topic: the clients, the station, a tunnel and a spare.
+pub const MOST_PORTS: usize = MOST_CLIENTS + 3;
+/// Subscribers of a records topic: its client, its restart while the dead one is not cleaned yet, a tunnel, a recorder.
+const MOST_RECORD_PORTS: usize = 4;
+/// Samples that a subscriber borrows at once.
+const BORROWED: usize = 2;
+const LONGEST_NAME: usize = 32;
+
+/// A named iceoryx2 domain.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Domain {
+    name: String,
+}
+
+/// Why the transport cannot be used: one sentence.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum TransportError {
+    /// Not a name for a domain.
+    #[error(
+        "the domain name \"{0}\" is refused: use 1 to 32 of the characters a-z, A-Z, 0-9 and '-'"
+    )]
+    DomainName(String),
+    /// iceoryx2 refused.
+    #[error(
+        "cannot {what} in the iceoryx2 domain \"{domain}\" ({reason}): when another user or release uses this domain, choose another with --domain, or stop it and remove /tmp/hrtc-{domain} together with /dev/shm/hrtc_{domain}_*"
+    )]
+    Iceoryx {
+        /// What was tried.
+        what: &'static str,
+        /// The domain.
+        domain: String,
+        /// What iceoryx2 said.
+        reason: String,
+    },
+}
+
+impl Domain {
+    /// The domain of a name.
+    ///
+    /// # Errors
+    /// When the name has other characters than letters, digits and `-`, or is empty or longer than 32.
+    pub fn new(name: &str) -> Result<Self, TransportError> {
+        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-';
+        if name.is_empty() || name.len() > LONGEST_NAME || !name.chars().all(allowed) {
+            return Err(TransportError::DomainName(name.to_owned()));
+        }
+        Ok(Self {
+            name: name.to_owned(),
+        })
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The configuration of every node of the domain. No file is read: the defaults are embedded.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses the paths.
+    pub fn config(&self) -> Result<Config, TransportError> {
+        let root = Path::new(format!("/tmp/hrtc-{}/", self.name).as_bytes())
+            .map_err(|e| self.error("name the root folder", e))?;
+        let prefix = FileName::new(format!("hrtc_{}_", self.name).as_bytes())
+            .map_err(|e| self.error("name the prefix", e))?;
+        let mut config = Config::default();
+        config.global.set_root_path(&root);
+        config.global.prefix = prefix;
+        config.global.creation_timeout = Duration::from_secs(1);
+        config.global.node.cleanup_dead_nodes_on_creation = true;
+        config.global.node.cleanup_dead_nodes_on_destruction = true;
+        config.global.service.cleanup_dead_nodes_on_open = true;
+        let topic = &mut config.defaults.publish_subscribe;
+        topic.max_publishers = MOST_PORTS;
+        topic.max_subscribers = MOST_PORTS;
+        topic.max_nodes = MOST_PORTS;
+        topic.subscriber_max_buffer_size = BUFFER;
+        topic.subscriber_max_borrowed_samples = BORROWED;
+        topic.publisher_history_size = 0;
+        topic.enable_safe_overflow = false;
+        topic.backpressure_strategy = BackpressureStrategy::DiscardData;
+        topic.publisher_allocation_strategy = AllocationStrategy::Static;
+        Ok(config)
+    }
+
+    /// A node of this domain. Create it, and every port of it, on the thread that uses them.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses, after three tries.
+    pub fn node(&self) -> Result<Node<ipc::Service>, TransportError> {
+        // Its own sentences are for developers: errors only, IOX2_LOG_LEVEL shows more.
+        set_log_level_from_env_or(LogLevel::Error);
+        let config = self.config()?;
+        self.retry("create a node", || {
+            NodeBuilder::new()
+                .config(&config)
+                .signal_handling_mode(SignalHandlingMode::Disabled)
+                .create::<ipc::Service>()
+        })
+    }
+
+    /// Removes the files of a domain: for whoever made one for a single run, when all of its processes ended.
+    ///
+    /// Both places or none: iceoryx2 mistakes one without the other for a damaged domain. What cannot be
+    /// removed stays.
+    pub fn remove_files(&self) {
+        let prefix = format!("hrtc_{}_", self.name);
+        let shared_memory = std::fs::read_dir("/dev/shm")
+            .into_iter()
+            .flatten()
+            .flatten();
+        for entry in shared_memory {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+        let _ = std::fs::remove_dir_all(format!("/tmp/hrtc-{}", self.name));
+    }
+
+    /// The topic of requests.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses, after three tries.
+    pub fn subscribe_service(
+        &self,
+        node: &Node<ipc::Service>,
+    ) -> Result<PortFactory<ipc::Service, Request, ()>, TransportError> {
+        let name = self.service_name("hrtc/v3/subscribe")?;
+        self.retry("open the service hrtc/v3/subscribe", || {
+            node.service_builder(&name)
+                .publish_subscribe::<Request>()
+                .max_publishers(MOST_PORTS)
+                .max_subscribers(MOST_RECORD_PORTS)
+                .max_nodes(MOST_PORTS)
+                .subscriber_max_buffer_size(BUFFER)
+                .subscriber_max_borrowed_samples(BORROWED)
+                .history_size(0)
+                .enable_safe_overflow(false)
+                .open_or_create()
+        })
+    }
+
+    /// The topic of poses and contacts.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses, after three tries.
+    pub fn pose_service(
+        &self,
+        node: &Node<ipc::Service>,
+    ) -> Result<PortFactory<ipc::Service, ContactReport, ()>, TransportError> {
+        let name = self.service_name("hrtc/v3/pose")?;
+        self.retry("open the service hrtc/v3/pose", || {
+            node.service_builder(&name)
+                .publish_subscribe::<ContactReport>()
+                .max_publishers(MOST_PORTS)
+                .max_subscribers(MOST_RECORD_PORTS)
+                .max_nodes(MOST_PORTS)
+                .subscriber_max_buffer_size(BUFFER)
+                .subscriber_max_borrowed_samples(BORROWED)
+                .history_size(0)
+                .enable_safe_overflow(false)
+                .open_or_create()
+        })
+    }
+
+    /// The topic of chunks for one client: a shared one would let the others' chunks fill its queue.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses, after three tries.
+    pub fn records_service(
+        &self,
+        node: &Node<ipc::Service>,
+        client: u64,
+    ) -> Result<PortFactory<ipc::Service, [ChunkSlot], ChunkHeader>, TransportError> {
+        let name = self.service_name(&format!("hrtc/v3/records/{client:016x}"))?;
+        self.retry("open a service hrtc/v3/records", || {
+            node.service_builder(&name)
+                .publish_subscribe::<[ChunkSlot]>()
+                .user_header::<ChunkHeader>()
+                .max_publishers(MOST_RECORD_PORTS)
+                .max_subscribers(MOST_RECORD_PORTS)
+                .max_nodes(MOST_PORTS)
+                .subscriber_max_buffer_size(BUFFER)
+                .subscriber_max_borrowed_samples(BORROWED)
+                .history_size(0)
+                .enable_safe_overflow(false)
+                .open_or_create()
+        })
+    }
+
+    /// The topic of heartbeats, the only one without a version in its name.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses, after three tries.
+    pub fn hello_service(
+        &self,
+        node: &Node<ipc::Service>,
+    ) -> Result<PortFactory<ipc::Service, Hello, ()>, TransportError> {
+        let name = self.service_name("hrtc/hello")?;
+        self.retry("open the service hrtc/hello", || {
+            node.service_builder(&name)
+                .publish_subscribe::<Hello>()
+                .max_publishers(MOST_PORTS)
+                .max_subscribers(MOST_PORTS)
+                .max_nodes(MOST_PORTS)
+                .subscriber_max_buffer_size(BUFFER)
+                .subscriber_max_borrowed_samples(BORROWED)
+                .history_size(0)
+                .enable_safe_overflow(false)
+                .open_or_create()
+        })
+    }
+
+    /// The error of a port or a service of this domain.
+    #[must_use]
+    pub fn error(&self, what: &'static str, reason: impl std::fmt::Debug) -> TransportError {
+        TransportError::Iceoryx {
+            what,
+            domain: self.name.clone(),
+            reason: format!("{reason:?}"),
+        }
+    }
+
+    fn service_name(&self, name: &str) -> Result<ServiceName, TransportError> {
+        ServiceName::new(name).map_err(|e| self.error("name a service", e))
+    }
+
+    /// A service that another process is just removing is refused for a moment: three tries, 50 ms apart.
+    fn retry<T, E: std::fmt::Debug>(
+        &self,
+        what: &'static str,
+        mut open: impl FnMut() -> Result<T, E>,
+    ) -> Result<T, TransportError> {
+        for _ in 0..2 {
+            if let Ok(opened) = open() {
+                return Ok(opened);
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        open().map_err(|e| self.error(what, e))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_are_no_single_path_entry_are_refused() {
+        for bad in ["", "a/b", "..", "a b", "ü", "a_b", &"x".repeat(33)] {
+            assert!(Domain::new(bad).is_err(), "{bad}");
+        }
+        let domain = Domain::new("test-1-a").unwrap();
+        let config = domain.config().unwrap();
+        assert_eq!(config.global.root_path().to_string(), "/tmp/hrtc-test-1-a/");
+        assert_eq!(config.global.prefix.to_string(), "hrtc_test-1-a_");
+    }
+
+    #[test]
+    fn the_file_for_tunnels_says_what_the_programs_do() {
+        let text = include_str!("../../../config/iceoryx2.toml");
+        let file: Config = toml::from_str(text).expect("config/iceoryx2.toml is a configuration");
+        assert_eq!(file, Domain::new("hrtc").unwrap().config().unwrap());
+    }
+}

@@ -1,0 +1,7 @@
+//! The iceoryx2 side of the protocol: where two processes meet, and how each topic is opened.
+
+#![forbid(unsafe_code)]
+
+mod domain;
+
+pub use domain::{BUFFER, Domain, MOST_CLIENTS, MOST_PORTS, TransportError};

@@ -1,0 +1,250 @@
+//! From a history to the parts of an SPM file: ids and records.
+
+use super::cracks::widest_crack;
+use super::error::descendant_radius;
+use super::hierarchy::{add_hierarchy, ladder};
+use super::regions::{Model, default_grid, regions_of};
+use super::simplify::History;
+use super::{BuildError, ManifoldMesh, Progress};
+use ab_tree::leaf_key;
+use geometry::Aabb;
+use glam::Vec3;
+use spm::{BaseFace, BaseVertex, ModelHeader};
+use spm::{BuildSummary, ErrorScale, FullFace, NONE, RegionGrid, Sizes, SpmParts, VspRecord};
+
+/// Ids of the file for vertices and faces of the history: the base mesh is numbered in the order of the
+/// history, and the last collapse is the first split.
+pub struct Ids {
+    /// Sizes of the model.
+    pub sizes: Sizes,
+    /// Id of each vertex.
+    pub vertex: Vec<u32>,
+    face: Vec<u32>,
+}
+
+impl Ids {
+    fn new(history: &History, faces: u32) -> Self {
+        let vsps = history.collapses.len() as u32;
+        let mut vertex = vec![NONE; history.positions.len()];
+        let mut face = vec![NONE; faces as usize];
+        for left in &history.base {
+            face[left.face as usize] = 0;
+            for corner in left.corners {
+                vertex[corner as usize] = 0;
+            }
+        }
+        let number = |marked: &mut [u32]| {
+            let mut count = 0;
+            for id in marked.iter_mut().filter(|id| **id == 0) {
+                *id = count;
+                count += 1;
+            }
+            count
+        };
+        let sizes = Sizes {
+            base_vertices: number(&mut vertex),
+            base_faces: number(&mut face),
+            vsps,
+            faces,
+        };
+        for (collapse, i) in history.collapses.iter().zip((0..vsps).rev()) {
+            vertex[collapse.vt as usize] = sizes.vt(i);
+            vertex[collapse.vu as usize] = sizes.vt(i) + 1;
+            face[collapse.fl as usize] = sizes.fl(i);
+            if collapse.fr != NONE {
+                face[collapse.fr as usize] = sizes.fl(i) + 1;
+            }
+        }
+        Self {
+            sizes,
+            vertex,
+            face,
+        }
+    }
+
+    /// Id of a face; [`NONE`] of [`NONE`].
+    pub fn face(&self, face: u32) -> u32 {
+        if face == NONE {
+            NONE
+        } else {
+            self.face[face as usize]
+        }
+    }
+}
+
+/// Puts everything together.
+pub fn assemble(
+    origin: [f64; 3],
+    mesh: &ManifoldMesh,
+    history: History,
+    divisions: Option<u32>,
+    progress: &dyn Progress,
+) -> Result<SpmParts, BuildError> {
+    let faces = mesh.triangles.len() as u32;
+    progress.phase("bounding errors", history.full_vertices.into());
+    let radius = descendant_radius(&history);
+    let bounds = bounds_of(mesh);
+    let (lower, upper) = (bounds.lower.as_dvec3(), bounds.upper.as_dvec3());
+    let scale = ErrorScale::for_diagonal(bounds.diagonal());
+    let code = |vertex: u32| {
+        let made = vertex.checked_sub(history.full_vertices);
+        made.map_or(0, |made| scale.encode(radius[made as usize]))
+    };
+    let ids = Ids::new(&history, faces);
+    let base_vertices = base_vertices(&history, &ids, &code);
+    let base_faces = base_faces(&history, &ids, faces);
+    let records = records(&history, &ids, faces, &code);
+    check_records(&records, ids.sizes)?;
+    let cracks_max = widest_crack(mesh, &history);
+    drop((history, radius));
+
+    progress.phase("assigning regions", faces.into());
+    let too_small =
+        || BuildError::Empty("the model is too small for numbers of this size".to_string());
+    let grid = match divisions {
+        Some(divisions) => RegionGrid::new(lower, upper, divisions).ok_or_else(too_small)?,
+        None => default_grid(lower, upper, mesh).ok_or_else(too_small)?,
+    };
+    let model = Model {
+        grid: &grid,
+        mesh,
+        ids: &ids,
+        base_vertices: &base_vertices,
+        base_faces: &base_faces,
+        records: &records,
+    };
+    let found = regions_of(&model, progress);
+
+    let mut parts = SpmParts {
+        header: ModelHeader {
+            model: 0,
+            diagonal: bounds.diagonal(),
+            origin,
+            lower: lower.to_array(),
+            upper: upper.to_array(),
+            grid,
+            ladder: ladder(&records, scale, &grid),
+            base_vertices: ids.sizes.base_vertices,
+            base_faces: ids.sizes.base_faces,
+            vsps: ids.sizes.vsps,
+            faces,
+            chain: longest_chain(&records, ids.sizes),
+            closure_max: found.closure_max,
+            reserved: [0; 2],
+        },
+        summary: BuildSummary {
+            closure_mean: found.closure_mean,
+            cleared_regions: found.cleared,
+            cracks_max,
+            ..mesh.summary
+        },
+        base_vertices,
+        base_faces,
+        records,
+        regions: found.regions,
+        seed_offsets: found.seed_offsets,
+        seeds: found.seeds,
+        full_faces: (0..faces)
+            .zip(&mesh.triangles)
+            .map(|(face, t)| FullFace {
+                corners: t.map(|v| ids.vertex[v as usize]),
+                face: ids.face(face),
+            })
+            .collect(),
+        base_splits: Vec::new(),
+        hierarchy: Vec::new(),
+    };
+    progress.phase("linking the hierarchy", ids.sizes.vsps.into());
+    add_hierarchy(&mut parts);
+    if !parts.header.is_valid() {
+        return Err(BuildError::Internal("the header".to_string()));
+    }
+    parts.seal();
+    Ok(parts)
+}
+
+/// Box of a mesh.
+pub fn bounds_of(mesh: &ManifoldMesh) -> Aabb {
+    Aabb::of_points(mesh.positions.iter().map(|&p| Vec3::from_array(p)))
+}
+
+fn base_vertices(history: &History, ids: &Ids, code: &impl Fn(u32) -> u16) -> Vec<BaseVertex> {
+    let mut all = vec![
+        BaseVertex {
+            position: [0.0; 3],
+            r: 0
+        };
+        ids.sizes.base_vertices as usize
+    ];
+    for (vertex, &id) in (0u32..).zip(&ids.vertex) {
+        if let Some(slot) = all.get_mut(id as usize) {
+            *slot = BaseVertex {
+                position: history.positions[vertex as usize],
+                r: code(vertex).into(),
+            };
+        }
+    }
+    all
+}
+
+fn base_faces(history: &History, ids: &Ids, faces: u32) -> Vec<BaseFace> {
+    history
+        .base
+        .iter()
+        .map(|left| BaseFace {
+            corners: left.corners.map(|v| ids.vertex[v as usize]),
+            leaf: leaf_key(left.face, faces),
+            neighbours: left.neighbours.map(|face| ids.face(face)),
+            reserved: 0,
+        })
+        .collect()
+}
+
+fn records(history: &History, ids: &Ids, faces: u32, code: &impl Fn(u32) -> u16) -> Vec<VspRecord> {
+    let made = history.full_vertices..;
+    let mut records: Vec<VspRecord> = history
+        .collapses
+        .iter()
+        .zip(&history.expected)
+        .zip(made)
+        .zip((0..ids.sizes.vsps).rev())
+        .map(|(((collapse, &expected), made), i)| VspRecord {
+            i,
+            vs: ids.vertex[made as usize],
+            fn_: collapse.fn_.map(|face| ids.face(face)),
+            leaf_l: leaf_key(collapse.fl, faces),
+            leaf_r: if collapse.fr == NONE {
+                NONE
+            } else {
+                leaf_key(collapse.fr, faces)
+            },
+            pos_t: history.positions[collapse.vt as usize],
+            pos_u: history.positions[collapse.vu as usize],
+            r_t: code(collapse.vt),
+            r_u: code(collapse.vu),
+            e: expected,
+            reserved: 0,
+        })
+        .collect();
+    records.reverse();
+    records
+}
+
+fn check_records(records: &[VspRecord], sizes: Sizes) -> Result<(), BuildError> {
+    for (i, record) in (0u32..).zip(records) {
+        record
+            .validate(i, sizes)
+            .map_err(|e| BuildError::Internal(e.to_string()))?;
+    }
+    Ok(())
+}
+
+/// VSPs in the longest chain of dependencies.
+fn longest_chain(records: &[VspRecord], sizes: Sizes) -> u32 {
+    let mut length: Vec<u32> = Vec::with_capacity(records.len());
+    for record in records {
+        let before = record.dependencies(sizes).map(|d| length[d as usize]).max();
+        length.push(before.unwrap_or(0) + 1);
+    }
+    length.into_iter().max().unwrap_or(0)
+}

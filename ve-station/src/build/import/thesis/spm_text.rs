@@ -1,0 +1,294 @@
+//! An SPM as text. A split names its new faces and their neighbours:
+//!
+//! `v* i vs vu vt cu ct dxu dyu dzu dxt dyt dzt vol n_vol vol n_vol p_vsp & face & face`, where `cu` and `ct`
+//! are the children's numbers in the CDPM of the same splits, and a `face` is
+//!
+//! `number leaf [neighbour corner vsp] [neighbour corner vsp]`: its sign is its turn, a neighbour's plus says that it
+//! goes to vu, its minus to vt; `corner` (1 to 3) is where the neighbour has the third vertex, `vsp` made it.
+//!
+//! So what a split does to the faces round vs follows from the neighbours, as in [`ActiveMesh`], which does it.
+
+use super::{BuildError, Fields, SoupMesh, keyword_lines, refused, sum};
+use ab_tree::leaf_key;
+use spm::{ActiveMesh, NONE, OperationFaces, Sizes, VspRecord};
+
+/// What the lines say.
+#[derive(Default)]
+struct Text {
+    /// By vertex of ours: base vertices, then two a split.
+    positions: Vec<[f64; 3]>,
+    /// For every vertex of the file ours.
+    vertex: Vec<u32>,
+    base_faces: Vec<[u32; 3]>,
+    /// For every face of the file ours, [`NONE`] for a number left out.
+    face: Vec<u32>,
+    splits: Vec<Split>,
+}
+
+struct Split {
+    line: u64,
+    vs: u32,
+    fn_: [u32; 4],
+    has_right: bool,
+}
+
+pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
+    let mut read = Text::default();
+    for (keyword, mut fields) in keyword_lines(text) {
+        let splits = !read.splits.is_empty();
+        match keyword {
+            "v" if !splits => {
+                vertex(&mut fields, &mut read).ok_or_else(|| fields.bad("no next vertex"))?;
+            }
+            "f" if !splits => {
+                face(&mut fields, &mut read).ok_or_else(|| fields.bad("no next face"))?;
+            }
+            "v*" => {
+                let split = split(&mut fields, &mut read);
+                let split = split.ok_or_else(|| fields.bad("no next split"))?;
+                read.splits.push(split);
+            }
+            // The counts are those of the lines; the cells say which region comes when.
+            "b" | "$" => {}
+            _ if keyword.parse::<u32>().is_ok() => {}
+            _ => return Err(fields.bad("no line of an SPM text")),
+        }
+    }
+    refined(&read)
+}
+
+/// `number x y z`.
+fn vertex<'a>(
+    fields: &mut Fields<'a, impl Iterator<Item = &'a str>>,
+    read: &mut Text,
+) -> Option<()> {
+    let number = fields.index()?;
+    if number as usize != read.positions.len() {
+        return None;
+    }
+    read.positions.push(fields.vector()?);
+    read.vertex.push(number);
+    Some(())
+}
+
+/// `number a b c leaf`.
+fn face<'a>(fields: &mut Fields<'a, impl Iterator<Item = &'a str>>, read: &mut Text) -> Option<()> {
+    let number = fields.index()?;
+    if number as usize != read.base_faces.len() {
+        return None;
+    }
+    let corners = [fields.index()?, fields.index()?, fields.index()?];
+    read.base_faces.push(corners);
+    read.face.push(number);
+    Some(())
+}
+
+fn split<'a>(
+    fields: &mut Fields<'a, impl Iterator<Item = &'a str>>,
+    read: &mut Text,
+) -> Option<Split> {
+    let i = u32::try_from(read.splits.len()).ok()?;
+    let vertices = read.vertex.len();
+    let vs = {
+        let number = fields.index()?;
+        let (own, vs, vu, vt) = (number, fields.index()?, fields.index()?, fields.index()?);
+        if own != i || vu as usize != vertices || vt as usize != vertices + 1 {
+            return None;
+        }
+        *read.vertex.get(vs as usize)?
+    };
+    fields.integer()?;
+    fields.integer()?;
+    let (of_u, of_t) = (fields.vector()?, fields.vector()?);
+    for _ in 0..5 {
+        fields.integer()?;
+    }
+    if fields.words.next()? != "&" {
+        return None;
+    }
+    // Left is the face that turns (first, second): where there is only the other, the children change places.
+    let mut faces = [None, None];
+    let mut more = true;
+    while more {
+        let (turn, sides, and) = new_face(fields, read)?;
+        let place = &mut faces[usize::from(turn < 0)];
+        if place.replace((turn.unsigned_abs(), sides)).is_some() {
+            return None;
+        }
+        more = and;
+    }
+    let swapped = faces[0].is_none();
+    if swapped {
+        faces.swap(0, 1);
+        // Plus and minus change places with the children.
+        for (_, sides) in faces.iter_mut().flatten() {
+            sides.swap(0, 1);
+        }
+    }
+    let base_faces = u32::try_from(read.base_faces.len()).ok()?;
+    let mut fn_ = [NONE; 4];
+    let mut numbers = Vec::new();
+    for (k, (number, sides)) in faces
+        .into_iter()
+        .enumerate()
+        .filter_map(|(k, f)| Some((k, f?)))
+    {
+        fn_[2 * k..2 * k + 2].copy_from_slice(&sides);
+        let own = base_faces.checked_add(2 * i)?.checked_add(k as u32)?;
+        numbers.push((usize::try_from(number).ok()?.checked_sub(1)?, own));
+    }
+    let has_right = numbers.len() == 2;
+    numbers.sort_unstable();
+    for (number, own) in numbers {
+        // Numbers ascend; where a split makes one face a second number may be left out.
+        let most = read.base_faces.len() + 2 * i as usize + 2;
+        if number < read.face.len() || number >= most {
+            return None;
+        }
+        read.face.resize(number, NONE);
+        read.face.push(own);
+    }
+    let parent = read.positions[vs as usize];
+    let (u, t) = (sum(parent, of_u), sum(parent, of_t));
+    let own = read.positions.len() as u32;
+    if swapped {
+        read.positions.extend([t, u]);
+        read.vertex.extend([own + 1, own]);
+    } else {
+        read.positions.extend([u, t]);
+        read.vertex.extend([own, own + 1]);
+    }
+    Some(Split {
+        line: fields.line,
+        vs,
+        fn_,
+        has_right,
+    })
+}
+
+/// A new face: its signed number, its neighbours on the sides of vu and vt, and whether another one follows.
+fn new_face<'a>(
+    fields: &mut Fields<'a, impl Iterator<Item = &'a str>>,
+    read: &Text,
+) -> Option<(i64, [u32; 2], bool)> {
+    let number = fields.integer()?;
+    fields.integer()?;
+    let mut sides = [NONE; 2];
+    let mut and = false;
+    while let Some(word) = fields.words.next() {
+        if word == "&" {
+            and = true;
+            break;
+        }
+        let neighbour: i64 = word.parse().ok()?;
+        let face = usize::try_from(neighbour.unsigned_abs().checked_sub(1)?).ok()?;
+        let side = &mut sides[usize::from(neighbour < 0)];
+        if *side != NONE {
+            return None;
+        }
+        *side = *read.face.get(face).filter(|&&face| face != NONE)?;
+        fields.integer()?;
+        fields.integer()?;
+    }
+    (number != 0).then_some((number, sides, and))
+}
+
+/// The full mesh.
+fn refined(read: &Text) -> Result<SoupMesh, BuildError> {
+    let vsps = read.splits.len() as u32;
+    let base_faces = read.base_faces.len() as u32;
+    let sizes = Sizes {
+        base_vertices: read.positions.len() as u32 - 2 * vsps,
+        base_faces,
+        vsps,
+        faces: base_faces.saturating_add(2 * vsps),
+    };
+    if base_faces == 0 {
+        return Err(refused("its base mesh has no face"));
+    }
+    let mut mesh = ActiveMesh::new(sizes.base_vertices, base_faces, vsps);
+    let neighbours = neighbours(&read.base_faces).ok_or_else(|| {
+        refused(
+            "an edge of its base mesh has more than two faces, or two that turn against each other",
+        )
+    })?;
+    for (k, (&corners, &across)) in (0u32..).zip(read.base_faces.iter().zip(&neighbours)) {
+        mesh.set_base_face(k, corners, across).ok_or_else(|| {
+            refused(&format!(
+                "face {} of its base mesh names a vertex twice, or one that is not there",
+                k + 1
+            ))
+        })?;
+    }
+    let leaf = leaf_key(0, sizes.faces);
+    let mut out = OperationFaces::new();
+    for (i, split) in (0u32..).zip(&read.splits) {
+        let record = VspRecord {
+            i,
+            vs: split.vs,
+            fn_: split.fn_,
+            leaf_l: leaf,
+            leaf_r: if split.has_right { leaf } else { NONE },
+            // Positions stay in f64, outside.
+            pos_t: [0.0; 3],
+            pos_u: [0.0; 3],
+            r_t: 0,
+            r_u: 0,
+            e: 0,
+            reserved: 0,
+        };
+        let refused = || BuildError::Line {
+            line: split.line,
+            reason: "the split does not fit the mesh so far: correct it".to_string(),
+        };
+        record.validate(i, sizes).map_err(|_| refused())?;
+        mesh.load(i, &record, split.vs, split.fn_, [0.0; 2]);
+        if !mesh.split_is_legal(i) {
+            return Err(refused());
+        }
+        mesh.split(i, &mut out).map_err(|_| refused())?;
+    }
+    Ok(used_vertices(&mesh, &read.positions))
+}
+
+/// The face across the edge opposite each corner; `None` when the faces are no manifold.
+fn neighbours(faces: &[[u32; 3]]) -> Option<Vec<[u32; 3]>> {
+    let mut edges: Vec<([u32; 2], bool, u32, usize)> = Vec::with_capacity(3 * faces.len());
+    for (face, corners) in (0u32..).zip(faces) {
+        for k in 0..3 {
+            let (a, b) = (corners[(k + 1) % 3], corners[(k + 2) % 3]);
+            edges.push(([a.min(b), a.max(b)], a < b, face, k));
+        }
+    }
+    edges.sort_unstable();
+    let mut neighbours = vec![[NONE; 3]; faces.len()];
+    for group in edges.chunk_by(|x, y| x.0 == y.0) {
+        match *group {
+            [_] => {}
+            [(_, down, f, j), (_, up, g, k)] if down != up && f != g => {
+                neighbours[f as usize][j] = g;
+                neighbours[g as usize][k] = f;
+            }
+            _ => return None,
+        }
+    }
+    Some(neighbours)
+}
+
+/// The active faces, over the vertices that they use.
+fn used_vertices(mesh: &ActiveMesh, positions: &[[f64; 3]]) -> SoupMesh {
+    let mut number = vec![NONE; positions.len()];
+    let mut soup = SoupMesh::default();
+    mesh.for_each_active_face(|face| {
+        let corners = mesh.face(face).corners.map(|vertex| {
+            let number = &mut number[vertex as usize];
+            if *number == NONE {
+                *number = soup.positions.len() as u32;
+                soup.positions.push(positions[vertex as usize]);
+            }
+            *number
+        });
+        soup.triangles.push(corners);
+    });
+    soup
+}
