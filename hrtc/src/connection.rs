@@ -4,7 +4,7 @@
 //! in bounded rings: requests and contacts come out of the tick, chunks go into it. A chunk is taken from
 //! iceoryx2 only when the inbox has room, so none is dropped here; the credit window bounds what waits.
 
-use crate::inbox::InboxChunk;
+use hrtc_core::streaming::chunk::InboxChunk;
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;

@@ -10,8 +10,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 #[global_allocator]
-static ALLOCATOR: hrtc::counting_allocator::CountingAllocator =
-    hrtc::counting_allocator::CountingAllocator;
+static ALLOCATOR: realtime::counting_allocator::CountingAllocator =
+    realtime::counting_allocator::CountingAllocator;
 
 /// The haptic real-time controller.
 #[derive(Debug, Parser)]

@@ -4,13 +4,13 @@
 //! order of their arrival, with the number that each tick could see. That is everything that goes into a
 //! tick, so a replay by the same build on the same architecture gives the same bits.
 
-use crate::controller::{Controller, NoObserver, TickInputs, TickOutputs};
-use crate::device::Sample;
-use crate::inbox::InboxChunk;
-use crate::subscriber::Identity;
 use crate::tick_record::TickRecord;
 use bytemuck::{Pod, Zeroable};
 use geometry::Pose;
+use haptic_device::Sample;
+use hrtc_core::controller::{Controller, NoObserver, TickInputs, TickOutputs};
+use hrtc_core::streaming::chunk::InboxChunk;
+use hrtc_core::streaming::subscriber::Identity;
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
 use scene::{self, MOST_PROBES, Overrides, SceneError};
 use serde::{Deserialize, Serialize};

@@ -7,17 +7,17 @@ mod tick_thread;
 pub use outcome::RunError;
 
 use crate::connection::{INBOX, Link, LinkEndpoints, LinkHandle, LinkOptions, Recorder};
-use crate::controller::{Controller, Fault};
-use crate::device::Device;
-use crate::inbox::InboxChunk;
-use crate::proxy::MOST_CONSTRAINTS;
-use crate::realtime::{MissingRight, monotonic_ns};
 use crate::recorder::{Recording, RecordingHead};
 use crate::result::{Accumulator, RunMeta, SupervisedLine};
-use crate::subscriber::Identity;
 use crate::tick_record::TickRecord;
+use haptic_device::Device;
+use hrtc_core::contact::sphere_proxy::MOST_CONSTRAINTS;
+use hrtc_core::controller::{Controller, Fault};
+use hrtc_core::streaming::chunk::InboxChunk;
+use hrtc_core::streaming::subscriber::Identity;
 use outcome::{Outcome, rights};
 use protocol::{ContactReport, Request};
+use realtime::rights::{MissingRight, monotonic_ns};
 use rtrb::{Consumer, RingBuffer};
 use scene::{self, Overrides, ScenePlan, TrajectoryPlan};
 use std::io::Write;
@@ -225,7 +225,10 @@ struct Shell<'a> {
     started: u64,
 }
 
-type RecordingEnds = (Recording, mpsc::Receiver<crate::inbox::InboxChunk>);
+type RecordingEnds = (
+    Recording,
+    mpsc::Receiver<hrtc_core::streaming::chunk::InboxChunk>,
+);
 
 impl Shell<'_> {
     /// Drains the log until the tick has ended; wording happens here, never in the tick.

@@ -2,7 +2,7 @@
 
 use bytemuck::Zeroable;
 use hrtc::connection::{INBOX, Link, LinkEndpoints, LinkHandle, LinkOptions};
-use hrtc::inbox::InboxChunk;
+use hrtc_core::streaming::chunk::InboxChunk;
 use iceoryx2::prelude::BackpressureStrategy;
 use protocol::{
     AnswerItem, AnswersReader, ChunkKind, ContactReport, HELLO_PERIOD_MS, Hello, RegionAction,

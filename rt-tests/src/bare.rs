@@ -7,10 +7,11 @@ use crate::run::print_json;
 use crate::supervise::is_set;
 use clap::Args;
 use geometry::Wrench;
-use hrtc::pacer::{Pacer, Wake, Worked};
-use hrtc::realtime::{obtain, thread_cpu_ns};
 use hrtc::result::{Accumulator, Finished, Right, RunMeta, SupervisedLine};
-use hrtc::tick_record::{CoreRecord, STAGES, TickRecord};
+use hrtc::tick_record::{STAGES, TickRecord};
+use hrtc_core::record::CoreRecord;
+use realtime::pacer::{Pacer, Wake, Worked};
+use realtime::rights::{obtain, thread_cpu_ns};
 use scene::MOST_PROBES;
 use std::sync::atomic::AtomicBool;
 

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 /// Counts allocations of the tick's thread, in this build only.
 #[global_allocator]
-static ALLOCATOR: hrtc::counting_allocator::CountingAllocator =
-    hrtc::counting_allocator::CountingAllocator;
+static ALLOCATOR: realtime::counting_allocator::CountingAllocator =
+    realtime::counting_allocator::CountingAllocator;
 
 fn main() -> ExitCode {
     let arguments = rt_tests::arguments::Arguments::parse();

@@ -11,8 +11,8 @@ use crate::accuracy::model::Model;
 use crate::failure::Failure;
 use crate::run::{print, print_json};
 use clap::Args;
-use hrtc::controller::NoObserver;
-use hrtc::predict::{Course, Sources};
+use hrtc_core::controller::NoObserver;
+use hrtc_core::lod::predict::{Course, Sources};
 use serde::Serialize;
 use std::fmt::Write;
 

@@ -5,8 +5,8 @@ mod page;
 pub use page::write_whole;
 
 use crate::machine::Machine;
-use hrtc::controller::Capacity;
 use hrtc::result::{Finished, Spread};
+use hrtc_core::controller::Capacity;
 use scene::{Effect, RefinementPlan, ScenePlan, TrajectoryPlan};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

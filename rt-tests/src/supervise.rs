@@ -6,7 +6,7 @@
 //! and both clean up.
 
 use crate::failure::Failure;
-use hrtc::realtime::{monotonic_ns, pin_to_core};
+use realtime::rights::{monotonic_ns, pin_to_core};
 use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read};

@@ -5,9 +5,10 @@ use super::{
     Buckets, CacheResult, Finished, Histograms, MedianMax, ProbeResult, RunMeta, RunResult,
     SeriesBucket, ShortSpread, Spread, Status,
 };
-use crate::tick_record::{ProbeRecord, STAGES, TickRecord};
+use crate::tick_record::{STAGES, TickRecord};
 use glam::DVec3;
 use hdrhistogram::Histogram;
+use hrtc_core::record::ProbeRecord;
 use scene::MOST_PROBES;
 
 /// A histogram with a fixed range, three significant digits and an exact maximum. Its counts of 32 bits last for

@@ -1,7 +1,8 @@
 use super::*;
-use crate::tick_record::{CoreRecord, ProbeRecord, STAGES, TickRecord};
+use crate::tick_record::{STAGES, TickRecord};
 use geometry::Wrench;
 use glam::DVec3;
+use hrtc_core::record::{CoreRecord, ProbeRecord};
 use scene::MOST_PROBES;
 
 fn record(tick: u64) -> TickRecord {

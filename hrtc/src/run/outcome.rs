@@ -1,10 +1,10 @@
 //! How a run ends: errors of one sentence, figures, and the few lines for a person.
 
 use crate::connection::LinkError;
-use crate::controller::{Controller, Fault};
-use crate::realtime::MissingRight;
 use crate::recorder::RecordingError;
 use crate::result::{Accumulator, Finished, Right, RunResult};
+use hrtc_core::controller::{Controller, Fault};
+use realtime::rights::MissingRight;
 use scene::{LoopPlan, SceneError};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
@@ -84,7 +84,7 @@ pub(super) fn resident_bytes() -> u64 {
 
 /// The rights that a tick's thread asks for, and which it got.
 pub(super) fn rights(plan: &LoopPlan, missing: &[MissingRight]) -> Vec<Right> {
-    use crate::realtime::Right as Kind;
+    use realtime::rights::Right as Kind;
     let mut asked = vec![Kind::LockedMemory];
     asked.extend(plan.core.map(Kind::Core));
     asked.extend([Kind::Latency, Kind::Fifo(plan.priority)]);

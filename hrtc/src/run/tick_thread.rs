@@ -2,17 +2,18 @@
 
 use super::{LOG, OUT, Signals};
 use crate::connection::INBOX;
-use crate::controller::{
-    Capacity, Controller, Fault, Stage, StageObserver, TickInputs, TickOutputs,
-};
-use crate::counting_allocator;
-use crate::device::{Device, Sample, Script, Simulated};
-use crate::inbox::InboxChunk;
-use crate::pacer::Pacer;
-use crate::realtime::{MissingRight, monotonic_ns, obtain};
+use hrtc_core::script::Script;
 use crate::tick_record::{STAGES, TickRecord};
 use geometry::{Pose, Wrench};
+use haptic_device::{Device, Sample, Simulated};
+use hrtc_core::controller::{
+    Capacity, Controller, Fault, Stage, StageObserver, TickInputs, TickOutputs,
+};
+use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{ContactReport, Request};
+use realtime::counting_allocator;
+use realtime::pacer::Pacer;
+use realtime::rights::{MissingRight, monotonic_ns, obtain};
 use rtrb::{Consumer, Producer};
 use scene::{LoopPlan, MOST_PROBES, ProbePlan, TrajectoryPlan};
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -5,11 +5,11 @@ use super::result::{Point, Quantiles};
 use crate::failure::Failure;
 use crate::simulator::{Hand, Simulator, Tape};
 use glam::DVec3;
-use hrtc::controller::{Controller, NoObserver};
-use hrtc::device::Sample;
-use hrtc::query::{Surface, faces_within};
-use hrtc::realtime::thread_cpu_ns;
+use haptic_device::Sample;
 use hrtc::run::FIXED_BYTES;
+use hrtc_core::contact::query::{Surface, faces_within};
+use hrtc_core::controller::{Controller, NoObserver};
+use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
 use spm::FileError;
 

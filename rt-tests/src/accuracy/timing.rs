@@ -6,8 +6,8 @@ use super::model::Model;
 use super::result::{Quantiles, StageQuantiles};
 use crate::failure::Failure;
 use crate::simulator::{Playback, Tape};
-use hrtc::controller::{Stage, StageObserver};
-use hrtc::realtime::thread_cpu_ns;
+use hrtc_core::controller::{Stage, StageObserver};
+use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
 
 /// Times that every tick is done; its time is the least of them. The work is the same bits each time, so

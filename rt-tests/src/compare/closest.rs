@@ -10,7 +10,7 @@ use crate::models::Model;
 use crate::peers::parry::{Mesh, ParryF32, ParryF64};
 use crate::surface::Surface;
 use glam::DVec3;
-use hrtc::query::closest_point;
+use hrtc_core::contact::query::closest_point;
 use rand::Rng;
 use std::collections::BTreeSet;
 
@@ -112,7 +112,7 @@ fn local(model: &Model, tips: &[DVec3]) -> Result<Timed, Failure> {
         let cells: Vec<_> = cells.into_iter().collect();
         front.want(&cells)?;
         front.settle()?;
-        let surface = hrtc::query::Surface {
+        let surface = hrtc_core::contact::query::Surface {
             mesh: front.cache().mesh(),
             tree: front.cache().tree(),
         };

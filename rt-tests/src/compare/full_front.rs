@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::models::Model;
 use ab_tree::AbTree;
-use hrtc::query::Surface;
+use hrtc_core::contact::query::Surface;
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 use std::time::Instant;
 

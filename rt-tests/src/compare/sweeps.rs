@@ -12,7 +12,7 @@ use crate::peers::parry::Mesh;
 use crate::surface::Surface as Full;
 use geometry::closest_points_of_segment_and_triangle;
 use glam::{DQuat, DVec3};
-use hrtc::query::{Capsule, Surface, swept_capsule};
+use hrtc_core::contact::query::{Capsule, Surface, swept_capsule};
 use rand::Rng;
 
 /// The task.

@@ -5,8 +5,8 @@ use super::path::path;
 use crate::failure::Failure;
 use crate::models::Model;
 use crate::surface::Surface;
-use hrtc::realtime::thread_cpu_ns;
 use rand::Rng;
+use realtime::rights::thread_cpu_ns;
 
 /// Splits, or collapses, of a batch: K of the loop's default.
 const BATCH: u32 = 32;

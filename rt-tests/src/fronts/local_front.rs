@@ -4,7 +4,7 @@
 use crate::failure::Failure;
 use crate::models::Model;
 use glam::DVec3;
-use hrtc::cache::{Cache, LoadError, RegionKey, RegionState};
+use hrtc_core::cache::{Cache, LoadError, RegionKey, RegionState};
 use spm::{OperationFaces, RegionId};
 use std::collections::BTreeSet;
 use ve_station::collection::{Collection, RegionAt};

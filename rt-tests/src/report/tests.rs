@@ -3,9 +3,11 @@
 use super::page::contact_bands;
 use super::*;
 use geometry::Wrench;
-use hrtc::controller::Capacity;
 use hrtc::result::{Accumulator, RunMeta};
-use hrtc::tick_record::{CoreRecord, MissClass, STAGES, TickRecord};
+use hrtc::tick_record::{STAGES, TickRecord};
+use hrtc_core::controller::Capacity;
+use hrtc_core::record::CoreRecord;
+use realtime::pacer::MissClass;
 use scene::{MOST_PROBES, Overrides, parse};
 use std::path::Path;
 

@@ -2,8 +2,9 @@
 
 use geometry::{Pose, Wrench};
 use glam::DVec3;
-use hrtc::controller::ModelFrame;
-use hrtc::device::{Device, Sample, Script, Simulated};
+use haptic_device::{Device, Sample, Simulated};
+use hrtc_core::script::Script;
+use hrtc_core::controller::ModelFrame;
 use protocol::TourPoint;
 use scene::SimulatedDevicePlan;
 

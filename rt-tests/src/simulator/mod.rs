@@ -16,11 +16,11 @@ pub use hand::Hand;
 pub use line::Line;
 pub use tape::{Playback, Tape};
 
+use haptic_device::Sample;
 use hrtc::connection::INBOX;
-use hrtc::controller::{Controller, StageObserver, TickInputs, TickOutputs};
-use hrtc::device::Sample;
-use hrtc::inbox::InboxChunk;
-use hrtc::subscriber::Identity;
+use hrtc_core::controller::{Controller, StageObserver, TickInputs, TickOutputs};
+use hrtc_core::streaming::chunk::InboxChunk;
+use hrtc_core::streaming::subscriber::Identity;
 use protocol::{ChunkKind, ContactReport, Request};
 use ve_station::station::{Message, Station};
 

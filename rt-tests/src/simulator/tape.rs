@@ -1,9 +1,9 @@
 //! Every input of every tick of a simulation. A controller that is given them again gives the same bits, so
 //! that a tick can be timed several times, without a station beside it.
 
-use hrtc::controller::{Controller, StageObserver, TickInputs, TickOutputs};
-use hrtc::device::Sample;
-use hrtc::inbox::InboxChunk;
+use haptic_device::Sample;
+use hrtc_core::controller::{Controller, StageObserver, TickInputs, TickOutputs};
+use hrtc_core::streaming::chunk::InboxChunk;
 
 /// The inputs of one tick beside the chunks, and what the tick gave.
 #[derive(Debug, Clone, Copy)]

@@ -4,10 +4,10 @@ use crate::failure::Failure;
 use crate::simulator::{DELAY_TICKS, Simulator, identity, station_incarnation};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
-use hrtc::controller::{Controller, NoObserver};
-use hrtc::device::{Device, Intent, Sample, Simulated};
-use hrtc::movable::Body;
-use hrtc::tick_record::CoreRecord;
+use haptic_device::{Device, Intent, Sample, Simulated};
+use hrtc_core::bodies::Body;
+use hrtc_core::controller::{Controller, NoObserver};
+use hrtc_core::record::CoreRecord;
 use protocol::Request;
 use scene::{
     Hand, ModelScale, MovablePlan, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan,

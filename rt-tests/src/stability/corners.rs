@@ -5,7 +5,7 @@ use super::{Found, Size, shapes};
 use crate::failure::Failure;
 use crate::surface::unit;
 use glam::DVec3;
-use hrtc::proxy::projection::{Plane, project};
+use hrtc_core::contact::sphere_proxy::projection::{Plane, project};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 /// How far a reference point may be outside a half-space, in shares of the numbers' size.

@@ -8,7 +8,7 @@ use crate::models::Model;
 use crate::surface::unit;
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
-use hrtc::query::{Surface, closest_point};
+use hrtc_core::contact::query::{Surface, closest_point};
 use rand::RngCore;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use ve_station::build::{BuildOptions, NoProgress};

@@ -1,0 +1,3 @@
+//! Which objects are awake.
+
+pub mod broad_phase;

@@ -1,0 +1,290 @@
+//! One body: how it moves, where it is, and whether it is awake.
+
+use super::driven::Driven;
+use super::extent::Extent;
+use super::free::Free;
+use super::hinge::Hinge;
+use super::material::material_motion;
+use super::rail::Rail;
+use crate::force::passivity::Carried;
+use geometry::{Pose, Wrench};
+use glam::DVec3;
+use scene::MovablePlan;
+
+/// The fastest that a body becomes: its longest sides a tick, and radians a tick.
+const FASTEST_SIZES: f64 = 0.1;
+const FASTEST_TURN: f64 = 0.1;
+/// What counts as still: no point of the box goes farther than this share of its longest side in a second ...
+const STILL_SIZES_PER_S: f64 = 1e-4;
+/// ... for so many seconds.
+const STILL_S: f64 = 0.5;
+/// Share of the greatest way of a tick that is left a tick later: as of a probe.
+const WAY_FADES: f64 = 0.97;
+
+/// A step's length, and the limits of its speeds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Step {
+    pub period_s: f64,
+    /// m/s.
+    pub fastest: f64,
+    /// rad/s.
+    pub fastest_turn: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Kind {
+    /// Its box is not known: it stands.
+    Unknown,
+    Free(Free),
+    Hinge(Hinge),
+    Rail(Rail),
+    Driven(Driven),
+}
+
+/// A body of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    plan: MovablePlan,
+    home: Pose,
+    kind: Kind,
+    step: Step,
+    extent: Option<Extent>,
+    pose: Pose,
+    before: Option<Pose>,
+    /// What pushes it in this tick, the torque about [`Body::centre`].
+    load: Wrench,
+    is_awake: bool,
+    still_s: f64,
+    /// The greatest way of a point of its box in a tick of late, metres.
+    way: f64,
+    awake_ticks: u64,
+    farthest: f64,
+}
+
+impl Body {
+    /// Where the scene puts it; what is not driven stands until its box is known.
+    #[must_use]
+    pub fn new(plan: MovablePlan, home: Pose, period_s: f64) -> Self {
+        let kind = match &plan {
+            MovablePlan::Driven(driven) => Kind::Driven(Driven::new(driven, home)),
+            _ => Kind::Unknown,
+        };
+        let is_awake = matches!(&kind, Kind::Driven(driven) if driven.moves());
+        Self {
+            plan,
+            home,
+            kind,
+            step: Step {
+                period_s,
+                fastest: 0.0,
+                fastest_turn: FASTEST_TURN / period_s,
+            },
+            extent: None,
+            pose: home,
+            before: None,
+            load: Wrench::ZERO,
+            is_awake,
+            still_s: 0.0,
+            way: 0.0,
+            awake_ticks: 0,
+            farthest: 0.0,
+        }
+    }
+
+    /// Its box has become known; a second time changes nothing.
+    pub fn learn(&mut self, extent: Extent) {
+        if self.extent.is_some() {
+            return;
+        }
+        self.extent = Some(extent);
+        self.step.fastest = FASTEST_SIZES * extent.size() / self.step.period_s;
+        self.kind = match &self.plan {
+            MovablePlan::Free(plan) => Kind::Free(Free::new(plan, self.home, &extent)),
+            MovablePlan::Hinge(plan) => Kind::Hinge(Hinge::new(plan, self.home, &extent)),
+            MovablePlan::Rail(plan) => Kind::Rail(Rail::new(plan, self.home)),
+            MovablePlan::Driven(_) => self.kind,
+        };
+        let falls = |plan: &MovablePlan| {
+            let mass = plan.mass();
+            mass.is_some_and(|mass| mass.gravity_m_per_s2 != DVec3::ZERO)
+        };
+        self.is_awake |= falls(&self.plan);
+    }
+
+    /// Its pose in this tick.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        self.pose
+    }
+
+    /// Where the scene puts it.
+    #[must_use]
+    pub fn home(&self) -> Pose {
+        self.home
+    }
+
+    /// Its pose in the tick before, if it was another.
+    #[must_use]
+    pub fn before(&self) -> Option<Pose> {
+        self.before
+    }
+
+    /// Whether it is stepped.
+    #[must_use]
+    pub fn is_awake(&self) -> bool {
+        self.is_awake
+    }
+
+    /// How far a point of its box may go in a tick as things are, metres.
+    #[must_use]
+    pub fn way(&self) -> f64 {
+        self.way
+    }
+
+    /// Ticks that it was awake, so far.
+    #[must_use]
+    pub fn awake_ticks(&self) -> u64 {
+        self.awake_ticks
+    }
+
+    /// How far the middle of its box ever was from where the scene puts it, metres.
+    #[must_use]
+    pub fn farthest(&self) -> f64 {
+        self.farthest
+    }
+
+    /// Velocity of the middle of its box, m/s, as its pose has changed in the last step; of a rail or free body exact.
+    #[must_use]
+    pub fn velocity(&self) -> DVec3 {
+        let went = |before: Pose| self.middle(&self.pose) - self.middle(&before);
+        self.before.map_or(DVec3::ZERO, went) / self.step.period_s
+    }
+
+    /// Energy of its motion, joules; nothing of what is driven.
+    #[must_use]
+    pub fn kinetic_j(&self) -> f64 {
+        match &self.kind {
+            Kind::Free(free) => free.kinetic_j(),
+            Kind::Hinge(hinge) => hinge.kinetic_j(),
+            Kind::Rail(rail) => rail.kinetic_j(),
+            Kind::Driven(_) | Kind::Unknown => 0.0,
+        }
+    }
+
+    /// What its torque is about, world, metres.
+    fn centre(&self) -> DVec3 {
+        match &self.kind {
+            Kind::Free(free) => free.middle,
+            Kind::Hinge(hinge) => hinge.anchor,
+            Kind::Rail(_) | Kind::Driven(_) | Kind::Unknown => self.pose.position,
+        }
+    }
+
+    /// The middle of its box at a pose.
+    fn middle(&self, pose: &Pose) -> DVec3 {
+        let middle = self.extent.map_or(DVec3::ZERO, |extent| extent.middle);
+        pose.transform_point(middle)
+    }
+
+    /// Pushes it with a wrench about a place until the next step, and wakes it.
+    pub fn push(&mut self, wrench: &Wrench, at: DVec3) {
+        if !wrench.is_finite() || matches!(self.kind, Kind::Driven(_) | Kind::Unknown) {
+            return;
+        }
+        let arm = at - self.centre();
+        self.load.force += wrench.force;
+        self.load.torque += wrench.torque + arm.cross(wrench.force);
+        self.is_awake = true;
+        self.still_s = 0.0;
+    }
+
+    /// Goes on to a tick, so many periods later.
+    pub fn step(&mut self, tick: u64, periods: u32) {
+        let load = std::mem::take(&mut self.load);
+        let last = self.pose;
+        match &mut self.kind {
+            Kind::Unknown => {}
+            Kind::Driven(driven) => self.pose = driven.pose(tick as f64 * self.step.period_s),
+            kind => {
+                for _ in 0..periods {
+                    match kind {
+                        Kind::Free(free) => free.step(&load, &self.step),
+                        Kind::Hinge(hinge) => hinge.step(&load, &self.step),
+                        Kind::Rail(rail) => rail.step(&load, &self.step),
+                        Kind::Driven(_) | Kind::Unknown => {}
+                    }
+                }
+                self.pose = match kind {
+                    Kind::Free(free) => free.pose(),
+                    Kind::Hinge(hinge) => hinge.pose(),
+                    Kind::Rail(rail) => rail.pose(),
+                    Kind::Driven(_) | Kind::Unknown => last,
+                };
+            }
+        }
+        self.before = (self.pose != last).then_some(last);
+        self.awake_ticks += 1;
+        self.note_way(&last);
+        if !matches!(self.kind, Kind::Driven(_)) {
+            self.sleep_if_still(periods, load == Wrench::ZERO);
+        }
+    }
+
+    fn note_way(&mut self, last: &Pose) {
+        let Some(extent) = self.extent else {
+            return;
+        };
+        let middle = self.middle(&self.pose);
+        let home = self.middle(&self.home);
+        self.farthest = self.farthest.max(middle.distance(home));
+        if let Kind::Driven(driven) = &self.kind {
+            self.way = driven.fastest(home, extent.radius()) * self.step.period_s;
+            return;
+        }
+        let motion = material_motion(last, &self.pose, middle);
+        self.way = motion.farthest(extent.radius()).max(WAY_FADES * self.way);
+    }
+
+    /// Puts it to sleep when nothing pushes it and it has been still for long enough.
+    fn sleep_if_still(&mut self, periods: u32, is_free: bool) {
+        let Some(extent) = self.extent else {
+            return;
+        };
+        let seconds = f64::from(periods) * self.step.period_s;
+        let motion = self.before.map_or(0.0, |before| {
+            let middle = self.middle(&self.pose);
+            material_motion(&before, &self.pose, middle).farthest(extent.radius())
+        });
+        let is_still = is_free && motion <= STILL_SIZES_PER_S * extent.size() * seconds;
+        self.still_s = if is_still {
+            self.still_s + seconds
+        } else {
+            0.0
+        };
+        if self.still_s < STILL_S {
+            return;
+        }
+        match &mut self.kind {
+            Kind::Free(free) => free.stop(),
+            Kind::Hinge(hinge) => hinge.stop(),
+            Kind::Rail(rail) => rail.stop(),
+            Kind::Driven(_) | Kind::Unknown => {}
+        }
+        self.is_awake = false;
+        self.before = None;
+        self.way = 0.0;
+    }
+
+    /// The work of a wrench at a place (world, metres) over the motion of the material there in the last step.
+    #[must_use]
+    pub fn work_of(&self, wrench: &Wrench, at: DVec3) -> Carried {
+        let Some(before) = self.before else {
+            return Carried::default();
+        };
+        let motion = material_motion(&before, &self.pose, at);
+        Carried {
+            pushed_j: wrench.force.dot(motion.linear),
+            turned_j: wrench.torque.dot(motion.angular),
+        }
+    }
+}

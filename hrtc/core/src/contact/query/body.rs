@@ -1,0 +1,132 @@
+//! One of the two bodies of a pair query: a tree whose boxes and corners are given in the frame of the query.
+//!
+//! The frame is that of one body, mostly the large one. The other body is a [`Placed`] one, whose boxes are moved as
+//! they are met, or a [`crate::contact::tool::Tool`], whose vertices were moved and its tree refitted before.
+
+use super::Surface;
+use ab_tree::{Child, NodeId};
+use geometry::{Aabb, BoxPair, Similarity};
+use glam::DVec3;
+use spm::{Handle, NONE};
+
+/// A body of a pair query.
+pub trait Body {
+    /// The root of its tree; `None` for an empty body.
+    fn root(&self) -> Option<Child>;
+
+    /// A box of the query's frame that holds the body.
+    fn root_box(&self) -> Aabb;
+
+    /// The children of a node, and boxes of the query's frame that hold them.
+    fn children(&self, node: NodeId) -> ([Child; 2], BoxPair);
+
+    /// The corners of a face in the query's frame: equal bits whenever they are asked for, and for all faces that
+    /// share the vertex.
+    fn corners(&self, face: Handle) -> [DVec3; 3];
+
+    /// Whether a face is there now: a hint of an earlier tick may name one that has gone.
+    fn has(&self, face: Handle) -> bool;
+
+    /// Which corners of a face stand for their vertex when each vertex is to be looked at once.
+    fn samples(&self, face: Handle) -> [bool; 3] {
+        let _ = face;
+        [true; 3]
+    }
+}
+
+impl Body for Surface<'_> {
+    #[inline]
+    fn root(&self) -> Option<Child> {
+        self.tree.root()
+    }
+
+    fn root_box(&self) -> Aabb {
+        *self.tree.root_box()
+    }
+
+    #[inline]
+    fn children(&self, node: NodeId) -> ([Child; 2], BoxPair) {
+        let node = self.tree.node(node);
+        (node.children(), *node.boxes())
+    }
+
+    #[inline]
+    fn corners(&self, face: Handle) -> [DVec3; 3] {
+        self.mesh.corners(face)
+    }
+
+    fn has(&self, face: Handle) -> bool {
+        face != NONE && self.mesh.is_active(face)
+    }
+}
+
+/// A body moved into the query's frame, box by box as they are met: for two large fronts, of which a query sees little.
+#[derive(Debug, Clone, Copy)]
+pub struct Placed<B> {
+    /// The body in its own frame.
+    pub body: B,
+    /// From its own frame to the query's.
+    pub to_query: Similarity,
+}
+
+impl<B: Body> Body for Placed<B> {
+    #[inline]
+    fn root(&self) -> Option<Child> {
+        self.body.root()
+    }
+
+    fn root_box(&self) -> Aabb {
+        self.to_query.box_around(&self.body.root_box())
+    }
+
+    #[inline]
+    fn children(&self, node: NodeId) -> ([Child; 2], BoxPair) {
+        let (children, boxes) = self.body.children(node);
+        let moved = [0, 1].map(|side| self.to_query.box_around(&boxes.get(side)));
+        (children, BoxPair::new(moved))
+    }
+
+    #[inline]
+    fn corners(&self, face: Handle) -> [DVec3; 3] {
+        self.body
+            .corners(face)
+            .map(|corner| self.to_query.point(corner))
+    }
+
+    fn has(&self, face: Handle) -> bool {
+        self.body.has(face)
+    }
+
+    fn samples(&self, face: Handle) -> [bool; 3] {
+        self.body.samples(face)
+    }
+}
+
+impl<B: Body> Body for &B {
+    #[inline]
+    fn root(&self) -> Option<Child> {
+        (*self).root()
+    }
+
+    fn root_box(&self) -> Aabb {
+        (*self).root_box()
+    }
+
+    #[inline]
+    fn children(&self, node: NodeId) -> ([Child; 2], BoxPair) {
+        (*self).children(node)
+    }
+
+    #[inline]
+    fn corners(&self, face: Handle) -> [DVec3; 3] {
+        (*self).corners(face)
+    }
+
+    fn has(&self, face: Handle) -> bool {
+        (*self).has(face)
+    }
+
+    fn samples(&self, face: Handle) -> [bool; 3] {
+        (*self).samples(face)
+    }
+}

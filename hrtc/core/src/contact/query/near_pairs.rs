@@ -1,0 +1,302 @@
+//! The pairs of faces of a body and a moving tool whose boxes are within a margin of each other: what a tool is held
+//! against for as long as it moves less than that.
+//!
+//! The body's tree is descended alone, and carries down those blocks of the tool's boxes that may be near; a face then
+//! looks for those of the tool in what is left of them, eight at once. All that in the tool's axes, where its boxes stay
+//! as they are and long faces along it have slim ones.
+
+use super::tree_pairs::{Ending, PairWork};
+use super::{Body, STACK, Surface};
+use crate::contact::tool::{BlockSet, Blocks, BoxWithin, Distance, Slab};
+use ab_tree::Child;
+use geometry::Aabb;
+use glam::{DMat3, DVec3, Mat3A, Vec3A};
+use spm::Handle;
+use std::ops::ControlFlow;
+
+/// A way of the tool, as seen from which the body is, first and last. In f32 about a point on the way, so that its rounding
+/// is small beside what is near.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct WaySeen {
+    origin: DVec3,
+    /// The same, which is what f32 has.
+    rounded: Vec3A,
+    /// From the body's axes to the tool's.
+    back: [Mat3A; 2],
+    /// The greater of their absolute values.
+    absolute: Mat3A,
+    /// Where the origin is seen, and no coordinate of that is larger.
+    there: [Vec3A; 2],
+    size: f32,
+}
+
+/// Where something is seen, and how large a coordinate that was computed of is.
+#[derive(Clone, Copy)]
+struct BoxSeen {
+    corners: [Vec3A; 2],
+    size: f32,
+}
+
+impl WaySeen {
+    /// By the centres of the tool and its rotations to the body's axes.
+    pub(crate) fn new(centre: [DVec3; 2], rotation: [DMat3; 2]) -> Self {
+        let back = rotation.map(|r| r.transpose());
+        let column = |k: usize| back[0].col(k).abs().max(back[1].col(k).abs());
+        let rounded = centre[0].as_vec3a();
+        let origin = rounded.as_dvec3();
+        let there = [0, 1].map(|k| (back[k] * (origin - centre[k])).as_vec3a());
+        let mat = |m: DMat3| {
+            Mat3A::from_cols(
+                m.x_axis.as_vec3a(),
+                m.y_axis.as_vec3a(),
+                m.z_axis.as_vec3a(),
+            )
+        };
+        Self {
+            origin,
+            rounded,
+            back: back.map(mat),
+            absolute: mat(DMat3::from_cols(column(0), column(1), column(2))),
+            there,
+            size: there[0].abs().max(there[1].abs()).max_element(),
+        }
+    }
+
+    /// Where a point is seen first and last.
+    #[inline]
+    fn point(&self, point: DVec3) -> [Vec3A; 2] {
+        let arm = (point - self.origin).as_vec3a();
+        [0, 1].map(|k| self.there[k] + self.back[k] * arm)
+    }
+
+    /// The box that holds what is in a box, first, last and on straight lines between.
+    #[inline]
+    fn around(&self, aabb: &Aabb) -> BoxSeen {
+        let (low, high) = (
+            Vec3A::from(aabb.lower) - self.rounded,
+            Vec3A::from(aabb.upper) - self.rounded,
+        );
+        let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
+        let [first, last] = [0, 1].map(|k| self.there[k] + self.back[k] * middle);
+        let reach = self.absolute * half;
+        BoxSeen {
+            corners: [first.min(last) - reach, first.max(last) + reach],
+            size: self.size + low.abs().max(high.abs()).max_element(),
+        }
+    }
+
+    /// Whether a face of the tool may come within a distance of a box.
+    pub(crate) fn any(&self, tool: &Blocks, aabb: &Aabb, distance: f64) -> bool {
+        let BoxSeen { corners, size } = self.around(aabb);
+        tool.any(&BoxWithin::new(corners, size, &Distance::new(distance)))
+    }
+}
+
+/// A subtree or face of the body, and what of the tool may be near.
+#[derive(Clone, Copy)]
+struct Entry {
+    child: Child,
+    near: BlockSet,
+}
+
+/// What a face costs beside the blocks and pairs that it looks at, in blocks (measured).
+const FACE: u32 = 4;
+/// The least budget that is exceeded for a face that takes more, in blocks: else what is as large as the tool is never seen.
+const WORTH_THE_NAME: u32 = 1024;
+
+/// A direction of unit length however short it was; zero where it is lost in what f32 has.
+#[inline]
+fn unit(direction: Vec3A) -> Vec3A {
+    let most = direction.abs().max_element();
+    if most.is_normal() {
+        (direction / most).normalize()
+    } else {
+        Vec3A::ZERO
+    }
+}
+
+/// The slabs of a face on its way: across it, and across its longest edge in its plane. A box around a long face that lies
+/// askew holds far more than the face is near. `size`: of the coordinates that they were computed of.
+#[inline]
+fn slabs([[a, b, c], ends]: [[Vec3A; 3]; 2], distance: &Distance, size: f32) -> [Slab; 2] {
+    let longer = |l: Vec3A, e: Vec3A| {
+        if e.length_squared() > l.length_squared() {
+            e
+        } else {
+            l
+        }
+    };
+    let longest = longer(longer(b - a, c - b), a - c);
+    let normal = unit((b - a).cross(c - a));
+    let across = unit(normal.cross(longest));
+    let points = [a, b, c, ends[0], ends[1], ends[2]];
+    [normal, across].map(|direction| Slab::new(direction, points, distance, size))
+}
+
+/// Where a search goes on: what lies before it in the order of the tree was looked at. It stays good while the tree changes,
+/// but for what has changed itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Resume(u32);
+
+impl Resume {
+    /// With all.
+    pub(crate) const START: Self = Self(0);
+
+    /// With the first leaf below a key: keys of any depth are compared from their first bit on.
+    pub(crate) fn at(key: u32) -> Self {
+        Self(key << key.leading_zeros())
+    }
+
+    /// Whether all leaves below a key lie before it.
+    fn is_after(self, key: u32) -> bool {
+        let free = key.leading_zeros();
+        let last = u64::from(key) << free | ((1 << free) - 1);
+        last < u64::from(self.0)
+    }
+}
+
+/// Calls `visit` with the faces of a set of the tool's blocks that may come within a distance of a face, until it returns
+/// false; the blocks that it looks at are added to the cost. False where that would come to more than `most`.
+#[inline]
+fn for_each_near_face(
+    tool: &Blocks,
+    way: &WaySeen,
+    corners: [DVec3; 3],
+    (set, distance): (&BlockSet, Distance),
+    cost: &mut u32,
+    most: u32,
+    visit: impl FnMut(u32) -> bool,
+) -> bool {
+    let [[a, p], [b, q], [c, r]] = corners.map(|p| way.point(p));
+    let lower = a.min(b).min(c).min(p.min(q).min(r));
+    let upper = a.max(b).max(c).max(p.max(q).max(r));
+    let size = way.size + lower.abs().max(upper.abs()).max_element();
+    let near = BoxWithin::new([lower, upper], size, &distance);
+    let slabs = || slabs([[a, b, c], [p, q, r]], &distance, size + tool.extent());
+    tool.faces(&near, (set, slabs), cost, most, visit)
+}
+
+/// Calls `visit` with the faces of a tool that may come within a distance of a face, until it returns false. What it cost,
+/// in blocks.
+pub(crate) fn for_each_face_near(
+    tool: &Blocks,
+    way: &WaySeen,
+    corners: [DVec3; 3],
+    distance: f64,
+    visit: impl FnMut(u32) -> bool,
+) -> u32 {
+    let mut cost = FACE;
+    let near = (&tool.whole(), Distance::new(distance));
+    for_each_near_face(tool, way, corners, near, &mut cost, u32::MAX, visit);
+    cost
+}
+
+/// Calls `visit` with every pair of faces that come within `margin` (units of the surface's frame) while the surface's
+/// points go straight from where they are seen first to where they are seen last, and some that are not much farther, face
+/// by face of the surface from `resume` on.
+///
+/// `visit` breaks, or returns the margin from then on (not negative), so that whoever has no room left goes on with a
+/// smaller one. It ends before its [`PairWork::cost`] comes to more than `budget`, and says where to go on: with a face of
+/// which it may have seen a part. With any budget worth the name it sees one to its end, so that it gets on.
+pub(crate) fn for_each_near_pair(
+    surface: &Surface<'_>,
+    tool: &Blocks,
+    way: &WaySeen,
+    margin: f64,
+    resume: Resume,
+    budget: u32,
+    mut visit: impl FnMut(Handle, Handle) -> ControlFlow<(), f64>,
+) -> (Ending, PairWork, Resume) {
+    let tree = surface.tree;
+    let key_of = |child: Child| match child {
+        Child::Node(node) => tree.node(node).key(),
+        Child::Face(face) => tree.leaf_of(face),
+    };
+    let mut work = PairWork::default();
+    let Some(root) = tree.root() else {
+        return (Ending::Complete, work, resume);
+    };
+    let mut margin = margin;
+    let mut distance = Distance::new(margin);
+    let root = Entry {
+        child: root,
+        near: tool.whole(),
+    };
+    let mut stack = [root; STACK];
+    let mut count = 1;
+    let mut is_bound = budget < WORTH_THE_NAME;
+    while count > 0 {
+        let entry = stack[count - 1];
+        let left = budget.saturating_sub(work.cost());
+        let needs = match entry.child {
+            Child::Node(_) => 2 * entry.near.len(),
+            Child::Face(_) if is_bound => FACE + entry.near.len(),
+            Child::Face(_) => 0,
+        };
+        if needs > left {
+            let unvisited = count as u32;
+            let next = Resume::at(key_of(entry.child));
+            return (Ending::OutOfBudget { unvisited }, work, next);
+        }
+        count -= 1;
+        let mut looks = 0;
+        match entry.child {
+            Child::Node(node) => {
+                let (children, boxes) = surface.children(node);
+                for side in [1, 0] {
+                    if resume != Resume::START && resume.is_after(key_of(children[side])) {
+                        continue;
+                    }
+                    let BoxSeen { corners, size } = way.around(&boxes.get(side));
+                    let near = BoxWithin::new(corners, size, &distance);
+                    let near = tool.within(&near, &entry.near, &mut looks);
+                    if near.len() > 0 {
+                        let child = children[side];
+                        stack[count] = Entry { child, near };
+                        count += 1;
+                    }
+                }
+            }
+            Child::Face(face) => {
+                let mut ending = None;
+                looks += FACE;
+                let most = if is_bound { left } else { u32::MAX };
+                let corners = surface.corners(face);
+                let near = (&entry.near, distance);
+                let is_all =
+                    for_each_near_face(tool, way, corners, near, &mut looks, most, |tool_face| {
+                        work.faces += 1;
+                        match visit(face, tool_face) {
+                            ControlFlow::Continue(wanted) => {
+                                if wanted != margin {
+                                    margin = wanted;
+                                    distance = Distance::new(wanted);
+                                }
+                                if is_bound && work.cost() >= budget {
+                                    let unvisited = count as u32 + 1;
+                                    ending = Some(Ending::OutOfBudget { unvisited });
+                                }
+                            }
+                            ControlFlow::Break(()) => {
+                                let unvisited = count as u32;
+                                ending = Some(Ending::Stopped { unvisited });
+                            }
+                        }
+                        ending.is_none()
+                    });
+                if !is_all {
+                    let unvisited = count as u32 + 1;
+                    ending = Some(Ending::OutOfBudget { unvisited });
+                }
+                if let Some(ending) = ending {
+                    work.node_pairs += looks;
+                    return (ending, work, Resume::at(tree.leaf_of(face)));
+                }
+                is_bound = true;
+            }
+        }
+        work.node_pairs += looks;
+        work.boxes += 8 * looks;
+    }
+    (Ending::Complete, work, resume)
+}

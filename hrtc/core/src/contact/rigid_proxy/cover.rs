@@ -1,0 +1,118 @@
+//! Balls that together hold a tool: what feels the surface change, where the tool may touch it next.
+
+use crate::contact::tool::Tool;
+use glam::DVec3;
+
+/// Times that the tool is halved, at the most.
+const HALVINGS: u32 = 4;
+
+/// Balls at the most.
+pub const MOST_BALLS: usize = 1 << HALVINGS;
+
+/// Pieces into which faces are cut, at the most.
+const MOST_PIECES: usize = 1 << 16;
+
+/// A ball that holds some of the tool's surface; its own frame and units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Ball {
+    pub centre: DVec3,
+    pub radius: f64,
+}
+
+/// The balls around the halves of halves of the tool, each split across its longest side; [`MOST_BALLS`] at the most.
+pub(super) fn cover(tool: &Tool) -> Vec<Ball> {
+    let mut pieces = pieces(tool);
+    let mut balls = Vec::with_capacity(MOST_BALLS);
+    halve(&mut pieces, HALVINGS, &mut balls);
+    balls
+}
+
+/// The faces of the tool, long ones cut: a bar has faces as long as it is, and a ball around one of them holds mostly air.
+fn pieces(tool: &Tool) -> Vec<[DVec3; 3]> {
+    let faces = (0..tool.faces()).map(|face| tool.triangle(face).map(|v| tool.rest()[v as usize]));
+    let mut left: Vec<[DVec3; 3]> = faces.collect();
+    let (lower, upper) = box_of(&left);
+    let longest = (upper - lower).max_element() / MOST_BALLS as f64;
+    let mut pieces = Vec::with_capacity(left.len());
+    while let Some([a, b, c]) = left.pop() {
+        // The longest edge is ab.
+        let edges = [(a, b, c), (b, c, a), (c, a, b)];
+        let length = |&(a, b, _): &(DVec3, DVec3, DVec3)| a.distance_squared(b);
+        let by_length = |p: &_, q: &_| f64::total_cmp(&length(p), &length(q));
+        let (a, b, c) = edges.into_iter().max_by(by_length).unwrap_or((a, b, c));
+        let has_room = pieces.len() + left.len() + 2 <= MOST_PIECES;
+        if has_room && a.distance(b) > longest {
+            let middle = a.midpoint(b);
+            left.extend([[a, middle, c], [middle, b, c]]);
+        } else {
+            pieces.push([a, b, c]);
+        }
+    }
+    pieces
+}
+
+fn box_of(pieces: &[[DVec3; 3]]) -> (DVec3, DVec3) {
+    let corners = pieces.iter().flatten();
+    corners.fold(
+        (DVec3::INFINITY, DVec3::NEG_INFINITY),
+        |(lower, upper), &p| (lower.min(p), upper.max(p)),
+    )
+}
+
+fn halve(pieces: &mut [[DVec3; 3]], halvings: u32, balls: &mut Vec<Ball>) {
+    let (lower, upper) = box_of(pieces);
+    if halvings == 0 || pieces.len() == 1 {
+        let centre = 0.5 * (lower + upper);
+        let corners = pieces.iter().flatten();
+        let radius = corners.fold(0.0f64, |most, p| most.max(p.distance(centre)));
+        balls.push(Ball { centre, radius });
+        return;
+    }
+    let axis = (upper - lower).max_position();
+    let place = |[a, b, c]: &[DVec3; 3]| (a + b + c)[axis];
+    let half = pieces.len() / 2;
+    pieces.select_nth_unstable_by(half, |a, b| place(a).total_cmp(&place(b)));
+    let (left, right) = pieces.split_at_mut(half);
+    halve(left, halvings - 1, balls);
+    halve(right, halvings - 1, balls);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contact::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
+
+    #[test]
+    fn every_place_of_a_face_is_in_a_ball() {
+        for mesh in [capsule_mesh(1.0, 10.0, 12, 10), cylinder_mesh(1.0, 3.0, 7)] {
+            let one = ToolMesh {
+                triangles: mesh.triangles[..1].to_vec(),
+                ..mesh.clone()
+            };
+            for mesh in [mesh, one] {
+                let tool = Tool::new(&mesh).expect("a tool");
+                let balls = cover(&tool);
+                assert!((1..=MOST_BALLS).contains(&balls.len()));
+                for face in 0..tool.faces() {
+                    let [a, b, c] = tool.triangle(face).map(|v| tool.rest()[v as usize]);
+                    for (k, l) in (0..=20).flat_map(|k| (0..=20 - k).map(move |l| (k, l))) {
+                        let place =
+                            a + (b - a) * (0.05 * f64::from(k)) + (c - a) * (0.05 * f64::from(l));
+                        let held = balls
+                            .iter()
+                            .any(|ball| place.distance(ball.centre) <= ball.radius * (1.0 + 1e-9));
+                        assert!(held, "face {face}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_bar_is_held_by_balls_all_along() {
+        let tool = Tool::new(&capsule_mesh(1.0, 40.0, 12, 10)).expect("a tool");
+        for ball in cover(&tool) {
+            assert!(ball.radius < 3.0, "{ball:?}");
+        }
+    }
+}

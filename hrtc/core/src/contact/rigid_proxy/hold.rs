@@ -1,0 +1,66 @@
+//! Where the coupling holds the tool while a tick ends on its way: what it only has not had the time to go is no force, and
+//! a guess is followed gently.
+
+use super::motion::Placement;
+use super::{ToolAdvance, ToolProxy};
+use crate::perception::{OF_PROXY, STEP_SHARE};
+
+/// How far the end of the coupling may go where its way is a guess, in units of the device's motion: a tool that slides
+/// goes with the device, one that falls off an edge faster.
+const FALL: f64 = 4.0;
+/// What the energy in the coupling may grow by in a tick of a millisecond without being paid, as a share of it (facts of
+/// haptics, F9).
+const GROWTH_A_TICK: f64 = 0.048;
+
+impl ToolProxy {
+    /// Where the contacts known last let it go, had it the time; where no step was made they are the answer's.
+    pub(super) fn where_contacts_allow(&mut self, answer: &mut ToolAdvance) -> Placement {
+        let rest = self.rest();
+        self.contacts.carry(&self.at);
+        self.add_stops(rest);
+        let wanted = self.at.to(&self.goal);
+        let mut held = ToolAdvance::new();
+        let way = self.allowed(&wanted, rest, Some(&mut held));
+        if answer.steps == 0 {
+            answer.contacts = held.contacts;
+            answer.contact_count = held.contact_count;
+        }
+        let is_free = held.contact_count == 0;
+        if self.slide.is_limited() {
+            // Nor is it felt while the surface moves that it catches up.
+            self.at
+        } else if is_free {
+            self.goal
+        } else {
+            // Contacts that are not known yet may hold it sooner: it owes no more than the device has gone.
+            let share = self.owed / way.farthest(self.shape.radius);
+            self.at.moved(&way.times(share.min(1.0)))
+        }
+    }
+
+    /// Where a tick ends on the way, where the tool is bound for is a guess that changes with every contact found or left:
+    /// the coupling follows it, and what is true after it, gently. Held where it was, it is stretched by the device's work
+    /// alone; beyond that it changes by no more than the device goes or a hand can tell, and is not stretched farther than
+    /// energy may grow unpaid.
+    pub(super) fn go_gently(&mut self, travelled: f64) {
+        let is_true = self.bound_for == self.at;
+        if is_true && !self.is_guess {
+            return;
+        }
+        let radius = self.shape.radius;
+        let change = self.goal.to(&self.bound_for).minus(&self.stretched);
+        let unfelt = self.unfelt.max(self.thickness());
+        let most = (FALL * travelled + self.slide.limit())
+            .max(OF_PROXY * STEP_SHARE * self.stretched.farthest(radius))
+            .max(unfelt);
+        let share = (most / change.farthest(radius)).min(1.0);
+        let stretch = self.stretched.plus(&change.times(share));
+        let before = self.length_of(&self.stretched);
+        let longest = before.hypot(GROWTH_A_TICK.sqrt() * before.max(unfelt));
+        let shorter = (longest / self.length_of(&stretch)).min(1.0);
+        self.is_guess = !is_true || share < 1.0 || shorter < 1.0;
+        if share < 1.0 || shorter < 1.0 {
+            self.bound_for = self.goal.moved(&stretch.times(shorter));
+        }
+    }
+}

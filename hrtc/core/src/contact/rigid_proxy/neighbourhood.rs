@@ -1,0 +1,431 @@
+//! The pairs of faces of tool and surface that come near each other on a motion, gathered once and held for as long as
+//! the tool strays from that motion by less than the margin.
+//!
+//! A tool that slides goes far along the surface and hardly towards it: a margin as wide as its way would hold several
+//! times the pairs.
+//!
+//! Each pair keeps a direction along which it is apart: a look at three corners then mostly tells that it does not
+//! matter, and along a motion that stays apart in it nothing passes.
+
+mod gather;
+
+use super::corridor::Corridor;
+use super::motion::{Placement, Twist};
+use super::shape::{ToolShape, is_flat};
+use crate::contact::query::WaySeen;
+use gather::Begun;
+use geometry::Aabb;
+use glam::{DMat3, DVec3};
+use spm::{ActiveMesh, Handle, NONE};
+
+/// Pairs of faces that fit.
+pub const MOST_PAIRS: usize = 4096;
+/// Faces of the surface that fit.
+pub const MOST_SURFACE_FACES: usize = 2048;
+
+/// A face of the surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SurfaceFace {
+    pub face: Handle,
+    pub vertices: [Handle; 3],
+    pub corners: [DVec3; 3],
+    /// Unit normal; zero without area.
+    pub normal: DVec3,
+    /// The corner of the neighbour beyond the edge opposite each corner; at a rim one of the edge's own.
+    pub beyond: [DVec3; 3],
+    /// Which edges it answers for.
+    pub owns_edge: [bool; 3],
+    /// Which of those are no lines within a plane.
+    pub asks_edge: [bool; 3],
+    /// Which corners it answers for.
+    pub owns: [bool; 3],
+}
+
+/// Unit normal of a face; zero without area.
+fn normal_of([a, b, c]: [DVec3; 3]) -> DVec3 {
+    (b - a).cross(c - a).normalize_or_zero()
+}
+
+impl SurfaceFace {
+    fn of(mesh: &ActiveMesh, face: Handle) -> Self {
+        let corners = mesh.corners(face);
+        let links = mesh.face(face);
+        let mut made = Self {
+            face,
+            vertices: links.corners,
+            corners,
+            normal: normal_of(corners),
+            beyond: corners.map(|_| DVec3::ZERO),
+            owns_edge: [true; 3],
+            asks_edge: [true; 3],
+            owns: [false; 3],
+        };
+        for k in 0..3 {
+            let on_edge = [links.corners[(k + 1) % 3], links.corners[(k + 2) % 3]];
+            let across = links.neighbours[k];
+            made.beyond[k] = corners[(k + 1) % 3];
+            if across != NONE {
+                let others = mesh.face(across).corners;
+                let beyond = others.iter().position(|v| !on_edge.contains(v));
+                if let Some(place) = beyond {
+                    made.beyond[k] = mesh.corners(across)[place];
+                }
+                made.owns_edge[k] = face < across;
+                made.asks_edge[k] = made.owns_edge[k] && !is_flat(corners, made.beyond[k]);
+            }
+        }
+        made
+    }
+}
+
+/// A face of the tool and one of the surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct NearPair {
+    pub tool: u32,
+    /// Place among the faces of the surface.
+    pub surface: u32,
+    pub along: Direction,
+}
+
+/// A unit direction from the surface to the tool along which two faces are apart.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Direction {
+    /// It stays as the tool turns, and so does how far the surface reaches along it: good over a face of the surface.
+    Still { direction: DVec3, height: f64 },
+    /// It turns with the tool and is given in the tool's axes: good under a face of the tool.
+    Turning(DVec3),
+}
+
+/// How far corners are beyond a height along a direction: the least of three.
+#[inline]
+pub(super) fn apart(direction: DVec3, height: f64, corners: [DVec3; 3]) -> f64 {
+    let [a, b, c] = corners.map(|p| direction.dot(p));
+    a.min(b).min(c) - height
+}
+
+/// How far corners reach along a direction.
+#[inline]
+pub(super) fn reach_along(direction: DVec3, corners: [DVec3; 3]) -> f64 {
+    let [a, b, c] = corners.map(|p| direction.dot(p));
+    a.max(b).max(c)
+}
+
+/// A set of handles with their places, by open addressing; never more than half full.
+#[derive(Debug, Clone)]
+struct Places {
+    entries: Vec<(Handle, u32)>,
+    /// Entries in use: mostly few, and only these are cleared.
+    used: Vec<u32>,
+}
+
+impl Places {
+    fn new(most: usize) -> Self {
+        Self {
+            entries: vec![(NONE, 0); (2 * most).next_power_of_two()],
+            used: Vec::with_capacity(most),
+        }
+    }
+
+    fn clear(&mut self) {
+        for &at in &self.used {
+            self.entries[at as usize] = (NONE, 0);
+        }
+        self.used.clear();
+    }
+
+    /// Where a handle is, or would be.
+    fn slot(&self, key: Handle) -> usize {
+        let mask = self.entries.len() - 1;
+        // Fibonacci hashing: the upper bits of the product are the mixed ones.
+        let mut at = (u64::from(key).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) as usize & mask;
+        while self.entries[at].0 != NONE && self.entries[at].0 != key {
+            at = (at + 1) & mask;
+        }
+        at
+    }
+
+    fn find(&self, key: Handle) -> Option<u32> {
+        let (found, place) = self.entries[self.slot(key)];
+        (found == key).then_some(place)
+    }
+
+    /// The place of a handle, and whether it is the one given because it was not there.
+    fn find_or_add(&mut self, key: Handle, place: u32) -> (u32, bool) {
+        let at = self.slot(key);
+        if self.entries[at].0 == key {
+            return (self.entries[at].1, false);
+        }
+        self.entries[at] = (key, place);
+        self.used.push(at as u32);
+        (place, true)
+    }
+}
+
+/// All pairs within the margin of a corridor.
+#[derive(Debug, Clone)]
+pub struct Neighbourhood {
+    pub(super) pairs: Vec<NearPair>,
+    pub(super) faces: Vec<SurfaceFace>,
+    face_places: Places,
+    vertex_places: Places,
+    /// Tool vertices that the pairs have, and their positions now, by vertex.
+    vertices: Vec<u32>,
+    is_listed: Vec<bool>,
+    positions: Vec<DVec3>,
+    ends: Vec<DVec3>,
+    /// The tool's axes, now and at the end of the motion.
+    rotation: DMat3,
+    end_rotation: DMat3,
+    /// Where the pairs are known, and the surface as it is seen from there.
+    pub corridor: Corridor,
+    way: WaySeen,
+    /// What is to be gathered still.
+    begun: Option<Begun>,
+    /// No point of the tool has moved farther since it was gathered.
+    moved: f64,
+    /// For each pair: until so much was moved it cannot touch.
+    clear_until: Vec<f64>,
+    high_water: usize,
+}
+
+impl Neighbourhood {
+    /// Of nothing, for a tool.
+    pub fn new(shape: &ToolShape) -> Self {
+        let vertices = shape.points.len();
+        Self {
+            pairs: Vec::with_capacity(MOST_PAIRS),
+            faces: Vec::with_capacity(MOST_SURFACE_FACES),
+            face_places: Places::new(MOST_SURFACE_FACES),
+            vertex_places: Places::new(3 * MOST_SURFACE_FACES),
+            vertices: Vec::with_capacity(vertices),
+            is_listed: vec![false; vertices],
+            positions: vec![DVec3::ZERO; vertices],
+            ends: vec![DVec3::ZERO; vertices],
+            rotation: DMat3::IDENTITY,
+            end_rotation: DMat3::IDENTITY,
+            corridor: Corridor::nowhere(),
+            way: WaySeen::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]),
+            begun: None,
+            moved: 0.0,
+            clear_until: Vec::with_capacity(MOST_PAIRS),
+            high_water: 0,
+        }
+    }
+
+    /// Nothing is known any more.
+    pub fn forget(&mut self) {
+        self.corridor = Corridor::nowhere();
+        self.begun = None;
+    }
+
+    /// The most pairs that there ever were.
+    pub fn high_water(&self) -> usize {
+        self.high_water
+    }
+
+    /// Whether nothing is near.
+    pub fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    /// The place of a face of the surface among those near.
+    pub fn place_of(&self, face: Handle) -> Option<u32> {
+        self.face_places.find(face)
+    }
+
+    /// The faces of the pairs: of the surface and of the tool.
+    pub fn handles(&self) -> impl Iterator<Item = (Handle, u32)> + '_ {
+        let pair = |p: &NearPair| (self.faces[p.surface as usize].face, p.tool);
+        self.pairs.iter().map(pair)
+    }
+
+    /// The surface is nowhere nearer than this.
+    pub fn clearance(&self, shape: &ToolShape) -> f64 {
+        let gap = |pair: &NearPair| self.apart_now(pair, self.corners(shape, pair.tool));
+        let least = self
+            .pairs
+            .iter()
+            .map(gap)
+            .fold(self.corridor.left(), f64::min);
+        least.max(0.0)
+    }
+
+    /// Whether a gathering was begun and is to go on.
+    pub fn has_begun(&self) -> bool {
+        self.begun.is_some()
+    }
+
+    /// The corridor of which something is known.
+    fn looked_at(&self) -> &Corridor {
+        self.begun.as_ref().map_or(&self.corridor, |b| &b.corridor)
+    }
+
+    /// No point of the tool gets farther within what is known; 0 where that is nothing.
+    pub fn reach(&self) -> f64 {
+        self.looked_at().reach().max(0.0)
+    }
+
+    /// Whether something in a box may be near: within the margin of the corridor. Where none is known it may.
+    pub fn may_reach(&self, shape: &ToolShape, aabb: &Aabb) -> bool {
+        let corridor = self.looked_at();
+        let margin = corridor.straight_margin();
+        let margin = margin + corridor.bend_seen(margin);
+        corridor.left() <= 0.0 || self.way.any(&shape.blocks, aabb, margin)
+    }
+
+    fn clear(&mut self) {
+        self.pairs.clear();
+        self.clear_until.clear();
+        self.moved = 0.0;
+        self.clear_faces();
+        for &v in &self.vertices {
+            self.is_listed[v as usize] = false;
+        }
+        self.vertices.clear();
+    }
+
+    fn clear_faces(&mut self) {
+        self.faces.clear();
+        self.face_places.clear();
+        self.vertex_places.clear();
+    }
+
+    /// The place of a face, which is taken in if it is new.
+    fn face_place(&mut self, mesh: &ActiveMesh, face: Handle) -> u32 {
+        let (place, is_new) = self.face_places.find_or_add(face, self.faces.len() as u32);
+        if is_new {
+            let mut made = SurfaceFace::of(mesh, face);
+            for k in 0..3 {
+                made.owns[k] = self.vertex_places.find_or_add(made.vertices[k], place).1;
+            }
+            self.faces.push(made);
+        }
+        place
+    }
+
+    /// Puts the listed vertices where the tool is.
+    pub fn place(&mut self, shape: &ToolShape, at: &Placement) {
+        self.rotation = at.rotation();
+        put(
+            &self.vertices,
+            &mut self.positions,
+            shape,
+            at.centre,
+            self.rotation,
+        );
+    }
+
+    /// Puts the ends of a motion where it leads.
+    pub fn place_ends(&mut self, shape: &ToolShape, at: &Placement) {
+        self.end_rotation = at.rotation();
+        put(
+            &self.vertices,
+            &mut self.ends,
+            shape,
+            at.centre,
+            self.end_rotation,
+        );
+    }
+
+    /// The tool has moved to a place by a motion.
+    pub fn spend(&mut self, place: &Placement, motion: &Twist, radius: f64) {
+        self.corridor.follow(place);
+        self.moved += motion.farthest(radius);
+    }
+
+    /// Whether a pair is farther apart than a distance, by what was seen of it and how far the tool has moved since.
+    #[inline]
+    pub(super) fn is_known_beyond(&self, pair: usize, distance: f64) -> bool {
+        self.clear_until[pair] - self.moved > distance
+    }
+
+    /// A pair is at least so far apart now.
+    #[inline]
+    pub(super) fn saw(&mut self, pair: usize, apart: f64) {
+        self.clear_until[pair] = apart + self.moved;
+    }
+
+    /// How far the faces of a pair are apart along its direction, given the corners of the tool's; negative where they
+    /// overlap along it.
+    #[inline]
+    pub(super) fn apart_now(&self, pair: &NearPair, corners: [DVec3; 3]) -> f64 {
+        self.apart_under(pair, self.rotation, corners)
+    }
+
+    /// The same at the end of the motion.
+    #[inline]
+    pub(super) fn apart_then(&self, pair: &NearPair, corners: [DVec3; 3]) -> f64 {
+        self.apart_under(pair, self.end_rotation, corners)
+    }
+
+    #[inline]
+    fn apart_under(&self, pair: &NearPair, rotation: DMat3, corners: [DVec3; 3]) -> f64 {
+        match pair.along {
+            Direction::Still { direction, height } => apart(direction, height, corners),
+            Direction::Turning(direction) => {
+                let direction = rotation * direction;
+                let surface = self.faces[pair.surface as usize].corners;
+                apart(direction, reach_along(direction, surface), corners)
+            }
+        }
+    }
+
+    /// From the tool's axes to the model's at the end of the motion.
+    pub(super) fn end_rotation(&self) -> DMat3 {
+        self.end_rotation
+    }
+
+    /// The direction of a pair now.
+    pub(super) fn direction(&self, pair: &NearPair) -> DVec3 {
+        match pair.along {
+            Direction::Still { direction, .. } => direction,
+            Direction::Turning(direction) => self.rotation * direction,
+        }
+    }
+
+    /// The normals of both faces of a pair, each towards the tool.
+    #[inline]
+    pub(super) fn normals(
+        &self,
+        shape: &ToolShape,
+        pair: &NearPair,
+        corners: [DVec3; 3],
+    ) -> [Direction; 2] {
+        let face = &self.faces[pair.surface as usize];
+        let over = face.normal;
+        let way = corners[0] + corners[1] + corners[2]
+            - face.corners[0]
+            - face.corners[1]
+            - face.corners[2];
+        let direction = over * over.dot(way).signum();
+        let own = shape.faces[pair.tool as usize].normal;
+        let under = own * (self.rotation * own).dot(way).signum();
+        let height = reach_along(direction, face.corners);
+        [
+            Direction::Still { direction, height },
+            Direction::Turning(under),
+        ]
+    }
+
+    /// Corners of a face of the tool now.
+    #[inline]
+    pub(super) fn corners(&self, shape: &ToolShape, face: u32) -> [DVec3; 3] {
+        shape.faces[face as usize]
+            .vertices
+            .map(|v| self.positions[v as usize])
+    }
+
+    /// Corners of a face of the tool at the end of the motion.
+    #[inline]
+    pub(super) fn end_corners(&self, shape: &ToolShape, face: u32) -> [DVec3; 3] {
+        shape.faces[face as usize]
+            .vertices
+            .map(|v| self.ends[v as usize])
+    }
+}
+
+fn put(vertices: &[u32], places: &mut [DVec3], shape: &ToolShape, centre: DVec3, rotation: DMat3) {
+    for &v in vertices {
+        places[v as usize] = centre + rotation * shape.points[v as usize];
+    }
+}

@@ -1,0 +1,184 @@
+//! What the proxy knows of a tool's mesh beside its faces: its size, and which of its edges and corners can be nearest.
+
+use crate::contact::query::Body;
+use crate::contact::tool::{Blocks, Tool};
+use glam::DVec3;
+use spm::{Handle, NONE};
+use std::collections::BTreeMap;
+
+/// Sine of the angle within which faces count as one plane: the rounding of f64 over the faces' size, generously.
+pub(super) const FLAT: f64 = 1e-9;
+
+/// An edge of a face, opposite the corner of the same index.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ToolEdge {
+    /// The corner beyond it; [`NONE`] at a rim.
+    pub beyond: u32,
+    /// Whether this face answers for the edge, and the edge is no line within a plane.
+    pub is_asked: bool,
+    /// Whether this face answers for the edge.
+    pub is_owned: bool,
+}
+
+/// A face of the tool.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ToolFace {
+    pub vertices: [u32; 3],
+    /// Unit normal in the tool's axes; zero without area.
+    pub normal: DVec3,
+    pub edges: [ToolEdge; 3],
+    /// Which corners this face answers for.
+    pub owns: [bool; 3],
+}
+
+/// The mesh about its centre, in units of the model.
+#[derive(Debug, Clone)]
+pub struct ToolShape {
+    /// Vertices about the centre.
+    pub(super) points: Vec<DVec3>,
+    pub(super) faces: Vec<ToolFace>,
+    /// Neighbours of vertex v: `around[first[v]..first[v + 1]]`.
+    first: Vec<u32>,
+    around: Vec<u32>,
+    /// The boxes of its faces about the centre.
+    pub(super) blocks: Blocks,
+    /// The centre in the tool's own frame, units of the model.
+    pub(super) centre: DVec3,
+    /// Distance of the farthest vertex from the centre.
+    pub(super) radius: f64,
+    /// Radius of gyration of its surface about the centre.
+    pub(super) gyration: f64,
+}
+
+impl ToolShape {
+    /// Of a tool of `scale` model units a unit.
+    pub fn new(tool: &Tool, scale: f64) -> Self {
+        let rest: Vec<DVec3> = tool.rest().iter().map(|&p| p * scale).collect();
+        let triangles: Vec<[u32; 3]> = (0..tool.faces()).map(|f| tool.triangle(f)).collect();
+        let (centre, gyration) = moments(rest.len(), |k| rest[k], || triangles.iter().copied());
+        let points: Vec<DVec3> = rest.iter().map(|&p| p - centre).collect();
+        let radius = points.iter().fold(0.0f64, |most, p| most.max(p.length()));
+
+        // Faces on either side of each edge, by its vertices.
+        let mut sides: BTreeMap<[u32; 2], Vec<(Handle, usize)>> = BTreeMap::new();
+        for (face, t) in (0u32..).zip(&triangles) {
+            for k in 0..3 {
+                let (a, b) = (t[(k + 1) % 3], t[(k + 2) % 3]);
+                sides
+                    .entry([a.min(b), a.max(b)])
+                    .or_default()
+                    .push((face, k));
+            }
+        }
+        let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); points.len()];
+        for &[a, b] in sides.keys() {
+            neighbours[a as usize].push(b);
+            neighbours[b as usize].push(a);
+        }
+        let faces = (0u32..)
+            .zip(&triangles)
+            .map(|(face, &vertices)| {
+                let edge = |k: usize| {
+                    let (a, b) = (vertices[(k + 1) % 3], vertices[(k + 2) % 3]);
+                    let about = &sides[&[a.min(b), a.max(b)]];
+                    let other = about.iter().find(|&&(f, _)| f != face);
+                    let beyond = other.map_or(NONE, |&(f, l)| triangles[f as usize][l]);
+                    let is_owned = about[0].0 == face;
+                    // Three faces at an edge: none of them lets it lie in a plane.
+                    let flat = about.len() == 2
+                        && is_flat(
+                            vertices.map(|v| points[v as usize]),
+                            points[beyond as usize],
+                        );
+                    ToolEdge {
+                        beyond: if about.len() == 2 { beyond } else { NONE },
+                        is_asked: is_owned && !flat,
+                        is_owned,
+                    }
+                };
+                let [a, b, c] = vertices.map(|v| points[v as usize]);
+                ToolFace {
+                    vertices,
+                    normal: (b - a).cross(c - a).normalize_or_zero(),
+                    edges: [edge(0), edge(1), edge(2)],
+                    owns: tool.samples(face),
+                }
+            })
+            .collect();
+        let mut first = vec![0];
+        let mut around = Vec::new();
+        for of_vertex in neighbours {
+            around.extend(of_vertex);
+            first.push(around.len() as u32);
+        }
+        let mut blocks = Blocks::new(tool.order());
+        blocks.refit(|face| triangles[face as usize].map(|v| points[v as usize]));
+        Self {
+            blocks,
+            points,
+            faces,
+            first,
+            around,
+            centre,
+            radius,
+            gyration,
+        }
+    }
+
+    /// The same tool in another scale.
+    pub(super) fn rescale(&mut self, tool: &Tool, scale: f64) {
+        let rest = |k: usize| tool.rest()[k] * scale;
+        // The sums of `moments` over the same triangles in the same order.
+        let triangles = || self.faces.iter().map(|face| face.vertices);
+        let (centre, gyration) = moments(self.points.len(), rest, triangles);
+        for (k, point) in self.points.iter_mut().enumerate() {
+            *point = tool.rest()[k] * scale - centre;
+        }
+        (self.centre, self.gyration) = (centre, gyration);
+        self.radius = self.points.iter().fold(0.0, |most, p| p.length().max(most));
+        let (faces, points) = (&self.faces, &self.points);
+        self.blocks
+            .refit(|face| faces[face as usize].vertices.map(|v| points[v as usize]));
+    }
+
+    /// Vertices that share an edge with a vertex.
+    pub(super) fn around(&self, vertex: u32) -> &[u32] {
+        let [from, to] = [vertex, vertex + 1].map(|v| self.first[v as usize] as usize);
+        &self.around[from..to]
+    }
+}
+
+/// Whether a point lies in the plane of a triangle, seen from it; a triangle without area is in every plane.
+pub(super) fn is_flat([a, b, c]: [DVec3; 3], beyond: DVec3) -> bool {
+    let normal = (b - a).cross(c - a);
+    let arm = beyond - a;
+    normal.dot(arm).abs() <= FLAT * normal.length() * arm.length()
+}
+
+/// Centre of the surface and its radius of gyration; those of the vertices where there is no area.
+fn moments<T: Iterator<Item = [u32; 3]>>(
+    count: usize,
+    point: impl Fn(usize) -> DVec3,
+    triangles: impl Fn() -> T,
+) -> (DVec3, f64) {
+    let corners = |t: [u32; 3]| t.map(|v| point(v as usize));
+    let area = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
+    let whole: f64 = triangles().map(|t| area(corners(t))).sum();
+    if whole > 0.0 {
+        let weighted = |t| corners(t).iter().sum::<DVec3>() / 3.0 * area(corners(t));
+        let centre = triangles().map(weighted).sum::<DVec3>() / whole;
+        // Midpoints of edges integrate a square over a triangle exactly.
+        let square = |t| {
+            let [a, b, c] = corners(t).map(|p| p - centre);
+            let sum =
+                (a + b).length_squared() + (b + c).length_squared() + (c + a).length_squared();
+            area([a, b, c]) * sum / 12.0
+        };
+        let square = triangles().map(square).sum::<f64>() / whole;
+        return (centre, square.sqrt());
+    }
+    let points = || (0..count).map(&point);
+    let centre = points().sum::<DVec3>() / count as f64;
+    let square: f64 = points().map(|p| p.distance_squared(centre)).sum();
+    (centre, (square / count as f64).sqrt())
+}

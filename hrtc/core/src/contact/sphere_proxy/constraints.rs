@@ -1,0 +1,216 @@
+//! The half-spaces around the proxy, and the faces in reach that have none.
+//!
+//! A face is linearised to the half-space beyond which its nearest point is closer than the radius. That is
+//! safe along any motion, for the whole face lies behind it, but too strict where the nearest point lies on an
+//! edge that the face shares with a nearer one: a sphere sliding over a plate would halve its way to every
+//! edge. So only *local minima* of the distance get a half-space (Johnson and Willemsen 2003); the others are
+//! looked at along the motion itself, and only when it leaves their half-space.
+
+use crate::contact::query::{MOST_FACES, NearFace, NearFaces, Work};
+use crate::contact::sphere_proxy::features::Features;
+use crate::contact::sphere_proxy::projection::Plane;
+use geometry::ClosestPoint;
+use glam::DVec3;
+use spm::{Handle, NONE};
+
+/// Half-spaces at the most; beyond them the deepest are kept and the rest counted.
+pub const MOST_CONSTRAINTS: usize = 64;
+
+/// A face in reach.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    near: NearFace,
+    plane: Plane,
+    point: DVec3,
+    distance: f64,
+    /// Corners on whose simplex the nearest point lies; [`NONE`] for the others.
+    feature: [Handle; 3],
+    has_plane: bool,
+}
+
+/// Half-spaces as displacements from the proxy.
+#[derive(Debug, Clone)]
+pub struct Constraints {
+    candidates: [Candidate; MOST_FACES],
+    candidate_count: usize,
+    features: Features,
+    planes: [Plane; MOST_CONSTRAINTS],
+    /// The candidate of each plane.
+    sources: [usize; MOST_CONSTRAINTS],
+    count: usize,
+    high_water: usize,
+    dropped: u32,
+}
+
+const NO_PLANE: Plane = Plane {
+    normal: DVec3::ZERO,
+    offset: 0.0,
+};
+
+impl Constraints {
+    /// None.
+    pub fn new() -> Self {
+        let candidate = Candidate {
+            near: NearFace::NONE,
+            plane: NO_PLANE,
+            point: DVec3::ZERO,
+            distance: 0.0,
+            feature: [NONE; 3],
+            has_plane: false,
+        };
+        Self {
+            candidates: [candidate; MOST_FACES],
+            candidate_count: 0,
+            features: Features::new(),
+            planes: [NO_PLANE; MOST_CONSTRAINTS],
+            sources: [0; MOST_CONSTRAINTS],
+            count: 0,
+            high_water: 0,
+            dropped: 0,
+        }
+    }
+
+    /// The most half-spaces that there ever were.
+    pub fn high_water(&self) -> usize {
+        self.high_water
+    }
+
+    /// The half-spaces.
+    pub fn planes(&self) -> &[Plane] {
+        &self.planes[..self.count]
+    }
+
+    /// Half-spaces that did not fit.
+    pub fn dropped(&self) -> u32 {
+        self.dropped
+    }
+
+    /// The face of a half-space, and its point nearest to the proxy.
+    pub fn source(&self, plane: usize) -> (Handle, DVec3) {
+        let candidate = &self.candidates[self.sources[plane]];
+        (candidate.near.face, candidate.point)
+    }
+
+    /// Takes every face within radius + `reach` of `position`; the ball must be covered.
+    pub fn linearise(
+        &mut self,
+        near: &NearFaces,
+        position: DVec3,
+        radius: f64,
+        reach: f64,
+    ) -> Work {
+        self.count = 0;
+        self.dropped = 0;
+        self.candidate_count = 0;
+        let work = near.within(position, radius + reach, |face, closest| {
+            if let Some(candidate) = Candidate::of(face, &closest, position, radius)
+                && self.candidate_count < MOST_FACES
+            {
+                self.candidates[self.candidate_count] = candidate;
+                self.candidate_count += 1;
+            }
+        });
+        self.features.begin(self.candidate_count);
+        for candidate in &self.candidates[..self.candidate_count] {
+            self.features
+                .note(candidate.near.vertices, candidate.distance);
+        }
+        for k in 0..self.candidate_count {
+            // No nearer face holds the feature on which its nearest point lies.
+            let Candidate {
+                feature, distance, ..
+            } = self.candidates[k];
+            let has_plane = self.features.least(feature) >= distance;
+            self.candidates[k].has_plane = has_plane;
+            if has_plane {
+                self.add(k);
+            }
+        }
+        self.high_water = self.high_water.max(self.count);
+        work
+    }
+
+    /// Adds a half-space; when full, the one with the most room makes place.
+    fn add(&mut self, candidate: usize) {
+        let plane = self.candidates[candidate].plane;
+        let place = if self.count < MOST_CONSTRAINTS {
+            self.count += 1;
+            self.count - 1
+        } else {
+            self.dropped += 1;
+            let mut loosest = 0;
+            for k in 1..MOST_CONSTRAINTS {
+                if self.planes[k].offset < self.planes[loosest].offset {
+                    loosest = k;
+                }
+            }
+            if self.planes[loosest].offset >= plane.offset {
+                return;
+            }
+            loosest
+        };
+        self.planes[place] = plane;
+        self.sources[place] = candidate;
+    }
+
+    /// The plane with the least room, if a face is closer than the radius.
+    pub fn deepest(&self) -> Option<usize> {
+        let deepest = (0..self.count)
+            .max_by(|&a, &b| self.planes[a].offset.total_cmp(&self.planes[b].offset))?;
+        (self.planes[deepest].offset > 0.0).then_some(deepest)
+    }
+
+    /// How much of a motion that obeys every half-space is free of the faces in reach without one: below 1
+    /// where it meets one at `radius`.
+    pub fn free_fraction(&self, position: DVec3, motion: DVec3, radius: f64) -> (f64, Work) {
+        let mut fraction = 1.0;
+        let mut work = Work::default();
+        for candidate in &self.candidates[..self.candidate_count] {
+            let plane = &candidate.plane;
+            let inside = plane.normal.dot(motion) * fraction >= plane.offset.min(0.0);
+            if candidate.has_plane || inside {
+                continue;
+            }
+            work.faces += 1;
+            if let Some(t) = candidate
+                .near
+                .first_touch(position, motion, radius, fraction)
+            {
+                fraction = t;
+            }
+        }
+        (fraction, work)
+    }
+}
+
+impl Candidate {
+    /// `None` for a face without area that the centre lies on: it has no side.
+    fn of(near: &NearFace, closest: &ClosestPoint, position: DVec3, radius: f64) -> Option<Self> {
+        let distance = closest.distance_squared.sqrt();
+        let away = position - closest.point;
+        // A centre exactly on a face leaves no side; the face's own normal decides.
+        let normal = if distance > 0.0 {
+            away / distance
+        } else {
+            let [a, b, c] = near.corners;
+            (b - a).cross(c - a).try_normalize()?
+        };
+        let mut feature = near.vertices;
+        for (vertex, weight) in feature.iter_mut().zip(closest.weights) {
+            if weight == 0.0 {
+                *vertex = NONE;
+            }
+        }
+        Some(Self {
+            near: *near,
+            plane: Plane {
+                normal,
+                offset: radius - distance,
+            },
+            point: closest.point,
+            distance,
+            feature,
+            has_plane: false,
+        })
+    }
+}

@@ -1,0 +1,125 @@
+//! Where a tool may touch next, away from where it touches now: the prediction follows the contact, but in a cavity, or as
+//! the tool turns, another part of it comes to the surface, which is to be refined by then.
+
+use super::follower::Follower;
+use crate::contact::query::{Surface, closest_point};
+use crate::contact::rigid_proxy::MOST_BALLS;
+use crate::lod::predict::{Motion, RADII_AROUND, REFINE_AHEAD};
+use geometry::Pose;
+use glam::DVec3;
+use spm::{Handle, NONE};
+
+/// Parts that are looked at in a tick: so each comes again sooner than a region that was predicted once is let go of.
+const A_TICK: usize = 2;
+
+/// A place where a part of a tool may touch next.
+#[derive(Debug, Clone, Copy)]
+pub struct Near {
+    /// On the part, model units: between there and what is known of the surface the full mesh may be.
+    pub place: Motion,
+    /// Whether the front is coarse there.
+    pub is_coarse: bool,
+    /// Of the part, model units a tick.
+    pub velocity: DVec3,
+}
+
+/// What was seen of a part when it was looked at last.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    /// The face nearest to it; none when it was not looked at yet.
+    face: Handle,
+    /// Where its middle was, then and when its distance was measured.
+    centre: DVec3,
+    measured: DVec3,
+    /// How far it was from the full mesh at least; negative where that may have met it.
+    clearance: f64,
+}
+
+impl Seen {
+    const NOTHING: Self = Self {
+        face: NONE,
+        centre: DVec3::ZERO,
+        measured: DVec3::ZERO,
+        clearance: 0.0,
+    };
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Beside {
+    seen: [Seen; MOST_BALLS],
+    next: usize,
+    found: [Option<Near>; A_TICK],
+}
+
+impl Beside {
+    /// Nothing seen yet.
+    pub fn new() -> Self {
+        Self {
+            seen: [Seen::NOTHING; MOST_BALLS],
+            next: 0,
+            found: [None; A_TICK],
+        }
+    }
+
+    /// What was found near in the last tick.
+    pub fn found(&self) -> impl Iterator<Item = Near> + use<> {
+        self.found.into_iter().flatten()
+    }
+
+    /// Looks for the surface near the next parts of a tool; a ball has no parts but itself. `patch`: radius of what a tip
+    /// touches at once, model units.
+    pub fn look(&mut self, surface: Surface<'_>, follower: &Follower, goal: &Pose, patch: f64) {
+        self.found = [None; A_TICK];
+        let Follower::Tool(_) = follower else {
+            return;
+        };
+        for found in &mut self.found {
+            let k = self.next;
+            self.next = (k + 1) % MOST_BALLS;
+            let Some(part) = follower.parts(goal).nth(k) else {
+                continue;
+            };
+            let seen = &mut self.seen[k];
+            let is_new = seen.face == NONE;
+            let way = if is_new {
+                DVec3::ZERO
+            } else {
+                part.centre - seen.centre
+            };
+            seen.centre = part.centre;
+            let velocity = way * (A_TICK as f64 / MOST_BALLS as f64);
+            let reach = (RADII_AROUND - 1.0) * patch + velocity.length() * REFINE_AHEAD;
+            if seen.clearance - part.centre.distance(seen.measured) > reach {
+                continue;
+            }
+            let hint = Some(seen.face).filter(|&face| !is_new && surface.mesh.is_active(face));
+            let (Some(nearest), _) = closest_point(surface, part.centre, hint) else {
+                continue;
+            };
+            // What is coarse may come out by as much as it is coarse.
+            let coarse = f64::from(surface.mesh.certified_error(nearest.face));
+            let distance = nearest.closest.distance_squared.sqrt();
+            let clearance = distance - part.radius - coarse;
+            *seen = Seen {
+                face: nearest.face,
+                centre: part.centre,
+                measured: part.centre,
+                clearance,
+            };
+            if clearance <= reach {
+                let share = (part.radius / distance).min(1.0);
+                let place = Motion {
+                    position: part.centre.lerp(nearest.closest.point, share),
+                    radius: patch,
+                    clearance,
+                };
+                *found = Some(Near {
+                    place,
+                    is_coarse: coarse > 0.0,
+                    velocity,
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,379 @@
+//! What follows a probe outside of an object: the proxy of its ball, or of its tool. Model frame and units.
+
+use crate::contact::query::{Nearest, Surface, Work, closest_point};
+use crate::contact::rigid_proxy::{Coupling, Part, ToolContact, ToolProxy, Twist};
+use crate::contact::sphere_proxy::{Contact, MOST_PUSHING, Proxy};
+use crate::contact::tool::{Tool, ToolMesh};
+use crate::force::passivity::Spring;
+use geometry::{Pose, Wrench};
+use glam::DVec3;
+use scene::{ProbeShape, SurfacePlan};
+use spm::{ActiveMesh, Handle, NONE, OperationFaces};
+
+/// Pairs of nodes of a tool and an object, or what costs as much, that a unit of work pays for: with all units of a tick it
+/// stays within a period of a millisecond (measured).
+const PAIRS_A_UNIT: u32 = 12;
+
+/// See the module.
+#[derive(Debug)]
+pub enum Follower {
+    /// Of a ball.
+    Ball(Box<BallFollower>),
+    /// Of a tool.
+    Tool(Box<ToolFollower>),
+}
+
+/// The proxy of a ball; none until it begins.
+#[derive(Debug)]
+pub struct BallFollower(Option<Proxy>);
+
+/// The proxy of a tool, in metres until it begins, and where it touches.
+#[derive(Debug)]
+pub struct ToolFollower {
+    proxy: ToolProxy,
+    has_begun: bool,
+    /// The middle of what it touched last, if it does.
+    touched: Option<DVec3>,
+    /// Radius of what the tip touches at once, and of what is touched now.
+    patch: f64,
+    spread: f64,
+}
+
+/// What a tick of it came to.
+#[derive(Debug, Clone, Copy)]
+pub struct Followed {
+    /// What holds it; `None` in free space.
+    pub contact: Option<Contact>,
+    /// What it cost, in units.
+    pub work: Work,
+    /// Constraints that did not fit.
+    pub dropped: u32,
+    /// Whether the budget left something to the next tick.
+    pub unfinished: bool,
+    /// Whether it left a part of its way to the next tick though the budget had room.
+    pub early: bool,
+}
+
+impl Followed {
+    const NOTHING: Self = Self {
+        contact: None,
+        work: Work { nodes: 0, faces: 0 },
+        dropped: 0,
+        unfinished: false,
+        early: false,
+    };
+}
+
+impl Follower {
+    /// Of a shape, not begun. Everything is allocated now.
+    ///
+    /// A mesh that cannot be a tool, which a validated scene does not have, leaves a ball.
+    pub fn new(shape: &ProbeShape) -> Self {
+        let tool = ToolMesh::of_shape(shape).and_then(|mesh| Tool::new(&mesh).ok());
+        let proxy = tool.and_then(|tool| ToolProxy::new(tool, 1.0).ok());
+        match proxy {
+            None => Self::Ball(Box::new(BallFollower(None))),
+            Some(proxy) => Self::Tool(Box::new(ToolFollower {
+                proxy,
+                has_begun: false,
+                touched: None,
+                patch: 0.0,
+                spread: 0.0,
+            })),
+        }
+    }
+
+    /// Nothing is followed any more.
+    pub fn forget(&mut self) {
+        match self {
+            Self::Ball(ball) => ball.0 = None,
+            Self::Tool(tool) => tool.has_begun = false,
+        }
+    }
+
+    /// Whether it follows.
+    pub fn has_begun(&self) -> bool {
+        match self {
+            Self::Ball(ball) => ball.0.is_some(),
+            Self::Tool(tool) => tool.has_begun,
+        }
+    }
+
+    /// Begins at an object whose unit is so many metres. `patch`: radius of the ball, or of what the tip touches,
+    /// metres; `start`: where the proxy was free, if that is not where the probe will be.
+    pub fn begin(&mut self, patch: f64, metres_per_unit: f64, start: Option<Pose>) {
+        let patch = patch / metres_per_unit;
+        match self {
+            Self::Ball(ball) => {
+                let mut proxy = Proxy::new(patch);
+                if let Some(start) = start {
+                    proxy.place(start.position);
+                }
+                ball.0 = Some(proxy);
+            }
+            Self::Tool(tool) => {
+                tool.has_begun = tool.proxy.begin(1.0 / metres_per_unit).is_ok();
+                tool.touched = None;
+                (tool.patch, tool.spread) = (patch, patch);
+                if let (Some(start), true) = (start, tool.has_begun) {
+                    tool.proxy.place(&start);
+                }
+            }
+        }
+    }
+
+    /// Whether it has a place.
+    pub fn is_placed(&self) -> bool {
+        match self {
+            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_placed),
+            Self::Tool(tool) => tool.has_begun && tool.proxy.is_placed(),
+        }
+    }
+
+    /// Where the probe would be if it could not enter the object.
+    pub fn position(&self) -> Option<DVec3> {
+        match self {
+            _ if !self.is_placed() => None,
+            Self::Ball(ball) => ball.0.as_ref().map(Proxy::position),
+            Self::Tool(tool) => Some(tool.proxy.pose().position),
+        }
+    }
+
+    /// The proxy; the axes of a ball are the model's.
+    pub fn pose(&self) -> Option<Pose> {
+        match self {
+            Self::Ball(_) => self.position().map(Pose::at),
+            Self::Tool(tool) => self.is_placed().then(|| tool.proxy.pose()),
+        }
+    }
+
+    /// Middle and radius of the ball that holds what is touched, or would be.
+    pub fn patch(&self) -> Option<(DVec3, f64)> {
+        let position = self.position()?;
+        Some(match self {
+            Self::Ball(ball) => (position, ball.0.as_ref().map_or(0.0, Proxy::radius)),
+            Self::Tool(tool) => (tool.touched.unwrap_or(position), tool.spread),
+        })
+    }
+
+    /// Balls that together hold what may touch.
+    pub fn parts(&self, goal: &Pose) -> impl Iterator<Item = Part> + use<'_> {
+        let (ball, tool) = match self {
+            _ if !self.is_placed() => (None, None),
+            Self::Ball(ball) => (ball.0.as_ref(), None),
+            Self::Tool(tool) => (None, Some(tool.proxy.parts(goal))),
+        };
+        let goal = goal.position;
+        let ball = ball.map(|proxy| Part {
+            centre: proxy.position(),
+            goal,
+            radius: proxy.radius(),
+        });
+        ball.into_iter().chain(tool.into_iter().flatten())
+    }
+
+    /// Whether something that happens in a box may be near, `around` times what the tip touches around it: a tool fills its
+    /// parts only in part.
+    pub fn may_reach(&self, [lower, upper]: [DVec3; 2], around: f64) -> bool {
+        match self {
+            Self::Ball(_) => true,
+            Self::Tool(tool) => {
+                let margin = around * tool.patch;
+                tool.proxy.may_reach([lower - margin, upper + margin])
+            }
+        }
+    }
+
+    /// Takes it along with a split or collapse that was just performed.
+    pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
+        match self {
+            Self::Ball(ball) => {
+                if let Some(proxy) = &mut ball.0 {
+                    proxy.carry(mesh, operation);
+                }
+            }
+            Self::Tool(tool) if tool.has_begun => tool.proxy.carry(mesh, operation),
+            Self::Tool(_) => {}
+        }
+    }
+
+    /// While the surface that it touches moves, it goes no farther beyond the device's motion than this in a tick.
+    pub fn soften(&mut self, slide: f64) {
+        match self {
+            Self::Ball(ball) => {
+                if let Some(proxy) = &mut ball.0 {
+                    proxy.soften(slide);
+                }
+            }
+            Self::Tool(tool) => tool.proxy.soften(slide),
+        }
+    }
+
+    /// What is not felt of the coupling of a tool to the device, model units.
+    pub fn set_unfelt(&mut self, unfelt: f64) {
+        if let Self::Tool(tool) = self {
+            tool.proxy.set_unfelt(unfelt);
+        }
+    }
+
+    /// Whether it is behind since it was softened.
+    pub fn is_behind(&self) -> bool {
+        match self {
+            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_held),
+            Self::Tool(tool) => tool.has_begun && tool.proxy.is_behind(),
+        }
+    }
+
+    /// As close to the device as the surface lets it, in steps that cost no more than `most_work`.
+    pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, most_work: u32) -> Followed {
+        match self {
+            Self::Ball(ball) => ball.0.as_mut().map_or(Followed::NOTHING, |proxy| {
+                let advance = proxy.advance(surface, goal.position, most_work);
+                Followed {
+                    contact: advance.contact,
+                    work: advance.work,
+                    dropped: advance.dropped,
+                    unfinished: false,
+                    early: false,
+                }
+            }),
+            Self::Tool(tool) if tool.has_begun => tool.advance(surface, goal, most_work),
+            Self::Tool(_) => Followed::NOTHING,
+        }
+    }
+
+    /// Whether it is held though nothing touches it: a tool that was caught, or that had no work left to move, or a ball
+    /// that goes gently.
+    pub fn is_held(&self) -> bool {
+        match self {
+            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_held),
+            Self::Tool(tool) => tool.has_begun && tool.proxy.is_held(),
+        }
+    }
+
+    /// The face nearest to the middle of the patch.
+    pub fn nearest(
+        &self,
+        surface: Surface<'_>,
+        hint: Option<Handle>,
+        work: &mut Work,
+    ) -> Option<Nearest> {
+        match self {
+            Self::Ball(ball) => ball.0.as_ref()?.nearest(surface, hint, work),
+            Self::Tool(_) => {
+                let (middle, _) = self.patch()?;
+                let (nearest, cost) = closest_point(surface, middle, hint);
+                work.add(cost);
+                nearest
+            }
+        }
+    }
+
+    /// Depth of the device behind the proxy, metres, the wrench on it about its position in the model's axes, and the
+    /// spring that it comes from. `velocity`: of the device's position, metres and radians a second, model's axes.
+    pub fn render(
+        &self,
+        goal: &Pose,
+        metres_per_unit: f64,
+        surface: &SurfacePlan,
+        velocity: &Twist,
+    ) -> (f64, Wrench, Spring) {
+        let Some(position) = self.position() else {
+            return (0.0, Wrench::ZERO, Spring::default());
+        };
+        let out = (position - goal.position) * metres_per_unit;
+        let depth = out.length();
+        let coupling = Coupling {
+            stiffness_n_per_m: surface.stiffness_n_per_m,
+            damping_ns_per_m: surface.damping_ns_per_m,
+        };
+        let (wrench, stretch) = match self {
+            // A ball has no axes: its coupling is that of a body without extent.
+            Self::Ball(_) => {
+                let stretch = Twist {
+                    linear: out,
+                    angular: DVec3::ZERO,
+                };
+                (coupling.wrench(&stretch, velocity, 0.0), depth)
+            }
+            Self::Tool(tool) => (
+                tool.proxy.wrench(&coupling, metres_per_unit, velocity),
+                tool.proxy.stretch() * metres_per_unit,
+            ),
+        };
+        let spring = Spring {
+            stiffness_n_per_m: surface.stiffness_n_per_m,
+            stored_j: 0.5 * surface.stiffness_n_per_m * stretch * stretch,
+        };
+        (depth, wrench, spring)
+    }
+
+    /// What has a limit: its name, the most that there was, and the limit.
+    pub fn high_water(&self) -> Option<[(&'static str, (usize, usize)); 2]> {
+        match self {
+            Self::Ball(ball) => {
+                let [faces, planes] = ball.0.as_ref()?.high_water();
+                Some([
+                    ("faces near the probe", faces),
+                    ("half-spaces of the proxy", planes),
+                ])
+            }
+            Self::Tool(tool) => {
+                let [pairs, contacts] = tool.proxy.high_water();
+                Some([
+                    ("pairs of faces near the tool", pairs),
+                    ("contacts of the tool", contacts),
+                ])
+            }
+        }
+    }
+}
+
+impl ToolFollower {
+    fn advance(&mut self, surface: Surface<'_>, goal: &Pose, most_work: u32) -> Followed {
+        let budget = most_work.saturating_mul(PAIRS_A_UNIT);
+        let advance = self.proxy.advance(surface, goal, budget);
+        let contacts = advance.contacts();
+        self.touched = middle(contacts);
+        if let Some(middle) = self.touched {
+            let farthest = contacts.iter().fold(0.0, |most, contact| {
+                contact.point.distance(middle).max(most)
+            });
+            self.spread = farthest + self.patch;
+        } else {
+            self.spread = self.patch;
+        }
+        Followed {
+            contact: contact_of(contacts),
+            work: Work {
+                nodes: advance.work.node_pairs.div_ceil(PAIRS_A_UNIT),
+                faces: advance
+                    .spent
+                    .saturating_sub(advance.work.node_pairs)
+                    .div_ceil(PAIRS_A_UNIT),
+            },
+            dropped: advance.dropped,
+            unfinished: !advance.ending.is_complete(),
+            early: advance.ending.is_complete() && advance.is_on_its_way,
+        }
+    }
+}
+
+fn middle(contacts: &[ToolContact]) -> Option<DVec3> {
+    let sum: DVec3 = contacts.iter().map(|contact| contact.point).sum();
+    (!contacts.is_empty()).then(|| sum / contacts.len() as f64)
+}
+
+/// The contacts of a tool as one: the nearest first.
+fn contact_of(contacts: &[ToolContact]) -> Option<Contact> {
+    let nearest = contacts.iter().min_by(|a, b| a.gap.total_cmp(&b.gap))?;
+    let mut faces = [NONE; MOST_PUSHING];
+    for (place, contact) in faces.iter_mut().zip(contacts) {
+        *place = contact.face;
+    }
+    Some(Contact {
+        face: nearest.face,
+        point: nearest.point,
+        faces,
+    })
+}

@@ -1,0 +1,240 @@
+//! A probe: its sample, its tour, and the gate and account of its force.
+
+use super::{ModelFrame, TickInputs};
+use crate::bodies::material_motion;
+use crate::contact::rigid_proxy::{Placement, Twist};
+use crate::force::effects::{Clock, Rendered, SceneEffects};
+use crate::force::limiter::Gate;
+use crate::force::passivity::{Carried, EnergyAccount};
+use geometry::{Pose, Wrench};
+use protocol::{TourAsk, TourPoint};
+use scene::{ProbePlan, ScenePlan, TrajectoryPlan};
+
+/// Ticks without a good sample after which the force ramps down.
+const SAMPLES_MISSED_MOST: u32 = 20;
+/// Share of the greatest speed that is left a tick later: a hand that stops may go on.
+const SPEED_FADES: f64 = 0.97;
+/// Ticks for which a speed must be kept up to count: one wild sample, there and back, is no motion.
+const KEPT_UP: usize = 3;
+
+/// The tour that a probe's hand is to be led along.
+#[derive(Debug, Clone)]
+pub struct TourPath {
+    /// Object of the scene.
+    pub object: u32,
+    seed: u64,
+    speed_m_per_s: f64,
+    depth_m: f64,
+    seconds: f64,
+    /// Its points in the file's own frame and units, as far as they have arrived.
+    pub points: Vec<TourPoint>,
+    /// Whether all have.
+    pub is_whole: bool,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Probe {
+    /// Radius of the ball around its position that reaches as deep as its tip, metres.
+    tip_m: f64,
+    /// How far its shape is from its position anywhere, at the most, metres.
+    pub reach_m: f64,
+    /// The tour, if it is on one.
+    pub tour: Option<TourPath>,
+    /// The pose of this tick: the sample, or where it was last; world, metres.
+    pub pose: Option<Pose>,
+    /// Where it was in the tick before.
+    pub last: Option<Pose>,
+    /// The greatest way of a tick in the last ticks, metres, of those that were kept up.
+    pub speed: f64,
+    /// Ways of the last ticks.
+    moves: [f64; KEPT_UP],
+    /// Whether this tick's sample was refused.
+    pub rejected: bool,
+    /// What the gate let through in this tick.
+    pub wrench: Wrench,
+    /// Whether it was cut.
+    pub clamped: bool,
+    pub energy: EnergyAccount,
+    /// Work of the last wrench over the motion of the material, joules: of all of it, and of what is limited.
+    pub carried: [f64; 2],
+    /// Whether the account limits the force.
+    passivity: bool,
+    /// What the scene adds anywhere.
+    pub effects: SceneEffects,
+    gate: Gate,
+    samples_missed: u32,
+}
+
+impl Probe {
+    /// Everything allocated now; `device_max_n` is what its device can render, `tour_seconds` how long a tour is.
+    pub fn new(plan: &ScenePlan, probe: &ProbePlan, device_max_n: f64, tour_seconds: f64) -> Self {
+        let tour = match probe.trajectory {
+            TrajectoryPlan::Tour {
+                object,
+                seed,
+                speed_m_per_s,
+                depth_m,
+            } => Some(TourPath {
+                object: object as u32,
+                seed,
+                speed_m_per_s,
+                depth_m,
+                seconds: tour_seconds,
+                points: Vec::with_capacity(path_capacity(tour_seconds)),
+                is_whole: false,
+            }),
+            TrajectoryPlan::Points(_) => None,
+        };
+        Self {
+            tip_m: probe.shape.tip_m(),
+            reach_m: probe.shape.reach_m(),
+            tour,
+            pose: None,
+            last: None,
+            speed: 0.0,
+            moves: [0.0; KEPT_UP],
+            rejected: false,
+            wrench: Wrench::ZERO,
+            clamped: false,
+            energy: EnergyAccount::new(probe.device.encoder_m),
+            carried: [0.0; 2],
+            passivity: plan.safety.passivity,
+            effects: SceneEffects::new(&plan.effects),
+            gate: Gate::new(plan.safety, device_max_n, plan.loop_.rate_hz),
+            samples_missed: 0,
+        }
+    }
+
+    /// Takes the sample of a tick if it is usable, else stays where it was.
+    pub fn sample(&mut self, inputs: &TickInputs<'_>, index: usize) {
+        let given = inputs.samples.get(index).copied().flatten();
+        self.rejected = false;
+        self.pose = match given {
+            Some(sample) if sample.pose.is_finite() => {
+                self.samples_missed = 0;
+                Some(sample.pose)
+            }
+            Some(_) | None => {
+                self.rejected = given.is_some();
+                self.samples_missed = self.samples_missed.saturating_add(1);
+                self.last
+            }
+        };
+        let motion = self.motion();
+        // No point of the shape moves farther.
+        let moved = motion.farthest(self.reach_m);
+        self.moves.rotate_right(1);
+        self.moves[0] = moved;
+        let kept_up = self.moves.into_iter().fold(f64::INFINITY, f64::min);
+        self.speed = kept_up.max(SPEED_FADES * self.speed);
+    }
+
+    /// How it has moved since the tick before, metres and radians, world.
+    pub fn motion(&self) -> Twist {
+        match (self.last, self.pose) {
+            (Some(last), Some(pose)) => placement(&last).to(&placement(&pose)),
+            _ => Twist::default(),
+        }
+    }
+
+    /// The same along the material of an object whose pose was another in the tick before.
+    pub fn motion_along(&self, before: Option<&Pose>, now: &Pose) -> Twist {
+        let motion = self.motion();
+        let (Some(before), Some(pose)) = (before, &self.pose) else {
+            return motion;
+        };
+        let carried = material_motion(before, now, pose.position);
+        Twist {
+            linear: motion.linear - carried.linear,
+            angular: motion.angular - carried.angular,
+        }
+    }
+
+    /// Passes what all touches, and the scene, want through account and gate to the device. `ahead`: the work of what
+    /// resists over the motion of the material in the coming period. The shares that have passed of what resists and of
+    /// what drives.
+    pub fn feel(
+        &mut self,
+        clock: Clock,
+        mut wanted: Rendered,
+        ahead: Carried,
+        is_open: bool,
+    ) -> [f64; 2] {
+        if let Some(pose) = &self.pose {
+            self.last = Some(*pose);
+            self.energy
+                .moved_to(pose, std::mem::take(&mut self.carried));
+            if !self.effects.is_empty() {
+                let velocity = self.energy.motion() / clock.period_s;
+                self.effects.feel(clock, pose, velocity, &mut wanted);
+            }
+        }
+        let mut resists = wanted.resists;
+        let mut given = 1.0;
+        if self.passivity {
+            given = self.energy.share(resists, wanted.spring, ahead);
+            resists = resists * given;
+        }
+        let open = is_open && self.samples_missed <= SAMPLES_MISSED_MOST;
+        let is_driven = wanted.drives != Wrench::ZERO;
+        let sum = if is_driven {
+            resists + wanted.drives
+        } else {
+            resists
+        };
+        let gated = self.gate.pass(sum, open);
+        (self.wrench, self.clamped) = (gated.wrench, gated.clamped);
+        // The gate takes off both alike.
+        let (passed, whole) = (gated.wrench.force.length(), sum.force.length());
+        let share = if whole > 0.0 {
+            (passed / whole).min(1.0)
+        } else {
+            1.0
+        };
+        let share = if share.is_nan() { 0.0 } else { share };
+        let limited = if is_driven {
+            resists * share
+        } else {
+            gated.wrench
+        };
+        self.energy.give(gated.wrench, limited);
+        [given * share, share]
+    }
+
+    /// Whether its force has ramped down.
+    pub fn is_at_rest(&self) -> bool {
+        self.gate.is_closed()
+    }
+
+    /// The tour to ask for, in the units of the object's model.
+    pub fn tour_ask(&self, frame: &ModelFrame) -> Option<TourAsk> {
+        let tour = self.tour.as_ref()?;
+        let scale = frame.metres_per_unit;
+        Some(TourAsk {
+            seed: tour.seed,
+            seconds: tour.seconds,
+            speed: tour.speed_m_per_s / scale,
+            depth: tour.depth_m / scale,
+            radius: self.tip_m / scale,
+        })
+    }
+
+    /// Whether a tour of an object is still to come.
+    pub fn awaits_tour_of(&self, object: u32) -> bool {
+        let tour = self.tour.as_ref();
+        tour.is_some_and(|tour| tour.object == object && !tour.is_whole)
+    }
+}
+
+fn placement(pose: &Pose) -> Placement {
+    Placement {
+        centre: pose.position,
+        orientation: pose.orientation,
+    }
+}
+
+/// Points that a tour of some seconds may have: four a tick of 200 Hz, with room to spare.
+fn path_capacity(seconds: f64) -> usize {
+    (seconds * 400.0).clamp(0.0, 4e6) as usize + 1024
+}

@@ -1,0 +1,204 @@
+//! What a shell, and a test, may see of the controller, and set between two ticks.
+
+use super::probe::Probe;
+use super::{Controller, Fault, ModelFrame, Seat};
+use crate::cache::{Cache, CacheError};
+use crate::force::effects::UsageByKind;
+use crate::lod::predict::Sources;
+use glam::DVec3;
+use protocol::TourPoint;
+use spm::ModelHeader;
+use spm::NONE;
+
+impl Controller {
+    /// Predicts from these sources from now on: to see what each of them buys.
+    pub fn set_sources(&mut self, sources: Sources) {
+        for touch in self.seats.iter_mut().flat_map(|seat| &mut seat.touches) {
+            touch.predictor.set_sources(sources);
+        }
+    }
+
+    /// Asks for another expected error at the contact from the next tick on, metres; not a number and negative
+    /// ones count as 0. No geometry is sent for it that is here already, and nothing is forgotten.
+    pub fn set_tolerance(&mut self, tolerance_m: f64) {
+        self.tolerance_m = tolerance_m.max(0.0);
+        for seat in &mut self.seats {
+            seat.set_tolerance(self.tolerance_m);
+        }
+    }
+
+    /// The expected error asked for at the contact, metres.
+    #[must_use]
+    pub fn tolerance_m(&self) -> f64 {
+        self.tolerance_m
+    }
+
+    /// Number of probes.
+    #[must_use]
+    pub fn probes(&self) -> usize {
+        self.probes.len()
+    }
+
+    /// The seats; with one object there is one.
+    #[must_use]
+    pub fn seats(&self) -> &[Seat] {
+        &self.seats
+    }
+
+    /// The seat of an object, while it is awake.
+    #[must_use]
+    pub fn seat_of(&self, object: usize) -> Option<&Seat> {
+        let object = Some(object as u32);
+        self.seats.iter().find(|seat| seat.object() == object)
+    }
+
+    /// The cache of the first seat.
+    #[must_use]
+    pub fn cache(&self) -> &Cache {
+        self.seats[0].cache()
+    }
+
+    /// Steps of economy that the size of the first seat's cache makes necessary now.
+    #[must_use]
+    pub fn economy_steps(&self) -> u32 {
+        self.seats[0].economy_steps()
+    }
+
+    /// The frame of the first object, once its model is known.
+    #[must_use]
+    pub fn frame(&self) -> Option<ModelFrame> {
+        self.frame_of(0)
+    }
+
+    /// The frame of an object, once its model is known.
+    #[must_use]
+    pub fn frame_of(&self, object: usize) -> Option<ModelFrame> {
+        let placing = self.placings.get(object)?;
+        let header = &self.library.model(placing.model)?.header;
+        Some(ModelFrame::new(placing.pose, placing.scale, header))
+    }
+
+    /// The header of the first object's model, once it is known.
+    #[must_use]
+    pub fn header(&self) -> Option<&ModelHeader> {
+        self.header_of(0)
+    }
+
+    /// The header of an object's model, once it is known.
+    #[must_use]
+    pub fn header_of(&self, object: usize) -> Option<&ModelHeader> {
+        let placing = self.placings.get(object)?;
+        self.library.model(placing.model).map(|model| &model.header)
+    }
+
+    /// Headers of the models that are known, each once.
+    pub fn headers(&self) -> impl Iterator<Item = &ModelHeader> {
+        self.library.models().map(|model| &model.header)
+    }
+
+    /// The first probe's tour in the file's own frame and units, once it is whole.
+    #[must_use]
+    pub fn tour(&self) -> Option<&[TourPoint]> {
+        self.tour_of(0).map(|(_, points)| points)
+    }
+
+    /// A probe's tour, once it is whole: the object, and points in its file's own frame and units.
+    #[must_use]
+    pub fn tour_of(&self, probe: usize) -> Option<(usize, &[TourPoint])> {
+        let tour = self.probes.get(probe)?.tour.as_ref()?;
+        let whole = tour.is_whole.then_some(tour.points.as_slice())?;
+        Some((tour.object as usize, whole))
+    }
+
+    /// What keeps it from touching, if anything.
+    #[must_use]
+    pub fn fault(&self) -> Option<Fault> {
+        let fault = self.seats.iter().find_map(|seat| seat.fault)?;
+        Some(match fault {
+            // A seat knows its own share only.
+            Fault::Cache(CacheError::TooSmall {
+                needed, base_faces, ..
+            }) => Fault::Cache(CacheError::TooSmall {
+                bytes: self.cache_bytes,
+                needed: needed * self.seats.len() + self.library.bytes(),
+                base_faces,
+            }),
+            other => other,
+        })
+    }
+
+    /// The first probe's centre in the world as it was last sampled, metres; the origin before.
+    #[must_use]
+    pub fn probe(&self) -> DVec3 {
+        self.probe_of(0)
+    }
+
+    /// A probe's centre in the world as it was last sampled, metres; the origin before.
+    #[must_use]
+    pub fn probe_of(&self, probe: usize) -> DVec3 {
+        self.probes[probe]
+            .last
+            .map_or(DVec3::ZERO, |pose| pose.position)
+    }
+
+    /// The first probe's proxy at the first object, see [`Controller::proxy_of`].
+    #[must_use]
+    pub fn proxy(&self) -> Option<DVec3> {
+        self.proxy_of(0, 0)
+    }
+
+    /// The centre of a probe's proxy at an object in the world, metres: where the probe would be if it could not
+    /// enter that object. `None` while the two are far from each other.
+    #[must_use]
+    pub fn proxy_of(&self, probe: usize, object: usize) -> Option<DVec3> {
+        let seat = self.seat_of(object)?;
+        let position = seat.touches[probe].follower.position()?;
+        Some(seat.frame?.to_world(position))
+    }
+
+    /// Regions that the station refused so far, and the last one.
+    #[must_use]
+    pub fn refused(&self) -> (u64, u32) {
+        let last = self.seats.iter().rfind(|seat| seat.refused_regions > 0);
+        let sum = self.seats.iter().map(|seat| seat.refused_regions).sum();
+        (sum, last.map_or(NONE, |seat| seat.last_refused))
+    }
+
+    /// Regions asked for again, with every record, so far: their answer counted on records that were gone.
+    #[must_use]
+    pub fn resent(&self) -> u64 {
+        self.seats.iter().map(|seat| seat.subscriber.resent).sum()
+    }
+
+    /// Constraints of the proxies that did not fit beside the [`crate::contact::sphere_proxy::MOST_CONSTRAINTS`] deepest, so far.
+    #[must_use]
+    pub fn dropped_constraints(&self) -> u64 {
+        self.seats.iter().map(|seat| seat.dropped_constraints).sum()
+    }
+
+    /// What the effects of each kind cost so far, in the order of [`scene::Effect::NAMES`]: nothing where a scene
+    /// lists none. An object that goes to sleep takes its own along.
+    #[must_use]
+    pub fn effects(&self) -> UsageByKind {
+        let mut usage = UsageByKind::default();
+        for probe in &self.probes {
+            probe.effects.tell(&mut usage);
+        }
+        for touch in self.seats.iter().flat_map(|seat| &seat.touches) {
+            touch.effects.tell(&mut usage);
+        }
+        usage
+    }
+
+    /// Whether all forces have ramped down after `stopping`.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.probes.iter().all(Probe::is_at_rest)
+    }
+
+    /// Hash over the outputs of every tick so far.
+    #[must_use]
+    pub fn replay_hash(&self) -> u64 {
+        self.replay_hash
+    }
+}

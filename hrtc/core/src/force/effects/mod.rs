@@ -1,0 +1,425 @@
+//! Effects: what a scene may make a probe feel beside stiffness and damping of its surfaces, a file each.
+//!
+//! | effect | is | of |
+//! |---|---|---|
+//! | [`friction`] | dry friction, static and dynamic | a surface |
+//! | [`shading`] | the force turns smoothly over edges | a surface |
+//! | [`texture`] | relief that the mesh does not have | a surface |
+//! | [`magnet`] | a surface pulls what comes near | a surface |
+//! | [`vibration`] | a sine | a surface that is touched, or the scene |
+//! | [`viscosity`] | drag | the scene |
+//! | [`spring`] | a spring to a point or a path | the scene |
+//! | [`gravity`] | the weight of the tool | the scene |
+//! | [`inertia`] | a mass to carry along | the scene |
+//! | [`boundary`] | the end of the workspace | the scene |
+//!
+//! A scene is compiled to exactly the effects that it lists ([`SurfaceEffects`] for each probe and object,
+//! [`SceneEffects`] for each probe): what is not listed has no state, no call and no bit of a force. State belongs to
+//! the pair of probe and object; phases count ticks.
+//!
+//! What only resists (friction, shading, texture, boundary) is limited by the energy account together with the
+//! surface's own force. What moves the hand by its nature (a magnet, a vibration, a weight, a spring that is wound up)
+//! is not: it does not put out what it was never given. Its own stability is checked when the scene is read
+//! (`scene`), and the gate limits the sum.
+
+pub mod boundary;
+pub mod friction;
+pub mod gravity;
+pub mod inertia;
+pub mod magnet;
+pub mod shading;
+pub mod spring;
+pub mod texture;
+pub mod vibration;
+pub mod viscosity;
+
+use crate::contact::query::{Surface, Work};
+use crate::force::passivity::Spring as Stored;
+use geometry::{Pose, Wrench};
+use glam::{DQuat, DVec3};
+use scene::{Effect, EffectPlan};
+
+/// What an effect is told of the tick.
+#[derive(Debug, Clone, Copy)]
+pub struct Clock {
+    /// Index of the tick.
+    pub tick: u64,
+    /// Seconds a tick.
+    pub period_s: f64,
+}
+
+/// A probe that touches a surface: the object's axes, metres from the origin of its stored coordinates.
+#[derive(Debug, Clone, Copy)]
+pub struct Touching<'a> {
+    /// The tick.
+    pub clock: Clock,
+    /// The surface, in the model's units.
+    pub surface: Surface<'a>,
+    /// Metres a model unit.
+    pub metres_per_unit: f64,
+    /// What the stored coordinates are less than the model's own, metres.
+    pub origin: DVec3,
+    /// From the object's axes to the world's.
+    pub to_world: DQuat,
+    /// Where it touches.
+    pub point: DVec3,
+    /// The middle of the ball, or where a tool touches.
+    pub middle: DVec3,
+    /// The device.
+    pub device: DVec3,
+    /// The proxy.
+    pub proxy: Pose,
+    /// From the proxy's position to where it touches: the lever of a force there; zero of a ball, which has no axes.
+    pub arm: DVec3,
+    /// Velocity of the probe along the object, m/s.
+    pub velocity: DVec3,
+    /// Stiffness of the surface, N/m.
+    pub stiffness_n_per_m: f64,
+}
+
+/// What is rendered, so far.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Rendered {
+    /// What resists: the energy account limits it.
+    pub resists: Wrench,
+    /// The springs that it comes from.
+    pub spring: Stored,
+    /// What moves the hand by its nature.
+    pub drives: Wrench,
+}
+
+impl Rendered {
+    /// What a surface renders by itself.
+    #[must_use]
+    pub fn new(resists: Wrench, spring: Stored) -> Self {
+        Self {
+            resists,
+            spring,
+            drives: Wrench::ZERO,
+        }
+    }
+
+    /// The same in axes that are turned so.
+    #[must_use]
+    pub fn turned(self, turn: DQuat) -> Self {
+        let turned = |wrench: Wrench| Wrench {
+            force: turn * wrench.force,
+            torque: turn * wrench.torque,
+        };
+        Self {
+            resists: turned(self.resists),
+            spring: self.spring,
+            drives: turned(self.drives),
+        }
+    }
+
+    /// Adds to what resists a force that acts `arm` away from what the wrench is about.
+    pub fn resist(&mut self, force: DVec3, arm: DVec3) {
+        self.resists.force += force;
+        self.resists.torque += arm.cross(force);
+    }
+}
+
+impl std::ops::Add for Rendered {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            resists: self.resists + other.resists,
+            spring: self.spring + other.spring,
+            drives: self.drives + other.drives,
+        }
+    }
+}
+
+/// When an effect acts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Switch {
+    from: f64,
+    until: f64,
+    fade: f64,
+}
+
+impl Switch {
+    /// The share of an effect that acts in a tick, 0 to 1.
+    fn amount(&self, clock: Clock) -> f64 {
+        let now = clock.tick as f64 * clock.period_s;
+        // What is on from the start has nothing to fade in from: the gate's own ramp does it.
+        let rising = if self.from == 0.0 {
+            1.0
+        } else {
+            (now - self.from) / self.fade
+        };
+        let falling = 1.0 - (now - self.until) / self.fade;
+        rising.min(falling).clamp(0.0, 1.0)
+    }
+}
+
+/// An effect that is listed.
+#[derive(Debug, Clone)]
+struct Listed<E> {
+    effect: E,
+    kind: usize,
+    switch: Switch,
+    calls: u64,
+}
+
+impl<E> Listed<E> {
+    fn new(plan: &EffectPlan, effect: E) -> Self {
+        Self {
+            effect,
+            kind: plan.effect.index(),
+            switch: Switch {
+                from: plan.from_s,
+                until: plan.until_s,
+                fade: plan.fade_s,
+            },
+            calls: 0,
+        }
+    }
+
+    /// The effect and its share in a tick; `None` while it does not act.
+    fn called(&mut self, clock: Clock) -> Option<(&mut E, f64)> {
+        let amount = self.switch.amount(clock);
+        (amount > 0.0).then(|| {
+            self.calls += 1;
+            (&mut self.effect, amount)
+        })
+    }
+}
+
+/// What the effects of one kind cost: told to whoever wants to see that what is not listed costs nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Usage {
+    /// How often they were called.
+    pub calls: u64,
+    /// Bytes of their state.
+    pub bytes: usize,
+}
+
+/// Usage of every kind, in the order of [`Effect::NAMES`].
+pub type UsageByKind = [Usage; Effect::NAMES.len()];
+
+fn tell<E>(listed: &[Listed<E>], usage: &mut UsageByKind) {
+    for effect in listed {
+        usage[effect.kind].calls += effect.calls;
+        usage[effect.kind].bytes += size_of_val(effect);
+    }
+}
+
+#[derive(Debug, Clone)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a box would be allocated in the tick that seats an object"
+)]
+enum OfSurface {
+    Friction(friction::Friction),
+    Shading(shading::Shading),
+    Texture(texture::Texture),
+    Magnet(magnet::Magnet),
+    Vibration(vibration::Vibration),
+}
+
+/// The effects of a surface on one probe, in the order in which they act.
+#[derive(Debug, Clone, Default)]
+pub struct SurfaceEffects {
+    listed: Vec<Listed<OfSurface>>,
+    /// Step of the device's encoder, metres; `None` where the scene wants no limit of energy.
+    encoder_m: Option<f64>,
+}
+
+impl SurfaceEffects {
+    /// Room for so many; none yet. `encoder_m`: step of the device's encoder, metres; `None` where the scene wants no
+    /// limit of energy.
+    #[must_use]
+    pub fn with_room(most: usize, encoder_m: Option<f64>) -> Self {
+        Self {
+            listed: Vec::with_capacity(most),
+            encoder_m,
+        }
+    }
+
+    /// Those of another object from now on, in the room that there is: nothing is allocated.
+    pub fn become_those_of(&mut self, plans: &[EffectPlan]) {
+        assert!(
+            plans.len() <= self.listed.capacity(),
+            "room was made for all"
+        );
+        let encoder_m = self.encoder_m;
+        self.listed.clear();
+        self.listed.extend(plans.iter().filter_map(|plan| {
+            let effect = match &plan.effect {
+                Effect::Friction(of) => {
+                    OfSurface::Friction(friction::Friction::new(*of, encoder_m))
+                }
+                Effect::Shading(of) => OfSurface::Shading(shading::Shading::new(*of)),
+                Effect::Texture(of) => OfSurface::Texture(texture::Texture::new(of.clone())),
+                Effect::Magnet(of) => OfSurface::Magnet(magnet::Magnet::new(*of)),
+                Effect::Vibration(of) => OfSurface::Vibration(vibration::Vibration::new(*of)),
+                _ => return None,
+            };
+            Some(Listed::new(plan, effect))
+        }));
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.listed.is_empty()
+    }
+
+    /// What they make of the force of a touch.
+    pub fn touch(&mut self, at: &Touching<'_>, out: &mut Rendered, work: &mut Work) {
+        // A magnet pulls only what does not touch.
+        let is_called = |listed: &&mut Listed<_>| !matches!(listed.effect, OfSurface::Magnet(_));
+        for listed in self.listed.iter_mut().filter(is_called) {
+            let Some((effect, amount)) = listed.called(at.clock) else {
+                continue;
+            };
+            match effect {
+                OfSurface::Friction(friction) => friction.resist(at, amount, out),
+                OfSurface::Shading(shading) => work.add(shading.turn(at, amount, out)),
+                OfSurface::Texture(texture) => texture.raise(at, amount, out),
+                OfSurface::Vibration(vibration) => {
+                    let force = vibration.force(at.clock) * amount;
+                    out.drives.force += at.to_world.conjugate() * force;
+                }
+                OfSurface::Magnet(_) => {}
+            }
+        }
+    }
+
+    /// The force on a probe that touches nothing, the surface `gap_m` away in a direction (unit).
+    pub fn near(&mut self, clock: Clock, gap_m: f64, towards: DVec3) -> DVec3 {
+        let mut force = DVec3::ZERO;
+        for listed in &mut self.listed {
+            match &mut listed.effect {
+                OfSurface::Friction(friction) => friction.let_go(),
+                OfSurface::Shading(shading) => shading.let_go(),
+                _ => {}
+            }
+            if !matches!(listed.effect, OfSurface::Magnet(_)) {
+                continue;
+            }
+            if let Some((OfSurface::Magnet(magnet), amount)) = listed.called(clock) {
+                force += magnet.pull(gap_m, towards) * amount;
+            }
+        }
+        force
+    }
+
+    /// Adds calls and bytes of each kind.
+    pub fn tell(&self, usage: &mut UsageByKind) {
+        tell(&self.listed, usage);
+    }
+}
+
+#[derive(Debug, Clone)]
+enum OfScene {
+    Vibration(vibration::Vibration),
+    Viscosity(viscosity::Viscosity),
+    Spring(spring::Spring),
+    Gravity(gravity::Gravity),
+    Inertia(inertia::Inertia),
+    Boundary(boundary::Boundary),
+}
+
+/// The effects of a scene on one probe.
+#[derive(Debug, Clone, Default)]
+pub struct SceneEffects(Vec<Listed<OfScene>>);
+
+impl SceneEffects {
+    /// Exactly those that are listed.
+    #[must_use]
+    pub fn new(plans: &[EffectPlan]) -> Self {
+        let effects = plans.iter().filter_map(|plan| {
+            let effect = match &plan.effect {
+                Effect::Vibration(of) => OfScene::Vibration(vibration::Vibration::new(*of)),
+                Effect::Viscosity { damping_ns_per_m } => {
+                    OfScene::Viscosity(viscosity::Viscosity::new(*damping_ns_per_m))
+                }
+                Effect::Spring(of) => OfScene::Spring(spring::Spring::new(of.clone())),
+                Effect::Gravity(of) => OfScene::Gravity(gravity::Gravity::new(*of)),
+                Effect::Inertia(of) => OfScene::Inertia(inertia::Inertia::new(*of)),
+                Effect::Boundary(of) => OfScene::Boundary(boundary::Boundary::new(*of)),
+                _ => return None,
+            };
+            Some(Listed::new(plan, effect))
+        });
+        Self(effects.collect())
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// What they add for a probe at a pose (world, metres) with a velocity, m/s.
+    pub fn feel(&mut self, clock: Clock, pose: &Pose, velocity: DVec3, out: &mut Rendered) {
+        for listed in &mut self.0 {
+            let Some((effect, amount)) = listed.called(clock) else {
+                continue;
+            };
+            let position = pose.position;
+            match effect {
+                OfScene::Vibration(of) => out.drives.force += of.force(clock) * amount,
+                OfScene::Viscosity(of) => out.drives.force += of.force(velocity) * amount,
+                OfScene::Spring(of) => out.drives.force += of.force(position, velocity) * amount,
+                OfScene::Gravity(of) => {
+                    let weight = of.wrench(pose.orientation);
+                    out.drives.force += weight.force * amount;
+                    out.drives.torque += weight.torque * amount;
+                }
+                OfScene::Inertia(of) => {
+                    out.drives.force += of.force(position, velocity, clock.period_s) * amount;
+                }
+                OfScene::Boundary(of) => {
+                    let (force, spring) = of.force(position);
+                    out.resists.force += force * amount;
+                    out.spring = out.spring + spring.times(amount);
+                }
+            }
+        }
+    }
+
+    /// Adds calls and bytes of each kind.
+    pub fn tell(&self, usage: &mut UsageByKind) {
+        tell(&self.0, usage);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_effect_fades_in_and_out_and_is_not_called_outside() {
+        let switch = Switch {
+            from: 1.0,
+            until: 2.0,
+            fade: 0.1,
+        };
+        let amount = |tick| {
+            switch.amount(Clock {
+                tick,
+                period_s: 1e-3,
+            })
+        };
+        assert_eq!(amount(1000), 0.0);
+        assert!((amount(1050) - 0.5).abs() < 1e-9);
+        assert_eq!(amount(1500), 1.0);
+        assert!((amount(2050) - 0.5).abs() < 1e-9);
+        assert_eq!(amount(2100), 0.0);
+        let always = Switch {
+            from: 0.0,
+            until: f64::INFINITY,
+            ..switch
+        };
+        let first = always.amount(Clock {
+            tick: 0,
+            period_s: 1e-3,
+        });
+        assert_eq!(first, 1.0);
+    }
+}

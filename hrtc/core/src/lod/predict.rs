@@ -1,0 +1,510 @@
+//! Which regions the probe will need (thesis 5.6.2, 5.7.2): neighbours of the contact cells, linear and
+//! quadratic extrapolation of the motion, its landing on the surface, and the distance before contact.
+//!
+//! Each source is a ball; the regions whose cells it meets are predicted, each with the tick at which the
+//! contact may be there. The *refined* set is to be performed by then, the *loaded* set to be in the cache.
+//! In every tick one ball of the finest ring and one of a coarser ring are looked at, so that a tick costs
+//! little; after [`TURNS`] ticks the finest ring has been looked at all around.
+
+use crate::cache::RegionKey;
+use crate::lod::dial::{Dial, Ring};
+use glam::{DVec3, UVec3};
+use spm::{RegionGrid, RegionId};
+
+/// Ticks over which velocity and acceleration are estimated: an encoder's step is averaged, a turn is not. A hand
+/// that moves less than the probe's radius over the longer span is slow enough for that one, and there a single
+/// step of the encoder must not look like a motion.
+const SPANS: [usize; 2] = [4, 16];
+/// Ticks over which a hand's acceleration fades: what of it is left after so many is a third. On a tour of a
+/// rough terrain at 1 m/s the point 25 ticks ahead is then missed by 6 mm at median; by 10 mm straight on over
+/// the same span, by 13 mm over 16 ticks.
+const FADING_TICKS: f64 = 18.0;
+/// Ticks over which the speed is averaged that the dial goes by.
+const PACE_TICKS: f64 = 32.0;
+/// Ticks that it takes to have a loaded cell refined.
+const REFINE_AROUND: f64 = 12.0;
+/// Ticks ahead at which the refined set looks.
+pub const REFINE_AHEAD: f64 = 20.0;
+/// Radii of the probe around its centre that are refined at rest.
+pub const RADII_AROUND: f64 = 1.5;
+/// Ticks of motion by which the refined strip is wider on either side.
+pub const LEAD_TICKS: f64 = 2.0;
+/// Ticks ahead at which the loaded set looks: a round trip, the records and their splits.
+const LOAD_AHEAD: [f64; 3] = [30.0, 45.0, 60.0];
+/// Ticks ahead at which the coarser rings are refined, and loaded: they are what a turn of the hand lands on.
+const RING_AHEAD: [f64; 2] = [25.0, 60.0];
+/// By how much of the way to it a point ahead may be missed to the side, and by how much of what the present
+/// acceleration makes of the way.
+const SPREAD: [f64; 2] = [0.05, 0.7];
+/// Ticks over a cell below which fewer neighbours are kept warm: they are gone before they could be used.
+const WARM_TICKS: f64 = 50.0;
+/// Turns of a round: in each tick one source of the finest ring is looked at.
+pub const TURNS: usize = 10;
+/// Ticks after which a region away from the motion is thought to be reached at rest, for each cell of distance.
+const DRIFT_TICKS: f64 = 200.0;
+/// Share of the speed with which the hand may come to a cell that does not lie ahead.
+const SIDEWAYS: f64 = 0.25;
+
+/// A predicted region.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Predicted {
+    /// Which one.
+    pub key: RegionKey,
+    /// Ticks from now until the contact may be in its cell: what is due first comes first.
+    pub ticks: f64,
+    /// Whether it is to be performed, not only loaded.
+    pub refine: bool,
+}
+
+/// What the prediction starts from; model frame and units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// The probe's centre (the proxy, in contact).
+    pub position: DVec3,
+    /// Radius of the probe.
+    pub radius: f64,
+    /// Surely no surface is nearer to the centre than this.
+    pub clearance: f64,
+}
+
+/// How the motion goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Course {
+    /// Straight on.
+    Linear,
+    /// Along a parabola.
+    Quadratic,
+    /// Along a parabola whose bend fades: a hand does not accelerate one way for long.
+    Fading,
+}
+
+/// What the balls are made from: each can be left out, to see what it buys.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sources {
+    /// Cells around those of the contact.
+    pub neighbours: bool,
+    /// What lies ahead.
+    pub course: Option<Course>,
+    /// What lies ahead is moved onto the front as far as it is known: a coarse ring is the map for a fine one.
+    pub landing: bool,
+}
+
+impl Sources {
+    /// All of them.
+    pub const ALL: Self = Self {
+        neighbours: true,
+        course: Some(Course::Fading),
+        landing: true,
+    };
+}
+
+/// Where a turn looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Look {
+    Here,
+    Around,
+    Ahead(f64),
+}
+
+/// The turns of the finest ring; what is to be refined takes every other one.
+const ROUND: [(Look, bool); TURNS] = [
+    (Look::Here, true),
+    (Look::Around, false),
+    (Look::Ahead(REFINE_AHEAD), true),
+    (Look::Ahead(LOAD_AHEAD[0]), false),
+    (Look::Here, true),
+    (Look::Ahead(LOAD_AHEAD[1]), false),
+    (Look::Ahead(REFINE_AHEAD), true),
+    (Look::Ahead(LOAD_AHEAD[0]), false),
+    (Look::Here, true),
+    (Look::Ahead(LOAD_AHEAD[2]), false),
+];
+
+/// The turns of each coarser ring.
+const RING_ROUND: [(Look, bool); 3] = [
+    (Look::Here, true),
+    (Look::Ahead(RING_AHEAD[0]), true),
+    (Look::Ahead(RING_AHEAD[1]), false),
+];
+
+/// The predictor: a short history of the device.
+#[derive(Debug, Clone)]
+pub struct Predictor {
+    history: [DVec3; 2 * SPANS[1] + 1],
+    known: usize,
+    /// Which of [`SPANS`].
+    span: usize,
+    /// Average speed, model units a tick.
+    pace: f64,
+    sources: Sources,
+    /// Which source of the finest ring is next.
+    turn: usize,
+    /// Which source of the coarser rings is next.
+    ring_turn: usize,
+    /// What lies ahead this turn, moved onto the front.
+    landed: Option<DVec3>,
+}
+
+impl Predictor {
+    /// No history.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            history: [DVec3::ZERO; 2 * SPANS[1] + 1],
+            known: 0,
+            span: SPANS[1],
+            pace: 0.0,
+            sources: Sources::ALL,
+            turn: 0,
+            ring_turn: 0,
+            landed: None,
+        }
+    }
+
+    /// Forgets what it saw: another probe comes, or the same from elsewhere.
+    pub fn forget(&mut self) {
+        *self = Self {
+            sources: self.sources,
+            ..Self::new()
+        };
+    }
+
+    /// Predicts from these sources from now on.
+    pub fn set_sources(&mut self, sources: Sources) {
+        self.sources = sources;
+    }
+
+    /// Velocity and acceleration of the device now, model units per tick and per tick squared.
+    #[must_use]
+    pub fn motion(&self) -> (DVec3, DVec3) {
+        if self.known < self.history.len() {
+            return (DVec3::ZERO, DVec3::ZERO);
+        }
+        let span = self.span as f64;
+        let [now, middle, old] = [0, 1, 2].map(|k| self.history[k * self.span]);
+        let acceleration = (now - 2.0 * middle + old) / (span * span);
+        let velocity = (now - middle) / span;
+        (velocity, acceleration)
+    }
+
+    /// The average speed, model units a tick.
+    #[must_use]
+    pub fn pace(&self) -> f64 {
+        self.pace
+    }
+
+    /// The point ahead that the next turn of the finest ring looks at, if it is one that may be moved onto the
+    /// front; what it is then is told with [`Predictor::land`].
+    #[must_use]
+    pub fn ahead(&self, position: DVec3) -> Option<DVec3> {
+        let (look, _) = ROUND[self.turn];
+        let is_ahead = matches!(look, Look::Ahead(_)) && self.motion().0 != DVec3::ZERO;
+        (self.sources.landing && is_ahead)
+            .then(|| self.extrapolated(position, look))
+            .flatten()
+    }
+
+    /// What the point of [`Predictor::ahead`] is on the front.
+    pub fn land(&mut self, point: Option<DVec3>) {
+        self.landed = point;
+    }
+
+    /// Where a look goes; `None` when its source is left out.
+    fn extrapolated(&self, position: DVec3, look: Look) -> Option<DVec3> {
+        let (velocity, acceleration) = self.motion();
+        match look {
+            Look::Here => Some(position),
+            Look::Around => self.sources.neighbours.then_some(position),
+            Look::Ahead(ticks) => {
+                let bend = match self.sources.course? {
+                    Course::Linear => return Some(position + velocity * ticks),
+                    Course::Quadratic => 0.5 * ticks * ticks,
+                    Course::Fading => {
+                        let left = (-ticks / FADING_TICKS).exp();
+                        FADING_TICKS * (ticks - FADING_TICKS * (1.0 - left))
+                    }
+                };
+                // The difference over a span is the velocity in its middle.
+                let velocity = velocity + acceleration * (0.5 * self.span as f64);
+                Some(position + velocity * ticks + acceleration * bend)
+            }
+        }
+    }
+
+    /// By how much a point so many ticks ahead may be missed.
+    fn spread(&self, ticks: f64) -> f64 {
+        let (velocity, acceleration) = self.motion();
+        let way = velocity.length() * ticks;
+        let bend = 0.5 * acceleration.length() * ticks * ticks;
+        SPREAD[0] * way + (SPREAD[1] * bend).min(0.5 * way)
+    }
+
+    /// Takes the device's position of this tick and visits the regions of one source of the finest ring and,
+    /// with `rings`, one of a coarser ring.
+    pub fn predict(
+        &mut self,
+        dial: &Dial,
+        rings: bool,
+        device: DVec3,
+        motion: Motion,
+        mut visit: impl FnMut(Predicted),
+    ) {
+        self.history.copy_within(0..2 * SPANS[1], 1);
+        self.history[0] = device;
+        self.known = (self.known + 1).min(self.history.len());
+        let slow = device.distance(self.history[SPANS[1]]) < motion.radius;
+        self.span = SPANS[usize::from(slow)];
+        self.pace += (self.motion().0.length() - self.pace) / PACE_TICKS;
+        let finest = dial.finest();
+        let finest_ring = &dial.rings()[finest];
+        let (look, refine) = ROUND[self.turn];
+        self.turn = (self.turn + 1) % TURNS;
+        let landed = self.landed.take();
+        self.look([finest_ring; 2], look, refine, landed, motion, &mut visit);
+        let coarser = dial.rings().len() - finest - 1;
+        if rings && coarser > 0 {
+            self.ring_turn = (self.ring_turn + 1) % (coarser * RING_ROUND.len());
+            let ring = &dial.rings()[finest + 1 + self.ring_turn % coarser];
+            let (look, refine) = RING_ROUND[self.ring_turn / coarser];
+            self.look([ring, finest_ring], look, refine, None, motion, &mut visit);
+        }
+    }
+
+    /// Visits the regions of a ring in one ball.
+    fn look(
+        &self,
+        [ring, finest]: [&Ring; 2],
+        look: Look,
+        refine: bool,
+        landed: Option<DVec3>,
+        motion: Motion,
+        visit: &mut impl FnMut(Predicted),
+    ) {
+        let (velocity, _) = self.motion();
+        let speed = velocity.length();
+        let grid = &ring.grid;
+        // Distance before contact: what is surely out of reach is not asked for.
+        let farthest = LOAD_AHEAD[2];
+        let reach = motion.radius + grid.cell + speed * farthest + self.spread(farthest);
+        if motion.clearance > reach {
+            return;
+        }
+        let Some(centre) = self.extrapolated(motion.position, look) else {
+            return;
+        };
+        let centre = landed.unwrap_or(centre);
+        let around = RADII_AROUND * motion.radius;
+        let radius = match look {
+            Look::Around => {
+                let warm = (grid.cell / speed / WARM_TICKS).min(1.0);
+                motion.radius + grid.cell * warm
+            }
+            Look::Here => around + self.spread(REFINE_AROUND),
+            Look::Ahead(ticks) if refine => around + self.spread(ticks),
+            // In cells of the finest ring: a coarser one needs no more room around what lies ahead.
+            Look::Ahead(ticks) => around + 0.25 * finest.grid.cell + self.spread(ticks),
+        };
+        visit_ball(grid, centre, radius, |id| {
+            visit(Predicted {
+                key: RegionKey::new(id, ring.tolerance),
+                ticks: ticks_until(grid, id, motion, velocity),
+                refine,
+            });
+        });
+    }
+}
+
+/// Visits the regions around a place where another part of the probe may touch next, and around where that goes: of the finest
+/// ring, and of the coarser ones with `rings`, where the front is coarse still. `velocity`: of that part, model units a tick.
+pub fn predict_beside(
+    dial: &Dial,
+    rings: bool,
+    place: Motion,
+    velocity: DVec3,
+    mut visit: impl FnMut(Predicted),
+) {
+    let finest = dial.finest();
+    let last = if rings {
+        dial.rings().len()
+    } else {
+        finest + 1
+    };
+    for ring in &dial.rings()[finest..last] {
+        for ticks in [0.0, REFINE_AHEAD] {
+            let way = velocity * ticks;
+            let radius = RADII_AROUND * place.radius + SPREAD[0] * way.length();
+            visit_ball(&ring.grid, place.position + way, radius, |id| {
+                visit(Predicted {
+                    key: RegionKey::new(id, ring.tolerance),
+                    ticks: ticks_until(&ring.grid, id, place, velocity),
+                    refine: true,
+                });
+            });
+        }
+    }
+}
+
+/// Ticks until the probe may be in a cell: it moves on with its velocity, or to a side with a share of it.
+fn ticks_until(grid: &RegionGrid, id: RegionId, motion: Motion, velocity: DVec3) -> f64 {
+    let way = grid.towards(id, motion.position);
+    let distance = way.length();
+    let left = distance - motion.radius;
+    if left <= 0.0 {
+        return 0.0;
+    }
+    let speed = velocity.length();
+    let ahead = velocity.dot(way) / distance;
+    left / (ahead.max(SIDEWAYS * speed) + grid.cell / DRIFT_TICKS)
+}
+
+/// Visits the regions whose cells meet a ball. A ball of many cells is cut down: no unbounded loop,
+/// whatever the speed.
+fn visit_ball(grid: &RegionGrid, centre: DVec3, radius: f64, mut visit: impl FnMut(RegionId)) {
+    let radius = radius.min(2.0 * grid.cell);
+    let Some((low, high)) = grid.cell_range(centre - radius, centre + radius) else {
+        return;
+    };
+    for z in low.z..=high.z {
+        for y in low.y..=high.y {
+            for x in low.x..=high.x {
+                let id = RegionId::of_cell(UVec3::new(x, y, z));
+                if grid.distance_squared(id, centre) <= radius * radius {
+                    visit(id);
+                }
+            }
+        }
+    }
+}
+
+impl Default for Predictor {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lod::dial::header;
+
+    fn dial() -> Dial {
+        Dial::new(&header(&[0.0, 0.01, 0.02]), 0.0, 1.0)
+    }
+
+    fn still(position: DVec3, clearance: f64) -> Motion {
+        Motion {
+            position,
+            radius: 0.01,
+            clearance,
+        }
+    }
+
+    /// Everything predicted over one round of turns, by region; true where it is to be refined.
+    fn round(
+        predictor: &mut Predictor,
+        rings: bool,
+        device: DVec3,
+        velocity: DVec3,
+        clearance: f64,
+    ) -> std::collections::BTreeMap<RegionKey, bool> {
+        let mut all = std::collections::BTreeMap::new();
+        for k in 0..TURNS {
+            let position = device + velocity * k as f64;
+            predictor.predict(&dial(), rings, position, still(position, clearance), |p| {
+                *all.entry(p.key).or_default() |= p.refine;
+            });
+        }
+        all
+    }
+
+    fn key(ring: usize, point: DVec3) -> RegionKey {
+        let dial = dial();
+        let ring = &dial.rings()[ring];
+        RegionKey::new(ring.grid.region_of_point(point), ring.tolerance)
+    }
+
+    #[test]
+    fn a_resting_contact_refines_its_cell_and_loads_its_neighbours() {
+        let centre = DVec3::splat(8.5 / 16.0);
+        let all = round(&mut Predictor::new(), false, centre, DVec3::ZERO, 0.0);
+        assert_eq!(all.get(&key(0, centre)), Some(&true));
+        assert_eq!(all.len(), 27);
+        assert_eq!(all.values().filter(|&&refine| refine).count(), 1);
+    }
+
+    #[test]
+    fn every_ring_is_refined_at_the_contact() {
+        let centre = DVec3::splat(8.5 / 16.0);
+        let all = round(&mut Predictor::new(), true, centre, DVec3::ZERO, 0.0);
+        for ring in 0..3 {
+            assert_eq!(all.get(&key(ring, centre)), Some(&true), "ring {ring}");
+        }
+        // The finest keeps its neighbours warm, a coarser ring needs none.
+        assert_eq!(all.len(), 27 + 2);
+    }
+
+    #[test]
+    fn motion_loads_what_lies_ahead_and_knows_when_it_is_due() {
+        let mut predictor = Predictor::new();
+        let velocity = DVec3::new(1e-3, 0.0, 0.0);
+        let mut position = DVec3::splat(0.3);
+        for _ in 0..20 {
+            round(&mut predictor, true, position, velocity, 0.0);
+            position += velocity * TURNS as f64;
+        }
+        let all = round(&mut predictor, true, position, velocity, 0.0);
+        assert!(all.contains_key(&key(0, position + velocity * 60.0)));
+        assert!(!all.contains_key(&key(0, position - velocity * 200.0)));
+        let mut due = Vec::new();
+        for _ in 0..TURNS {
+            predictor.predict(&dial(), false, position, still(position, 0.0), |p| {
+                let grid = dial().rings()[0].grid;
+                due.push((grid.distance_squared(p.key.id, position).sqrt(), p.ticks));
+            });
+        }
+        assert!(
+            due.iter()
+                .all(|&(distance, ticks)| distance > 0.0 || ticks == 0.0)
+        );
+        assert!(due.iter().any(|&(_, ticks)| ticks > 5.0));
+    }
+
+    #[test]
+    fn what_lies_ahead_is_looked_for_where_it_lands() {
+        let mut predictor = Predictor::new();
+        let velocity = DVec3::new(1e-3, 0.0, 1e-3);
+        let mut position = DVec3::splat(0.3);
+        let mut landed_at = DVec3::ZERO;
+        let mut met = false;
+        for _ in 0..60 {
+            if let Some(ahead) = predictor.ahead(position) {
+                landed_at = DVec3::new(ahead.x, ahead.y, 0.3);
+                predictor.land(Some(landed_at));
+            }
+            predictor.predict(&dial(), false, position, still(position, 0.0), |p| {
+                met |= p.key == key(0, landed_at);
+            });
+            position += velocity;
+        }
+        assert!(landed_at.x > 0.36 && met);
+    }
+
+    #[test]
+    fn far_from_any_surface_nothing_is_predicted() {
+        let centre = DVec3::splat(0.5);
+        assert!(round(&mut Predictor::new(), true, centre, DVec3::ZERO, 0.5).is_empty());
+    }
+
+    #[test]
+    fn any_speed_visits_a_bounded_number_of_regions() {
+        let mut predictor = Predictor::new();
+        for k in 0..200 {
+            let p = DVec3::splat(if k % 2 == 0 { -1e6 } else { 1e6 });
+            let mut count = 0;
+            predictor.predict(&dial(), true, p, still(DVec3::splat(0.5), 0.0), |_| {
+                count += 1;
+            });
+            assert!(count <= 250);
+        }
+    }
+}

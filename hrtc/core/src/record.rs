@@ -1,0 +1,133 @@
+//! What one tick of the core leaves behind: plain numbers.
+
+use scene::MOST_PROBES;
+
+/// What one probe felt in a tick; of several objects the worst.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ProbeRecord {
+    /// Whether the probe touches.
+    pub contact: bool,
+    /// Whether every face that holds the probe is a face of the full mesh.
+    pub contact_full: bool,
+    /// Whether the contact is as accurate as was asked for.
+    pub contact_asked: bool,
+    /// Expected error of the front at the contact, metres; see [`CoreRecord::contact_tolerance_m`].
+    pub contact_tolerance_m: f64,
+    /// The finest expected error that is asked for where it touches, metres.
+    pub finest_tolerance_m: f64,
+    /// Certified error at the contact, metres.
+    pub certified_error_m: f64,
+    /// Penetration of the device behind the proxy, metres.
+    pub depth_m: f64,
+    /// Whether the force was clamped.
+    pub clamped: bool,
+    /// Whether the sample was rejected.
+    pub rejected_sample: bool,
+    /// Energy put out by the rendering, joules, total.
+    pub energy_j: f64,
+}
+
+/// What the pure core reports of one tick. Counters are of this tick unless called total.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CoreRecord {
+    /// What each probe felt; the next fields are of all of them, the worst of those that touch.
+    pub probes: [ProbeRecord; MOST_PROBES],
+    /// Whether a probe touches.
+    pub contact: bool,
+    /// Whether every face that holds a probe is a face of the full mesh.
+    pub contact_full: bool,
+    /// Whether the contacts have a certified bound.
+    pub contact_bounded: bool,
+    /// Whether the contacts are as accurate as was asked for.
+    pub contact_asked: bool,
+    /// Expected error of the front at the contact, metres: 0 at full resolution, negative where not even the
+    /// coarsest ring is done there.
+    pub contact_tolerance_m: f64,
+    /// The finest expected error that is asked for now, metres: what was asked for, or coarser for want of time
+    /// or room.
+    pub finest_tolerance_m: f64,
+    /// Certified error at the contact, metres.
+    pub certified_error_m: f64,
+    /// Penetration of the device behind the proxy, metres.
+    pub depth_m: f64,
+    /// Objects that are awake.
+    pub awake: u32,
+    /// Objects that are moving, or may: those that move and do not sleep.
+    pub moving: u32,
+    /// Pairs of a probe and an object that it could touch, but that is not awake.
+    pub unseated: u32,
+    /// Faces of the active fronts.
+    pub active_faces: u32,
+    /// Splits performed.
+    pub vsplits: u32,
+    /// Collapses performed.
+    pub ecols: u32,
+    /// Vertices that are on their way since a probe feels them.
+    pub in_flight: u32,
+    /// Splits that a probe would feel and that wait for room to fly.
+    pub postponed: u32,
+    /// Splits that a probe would feel and that wait since they would turn a face over.
+    pub refused_folds: u32,
+    /// Operations of the tick in work units (splits, collapses, nodes, records) for the budget.
+    pub work_units: u32,
+    /// Nodes visited and faces tested by the queries.
+    pub query_work: u32,
+    /// Tools whose budget left something to the next tick: until then their proxies stay where it is safe.
+    pub unfinished: u32,
+    /// Tools whose tick ended early though the budget had room: the rest of their way is gone in the next ones.
+    pub early: u32,
+    /// Records received, total.
+    pub vsps_received: u64,
+    /// Bytes received (chunks), total.
+    pub bytes_received: u64,
+    /// Regions subscribed, total.
+    pub regions_subscribed: u64,
+    /// Epochs ended, so that regions were declared and asked for anew, total.
+    pub resubscribed: u64,
+    /// Regions asked for again, with every record, since their answer counted on records that were gone, total.
+    pub resent: u64,
+    /// Records evicted, total.
+    pub evicted: u64,
+    /// VSPs loaded now.
+    pub vsps_loaded: u32,
+    /// Cache bytes in use now.
+    pub cache_bytes: u64,
+    /// Whether a force was clamped.
+    pub clamped: bool,
+    /// Whether a sample was rejected.
+    pub rejected_sample: bool,
+    /// Energy put out by the rendering, joules, total; above 0 means it pushed energy in.
+    pub energy_j: f64,
+    /// Whether every model is known, so that a touch could be answered.
+    pub ready: bool,
+    /// Newest measured error, metres, and its tick; negative when none arrived this tick.
+    pub measured_error_m: f64,
+    /// Whether the force was asked to ramp down.
+    pub stopping: bool,
+    /// Hash over every tick's outputs so far.
+    pub replay_hash: u64,
+}
+
+impl CoreRecord {
+    /// Fills in what is of all probes from what each of them felt.
+    pub fn gather(&mut self) {
+        self.clamped = self.probes.iter().any(|probe| probe.clamped);
+        self.rejected_sample = self.probes.iter().any(|probe| probe.rejected_sample);
+        let touching = || self.probes.iter().filter(|probe| probe.contact);
+        let most = |of: fn(&ProbeRecord) -> f64| touching().map(of).fold(0.0, f64::max);
+        let is_touching = touching().next().is_some();
+        let is_full = is_touching && touching().all(|probe| probe.contact_full);
+        let is_asked = is_touching && touching().all(|probe| probe.contact_asked);
+        let is_unknown = touching().any(|probe| probe.contact_tolerance_m < 0.0);
+        let tolerance_m = most(|probe| probe.contact_tolerance_m);
+        self.contact_tolerance_m = if is_unknown { -1.0 } else { tolerance_m };
+        self.finest_tolerance_m = most(|probe| probe.finest_tolerance_m);
+        self.certified_error_m = most(|probe| probe.certified_error_m);
+        self.depth_m = most(|probe| probe.depth_m);
+        self.contact = is_touching;
+        self.contact_full = is_full;
+        self.contact_asked = is_asked;
+        // Every front has a bound, whatever its resolution.
+        self.contact_bounded = is_touching;
+    }
+}

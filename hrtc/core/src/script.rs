@@ -1,0 +1,122 @@
+//! What the simulated hand intends over time: points of a scene's CSV, or a tour that the station made.
+
+use geometry::Pose;
+use glam::DVec3;
+use haptic_device::Intent;
+use crate::controller::ModelFrame;
+use protocol::TourPoint;
+
+/// A place in a list of points in time.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Script {
+    cursor: usize,
+}
+
+impl Script {
+    /// The intent at `t` seconds along `points` (in the world); it rests before the first and after the last.
+    ///
+    /// Time must not go back. Moves on by as many points as lie between two calls.
+    pub fn along_points(&mut self, points: &[(f64, Pose)], t: f64) -> Option<Intent> {
+        self.along(points.len(), |k| points[k].0, |k| points[k].1, t)
+    }
+
+    /// The intent along a tour of an object with the given frame.
+    pub fn along_tour(
+        &mut self,
+        points: &[TourPoint],
+        frame: &ModelFrame,
+        t: f64,
+    ) -> Option<Intent> {
+        let pose = |k: usize| {
+            let point: &TourPoint = &points[k];
+            // Tours are in the file's own frame: its origin is part of the position.
+            let position = DVec3::from_array(point.position) - frame.origin;
+            // What is no orientation leaves the object's own axes.
+            let own = Pose::from_wxyz([0.0; 3], point.orientation_wxyz).unwrap_or(Pose::IDENTITY);
+            Pose {
+                position: frame.to_world(position),
+                orientation: frame.pose.orientation * own.orientation,
+            }
+        };
+        self.along(points.len(), |k| points[k].t, pose, t)
+    }
+
+    fn along(
+        &mut self,
+        length: usize,
+        time: impl Fn(usize) -> f64,
+        pose: impl Fn(usize) -> Pose,
+        t: f64,
+    ) -> Option<Intent> {
+        let last = length.checked_sub(1)?;
+        while self.cursor < last && time(self.cursor + 1) <= t {
+            self.cursor += 1;
+        }
+        let from = pose(self.cursor);
+        let start = time(self.cursor);
+        if self.cursor == last || t < start {
+            return Some(Intent {
+                pose: from,
+                velocity: DVec3::ZERO,
+            });
+        }
+        let to = pose(self.cursor + 1);
+        let span = time(self.cursor + 1) - start;
+        let share = (t - start) / span;
+        Some(Intent {
+            pose: Pose {
+                position: from.position.lerp(to.position, share),
+                orientation: from.orientation.slerp(to.orientation, share),
+            },
+            velocity: (to.position - from.position) / span,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    /// The axes of a tool follow the object's surface wherever the object is.
+    #[test]
+    fn a_tour_leads_in_the_frame_of_its_object() {
+        let turn = DQuat::from_rotation_y(1.0);
+        let own = DQuat::from_rotation_x(2.0);
+        let frame = ModelFrame {
+            pose: Pose {
+                position: DVec3::X,
+                orientation: turn,
+            },
+            metres_per_unit: 0.5,
+            origin: DVec3::Z,
+        };
+        let point = TourPoint {
+            t: 0.0,
+            position: [0.0, 2.0, 1.0],
+            orientation_wxyz: [own.w, own.x, own.y, own.z],
+        };
+        let intent = Script::default().along_tour(&[point], &frame, 0.0).unwrap();
+        let expected = DVec3::X + turn * DVec3::new(0.0, 1.0, 0.5);
+        assert!(intent.pose.position.distance(expected) < 1e-15);
+        assert!(intent.pose.orientation.angle_between(turn * own) < 1e-7);
+    }
+
+    #[test]
+    fn it_interpolates_and_rests_at_both_ends() {
+        let points = [
+            (1.0, Pose::at(DVec3::ZERO)),
+            (2.0, Pose::at(DVec3::X)),
+            (4.0, Pose::at(DVec3::X + DVec3::Y)),
+        ];
+        let mut script = Script::default();
+        let mut at = |t| script.along_points(&points, t).unwrap();
+        assert_eq!(at(0.0).velocity, DVec3::ZERO);
+        assert_eq!(at(1.5).pose.position, DVec3::X * 0.5);
+        assert_eq!(at(1.5).velocity, DVec3::X);
+        assert_eq!(at(3.0).pose.position, DVec3::new(1.0, 0.5, 0.0));
+        assert_eq!(at(9.0).pose.position, DVec3::new(1.0, 1.0, 0.0));
+        assert_eq!(at(9.0).velocity, DVec3::ZERO);
+        assert!(Script::default().along_points(&[], 0.0).is_none());
+    }
+}

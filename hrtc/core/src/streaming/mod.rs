@@ -1,0 +1,4 @@
+//! Requests to the station and what comes back.
+
+pub mod chunk;
+pub mod subscriber;

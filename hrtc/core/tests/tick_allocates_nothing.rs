@@ -1,0 +1,37 @@
+//! Neither the tick nor the device touches the heap, whatever happens.
+
+mod common;
+
+use common::{Pair, plan, spm};
+use realtime::counting_allocator::{CountingAllocator, count};
+use ve_station::build::BuildOptions;
+use ve_station::generate::{Shape, generate};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+#[test]
+fn over_a_tour_with_loading_evictions_a_silent_link_and_a_restarted_station() {
+    assert!(count(|| vec![0u8; 100]) > 0, "the allocator counts");
+    let mesh = generate(Shape::Relief, 60_000, 1);
+    let model = spm(mesh, &BuildOptions::default());
+    let mut plan = plan("");
+    plan.cache_bytes = 1 << 20;
+    let mut pair = Pair::new(&plan, model.clone(), 10.0);
+    for tick in 0..8000 {
+        pair.cut = (3000..3400).contains(&tick);
+        if tick == 5000 {
+            pair.restart_station(model.clone(), 101);
+        }
+        pair.step();
+        assert_eq!(pair.allocations, 0, "tick {tick}");
+    }
+    let s = &pair.summary;
+    println!(
+        "contact {} of {} ticks, evicted {}, asked again {}",
+        s.contact, s.ticks, s.last.evicted, s.last.resubscribed
+    );
+    assert!(s.contact > 2000 && s.vsplits > 0 && s.ecols > 0);
+    assert!(s.last.evicted > 0, "the cache is small enough to evict");
+    assert!(s.last.resubscribed > 0, "the restart was met");
+}
