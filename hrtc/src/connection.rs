@@ -36,7 +36,7 @@ const CLEANUP: Duration = Duration::from_secs(1);
 /// The thread's stack: locked memory commits it whole.
 const STACK: usize = 512 << 10;
 /// Sentences about peers at the most.
-const MOST_SAID: usize = 64;
+const MAX_SAID: usize = 64;
 
 /// Called with every chunk in the order of arrival, before the tick can see it.
 pub type Recorder = Box<dyn FnMut(&InboxChunk) + Send>;
@@ -371,7 +371,7 @@ impl Agent {
 
     /// Says a sentence once.
     fn say(&mut self, sentence: String) {
-        if self.said.len() < MOST_SAID && !self.said.contains(&sentence) {
+        if self.said.len() < MAX_SAID && !self.said.contains(&sentence) {
             tracing::warn!("{sentence}");
             self.said.insert(sentence);
         }

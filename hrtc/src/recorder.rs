@@ -12,7 +12,7 @@ use hrtc_core::controller::{Controller, NoObserver, TickInputs, TickOutputs};
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
-use scene::{self, MOST_PROBES, Overrides, SceneError};
+use scene::{self, MAX_PROBES, Overrides, SceneError};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Write};
@@ -24,7 +24,7 @@ const TICK: u8 = 1;
 const CHUNK: u8 = 2;
 const END: u8 = 3;
 /// Longest head that is read: a scene is far shorter.
-const HEAD_MOST: u64 = 16 << 20;
+const MAX_HEAD: u64 = 16 << 20;
 
 /// Why a recording cannot be written or read.
 #[derive(Debug, Error)]
@@ -125,8 +125,8 @@ struct RecordedTick {
     /// Which probes gave a sample: bit k for probe k.
     has_sample: u32,
     stopping: u32,
-    positions: [[f64; 3]; MOST_PROBES],
-    orientations_xyzw: [[f64; 4]; MOST_PROBES],
+    positions: [[f64; 3]; MAX_PROBES],
+    orientations_xyzw: [[f64; 4]; MAX_PROBES],
     replay_hash: u64,
 }
 
@@ -246,7 +246,7 @@ pub fn replay(path: &Path) -> Result<Replay, RecordingError> {
     file.read_exact(&mut start).map_err(|_| foreign())?;
     let (magic, length) = start.split_at(8);
     let length = u64::from_le_bytes(length.try_into().map_err(|_| foreign())?);
-    if magic != MAGIC || length > HEAD_MOST {
+    if magic != MAGIC || length > MAX_HEAD {
         return Err(foreign());
     }
     let mut head = vec![0u8; length as usize];
@@ -318,7 +318,7 @@ fn run(
         let arrived = usize::try_from(recorded.chunks_arrived)
             .unwrap_or(usize::MAX)
             .min(chunks.len());
-        let samples: [Option<Sample>; MOST_PROBES] = std::array::from_fn(|k| {
+        let samples: [Option<Sample>; MAX_PROBES] = std::array::from_fn(|k| {
             let pose = Pose {
                 position: recorded.positions[k].into(),
                 orientation: glam::DQuat::from_array(recorded.orientations_xyzw[k]),

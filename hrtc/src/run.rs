@@ -11,7 +11,7 @@ use crate::recorder::{Recording, RecordingHead};
 use crate::result::{Accumulator, RunMeta, SupervisedLine};
 use crate::tick_record::TickRecord;
 use haptic_device::Device;
-use hrtc_core::contact::sphere_proxy::MOST_CONSTRAINTS;
+use hrtc_core::contact::sphere_proxy::MAX_CONSTRAINTS;
 use hrtc_core::controller::{Controller, Fault};
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
@@ -366,7 +366,7 @@ impl Shell<'_> {
         let constraints = controller.dropped_constraints();
         if constraints > 0 {
             eprintln!(
-                "hrtc: {constraints} times a face at the contact found no place beside {MOST_CONSTRAINTS} deeper ones; the probe was swept against it instead"
+                "hrtc: {constraints} times a face at the contact found no place beside {MAX_CONSTRAINTS} deeper ones; the probe was swept against it instead"
             );
         }
         match self.args.output {

@@ -3,7 +3,7 @@
 use geometry::{Pose, Wrench};
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::MissClass;
-use scene::MOST_PROBES;
+use scene::MAX_PROBES;
 
 /// Stages of a tick, as indices of [`TickRecord::stage_ns`].
 pub const STAGES: [&str; 6] = ["inbox", "refine", "refit", "query", "force", "broad_phase"];
@@ -37,9 +37,9 @@ pub struct TickRecord {
     /// Incarnation of the station as this tick saw it; 0 for none.
     pub station: u64,
     /// Each device's pose; `None` when it gave none.
-    pub samples: [Option<Pose>; MOST_PROBES],
+    pub samples: [Option<Pose>; MAX_PROBES],
     /// The wrenches written.
-    pub wrenches: [Wrench; MOST_PROBES],
+    pub wrenches: [Wrench; MAX_PROBES],
     /// The core's own record.
     pub core: CoreRecord,
 }

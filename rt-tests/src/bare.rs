@@ -12,7 +12,7 @@ use hrtc::tick_record::{STAGES, TickRecord};
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::{Pacer, Wake, Worked};
 use realtime::rights::{obtain, thread_cpu_ns};
-use scene::MOST_PROBES;
+use scene::MAX_PROBES;
 use std::sync::atomic::AtomicBool;
 
 /// What the bare loop's role is told.
@@ -139,8 +139,8 @@ fn record(&(wake, worked): &(Wake, Worked)) -> TickRecord {
         allocations: 0,
         chunks_arrived: 0,
         station: 0,
-        samples: [None; MOST_PROBES],
-        wrenches: [Wrench::ZERO; MOST_PROBES],
+        samples: [None; MAX_PROBES],
+        wrenches: [Wrench::ZERO; MAX_PROBES],
         core: CoreRecord {
             measured_error_m: -1.0,
             ..CoreRecord::default()

@@ -11,7 +11,7 @@ use crate::accuracy::model::Model;
 use crate::accuracy::timing::least_ns;
 use crate::failure::Failure;
 use crate::run::{check_seconds, print, print_json};
-use crate::simulator::Tape;
+use crate::simulator::InputRecording;
 use clap::Args;
 use hrtc_core::controller::{NoObserver, Stage};
 use hrtc_core::force::effects::UsageByKind;
@@ -24,7 +24,7 @@ use std::sync::Arc;
 /// The scene that lists every effect.
 const BUNDLED: &str = include_str!("../../config/scenes/effects.toml");
 /// All effects of a scene together are to take less than this in a tick, nanoseconds.
-const MOST_NS: f64 = 20_000.0;
+const MAX_NS: f64 = 20_000.0;
 /// Seconds from which an effect acts that is listed but never comes.
 const NEVER_S: f64 = 1e8;
 
@@ -84,7 +84,7 @@ pub struct Cost {
 /// A recorded run.
 struct Recorded {
     plan: ScenePlan,
-    tape: Tape,
+    tape: InputRecording,
     /// Ticks before the tour.
     start: usize,
     usage: UsageByKind,
@@ -165,7 +165,8 @@ pub fn measure(args: &EffectsArgs) -> Result<Effects, Failure> {
     }
     runs.push(record(&listed)?);
 
-    let pairs: Vec<(&Tape, &ScenePlan)> = runs.iter().map(|run| (&run.tape, &run.plan)).collect();
+    let pairs: Vec<(&InputRecording, &ScenePlan)> =
+        runs.iter().map(|run| (&run.tape, &run.plan)).collect();
     let ns = least_ns(&pairs)?;
     let names = listed.iter().map(|effect| effect.effect.name());
     let mut found = Effects {
@@ -197,7 +198,7 @@ pub fn measure(args: &EffectsArgs) -> Result<Effects, Failure> {
     found.unlisted_calls += unlisted(&never, None).0;
     found.unlisted_bit_equal = never.ticks == runs[0].ticks;
     let all = found.effects.last().map_or(f64::INFINITY, |all| all.p99_ns);
-    found.pass = all < MOST_NS
+    found.pass = all < MAX_NS
         && found.unlisted_calls + found.unlisted_bytes == 0
         && found.unlisted_bit_equal;
     Ok(found)

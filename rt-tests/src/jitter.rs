@@ -28,7 +28,7 @@ use std::time::{Duration, Instant};
 /// Rounds at the least: fewer medians mean nothing.
 const FEWEST_ROUNDS: usize = 5;
 /// Rounds at the most.
-const MOST_ROUNDS: usize = 20;
+const MAX_ROUNDS: usize = 20;
 /// A round grows to this length before there are more of them, seconds.
 const ROUND_S: f64 = 24.0;
 /// Shares of a round: controller, bare loop, arithmetic.
@@ -298,7 +298,7 @@ impl<'a> Measurement<'a> {
     }
 
     fn run(mut self, stop: &AtomicBool) -> Result<Self, Failure> {
-        let rounds = ((self.args.seconds / ROUND_S) as usize).clamp(FEWEST_ROUNDS, MOST_ROUNDS);
+        let rounds = ((self.args.seconds / ROUND_S) as usize).clamp(FEWEST_ROUNDS, MAX_ROUNDS);
         let seconds = SHARES.map(|share| share * self.args.seconds / rounds as f64);
         let (sender, _events) = channel();
         let _load = match self.args.load {

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use transport::Domain;
 
 /// Restarts of a station in one run at the most.
-const MOST_RESTARTS: usize = 3;
+const MAX_RESTARTS: usize = 3;
 /// How long the controller may take beyond its seconds before it counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(30);
 /// How long a process may take to end when asked.
@@ -182,14 +182,14 @@ impl Pair {
         }
         self.station.wait(ENDING);
         let failure = self.station.failure(Some(status));
-        if failure.status() == 2 || self.restarts == MOST_RESTARTS {
+        if failure.status() == 2 || self.restarts == MAX_RESTARTS {
             self.controller.terminate();
             self.controller.wait(ENDING);
             return Err(failure);
         }
         self.restarts += 1;
         self.notes.push(format!(
-            "{failure}; it was restarted ({} of at most {MOST_RESTARTS})",
+            "{failure}; it was restarted ({} of at most {MAX_RESTARTS})",
             self.restarts
         ));
         self.station = Process::start("station", &self.station_arguments, self.core, &self.sender)?;

@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 /// Objects of which it is said where they came to; of more only how many.
-const MOVED_MOST: usize = 8;
+const MAX_MOVED: usize = 8;
 
 /// Everything that a report tells of.
 #[derive(Debug)]
@@ -194,7 +194,7 @@ impl Report<'_> {
         let mut lines: Vec<String> = r
             .moved
             .iter()
-            .take(MOVED_MOST)
+            .take(MAX_MOVED)
             .map(|moved| {
                 let [x, y, z] = moved.position_m;
                 format!(
@@ -206,10 +206,10 @@ impl Report<'_> {
                 )
             })
             .collect();
-        if r.moved.len() > MOVED_MOST {
+        if r.moved.len() > MAX_MOVED {
             lines.push(format!(
                 "{} other object(s) moved, see --json",
-                grouped((r.moved.len() - MOVED_MOST) as u64)
+                grouped((r.moved.len() - MAX_MOVED) as u64)
             ));
         }
         lines

@@ -55,7 +55,7 @@ enum Command {
         shape: Shape,
         /// Faces, about; each shape rounds to its pattern
         #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32)
-            .range(i64::from(generate::FEWEST_FACES)..=i64::from(generate::MOST_FACES)))]
+            .range(i64::from(generate::FEWEST_FACES)..=i64::from(generate::MAX_FACES)))]
         faces: u32,
         /// Seed of terrain and relief
         #[arg(long, default_value_t = 1)]

@@ -31,7 +31,7 @@ const CLEANUP: Duration = Duration::from_secs(1);
 /// A client silent for so long is forgotten, and its topic closed.
 const FORGET: Duration = Duration::from_secs(10);
 /// Sentences about peers at the most: a noisy domain must not fill memory.
-const MOST_SAID: usize = 64;
+const MAX_SAID: usize = 64;
 
 /// A station on its topics. Create it on the thread that runs it.
 #[derive(Debug)]
@@ -293,7 +293,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
 
     /// Says a sentence once.
     fn say(&mut self, sentence: String) {
-        if self.said.len() < MOST_SAID && !self.said.contains(&sentence) {
+        if self.said.len() < MAX_SAID && !self.said.contains(&sentence) {
             tracing::warn!("{sentence}");
             self.said.insert(sentence);
         }

@@ -350,7 +350,7 @@ pub fn longest_side(header: &ModelHeader) -> f64 {
 
 /// Faces whose areas are added up at the most: beyond, the answer is an estimate to about 0.3 %, for a few
 /// milliseconds instead of seconds.
-const MOST_AREAS: u32 = 1 << 17;
+const MAX_AREAS: u32 = 1 << 17;
 
 /// Area of the full mesh, square model units; of large meshes from some faces, evenly spread in tree order.
 ///
@@ -358,7 +358,7 @@ const MOST_AREAS: u32 = 1 << 17;
 /// When a block is damaged.
 pub fn area<D: AsRef<[u8]>>(file: &SpmFile<D>) -> Result<f64, FileError> {
     let faces = file.model_header().faces;
-    let step = faces.div_ceil(MOST_AREAS).max(1);
+    let step = faces.div_ceil(MAX_AREAS).max(1);
     let mut area = 0.0;
     let mut counted = 0u32;
     for position in (0..faces).step_by(step as usize) {

@@ -27,7 +27,7 @@
 //!
 //! # Memory
 //! Answers are made chunk by chunk under the credit window, as many to a chunk as there is room: of a queued
-//! question only its name is kept, of the one being answered its closure, four bytes a VSP. [`MOST_JOBS`]
+//! question only its name is kept, of the one being answered its closure, four bytes a VSP. [`MAX_JOBS`]
 //! questions may wait; one more breaks the epoch. Of the tour that is rolled or was rolled last the points are kept,
 //! eleven minutes of it at the most.
 
@@ -35,20 +35,20 @@ mod answer;
 mod rolling;
 mod session;
 
-pub use session::MOST_JOBS;
+pub use session::MAX_JOBS;
 
 use crate::collection::{CollectError, Collection, RegionAt};
 use answer::{Job, Progress};
 use glam::DVec3;
 use protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MOST_SESSIONS, MeasuredError,
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MAX_SESSIONS, MeasuredError,
     REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
 };
-use rolling::Rolling;
+use rolling::PathGenerator;
 use session::{Accepted, Session};
 use spm::{NONE, RegionId, SpmFile};
 use std::collections::BTreeSet;
-use transport::MOST_CLIENTS;
+use transport::MAX_CLIENTS;
 
 /// A chunk: header and slots.
 pub type Chunk = (ChunkHeader, [ChunkSlot; CHUNK_SLOTS]);
@@ -138,7 +138,7 @@ pub struct Station<D> {
 }
 
 /// Sentences kept until the shell takes them, and refusals worded at the most.
-const MOST_NOTES: usize = 256;
+const MAX_NOTES: usize = 256;
 
 impl<D: AsRef<[u8]>> Station<D> {
     /// A station of this incarnation that serves these objects.
@@ -291,7 +291,7 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     /// The next chunk of a tour, which waits for its turn again or is kept.
-    fn hand_out(&mut self, at: usize, mut rolling: Rolling) -> Chunk {
+    fn hand_out(&mut self, at: usize, mut rolling: PathGenerator) -> Chunk {
         let chunk = rolling.chunk(self.sessions[at].object);
         if chunk.0.last == 1 {
             self.sessions[at].rolled = Some(rolling);
@@ -377,7 +377,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             return at;
         }
         let is_known = self.first_of(client).is_some();
-        if !is_known && self.clients().count() == MOST_CLIENTS {
+        if !is_known && self.clients().count() == MAX_CLIENTS {
             let heard = |id: u64| self.sessions.iter().filter(move |s| s.client == id);
             let stalest = self
                 .clients()
@@ -388,7 +388,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             self.counters.forgotten += 1;
         }
         let own = || (0..self.sessions.len()).filter(|&at| self.sessions[at].client == client);
-        if own().count() == MOST_SESSIONS
+        if own().count() == MAX_SESSIONS
             && let Some(stalest) = own().min_by_key(|&at| self.sessions[at].last_heard)
         {
             self.sessions.remove(stalest);
@@ -432,7 +432,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             session.tours.push_back(rolled);
             return;
         }
-        match Rolling::new(&self.models[model].served.file, model, ask) {
+        match PathGenerator::new(&self.models[model].served.file, model, ask) {
             Ok(rolling) => session.tours.push_back(rolling),
             Err(error) => {
                 let name = &self.models[model].served.name;
@@ -514,7 +514,7 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     fn note(&mut self, key: (usize, u32), note: String) {
-        if self.named.len() < MOST_NOTES && self.named.insert(key) {
+        if self.named.len() < MAX_NOTES && self.named.insert(key) {
             self.notes.push(note);
         }
     }

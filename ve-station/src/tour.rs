@@ -33,12 +33,12 @@ const LONGEST: f64 = 86_400.0;
 /// Height above the surface for moves between touches, as a share of the longest side.
 const HOVER: f64 = 0.12;
 /// The ball's radius at least, as a share of the longest side.
-const LEAST_BALL: f64 = 0.004;
+const MIN_BALL: f64 = 0.004;
 /// The ball is moved at once by the way between two points, but by no more than this share of its radius: moved by
 /// the whole radius it could get through the surface.
-const MOST_MOVED: f64 = 0.75;
+const MAX_MOVED: f64 = 0.75;
 /// Touches given up for damage of the file before the tour is refused.
-const MOST_DAMAGED: u32 = 1024;
+const MAX_DAMAGED: u32 = 1024;
 /// The highest speed, longest sides a second: beyond it a period passes whole touches.
 const FASTEST: f64 = 20.0;
 
@@ -181,7 +181,7 @@ impl Tour {
         if !good {
             return Err(TourError::Numbers);
         }
-        let rolling = radius.max(LEAST_BALL * size);
+        let rolling = radius.max(MIN_BALL * size);
         let diagonal = (upper - lower).length();
         Ok(Self {
             ask,
@@ -189,7 +189,7 @@ impl Tour {
             space: Space {
                 ball: Ball {
                     radius: rolling,
-                    step: (speed * PERIOD).min(MOST_MOVED * rolling),
+                    step: (speed * PERIOD).min(MAX_MOVED * rolling),
                     lower,
                     upper,
                 },
@@ -248,7 +248,7 @@ impl Tour {
         }
         match self.make(file) {
             // Where the file is damaged there is no touch; elsewhere there is.
-            Err(_) if self.damaged < MOST_DAMAGED => self.damaged += 1,
+            Err(_) if self.damaged < MAX_DAMAGED => self.damaged += 1,
             made => made?,
         }
         Ok(Step::Nearer)

@@ -1,6 +1,6 @@
 //! Refinement that cannot be felt: what a probe allows the surface under it to do in a tick.
 //!
-//! Splits and collapses that a probe can feel do not happen at once: their vertices fly (see [`spm::Flight`]).
+//! Splits and collapses that a probe can feel do not happen at once: their vertices fly (see [`spm::Geomorph`]).
 //! A step of a vertex raises or lowers the surface nowhere by more than its displacement along the normals of the
 //! faces around it, before or after the step; that height is limited by two allowances:
 //!
@@ -14,7 +14,7 @@
 
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
-use spm::{ActiveMesh, Flight, Handle, OperationFaces, Slot};
+use spm::{ActiveMesh, Geomorph, Handle, OperationFaces, Slot};
 
 /// A change of force in a tick that is not felt, newtons.
 pub const STEP_N: f64 = 0.05;
@@ -40,7 +40,7 @@ const SMALLER: f64 = 1.125;
 
 /// What a touching probe feels and allows; model frame and units but where it says otherwise.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Feeler {
+pub struct PerceptionLimit {
     centre: DVec3,
     reach: f64,
     touches: bool,
@@ -56,12 +56,12 @@ pub struct Feeler {
 /// How far a proxy goes in a tick beyond the device's motion, model units: no farther than is said as long as the surface
 /// under it moves, and until it has caught up.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slide {
+pub struct StepLimit {
     most: f64,
     is_said: bool,
 }
 
-impl Slide {
+impl StepLimit {
     /// As far as it likes.
     pub const FREE: Self = Self {
         most: f64::INFINITY,
@@ -129,7 +129,7 @@ pub struct Touching {
     pub period_s: f64,
 }
 
-impl Feeler {
+impl PerceptionLimit {
     /// What a probe feels and allows.
     #[must_use]
     pub fn new(touching: &Touching) -> Self {
@@ -223,7 +223,7 @@ pub fn is_felt(
     slot: Slot,
     patch: &OperationFaces,
     places: &[Handle],
-    feelers: &[(usize, Feeler)],
+    feelers: &[(usize, PerceptionLimit)],
 ) -> bool {
     let space = space_of(mesh, patch, places);
     let mut near = feelers.iter().filter(|(_, feeler)| feeler.reaches(space));
@@ -238,9 +238,9 @@ pub fn may_come_near(
     mesh: &ActiveMesh,
     patch: &OperationFaces,
     places: &[Handle],
-    feelers: &[(usize, Feeler)],
+    feelers: &[(usize, PerceptionLimit)],
 ) -> bool {
-    let beside = |feeler: &Feeler| Feeler {
+    let beside = |feeler: &PerceptionLimit| PerceptionLimit {
         reach: BESIDE * feeler.reach,
         ..*feeler
     };
@@ -290,7 +290,7 @@ fn box_around(places: impl IntoIterator<Item = DVec3>) -> [DVec3; 2] {
 }
 
 /// A vertex in flight and the faces around it.
-pub type Step<'a> = (Flight, &'a OperationFaces);
+pub type Step<'a> = (Geomorph, &'a OperationFaces);
 
 /// How far a step of a vertex moves and raises the surface at the most where the feeler feels it: the displacement
 /// along the normals of the faces around it, before the step and after it, times the share of the vertex in the places
@@ -301,7 +301,7 @@ fn height(
     (flight, around): &Step<'_>,
     step: DVec3,
     place: impl Fn(Handle) -> DVec3,
-    feeler: &Feeler,
+    feeler: &PerceptionLimit,
 ) -> (f64, f64) {
     let (mut moved, mut raised) = (0.0f64, 0.0f64);
     for &face in around.deformed() {
@@ -340,7 +340,7 @@ fn height(
 /// How much of what a probe allows in a tick it takes that some vertices in flight go a share of their ways, one step after
 /// the other; beyond 1 it is not allowed.
 #[must_use]
-pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &Feeler, share: f64) -> f64 {
+pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &PerceptionLimit, share: f64) -> f64 {
     let heights = (0..steps.len()).map(|k| {
         // Those before it have done their steps.
         let done = &steps[..k];
@@ -358,7 +358,7 @@ pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &Feeler, share: f64
 
 /// The share of their ways that a probe that feels them allows some vertices in flight in a tick, one step after the other.
 #[must_use]
-pub fn share_of_way(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &Feeler) -> f64 {
+pub fn share_of_way(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &PerceptionLimit) -> f64 {
     let ways = steps.iter().map(|(flight, _)| mesh.way(flight).length());
     let longest = ways.fold(0.0, f64::max);
     if longest == 0.0 {

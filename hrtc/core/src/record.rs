@@ -1,6 +1,6 @@
 //! What one tick of the core leaves behind: plain numbers.
 
-use scene::MOST_PROBES;
+use scene::MAX_PROBES;
 
 /// What one probe felt in a tick; of several objects the worst.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -31,7 +31,7 @@ pub struct ProbeRecord {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CoreRecord {
     /// What each probe felt; the next fields are of all of them, the worst of those that touch.
-    pub probes: [ProbeRecord; MOST_PROBES],
+    pub probes: [ProbeRecord; MAX_PROBES],
     /// Whether a probe touches.
     pub contact: bool,
     /// Whether every face that holds a probe is a face of the full mesh.

@@ -1,9 +1,9 @@
 //! What the simulated hand intends over time: points of a scene's CSV, or a tour that the station made.
 
+use crate::controller::ModelFrame;
 use geometry::Pose;
 use glam::DVec3;
 use haptic_device::Intent;
-use crate::controller::ModelFrame;
 use protocol::TourPoint;
 
 /// A place in a list of points in time.

@@ -11,7 +11,7 @@ use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};
 
 /// Ticks within which the whole model must be refined.
-const MOST_TICKS: u64 = 40_000;
+const MAX_TICKS: u64 = 40_000;
 
 fn model(faces: u32) -> Vec<u8> {
     let mesh = generate(Shape::Relief, faces, 1);
@@ -52,7 +52,7 @@ fn faces_after(file: &SpmFile<Vec<u8>>, splits: impl Iterator<Item = u32>) -> BT
 
 /// Rests on the surface until the front is complete; no tick does more than its budget.
 fn complete(pair: &mut Pair, touch: Touch, what: &str) {
-    pair.rest(touch, MOST_TICKS);
+    pair.rest(touch, MAX_TICKS);
     pair.controller.cache().check();
     within_budget(pair, what);
 }

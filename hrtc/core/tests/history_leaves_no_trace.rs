@@ -10,7 +10,7 @@ use ve_station::generate::{Shape, generate};
 /// Where on the tour the probe rests, seconds.
 const PLACES_S: [f64; 3] = [1.0, 2.5, 4.0];
 /// Ticks within which a front at rest must be complete.
-const MOST_TICKS: u64 = 40_000;
+const MAX_TICKS: u64 = 40_000;
 
 fn model() -> Vec<u8> {
     let mesh = generate(Shape::Relief, 60_000, 1);
@@ -57,13 +57,13 @@ fn a_tolerance_changed_in_mid_run_ends_as_a_fresh_start_with_it() {
         .zip([[0.0, 3e-4], [1e-3, 0.0], [1e-4, 5e-4]])
     {
         let mut turned = pair(&model, turns[0], bytes);
-        turned.rest(place, MOST_TICKS);
+        turned.rest(place, MAX_TICKS);
         let before = turned.front_faces();
         for tolerance in [turns[1], turns[0], turns[1]] {
             turned.controller.set_tolerance(tolerance);
-            turned.rest(place, MOST_TICKS);
+            turned.rest(place, MAX_TICKS);
             let mut fresh = pair(&model, tolerance, bytes);
-            fresh.rest(place, MOST_TICKS);
+            fresh.rest(place, MAX_TICKS);
             same_front(&turned, &fresh, &format!("{tolerance} m at {}", place.goal));
         }
         assert_ne!(before, turned.front_faces(), "the dial was turned");
@@ -92,13 +92,13 @@ fn loads_evictions_and_reloads_leave_the_mesh_of_a_fresh_load() {
         let place = lifted(&moved);
         assert!(moved.summary.last.evicted > 1000, "the cache is small");
         let received = moved.summary.last.vsps_received;
-        moved.rest(place, MOST_TICKS);
+        moved.rest(place, MAX_TICKS);
         assert!(
             moved.summary.last.vsps_received > received,
             "it comes again"
         );
         let mut fresh = pair(&model, 0.0, bytes);
-        fresh.rest(place, MOST_TICKS);
+        fresh.rest(place, MAX_TICKS);
         same_front(&moved, &fresh, &format!("{bytes} bytes at {}", place.goal));
         assert!(moved.controller.cache().bytes_high_water() <= bytes);
     }

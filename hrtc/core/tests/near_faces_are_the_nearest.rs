@@ -8,7 +8,7 @@ mod common;
 use bodies::{Front, models, vector};
 use common::Random;
 use geometry::closest_point_on_triangle;
-use hrtc_core::contact::query::{MOST_FACES, NearFaces};
+use hrtc_core::contact::query::{MAX_FACES, NearFaces};
 
 #[test]
 fn every_face_of_the_ball_is_gathered_and_the_ball_is_the_largest_that_fits() {
@@ -32,11 +32,11 @@ fn every_face_of_the_ball_is_gathered_and_the_ball_is_the_largest_that_fits() {
                     .collect();
                 distances.sort_unstable_by(f64::total_cmp);
                 let inside = |radius: f64| distances.partition_point(|&d| d < radius);
-                if inside(asked) <= MOST_FACES {
+                if inside(asked) <= MAX_FACES {
                     assert_eq!(ball, asked, "{name}: all of the ball fits");
                 } else {
                     assert_eq!(
-                        ball, distances[MOST_FACES],
+                        ball, distances[MAX_FACES],
                         "{name}: up to the first face that does not fit"
                     );
                 }
@@ -62,7 +62,7 @@ fn a_ball_of_everything_costs_little_more_than_what_fits() {
         let (_, [corner, ..]) = front.any_face(&mut random);
         let work = near.gather(front.surface(), corner, 2.0 * front.diagonal());
         // Without an order every one of the faces would be tested.
-        let most = 8 * MOST_FACES as u32;
+        let most = 8 * MAX_FACES as u32;
         assert!(
             work.nodes + work.faces < most,
             "{work:?} of {} faces",

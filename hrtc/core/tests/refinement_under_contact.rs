@@ -9,7 +9,7 @@ use ve_station::build::BuildOptions;
 use ve_station::generate::{Shape, generate};
 
 /// Ticks within which a front at rest must be complete.
-const MOST_TICKS: u64 = 40_000;
+const MAX_TICKS: u64 = 40_000;
 
 fn model() -> Vec<u8> {
     spm(generate(Shape::Relief, 60_000, 1), &BuildOptions::default())
@@ -47,11 +47,11 @@ fn whatever_breaks_in_on_flights_every_tick_is_whole_and_the_end_is_that_of_a_fr
     let place = touch(&model);
     let mut random = Random(5);
     let mut fresh = pair(&model, 0.0, true);
-    fresh.rest(place, MOST_TICKS);
+    fresh.rest(place, MAX_TICKS);
     let expected = corners(&fresh);
     for round in 0..3 {
         let mut tried = pair(&model, 2e-3, true);
-        tried.rest(place, MOST_TICKS);
+        tried.rest(place, MAX_TICKS);
         let (mut in_flight, mut both_ways) = (0, [0, 0]);
         for tick in 0..3000 {
             match random.below(400) {
@@ -92,7 +92,7 @@ fn whatever_breaks_in_on_flights_every_tick_is_whole_and_the_end_is_that_of_a_fr
         tried.cut = false;
         tried.faults = None;
         tried.controller.set_tolerance(0.0);
-        tried.rest(place, MOST_TICKS);
+        tried.rest(place, MAX_TICKS);
         tried.controller.cache().check();
         assert_eq!(tried.refined_front(), fresh.refined_front());
         assert!(corners(&tried) == expected, "round {round}");
@@ -104,7 +104,7 @@ fn without_geomorphs_nothing_flies() {
     let model = model();
     let place = touch(&model);
     let mut pair = pair(&model, 2e-3, false);
-    pair.rest(place, MOST_TICKS);
+    pair.rest(place, MAX_TICKS);
     pair.controller.set_tolerance(0.0);
     for _ in 0..2000 {
         assert_eq!(pair.hold(place.goal).in_flight, 0);
@@ -117,10 +117,10 @@ fn a_morphed_contact_says_that_it_is_not_there_yet() {
     let model = model();
     let place = touch(&model);
     let mut pair = pair(&model, 2e-3, true);
-    pair.rest(place, MOST_TICKS);
+    pair.rest(place, MAX_TICKS);
     pair.controller.set_tolerance(0.0);
     let mut on_the_way = 0;
-    for _ in 0..MOST_TICKS {
+    for _ in 0..MAX_TICKS {
         let record = pair.hold(place.goal);
         let mesh = pair.controller.cache().mesh();
         let faces = pair

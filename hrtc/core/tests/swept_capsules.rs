@@ -225,7 +225,7 @@ fn on_an_edge_it_touches_with_its_side() {
             assert!((touch.on_face / s - edge).length() < 1e-6, "{touch:?}");
             let out = DVec3::new(1.0, 0.0, 1.0).normalize();
             assert!((touch.normal - out).length() < 1e-6, "{touch:?}");
-            // Beside the box it falls through.
+            // ContactForecast the box it falls through.
             let beside = Capsule {
                 axis: capsule.axis.map(|end| {
                     end + DVec3::Y * (1.2 * s * across.signum() + s * 0.5 * across.signum())

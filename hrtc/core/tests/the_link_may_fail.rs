@@ -16,7 +16,7 @@ const END: u64 = 6000;
 const REST_AT: f64 = 4.7;
 /// Ticks that it may take until all is at rest at the place where every run ends: where a hand that slid over another
 /// surface on its way came to rest may be another dip.
-const MOST_TICKS: u64 = 20_000;
+const MAX_TICKS: u64 = 20_000;
 
 fn model() -> Vec<u8> {
     let mesh = generate(Shape::Relief, 60_000, 1);
@@ -58,7 +58,7 @@ fn run(name: &str, model: &[u8], mut trouble: impl FnMut(&mut Pair)) -> Pair {
         pair.hold(corners[piece].lerp(corners[piece + 1], way.fract()));
     }
     let touch = pair.touch(model, inside);
-    pair.rest(touch, MOST_TICKS);
+    pair.rest(touch, MAX_TICKS);
     pair.controller.cache().check();
     let s = &pair.summary;
     println!(

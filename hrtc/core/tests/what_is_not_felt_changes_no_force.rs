@@ -11,7 +11,7 @@ use common::Random;
 use glam::DVec3;
 use hrtc_core::contact::query::{Surface, closest_point};
 use hrtc_core::contact::sphere_proxy::{Contact, Proxy};
-use hrtc_core::perception::{Feeler, Touching, is_felt, share_of_way};
+use hrtc_core::perception::{PerceptionLimit, Touching, is_felt, share_of_way};
 use spm::{ActiveMesh, ErrorScale, Handle, OperationFaces, Slot, SpmParts};
 
 /// What a bench has: a probe of 1 mm on a surface of 1 kN/m, at 1 kHz.
@@ -196,9 +196,9 @@ impl Probe {
         (self.proxy.position() - self.goal) * (metres_per_unit * STIFFNESS)
     }
 
-    fn feeler(&self) -> Feeler {
+    fn feeler(&self) -> PerceptionLimit {
         let force_n = self.force_n().length();
-        Feeler::new(&Touching {
+        PerceptionLimit::new(&Touching {
             centre: self.proxy.position(),
             radius: self.proxy.radius(),
             up: self.proxy.position() - self.goal,

@@ -9,7 +9,7 @@ use crate::tick_record::{STAGES, TickRecord};
 use glam::DVec3;
 use hdrhistogram::Histogram;
 use hrtc_core::record::ProbeRecord;
-use scene::MOST_PROBES;
+use scene::MAX_PROBES;
 
 /// A histogram with a fixed range, three significant digits and an exact maximum. Its counts of 32 bits last for
 /// 49 days of ticks, and the process is locked in memory: every byte counts.
@@ -91,7 +91,7 @@ pub struct Accumulator {
     series: Series,
     first_tick: Option<u64>,
     last_tick: u64,
-    last_forces: [DVec3; MOST_PROBES],
+    last_forces: [DVec3; MAX_PROBES],
     ready_tick: Option<u64>,
     status: Status,
     wake: Fixed,
@@ -125,7 +125,7 @@ impl Accumulator {
             series: Series::new(),
             first_tick: None,
             last_tick: 0,
-            last_forces: [DVec3::ZERO; MOST_PROBES],
+            last_forces: [DVec3::ZERO; MAX_PROBES],
             ready_tick: None,
             status: Status {
                 measured_error_m: -1.0,

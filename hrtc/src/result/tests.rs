@@ -3,7 +3,7 @@ use crate::tick_record::{STAGES, TickRecord};
 use geometry::Wrench;
 use glam::DVec3;
 use hrtc_core::record::{CoreRecord, ProbeRecord};
-use scene::MOST_PROBES;
+use scene::MAX_PROBES;
 
 fn record(tick: u64) -> TickRecord {
     TickRecord {
@@ -19,8 +19,8 @@ fn record(tick: u64) -> TickRecord {
         allocations: 0,
         chunks_arrived: 0,
         station: 1,
-        samples: [None; MOST_PROBES],
-        wrenches: [Wrench::ZERO; MOST_PROBES],
+        samples: [None; MAX_PROBES],
+        wrenches: [Wrench::ZERO; MAX_PROBES],
         core: CoreRecord {
             measured_error_m: -1.0,
             ..CoreRecord::default()

@@ -2,20 +2,20 @@
 
 use super::{LOG, OUT, Signals};
 use crate::connection::INBOX;
-use hrtc_core::script::Script;
 use crate::tick_record::{STAGES, TickRecord};
 use geometry::{Pose, Wrench};
 use haptic_device::{Device, Sample, Simulated};
 use hrtc_core::controller::{
     Capacity, Controller, Fault, Stage, StageObserver, TickInputs, TickOutputs,
 };
+use hrtc_core::script::Script;
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{ContactReport, Request};
 use realtime::counting_allocator;
 use realtime::pacer::Pacer;
 use realtime::rights::{MissingRight, monotonic_ns, obtain};
 use rtrb::{Consumer, Producer};
-use scene::{LoopPlan, MOST_PROBES, ProbePlan, TrajectoryPlan};
+use scene::{LoopPlan, MAX_PROBES, ProbePlan, TrajectoryPlan};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -88,7 +88,7 @@ impl TickThread {
                 || last_tick.is_some_and(|last| wake.tick >= last);
             let calls = counting_allocator::calls();
             counting_allocator::arm(true);
-            let mut samples = [None; MOST_PROBES];
+            let mut samples = [None; MAX_PROBES];
             for (k, (hand, sample)) in self.hands.iter_mut().zip(&mut samples).enumerate() {
                 hand.intend(k, &self.controller, wake.tick, self.plan.rate_hz);
                 *sample = hand.device.read(1 + wake.skipped);
@@ -124,7 +124,7 @@ impl TickThread {
                 outputs.chunks_consumed
             };
             waiting = slots - consumed;
-            let mut wrenches = [Wrench::ZERO; MOST_PROBES];
+            let mut wrenches = [Wrench::ZERO; MAX_PROBES];
             for ((hand, &felt), wrench) in self
                 .hands
                 .iter_mut()

@@ -3,7 +3,7 @@
 use super::model::Model;
 use super::result::{Point, Quantiles};
 use crate::failure::Failure;
-use crate::simulator::{Hand, Simulator, Tape};
+use crate::simulator::{Hand, InputRecording, Simulator};
 use glam::DVec3;
 use haptic_device::Sample;
 use hrtc::run::FIXED_BYTES;
@@ -16,7 +16,7 @@ use spm::FileError;
 /// Quiet ticks after which a front that is at rest is taken to be complete.
 const QUIET_TICKS: u64 = 300;
 /// Ticks after which a front that does not come to rest is given up.
-const MOST_START_TICKS: u64 = 2_000_000;
+const MAX_START_TICKS: u64 = 2_000_000;
 /// Contacts of a setting whose exact distance is found a second time by looking at every face.
 const BRUTE_CONTACTS: usize = 12;
 /// Radius of the ball that stands for a tool, metres.
@@ -103,7 +103,7 @@ pub fn make_ready<D: AsRef<[u8]>>(simulator: &mut Simulator<D>) -> Result<u64, F
         if let Some(fault) = simulator.controller.fault() {
             return Err(Failure::Run(fault.to_string()));
         }
-        if simulator.tick > MOST_START_TICKS {
+        if simulator.tick > MAX_START_TICKS {
             return Err(Failure::Run("the model does not arrive".to_string()));
         }
     }
@@ -126,7 +126,7 @@ pub fn come_to_rest<D: AsRef<[u8]>>(
             last_bytes = record.bytes_received;
             last_change = simulator.tick;
         }
-        if simulator.tick > MOST_START_TICKS {
+        if simulator.tick > MAX_START_TICKS {
             return Err(Failure::Run("the front does not come to rest".to_string()));
         }
     }
@@ -139,7 +139,7 @@ pub struct Measured {
     /// Everything but the times.
     pub point: Point,
     /// The inputs.
-    pub tape: Tape,
+    pub tape: InputRecording,
     /// Ticks before the trajectory.
     pub start: usize,
     /// The plan.

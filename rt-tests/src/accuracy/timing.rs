@@ -5,7 +5,7 @@ use super::measure::Measured;
 use super::model::Model;
 use super::result::{Quantiles, StageQuantiles};
 use crate::failure::Failure;
-use crate::simulator::{Playback, Tape};
+use crate::simulator::{InputRecording, Playback};
 use hrtc_core::controller::{Stage, StageObserver};
 use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
@@ -57,7 +57,7 @@ impl StageObserver for StageClock {
 /// # Errors
 /// When a replay does not give the recorded bits.
 pub fn time(settings: &mut [Measured], contact: &[bool]) -> Result<(), Failure> {
-    let recorded: Vec<(&Tape, &ScenePlan)> = settings
+    let recorded: Vec<(&InputRecording, &ScenePlan)> = settings
         .iter()
         .map(|setting| (&setting.tape, &setting.plan))
         .collect();
@@ -72,7 +72,9 @@ pub fn time(settings: &mut [Measured], contact: &[bool]) -> Result<(), Failure> 
 ///
 /// # Errors
 /// When a replay does not give the recorded bits.
-pub fn least_ns(recorded: &[(&Tape, &ScenePlan)]) -> Result<Vec<Vec<[u32; STAGES]>>, Failure> {
+pub fn least_ns(
+    recorded: &[(&InputRecording, &ScenePlan)],
+) -> Result<Vec<Vec<[u32; STAGES]>>, Failure> {
     let mut least: Vec<Vec<[u32; STAGES]>> = recorded
         .iter()
         .map(|(tape, _)| vec![[u32::MAX; STAGES]; tape.len()])

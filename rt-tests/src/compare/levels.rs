@@ -7,7 +7,7 @@
 use super::closest::touches;
 use super::full_front::FullFront;
 use super::timing::{Timed, time};
-use super::tools::{MOST_PAIRS, Touch, new_tool, ours, refine};
+use super::tools::{MAX_PAIRS, Touch, new_tool, ours, refine};
 use crate::failure::Failure;
 use crate::fronts::local_front::LocalFront;
 use crate::fronts::quantile;
@@ -93,7 +93,7 @@ impl Sums {
         poses: &[Touch],
         rebuilt: Option<&Tool>,
     ) {
-        let mut out = vec![FacePair::NONE; MOST_PAIRS];
+        let mut out = vec![FacePair::NONE; MAX_PAIRS];
         let mut query = |k: usize| ours(surface, probe, &poses[k].to_query, &mut out);
         let timed = time(poses.len(), &mut [&mut query]);
         timed.into_iter().for_each(|timed| self.timed.extend(timed));

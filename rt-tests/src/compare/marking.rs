@@ -6,7 +6,7 @@ use super::closest::touches;
 use super::full_front::FullFront;
 use super::timing::time;
 use super::tools::{
-    MOST_PAIRS, STRETCH, TOOLS, Touch, capsule, new_tool, ours, refine, refined_reach,
+    MAX_PAIRS, STRETCH, TOOLS, Touch, capsule, new_tool, ours, refine, refined_reach,
 };
 use super::update::patch;
 use crate::failure::Failure;
@@ -25,12 +25,12 @@ use std::fmt::Write as _;
 use std::time::Instant;
 
 /// Times that so many faces are deformed: more often where it is soon done.
-const MOST_UPDATES: usize = 200;
-const MOST_FACES: usize = 400_000;
+const MAX_UPDATES: usize = 200;
+const MAX_FACES: usize = 400_000;
 /// Shares of a front's faces whose update is compared with a query.
 const SHARES: [f64; 3] = [0.01, 0.03, 0.1];
 /// The most that an update may take of a query (thesis 4.3.2).
-const MOST_SHARE: f64 = 0.15;
+const MAX_SHARE: f64 = 0.15;
 /// Of the stretches for which the tool's queries are measured, how many are taken here: one of so many.
 const SOME: usize = 10;
 
@@ -125,7 +125,7 @@ pub fn markings(model: &Model, front: &FullFront, random: &mut impl Rng) -> Vec<
         .take_while(|&k| k < n);
     let mut rows = Vec::new();
     for k in counts.chain([n]) {
-        let times = (MOST_FACES / k as usize).clamp(1, MOST_UPDATES);
+        let times = (MAX_FACES / k as usize).clamp(1, MAX_UPDATES);
         for spread in Spread::ALL {
             let (mut marked_max, mut ns) = (0, Vec::new());
             for _ in 0..times {
@@ -205,7 +205,7 @@ fn shares_of(
     tool: &mut Tool,
     touches: &[Touch],
 ) -> Result<Vec<UpdateShare>, Failure> {
-    let mut out = vec![FacePair::NONE; MOST_PAIRS];
+    let mut out = vec![FacePair::NONE; MAX_PAIRS];
     let mut front = LocalFront::new(model)?;
     let reach = refined_reach(model);
     let (mut faces, mut queries) = (Vec::new(), Vec::new());
@@ -271,10 +271,10 @@ pub fn broken(markings: &[Marking], shares: &[UpdateShare]) -> Vec<String> {
         });
     let slow = shares
         .iter()
-        .filter(|row| row.share_p50 > MOST_SHARE)
+        .filter(|row| row.share_p50 > MAX_SHARE)
         .map(|row| {
             format!(
-                "{}, {}: an update of {:.0} % of the faces is {:.2} of the query, at most {MOST_SHARE} is allowed",
+                "{}, {}: an update of {:.0} % of the faces is {:.2} of the query, at most {MAX_SHARE} is allowed",
                 row.model,
                 row.task,
                 100.0 * row.deformed_share,

@@ -55,12 +55,12 @@ const EVERY_OF_GROWTH: usize = 20;
 /// Faces of the shapes over which the cost is seen to grow.
 const GROWTH: [u32; 5] = [4_000, 16_000, 64_000, 250_000, 1_000_000];
 /// The most that ours, on the front of the controller, may take of parry's time in single precision.
-const MOST_CLOSEST: f64 = 0.5;
+const MAX_CLOSEST: f64 = 0.5;
 /// The most that all pairs of a tool, on the front of the controller, may take of those of parry's leaves with GJK, which
 /// are told the pose as parry's own code tells it; see [`crate::peers::parry::ToolPose`].
-const MOST_TOOL: f64 = 0.2;
+const MAX_TOOL: f64 = 0.2;
 /// The most that an update of ours may take of parry's.
-const MOST_UPDATE: f64 = 0.4;
+const MAX_UPDATE: f64 = 0.4;
 
 /// Arguments of `rt-tests compare`.
 #[derive(Debug, Args)]
@@ -360,15 +360,15 @@ fn broken(rows: &[Row]) -> Vec<String> {
         };
     let (p50, p99) = (|row: &Row| row.p50_ns, |row: &Row| row.p99_ns);
     let near = [Who::OursLocal, Who::ParryF32];
-    limit("closest_path", "median", near, MOST_CLOSEST, p50);
-    limit("closest_path", "99th of 100", near, MOST_CLOSEST, p99);
+    limit("closest_path", "median", near, MAX_CLOSEST, p50);
+    limit("closest_path", "99th of 100", near, MAX_CLOSEST, p99);
     for (task, _, _) in tools::TOOLS {
         let touching = [Who::OursLocal, Who::ParryF64];
-        limit(task, "median", touching, MOST_TOOL, p50);
-        limit(task, "99th of 100", touching, MOST_TOOL, p99);
+        limit(task, "median", touching, MAX_TOOL, p50);
+        limit(task, "99th of 100", touching, MAX_TOOL, p99);
     }
     let same = [Who::OursFull, Who::ParryF32];
-    limit("update64", "median", same, MOST_UPDATE, p50);
+    limit("update64", "median", same, MAX_UPDATE, p50);
     broken
 }
 

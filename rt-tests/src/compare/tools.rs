@@ -25,7 +25,7 @@ const DEPTH: f64 = 0.003;
 pub const STRETCH: usize = 10;
 const REFINED: f64 = 0.03;
 /// Pairs that an answer may have.
-pub const MOST_PAIRS: usize = 4096;
+pub const MAX_PAIRS: usize = 4096;
 
 /// The tools by task: faces around and circles.
 pub const TOOLS: [(&str, usize, usize); 2] = [("tool240_pairs", 12, 10), ("tool960_pairs", 24, 20)];
@@ -118,7 +118,7 @@ pub fn rows(
         let (of_handles, of_places) = (expect(&by_handle), expect(&by_place));
         single.take_tool(&mesh.positions, &mesh.triangles);
         double.take_tool(&mesh.positions, &mesh.triangles);
-        let mut out = vec![FacePair::NONE; MOST_PAIRS];
+        let mut out = vec![FacePair::NONE; MAX_PAIRS];
         let mut ours = |k: usize| ours(front.surface(), &mut tool, &poses[k].to_query, &mut out);
         let mut of_single = |k: usize| theirs(single, &poses[k].pose, ToolPose::Given);
         // One mesh answers for two.
@@ -158,7 +158,7 @@ pub fn new_tool(model: &Model, mesh: &ToolMesh) -> Result<Tool, Failure> {
 /// On the front as the controller forms it; what is expected is found on that front as well.
 fn local(model: &Model, mesh: &ToolMesh, poses: &[Touch]) -> Result<(Timed, Vec<f64>), Failure> {
     let mut tool = new_tool(model, mesh)?;
-    let mut out = vec![FacePair::NONE; MOST_PAIRS];
+    let mut out = vec![FacePair::NONE; MAX_PAIRS];
     let mut front = LocalFront::new(model)?;
     let reach = refined_reach(model);
     let (mut all, mut expected) = (Timed::default(), Vec::new());

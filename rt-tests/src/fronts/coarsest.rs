@@ -8,7 +8,7 @@
 //! mesh and a minute for a million faces, so it is a yardstick for E and no way to make fronts.
 //!
 //! (Errors are not monotone: undoing one split may exceed the tolerance, and undoing those that need it as well
-//! may not. Therefore both are tried. Measured on fandisk, featuretype and bunny20k: beyond `MOST_TOGETHER` at
+//! may not. Therefore both are tried. Measured on fandisk, featuretype and bunny20k: beyond `MAX_TOGETHER` at
 //! a time nothing more was found.)
 
 use crate::models::{Model, active_triangles};
@@ -23,7 +23,7 @@ use std::collections::BTreeSet;
 /// that hang on it. The builder's grid, half as fine again.
 const STEPS: (f64, f64, f64) = (6.0, 64.0, 3.0);
 /// Splits that are undone at once, at most.
-const MOST_TOGETHER: usize = 32;
+const MAX_TOGETHER: usize = 32;
 
 /// A front of {E > asked} on its way.
 struct Front<'a> {
@@ -159,7 +159,7 @@ impl<'a> Front<'a> {
                     waiting.push(other);
                 }
             }
-            if found.len() > MOST_TOGETHER {
+            if found.len() > MAX_TOGETHER {
                 return None;
             }
         }

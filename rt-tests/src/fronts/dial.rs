@@ -28,7 +28,7 @@ use crate::surface::Surface;
 use glam::DVec3;
 use hrtc_core::cache::RegionKey;
 use hrtc_core::contact::query;
-use hrtc_core::lod::dial::Dial as Rings;
+use hrtc_core::lod::lod_controller::LodController as Rings;
 use hrtc_core::lod::predict::{Motion, Predictor, TURNS};
 use rand::Rng;
 use serde::Serialize;

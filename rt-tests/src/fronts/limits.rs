@@ -5,11 +5,11 @@ use super::{ModelFronts, Percentiles};
 use crate::models::Model;
 
 /// The longest chain of dependencies that a model may have, up to a million faces.
-pub const MOST_CHAIN: u32 = 40;
+pub const MAX_CHAIN: u32 = 40;
 /// Beyond a million faces: so many times the doublings from base mesh to full mesh.
 const CHAIN_A_DOUBLING: f64 = 4.0;
 /// Limits of the cost, ns an operation: median and 99 of 100 batches.
-pub const MOST_NS: Percentiles = Percentiles {
+pub const MAX_NS: Percentiles = Percentiles {
     p50: 1000.0,
     p99: 5000.0,
 };
@@ -18,9 +18,9 @@ pub const MOST_NS: Percentiles = Percentiles {
 /// The median of asked over true being at most [`ASKED_OVER_TRUE`] means that at most half of the stretches are
 /// beyond it. Those where the mesh gives no choice are taken out ([`Dial::too_fine_share`]); of all stretches, not
 /// of the others, only half as many may then be beyond.
-pub const MOST_TOO_FINE: f64 = 0.25;
+pub const MAX_TOO_FINE: f64 = 0.25;
 /// The most contacts that may exceed what was asked.
-pub const MOST_EXCEEDED: f64 = 1e-3;
+pub const MAX_EXCEEDED: f64 = 1e-3;
 /// Fewer batches say nothing about the slowest in a hundred.
 const FEWEST_BATCHES: usize = 100;
 
@@ -31,9 +31,9 @@ pub fn chain(model: &Model) -> u32 {
     let vertices = f64::from(header.base_vertices) + f64::from(header.vsps);
     let doublings = (vertices / f64::from(header.base_vertices)).log2();
     if header.faces > 1_000_000 {
-        MOST_CHAIN.max((CHAIN_A_DOUBLING * doublings) as u32)
+        MAX_CHAIN.max((CHAIN_A_DOUBLING * doublings) as u32)
     } else {
-        MOST_CHAIN
+        MAX_CHAIN
     }
 }
 
@@ -68,8 +68,8 @@ pub fn broken(m: &ModelFronts) -> Vec<String> {
             m.dial.asked_over_true_within_reach_p50,
             ASKED_OVER_TRUE,
         );
-        limit("dial.too_fine_share", m.dial.too_fine_share, MOST_TOO_FINE);
-        limit("dial.exceeded_share", m.dial.exceeded_share, MOST_EXCEEDED);
+        limit("dial.too_fine_share", m.dial.too_fine_share, MAX_TOO_FINE);
+        limit("dial.exceeded_share", m.dial.exceeded_share, MAX_EXCEEDED);
         // The mesh may be the reason, and is named then; the limit stands all the same.
         let reason = format!(
             "dial.asked_over_true_p50 (on the coarsest fronts that keep what is asked {:.2}, where those reach the \
@@ -84,9 +84,9 @@ pub fn broken(m: &ModelFronts) -> Vec<String> {
         ("split_ns", m.split_ns, m.batches),
         ("collapse_ns", m.collapse_ns, m.collapse_batches),
     ] {
-        limit(&format!("{name}.p50"), ns.p50, MOST_NS.p50);
+        limit(&format!("{name}.p50"), ns.p50, MAX_NS.p50);
         if batches >= FEWEST_BATCHES {
-            limit(&format!("{name}.p99"), ns.p99, MOST_NS.p99);
+            limit(&format!("{name}.p99"), ns.p99, MAX_NS.p99);
         }
     }
     broken

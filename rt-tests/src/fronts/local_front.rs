@@ -12,7 +12,7 @@ use ve_station::collection::{Collection, RegionAt};
 /// Cache bytes for each VSP of the model: enough for all of them, and for the lists of any block of regions.
 const BYTES_A_VSP: usize = 700;
 /// The most of it, for models of millions of faces.
-const MOST_BYTES: usize = 256 << 20;
+const MAX_BYTES: usize = 256 << 20;
 
 /// A cache with one model, and the collection that serves it.
 pub struct LocalFront<'a> {
@@ -41,7 +41,7 @@ impl<'a> LocalFront<'a> {
     pub fn with_slots(model: &'a Model, slots: u32) -> Result<Self, Failure> {
         let failed = |what: String| Failure::Run(format!("{}: {what}", model.name));
         let header = model.file.model_header();
-        let bytes = (slots as usize * BYTES_A_VSP + (1 << 18)).min(MOST_BYTES);
+        let bytes = (slots as usize * BYTES_A_VSP + (1 << 18)).min(MAX_BYTES);
         let mut cache = Cache::new(bytes);
         cache
             .begin_model(&header)

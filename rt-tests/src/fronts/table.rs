@@ -1,7 +1,7 @@
 //! The table that a person sees, at most 160 columns wide.
 
 use super::dial::ASKED_OVER_TRUE;
-use super::limits::{MOST_CHAIN, MOST_EXCEEDED, MOST_NS, MOST_TOO_FINE, broken};
+use super::limits::{MAX_CHAIN, MAX_EXCEEDED, MAX_NS, MAX_TOO_FINE, broken};
 use super::{Fronts, ModelFronts};
 use std::fmt::Write;
 
@@ -23,7 +23,7 @@ pub fn head() -> String {
         "",
         "",
         0,
-        MOST_CHAIN,
+        MAX_CHAIN,
         "",
         "",
         "",
@@ -32,12 +32,12 @@ pub fn head() -> String {
         ASKED_OVER_TRUE,
         "",
         ASKED_OVER_TRUE,
-        100.0 * MOST_TOO_FINE,
-        100.0 * MOST_EXCEEDED,
-        MOST_NS.p50,
-        MOST_NS.p99,
-        MOST_NS.p50,
-        MOST_NS.p99,
+        100.0 * MAX_TOO_FINE,
+        100.0 * MAX_EXCEEDED,
+        MAX_NS.p50,
+        MAX_NS.p99,
+        MAX_NS.p50,
+        MAX_NS.p99,
     );
     text
 }

@@ -8,14 +8,14 @@ use hrtc::tick_record::{STAGES, TickRecord};
 use hrtc_core::controller::Capacity;
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::MissClass;
-use scene::{MOST_PROBES, Overrides, parse};
+use scene::{MAX_PROBES, Overrides, parse};
 use std::path::Path;
 
 fn finished(contact: bool) -> Finished {
     let mut run = Accumulator::new(1_000_000, 1).unwrap();
     for tick in 0..5000 {
         let touches = contact && tick % 1000 > 400;
-        let mut wrenches = [Wrench::ZERO; MOST_PROBES];
+        let mut wrenches = [Wrench::ZERO; MAX_PROBES];
         wrenches[0].force = glam::DVec3::X * f64::from(u8::from(touches));
         run.push(&TickRecord {
             tick,
@@ -30,7 +30,7 @@ fn finished(contact: bool) -> Finished {
             allocations: 0,
             chunks_arrived: 0,
             station: 1,
-            samples: [None; MOST_PROBES],
+            samples: [None; MAX_PROBES],
             wrenches,
             core: CoreRecord {
                 contact: touches,

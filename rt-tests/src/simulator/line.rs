@@ -4,12 +4,12 @@ use std::collections::VecDeque;
 
 /// Messages under way, in order, each due a fixed number of periods after it was posted.
 #[derive(Debug, Clone)]
-pub struct Line<T> {
+pub struct DelayLine<T> {
     delay: u64,
     under_way: VecDeque<(u64, T)>,
 }
 
-impl<T> Line<T> {
+impl<T> DelayLine<T> {
     /// An empty line that takes `delay` periods.
     #[must_use]
     pub fn new(delay: u64) -> Self {
@@ -38,7 +38,7 @@ mod tests {
 
     #[test]
     fn messages_come_in_order_and_not_before_they_are_due() {
-        let mut line = Line::new(2);
+        let mut line = DelayLine::new(2);
         line.post(5, 'a');
         line.post(6, 'b');
         assert_eq!(line.take(6), None);

@@ -3,18 +3,18 @@
 //!
 //! | part | is |
 //! |---|---|
-//! | [`Simulator`] | a controller, a station, and a [`Line`] each way; a step is a period |
-//! | [`Line`] | messages under way, each for a fixed number of periods |
+//! | [`Simulator`] | a controller, a station, and a [`DelayLine`] each way; a step is a period |
+//! | [`DelayLine`] | messages under way, each for a fixed number of periods |
 //! | [`Hand`] | the simulated device, and the hand that leads it along a tour |
-//! | [`Tape`] | every input of every tick, to put through a controller again |
+//! | [`InputRecording`] | every input of every tick, to put through a controller again |
 
 mod hand;
 mod line;
 mod tape;
 
 pub use hand::Hand;
-pub use line::Line;
-pub use tape::{Playback, Tape};
+pub use line::DelayLine;
+pub use tape::{InputRecording, Playback};
 
 use haptic_device::Sample;
 use hrtc::connection::INBOX;
@@ -54,12 +54,12 @@ pub struct Simulator<D> {
     /// Index of the next tick.
     pub tick: u64,
     client: u64,
-    requests: Line<Request>,
-    contacts: Line<ContactReport>,
-    chunks: Line<InboxChunk>,
+    requests: DelayLine<Request>,
+    contacts: DelayLine<ContactReport>,
+    chunks: DelayLine<InboxChunk>,
     inbox: Vec<InboxChunk>,
     outputs: TickOutputs,
-    tape: Option<Tape>,
+    tape: Option<InputRecording>,
     mesh_bytes: u64,
     /// Whether the station is away.
     mute: bool,
@@ -80,9 +80,9 @@ impl<D: AsRef<[u8]>> Simulator<D> {
             station,
             tick: 0,
             client: identity.client,
-            requests: Line::new(delay),
-            contacts: Line::new(delay),
-            chunks: Line::new(delay),
+            requests: DelayLine::new(delay),
+            contacts: DelayLine::new(delay),
+            chunks: DelayLine::new(delay),
             inbox: Vec::with_capacity(INBOX),
             outputs,
             tape: None,
@@ -98,11 +98,11 @@ impl<D: AsRef<[u8]>> Simulator<D> {
 
     /// Records every input from now on; before the first step, or the tape is of no use.
     pub fn record(&mut self) {
-        self.tape = Some(Tape::default());
+        self.tape = Some(InputRecording::default());
     }
 
     /// What was recorded.
-    pub fn take_tape(&mut self) -> Option<Tape> {
+    pub fn take_tape(&mut self) -> Option<InputRecording> {
         self.tape.take()
     }
 

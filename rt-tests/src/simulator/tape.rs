@@ -18,13 +18,13 @@ struct Noted {
 
 /// The inputs of a run.
 #[derive(Debug, Clone, Default)]
-pub struct Tape {
+pub struct InputRecording {
     ticks: Vec<Noted>,
     samples: Vec<Option<Sample>>,
     chunks: Vec<InboxChunk>,
 }
 
-impl Tape {
+impl InputRecording {
     /// A chunk has arrived.
     pub(super) fn arrived(&mut self, chunk: InboxChunk) {
         self.chunks.push(chunk);
@@ -57,7 +57,7 @@ impl Tape {
 /// A tape on its way through a fresh controller of the same plan.
 #[derive(Debug)]
 pub struct Playback<'a> {
-    tape: &'a Tape,
+    tape: &'a InputRecording,
     controller: Controller,
     outputs: TickOutputs,
     tick: usize,
@@ -69,7 +69,7 @@ pub struct Playback<'a> {
 impl<'a> Playback<'a> {
     /// At the start of the tape.
     #[must_use]
-    pub fn new(tape: &'a Tape, controller: Controller) -> Self {
+    pub fn new(tape: &'a InputRecording, controller: Controller) -> Self {
         Self {
             tape,
             outputs: TickOutputs::new(controller.probes()),

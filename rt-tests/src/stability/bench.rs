@@ -21,7 +21,7 @@ use ve_station::station::{ServedModel, ServedObject, Station};
 /// Quiet ticks after which a front at rest is complete.
 const QUIET_TICKS: u32 = 200;
 /// Ticks after which one that does not come to rest is given up.
-const MOST_TICKS: u32 = 20_000;
+const MAX_TICKS: u32 = 20_000;
 /// No limit on a force, newtons: what the rendering itself wants is looked at.
 const UNLIMITED_N: f64 = 1e12;
 
@@ -217,7 +217,7 @@ impl Bench {
     /// One sentence when it does not come to rest.
     pub fn settle(&mut self, place: DVec3) -> Result<Felt, Failure> {
         let (mut faces, mut quiet) = (0, 0);
-        for _ in 0..MOST_TICKS {
+        for _ in 0..MAX_TICKS {
             let felt = self.touch(place);
             let record = &felt.record;
             let same = record.ready && record.active_faces == faces && record.in_flight == 0;

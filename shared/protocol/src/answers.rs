@@ -83,7 +83,7 @@ impl Default for AnswersWriter {
 
 impl AnswersWriter {
     /// Bytes that a part needs to carry anything.
-    pub const LEAST_ROOM: usize = size_of::<PartHead>() + 4 + size_of::<VspRecord>();
+    pub const MIN_ROOM: usize = size_of::<PartHead>() + 4 + size_of::<VspRecord>();
 
     /// An empty chunk.
     #[must_use]
@@ -109,7 +109,7 @@ impl AnswersWriter {
         self.at == 0
     }
 
-    /// Starts a part; there must be [`AnswersWriter::LEAST_ROOM`]. Ends with [`AnswersWriter::end`].
+    /// Starts a part; there must be [`AnswersWriter::MIN_ROOM`]. Ends with [`AnswersWriter::end`].
     pub fn begin(&mut self, region: u32, tolerance_bits: u32, first: bool) {
         self.head = PartHead {
             region,
@@ -373,7 +373,7 @@ mod tests {
             let mut writer = AnswersWriter::new();
             let mut expected = Vec::new();
             for (region, tolerance_bits, closure, first) in &answers {
-                if writer.room() < AnswersWriter::LEAST_ROOM {
+                if writer.room() < AnswersWriter::MIN_ROOM {
                     break;
                 }
                 writer.begin(*region, *tolerance_bits, first % 2 == 0);

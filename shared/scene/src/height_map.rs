@@ -5,7 +5,7 @@ use std::io::{BufReader, Read, Seek};
 use thiserror::Error;
 
 /// Most pixels of a picture.
-const MOST_PIXELS: u64 = 1 << 24;
+const MAX_PIXELS: u64 = 1 << 24;
 
 /// Heights from -1 (black) to 1 (white) on a grid that repeats, and the same with half as many samples a side, and so
 /// on down to one: what is finer than the loop can render is left out by taking a coarser one.
@@ -28,7 +28,7 @@ pub enum HeightMapError {
     #[error(transparent)]
     Png(#[from] png::DecodingError),
     /// It is too large.
-    #[error("it has {0} pixels, more than {MOST_PIXELS}")]
+    #[error("it has {0} pixels, more than {MAX_PIXELS}")]
     TooLarge(u64),
 }
 
@@ -54,7 +54,7 @@ impl HeightMap {
         let pixels = u64::from(width) * u64::from(height);
         let bytes = reader
             .output_buffer_size()
-            .filter(|_| pixels <= MOST_PIXELS)
+            .filter(|_| pixels <= MAX_PIXELS)
             .ok_or(HeightMapError::TooLarge(pixels))?;
         let mut buffer = vec![0; bytes];
         let frame = reader.next_frame(&mut buffer)?;

@@ -15,12 +15,12 @@ pub use effects::{
 };
 pub use height_map::{Height, HeightMap, HeightMapError};
 pub use plan::{
-    AccuracyPlan, Hand, LoopPlan, MOST_OBJECTS, MOST_PROBES, MOST_SEATS, ModelScale, ModelSource,
+    AccuracyPlan, Hand, LoopPlan, MAX_OBJECTS, MAX_PROBES, MAX_SEATS, ModelScale, ModelSource,
     ObjectPlan, Overrides, ProbePlan, ProbeShape, RefinementPlan, SafetyPlan, ScenePlan,
     SimulatedDevicePlan, SurfacePlan, ToolMeshPlan, TrajectoryPlan,
 };
 pub use typed::parse_bytes;
 pub use validate::{
-    DrivenPlan, FreePlan, HingePlan, MOST_MOVABLES, MassPlan, MovablePlan, RailPlan, RestPlan,
+    DrivenPlan, FreePlan, HingePlan, MAX_MOVABLES, MassPlan, MovablePlan, RailPlan, RestPlan,
     SHAPES, SceneError, least_coupled_mass, load, parse,
 };

@@ -8,11 +8,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Probes of a scene at the most.
-pub const MOST_PROBES: usize = 4;
+pub const MAX_PROBES: usize = 4;
 /// Objects of a scene at the most.
-pub const MOST_OBJECTS: usize = 4096;
+pub const MAX_OBJECTS: usize = 4096;
 /// Seats of a controller at the most, see [`ScenePlan::seats`].
-pub const MOST_SEATS: usize = 2 * MOST_PROBES + 1;
+pub const MAX_SEATS: usize = 2 * MAX_PROBES + 1;
 
 /// Everything that a scene says.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,9 +29,9 @@ pub struct ScenePlan {
     pub accuracy: AccuracyPlan,
     /// Limits of every force that leaves.
     pub safety: SafetyPlan,
-    /// Objects, at least one and at most [`MOST_OBJECTS`].
+    /// Objects, at least one and at most [`MAX_OBJECTS`].
     pub objects: Vec<ObjectPlan>,
-    /// Probes, at least one and at most [`MOST_PROBES`].
+    /// Probes, at least one and at most [`MAX_PROBES`].
     pub probes: Vec<ProbePlan>,
     /// Effects of the scene, which every probe feels anywhere.
     pub effects: Vec<EffectPlan>,

@@ -2,7 +2,7 @@
 //! one sentence that names file, line and what to do.
 
 use super::plan::{
-    AccuracyPlan, Hand, LoopPlan, MOST_PROBES, ModelScale, ModelSource, Overrides, ProbePlan,
+    AccuracyPlan, Hand, LoopPlan, MAX_PROBES, ModelScale, ModelSource, Overrides, ProbePlan,
     RefinementPlan, SafetyPlan, ScenePlan, SimulatedDevicePlan, TrajectoryPlan,
 };
 use super::trajectory;
@@ -20,7 +20,7 @@ mod probe_shape;
 
 pub(super) use movable::MovableTyped;
 pub use movable::{
-    DrivenPlan, FreePlan, HingePlan, MOST_MOVABLES, MassPlan, MovablePlan, RailPlan, RestPlan,
+    DrivenPlan, FreePlan, HingePlan, MAX_MOVABLES, MassPlan, MovablePlan, RailPlan, RestPlan,
     least_coupled_mass,
 };
 
@@ -173,7 +173,7 @@ impl Range {
 /// Lengths in a scene, metres: from below an atom to above the Earth, so that no square overflows or vanishes.
 const LENGTH: Range = Range::Within(1e-9, 1e7);
 /// Largest of the coefficients (N/m, N s/m, kg, N, N/s, m/s): far above any device.
-const MOST: f64 = 1e9;
+const MAX: f64 = 1e9;
 
 /// The whole way from text to plan.
 fn plan(
@@ -221,10 +221,10 @@ fn probe_plans(
             "there is no [[probe]]; describe what touches in a [[probe]] table (it may be empty)",
         ));
     }
-    if let Some(extra) = typed.get(MOST_PROBES) {
+    if let Some(extra) = typed.get(MAX_PROBES) {
         return Err(source.value(
             extra,
-            &format!("this is a [[probe]] too many; a scene has at most {MOST_PROBES}, take the others out"),
+            &format!("this is a [[probe]] too many; a scene has at most {MAX_PROBES}, take the others out"),
         ));
     }
     typed
@@ -238,7 +238,7 @@ fn accuracy_plan(source: &Source, typed: &AccuracyTyped) -> Result<AccuracyPlan,
         typed.tolerance_m.as_ref(),
         "tolerance_m",
         0.0,
-        Range::NotNegative(MOST),
+        Range::NotNegative(MAX),
     )?;
     let refinement = match (typed.refinement, &typed.lod) {
         (Some(RefinementTyped::Global), lod) => {
@@ -304,7 +304,7 @@ fn safety_plan(source: &Source, typed: &SafetyTyped) -> Result<SafetyPlan, Scene
             typed.force_max_n.as_ref(),
             "force_max_n",
             8.0,
-            Range::Positive(MOST),
+            Range::Positive(MAX),
         )?,
         torque_max_nm: source.number(
             typed.torque_max_nm.as_ref(),
@@ -316,7 +316,7 @@ fn safety_plan(source: &Source, typed: &SafetyTyped) -> Result<SafetyPlan, Scene
             typed.slew_n_per_s.as_ref(),
             "slew_n_per_s",
             2000.0,
-            Range::Positive(MOST),
+            Range::Positive(MAX),
         )?,
         ramp_s: source.number(
             typed.ramp_s.as_ref(),
@@ -359,14 +359,14 @@ fn probe_plan(
 
 fn device_plan(source: &Source, typed: &SimulatedTyped) -> Result<SimulatedDevicePlan, SceneError> {
     let coefficient = |value: &Option<Spanned<f64>>, key, default| {
-        source.number(value.as_ref(), key, default, Range::NotNegative(MOST))
+        source.number(value.as_ref(), key, default, Range::NotNegative(MAX))
     };
     Ok(SimulatedDevicePlan {
         mass_kg: source.number(
             typed.mass_kg.as_ref(),
             "mass_kg",
             0.1,
-            Range::Within(1e-6, MOST),
+            Range::Within(1e-6, MAX),
         )?,
         damping_ns_per_m: coefficient(&typed.damping_ns_per_m, "damping_ns_per_m", 1.0)?,
         encoder_m: coefficient(&typed.encoder_m, "encoder_m", 1e-5)?,
@@ -411,7 +411,7 @@ fn tour_plan(
 /// Lays what the command line says over the plan.
 fn apply(plan: &mut ScenePlan, first_copies: usize, overrides: &Overrides) -> Result<(), String> {
     if let Some(tolerance) = overrides.tolerance_m {
-        let tolerance = Range::NotNegative(MOST).check("--tolerance (metres)", tolerance)?;
+        let tolerance = Range::NotNegative(MAX).check("--tolerance (metres)", tolerance)?;
         plan.accuracy.tolerance_m = tolerance;
         if let RefinementPlan::Global { lod: lod @ Some(_) } = &mut plan.accuracy.refinement {
             // What is typed last decides how fine the whole model is to be.

@@ -13,7 +13,7 @@
 //!
 //! Legality is a property of the front (facts: 0 mismatches with the adjacency tests of thesis 5.2.3 in
 //! 3 million checks): a split is legal when its dependencies are performed, a collapse when nothing
-//! performed depends on it. Vertices may be on their way between two fronts ([`Flight`]). No operation allocates or recurses, and a record that does not fit the mesh
+//! performed depends on it. Vertices may be on their way between two fronts ([`Geomorph`]). No operation allocates or recurses, and a record that does not fit the mesh
 //! (a damaged file) is refused before anything changed.
 
 mod adjacency;
@@ -24,7 +24,7 @@ mod operation_faces;
 mod swept;
 mod walk;
 
-pub use flights::Flight;
+pub use flights::Geomorph;
 pub use operation_faces::OperationFaces;
 pub use walk::FrontWalk;
 
@@ -96,7 +96,7 @@ pub struct ActiveMesh {
     faces: Vec<Face>,
     links: Vec<Links>,
     states: Vec<State>,
-    flights: Vec<Flight>,
+    flights: Vec<Geomorph>,
     active_faces: u32,
     performed: u32,
 }

@@ -24,7 +24,7 @@ impl RegionId {
     #[inline]
     #[must_use]
     pub fn of_cell(cell: UVec3) -> Self {
-        debug_assert!(cell.max_element() < RegionGrid::MOST_DIVISIONS);
+        debug_assert!(cell.max_element() < RegionGrid::MAX_DIVISIONS);
         Self(cell.x | cell.y << 10 | cell.z << 20)
     }
 
@@ -55,7 +55,7 @@ pub struct RegionGrid {
 
 impl RegionGrid {
     /// The most cells along a side.
-    pub const MOST_DIVISIONS: u32 = 1024;
+    pub const MAX_DIVISIONS: u32 = 1024;
 
     /// The grid with `divisions` cells along the longest side of a box (model units).
     ///
@@ -64,7 +64,7 @@ impl RegionGrid {
     pub fn new(lower: DVec3, upper: DVec3, divisions: u32) -> Option<Self> {
         let sides = upper - lower;
         let cell = sides.max_element() / f64::from(divisions);
-        let usable = divisions.is_power_of_two() && divisions <= Self::MOST_DIVISIONS;
+        let usable = divisions.is_power_of_two() && divisions <= Self::MAX_DIVISIONS;
         if !usable || !cell.is_normal() || sides.min_element() < 0.0 || !lower.is_finite() {
             return None;
         }
@@ -99,7 +99,7 @@ impl RegionGrid {
             && self.cell.is_normal()
             && self.cell > 0.0
             && self.divisions.is_power_of_two()
-            && self.divisions <= Self::MOST_DIVISIONS
+            && self.divisions <= Self::MAX_DIVISIONS
             && self.cells.iter().all(|&c| c >= 1 && c <= self.divisions)
     }
 

@@ -29,11 +29,11 @@ use thiserror::Error;
 /// Messages that a subscriber's queue holds; twice the credit window.
 pub const BUFFER: usize = 64;
 /// Controllers that a station serves at once.
-pub const MOST_CLIENTS: usize = 16;
+pub const MAX_CLIENTS: usize = 16;
 /// Publishers and subscribers of a topic: the clients, the station, a tunnel and a spare.
-pub const MOST_PORTS: usize = MOST_CLIENTS + 3;
+pub const MAX_PORTS: usize = MAX_CLIENTS + 3;
 /// Subscribers of a records topic: its client, its restart while the dead one is not cleaned yet, a tunnel, a recorder.
-const MOST_RECORD_PORTS: usize = 4;
+const MAX_RECORD_PORTS: usize = 4;
 /// Samples that a subscriber borrows at once.
 const BORROWED: usize = 2;
 const LONGEST_NAME: usize = 32;
@@ -104,9 +104,9 @@ impl Domain {
         config.global.node.cleanup_dead_nodes_on_destruction = true;
         config.global.service.cleanup_dead_nodes_on_open = true;
         let topic = &mut config.defaults.publish_subscribe;
-        topic.max_publishers = MOST_PORTS;
-        topic.max_subscribers = MOST_PORTS;
-        topic.max_nodes = MOST_PORTS;
+        topic.max_publishers = MAX_PORTS;
+        topic.max_subscribers = MAX_PORTS;
+        topic.max_nodes = MAX_PORTS;
         topic.subscriber_max_buffer_size = BUFFER;
         topic.subscriber_max_borrowed_samples = BORROWED;
         topic.publisher_history_size = 0;
@@ -162,9 +162,9 @@ impl Domain {
         self.retry("open the service hrtc/v3/subscribe", || {
             node.service_builder(&name)
                 .publish_subscribe::<Request>()
-                .max_publishers(MOST_PORTS)
-                .max_subscribers(MOST_RECORD_PORTS)
-                .max_nodes(MOST_PORTS)
+                .max_publishers(MAX_PORTS)
+                .max_subscribers(MAX_RECORD_PORTS)
+                .max_nodes(MAX_PORTS)
                 .subscriber_max_buffer_size(BUFFER)
                 .subscriber_max_borrowed_samples(BORROWED)
                 .history_size(0)
@@ -185,9 +185,9 @@ impl Domain {
         self.retry("open the service hrtc/v3/pose", || {
             node.service_builder(&name)
                 .publish_subscribe::<ContactReport>()
-                .max_publishers(MOST_PORTS)
-                .max_subscribers(MOST_RECORD_PORTS)
-                .max_nodes(MOST_PORTS)
+                .max_publishers(MAX_PORTS)
+                .max_subscribers(MAX_RECORD_PORTS)
+                .max_nodes(MAX_PORTS)
                 .subscriber_max_buffer_size(BUFFER)
                 .subscriber_max_borrowed_samples(BORROWED)
                 .history_size(0)
@@ -210,9 +210,9 @@ impl Domain {
             node.service_builder(&name)
                 .publish_subscribe::<[ChunkSlot]>()
                 .user_header::<ChunkHeader>()
-                .max_publishers(MOST_RECORD_PORTS)
-                .max_subscribers(MOST_RECORD_PORTS)
-                .max_nodes(MOST_PORTS)
+                .max_publishers(MAX_RECORD_PORTS)
+                .max_subscribers(MAX_RECORD_PORTS)
+                .max_nodes(MAX_PORTS)
                 .subscriber_max_buffer_size(BUFFER)
                 .subscriber_max_borrowed_samples(BORROWED)
                 .history_size(0)
@@ -233,9 +233,9 @@ impl Domain {
         self.retry("open the service hrtc/hello", || {
             node.service_builder(&name)
                 .publish_subscribe::<Hello>()
-                .max_publishers(MOST_PORTS)
-                .max_subscribers(MOST_PORTS)
-                .max_nodes(MOST_PORTS)
+                .max_publishers(MAX_PORTS)
+                .max_subscribers(MAX_PORTS)
+                .max_nodes(MAX_PORTS)
                 .subscriber_max_buffer_size(BUFFER)
                 .subscriber_max_borrowed_samples(BORROWED)
                 .history_size(0)

@@ -20,7 +20,7 @@ mod stl;
 mod text;
 mod thesis;
 
-use super::{BuildError, MOST_FACES};
+use super::{BuildError, MAX_FACES};
 use std::path::Path;
 
 /// A triangle soup as read: nothing checked.
@@ -153,7 +153,7 @@ pub fn read_mesh_bytes(bytes: &[u8], format: MeshFormat) -> Result<SoupMesh, Bui
         MeshFormat::Thesis => thesis::read(text::decoded(bytes)?)?,
     };
     let faces = mesh.triangles.len() as u64;
-    if faces > MOST_FACES || mesh.positions.len() as u64 > 3 * MOST_FACES {
+    if faces > MAX_FACES || mesh.positions.len() as u64 > 3 * MAX_FACES {
         return Err(BuildError::TooLarge(faces));
     }
     Ok(mesh)

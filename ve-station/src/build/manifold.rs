@@ -5,7 +5,7 @@
 //! that a file stores twice). Where more than two faces meet in an edge, those of opposite directions that go
 //! on most nearly straight are taken for one surface, as of two sheets that cross, or of the two sides of one.
 //! Everything else is cut: at a bow-tie, at an edge of three faces, the fans get vertices of their own. Copies of a cut vertex are locked, so that no coarser mesh opens a crack there;
-//! but where there are more than [`MOST_LOCKED`], which would all be in every base mesh, they collapse like
+//! but where there are more than [`MAX_LOCKED`], which would all be in every base mesh, they collapse like
 //! others, and the widest crack is reported (see `cracks`).
 
 use super::CleanMesh;
@@ -15,7 +15,7 @@ use spm::BuildSummary;
 
 /// The most copies of cut vertices that are locked: some 8000 faces of a base mesh, half a mebibyte of the
 /// controller's cache.
-pub const MOST_LOCKED: usize = 4096;
+pub const MAX_LOCKED: usize = 4096;
 
 /// A mesh in which every edge has one or two faces, two in opposite directions, and every vertex one fan.
 #[derive(Debug, Clone, PartialEq)]
@@ -103,7 +103,7 @@ fn manifold_pair(group: &[Side], corner_vertex: &[u32]) -> Option<(Side, Side)> 
 }
 
 /// Sides at one edge that are matched; more than so many are all cut.
-const MOST_MATCHED: usize = 32;
+const MAX_MATCHED: usize = 32;
 
 /// The pairs of sides in which surfaces go on across an edge of more than two faces: best first, the straightest.
 /// Faces with the same third corner are two sides of a sheet, not neighbours.
@@ -112,7 +112,7 @@ fn straightest_pairs(
     corner_vertex: &[u32],
     corner_position: impl Fn(Side) -> DVec3,
 ) -> Vec<(Side, Side)> {
-    if group.len() < 3 || group.len() > MOST_MATCHED {
+    if group.len() < 3 || group.len() > MAX_MATCHED {
         return Vec::new();
     }
     // Across the edge, into the face, as a unit vector.
@@ -263,7 +263,7 @@ fn finish(mesh: &CleanMesh, class: Vec<u32>, vertices: u32, rims: &[Side]) -> Ma
 
     let pairs = number_and_class.len() as u64;
     let count = copies.iter().filter(|&&copy| copy).count();
-    let locked = if count <= MOST_LOCKED {
+    let locked = if count <= MAX_LOCKED {
         copies.clone()
     } else {
         vec![false; vertices as usize]

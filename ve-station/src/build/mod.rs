@@ -101,7 +101,7 @@ pub enum BuildError {
     Empty(String),
     /// More than ids can count.
     #[error(
-        "this mesh has {0} triangles, more than the {MOST_FACES} that an SPM can hold: split it"
+        "this mesh has {0} triangles, more than the {MAX_FACES} that an SPM can hold: split it"
     )]
     TooLarge(u64),
     /// An option out of range.
@@ -113,7 +113,7 @@ pub enum BuildError {
 }
 
 /// The most triangles of a mesh: ids of all vertices and faces, made ones too, must fit 32 bits.
-pub const MOST_FACES: u64 = 1 << 29;
+pub const MAX_FACES: u64 = 1 << 29;
 
 impl BuildError {
     /// The same error, naming the file that it is about.
@@ -133,11 +133,11 @@ impl BuildOptions {
     /// When a number is out of range.
     pub fn check(&self) -> Result<(), BuildError> {
         if let Some(divisions) = self.regions
-            && !(divisions.is_power_of_two() && divisions <= spm::RegionGrid::MOST_DIVISIONS)
+            && !(divisions.is_power_of_two() && divisions <= spm::RegionGrid::MAX_DIVISIONS)
         {
             return Err(BuildError::Option(format!(
                 "--regions {divisions} is not possible: give a power of two from 1 to {}",
-                spm::RegionGrid::MOST_DIVISIONS
+                spm::RegionGrid::MAX_DIVISIONS
             )));
         }
         if self.base_faces == Some(0) {

@@ -49,7 +49,7 @@ pub fn default_grid(lower: DVec3, upper: DVec3, mesh: &ManifoldMesh) -> Option<R
     let mut divisions = 1;
     loop {
         let grid = RegionGrid::new(lower, upper, divisions)?;
-        let finest = divisions == RegionGrid::MOST_DIVISIONS;
+        let finest = divisions == RegionGrid::MAX_DIVISIONS;
         let cells: f64 = grid.cells.map(f64::from).iter().product();
         // Not counted while even the mean of all cells is far beyond.
         let crowded = mesh.triangles.len() as f64 > SURELY_TOO_MANY * FACES_A_REGION * cells;
@@ -122,7 +122,7 @@ const TO_CLEAR: u32 = NONE - 1;
 pub fn regions_of(model: &Model<'_>, progress: &dyn Progress) -> Regions {
     let keys = keys(model);
     let hulls = Hulls::new(model);
-    let mut searches: Vec<Search> = (0..rayon::current_num_threads().min(MOST_SEARCHES))
+    let mut searches: Vec<Search> = (0..rayon::current_num_threads().min(MAX_SEARCHES))
         .map(|_| Search::new(model, &hulls))
         .collect();
     let regions: Vec<&[u64]> = keys.chunk_by(|a, b| a >> 32 == b >> 32).collect();
@@ -157,7 +157,7 @@ const REGIONS_A_BATCH: usize = 4096;
 /// Regions that a search takes at a time.
 const REGIONS_A_TURN: usize = 32;
 /// The most searches at once: each has 8 B a VSP of its own.
-const MOST_SEARCHES: usize = 8;
+const MAX_SEARCHES: usize = 8;
 
 /// A region with all its seeds.
 struct Extended {

@@ -19,11 +19,11 @@ use spm::{ErrorScale, NONE};
 use topology::{Collapsible, Topology};
 
 /// The most faces round a vertex that a collapse makes: bounds the work of a split.
-pub const MOST_FACES_ROUND_A_VERTEX: usize = 24;
+pub const MAX_FACES_ROUND_A_VERTEX: usize = 24;
 /// A face may not turn by more than this, as a cosine.
-const LEAST_TURN_COSINE: f64 = 0.2;
+const MIN_TURN_COSINE: f64 = 0.2;
 /// A face may not shrink below this share of its area.
-const LEAST_AREA_SHARE: f64 = 1e-14;
+const MIN_AREA_SHARE: f64 = 1e-14;
 /// Weight of the planes that hold rims in place, against that of a face as large as its edge squared.
 const RIM_WEIGHT: f64 = 100.0;
 /// Cost of length squared, which orders edges on planes; in the frame in which the diagonal is one.
@@ -352,7 +352,7 @@ impl<'a> Work<'a> {
     /// Collapses an edge if nothing near was touched in this round and nothing forbids it.
     fn try_collapse(&mut self, candidate: Candidate) {
         let (face, corner) = (candidate.face(), candidate.corner());
-        // Touched corners mean that the face may be gone or another one by now.
+        // ProbeContact corners mean that the face may be gone or another one by now.
         let (a, b, _) = self.topology.side(face, corner);
         if !self.topology.is_alive(face) || self.is_touched(a) || self.is_touched(b) {
             return;
@@ -368,7 +368,7 @@ impl<'a> Work<'a> {
             .iter()
             .flatten()
             .any(|&slot| self.touched[slot as usize] == self.round);
-        let fits = self.result_fan(&edge) <= MOST_FACES_ROUND_A_VERTEX
+        let fits = self.result_fan(&edge) <= MAX_FACES_ROUND_A_VERTEX
             && self.chain_of(&edge) <= self.longest_chain;
         if touched || !fits {
             return;
@@ -419,7 +419,7 @@ impl<'a> Work<'a> {
             let (old, new) = (before.length(), after.length());
             // Written so that a comparison with NaN rejects.
             let keeps =
-                before.dot(after) >= LEAST_TURN_COSINE * old * new && new > LEAST_AREA_SHARE * old;
+                before.dot(after) >= MIN_TURN_COSINE * old * new && new > MIN_AREA_SHARE * old;
             !keeps
         })
     }

@@ -80,12 +80,12 @@ impl FromStr for Shape {
 /// The fewest faces of a generated mesh.
 pub const FEWEST_FACES: u32 = 64;
 /// The most faces of a generated mesh.
-pub const MOST_FACES: u32 = 1 << 26;
+pub const MAX_FACES: u32 = 1 << 26;
 
 /// Generates a shape with about `faces` faces (clamped to what is possible); each shape rounds to its pattern.
 #[must_use]
 pub fn generate(shape: Shape, faces: u32, seed: u64) -> SoupMesh {
-    let faces = faces.clamp(FEWEST_FACES, MOST_FACES);
+    let faces = faces.clamp(FEWEST_FACES, MAX_FACES);
     match shape {
         Shape::Sphere => sphere(faces),
         Shape::Torus => torus(faces),

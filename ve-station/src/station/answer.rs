@@ -141,7 +141,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             let jobs = &mut self.sessions[at].jobs;
             let is_alike = matches!(jobs.front(), Some(Job::Region { .. }));
-            if !is_alike || writer.room() < AnswersWriter::LEAST_ROOM {
+            if !is_alike || writer.room() < AnswersWriter::MIN_ROOM {
                 break;
             }
             later = jobs.pop_front();

@@ -7,11 +7,11 @@ use protocol::{CHUNK_SLOTS, ChunkKind, TourAsk, TourPoint};
 use spm::{FileError, SpmFile};
 
 /// Points of a tour that are kept: 8 MiB, eleven minutes. Of a longer one those handed out are forgotten.
-const MOST_KEPT: usize = 1 << 17;
+const MAX_KEPT: usize = 1 << 17;
 
 /// A tour in the making, and its points.
 #[derive(Debug)]
-pub struct Rolling {
+pub struct PathGenerator {
     pub model: usize,
     ask: TourAsk,
     tour: Tour,
@@ -23,7 +23,7 @@ pub struct Rolling {
     given: usize,
 }
 
-impl Rolling {
+impl PathGenerator {
     /// Nothing is made yet.
     pub fn new<D: AsRef<[u8]>>(
         file: &SpmFile<D>,
@@ -80,7 +80,7 @@ impl Rolling {
         }
         self.given += header.count as usize;
         header.last = u32::from(self.tour.is_over() && self.given == self.points.len());
-        if self.points.len() > MOST_KEPT {
+        if self.points.len() > MAX_KEPT {
             self.points.drain(..self.given);
             self.forgotten += self.given;
             self.given = 0;

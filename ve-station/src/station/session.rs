@@ -3,15 +3,15 @@
 use super::Chunk;
 use super::answer::{Job, blank};
 use super::region_at;
-use super::rolling::Rolling;
+use super::rolling::PathGenerator;
 use crate::collection::{RegionAt, Residency};
 use protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, MeasuredError, RegionAsk, Request};
 use std::collections::VecDeque;
 
 /// Questions of one session that may wait for an answer.
-pub const MOST_JOBS: usize = 1 << 14;
+pub const MAX_JOBS: usize = 1 << 14;
 /// Measured errors that fit into a chunk, and that wait for credit at the most; more replace the oldest.
-const MOST_MEASURED: usize = 2 * CHUNK_SLOTS;
+const MAX_MEASURED: usize = 2 * CHUNK_SLOTS;
 /// So many measured errors are sent at once ...
 const MEASURED_BATCH: usize = 16;
 /// ... or those of so many ticks.
@@ -52,9 +52,9 @@ pub struct Session {
     pub last_heard: u64,
     pub jobs: VecDeque<Job>,
     /// Tours asked for: rolled while nothing else is to be answered.
-    pub tours: VecDeque<Rolling>,
+    pub tours: VecDeque<PathGenerator>,
     /// The tour rolled last, whole or in part: whoever lost its chunks asks for it again.
-    pub rolled: Option<Rolling>,
+    pub rolled: Option<PathGenerator>,
     /// What of the object's model the client is believed to hold.
     pub residency: Residency,
     measured: VecDeque<MeasuredError>,
@@ -142,7 +142,7 @@ impl Session {
 
     /// Whether more is asked for than may wait.
     pub fn asks_too_much(&self) -> bool {
-        self.jobs.len() + self.tours.len() > MOST_JOBS
+        self.jobs.len() + self.tours.len() > MAX_JOBS
     }
 
     pub fn has_credit(&self) -> bool {
@@ -184,7 +184,7 @@ impl Session {
         if self.broken {
             return;
         }
-        if self.measured.len() == MOST_MEASURED {
+        if self.measured.len() == MAX_MEASURED {
             self.measured.pop_front();
         }
         self.measured.push_back(error);

@@ -278,16 +278,16 @@ fn the_past_does_not_disturb_a_new_incarnation() {
 #[test]
 fn the_stalest_of_too_many_clients_makes_room() {
     let mut server = station(1);
-    for id in 0..2 * MOST_CLIENTS as u64 {
+    for id in 0..2 * MAX_CLIENTS as u64 {
         let request = Client::new(id).request(RequestKind::Model);
         server.handle(Message::Request(&request));
     }
     let known: Vec<u64> = server.clients().collect();
     assert_eq!(
         known,
-        (MOST_CLIENTS as u64..2 * MOST_CLIENTS as u64).collect::<Vec<_>>()
+        (MAX_CLIENTS as u64..2 * MAX_CLIENTS as u64).collect::<Vec<_>>()
     );
-    assert_eq!(server.counters().forgotten, MOST_CLIENTS as u64);
+    assert_eq!(server.counters().forgotten, MAX_CLIENTS as u64);
 }
 
 #[test]
@@ -336,7 +336,7 @@ fn contacts_come_back_with_their_distance_to_the_full_mesh() {
 fn too_many_open_questions_end_the_epoch() {
     let (mut server, mut client) = (station(1), Client::new(1));
     client.model ^= 1;
-    for _ in 0..=MOST_JOBS / REGIONS_PER_REQUEST {
+    for _ in 0..=MAX_JOBS / REGIONS_PER_REQUEST {
         for request in client.regions(
             RegionAction::Subscribe,
             &[RegionAt::full(RegionId(0)); REGIONS_PER_REQUEST],

@@ -33,9 +33,9 @@ pub struct Ball {
 }
 
 /// Steps of a search along a line before it counts as blocked.
-const MOST_LINE_STEPS: usize = 4000;
+const MAX_LINE_STEPS: usize = 4000;
 /// Turns in a row before a slide gives up.
-const MOST_TURNS: u32 = 16;
+const MAX_TURNS: u32 = 16;
 /// A contact that moves by more steps than this went to another sheet.
 const JUMP: f64 = 3.0;
 /// A contact less upright than this hangs over a rim: about 80 degrees.
@@ -105,7 +105,7 @@ impl Line {
             way,
             length,
             at: 0.0,
-            left: MOST_LINE_STEPS,
+            left: MAX_LINE_STEPS,
         }
     }
 
@@ -187,7 +187,7 @@ impl Slide {
         file: &SpmFile<D>,
         draw: &mut Draw,
     ) -> bool {
-        let over = self.left == 0 || self.path.len() > self.steps || self.turns > MOST_TURNS;
+        let over = self.left == 0 || self.path.len() > self.steps || self.turns > MAX_TURNS;
         let Some(&here) = self.path.last().filter(|_| !over) else {
             return false;
         };

@@ -11,7 +11,7 @@ const NEAR_TRIES: usize = 24;
 /// Faces drawn for the first touch, of which one is kept in proportion to its area.
 const AREA_DRAWS: usize = 64;
 /// Ways up that are tried from a contact: its normal, the hint, and some nearby.
-const MOST_WAYS: u32 = 8;
+const MAX_WAYS: u32 = 8;
 
 /// Where a path ends: the contact that was left, and the way up from it.
 #[derive(Debug, Clone, Copy)]
@@ -256,11 +256,11 @@ impl Leave {
                 Ok(Some(true)) => return Some(*way),
                 Ok(Some(false)) => {}
                 // Where the file is damaged no other way is tried.
-                Err(_) => self.tried = MOST_WAYS,
+                Err(_) => self.tried = MAX_WAYS,
             }
             self.line = None;
         }
-        while self.tried < MOST_WAYS {
+        while self.tried < MAX_WAYS {
             let way = match self.tried {
                 0 => contact.normal,
                 1 => self.hint,

@@ -7,7 +7,7 @@ use super::{check_sentence, keeping, rounds_and_seed, turn};
 use bytemuck::Zeroable;
 use protocol::{ContactReport, Request};
 use spm::{RegionId, SpmFile, write_spm};
-use transport::MOST_CLIENTS;
+use transport::MAX_CLIENTS;
 use ve_station::generate::{Shape, generate};
 use ve_station::station::{Message, ServedModel, ServedObject, Station};
 
@@ -100,7 +100,7 @@ fn the_station_answers_or_ignores_any_message() {
                 mutator.damage_report(&mut report);
                 station.handle(Message::Contact(&report));
                 let known: Vec<u64> = station.clients().collect();
-                assert!(known.len() <= MOST_CLIENTS);
+                assert!(known.len() <= MAX_CLIENTS);
                 for client in known {
                     let said = (0..4).filter(|_| station.poll(client).is_some()).count() as u64;
                     chunks += said;

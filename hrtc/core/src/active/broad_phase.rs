@@ -7,7 +7,7 @@
 use glam::DVec3;
 
 /// Pairs of an object and a probe that one search finds at the most; of more the nearest are kept.
-pub const MOST_NEAR: usize = 64;
+pub const MAX_NEAR: usize = 64;
 
 /// A ball around a probe, world, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,7 +52,7 @@ impl BroadPhase {
             upper: [(); 3].map(|()| vec![f64::NEG_INFINITY; objects]),
             ways: Vec::with_capacity(moving),
             distances: vec![0.0; objects],
-            near: Vec::with_capacity(MOST_NEAR),
+            near: Vec::with_capacity(MAX_NEAR),
         }
     }
 
@@ -78,7 +78,7 @@ impl BroadPhase {
         found.map_or(0.0, |&(_, way)| way)
     }
 
-    /// All pairs of an object and a ball that meet within so many ticks, nearest first; at most [`MOST_NEAR`], the
+    /// All pairs of an object and a ball that meet within so many ticks, nearest first; at most [`MAX_NEAR`], the
     /// nearest. A ball that is not finite meets nothing.
     pub fn find(&mut self, balls: impl IntoIterator<Item = Ball>, ticks: f64) -> &[Near] {
         self.near.clear();
@@ -149,7 +149,7 @@ impl BroadPhase {
     }
 
     fn keep(&mut self, near: Near) {
-        if self.near.len() < MOST_NEAR {
+        if self.near.len() < MAX_NEAR {
             self.near.push(near);
             return;
         }
@@ -206,7 +206,7 @@ mod tests {
             expected.sort_by(|a, b| a.distance.total_cmp(&b.distance));
             let found = phase.find(balls.iter().copied(), 10.0).to_vec();
             prop_assert!(found.windows(2).all(|w| w[0].distance <= w[1].distance));
-            prop_assert_eq!(found.len(), expected.len().min(MOST_NEAR));
+            prop_assert_eq!(found.len(), expected.len().min(MAX_NEAR));
             for (found, expected) in found.iter().zip(&expected) {
                 prop_assert!((found.distance - expected.distance).abs() < 1e-12);
             }

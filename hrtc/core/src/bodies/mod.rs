@@ -37,12 +37,12 @@ pub use report::MovedObject;
 use crate::force::passivity::Carried;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
-use scene::{MOST_PROBES, MOST_SEATS, ScenePlan};
+use scene::{MAX_PROBES, MAX_SEATS, ScenePlan};
 use spm::NONE;
 use std::collections::VecDeque;
 
 /// Periods that a step makes good at the most; what was missed beyond is lost to the bodies.
-const MOST_PERIODS: u64 = 20;
+const MAX_PERIODS: u64 = 20;
 /// Objects whose box is looked for in a tick at the most.
 const LEARNT_A_TICK: usize = 64;
 
@@ -71,7 +71,7 @@ pub struct Movables {
     /// Those whose pose, or whose motion, changed in this tick.
     moved: Vec<usize>,
     pushes: Vec<Push>,
-    carried: [[f64; 2]; MOST_PROBES],
+    carried: [[f64; 2]; MAX_PROBES],
     last_tick: Option<u64>,
     /// Objects whose box is not known.
     unknown: VecDeque<u32>,
@@ -100,12 +100,12 @@ impl Movables {
         let pushes = if bodies.is_empty() {
             0
         } else {
-            MOST_SEATS * MOST_PROBES
+            MAX_SEATS * MAX_PROBES
         };
         Self {
             moved: Vec::with_capacity(bodies.len()),
             pushes: Vec::with_capacity(pushes),
-            carried: [[0.0; 2]; MOST_PROBES],
+            carried: [[0.0; 2]; MAX_PROBES],
             last_tick: None,
             unknown: objects.iter().copied().collect(),
             bodies,
@@ -165,7 +165,7 @@ impl Movables {
         self.moved.clear();
         self.moved.extend_from_slice(&self.awake);
         for &k in &self.awake {
-            self.bodies[k].step(tick, periods.clamp(1, MOST_PERIODS) as u32);
+            self.bodies[k].step(tick, periods.clamp(1, MAX_PERIODS) as u32);
         }
         let bodies = &self.bodies;
         self.awake.retain(|&k| bodies[k].is_awake());

@@ -4,7 +4,7 @@ use super::Cache;
 use spm::{OperationFaces, Slot};
 
 /// Vertices that may be in flight at once.
-pub const MOST_FLIGHTS: usize = 96;
+pub const MAX_FLIGHTS: usize = 96;
 
 impl Cache {
     /// Whether nothing needs a performed slot any more.

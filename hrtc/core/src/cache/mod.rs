@@ -23,7 +23,7 @@ mod operations;
 mod queues;
 mod regions;
 
-pub use flights::MOST_FLIGHTS;
+pub use flights::MAX_FLIGHTS;
 pub use lists::{Cursor, List};
 pub use regions::{Region, RegionKey, RegionState, RegionTable};
 
@@ -184,7 +184,7 @@ impl Cache {
         let slots = least;
         Self {
             bytes,
-            mesh: ActiveMesh::new(0, 0, slots as u32).with_flights(MOST_FLIGHTS),
+            mesh: ActiveMesh::new(0, 0, slots as u32).with_flights(MAX_FLIGHTS),
             tree: AbTree::new(2 * slots as u32),
             ids: IdMap::new(slots),
             references: vec![References::default(); slots],

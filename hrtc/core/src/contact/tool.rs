@@ -33,7 +33,7 @@ pub enum ToolError {
     #[error("the tool has no faces")]
     Empty,
     /// More faces than the limit.
-    #[error("the tool has {0} faces; the limit is {limit}", limit = Tool::MOST_FACES)]
+    #[error("the tool has {0} faces; the limit is {limit}", limit = Tool::MAX_FACES)]
     TooMany(usize),
     /// A face names a vertex that is not there.
     #[error("face {0} of the tool names a vertex that is not there")]
@@ -76,7 +76,7 @@ pub struct Tool {
 
 impl Tool {
     /// Faces that a tool may have.
-    pub const MOST_FACES: usize = 1 << 20;
+    pub const MAX_FACES: usize = 1 << 20;
 
     /// A tool in its own frame.
     ///
@@ -87,7 +87,7 @@ impl Tool {
         if count == 0 {
             return Err(ToolError::Empty);
         }
-        if count > Self::MOST_FACES {
+        if count > Self::MAX_FACES {
             return Err(ToolError::TooMany(count));
         }
         let limit = DVec3::splat(f64::from(f32::MAX));

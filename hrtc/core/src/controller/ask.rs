@@ -1,11 +1,11 @@
 //! What is asked for: the rings of the dial around the contact, or the whole model alike.
 
-use super::library::Model;
-use super::seat::Seat;
+use super::active_object::ActiveObject;
+use super::base_mesh_store::Model;
 use crate::cache::RegionKey;
 use crate::contact::query::{Surface, closest_point};
 use crate::contact::sphere_proxy::Contact;
-use crate::lod::dial::Dial;
+use crate::lod::lod_controller::LodController;
 use crate::lod::predict::{LEAD_TICKS, Predicted, RADII_AROUND, predict_beside};
 use crate::streaming::subscriber::Outbox;
 use scene::RefinementPlan;
@@ -13,19 +13,24 @@ use spm::ModelHeader;
 use spm::RegionId;
 
 /// Chunks that wait for the tick from which on nothing is asked for ahead of need.
-const WAITING_MOST: usize = 8;
+const MAX_WAITING: usize = 8;
 
-impl Seat {
+impl ActiveObject {
     /// The rings for a model: from the tolerance asked for up its ladder.
-    pub(super) fn dial_for(&self, header: &ModelHeader, area: f64, metres_per_unit: f64) -> Dial {
-        Dial::new(header, (self.tolerance_m / metres_per_unit) as f32, area)
+    pub(super) fn dial_for(
+        &self,
+        header: &ModelHeader,
+        area: f64,
+        metres_per_unit: f64,
+    ) -> LodController {
+        LodController::new(header, (self.tolerance_m / metres_per_unit) as f32, area)
     }
 
     /// Asks for another expected error at the contact from the next tick on, metres.
     pub(super) fn set_tolerance(&mut self, tolerance_m: f64) {
         self.tolerance_m = tolerance_m;
         if let Some((model, frame)) = self.known() {
-            let finest = self.dial.as_ref().map_or(0, Dial::finest);
+            let finest = self.dial.as_ref().map_or(0, LodController::finest);
             let mut dial = self.dial_for(&model.header, model.area, frame.metres_per_unit);
             dial.set_finest(finest);
             self.dial = Some(dial);
@@ -52,12 +57,14 @@ impl Seat {
 
     /// The finest tolerance that is asked for now, model units.
     pub(super) fn finest_tolerance(&self) -> f32 {
-        self.dial.as_ref().map_or(0.0, Dial::finest_tolerance)
+        self.dial
+            .as_ref()
+            .map_or(0.0, LodController::finest_tolerance)
     }
 
     /// Ticks that the slowest probe takes over a cell of the finest ring; infinite at rest.
     pub(super) fn cell_ticks(&self) -> f64 {
-        let cell = |dial: &Dial| dial.rings()[dial.finest()].grid.cell;
+        let cell = |dial: &LodController| dial.rings()[dial.finest()].grid.cell;
         let followed = self.touches.iter().filter(|touch| touch.is_followed);
         let slowest = followed
             .map(|touch| touch.predictor.pace())
@@ -82,7 +89,7 @@ impl Seat {
         let economy = &self.refinement.economy;
         // Answers come in the order of the questions: what is only ahead must not stand in the way of what is
         // needed next.
-        let may_prefetch = economy.may_prefetch() && waiting < WAITING_MOST;
+        let may_prefetch = economy.may_prefetch() && waiting < MAX_WAITING;
         let may_ask = economy.may_ask(tick) && self.subscriber.may_ask(&self.cache);
         let unknown = if may_ask {
             self.refinement.unknown()

@@ -1,12 +1,12 @@
 //! Splits and collapses that a probe feels: their vertices fly, see [`crate::perception`].
 
+use super::active_object::{ActiveObject, Budget};
+use super::pair::ProbeObjectPair;
 use super::probe::Probe;
 use super::refine::Refinement;
-use super::seat::{Budget, Seat};
-use super::touch::Touch;
 use crate::perception::{
-    AROUND, BESIDE, Feeler, Touching, box_of, excess, is_felt, may_come_near, share_of_way,
-    space_of, turns_over,
+    AROUND, BESIDE, PerceptionLimit, Touching, box_of, excess, is_felt, may_come_near,
+    share_of_way, space_of, turns_over,
 };
 use glam::DVec3;
 use spm::{Handle, Slot};
@@ -20,15 +20,15 @@ const AT_ONCE: f64 = 0.5;
 
 /// How a split or collapse is to be done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Manner {
+pub enum Transition {
     /// At once: nobody feels it.
-    AtOnce,
+    Immediate,
     /// Its vertices fly.
-    Gently,
+    Geomorph,
     /// Not in this tick: what is around it flies, or there is no room.
-    Later,
+    Deferred,
     /// Not while it is felt and all around it is as it is: a face would be turned over.
-    Never,
+    Rejected,
 }
 
 /// What became of the collapse that has waited longest.
@@ -42,7 +42,7 @@ pub enum Collapsed {
     Later,
 }
 
-impl Seat {
+impl ActiveObject {
     /// Takes in what the probes feel, and what they allow in this tick.
     pub(super) fn feel(&mut self, probes: &[Probe]) {
         let Refinement { feelers, used, .. } = &mut self.refinement;
@@ -77,7 +77,7 @@ impl Seat {
             for part in touch.follower.parts(&goal) {
                 (touching.centre, touching.radius, touching.up) =
                     (part.centre, part.radius, part.centre - part.goal);
-                feelers.push((k, Feeler::new(&touching)));
+                feelers.push((k, PerceptionLimit::new(&touching)));
             }
             let Some((_, feeler)) = feelers.get(first) else {
                 continue;
@@ -208,7 +208,7 @@ impl Seat {
             return;
         }
         let steps = [(*first, &*faces), (*second, &*faces_of_sibling)];
-        let taken = |feeler: &Feeler| excess(mesh, &steps, feeler, 1.0);
+        let taken = |feeler: &PerceptionLimit| excess(mesh, &steps, feeler, 1.0);
         let mut all = reached.iter();
         if !all.all(|(touch, feeler)| used[*touch] + taken(feeler) <= AT_ONCE) {
             return;
@@ -230,11 +230,11 @@ impl Seat {
     }
 
     /// How a split is to be done.
-    pub(super) fn manner_of_split(&mut self, slot: Slot) -> Manner {
+    pub(super) fn manner_of_split(&mut self, slot: Slot) -> Transition {
         let places = self.cache.mesh().children(slot);
         let manner = self.manner(slot, &places);
-        self.tally.refused += u32::from(manner == Manner::Never);
-        self.tally.postponed += u32::from(manner == Manner::Later);
+        self.tally.refused += u32::from(manner == Transition::Rejected);
+        self.tally.postponed += u32::from(manner == Transition::Deferred);
         manner
     }
 
@@ -242,7 +242,7 @@ impl Seat {
     ///
     /// What is felt has its surroundings at rest: then every face turns on its way from how it was to how it will be, and
     /// not over.
-    fn manner(&mut self, slot: Slot, places: &[Handle]) -> Manner {
+    fn manner(&mut self, slot: Slot, places: &[Handle]) -> Transition {
         let Refinement {
             faces,
             feelers,
@@ -252,13 +252,13 @@ impl Seat {
         let mesh = self.cache.mesh();
         // A record that does not fit is refused when it is performed.
         if feelers.is_empty() || mesh.patch(slot, faces).is_none() {
-            return Manner::AtOnce;
+            return Transition::Immediate;
         }
         let space = space_of(mesh, faces, places);
         take_reached(reached, feelers, &self.touches, space, BESIDE * AROUND);
         if reached.is_empty() && mesh.flights().is_empty() {
             // Nor can anything bring it nearer.
-            return Manner::AtOnce;
+            return Transition::Immediate;
         }
         take_reached(reached, feelers, &self.touches, space, AROUND);
         if !is_felt(mesh, slot, faces, places, reached) {
@@ -266,22 +266,26 @@ impl Seat {
             take_reached(reached, feelers, &self.touches, space, BESIDE * AROUND);
             let folds =
                 turns_over(mesh, slot, faces) && may_come_near(mesh, faces, places, reached);
-            return if folds { Manner::Never } else { Manner::AtOnce };
+            return if folds {
+                Transition::Rejected
+            } else {
+                Transition::Immediate
+            };
         }
         let flights = mesh.flights().len();
         // No more fly than a tick has operations.
         let has_room = mesh.may_take_off() && flights + 2 <= self.operations.max(2);
         if !has_room || mesh.any_in_flight(faces.deformed()) {
-            Manner::Later
+            Transition::Deferred
         } else if turns_over(mesh, slot, faces) {
-            Manner::Never
+            Transition::Rejected
         } else {
             for (touch, feeler) in reached {
                 if feeler.reaches(space) {
                     self.touches[*touch].follower.soften(feeler.slide());
                 }
             }
-            Manner::Gently
+            Transition::Geomorph
         }
     }
 
@@ -293,12 +297,12 @@ impl Seat {
         self.tally.work_units += 1;
         let parent = self.cache.mesh().parent(slot);
         match self.manner(slot, &[parent]) {
-            Manner::AtOnce => {
+            Transition::Immediate => {
                 self.collapse(slot);
                 return Collapsed::Done;
             }
-            Manner::Gently => self.cache.leave(slot),
-            Manner::Later | Manner::Never => self.cache.postpone_collapse(slot),
+            Transition::Geomorph => self.cache.leave(slot),
+            Transition::Deferred | Transition::Rejected => self.cache.postpone_collapse(slot),
         }
         Collapsed::Later
     }
@@ -312,9 +316,9 @@ impl Seat {
 
 /// Takes over the feelers of the probes that what happens in a box may reach.
 fn take_reached(
-    reached: &mut Vec<(usize, Feeler)>,
-    feelers: &[(usize, Feeler)],
-    touches: &[Touch],
+    reached: &mut Vec<(usize, PerceptionLimit)>,
+    feelers: &[(usize, PerceptionLimit)],
+    touches: &[ProbeObjectPair],
     space: [DVec3; 2],
     around: f64,
 ) {

@@ -1,10 +1,10 @@
 //! Draining the inbox: chunks into model, closures, records, tour.
 
-use super::library::{Model, first_face_slot, model_slots};
-use super::seat::{Budget, Desk, Seat};
+use super::active_object::{ActiveObject, Budget, TickContext};
+use super::base_mesh_store::{Model, first_face_slot, model_slots};
 use super::{Fault, ModelFrame};
 use crate::cache::{LoadError, RegionKey, RegionState};
-use crate::lod::dial::triangle_area;
+use crate::lod::lod_controller::triangle_area;
 use crate::streaming::chunk::InboxChunk;
 use crate::streaming::subscriber::Reception;
 use protocol::{
@@ -76,9 +76,9 @@ enum Taken {
     Gap,
 }
 
-impl Seat {
+impl ActiveObject {
     /// Takes a chunk of the seat's object as far as budget and room go; whether it is done with.
-    pub(super) fn receive(&mut self, chunk: &InboxChunk, desk: &mut Desk<'_>) -> bool {
+    pub(super) fn receive(&mut self, chunk: &InboxChunk, desk: &mut TickContext<'_>) -> bool {
         match self.subscriber.receive(&chunk.header) {
             Reception::Stale => {
                 self.inbox.turn();
@@ -118,7 +118,7 @@ impl Seat {
         self.subscriber.observe(station, tick, &mut self.cache);
     }
 
-    fn end_epoch(&mut self, desk: &mut Desk<'_>) {
+    fn end_epoch(&mut self, desk: &mut TickContext<'_>) {
         self.subscriber.end_epoch(desk.tick, &mut self.cache);
         self.inbox.turn();
         if let Some(tour) = self.tour_of.and_then(|k| desk.probes[k].tour.as_mut()) {
@@ -126,7 +126,7 @@ impl Seat {
         }
     }
 
-    fn take(&mut self, chunk: &InboxChunk, desk: &mut Desk<'_>) -> Taken {
+    fn take(&mut self, chunk: &InboxChunk, desk: &mut TickContext<'_>) -> Taken {
         match ChunkKind::from_code(chunk.header.kind) {
             Some(ChunkKind::Model) => self.take_model(chunk, desk),
             Some(ChunkKind::Answers) => self.take_answers(chunk, desk),
@@ -152,7 +152,7 @@ impl Seat {
         }
     }
 
-    fn take_model(&mut self, chunk: &InboxChunk, desk: &mut Desk<'_>) -> Taken {
+    fn take_model(&mut self, chunk: &InboxChunk, desk: &mut TickContext<'_>) -> Taken {
         let Some(placing) = self.placing else {
             return Taken::Whole;
         };
@@ -248,7 +248,7 @@ impl Seat {
 
     /// Takes more of the kept base mesh in, while the object wakes; half of the tick's budget at the most, so that
     /// what others touch goes on coming.
-    pub(super) fn wake(&mut self, desk: &mut Desk<'_>) {
+    pub(super) fn wake(&mut self, desk: &mut TickContext<'_>) {
         let (Some(mut place), Some(placing)) = (self.waking, self.placing) else {
             return;
         };
@@ -275,7 +275,7 @@ impl Seat {
         }
     }
 
-    fn finish_model(&mut self, header: ModelHeader, desk: &mut Desk<'_>) {
+    fn finish_model(&mut self, header: ModelHeader, desk: &mut TickContext<'_>) {
         let Some(placing) = self.placing else {
             return;
         };
@@ -320,7 +320,7 @@ impl Seat {
     }
 
     /// Asks for the tour of the next probe that awaits one of this object.
-    pub(super) fn ask_next_tour(&mut self, desk: &mut Desk<'_>) {
+    pub(super) fn ask_next_tour(&mut self, desk: &mut TickContext<'_>) {
         let (Some(object), Some(frame)) = (self.object(), self.frame) else {
             return;
         };
@@ -348,7 +348,7 @@ impl Seat {
         self.cache.regions.at(index).answer_begun.then_some(index)
     }
 
-    fn take_answers(&mut self, chunk: &InboxChunk, desk: &mut Desk<'_>) -> Taken {
+    fn take_answers(&mut self, chunk: &InboxChunk, desk: &mut TickContext<'_>) -> Taken {
         let tick = desk.tick;
         let budget = &mut *desk.budget;
         let whole_chunk = AnswersReader::new(chunk.header.count);
@@ -499,7 +499,7 @@ impl Seat {
         self.refused_regions += 1;
     }
 
-    fn take_tour(&mut self, chunk: &InboxChunk, desk: &mut Desk<'_>) {
+    fn take_tour(&mut self, chunk: &InboxChunk, desk: &mut TickContext<'_>) {
         let Some(tour) = self.tour_of.and_then(|k| desk.probes[k].tour.as_mut()) else {
             return;
         };

@@ -5,7 +5,7 @@
 //!
 //! | part | is |
 //! |---|---|
-//! | [`Seat`] | what one awake object needs: cache, session with the station, refinement, and a touch for each probe |
+//! | [`ActiveObject`] | what one awake object needs: cache, session with the station, refinement, and a touch for each probe |
 //! | touch | one probe and one object: proxy, prediction, what was felt |
 //! | probe | sample, tour, gate and energy account; its force is the sum of its touches |
 //! | library | heads and base meshes, one of each model |
@@ -14,26 +14,26 @@
 //! The cache's bytes are shared out to equal seats ([`ScenePlan::seats`]); an object without one costs its box in
 //! the broad phase. The work of a tick is one budget, which the seats draw on in turn, the nearest to a contact first.
 
+mod active_object;
+mod active_set;
 mod ask;
-mod beside;
+mod base_mesh_store;
 mod capacity;
 mod flight;
-mod follower;
+mod forecast;
 mod frame;
 mod inbox;
-mod library;
 mod moving;
+mod pair;
 mod probe;
+mod proxy_kind;
 mod record;
 mod refine;
-mod seat;
-mod seating;
-mod touch;
 mod view;
 
+pub use active_object::ActiveObject;
 pub use capacity::Capacity;
 pub use frame::ModelFrame;
-pub use seat::Seat;
 
 use crate::active::broad_phase::BroadPhase;
 use crate::bodies::Movables;
@@ -45,15 +45,15 @@ use crate::force::passivity::Carried;
 use crate::record::CoreRecord;
 use crate::streaming::chunk::InboxChunk;
 use crate::streaming::subscriber::{Identity, Outbox};
+use active_object::{Budget, ObjectInstance, ObjectStats, TickContext};
+use active_set::{ActiveSet, seat_of};
+use base_mesh_store::BaseMeshStore;
 use geometry::Wrench;
 use glam::DVec3;
 use haptic_device::Sample;
-use library::Library;
 use probe::Probe;
 use protocol::{ANSWER_TIMEOUT_MS, ContactReport, Request};
-use scene::{MOST_SEATS, ScenePlan};
-use seat::{Budget, Desk, Placing, Tally};
-use seating::{Seating, seat_of};
+use scene::{MAX_SEATS, ScenePlan};
 use spm::NONE;
 use std::sync::Arc;
 use thiserror::Error;
@@ -64,7 +64,7 @@ const REPORT_EVERY: u64 = 10;
 const PROXY_WORK: u32 = 4096;
 /// ... what an operation takes of them: it costs as much as so many; and what is left for each proxy in any tick.
 const PROXY_WORK_PER_OPERATION: u32 = 32;
-const PROXY_WORK_LEAST: u32 = 1024;
+const MIN_PROXY_WORK: u32 = 1024;
 /// Chunks that are looked at in a tick: what the inbox holds.
 const CHUNKS_A_TICK: u32 = u64::BITS;
 
@@ -124,7 +124,7 @@ pub struct TickOutputs {
     /// Contact reports to the station, one a probe every few ticks.
     pub reports: Vec<ContactReport>,
     /// What holds each probe, of several objects the one that pushes most; `None` in free space.
-    pub contacts: Vec<Option<Touched>>,
+    pub contacts: Vec<Option<ProbeContact>>,
     /// How many of the given chunks are done with.
     pub chunks_consumed: usize,
     /// What the tick was like.
@@ -137,7 +137,7 @@ impl TickOutputs {
     pub fn new(probes: usize) -> Self {
         Self {
             wrenches: vec![Wrench::ZERO; probes],
-            outbox: Outbox::new(2 * MOST_SEATS),
+            outbox: Outbox::new(2 * MAX_SEATS),
             reports: Vec::with_capacity(probes),
             contacts: vec![None; probes],
             chunks_consumed: 0,
@@ -155,7 +155,7 @@ impl TickOutputs {
 
 /// What holds a probe.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Touched {
+pub struct ProbeContact {
     /// Object of the scene.
     pub object: u32,
     /// The contact, in the units of the object's model.
@@ -194,14 +194,14 @@ pub struct Controller {
     period_s: f64,
     tolerance_m: f64,
     cache_bytes: usize,
-    placings: Vec<Placing>,
+    placings: Vec<ObjectInstance>,
     probes: Vec<Probe>,
-    seats: Vec<Seat>,
-    library: Library,
+    seats: Vec<ActiveObject>,
+    library: BaseMeshStore,
     broad_phase: BroadPhase,
     /// What moves.
     movables: Movables,
-    seating: Seating,
+    seating: ActiveSet,
     /// Of the chunks that wait, oldest at bit 0: which were taken before their turn, because one before them waits
     /// for room on another seat.
     taken: u64,
@@ -221,11 +221,11 @@ impl Controller {
         let (placings, models) = placings(plan);
         let count = plan.seats();
         let all_awake = count == placings.len();
-        let kept = Library::bytes_for(models, plan.cache_bytes, all_awake);
+        let kept = BaseMeshStore::bytes_for(models, plan.cache_bytes, all_awake);
         let bytes = (plan.cache_bytes - kept) / count;
         let listed: Arc<[_]> = plan.objects.iter().map(|of| of.effects.clone()).collect();
-        let new_seat = |_| Seat::new(plan, bytes, identity, timeout_ticks, listed.clone());
-        let mut seats: Vec<Seat> = (0..count).map(new_seat).collect();
+        let new_seat = |_| ActiveObject::new(plan, bytes, identity, timeout_ticks, listed.clone());
+        let mut seats: Vec<ActiveObject> = (0..count).map(new_seat).collect();
         if all_awake {
             for (seat, placing) in seats.iter_mut().zip(&placings) {
                 seat.give(*placing, 0, None, 0);
@@ -247,10 +247,10 @@ impl Controller {
             period_s: 1.0 / rate,
             tolerance_m: plan.accuracy.tolerance_m,
             cache_bytes: plan.cache_bytes,
-            library: Library::new(models, kept),
+            library: BaseMeshStore::new(models, kept),
             broad_phase: BroadPhase::new(placings.len(), movables.iter().count()),
             movables,
-            seating: Seating::new(placings.len(), toured.map(|tour| tour.object)),
+            seating: ActiveSet::new(placings.len(), toured.map(|tour| tour.object)),
             placings,
             probes,
             seats,
@@ -285,7 +285,7 @@ impl Controller {
         for seat in &mut self.seats {
             seat.measured = None;
             seat.is_stalled = false;
-            seat.tally = Tally::default();
+            seat.tally = ObjectStats::default();
             seat.observe(inputs.station, inputs.tick);
         }
         self.move_objects(inputs.tick);
@@ -360,7 +360,7 @@ impl Controller {
             taken,
             ..
         } = self;
-        let mut desk = Desk {
+        let mut desk = TickContext {
             tick: inputs.tick,
             library,
             probes,
@@ -424,7 +424,7 @@ impl Controller {
         };
         for (k, probe) in self.probes.iter_mut().enumerate() {
             let mut wanted: Option<Rendered> = None;
-            let mut strongest: Option<(f64, Touched)> = None;
+            let mut strongest: Option<(f64, ProbeContact)> = None;
             let at = probe.pose.map_or(DVec3::ZERO, |pose| pose.position);
             let mut ahead = Carried::default();
             for seat in &self.seats {
@@ -445,7 +445,7 @@ impl Controller {
                 let force = rendered.resists.force.length();
                 if strongest.is_none_or(|(most, _)| force > most) {
                     let contact = felt.contact;
-                    strongest = Some((force, Touched { object, contact }));
+                    strongest = Some((force, ProbeContact { object, contact }));
                 }
             }
             let shares = probe.feel(clock, wanted.unwrap_or_default(), ahead, is_open);
@@ -494,7 +494,7 @@ impl Controller {
 }
 
 /// The objects of a scene, and the number of different models.
-fn placings(plan: &ScenePlan) -> (Vec<Placing>, usize) {
+fn placings(plan: &ScenePlan) -> (Vec<ObjectInstance>, usize) {
     let mut names: Vec<u64> = Vec::new();
     let placings = (0u32..).zip(&plan.objects).map(|(object, of)| {
         let name = Request::name_hash(&of.model.name());
@@ -503,7 +503,7 @@ fn placings(plan: &ScenePlan) -> (Vec<Placing>, usize) {
         if known.is_none() {
             names.push(name);
         }
-        Placing {
+        ObjectInstance {
             object,
             model,
             name,

@@ -2,7 +2,7 @@
 //! looks.
 
 use super::Controller;
-use super::seating::{place, seat_of};
+use super::active_set::{place, seat_of};
 use crate::bodies::{Extent, Movables, material_motion};
 use crate::contact::rigid_proxy::Twist;
 use glam::DVec3;

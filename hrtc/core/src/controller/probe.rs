@@ -4,14 +4,14 @@ use super::{ModelFrame, TickInputs};
 use crate::bodies::material_motion;
 use crate::contact::rigid_proxy::{Placement, Twist};
 use crate::force::effects::{Clock, Rendered, SceneEffects};
-use crate::force::limiter::Gate;
+use crate::force::limiter::ForceLimiter;
 use crate::force::passivity::{Carried, EnergyAccount};
 use geometry::{Pose, Wrench};
 use protocol::{TourAsk, TourPoint};
 use scene::{ProbePlan, ScenePlan, TrajectoryPlan};
 
 /// Ticks without a good sample after which the force ramps down.
-const SAMPLES_MISSED_MOST: u32 = 20;
+const MAX_SAMPLES_MISSED: u32 = 20;
 /// Share of the greatest speed that is left a tick later: a hand that stops may go on.
 const SPEED_FADES: f64 = 0.97;
 /// Ticks for which a speed must be kept up to count: one wild sample, there and back, is no motion.
@@ -62,7 +62,7 @@ pub struct Probe {
     passivity: bool,
     /// What the scene adds anywhere.
     pub effects: SceneEffects,
-    gate: Gate,
+    gate: ForceLimiter,
     samples_missed: u32,
 }
 
@@ -101,7 +101,7 @@ impl Probe {
             carried: [0.0; 2],
             passivity: plan.safety.passivity,
             effects: SceneEffects::new(&plan.effects),
-            gate: Gate::new(plan.safety, device_max_n, plan.loop_.rate_hz),
+            gate: ForceLimiter::new(plan.safety, device_max_n, plan.loop_.rate_hz),
             samples_missed: 0,
         }
     }
@@ -176,7 +176,7 @@ impl Probe {
             given = self.energy.share(resists, wanted.spring, ahead);
             resists = resists * given;
         }
-        let open = is_open && self.samples_missed <= SAMPLES_MISSED_MOST;
+        let open = is_open && self.samples_missed <= MAX_SAMPLES_MISSED;
         let is_driven = wanted.drives != Wrench::ZERO;
         let sum = if is_driven {
             resists + wanted.drives

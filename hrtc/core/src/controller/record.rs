@@ -1,7 +1,7 @@
 //! What a tick was like, summed up over seats and probes.
 
 use super::Controller;
-use super::touch::Felt;
+use super::pair::ContactState;
 use crate::record::{CoreRecord, ProbeRecord};
 use geometry::Wrench;
 
@@ -78,7 +78,7 @@ impl Controller {
 
 impl ProbeRecord {
     /// Takes in what one of the probe's touches felt; `finest`: the finest tolerance asked for there, model units.
-    pub(super) fn add(&mut self, felt: &Felt, metres_per_unit: f64, finest: f32) {
+    pub(super) fn add(&mut self, felt: &ContactState, metres_per_unit: f64, finest: f32) {
         let is_first = !self.contact;
         self.contact = true;
         self.contact_full = (is_first || self.contact_full) && felt.certified == 0.0;

@@ -1,19 +1,19 @@
 //! Two-phase refinement (thesis Figure 5.17): splits in B \ A, collapses in A \ B, what the contact reaches
 //! first, at most K operations a tick.
 
-use super::flight::{Collapsed, Manner};
-use super::seat::{Budget, Seat};
+use super::active_object::{ActiveObject, Budget};
+use super::flight::{Collapsed, Transition};
 use crate::cache::{Cache, Region, RegionState};
-use crate::contact::rigid_proxy::MOST_BALLS;
-use crate::lod::dial::Economy;
+use crate::contact::rigid_proxy::MAX_BALLS;
+use crate::lod::lod_controller::MemoryPressure;
 use crate::lod::predict::{Predicted, TURNS};
-use crate::perception::Feeler;
+use crate::perception::PerceptionLimit;
 use spm::{DamagedRecord, OperationFaces, RegionId, Slot};
 
 /// Regions that may be wanted at once.
-pub const MOST_WANTED: usize = 512;
+pub const MAX_WANTED: usize = 512;
 /// Regions that may be kept to be asked for in a tick, for each probe: the cells of six balls.
-const MOST_UNKNOWN: usize = 750;
+const MAX_UNKNOWN: usize = 750;
 /// Ticks for which a region stays wanted after the prediction left it: no flicker at a cell's wall.
 const LINGER: u64 = 40;
 /// Splits, and collapses, a tick where nothing is urgent.
@@ -58,13 +58,13 @@ pub struct Refinement {
     /// Those around the other vertex of a pair in flight.
     pub(super) faces_of_sibling: OperationFaces,
     /// What each touch feels, with its index.
-    pub(super) feelers: Vec<(usize, Feeler)>,
+    pub(super) feelers: Vec<(usize, PerceptionLimit)>,
     /// Those of them that a split, collapse or flight may reach.
-    pub(super) reached: Vec<(usize, Feeler)>,
+    pub(super) reached: Vec<(usize, PerceptionLimit)>,
     /// The share of what each touch allows in this tick that is used up so far.
     pub(super) used: Vec<f64>,
     /// What is done without for want of room.
-    pub(super) economy: Economy,
+    pub(super) economy: MemoryPressure,
     /// A region that is let go of in several ticks.
     leaving: Option<usize>,
     wanted_high_water: usize,
@@ -76,16 +76,16 @@ impl Refinement {
     #[must_use]
     pub fn new(probes: usize) -> Self {
         Self {
-            wanted: Vec::with_capacity(MOST_WANTED),
-            queue: Vec::with_capacity(MOST_WANTED),
-            order: Vec::with_capacity(MOST_WANTED),
-            unknown: Vec::with_capacity(MOST_UNKNOWN * probes),
+            wanted: Vec::with_capacity(MAX_WANTED),
+            queue: Vec::with_capacity(MAX_WANTED),
+            order: Vec::with_capacity(MAX_WANTED),
+            unknown: Vec::with_capacity(MAX_UNKNOWN * probes),
             faces: OperationFaces::new(),
             faces_of_sibling: OperationFaces::new(),
-            feelers: Vec::with_capacity(probes * MOST_BALLS),
-            reached: Vec::with_capacity(probes * MOST_BALLS),
+            feelers: Vec::with_capacity(probes * MAX_BALLS),
+            reached: Vec::with_capacity(probes * MAX_BALLS),
             used: Vec::with_capacity(probes),
-            economy: Economy::new(),
+            economy: MemoryPressure::new(),
             leaving: None,
             wanted_high_water: 0,
             unknown_high_water: 0,
@@ -99,7 +99,7 @@ impl Refinement {
         self.order.clear();
         self.unknown.clear();
         self.feelers.clear();
-        self.economy = Economy::new();
+        self.economy = MemoryPressure::new();
         self.leaving = None;
     }
 
@@ -112,7 +112,7 @@ impl Refinement {
     pub fn arrived(&mut self, index: usize, tick: u64, cache: &Cache) {
         let needed = cache.regions.at(index).needed;
         // 0 is never: it was only loaded ahead.
-        if needed > 0 && tick <= needed + TURNS as u64 && self.order.len() < MOST_WANTED {
+        if needed > 0 && tick <= needed + TURNS as u64 && self.order.len() < MAX_WANTED {
             self.order.push(index);
         }
     }
@@ -134,7 +134,7 @@ impl Refinement {
         if p.refine {
             region.needed = tick;
             let to_come = region.state == RegionState::Held && !region.wanted;
-            if to_come && self.order.len() < MOST_WANTED {
+            if to_come && self.order.len() < MAX_WANTED {
                 self.order.push(index);
             }
         }
@@ -162,7 +162,7 @@ impl Refinement {
     #[must_use]
     pub fn high_water(&self) -> [(usize, usize); 2] {
         [
-            (self.wanted_high_water, MOST_WANTED),
+            (self.wanted_high_water, MAX_WANTED),
             (self.unknown_high_water, self.unknown.capacity()),
         ]
     }
@@ -203,7 +203,7 @@ fn order_of(region: &Region, index: usize, finest: f32, tick: u64) -> u64 {
     left << 63 | ticks << 32 | finer << 16 | index as u64
 }
 
-impl Seat {
+impl ActiveObject {
     /// Splits, then collapses with what is left of the tick's operations.
     ///
     /// As many splits as it takes to have every region done when it is due, and at least a pace, so that ticks
@@ -224,7 +224,7 @@ impl Seat {
                     break;
                 };
                 let manner = self.manner_of_split(slot);
-                if matches!(manner, Manner::Later | Manner::Never) {
+                if matches!(manner, Transition::Deferred | Transition::Rejected) {
                     self.cache.postpone_split(region);
                     budget.entries = budget.entries.saturating_sub(ENTRIES_PER_WAIT);
                     self.split_beyond(region, &mut beyond, budget);
@@ -265,15 +265,15 @@ impl Seat {
     fn split(
         &mut self,
         slot: Slot,
-        manner: Manner,
+        manner: Transition,
         budget: &mut Budget,
     ) -> Result<(), DamagedRecord> {
         self.cache.split(slot, &mut self.refinement.faces)?;
-        if manner == Manner::Gently {
+        if manner == Transition::Geomorph {
             self.cache.take_off(&self.refinement.faces);
         }
         self.carry_proxies();
-        if manner == Manner::Gently {
+        if manner == Transition::Geomorph {
             self.land_at_once();
         }
         budget.operations -= 1;
@@ -291,7 +291,7 @@ impl Seat {
                 break;
             };
             let manner = self.manner_of_split(slot);
-            if matches!(manner, Manner::Later | Manner::Never) {
+            if matches!(manner, Transition::Deferred | Transition::Rejected) {
                 *entries = entries.saturating_sub(ENTRIES_PER_WAIT);
             } else if self.split(slot, manner, budget).is_err() {
                 // A damaged one is found when its turn comes.
@@ -363,7 +363,7 @@ impl Seat {
             if !to_come {
                 continue;
             }
-            if *entries == 0 || self.refinement.wanted.len() == MOST_WANTED {
+            if *entries == 0 || self.refinement.wanted.len() == MAX_WANTED {
                 break;
             }
             spent += self.change(index, true, entries);

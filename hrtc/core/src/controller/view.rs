@@ -1,7 +1,7 @@
 //! What a shell, and a test, may see of the controller, and set between two ticks.
 
 use super::probe::Probe;
-use super::{Controller, Fault, ModelFrame, Seat};
+use super::{ActiveObject, Controller, Fault, ModelFrame};
 use crate::cache::{Cache, CacheError};
 use crate::force::effects::UsageByKind;
 use crate::lod::predict::Sources;
@@ -41,13 +41,13 @@ impl Controller {
 
     /// The seats; with one object there is one.
     #[must_use]
-    pub fn seats(&self) -> &[Seat] {
+    pub fn seats(&self) -> &[ActiveObject] {
         &self.seats
     }
 
     /// The seat of an object, while it is awake.
     #[must_use]
-    pub fn seat_of(&self, object: usize) -> Option<&Seat> {
+    pub fn seat_of(&self, object: usize) -> Option<&ActiveObject> {
         let object = Some(object as u32);
         self.seats.iter().find(|seat| seat.object() == object)
     }
@@ -170,7 +170,7 @@ impl Controller {
         self.seats.iter().map(|seat| seat.subscriber.resent).sum()
     }
 
-    /// Constraints of the proxies that did not fit beside the [`crate::contact::sphere_proxy::MOST_CONSTRAINTS`] deepest, so far.
+    /// Constraints of the proxies that did not fit beside the [`crate::contact::sphere_proxy::MAX_CONSTRAINTS`] deepest, so far.
     #[must_use]
     pub fn dropped_constraints(&self) -> u64 {
         self.seats.iter().map(|seat| seat.dropped_constraints).sum()

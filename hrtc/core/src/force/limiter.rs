@@ -6,7 +6,7 @@ use scene::SafetyPlan;
 
 /// The state of the gate.
 #[derive(Debug, Clone)]
-pub struct Gate {
+pub struct ForceLimiter {
     force: Limit,
     torque: Limit,
     ramp_ticks: f64,
@@ -57,7 +57,7 @@ pub struct Gated {
     pub clamped: bool,
 }
 
-impl Gate {
+impl ForceLimiter {
     /// A closed gate; `device_max_n` is what the device can render.
     #[must_use]
     pub fn new(plan: SafetyPlan, device_max_n: f64, rate_hz: f64) -> Self {
@@ -128,7 +128,7 @@ mod tests {
             forces in prop::collection::vec(prop::array::uniform3(
                 prop_oneof![-1e3..1e3f64, Just(f64::NAN), Just(f64::INFINITY), Just(f64::MAX)]), 1..300),
         ) {
-            let mut gate = Gate::new(PLAN, 10.0, 1000.0);
+            let mut gate = ForceLimiter::new(PLAN, 10.0, 1000.0);
             let mut last = Wrench::ZERO;
             for f in forces {
                 let wanted = Wrench { force: DVec3::from_array(f), torque: DVec3::from_array(f).zxy() };

@@ -1,4 +1,4 @@
 //! Level of detail: what to refine, and how far.
 
-pub mod dial;
+pub mod lod_controller;
 pub mod predict;

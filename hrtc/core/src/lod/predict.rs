@@ -7,7 +7,7 @@
 //! little; after [`TURNS`] ticks the finest ring has been looked at all around.
 
 use crate::cache::RegionKey;
-use crate::lod::dial::{Dial, Ring};
+use crate::lod::lod_controller::{LodController, Ring};
 use glam::{DVec3, UVec3};
 use spm::{RegionGrid, RegionId};
 
@@ -243,7 +243,7 @@ impl Predictor {
     /// with `rings`, one of a coarser ring.
     pub fn predict(
         &mut self,
-        dial: &Dial,
+        dial: &LodController,
         rings: bool,
         device: DVec3,
         motion: Motion,
@@ -317,7 +317,7 @@ impl Predictor {
 /// Visits the regions around a place where another part of the probe may touch next, and around where that goes: of the finest
 /// ring, and of the coarser ones with `rings`, where the front is coarse still. `velocity`: of that part, model units a tick.
 pub fn predict_beside(
-    dial: &Dial,
+    dial: &LodController,
     rings: bool,
     place: Motion,
     velocity: DVec3,
@@ -385,10 +385,10 @@ impl Default for Predictor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lod::dial::header;
+    use crate::lod::lod_controller::header;
 
-    fn dial() -> Dial {
-        Dial::new(&header(&[0.0, 0.01, 0.02]), 0.0, 1.0)
+    fn dial() -> LodController {
+        LodController::new(&header(&[0.0, 0.01, 0.02]), 0.0, 1.0)
     }
 
     fn still(position: DVec3, clearance: f64) -> Motion {

@@ -13,7 +13,7 @@ const OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
 /// Share of the credit that is consumed before the station is told without another reason.
 const CREDIT_STEP: u64 = 4;
 /// Releases that may wait for the next request: half of what it holds.
-const MOST_RELEASES: usize = REGIONS_PER_REQUEST / 2;
+const MAX_RELEASES: usize = REGIONS_PER_REQUEST / 2;
 /// Ticks for which a refused region is not asked for again ...
 const REFUSED_TICKS: u64 = 2000;
 /// ... and places of the region table a tick that are looked at for one.
@@ -120,7 +120,7 @@ pub struct Subscriber {
     last_progress: u64,
     timeout_ticks: u64,
     /// Places in the region table of regions to be released.
-    releases: [u32; MOST_RELEASES],
+    releases: [u32; MAX_RELEASES],
     release_count: usize,
     releases_high_water: usize,
     /// Places in the region table of regions to be asked for again.
@@ -163,7 +163,7 @@ impl Subscriber {
             outstanding_high_water: 0,
             last_progress: 0,
             timeout_ticks,
-            releases: [0; MOST_RELEASES],
+            releases: [0; MAX_RELEASES],
             release_count: 0,
             releases_high_water: 0,
             resends: [0; OUTSTANDING as usize],
@@ -309,7 +309,7 @@ impl Subscriber {
     /// Whether another release can be told.
     #[must_use]
     pub fn may_release(&self) -> bool {
-        self.release_count < MOST_RELEASES
+        self.release_count < MAX_RELEASES
     }
 
     /// The region at a place of the table is now to be released; the caller has asked whether it may be.
@@ -324,7 +324,7 @@ impl Subscriber {
     pub fn high_water(&self) -> [(usize, usize); 2] {
         [
             (self.outstanding_high_water as usize, OUTSTANDING as usize),
-            (self.releases_high_water, MOST_RELEASES),
+            (self.releases_high_water, MAX_RELEASES),
         ]
     }
 

@@ -4,9 +4,9 @@
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use haptic_device::{Device, Intent, Sample, Simulated};
-use hrtc_core::script::Script;
 use hrtc_core::controller::{Controller, NoObserver, StageObserver, TickInputs, TickOutputs};
 use hrtc_core::record::CoreRecord;
+use hrtc_core::script::Script;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
 use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, Request};

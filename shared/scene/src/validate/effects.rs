@@ -4,7 +4,7 @@ use super::super::effects::*;
 use super::super::height_map::HeightMap;
 use super::super::plan::{ProbePlan, ScenePlan, TrajectoryPlan};
 use super::super::typed::*;
-use super::{LENGTH, MOST, Range, SceneError, Source};
+use super::{LENGTH, MAX, Range, SceneError, Source};
 use glam::DVec3;
 use std::fs::File;
 use std::path::Path;
@@ -13,13 +13,13 @@ use toml::Spanned;
 
 /// Largest coefficient of friction: rubber has 1 to 2. With more, a touch would pull along the surface so much harder
 /// than the surface pushes that a corner of two faces holds the proxy for good.
-const MOST_FRICTION: f64 = 3.0;
+const MAX_FRICTION: f64 = 3.0;
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.80665;
 /// Points of a path at the most.
-const MOST_POINTS: usize = 4096;
+const MAX_POINTS: usize = 4096;
 /// Slope of a texture at the most: beyond 45 degrees a crest is no relief any more.
-const MOST_SLOPE: f64 = 1.0;
+const MAX_SLOPE: f64 = 1.0;
 
 /// What a loop and its devices can render.
 struct Limits<'a> {
@@ -185,12 +185,12 @@ fn effect_plan(
     let seconds = |value: &Option<Spanned<f64>>, key, default, range| {
         source.number(value.as_ref(), key, default, range)
     };
-    let from_s = seconds(&typed.from_s, "from_s", 0.0, Range::NotNegative(MOST))?;
+    let from_s = seconds(&typed.from_s, "from_s", 0.0, Range::NotNegative(MAX))?;
     let until_s = seconds(
         &typed.until_s,
         "until_s",
         f64::INFINITY,
-        Range::NotNegative(MOST),
+        Range::NotNegative(MAX),
     )?;
     if let (Some(until), true) = (&typed.until_s, until_s <= from_s) {
         return Err(source.value(until, &format!("until_s is {until_s}, not after from_s, {from_s}; write a later second or leave the effect out")));
@@ -204,7 +204,7 @@ fn effect_plan(
 }
 
 fn friction(source: &Source, typed: &FrictionTyped) -> Result<Effect, SceneError> {
-    let range = Range::NotNegative(MOST_FRICTION);
+    let range = Range::NotNegative(MAX_FRICTION);
     let static_ = source.number(Some(&typed.static_), "static", 0.0, range)?;
     let dynamic = source.number(typed.dynamic.as_ref(), "dynamic", static_, range)?;
     if let (Some(at), true) = (&typed.dynamic, dynamic > static_) {
@@ -244,8 +244,8 @@ fn texture(
                 limits.rate_hz, limits.speed_m_per_s
             )));
         }
-        if std::f64::consts::TAU * amplitude_m / wavelength_m > MOST_SLOPE {
-            let most = MOST_SLOPE * wavelength_m / std::f64::consts::TAU;
+        if std::f64::consts::TAU * amplitude_m / wavelength_m > MAX_SLOPE {
+            let most = MAX_SLOPE * wavelength_m / std::f64::consts::TAU;
             return Err(source.value(&typed.amplitude_m, &format!(
                 "amplitude_m is {amplitude_m}: waves of {wavelength_m} m would be steeper than 45 degrees; write at most {most}"
             )));
@@ -332,7 +332,7 @@ fn spring(
 ) -> Result<Effect, SceneError> {
     let path_m = match (&typed.point_m, &typed.path_m) {
         (Some(point), None) => vec![place(source, point, *point.get_ref())?],
-        (None, Some(path)) if (2..=MOST_POINTS).contains(&path.get_ref().len()) => path
+        (None, Some(path)) if (2..=MAX_POINTS).contains(&path.get_ref().len()) => path
             .get_ref()
             .iter()
             .map(|&point| place(source, path, point))
@@ -340,7 +340,7 @@ fn spring(
         _ => {
             return Err(source.value(
                 entry,
-                &format!("a spring holds to point_m = [x, y, z] or to path_m = [[x, y, z], ...] of 2 to {MOST_POINTS} points; write one of the two"),
+                &format!("a spring holds to point_m = [x, y, z] or to path_m = [[x, y, z], ...] of 2 to {MAX_POINTS} points; write one of the two"),
             ));
         }
     };
@@ -383,7 +383,7 @@ fn inertia(source: &Source, typed: &InertiaTyped, limits: &Limits) -> Result<Eff
         Some(&typed.mass_kg),
         "mass_kg",
         0.0,
-        Range::Within(1e-6, MOST),
+        Range::Within(1e-6, MAX),
     )?;
     // The two masses swing against each other: the lighter one counts.
     let limits = Limits {
@@ -437,7 +437,7 @@ fn boundary(
     Ok(Effect::Boundary(BoundaryPlan {
         shape,
         // The energy account holds it at any stiffness, as it holds a surface.
-        stiffness_n_per_m: stiffness(source, typed.stiffness_n_per_m.as_ref(), 800.0, MOST)?,
+        stiffness_n_per_m: stiffness(source, typed.stiffness_n_per_m.as_ref(), 800.0, MAX)?,
     }))
 }
 

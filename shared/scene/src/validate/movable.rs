@@ -7,7 +7,7 @@
 //! the depth that it came from, out of the touch again: force, none, force. So a body must have m' of at least
 //! n (K T² + 2 B T), for n probes that may push it at once.
 
-use super::{LENGTH, MOST, Range, SceneError, Source};
+use super::{LENGTH, MAX, Range, SceneError, Source};
 use crate::plan::{ModelScale, ScenePlan};
 use crate::typed::ObjectTyped;
 use glam::DVec3;
@@ -15,11 +15,11 @@ use serde::Deserialize;
 use toml::Spanned;
 
 /// Objects of a scene that move, at the most: all awake at once take some fifty microseconds of a tick.
-pub const MOST_MOVABLES: usize = 128;
+pub const MAX_MOVABLES: usize = 128;
 /// 1/m' of a box of mass m, in units of 1/m, at the most.
-const MOST_MOBILITY: f64 = 7.0;
+const MAX_MOBILITY: f64 = 7.0;
 /// Rotation that a driven object may make in a tick, radians: farther, a way round is no short way any more.
-const MOST_TURN: f64 = 0.5;
+const MAX_TURN: f64 = 0.5;
 
 /// How an object moves. Axes and places are in the axes of the object's pose, seen from its position, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -127,7 +127,7 @@ impl MovablePlan {
         };
         match (self, mass.inertia_kgm2) {
             (Self::Rail(_), _) => mass.mass_kg,
-            (_, None) => mass.mass_kg / MOST_MOBILITY,
+            (_, None) => mass.mass_kg / MAX_MOBILITY,
             (_, Some(inertia)) => {
                 // No corner is farther from the middle than half the diagonal of a cube.
                 let arm_squared = 0.75 * longest_side * longest_side;
@@ -261,7 +261,7 @@ pub(super) fn movable_plan(
             period_s: typed
                 .period_s
                 .as_ref()
-                .map(|period| source.number(Some(period), "period_s", 0.0, Range::Positive(MOST)))
+                .map(|period| source.number(Some(period), "period_s", 0.0, Range::Positive(MAX)))
                 .transpose()?,
         }),
     })
@@ -281,10 +281,10 @@ pub(super) fn check<'a>(
             continue;
         };
         moving += copies.len();
-        if moving > MOST_MOVABLES {
+        if moving > MAX_MOVABLES {
             return Err(source.value(
                 typed,
-                &format!("these are more than {MOST_MOVABLES} objects that move, the most that a tick has time for; let others stand, or make fewer copies"),
+                &format!("these are more than {MAX_MOVABLES} objects that move, the most that a tick has time for; let others stand, or make fewer copies"),
             ));
         }
         let object = &plan.objects[copies.start];
@@ -294,13 +294,13 @@ pub(super) fn check<'a>(
         if let (MovableTyped::Driven(typed), MovablePlan::Driven(driven)) =
             (typed.get_ref(), movable)
             && let Some(angular) = &typed.angular_rad_per_s
-            && driven.angular_rad_per_s.length() > MOST_TURN * rate_hz
+            && driven.angular_rad_per_s.length() > MAX_TURN * rate_hz
         {
             return Err(source.value(
                 angular,
                 &format!(
-                    "angular_rad_per_s turns the object by more than {MOST_TURN} rad in a tick of {rate_hz} a second; write at most {} rad/s",
-                    MOST_TURN * rate_hz
+                    "angular_rad_per_s turns the object by more than {MAX_TURN} rad in a tick of {rate_hz} a second; write at most {} rad/s",
+                    MAX_TURN * rate_hz
                 ),
             ));
         }
@@ -363,7 +363,7 @@ fn mass(
         None => None,
         Some(typed) => {
             let moments = DVec3::from_array(*typed.get_ref());
-            let sound = moments.min_element() > 0.0 && moments.max_element() <= MOST;
+            let sound = moments.min_element() > 0.0 && moments.max_element() <= MAX;
             // None is larger than the two others together: no mass is at a negative distance.
             let most = moments.max_element();
             let rest = moments.element_sum() - most;
@@ -377,7 +377,7 @@ fn mass(
         }
     };
     Ok(MassPlan {
-        mass_kg: source.number(Some(mass_kg), "mass_kg", 0.0, Range::Within(1e-9, MOST))?,
+        mass_kg: source.number(Some(mass_kg), "mass_kg", 0.0, Range::Within(1e-9, MAX))?,
         inertia_kgm2,
         gravity_m_per_s2: vector(source, gravity, "gravity_m_per_s2")?,
     })
@@ -409,7 +409,7 @@ fn rest(
     keys: [&str; 2],
 ) -> Result<RestPlan, SceneError> {
     let number =
-        |typed: &Number, key| source.number(typed.as_ref(), key, 0.0, Range::NotNegative(MOST));
+        |typed: &Number, key| source.number(typed.as_ref(), key, 0.0, Range::NotNegative(MAX));
     let given = number(damping, keys[1])?;
     Ok(RestPlan {
         spring: number(spring, keys[0])?,

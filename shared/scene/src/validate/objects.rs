@@ -1,8 +1,8 @@
 //! The objects of a scene: tables, their names and their copies.
 
 use super::movable::movable_plan;
-use super::{LENGTH, MOST, Range, SHAPES, SceneError, Source};
-use crate::plan::{MOST_OBJECTS, ModelScale, ModelSource, ObjectPlan, SurfacePlan};
+use super::{LENGTH, MAX, Range, SHAPES, SceneError, Source};
+use crate::plan::{MAX_OBJECTS, ModelScale, ModelSource, ObjectPlan, SurfacePlan};
 use crate::typed::{GenerateTyped, GridTyped, ObjectTyped};
 use geometry::Pose;
 use glam::DVec3;
@@ -45,10 +45,10 @@ impl<'a> Objects<'a> {
                 None => all.plans.push(plan),
                 Some(grid) => all.plans.extend(copies(source, &plan, grid)?),
             }
-            if all.plans.len() > MOST_OBJECTS {
+            if all.plans.len() > MAX_OBJECTS {
                 return Err(source.value(
                     table,
-                    &format!("these are more than {MOST_OBJECTS} objects, the most that a scene may have; take some out"),
+                    &format!("these are more than {MAX_OBJECTS} objects, the most that a scene may have; take some out"),
                 ));
             }
             all.copies.push(first..all.plans.len());
@@ -100,11 +100,11 @@ fn copies(
         .iter()
         .try_fold(1i64, |total, &n| total.checked_mul(n));
     let fits =
-        counts.iter().all(|&n| n >= 1) && total.is_some_and(|total| total <= MOST_OBJECTS as i64);
+        counts.iter().all(|&n| n >= 1) && total.is_some_and(|total| total <= MAX_OBJECTS as i64);
     if !fits {
         return Err(source.value(
             &grid.counts,
-            &format!("counts is {counts:?}; write three whole numbers from 1 up whose product is at most {MOST_OBJECTS}"),
+            &format!("counts is {counts:?}; write three whole numbers from 1 up whose product is at most {MAX_OBJECTS}"),
         ));
     }
     let [nx, ny, nz] = counts;
@@ -185,13 +185,13 @@ fn object_plan(
                 typed.surface.stiffness_n_per_m.as_ref(),
                 "stiffness_n_per_m",
                 800.0,
-                Range::Positive(MOST),
+                Range::Positive(MAX),
             )?,
             damping_ns_per_m: source.number(
                 typed.surface.damping_ns_per_m.as_ref(),
                 "damping_ns_per_m",
                 0.5,
-                Range::NotNegative(MOST),
+                Range::NotNegative(MAX),
             )?,
         },
         // What they may be depends on the loop and the probes: they are looked at last.

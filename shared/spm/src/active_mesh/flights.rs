@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 
 /// A vertex on its way.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Flight {
+pub struct Geomorph {
     vertex: Handle,
     /// What the file says of it.
     home: Vertex,
@@ -22,7 +22,7 @@ pub struct Flight {
     to_parent: bool,
 }
 
-impl Flight {
+impl Geomorph {
     /// The vertex, vt or vu of a performed slot.
     #[must_use]
     pub fn vertex(&self) -> Handle {
@@ -44,7 +44,7 @@ impl Flight {
 
 impl ActiveMesh {
     /// Bytes that one flight takes here.
-    pub const BYTES_PER_FLIGHT: usize = size_of::<Flight>();
+    pub const BYTES_PER_FLIGHT: usize = size_of::<Geomorph>();
 
     /// Gives room for so many vertices in flight; without it there are none.
     #[must_use]
@@ -55,7 +55,7 @@ impl ActiveMesh {
 
     /// The vertices in flight.
     #[must_use]
-    pub fn flights(&self) -> &[Flight] {
+    pub fn flights(&self) -> &[Geomorph] {
         &self.flights
     }
 
@@ -74,7 +74,7 @@ impl ActiveMesh {
         );
         for (vertex, place) in operation.moved.into_iter().zip(operation.from) {
             let home = self.vertices[vertex as usize];
-            self.flights.push(Flight {
+            self.flights.push(Geomorph {
                 vertex,
                 home,
                 start: place,
@@ -101,7 +101,7 @@ impl ActiveMesh {
                     self.flights.len() < self.flights.capacity(),
                     "a collapse takes off while there is room"
                 );
-                self.flights.push(Flight {
+                self.flights.push(Geomorph {
                     vertex,
                     home: at,
                     start: at.position,
@@ -143,7 +143,7 @@ impl ActiveMesh {
 
     /// The whole way of a flight from where it began or turned, model units.
     #[must_use]
-    pub fn way(&self, flight: &Flight) -> DVec3 {
+    pub fn way(&self, flight: &Geomorph) -> DVec3 {
         self.end_of(flight).as_dvec3() - flight.start.as_dvec3()
     }
 
@@ -155,7 +155,7 @@ impl ActiveMesh {
 
     /// Where a flight ends, model units.
     #[must_use]
-    pub fn end_of(&self, flight: &Flight) -> Vec3 {
+    pub fn end_of(&self, flight: &Geomorph) -> Vec3 {
         let maker = self.maker_of_vertex(flight.vertex);
         match maker.filter(|_| flight.to_parent) {
             Some(slot) => self.position(self.links[slot as usize].vs),
@@ -171,7 +171,7 @@ impl ActiveMesh {
     }
 
     /// Collects the faces around the vertex of a flight; `None` when they are more than there is room for.
-    pub fn around(&self, flight: &Flight, out: &mut OperationFaces) -> Option<()> {
+    pub fn around(&self, flight: &Geomorph, out: &mut OperationFaces) -> Option<()> {
         self.star(flight.vertex, out)?;
         out.of_t = out.count;
         out.pair_count = 0;
@@ -207,7 +207,7 @@ impl ActiveMesh {
 
     /// The other vertex of the same split, if it is in flight too: its index.
     #[must_use]
-    pub fn sibling(&self, flight: &Flight) -> Option<usize> {
+    pub fn sibling(&self, flight: &Geomorph) -> Option<usize> {
         let slot = self.maker_of_vertex(flight.vertex)?;
         let [vt, vu] = self.children(slot);
         self.flight_of(if flight.vertex == vt { vu } else { vt })

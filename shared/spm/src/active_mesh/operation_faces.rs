@@ -12,7 +12,7 @@ pub struct OperationFaces {
     pub pair_count: usize,
     /// Leaf codes of the pair.
     pub leaves: [u32; 2],
-    pub(super) deformed: [Handle; Self::MOST],
+    pub(super) deformed: [Handle; Self::MAX],
     /// How many of the deformed faces are of vt; of a step all.
     pub(super) of_t: usize,
     pub(super) count: usize,
@@ -28,7 +28,7 @@ pub struct OperationFaces {
 
 impl OperationFaces {
     /// The most faces around one vertex that an operation can move; the builder keeps fans far smaller.
-    pub const MOST: usize = 512;
+    pub const MAX: usize = 512;
 
     /// Empty storage.
     #[must_use]
@@ -37,7 +37,7 @@ impl OperationFaces {
             pair: [NONE; 2],
             pair_count: 0,
             leaves: [NONE; 2],
-            deformed: [NONE; Self::MOST],
+            deformed: [NONE; Self::MAX],
             of_t: 0,
             count: 0,
             moved: [NONE; 2],

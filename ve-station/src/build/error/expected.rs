@@ -20,7 +20,7 @@
 
 use super::full_surface::FullSurface;
 use super::triangle::distance;
-use crate::build::simplify::{Collapse, FanFace, MOST_FACES_ROUND_A_VERTEX, Round};
+use crate::build::simplify::{Collapse, FanFace, MAX_FACES_ROUND_A_VERTEX, Round};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::{ErrorScale, NONE};
@@ -45,7 +45,7 @@ pub struct ExpectedErrors<'a> {
 
 /// The faces round the vertex that a collapse makes.
 struct Patch {
-    corners: [[DVec3; 3]; MOST_FACES_ROUND_A_VERTEX],
+    corners: [[DVec3; 3]; MAX_FACES_ROUND_A_VERTEX],
     count: usize,
 }
 
@@ -113,7 +113,7 @@ impl<'a> ExpectedErrors<'a> {
     fn sample_collapse(&self, collapse: &Collapse, point: [f32; 3], fan: &[FanFace]) -> u16 {
         let point = Vec3::from_array(point).as_dvec3();
         let mut patch = Patch {
-            corners: [[point; 3]; MOST_FACES_ROUND_A_VERTEX],
+            corners: [[point; 3]; MAX_FACES_ROUND_A_VERTEX],
             count: fan.len(),
         };
         for (corners, face) in patch.corners.iter_mut().zip(fan) {
@@ -158,7 +158,7 @@ impl<'a> ExpectedErrors<'a> {
         removed: impl Iterator<Item = u32>,
         most: &mut f64,
     ) -> u32 {
-        let mut heads = [NONE; MOST_FACES_ROUND_A_VERTEX];
+        let mut heads = [NONE; MAX_FACES_ROUND_A_VERTEX];
         let mut count = 0;
         let kept = fan.iter().enumerate().map(|(k, face)| (Some(k), face.face));
         for (before, face) in kept.chain(removed.map(|face| (None, face))) {

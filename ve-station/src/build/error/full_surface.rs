@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 use spm::NONE;
 
 /// The most faces of a walk: beyond, boxes are faster.
-const MOST_STEPS: usize = 12;
+const MAX_STEPS: usize = 12;
 
 /// The full mesh with boxes over it.
 pub struct FullSurface<'a> {
@@ -110,7 +110,7 @@ impl<'a> FullSurface<'a> {
             face: from,
         };
         let (mut face, mut before) = (from, NONE);
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let corners = self.triangles[face as usize].map(|v| self.position(v));
             let here = distance(&corners, point);
             if here.squared < found.distance_squared {

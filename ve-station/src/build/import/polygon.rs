@@ -3,7 +3,7 @@
 use robust::{Coord, orient2d};
 
 /// Polygons of more corners that are no fan stay a fan all the same: cutting ears takes time in the square.
-const MOST_CORNERS: usize = 4096;
+const MAX_CORNERS: usize = 4096;
 
 /// The corners of the triangles of a polygon, as places in it: two fewer than it has corners.
 ///
@@ -12,7 +12,7 @@ const MOST_CORNERS: usize = 4096;
 pub(super) fn triangulate(points: &[[f64; 3]]) -> Option<Vec<[usize; 3]>> {
     let flat = shadow(points)?;
     let turn = |a: usize, b: usize, c: usize| orient2d(flat[a], flat[b], flat[c]);
-    if (2..flat.len()).all(|k| turn(0, k - 1, k) > 0.0) || flat.len() > MOST_CORNERS {
+    if (2..flat.len()).all(|k| turn(0, k - 1, k) > 0.0) || flat.len() > MAX_CORNERS {
         return None;
     }
     Some(cut_ears(&flat))

@@ -339,7 +339,7 @@ fn the_sessions_of_a_client_are_bounded_and_each_has_its_own_credit() {
         model: 0,
         name: Request::name_hash("torus"),
     };
-    let objects = 3 * MOST_SESSIONS;
+    let objects = 3 * MAX_SESSIONS;
     let mut server = Station::new(1, vec![served], vec![object; objects]);
     for object in 0..objects as u32 {
         let mut request = Client::new(1).request(RequestKind::Model);
@@ -351,7 +351,7 @@ fn the_sessions_of_a_client_are_bounded_and_each_has_its_own_credit() {
     let heads: Vec<u32> = std::iter::from_fn(|| server.poll(1))
         .map(|(header, _)| header.object)
         .collect();
-    let last = (objects - MOST_SESSIONS) as u32..objects as u32;
+    let last = (objects - MAX_SESSIONS) as u32..objects as u32;
     assert_eq!(
         heads,
         last.collect::<Vec<_>>(),

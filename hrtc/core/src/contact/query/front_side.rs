@@ -8,7 +8,7 @@ use spm::{Handle, NONE};
 use std::cmp::Ordering;
 
 /// Faces around a corner at the most; beyond, the pseudo-normal is of those met first.
-const MOST_AROUND: usize = 512;
+const MAX_AROUND: usize = 512;
 
 /// Distance of a point from the front, negative behind it, given its closest point.
 ///
@@ -62,7 +62,7 @@ fn behind_corner(surface: Surface<'_>, point: DVec3, nearest: &Nearest, corner: 
     // Once round, or to a rim and then the other way from the start.
     for side in [1, 2] {
         let (mut face, mut index) = (nearest.face, corner);
-        for step in 0..MOST_AROUND {
+        for step in 0..MAX_AROUND {
             if step > 0 || side == 1 {
                 add(face, index);
             }

@@ -38,7 +38,7 @@ pub use depth::{
 pub use faces_within::faces_within;
 pub use front_side::signed_distance;
 pub use meets_box::meets_box;
-pub use near_faces::{MOST_FACES, NearFace, NearFaces};
+pub use near_faces::{MAX_FACES, NearFace, NearFaces};
 pub(crate) use near_pairs::{Resume, WaySeen, for_each_face_near, for_each_near_pair};
 pub use segment::{ClosestToSegment, NearestToSegment, closest_to_segment, faces_near_segment};
 pub use swept_capsule::{CapsuleTouch, SweptCapsule, swept_capsule};

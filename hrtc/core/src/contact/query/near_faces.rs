@@ -11,7 +11,7 @@ use glam::DVec3;
 use spm::{Handle, NONE};
 
 /// Faces that a ball may hold; a ball with more is shrunk.
-pub const MOST_FACES: usize = 192;
+pub const MAX_FACES: usize = 192;
 
 /// Share of a full ball's radius within which a point has not moved.
 const STAYED: f64 = 0.25;
@@ -50,7 +50,7 @@ impl NearFace {
 pub struct NearFaces {
     centre: DVec3,
     radius: f64,
-    faces: [NearFace; MOST_FACES],
+    faces: [NearFace; MAX_FACES],
     count: usize,
     high_water: usize,
 }
@@ -62,7 +62,7 @@ impl NearFaces {
         Self {
             centre: DVec3::ZERO,
             radius: 0.0,
-            faces: [NearFace::NONE; MOST_FACES],
+            faces: [NearFace::NONE; MAX_FACES],
             count: 0,
             high_water: 0,
         }
@@ -91,11 +91,11 @@ impl NearFaces {
                 corners: surface.mesh.corners(face),
                 distance,
             };
-            if self.count < MOST_FACES {
+            if self.count < MAX_FACES {
                 self.faces[self.count] = near;
                 self.count += 1;
-                if self.count == MOST_FACES {
-                    for k in (0..MOST_FACES / 2).rev() {
+                if self.count == MAX_FACES {
+                    for k in (0..MAX_FACES / 2).rev() {
                         self.sift_down(k);
                     }
                 }
@@ -118,11 +118,11 @@ impl NearFaces {
     fn sift_down(&mut self, mut place: usize) {
         loop {
             let child = 2 * place + 1;
-            if child >= MOST_FACES {
+            if child >= MAX_FACES {
                 return;
             }
             let distance = |k: usize| self.faces[k].distance;
-            let right_is_farther = child + 1 < MOST_FACES && distance(child + 1) > distance(child);
+            let right_is_farther = child + 1 < MAX_FACES && distance(child + 1) > distance(child);
             let farther = child + usize::from(right_is_farther);
             if distance(farther) <= distance(place) {
                 return;
@@ -141,7 +141,7 @@ impl NearFaces {
     /// Whether more faces are around `point` than fit, so that a ball gathered there would tell hardly more.
     #[must_use]
     pub fn is_full_at(&self, point: DVec3) -> bool {
-        self.count == MOST_FACES && point.distance(self.centre) < STAYED * self.radius
+        self.count == MAX_FACES && point.distance(self.centre) < STAYED * self.radius
     }
 
     /// The radius around `point` within which all faces are among these; negative for none.

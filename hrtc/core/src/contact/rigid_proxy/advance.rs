@@ -1,13 +1,13 @@
 //! What a tick of the proxy gives.
 
 use super::contacts::ToolContact;
-use super::projection::MOST_ACTIVE;
+use super::projection::MAX_ACTIVE;
 use crate::contact::query::{Ending, PairWork};
 
 /// What a tick of the proxy gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolAdvance {
-    pub(super) contacts: [ToolContact; MOST_ACTIVE],
+    pub(super) contacts: [ToolContact; MAX_ACTIVE],
     pub(super) contact_count: usize,
     /// Whether everything near was looked at. If not, the proxy has stayed where it is safe.
     pub ending: Ending,
@@ -29,7 +29,7 @@ pub struct ToolAdvance {
 impl ToolAdvance {
     pub(super) fn new() -> Self {
         Self {
-            contacts: [ToolContact::NONE; MOST_ACTIVE],
+            contacts: [ToolContact::NONE; MAX_ACTIVE],
             contact_count: 0,
             ending: Ending::Complete,
             is_on_its_way: false,

@@ -6,8 +6,8 @@
 //! answer for them. Features within a plane are left out where the corners of the plane tell as much.
 
 use super::motion::Placement;
-use super::neighbourhood::{MOST_PAIRS, Neighbourhood, SurfaceFace};
-use super::projection::MOST_HALF_SPACES;
+use super::neighbourhood::{MAX_PAIRS, Neighbourhood, SurfaceFace};
+use super::projection::MAX_HALF_SPACES;
 use super::shape::{FLAT, ToolShape};
 use crate::contact::query::Surface;
 use geometry::closest_point_on_triangle;
@@ -22,7 +22,7 @@ const LOOK: u32 = 6;
 /// What a pair passed costs, in pairs of nodes (measured).
 pub(super) const PASSED: u32 = 2;
 /// Faces around a corner at the most; beyond, only those met first are asked.
-const MOST_AROUND: usize = 128;
+const MAX_AROUND: usize = 128;
 
 /// A place where tool and surface are near.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -106,8 +106,8 @@ impl Contacts {
     /// None.
     pub fn new() -> Self {
         Self {
-            all: Vec::with_capacity(MOST_HALF_SPACES),
-            is_looked: vec![false; MOST_PAIRS],
+            all: Vec::with_capacity(MAX_HALF_SPACES),
+            is_looked: vec![false; MAX_PAIRS],
             at: Placement::NOWHERE,
             dropped: 0,
             high_water: 0,
@@ -147,7 +147,7 @@ impl Contacts {
 
     /// Adds one; when full, the one with the most room makes place.
     pub fn add(&mut self, contact: ToolContact) {
-        if self.all.len() < MOST_HALF_SPACES {
+        if self.all.len() < MAX_HALF_SPACES {
             self.all.push(contact);
             self.high_water = self.high_water.max(self.all.len());
             return;
@@ -384,7 +384,7 @@ impl PairLook<'_> {
         // Once round, or to a rim and then the other way from the start.
         for side in [1, 2] {
             let (mut face, mut index) = (self.face.face, corner);
-            for _ in 0..MOST_AROUND {
+            for _ in 0..MAX_AROUND {
                 let corners = mesh.corners(face);
                 let ways = [1, 2].map(|k| corners[(index + k) % 3] - at);
                 match judge(ways.into_iter(), towards, slope) {

@@ -8,7 +8,7 @@ const HALVINGS: i32 = 6;
 
 /// See the module.
 #[derive(Debug, Clone, Copy)]
-pub struct Corridor {
+pub struct LookAheadTube {
     start: Placement,
     way: Twist,
     /// No pair of faces that comes nearer than this anywhere on the way is left out, model units; negative where nothing is
@@ -23,7 +23,7 @@ pub struct Corridor {
     off: f64,
 }
 
-impl Corridor {
+impl LookAheadTube {
     /// No place.
     pub fn nowhere() -> Self {
         Self {
@@ -163,7 +163,7 @@ mod tests {
             size in 0.01..0.5f64, corner in vector(),
         ) {
             let start = Placement { centre: DVec3::X, orientation: DQuat::from_scaled_axis(turn) };
-            let mut corridor = Corridor {
+            let mut corridor = LookAheadTube {
                 start,
                 way,
                 margin: 1.0,

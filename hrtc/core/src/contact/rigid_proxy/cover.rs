@@ -7,10 +7,10 @@ use glam::DVec3;
 const HALVINGS: u32 = 4;
 
 /// Balls at the most.
-pub const MOST_BALLS: usize = 1 << HALVINGS;
+pub const MAX_BALLS: usize = 1 << HALVINGS;
 
 /// Pieces into which faces are cut, at the most.
-const MOST_PIECES: usize = 1 << 16;
+const MAX_PIECES: usize = 1 << 16;
 
 /// A ball that holds some of the tool's surface; its own frame and units.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,10 +19,10 @@ pub(super) struct Ball {
     pub radius: f64,
 }
 
-/// The balls around the halves of halves of the tool, each split across its longest side; [`MOST_BALLS`] at the most.
+/// The balls around the halves of halves of the tool, each split across its longest side; [`MAX_BALLS`] at the most.
 pub(super) fn cover(tool: &Tool) -> Vec<Ball> {
     let mut pieces = pieces(tool);
-    let mut balls = Vec::with_capacity(MOST_BALLS);
+    let mut balls = Vec::with_capacity(MAX_BALLS);
     halve(&mut pieces, HALVINGS, &mut balls);
     balls
 }
@@ -32,7 +32,7 @@ fn pieces(tool: &Tool) -> Vec<[DVec3; 3]> {
     let faces = (0..tool.faces()).map(|face| tool.triangle(face).map(|v| tool.rest()[v as usize]));
     let mut left: Vec<[DVec3; 3]> = faces.collect();
     let (lower, upper) = box_of(&left);
-    let longest = (upper - lower).max_element() / MOST_BALLS as f64;
+    let longest = (upper - lower).max_element() / MAX_BALLS as f64;
     let mut pieces = Vec::with_capacity(left.len());
     while let Some([a, b, c]) = left.pop() {
         // The longest edge is ab.
@@ -40,7 +40,7 @@ fn pieces(tool: &Tool) -> Vec<[DVec3; 3]> {
         let length = |&(a, b, _): &(DVec3, DVec3, DVec3)| a.distance_squared(b);
         let by_length = |p: &_, q: &_| f64::total_cmp(&length(p), &length(q));
         let (a, b, c) = edges.into_iter().max_by(by_length).unwrap_or((a, b, c));
-        let has_room = pieces.len() + left.len() + 2 <= MOST_PIECES;
+        let has_room = pieces.len() + left.len() + 2 <= MAX_PIECES;
         if has_room && a.distance(b) > longest {
             let middle = a.midpoint(b);
             left.extend([[a, middle, c], [middle, b, c]]);
@@ -92,7 +92,7 @@ mod tests {
             for mesh in [mesh, one] {
                 let tool = Tool::new(&mesh).expect("a tool");
                 let balls = cover(&tool);
-                assert!((1..=MOST_BALLS).contains(&balls.len()));
+                assert!((1..=MAX_BALLS).contains(&balls.len()));
                 for face in 0..tool.faces() {
                     let [a, b, c] = tool.triangle(face).map(|v| tool.rest()[v as usize]);
                     for (k, l) in (0..=20).flat_map(|k| (0..=20 - k).map(move |l| (k, l))) {

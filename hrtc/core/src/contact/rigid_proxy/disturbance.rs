@@ -13,7 +13,7 @@ const WAYS: i32 = 6;
 const SHORTER_WAYS: i32 = 4;
 
 /// Changed faces that are listed, at the most.
-const MOST_LISTED: usize = 512;
+const MAX_LISTED: usize = 512;
 
 /// Changes of the surface near the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,7 +25,7 @@ pub struct Disturbance {
     /// How far a changed face has come out towards the tool, at the most; model units.
     push: f64,
     /// What has changed near the tool; more than fits when the count is greater. Some may have gone since.
-    faces: [Handle; MOST_LISTED],
+    faces: [Handle; MAX_LISTED],
     count: usize,
 }
 
@@ -37,7 +37,7 @@ impl Disturbance {
             may_have_met: false,
             side: DVec3::ZERO,
             push: 0.0,
-            faces: [NONE; MOST_LISTED],
+            faces: [NONE; MAX_LISTED],
             count: 0,
         }
     }

@@ -1,7 +1,7 @@
 //! The steps of a tick: along what the contacts allow, as far as nothing passes, until there is nothing left to go.
 
 use super::contacts::ToolContact;
-use super::corridor::Corridor;
+use super::corridor::LookAheadTube;
 use super::disturbance::Disturbance;
 use super::motion::{Placement, Twist};
 use super::projection::{HalfSpace, project};
@@ -32,9 +32,9 @@ const ENOUGH: u32 = 16;
 /// Share of the budget that goes into renewing what is known: where that does not suffice it is gathered anew.
 const RENEWED: u32 = 8;
 /// Gatherings a tick at the most: they are what costs most.
-const MOST_GATHERINGS: u32 = 2;
+const MAX_GATHERINGS: u32 = 2;
 /// Gatherings of a tick that had no room, at the most.
-const MOST_FAILURES: u32 = 3;
+const MAX_FAILURES: u32 = 3;
 /// Motion, as a fraction of the radius of gyration, below which a tick is done.
 const CONVERGED: f64 = 1e-6;
 /// The same as a fraction of the device's motion in this tick: what is left is done in the next one.
@@ -42,7 +42,7 @@ const LAG: f64 = 0.05;
 /// Steps a tick at the most; what is left is done in the next tick, from a safe place.
 const STEPS: usize = 6;
 /// Pairs that stop the steps of a tick and are remembered, at the most: one a step.
-pub(super) const MOST_STOPS: usize = STEPS;
+pub(super) const MAX_STOPS: usize = STEPS;
 /// What a contact in a projection costs, in pairs of nodes (measured).
 const PROJECTED: u32 = 8;
 /// After a gathering that took clearly less than it may, the next one is larger by this factor.
@@ -50,7 +50,7 @@ const RECOVERY: f64 = 1.25;
 /// Share of what is gathered ahead to which that is reduced where it costs much, though the budget has room.
 const MODERATE: f64 = 1.0 / 3.0;
 /// Share of what is gathered ahead that is always tried: less is hardly less work.
-const LEAST_THRIFT: f64 = 1.0 / 16.0;
+const MIN_THRIFT: f64 = 1.0 / 16.0;
 
 impl ToolProxy {
     /// The steps of a tick; it began at `start`, from where the surface may have put it out.
@@ -83,7 +83,7 @@ impl ToolProxy {
                 let covers = self.is_due || self.near.corridor.covers(&self.at, &way, rest);
                 if went_nowhere || !covers {
                     let is_too_much = answer.steps > 0 && answer.spent + self.dearness > enough;
-                    if gatherings == MOST_GATHERINGS || is_too_much {
+                    if gatherings == MAX_GATHERINGS || is_too_much {
                         break;
                     }
                     if !self.gather(surface, way, look_around, budget, answer) {
@@ -99,7 +99,7 @@ impl ToolProxy {
                                 self.look_less();
                             }
                         }
-                        if self.near.has_begun() || failures == MOST_FAILURES {
+                        if self.near.has_begun() || failures == MAX_FAILURES {
                             break;
                         }
                         continue;
@@ -155,7 +155,7 @@ impl ToolProxy {
                 budget.saturating_sub(answer.spent),
             );
             answer.spent += swept.spent;
-            // Beside what holds it more is near than there is time to look at.
+            // ContactForecast what holds it more is near than there is time to look at.
             let free_so_far = answer.contact_count == 0 && swept.share == 1.0;
             let free = free_so_far && share == 1.0;
             let done = step.times(swept.share);
@@ -166,7 +166,7 @@ impl ToolProxy {
             };
             self.near.spend(&self.at, &done, radius);
             if let Some(stop) = swept.stop
-                && self.stops.len() < MOST_STOPS
+                && self.stops.len() < MAX_STOPS
                 && !self.stops.contains(&stop)
             {
                 self.stops.push(stop);
@@ -297,7 +297,7 @@ impl ToolProxy {
         if self.pace > 1.0 {
             self.pace = (0.5 * self.pace).max(1.0);
         } else {
-            self.thrift = (0.5 * self.thrift).max(LEAST_THRIFT);
+            self.thrift = (0.5 * self.thrift).max(MIN_THRIFT);
         }
     }
 
@@ -332,7 +332,7 @@ impl ToolProxy {
     ) -> bool {
         let (rest, radius) = (self.rest(), self.shape.radius);
         let stray = self.thrift * look_around + STRAY * way.farthest(radius);
-        let corridor = Corridor::along(self.at, way, rest, stray, &self.shape);
+        let corridor = LookAheadTube::along(self.at, way, rest, stray, &self.shape);
         self.stops.clear();
         // Where this leaves nothing for the step, that comes in the next tick, and so does what this does not suffice for.
         let most = budget.saturating_sub(answer.spent) / 2;

@@ -41,21 +41,21 @@ mod sweep;
 pub use advance::ToolAdvance;
 pub use contacts::ToolContact;
 pub use coupling::{Coupling, about};
-pub use cover::MOST_BALLS;
+pub use cover::MAX_BALLS;
 pub use motion::{Placement, Twist};
-pub use neighbourhood::{MOST_PAIRS, MOST_SURFACE_FACES};
+pub use neighbourhood::{MAX_PAIRS, MAX_SURFACE_FACES};
 
 use crate::contact::query::{Body, Surface, WaySeen, first_pair, for_each_face_near};
 use crate::contact::tool::Tool;
-use crate::perception::Slide;
+use crate::perception::StepLimit;
 use contacts::Contacts;
 use cover::{Ball, cover};
 use disturbance::Disturbance;
-use follow::MOST_STOPS;
+use follow::MAX_STOPS;
 use geometry::{BoxPair, Pose, Similarity, Wrench, triangle_pair};
 use glam::DVec3;
 use neighbourhood::Neighbourhood;
-use projection::{HalfSpace, MOST_HALF_SPACES};
+use projection::{HalfSpace, MAX_HALF_SPACES};
 use shape::ToolShape;
 use spm::{ActiveMesh, Handle, OperationFaces};
 use sweep::Open;
@@ -121,7 +121,7 @@ pub struct ToolProxy {
     state: State,
     at: Placement,
     goal: Placement,
-    slide: Slide,
+    slide: StepLimit,
     /// Whether it was kept from going farther by that.
     is_behind: bool,
     /// Where the contacts let it go, were it not for its own limits: there it is held.
@@ -166,14 +166,14 @@ impl ToolProxy {
             cover: cover(&tool),
             near: Neighbourhood::new(&shape),
             contacts: Contacts::new(),
-            half_spaces: Vec::with_capacity(MOST_HALF_SPACES),
-            stops: Vec::with_capacity(MOST_STOPS),
-            open: Vec::with_capacity(MOST_PAIRS),
+            half_spaces: Vec::with_capacity(MAX_HALF_SPACES),
+            stops: Vec::with_capacity(MAX_STOPS),
+            open: Vec::with_capacity(MAX_PAIRS),
             disturbance: Disturbance::new(),
             state: State::Nowhere,
             at: nowhere,
             goal: nowhere,
-            slide: Slide::FREE,
+            slide: StepLimit::FREE,
             is_behind: false,
             bound_for: nowhere,
             is_guess: false,
@@ -211,7 +211,7 @@ impl ToolProxy {
         self.state = State::Nowhere;
         self.contacts.clear();
         self.thrift = 1.0;
-        self.slide = Slide::FREE;
+        self.slide = StepLimit::FREE;
         self.is_behind = false;
         self.pace = 1.0;
         self.haste = 0.0;
@@ -289,8 +289,8 @@ impl ToolProxy {
     #[must_use]
     pub fn high_water(&self) -> [(usize, usize); 2] {
         [
-            (self.near.high_water(), MOST_PAIRS),
-            (self.contacts.high_water(), MOST_HALF_SPACES),
+            (self.near.high_water(), MAX_PAIRS),
+            (self.contacts.high_water(), MAX_HALF_SPACES),
         ]
     }
 

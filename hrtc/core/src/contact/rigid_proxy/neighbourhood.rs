@@ -9,7 +9,7 @@
 
 mod gather;
 
-use super::corridor::Corridor;
+use super::corridor::LookAheadTube;
 use super::motion::{Placement, Twist};
 use super::shape::{ToolShape, is_flat};
 use crate::contact::query::WaySeen;
@@ -19,9 +19,9 @@ use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};
 
 /// Pairs of faces that fit.
-pub const MOST_PAIRS: usize = 4096;
+pub const MAX_PAIRS: usize = 4096;
 /// Faces of the surface that fit.
-pub const MOST_SURFACE_FACES: usize = 2048;
+pub const MAX_SURFACE_FACES: usize = 2048;
 
 /// A face of the surface.
 #[derive(Debug, Clone, Copy)]
@@ -177,7 +177,7 @@ pub struct Neighbourhood {
     rotation: DMat3,
     end_rotation: DMat3,
     /// Where the pairs are known, and the surface as it is seen from there.
-    pub corridor: Corridor,
+    pub corridor: LookAheadTube,
     way: WaySeen,
     /// What is to be gathered still.
     begun: Option<Begun>,
@@ -193,28 +193,28 @@ impl Neighbourhood {
     pub fn new(shape: &ToolShape) -> Self {
         let vertices = shape.points.len();
         Self {
-            pairs: Vec::with_capacity(MOST_PAIRS),
-            faces: Vec::with_capacity(MOST_SURFACE_FACES),
-            face_places: Places::new(MOST_SURFACE_FACES),
-            vertex_places: Places::new(3 * MOST_SURFACE_FACES),
+            pairs: Vec::with_capacity(MAX_PAIRS),
+            faces: Vec::with_capacity(MAX_SURFACE_FACES),
+            face_places: Places::new(MAX_SURFACE_FACES),
+            vertex_places: Places::new(3 * MAX_SURFACE_FACES),
             vertices: Vec::with_capacity(vertices),
             is_listed: vec![false; vertices],
             positions: vec![DVec3::ZERO; vertices],
             ends: vec![DVec3::ZERO; vertices],
             rotation: DMat3::IDENTITY,
             end_rotation: DMat3::IDENTITY,
-            corridor: Corridor::nowhere(),
+            corridor: LookAheadTube::nowhere(),
             way: WaySeen::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]),
             begun: None,
             moved: 0.0,
-            clear_until: Vec::with_capacity(MOST_PAIRS),
+            clear_until: Vec::with_capacity(MAX_PAIRS),
             high_water: 0,
         }
     }
 
     /// Nothing is known any more.
     pub fn forget(&mut self) {
-        self.corridor = Corridor::nowhere();
+        self.corridor = LookAheadTube::nowhere();
         self.begun = None;
     }
 
@@ -256,7 +256,7 @@ impl Neighbourhood {
     }
 
     /// The corridor of which something is known.
-    fn looked_at(&self) -> &Corridor {
+    fn looked_at(&self) -> &LookAheadTube {
         self.begun.as_ref().map_or(&self.corridor, |b| &b.corridor)
     }
 

@@ -18,9 +18,9 @@ pub struct HalfSpace {
 }
 
 /// Half-spaces that hold at once, at the most.
-pub const MOST_ACTIVE: usize = 6;
+pub const MAX_ACTIVE: usize = 6;
 /// Half-spaces at the most.
-pub const MOST_HALF_SPACES: usize = 512;
+pub const MAX_HALF_SPACES: usize = 512;
 /// Squared sine below which a row counts as one of the span of others.
 const DEPENDENT: f64 = 1e-12;
 /// Violation, as a fraction of the largest number of the problem, below which a half-space is obeyed.
@@ -35,7 +35,7 @@ pub struct Projection {
     pub point: Vector6,
     /// Whether it obeys every half-space; if not they leave no point, or the numbers do not allow to find it.
     pub complete: bool,
-    active: [(usize, f64); MOST_ACTIVE],
+    active: [(usize, f64); MAX_ACTIVE],
     count: usize,
 }
 
@@ -82,17 +82,17 @@ fn add_scaled(a: &mut Vector6, factor: f64, b: &Vector6) {
 
 /// An orthonormal basis of the active rows, with the triangle that makes them of it.
 struct Basis {
-    directions: [Vector6; MOST_ACTIVE],
+    directions: [Vector6; MAX_ACTIVE],
     /// `triangle[k][j]`: component of row k along direction j.
-    triangle: [Vector6; MOST_ACTIVE],
+    triangle: [Vector6; MAX_ACTIVE],
     count: usize,
 }
 
 impl Basis {
     fn of(half_spaces: &[HalfSpace], active: &[(usize, f64)]) -> Self {
         let mut basis = Self {
-            directions: [[0.0; 6]; MOST_ACTIVE],
-            triangle: [[0.0; 6]; MOST_ACTIVE],
+            directions: [[0.0; 6]; MAX_ACTIVE],
+            triangle: [[0.0; 6]; MAX_ACTIVE],
             count: 0,
         };
         for &(k, _) in active {
@@ -134,13 +134,13 @@ impl Basis {
     }
 }
 
-/// The point closest to `goal` in the intersection of the half-spaces, [`MOST_HALF_SPACES`] of them at the most.
+/// The point closest to `goal` in the intersection of the half-spaces, [`MAX_HALF_SPACES`] of them at the most.
 #[must_use]
 pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
     let mut best = Projection {
         point: goal,
         complete: false,
-        active: [(0, 0.0); MOST_ACTIVE],
+        active: [(0, 0.0); MAX_ACTIVE],
         count: 0,
     };
     let largest = half_spaces
@@ -148,7 +148,7 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
         .fold(dot(&goal, &goal).sqrt(), |most, h| most.max(h.offset.abs()));
     let tolerance = OBEYED * largest;
     // Rows in the span of active ones, violated by no more than that span is uncertain.
-    let mut stands = [false; MOST_HALF_SPACES];
+    let mut stands = [false; MAX_HALF_SPACES];
     let mut rounds = 0;
     let mut unsettled = false;
     'next: loop {
@@ -186,9 +186,9 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
             let (components, rest) = basis.split(&new.row);
             let weights = basis.weights(&components);
             let left = dot(&rest, &rest);
-            let independent = best.count < MOST_ACTIVE && left > DEPENDENT * square;
+            let independent = best.count < MAX_ACTIVE && left > DEPENDENT * square;
             // Six that hold span everything: there a row takes one's place, however little it is violated.
-            let nearly_dependent = best.count < MOST_ACTIVE && !independent;
+            let nearly_dependent = best.count < MAX_ACTIVE && !independent;
             if nearly_dependent && violation <= 2.0 * DEPENDENT.sqrt() * largest {
                 stands[added] = true;
                 continue 'next;

@@ -6,7 +6,7 @@
 //! edge. So only *local minima* of the distance get a half-space (Johnson and Willemsen 2003); the others are
 //! looked at along the motion itself, and only when it leaves their half-space.
 
-use crate::contact::query::{MOST_FACES, NearFace, NearFaces, Work};
+use crate::contact::query::{MAX_FACES, NearFace, NearFaces, Work};
 use crate::contact::sphere_proxy::features::Features;
 use crate::contact::sphere_proxy::projection::Plane;
 use geometry::ClosestPoint;
@@ -14,7 +14,7 @@ use glam::DVec3;
 use spm::{Handle, NONE};
 
 /// Half-spaces at the most; beyond them the deepest are kept and the rest counted.
-pub const MOST_CONSTRAINTS: usize = 64;
+pub const MAX_CONSTRAINTS: usize = 64;
 
 /// A face in reach.
 #[derive(Debug, Clone, Copy)]
@@ -31,12 +31,12 @@ struct Candidate {
 /// Half-spaces as displacements from the proxy.
 #[derive(Debug, Clone)]
 pub struct Constraints {
-    candidates: [Candidate; MOST_FACES],
+    candidates: [Candidate; MAX_FACES],
     candidate_count: usize,
     features: Features,
-    planes: [Plane; MOST_CONSTRAINTS],
+    planes: [Plane; MAX_CONSTRAINTS],
     /// The candidate of each plane.
-    sources: [usize; MOST_CONSTRAINTS],
+    sources: [usize; MAX_CONSTRAINTS],
     count: usize,
     high_water: usize,
     dropped: u32,
@@ -59,11 +59,11 @@ impl Constraints {
             has_plane: false,
         };
         Self {
-            candidates: [candidate; MOST_FACES],
+            candidates: [candidate; MAX_FACES],
             candidate_count: 0,
             features: Features::new(),
-            planes: [NO_PLANE; MOST_CONSTRAINTS],
-            sources: [0; MOST_CONSTRAINTS],
+            planes: [NO_PLANE; MAX_CONSTRAINTS],
+            sources: [0; MAX_CONSTRAINTS],
             count: 0,
             high_water: 0,
             dropped: 0,
@@ -104,7 +104,7 @@ impl Constraints {
         self.candidate_count = 0;
         let work = near.within(position, radius + reach, |face, closest| {
             if let Some(candidate) = Candidate::of(face, &closest, position, radius)
-                && self.candidate_count < MOST_FACES
+                && self.candidate_count < MAX_FACES
             {
                 self.candidates[self.candidate_count] = candidate;
                 self.candidate_count += 1;
@@ -133,13 +133,13 @@ impl Constraints {
     /// Adds a half-space; when full, the one with the most room makes place.
     fn add(&mut self, candidate: usize) {
         let plane = self.candidates[candidate].plane;
-        let place = if self.count < MOST_CONSTRAINTS {
+        let place = if self.count < MAX_CONSTRAINTS {
             self.count += 1;
             self.count - 1
         } else {
             self.dropped += 1;
             let mut loosest = 0;
-            for k in 1..MOST_CONSTRAINTS {
+            for k in 1..MAX_CONSTRAINTS {
                 if self.planes[k].offset < self.planes[loosest].offset {
                     loosest = k;
                 }

@@ -1,20 +1,20 @@
 //! The least distance of the faces around each vertex and edge: what tells whether a face is a local minimum of
 //! the distance, in a time that grows with the faces and not with their square.
 
-use crate::contact::query::MOST_FACES;
+use crate::contact::query::MAX_FACES;
 use spm::{Handle, NONE};
 
 /// Places for each face: it has three vertices and three edges, and some room keeps searches short.
 const PLACES_PER_FACE: usize = 8;
-const MOST_PLACES: usize = (PLACES_PER_FACE * MOST_FACES).next_power_of_two();
+const MAX_PLACES: usize = (PLACES_PER_FACE * MAX_FACES).next_power_of_two();
 const FEWEST_PLACES: usize = 64;
 const EMPTY: u64 = u64::MAX;
 
 /// A table of vertices and edges, by open addressing.
 #[derive(Debug, Clone)]
 pub struct Features {
-    keys: [u64; MOST_PLACES],
-    least: [f64; MOST_PLACES],
+    keys: [u64; MAX_PLACES],
+    least: [f64; MAX_PLACES],
     /// Places in use now, a power of two.
     places: usize,
 }
@@ -23,16 +23,16 @@ impl Features {
     /// Of no face.
     pub fn new() -> Self {
         Self {
-            keys: [EMPTY; MOST_PLACES],
-            least: [0.0; MOST_PLACES],
+            keys: [EMPTY; MAX_PLACES],
+            least: [0.0; MAX_PLACES],
             places: FEWEST_PLACES,
         }
     }
 
-    /// Forgets all, and makes room for so many faces, at most [`MOST_FACES`].
+    /// Forgets all, and makes room for so many faces, at most [`MAX_FACES`].
     pub fn begin(&mut self, faces: usize) {
         let wanted = (PLACES_PER_FACE * faces).next_power_of_two();
-        self.places = wanted.clamp(FEWEST_PLACES, MOST_PLACES);
+        self.places = wanted.clamp(FEWEST_PLACES, MAX_PLACES);
         self.keys[..self.places].fill(EMPTY);
     }
 
@@ -99,12 +99,12 @@ mod tests {
     proptest! {
         #[test]
         fn the_least_is_that_of_a_search_through_all_faces(
-            faces in prop::collection::vec(([0u32..30, 0u32..30, 0u32..30], 0.0..1.0f64), 0..MOST_FACES),
+            faces in prop::collection::vec(([0u32..30, 0u32..30, 0u32..30], 0.0..1.0f64), 0..MAX_FACES),
             asked in [0u32..30, 0u32..30],
         ) {
             let mut features = Features::new();
             // What another tick left does not matter.
-            features.begin(MOST_FACES);
+            features.begin(MAX_FACES);
             features.note([1, 2, 3], 1e-9);
             features.begin(faces.len());
             for &(vertices, distance) in &faces {

@@ -15,12 +15,12 @@ mod constraints;
 mod features;
 pub mod projection;
 
-pub use constraints::MOST_CONSTRAINTS;
+pub use constraints::MAX_CONSTRAINTS;
 
 use crate::contact::query::{
-    MOST_FACES, NearFaces, Nearest, Surface, Work, closest_point, swept_sphere,
+    MAX_FACES, NearFaces, Nearest, Surface, Work, closest_point, swept_sphere,
 };
-use crate::perception::Slide;
+use crate::perception::StepLimit;
 use constraints::Constraints;
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
@@ -43,7 +43,7 @@ const STEPS: usize = 8;
 const BEYOND: f64 = 1e-3;
 
 /// Faces that push at once at the most: as many as there are degrees of freedom.
-pub const MOST_PUSHING: usize = 6;
+pub const MAX_PUSHING: usize = 6;
 
 /// The sphere that stays outside, in the model's frame and units.
 #[derive(Debug, Clone)]
@@ -52,7 +52,7 @@ pub struct Proxy {
     position: DVec3,
     goal: DVec3,
     placed: bool,
-    slide: Slide,
+    slide: StepLimit,
     /// Whether it is behind for that.
     is_held: bool,
     constraints: Constraints,
@@ -67,14 +67,14 @@ pub struct Contact {
     /// Its point closest to the proxy.
     pub point: DVec3,
     /// All faces that push: up to three of a ball, six of a tool; [`NONE`] where fewer do.
-    pub faces: [Handle; MOST_PUSHING],
+    pub faces: [Handle; MAX_PUSHING],
 }
 
 impl Contact {
     /// One face that pushes, at a point.
     #[must_use]
     pub fn at(face: Handle, point: DVec3) -> Self {
-        let mut faces = [NONE; MOST_PUSHING];
+        let mut faces = [NONE; MAX_PUSHING];
         faces[0] = face;
         Self { face, point, faces }
     }
@@ -101,7 +101,7 @@ impl Proxy {
             position: DVec3::ZERO,
             goal: DVec3::ZERO,
             placed: false,
-            slide: Slide::FREE,
+            slide: StepLimit::FREE,
             is_held: false,
             constraints: Constraints::new(),
             near: NearFaces::new(),
@@ -130,8 +130,8 @@ impl Proxy {
     #[must_use]
     pub fn high_water(&self) -> [(usize, usize); 2] {
         [
-            (self.near.high_water(), MOST_FACES),
-            (self.constraints.high_water(), MOST_CONSTRAINTS),
+            (self.near.high_water(), MAX_FACES),
+            (self.constraints.high_water(), MAX_CONSTRAINTS),
         ]
     }
 
@@ -352,7 +352,7 @@ impl Proxy {
     /// The contact of the active planes, the one with the largest multiplier first; with none active, of a
     /// plane that is closer than the radius.
     fn strongest(&self, active: &[(usize, f64)]) -> Option<Contact> {
-        let mut faces = [NONE; MOST_PUSHING];
+        let mut faces = [NONE; MAX_PUSHING];
         let mut strongest: Option<(usize, f64)> = None;
         for (place, &(plane, multiplier)) in faces.iter_mut().zip(active) {
             *place = self.constraints.source(plane).0;

@@ -198,23 +198,23 @@ pub(crate) struct Blocks {
 /// Bits of the place of a block on its level: more than the faces of a tool.
 const PLACE_BITS: usize = 24;
 /// Blocks of a set, at the most.
-const MOST_BLOCKS: usize = 16;
+const MAX_BLOCKS: usize = 16;
 /// Boxes of a block that may be near for it to be opened: where more are, those of what is looked at next tell more.
 const OPENED: u32 = 2;
 /// Blocks that wait to be opened, at the most: a set, and all but one of each level of the largest tool.
-const WAITING: usize = MOST_BLOCKS + 8 * WIDTH;
+const WAITING: usize = MAX_BLOCKS + 8 * WIDTH;
 
 /// Blocks of a tool that hold all that may be near something: what a traversal of the other body carries down.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct BlockSet {
     /// Level and place in one number each.
-    blocks: [u32; MOST_BLOCKS],
+    blocks: [u32; MAX_BLOCKS],
     count: usize,
 }
 
 impl BlockSet {
     const NONE: Self = Self {
-        blocks: [0; MOST_BLOCKS],
+        blocks: [0; MAX_BLOCKS],
         count: 0,
     };
 
@@ -317,7 +317,7 @@ impl Blocks {
             if which == 0 {
                 continue;
             }
-            let room = MOST_BLOCKS - found.count - (set.count - k - 1);
+            let room = MAX_BLOCKS - found.count - (set.count - k - 1);
             let below = which.count_ones();
             if level <= 1 || below > OPENED || below as usize > room {
                 found.push(level, place);

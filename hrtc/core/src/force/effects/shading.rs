@@ -16,7 +16,7 @@ use glam::DVec3;
 use scene::ShadingPlan;
 
 /// Faces that count at the most; the search comes to the nearer part of the tree first.
-const MOST_FACES: usize = 256;
+const MAX_FACES: usize = 256;
 
 /// See the module.
 #[derive(Debug, Clone, Copy)]
@@ -53,7 +53,7 @@ impl Shading {
         // Of a ball its middle, of a tool where it touches: both move without a jump.
         let centre = at.middle / at.metres_per_unit;
         let off = centre.distance(at.point / at.metres_per_unit);
-        let mut weighed = [DVec3::ZERO; MOST_FACES];
+        let mut weighed = [DVec3::ZERO; MAX_FACES];
         let mut count = 0;
         let within = off.hypot(radius);
         let work = faces_within(at.surface, centre, within, |face, closest| {

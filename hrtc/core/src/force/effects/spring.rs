@@ -7,7 +7,7 @@ use glam::DVec3;
 use scene::SpringPlan;
 
 /// Pieces of the path that are passed in a tick at the most.
-const MOST_PIECES: usize = 16;
+const MAX_PIECES: usize = 16;
 
 /// See the module.
 #[derive(Debug, Clone)]
@@ -47,7 +47,7 @@ impl Spring {
             let nearest = (0..=last).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
             nearest.unwrap_or(0)
         });
-        for _ in 0..MOST_PIECES {
+        for _ in 0..MAX_PIECES {
             let beside = [piece.saturating_sub(1), (piece + 1).min(last)];
             let here = distance(piece);
             let Some(&nearer) = beside.iter().find(|&&other| distance(other) < here) else {

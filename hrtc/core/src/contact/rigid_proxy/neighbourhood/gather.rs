@@ -1,7 +1,7 @@
 //! How the pairs are gathered, and renewed where the surface has changed.
 
 use super::{
-    Corridor, Direction, MOST_PAIRS, MOST_SURFACE_FACES, NearPair, Neighbourhood, ToolShape,
+    Direction, LookAheadTube, MAX_PAIRS, MAX_SURFACE_FACES, NearPair, Neighbourhood, ToolShape,
     normal_of,
 };
 use crate::contact::query::{
@@ -17,7 +17,7 @@ const HALVINGS: usize = 6;
 /// A gathering for which the budget did not suffice.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Begun {
-    pub(super) corridor: Corridor,
+    pub(super) corridor: LookAheadTube,
     /// Around the straight lines.
     margin: f64,
     resume: Resume,
@@ -31,7 +31,7 @@ impl Neighbourhood {
         &mut self,
         surface: Surface<'_>,
         shape: &ToolShape,
-        corridor: Corridor,
+        corridor: LookAheadTube,
         budget: u32,
     ) -> (Ending, PairWork) {
         let begun = self.begun.take();
@@ -63,7 +63,7 @@ impl Neighbourhood {
             resume,
             budget,
             |face, tool_face| {
-                if self.pairs.len() == MOST_PAIRS || self.faces.len() == MOST_SURFACE_FACES {
+                if self.pairs.len() == MAX_PAIRS || self.faces.len() == MAX_SURFACE_FACES {
                     for _ in 0..HALVINGS {
                         margin *= 0.5;
                         self.shrink(surface.mesh, margin);
@@ -93,7 +93,7 @@ impl Neighbourhood {
         );
         self.high_water = self.high_water.max(self.pairs.len());
         self.way = way;
-        self.corridor = Corridor::nowhere();
+        self.corridor = LookAheadTube::nowhere();
         match ending {
             Ending::Complete => self.corridor = corridor.narrowed(margin),
             Ending::OutOfBudget { .. } => {
@@ -201,7 +201,7 @@ impl Neighbourhood {
             let centres = ends.map(|at| at.centre);
             work.node_pairs += for_each_face_near(&shape.blocks, &way, corners, within, |own| {
                 work.faces += 1;
-                has_room = self.pairs.len() < MOST_PAIRS && self.faces.len() < MOST_SURFACE_FACES;
+                has_room = self.pairs.len() < MAX_PAIRS && self.faces.len() < MAX_SURFACE_FACES;
                 if has_room
                     && self
                         .take(mesh, shape, centres, &mut held, own, margin)
@@ -235,7 +235,7 @@ impl Neighbourhood {
 
     /// Whether it is worth while to go on after it was full.
     fn has_room(&self) -> bool {
-        4 * self.pairs.len() <= 3 * MOST_PAIRS && 4 * self.faces.len() <= 3 * MOST_SURFACE_FACES
+        4 * self.pairs.len() <= 3 * MAX_PAIRS && 4 * self.faces.len() <= 3 * MAX_SURFACE_FACES
     }
 
     /// Keeps only pairs that may be within a margin, and the faces that they have.

@@ -9,14 +9,14 @@
 //!
 //! - above the greatest speed of a ring, K / (rho w T): its splits and collapses would not fit the ticks
 //!   (thesis 4.1: resolution follows speed);
-//! - when the cache cannot hold what the contact needs ([`Economy`]).
+//! - when the cache cannot hold what the contact needs ([`MemoryPressure`]).
 
 use glam::DVec3;
 use spm::ModelHeader;
 use spm::{LEVELS, RegionGrid};
 
 /// Most rings: the tolerance asked for, then the rungs above it.
-pub const MOST_RINGS: usize = LEVELS + 1;
+pub const MAX_RINGS: usize = LEVELS + 1;
 
 /// Regions of one tolerance around the contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,8 +31,8 @@ pub struct Ring {
 
 /// The rings of a model, finest first, and the first of them that is asked for.
 #[derive(Debug, Clone)]
-pub struct Dial {
-    rings: [Ring; MOST_RINGS],
+pub struct LodController {
+    rings: [Ring; MAX_RINGS],
     count: usize,
     finest: usize,
     /// Faces for each square model unit.
@@ -40,7 +40,7 @@ pub struct Dial {
     asked: f32,
 }
 
-impl Dial {
+impl LodController {
     /// The rings of a tolerance, model units. `area` is that of the model's surface, square model units: the
     /// base mesh's will do, it is the smaller one and so the greatest speed comes out on the safe side.
     #[must_use]
@@ -51,7 +51,7 @@ impl Dial {
             grid: header.grid_of(tolerance),
         };
         let mut dial = Self {
-            rings: [ring(tolerance); MOST_RINGS],
+            rings: [ring(tolerance); MAX_RINGS],
             count: 1,
             finest: 0,
             density: f64::from(header.faces) / area.max(f64::MIN_POSITIVE),
@@ -147,7 +147,7 @@ pub fn triangle_area(corners: [DVec3; 3]) -> f64 {
 /// then the coarser rings around the finest go, then the finest ring itself comes coarser. Back it goes one
 /// step at a time, after a wait that doubles whenever the step back turned out to be too early.
 #[derive(Debug, Clone)]
-pub struct Economy {
+pub struct MemoryPressure {
     steps: u32,
     /// Tick of the last change.
     changed: u64,
@@ -165,19 +165,19 @@ pub struct Economy {
 const SETTLE: u64 = 60;
 /// Ticks without want before the first step back, and the longest wait.
 const PATIENCE: u64 = 1000;
-const PATIENCE_MOST: u64 = 16_000;
+const MAX_PATIENCE: u64 = 16_000;
 /// Ticks after a step back within which a want means that it was too early.
 const EARLY: u64 = 2000;
 /// Steps before the finest ring is raised: no loading ahead, no coarser rings.
 const STEPS_BEFORE_COARSER: u32 = 2;
 /// Most steps: these, then every ring.
-const STEPS_MOST: u32 = STEPS_BEFORE_COARSER + MOST_RINGS as u32;
+const MAX_STEPS: u32 = STEPS_BEFORE_COARSER + MAX_RINGS as u32;
 /// Ticks of contact over which it is judged whether the finest ring comes in time.
-const MISSES_MOST: u32 = 256;
+const MAX_MISSES: u32 = 256;
 /// Ticks without any question after the cache was found full.
 const PAUSE: u64 = 20;
 
-impl Economy {
+impl MemoryPressure {
     /// Nothing is done without.
     #[must_use]
     pub fn new() -> Self {
@@ -196,7 +196,7 @@ impl Economy {
         self.misses = if as_fine {
             self.misses.saturating_sub(1)
         } else {
-            (self.misses + 1).min(MISSES_MOST)
+            (self.misses + 1).min(MAX_MISSES)
         };
     }
 
@@ -208,14 +208,14 @@ impl Economy {
             return;
         }
         if self.went_back && tick <= self.changed + EARLY {
-            self.patience = (2 * self.patience).min(PATIENCE_MOST);
+            self.patience = (2 * self.patience).min(MAX_PATIENCE);
         }
         // A block that comes in time for the contact now and again fits: a coarser one would be coarser always.
-        if self.steps >= STEPS_BEFORE_COARSER && self.misses < MISSES_MOST / 2 {
+        if self.steps >= STEPS_BEFORE_COARSER && self.misses < MAX_MISSES / 2 {
             return;
         }
         self.misses = 0;
-        self.steps = (self.steps + 1).min(STEPS_MOST);
+        self.steps = (self.steps + 1).min(MAX_STEPS);
         self.changed = tick;
         self.went_back = false;
     }
@@ -266,7 +266,7 @@ impl Economy {
     }
 }
 
-impl Default for Economy {
+impl Default for MemoryPressure {
     fn default() -> Self {
         Self::new()
     }
@@ -288,7 +288,7 @@ mod tests {
     use super::*;
 
     fn rings(rungs: &[f32], tolerance: f32) -> Vec<(f32, u32)> {
-        let dial = Dial::new(&header(rungs), tolerance, 1.0);
+        let dial = LodController::new(&header(rungs), tolerance, 1.0);
         let pairs = dial.rings().iter().map(|ring| (ring.tolerance, ring.level));
         pairs.collect()
     }
@@ -320,7 +320,7 @@ mod tests {
     fn every_rings_name_means_the_same_grid_to_the_station() {
         let header = header(&[0.0, 0.0, 0.2, 0.2, 0.4]);
         for tolerance in [0.0, 0.1, 0.2, 0.3, 1.0] {
-            for ring in Dial::new(&header, tolerance, 1.0).rings() {
+            for ring in LodController::new(&header, tolerance, 1.0).rings() {
                 assert_eq!(ring.grid, header.grid_of(ring.tolerance));
             }
         }
@@ -328,7 +328,7 @@ mod tests {
 
     #[test]
     fn the_finest_ring_follows_the_speed_and_does_not_flicker() {
-        let mut dial = Dial::new(&header(&[0.0, 0.1, 0.2, 0.4]), 0.0, 1.0);
+        let mut dial = LodController::new(&header(&[0.0, 0.1, 0.2, 0.4]), 0.0, 1.0);
         let (reach, operations) = (0.01, 32.0);
         // 4096 faces a unit square, a strip of 0.02 and a cell of 1/16.
         let greatest = dial.greatest_speed(0, reach, operations);
@@ -350,11 +350,11 @@ mod tests {
 
     #[test]
     fn want_saves_step_by_step_and_plenty_goes_back() {
-        let mut economy = Economy::new();
+        let mut economy = MemoryPressure::new();
         assert!(economy.may_prefetch() && economy.has_rings() && economy.may_ask(0));
         let mut tick = 100;
         for steps in 1..=5 {
-            (0..MISSES_MOST).for_each(|_| economy.felt(false));
+            (0..MAX_MISSES).for_each(|_| economy.felt(false));
             economy.starve(tick);
             economy.starve(tick + 1);
             assert_eq!(economy.steps(), steps, "a step takes time to work");
@@ -378,7 +378,7 @@ mod tests {
 
     #[test]
     fn what_comes_in_time_mostly_is_not_made_coarser() {
-        let mut economy = Economy::new();
+        let mut economy = MemoryPressure::new();
         for tick in 0..10_000 {
             economy.felt(tick % 3 != 0);
             if tick % 70 == 0 {
@@ -390,7 +390,7 @@ mod tests {
 
     #[test]
     fn a_step_back_that_was_too_early_is_taken_later_the_next_time() {
-        let mut economy = Economy::new();
+        let mut economy = MemoryPressure::new();
         let (mut tick, mut waits) = (0, Vec::new());
         for _ in 0..6 {
             economy.starve(tick);
@@ -405,8 +405,8 @@ mod tests {
         assert!(
             waits
                 .windows(2)
-                .all(|pair| pair[1] > pair[0] || pair[1] > PATIENCE_MOST)
+                .all(|pair| pair[1] > pair[0] || pair[1] > MAX_PATIENCE)
         );
-        assert!(waits.iter().all(|&wait| wait <= PATIENCE_MOST + 1));
+        assert!(waits.iter().all(|&wait| wait <= MAX_PATIENCE + 1));
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::contact::query::{Nearest, Surface, Work, closest_point};
 use crate::contact::rigid_proxy::{Coupling, Part, ToolContact, ToolProxy, Twist};
-use crate::contact::sphere_proxy::{Contact, MOST_PUSHING, Proxy};
+use crate::contact::sphere_proxy::{Contact, MAX_PUSHING, Proxy};
 use crate::contact::tool::{Tool, ToolMesh};
 use crate::force::passivity::Spring;
 use geometry::{Pose, Wrench};
@@ -16,7 +16,7 @@ const PAIRS_A_UNIT: u32 = 12;
 
 /// See the module.
 #[derive(Debug)]
-pub enum Follower {
+pub enum ProxyKind {
     /// Of a ball.
     Ball(Box<BallFollower>),
     /// Of a tool.
@@ -41,7 +41,7 @@ pub struct ToolFollower {
 
 /// What a tick of it came to.
 #[derive(Debug, Clone, Copy)]
-pub struct Followed {
+pub struct ProxyStep {
     /// What holds it; `None` in free space.
     pub contact: Option<Contact>,
     /// What it cost, in units.
@@ -54,7 +54,7 @@ pub struct Followed {
     pub early: bool,
 }
 
-impl Followed {
+impl ProxyStep {
     const NOTHING: Self = Self {
         contact: None,
         work: Work { nodes: 0, faces: 0 },
@@ -64,7 +64,7 @@ impl Followed {
     };
 }
 
-impl Follower {
+impl ProxyKind {
     /// Of a shape, not begun. Everything is allocated now.
     ///
     /// A mesh that cannot be a tool, which a validated scene does not have, leaves a ball.
@@ -225,11 +225,11 @@ impl Follower {
     }
 
     /// As close to the device as the surface lets it, in steps that cost no more than `most_work`.
-    pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, most_work: u32) -> Followed {
+    pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, most_work: u32) -> ProxyStep {
         match self {
-            Self::Ball(ball) => ball.0.as_mut().map_or(Followed::NOTHING, |proxy| {
+            Self::Ball(ball) => ball.0.as_mut().map_or(ProxyStep::NOTHING, |proxy| {
                 let advance = proxy.advance(surface, goal.position, most_work);
-                Followed {
+                ProxyStep {
                     contact: advance.contact,
                     work: advance.work,
                     dropped: advance.dropped,
@@ -238,7 +238,7 @@ impl Follower {
                 }
             }),
             Self::Tool(tool) if tool.has_begun => tool.advance(surface, goal, most_work),
-            Self::Tool(_) => Followed::NOTHING,
+            Self::Tool(_) => ProxyStep::NOTHING,
         }
     }
 
@@ -330,7 +330,7 @@ impl Follower {
 }
 
 impl ToolFollower {
-    fn advance(&mut self, surface: Surface<'_>, goal: &Pose, most_work: u32) -> Followed {
+    fn advance(&mut self, surface: Surface<'_>, goal: &Pose, most_work: u32) -> ProxyStep {
         let budget = most_work.saturating_mul(PAIRS_A_UNIT);
         let advance = self.proxy.advance(surface, goal, budget);
         let contacts = advance.contacts();
@@ -343,7 +343,7 @@ impl ToolFollower {
         } else {
             self.spread = self.patch;
         }
-        Followed {
+        ProxyStep {
             contact: contact_of(contacts),
             work: Work {
                 nodes: advance.work.node_pairs.div_ceil(PAIRS_A_UNIT),
@@ -367,7 +367,7 @@ fn middle(contacts: &[ToolContact]) -> Option<DVec3> {
 /// The contacts of a tool as one: the nearest first.
 fn contact_of(contacts: &[ToolContact]) -> Option<Contact> {
     let nearest = contacts.iter().min_by(|a, b| a.gap.total_cmp(&b.gap))?;
-    let mut faces = [NONE; MOST_PUSHING];
+    let mut faces = [NONE; MAX_PUSHING];
     for (place, contact) in faces.iter_mut().zip(contacts) {
         *place = contact.face;
     }

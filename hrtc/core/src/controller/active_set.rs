@@ -4,9 +4,9 @@
 //! as long as nobody else needs one; then those go first that have been out of reach for longest. When every seat is
 //! needed, the objects nearest to a probe have them. One object takes a seat in a tick, so that a tick stays short.
 
+use super::active_object::{ActiveObject, ObjectInstance};
+use super::base_mesh_store::Model;
 use super::frame::in_axes_of;
-use super::library::Model;
-use super::seat::{Placing, Seat};
 use super::{Controller, ModelFrame};
 use crate::active::broad_phase::{Ball, BroadPhase, Near};
 use crate::streaming::subscriber::Outbox;
@@ -29,7 +29,7 @@ const PLACED_A_TICK: usize = 64;
 
 /// What is known of all objects together.
 #[derive(Debug)]
-pub struct Seating {
+pub struct ActiveSet {
     /// Objects whose box is not known yet, the next one last, in the order in which models are asked for.
     pub unplaced: Vec<u32>,
     /// Objects in the order in which their models are asked for: those of tours first.
@@ -40,7 +40,7 @@ pub struct Seating {
     pub epochs: Vec<u32>,
 }
 
-impl Seating {
+impl ActiveSet {
     /// `toured`: objects with a tour.
     pub fn new(objects: usize, toured: impl Iterator<Item = u32>) -> Self {
         let mut to_fetch: Vec<u32> = toured.collect();
@@ -200,7 +200,8 @@ impl Controller {
         }
         let rest = &seating.to_fetch[seating.next_fetch..];
         rest.iter().copied().find(|&object| {
-            let is_coming = |seat: &Seat| seat.placing.is_some_and(|p| p.model == model(object));
+            let is_coming =
+                |seat: &ActiveObject| seat.placing.is_some_and(|p| p.model == model(object));
             library.model(model(object)).is_none() && !seats.iter().any(is_coming)
         })
     }
@@ -248,14 +249,14 @@ impl Controller {
         });
         let missing = within.filter(|near| {
             let object = Some(near.object as u32);
-            let is_ready = |seat: &Seat| seat.object() == object && seat.is_ready();
+            let is_ready = |seat: &ActiveObject| seat.object() == object && seat.is_ready();
             !self.seats.iter().any(is_ready)
         });
         missing.count() as u32
     }
 }
 
-impl Seat {
+impl ActiveObject {
     /// A probe is near; `start`: where it was in the tick before, world, metres.
     fn comes_near(&mut self, near: Near, start: Option<Pose>, tick: u64) {
         self.distance = self.distance.min(near.distance);
@@ -273,7 +274,7 @@ impl Seat {
 }
 
 /// Tells the broad phase where an object is.
-pub fn place(broad_phase: &mut BroadPhase, placing: &Placing, model: &Model) {
+pub fn place(broad_phase: &mut BroadPhase, placing: &ObjectInstance, model: &Model) {
     let frame = ModelFrame::new(placing.pose, placing.scale, &model.header);
     let [lower, upper] = [model.header.lower, model.header.upper]
         .map(|corner| DVec3::from_array(corner) - frame.origin);
@@ -283,6 +284,6 @@ pub fn place(broad_phase: &mut BroadPhase, placing: &Placing, model: &Model) {
 }
 
 /// The seat of an object.
-pub fn seat_of(seats: &mut [Seat], object: u32) -> Option<&mut Seat> {
+pub fn seat_of(seats: &mut [ActiveObject], object: u32) -> Option<&mut ActiveObject> {
     seats.iter_mut().find(|seat| seat.object() == Some(object))
 }

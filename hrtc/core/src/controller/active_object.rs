@@ -1,14 +1,14 @@
 //! A seat: what one awake object needs, made once and used by one object after the other.
 
-use super::library::{Library, Model};
+use super::base_mesh_store::{BaseMeshStore, Model};
+use super::pair::{ContactState, ProbeObjectPair};
 use super::probe::Probe;
 use super::refine::Refinement;
-use super::touch::{Felt, Touch};
-use super::{Fault, ModelFrame, PROXY_WORK_LEAST, inbox::Inbox};
+use super::{Fault, MIN_PROXY_WORK, ModelFrame, inbox::Inbox};
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::{Surface, Work};
 use crate::force::effects::{Clock, SurfaceEffects};
-use crate::lod::dial::Dial;
+use crate::lod::lod_controller::LodController;
 use crate::perception::{OF_PROXY, STEP_N};
 use crate::streaming::subscriber::{Identity, Outbox, Session, Subscriber};
 use geometry::Pose;
@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 /// What a scene says of an object, without its model's name.
 #[derive(Debug, Clone, Copy)]
-pub struct Placing {
+pub struct ObjectInstance {
     /// Object of the scene.
     pub object: u32,
     /// Index of its model in the library.
@@ -48,7 +48,7 @@ pub struct Budget {
 
 /// What a seat did in a tick.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Tally {
+pub struct ObjectStats {
     pub vsplits: u32,
     pub ecols: u32,
     pub work_units: u32,
@@ -63,17 +63,17 @@ pub struct Tally {
 
 /// What a seat may change beside itself in a tick.
 #[derive(Debug)]
-pub struct Desk<'a> {
+pub struct TickContext<'a> {
     pub tick: u64,
-    pub library: &'a mut Library,
+    pub library: &'a mut BaseMeshStore,
     pub probes: &'a mut [Probe],
     pub budget: &'a mut Budget,
 }
 
 /// See the module.
 #[derive(Debug)]
-pub struct Seat {
-    pub(super) placing: Option<Placing>,
+pub struct ActiveObject {
+    pub(super) placing: Option<ObjectInstance>,
     pub(super) operations: usize,
     pub(super) tolerance_m: f64,
     pub(super) refinement_plan: RefinementPlan,
@@ -86,12 +86,12 @@ pub struct Seat {
     pub(super) refinement: Refinement,
     pub(super) model: Option<Model>,
     pub(super) frame: Option<ModelFrame>,
-    pub(super) dial: Option<Dial>,
+    pub(super) dial: Option<LodController>,
     /// The block of the whole model that was done last.
     pub(super) global_before: Option<RegionKey>,
     pub(super) fault: Option<Fault>,
     /// One for each probe.
-    pub(super) touches: Vec<Touch>,
+    pub(super) touches: Vec<ProbeObjectPair>,
     /// The probe whose tour is asked for.
     pub(super) tour_of: Option<usize>,
     /// Next slot of the kept base mesh to take in, while the object wakes.
@@ -103,7 +103,7 @@ pub struct Seat {
     /// Tick when the object was last in reach or otherwise needed, and its distance then, metres.
     pub(super) needed: u64,
     pub(super) distance: f64,
-    pub(super) tally: Tally,
+    pub(super) tally: ObjectStats,
     pub(super) bytes_received: u64,
     pub(super) vsps_received: u64,
     pub(super) measured: Option<f64>,
@@ -114,7 +114,7 @@ pub struct Seat {
     listed: Arc<[Arc<[EffectPlan]>]>,
 }
 
-impl Seat {
+impl ActiveObject {
     /// An empty seat with so many bytes of cache; everything is allocated now.
     ///
     /// `listed`: the effects of each object's surface.
@@ -129,7 +129,7 @@ impl Seat {
         let new_touch = |probe: &ProbePlan| {
             let encoder_m = plan.safety.passivity.then_some(probe.device.encoder_m);
             let effects = SurfaceEffects::with_room(most.unwrap_or(0), encoder_m);
-            Touch::new(&probe.shape, effects)
+            ProbeObjectPair::new(&probe.shape, effects)
         };
         Self {
             placing: None,
@@ -154,7 +154,7 @@ impl Seat {
             is_pinned: false,
             needed: 0,
             distance: f64::INFINITY,
-            tally: Tally::default(),
+            tally: ObjectStats::default(),
             bytes_received: 0,
             vsps_received: 0,
             measured: None,
@@ -179,7 +179,7 @@ impl Seat {
 
     /// The rings, once the model is there.
     #[must_use]
-    pub fn dial(&self) -> Option<&Dial> {
+    pub fn dial(&self) -> Option<&LodController> {
         self.dial.as_ref()
     }
 
@@ -203,7 +203,13 @@ impl Seat {
 
     /// Gives the seat to an object whose session goes on from an epoch. With `kept`, a base mesh in the library, it
     /// is taken in from there; else it is asked for. Nothing is freed or allocated.
-    pub(super) fn give(&mut self, placing: Placing, epoch: u32, kept: Option<Model>, tick: u64) {
+    pub(super) fn give(
+        &mut self,
+        placing: ObjectInstance,
+        epoch: u32,
+        kept: Option<Model>,
+        tick: u64,
+    ) {
         self.cache.reset();
         self.inbox = Inbox::new();
         self.refinement.reset();
@@ -297,7 +303,7 @@ impl Seat {
             let unfelt_m = OF_PROXY * STEP_N / placing.surface.stiffness_n_per_m;
             touch.follower.set_unfelt(unfelt_m / frame.metres_per_unit);
             let left = most_work.saturating_sub(work.nodes + work.faces);
-            let Some(followed) = touch.advance(surface, left.max(PROXY_WORK_LEAST)) else {
+            let Some(followed) = touch.advance(surface, left.max(MIN_PROXY_WORK)) else {
                 continue;
             };
             work.add(followed.work);
@@ -308,7 +314,7 @@ impl Seat {
                 touch.render_near(clock, &frame);
                 continue;
             };
-            let certified = Touch::certified(surface, &contact);
+            let certified = ProbeObjectPair::certified(surface, &contact);
             let feels = (&frame, placing.before.as_ref(), &placing.surface);
             let depth_m = touch.render(clock, feels, surface, &contact, probe, work);
             let reached = if certified == 0.0 {
@@ -326,7 +332,7 @@ impl Seat {
             let is_in_flight = mesh.any_in_flight(&contact.faces[..faces.count()]);
             let reached = reached.filter(|_| !is_in_flight);
             let asked = self.is_as_asked(certified, reached);
-            self.touches[k].felt = Some(Felt {
+            self.touches[k].felt = Some(ContactState {
                 contact,
                 certified,
                 tolerance_m: reached.map_or(-1.0, |t| f64::from(t) * frame.metres_per_unit),

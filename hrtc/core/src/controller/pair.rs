@@ -1,9 +1,9 @@
 //! A touch: one probe and one object.
 
 use super::ModelFrame;
-use super::beside::Beside;
-use super::follower::{Followed, Follower};
+use super::forecast::ContactForecast;
 use super::probe::Probe;
+use super::proxy_kind::{ProxyKind, ProxyStep};
 use crate::contact::query::{Surface, Work};
 use crate::contact::rigid_proxy::Twist;
 use crate::contact::sphere_proxy::Contact;
@@ -16,7 +16,7 @@ use spm::{Handle, NONE};
 
 /// What a touch felt like in a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Felt {
+pub struct ContactState {
     /// What holds the probe, model units.
     pub contact: Contact,
     /// Certified error of the faces that hold it, model units; 0 at full resolution.
@@ -31,7 +31,7 @@ pub struct Felt {
 
 /// See the module.
 #[derive(Debug)]
-pub struct Touch {
+pub struct ProbeObjectPair {
     /// Radius of the ball, or of what a tool's tip touches at once, metres.
     pub patch_m: f64,
     /// Whether the probe is near enough to be followed.
@@ -40,17 +40,17 @@ pub struct Touch {
     pub near_at: u64,
     /// The probe in this tick, model frame and units.
     pub goal: Option<Pose>,
-    pub follower: Follower,
+    pub follower: ProxyKind,
     pub predictor: Predictor,
     /// Where it may touch next, away from where it touches now.
-    pub beside: Beside,
+    pub beside: ContactForecast,
     pub hint: Option<Handle>,
     /// Distance of the surface from the middle of the patch, model units.
     pub clearance: f64,
     /// The finest ring that is asked for around this probe.
     pub finest: usize,
     /// What it felt in the last tick; `None` in free space.
-    pub felt: Option<Felt>,
+    pub felt: Option<ContactState>,
     /// What it renders in this tick, world: forces and torques about the probe's position, before account and gate.
     pub rendered: Option<Rendered>,
     /// The effects of the object's surface on this probe.
@@ -61,7 +61,7 @@ pub struct Touch {
     start: Option<Pose>,
 }
 
-impl Touch {
+impl ProbeObjectPair {
     /// `effects`: with room for the most that an object's surface has.
     pub fn new(shape: &ProbeShape, effects: SurfaceEffects) -> Self {
         Self {
@@ -69,9 +69,9 @@ impl Touch {
             is_followed: false,
             near_at: 0,
             goal: None,
-            follower: Follower::new(shape),
+            follower: ProxyKind::new(shape),
             predictor: Predictor::new(),
-            beside: Beside::new(),
+            beside: ContactForecast::new(),
             hint: None,
             clearance: 0.0,
             finest: 0,
@@ -89,7 +89,7 @@ impl Touch {
         self.is_followed = true;
         self.start = start;
         self.predictor.forget();
-        self.beside = Beside::new();
+        self.beside = ContactForecast::new();
         self.follower.forget();
         self.hint = None;
         self.clearance = 0.0;
@@ -136,7 +136,7 @@ impl Touch {
     }
 
     /// Moves the proxy, in steps that cost no more than `most_work`, and measures the clearance.
-    pub fn advance(&mut self, surface: Surface<'_>, most_work: u32) -> Option<Followed> {
+    pub fn advance(&mut self, surface: Surface<'_>, most_work: u32) -> Option<ProxyStep> {
         let goal = self.goal?;
         let mut followed = self.follower.advance(surface, &goal, most_work);
         let hint = self.hint.filter(|&face| surface.mesh.is_active(face));
@@ -194,16 +194,16 @@ impl Touch {
                 point: contact.point * scale,
                 middle: scale
                     * match self.follower {
-                        Follower::Ball(_) => proxy.position,
-                        Follower::Tool(_) => contact.point,
+                        ProxyKind::Ball(_) => proxy.position,
+                        ProxyKind::Tool(_) => contact.point,
                     },
                 proxy: Pose {
                     position: proxy.position * scale,
                     orientation: proxy.orientation,
                 },
                 arm: match self.follower {
-                    Follower::Ball(_) => DVec3::ZERO,
-                    Follower::Tool(_) => (contact.point - proxy.position) * scale,
+                    ProxyKind::Ball(_) => DVec3::ZERO,
+                    ProxyKind::Tool(_) => (contact.point - proxy.position) * scale,
                 },
                 device: goal.position * scale,
                 velocity: velocity.linear,

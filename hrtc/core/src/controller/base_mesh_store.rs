@@ -9,7 +9,7 @@ use spm::ModelHeader;
 
 /// Bytes set aside for each model's base mesh: 900 faces; and the most, as a share of the cache.
 const BYTES_PER_MODEL: usize = 36 << 10;
-const SHARE_MOST: usize = 4;
+const MAX_SHARE: usize = 4;
 
 /// A model that is known.
 #[derive(Debug, Clone, Copy)]
@@ -23,7 +23,7 @@ pub struct Model {
 }
 
 #[derive(Debug, Clone, Copy, Default)]
-struct Shelf {
+struct Entry {
     model: Option<Model>,
     /// First of its slots and their number, once they are set aside.
     slots: Option<(usize, usize)>,
@@ -31,8 +31,8 @@ struct Shelf {
 
 /// See the module.
 #[derive(Debug)]
-pub struct Library {
-    shelves: Vec<Shelf>,
+pub struct BaseMeshStore {
+    shelves: Vec<Entry>,
     slots: Vec<ChunkSlot>,
     used: usize,
     known: usize,
@@ -50,21 +50,21 @@ pub fn first_face_slot(header: &ModelHeader) -> usize {
     MODEL_HEADER_SLOTS + header.base_vertices.div_ceil(4) as usize
 }
 
-impl Library {
+impl BaseMeshStore {
     /// Bytes that base meshes take beside the awake objects: none where every object stays awake.
     #[must_use]
     pub fn bytes_for(models: usize, cache_bytes: usize, all_awake: bool) -> usize {
         if all_awake {
             return 0;
         }
-        (models * BYTES_PER_MODEL).min(cache_bytes / SHARE_MOST)
+        (models * BYTES_PER_MODEL).min(cache_bytes / MAX_SHARE)
     }
 
     /// Nothing is known of so many models; everything is allocated now.
     #[must_use]
     pub fn new(models: usize, bytes: usize) -> Self {
         Self {
-            shelves: vec![Shelf::default(); models],
+            shelves: vec![Entry::default(); models],
             slots: vec![bytemuck::Zeroable::zeroed(); bytes / size_of::<ChunkSlot>()],
             used: 0,
             known: 0,

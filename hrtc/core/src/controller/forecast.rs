@@ -1,9 +1,9 @@
 //! Where a tool may touch next, away from where it touches now: the prediction follows the contact, but in a cavity, or as
 //! the tool turns, another part of it comes to the surface, which is to be refined by then.
 
-use super::follower::Follower;
+use super::proxy_kind::ProxyKind;
 use crate::contact::query::{Surface, closest_point};
-use crate::contact::rigid_proxy::MOST_BALLS;
+use crate::contact::rigid_proxy::MAX_BALLS;
 use crate::lod::predict::{Motion, RADII_AROUND, REFINE_AHEAD};
 use geometry::Pose;
 use glam::DVec3;
@@ -46,17 +46,17 @@ impl Seen {
 
 /// See the module.
 #[derive(Debug)]
-pub struct Beside {
-    seen: [Seen; MOST_BALLS],
+pub struct ContactForecast {
+    seen: [Seen; MAX_BALLS],
     next: usize,
     found: [Option<Near>; A_TICK],
 }
 
-impl Beside {
+impl ContactForecast {
     /// Nothing seen yet.
     pub fn new() -> Self {
         Self {
-            seen: [Seen::NOTHING; MOST_BALLS],
+            seen: [Seen::NOTHING; MAX_BALLS],
             next: 0,
             found: [None; A_TICK],
         }
@@ -69,14 +69,14 @@ impl Beside {
 
     /// Looks for the surface near the next parts of a tool; a ball has no parts but itself. `patch`: radius of what a tip
     /// touches at once, model units.
-    pub fn look(&mut self, surface: Surface<'_>, follower: &Follower, goal: &Pose, patch: f64) {
+    pub fn look(&mut self, surface: Surface<'_>, follower: &ProxyKind, goal: &Pose, patch: f64) {
         self.found = [None; A_TICK];
-        let Follower::Tool(_) = follower else {
+        let ProxyKind::Tool(_) = follower else {
             return;
         };
         for found in &mut self.found {
             let k = self.next;
-            self.next = (k + 1) % MOST_BALLS;
+            self.next = (k + 1) % MAX_BALLS;
             let Some(part) = follower.parts(goal).nth(k) else {
                 continue;
             };
@@ -88,7 +88,7 @@ impl Beside {
                 part.centre - seen.centre
             };
             seen.centre = part.centre;
-            let velocity = way * (A_TICK as f64 / MOST_BALLS as f64);
+            let velocity = way * (A_TICK as f64 / MAX_BALLS as f64);
             let reach = (RADII_AROUND - 1.0) * patch + velocity.length() * REFINE_AHEAD;
             if seen.clearance - part.centre.distance(seen.measured) > reach {
                 continue;
