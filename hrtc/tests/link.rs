@@ -10,16 +10,16 @@ use protocol::{
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 use spm::{SpmFile, write_spm};
+use spm_builder::build::{BuildOptions, NoProgress, build_model};
+use spm_builder::generate::{Shape, generate};
+use station_core::station::{ServedModel, ServedObject, Station};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 use transport::Domain;
-use ve_station::build::{BuildOptions, NoProgress, build_model};
 use ve_station::connection::Connection;
-use ve_station::generate::{Shape, generate};
-use ve_station::station::{ServedModel, ServedObject, Station};
 
 const CLIENT: u64 = 0xC11E;
 
@@ -55,7 +55,7 @@ fn torus() -> Vec<u8> {
 /// A station on its own thread.
 struct Served {
     stop: Arc<AtomicBool>,
-    thread: thread::JoinHandle<ve_station::station::Counters>,
+    thread: thread::JoinHandle<station_core::station::Counters>,
 }
 
 impl Served {
@@ -79,7 +79,7 @@ impl Served {
         Self { stop, thread }
     }
 
-    fn stop(self) -> ve_station::station::Counters {
+    fn stop(self) -> station_core::station::Counters {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().unwrap()
     }

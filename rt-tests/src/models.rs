@@ -3,8 +3,8 @@
 use crate::failure::Failure;
 use glam::DVec3;
 use spm::{ActiveMesh, ErrorScale, FileError, SpmFile, VspRecord, write_spm};
+use spm_builder::build::{BuildError, BuildOptions, Progress, SoupMesh, build_model, is_mesh_file};
 use std::path::Path;
-use ve_station::build::{BuildError, BuildOptions, Progress, SoupMesh, build_model, is_mesh_file};
 
 /// A model in memory.
 #[derive(Debug)]
@@ -37,7 +37,7 @@ impl Model {
             |n| n.to_string_lossy().into(),
         );
         if is_mesh_file(path) {
-            let mesh = ve_station::build::read_mesh(path).map_err(refused)?;
+            let mesh = spm_builder::build::read_mesh(path).map_err(refused)?;
             return Self::build(name, mesh, options, progress).map_err(refused);
         }
         let bytes = std::fs::read(path).map_err(|error| refused(BuildError::Io(error)))?;

@@ -10,10 +10,10 @@ use clap::Args;
 use hrtc::result::Status;
 use indicatif::{ProgressBar, ProgressStyle};
 use scene::{ModelSource, ScenePlan, load};
+use spm_builder::build::TerminalProgress;
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
-use ve_station::build::TerminalProgress;
 use ve_station::database::Database;
 
 /// Longest run, seconds: a day.

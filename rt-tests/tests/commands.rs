@@ -296,7 +296,7 @@ fn interrupt(process: u32) {
 fn the_scenes_shapes_are_the_generators() {
     for shape in scene::SHAPES {
         assert!(
-            shape.parse::<ve_station::generate::Shape>().is_ok(),
+            shape.parse::<spm_builder::generate::Shape>().is_ok(),
             "{shape} can be written in a scene, but not generated"
         );
     }

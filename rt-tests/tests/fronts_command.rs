@@ -1,10 +1,10 @@
 //! `rt-tests fronts` as a user types it.
 
 use serde_json::Value;
+use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh, write_file};
+use spm_builder::generate::{Shape, generate, write_mesh};
 use std::path::Path;
 use std::process::{Command, Output};
-use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh, write_file};
-use ve_station::generate::{Shape, generate, write_mesh};
 
 fn rt_tests(arguments: &[&Path]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_rt-tests"))

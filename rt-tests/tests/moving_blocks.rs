@@ -8,8 +8,8 @@ use rt_tests::fronts::local_front::LocalFront;
 use rt_tests::fronts::path::path;
 use rt_tests::models::Model;
 use rt_tests::surface::Surface;
-use ve_station::build::{BuildOptions, NoProgress};
-use ve_station::generate::{Shape, generate};
+use spm_builder::build::{BuildOptions, NoProgress};
+use spm_builder::generate::{Shape, generate};
 
 /// The active faces as bits of their corners, and the performed VSPs: all that a front is.
 fn front(local: &LocalFront<'_>) -> (Vec<u32>, Vec<[[u64; 3]; 3]>) {

@@ -7,8 +7,8 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rt_tests::fronts::cases::CASES;
 use rt_tests::fronts::legality::{OPERATIONS, chain, walk};
 use rt_tests::models::Model;
+use spm_builder::build::{BuildOptions, NoProgress, is_mesh_file};
 use std::path::Path;
-use ve_station::build::{BuildOptions, NoProgress, is_mesh_file};
 
 fn check(model: &Model) {
     let seed = 21;

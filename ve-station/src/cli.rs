@@ -4,6 +4,8 @@ use clap::{Args, Parser, Subcommand};
 use scene::Overrides;
 use serde::Serialize;
 use signal_hook::consts::{SIGINT, SIGTERM};
+use spm_builder::build::{self, BuildOptions, TerminalProgress};
+use spm_builder::generate::{self, Shape};
 use std::error::Error;
 use std::io::Write;
 use std::path::PathBuf;
@@ -11,9 +13,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
-use ve_station::build::{self, BuildOptions, TerminalProgress};
 use ve_station::export::{self, Detail, ExportFormat};
-use ve_station::generate::{self, Shape};
 use ve_station::inspect::{self, Facts};
 use ve_station::serve::{ServeArgs, serve};
 

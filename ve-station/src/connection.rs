@@ -4,7 +4,6 @@
 //! here blocks; what a full queue discards shows as a gap to the receiver, and epochs heal it. A tour, which takes long,
 //! is rolled between two looks at the ports, a little each time; its client is told in time that it is being rolled.
 
-use crate::station::{Chunk, Message, Station};
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -13,6 +12,7 @@ use protocol::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, HELLO_PERIOD_MS, Hello,
     HelloError, Request, Role,
 };
+use station_core::station::{Chunk, Message, Station};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};

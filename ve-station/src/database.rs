@@ -5,13 +5,13 @@
 //! content and the versions of builder and format. Files appear there whole, by rename: two stations that
 //! build the same model at once both end with the same file.
 
-use crate::build::{self, BUILDER_VERSION, BuildError, BuildOptions, Progress};
-use crate::generate::{self, Shape};
-use crate::station::{ServedModel, ServedObject};
 use memmap2::Mmap;
 use protocol::Request;
 use scene::{ModelSource, ScenePlan};
 use spm::{FORMAT_VERSION, FileError, SpmFile};
+use spm_builder::build::{self, BUILDER_VERSION, BuildError, BuildOptions, Progress};
+use spm_builder::generate::{self, Shape};
+use station_core::station::{ServedModel, ServedObject};
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io;

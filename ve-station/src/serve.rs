@@ -1,11 +1,11 @@
 //! `ve-station serve`: the shell that joins database, core and connection.
 
-use crate::build::{Progress, TerminalProgress};
 use crate::connection::Connection;
 use crate::database::{Database, DatabaseError};
-use crate::station::{Counters, Station};
 use scene::{self, Overrides, SceneError};
 use serde::Serialize;
+use spm_builder::build::{Progress, TerminalProgress};
+use station_core::station::{Counters, Station};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::{SystemTime, UNIX_EPOCH};

@@ -10,9 +10,9 @@ use parry3d_f64::shape::TriMesh;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, ErrorScale, OperationFaces, RegionGrid, SpmParts};
+use spm_builder::build::SoupMesh;
+use spm_builder::generate::{Shape, generate};
 use std::collections::BTreeMap;
-use ve_station::build::SoupMesh;
-use ve_station::generate::{Shape, generate};
 
 #[test]
 fn no_vsp_has_a_larger_expected_error_than_what_it_depends_on() {

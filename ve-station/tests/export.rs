@@ -5,10 +5,10 @@ mod common;
 use common::{FaceBits, active_faces, build, face_bits, made_meshes, real_meshes_where};
 use common::{grid, input_faces, load, refine};
 use spm::{OperationFaces, SpmParts};
+use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_file, read_mesh, write_file};
+use spm_builder::generate::{Shape, generate};
 use std::path::Path;
-use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_file, read_mesh, write_file};
 use ve_station::export::{Detail, ExportError, ExportFormat, export};
-use ve_station::generate::{Shape, generate};
 
 fn models() -> Vec<(String, SoupMesh)> {
     let real = ["cow.obj", "fandisk.obj", "busted.stl", "stanford-bunny.obj"];

@@ -7,10 +7,10 @@ use glam::{DVec3, UVec3, Vec3};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, OperationFaces, RegionId, SpmParts};
+use spm_builder::build::{BuildOptions, NoProgress, build_model};
+use spm_builder::generate::{Shape, generate};
+use station_core::collection::{Collection, RegionAt};
 use std::collections::BTreeSet;
-use ve_station::build::{BuildOptions, NoProgress, build_model};
-use ve_station::collection::{Collection, RegionAt};
-use ve_station::generate::{Shape, generate};
 
 /// The vertex of the front that a vertex of the full mesh has become.
 fn active_ancestor(parts: &SpmParts, front: &BTreeSet<u32>, mut vertex: u32) -> u32 {

@@ -7,9 +7,9 @@ use common::{FaceBits, build, face_bits, load, made_meshes, open, real_meshes};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, OperationFaces, RegionGrid, RegionId, SpmFile, SpmParts};
+use spm_builder::generate::{Shape, generate};
+use station_core::collection::{Collection, RegionAt};
 use std::collections::{BTreeMap, BTreeSet};
-use ve_station::collection::{Collection, RegionAt};
-use ve_station::generate::{Shape, generate};
 
 type Faces = BTreeMap<RegionId, Vec<FaceBits>>;
 

@@ -1,8 +1,8 @@
 //! What reading, cleaning and cutting cost: linear in the size of the mesh, in time and in memory.
 
+use spm_builder::build::{clean, cut_to_manifold, read_mesh};
 use std::process::Command;
 use std::time::Instant;
-use ve_station::build::{clean, cut_to_manifold, read_mesh};
 
 /// Writes a terrain in another process, so that the memory measured is the reader's.
 fn terrain(folder: &std::path::Path, faces: u32) -> std::path::PathBuf {

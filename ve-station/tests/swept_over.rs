@@ -9,8 +9,8 @@ use glam::DVec3;
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, FrontWalk};
+use spm_builder::generate::{Shape, generate};
 use std::f64::consts::TAU;
-use ve_station::generate::{Shape, generate};
 
 /// How often the front winds round a point.
 fn winding(mesh: &ActiveMesh, point: DVec3) -> f64 {

@@ -5,9 +5,9 @@ mod common;
 use glam::DVec3;
 use scene::{Overrides, ProbeShape, parse};
 use spm::{SpmFile, prefix_mesh, write_spm};
+use spm_builder::build::{BuildOptions, NoProgress, build_model};
+use spm_builder::generate::{Shape, generate};
 use std::collections::BTreeMap;
-use ve_station::build::{BuildOptions, NoProgress, build_model};
-use ve_station::generate::{Shape, generate};
 
 fn spm(shape: Shape) -> Vec<u8> {
     let parts = build_model(

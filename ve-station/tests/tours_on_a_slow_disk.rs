@@ -8,15 +8,15 @@ use protocol::{
     CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, Hello, RegionAction, Request, RequestKind, Role,
 };
 use spm::{SpmFile, write_spm};
+use spm_builder::build::{BuildOptions, NoProgress, build_model};
+use spm_builder::generate::{Shape, generate};
+use station_core::station::{ServedModel, ServedObject, Station};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 use transport::{BUFFER, Domain};
-use ve_station::build::{BuildOptions, NoProgress, build_model};
 use ve_station::connection::Connection;
-use ve_station::generate::{Shape, generate};
-use ve_station::station::{ServedModel, ServedObject, Station};
 
 const CLIENT: u64 = 0xC11E;
 

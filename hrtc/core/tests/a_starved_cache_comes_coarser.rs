@@ -7,8 +7,8 @@ use common::{Pair, plan, spm, touches};
 use hrtc_core::cache::CacheError;
 use hrtc_core::controller::Fault;
 use scene::{ProbeShape, ScenePlan};
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 
 /// A probe so wide that what it touches at full resolution fills many cells.
 fn wide_plan() -> ScenePlan {

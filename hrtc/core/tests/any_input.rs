@@ -12,9 +12,9 @@ use hrtc_core::streaming::chunk::InboxChunk;
 use proptest::prelude::*;
 use protocol::{CHUNK_SLOTS, ChunkKind, Refusal};
 use spm::VspRecord;
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 use std::sync::OnceLock;
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
 
 fn model() -> Vec<u8> {
     static MODEL: OnceLock<Vec<u8>> = OnceLock::new();

@@ -3,8 +3,8 @@
 mod common;
 
 use common::{Pair, plan, real_model, spm, spm_of_file};
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 
 fn tour(name: &str, bytes: Vec<u8>) {
     let plan = plan("");

@@ -10,10 +10,10 @@ use glam::{DQuat, DVec3};
 use hrtc_core::controller::NoObserver;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{Overrides, ProbeShape, ScenePlan, parse};
+use spm_builder::build::{BuildOptions, SoupMesh};
+use spm_builder::generate::{Shape, generate};
 use std::path::Path;
 use std::sync::LazyLock;
-use ve_station::build::{BuildOptions, SoupMesh};
-use ve_station::generate::{Shape, generate};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;

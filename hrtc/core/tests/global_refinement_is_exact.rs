@@ -6,9 +6,9 @@ mod common;
 use common::{Pair, Touch, plan, spm, touches};
 use scene::RefinementPlan;
 use spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile};
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 use std::collections::BTreeSet;
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
 
 /// Ticks within which the whole model must be refined.
 const MAX_TICKS: u64 = 40_000;

@@ -4,8 +4,8 @@
 mod common;
 
 use common::{Pair, Touch, plan, spm, touches};
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 
 /// Where on the tour the probe rests, seconds.
 const PLACES_S: [f64; 3] = [1.0, 2.5, 4.0];

@@ -12,9 +12,9 @@ use glam::{DQuat, DVec3};
 use haptic_device::Sample;
 use hrtc_core::controller::NoObserver;
 use scene::{ModelScale, ProbeShape, ScenePlan, TrajectoryPlan};
+use spm_builder::build::{BuildOptions, SoupMesh};
+use spm_builder::generate::{Shape, generate};
 use std::cmp::Ordering;
-use ve_station::build::{BuildOptions, SoupMesh};
-use ve_station::generate::{Shape, generate};
 
 /// Radius of the probe where the model is 1 m long.
 const RADIUS: f64 = 0.005;

@@ -12,9 +12,9 @@ use scene::{
     DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, ProbeShape, RailPlan, RestPlan,
     ScenePlan,
 };
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 use std::sync::LazyLock;
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;

@@ -5,8 +5,8 @@ mod common;
 
 use common::{Faults, Pair, Random, Touch, plan, spm, touches};
 use spm::NONE;
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 
 /// Ticks within which a front at rest must be complete.
 const MAX_TICKS: u64 = 40_000;

@@ -5,8 +5,8 @@ mod common;
 use common::{Faults, Pair, Random, identity, plan, spm};
 use hrtc_core::controller::{Controller, NoObserver, TickInputs, TickOutputs};
 use scene::ScenePlan;
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 
 const TICKS: usize = 3000;
 const RESTART: usize = 2000;

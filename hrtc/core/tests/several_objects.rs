@@ -13,9 +13,9 @@ use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot};
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::TrajectoryPlan;
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 use std::sync::LazyLock;
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;

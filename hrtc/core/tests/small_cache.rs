@@ -5,8 +5,8 @@ mod common;
 use common::{Pair, plan, spm};
 use hrtc_core::cache::CacheError;
 use hrtc_core::controller::Fault;
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 
 fn model() -> Vec<u8> {
     let mesh = generate(Shape::Relief, 60_000, 1);

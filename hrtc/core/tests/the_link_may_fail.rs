@@ -5,8 +5,8 @@ mod common;
 
 use common::{Faults, Pair, Random, plan, spm};
 use glam::DVec3;
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 
 /// Trouble begins here, ticks; before it every run is the same.
 const TROUBLE: u64 = 1500;

@@ -4,8 +4,8 @@ mod common;
 
 use common::{Pair, plan, spm};
 use realtime::counting_allocator::{CountingAllocator, count};
-use ve_station::build::BuildOptions;
-use ve_station::generate::{Shape, generate};
+use spm_builder::build::BuildOptions;
+use spm_builder::generate::{Shape, generate};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;

@@ -11,9 +11,9 @@ use hrtc_core::contact::tool::cylinder_mesh;
 use hrtc_core::controller::NoObserver;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{ProbeShape, ToolMeshPlan};
+use spm_builder::build::{BuildOptions, SoupMesh};
+use spm_builder::generate::{Shape, generate};
 use std::sync::LazyLock;
-use ve_station::build::{BuildOptions, SoupMesh};
-use ve_station::generate::{Shape, generate};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;

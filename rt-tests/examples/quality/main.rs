@@ -20,11 +20,11 @@ use rt_tests::run::{print, print_json};
 use rt_tests::surface::Surface;
 use serde::Serialize;
 use spm::OperationFaces;
+use spm_builder::build::{BuildOptions, NoProgress};
+use spm_builder::generate::{Shape, generate};
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use ve_station::build::{BuildOptions, NoProgress};
-use ve_station::generate::{Shape, generate};
 use welded::Welded;
 
 /// Parts of the full mesh's faces at which the two are compared.

@@ -10,12 +10,12 @@ use memmap2::Mmap;
 use protocol::{Request, TourAsk, TourPoint};
 use scene::{ModelSource, Overrides, ScenePlan, TrajectoryPlan, parse};
 use spm::{FileError, SpmFile, write_spm};
+use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model};
+use spm_builder::generate::Shape;
+use station_core::station::{ServedModel, ServedObject, Station};
+use station_core::tour::make_tour;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model};
-use ve_station::generate::Shape;
-use ve_station::station::{ServedModel, ServedObject, Station};
-use ve_station::tour::make_tour;
 
 /// Longest side of every model, metres.
 pub const SIZE_M: f64 = 0.15;

@@ -41,11 +41,11 @@ use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use scene::ModelSource;
 use serde::Serialize;
+use spm_builder::build::{BuildOptions, NoProgress};
+use spm_builder::generate::{Shape, generate};
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::time::Instant;
-use ve_station::build::{BuildOptions, NoProgress};
-use ve_station::generate::{Shape, generate};
 
 /// What is measured when no model is named.
 const DEFAULT_MODEL: &str = "relief:100000";

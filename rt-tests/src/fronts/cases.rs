@@ -1,11 +1,11 @@
 //! Generated models: the bundled scene's shape, and those on which builders and fronts go wrong.
 
 use glam::DVec3;
+use spm_builder::build::SoupMesh;
+use spm_builder::generate::{Shape, generate};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
-use ve_station::build::SoupMesh;
 use ve_station::database::GENERATE_SEED;
-use ve_station::generate::{Shape, generate};
 
 /// What a case is called, and how it is made.
 pub type Case = (&'static str, fn() -> SoupMesh);

@@ -6,8 +6,8 @@ use crate::models::Model;
 use glam::DVec3;
 use hrtc_core::cache::{Cache, LoadError, RegionKey, RegionState};
 use spm::{OperationFaces, RegionId};
+use station_core::collection::{Collection, RegionAt};
 use std::collections::BTreeSet;
-use ve_station::collection::{Collection, RegionAt};
 
 /// Cache bytes for each VSP of the model: enough for all of them, and for the lists of any block of regions.
 const BYTES_A_VSP: usize = 700;

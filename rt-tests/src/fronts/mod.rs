@@ -34,8 +34,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
+use spm_builder::build::{BuildOptions, NoProgress};
 use std::path::PathBuf;
-use ve_station::build::{BuildOptions, NoProgress};
 
 /// Arguments of `rt-tests fronts`.
 #[derive(Debug, Args)]

@@ -22,7 +22,7 @@ use hrtc_core::controller::{Controller, StageObserver, TickInputs, TickOutputs};
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
 use protocol::{ChunkKind, ContactReport, Request};
-use ve_station::station::{Message, Station};
+use station_core::station::{Message, Station};
 
 /// Periods that a message takes each way unless another delay is asked for.
 pub const DELAY_TICKS: u64 = 2;

@@ -14,9 +14,9 @@ use scene::{
     TrajectoryPlan, parse,
 };
 use spm::{ActiveMesh, SpmFile, SpmParts, write_spm};
+use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model};
+use station_core::station::{ServedModel, ServedObject, Station};
 use std::path::Path;
-use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model};
-use ve_station::station::{ServedModel, ServedObject, Station};
 
 /// Quiet ticks after which a front at rest is complete.
 const QUIET_TICKS: u32 = 200;

@@ -8,7 +8,7 @@ use crate::surface::unit;
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use ve_station::generate::{Shape, generate};
+use spm_builder::generate::{Shape, generate};
 
 /// Limits of the gate where a case needs them: newtons, newtons a second.
 const GATE: [f64; 2] = [8.0, 2000.0];

@@ -8,7 +8,7 @@ use geometry::Pose;
 use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use scene::{DrivenPlan, FreePlan, MassPlan, MovablePlan, RailPlan, RestPlan};
-use ve_station::generate::{Shape, generate};
+use spm_builder::generate::{Shape, generate};
 
 /// Nothing of its own: what it is given it keeps.
 const LOOSE: RestPlan = RestPlan {

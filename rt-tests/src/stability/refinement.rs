@@ -8,8 +8,8 @@ use geometry::closest_point_on_triangle;
 use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::SpmParts;
+use spm_builder::generate::{Shape, generate};
 use std::collections::HashSet;
-use ve_station::generate::{Shape, generate};
 
 /// Faces of the ball that is touched.
 const FACES: u32 = 60_000;

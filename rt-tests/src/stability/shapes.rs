@@ -1,8 +1,8 @@
 //! Meshes with a known answer.
 
 use glam::DVec3;
+use spm_builder::build::SoupMesh;
 use std::collections::BTreeMap;
-use ve_station::build::SoupMesh;
 
 /// Cells along a side of a patch.
 const CELLS: u32 = 12;

@@ -7,7 +7,7 @@ use crate::surface::{Surface, unit};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use ve_station::generate::{Shape, generate};
+use spm_builder::generate::{Shape, generate};
 
 /// How deep a pass goes behind the surface, metres.
 const DEPTH_M: f64 = 5e-3;

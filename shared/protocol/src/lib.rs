@@ -37,6 +37,7 @@ pub use answers::{AnswerItem, AnswersReader, AnswersWriter, DamagedAnswers, Part
 pub use hello::{HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VERSION, Role};
 pub use wire::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind, ChunkSlot,
-    ContactReport, MAX_SESSIONS, MODEL_HEADER_SLOTS, MeasuredError, REGIONS_PER_REQUEST, Refusal,
-    RegionAction, RegionAsk, Request, RequestKind, TourAsk, TourPoint,
+    ContactReport, MAX_CLIENTS, MAX_SESSIONS, MODEL_HEADER_SLOTS, MeasuredError,
+    REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind, TourAsk,
+    TourPoint,
 };

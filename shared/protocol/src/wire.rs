@@ -12,6 +12,8 @@ pub const CREDIT_CHUNKS: u64 = 32;
 /// Sessions of one client that a station keeps: those of the objects that the client has awake, and as many again
 /// that it has just given up.
 pub const MAX_SESSIONS: usize = 18;
+/// Controllers that a station serves at once.
+pub const MAX_CLIENTS: usize = 16;
 /// Regions named by one request at the most.
 pub const REGIONS_PER_REQUEST: usize = 32;
 /// Silence after which a question is asked again, milliseconds.

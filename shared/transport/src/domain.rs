@@ -22,14 +22,13 @@ use iceoryx2::prelude::{
     ServiceName, SignalHandlingMode, ipc, set_log_level_from_env_or,
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use protocol::MAX_CLIENTS;
 use protocol::{ChunkHeader, ChunkSlot, ContactReport, Hello, Request};
 use std::time::Duration;
 use thiserror::Error;
 
 /// Messages that a subscriber's queue holds; twice the credit window.
 pub const BUFFER: usize = 64;
-/// Controllers that a station serves at once.
-pub const MAX_CLIENTS: usize = 16;
 /// Publishers and subscribers of a topic: the clients, the station, a tunnel and a spare.
 pub const MAX_PORTS: usize = MAX_CLIENTS + 3;
 /// Subscribers of a records topic: its client, its restart while the dead one is not cleaned yet, a tunnel, a recorder.

@@ -4,4 +4,4 @@
 
 mod domain;
 
-pub use domain::{BUFFER, Domain, MAX_CLIENTS, MAX_PORTS, TransportError};
+pub use domain::{BUFFER, Domain, MAX_PORTS, TransportError};

@@ -1,6 +1,6 @@
 use super::*;
-use crate::build::NoProgress;
-use crate::generate::write_mesh;
+use spm_builder::build::NoProgress;
+use spm_builder::generate::write_mesh;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 fn mesh_file(folder: &Path, name: &str, shape: Shape) -> PathBuf {

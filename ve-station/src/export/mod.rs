@@ -12,11 +12,11 @@
 mod plain;
 mod thesis;
 
-use crate::build::write_whole;
 use crate::inspect::{InspectError, open};
 use glam::DVec3;
 use spm::ModelHeader;
 use spm::{ActiveMesh, ErrorScale, FileError, NONE, OperationFaces, SpmFile, VspRecord};
+use spm_builder::build::write_whole;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;

@@ -2,9 +2,9 @@
 //! closures of its regions.
 
 use super::finite;
-use crate::collection::{CollectError, Collection, RegionAt};
 use serde::Serialize;
 use spm::{ErrorScale, FileError, LEVELS, RegionId, SpmFile};
+use station_core::collection::{CollectError, Collection, RegionAt};
 use std::collections::BTreeSet;
 
 /// Regions of a level whose closures are counted, at the most.

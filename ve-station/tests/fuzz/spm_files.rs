@@ -9,10 +9,10 @@ use geometry::Aabb;
 use glam::DVec3;
 use spm::{BLOCK_BYTES, FullFace, RegionId, SpmFile, SpmHeader, VspNode, VspRecord, write_spm};
 use spm::{BaseFace, BaseVertex};
+use spm_builder::generate::{Shape, generate};
+use station_core::collection::{Collection, RegionAt};
 use std::ops::Range;
-use ve_station::collection::{Collection, RegionAt};
 use ve_station::export::{Detail, export};
-use ve_station::generate::{Shape, generate};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Bytes of an item of each section, in the order of the table; the sums of the blocks are the fifth.

@@ -5,11 +5,11 @@ use super::memory::most_bytes;
 use super::mutate::Mutator;
 use super::{check_sentence, keeping, rounds_and_seed, turn};
 use bytemuck::Zeroable;
+use protocol::MAX_CLIENTS;
 use protocol::{ContactReport, Request};
 use spm::{RegionId, SpmFile, write_spm};
-use transport::MAX_CLIENTS;
-use ve_station::generate::{Shape, generate};
-use ve_station::station::{Message, ServedModel, ServedObject, Station};
+use spm_builder::generate::{Shape, generate};
+use station_core::station::{Message, ServedModel, ServedObject, Station};
 
 /// What a client said and heard in its epoch.
 #[derive(Clone, Copy, Default)]

@@ -8,9 +8,9 @@ use glam::{DQuat, DVec3, Vec3};
 use hrtc_core::contact::query::Surface;
 use hrtc_core::contact::tool::ToolMesh;
 use spm::{ActiveMesh, ErrorScale, Handle, NONE, OperationFaces, SpmParts};
+use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
+use spm_builder::generate::{Shape, generate};
 use std::collections::BTreeMap;
-use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
-use ve_station::generate::{Shape, generate};
 
 /// A front with its tree, and its faces for the look at all.
 pub struct Front {

@@ -13,10 +13,10 @@ use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, Request};
 use realtime::counting_allocator::count;
 use scene::{Overrides, ScenePlan, parse};
 use spm::{SpmFile, VspRecord, write_spm};
+use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
+use station_core::station::{Message, ServedModel, ServedObject, Station};
 use std::collections::{BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
-use ve_station::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
-use ve_station::station::{Message, ServedModel, ServedObject, Station};
 
 pub mod several;
 

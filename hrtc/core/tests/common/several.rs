@@ -11,9 +11,9 @@ use protocol::Request;
 use realtime::counting_allocator::count;
 use scene::{Overrides, ScenePlan, parse};
 use spm::SpmFile;
+use station_core::station::{Message, ServedModel, ServedObject, Station};
 use std::collections::VecDeque;
 use std::path::Path;
-use ve_station::station::{Message, ServedModel, ServedObject, Station};
 
 /// A scene of objects, each a name of a model, a size (metres) and a place, and of so many probes of 1 mm that
 /// are led by the test.

@@ -4,13 +4,13 @@ mod sessions;
 mod tours;
 
 use super::*;
-use crate::generate::Shape;
 use crate::testing::model;
 use bytemuck::Zeroable;
 use client::{Client, region_of};
 use protocol::{AnswerItem, AnswersReader, CREDIT_CHUNKS, ChunkKind, MODEL_HEADER_SLOTS, PartHead};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
+use spm_builder::generate::Shape;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, LazyLock};
 

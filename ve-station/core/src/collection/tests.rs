@@ -1,9 +1,9 @@
 use super::*;
-use crate::generate::Shape;
 use crate::testing::{model, model_bytes};
 use geometry::Aabb;
 use glam::UVec3;
 use proptest::prelude::*;
+use spm_builder::generate::Shape;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 

@@ -40,6 +40,7 @@ pub use session::MAX_JOBS;
 use crate::collection::{CollectError, Collection, RegionAt};
 use answer::{Job, Progress};
 use glam::DVec3;
+use protocol::MAX_CLIENTS;
 use protocol::{
     CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MAX_SESSIONS, MeasuredError,
     REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
@@ -48,7 +49,6 @@ use rolling::PathGenerator;
 use session::{Accepted, Session};
 use spm::{NONE, RegionId, SpmFile};
 use std::collections::BTreeSet;
-use transport::MAX_CLIENTS;
 
 /// A chunk: header and slots.
 pub type Chunk = (ChunkHeader, [ChunkSlot; CHUNK_SLOTS]);

@@ -204,7 +204,7 @@ pub fn write_file(parts: &SpmParts, output: &Path) -> io::Result<u64> {
 }
 
 /// Writes a file through a temporary one in the same folder, renamed when whole.
-pub(crate) fn write_whole<T>(
+pub fn write_whole<T>(
     output: &Path,
     write: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> io::Result<T>,
 ) -> io::Result<T> {
