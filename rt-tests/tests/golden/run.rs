@@ -3,17 +3,18 @@
 
 use super::digest::Digest;
 use super::outputs::{PARTS, Tally, put_tick};
-use hrtc::controller::{Controller, NoObserver, TickInputs, TickOutputs};
-use hrtc::device::{Device, Sample, Script, Simulated};
-use hrtc::inbox::InboxChunk;
-use hrtc::subscriber::Identity;
-use shared::geometry::Pose;
-use shared::protocol::{ContactReport, Request};
-use shared::scene::{Overrides, ProbePlan, ScenePlan, TrajectoryPlan, parse};
-use shared::spm::SpmFile;
+use geometry::Pose;
+use haptic_device::{Device, Sample, Simulated};
+use hrtc_core::controller::{Controller, NoObserver, TickInputs, TickOutputs};
+use hrtc_core::script::Script;
+use hrtc_core::streaming::chunk::InboxChunk;
+use hrtc_core::streaming::subscriber::Identity;
+use protocol::{ContactReport, Request};
+use scene::{Overrides, ProbePlan, ScenePlan, TrajectoryPlan, parse};
+use spm::SpmFile;
+use station_core::station::{Message, ServedModel, ServedObject, Station};
 use std::collections::VecDeque;
 use std::path::Path;
-use ve_station::station::{Message, ServedModel, ServedObject, Station};
 
 /// Ticks of a run.
 pub const TICKS: u64 = 3000;
