@@ -4,8 +4,8 @@
 //! The log thread pushes every [`crate::tick_record::TickRecord`] into an [`Accumulator`]; all its tables have
 //! a fixed size, so a run of any length needs the same memory (fifteen histograms of 0.2 to 0.3 MB).
 
+use hrtc_core::Capacity;
 use hrtc_core::bodies::MovedObject;
-use hrtc_core::controller::Capacity;
 use realtime::pacer::MissClass;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

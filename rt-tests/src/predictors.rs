@@ -11,7 +11,7 @@ use crate::accuracy::model::Model;
 use crate::failure::Failure;
 use crate::run::{print, print_json};
 use clap::Args;
-use hrtc_core::controller::NoObserver;
+use hrtc_core::NoObserver;
 use hrtc_core::lod::predict::{Course, Sources};
 use serde::Serialize;
 use std::fmt::Write;

@@ -6,7 +6,7 @@ pub use page::write_whole;
 
 use crate::machine::Machine;
 use hrtc::result::{Finished, Spread};
-use hrtc_core::controller::Capacity;
+use hrtc_core::Capacity;
 use scene::{Effect, RefinementPlan, ScenePlan, TrajectoryPlan};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

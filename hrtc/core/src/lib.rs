@@ -6,11 +6,23 @@
 pub mod active;
 pub mod bodies;
 pub mod cache;
+mod capacity;
 pub mod contact;
-pub mod controller;
+mod controller;
 pub mod force;
+mod frame;
+mod inspect;
 pub mod lod;
 pub mod perception;
+mod probe;
 pub mod record;
 pub mod script;
 pub mod streaming;
+mod summary;
+
+pub use active::object::ActiveObject;
+pub use capacity::Capacity;
+pub use controller::{
+    Controller, Fault, NoObserver, ProbeContact, Stage, StageObserver, TickInputs, TickOutputs,
+};
+pub use frame::ModelFrame;

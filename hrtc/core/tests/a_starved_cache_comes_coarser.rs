@@ -4,8 +4,8 @@
 mod common;
 
 use common::{Pair, plan, spm, touches};
+use hrtc_core::Fault;
 use hrtc_core::cache::CacheError;
-use hrtc_core::controller::Fault;
 use scene::{ProbeShape, ScenePlan};
 use spm_builder::build::BuildOptions;
 use spm_builder::generate::{Shape, generate};

@@ -7,7 +7,7 @@ use common::{Pair, Random, change_records, plan, spm};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use haptic_device::{Device, Sample};
-use hrtc_core::controller::NoObserver;
+use hrtc_core::NoObserver;
 use hrtc_core::streaming::chunk::InboxChunk;
 use proptest::prelude::*;
 use protocol::{CHUNK_SLOTS, ChunkKind, Refusal};

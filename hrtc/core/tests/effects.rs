@@ -7,7 +7,7 @@ use common::several::{Scene, scene_plan};
 use common::spm;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
-use hrtc_core::controller::NoObserver;
+use hrtc_core::NoObserver;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{Overrides, ProbeShape, ScenePlan, parse};
 use spm_builder::build::{BuildOptions, SoupMesh};

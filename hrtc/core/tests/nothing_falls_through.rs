@@ -10,7 +10,7 @@ use common::{Pair, Random, plan, spm};
 use geometry::{Pose, side_of_plane, solid_angle};
 use glam::{DQuat, DVec3};
 use haptic_device::Sample;
-use hrtc_core::controller::NoObserver;
+use hrtc_core::NoObserver;
 use scene::{ModelScale, ProbeShape, ScenePlan, TrajectoryPlan};
 use spm_builder::build::{BuildOptions, SoupMesh};
 use spm_builder::generate::{Shape, generate};

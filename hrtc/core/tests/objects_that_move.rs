@@ -6,7 +6,7 @@ use common::several::{Scene, scene_plan, scene_station};
 use common::{Faults, Random, spm};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
-use hrtc_core::controller::NoObserver;
+use hrtc_core::NoObserver;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{
     DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, ProbeShape, RailPlan, RestPlan,

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Faults, Pair, Random, identity, plan, spm};
-use hrtc_core::controller::{Controller, NoObserver, TickInputs, TickOutputs};
+use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
 use scene::ScenePlan;
 use spm_builder::build::BuildOptions;
 use spm_builder::generate::{Shape, generate};

@@ -3,8 +3,8 @@
 mod common;
 
 use common::{Pair, plan, spm};
+use hrtc_core::Fault;
 use hrtc_core::cache::CacheError;
-use hrtc_core::controller::Fault;
 use spm_builder::build::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 

@@ -3,7 +3,7 @@
 use crate::connection::LinkError;
 use crate::recorder::RecordingError;
 use crate::result::{Accumulator, Finished, Right, RunResult};
-use hrtc_core::controller::{Controller, Fault};
+use hrtc_core::{Controller, Fault};
 use realtime::rights::MissingRight;
 use scene::{LoopPlan, SceneError};
 use spm::VspRecord;

@@ -5,11 +5,9 @@ use crate::connection::INBOX;
 use crate::tick_record::{STAGES, TickRecord};
 use geometry::{Pose, Wrench};
 use haptic_device::{Device, Sample, Simulated};
-use hrtc_core::controller::{
-    Capacity, Controller, Fault, Stage, StageObserver, TickInputs, TickOutputs,
-};
 use hrtc_core::script::Script;
 use hrtc_core::streaming::chunk::InboxChunk;
+use hrtc_core::{Capacity, Controller, Fault, Stage, StageObserver, TickInputs, TickOutputs};
 use protocol::{ContactReport, Request};
 use realtime::counting_allocator;
 use realtime::pacer::Pacer;

@@ -8,7 +8,7 @@ use glam::DVec3;
 use haptic_device::Sample;
 use hrtc::run::FIXED_BYTES;
 use hrtc_core::contact::query::{Surface, faces_within};
-use hrtc_core::controller::{Controller, NoObserver};
+use hrtc_core::{Controller, NoObserver};
 use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
 use spm::FileError;

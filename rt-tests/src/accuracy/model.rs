@@ -5,7 +5,7 @@ use crate::run::prepare_models;
 use crate::simulator::{DELAY_TICKS, Simulator, identity, station_incarnation};
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
-use hrtc_core::controller::Controller;
+use hrtc_core::Controller;
 use memmap2::Mmap;
 use protocol::{Request, TourAsk, TourPoint};
 use scene::{ModelSource, Overrides, ScenePlan, TrajectoryPlan, parse};

@@ -6,7 +6,7 @@ use super::model::Model;
 use super::result::{Quantiles, StageQuantiles};
 use crate::failure::Failure;
 use crate::simulator::{InputRecording, Playback};
-use hrtc_core::controller::{Stage, StageObserver};
+use hrtc_core::{Stage, StageObserver};
 use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
 

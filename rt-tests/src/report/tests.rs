@@ -5,7 +5,7 @@ use super::*;
 use geometry::Wrench;
 use hrtc::result::{Accumulator, RunMeta};
 use hrtc::tick_record::{STAGES, TickRecord};
-use hrtc_core::controller::Capacity;
+use hrtc_core::Capacity;
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::MissClass;
 use scene::{MAX_PROBES, Overrides, parse};

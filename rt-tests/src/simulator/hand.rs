@@ -3,7 +3,7 @@
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use haptic_device::{Device, Sample, Simulated};
-use hrtc_core::controller::ModelFrame;
+use hrtc_core::ModelFrame;
 use hrtc_core::script::Script;
 use protocol::TourPoint;
 use scene::SimulatedDevicePlan;

@@ -18,9 +18,9 @@ pub use tape::{InputRecording, Playback};
 
 use haptic_device::Sample;
 use hrtc::connection::INBOX;
-use hrtc_core::controller::{Controller, StageObserver, TickInputs, TickOutputs};
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
+use hrtc_core::{Controller, StageObserver, TickInputs, TickOutputs};
 use protocol::{ChunkKind, ContactReport, Request};
 use station_core::station::{Message, Station};
 

@@ -2,8 +2,8 @@
 //! that a tick can be timed several times, without a station beside it.
 
 use haptic_device::Sample;
-use hrtc_core::controller::{Controller, StageObserver, TickInputs, TickOutputs};
 use hrtc_core::streaming::chunk::InboxChunk;
+use hrtc_core::{Controller, StageObserver, TickInputs, TickOutputs};
 
 /// The inputs of one tick beside the chunks, and what the tick gave.
 #[derive(Debug, Clone, Copy)]

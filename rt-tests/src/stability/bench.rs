@@ -6,8 +6,8 @@ use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use haptic_device::{Device, Intent, Sample, Simulated};
 use hrtc_core::bodies::Body;
-use hrtc_core::controller::{Controller, NoObserver};
 use hrtc_core::record::CoreRecord;
+use hrtc_core::{Controller, NoObserver};
 use protocol::Request;
 use scene::{
     Hand, ModelScale, MovablePlan, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan,

@@ -13,9 +13,9 @@
 //! | chunks | of each that arrived with this tick: station, client, model, sequence, epoch, kind, object, region, tolerance's bits, count, last, code, and the words of all of its slots |
 
 use super::digest::Digest;
-use hrtc_core::controller::{Controller, TickOutputs};
 use hrtc_core::record::CoreRecord;
 use hrtc_core::streaming::chunk::InboxChunk;
+use hrtc_core::{Controller, TickOutputs};
 
 /// The parts, in the order in which they stand in a line.
 pub const PARTS: [&str; 6] = [

@@ -15,15 +15,16 @@
 //! record with no holder and no loaded dependent in the queue of evictions; both queues are in order of
 //! arrival. Nothing that a wanted region needs is in either.
 
+pub mod base_mesh_store;
 mod check;
-mod flights;
+mod geomorphs;
 mod id_map;
 mod lists;
 mod operations;
 mod queues;
 mod regions;
 
-pub use flights::MAX_FLIGHTS;
+pub use geomorphs::MAX_FLIGHTS;
 pub use lists::{Cursor, List};
 pub use regions::{Region, RegionKey, RegionState, RegionTable};
 

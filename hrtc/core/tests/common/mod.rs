@@ -4,11 +4,11 @@
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use haptic_device::{Device, Intent, Sample, Simulated};
-use hrtc_core::controller::{Controller, NoObserver, StageObserver, TickInputs, TickOutputs};
 use hrtc_core::record::CoreRecord;
 use hrtc_core::script::Script;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
+use hrtc_core::{Controller, NoObserver, StageObserver, TickInputs, TickOutputs};
 use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, Request};
 use realtime::counting_allocator::count;
 use scene::{Overrides, ScenePlan, parse};

@@ -4,11 +4,12 @@
 //! as long as nobody else needs one; then those go first that have been out of reach for longest. When every seat is
 //! needed, the objects nearest to a probe have them. One object takes a seat in a tick, so that a tick stays short.
 
-use super::active_object::{ActiveObject, ObjectInstance};
-use super::base_mesh_store::Model;
-use super::frame::in_axes_of;
-use super::{Controller, ModelFrame};
 use crate::active::broad_phase::{Ball, BroadPhase, Near};
+use crate::active::object::{ActiveObject, ObjectInstance};
+use crate::cache::base_mesh_store::Model;
+use crate::controller::Controller;
+use crate::frame::ModelFrame;
+use crate::frame::in_axes_of;
 use crate::streaming::subscriber::Outbox;
 use geometry::Pose;
 use glam::DVec3;
@@ -56,7 +57,7 @@ impl ActiveSet {
 
 impl Controller {
     /// Finds out which objects are near, wakes them and puts others to sleep.
-    pub(super) fn seat_objects(&mut self, tick: u64, outbox: &mut Outbox) -> u32 {
+    pub(crate) fn seat_objects(&mut self, tick: u64, outbox: &mut Outbox) -> u32 {
         if self.placings.len() == 1 {
             return 0;
         }

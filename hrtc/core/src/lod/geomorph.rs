@@ -1,13 +1,13 @@
 //! Splits and collapses that a probe feels: their vertices fly, see [`crate::perception`].
 
-use super::active_object::{ActiveObject, Budget};
-use super::pair::ProbeObjectPair;
-use super::probe::Probe;
-use super::refine::Refinement;
+use crate::active::object::{ActiveObject, Budget};
+use crate::lod::refine::Refinement;
 use crate::perception::{
     AROUND, BESIDE, PerceptionLimit, Touching, box_of, excess, is_felt, may_come_near,
     share_of_way, space_of, turns_over,
 };
+use crate::probe::Probe;
+use crate::probe::pair::ProbeObjectPair;
 use glam::DVec3;
 use spm::{Handle, Slot};
 
@@ -44,7 +44,7 @@ pub enum Collapsed {
 
 impl ActiveObject {
     /// Takes in what the probes feel, and what they allow in this tick.
-    pub(super) fn feel(&mut self, probes: &[Probe]) {
+    pub(crate) fn feel(&mut self, probes: &[Probe]) {
         let Refinement { feelers, used, .. } = &mut self.refinement;
         feelers.clear();
         used.clear();
@@ -90,7 +90,7 @@ impl ActiveObject {
     }
 
     /// A step of every vertex in flight; then the collapses of those that have come to their parents.
-    pub(super) fn fly(&mut self, tick: u64, budget: &mut Budget) {
+    pub(crate) fn fly(&mut self, tick: u64, budget: &mut Budget) {
         let count = self.cache.mesh().flights().len();
         let most = (budget.operations * STEPS_PER_OPERATION) as usize;
         // Where a tick has no time for all, each has its turn.
@@ -190,7 +190,7 @@ impl ActiveObject {
 
     /// Ends the flight of the split that took off last where those who feel it allow all of its way in this tick: what is
     /// that small need not keep a contact coarse until the next one.
-    pub(super) fn land_at_once(&mut self) {
+    pub(crate) fn land_at_once(&mut self) {
         let mesh = self.cache.mesh();
         let Refinement {
             faces,
@@ -230,7 +230,7 @@ impl ActiveObject {
     }
 
     /// How a split is to be done.
-    pub(super) fn manner_of_split(&mut self, slot: Slot) -> Transition {
+    pub(crate) fn manner_of_split(&mut self, slot: Slot) -> Transition {
         let places = self.cache.mesh().children(slot);
         let manner = self.manner(slot, &places);
         self.tally.refused += u32::from(manner == Transition::Rejected);
@@ -290,7 +290,7 @@ impl ActiveObject {
     }
 
     /// Performs the collapse that has waited longest, unless somebody feels it: then its vertices fly first.
-    pub(super) fn collapse_oldest(&mut self) -> Collapsed {
+    pub(crate) fn collapse_oldest(&mut self) -> Collapsed {
         let Some(slot) = self.cache.oldest_collapse() else {
             return Collapsed::None;
         };

@@ -1,15 +1,17 @@
 //! A seat: what one awake object needs, made once and used by one object after the other.
 
-use super::base_mesh_store::{BaseMeshStore, Model};
-use super::pair::{ContactState, ProbeObjectPair};
-use super::probe::Probe;
-use super::refine::Refinement;
-use super::{Fault, MIN_PROXY_WORK, ModelFrame, inbox::Inbox};
+use crate::cache::base_mesh_store::{BaseMeshStore, Model};
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::{Surface, Work};
+use crate::controller::{Fault, MIN_PROXY_WORK};
 use crate::force::effects::{Clock, SurfaceEffects};
+use crate::frame::ModelFrame;
 use crate::lod::lod_controller::LodController;
+use crate::lod::refine::Refinement;
 use crate::perception::{OF_PROXY, STEP_N};
+use crate::probe::Probe;
+use crate::probe::pair::{ContactState, ProbeObjectPair};
+use crate::streaming::ingest::Inbox;
 use crate::streaming::subscriber::{Identity, Outbox, Session, Subscriber};
 use geometry::Pose;
 use protocol::MODEL_HEADER_SLOTS;
@@ -73,43 +75,43 @@ pub struct TickContext<'a> {
 /// See the module.
 #[derive(Debug)]
 pub struct ActiveObject {
-    pub(super) placing: Option<ObjectInstance>,
-    pub(super) operations: usize,
-    pub(super) tolerance_m: f64,
-    pub(super) refinement_plan: RefinementPlan,
-    pub(super) period_s: f64,
+    pub(crate) placing: Option<ObjectInstance>,
+    pub(crate) operations: usize,
+    pub(crate) tolerance_m: f64,
+    pub(crate) refinement_plan: RefinementPlan,
+    pub(crate) period_s: f64,
     /// Whether splits and collapses that are felt fly.
-    pub(super) geomorph: bool,
-    pub(super) cache: Cache,
-    pub(super) subscriber: Subscriber,
-    pub(super) inbox: Inbox,
-    pub(super) refinement: Refinement,
-    pub(super) model: Option<Model>,
-    pub(super) frame: Option<ModelFrame>,
-    pub(super) dial: Option<LodController>,
+    pub(crate) geomorph: bool,
+    pub(crate) cache: Cache,
+    pub(crate) subscriber: Subscriber,
+    pub(crate) inbox: Inbox,
+    pub(crate) refinement: Refinement,
+    pub(crate) model: Option<Model>,
+    pub(crate) frame: Option<ModelFrame>,
+    pub(crate) dial: Option<LodController>,
     /// The block of the whole model that was done last.
-    pub(super) global_before: Option<RegionKey>,
-    pub(super) fault: Option<Fault>,
+    pub(crate) global_before: Option<RegionKey>,
+    pub(crate) fault: Option<Fault>,
     /// One for each probe.
-    pub(super) touches: Vec<ProbeObjectPair>,
+    pub(crate) touches: Vec<ProbeObjectPair>,
     /// The probe whose tour is asked for.
-    pub(super) tour_of: Option<usize>,
+    pub(crate) tour_of: Option<usize>,
     /// Next slot of the kept base mesh to take in, while the object wakes.
-    pub(super) waking: Option<usize>,
+    pub(crate) waking: Option<usize>,
     /// A chunk waits for room: those behind it wait too, in this tick.
-    pub(super) is_stalled: bool,
+    pub(crate) is_stalled: bool,
     /// Whether the object must stay: its model or a tour is coming.
-    pub(super) is_pinned: bool,
+    pub(crate) is_pinned: bool,
     /// Tick when the object was last in reach or otherwise needed, and its distance then, metres.
-    pub(super) needed: u64,
-    pub(super) distance: f64,
-    pub(super) tally: ObjectStats,
-    pub(super) bytes_received: u64,
-    pub(super) vsps_received: u64,
-    pub(super) measured: Option<f64>,
-    pub(super) refused_regions: u64,
-    pub(super) last_refused: u32,
-    pub(super) dropped_constraints: u64,
+    pub(crate) needed: u64,
+    pub(crate) distance: f64,
+    pub(crate) tally: ObjectStats,
+    pub(crate) bytes_received: u64,
+    pub(crate) vsps_received: u64,
+    pub(crate) measured: Option<f64>,
+    pub(crate) refused_regions: u64,
+    pub(crate) last_refused: u32,
+    pub(crate) dropped_constraints: u64,
     /// Effects of each object's surface.
     listed: Arc<[Arc<[EffectPlan]>]>,
 }
@@ -203,7 +205,7 @@ impl ActiveObject {
 
     /// Gives the seat to an object whose session goes on from an epoch. With `kept`, a base mesh in the library, it
     /// is taken in from there; else it is asked for. Nothing is freed or allocated.
-    pub(super) fn give(
+    pub(crate) fn give(
         &mut self,
         placing: ObjectInstance,
         epoch: u32,
@@ -249,12 +251,12 @@ impl ActiveObject {
     }
 
     /// Ends the session, as far as the station hears of it. The epoch that it ends with.
-    pub(super) fn close(&mut self, outbox: &mut Outbox, tick: u64) -> u32 {
+    pub(crate) fn close(&mut self, outbox: &mut Outbox, tick: u64) -> u32 {
         self.subscriber.close(outbox, tick)
     }
 
     /// The object has moved, or does no more.
-    pub(super) fn move_to(&mut self, pose: Pose, before: Option<Pose>) {
+    pub(crate) fn move_to(&mut self, pose: Pose, before: Option<Pose>) {
         if let Some(placing) = &mut self.placing {
             (placing.pose, placing.before) = (pose, before);
         }
@@ -264,12 +266,12 @@ impl ActiveObject {
     }
 
     /// Model and frame of the object, once they are there.
-    pub(super) fn known(&self) -> Option<(Model, ModelFrame)> {
+    pub(crate) fn known(&self) -> Option<(Model, ModelFrame)> {
         self.model.zip(self.frame)
     }
 
     /// Takes the poses of the probes.
-    pub(super) fn aim(&mut self, probes: &[Probe]) {
+    pub(crate) fn aim(&mut self, probes: &[Probe]) {
         let Some(frame) = self.frame else {
             return;
         };
@@ -281,7 +283,7 @@ impl ActiveObject {
 
     /// Moves the proxies, measures the clearances and feels the surface. `most_work`: what all queries of the tick
     /// may cost, of which `work` is spent.
-    pub(super) fn query(&mut self, tick: u64, probes: &[Probe], work: &mut Work, most_work: u32) {
+    pub(crate) fn query(&mut self, tick: u64, probes: &[Probe], work: &mut Work, most_work: u32) {
         let (Some((_, frame)), Some(placing)) = (self.known(), self.placing) else {
             return;
         };

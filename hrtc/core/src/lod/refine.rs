@@ -1,10 +1,10 @@
 //! Two-phase refinement (thesis Figure 5.17): splits in B \ A, collapses in A \ B, what the contact reaches
 //! first, at most K operations a tick.
 
-use super::active_object::{ActiveObject, Budget};
-use super::flight::{Collapsed, Transition};
+use crate::active::object::{ActiveObject, Budget};
 use crate::cache::{Cache, Region, RegionState};
 use crate::contact::rigid_proxy::MAX_BALLS;
+use crate::lod::geomorph::{Collapsed, Transition};
 use crate::lod::lod_controller::MemoryPressure;
 use crate::lod::predict::{Predicted, TURNS};
 use crate::perception::PerceptionLimit;
@@ -54,17 +54,17 @@ pub struct Refinement {
     order: Vec<usize>,
     /// Predicted regions that are not in the table.
     unknown: Vec<Predicted>,
-    pub(super) faces: OperationFaces,
+    pub(crate) faces: OperationFaces,
     /// Those around the other vertex of a pair in flight.
-    pub(super) faces_of_sibling: OperationFaces,
+    pub(crate) faces_of_sibling: OperationFaces,
     /// What each touch feels, with its index.
-    pub(super) feelers: Vec<(usize, PerceptionLimit)>,
+    pub(crate) feelers: Vec<(usize, PerceptionLimit)>,
     /// Those of them that a split, collapse or flight may reach.
-    pub(super) reached: Vec<(usize, PerceptionLimit)>,
+    pub(crate) reached: Vec<(usize, PerceptionLimit)>,
     /// The share of what each touch allows in this tick that is used up so far.
-    pub(super) used: Vec<f64>,
+    pub(crate) used: Vec<f64>,
     /// What is done without for want of room.
-    pub(super) economy: MemoryPressure,
+    pub(crate) economy: MemoryPressure,
     /// A region that is let go of in several ticks.
     leaving: Option<usize>,
     wanted_high_water: usize,
@@ -208,7 +208,7 @@ impl ActiveObject {
     ///
     /// As many splits as it takes to have every region done when it is due, and at least a pace, so that ticks
     /// are even.
-    pub(super) fn refine(&mut self, tick: u64, budget: &mut Budget) {
+    pub(crate) fn refine(&mut self, tick: u64, budget: &mut Budget) {
         let spent = self.choose(tick, &mut budget.entries);
         self.fly(tick, budget);
         let allowed_entries = budget.entries;
@@ -302,7 +302,7 @@ impl ActiveObject {
     }
 
     /// Takes the proxies along with the operation that was just performed.
-    pub(super) fn carry_proxies(&mut self) {
+    pub(crate) fn carry_proxies(&mut self) {
         for touch in &mut self.touches {
             let operation = &self.refinement.faces;
             touch.follower.carry(self.cache.mesh(), operation);
@@ -388,18 +388,18 @@ impl ActiveObject {
     }
 
     /// Lets go of a region, a stretch a tick; then the station is told. Only one at a time, see `may_leave`.
-    pub(super) fn leave(&mut self, index: usize, budget: &mut Budget) {
+    pub(crate) fn leave(&mut self, index: usize, budget: &mut Budget) {
         self.refinement.leaving = Some(index);
         self.go_on_leaving(budget);
     }
 
     /// Whether another region may be let go of now: its closure is gone through entry by entry.
-    pub(super) fn may_leave(&self, budget: &Budget) -> bool {
+    pub(crate) fn may_leave(&self, budget: &Budget) -> bool {
         budget.leaving > 0 && self.subscriber.may_release() && !self.is_leaving()
     }
 
     /// Whether a region is still being let go of.
-    pub(super) fn is_leaving(&self) -> bool {
+    pub(crate) fn is_leaving(&self) -> bool {
         self.refinement.leaving.is_some()
     }
 
@@ -429,7 +429,7 @@ impl ActiveObject {
     /// Makes a slot free: a waiting collapse, or the region whose turn it is to go. Whether one is free now.
     ///
     /// Never takes what a wanted region or the contact's own cells need.
-    pub(super) fn make_room(&mut self, asking: usize, tick: u64, budget: &mut Budget) -> bool {
+    pub(crate) fn make_room(&mut self, asking: usize, tick: u64, budget: &mut Budget) -> bool {
         loop {
             if self.cache.has_slot() {
                 return true;

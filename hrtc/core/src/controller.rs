@@ -14,44 +14,25 @@
 //! The cache's bytes are shared out to equal seats ([`ScenePlan::seats`]); an object without one costs its box in
 //! the broad phase. The work of a tick is one budget, which the seats draw on in turn, the nearest to a contact first.
 
-mod active_object;
-mod active_set;
-mod ask;
-mod base_mesh_store;
-mod capacity;
-mod flight;
-mod forecast;
-mod frame;
-mod inbox;
-mod moving;
-mod pair;
-mod probe;
-mod proxy_kind;
-mod record;
-mod refine;
-mod view;
-
-pub use active_object::ActiveObject;
-pub use capacity::Capacity;
-pub use frame::ModelFrame;
-
+use crate::active::active_set::{ActiveSet, seat_of};
 use crate::active::broad_phase::BroadPhase;
+use crate::active::object::{ActiveObject, Budget, ObjectInstance, ObjectStats, TickContext};
 use crate::bodies::Movables;
 use crate::cache::CacheError;
+use crate::cache::base_mesh_store::BaseMeshStore;
 use crate::contact::query::Work;
 use crate::contact::sphere_proxy::Contact;
 use crate::force::effects::{Clock, Rendered};
 use crate::force::passivity::Carried;
+use crate::lod::refine;
+use crate::probe::Probe;
 use crate::record::CoreRecord;
 use crate::streaming::chunk::InboxChunk;
+use crate::streaming::ingest;
 use crate::streaming::subscriber::{Identity, Outbox};
-use active_object::{Budget, ObjectInstance, ObjectStats, TickContext};
-use active_set::{ActiveSet, seat_of};
-use base_mesh_store::BaseMeshStore;
 use geometry::Wrench;
 use glam::DVec3;
 use haptic_device::Sample;
-use probe::Probe;
 use protocol::{ANSWER_TIMEOUT_MS, ContactReport, Request};
 use scene::{MAX_SEATS, ScenePlan};
 use spm::NONE;
@@ -64,7 +45,7 @@ const REPORT_EVERY: u64 = 10;
 const PROXY_WORK: u32 = 4096;
 /// ... what an operation takes of them: it costs as much as so many; and what is left for each proxy in any tick.
 const PROXY_WORK_PER_OPERATION: u32 = 32;
-const MIN_PROXY_WORK: u32 = 1024;
+pub(crate) const MIN_PROXY_WORK: u32 = 1024;
 /// Chunks that are looked at in a tick: what the inbox holds.
 const CHUNKS_A_TICK: u32 = u64::BITS;
 
@@ -189,25 +170,25 @@ pub enum Fault {
 /// See the module.
 #[derive(Debug)]
 pub struct Controller {
-    identity: Identity,
-    operations: usize,
-    period_s: f64,
-    tolerance_m: f64,
-    cache_bytes: usize,
-    placings: Vec<ObjectInstance>,
-    probes: Vec<Probe>,
-    seats: Vec<ActiveObject>,
-    library: BaseMeshStore,
-    broad_phase: BroadPhase,
+    pub(crate) identity: Identity,
+    pub(crate) operations: usize,
+    pub(crate) period_s: f64,
+    pub(crate) tolerance_m: f64,
+    pub(crate) cache_bytes: usize,
+    pub(crate) placings: Vec<ObjectInstance>,
+    pub(crate) probes: Vec<Probe>,
+    pub(crate) seats: Vec<ActiveObject>,
+    pub(crate) library: BaseMeshStore,
+    pub(crate) broad_phase: BroadPhase,
     /// What moves.
-    movables: Movables,
-    seating: ActiveSet,
+    pub(crate) movables: Movables,
+    pub(crate) seating: ActiveSet,
     /// Of the chunks that wait, oldest at bit 0: which were taken before their turn, because one before them waits
     /// for room on another seat.
-    taken: u64,
+    pub(crate) taken: u64,
     /// The seats in the order of a tick: the nearest to a contact first.
-    order: Vec<(f64, usize)>,
-    replay_hash: u64,
+    pub(crate) order: Vec<(f64, usize)>,
+    pub(crate) replay_hash: u64,
 }
 
 impl Controller {
@@ -263,7 +244,7 @@ impl Controller {
     /// Work units that a tick may take at the most: the bound that `work_units` is compared with.
     #[must_use]
     pub fn work_budget(&self) -> u32 {
-        inbox::budget(self.operations) + refine::budget(self.operations)
+        ingest::budget(self.operations) + refine::budget(self.operations)
     }
 
     /// One tick.
@@ -341,9 +322,9 @@ impl Controller {
         let is_waking = self.seats.iter().any(|seat| seat.waking.is_some());
         Budget {
             inbox: if is_waking {
-                inbox::budget(self.operations)
+                ingest::budget(self.operations)
             } else {
-                inbox::allowed(waiting, self.operations)
+                ingest::allowed(waiting, self.operations)
             },
             operations: self.operations as u32,
             entries: self.operations as u32 * refine::ENTRIES_PER_OPERATION,
@@ -488,7 +469,7 @@ impl Controller {
     }
 
     /// Whether every model is known, so that any touch could be answered.
-    fn is_ready(&self) -> bool {
+    pub(crate) fn is_ready(&self) -> bool {
         self.library.is_complete()
     }
 }

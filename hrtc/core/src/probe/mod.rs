@@ -1,11 +1,16 @@
 //! A probe: its sample, its tour, and the gate and account of its force.
 
-use super::{ModelFrame, TickInputs};
+pub(crate) mod forecast;
+pub(crate) mod pair;
+pub(crate) mod proxy_kind;
+
 use crate::bodies::material_motion;
 use crate::contact::rigid_proxy::{Placement, Twist};
+use crate::controller::TickInputs;
 use crate::force::effects::{Clock, Rendered, SceneEffects};
 use crate::force::limiter::ForceLimiter;
 use crate::force::passivity::{Carried, EnergyAccount};
+use crate::frame::ModelFrame;
 use geometry::{Pose, Wrench};
 use protocol::{TourAsk, TourPoint};
 use scene::{ProbePlan, ScenePlan, TrajectoryPlan};

@@ -1,13 +1,13 @@
 //! What a tick was like, summed up over seats and probes.
 
-use super::Controller;
-use super::pair::ContactState;
+use crate::controller::Controller;
+use crate::probe::pair::ContactState;
 use crate::record::{CoreRecord, ProbeRecord};
 use geometry::Wrench;
 
 impl Controller {
     /// Sums up what the seats and probes did and felt in a tick.
-    pub(super) fn finish_record(&mut self, record: &mut CoreRecord) {
+    pub(crate) fn finish_record(&mut self, record: &mut CoreRecord) {
         record.gather();
         let mut measured: f64 = -1.0;
         let mut finest: f64 = 0.0;
@@ -78,7 +78,7 @@ impl Controller {
 
 impl ProbeRecord {
     /// Takes in what one of the probe's touches felt; `finest`: the finest tolerance asked for there, model units.
-    pub(super) fn add(&mut self, felt: &ContactState, metres_per_unit: f64, finest: f32) {
+    pub(crate) fn add(&mut self, felt: &ContactState, metres_per_unit: f64, finest: f32) {
         let is_first = !self.contact;
         self.contact = true;
         self.contact_full = (is_first || self.contact_full) && felt.certified == 0.0;

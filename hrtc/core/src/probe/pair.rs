@@ -1,14 +1,14 @@
 //! A touch: one probe and one object.
 
-use super::ModelFrame;
-use super::forecast::ContactForecast;
-use super::probe::Probe;
-use super::proxy_kind::{ProxyKind, ProxyStep};
 use crate::contact::query::{Surface, Work};
 use crate::contact::rigid_proxy::Twist;
 use crate::contact::sphere_proxy::Contact;
 use crate::force::effects::{Clock, Rendered, SurfaceEffects, Touching};
+use crate::frame::ModelFrame;
 use crate::lod::predict::{Motion, Predictor};
+use crate::probe::Probe;
+use crate::probe::forecast::ContactForecast;
+use crate::probe::proxy_kind::{ProxyKind, ProxyStep};
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use scene::{ProbeShape, SurfacePlan};

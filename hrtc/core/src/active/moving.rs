@@ -1,10 +1,10 @@
 //! Objects that move: everything that knows where an object is learns its pose of this tick here, before anything
 //! looks.
 
-use super::Controller;
-use super::active_set::{place, seat_of};
+use crate::active::active_set::{place, seat_of};
 use crate::bodies::{Extent, Movables, material_motion};
 use crate::contact::rigid_proxy::Twist;
+use crate::controller::Controller;
 use glam::DVec3;
 
 impl Controller {
@@ -25,7 +25,7 @@ impl Controller {
 
     /// Takes the objects that move to where they are in this tick, and the work that the last forces did over their
     /// motion to the probes' accounts. Of a scene in which everything stands it does nothing.
-    pub(super) fn move_objects(&mut self, tick: u64) {
+    pub(crate) fn move_objects(&mut self, tick: u64) {
         if self.movables.is_empty() {
             return;
         }
@@ -40,7 +40,7 @@ impl Controller {
         movables.learn(|object| {
             let placing = &placings[object as usize];
             let header = &library.model(placing.model)?.header;
-            let frame = super::ModelFrame::new(placing.pose, placing.scale, header);
+            let frame = crate::frame::ModelFrame::new(placing.pose, placing.scale, header);
             Extent::new(header, frame.metres_per_unit)
         });
         movables.step(tick);

@@ -1,9 +1,10 @@
 //! Draining the inbox: chunks into model, closures, records, tour.
 
-use super::active_object::{ActiveObject, Budget, TickContext};
-use super::base_mesh_store::{Model, first_face_slot, model_slots};
-use super::{Fault, ModelFrame};
+use crate::active::object::{ActiveObject, Budget, TickContext};
+use crate::cache::base_mesh_store::{Model, first_face_slot, model_slots};
 use crate::cache::{LoadError, RegionKey, RegionState};
+use crate::controller::Fault;
+use crate::frame::ModelFrame;
 use crate::lod::lod_controller::triangle_area;
 use crate::streaming::chunk::InboxChunk;
 use crate::streaming::subscriber::Reception;
@@ -78,7 +79,7 @@ enum Taken {
 
 impl ActiveObject {
     /// Takes a chunk of the seat's object as far as budget and room go; whether it is done with.
-    pub(super) fn receive(&mut self, chunk: &InboxChunk, desk: &mut TickContext<'_>) -> bool {
+    pub(crate) fn receive(&mut self, chunk: &InboxChunk, desk: &mut TickContext<'_>) -> bool {
         match self.subscriber.receive(&chunk.header) {
             Reception::Stale => {
                 self.inbox.turn();
@@ -114,7 +115,7 @@ impl ActiveObject {
     }
 
     /// Follows the station's incarnation; an epoch that ends takes an unfinished tour with it.
-    pub(super) fn observe(&mut self, station: u64, tick: u64) {
+    pub(crate) fn observe(&mut self, station: u64, tick: u64) {
         self.subscriber.observe(station, tick, &mut self.cache);
     }
 
@@ -248,7 +249,7 @@ impl ActiveObject {
 
     /// Takes more of the kept base mesh in, while the object wakes; half of the tick's budget at the most, so that
     /// what others touch goes on coming.
-    pub(super) fn wake(&mut self, desk: &mut TickContext<'_>) {
+    pub(crate) fn wake(&mut self, desk: &mut TickContext<'_>) {
         let (Some(mut place), Some(placing)) = (self.waking, self.placing) else {
             return;
         };
@@ -320,7 +321,7 @@ impl ActiveObject {
     }
 
     /// Asks for the tour of the next probe that awaits one of this object.
-    pub(super) fn ask_next_tour(&mut self, desk: &mut TickContext<'_>) {
+    pub(crate) fn ask_next_tour(&mut self, desk: &mut TickContext<'_>) {
         let (Some(object), Some(frame)) = (self.object(), self.frame) else {
             return;
         };
@@ -487,7 +488,7 @@ impl ActiveObject {
     }
 
     /// Drops an asked region that cannot be used; after a while it may be asked for again.
-    pub(super) fn refuse(&mut self, region: usize, tick: u64) {
+    pub(crate) fn refuse(&mut self, region: usize, tick: u64) {
         self.cache.let_go(region, u32::MAX);
         let entry = self.cache.regions.at_mut(region);
         if entry.state == RegionState::Asked {

@@ -1,10 +1,12 @@
 //! What a shell, and a test, may see of the controller, and set between two ticks.
 
-use super::probe::Probe;
-use super::{ActiveObject, Controller, Fault, ModelFrame};
+use crate::active::object::ActiveObject;
 use crate::cache::{Cache, CacheError};
+use crate::controller::{Controller, Fault};
 use crate::force::effects::UsageByKind;
+use crate::frame::ModelFrame;
 use crate::lod::predict::Sources;
+use crate::probe::Probe;
 use glam::DVec3;
 use protocol::TourPoint;
 use spm::ModelHeader;

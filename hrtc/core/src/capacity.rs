@@ -1,6 +1,6 @@
 //! Everything that the controller sized at start, and how much of it was ever in use.
 
-use super::Controller;
+use crate::controller::Controller;
 use serde::{Deserialize, Serialize};
 
 /// Something of fixed size. What runs full is never exceeded: it makes the touch coarser or slower to refine.

@@ -1,8 +1,8 @@
 //! What is asked for: the rings of the dial around the contact, or the whole model alike.
 
-use super::active_object::ActiveObject;
-use super::base_mesh_store::Model;
+use crate::active::object::ActiveObject;
 use crate::cache::RegionKey;
+use crate::cache::base_mesh_store::Model;
 use crate::contact::query::{Surface, closest_point};
 use crate::contact::sphere_proxy::Contact;
 use crate::lod::lod_controller::LodController;
@@ -17,7 +17,7 @@ const MAX_WAITING: usize = 8;
 
 impl ActiveObject {
     /// The rings for a model: from the tolerance asked for up its ladder.
-    pub(super) fn dial_for(
+    pub(crate) fn dial_for(
         &self,
         header: &ModelHeader,
         area: f64,
@@ -27,7 +27,7 @@ impl ActiveObject {
     }
 
     /// Asks for another expected error at the contact from the next tick on, metres.
-    pub(super) fn set_tolerance(&mut self, tolerance_m: f64) {
+    pub(crate) fn set_tolerance(&mut self, tolerance_m: f64) {
         self.tolerance_m = tolerance_m;
         if let Some((model, frame)) = self.known() {
             let finest = self.dial.as_ref().map_or(0, LodController::finest);
@@ -56,14 +56,14 @@ impl ActiveObject {
     }
 
     /// The finest tolerance that is asked for now, model units.
-    pub(super) fn finest_tolerance(&self) -> f32 {
+    pub(crate) fn finest_tolerance(&self) -> f32 {
         self.dial
             .as_ref()
             .map_or(0.0, LodController::finest_tolerance)
     }
 
     /// Ticks that the slowest probe takes over a cell of the finest ring; infinite at rest.
-    pub(super) fn cell_ticks(&self) -> f64 {
+    pub(crate) fn cell_ticks(&self) -> f64 {
         let cell = |dial: &LodController| dial.rings()[dial.finest()].grid.cell;
         let followed = self.touches.iter().filter(|touch| touch.is_followed);
         let slowest = followed
@@ -73,7 +73,7 @@ impl ActiveObject {
     }
 
     /// Predicts regions and writes the tick's requests; `waiting`: chunks that wait for the tick.
-    pub(super) fn predict(&mut self, tick: u64, waiting: usize, outbox: &mut Outbox) {
+    pub(crate) fn predict(&mut self, tick: u64, waiting: usize, outbox: &mut Outbox) {
         self.refinement.begin();
         self.refinement.economy.recover(tick);
         if let Some((model, frame)) = self.known() {
@@ -99,7 +99,7 @@ impl ActiveObject {
         let wanted = unknown
             .iter()
             .filter(|p| p.refine || may_prefetch)
-            .map(|p| (p.key, super::refine::due(tick, p.ticks)));
+            .map(|p| (p.key, crate::lod::refine::due(tick, p.ticks)));
         self.subscriber
             .requests(tick, &mut self.cache, wanted, outbox);
     }
@@ -195,7 +195,7 @@ impl ActiveObject {
 
     /// The expected error of the front at a contact, model units: the tolerance of the finest region that holds
     /// it and is done; `None` where not even the coarsest is.
-    pub(super) fn tolerance_at(&self, contact: &Contact) -> Option<f32> {
+    pub(crate) fn tolerance_at(&self, contact: &Contact) -> Option<f32> {
         let dial = self.dial.as_ref()?;
         let is_done = |key: RegionKey| {
             let index = self.cache.regions.index(key)?;
@@ -213,7 +213,7 @@ impl ActiveObject {
 
     /// Moves what the predictors will look at next onto the front as far as it is known, for the next tick; and looks what
     /// else of a tool may touch.
-    pub(super) fn look_ahead(&mut self) {
+    pub(crate) fn look_ahead(&mut self) {
         let Some((model, frame)) = self.known() else {
             return;
         };

@@ -1,10 +1,10 @@
 //! Where a tool may touch next, away from where it touches now: the prediction follows the contact, but in a cavity, or as
 //! the tool turns, another part of it comes to the surface, which is to be refined by then.
 
-use super::proxy_kind::ProxyKind;
 use crate::contact::query::{Surface, closest_point};
 use crate::contact::rigid_proxy::MAX_BALLS;
 use crate::lod::predict::{Motion, RADII_AROUND, REFINE_AHEAD};
+use crate::probe::proxy_kind::ProxyKind;
 use geometry::Pose;
 use glam::DVec3;
 use spm::{Handle, NONE};
