@@ -33,7 +33,6 @@ fn every_contender_answers_alike_and_the_result_is_whole() {
     let rows: Vec<Value> = of("rows").into_iter().chain(of("growth")).collect();
     let tasks = [
         "closest_path",
-        "swept_capsule",
         "tool240_pairs",
         "tool960_pairs",
         "update64",

@@ -6,15 +6,18 @@ mod bodies;
 mod common;
 #[path = "common/hands.rs"]
 mod hands;
+#[path = "common/signed_distance.rs"]
+mod signed_distance;
 
 use bodies::{Front, box_mesh, full_mesh, models, orientation, plate_mesh, scaled, vector};
 use common::Random;
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use hands::Hand;
-use hrtc_core::contact::query::{Ending, closest_point, signed_distance};
+use hrtc_core::contact::query::{Ending, closest_point};
 use hrtc_core::contact::rigid_proxy::{Coupling, Twist};
 use hrtc_core::contact::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
+use signed_distance::signed_distance;
 use spm::OperationFaces;
 
 const BUDGET: u32 = 1 << 18;

@@ -3,7 +3,6 @@
 //! | module | measures |
 //! |---|---|
 //! | `closest` | the closest point along a path over the surface |
-//! | `sweeps` | how far a capsule gets that is moved onto the surface |
 //! | `tools` | all pairs of faces of the surface and of a tool that touches |
 //! | `update` | an update of the tree where a patch of faces was deformed |
 //! | `marking` | nodes that an update marks, beside the bound of Theorem 2, and its time beside a query's |
@@ -20,7 +19,6 @@ mod full_front;
 mod levels;
 mod marking;
 mod picture;
-mod sweeps;
 mod timing;
 mod tools;
 mod update;
@@ -293,15 +291,6 @@ impl Measured {
             &mut double,
             &mut random,
         ));
-        let both: [&dyn Mesh; 2] = [&single, &double];
-        rows.extend(sweeps::rows(
-            model,
-            &full,
-            &front,
-            both,
-            every,
-            &mut random,
-        )?);
         let built = [
             (Who::OursFull, front.build_ns, front.bytes()),
             (Who::ParryF32, single_ns, single.bytes()),

@@ -22,8 +22,6 @@ pub enum ToolPose {
 pub trait Mesh {
     /// Distance from a point to the mesh.
     fn distance(&self, point: DVec3) -> f64;
-    /// Fraction of a motion after which a capsule touches the mesh, by `cast_shapes`; 1 where it gets through.
-    fn sweep_capsule(&self, axis: [DVec3; 2], radius: f64, motion: DVec3) -> f64;
     /// Bytes on the heap.
     fn bytes(&self) -> usize;
     /// Takes new boxes of some faces in and refits those above; the length of the whole box's diagonal.
@@ -115,24 +113,6 @@ macro_rules! precision {
                 f64::from((found.point - point).length())
             }
 
-            fn sweep_capsule(&self, axis: [DVec3; 2], radius: f64, motion: DVec3) -> f64 {
-                use $parry::query::{ShapeCastOptions, cast_shapes};
-                let [start, end] = axis.map(vector);
-                let capsule = $parry::shape::Capsule::new(start, end, number(radius));
-                let (here, rest) = ($parry::math::Pose::IDENTITY, vector(DVec3::ZERO));
-                // As ours: what is touched at the start may be left.
-                let options = ShapeCastOptions {
-                    stop_at_penetration: false,
-                    ..ShapeCastOptions::with_max_time_of_impact(1.0)
-                };
-                let motion = vector(motion);
-                let hit = cast_shapes(&here, rest, &self.mesh, &here, motion, &capsule, options);
-                match hit {
-                    Ok(hit) => hit.map_or(1.0, |hit| f64::from(hit.time_of_impact)),
-                    Err(_) => f64::NAN,
-                }
-            }
-
             fn take_tool(&mut self, positions: &[DVec3], faces: &[[u32; 3]]) {
                 let positions: Vec<_> = positions.iter().map(|&p| vector(p)).collect();
                 let boxes: Vec<_> = faces.iter().map(|face| around(&positions, face)).collect();
@@ -208,10 +188,6 @@ mod single {
         point.as_vec3()
     }
 
-    fn number(number: f64) -> parry3d::math::Real {
-        number as f32
-    }
-
     fn pose_of(pose: &Pose) -> parry3d::math::Pose {
         parry3d::math::Pose::from_parts(vector(pose.position), pose.orientation.as_quat())
     }
@@ -228,10 +204,6 @@ mod double {
 
     fn vector(point: DVec3) -> parry3d_f64::math::Vector {
         point
-    }
-
-    fn number(number: f64) -> parry3d_f64::math::Real {
-        number
     }
 
     fn pose_of(pose: &Pose) -> parry3d_f64::math::Pose {

@@ -63,7 +63,7 @@ struct ToolNode {
 pub struct Tool {
     rest: Vec<DVec3>,
     faces: Vec<[u32; 3]>,
-    /// Which corners stand for their vertex: each vertex once.
+    /// The corners of each face that stand for their vertex: each vertex once.
     samples: Vec<[bool; 3]>,
     nodes: Vec<ToolNode>,
     /// The children of each node, places in `boxes`.
@@ -187,6 +187,12 @@ impl Tool {
         self.moved.iter().map(|moved| moved.position)
     }
 
+    /// The corners of a face that stand for their vertex, so that each vertex is visited once.
+    #[must_use]
+    pub fn samples(&self, face: Handle) -> [bool; 3] {
+        self.samples[face as usize]
+    }
+
     /// Corners of a face, indices of vertices.
     #[must_use]
     pub fn triangle(&self, face: Handle) -> [u32; 3] {
@@ -222,10 +228,6 @@ impl Body for Tool {
 
     fn has(&self, face: Handle) -> bool {
         (face as usize) < self.faces.len()
-    }
-
-    fn samples(&self, face: Handle) -> [bool; 3] {
-        self.samples[face as usize]
     }
 }
 

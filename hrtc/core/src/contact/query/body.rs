@@ -26,12 +26,6 @@ pub trait Body {
 
     /// Whether a face is there now: a hint of an earlier tick may name one that has gone.
     fn has(&self, face: Handle) -> bool;
-
-    /// Which corners of a face stand for their vertex when each vertex is to be looked at once.
-    fn samples(&self, face: Handle) -> [bool; 3] {
-        let _ = face;
-        [true; 3]
-    }
 }
 
 impl Body for Surface<'_> {
@@ -96,10 +90,6 @@ impl<B: Body> Body for Placed<B> {
     fn has(&self, face: Handle) -> bool {
         self.body.has(face)
     }
-
-    fn samples(&self, face: Handle) -> [bool; 3] {
-        self.body.samples(face)
-    }
 }
 
 impl<B: Body> Body for &B {
@@ -124,9 +114,5 @@ impl<B: Body> Body for &B {
 
     fn has(&self, face: Handle) -> bool {
         (*self).has(face)
-    }
-
-    fn samples(&self, face: Handle) -> [bool; 3] {
-        (*self).samples(face)
     }
 }

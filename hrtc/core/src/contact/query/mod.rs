@@ -1,47 +1,31 @@
-//! Queries against the active front: a file a query, bounded, no allocation, f64 where it decides.
+//! Distance and intersection queries on the active front.
 //!
-//! | of | files |
+//! | query | answer |
 //! |---|---|
-//! | a point or sphere | `closest_point`, `faces_within`, `near_faces`, `swept_sphere`, `front_side` |
-//! | a segment or capsule | `segment`, `capsule`, `swept_capsule` |
-//! | a body and a box | `meets_box` |
-//! | two bodies, each a front or a tool | `tree_pairs`, `near_pairs`, `closest_features`, `depth` |
+//! | `closest_point` | the point of the front closest to a point |
+//! | `faces_within` | all faces within a distance of a point |
+//! | `near_faces` | the faces in a ball, collected once for several queries of a tick |
+//! | `swept_sphere` | the first contact of a moving sphere |
+//! | `tree_pairs` | the intersecting face pairs of two bodies (ACTIVE-INTERSECT) |
+//! | `near_pairs` | the face pairs of the front and a moving tool within a margin |
 //!
-//! All run in the model's frame and units. A stack of 32 entries suffices: the tree is at most 31 levels deep
-//! and a level leaves at most one entry behind.
+//! All queries run in the frame and units of the model, allocate nothing and decide in f64.
+//! A traversal stack of 32 entries suffices: the tree is at most 31 levels deep, and each level
+//! leaves at most one entry on the stack.
 
 mod body;
-mod capsule;
-mod closest_features;
 mod closest_point;
-mod depth;
 mod faces_within;
-mod front_side;
-mod meets_box;
 mod near_faces;
 mod near_pairs;
-mod segment;
-mod slanting;
-mod swept_capsule;
 mod swept_sphere;
 mod tree_pairs;
 
 pub use body::{Body, Placed};
-pub use capsule::{
-    Capsule, CapsuleContact, ClosestToCapsule, closest_to_capsule, faces_near_capsule,
-};
-pub use closest_features::{ClosestFeatures, Features, closest_features};
 pub use closest_point::{Nearest, closest_point};
-pub use depth::{
-    DeepSample, DeepestSample, LocalDepth, deepest_sample, local_depth, local_depth_of_faces,
-};
 pub use faces_within::faces_within;
-pub use front_side::signed_distance;
-pub use meets_box::meets_box;
 pub use near_faces::{MAX_FACES, NearFace, NearFaces};
 pub(crate) use near_pairs::{Resume, WaySeen, for_each_face_near, for_each_near_pair};
-pub use segment::{ClosestToSegment, NearestToSegment, closest_to_segment, faces_near_segment};
-pub use swept_capsule::{CapsuleTouch, SweptCapsule, swept_capsule};
 pub use swept_sphere::{SweepHit, swept_sphere};
 pub use tree_pairs::{
     Ending, FacePair, PairWork, PairsFound, all_pairs, first_pair, for_each_pair,

@@ -4,7 +4,6 @@
 //! Newton's method on `distance - radius` from the start never passes the first root: every iterate is
 //! itself a safe position, and no cylinders, edges or vertices need cases of their own.
 
-use super::slanting::{ROUNDING, gaps_beside};
 use super::{Stack, Surface, Work};
 use ab_tree::Child;
 use geometry::{Aabb, BoxQuery, closest_point_on_triangle};
@@ -22,14 +21,15 @@ pub struct SweepHit {
 
 /// Newton steps on one face; what is left after them is a position short of the touch, so safe.
 const STEPS: usize = 24;
+/// Relative rounding error of positions and of a separating-axis test, with a margin.
+const ROUNDING: f64 = 32.0 * f64::EPSILON;
 /// Gap, as a fraction of the radius, at which a face counts as touched; see [`touching_gap`].
 const TOUCH: f64 = 1e-9;
 
 /// The first touch of a sphere of `radius` moving from `start` by `motion`; `None` when it gets through.
 ///
-/// A face that overlaps the sphere at the start stops it only if the motion goes towards that face. The touch of a point,
-/// a sphere without radius, may be lost in rounding where its way slants: [`super::closest_to_segment`] tells exactly
-/// whether that way meets a face.
+/// A face that overlaps the sphere at the start stops it only if the motion approaches that face.
+/// The contact of a sphere of radius 0 may be lost in rounding on an oblique motion.
 #[must_use]
 pub fn swept_sphere(
     surface: Surface<'_>,
@@ -82,6 +82,21 @@ fn passes_beside(aabb: &Aabb, start: DVec3, end: DVec3, reach: f64) -> bool {
     gaps_beside(between, half, end - start).max_element() > 0.0
 }
 
+/// How far a box is from a segment along `way` x X, `way` x Y and `way` x Z, times the lengths of these; 0 where that is not
+/// beyond rounding. `between` leads from a point of the segment's line to the centre of the box, `half` from there to its
+/// upper corner.
+#[inline]
+fn gaps_beside(between: DVec3, half: DVec3, way: DVec3) -> DVec3 {
+    let (along, apart) = (way.abs(), between.abs());
+    let gap = |one: usize, other: usize| {
+        let product = between[one] * way[other] - between[other] * way[one];
+        let most = half[one] * along[other] + half[other] * along[one];
+        let rounding = apart[one] * along[other] + apart[other] * along[one];
+        (product.abs() - most - ROUNDING * (most + rounding)).max(0.0)
+    };
+    DVec3::new(gap(1, 2), gap(2, 0), gap(0, 1))
+}
+
 /// First parameter below `limit` at which the sphere touches the triangle.
 pub(super) fn first_touch(
     corners: [DVec3; 3],
@@ -99,7 +114,7 @@ pub(super) fn first_touch(
 }
 
 /// Gap at which a face counts as touched by what moves from `start`: a part of the radius, or rounding where that is more.
-pub(super) fn touching_gap(start: DVec3, motion: DVec3, radius: f64) -> f64 {
+fn touching_gap(start: DVec3, motion: DVec3, radius: f64) -> f64 {
     let size = (start.abs() + motion.abs()).max_element();
     (TOUCH * radius).max(ROUNDING * size)
 }
@@ -110,7 +125,7 @@ pub(super) fn touching_gap(start: DVec3, motion: DVec3, radius: f64) -> f64 {
 /// `apart` is given how far it was moved, and says how it is apart from what is at rest: from there to the moved, and the
 /// squared distance.
 #[inline]
-pub(super) fn first_within(
+fn first_within(
     motion: DVec3,
     [radius, touch]: [f64; 2],
     limit: f64,

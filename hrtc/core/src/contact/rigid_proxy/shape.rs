@@ -1,6 +1,5 @@
 //! What the proxy knows of a tool's mesh beside its faces: its size, and which of its edges and corners can be nearest.
 
-use crate::contact::query::Body;
 use crate::contact::tool::{Blocks, Tool};
 use glam::DVec3;
 use spm::{Handle, NONE};

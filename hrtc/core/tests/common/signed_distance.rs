@@ -1,9 +1,9 @@
 //! On which side of the front a point lies, from its closest point: the exact side of the face's plane, or the side of
 //! the pseudo-normal of an edge or a corner (Baerentzen and Aanaes 2005).
 
-use super::{Nearest, Surface};
 use geometry::side_of_plane;
 use glam::DVec3;
+use hrtc_core::contact::query::{Nearest, Surface};
 use spm::{Handle, NONE};
 use std::cmp::Ordering;
 
