@@ -11,12 +11,12 @@ use crate::accuracy::model::Model;
 use crate::accuracy::timing::least_ns;
 use crate::failure::Failure;
 use crate::run::{check_seconds, print, print_json};
-use crate::simulator::InputRecording;
 use clap::Args;
+use hrtc_core::Stage;
 use hrtc_core::force::effects::UsageByKind;
-use hrtc_core::{NoObserver, Stage};
 use scene::{Effect, EffectPlan, ModelSource, Overrides, ScenePlan, load, parse};
 use serde::Serialize;
+use simulator::InputRecording;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -217,27 +217,27 @@ fn record(
         .partition(|effect| effect.effect.is_of_surface());
     plan.objects[0].effects = Arc::from(of_surface);
     plan.effects = of_scene;
-    let mut simulator = model.simulator(&plan)?;
-    simulator.record();
-    let ready = make_ready(&mut simulator)?;
-    come_to_rest(&mut simulator, reference.rest, ready)?;
-    let start = simulator.tick as usize;
+    let mut simulation = model.simulation(&plan)?;
+    simulation.client_mut().record();
+    let ready = make_ready(&mut simulation)?;
+    come_to_rest(&mut simulation, reference.rest, ready)?;
+    let start = simulation.tick() as usize;
     let calls = |usage: UsageByKind| usage.iter().map(|kind| kind.calls).sum::<u64>();
-    let mut before = calls(simulator.controller.effects());
+    let mut before = calls(simulation.controller().effects());
     let (mut ticks, mut forces) = (Vec::new(), Vec::new());
     for &sample in &reference.samples {
-        let force = simulator.step(Some(sample), &mut NoObserver).wrenches[0].force;
-        let now = calls(simulator.controller.effects());
-        ticks.push((now > before, simulator.controller.replay_hash()));
+        let force = simulation.step(Some(sample)).wrenches[0].force;
+        let now = calls(simulation.controller().effects());
+        ticks.push((now > before, simulation.controller().replay_hash()));
         forces.push(force);
         before = now;
     }
-    let tape = simulator.take_tape().unwrap_or_default();
+    let tape = simulation.client_mut().take_recording().unwrap_or_default();
     Ok(Recorded {
         plan,
         tape,
         start,
-        usage: simulator.controller.effects(),
+        usage: simulation.controller().effects(),
         ticks,
         forces,
     })

@@ -3,7 +3,6 @@
 //! | module | holds |
 //! |---|---|
 //! | [`run`], [`jitter`], [`replay`], [`accuracy`], [`compare`], [`predictors`], [`stability`], [`effects`], [`zwidth`] | the commands |
-//! | [`simulator`] | both pure cores in one process, under a simulated clock |
 //! | [`supervise`], [`pair`] | this program again as a process, and the two of a run |
 //! | [`bare`], [`load`] | the loop to compare with, and load on the other core |
 //! | [`report`], [`plots`], [`histogram`], [`verdict`] | what it means, in words and pictures |
@@ -31,7 +30,6 @@ pub mod predictors;
 pub mod replay;
 pub mod report;
 pub mod run;
-pub mod simulator;
 pub mod stability;
 pub mod supervise;
 pub mod surface;

@@ -1,6 +1,6 @@
 //! `rt-tests predictors`: what each source of the prediction buys.
 //!
-//! Both cores run in this process under a simulated clock ([`crate::simulator`]). For each model and speed the
+//! Both cores run in this process under a simulated clock ([`simulator`]). For each model and speed the
 //! device's poses are recorded once, in a closed loop on the mesh that was never simplified; then a controller
 //! with each choice of sources is given the same poses. What it predicts is all that differs, and how often the
 //! contact was coarser than asked for tells what that is worth. A tick counts as coarser, too, when the probe was
@@ -11,7 +11,6 @@ use crate::accuracy::model::Model;
 use crate::failure::Failure;
 use crate::run::{print, print_json};
 use clap::Args;
-use hrtc_core::NoObserver;
 use hrtc_core::lod::predict::{Course, Sources};
 use serde::Serialize;
 use std::fmt::Write;
@@ -146,15 +145,15 @@ fn run(
     name: &'static str,
     sources: Sources,
 ) -> Result<Run, Failure> {
-    let mut simulator = model.simulator(&model.plan)?;
-    simulator.controller.set_sources(sources);
-    let ready = make_ready(&mut simulator)?;
-    come_to_rest(&mut simulator, reference.rest, ready)?;
-    let before = simulator.outputs().record.vsps_received;
+    let mut simulation = model.simulation(&model.plan)?;
+    simulation.controller_mut().set_sources(sources);
+    let ready = make_ready(&mut simulation)?;
+    come_to_rest(&mut simulation, reference.rest, ready)?;
+    let before = simulation.outputs().record.vsps_received;
     let (mut contact_ticks, mut coarser_ticks) = (0, 0);
     let radius = model.plan.probes[0].shape.tip_m() / model.metres_per_unit;
     for (&sample, felt) in reference.samples.iter().zip(&reference.felt) {
-        let outputs = simulator.step(Some(sample), &mut NoObserver);
+        let outputs = simulation.step(Some(sample));
         let Some(there) = felt.contact else {
             continue;
         };
@@ -171,7 +170,7 @@ fn run(
         contact_ticks,
         coarser_ticks,
         coarser_share: coarser_ticks as f64 / contact_ticks.max(1) as f64,
-        vsps_received: simulator.outputs().record.vsps_received - before,
+        vsps_received: simulation.outputs().record.vsps_received - before,
     })
 }
 

@@ -3,14 +3,14 @@
 use super::model::Model;
 use super::result::{Point, Quantiles};
 use crate::failure::Failure;
-use crate::simulator::{Hand, InputRecording, Simulator};
 use glam::DVec3;
 use haptic_device::Sample;
 use hrtc::run::FIXED_BYTES;
+use hrtc_core::Controller;
 use hrtc_core::contact::query::{Surface, faces_within};
-use hrtc_core::{Controller, NoObserver};
 use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
+use simulator::{Hand, InputRecording, Simulation};
 use spm::FileError;
 
 /// Quiet ticks after which a front that is at rest is taken to be complete.
@@ -52,20 +52,20 @@ impl Reference {
     /// # Errors
     /// One sentence when there is no touch to measure, or the model cannot be served.
     pub fn record(model: &Model, seed: u64, seconds: f64) -> Result<Self, Failure> {
-        let mut simulator = model.reference()?;
+        let mut simulation = model.reference()?;
         let period = 1.0 / model.plan.loop_.rate_hz;
         let tour = model.tour(seed, seconds)?;
-        let mut hand = Hand::new(model.plan.probes[0].device, period, tour);
-        let ready = make_ready(&mut simulator)?;
+        let mut hand = Hand::new(model.plan.probes[0].device, period).along_tour(tour);
+        let ready = make_ready(&mut simulation)?;
         let no_tour = || Failure::Run(format!("the tour of {} has no point", model.name));
-        let frame = simulator.controller.frame().ok_or_else(no_tour)?;
-        let rest = hand.rest(&frame).ok_or_else(no_tour)?;
-        come_to_rest(&mut simulator, rest, ready)?;
+        let frame = simulation.controller().frame().ok_or_else(no_tour)?;
+        let rest = hand.start(&frame).ok_or_else(no_tour)?;
+        come_to_rest(&mut simulation, rest, ready)?;
         let ticks = (seconds / period).round() as u64;
         let (mut samples, mut felt) = (Vec::new(), Vec::new());
         for tick in 0..ticks {
             let sample = hand.sample(tick, &frame).ok_or_else(no_tour)?;
-            let outputs = simulator.step(Some(sample), &mut NoObserver);
+            let outputs = simulation.step(Some(sample));
             samples.push(sample);
             felt.push(Felt {
                 force: outputs.wrenches[0].force,
@@ -98,16 +98,16 @@ impl Reference {
 ///
 /// # Errors
 /// When the controller cannot go on with the model, or it does not arrive.
-pub fn make_ready<D: AsRef<[u8]>>(simulator: &mut Simulator<D>) -> Result<u64, Failure> {
-    while !simulator.step(None, &mut NoObserver).record.ready {
-        if let Some(fault) = simulator.controller.fault() {
+pub fn make_ready<D: AsRef<[u8]>>(simulation: &mut Simulation<D>) -> Result<u64, Failure> {
+    while !simulation.step(None).record.ready {
+        if let Some(fault) = simulation.controller().fault() {
             return Err(Failure::Run(fault.to_string()));
         }
-        if simulator.tick > MAX_START_TICKS {
+        if simulation.tick() > MAX_START_TICKS {
             return Err(Failure::Run("the model does not arrive".to_string()));
         }
     }
-    Ok(simulator.tick)
+    Ok(simulation.tick())
 }
 
 /// Ticks with the device at rest until nothing comes and nothing changes any more; the tick of the last change.
@@ -115,18 +115,18 @@ pub fn make_ready<D: AsRef<[u8]>>(simulator: &mut Simulator<D>) -> Result<u64, F
 /// # Errors
 /// When it does not come to rest.
 pub fn come_to_rest<D: AsRef<[u8]>>(
-    simulator: &mut Simulator<D>,
+    simulation: &mut Simulation<D>,
     rest: Sample,
     ready: u64,
 ) -> Result<u64, Failure> {
     let (mut last_change, mut last_bytes) = (ready, 0);
-    while simulator.tick < last_change + QUIET_TICKS {
-        let record = simulator.step(Some(rest), &mut NoObserver).record;
+    while simulation.tick() < last_change + QUIET_TICKS {
+        let record = simulation.step(Some(rest)).record;
         if record.vsplits + record.ecols > 0 || record.bytes_received != last_bytes {
             last_bytes = record.bytes_received;
-            last_change = simulator.tick;
+            last_change = simulation.tick();
         }
-        if simulator.tick > MAX_START_TICKS {
+        if simulation.tick() > MAX_START_TICKS {
             return Err(Failure::Run("the front does not come to rest".to_string()));
         }
     }
@@ -170,23 +170,23 @@ pub fn measure(
     mut point: Point,
 ) -> Result<Measured, Failure> {
     let damaged = |error: FileError| Failure::Input(format!("the model {}: {error}", model.name));
-    let mut simulator = model.simulator(&plan)?;
-    simulator.record();
+    let mut simulation = model.simulation(&plan)?;
+    simulation.client_mut().record();
     let scale = model.metres_per_unit;
     let period_ms = 1e3 / plan.loop_.rate_hz;
     let rounding = ROUNDING * model.diagonal_m();
-    let ready = make_ready(&mut simulator)?;
+    let ready = make_ready(&mut simulation)?;
     point.ready_ms = ready as f64 * period_ms;
-    point.bytes_until_ready = simulator.mesh_bytes();
-    let settled = come_to_rest(&mut simulator, reference.rest, ready)?;
+    point.bytes_until_ready = simulation.client().mesh_bytes();
+    let settled = come_to_rest(&mut simulation, reference.rest, ready)?;
     point.settled_ms = settled as f64 * period_ms;
-    let start = simulator.tick as usize;
+    let start = simulation.tick() as usize;
     let mut all = Contacts::default();
     for (sample, felt) in reference.samples.iter().zip(&reference.felt) {
-        let outputs = simulator.step(Some(*sample), &mut NoObserver);
+        let outputs = simulation.step(Some(*sample));
         let (record, force) = (outputs.record, outputs.wrenches[0].force);
         let contact = outputs.contact();
-        let mesh_bytes = simulator.mesh_bytes();
+        let mesh_bytes = simulation.client().mesh_bytes();
         point.measured_m = point.measured_m.max(record.measured_error_m);
         if contact.is_some() || felt.contact.is_some() {
             all.forces.push(force.distance(felt.force));
@@ -206,7 +206,7 @@ pub fn measure(
                 point.bytes_until_full = mesh_bytes;
             }
             if point.contact_ticks.is_multiple_of(TOOL_EVERY) {
-                let (faces, us) = tool(&simulator.controller, contact.point, scale);
+                let (faces, us) = tool(&simulation.controller(), contact.point, scale);
                 all.tool_faces.push(faces);
                 all.tool_us.push(us);
             }
@@ -226,17 +226,18 @@ pub fn measure(
             point.one_sided_ticks += 1;
         }
     }
-    let last = simulator.outputs().record;
-    point.bytes = simulator.mesh_bytes();
+    let last = simulation.outputs().record;
+    point.bytes = simulation.client().mesh_bytes();
     point.vsps_received = last.vsps_received;
-    let high_water = simulator.controller.cache().bytes_high_water();
+    let high_water = simulation.controller().cache().bytes_high_water();
     point.cache_bytes = high_water as u64;
     point.rss_bytes = (high_water + FIXED_BYTES) as u64;
-    point.replay_hash = simulator.controller.replay_hash() >> 11;
+    point.replay_hash = simulation.controller().replay_hash() >> 11;
     fill(&mut point, &mut all);
     point.brute_apart_m = brute(model, &all.points).map_err(damaged)?;
-    let tape = simulator
-        .take_tape()
+    let tape = simulation
+        .client_mut()
+        .take_recording()
         .ok_or_else(|| Failure::Run("nothing was recorded".to_string()))?;
     Ok(Measured {
         point,

@@ -1,6 +1,6 @@
 //! `rt-tests accuracy`: what accuracy costs in time, memory and bytes.
 //!
-//! Both cores run in this process under a simulated clock ([`crate::simulator`]). On each model the device's
+//! Both cores run in this process under a simulated clock ([`simulator`]). On each model the device's
 //! poses are recorded once, in a closed loop on the mesh that was never simplified; then the same poses go to
 //! a controller for each setting of the dial, from the base mesh to the full mesh. So what differs between two
 //! settings is the front alone. The ticks are timed apart, from the recorded inputs, in turns.

@@ -2,13 +2,13 @@
 
 use crate::failure::Failure;
 use crate::run::prepare_models;
-use crate::simulator::{DELAY_TICKS, Simulator, identity, station_incarnation};
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use hrtc_core::Controller;
 use memmap2::Mmap;
 use protocol::{Request, TourAsk, TourPoint};
 use scene::{ModelSource, Overrides, ScenePlan, TrajectoryPlan, parse};
+use simulator::{Client, ClientOptions, STATION, Simulation};
 use spm::{FileError, SpmFile, write_spm};
 use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model};
 use spm_builder::generate::Shape;
@@ -196,16 +196,16 @@ impl Model {
     /// A fresh controller of a plan.
     #[must_use]
     pub fn controller(plan: &ScenePlan) -> Controller {
-        Controller::new(plan, identity(), DEVICE_MAX_N, 0.0)
+        Controller::new(plan, ClientOptions::default().identity, DEVICE_MAX_N, 0.0)
     }
 
     /// Controller and station of a plan, with nothing sent yet.
     ///
     /// # Errors
     /// One sentence when the file has gone since.
-    pub fn simulator(&self, plan: &ScenePlan) -> Result<Simulator<Mmap>, Failure> {
+    pub fn simulation(&self, plan: &ScenePlan) -> Result<Simulation<Mmap>, Failure> {
         let served = open(plan)?;
-        Ok(simulator(plan, served))
+        Ok(simulation(plan, served))
     }
 
     /// The reference: the same mesh never simplified. Its base mesh *is* the full mesh: no record, no region
@@ -213,7 +213,7 @@ impl Model {
     ///
     /// # Errors
     /// One sentence when it cannot be built.
-    pub fn reference(&self) -> Result<Simulator<Vec<u8>>, Failure> {
+    pub fn reference(&self) -> Result<Simulation<Vec<u8>>, Failure> {
         let all = BuildOptions {
             base_faces: Some(u32::MAX),
             ..BuildOptions::default()
@@ -237,7 +237,7 @@ impl Model {
         let mut plan = self.plan.clone();
         plan.cache_bytes = self.cache_for_all();
         let name = plan.objects[0].model.name();
-        Ok(simulator(&plan, ServedModel { name, file }))
+        Ok(simulation(&plan, ServedModel { name, file }))
     }
 }
 
@@ -248,11 +248,15 @@ fn open(plan: &ScenePlan) -> Result<ServedModel<Mmap>, Failure> {
         .ok_or_else(|| Failure::Run("the scene has no model".to_string()))
 }
 
-fn simulator<D: AsRef<[u8]>>(plan: &ScenePlan, served: ServedModel<D>) -> Simulator<D> {
+fn simulation<D: AsRef<[u8]>>(plan: &ScenePlan, served: ServedModel<D>) -> Simulation<D> {
     let object = ServedObject {
         model: 0,
         name: Request::name_hash(&served.name),
     };
-    let station = Station::new(station_incarnation(), vec![served], vec![object]);
-    Simulator::new(Model::controller(plan), identity(), station, DELAY_TICKS)
+    let station = Station::new(STATION, vec![served], vec![object]);
+    let options = ClientOptions {
+        device_max_n: DEVICE_MAX_N,
+        ..ClientOptions::default()
+    };
+    Simulation::new(station, Client::new(plan, options))
 }

@@ -5,10 +5,10 @@ use super::measure::Measured;
 use super::model::Model;
 use super::result::{Quantiles, StageQuantiles};
 use crate::failure::Failure;
-use crate::simulator::{InputRecording, Playback};
 use hrtc_core::{Stage, StageObserver};
 use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
+use simulator::{InputRecording, Playback};
 
 /// Times that every tick is done; its time is the least of them. The work is the same bits each time, so
 /// what differs is the machine.

@@ -1,18 +1,17 @@
 //! A controller that touches one mesh, in virtual time, and the faults that are put in on purpose.
 
 use crate::failure::Failure;
-use crate::simulator::{DELAY_TICKS, Simulator, identity, station_incarnation};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use haptic_device::{Device, Intent, Sample, Simulated};
 use hrtc_core::bodies::Body;
 use hrtc_core::record::CoreRecord;
-use hrtc_core::{Controller, NoObserver};
 use protocol::Request;
 use scene::{
     Hand, ModelScale, MovablePlan, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan,
     TrajectoryPlan, parse,
 };
+use simulator::{Client, ClientOptions, STATION, Simulation};
 use spm::{ActiveMesh, SpmFile, SpmParts, write_spm};
 use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model};
 use station_core::station::{ServedModel, ServedObject, Station};
@@ -165,7 +164,7 @@ fn failed(error: impl std::fmt::Display) -> Failure {
 /// See the module.
 #[derive(Debug)]
 pub struct Bench {
-    simulator: Simulator<Vec<u8>>,
+    simulation: Simulation<Vec<u8>>,
     setup: Setup,
     /// The force of the tick before.
     before: DVec3,
@@ -188,11 +187,14 @@ impl Bench {
         };
         let file = SpmFile::open(model.to_vec()).map_err(damaged)?;
         let served = ServedModel { name, file };
-        let station = Station::new(station_incarnation(), vec![served], vec![object]);
-        let controller = Controller::new(&plan, identity(), UNLIMITED_N, 0.0);
-        let simulator = Simulator::new(controller, identity(), station, DELAY_TICKS);
+        let station = Station::new(STATION, vec![served], vec![object]);
+        let options = ClientOptions {
+            device_max_n: UNLIMITED_N,
+            ..ClientOptions::default()
+        };
+        let simulation = Simulation::new(station, Client::new(&plan, options));
         Ok(Self {
-            simulator,
+            simulation,
             setup,
             before: DVec3::ZERO,
             orientation: DQuat::IDENTITY,
@@ -256,7 +258,7 @@ impl Bench {
             .iter()
             .map(|pose| pose.map(|pose| Sample { pose }))
             .collect();
-        let outputs = self.simulator.step_each(&samples, &mut NoObserver);
+        let outputs = self.simulation.step_each(&samples);
         let (force, record) = (outputs.wrenches[0].force, outputs.record);
         let now = std::mem::replace(&mut self.before, force);
         let dead = self.setup.stiffness_n_per_m * 1e-4;
@@ -268,20 +270,20 @@ impl Bench {
         };
         Felt {
             force,
-            proxy: self.simulator.controller.proxy().unwrap_or(DVec3::ZERO),
+            proxy: self.simulation.controller().proxy().unwrap_or(DVec3::ZERO),
             record,
         }
     }
 
     /// Misses so many periods: the device goes on under the force that it has.
     pub fn miss(&mut self, periods: u64) {
-        self.simulator.tick += periods;
+        self.simulation.skip(periods);
     }
 
     /// What holds the probe after the last tick, model units.
     #[must_use]
     pub fn contact(&self) -> Option<DVec3> {
-        self.simulator
+        self.simulation
             .outputs()
             .contact()
             .map(|contact| contact.point)
@@ -290,14 +292,14 @@ impl Bench {
     /// A place of the world in model units, once the model is there.
     #[must_use]
     pub fn to_model(&self, world: DVec3) -> Option<DVec3> {
-        let frame = self.simulator.controller.frame()?;
+        let frame = self.simulation.controller().frame()?;
         Some(frame.to_model(world))
     }
 
     /// What moves.
     #[must_use]
     pub fn body(&self) -> Option<&Body> {
-        self.simulator.controller.movables().body(0)
+        self.simulation.controller().movables().body(0)
     }
 
     /// The object's pose in the last tick.
@@ -309,36 +311,36 @@ impl Bench {
     /// Whether nothing moves any more.
     #[must_use]
     pub fn is_asleep(&self) -> bool {
-        self.simulator.outputs().record.moving == 0
+        self.simulation.outputs().record.moving == 0
     }
 
     /// Asks for another expected error at the contact, metres.
     pub fn ask(&mut self, tolerance_m: f64) {
-        self.simulator.controller.set_tolerance(tolerance_m);
+        self.simulation.controller_mut().set_tolerance(tolerance_m);
     }
 
     /// The mesh that the probe touches, model units.
     #[must_use]
     pub fn mesh(&self) -> &ActiveMesh {
-        self.simulator.controller.cache().mesh()
+        self.simulation.controller().cache().mesh()
     }
 
     /// Silences the station, or lets it speak again.
     pub fn mute(&mut self, mute: bool) {
-        self.simulator.mute(mute);
+        self.simulation.mute_station(mute);
     }
 
     /// How often effects were called so far.
     #[must_use]
     pub fn effect_calls(&self) -> u64 {
-        let usage = self.simulator.controller.effects();
+        let usage = self.simulation.controller().effects();
         usage.iter().map(|kind| kind.calls).sum()
     }
 
     /// Hash over every tick's outputs so far.
     #[must_use]
     pub fn hash(&self) -> u64 {
-        self.simulator.controller.replay_hash()
+        self.simulation.controller().replay_hash()
     }
 }
 

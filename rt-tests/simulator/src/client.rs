@@ -1,0 +1,254 @@
+//! A controller with everything on its side of the link.
+
+use crate::hand::Hand;
+use crate::link::{Link, LinkModel, Upward};
+use crate::recording::InputRecording;
+use crate::summary::Summary;
+use haptic_device::Sample;
+use hrtc_core::streaming::chunk::InboxChunk;
+use hrtc_core::streaming::subscriber::Identity;
+use hrtc_core::{Controller, StageObserver, TickInputs, TickOutputs};
+use protocol::ChunkKind;
+use realtime::counting_allocator::count;
+use scene::{ScenePlan, TrajectoryPlan};
+
+/// Chunks that the inbox holds; further ones wait on the link. The product's inbox is as large.
+pub const INBOX_CHUNKS: usize = 64;
+
+/// Properties of a client beside its scene.
+#[derive(Debug, Clone, Copy)]
+pub struct ClientOptions {
+    /// Its number and incarnation; clients of one station have different numbers.
+    pub identity: Identity,
+    /// Largest force that its devices render, newtons.
+    pub device_max_n: f64,
+    /// Length of the tours that it asks the station for, seconds; 0 for none.
+    pub tour_s: f64,
+    /// Its link.
+    pub link: LinkModel,
+    /// Seed of the link's faults.
+    pub link_seed: u64,
+}
+
+impl Default for ClientOptions {
+    fn default() -> Self {
+        Self {
+            identity: Identity {
+                client: 7,
+                incarnation: 8,
+            },
+            device_max_n: 10.0,
+            tour_s: 0.0,
+            link: LinkModel::default(),
+            link_seed: 1,
+        }
+    }
+}
+
+/// The source of a tick's samples.
+#[derive(Debug, Clone, Copy)]
+pub enum Drive<'a> {
+    /// Prescribed, one a probe.
+    Samples(&'a [Option<Sample>]),
+    /// The hands along their paths.
+    Hands,
+}
+
+/// A controller, its inbox, its link, and a hand for each probe.
+#[derive(Debug)]
+pub struct Client {
+    controller: Controller,
+    identity: Identity,
+    link: Link,
+    hands: Vec<Hand>,
+    inbox: Vec<InboxChunk>,
+    samples: Vec<Option<Sample>>,
+    outputs: TickOutputs,
+    summary: Summary,
+    recording: Option<InputRecording>,
+    last_tick: Option<u64>,
+    mesh_bytes: u64,
+    allocations: u64,
+}
+
+impl Client {
+    /// A client of a scene that has not ticked yet.
+    #[must_use]
+    pub fn new(plan: &ScenePlan, options: ClientOptions) -> Self {
+        let ClientOptions {
+            identity,
+            device_max_n,
+            tour_s,
+            link,
+            link_seed,
+        } = options;
+        let period_s = 1.0 / plan.loop_.rate_hz;
+        let hands = plan.probes.iter().map(|probe| {
+            let hand = Hand::new(probe.device, period_s);
+            match &probe.trajectory {
+                TrajectoryPlan::Points(points) => hand.along_points(points.clone()),
+                TrajectoryPlan::Tour { .. } => hand,
+            }
+        });
+        Self {
+            controller: Controller::new(plan, identity, device_max_n, tour_s),
+            identity,
+            link: Link::new(link, link_seed),
+            hands: hands.collect(),
+            inbox: Vec::with_capacity(INBOX_CHUNKS),
+            samples: Vec::with_capacity(plan.probes.len()),
+            outputs: TickOutputs::new(plan.probes.len()),
+            summary: Summary::default(),
+            recording: None,
+            last_tick: None,
+            mesh_bytes: 0,
+            allocations: 0,
+        }
+    }
+
+    /// The controller.
+    #[must_use]
+    pub fn controller(&self) -> &Controller {
+        &self.controller
+    }
+
+    /// The controller, to change its settings.
+    pub fn controller_mut(&mut self) -> &mut Controller {
+        &mut self.controller
+    }
+
+    /// Its number and incarnation.
+    #[must_use]
+    pub fn identity(&self) -> Identity {
+        self.identity
+    }
+
+    /// The link.
+    pub fn link(&mut self) -> &mut Link {
+        &mut self.link
+    }
+
+    /// The hand of a probe.
+    pub fn hand(&mut self, probe: usize) -> &mut Hand {
+        &mut self.hands[probe]
+    }
+
+    /// The outputs of the last tick.
+    #[must_use]
+    pub fn outputs(&self) -> &TickOutputs {
+        &self.outputs
+    }
+
+    /// Counts and extremes of all ticks.
+    #[must_use]
+    pub fn summary(&self) -> &Summary {
+        &self.summary
+    }
+
+    /// Bytes of the chunks that have arrived, without those of measured errors.
+    #[must_use]
+    pub fn mesh_bytes(&self) -> u64 {
+        self.mesh_bytes
+    }
+
+    /// Allocations and frees within ticks and devices. Counted by
+    /// [`realtime::counting_allocator::CountingAllocator`]; 0 with any other allocator.
+    #[must_use]
+    pub fn allocations(&self) -> u64 {
+        self.allocations
+    }
+
+    /// Chunks in the inbox.
+    #[must_use]
+    pub fn inbox_len(&self) -> usize {
+        self.inbox.len()
+    }
+
+    /// Puts a chunk into the inbox, before all others.
+    pub fn inject(&mut self, chunk: InboxChunk) {
+        if let Some(recording) = &mut self.recording {
+            recording.add_chunk_before(self.inbox.len(), chunk);
+        }
+        self.inbox.insert(0, chunk);
+    }
+
+    /// Records every input from now on; to be played back, from before the first tick.
+    pub fn record(&mut self) {
+        self.recording = Some(InputRecording::default());
+    }
+
+    /// Ends the recording and gives it.
+    pub fn take_recording(&mut self) -> Option<InputRecording> {
+        self.recording.take()
+    }
+
+    /// One tick; `station`: the incarnation that the client sees, 0 for none.
+    pub(crate) fn tick(
+        &mut self,
+        tick: u64,
+        station: u64,
+        drive: Drive<'_>,
+        observer: &mut impl StageObserver,
+    ) {
+        self.receive(tick);
+        self.sample(tick, drive);
+        let inputs = TickInputs {
+            tick,
+            samples: &self.samples,
+            station,
+            chunks: [&self.inbox, &[]],
+            stopping: false,
+        };
+        let (controller, outputs) = (&mut self.controller, &mut self.outputs);
+        self.allocations += count(|| controller.tick(&inputs, outputs, observer));
+        if let Some(recording) = &mut self.recording {
+            recording.add_tick(&inputs, outputs.record.replay_hash);
+        }
+        self.inbox.drain(..self.outputs.chunks_consumed);
+        for &request in self.outputs.outbox.requests() {
+            self.link.send_up(tick, Upward::Request(request));
+        }
+        for &report in &self.outputs.reports {
+            self.link.send_up(tick, Upward::Report(report));
+        }
+        for (hand, &wrench) in self.hands.iter_mut().zip(&self.outputs.wrenches) {
+            self.allocations += count(|| hand.feel(wrench));
+        }
+        let first = self.outputs.wrenches.first().copied().unwrap_or_default();
+        self.summary.add(&self.outputs.record, first);
+        self.last_tick = Some(tick);
+    }
+
+    /// Moves what is due from the link into the inbox.
+    fn receive(&mut self, tick: u64) {
+        while self.inbox.len() < INBOX_CHUNKS
+            && let Some(chunk) = self.link.downward.receive(tick)
+        {
+            if let Some(recording) = &mut self.recording {
+                recording.add_chunk(chunk);
+            }
+            if chunk.header.kind != ChunkKind::Measured as u32 {
+                self.mesh_bytes += size_of::<InboxChunk>() as u64;
+            }
+            self.inbox.push(chunk);
+        }
+    }
+
+    /// Fills in the samples of a tick.
+    fn sample(&mut self, tick: u64, drive: Drive<'_>) {
+        self.samples.clear();
+        match drive {
+            Drive::Samples(samples) => self.samples.extend_from_slice(samples),
+            Drive::Hands => {
+                let periods = self.last_tick.map_or(1, |last| tick - last);
+                let periods = u32::try_from(periods).unwrap_or(u32::MAX);
+                for (probe, hand) in self.hands.iter_mut().enumerate() {
+                    hand.follow(tick, &self.controller, probe);
+                    let mut sample = None;
+                    self.allocations += count(|| sample = hand.read(periods));
+                    self.samples.push(sample);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! The hand that holds the simulated device. The loop through both is closed: the force moves the
+//! device, and the device moves the probe.
+
+use geometry::{Pose, Wrench};
+use glam::DVec3;
+use haptic_device::{Device, Intent, Sample, Simulated};
+use hrtc_core::script::Script;
+use hrtc_core::{Controller, ModelFrame};
+use protocol::TourPoint;
+use scene::SimulatedDevicePlan;
+
+/// The path of a hand.
+#[derive(Debug, Clone)]
+enum Path {
+    /// None yet: the hand waits for the station's tour.
+    Unknown,
+    /// Points of the scene: time in seconds from the first tick, pose in the world.
+    Points(Vec<(f64, Pose)>),
+    /// A tour over an object, in its file's frame, from a tick on.
+    Tour {
+        object: usize,
+        points: Vec<TourPoint>,
+        start: u64,
+    },
+}
+
+/// A simulated device in a hand.
+#[derive(Debug, Clone)]
+pub struct Hand {
+    device: Simulated,
+    script: Script,
+    path: Path,
+    period_s: f64,
+    /// Time of the path at which it stops and stays, seconds.
+    stop_s: f64,
+    /// Place at which it is held instead of following its path.
+    held_at: Option<Pose>,
+}
+
+impl Hand {
+    /// A hand without a path; a period of the device takes `period_s`.
+    #[must_use]
+    pub fn new(plan: SimulatedDevicePlan, period_s: f64) -> Self {
+        Self {
+            device: Simulated::new(plan, period_s),
+            script: Script::default(),
+            path: Path::Unknown,
+            period_s,
+            stop_s: f64::INFINITY,
+            held_at: None,
+        }
+    }
+
+    /// Along points: time in seconds, pose in the world.
+    #[must_use]
+    pub fn along_points(mut self, points: Vec<(f64, Pose)>) -> Self {
+        self.path = Path::Points(points);
+        self
+    }
+
+    /// Along a tour over the first object, which begins at tick 0.
+    #[must_use]
+    pub fn along_tour(mut self, points: Vec<TourPoint>) -> Self {
+        self.path = Path::Tour {
+            object: 0,
+            points,
+            start: 0,
+        };
+        self
+    }
+
+    /// Stops at this time of the path, in seconds, and stays.
+    pub fn stop_at(&mut self, seconds: f64) {
+        self.stop_s = seconds;
+    }
+
+    /// Holds the device at a pose instead of following the path; `None` ends that.
+    pub fn hold_at(&mut self, pose: Option<Pose>) {
+        self.held_at = pose;
+    }
+
+    /// The sample of a tick of the tour of the first object, whose frame is given; ticks must not
+    /// go back.
+    pub fn sample(&mut self, tick: u64, frame: &ModelFrame) -> Option<Sample> {
+        self.intend(tick, |_| Some(*frame));
+        self.read(1)
+    }
+
+    /// A sample at rest at the beginning of the tour.
+    #[must_use]
+    pub fn start(&self, frame: &ModelFrame) -> Option<Sample> {
+        let Path::Tour { points, .. } = &self.path else {
+            return None;
+        };
+        let position = DVec3::from_array(points.first()?.position) - frame.origin;
+        Some(Sample {
+            pose: Pose::at(frame.to_world(position)),
+        })
+    }
+
+    /// The device after so many periods under the force that it has.
+    pub fn read(&mut self, periods: u32) -> Option<Sample> {
+        self.device.read(periods)
+    }
+
+    /// The wrench acts on the device until the next sample.
+    pub fn feel(&mut self, wrench: Wrench) {
+        self.device.write(wrench);
+    }
+
+    /// Exact position (m) and velocity (m/s) of the device, without its encoder.
+    #[must_use]
+    pub fn state(&self) -> (DVec3, DVec3) {
+        self.device.state()
+    }
+
+    /// Decides where to go in a tick; takes over the station's tour of its probe when it arrives.
+    pub(crate) fn follow(&mut self, tick: u64, controller: &Controller, probe: usize) {
+        if let (Path::Unknown, Some((object, points))) = (&self.path, controller.tour_of(probe)) {
+            self.path = Path::Tour {
+                object,
+                points: points.to_vec(),
+                start: tick,
+            };
+        }
+        self.intend(tick, |object| controller.frame_of(object));
+    }
+
+    fn intend(&mut self, tick: u64, frame_of: impl Fn(usize) -> Option<ModelFrame>) {
+        let seconds = |ticks: u64| ticks as f64 * self.period_s;
+        let intent = match (&self.path, self.held_at) {
+            (_, Some(pose)) => Some(Intent {
+                pose,
+                velocity: DVec3::ZERO,
+            }),
+            (Path::Unknown, None) => None,
+            (Path::Points(points), None) => {
+                let t = seconds(tick);
+                let intent = self.script.along_points(points, t.min(self.stop_s));
+                intent.map(|intent| stopped(intent, t >= self.stop_s))
+            }
+            (
+                Path::Tour {
+                    object,
+                    points,
+                    start,
+                },
+                None,
+            ) => frame_of(*object).and_then(|frame| {
+                let t = seconds(tick - start);
+                let intent = self.script.along_tour(points, &frame, t.min(self.stop_s));
+                intent.map(|intent| stopped(intent, t >= self.stop_s))
+            }),
+        };
+        if let Some(intent) = intent {
+            self.device.intend(intent);
+        }
+    }
+}
+
+/// The intent, at rest once it has stopped.
+fn stopped(intent: Intent, has_stopped: bool) -> Intent {
+    let velocity = if has_stopped {
+        DVec3::ZERO
+    } else {
+        intent.velocity
+    };
+    Intent { velocity, ..intent }
+}

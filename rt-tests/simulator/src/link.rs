@@ -1,0 +1,356 @@
+//! The link between a client and the station.
+
+use crate::random::Random;
+use hrtc_core::streaming::chunk::InboxChunk;
+use protocol::{ContactReport, Request};
+use std::collections::VecDeque;
+use std::fmt;
+
+/// Properties of a link, the same in both directions. The default delays by 2 ticks, has no
+/// faults and no limit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinkModel {
+    /// Ticks from the sender to the receiver.
+    pub delay_ticks: u64,
+    /// Largest further delay, ticks; uniform from 0. The order of the messages stays.
+    pub jitter_ticks: u64,
+    /// Probability that a message is lost.
+    pub loss: f64,
+    /// Probability that a message arrives twice.
+    pub duplicates: f64,
+    /// Probability that a message overtakes the one before it.
+    pub reordering: f64,
+    /// Probability that a bit of a chunk's slots is flipped. Requests and reports stay whole.
+    pub damage: f64,
+    /// Throughput of each direction, bytes a tick; infinite for no limit.
+    pub bytes_per_tick: f64,
+}
+
+impl Default for LinkModel {
+    fn default() -> Self {
+        Self {
+            delay_ticks: 2,
+            jitter_ticks: 0,
+            loss: 0.0,
+            duplicates: 0.0,
+            reordering: 0.0,
+            damage: 0.0,
+            bytes_per_tick: f64::INFINITY,
+        }
+    }
+}
+
+/// A message of a client to the station.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Upward {
+    Request(Request),
+    Report(ContactReport),
+}
+
+/// A message as the link sees it.
+pub(crate) trait Payload: Copy {
+    /// Its size.
+    fn bytes(&self) -> usize;
+    /// Flips a random bit, where a link may damage such a message.
+    fn flip_bit(&mut self, random: &mut Random);
+}
+
+impl Payload for Upward {
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Request(_) => size_of::<Request>(),
+            Self::Report(_) => size_of::<ContactReport>(),
+        }
+    }
+
+    fn flip_bit(&mut self, _: &mut Random) {}
+}
+
+impl Payload for InboxChunk {
+    fn bytes(&self) -> usize {
+        size_of::<Self>()
+    }
+
+    fn flip_bit(&mut self, random: &mut Random) {
+        let slot = random.below(self.slots.len() as u64) as usize;
+        let words = &mut self.slots[slot].words;
+        let word = random.below(words.len() as u64) as usize;
+        words[word] ^= 1 << random.below(32);
+    }
+}
+
+/// One direction: messages under way, in the order in which they arrive.
+#[derive(Debug, Clone)]
+pub(crate) struct DelayLine<T> {
+    /// Tick of arrival and message; ticks ascend.
+    under_way: VecDeque<(u64, T)>,
+    /// Time at which all that was sent is on the wire, ticks.
+    free_at: f64,
+}
+
+impl<T> Default for DelayLine<T> {
+    fn default() -> Self {
+        Self {
+            under_way: VecDeque::new(),
+            free_at: 0.0,
+        }
+    }
+}
+
+impl<T: Payload> DelayLine<T> {
+    /// Sends a message at a tick.
+    pub fn send(&mut self, tick: u64, mut message: T, model: &LinkModel, random: &mut Random) {
+        let start = self.free_at.max(tick as f64);
+        self.free_at = start + message.bytes() as f64 / model.bytes_per_tick;
+        if random.happens(model.loss) {
+            return;
+        }
+        if random.happens(model.damage) {
+            message.flip_bit(random);
+        }
+        let mut due = self.free_at.floor() as u64 + model.delay_ticks;
+        if model.jitter_ticks > 0 {
+            due += random.below(model.jitter_ticks + 1);
+        }
+        due = self.under_way.back().map_or(due, |last| due.max(last.0));
+        let copies = if random.happens(model.duplicates) {
+            2
+        } else {
+            1
+        };
+        for _ in 0..copies {
+            self.under_way.push_back((due, message));
+        }
+        let last = self.under_way.len() - 1;
+        if last > 0 && random.happens(model.reordering) {
+            self.under_way.swap(last, last - 1);
+            self.under_way[last - 1].0 = due;
+            self.under_way[last].0 = due;
+        }
+    }
+
+    /// The next message if it is due at a tick.
+    pub fn receive(&mut self, tick: u64) -> Option<T> {
+        let (due, _) = self.under_way.front()?;
+        if *due > tick {
+            return None;
+        }
+        self.under_way.pop_front().map(|(_, message)| message)
+    }
+
+    /// Loses the messages that are due at a tick.
+    pub fn lose_due(&mut self, tick: u64) {
+        while self.receive(tick).is_some() {}
+    }
+
+    /// Loses everything under way.
+    pub fn clear(&mut self) {
+        self.under_way.clear();
+        self.free_at = 0.0;
+    }
+}
+
+/// Changes chunks on their way to a client.
+type Tamper = Box<dyn FnMut(&mut InboxChunk)>;
+
+/// Both directions between a client and the station.
+pub struct Link {
+    model: LinkModel,
+    random: Random,
+    /// Whether nothing crosses: the client does not see the station, and what is due is lost.
+    is_cut: bool,
+    tamper: Option<Tamper>,
+    pub(crate) upward: DelayLine<Upward>,
+    pub(crate) downward: DelayLine<InboxChunk>,
+}
+
+impl Link {
+    /// A link with nothing under way; the seed decides on its faults.
+    #[must_use]
+    pub fn new(model: LinkModel, seed: u64) -> Self {
+        Self {
+            model,
+            random: Random::new(seed),
+            is_cut: false,
+            tamper: None,
+            upward: DelayLine::default(),
+            downward: DelayLine::default(),
+        }
+    }
+
+    /// Its properties.
+    #[must_use]
+    pub fn model(&self) -> &LinkModel {
+        &self.model
+    }
+
+    /// Changes its properties for messages sent from now on.
+    pub fn set_model(&mut self, model: LinkModel) {
+        self.model = model;
+    }
+
+    /// The same with a new seed.
+    pub fn disturb(&mut self, model: LinkModel, seed: u64) {
+        self.model = model;
+        self.random = Random::new(seed);
+    }
+
+    /// Cuts it, or mends it.
+    pub fn cut(&mut self, is_cut: bool) {
+        self.is_cut = is_cut;
+    }
+
+    /// Whether nothing crosses.
+    #[must_use]
+    pub fn is_cut(&self) -> bool {
+        self.is_cut
+    }
+
+    /// Changes every chunk that the station sends from now on, before the link's own faults.
+    pub fn tamper(&mut self, change: impl FnMut(&mut InboxChunk) + 'static) {
+        self.tamper = Some(Box::new(change));
+    }
+
+    /// Ends [`Link::tamper`].
+    pub fn stop_tampering(&mut self) {
+        self.tamper = None;
+    }
+
+    /// Sends a message to the station.
+    pub(crate) fn send_up(&mut self, tick: u64, message: Upward) {
+        self.upward
+            .send(tick, message, &self.model, &mut self.random);
+    }
+
+    /// Sends a chunk to the client.
+    pub(crate) fn send_down(&mut self, tick: u64, mut chunk: InboxChunk) {
+        if let Some(tamper) = &mut self.tamper {
+            tamper(&mut chunk);
+        }
+        self.downward
+            .send(tick, chunk, &self.model, &mut self.random);
+    }
+
+    /// Loses what is due, both ways.
+    pub(crate) fn lose_due(&mut self, tick: u64) {
+        self.upward.lose_due(tick);
+        self.downward.lose_due(tick);
+    }
+
+    /// Loses everything under way, both ways.
+    pub(crate) fn clear(&mut self) {
+        self.upward.clear();
+        self.downward.clear();
+    }
+}
+
+impl fmt::Debug for Link {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Link")
+            .field("model", &self.model)
+            .field("random", &self.random)
+            .field("is_cut", &self.is_cut)
+            .field("is_tampered", &self.tamper.is_some())
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    impl Payload for char {
+        fn bytes(&self) -> usize {
+            10
+        }
+
+        fn flip_bit(&mut self, _: &mut Random) {
+            *self = '!';
+        }
+    }
+
+    /// Sends letters, one a tick from tick 0 on, and gives what arrives with its ticks.
+    fn received(letters: &str, model: LinkModel, seed: u64) -> Vec<(u64, char)> {
+        let (mut line, mut random) = (DelayLine::default(), Random::new(seed));
+        let mut letters = letters.chars();
+        let mut arrived = Vec::new();
+        for tick in 0..100 {
+            while let Some(letter) = line.receive(tick) {
+                arrived.push((tick, letter));
+            }
+            if let Some(letter) = letters.next() {
+                line.send(tick, letter, &model, &mut random);
+            }
+        }
+        arrived
+    }
+
+    fn letters(arrived: &[(u64, char)]) -> String {
+        arrived.iter().map(|&(_, letter)| letter).collect()
+    }
+
+    #[test]
+    fn messages_arrive_in_order_when_they_are_due() {
+        let expected = [(2, 'a'), (3, 'b'), (4, 'c')];
+        assert_eq!(received("abc", LinkModel::default(), 1), expected);
+    }
+
+    #[test]
+    fn jitter_keeps_the_order() {
+        let model = LinkModel {
+            jitter_ticks: 5,
+            ..LinkModel::default()
+        };
+        let arrived = received("abcdefghijklmnop", model, 1);
+        assert_eq!(letters(&arrived), "abcdefghijklmnop");
+        let late = |&(tick, letter): &(u64, char)| tick - (letter as u64 - u64::from(b'a'));
+        assert!(arrived.iter().all(|of| (2..=7).contains(&late(of))));
+        assert!(arrived.iter().any(|of| late(of) > 2));
+    }
+
+    #[test]
+    fn each_fault_does_what_it_says() {
+        let none = LinkModel::default();
+        let lost = LinkModel { loss: 1.0, ..none };
+        assert_eq!(received("abc", lost, 1), []);
+        let twice = LinkModel {
+            duplicates: 1.0,
+            ..none
+        };
+        assert_eq!(letters(&received("abc", twice, 1)), "aabbcc");
+        let damaged = LinkModel {
+            damage: 1.0,
+            ..none
+        };
+        assert_eq!(letters(&received("abc", damaged, 1)), "!!!");
+        let mixed = LinkModel {
+            reordering: 1.0,
+            ..none
+        };
+        // The first message is overtaken by all others, and arrives with the last.
+        assert_eq!(letters(&received("abc", mixed, 1)), "bca");
+    }
+
+    #[test]
+    fn a_throttled_link_queues() {
+        let model = LinkModel {
+            bytes_per_tick: 5.0,
+            ..LinkModel::default()
+        };
+        let expected = [(4, 'a'), (6, 'b'), (8, 'c')];
+        assert_eq!(received("abc", model, 1), expected);
+    }
+
+    #[test]
+    fn the_seed_decides_on_the_faults() {
+        let model = LinkModel {
+            loss: 0.5,
+            duplicates: 0.5,
+            reordering: 0.5,
+            ..LinkModel::default()
+        };
+        let run = |seed| received("abcdefghijklmnopqrstuvwxyz", model, seed);
+        assert_eq!(run(1), run(1));
+        assert_ne!(run(1), run(2));
+    }
+}
