@@ -13,6 +13,7 @@ use hrtc_core::streaming::subscriber::Identity;
 use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
 use scene::{self, MAX_PROBES, Overrides, SceneError};
+use scene_files::DiskFiles;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Write};
@@ -105,6 +106,7 @@ impl RecordingHead {
             &self.scene_name,
             &self.scene_folder,
             &overrides,
+            &DiskFiles,
         )?;
         let identity = Identity {
             client: self.client,

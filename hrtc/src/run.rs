@@ -20,6 +20,7 @@ use protocol::{ContactReport, Request};
 use realtime::rights::{MissingRight, monotonic_ns};
 use rtrb::{Consumer, RingBuffer};
 use scene::{self, Overrides, ScenePlan, TrajectoryPlan};
+use scene_files::DiskFiles;
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -102,7 +103,7 @@ struct Signals {
 /// that cannot be touched.
 pub fn run(args: &RunArgs, stop: &AtomicBool) -> Result<(), RunError> {
     let started = args.started_ns.unwrap_or_else(monotonic_ns);
-    let plan = scene::load(&args.scene, &args.overrides)?;
+    let plan = scene::load(&args.scene, &args.overrides, &DiskFiles)?;
     let domain = Domain::new(&args.domain)?;
     let incarnation = incarnation();
     let identity = Identity {
@@ -343,7 +344,7 @@ impl Shell<'_> {
             cache_bytes: self.plan.cache_bytes as u64,
             bytes_full_mesh: controller.headers().map(outcome::bytes_full_mesh).sum(),
             objects: self.plan.objects.len() as u64,
-            seats: self.plan.seats() as u64,
+            seats: self.plan.active_objects() as u64,
             rss_bytes: outcome::resident_bytes(),
             start_to_first_tick_ms: first.saturating_sub(self.started) as f64 / 1e6,
             operations_budget: u64::from(ended.work_budget),

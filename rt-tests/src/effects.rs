@@ -14,7 +14,8 @@ use crate::run::{check_seconds, print, print_json};
 use clap::Args;
 use hrtc_core::Stage;
 use hrtc_core::force::effects::UsageByKind;
-use scene::{Effect, EffectPlan, ModelSource, Overrides, ScenePlan, load, parse};
+use scene::{Effect, EffectPlan, ModelSource, NoFiles, Overrides, ScenePlan, load, parse};
+use scene_files::DiskFiles;
 use serde::Serialize;
 use simulator::InputRecording;
 use std::fmt::Write;
@@ -122,8 +123,8 @@ pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
 pub fn measure(args: &EffectsArgs) -> Result<Effects, Failure> {
     let none = Overrides::default();
     let scene = match &args.scene {
-        Some(path) => load(path, &none)?,
-        None => parse(BUNDLED, "effects", Path::new(""), &none)?,
+        Some(path) => load(path, &none, &DiskFiles)?,
+        None => parse(BUNDLED, "effects", Path::new(""), &none, &NoFiles)?,
     };
     let listed: Vec<EffectPlan> = scene.objects[0]
         .effects

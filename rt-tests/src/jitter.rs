@@ -18,6 +18,7 @@ use hdrhistogram::Histogram;
 use hrtc::result::{Buckets, Finished, Misses, Right, SupervisedLine};
 use indicatif::{ProgressBar, ProgressStyle};
 use scene::{ScenePlan, load};
+use scene_files::DiskFiles;
 use serde::Serialize;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -220,7 +221,7 @@ pub fn jitter(args: &JitterArgs) -> Result<(), Failure> {
     let bundled = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
     let scene = crate::bundled_or(args.scene.as_deref(), bundled.path())?;
-    let plan = load(&scene, &args.overrides.overrides())?;
+    let plan = load(&scene, &args.overrides.overrides(), &DiskFiles)?;
     let out = args
         .out
         .clone()

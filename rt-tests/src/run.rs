@@ -10,6 +10,7 @@ use clap::Args;
 use hrtc::result::Status;
 use indicatif::{ProgressBar, ProgressStyle};
 use scene::{ModelSource, ScenePlan, load};
+use scene_files::DiskFiles;
 use spm_builder::build::TerminalProgress;
 use std::io::Write;
 use std::path::PathBuf;
@@ -77,7 +78,7 @@ pub fn prepare_models(plan: &ScenePlan) -> Result<Database, Failure> {
 /// One sentence, with its status.
 pub fn run(args: &RunArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
-    let plan = load(&args.scene, &args.overrides.overrides())?;
+    let plan = load(&args.scene, &args.overrides.overrides(), &DiskFiles)?;
     let out = args.out.clone().unwrap_or_else(|| {
         PathBuf::from("reports").join(format!("{}-{}", plan.name, model_name(&plan)))
     });

@@ -17,6 +17,7 @@ use crate::stability::walls::{bounce_of, wall};
 use crate::supervise::stop_flag;
 use clap::Args;
 use scene::load;
+use scene_files::DiskFiles;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -100,7 +101,7 @@ pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
     let bundled = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
     let scene = crate::bundled_or(args.scene.as_deref(), bundled.path())?;
-    let plan = load(&scene, &args.overrides.overrides())?;
+    let plan = load(&scene, &args.overrides.overrides(), &DiskFiles)?;
     std::fs::create_dir_all(&args.out).map_err(|error| Failure::write(&args.out, &error))?;
     prepare_models(&plan)?;
     eprintln!("the period is measured for {} s", args.seconds);

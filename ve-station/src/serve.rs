@@ -3,6 +3,7 @@
 use crate::connection::Connection;
 use crate::database::{Database, DatabaseError};
 use scene::{self, Overrides, SceneError};
+use scene_files::DiskFiles;
 use serde::Serialize;
 use spm_builder::build::{Progress, TerminalProgress};
 use station_core::station::{Counters, Station};
@@ -59,7 +60,7 @@ pub struct ServeReport {
 /// When the scene, a model or the domain cannot be used; nothing is served then.
 pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeError> {
     let domain = Domain::new(&args.domain)?;
-    let plan = scene::load(&args.scene, &args.overrides)?;
+    let plan = scene::load(&args.scene, &args.overrides, &DiskFiles)?;
     let progress = TerminalProgress::new();
     progress.phase("opening models", 0);
     let database = Database::open(&plan, &progress);

@@ -4,6 +4,7 @@ mod common;
 
 use glam::DVec3;
 use scene::{Overrides, ProbeShape, parse};
+use scene_files::DiskFiles;
 use spm::{SpmFile, prefix_mesh, write_spm};
 use spm_builder::build::{BuildOptions, NoProgress, build_model};
 use spm_builder::generate::{Shape, generate};
@@ -55,7 +56,14 @@ fn a_scene_takes_a_tool_from_a_file_at_its_size() {
     let folder = tempfile::tempdir().expect("there is a folder");
     std::fs::write(folder.path().join("tool.spm"), spm(Shape::Torus)).expect("it is written");
     let text = "[[object]]\nmodel = \"o.spm\"\nsize_m = 0.1\n[[probe]]\nshape = { mesh = { file = \"tool.spm\", size_m = 0.05, faces = 800 } }\n";
-    let plan = parse(text, "test", folder.path(), &Overrides::default()).expect("it is good");
+    let plan = parse(
+        text,
+        "test",
+        folder.path(),
+        &Overrides::default(),
+        &DiskFiles,
+    )
+    .expect("it is good");
     let ProbeShape::Mesh(mesh) = &plan.probes[0].shape else {
         panic!("{:?}", plan.probes[0].shape);
     };

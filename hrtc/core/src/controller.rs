@@ -34,7 +34,7 @@ use geometry::Wrench;
 use glam::DVec3;
 use haptic_device::Sample;
 use protocol::{ANSWER_TIMEOUT_MS, ContactReport, Request};
-use scene::{MAX_SEATS, ScenePlan};
+use scene::{MAX_ACTIVE_OBJECTS, ScenePlan};
 use spm::NONE;
 use std::sync::Arc;
 use thiserror::Error;
@@ -118,7 +118,7 @@ impl TickOutputs {
     pub fn new(probes: usize) -> Self {
         Self {
             wrenches: vec![Wrench::ZERO; probes],
-            outbox: Outbox::new(2 * MAX_SEATS),
+            outbox: Outbox::new(2 * MAX_ACTIVE_OBJECTS),
             reports: Vec::with_capacity(probes),
             contacts: vec![None; probes],
             chunks_consumed: 0,
@@ -200,7 +200,7 @@ impl Controller {
         let rate = plan.loop_.rate_hz;
         let timeout_ticks = (ANSWER_TIMEOUT_MS as f64 * 1e-3 * rate).ceil() as u64;
         let (placings, models) = placings(plan);
-        let count = plan.seats();
+        let count = plan.active_objects();
         let all_awake = count == placings.len();
         let kept = BaseMeshStore::bytes_for(models, plan.cache_bytes, all_awake);
         let bytes = (plan.cache_bytes - kept) / count;

@@ -5,17 +5,18 @@ use glam::{DMat3, DQuat, DVec3};
 use hrtc_core::bodies::{Body, Extent, material_motion};
 use proptest::prelude::*;
 use scene::{
-    DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, RailPlan, RestPlan, least_coupled_mass,
+    DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, RailPlan, SpringDamperPlan,
+    min_coupled_mass,
 };
 use std::f64::consts::TAU;
 
 const PERIOD_S: f64 = 1e-3;
 /// Without friction.
-const LOOSE: RestPlan = RestPlan {
+const LOOSE: SpringDamperPlan = SpringDamperPlan {
     spring: 0.0,
     damping: Some(0.0),
 };
-const AS_USUAL: RestPlan = RestPlan {
+const AS_USUAL: SpringDamperPlan = SpringDamperPlan {
     spring: 0.0,
     damping: None,
 };
@@ -28,7 +29,7 @@ fn mass(mass_kg: f64, gravity_m_per_s2: DVec3) -> MassPlan {
     }
 }
 
-fn free(mass_kg: f64, rest: RestPlan) -> MovablePlan {
+fn free(mass_kg: f64, rest: SpringDamperPlan) -> MovablePlan {
     MovablePlan::Free(FreePlan {
         mass: mass(mass_kg, DVec3::ZERO),
         linear: rest,
@@ -36,11 +37,11 @@ fn free(mass_kg: f64, rest: RestPlan) -> MovablePlan {
     })
 }
 
-fn rail(mass_kg: f64, slide: RestPlan, limits_m: Option<[f64; 2]>) -> MovablePlan {
+fn rail(mass_kg: f64, linear: SpringDamperPlan, limits_m: Option<[f64; 2]>) -> MovablePlan {
     MovablePlan::Rail(RailPlan {
         mass: mass(mass_kg, DVec3::ZERO),
         axis: DVec3::X,
-        slide,
+        linear,
         limits_m,
     })
 }
@@ -104,7 +105,7 @@ fn a_hinge_under_gravity_swings_as_a_pendulum() {
         mass: mass(0.5, down * 9.81),
         axis,
         anchor_m: anchor,
-        turn: LOOSE,
+        angular: LOOSE,
         limits_rad: None,
     });
     let mut body = body(plan, extent);
@@ -161,7 +162,7 @@ fn a_rail_ends_at_its_stops_and_its_spring_leads_back() {
         // A stop takes all of the speed.
         assert_eq!(stopped.before(), None);
     }
-    let sprung = RestPlan {
+    let sprung = SpringDamperPlan {
         spring: 50.0,
         damping: None,
     };
@@ -314,7 +315,7 @@ fn what_sleeps_keeps_its_bits_and_how_long_it_takes_depends_on_no_length() {
 fn at_the_lightest_that_is_let_in_a_touch_does_not_throw_a_body_off() {
     // A surface of 800 N/m and 0.5 N s/m against a probe that is held.
     let (stiffness, damping) = (800.0, 0.5);
-    let least = least_coupled_mass(stiffness, damping, PERIOD_S, 1);
+    let least = min_coupled_mass(stiffness, damping, PERIOD_S, 1);
     // How many ticks it touches in a row, at the least, when it was pressed in at rest; and whether it ever is farther
     // out than it was in.
     let pressed = |mass_kg: f64| {
@@ -361,7 +362,7 @@ fn at_the_lightest_that_is_let_in_a_touch_does_not_throw_a_body_off() {
     }
     println!("1/m' of boxes: at most {most}/m");
     assert!(most <= 7.0 && most > 4.0);
-    assert_eq!(free(7.0, LOOSE).least_mass(0.1), 1.0);
+    assert_eq!(free(7.0, LOOSE).min_effective_mass(0.1), 1.0);
 }
 
 fn vector() -> impl Strategy<Value = DVec3> {
@@ -383,7 +384,7 @@ proptest! {
                 mass: mass(1e-3, DVec3::ZERO),
                 axis: DVec3::Z,
                 anchor_m: DVec3::ZERO,
-                turn: AS_USUAL,
+                angular: AS_USUAL,
                 limits_rad: Some([-1.0, 2.0]),
             }),
         };
@@ -422,7 +423,7 @@ proptest! {
     fn no_step_gives_a_body_more_than_its_force_does_on_the_way(
         forces in prop::collection::vec(-3.0..3.0f64, 1..300), spring in 0.0..2000.0f64, mass_kg in 0.002..0.5f64,
     ) {
-        let rest = RestPlan { spring, damping: Some(0.01) };
+        let rest = SpringDamperPlan { spring, damping: Some(0.01) };
         let mut body = body(rail(mass_kg, rest, None), brick(1.0));
         let along = home().orientation * DVec3::X;
         let mut work = 0.0;

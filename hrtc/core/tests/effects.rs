@@ -9,7 +9,7 @@ use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc_core::NoObserver;
 use realtime::counting_allocator::{CountingAllocator, count};
-use scene::{Overrides, ProbeShape, ScenePlan, parse};
+use scene::{NoFiles, Overrides, ProbeShape, ScenePlan, parse};
 use spm_builder::build::{BuildOptions, SoupMesh};
 use spm_builder::generate::{Shape, generate};
 use std::path::Path;
@@ -31,7 +31,14 @@ fn add_effects(plan: &mut ScenePlan, effects: &str) {
     let text = format!(
         "effects = [{effects}]\n[[object]]\ngenerate = {{ shape = \"plate\", faces = 1000 }}\nsize_m = 0.2\n[[probe]]\n"
     );
-    let listed = parse(&text, "test", Path::new(""), &Overrides::default()).expect("good effects");
+    let listed = parse(
+        &text,
+        "test",
+        Path::new(""),
+        &Overrides::default(),
+        &NoFiles,
+    )
+    .expect("good effects");
     for object in &mut plan.objects {
         object.effects = listed.objects[0].effects.clone();
     }
@@ -219,7 +226,14 @@ fn a_vibration_of_a_surface_is_felt_while_it_is_touched_and_has_its_amplitude() 
     let mut plan = scene_plan(&[("plate", SIZE, DVec3::ZERO)], 1, 16 << 20);
     add_effects(&mut plan, "");
     let listed = "[[object]]\ngenerate = { shape = \"plate\", faces = 1000 }\nsize_m = 0.2\neffects = [{ vibration = { frequency_hz = 50, amplitude_n = 0.1, direction = [0, 1, 0] } }]\n[[probe]]\n";
-    let listed = parse(listed, "test", Path::new(""), &Overrides::default()).expect("it is good");
+    let listed = parse(
+        listed,
+        "test",
+        Path::new(""),
+        &Overrides::default(),
+        &NoFiles,
+    )
+    .expect("it is good");
     plan.objects[0].effects = listed.objects[0].effects.clone();
     let mut scene = Scene::new(&plan, &[("plate", &PLATE)]);
     for _ in 0..1000 {

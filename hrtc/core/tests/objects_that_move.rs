@@ -9,8 +9,8 @@ use glam::{DQuat, DVec3};
 use hrtc_core::NoObserver;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{
-    DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, ProbeShape, RailPlan, RestPlan,
-    ScenePlan,
+    DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, ProbeShape, RailPlan, ScenePlan,
+    SpringDamperPlan,
 };
 use spm_builder::build::BuildOptions;
 use spm_builder::generate::{Shape, generate};
@@ -25,11 +25,11 @@ static SPHERE: LazyLock<Vec<u8>> =
 /// Radius of the balls, metres.
 const BALL: f64 = 0.05;
 const PERIOD_S: f64 = 1e-3;
-const AS_USUAL: RestPlan = RestPlan {
+const AS_USUAL: SpringDamperPlan = SpringDamperPlan {
     spring: 0.0,
     damping: None,
 };
-const LOOSE: RestPlan = RestPlan {
+const LOOSE: SpringDamperPlan = SpringDamperPlan {
     spring: 0.0,
     damping: Some(0.0),
 };
@@ -236,7 +236,7 @@ fn what_is_on_a_hinge_opens_as_far_as_its_stop_and_every_view_of_it_agrees() {
         mass: MASS,
         axis: DVec3::Y,
         anchor_m: DVec3::new(-0.2, 0.0, 0.0),
-        turn: AS_USUAL,
+        angular: AS_USUAL,
         limits_rad: Some([0.0, 0.3]),
     }));
     let mut scene = scene(&plan);
@@ -319,7 +319,7 @@ fn a_missed_period_is_made_good_as_the_device_goes_on_under_its_force() {
         plan.objects[0].movable = Some(MovablePlan::Rail(RailPlan {
             mass: MASS,
             axis: DVec3::Z,
-            slide: RestPlan {
+            linear: SpringDamperPlan {
                 spring: 0.0,
                 damping: Some(0.0),
             },
@@ -433,7 +433,7 @@ fn whatever_probes_link_and_bodies_do_the_tick_keeps_its_limits() {
                     * 0.5
                     * f64::from(u8::from(random.below(2) == 0)),
             };
-            let rest = RestPlan {
+            let rest = SpringDamperPlan {
                 spring: 20.0 * random.unit(),
                 damping: None,
             };
@@ -448,7 +448,7 @@ fn whatever_probes_link_and_bodies_do_the_tick_keeps_its_limits() {
                     mass,
                     axis,
                     anchor_m: any(&mut random) * 0.2,
-                    turn: RestPlan {
+                    angular: SpringDamperPlan {
                         spring: 0.05 * rest.spring,
                         damping: None,
                     },
@@ -457,7 +457,7 @@ fn whatever_probes_link_and_bodies_do_the_tick_keeps_its_limits() {
                 2 => Some(MovablePlan::Rail(RailPlan {
                     mass,
                     axis,
-                    slide: rest,
+                    linear: rest,
                     limits_m: Some([-0.05, 0.1]),
                 })),
                 3 => Some(MovablePlan::Driven(DrivenPlan {

@@ -7,7 +7,7 @@ use glam::DVec3;
 use hrtc_core::Controller;
 use memmap2::Mmap;
 use protocol::{Request, TourAsk, TourPoint};
-use scene::{ModelSource, Overrides, ScenePlan, TrajectoryPlan, parse};
+use scene::{ModelSource, NoFiles, Overrides, ScenePlan, TrajectoryPlan, parse};
 use simulator::{Client, ClientOptions, STATION, Simulation};
 use spm::{FileError, SpmFile, write_spm};
 use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model};
@@ -130,7 +130,13 @@ impl Model {
     pub fn open(typed: &str) -> Result<Self, Failure> {
         let (name, source) = source(typed)?;
         let scene = crate::BUNDLED_SCENE;
-        let mut plan = parse(scene, "accuracy", Path::new(""), &Overrides::default())?;
+        let mut plan = parse(
+            scene,
+            "accuracy",
+            Path::new(""),
+            &Overrides::default(),
+            &NoFiles,
+        )?;
         plan.objects[0].model = source;
         plan.objects[0].scale = scene::ModelScale::Size(SIZE_M);
         let tour = match plan.probes[0].trajectory {

@@ -8,7 +8,7 @@ use hrtc::tick_record::{STAGES, TickRecord};
 use hrtc_core::Capacity;
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::MissClass;
-use scene::{MAX_PROBES, Overrides, parse};
+use scene::{MAX_PROBES, NoFiles, Overrides, parse};
 use std::path::Path;
 
 fn finished(contact: bool) -> Finished {
@@ -55,7 +55,7 @@ fn finished(contact: bool) -> Finished {
 #[test]
 fn a_report_is_written_whole_and_its_pictures_are_beside_it() {
     let scene = include_str!("../../../config/scenes/first-touch.toml");
-    let plan = parse(scene, "s", Path::new(""), &Overrides::default()).unwrap();
+    let plan = parse(scene, "s", Path::new(""), &Overrides::default(), &NoFiles).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let machine = Machine::read();
     for contact in [true, false] {

@@ -8,7 +8,7 @@ use hrtc_core::bodies::Body;
 use hrtc_core::record::CoreRecord;
 use protocol::Request;
 use scene::{
-    Hand, ModelScale, MovablePlan, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan,
+    Hand, ModelScale, MovablePlan, NoFiles, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan,
     TrajectoryPlan, parse,
 };
 use simulator::{Client, ClientOptions, STATION, Simulation};
@@ -346,7 +346,13 @@ impl Bench {
 
 fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
     let scene = format!("effects = [{}]\n{}", setup.effects, crate::BUNDLED_SCENE);
-    let mut plan = parse(&scene, "stability", Path::new(""), &Overrides::default())?;
+    let mut plan = parse(
+        &scene,
+        "stability",
+        Path::new(""),
+        &Overrides::default(),
+        &NoFiles,
+    )?;
     plan.loop_.rate_hz = setup.rate_hz;
     let object = &mut plan.objects[0];
     object.scale = ModelScale::Size(setup.size_m);

@@ -7,11 +7,11 @@ use crate::surface::unit;
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use scene::{DrivenPlan, FreePlan, MassPlan, MovablePlan, RailPlan, RestPlan};
+use scene::{DrivenPlan, FreePlan, MassPlan, MovablePlan, RailPlan, SpringDamperPlan};
 use spm_builder::generate::{Shape, generate};
 
 /// Nothing of its own: what it is given it keeps.
-const LOOSE: RestPlan = RestPlan {
+const LOOSE: SpringDamperPlan = SpringDamperPlan {
     spring: 0.0,
     damping: Some(0.0),
 };
@@ -216,7 +216,7 @@ impl Push {
     }
 }
 
-fn free(mass_kg: f64, rest: RestPlan) -> MovablePlan {
+fn free(mass_kg: f64, rest: SpringDamperPlan) -> MovablePlan {
     MovablePlan::Free(FreePlan {
         mass: mass(mass_kg),
         linear: rest,
@@ -329,7 +329,7 @@ pub fn pushed_reference(
                 movable: Some(MovablePlan::Rail(RailPlan {
                     mass: mass(mass_kg),
                     axis: DVec3::Z,
-                    slide: LOOSE,
+                    linear: LOOSE,
                     limits_m: None,
                 })),
                 fault,
@@ -381,7 +381,7 @@ pub fn pushed_rest(
             let rest = if fault == Fault::Restless {
                 LOOSE
             } else {
-                RestPlan {
+                SpringDamperPlan {
                     spring: 0.0,
                     damping: None,
                 }

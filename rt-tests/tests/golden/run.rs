@@ -11,6 +11,7 @@ use hrtc_core::streaming::subscriber::Identity;
 use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
 use protocol::{ContactReport, Request};
 use scene::{Overrides, ProbePlan, ScenePlan, TrajectoryPlan, parse};
+use scene_files::DiskFiles;
 use spm::SpmFile;
 use station_core::station::{Message, ServedModel, ServedObject, Station};
 use std::collections::VecDeque;
@@ -72,8 +73,14 @@ pub struct Scene {
 
 /// What a run gave: the hashes of every tick so far after each tick, and what it was like.
 pub fn run(scene: &Scene) -> (Vec<[Digest; PARTS.len()]>, Tally) {
-    let plan =
-        parse(scene.text, scene.name, folder(), &Overrides::default()).expect("the scene is good");
+    let plan = parse(
+        scene.text,
+        scene.name,
+        folder(),
+        &Overrides::default(),
+        &DiskFiles,
+    )
+    .expect("the scene is good");
     let mut controller = Controller::new(&plan, IDENTITY, DEVICE_MAX_N, TOUR_S);
     let mut station = station(&plan, scene.flipped);
     let mut outputs = TickOutputs::new(plan.probes.len());

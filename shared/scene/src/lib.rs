@@ -1,26 +1,42 @@
-//! Scenes: the TOML file as typed (`typed`), the checks (`validate`), and the validated, immutable plan (`plan`).
+//! Scenes: a TOML file becomes a validated, immutable [`ScenePlan`]. The crate opens no file; its
+//! host hands files in as values ([`Files`]).
+//!
+//! | module | content |
+//! |---|---|
+//! | `files` | access to the files that a scene names |
+//! | `source` | text, errors with line numbers, checks of single numbers |
+//! | `limits` | limits and shared defaults of the numbers |
+//! | `typed` | the scene as typed, read by serde |
+//! | `plan` | the validated plan, SI units |
+//! | `validate` | from the scene as typed to the plan |
+//! | `bytes` | sizes such as `16MiB` |
+//!
+//! ```
+//! use scene::{NoFiles, Overrides, parse};
+//! use std::path::Path;
+//!
+//! let text = "[[object]]\nmodel = \"bunny.spm\"\nsize_m = 0.15\n[[probe]]\n";
+//! let plan = parse(text, "touch", Path::new(""), &Overrides::default(), &NoFiles).unwrap();
+//! assert_eq!(plan.loop_.rate_hz, 1000.0);
+//! assert_eq!(plan.objects.len(), 1);
+//!
+//! let error = parse("[loop]\nrate_hz = 1", "touch", Path::new(""), &Overrides::default(), &NoFiles);
+//! assert!(error.is_err());
+//! ```
 
 #![forbid(unsafe_code)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
-mod effects;
-mod height_map;
+mod bytes;
+mod files;
+mod limits;
 mod plan;
-mod trajectory;
+mod source;
 mod typed;
 mod validate;
 
-pub use effects::{
-    BoundaryPlan, Effect, EffectPlan, FrictionPlan, GravityPlan, InertiaPlan, MagnetPlan, Pattern,
-    ShadingPlan, SpringPlan, TexturePlan, VibrationPlan, Workspace,
-};
-pub use height_map::{Height, HeightMap, HeightMapError};
-pub use plan::{
-    AccuracyPlan, Hand, LoopPlan, MAX_OBJECTS, MAX_PROBES, MAX_SEATS, ModelScale, ModelSource,
-    ObjectPlan, Overrides, ProbePlan, ProbeShape, RefinementPlan, SafetyPlan, ScenePlan,
-    SimulatedDevicePlan, SurfacePlan, ToolMeshPlan, TrajectoryPlan,
-};
-pub use typed::parse_bytes;
-pub use validate::{
-    DrivenPlan, FreePlan, HingePlan, MAX_MOVABLES, MassPlan, MovablePlan, RailPlan, RestPlan,
-    SHAPES, SceneError, least_coupled_mass, load, parse,
-};
+pub use bytes::parse_bytes;
+pub use files::{Files, NoFiles};
+pub use plan::*;
+pub use source::SceneError;
+pub use validate::{load, parse};

@@ -1,47 +1,64 @@
 //! The validated plan of a scene: every number checked, every default filled in, SI units.
 
-use super::effects::EffectPlan;
-use super::validate::MovablePlan;
+mod device;
+mod effects;
+mod height_map;
+mod movable;
+
+pub use device::{Hand, SimulatedDevicePlan};
+pub use effects::{
+    BoundaryPlan, Effect, EffectPlan, FrictionPlan, GravityPlan, InertiaPlan, MagnetPlan, Pattern,
+    ShadingPlan, SpringPlan, TexturePlan, VibrationPlan, Workspace,
+};
+pub use height_map::{Height, HeightMap, HeightMapError};
+pub use movable::{
+    DrivenPlan, FreePlan, HingePlan, MAX_MOVABLES, MassPlan, MovablePlan, RailPlan,
+    SpringDamperPlan, min_coupled_mass,
+};
+
 use geometry::Pose;
 use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Probes of a scene at the most.
+/// Largest number of probes.
 pub const MAX_PROBES: usize = 4;
-/// Objects of a scene at the most.
+/// Largest number of objects.
 pub const MAX_OBJECTS: usize = 4096;
-/// Seats of a controller at the most, see [`ScenePlan::seats`].
-pub const MAX_SEATS: usize = 2 * MAX_PROBES + 1;
+/// Largest number of active objects, see [`ScenePlan::active_objects`].
+pub const MAX_ACTIVE_OBJECTS: usize = 2 * MAX_PROBES + 1;
 
-/// Everything that a scene says.
+/// Shapes of `generate = { shape = "..." }`.
+pub const SHAPES: [&str; 6] = ["sphere", "torus", "terrain", "plate", "wedge", "relief"];
+
+/// A scene, validated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScenePlan {
     /// Name for reports: the file's stem.
     pub name: String,
-    /// Folder that relative paths start from.
+    /// Start of relative paths.
     pub folder: PathBuf,
     /// The loop.
     pub loop_: LoopPlan,
     /// Bytes of the mesh cache.
     pub cache_bytes: usize,
-    /// How accurate the touched surface is to be.
+    /// Wanted accuracy of the touched surface.
     pub accuracy: AccuracyPlan,
-    /// Limits of every force that leaves.
+    /// Limits of every output force.
     pub safety: SafetyPlan,
     /// Objects, at least one and at most [`MAX_OBJECTS`].
     pub objects: Vec<ObjectPlan>,
     /// Probes, at least one and at most [`MAX_PROBES`].
     pub probes: Vec<ProbePlan>,
-    /// Effects of the scene, which every probe feels anywhere.
+    /// Effects that act on every probe anywhere.
     pub effects: Vec<EffectPlan>,
 }
 
 impl ScenePlan {
-    /// Objects that may be awake at once, each with an equal share of the cache: for every probe the one that it
-    /// touches and the one that it comes to next, and one to spare.
+    /// Number of objects that may be active at once, each with an equal share of the cache: for
+    /// every probe the touched one and the next one, and one to spare.
     #[must_use]
-    pub fn seats(&self) -> usize {
+    pub fn active_objects(&self) -> usize {
         self.objects.len().min(2 * self.probes.len() + 1)
     }
 }
@@ -55,22 +72,22 @@ pub struct LoopPlan {
     pub core: Option<usize>,
     /// SCHED_FIFO priority, 1..=99.
     pub priority: i32,
-    /// Microseconds before a deadline that are spun, not slept.
+    /// Busy waiting before a deadline, microseconds.
     pub spin_us: u64,
-    /// Whether a missing right ends the program.
+    /// Whether a missing real-time right is fatal.
     pub require_realtime: bool,
-    /// Mesh operations (splits and collapses) a tick at the most: K.
+    /// Largest number of mesh operations (splits and collapses) a tick: K.
     pub operations: usize,
 }
 
-/// How accurate the touched surface is to be.
+/// Wanted accuracy of the touched surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AccuracyPlan {
     /// Wanted expected error at the contact, metres, not negative; 0 is the full mesh.
     pub tolerance_m: f64,
     /// Where the mesh is refined.
     pub refinement: RefinementPlan,
-    /// Whether splits and collapses that a probe can feel travel to their place instead of jumping there.
+    /// Whether perceptible splits and collapses are geomorphed instead of immediate.
     pub geomorph: bool,
 }
 
@@ -80,14 +97,14 @@ pub enum RefinementPlan {
     /// Around the contact and its predicted path, coarser with distance (thesis chapter 5).
     #[default]
     Local,
-    /// Everywhere alike (thesis chapter 3): to the tolerance, or, with a level of detail, by a count.
+    /// The same everywhere (thesis chapter 3): to the tolerance, or to a number of splits.
     Global {
-        /// Vertex splits of the sequence to perform, from the coarsest on: the level of detail.
+        /// Level of detail: number of vertex splits, from the base mesh on.
         lod: Option<u32>,
     },
 }
 
-/// Limits of the force gate.
+/// Limits of the output force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SafetyPlan {
     /// Largest force, newtons.
@@ -98,11 +115,11 @@ pub struct SafetyPlan {
     pub slew_n_per_s: f64,
     /// Soft start and end, seconds.
     pub ramp_s: f64,
-    /// Whether a touch gives back no more energy than it took in.
+    /// Whether a contact returns no more energy than it received.
     pub passivity: bool,
 }
 
-/// Where a model comes from. Only the station opens it.
+/// Origin of a model. Only the station opens it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ModelSource {
     /// An SPM or mesh file, relative to the scene's folder or absolute.
@@ -117,7 +134,7 @@ pub enum ModelSource {
 }
 
 impl ModelSource {
-    /// The name by which both sides make sure that they mean the same model.
+    /// Name of the model, equal in both processes.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
@@ -127,7 +144,7 @@ impl ModelSource {
     }
 }
 
-/// How large a model is in the world.
+/// Size of a model in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ModelScale {
     /// Length of the longest side, metres.
@@ -156,11 +173,11 @@ pub struct ObjectPlan {
     pub scale: ModelScale,
     /// Pose of the model's frame in the world; the scale applies first, about the model's own origin.
     pub pose: Pose,
-    /// What its surface feels like.
+    /// Stiffness and damping of its surface.
     pub surface: SurfacePlan,
-    /// Effects of its surface, at most one of a kind; nothing that is not listed.
+    /// Effects of its surface, at most one of a kind.
     pub effects: Arc<[EffectPlan]>,
-    /// How it moves, if it does.
+    /// Its motion; `None` for a fixed object.
     pub movable: Option<MovablePlan>,
 }
 
@@ -176,15 +193,16 @@ pub struct SurfacePlan {
 /// One probe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProbePlan {
-    /// What touches.
+    /// Its shape.
     pub shape: ProbeShape,
     /// The device that moves it.
     pub device: SimulatedDevicePlan,
-    /// What the simulated hand intends.
+    /// Path of the simulated hand.
     pub trajectory: TrajectoryPlan,
 }
 
-/// The shape of a probe, in the device's axes: it reaches out along +z, away from what its tip touches.
+/// The shape of a probe, in the device's axes. It extends along +z, away from the surface under its
+/// tip.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ProbeShape {
     /// A ball around the device's position.
@@ -198,7 +216,7 @@ pub enum ProbeShape {
         radius_m: f64,
         /// From end to end, metres.
         length_m: f64,
-        /// Faces of its mesh, at the most.
+        /// Largest number of faces of its mesh.
         faces: u32,
     },
     /// A cylinder that stands on the device's position.
@@ -207,7 +225,7 @@ pub enum ProbeShape {
         radius_m: f64,
         /// Height, metres.
         length_m: f64,
-        /// Faces of its mesh, at the most.
+        /// Largest number of faces of its mesh.
         faces: u32,
     },
     /// A mesh at one level of detail, its origin at the device's position.
@@ -217,16 +235,16 @@ pub enum ProbeShape {
 /// The mesh of a tool.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolMeshPlan {
-    /// The file that it was read from, for reports.
+    /// Name of its file, for reports.
     pub file: String,
     /// Vertices, metres.
     pub positions: Vec<DVec3>,
-    /// Faces, corners as places in `positions`, counterclockwise from outside.
+    /// Faces: indices into `positions`, counterclockwise from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl ProbeShape {
-    /// Radius of the ball around the device's position that reaches as deep as the tip, metres; 0 for a flat tip there.
+    /// Depth of the tip below the device's position, metres; 0 for a flat tip there.
     #[must_use]
     pub fn tip_m(&self) -> f64 {
         match self {
@@ -239,9 +257,9 @@ impl ProbeShape {
         }
     }
 
-    /// How far the shape is from the device's position anywhere, at the most, metres.
+    /// Largest distance of the shape from the device's position, metres.
     #[must_use]
-    pub fn reach_m(&self) -> f64 {
+    pub fn extent_m(&self) -> f64 {
         match self {
             Self::Sphere { radius_m } => *radius_m,
             Self::Capsule {
@@ -253,72 +271,50 @@ impl ProbeShape {
             Self::Mesh(mesh) => mesh
                 .positions
                 .iter()
-                .fold(0.0, |most, p| f64::max(most, p.length())),
+                .fold(0.0, |max, p| f64::max(max, p.length())),
         }
     }
 
-    /// Radius of the patch that the tip touches, metres: what is to be refined around a place that it comes to.
+    /// Radius of the patch that the tip touches, metres: the area to refine around a contact.
     #[must_use]
     pub fn patch_m(&self) -> f64 {
         match self {
             Self::Sphere { radius_m }
             | Self::Capsule { radius_m, .. }
             | Self::Cylinder { radius_m, .. } => *radius_m,
-            Self::Mesh(_) => 0.25 * self.reach_m(),
+            Self::Mesh(_) => 0.25 * self.extent_m(),
         }
     }
 }
 
-/// The simulated device: a mass with damping, moved by a hand and by the rendered force.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SimulatedDevicePlan {
-    /// kg.
-    pub mass_kg: f64,
-    /// N s/m.
-    pub damping_ns_per_m: f64,
-    /// Encoder step, metres; 0 for none.
-    pub encoder_m: f64,
-    /// The hand.
-    pub hand: Hand,
-}
-
-/// A spring and damper to the intended position.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hand {
-    /// N/m.
-    pub stiffness_n_per_m: f64,
-    /// N s/m.
-    pub damping_ns_per_m: f64,
-}
-
-/// What the hand intends.
+/// Path of the simulated hand.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TrajectoryPlan {
-    /// A tour of an object: approach, press, slide, lift, move on.
+    /// A scripted path over an object: approach, press, slide, lift, move on.
     Tour {
-        /// Which object, an index into [`ScenePlan::objects`].
+        /// Index into [`ScenePlan::objects`].
         object: usize,
         /// Seed of its choices.
         seed: u64,
         /// Speed, m/s.
         speed_m_per_s: f64,
-        /// Depth of the intent below the surface, metres.
+        /// Depth of the path below the surface, metres.
         depth_m: f64,
     },
-    /// Points read from a CSV file: seconds and poses in the world.
+    /// Points of a CSV file: seconds and poses in the world.
     Points(Vec<(f64, Pose)>),
 }
 
-/// What the command line says over the scene.
+/// Values of the command line, which replace those of the scene.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Overrides {
     /// Another model for the first object and its copies (relative to the current folder).
     pub model: Option<PathBuf>,
     /// Its longest side, metres.
     pub size_m: Option<f64>,
-    /// Speed of the first probe's tour, m/s.
+    /// Speed of the first probe's scripted path, m/s.
     pub speed_m_per_s: Option<f64>,
-    /// Seed of the first probe's tour.
+    /// Seed of the first probe's scripted path.
     pub seed: Option<u64>,
     /// Cache bytes, as in the scene ("16MiB").
     pub cache: Option<String>,

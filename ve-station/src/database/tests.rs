@@ -121,7 +121,7 @@ device = { simulated = { mass_kg = 0.1, damping_ns_per_m = 1.0, encoder_m = 1e-5
 trajectory = { tour = { seed = 1, speed_m_per_s = 0.1, depth_m = 0.002 } }
 "#;
     let overrides = scene::Overrides::default();
-    let mut plan = scene::parse(text, "test", folder.path(), &overrides).unwrap();
+    let mut plan = scene::parse(text, "test", folder.path(), &overrides, &scene::NoFiles).unwrap();
     // Scenes of this version hold one object; plans may hold more.
     for name in ["other.spm", "a.spm", "copy.spm"] {
         let mut object = plan.objects[0].clone();

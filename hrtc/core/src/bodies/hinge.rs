@@ -33,7 +33,7 @@ impl Hinge {
             anchor: home.transform_point(plan.anchor_m),
             arm: home.orientation * (extent.middle - plan.anchor_m),
             weight_n: plan.mass.gravity_m_per_s2 * mass,
-            turn: Coordinate::new(Rest::new(&plan.turn, inertia), plan.limits_rad),
+            turn: Coordinate::new(Rest::new(&plan.angular, inertia), plan.limits_rad),
         }
     }
 

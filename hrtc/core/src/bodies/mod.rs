@@ -4,7 +4,7 @@
 //! tick before, turned round: device and body feel the same force over the same period, so that momentum is kept to the
 //! last bit of a sum. The steps are semi-implicit and of a fixed number of operations: springs and dampings of the
 //! body's own are solved for (any of them is stable), the touch is explicit (its limit is checked by
-//! [`scene::least_coupled_mass`]), speeds are limited. A step gives a body no more energy than the force times
+//! [`scene::min_coupled_mass`]), speeds are limited. A step gives a body no more energy than the force times
 //! the way that it then goes: `m (v' - v) = F T` leaves `(v'² - v²) m / 2 = F v' T - F² T² / 2 m`.
 //!
 //! What is asleep is not looked at and keeps its bits. It wakes when it is touched, and sleeps when it has been still
@@ -37,7 +37,7 @@ pub use report::MovedObject;
 use crate::force::passivity::Carried;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
-use scene::{MAX_PROBES, MAX_SEATS, ScenePlan};
+use scene::{MAX_ACTIVE_OBJECTS, MAX_PROBES, ScenePlan};
 use spm::NONE;
 use std::collections::VecDeque;
 
@@ -100,7 +100,7 @@ impl Movables {
         let pushes = if bodies.is_empty() {
             0
         } else {
-            MAX_SEATS * MAX_PROBES
+            MAX_ACTIVE_OBJECTS * MAX_PROBES
         };
         Self {
             moved: Vec::with_capacity(bodies.len()),

@@ -17,7 +17,7 @@ pub struct Rail {
 
 impl Rail {
     pub fn new(plan: &RailPlan, home: Pose) -> Self {
-        let rest = Rest::new(&plan.slide, plan.mass.mass_kg);
+        let rest = Rest::new(&plan.linear, plan.mass.mass_kg);
         Self {
             home,
             axis: home.orientation * plan.axis,

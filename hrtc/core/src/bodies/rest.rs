@@ -1,7 +1,7 @@
 //! What brings a body to rest: a spring and a damping of its own, solved for at the end of the step, so that any of
 //! them is stable at any rate.
 
-use scene::RestPlan;
+use scene::SpringDamperPlan;
 
 /// Share of the speed that is lost in a second where the scene does not say.
 const FADES_PER_S: f64 = 2.0;
@@ -15,7 +15,7 @@ pub struct Rest {
 }
 
 impl Rest {
-    pub fn new(plan: &RestPlan, inertia: f64) -> Self {
+    pub fn new(plan: &SpringDamperPlan, inertia: f64) -> Self {
         let unsaid = || (FADES_PER_S * inertia).max(2.0 * (plan.spring * inertia).sqrt());
         Self {
             inertia,

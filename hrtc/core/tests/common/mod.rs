@@ -11,7 +11,7 @@ use hrtc_core::streaming::subscriber::Identity;
 use hrtc_core::{Controller, NoObserver, StageObserver, TickInputs, TickOutputs};
 use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, Request};
 use realtime::counting_allocator::count;
-use scene::{Overrides, ScenePlan, parse};
+use scene::{NoFiles, Overrides, ScenePlan, parse};
 use spm::{SpmFile, VspRecord, write_spm};
 use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use station_core::station::{Message, ServedModel, ServedObject, Station};
@@ -49,7 +49,14 @@ trajectory = {{ tour = {{ seed = 1, speed_m_per_s = 0.1, depth_m = 0.002 }} }}
 {extra}
 "#
     );
-    parse(&text, "test", Path::new(""), &Overrides::default()).expect("the test's scene is good")
+    parse(
+        &text,
+        "test",
+        Path::new(""),
+        &Overrides::default(),
+        &NoFiles,
+    )
+    .expect("the test's scene is good")
 }
 
 /// A file of `../shared/models`, or `None` with a line that says so.

@@ -9,7 +9,7 @@ use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::{Controller, NoObserver, StageObserver, TickInputs, TickOutputs};
 use protocol::Request;
 use realtime::counting_allocator::count;
-use scene::{Overrides, ScenePlan, parse};
+use scene::{NoFiles, Overrides, ScenePlan, parse};
 use spm::SpmFile;
 use station_core::station::{Message, ServedModel, ServedObject, Station};
 use std::collections::VecDeque;
@@ -28,8 +28,14 @@ pub fn scene_plan(objects: &[(&str, f64, DVec3)], probes: usize, cache_bytes: us
     for _ in 0..probes {
         text += "[[probe]]\n";
     }
-    let mut plan = parse(&text, "test", Path::new(""), &Overrides::default())
-        .expect("the test's scene is good");
+    let mut plan = parse(
+        &text,
+        "test",
+        Path::new(""),
+        &Overrides::default(),
+        &NoFiles,
+    )
+    .expect("the test's scene is good");
     for probe in &mut plan.probes {
         // No tour is asked for.
         probe.trajectory = scene::TrajectoryPlan::Points(Vec::new());

@@ -1,93 +1,51 @@
-//! The lists of effects: each number checked against what the loop and the devices can render.
+//! The lists of effects: every number is checked against the limits of the loop and the devices.
 
-use super::super::effects::*;
-use super::super::height_map::HeightMap;
-use super::super::plan::{ProbePlan, ScenePlan, TrajectoryPlan};
-use super::super::typed::*;
-use super::{LENGTH, MAX, Range, SceneError, Source};
+use crate::limits::{
+    GRAVITY_M_PER_S2, LENGTH_M, MAX_COEFFICIENT, MAX_FRICTION, MAX_LENGTH_M, MAX_PATH_POINTS,
+    MAX_TEXTURE_SLOPE,
+};
+use crate::plan::{
+    BoundaryPlan, Effect, EffectPlan, FrictionPlan, GravityPlan, HeightMap, InertiaPlan,
+    MagnetPlan, Pattern, ProbePlan, ScenePlan, ShadingPlan, SpringPlan, TexturePlan,
+    TrajectoryPlan, VibrationPlan, Workspace,
+};
+use crate::source::{Range, SceneError, Source};
+use crate::typed::*;
 use glam::DVec3;
-use std::fs::File;
-use std::path::Path;
+use std::f64::consts::TAU;
+use std::io::Cursor;
 use std::sync::Arc;
 use toml::Spanned;
 
-/// Largest coefficient of friction: rubber has 1 to 2. With more, a touch would pull along the surface so much harder
-/// than the surface pushes that a corner of two faces holds the proxy for good.
-const MAX_FRICTION: f64 = 3.0;
-/// Standard gravity, m/s².
-const GRAVITY: f64 = 9.80665;
-/// Points of a path at the most.
-const MAX_POINTS: usize = 4096;
-/// Slope of a texture at the most: beyond 45 degrees a crest is no relief any more.
-const MAX_SLOPE: f64 = 1.0;
-
-/// What a loop and its devices can render.
-struct Limits<'a> {
-    folder: &'a Path,
+/// Limits of what the loop and its devices can render.
+struct Limits {
     rate_hz: f64,
     force_max_n: f64,
     slew_n_per_s: f64,
-    /// The lightest and the least damped device.
+    /// Mass of the lightest device.
     mass_kg: f64,
+    /// Damping of the least damped device.
     damping_ns_per_m: f64,
-    /// Speed of the fastest intent, m/s.
+    /// Speed of the fastest trajectory, m/s.
     speed_m_per_s: f64,
 }
 
-/// Adds what the scene and its objects list to the plan, which is complete otherwise. `copies`: the objects of each table.
+/// Adds the effects of the scene and its objects to an otherwise complete plan. `copies` are the
+/// objects of each object table.
 pub(super) fn add(
     source: &Source,
     typed: &SceneTyped,
     copies: &[std::ops::Range<usize>],
     plan: &mut ScenePlan,
 ) -> Result<(), SceneError> {
-    let devices = || plan.probes.iter().map(|probe| probe.device);
-    let folder = plan.folder.clone();
-    let limits = Limits {
-        folder: &folder,
-        rate_hz: plan.loop_.rate_hz,
-        force_max_n: plan.safety.force_max_n,
-        slew_n_per_s: plan.safety.slew_n_per_s,
-        mass_kg: devices().fold(f64::INFINITY, |least, device| least.min(device.mass_kg)),
-        damping_ns_per_m: devices().fold(f64::INFINITY, |least, device| {
-            least.min(device.damping_ns_per_m)
-        }),
-        speed_m_per_s: plan.probes.iter().map(speed).fold(0.0, f64::max),
-    };
+    let limits = Limits::new(plan);
     let of_scene = list(source, &typed.effects, &limits)?;
     let (of_surfaces, of_scene): (Vec<_>, Vec<_>) = of_scene
         .into_iter()
         .partition(|effect| effect.effect.is_of_surface());
     plan.effects = of_scene;
     for (table, copies) in typed.object.iter().zip(copies) {
-        let entries = &table.get_ref().effects;
-        let mut effects = list(source, entries, &limits)?;
-        for (entry, effect) in entries.iter().zip(&effects) {
-            let name = effect.effect.name();
-            let is_of_object =
-                effect.effect.is_of_surface() || matches!(effect.effect, Effect::Vibration(_));
-            if !is_of_object {
-                return Err(source.value(
-                    entry,
-                    &format!("{name} is felt anywhere, not at an object's surface; list it in effects = [...] at the top of the scene, before the first table"),
-                ));
-            }
-        }
-        for effect in &of_surfaces {
-            let has_its_own = |own: &EffectPlan| own.effect.index() == effect.effect.index();
-            if !effects.iter().any(has_its_own) {
-                effects.push(effect.clone());
-            }
-        }
-        effects.retain(|effect| !is_nothing(&effect.effect));
-        // The order in which they act on the force.
-        effects.sort_by_key(|effect| match effect.effect {
-            Effect::Shading(_) => 0,
-            Effect::Texture(_) => 1,
-            Effect::Friction(_) => 2,
-            _ => 3,
-        });
-        let effects: Arc<[EffectPlan]> = effects.into();
+        let effects = object_effects(source, &table.get_ref().effects, &of_surfaces, &limits)?;
         for object in &mut plan.objects[copies.clone()] {
             object.effects = effects.clone();
         }
@@ -95,12 +53,48 @@ pub(super) fn add(
     Ok(())
 }
 
-/// What has no effect is not there: so its forces are those without it, bit for bit.
+/// Effects of an object, in the order in which they act on the force. `of_surfaces` are the surface
+/// effects of the scene; the object's own effect of the same kind replaces one of them.
+fn object_effects(
+    source: &Source,
+    entries: &[Spanned<EffectTyped>],
+    of_surfaces: &[EffectPlan],
+    limits: &Limits,
+) -> Result<Arc<[EffectPlan]>, SceneError> {
+    let mut effects = list(source, entries, limits)?;
+    for (entry, effect) in entries.iter().zip(&effects) {
+        let name = effect.effect.name();
+        let is_of_object =
+            effect.effect.is_of_surface() || matches!(effect.effect, Effect::Vibration(_));
+        if !is_of_object {
+            return Err(source.value(
+                entry,
+                &format!("{name} is felt anywhere, not at an object's surface; list it in effects = [...] at the top of the scene, before the first table"),
+            ));
+        }
+    }
+    for effect in of_surfaces {
+        let has_its_own = |own: &EffectPlan| own.effect.index() == effect.effect.index();
+        if !effects.iter().any(has_its_own) {
+            effects.push(effect.clone());
+        }
+    }
+    effects.retain(|effect| !is_nothing(&effect.effect));
+    effects.sort_by_key(|effect| match effect.effect {
+        Effect::Shading(_) => 0,
+        Effect::Texture(_) => 1,
+        Effect::Friction(_) => 2,
+        _ => 3,
+    });
+    Ok(effects.into())
+}
+
+/// An effect without influence is left out, so that the forces are bit-equal to those without it.
 fn is_nothing(effect: &Effect) -> bool {
     matches!(effect, Effect::Friction(friction) if friction.static_ == 0.0)
 }
 
-/// Speed of a probe's intent at the most, m/s.
+/// Largest speed of a probe's trajectory, m/s.
 fn speed(probe: &ProbePlan) -> f64 {
     match &probe.trajectory {
         TrajectoryPlan::Tour { speed_m_per_s, .. } => *speed_m_per_s,
@@ -139,6 +133,31 @@ fn effect_plan(
     entry: &Spanned<EffectTyped>,
     limits: &Limits,
 ) -> Result<EffectPlan, SceneError> {
+    let effect = effect(source, entry, limits)?;
+    let typed = entry.get_ref();
+    let seconds = |value: &Option<Spanned<f64>>, key, default, range| {
+        source.number(value.as_ref(), key, default, range)
+    };
+    let time = Range::NotNegative(MAX_COEFFICIENT);
+    let from_s = seconds(&typed.from_s, "from_s", 0.0, time)?;
+    let until_s = seconds(&typed.until_s, "until_s", f64::INFINITY, time)?;
+    if let (Some(until), true) = (&typed.until_s, until_s <= from_s) {
+        return Err(source.value(until, &format!("until_s is {until_s}, not after from_s, {from_s}; write a later second or leave the effect out")));
+    }
+    Ok(EffectPlan {
+        effect,
+        from_s,
+        until_s,
+        fade_s: seconds(&typed.fade_s, "fade_s", 0.1, Range::Within(1e-3, 60.0))?,
+    })
+}
+
+/// The one effect of an entry.
+fn effect(
+    source: &Source,
+    entry: &Spanned<EffectTyped>,
+    limits: &Limits,
+) -> Result<Effect, SceneError> {
     let typed = entry.get_ref();
     let mut effects = Vec::new();
     if let Some(of) = &typed.friction {
@@ -173,34 +192,16 @@ fn effect_plan(
     if let Some(of) = &typed.boundary {
         effects.push(boundary(source, of, entry)?);
     }
-    let (Some(effect), None) = (effects.pop(), effects.pop()) else {
-        return Err(source.value(
-            entry,
-            &format!(
-                "an entry of effects is one effect; write one of {} in braces of its own",
-                Effect::NAMES.join(", ")
-            ),
-        ));
-    };
-    let seconds = |value: &Option<Spanned<f64>>, key, default, range| {
-        source.number(value.as_ref(), key, default, range)
-    };
-    let from_s = seconds(&typed.from_s, "from_s", 0.0, Range::NotNegative(MAX))?;
-    let until_s = seconds(
-        &typed.until_s,
-        "until_s",
-        f64::INFINITY,
-        Range::NotNegative(MAX),
-    )?;
-    if let (Some(until), true) = (&typed.until_s, until_s <= from_s) {
-        return Err(source.value(until, &format!("until_s is {until_s}, not after from_s, {from_s}; write a later second or leave the effect out")));
+    if let (Some(effect), None) = (effects.pop(), effects.pop()) {
+        return Ok(effect);
     }
-    Ok(EffectPlan {
-        effect,
-        from_s,
-        until_s,
-        fade_s: seconds(&typed.fade_s, "fade_s", 0.1, Range::Within(1e-3, 60.0))?,
-    })
+    Err(source.value(
+        entry,
+        &format!(
+            "an entry of effects is one effect; write one of {} in braces of its own",
+            Effect::NAMES.join(", ")
+        ),
+    ))
 }
 
 fn friction(source: &Source, typed: &FrictionTyped) -> Result<Effect, SceneError> {
@@ -214,7 +215,7 @@ fn friction(source: &Source, typed: &FrictionTyped) -> Result<Effect, SceneError
 }
 
 fn shading(source: &Source, typed: &ShadingTyped) -> Result<Effect, SceneError> {
-    let radius_m = source.number(Some(&typed.radius_m), "radius_m", 0.0, LENGTH)?;
+    let radius_m = source.number(Some(&typed.radius_m), "radius_m", 0.0, LENGTH_M)?;
     let turn = source.number(
         typed.max_turn_deg.as_ref(),
         "max_turn_deg",
@@ -233,24 +234,11 @@ fn texture(
     entry: &Spanned<EffectTyped>,
     limits: &Limits,
 ) -> Result<Effect, SceneError> {
-    let amplitude_m = source.number(Some(&typed.amplitude_m), "amplitude_m", 0.0, LENGTH)?;
-    let waves = |wavelength: &Spanned<f64>| {
-        let wavelength_m = source.number(Some(wavelength), "wavelength_m", 0.0, LENGTH)?;
-        // Facts of haptics, F13: v / wavelength below half the rate.
-        let finest = 2.0 * limits.speed_m_per_s / limits.rate_hz;
-        if wavelength_m <= finest {
-            return Err(source.value(wavelength, &format!(
-                "wavelength_m is {wavelength_m}, but a loop of {} Hz renders no waves shorter than {finest} m at the {} m/s of this scene; write more, or move slower",
-                limits.rate_hz, limits.speed_m_per_s
-            )));
-        }
-        if std::f64::consts::TAU * amplitude_m / wavelength_m > MAX_SLOPE {
-            let most = MAX_SLOPE * wavelength_m / std::f64::consts::TAU;
-            return Err(source.value(&typed.amplitude_m, &format!(
-                "amplitude_m is {amplitude_m}: waves of {wavelength_m} m would be steeper than 45 degrees; write at most {most}"
-            )));
-        }
-        Ok(wavelength_m)
+    let amplitude_m = source.number(Some(&typed.amplitude_m), "amplitude_m", 0.0, LENGTH_M)?;
+    let waves = |typed_length| {
+        let length = wavelength(source, typed_length, limits)?;
+        check_slope(source, &typed.amplitude_m, amplitude_m, length)?;
+        Ok(length)
     };
     let pattern = match (&typed.grating, &typed.noise, &typed.height_map) {
         (Some(grating), None, None) => Pattern::Grating {
@@ -263,20 +251,7 @@ fn texture(
                 .whole_number(noise.seed.as_ref(), "seed", 1, 0..=i64::MAX)?
                 .unsigned_abs(),
         },
-        (None, None, Some(of)) => {
-            let path = limits.folder.join(of.file.get_ref());
-            let shown = path.display();
-            let refused = |error: &dyn std::fmt::Display| {
-                source.value(&of.file, &format!("the height map {shown} cannot be used ({error}); name a PNG picture relative to the scene"))
-            };
-            let file = File::open(&path).map_err(|error| refused(&error))?;
-            let map = HeightMap::read_png(file).map_err(|error| refused(&error))?;
-            Pattern::HeightMap {
-                map: Arc::new(map),
-                width_m: source.number(Some(&of.width_m), "width_m", 0.0, LENGTH)?,
-                axis: of.axis as usize,
-            }
-        }
+        (None, None, Some(of)) => height_map(source, of)?,
         _ => {
             return Err(source.value(
                 entry,
@@ -290,17 +265,61 @@ fn texture(
     }))
 }
 
+/// A wavelength of a texture. Its frequency, speed over wavelength, must stay below half the rate of
+/// the loop (Nyquist).
+fn wavelength(source: &Source, typed: &Spanned<f64>, limits: &Limits) -> Result<f64, SceneError> {
+    let wavelength_m = source.number(Some(typed), "wavelength_m", 0.0, LENGTH_M)?;
+    let finest = 2.0 * limits.speed_m_per_s / limits.rate_hz;
+    if wavelength_m <= finest {
+        return Err(source.value(typed, &format!(
+            "wavelength_m is {wavelength_m}, but a loop of {} Hz renders no waves shorter than {finest} m at the {} m/s of this scene; write more, or move slower",
+            limits.rate_hz, limits.speed_m_per_s
+        )));
+    }
+    Ok(wavelength_m)
+}
+
+fn check_slope(
+    source: &Source,
+    typed: &Spanned<f64>,
+    amplitude_m: f64,
+    wavelength_m: f64,
+) -> Result<(), SceneError> {
+    if TAU * amplitude_m / wavelength_m > MAX_TEXTURE_SLOPE {
+        let max = MAX_TEXTURE_SLOPE * wavelength_m / TAU;
+        return Err(source.value(typed, &format!(
+            "amplitude_m is {amplitude_m}: waves of {wavelength_m} m would be steeper than 45 degrees; write at most {max}"
+        )));
+    }
+    Ok(())
+}
+
+fn height_map(source: &Source, typed: &HeightMapTyped) -> Result<Pattern, SceneError> {
+    let path = source.path(&typed.file);
+    let shown = path.display();
+    let refused = |error: &dyn std::fmt::Display| {
+        source.value(&typed.file, &format!("the height map {shown} cannot be used ({error}); name a PNG picture relative to the scene"))
+    };
+    let bytes = source.read(&path).map_err(|error| refused(&error))?;
+    let map = HeightMap::read_png(Cursor::new(bytes)).map_err(|error| refused(&error))?;
+    Ok(Pattern::HeightMap {
+        map: Arc::new(map),
+        width_m: source.number(Some(&typed.width_m), "width_m", 0.0, LENGTH_M)?,
+        axis: typed.axis as usize,
+    })
+}
+
 fn magnet(source: &Source, typed: &MagnetTyped, limits: &Limits) -> Result<Effect, SceneError> {
-    let most = Range::Positive(limits.force_max_n);
-    let force_n = source.number(Some(&typed.force_n), "force_n", 0.0, most)?;
-    let reach_m = source.number(Some(&typed.reach_m), "reach_m", 0.0, LENGTH)?;
-    // It falls off by so much a metre at the most: a spring that pushes away.
+    let range = Range::Positive(limits.force_max_n);
+    let force_n = source.number(Some(&typed.force_n), "force_n", 0.0, range)?;
+    let reach_m = source.number(Some(&typed.reach_m), "reach_m", 0.0, LENGTH_M)?;
+    // Largest decrease of the force per metre; it acts like a stiffness.
     let steepest = 4.0 * force_n / reach_m;
-    let most = limits.stiffness(0.0);
-    if steepest > most {
+    let max = limits.stiffness(0.0);
+    if steepest > max {
         return Err(source.value(&typed.reach_m, &format!(
-            "reach_m is {reach_m}: over so short a way {force_n} N are as stiff as {steepest} N/m, more than this loop holds stable on this device ({most}); write at least {}",
-            4.0 * force_n / most
+            "reach_m is {reach_m}: over so short a distance {force_n} N are as stiff as {steepest} N/m, more than this loop holds stable on this device ({max}); write at least {}",
+            4.0 * force_n / max
         )));
     }
     Ok(Effect::Magnet(MagnetPlan { force_n, reach_m }))
@@ -311,12 +330,12 @@ fn vibration(
     typed: &VibrationTyped,
     limits: &Limits,
 ) -> Result<Effect, SceneError> {
-    // Four samples a wave: above half the rate there is nothing, and little just below.
+    // At least four samples a wave.
     let frequency = Range::Within(1e-3, 0.25 * limits.rate_hz);
     let frequency_hz = source.number(Some(&typed.frequency_hz), "frequency_hz", 0.0, frequency)?;
-    // The gate lets no more through.
-    let steepest = limits.slew_n_per_s / (std::f64::consts::TAU * frequency_hz);
-    let amplitude = Range::Positive(steepest.min(limits.force_max_n));
+    // A larger amplitude would exceed the slew limit.
+    let max_amplitude_n = limits.slew_n_per_s / (TAU * frequency_hz);
+    let amplitude = Range::Positive(max_amplitude_n.min(limits.force_max_n));
     Ok(Effect::Vibration(VibrationPlan {
         frequency_hz,
         amplitude_n: source.number(Some(&typed.amplitude_n), "amplitude_n", 0.0, amplitude)?,
@@ -332,7 +351,7 @@ fn spring(
 ) -> Result<Effect, SceneError> {
     let path_m = match (&typed.point_m, &typed.path_m) {
         (Some(point), None) => vec![place(source, point, *point.get_ref())?],
-        (None, Some(path)) if (2..=MAX_POINTS).contains(&path.get_ref().len()) => path
+        (None, Some(path)) if (2..=MAX_PATH_POINTS).contains(&path.get_ref().len()) => path
             .get_ref()
             .iter()
             .map(|&point| place(source, path, point))
@@ -340,7 +359,7 @@ fn spring(
         _ => {
             return Err(source.value(
                 entry,
-                &format!("a spring holds to point_m = [x, y, z] or to path_m = [[x, y, z], ...] of 2 to {MAX_POINTS} points; write one of the two"),
+                &format!("a spring holds to point_m = [x, y, z] or to path_m = [[x, y, z], ...] of 2 to {MAX_PATH_POINTS} points; write one of the two"),
             ));
         }
     };
@@ -367,9 +386,9 @@ fn spring(
 }
 
 fn gravity(source: &Source, typed: &GravityTyped, limits: &Limits) -> Result<Effect, SceneError> {
-    let most = Range::Positive(limits.force_max_n / GRAVITY);
+    let range = Range::Positive(limits.force_max_n / GRAVITY_M_PER_S2);
     Ok(Effect::Gravity(GravityPlan {
-        mass_kg: source.number(Some(&typed.mass_kg), "mass_kg", 0.0, most)?,
+        mass_kg: source.number(Some(&typed.mass_kg), "mass_kg", 0.0, range)?,
         direction: direction(source, typed.direction.as_ref(), DVec3::NEG_Z)?,
         centre_m: match &typed.centre_m {
             None => DVec3::ZERO,
@@ -383,9 +402,9 @@ fn inertia(source: &Source, typed: &InertiaTyped, limits: &Limits) -> Result<Eff
         Some(&typed.mass_kg),
         "mass_kg",
         0.0,
-        Range::Within(1e-6, MAX),
+        Range::Within(1e-6, MAX_COEFFICIENT),
     )?;
-    // The two masses swing against each other: the lighter one counts.
+    // The two masses oscillate against each other: the lighter one sets the limits.
     let limits = Limits {
         mass_kg: limits.mass_kg.min(mass_kg),
         ..*limits
@@ -394,11 +413,11 @@ fn inertia(source: &Source, typed: &InertiaTyped, limits: &Limits) -> Result<Eff
         None => (0.5f64).min(limits.damping()),
         Some(typed) => damping(source, typed, &limits)?,
     };
-    let most = limits.stiffness(damping_ns_per_m);
+    let max = limits.stiffness(damping_ns_per_m);
     let typed = typed.stiffness_n_per_m.as_ref();
     Ok(Effect::Inertia(InertiaPlan {
         mass_kg,
-        stiffness_n_per_m: stiffness(source, typed, (200.0f64).min(most), most)?,
+        stiffness_n_per_m: stiffness(source, typed, (200.0f64).min(max), max)?,
         damping_ns_per_m,
     }))
 }
@@ -414,7 +433,7 @@ fn boundary(
                 None => DVec3::ZERO,
                 Some(centre) => place(source, centre, *centre.get_ref())?,
             },
-            radius: source.number(Some(&ball.radius_m), "radius_m", 0.0, LENGTH)?,
+            radius: source.number(Some(&ball.radius_m), "radius_m", 0.0, LENGTH_M)?,
         },
         (None, Some(of)) => {
             let lower = place(source, &of.lower_m, *of.lower_m.get_ref())?;
@@ -436,21 +455,43 @@ fn boundary(
     };
     Ok(Effect::Boundary(BoundaryPlan {
         shape,
-        // The energy account holds it at any stiffness, as it holds a surface.
-        stiffness_n_per_m: stiffness(source, typed.stiffness_n_per_m.as_ref(), 800.0, MAX)?,
+        // Passivity control keeps it stable at any stiffness, like a surface.
+        stiffness_n_per_m: stiffness(
+            source,
+            typed.stiffness_n_per_m.as_ref(),
+            800.0,
+            MAX_COEFFICIENT,
+        )?,
     }))
 }
 
-impl Limits<'_> {
-    /// Largest damping that a loop can render on a device: of the speed of a mass it may take half in a tick, for it is
-    /// measured over the tick before.
+impl Limits {
+    fn new(plan: &ScenePlan) -> Self {
+        let devices = || plan.probes.iter().map(|probe| probe.device);
+        Self {
+            rate_hz: plan.loop_.rate_hz,
+            force_max_n: plan.safety.force_max_n,
+            slew_n_per_s: plan.safety.slew_n_per_s,
+            mass_kg: devices().fold(f64::INFINITY, |min, device| min.min(device.mass_kg)),
+            damping_ns_per_m: devices().fold(f64::INFINITY, |min, device| {
+                min.min(device.damping_ns_per_m)
+            }),
+            speed_m_per_s: plan.probes.iter().map(speed).fold(0.0, f64::max),
+        }
+    }
+
+    /// Largest damping that the loop can render on a device, N s/m. In one tick it may take half of
+    /// the speed of a mass, since speed is measured over the tick before.
     fn damping(&self) -> f64 {
         0.5 * self.mass_kg * self.rate_hz
     }
 
-    /// Largest stiffness that it can render together with a damping: half of what theory allows (facts of haptics, F1 and
-    /// F2), where it would ring for seconds, with half of the damping, which comes late; and never more than a quarter of
-    /// a swing of the mass in a tick. `rt-tests stability fields` tries the limit.
+    /// Largest stiffness that the loop can render with a damping, N/m.
+    ///
+    /// At the passivity limit of a sampled wall, K T / 2 + B <= b (Colgate 1997), it would oscillate
+    /// for seconds. So it is half of that limit, with half of the rendered damping, which acts late,
+    /// and at most a quarter of the mass's oscillation in a tick. `rt-tests stability fields` tests
+    /// the limit.
     fn stiffness(&self, damping: f64) -> f64 {
         let damped = (self.damping_ns_per_m + 0.5 * damping) * self.rate_hz;
         damped.min(0.25 * self.mass_kg * self.rate_hz * self.rate_hz)
@@ -461,9 +502,9 @@ fn stiffness(
     source: &Source,
     typed: Option<&Spanned<f64>>,
     default: f64,
-    most: f64,
+    max: f64,
 ) -> Result<f64, SceneError> {
-    source.number(typed, "stiffness_n_per_m", default, Range::Positive(most))
+    source.number(typed, "stiffness_n_per_m", default, Range::Positive(max))
 }
 
 fn damping(source: &Source, typed: &Spanned<f64>, limits: &Limits) -> Result<f64, SceneError> {
@@ -481,7 +522,7 @@ fn direction(
         return Ok(default);
     };
     let vector = DVec3::from_array(*typed.get_ref());
-    // Scaled first, so that no square overflows or vanishes.
+    // Scaled first, so no square overflows or vanishes.
     let unit = (vector / vector.abs().max_element()).try_normalize();
     unit.ok_or_else(|| {
         source.value(
@@ -494,7 +535,7 @@ fn direction(
 /// A place in the world.
 fn place<T>(source: &Source, at: &Spanned<T>, typed: [f64; 3]) -> Result<DVec3, SceneError> {
     let place = DVec3::from_array(typed);
-    if place.abs().max_element() <= 1e7 && place.is_finite() {
+    if place.abs().max_element() <= MAX_LENGTH_M && place.is_finite() {
         return Ok(place);
     }
     Err(source.value(at, "a place needs three finite numbers within 1e7 m"))

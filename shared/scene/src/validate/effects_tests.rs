@@ -1,5 +1,4 @@
-use super::super::{Overrides, SceneError, parse};
-use crate::{Effect, ScenePlan};
+use crate::{Effect, NoFiles, Overrides, SceneError, ScenePlan, parse};
 use std::path::Path;
 
 fn with(text: &str) -> Result<ScenePlan, SceneError> {
@@ -8,6 +7,7 @@ fn with(text: &str) -> Result<ScenePlan, SceneError> {
         "test.toml",
         Path::new("/nonexistent"),
         &Overrides::default(),
+        &NoFiles,
     )
 }
 
@@ -159,7 +159,7 @@ fn the_speed_that_counts_for_a_texture_is_the_one_that_runs() {
         speed_m_per_s: Some(1.0),
         ..Overrides::default()
     };
-    let error = parse(&text, "test.toml", Path::new(""), &faster).unwrap_err();
+    let error = parse(&text, "test.toml", Path::new(""), &faster, &NoFiles).unwrap_err();
     assert!(
         error.to_string().contains("line 4: wavelength_m"),
         "{error}"

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Overrides, SceneError, ScenePlan, parse};
+use crate::{NoFiles, Overrides, parse};
 use std::path::Path;
 
 /// A scene of one movable object, on its sixth line.
@@ -9,6 +9,7 @@ fn scene(movable: &str) -> Result<ScenePlan, SceneError> {
         "test.toml",
         Path::new(""),
         &Overrides::default(),
+        &NoFiles,
     )
 }
 
@@ -33,7 +34,7 @@ fn each_kind_is_read_with_its_defaults() {
     let MovablePlan::Free(free) = read("free = { mass_kg = 0.2 }") else {
         panic!("it is free");
     };
-    let at_rest = RestPlan {
+    let at_rest = SpringDamperPlan {
         spring: 0.0,
         damping: None,
     };
@@ -43,7 +44,7 @@ fn each_kind_is_read_with_its_defaults() {
     let MovablePlan::Hinge(hinge) = read(hinge) else {
         panic!("it is on a hinge");
     };
-    assert_eq!((hinge.axis, hinge.turn.damping), (DVec3::Z, Some(0.01)));
+    assert_eq!((hinge.axis, hinge.angular.damping), (DVec3::Z, Some(0.01)));
     assert_eq!(hinge.limits_rad, Some([0.0, std::f64::consts::FRAC_PI_2]));
     let rail =
         "rail = { axis = [1, 0, 0], mass_kg = 0.2, spring_n_per_m = 50, limits_m = [-0.1, 0.1] }";
@@ -51,7 +52,7 @@ fn each_kind_is_read_with_its_defaults() {
         panic!("it is on a rail");
     };
     assert_eq!(
-        (rail.slide.spring, rail.limits_m),
+        (rail.linear.spring, rail.limits_m),
         (50.0, Some([-0.1, 0.1]))
     );
     let driven = "driven = { angular_rad_per_s = [0, 0, 10], period_s = 2 }";
@@ -125,8 +126,8 @@ fn a_wrong_number_is_refused_with_its_line() {
 }
 
 #[test]
-fn a_body_that_the_touch_would_throw_off_is_refused_with_the_least_that_it_may_weigh() {
-    // 800 N/m, 0.5 N s/m: 1e-3 (0.8 + 1.0) = 1.8 g of what resists: 12.6 g of a box.
+fn a_body_too_light_for_its_surface_is_refused_with_its_smallest_mass() {
+    // 800 N/m, 0.5 N s/m: m' = 1e-3 (0.8 + 1.0) = 1.8 g, so 12.6 g for a box.
     for (kind, least) in [("free", 12.6e-3), ("hinge", 12.6e-3), ("rail", 1.8e-3)] {
         let axis = if kind == "free" {
             ""
@@ -141,15 +142,22 @@ fn a_body_that_the_touch_would_throw_off_is_refused_with_the_least_that_it_may_w
             "{message}"
         );
     }
-    // Of a given inertia the size counts, that of the command line too.
+    // With a given inertia the size matters, also that of the command line.
     let given = "free = { mass_kg = 0.1, inertia_kgm2 = [2e-5, 2e-5, 2e-5] }";
     scene(given).unwrap();
     let larger = Overrides {
         size_m: Some(0.2),
         ..Overrides::default()
     };
-    let parsed =
-        |size: &str, overrides| parse(&text(given, size), "test.toml", Path::new(""), overrides);
+    let parsed = |size: &str, overrides| {
+        parse(
+            &text(given, size),
+            "test.toml",
+            Path::new(""),
+            overrides,
+            &NoFiles,
+        )
+    };
     let message = parsed("size_m = 0.1", &larger).unwrap_err().to_string();
     assert!(
         message.contains("line 6:") && message.contains("inertia_kgm2"),
@@ -162,13 +170,14 @@ fn a_body_that_the_touch_would_throw_off_is_refused_with_the_least_that_it_may_w
 }
 
 #[test]
-fn the_command_lines_size_and_copies_do_not_confuse_whose_line_it_is() {
+fn errors_name_the_line_of_the_table_that_made_the_copies() {
     let many = "size_m = 0.1\ngrid = { counts = [129, 1, 1], spacing_m = 1 }";
     let many = parse(
         &text("free = { mass_kg = 0.2 }", many),
         "test.toml",
         Path::new(""),
         &Overrides::default(),
+        &NoFiles,
     );
     let message = many.unwrap_err().to_string();
     assert!(
@@ -180,7 +189,14 @@ fn the_command_lines_size_and_copies_do_not_confuse_whose_line_it_is() {
         "size_m = 0.1\ngrid = { counts = [2, 2, 1], spacing_m = 1 }",
     );
     text += "[[object]]\nmodel = \"n.spm\"\nsize_m = 0.1\nmovable = { rail = { axis = [1, 0, 0], mass_kg = 1e-3 } }\n";
-    let message = parse(&text, "test.toml", Path::new(""), &Overrides::default()).unwrap_err();
+    let message = parse(
+        &text,
+        "test.toml",
+        Path::new(""),
+        &Overrides::default(),
+        &NoFiles,
+    )
+    .unwrap_err();
     assert!(
         message.to_string().starts_with("test.toml, line 12:"),
         "{message}"

@@ -1,19 +1,22 @@
 //! The objects of a scene: tables, their names and their copies.
 
 use super::movable::movable_plan;
-use super::{LENGTH, MAX, Range, SHAPES, SceneError, Source};
-use crate::plan::{MAX_OBJECTS, ModelScale, ModelSource, ObjectPlan, SurfacePlan};
+use crate::limits::{GENERATED_FACES, LENGTH_M, MAX_COEFFICIENT, MAX_LENGTH_M};
+use crate::plan::{MAX_OBJECTS, ModelScale, ModelSource, ObjectPlan, SHAPES, SurfacePlan};
+use crate::source::{Range, SceneError, Source};
 use crate::typed::{GenerateTyped, GridTyped, ObjectTyped};
 use geometry::Pose;
 use glam::DVec3;
 use std::sync::Arc;
 use toml::Spanned;
 
-/// The objects of a scene, copies counted, and the names that were given to them.
+/// The objects of a scene and their names.
 pub(super) struct Objects<'a> {
+    /// Objects in their order, copies included.
     pub(super) plans: Vec<ObjectPlan>,
+    /// Names, each with the index of its object.
     names: Vec<(&'a str, usize)>,
-    /// The copies of each table.
+    /// The objects of each table.
     pub(super) copies: Vec<std::ops::Range<usize>>,
 }
 
@@ -60,7 +63,7 @@ impl<'a> Objects<'a> {
         Ok(all)
     }
 
-    /// The object that a tour names.
+    /// Index of the object that a tour names.
     pub(super) fn index(
         &self,
         source: &Source,
@@ -88,13 +91,14 @@ impl<'a> Objects<'a> {
     }
 }
 
-/// Copies of an object on a grid along the axes of the world, the first where the object is, x counting fastest.
+/// Copies of an object on a grid along the axes of the world, x fastest; the first is the object
+/// itself.
 fn copies(
     source: &Source,
     plan: &ObjectPlan,
     grid: &GridTyped,
 ) -> Result<Vec<ObjectPlan>, SceneError> {
-    let spacing = source.number(Some(&grid.spacing_m), "spacing_m", 0.0, LENGTH)?;
+    let spacing = source.number(Some(&grid.spacing_m), "spacing_m", 0.0, LENGTH_M)?;
     let counts = *grid.counts.get_ref();
     let total = counts
         .iter()
@@ -118,83 +122,31 @@ fn copies(
         .collect())
 }
 
+/// Checks an object; `start` is the byte where its table begins.
 fn object_plan(
     source: &Source,
     typed: &ObjectTyped,
     start: usize,
 ) -> Result<ObjectPlan, SceneError> {
-    let model = match (&typed.model, &typed.generate) {
-        (Some(file), None) if !file.get_ref().trim().is_empty() => {
-            ModelSource::File(file.get_ref().into())
-        }
-        (None, Some(generate)) => generate_plan(source, generate)?,
-        (Some(file), _) => {
-            return Err(source.value(
-                file,
-                "give either model = \"file.spm\" or generate = { shape = \"relief\", faces = 100000 }, not both and not an empty name",
-            ));
-        }
-        (None, None) => {
-            return Err(source.at(
-                start,
-                "the object has no model; give model = \"file.spm\" or generate = { shape = \"relief\", faces = 100000 }",
-            ));
-        }
-    };
-    let scale = match (&typed.size_m, &typed.metres_per_unit) {
-        (Some(size), None) => ModelScale::Size(source.number(Some(size), "size_m", 0.0, LENGTH)?),
-        (None, Some(unit)) => ModelScale::MetresPerUnit(source.number(
-            Some(unit),
-            "metres_per_unit",
-            0.0,
-            Range::Within(1e-12, 1e12),
-        )?),
-        (Some(size), Some(_)) => {
-            return Err(source.value(
-                size,
-                "give either size_m (its longest side) or metres_per_unit, not both",
-            ));
-        }
-        (None, None) => {
-            return Err(source.at(
-                start,
-                "the object has no size; give size_m (its longest side, metres) or metres_per_unit",
-            ));
-        }
-    };
-    let pose = match &typed.pose {
-        None => Pose::IDENTITY,
-        Some(pose) => Pose::from_wxyz(
-            pose.get_ref().position_m.unwrap_or([0.0; 3]),
-            pose.get_ref().orientation_wxyz.unwrap_or([1.0, 0.0, 0.0, 0.0]),
-        )
-        .filter(|pose| pose.position.abs().max_element() <= 1e7)
-        .ok_or_else(|| {
-            source.value(
-                pose,
-                "the pose needs finite numbers, a position within 1e7 m and an orientation (w, x, y, z) that is not all zero",
-            )
-        })?,
-    };
     Ok(ObjectPlan {
-        model,
-        scale,
-        pose,
+        model: model_source(source, typed, start)?,
+        scale: model_scale(source, typed, start)?,
+        pose: pose(source, typed)?,
         surface: SurfacePlan {
             stiffness_n_per_m: source.number(
                 typed.surface.stiffness_n_per_m.as_ref(),
                 "stiffness_n_per_m",
                 800.0,
-                Range::Positive(MAX),
+                Range::Positive(MAX_COEFFICIENT),
             )?,
             damping_ns_per_m: source.number(
                 typed.surface.damping_ns_per_m.as_ref(),
                 "damping_ns_per_m",
                 0.5,
-                Range::NotNegative(MAX),
+                Range::NotNegative(MAX_COEFFICIENT),
             )?,
         },
-        // What they may be depends on the loop and the probes: they are looked at last.
+        // Checked last, since their limits depend on the loop and the probes.
         effects: Arc::new([]),
         movable: typed
             .movable
@@ -202,6 +154,73 @@ fn object_plan(
             .map(|movable| movable_plan(source, movable.get_ref()))
             .transpose()?,
     })
+}
+
+fn model_source(
+    source: &Source,
+    typed: &ObjectTyped,
+    start: usize,
+) -> Result<ModelSource, SceneError> {
+    match (&typed.model, &typed.generate) {
+        (Some(file), None) if !file.get_ref().trim().is_empty() => {
+            Ok(ModelSource::File(file.get_ref().into()))
+        }
+        (None, Some(generate)) => generate_plan(source, generate),
+        (Some(file), _) => Err(source.value(
+                file,
+                "give either model = \"file.spm\" or generate = { shape = \"relief\", faces = 100000 }, not both and not an empty name",
+            )),
+        (None, None) => Err(source.at(
+                start,
+                "the object has no model; give model = \"file.spm\" or generate = { shape = \"relief\", faces = 100000 }",
+            )),
+    }
+}
+
+fn model_scale(
+    source: &Source,
+    typed: &ObjectTyped,
+    start: usize,
+) -> Result<ModelScale, SceneError> {
+    match (&typed.size_m, &typed.metres_per_unit) {
+        (Some(size), None) => Ok(ModelScale::Size(source.number(
+            Some(size),
+            "size_m",
+            0.0,
+            LENGTH_M,
+        )?)),
+        (None, Some(unit)) => Ok(ModelScale::MetresPerUnit(source.number(
+            Some(unit),
+            "metres_per_unit",
+            0.0,
+            Range::Within(1e-12, 1e12),
+        )?)),
+        (Some(size), Some(_)) => Err(source.value(
+            size,
+            "give either size_m (its longest side) or metres_per_unit, not both",
+        )),
+        (None, None) => Err(source.at(
+            start,
+            "the object has no size; give size_m (its longest side, metres) or metres_per_unit",
+        )),
+    }
+}
+
+fn pose(source: &Source, typed: &ObjectTyped) -> Result<Pose, SceneError> {
+    match &typed.pose {
+        None => Ok(Pose::IDENTITY),
+        Some(pose) => Pose::from_wxyz(
+            pose.get_ref().position_m.unwrap_or([0.0; 3]),
+            pose.get_ref().orientation_wxyz.unwrap_or([1.0, 0.0, 0.0, 0.0]),
+        )
+        .filter(|pose| pose.position.abs().max_element() <= MAX_LENGTH_M)
+        .ok_or_else(|| {
+            source.value(
+                pose,
+                "the pose needs finite numbers, a position within 1e7 m and an orientation (w, x, y, z) that is not all zero",
+            )
+        }),
+    }
 }
 
 fn generate_plan(source: &Source, typed: &GenerateTyped) -> Result<ModelSource, SceneError> {
@@ -215,7 +234,7 @@ fn generate_plan(source: &Source, typed: &GenerateTyped) -> Result<ModelSource, 
             ),
         ));
     }
-    let faces = source.whole_number(Some(&typed.faces), "faces", 0, 64..=1 << 26)?;
+    let faces = source.whole_number(Some(&typed.faces), "faces", 0, GENERATED_FACES)?;
     Ok(ModelSource::Generate {
         shape: shape.clone(),
         faces: faces as u32,

@@ -1,28 +1,29 @@
 //! The shape of a probe.
 
-use super::super::plan::{ProbeShape, ToolMeshPlan};
-use super::super::typed::{MeshTyped, RodTyped, ShapeTyped};
-use super::{LENGTH, SceneError, Source};
+use crate::limits::{DEFAULT_RADIUS_M, DEFAULT_TOOL_FACES, LENGTH_M, TOOL_FACES};
+use crate::plan::{ProbeShape, ToolMeshPlan};
+use crate::source::{SceneError, Source};
+use crate::typed::{MeshTyped, RodTyped, ShapeTyped};
 use glam::DVec3;
 use spm::{FileError, SpmFile, prefix_mesh};
-use std::path::Path;
 use toml::Spanned;
-
-/// Faces of a tool: fewer are no body, more take too long to move in a tick.
-const FACES: std::ops::RangeInclusive<i64> = 12..=4096;
-/// Faces of a tool of which the scene does not say it.
-const DEFAULT_FACES: i64 = 960;
 
 /// Checks a shape; a mesh is read.
 pub(super) fn probe_shape(
     source: &Source,
     typed: Option<&ShapeTyped>,
-    folder: &Path,
 ) -> Result<ProbeShape, SceneError> {
     match typed {
-        None => Ok(ProbeShape::Sphere { radius_m: 0.001 }),
+        None => Ok(ProbeShape::Sphere {
+            radius_m: DEFAULT_RADIUS_M,
+        }),
         Some(ShapeTyped::Sphere(sphere)) => Ok(ProbeShape::Sphere {
-            radius_m: source.number(sphere.radius_m.as_ref(), "radius_m", 0.001, LENGTH)?,
+            radius_m: source.number(
+                sphere.radius_m.as_ref(),
+                "radius_m",
+                DEFAULT_RADIUS_M,
+                LENGTH_M,
+            )?,
         }),
         Some(ShapeTyped::Capsule(rod)) => {
             let (radius_m, length_m, faces) = rod_numbers(source, rod)?;
@@ -46,46 +47,47 @@ pub(super) fn probe_shape(
                 faces,
             })
         }
-        Some(ShapeTyped::Mesh(mesh)) => Ok(ProbeShape::Mesh(tool_mesh(source, mesh, folder)?)),
+        Some(ShapeTyped::Mesh(mesh)) => Ok(ProbeShape::Mesh(tool_mesh(source, mesh)?)),
     }
 }
 
 fn faces(source: &Source, typed: Option<&Spanned<i64>>) -> Result<u32, SceneError> {
-    let faces = source.whole_number(typed, "faces", DEFAULT_FACES, FACES)?;
+    let faces = source.whole_number(typed, "faces", DEFAULT_TOOL_FACES, TOOL_FACES)?;
     Ok(u32::try_from(faces).unwrap_or(u32::MAX))
 }
 
 fn rod_numbers(source: &Source, rod: &RodTyped) -> Result<(f64, f64, u32), SceneError> {
     Ok((
-        source.number(Some(&rod.radius_m), "radius_m", 0.0, LENGTH)?,
-        source.number(Some(&rod.length_m), "length_m", 0.0, LENGTH)?,
+        source.number(Some(&rod.radius_m), "radius_m", 0.0, LENGTH_M)?,
+        source.number(Some(&rod.length_m), "length_m", 0.0, LENGTH_M)?,
         faces(source, rod.faces.as_ref())?,
     ))
 }
 
-/// Reads a tool at the level of detail that has so many faces at the most, and brings it to its size.
-fn tool_mesh(source: &Source, mesh: &MeshTyped, folder: &Path) -> Result<ToolMeshPlan, SceneError> {
-    let size = source.number(Some(&mesh.size_m), "size_m", 0.0, LENGTH)?;
-    let most = faces(source, mesh.faces.as_ref())?;
-    let path = folder.join(mesh.file.get_ref());
+/// Reads a tool at the finest level of detail within its number of faces, and scales it to its
+/// size.
+fn tool_mesh(source: &Source, mesh: &MeshTyped) -> Result<ToolMeshPlan, SceneError> {
+    let size = source.number(Some(&mesh.size_m), "size_m", 0.0, LENGTH_M)?;
+    let max_faces = faces(source, mesh.faces.as_ref())?;
+    let path = source.path(&mesh.file);
     let shown = path.display().to_string();
     let refused = |sentence: String| source.value(&mesh.file, &sentence);
-    let bytes = std::fs::read(&path).map_err(|error| {
+    let bytes = source.read(&path).map_err(|error| {
         refused(format!(
             "the tool {shown} cannot be read ({error}); name an SPM file relative to the scene"
         ))
     })?;
-    let read = |bytes| -> Result<_, FileError> { prefix_mesh(&SpmFile::open(bytes)?, most) };
+    let read = |bytes| -> Result<_, FileError> { prefix_mesh(&SpmFile::open(bytes)?, max_faces) };
     let (positions, triangles) = read(bytes).map_err(|error| {
         refused(format!(
             "the tool {shown} is no SPM file that can be used ({error}); make one with: ve-station build MESH -o TOOL.spm"
         ))
     })?;
-    if triangles.len() > *FACES.end() as usize {
+    if triangles.len() > *TOOL_FACES.end() as usize {
         return Err(refused(format!(
-            "the tool {shown} has {} faces at its coarsest, more than {}; build it with --base-faces {most}",
+            "the tool {shown} has {} faces at its coarsest, more than {}; build it with --base-faces {max_faces}",
             triangles.len(),
-            FACES.end()
+            TOOL_FACES.end()
         )));
     }
     let lower = positions.iter().fold(DVec3::INFINITY, |low, &p| low.min(p));

@@ -1,11 +1,46 @@
 use super::*;
+use crate::{
+    ModelScale, ModelSource, NoFiles, ProbeShape, RefinementPlan, TrajectoryPlan, parse_bytes,
+};
 use geometry::Pose;
 use glam::DVec3;
+use std::io;
+use std::path::PathBuf;
 
-const BUNDLED: &str = include_str!("../../../config/scenes/first-touch.toml");
+const BUNDLED: &str = include_str!("../../../../config/scenes/first-touch.toml");
+
+/// One file in memory.
+struct OneFile<'a> {
+    path: &'a str,
+    content: &'a str,
+}
+
+impl Files for OneFile<'_> {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        if path == Path::new(self.path) {
+            Ok(self.content.into())
+        } else {
+            NoFiles.read(path)
+        }
+    }
+
+    fn absolute(&self, path: &Path) -> io::Result<PathBuf> {
+        Ok(Path::new("/current").join(path))
+    }
+}
 
 fn plain(text: &str) -> Result<ScenePlan, SceneError> {
-    parse(text, "test.toml", Path::new(""), &Overrides::default())
+    let files = OneFile {
+        path: "scene.spm",
+        content: "[[object]]",
+    };
+    parse(
+        text,
+        "test.toml",
+        Path::new(""),
+        &Overrides::default(),
+        &files,
+    )
 }
 
 /// The bundled scene with one piece of its text exchanged, which must be there.
@@ -138,12 +173,12 @@ fn objects_and_probes_are_counted_in_their_order() {
         TrajectoryPlan::Points(_) => usize::MAX,
     });
     assert_eq!(toured.collect::<Vec<_>>(), [0, 1, 7]);
-    assert_eq!(scene.seats(), 7);
-    assert_eq!(plain(BUNDLED).unwrap().seats(), 1);
+    assert_eq!(scene.active_objects(), 7);
+    assert_eq!(plain(BUNDLED).unwrap().active_objects(), 1);
 }
 
 #[test]
-fn what_there_is_too_much_or_nothing_of_is_refused_with_its_line() {
+fn too_many_or_missing_tables_are_refused_with_their_line() {
     for (added, at, expected) in [
         ("[[probe]]\n".repeat(4), 4, "at most 4"),
         (
@@ -259,11 +294,15 @@ fn the_command_line_lies_over_the_scene() {
         cache: Some("1MiB".to_string()),
         tolerance_m: Some(1e-4),
     };
-    let plan = parse(BUNDLED, "scene", Path::new("folder"), &overrides).unwrap();
+    let files = OneFile {
+        path: "",
+        content: "",
+    };
+    let plan = parse(BUNDLED, "scene", Path::new("folder"), &overrides, &files).unwrap();
     let ModelSource::File(model) = &plan.objects[0].model else {
         panic!("{:?}", plan.objects[0].model);
     };
-    assert_eq!(model, &std::env::current_dir().unwrap().join("other.spm"));
+    assert_eq!(model, Path::new("/current/other.spm"));
     assert_eq!(plan.objects[0].scale, ModelScale::Size(0.3));
     assert_eq!(plan.cache_bytes, 1 << 20);
     assert_eq!(plan.accuracy.tolerance_m, 1e-4);
@@ -280,7 +319,7 @@ fn the_command_line_lies_over_the_scene() {
         model: Some("other.spm".into()),
         ..Overrides::default()
     };
-    let kept = parse(BUNDLED, "scene", Path::new(""), &kept).unwrap();
+    let kept = parse(BUNDLED, "scene", Path::new(""), &kept, &NoFiles).unwrap();
     assert_eq!(
         kept.objects[0].scale,
         ModelScale::Size(0.15),
@@ -316,23 +355,25 @@ fn the_command_line_lies_over_the_scene() {
             "--tolerance",
         ),
     ] {
-        let message = parse(BUNDLED, "scene", Path::new(""), &overrides).unwrap_err();
+        let message = parse(BUNDLED, "scene", Path::new(""), &overrides, &NoFiles).unwrap_err();
         assert!(message.to_string().contains(flag), "{message}");
     }
 }
 
 #[test]
 fn a_trajectory_is_read_from_beside_the_scene_and_its_faults_have_lines() {
-    let folder = std::env::temp_dir().join(format!("hrtc-scene-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
     let text = exchanged(
         "tour = { seed = 1, speed_m_per_s = 0.1, depth_m = 0.002 }",
         "csv = \"path.csv\"",
     );
-    let read = |csv: &str| {
-        std::fs::write(folder.join("path.csv"), csv).unwrap();
-        parse(&text, "scene", &folder, &Overrides::default())
+    let read_with = |csv: &str, overrides: &Overrides| {
+        let files = OneFile {
+            path: "folder/path.csv",
+            content: csv,
+        };
+        parse(&text, "scene", Path::new("folder"), overrides, &files)
     };
+    let read = |csv: &str| read_with(csv, &Overrides::default());
     let plan = read("t,x,y,z\n# rest\n0, 0,0,1\r\n0.5,1,2,3,0,0,0,2\n").unwrap();
     let TrajectoryPlan::Points(points) = &plan.probes[0].trajectory else {
         panic!("{:?}", plan.probes[0].trajectory);
@@ -348,6 +389,8 @@ fn a_trajectory_is_read_from_beside_the_scene_and_its_faults_have_lines() {
         ("-1,0,0,0\n", 1, "negative"),
         ("0,0,0,0,0,0,0,0\n", 1, "direction"),
         ("0,0,0,0\nt,x,y,z\n", 2, "finite"),
+        // Lines that the crate `csv` miscounts (rust-csv 208 and 395).
+        ("t,x,y,z\r\n\r\n  # rest\r\n0,0,0\r\n", 4, "columns"),
     ] {
         let message = read(csv).unwrap_err().to_string();
         assert!(message.contains(expected), "{csv:?}: {message}");
@@ -366,11 +409,9 @@ fn a_trajectory_is_read_from_beside_the_scene_and_its_faults_have_lines() {
         seed: Some(1),
         ..Overrides::default()
     };
-    std::fs::write(folder.join("path.csv"), "0,0,0,0\n").unwrap();
-    let message = parse(&text, "scene", &folder, &overrides).unwrap_err();
+    let message = read_with("0,0,0,0\n", &overrides).unwrap_err();
     assert!(message.to_string().contains("--seed"), "{message}");
-    std::fs::remove_dir_all(&folder).unwrap();
-    let message = parse(&text, "scene", &folder, &Overrides::default()).unwrap_err();
+    let message = plain(&text).unwrap_err();
     assert!(
         message.to_string().contains("path.csv cannot be read"),
         "{message}"
@@ -379,7 +420,7 @@ fn a_trajectory_is_read_from_beside_the_scene_and_its_faults_have_lines() {
 
 #[test]
 fn a_missing_scene_is_one_sentence() {
-    let message = load(Path::new("no/such.toml"), &Overrides::default())
+    let message = load(Path::new("no/such.toml"), &Overrides::default(), &NoFiles)
         .unwrap_err()
         .to_string();
     assert!(
@@ -390,14 +431,18 @@ fn a_missing_scene_is_one_sentence() {
 
 #[test]
 fn a_loaded_scene_has_its_files_name_and_folder() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/scenes/first-touch.toml");
-    let plan = load(&path, &Overrides::default()).unwrap();
+    let files = OneFile {
+        path: "scenes/first-touch.toml",
+        content: BUNDLED,
+    };
+    let path = Path::new(files.path);
+    let plan = load(path, &Overrides::default(), &files).unwrap();
     assert_eq!(plan.name, "first-touch");
     assert_eq!(plan.folder, path.parent().unwrap());
 }
 
 #[test]
-fn what_is_felt_is_morphed_where_the_scene_says_so() {
+fn geomorphs_are_on_unless_the_scene_turns_them_off() {
     let geomorph = |text: &str| plain(text).unwrap().accuracy.geomorph;
     assert!(geomorph(&exchanged("geomorph = true", "")));
     assert!(geomorph(&exchanged("geomorph = true", "geomorph = true")));
@@ -408,7 +453,7 @@ fn what_is_felt_is_morphed_where_the_scene_says_so() {
 }
 
 #[test]
-fn the_dial_is_local_to_a_tolerance_or_global_to_a_tolerance_or_a_count() {
+fn refinement_is_local_to_a_tolerance_or_global_to_a_tolerance_or_a_count() {
     let plan = plain(&exchanged("tolerance_m = 0.0", "tolerance_m = 1e-4")).unwrap();
     assert_eq!(plan.accuracy.tolerance_m, 1e-4);
     assert_eq!(plan.accuracy.refinement, RefinementPlan::Local);
@@ -430,7 +475,7 @@ fn the_dial_is_local_to_a_tolerance_or_global_to_a_tolerance_or_a_count() {
         tolerance_m: Some(1e-3),
         ..Overrides::default()
     };
-    let plan = parse(&counted, "scene", Path::new(""), &typed).unwrap();
+    let plan = parse(&counted, "scene", Path::new(""), &typed, &NoFiles).unwrap();
     assert_eq!(
         plan.accuracy.refinement,
         RefinementPlan::Global { lod: None },
@@ -476,13 +521,12 @@ fn shapes_that_cannot_be_a_tool_are_refused_with_their_line() {
             "cannot be read",
         ),
         (
-            "{ mesh = { file = \"Cargo.toml\", size_m = 0.05 } }",
+            "{ mesh = { file = \"scene.spm\", size_m = 0.05 } }",
             "ve-station build",
         ),
         ("{ mesh = { file = \"none.spm\", size_m = 0.0 } }", "size_m"),
     ] {
         let text = exchanged("{ sphere = { radius_m = 0.001 } }", shape);
-        // Of this crate, which is where tests run.
         let message = refusal(&text);
         let line = line_of(&text, shape);
         assert!(
@@ -493,14 +537,14 @@ fn shapes_that_cannot_be_a_tool_are_refused_with_their_line() {
 }
 
 #[test]
-fn a_tool_reaches_from_its_tip_to_its_end() {
+fn a_tool_extends_from_its_tip_to_its_end() {
     let shape = |text: &str| {
         let text = exchanged("{ sphere = { radius_m = 0.001 } }", text);
         let plan = plain(&text).unwrap();
         plan.probes[0].shape.clone()
     };
     let capsule = shape("{ capsule = { radius_m = 0.003, length_m = 0.05 } }");
-    assert_eq!((capsule.tip_m(), capsule.reach_m()), (0.003, 0.047));
+    assert_eq!((capsule.tip_m(), capsule.extent_m()), (0.003, 0.047));
     let cylinder = shape("{ cylinder = { radius_m = 0.003, length_m = 0.004, faces = 240 } }");
-    assert_eq!((cylinder.tip_m(), cylinder.reach_m()), (0.0, 0.005));
+    assert_eq!((cylinder.tip_m(), cylinder.extent_m()), (0.0, 0.005));
 }

@@ -1,49 +1,49 @@
-//! The effects that a scene lists: what each one is, checked, in SI units. What is not listed does not exist.
+//! The effects that a scene lists, checked, in SI units. An effect that is not listed does not exist.
 //!
-//! The function of the tick that belongs to each stands in the controller (`hrtc::effects`, a file each).
+//! The controller computes them (`hrtc_core::force::effects`, a file each).
 
 use super::height_map::HeightMap;
 use glam::DVec3;
 use std::sync::Arc;
 
-/// An effect, and when it acts.
+/// An effect and the time during which it acts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectPlan {
-    /// What it does.
+    /// The effect.
     pub effect: Effect,
-    /// Seconds after the start when it begins to fade in; 0 for at once, without fading.
+    /// Start of its fade-in, seconds after the start; 0 for immediate, without fading.
     pub from_s: f64,
-    /// Seconds after the start when it begins to fade out; infinity for never.
+    /// Start of its fade-out, seconds after the start; infinity for never.
     pub until_s: f64,
-    /// Seconds that it takes to fade in or out, positive.
+    /// Duration of a fade, seconds, positive.
     pub fade_s: f64,
 }
 
-/// What an effect does.
+/// An effect with its parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Effect {
-    /// Of a surface: dry friction.
+    /// Dry friction of a surface.
     Friction(FrictionPlan),
-    /// Of a surface: the force turns smoothly over edges.
+    /// Smooth force direction over the edges of a surface.
     Shading(ShadingPlan),
-    /// Of a surface: fine relief that the mesh does not have.
+    /// Fine relief of a surface, beyond its mesh.
     Texture(TexturePlan),
-    /// Of a surface: it pulls what comes near.
+    /// Attraction of a surface.
     Magnet(MagnetPlan),
-    /// Of a surface while it is touched, or of the whole scene.
+    /// Vibration of a surface during contact, or of the whole scene.
     Vibration(VibrationPlan),
-    /// Of the scene: drag.
+    /// Drag, in the whole scene.
     Viscosity {
         /// N s/m, positive.
         damping_ns_per_m: f64,
     },
-    /// Of the scene: a spring to a point or a path.
+    /// A spring to a point or a path.
     Spring(SpringPlan),
-    /// Of the scene: the weight of the tool.
+    /// The weight of the tool.
     Gravity(GravityPlan),
-    /// Of the scene: a mass that the device has to carry along.
+    /// A mass that the device carries.
     Inertia(InertiaPlan),
-    /// Of the scene: the end of the workspace.
+    /// The boundary of the workspace.
     Boundary(BoundaryPlan),
 }
 
@@ -62,7 +62,7 @@ impl Effect {
         "boundary",
     ];
 
-    /// Place in [`Effect::NAMES`].
+    /// Index into [`Effect::NAMES`].
     #[must_use]
     pub fn index(&self) -> usize {
         match self {
@@ -85,7 +85,7 @@ impl Effect {
         Self::NAMES[self.index()]
     }
 
-    /// Whether it belongs to a surface: listed for the scene, it is every object's.
+    /// Whether it belongs to a surface. Listed for the scene, it applies to every object.
     #[must_use]
     pub fn is_of_surface(&self) -> bool {
         matches!(
@@ -98,13 +98,13 @@ impl Effect {
 /// Coefficients of dry friction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrictionPlan {
-    /// Largest force along the surface over the force of the surface while it sticks; 0 to 3, not below `dynamic`.
+    /// Largest tangential force over the normal force while sticking; 0 to 3, not below `dynamic`.
     pub static_: f64,
-    /// The same while it slides, not negative.
+    /// The same while sliding, not negative.
     pub dynamic: f64,
 }
 
-/// Over how much of the surface the direction of the force is averaged.
+/// Averaging of the force direction over the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShadingPlan {
     /// Radius of the average, metres.
@@ -118,7 +118,7 @@ pub struct ShadingPlan {
 pub struct TexturePlan {
     /// Largest height, and depth, metres.
     pub amplitude_m: f64,
-    /// Where it is how high.
+    /// Its relative height.
     pub pattern: Pattern,
 }
 
@@ -134,9 +134,9 @@ pub enum Pattern {
     },
     /// Smooth noise.
     Noise {
-        /// Size of its bumps, from one to the next, metres.
+        /// Distance between its bumps, metres.
         wavelength_m: f64,
-        /// Which noise.
+        /// Seed of the noise.
         seed: u64,
     },
     /// A picture laid over the object along an axis, repeated.
@@ -145,17 +145,17 @@ pub enum Pattern {
         map: Arc<HeightMap>,
         /// Width of the picture, metres.
         width_m: f64,
-        /// The axis that it is looked at along: 0 x, 1 y, 2 z.
+        /// Axis of the projection: 0 x, 1 y, 2 z.
         axis: usize,
     },
 }
 
-/// A surface that pulls.
+/// An attracting surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MagnetPlan {
     /// Largest force, newtons.
     pub force_n: f64,
-    /// Farthest distance of the surface from which it pulls, metres.
+    /// Largest distance of the attraction, metres.
     pub reach_m: f64,
 }
 
@@ -173,7 +173,7 @@ pub struct VibrationPlan {
 /// A spring that holds the probe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpringPlan {
-    /// What it is held to, world, metres: a point, or a path of straight pieces.
+    /// Its anchor in the world, metres: a point, or a path of straight segments.
     pub path_m: Vec<DVec3>,
     /// N/m.
     pub stiffness_n_per_m: f64,
@@ -194,18 +194,18 @@ pub struct GravityPlan {
     pub centre_m: DVec3,
 }
 
-/// A mass that is carried along on a spring.
+/// A mass coupled to the device by a spring and damper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InertiaPlan {
     /// kg.
     pub mass_kg: f64,
-    /// Of what holds it to the device, N/m.
+    /// Stiffness of the coupling, N/m.
     pub stiffness_n_per_m: f64,
-    /// Of what holds it to the device, N s/m.
+    /// Damping of the coupling, N s/m.
     pub damping_ns_per_m: f64,
 }
 
-/// The end of the workspace: outside of it a spring pushes back.
+/// The boundary of the workspace: outside, a spring pushes back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoundaryPlan {
     /// Its shape.
@@ -214,7 +214,7 @@ pub struct BoundaryPlan {
     pub stiffness_n_per_m: f64,
 }
 
-/// What a probe's position is to stay in, world, metres.
+/// Volume for a probe's position, world, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Workspace {
     /// A ball.

@@ -1,14 +1,15 @@
-//! A height map: a picture whose brightness is height, at every level of coarseness.
+//! A height map: a picture whose brightness is height, with coarser levels (a mip map).
 
 use glam::DVec2;
 use std::io::{BufReader, Read, Seek};
 use thiserror::Error;
 
-/// Most pixels of a picture.
+/// Largest number of pixels of a picture.
 const MAX_PIXELS: u64 = 1 << 24;
 
-/// Heights from -1 (black) to 1 (white) on a grid that repeats, and the same with half as many samples a side, and so
-/// on down to one: what is finer than the loop can render is left out by taking a coarser one.
+/// Heights from -1 (black) to 1 (white) on a periodic grid. Each level has half as many samples a
+/// side as the one before, down to a single sample. A coarser level leaves out detail that the loop
+/// cannot render.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeightMap {
     levels: Vec<Level>,
@@ -21,31 +22,31 @@ struct Level {
     samples: Vec<f32>,
 }
 
-/// Why a picture is no height map.
+/// Errors of reading a height map.
 #[derive(Debug, Error)]
 pub enum HeightMapError {
-    /// It cannot be read as PNG.
+    /// Not a readable PNG.
     #[error(transparent)]
     Png(#[from] png::DecodingError),
-    /// It is too large.
+    /// Too many pixels.
     #[error("it has {0} pixels, more than {MAX_PIXELS}")]
     TooLarge(u64),
 }
 
-/// Height and slope at a place.
+/// Height and slope at a point.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Height {
     /// -1 to 1.
     pub height: f64,
-    /// Change of the height by a whole width or height of the picture.
+    /// Derivative of the height, per width and height of the picture.
     pub slope: DVec2,
 }
 
 impl HeightMap {
-    /// Reads a PNG picture; of colours the brightness counts.
+    /// Reads a PNG picture; colours become their brightness.
     ///
     /// # Errors
-    /// When it is no PNG, is damaged, or is too large.
+    /// When the data is no PNG, is damaged, or has too many pixels.
     pub fn read_png(from: impl Read + Seek) -> Result<Self, HeightMapError> {
         let mut decoder = png::Decoder::new(BufReader::new(from));
         decoder.set_transformations(png::Transformations::EXPAND);
@@ -73,7 +74,7 @@ impl HeightMap {
             let mut of = pixel.chunks_exact(depth).map(value);
             let mut next = || of.next().unwrap_or(0.0);
             match channels {
-                // Rec. 601, as pictures are greyed.
+                // Luma of ITU-R BT.601.
                 3 | 4 => 0.299 * next() + 0.587 * next() + 0.114 * next(),
                 _ => next(),
             }
@@ -89,10 +90,10 @@ impl HeightMap {
         Ok(Self::new(width as usize, height as usize, samples))
     }
 
-    /// Of samples from -1 to 1, row by row.
+    /// Map of samples from -1 to 1, row by row.
     ///
     /// # Panics
-    /// When there are not `width` times `height` of them, or none.
+    /// When there are no samples, or not `width` times `height`.
     #[must_use]
     pub fn new(width: usize, height: usize, samples: Vec<f32>) -> Self {
         assert!(!samples.is_empty() && samples.len() == width * height);
@@ -119,15 +120,17 @@ impl HeightMap {
         self.levels[0].width
     }
 
-    /// Bytes that it holds.
+    /// Bytes of all levels.
     #[must_use]
     pub fn bytes(&self) -> usize {
         let of = |level: &Level| std::mem::size_of_val(&level.samples[..]);
         self.levels.iter().map(of).sum()
     }
 
-    /// Height and slope at a place, 0 to 1 across the picture and repeated beyond, at a coarseness: 0 for all that is
-    /// there, 1 for samples twice as far apart, and so on, whole or between.
+    /// Height and slope at a point, 0 to 1 across the picture and periodic beyond.
+    ///
+    /// `coarseness` is the level: 0 for all samples, 1 for samples twice as far apart, and so on;
+    /// fractions interpolate between two levels.
     #[must_use]
     pub fn at(&self, place: DVec2, coarseness: f64) -> Height {
         let last = self.levels.len() - 1;
@@ -148,7 +151,7 @@ impl HeightMap {
 }
 
 impl Level {
-    /// Means of two by two samples; `None` of a single one.
+    /// Means of two by two samples; `None` for a single sample.
     fn halved(&self) -> Option<Self> {
         if self.samples.len() == 1 {
             return None;
@@ -166,14 +169,14 @@ impl Level {
         })
     }
 
-    /// A quadratic spline through the neighbourhood: height and slope are both continuous.
+    /// Quadratic spline over three by three samples; height and slope are continuous.
     fn at(&self, place: DVec2) -> Height {
         let size = DVec2::new(self.width as f64, self.height as f64);
         let place = place * size;
         if !place.is_finite() {
             return Height::default();
         }
-        // Samples lie in the middle of their cells.
+        // Samples are in the middle of their cells.
         let cell = place.floor();
         let within = place - cell - 0.5;
         let column = |offset: i64| (cell.x as i64 + offset).rem_euclid(self.width as i64) as usize;
@@ -193,8 +196,8 @@ impl Level {
     }
 }
 
-/// Weights of the sample before, of the nearest and of the one after, `t` from the nearest (-0.5 to 0.5), and how they
-/// change with it: the quadratic B-spline.
+/// Quadratic B-spline: weights of the samples before, at and after the nearest one, and their
+/// derivatives, at `t` from the nearest sample (-0.5 to 0.5).
 fn spline(t: f64) -> ([f64; 3], [f64; 3]) {
     let (before, after) = (0.5 - t, 0.5 + t);
     (

@@ -1,0 +1,41 @@
+//! Limits of a scene's numbers, and the defaults of numbers that more than one place needs.
+
+use crate::source::Range;
+use std::ops::RangeInclusive;
+
+/// Lengths, metres: from below an atom to above the Earth, so no square overflows or vanishes.
+pub(crate) const LENGTH_M: Range = Range::Within(MIN_LENGTH_M, MAX_LENGTH_M);
+/// Shortest length, metres.
+const MIN_LENGTH_M: f64 = 1e-9;
+/// Longest length and farthest coordinate, metres.
+pub(crate) const MAX_LENGTH_M: f64 = 1e7;
+/// Largest coefficient in its own unit (N/m, N s/m, kg, N, N/s, s): far above any device.
+pub(crate) const MAX_COEFFICIENT: f64 = 1e9;
+/// Speed of a scripted path, m/s.
+pub(crate) const SPEED_M_PER_S: Range = Range::Within(1e-6, 1e3);
+
+/// Default cache, bytes.
+pub(crate) const DEFAULT_CACHE_BYTES: usize = 16 << 20;
+/// Default radius of a sphere probe, metres.
+pub(crate) const DEFAULT_RADIUS_M: f64 = 0.001;
+
+/// Faces of a tool: fewer enclose no body, more take too long to move in a tick.
+pub(crate) const TOOL_FACES: RangeInclusive<i64> = 12..=4096;
+/// Default faces of a tool.
+pub(crate) const DEFAULT_TOOL_FACES: i64 = 960;
+/// Faces of a generated object.
+pub(crate) const GENERATED_FACES: RangeInclusive<i64> = 64..=1 << 26;
+
+/// Largest rotation of a driven object in a tick, radians: the shortest arc between two poses
+/// must be the rotation that was meant.
+pub(crate) const MAX_TICK_ROTATION_RAD: f64 = 0.5;
+
+/// Largest coefficient of friction: rubber has 1 to 2. With more, the pull along the surface
+/// exceeds the push of the surface so much that a corner of two faces traps the proxy.
+pub(crate) const MAX_FRICTION: f64 = 3.0;
+/// Standard gravity, m/s².
+pub(crate) const GRAVITY_M_PER_S2: f64 = 9.80665;
+/// Largest number of points of a spring's path.
+pub(crate) const MAX_PATH_POINTS: usize = 4096;
+/// Steepest slope of a texture (45 degrees).
+pub(crate) const MAX_TEXTURE_SLOPE: f64 = 1.0;
