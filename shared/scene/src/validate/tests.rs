@@ -1,6 +1,6 @@
 use super::*;
 use crate::{
-    ModelScale, ModelSource, NoFiles, ProbeShape, RefinementPlan, TrajectoryPlan, parse_bytes,
+    ModelScale, ModelSource, NoFiles, RefinementPlan, TrajectoryPlan, parse_bytes,
 };
 use geometry::Pose;
 use glam::DVec3;
