@@ -1,7 +1,5 @@
 use super::*;
-use crate::{
-    ModelScale, ModelSource, NoFiles, RefinementPlan, TrajectoryPlan, parse_bytes,
-};
+use crate::{ModelScale, ModelSource, NoFiles, RefinementPlan, TrajectoryPlan, parse_bytes};
 use geometry::Pose;
 use glam::DVec3;
 use std::io;
