@@ -17,7 +17,7 @@
 //! A controller on a link that loses messages:
 //!
 //! ```
-//! use scene::{Overrides, parse};
+//! use scene::{NoFiles, Overrides, parse};
 //! use simulator::{Client, ClientOptions, LinkModel, STATION, Simulation, station};
 //! use spm::{SpmFile, write_spm};
 //! use spm_builder::build::{BuildOptions, NoProgress, build_model};
@@ -34,7 +34,7 @@
 //! };
 //!
 //! let text = "[[object]]\nmodel = \"relief.spm\"\nsize_m = 0.1\n[[probe]]\n";
-//! let plan = parse(text, "example", "".as_ref(), &Overrides::default()).unwrap();
+//! let plan = parse(text, "example", "".as_ref(), &Overrides::default(), &NoFiles).unwrap();
 //! let options = ClientOptions {
 //!     link: LinkModel {
 //!         loss: 0.01,
