@@ -23,7 +23,7 @@ use crate::cache::base_mesh_store::BaseMeshStore;
 use crate::contact::query::Work;
 use crate::contact::sphere_proxy::Contact;
 use crate::force::effects::{Clock, Rendered};
-use crate::force::passivity::Carried;
+use crate::force::passivity::CarriedWork;
 use crate::lod::refine;
 use crate::probe::Probe;
 use crate::record::CoreRecord;
@@ -407,14 +407,14 @@ impl Controller {
             let mut wanted: Option<Rendered> = None;
             let mut strongest: Option<(f64, ProbeContact)> = None;
             let at = probe.pose.map_or(DVec3::ZERO, |pose| pose.position);
-            let mut ahead = Carried::default();
+            let mut ahead = CarriedWork::default();
             for seat in &self.seats {
                 let touch = &seat.touches[k];
                 if let Some(rendered) = touch.rendered {
                     // A sum begins with its first term, not with a zero that would round.
                     wanted = Some(wanted.map_or(rendered, |sum| sum + rendered));
                     if let (false, Some(object)) = (self.movables.is_empty(), seat.object()) {
-                        ahead = ahead + self.movables.work_ahead(object, &rendered.resists, at);
+                        ahead = ahead + self.movables.work_ahead(object, &rendered.passive, at);
                     }
                 }
                 let (Some(felt), Some(rendered), Some(object), Some(frame)) =
@@ -423,7 +423,7 @@ impl Controller {
                     continue;
                 };
                 record.probes[k].add(felt, frame.metres_per_unit, seat.finest_tolerance());
-                let force = rendered.resists.force.length();
+                let force = rendered.passive.force.length();
                 if strongest.is_none_or(|(most, _)| force > most) {
                     let contact = felt.contact;
                     strongest = Some((force, ProbeContact { object, contact }));
@@ -436,7 +436,7 @@ impl Controller {
                     seat.object(),
                     &seat.touches[k].rendered,
                 ) {
-                    let given = [rendered.resists * shares[0], rendered.drives * shares[1]];
+                    let given = [rendered.passive * shares[0], rendered.active * shares[1]];
                     self.movables.push(object, k, given, at);
                 }
             }

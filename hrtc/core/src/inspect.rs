@@ -184,10 +184,10 @@ impl Controller {
     pub fn effects(&self) -> UsageByKind {
         let mut usage = UsageByKind::default();
         for probe in &self.probes {
-            probe.effects.tell(&mut usage);
+            probe.effects.add_usage(&mut usage);
         }
         for touch in self.seats.iter().flat_map(|seat| &seat.touches) {
-            touch.effects.tell(&mut usage);
+            touch.effects.add_usage(&mut usage);
         }
         usage
     }

@@ -30,7 +30,7 @@ const GROWTH_PER_S: f64 = 48.0;
 /// there the surface is at rest when it comes.
 pub const AROUND: f64 = 0.25;
 /// How many times as far no face is turned over.
-pub const BESIDE: f64 = 2.0;
+pub const NEAR_FACTOR: f64 = 2.0;
 /// A step as a fraction of the probe's radius, at the most: so that none passes over its centre.
 const OF_RADIUS: f64 = 0.125;
 /// Times that a step is made smaller before it is made as small as it is surely allowed.
@@ -43,62 +43,66 @@ const SMALLER: f64 = 1.125;
 pub struct PerceptionLimit {
     centre: DVec3,
     reach: f64,
-    touches: bool,
+    is_contact: bool,
     /// Away from the surface; zero where nothing tells.
     up: DVec3,
     /// The most that the surface may move in a tick, and rise.
     step: f64,
     rise: f64,
     /// How far the proxy may go in a tick beyond the device's motion.
-    slide: f64,
+    proxy_step: f64,
 }
 
 /// How far a proxy goes in a tick beyond the device's motion, model units: no farther than is said as long as the surface
 /// under it moves, and until it has caught up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepLimit {
-    most: f64,
-    is_said: bool,
+    max_step: f64,
+    is_set: bool,
 }
 
 impl StepLimit {
     /// As far as it likes.
     pub const FREE: Self = Self {
-        most: f64::INFINITY,
-        is_said: false,
+        max_step: f64::INFINITY,
+        is_set: false,
     };
 
     /// So far in this tick, model units; the least of what is said in one.
-    pub fn say(&mut self, most: f64) {
-        self.most = if self.is_said {
-            self.most.min(most)
+    pub fn tighten(&mut self, max_step: f64) {
+        self.max_step = if self.is_set {
+            self.max_step.min(max_step)
         } else {
-            most
+            max_step
         };
-        self.is_said = true;
+        self.is_set = true;
     }
 
     /// How far it may go; infinite where nothing moves.
     #[must_use]
-    pub fn most(&self) -> f64 {
-        self.most
+    pub fn max_step(&self) -> f64 {
+        self.max_step
     }
 
     /// The same where it is limited, else nothing.
     #[must_use]
     pub fn limit(&self) -> f64 {
-        if self.is_limited() { self.most } else { 0.0 }
+        if self.is_limited() {
+            self.max_step
+        } else {
+            0.0
+        }
     }
 
     /// Whether the surface moves, or it has not caught up since.
     #[must_use]
     pub fn is_limited(&self) -> bool {
-        self.most.is_finite()
+        self.max_step.is_finite()
     }
 
     /// The tick is over; whether it has caught up.
     pub fn end_tick(&mut self, has_caught_up: bool) {
-        if !std::mem::take(&mut self.is_said) && has_caught_up {
+        if !std::mem::take(&mut self.is_set) && has_caught_up {
             *self = Self::FREE;
         }
     }
@@ -106,7 +110,7 @@ impl StepLimit {
 
 /// What tells a feeler's allowances.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Touching {
+pub struct ContactConditions {
     /// Where the proxy is, model units.
     pub centre: DVec3,
     /// Radius of what touches around it, model units.
@@ -118,7 +122,7 @@ pub struct Touching {
     /// Stiffness of the surface, N/m.
     pub stiffness_n_per_m: f64,
     /// Whether it touches; else it only feels what would touch it.
-    pub touches: bool,
+    pub is_contact: bool,
     /// Force, newtons.
     pub force_n: f64,
     /// Depth of the device behind the proxy, metres.
@@ -132,41 +136,41 @@ pub struct Touching {
 impl PerceptionLimit {
     /// What a probe feels and allows.
     #[must_use]
-    pub fn new(touching: &Touching) -> Self {
-        let &Touching {
+    pub fn new(conditions: &ContactConditions) -> Self {
+        let &ContactConditions {
             radius,
             metres_per_unit,
             stiffness_n_per_m: stiffness,
             depth_m,
             ..
-        } = touching;
-        let allowed_n = STEP_N.max(STEP_SHARE * touching.force_n);
+        } = conditions;
+        let allowed_n = STEP_N.max(STEP_SHARE * conditions.force_n);
         let spring = |depth_m: f64| 0.5 * stiffness * depth_m * depth_m;
         let growing = spring(depth_m).max(spring(STEP_N / stiffness));
-        let energy = touching
+        let energy = conditions
             .reserve_j
-            .max(GROWTH_PER_S * touching.period_s * growing);
+            .max(GROWTH_PER_S * conditions.period_s * growing);
         // K p h + K h²/2 = energy, without cancellation.
         let twice = 2.0 * energy / stiffness;
         let rise_m = twice / (depth_m + (depth_m * depth_m + twice).sqrt());
         let in_units = |metres: f64| (metres / metres_per_unit).min(OF_RADIUS * radius);
         let step = in_units(OF_SURFACE * allowed_n / stiffness);
-        let around = if touching.touches { AROUND } else { 0.0 };
+        let around = if conditions.is_contact { AROUND } else { 0.0 };
         Self {
-            centre: touching.centre,
+            centre: conditions.centre,
             reach: radius * (1.0 + around),
-            touches: touching.touches,
-            up: touching.up.normalize_or_zero(),
+            is_contact: conditions.is_contact,
+            up: conditions.up.normalize_or_zero(),
             step,
             rise: in_units(rise_m).min(step),
-            slide: OF_PROXY * allowed_n / stiffness / metres_per_unit,
+            proxy_step: OF_PROXY * allowed_n / stiffness / metres_per_unit,
         }
     }
 
     /// How far the proxy may go in a tick beyond the device's motion, while the surface under it moves.
     #[must_use]
-    pub fn slide(&self) -> f64 {
-        self.slide
+    pub fn proxy_step(&self) -> f64 {
+        self.proxy_step
     }
 
     /// Distance of a triangle from the centre.
@@ -218,16 +222,16 @@ fn is_inside([a, b, c, d]: [DVec3; 4], p: DVec3) -> bool {
 /// it is to where it will be is within reach of a probe. Both ends of that way may be out of reach on either side of
 /// the probe. `patch` holds the faces that it deforms, `places` are the vertices that they get for corners.
 #[must_use]
-pub fn is_felt(
+pub fn is_perceptible(
     mesh: &ActiveMesh,
     slot: Slot,
     patch: &OperationFaces,
     places: &[Handle],
-    feelers: &[(usize, PerceptionLimit)],
+    limits: &[(usize, PerceptionLimit)],
 ) -> bool {
     let space = space_of(mesh, patch, places);
-    let mut near = feelers.iter().filter(|(_, feeler)| feeler.reaches(space));
-    near.any(|(_, feeler)| mesh.any_swept(slot, patch, |tetrahedron| feeler.is_within(tetrahedron)))
+    let mut near = limits.iter().filter(|(_, limit)| limit.reaches(space));
+    near.any(|(_, limit)| mesh.any_swept(slot, patch, |tetrahedron| limit.is_within(tetrahedron)))
 }
 
 /// Whether what a split or collapse that is to be performed does to the faces of its patch may come to a probe, though it is not
@@ -238,23 +242,21 @@ pub fn may_come_near(
     mesh: &ActiveMesh,
     patch: &OperationFaces,
     places: &[Handle],
-    feelers: &[(usize, PerceptionLimit)],
+    limits: &[(usize, PerceptionLimit)],
 ) -> bool {
-    let beside = |feeler: &PerceptionLimit| PerceptionLimit {
-        reach: BESIDE * feeler.reach,
-        ..*feeler
+    let beside = |limit: &PerceptionLimit| PerceptionLimit {
+        reach: NEAR_FACTOR * limit.reach,
+        ..*limit
     };
     let space = space_of(mesh, patch, places);
     let is_beside = |face: Handle| {
         let corners = mesh.corners(face);
-        let mut feelers = feelers.iter().map(|(_, feeler)| beside(feeler));
-        feelers.any(|feeler| {
-            feeler.reaches(box_around(corners)) && feeler.distance(corners) <= feeler.reach
+        let mut limits = limits.iter().map(|(_, limit)| beside(limit));
+        limits.any(|limit| {
+            limit.reaches(box_around(corners)) && limit.distance(corners) <= limit.reach
         })
     };
-    feelers
-        .iter()
-        .any(|(_, feeler)| beside(feeler).reaches(space))
+    limits.iter().any(|(_, limit)| beside(limit).reaches(space))
         || mesh.any_in_flight(patch.deformed())
         || patch.deformed().iter().any(|&face| {
             let corners = mesh.face(face).corners;
@@ -301,7 +303,7 @@ fn height(
     (flight, around): &Step<'_>,
     step: DVec3,
     place: impl Fn(Handle) -> DVec3,
-    feeler: &PerceptionLimit,
+    limit: &PerceptionLimit,
 ) -> (f64, f64) {
     let (mut moved, mut raised) = (0.0f64, 0.0f64);
     for &face in around.deformed() {
@@ -310,7 +312,7 @@ fn height(
             continue;
         };
         let [at, b, c] = [k, (k + 1) % 3, (k + 2) % 3].map(|k| place(corners[k]));
-        if !feeler.is_within([at, b, c, at + step]) {
+        if !limit.is_within([at, b, c, at + step]) {
             continue;
         }
         for at in [at, at + step] {
@@ -321,11 +323,11 @@ fn height(
             // A place moves by the vertex's share in it: its height over the edge bc over that of the vertex.
             let inwards = normal.cross(c - b);
             let height = |p: DVec3| (p - b).dot(inwards);
-            let farthest = height(feeler.centre) + feeler.reach * inwards.length();
+            let farthest = height(limit.centre) + limit.reach * inwards.length();
             let share = (farthest / height(at)).clamp(0.0, 1.0);
             let along = share * step.dot(normal);
             moved = moved.max(along.abs());
-            let towards = normal.dot(feeler.up);
+            let towards = normal.dot(limit.up);
             let rise = if towards == 0.0 {
                 along.abs()
             } else {
@@ -340,7 +342,7 @@ fn height(
 /// How much of what a probe allows in a tick it takes that some vertices in flight go a share of their ways, one step after
 /// the other; beyond 1 it is not allowed.
 #[must_use]
-pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &PerceptionLimit, share: f64) -> f64 {
+pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit, share: f64) -> f64 {
     let heights = (0..steps.len()).map(|k| {
         // Those before it have done their steps.
         let done = &steps[..k];
@@ -350,27 +352,27 @@ pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &PerceptionLimit, s
             mesh.position(vertex).as_dvec3() + moved.unwrap_or(DVec3::ZERO)
         };
         let step = mesh.way(&steps[k].0) * share;
-        let (moved, raised) = height(mesh, &steps[k], step, place, feeler);
-        (moved / feeler.step).max(raised / feeler.rise)
+        let (moved, raised) = height(mesh, &steps[k], step, place, limit);
+        (moved / limit.step).max(raised / limit.rise)
     });
     heights.fold(0.0, f64::max)
 }
 
 /// The share of their ways that a probe that feels them allows some vertices in flight in a tick, one step after the other.
 #[must_use]
-pub fn share_of_way(mesh: &ActiveMesh, steps: &[Step<'_>], feeler: &PerceptionLimit) -> f64 {
+pub fn allowed_share(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit) -> f64 {
     let ways = steps.iter().map(|(flight, _)| mesh.way(flight).length());
     let longest = ways.fold(0.0, f64::max);
     if longest == 0.0 {
         return 1.0;
     }
-    let excess = |share: f64| excess(mesh, steps, feeler, share);
+    let excess = |share: f64| excess(mesh, steps, limit, share);
     // A surface moves nowhere by more than its vertices; and it may come to the reach at once.
     let faces = steps.iter().flat_map(|(_, around)| around.deformed());
     let nearest = faces.fold(f64::INFINITY, |least, &face| {
-        least.min(feeler.distance(mesh.corners(face)))
+        least.min(limit.distance(mesh.corners(face)))
     });
-    let surely = feeler.step.min(feeler.rise).max(nearest - feeler.reach);
+    let surely = limit.step.min(limit.rise).max(nearest - limit.reach);
     let surely = (surely / longest).min(1.0);
     // What is left of the way, if that is allowed.
     let left = steps.iter().map(|(flight, _)| 1.0 - flight.done());

@@ -63,7 +63,7 @@ fn home() -> Pose {
 
 fn body(plan: MovablePlan, extent: Extent) -> Body {
     let mut body = Body::new(plan, home(), PERIOD_S);
-    body.learn(extent);
+    body.set_extent(extent);
     body
 }
 
@@ -292,7 +292,7 @@ fn what_sleeps_keeps_its_bits_and_how_long_it_takes_depends_on_no_length() {
             assert!(tick < 20_000, "it comes to rest");
         }
         let asleep = body.clone();
-        assert_eq!((asleep.before(), asleep.way()), (None, 0.0));
+        assert_eq!((asleep.before(), asleep.max_displacement()), (None, 0.0));
         fell_asleep.push((tick, way));
         // A touch wakes it.
         body.push(&push(DVec3::X * scale), DVec3::ZERO);

@@ -21,7 +21,7 @@ fn every_face_of_the_ball_is_gathered_and_the_ball_is_the_largest_that_fits() {
                 let (_, [corner, ..]) = front.any_face(&mut random);
                 let point = corner + vector(&mut random) * front.diagonal() * 0.01;
                 let asked = front.diagonal() * [0.003, 0.03, 0.3, 2.0][k % 4];
-                near.gather(front.surface(), point, asked);
+                near.collect(front.surface(), point, asked);
                 let ball = near.margin(point);
                 assert!(ball <= asked, "{name}");
 
@@ -60,7 +60,7 @@ fn a_ball_of_everything_costs_little_more_than_what_fits() {
     let mut near = NearFaces::new();
     for _ in 0..50 {
         let (_, [corner, ..]) = front.any_face(&mut random);
-        let work = near.gather(front.surface(), corner, 2.0 * front.diagonal());
+        let work = near.collect(front.surface(), corner, 2.0 * front.diagonal());
         // Without an order every one of the faces would be tested.
         let most = 8 * MAX_FACES as u32;
         assert!(

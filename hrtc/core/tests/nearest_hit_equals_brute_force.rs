@@ -148,7 +148,7 @@ fn faces_within_a_distance_are_those_of_all_faces() {
 
 /// First fraction of the motion at which the sphere touches the face while it approaches, by sections: the
 /// distance is convex along the motion, so there is one approach.
-fn first_touch(t: [DVec3; 3], start: DVec3, motion: DVec3, radius: f64) -> Option<f64> {
+fn first_contact(t: [DVec3; 3], start: DVec3, motion: DVec3, radius: f64) -> Option<f64> {
     let gap = |s: f64| {
         closest_point_on_triangle(t, start + motion * s)
             .distance_squared
@@ -204,7 +204,7 @@ fn a_swept_sphere_stops_where_it_first_touches_any_face() {
                 if (a - reach).cmpgt(high).any() || (b + reach).cmplt(low).any() {
                     continue;
                 }
-                if let Some(s) = first_touch(t, start, motion, radius)
+                if let Some(s) = first_contact(t, start, motion, radius)
                     && expected.is_none_or(|least| s < least)
                 {
                     expected = Some(s);

@@ -508,7 +508,10 @@ fn whatever_probes_link_and_bodies_do_the_tick_keeps_its_limits() {
                 assert!(scene.outputs.wrenches.iter().all(|w| w.is_finite()));
                 assert!(record.work_units <= scene.controller.work_budget());
                 for (_, body) in scene.controller.movables().iter() {
-                    assert!(body.pose().is_finite() && body.way() < 0.05, "seed {seed}");
+                    assert!(
+                        body.pose().is_finite() && body.max_displacement() < 0.05,
+                        "seed {seed}"
+                    );
                 }
                 if tick % 500 == 0 {
                     scene.check();

@@ -11,7 +11,9 @@ use bodies::{Front, plate_mesh};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hands::Hand;
-use hrtc_core::contact::rigid_proxy::{Coupling, ToolAdvance, Twist};
+use hrtc_core::contact::coupling::Coupling;
+use hrtc_core::contact::motion::Twist;
+use hrtc_core::contact::rigid_proxy::ToolAdvance;
 use hrtc_core::contact::tool::capsule_mesh;
 
 const STIFFNESS: f64 = 800.0;

@@ -8,8 +8,10 @@ use bodies::{Front, box_mesh, plate_mesh, scaled, vector};
 use common::Random;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
+use hrtc_core::contact::coupling::Coupling;
+use hrtc_core::contact::motion::Twist;
 use hrtc_core::contact::query::Ending;
-use hrtc_core::contact::rigid_proxy::{Coupling, ToolAdvance, ToolProxy, Twist};
+use hrtc_core::contact::rigid_proxy::{ToolAdvance, ToolProxy};
 use hrtc_core::contact::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
 use std::f64::consts::FRAC_PI_2;
 
@@ -94,7 +96,7 @@ fn pressed_flat_the_force_is_the_depth_and_there_is_no_torque() {
             let depth = 0.05;
             let answer = move_to(&mut proxy, &plate, &start, &at(depth), 50);
             let felt = wrench(&proxy);
-            let expected = DVec3::Z * STIFFNESS * (depth + proxy.rest());
+            let expected = DVec3::Z * STIFFNESS * (depth + proxy.contact_offset());
             let label = format!(
                 "{name} {pieces}: {felt:?} {} contacts",
                 answer.contacts().len()
@@ -182,7 +184,7 @@ fn a_tool_rests_in_grooves_and_corners() {
             tick(&mut proxy, &front, &end);
         }
         let rested = proxy.pose();
-        let limit = 1e-4 * proxy.rest();
+        let limit = 1e-4 * proxy.contact_offset();
         let crept = rested.position.distance(settled.position);
         assert!(crept < limit, "{planes} planes: {crept:e}");
         let mut random = Random(5);

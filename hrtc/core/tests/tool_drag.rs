@@ -8,8 +8,10 @@ mod common;
 use bodies::{Front, plate_mesh};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
+use hrtc_core::contact::coupling::Coupling;
+use hrtc_core::contact::motion::Twist;
 use hrtc_core::contact::query::Ending;
-use hrtc_core::contact::rigid_proxy::{Coupling, ToolProxy, Twist};
+use hrtc_core::contact::rigid_proxy::ToolProxy;
 use hrtc_core::contact::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
 use std::f64::consts::TAU;
 
@@ -89,7 +91,7 @@ fn a_tool_that_turns_on_a_plate_feels_no_torque_about_its_normal() {
             };
             let mut hand = Hand::new(&mesh);
             hand.press(&plate, &pose(0.0), DVec3::Z);
-            let due = STIFFNESS * (depth + hand.proxy.rest());
+            let due = STIFFNESS * (depth + hand.proxy.contact_offset());
             for k in 0..300 {
                 let felt = hand.to(&plate, &pose(rad_per_tick * f64::from(k)));
                 let label = format!("{name}, {rad_per_tick} rad a tick, tick {k}: {felt:?}");

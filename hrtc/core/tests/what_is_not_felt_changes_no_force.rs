@@ -11,7 +11,7 @@ use common::Random;
 use glam::DVec3;
 use hrtc_core::contact::query::{Surface, closest_point};
 use hrtc_core::contact::sphere_proxy::{Contact, Proxy};
-use hrtc_core::perception::{PerceptionLimit, Touching, is_felt, share_of_way};
+use hrtc_core::perception::{ContactConditions, PerceptionLimit, allowed_share, is_perceptible};
 use spm::{ActiveMesh, ErrorScale, Handle, OperationFaces, Slot, SpmParts};
 
 /// What a bench has: a probe of 1 mm on a surface of 1 kN/m, at 1 kHz.
@@ -198,13 +198,13 @@ impl Probe {
 
     fn feeler(&self) -> PerceptionLimit {
         let force_n = self.force_n().length();
-        PerceptionLimit::new(&Touching {
+        PerceptionLimit::new(&ContactConditions {
             centre: self.proxy.position(),
             radius: self.proxy.radius(),
             up: self.proxy.position() - self.goal,
             metres_per_unit: RADIUS_M / self.proxy.radius(),
             stiffness_n_per_m: STIFFNESS,
-            touches: self.contact.is_some(),
+            is_contact: self.contact.is_some(),
             force_n,
             depth_m: force_n / STIFFNESS,
             reserve_j: 0.0,
@@ -236,7 +236,7 @@ fn try_one(front: &mut Front, random: &mut Random, seen: &mut Seen) {
     let [_, places] = front.ends(slot);
     front.mesh.patch(slot, &mut front.out).expect("it fits");
     let touches = usize::from(probe.contact.is_some());
-    let feels = is_felt(&front.mesh, slot, &front.out, &places, &[(0, feeler)]);
+    let feels = is_perceptible(&front.mesh, slot, &front.out, &places, &[(0, feeler)]);
     let centre = probe.proxy.position();
     let was_far = front.distance(centre) > probe.proxy.radius();
     if !feels {
@@ -290,8 +290,8 @@ fn step(front: &mut Front, probe: &mut Probe) {
     front.mesh.around(&a, &mut front.out).expect("small fans");
     front.mesh.around(&b, &mut front.other).expect("small fans");
     let steps = [(a, &front.out), (b, &front.other)];
-    let share = share_of_way(&front.mesh, &steps, &feeler);
-    probe.proxy.soften(feeler.slide());
+    let share = allowed_share(&front.mesh, &steps, &feeler);
+    probe.proxy.limit_step(feeler.proxy_step());
     for (index, flight) in [a, b].into_iter().enumerate() {
         front
             .mesh

@@ -3,7 +3,7 @@
 
 use crate::active::active_set::{place, seat_of};
 use crate::bodies::{Extent, Movables, material_motion};
-use crate::contact::rigid_proxy::Twist;
+use crate::contact::motion::Twist;
 use crate::controller::Controller;
 use glam::DVec3;
 
@@ -37,7 +37,7 @@ impl Controller {
             broad_phase,
             ..
         } = self;
-        movables.learn(|object| {
+        movables.set_extent(|object| {
             let placing = &placings[object as usize];
             let header = &library.model(placing.model)?.header;
             let frame = crate::frame::ModelFrame::new(placing.pose, placing.scale, header);
@@ -56,9 +56,10 @@ impl Controller {
             }
         }
         let awake = movables.moved();
-        broad_phase.set_ways(awake.map(|(object, body)| (object as usize, body.way())));
+        broad_phase
+            .set_ways(awake.map(|(object, body)| (object as usize, body.max_displacement())));
         for (k, probe) in self.probes.iter_mut().enumerate() {
-            let work = self.movables.take_carried(k);
+            let work = self.movables.take_carried_work(k);
             for (sum, work) in probe.carried.iter_mut().zip(work) {
                 *sum += work;
             }

@@ -223,9 +223,7 @@ impl ActiveObject {
         self.waking = None;
         for touch in &mut self.touches {
             touch.leave();
-            touch
-                .effects
-                .become_those_of(&self.listed[placing.object as usize]);
+            touch.effects.assign(&self.listed[placing.object as usize]);
         }
         self.subscriber.begin_session(
             Session {
@@ -303,7 +301,9 @@ impl ActiveObject {
                 tree: self.cache.tree(),
             };
             let unfelt_m = OF_PROXY * STEP_N / placing.surface.stiffness_n_per_m;
-            touch.follower.set_unfelt(unfelt_m / frame.metres_per_unit);
+            touch
+                .follower
+                .set_imperceptible(unfelt_m / frame.metres_per_unit);
             let left = most_work.saturating_sub(work.nodes + work.faces);
             let Some(followed) = touch.advance(surface, left.max(MIN_PROXY_WORK)) else {
                 continue;

@@ -6,20 +6,20 @@ use super::free::Free;
 use super::hinge::Hinge;
 use super::material::material_motion;
 use super::rail::Rail;
-use crate::force::passivity::Carried;
+use crate::force::passivity::CarriedWork;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use scene::MovablePlan;
 
 /// The fastest that a body becomes: its longest sides a tick, and radians a tick.
-const FASTEST_SIZES: f64 = 0.1;
-const FASTEST_TURN: f64 = 0.1;
+const MAX_SIZES_PER_TICK: f64 = 0.1;
+const MAX_TURN_PER_TICK: f64 = 0.1;
 /// What counts as still: no point of the box goes farther than this share of its longest side in a second ...
 const STILL_SIZES_PER_S: f64 = 1e-4;
 /// ... for so many seconds.
 const STILL_S: f64 = 0.5;
 /// Share of the greatest way of a tick that is left a tick later: as of a probe.
-const WAY_FADES: f64 = 0.97;
+const DISPLACEMENT_DECAY: f64 = 0.97;
 
 /// A step's length, and the limits of its speeds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,7 +56,7 @@ pub struct Body {
     is_awake: bool,
     still_s: f64,
     /// The greatest way of a point of its box in a tick of late, metres.
-    way: f64,
+    max_displacement: f64,
     awake_ticks: u64,
     farthest: f64,
 }
@@ -77,7 +77,7 @@ impl Body {
             step: Step {
                 period_s,
                 fastest: 0.0,
-                fastest_turn: FASTEST_TURN / period_s,
+                fastest_turn: MAX_TURN_PER_TICK / period_s,
             },
             extent: None,
             pose: home,
@@ -85,19 +85,19 @@ impl Body {
             load: Wrench::ZERO,
             is_awake,
             still_s: 0.0,
-            way: 0.0,
+            max_displacement: 0.0,
             awake_ticks: 0,
             farthest: 0.0,
         }
     }
 
     /// Its box has become known; a second time changes nothing.
-    pub fn learn(&mut self, extent: Extent) {
+    pub fn set_extent(&mut self, extent: Extent) {
         if self.extent.is_some() {
             return;
         }
         self.extent = Some(extent);
-        self.step.fastest = FASTEST_SIZES * extent.size() / self.step.period_s;
+        self.step.fastest = MAX_SIZES_PER_TICK * extent.size() / self.step.period_s;
         self.kind = match &self.plan {
             MovablePlan::Free(plan) => Kind::Free(Free::new(plan, self.home, &extent)),
             MovablePlan::Hinge(plan) => Kind::Hinge(Hinge::new(plan, self.home, &extent)),
@@ -137,8 +137,8 @@ impl Body {
 
     /// How far a point of its box may go in a tick as things are, metres.
     #[must_use]
-    pub fn way(&self) -> f64 {
-        self.way
+    pub fn max_displacement(&self) -> f64 {
+        self.max_displacement
     }
 
     /// Ticks that it was awake, so far.
@@ -224,13 +224,13 @@ impl Body {
         }
         self.before = (self.pose != last).then_some(last);
         self.awake_ticks += 1;
-        self.note_way(&last);
+        self.note_displacement(&last);
         if !matches!(self.kind, Kind::Driven(_)) {
             self.sleep_if_still(periods, load == Wrench::ZERO);
         }
     }
 
-    fn note_way(&mut self, last: &Pose) {
+    fn note_displacement(&mut self, last: &Pose) {
         let Some(extent) = self.extent else {
             return;
         };
@@ -238,11 +238,13 @@ impl Body {
         let home = self.middle(&self.home);
         self.farthest = self.farthest.max(middle.distance(home));
         if let Kind::Driven(driven) = &self.kind {
-            self.way = driven.fastest(home, extent.radius()) * self.step.period_s;
+            self.max_displacement = driven.fastest(home, extent.radius()) * self.step.period_s;
             return;
         }
         let motion = material_motion(last, &self.pose, middle);
-        self.way = motion.farthest(extent.radius()).max(WAY_FADES * self.way);
+        self.max_displacement = motion
+            .farthest(extent.radius())
+            .max(DISPLACEMENT_DECAY * self.max_displacement);
     }
 
     /// Puts it to sleep when nothing pushes it and it has been still for long enough.
@@ -272,17 +274,17 @@ impl Body {
         }
         self.is_awake = false;
         self.before = None;
-        self.way = 0.0;
+        self.max_displacement = 0.0;
     }
 
     /// The work of a wrench at a place (world, metres) over the motion of the material there in the last step.
     #[must_use]
-    pub fn work_of(&self, wrench: &Wrench, at: DVec3) -> Carried {
+    pub fn work_of(&self, wrench: &Wrench, at: DVec3) -> CarriedWork {
         let Some(before) = self.before else {
-            return Carried::default();
+            return CarriedWork::default();
         };
         let motion = material_motion(&before, &self.pose, at);
-        Carried {
+        CarriedWork {
             pushed_j: wrench.force.dot(motion.linear),
             turned_j: wrench.torque.dot(motion.angular),
         }

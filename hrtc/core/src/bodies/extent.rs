@@ -4,7 +4,7 @@ use glam::DVec3;
 use spm::ModelHeader;
 
 /// The thinnest that a side counts as, as a share of the longest: a sheet, too, resists being turned in its plane.
-const THINNEST: f64 = 1e-2;
+const MIN_THICKNESS: f64 = 1e-2;
 
 /// The box of a model, in the axes of the object's pose, seen from its position, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +23,7 @@ impl Extent {
         let sides = (upper - lower) * metres_per_unit;
         let extent = Self {
             middle: (lower + upper) * (0.5 * metres_per_unit),
-            sides: sides.max(DVec3::splat(THINNEST * sides.max_element())),
+            sides: sides.max(DVec3::splat(MIN_THICKNESS * sides.max_element())),
         };
         let sound = extent.middle.is_finite() && extent.sides.is_finite() && extent.size() > 0.0;
         sound.then_some(extent)

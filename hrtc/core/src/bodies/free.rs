@@ -3,16 +3,16 @@
 
 use super::body::Step;
 use super::extent::Extent;
-use super::rest::Rest;
+use super::spring_damper::SpringDamper;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::FreePlan;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Free {
-    linear: Rest,
+    linear: SpringDamper,
     /// About the body's axes.
-    angular: [Rest; 3],
+    angular: [SpringDamper; 3],
     weight_n: DVec3,
     /// The middle of the box in the object's axes.
     arm: DVec3,
@@ -33,8 +33,10 @@ impl Free {
         let moments = plan.mass.inertia_kgm2.unwrap_or(extent.moments(mass));
         let middle = home.transform_point(extent.middle);
         Self {
-            linear: Rest::new(&plan.linear, mass),
-            angular: moments.to_array().map(|i| Rest::new(&plan.angular, i)),
+            linear: SpringDamper::new(&plan.linear, mass),
+            angular: moments
+                .to_array()
+                .map(|i| SpringDamper::new(&plan.angular, i)),
             weight_n: plan.mass.gravity_m_per_s2 * mass,
             arm: extent.middle,
             home: middle,
@@ -48,7 +50,7 @@ impl Free {
 
     /// Angular velocity of what has the momentum at an orientation.
     fn turning(&self, axes: DQuat) -> DVec3 {
-        let [x, y, z] = self.angular.map(|rest| rest.inertia);
+        let [x, y, z] = self.angular.map(|spring_damper| spring_damper.inertia);
         axes * ((axes.conjugate() * self.momentum) / DVec3::new(x, y, z))
     }
 
@@ -73,7 +75,7 @@ impl Free {
         let speed =
             |k: usize| self.angular[k].speed_after(turning[k], torque[k], turned[k], period);
         let turning = limited(DVec3::new(speed(0), speed(1), speed(2)), step.fastest_turn);
-        let [x, y, z] = self.angular.map(|rest| rest.inertia);
+        let [x, y, z] = self.angular.map(|spring_damper| spring_damper.inertia);
         self.momentum = self.axes * (turning * DVec3::new(x, y, z));
         // With the angular velocity of the middle of the step.
         let first = self.turning(self.axes);

@@ -2,7 +2,7 @@
 
 use super::body::Step;
 use super::extent::Extent;
-use super::rest::{Coordinate, Rest};
+use super::spring_damper::{Coordinate, SpringDamper};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::HingePlan;
@@ -33,7 +33,7 @@ impl Hinge {
             anchor: home.transform_point(plan.anchor_m),
             arm: home.orientation * (extent.middle - plan.anchor_m),
             weight_n: plan.mass.gravity_m_per_s2 * mass,
-            turn: Coordinate::new(Rest::new(&plan.angular, inertia), plan.limits_rad),
+            turn: Coordinate::new(SpringDamper::new(&plan.angular, inertia), plan.limits_rad),
         }
     }
 

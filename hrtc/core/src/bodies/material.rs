@@ -1,6 +1,6 @@
 //! The motion of what lies at a place of a body.
 
-use crate::contact::rigid_proxy::{Placement, Twist};
+use crate::contact::motion::{Placement, Twist};
 use geometry::Pose;
 use glam::DVec3;
 

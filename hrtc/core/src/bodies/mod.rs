@@ -27,14 +27,14 @@ mod hinge;
 mod material;
 mod rail;
 mod report;
-mod rest;
+mod spring_damper;
 
 pub use body::Body;
 pub use extent::Extent;
 pub use material::material_motion;
 pub use report::MovedObject;
 
-use crate::force::passivity::Carried;
+use crate::force::passivity::CarriedWork;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use scene::{MAX_ACTIVE_OBJECTS, MAX_PROBES, ScenePlan};
@@ -44,7 +44,7 @@ use std::collections::VecDeque;
 /// Periods that a step makes good at the most; what was missed beyond is lost to the bodies.
 const MAX_PERIODS: u64 = 20;
 /// Objects whose box is looked for in a tick at the most.
-const LEARNT_A_TICK: usize = 64;
+const MAX_EXTENTS_PER_TICK: usize = 64;
 
 /// What a touch gave to a device in a tick.
 #[derive(Debug, Clone, Copy)]
@@ -140,8 +140,8 @@ impl Movables {
     }
 
     /// Looks for the boxes of some objects that are not known yet; one that is can be pushed from then on.
-    pub fn learn(&mut self, extent: impl Fn(u32) -> Option<Extent>) {
-        for _ in 0..LEARNT_A_TICK.min(self.unknown.len()) {
+    pub fn set_extent(&mut self, extent: impl Fn(u32) -> Option<Extent>) {
+        for _ in 0..MAX_EXTENTS_PER_TICK.min(self.unknown.len()) {
             let Some(object) = self.unknown.pop_front() else {
                 return;
             };
@@ -151,7 +151,7 @@ impl Movables {
             };
             let k = self.of_object[object as usize] as usize;
             let was_awake = self.bodies[k].is_awake();
-            self.bodies[k].learn(extent);
+            self.bodies[k].set_extent(extent);
             if self.bodies[k].is_awake() && !was_awake {
                 self.awake.push(k);
             }
@@ -187,17 +187,17 @@ impl Movables {
 
     /// Work of a probe's forces over the motion of the material since the last call, joules: of all of them, and of
     /// what the energy account limits.
-    pub fn take_carried(&mut self, probe: usize) -> [f64; 2] {
+    pub fn take_carried_work(&mut self, probe: usize) -> [f64; 2] {
         let sums = self.carried.get_mut(probe);
         sums.map(std::mem::take).unwrap_or_default()
     }
 
     /// The work that a wrench on a device at a place would do over the motion of the material in the coming period.
     #[must_use]
-    pub fn work_ahead(&self, object: u32, wrench: &Wrench, at: DVec3) -> Carried {
+    pub fn work_ahead(&self, object: u32, wrench: &Wrench, at: DVec3) -> CarriedWork {
         let body = self.body(object);
         let tick = self.last_tick.unwrap_or(0) + 1;
-        body.map_or(Carried::default(), |body| {
+        body.map_or(CarriedWork::default(), |body| {
             let mut next = body.clone();
             next.push(&reaction(wrench), at);
             next.step(tick, 1);

@@ -1,7 +1,7 @@
 //! A body on a rail.
 
 use super::body::Step;
-use super::rest::{Coordinate, Rest};
+use super::spring_damper::{Coordinate, SpringDamper};
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use scene::RailPlan;
@@ -12,37 +12,37 @@ pub struct Rail {
     /// World.
     axis: DVec3,
     weight_n: DVec3,
-    slide: Coordinate,
+    travel: Coordinate,
 }
 
 impl Rail {
     pub fn new(plan: &RailPlan, home: Pose) -> Self {
-        let rest = Rest::new(&plan.linear, plan.mass.mass_kg);
+        let spring_damper = SpringDamper::new(&plan.linear, plan.mass.mass_kg);
         Self {
             home,
             axis: home.orientation * plan.axis,
             weight_n: plan.mass.gravity_m_per_s2 * plan.mass.mass_kg,
-            slide: Coordinate::new(rest, plan.limits_m),
+            travel: Coordinate::new(spring_damper, plan.limits_m),
         }
     }
 
     pub fn step(&mut self, load: &Wrench, step: &Step) {
         let force = self.axis.dot(load.force + self.weight_n);
-        self.slide.step(force, step.period_s, step.fastest);
+        self.travel.step(force, step.period_s, step.fastest);
     }
 
     pub fn pose(&self) -> Pose {
         Pose {
-            position: self.home.position + self.axis * self.slide.at,
+            position: self.home.position + self.axis * self.travel.at,
             ..self.home
         }
     }
 
     pub fn kinetic_j(&self) -> f64 {
-        self.slide.kinetic_j()
+        self.travel.kinetic_j()
     }
 
     pub fn stop(&mut self) {
-        self.slide.stop();
+        self.travel.stop();
     }
 }

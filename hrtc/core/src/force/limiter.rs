@@ -50,7 +50,7 @@ impl Limit {
 
 /// What the gate let through.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Gated {
+pub struct LimitedWrench {
     /// The wrench for the device.
     pub wrench: Wrench,
     /// Whether force or torque was cut to its maximum, or was not finite.
@@ -87,7 +87,7 @@ impl ForceLimiter {
     /// One tick. `open` ramps up over the soft start; otherwise the wrench ramps down to nothing.
     ///
     /// A wrench that is not finite counts as none.
-    pub fn pass(&mut self, wanted: Wrench, open: bool) -> Gated {
+    pub fn pass(&mut self, wanted: Wrench, open: bool) -> LimitedWrench {
         let change = 1.0 / self.ramp_ticks;
         self.ramp = (self.ramp + if open { change } else { -change }).clamp(0.0, 1.0);
         let finite = wanted.is_finite();
@@ -95,7 +95,7 @@ impl ForceLimiter {
         let (force, force_cut) = self.force.pass(wanted.force, self.ramp, self.last.force);
         let (torque, torque_cut) = self.torque.pass(wanted.torque, self.ramp, self.last.torque);
         self.last = Wrench { force, torque };
-        Gated {
+        LimitedWrench {
             wrench: self.last,
             clamped: force_cut || torque_cut || !finite,
         }

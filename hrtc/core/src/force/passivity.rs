@@ -12,14 +12,14 @@
 //! can tell. The force is not turned round: a wall does not stick.
 //!
 //! A surface that moves carries the device along, and that costs or gives what it may: the account is that of the
-//! spring between them, so the work over the motion of the material ([`Carried`]) is taken off.
+//! spring between them, so the work over the motion of the material ([`CarriedWork`]) is taken off.
 
 use crate::perception::{STEP_N, STEP_SHARE};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 
 /// Periods over which a velocity is taken at the most.
-const LONGEST: usize = 16;
+const MAX_PERIODS: usize = 16;
 
 /// Counts the energy that the rendering puts out, exact under zero-order hold (facts of haptics, F5), and limits it.
 #[derive(Debug, Clone)]
@@ -28,16 +28,16 @@ pub struct EnergyAccount {
     encoder_m: f64,
     joules: f64,
     /// Energy put out since the touch began, joules.
-    of_touch: f64,
+    contact_joules: f64,
     /// The share of the force that what was taken in allows.
     paid: f64,
     /// What acts on the device, and what of it is limited.
     wrench: Wrench,
     limited: Wrench,
     /// Samples, the newest first, metres; none before the first.
-    samples: Option<[DVec3; LONGEST + 1]>,
+    samples: Option<[DVec3; MAX_PERIODS + 1]>,
     /// The newest sample without what is within the encoder's step.
-    followed: DVec3,
+    filtered: DVec3,
     /// Motion a period, metres: now, one and two periods ago.
     motion: [DVec3; 3],
     orientation: DQuat,
@@ -48,14 +48,14 @@ pub struct EnergyAccount {
 /// Work of forces and of torques on the device over the motion of the material that gives them, joules; nothing where
 /// that stands.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Carried {
+pub struct CarriedWork {
     /// Of forces.
     pub pushed_j: f64,
     /// Of torques.
     pub turned_j: f64,
 }
 
-impl Carried {
+impl CarriedWork {
     /// All of it.
     #[must_use]
     pub fn total(self) -> f64 {
@@ -63,7 +63,7 @@ impl Carried {
     }
 }
 
-impl std::ops::Add for Carried {
+impl std::ops::Add for CarriedWork {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
@@ -76,14 +76,14 @@ impl std::ops::Add for Carried {
 
 /// What holds the device to its proxies.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Spring {
+pub struct CouplingSpring {
     /// Stiffness, N/m.
     pub stiffness_n_per_m: f64,
     /// Energy in it now, joules.
     pub stored_j: f64,
 }
 
-impl Spring {
+impl CouplingSpring {
     /// A share of it.
     #[must_use]
     pub fn times(self, share: f64) -> Self {
@@ -94,7 +94,7 @@ impl Spring {
     }
 }
 
-impl std::ops::Add for Spring {
+impl std::ops::Add for CouplingSpring {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
@@ -112,12 +112,12 @@ impl EnergyAccount {
         Self {
             encoder_m,
             joules: 0.0,
-            of_touch: 0.0,
+            contact_joules: 0.0,
             paid: 1.0,
             wrench: Wrench::ZERO,
             limited: Wrench::ZERO,
             samples: None,
-            followed: DVec3::ZERO,
+            filtered: DVec3::ZERO,
             motion: [DVec3::ZERO; 3],
             orientation: DQuat::IDENTITY,
             rotation: DVec3::ZERO,
@@ -132,8 +132,8 @@ impl EnergyAccount {
         let turn = pose.orientation * self.orientation.inverse();
         self.orientation = pose.orientation;
         let Some(samples) = &mut self.samples else {
-            self.samples = Some([position; LONGEST + 1]);
-            self.followed = position;
+            self.samples = Some([position; MAX_PERIODS + 1]);
+            self.filtered = position;
             return;
         };
         let Wrench { force, torque } = self.wrench;
@@ -141,19 +141,19 @@ impl EnergyAccount {
         self.rotation = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
         let work = force.dot(position - samples[0]) + torque.dot(self.rotation);
         self.joules += work - carried;
-        samples.copy_within(..LONGEST, 1);
+        samples.copy_within(..MAX_PERIODS, 1);
         samples[0] = position;
-        let beyond = position - self.followed;
+        let beyond = position - self.filtered;
         let length = beyond.length();
         let motion = if length > self.encoder_m {
             beyond * (1.0 - self.encoder_m / length)
         } else {
             DVec3::ZERO
         };
-        self.followed += motion;
+        self.filtered += motion;
         let Wrench { force, torque } = self.limited;
         let work = force.dot(motion) + torque.dot(self.rotation);
-        self.of_touch += work - limited;
+        self.contact_joules += work - limited;
         let velocity = velocity(samples, self.encoder_m);
         self.motion = [velocity, self.motion[0], self.motion[1]];
     }
@@ -161,22 +161,25 @@ impl EnergyAccount {
     /// The share, 0 to 1, of a wanted wrench that may be given now, in the tick of [`Self::moved_to`]; `ahead`: its
     /// work over the motion of the material in the coming period.
     #[must_use]
-    pub fn share(&mut self, wanted: Wrench, spring: Spring, ahead: Carried) -> f64 {
+    pub fn share(&mut self, wanted: Wrench, spring: CouplingSpring, ahead: CarriedWork) -> f64 {
         let next = self.next();
         let pushed = wanted.force.dot(next) - ahead.pushed_j;
         let work = pushed + (wanted.torque.dot(self.rotation) - ahead.turned_j);
         let size = wanted.force.length();
-        let taken_in = 0.0 - self.of_touch;
+        let taken_in = 0.0 - self.contact_joules;
         let moves_away = work > self.rounding(size, ahead);
         let due = if moves_away && spring.stored_j > taken_in {
             (taken_in.max(0.0) / spring.stored_j).sqrt()
         } else {
             1.0
         };
-        let unfelt = (STEP_SHARE * self.paid).max(STEP_N / size);
+        let imperceptible = (STEP_SHARE * self.paid).max(STEP_N / size);
         // As the device takes the energy out of the spring: what hardly moves fades hardly.
-        let fades = unfelt.min(work.max(0.0) / spring.stored_j);
-        self.paid = due.max(self.paid - fades).min(self.paid + unfelt).min(1.0);
+        let fades = imperceptible.min(work.max(0.0) / spring.stored_j);
+        self.paid = due
+            .max(self.paid - fades)
+            .min(self.paid + imperceptible)
+            .min(1.0);
         if !moves_away {
             return self.paid;
         }
@@ -195,18 +198,18 @@ impl EnergyAccount {
         } else {
             0.0
         };
-        let held = 0.5 * spring.stiffness_n_per_m * along * along;
+        let hold_loss = 0.5 * spring.stiffness_n_per_m * along * along;
         // What the encoder's step alone may make of the balance is none of it.
-        let unpaid = self.of_touch + spring.stored_j - 2.0 * size * self.encoder_m;
-        let given = work - held - unpaid.clamp(0.0, 2.0 * held);
+        let unpaid = self.contact_joules + spring.stored_j - 2.0 * size * self.encoder_m;
+        let given = work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss);
         self.paid = self.paid.min((taken_in / work).max(0.0));
         (given / work).min(self.paid).clamp(0.0, 1.0)
     }
 
     /// What rounding alone may make of the difference between two motions that are alike, joules; nothing of a surface
     /// that stands, whose motion is none.
-    fn rounding(&self, force: f64, ahead: Carried) -> f64 {
-        if ahead == Carried::default() {
+    fn rounding(&self, force: f64, ahead: CarriedWork) -> f64 {
+        if ahead == CarriedWork::default() {
             return 0.0;
         }
         let place = self.samples.map_or(0.0, |samples| samples[0].length());
@@ -217,22 +220,22 @@ impl EnergyAccount {
     /// Energy that the touch took in beyond what its spring holds, joules: what may come into the spring otherwise, as
     /// by a surface that rises, without being owed.
     #[must_use]
-    pub fn reserve(&self, spring: Spring) -> f64 {
-        (0.0 - self.of_touch - spring.stored_j).max(0.0)
+    pub fn reserve(&self, spring: CouplingSpring) -> f64 {
+        (0.0 - self.contact_joules - spring.stored_j).max(0.0)
     }
 
     /// This acts on the device from now on, and of it `limited` is what [`Self::share`] was asked for.
-    pub fn give(&mut self, wrench: Wrench, limited: Wrench) {
+    pub fn set_output(&mut self, wrench: Wrench, limited: Wrench) {
         // A touch begins without credit; what an earlier one put out too much is still owed.
         if self.limited == Wrench::ZERO {
-            self.of_touch = self.of_touch.max(0.0);
+            self.contact_joules = self.contact_joules.max(0.0);
         }
         self.wrench = wrench;
         self.limited = limited;
     }
 
     /// The same of all of a force within one and the same touch, where no force is no end of it.
-    pub fn go_on(&mut self, force: DVec3) {
+    pub fn set_force(&mut self, force: DVec3) {
         self.wrench = Wrench {
             force,
             torque: DVec3::ZERO,
@@ -241,8 +244,8 @@ impl EnergyAccount {
     }
 
     /// What was taken in beyond what the spring holds, joules, is gone, as heat: it is not given back later.
-    pub fn forget_beyond(&mut self, stored_j: f64) {
-        self.of_touch = self.of_touch.max(-stored_j);
+    pub fn dissipate_beyond(&mut self, stored_j: f64) {
+        self.contact_joules = self.contact_joules.max(-stored_j);
     }
 
     /// Motion in the coming period, extrapolated, metres.
@@ -265,12 +268,12 @@ impl EnergyAccount {
         }
         // What the encoder's step alone may make of the balance is none of it.
         let noise = 2.0 * wanted.length() * self.encoder_m;
-        ((noise - self.of_touch - stored_j) / work).clamp(0.0, 1.0)
+        ((noise - self.contact_joules - stored_j) / work).clamp(0.0, 1.0)
     }
 
     /// A new account of the same device.
     #[must_use]
-    pub fn anew(&self) -> Self {
+    pub fn restarted(&self) -> Self {
         Self::new(self.encoder_m)
     }
 
@@ -289,14 +292,14 @@ impl EnergyAccount {
 
 /// Motion a period over the longest stretch that is straight and even within the encoder's step (first-order adaptive
 /// windowing, Janabi-Sharifi, Hayward and Chen 2000).
-fn velocity(samples: &[DVec3; LONGEST + 1], encoder_m: f64) -> DVec3 {
+fn velocity(samples: &[DVec3; MAX_PERIODS + 1], encoder_m: f64) -> DVec3 {
     let [now, ..] = *samples;
     let even = |periods: usize| {
         let a_period = (samples[periods] - now) / periods as f64;
         (1..periods).all(|k| (now + a_period * k as f64).distance(samples[k]) <= encoder_m)
     };
     let mut periods = 1;
-    while periods < LONGEST && even(periods + 1) {
+    while periods < MAX_PERIODS && even(periods + 1) {
         periods += 1;
     }
     (now - samples[periods]) / periods as f64
@@ -332,17 +335,17 @@ mod tests {
             account.moved_to(&Pose::at(DVec3::X * x), STANDING);
             let depth = (-x).max(0.0);
             let wanted = push(stiffness_n_per_m * depth);
-            let spring = Spring {
+            let spring = CouplingSpring {
                 stiffness_n_per_m,
                 stored_j: 0.5 * stiffness_n_per_m * depth * depth,
             };
             let share = if limited {
-                account.share(wanted, spring, Carried::default())
+                account.share(wanted, spring, CarriedWork::default())
             } else {
                 1.0
             };
             force = wanted.force.x * share;
-            account.give(push(force), push(force));
+            account.set_output(push(force), push(force));
             if x > 0.0 && v > 0.0 {
                 break;
             }
@@ -373,19 +376,19 @@ mod tests {
                 account.moved_to(&Pose::at(DVec3::X * x), STANDING);
                 let depth = (rise - x).max(0.0);
                 let wanted = push(stiffness_n_per_m * depth);
-                let spring = Spring {
+                let spring = CouplingSpring {
                     stiffness_n_per_m,
                     stored_j: 0.5 * stiffness_n_per_m * depth * depth,
                 };
-                let force = wanted.force.x * account.share(wanted, spring, Carried::default());
+                let force = wanted.force.x * account.share(wanted, spring, CarriedWork::default());
                 if is_leaving {
-                    let unfelt = STEP_N.max(STEP_SHARE * before) + stiffness_n_per_m * step;
-                    excess = excess.max((force - before) / unfelt);
+                    let imperceptible = STEP_N.max(STEP_SHARE * before) + stiffness_n_per_m * step;
+                    excess = excess.max((force - before) / imperceptible);
                     fall = fall.max(before - force);
                 } else {
                     whole = force;
                 }
-                account.give(push(force), push(force));
+                account.set_output(push(force), push(force));
                 before = force;
             }
             let share = fall / whole;
@@ -407,10 +410,10 @@ mod tests {
             let turned = 1e-3;
             account.moved_to(&at(0.0, turned), STANDING);
             // It has taken in enough.
-            account.give(push(newtons), push(newtons));
+            account.set_output(push(newtons), push(newtons));
             account.moved_to(&at(-100.0, turned), STANDING);
             for k in 1..4 {
-                account.give(push(newtons), push(newtons));
+                account.set_output(push(newtons), push(newtons));
                 account.moved_to(&at(f64::from(k) - 100.0, turned), STANDING);
             }
             let torque = DVec3::Z * (-newtons * step * (1.0 - rest) / turned);
@@ -418,11 +421,11 @@ mod tests {
                 torque,
                 ..push(newtons)
             };
-            let spring = Spring {
+            let spring = CouplingSpring {
                 stiffness_n_per_m,
                 stored_j: 0.5 * newtons * newtons / stiffness_n_per_m,
             };
-            let share = account.share(wanted, spring, Carried::default());
+            let share = account.share(wanted, spring, CarriedWork::default());
             assert!(
                 share > 0.95,
                 "{share} of it, where {rest} of the work is left"
@@ -439,7 +442,7 @@ mod tests {
         for tick in 0..=40 {
             account.moved_to(&Pose::at(DVec3::X * x), STANDING);
             let force = push(-k * x.max(0.0));
-            account.give(force, force);
+            account.set_output(force, force);
             x += if tick < 20 {
                 v * PERIOD_S
             } else {
@@ -488,18 +491,18 @@ mod tests {
             let depth = press + noise;
             account.moved_to(&Pose::at(DVec3::X * -depth), STANDING);
             let wanted = push(stiffness_n_per_m * depth);
-            let spring = Spring {
+            let spring = CouplingSpring {
                 stiffness_n_per_m,
                 stored_j: 0.5 * stiffness_n_per_m * depth * depth,
             };
-            let share = account.share(wanted, spring, Carried::default());
+            let share = account.share(wanted, spring, CarriedWork::default());
             // By no more than the noise itself shows in the force.
             assert!(
                 wanted.force.x * (1.0 - share) <= stiffness_n_per_m * 1e-5,
                 "tick {tick}: {share}"
             );
             let given = push(wanted.force.x * share);
-            account.give(given, given);
+            account.set_output(given, given);
         }
     }
 
@@ -518,11 +521,11 @@ mod tests {
                 account.moved_to(&Pose::at(DVec3::X * device), [work; 2]);
                 let depth = (surface - device).max(0.0);
                 let wanted = push(stiffness_n_per_m * depth);
-                let spring = Spring {
+                let spring = CouplingSpring {
                     stiffness_n_per_m,
                     stored_j: 0.5 * stiffness_n_per_m * depth * depth,
                 };
-                let ahead = Carried {
+                let ahead = CarriedWork {
                     pushed_j: if carried {
                         wanted.force.x * PERIOD_S
                     } else {
@@ -535,7 +538,7 @@ mod tests {
                     least = least.min(share);
                 }
                 force = wanted.force.x * share;
-                account.give(push(force), push(force));
+                account.set_output(push(force), push(force));
             }
             if carried {
                 assert!(least > 0.999, "{least}");

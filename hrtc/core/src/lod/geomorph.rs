@@ -3,8 +3,8 @@
 use crate::active::object::{ActiveObject, Budget};
 use crate::lod::refine::Refinement;
 use crate::perception::{
-    AROUND, BESIDE, PerceptionLimit, Touching, box_of, excess, is_felt, may_come_near,
-    share_of_way, space_of, turns_over,
+    AROUND, ContactConditions, NEAR_FACTOR, PerceptionLimit, allowed_share, box_of, excess,
+    is_perceptible, may_come_near, space_of, turns_over,
 };
 use crate::probe::Probe;
 use crate::probe::pair::ProbeObjectPair;
@@ -56,35 +56,35 @@ impl ActiveObject {
             let Some(goal) = touch.goal.filter(|_| touch.is_followed) else {
                 continue;
             };
-            let mut touching = Touching {
+            let mut conditions = ContactConditions {
                 centre: goal.position,
                 radius: 0.0,
                 up: DVec3::ZERO,
                 metres_per_unit: frame.metres_per_unit,
                 stiffness_n_per_m: placing.surface.stiffness_n_per_m,
-                touches: touch.felt.is_some(),
+                is_contact: touch.felt.is_some(),
                 force_n: 0.0,
                 depth_m: 0.0,
                 reserve_j: 0.0,
                 period_s: self.period_s,
             };
             if let (Some(felt), Some(rendered)) = (&touch.felt, &touch.rendered) {
-                touching.force_n = rendered.resists.force.length();
-                touching.depth_m = felt.depth_m;
-                touching.reserve_j = probe.energy.reserve(rendered.spring);
+                conditions.force_n = rendered.passive.force.length();
+                conditions.depth_m = felt.depth_m;
+                conditions.reserve_j = probe.energy.reserve(rendered.spring);
             }
             let first = feelers.len();
             for part in touch.follower.parts(&goal) {
-                (touching.centre, touching.radius, touching.up) =
+                (conditions.centre, conditions.radius, conditions.up) =
                     (part.centre, part.radius, part.centre - part.goal);
-                feelers.push((k, PerceptionLimit::new(&touching)));
+                feelers.push((k, PerceptionLimit::new(&conditions)));
             }
             let Some((_, feeler)) = feelers.get(first) else {
                 continue;
             };
             if touch.follower.is_behind() {
                 // It has not caught up with what has moved: what it may do follows the force.
-                touch.follower.soften(feeler.slide());
+                touch.follower.limit_step(feeler.proxy_step());
             }
         }
     }
@@ -180,9 +180,11 @@ impl ActiveObject {
                 feeler.reaches(space) && follower.may_reach(space, AROUND)
             });
             if reaches {
-                share = share.min(share_of_way(mesh, steps, feeler));
+                share = share.min(allowed_share(mesh, steps, feeler));
                 used[*touch] = 1.0;
-                self.touches[*touch].follower.soften(feeler.slide());
+                self.touches[*touch]
+                    .follower
+                    .limit_step(feeler.proxy_step());
             }
         }
         share
@@ -255,15 +257,15 @@ impl ActiveObject {
             return Transition::Immediate;
         }
         let space = space_of(mesh, faces, places);
-        take_reached(reached, feelers, &self.touches, space, BESIDE * AROUND);
+        take_reached(reached, feelers, &self.touches, space, NEAR_FACTOR * AROUND);
         if reached.is_empty() && mesh.flights().is_empty() {
             // Nor can anything bring it nearer.
             return Transition::Immediate;
         }
         take_reached(reached, feelers, &self.touches, space, AROUND);
-        if !is_felt(mesh, slot, faces, places, reached) {
+        if !is_perceptible(mesh, slot, faces, places, reached) {
             // The probe may come to where a face would be turned over, or the face to the probe.
-            take_reached(reached, feelers, &self.touches, space, BESIDE * AROUND);
+            take_reached(reached, feelers, &self.touches, space, NEAR_FACTOR * AROUND);
             let folds =
                 turns_over(mesh, slot, faces) && may_come_near(mesh, faces, places, reached);
             return if folds {
@@ -282,7 +284,9 @@ impl ActiveObject {
         } else {
             for (touch, feeler) in reached {
                 if feeler.reaches(space) {
-                    self.touches[*touch].follower.soften(feeler.slide());
+                    self.touches[*touch]
+                        .follower
+                        .limit_step(feeler.proxy_step());
                 }
             }
             Transition::Geomorph

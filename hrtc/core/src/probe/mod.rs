@@ -5,11 +5,11 @@ pub(crate) mod pair;
 pub(crate) mod proxy_kind;
 
 use crate::bodies::material_motion;
-use crate::contact::rigid_proxy::{Placement, Twist};
+use crate::contact::motion::{Placement, Twist};
 use crate::controller::TickInputs;
 use crate::force::effects::{Clock, Rendered, SceneEffects};
 use crate::force::limiter::ForceLimiter;
-use crate::force::passivity::{Carried, EnergyAccount};
+use crate::force::passivity::{CarriedWork, EnergyAccount};
 use crate::frame::ModelFrame;
 use geometry::{Pose, Wrench};
 use protocol::{TourAsk, TourPoint};
@@ -163,7 +163,7 @@ impl Probe {
         &mut self,
         clock: Clock,
         mut wanted: Rendered,
-        ahead: Carried,
+        ahead: CarriedWork,
         is_open: bool,
     ) -> [f64; 2] {
         if let Some(pose) = &self.pose {
@@ -172,19 +172,19 @@ impl Probe {
                 .moved_to(pose, std::mem::take(&mut self.carried));
             if !self.effects.is_empty() {
                 let velocity = self.energy.motion() / clock.period_s;
-                self.effects.feel(clock, pose, velocity, &mut wanted);
+                self.effects.render(clock, pose, velocity, &mut wanted);
             }
         }
-        let mut resists = wanted.resists;
+        let mut resists = wanted.passive;
         let mut given = 1.0;
         if self.passivity {
             given = self.energy.share(resists, wanted.spring, ahead);
             resists = resists * given;
         }
         let open = is_open && self.samples_missed <= MAX_SAMPLES_MISSED;
-        let is_driven = wanted.drives != Wrench::ZERO;
+        let is_driven = wanted.active != Wrench::ZERO;
         let sum = if is_driven {
-            resists + wanted.drives
+            resists + wanted.active
         } else {
             resists
         };
@@ -203,7 +203,7 @@ impl Probe {
         } else {
             gated.wrench
         };
-        self.energy.give(gated.wrench, limited);
+        self.energy.set_output(gated.wrench, limited);
         [given * share, share]
     }
 

@@ -1,9 +1,9 @@
 //! A touch: one probe and one object.
 
+use crate::contact::motion::Twist;
 use crate::contact::query::{Surface, Work};
-use crate::contact::rigid_proxy::Twist;
 use crate::contact::sphere_proxy::Contact;
-use crate::force::effects::{Clock, Rendered, SurfaceEffects, Touching};
+use crate::force::effects::{Clock, ContactSample, Rendered, SurfaceEffects};
 use crate::frame::ModelFrame;
 use crate::lod::predict::{Motion, Predictor};
 use crate::probe::Probe;
@@ -185,7 +185,7 @@ impl ProbeObjectPair {
         if !self.effects.is_empty()
             && let Some(proxy) = self.follower.pose()
         {
-            let touching = Touching {
+            let sample = ContactSample {
                 clock,
                 surface,
                 metres_per_unit: scale,
@@ -209,7 +209,7 @@ impl ProbeObjectPair {
                 velocity: velocity.linear,
                 stiffness_n_per_m: plan.stiffness_n_per_m,
             };
-            self.effects.touch(&touching, &mut rendered, work);
+            self.effects.render_contact(&sample, &mut rendered, work);
         }
         self.rendered = Some(rendered.turned(frame.pose.orientation));
         depth
@@ -225,10 +225,12 @@ impl ProbeObjectPair {
         };
         let way = nearest - middle;
         let gap = (way.length() - radius) * frame.metres_per_unit;
-        let force = self.effects.near(clock, gap, way.normalize_or_zero());
+        let force = self
+            .effects
+            .render_near(clock, gap, way.normalize_or_zero());
         if force != DVec3::ZERO {
             let pulls = Rendered {
-                drives: Wrench {
+                active: Wrench {
                     force,
                     torque: DVec3::ZERO,
                 },

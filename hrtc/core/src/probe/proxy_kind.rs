@@ -1,10 +1,12 @@
 //! What follows a probe outside of an object: the proxy of its ball, or of its tool. Model frame and units.
 
+use crate::contact::coupling::Coupling;
+use crate::contact::motion::Twist;
 use crate::contact::query::{Nearest, Surface, Work, closest_point};
-use crate::contact::rigid_proxy::{Coupling, Part, ToolContact, ToolProxy, Twist};
+use crate::contact::rigid_proxy::{Part, ToolContact, ToolProxy};
 use crate::contact::sphere_proxy::{Contact, MAX_PUSHING, Proxy};
 use crate::contact::tool::{Tool, ToolMesh};
-use crate::force::passivity::Spring;
+use crate::force::passivity::CouplingSpring;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use scene::{ProbeShape, SurfacePlan};
@@ -198,28 +200,28 @@ impl ProxyKind {
     }
 
     /// While the surface that it touches moves, it goes no farther beyond the device's motion than this in a tick.
-    pub fn soften(&mut self, slide: f64) {
+    pub fn limit_step(&mut self, slide: f64) {
         match self {
             Self::Ball(ball) => {
                 if let Some(proxy) = &mut ball.0 {
-                    proxy.soften(slide);
+                    proxy.limit_step(slide);
                 }
             }
-            Self::Tool(tool) => tool.proxy.soften(slide),
+            Self::Tool(tool) => tool.proxy.limit_step(slide),
         }
     }
 
     /// What is not felt of the coupling of a tool to the device, model units.
-    pub fn set_unfelt(&mut self, unfelt: f64) {
+    pub fn set_imperceptible(&mut self, unfelt: f64) {
         if let Self::Tool(tool) = self {
-            tool.proxy.set_unfelt(unfelt);
+            tool.proxy.set_imperceptible(unfelt);
         }
     }
 
     /// Whether it is behind since it was softened.
     pub fn is_behind(&self) -> bool {
         match self {
-            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_held),
+            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_behind),
             Self::Tool(tool) => tool.has_begun && tool.proxy.is_behind(),
         }
     }
@@ -246,8 +248,8 @@ impl ProxyKind {
     /// that goes gently.
     pub fn is_held(&self) -> bool {
         match self {
-            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_held),
-            Self::Tool(tool) => tool.has_begun && tool.proxy.is_held(),
+            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_behind),
+            Self::Tool(tool) => tool.has_begun && tool.proxy.is_blocked(),
         }
     }
 
@@ -277,9 +279,9 @@ impl ProxyKind {
         metres_per_unit: f64,
         surface: &SurfacePlan,
         velocity: &Twist,
-    ) -> (f64, Wrench, Spring) {
+    ) -> (f64, Wrench, CouplingSpring) {
         let Some(position) = self.position() else {
-            return (0.0, Wrench::ZERO, Spring::default());
+            return (0.0, Wrench::ZERO, CouplingSpring::default());
         };
         let out = (position - goal.position) * metres_per_unit;
         let depth = out.length();
@@ -298,10 +300,10 @@ impl ProxyKind {
             }
             Self::Tool(tool) => (
                 tool.proxy.wrench(&coupling, metres_per_unit, velocity),
-                tool.proxy.stretch() * metres_per_unit,
+                tool.proxy.deflection() * metres_per_unit,
             ),
         };
-        let spring = Spring {
+        let spring = CouplingSpring {
             stiffness_n_per_m: surface.stiffness_n_per_m,
             stored_j: 0.5 * surface.stiffness_n_per_m * stretch * stretch,
         };

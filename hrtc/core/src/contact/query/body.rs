@@ -1,7 +1,7 @@
 //! One of the two bodies of a pair query: a tree whose boxes and corners are given in the frame of the query.
 //!
 //! The frame is that of one body, mostly the large one. The other body is a [`Placed`] one, whose boxes are moved as
-//! they are met, or a [`crate::contact::tool::Tool`], whose vertices were moved and its tree refitted before.
+//! they are met, or a tool, whose vertices were moved and its tree refitted before.
 
 use super::Surface;
 use ab_tree::{Child, NodeId};

@@ -7,7 +7,6 @@
 //! | `near_faces` | the faces in a ball, collected once for several queries of a tick |
 //! | `swept_sphere` | the first contact of a moving sphere |
 //! | `tree_pairs` | the intersecting face pairs of two bodies (ACTIVE-INTERSECT) |
-//! | `near_pairs` | the face pairs of the front and a moving tool within a margin |
 //!
 //! All queries run in the frame and units of the model, allocate nothing and decide in f64.
 //! A traversal stack of 32 entries suffices: the tree is at most 31 levels deep, and each level
@@ -17,7 +16,6 @@ mod body;
 mod closest_point;
 mod faces_within;
 mod near_faces;
-mod near_pairs;
 mod swept_sphere;
 mod tree_pairs;
 
@@ -25,7 +23,6 @@ pub use body::{Body, Placed};
 pub use closest_point::{Nearest, closest_point};
 pub use faces_within::faces_within;
 pub use near_faces::{MAX_FACES, NearFace, NearFaces};
-pub(crate) use near_pairs::{Resume, WaySeen, for_each_face_near, for_each_near_pair};
 pub use swept_sphere::{SweepHit, swept_sphere};
 pub use tree_pairs::{
     Ending, FacePair, PairWork, PairsFound, all_pairs, first_pair, for_each_pair,
@@ -35,7 +32,7 @@ use ab_tree::{AbTree, Child};
 use spm::ActiveMesh;
 
 /// Entries of a traversal's stack.
-const STACK: usize = 32;
+pub(crate) const STACK: usize = 32;
 
 /// The surface that is asked: an active mesh and the tree over it.
 #[derive(Debug, Clone, Copy)]

@@ -4,7 +4,7 @@
 //! a face by no more than it moves at all, so `distance at the centre - moved` bounds the distance from
 //! below, and most faces are passed over without a look at their corners.
 
-use super::swept_sphere::first_touch;
+use super::swept_sphere::first_contact;
 use super::{Surface, SweepHit, Work, faces_within};
 use geometry::{ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
@@ -40,8 +40,14 @@ impl NearFace {
 
     /// First parameter below `limit` at which a moving sphere touches this face.
     #[must_use]
-    pub fn first_touch(&self, start: DVec3, motion: DVec3, radius: f64, limit: f64) -> Option<f64> {
-        first_touch(self.corners, start, motion, radius, limit)
+    pub fn first_contact(
+        &self,
+        start: DVec3,
+        motion: DVec3,
+        radius: f64,
+        limit: f64,
+    ) -> Option<f64> {
+        first_contact(self.corners, start, motion, radius, limit)
     }
 }
 
@@ -76,7 +82,7 @@ impl NearFaces {
 
     /// Gathers all faces within `radius` of `centre`. Where there are too many the ball shrinks to what
     /// it holds, so that its statement stays true.
-    pub fn gather(&mut self, surface: Surface<'_>, centre: DVec3, radius: f64) -> Work {
+    pub fn collect(&mut self, surface: Surface<'_>, centre: DVec3, radius: f64) -> Work {
         self.centre = centre;
         self.radius = radius;
         self.count = 0;
@@ -133,7 +139,7 @@ impl NearFaces {
     }
 
     /// Empties the ball: it covers nothing until it is gathered anew.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         self.radius = f64::NEG_INFINITY;
         self.count = 0;
     }
@@ -190,7 +196,7 @@ impl NearFaces {
                 continue;
             }
             work.faces += 1;
-            if let Some(t) = first_touch(near.corners, start, motion, radius, fraction) {
+            if let Some(t) = first_contact(near.corners, start, motion, radius, fraction) {
                 fraction = t;
                 best = Some(SweepHit {
                     fraction: t,

@@ -23,8 +23,8 @@ pub struct SweepHit {
 const STEPS: usize = 24;
 /// Relative rounding error of positions and of a separating-axis test, with a margin.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
-/// Gap, as a fraction of the radius, at which a face counts as touched; see [`touching_gap`].
-const TOUCH: f64 = 1e-9;
+/// Gap, as a fraction of the radius, at which a face counts as touched; see [`contact_gap`].
+const CONTACT_GAP: f64 = 1e-9;
 
 /// The first touch of a sphere of `radius` moving from `start` by `motion`; `None` when it gets through.
 ///
@@ -40,7 +40,7 @@ pub fn swept_sphere(
     let mut work = Work::default();
     let mut best: Option<SweepHit> = None;
     // A face counts as touched a little before it is.
-    let reach = radius + 2.0 * touching_gap(start, motion, radius);
+    let reach = radius + 2.0 * contact_gap(start, motion, radius);
     let mut fraction = 1.0;
     let mut stack = Stack::new();
     let mut next = surface.tree.root();
@@ -49,7 +49,7 @@ pub fn swept_sphere(
             Child::Face(face) => {
                 work.faces += 1;
                 let corners = surface.mesh.corners(face);
-                if let Some(t) = first_touch(corners, start, motion, radius, fraction) {
+                if let Some(t) = first_contact(corners, start, motion, radius, fraction) {
                     fraction = t;
                     best = Some(SweepHit { fraction: t, face });
                 }
@@ -61,10 +61,10 @@ pub fn swept_sphere(
                 let end = start + motion * fraction;
                 let (low, high) = (start.min(end) - reach, start.max(end) + reach);
                 let met = node.boxes().overlap(&BoxQuery::between(low, high));
-                let on_the_way = |side: usize| {
+                let is_in_path = |side: usize| {
                     met[side] && !passes_beside(&node.boxes().get(side), start, end, reach)
                 };
-                stack.descend([on_the_way(0), on_the_way(1)], node.children())
+                stack.descend([is_in_path(0), is_in_path(1)], node.children())
             }
         };
         if next.is_none() {
@@ -79,17 +79,17 @@ fn passes_beside(aabb: &Aabb, start: DVec3, end: DVec3, reach: f64) -> bool {
     let (lower, upper) = (aabb.lower.as_dvec3(), aabb.upper.as_dvec3());
     let half = 0.5 * (upper - lower) + reach;
     let between = 0.5 * (lower + upper) - start;
-    gaps_beside(between, half, end - start).max_element() > 0.0
+    gaps_across(between, half, end - start).max_element() > 0.0
 }
 
 /// How far a box is from a segment along `way` x X, `way` x Y and `way` x Z, times the lengths of these; 0 where that is not
 /// beyond rounding. `between` leads from a point of the segment's line to the centre of the box, `half` from there to its
 /// upper corner.
 #[inline]
-fn gaps_beside(between: DVec3, half: DVec3, way: DVec3) -> DVec3 {
-    let (along, apart) = (way.abs(), between.abs());
+fn gaps_across(between: DVec3, half: DVec3, motion: DVec3) -> DVec3 {
+    let (along, apart) = (motion.abs(), between.abs());
     let gap = |one: usize, other: usize| {
-        let product = between[one] * way[other] - between[other] * way[one];
+        let product = between[one] * motion[other] - between[other] * motion[one];
         let most = half[one] * along[other] + half[other] * along[one];
         let rounding = apart[one] * along[other] + apart[other] * along[one];
         (product.abs() - most - ROUNDING * (most + rounding)).max(0.0)
@@ -98,15 +98,15 @@ fn gaps_beside(between: DVec3, half: DVec3, way: DVec3) -> DVec3 {
 }
 
 /// First parameter below `limit` at which the sphere touches the triangle.
-pub(super) fn first_touch(
+pub(super) fn first_contact(
     corners: [DVec3; 3],
     start: DVec3,
     motion: DVec3,
     radius: f64,
     limit: f64,
 ) -> Option<f64> {
-    let touch = touching_gap(start, motion, radius);
-    first_within(motion, [radius, touch], limit, |shift| {
+    let gap_of_contact = contact_gap(start, motion, radius);
+    first_within(motion, [radius, gap_of_contact], limit, |shift| {
         let centre = start + shift;
         let closest = closest_point_on_triangle(corners, centre);
         (centre - closest.point, closest.distance_squared)
@@ -114,9 +114,9 @@ pub(super) fn first_touch(
 }
 
 /// Gap at which a face counts as touched by what moves from `start`: a part of the radius, or rounding where that is more.
-fn touching_gap(start: DVec3, motion: DVec3, radius: f64) -> f64 {
+fn contact_gap(start: DVec3, motion: DVec3, radius: f64) -> f64 {
     let size = (start.abs() + motion.abs()).max_element();
-    (TOUCH * radius).max(ROUNDING * size)
+    (CONTACT_GAP * radius).max(ROUNDING * size)
 }
 
 /// First parameter below `limit` at which a convex thing that moves by `motion` is within `radius` of a convex thing at
@@ -127,7 +127,7 @@ fn touching_gap(start: DVec3, motion: DVec3, radius: f64) -> f64 {
 #[inline]
 fn first_within(
     motion: DVec3,
-    [radius, touch]: [f64; 2],
+    [radius, gap_of_contact]: [f64; 2],
     limit: f64,
     apart: impl Fn(DVec3) -> (DVec3, f64),
 ) -> Option<f64> {
@@ -137,7 +137,7 @@ fn first_within(
         let distance = distance_squared.sqrt();
         let gap = distance - radius;
         // It came nearer until here, and what is left is rounding, in any direction.
-        if t > 0.0 && gap <= touch {
+        if t > 0.0 && gap <= gap_of_contact {
             return Some(t);
         }
         // Rate of the distance along the motion; negative while approaching. What meets the face itself
@@ -150,7 +150,7 @@ fn first_within(
         if rate >= 0.0 {
             return None;
         }
-        if gap <= touch {
+        if gap <= gap_of_contact {
             return Some(t);
         }
         t -= gap / rate;
@@ -185,7 +185,7 @@ mod tests {
                 closest_point_on_triangle(corners, start + motion * t).distance_squared.sqrt() - radius
             };
             prop_assume!(gap(0.0) > 0.0);
-            match first_touch(corners, start, motion, radius, 1.0) {
+            match first_contact(corners, start, motion, radius, 1.0) {
                 Some(t) => {
                     prop_assert!(gap(t) >= -1e-9 * radius && gap(t) < 1e-3 * radius, "{}", gap(t) / radius);
                     for k in 0..100 {

@@ -87,12 +87,12 @@ impl PairWork {
 }
 
 /// A face at hand: what is read of it is read once for a run of pairs with it.
-pub(super) struct Held<T> {
+pub(super) struct CachedFace<T> {
     face: Handle,
     value: Option<T>,
 }
 
-impl<T> Held<T> {
+impl<T> CachedFace<T> {
     pub(super) fn new() -> Self {
         Self {
             face: NONE,
@@ -138,7 +138,7 @@ pub fn for_each_pair<A: Body, B: Body>(
     };
     let mut stack = [roots; PAIR_STACK];
     let mut count = 1;
-    let (mut held_a, mut held_b) = (Held::new(), Held::new());
+    let (mut cached_a, mut cached_b) = (CachedFace::new(), CachedFace::new());
     while count > 0 {
         count -= 1;
         let Entry {
@@ -149,8 +149,8 @@ pub fn for_each_pair<A: Body, B: Body>(
         } = stack[count];
         if let (Child::Face(x), Child::Face(y)) = (x, y) {
             work.faces += 1;
-            let facet_a = held_a.take(x, || Facet::new(a.corners(x)));
-            let meeting = facet_a.pair_with(held_b.take(y, || Facet::new(b.corners(y))));
+            let facet_a = cached_a.take(x, || Facet::new(a.corners(x)));
+            let meeting = facet_a.pair_with(cached_b.take(y, || Facet::new(b.corners(y))));
             if meeting.meets() {
                 let pair = FacePair {
                     a: x,

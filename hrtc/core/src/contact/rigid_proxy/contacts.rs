@@ -5,10 +5,10 @@
 //! over a plate would halve its way to every edge. Each pair of features is looked at once, by the two faces that
 //! answer for them. Features within a plane are left out where the corners of the plane tell as much.
 
-use super::motion::Placement;
 use super::neighbourhood::{MAX_PAIRS, Neighbourhood, SurfaceFace};
 use super::projection::MAX_HALF_SPACES;
 use super::shape::{FLAT, ToolShape};
+use crate::contact::motion::Placement;
 use crate::contact::query::Surface;
 use geometry::closest_point_on_triangle;
 use glam::{DMat3, DVec3};
@@ -90,10 +90,10 @@ enum Corner {
 
 /// Judges a corner by the ways from it to what is around it, seen along the direction in which the other body lies;
 /// what is nearer by no more than a slope does not beat it.
-fn judge(ways: impl Iterator<Item = DVec3>, towards: DVec3, slope: f64) -> Corner {
+fn judge(displacements: impl Iterator<Item = DVec3>, towards: DVec3, slope: f64) -> Corner {
     let mut flat = true;
-    for way in ways {
-        let (along, length) = (towards.dot(way), way.length());
+    for displacement in displacements {
+        let (along, length) = (towards.dot(displacement), displacement.length());
         if along > slope * length {
             return Corner::Beaten;
         }
@@ -341,14 +341,14 @@ impl PairLook<'_> {
                     continue;
                 };
                 let [on_surface, on_tool] = points;
-                let way = on_tool - on_surface;
-                if way.length_squared() > self.limit * self.limit {
+                let displacement = on_tool - on_surface;
+                if displacement.length_squared() > self.limit * self.limit {
                     continue;
                 }
-                let towards = across * across.dot(way).signum();
+                let towards = across * across.dot(displacement).signum();
                 let is_nearest = |beyond: DVec3| {
-                    let way = beyond - on_surface;
-                    towards.dot(way) <= FLAT * way.length()
+                    let displacement = beyond - on_surface;
+                    towards.dot(displacement) <= FLAT * displacement.length()
                 };
                 if is_nearest(self.face.corners[l])
                     && is_nearest(self.face.beyond[l])
@@ -364,8 +364,8 @@ impl PairLook<'_> {
     fn edge_is_nearest(&self, edge: usize, towards: DVec3) -> bool {
         let start = self.face.corners[(edge + 1) % 3];
         let is_no_nearer = |beyond: DVec3| {
-            let way = beyond - start;
-            towards.dot(way) <= FLAT * way.length()
+            let displacement = beyond - start;
+            towards.dot(displacement) <= FLAT * displacement.length()
         };
         self.face.owns_edge[edge]
             && is_no_nearer(self.face.corners[edge])
@@ -386,8 +386,8 @@ impl PairLook<'_> {
             let (mut face, mut index) = (self.face.face, corner);
             for _ in 0..MAX_AROUND {
                 let corners = mesh.corners(face);
-                let ways = [1, 2].map(|k| corners[(index + k) % 3] - at);
-                match judge(ways.into_iter(), towards, slope) {
+                let displacements = [1, 2].map(|k| corners[(index + k) % 3] - at);
+                match judge(displacements.into_iter(), towards, slope) {
                     Corner::Beaten => return Corner::Beaten,
                     judged => flat &= judged == Corner::Flat,
                 }
@@ -428,8 +428,8 @@ impl PairLook<'_> {
             [(edge + 1) % 3, edge].map(|k| self.shape.points[tool.vertices[k] as usize]);
         let down = self.back * -towards;
         let is_no_nearer = |beyond: DVec3| {
-            let way = beyond - start;
-            down.dot(way) <= FLAT * way.length()
+            let displacement = beyond - start;
+            down.dot(displacement) <= FLAT * displacement.length()
         };
         let beyond = tool.edges[edge].beyond;
         is_no_nearer(own) && (beyond == NONE || is_no_nearer(self.shape.points[beyond as usize]))

@@ -24,40 +24,38 @@
 //! | `advance` | what a tick gives |
 //! | `coupling` | force and torque |
 
-mod advance;
+mod answer;
+mod bounding_balls;
 mod contacts;
-mod corridor;
-mod coupling;
-mod cover;
-mod disturbance;
-mod follow;
-mod hold;
-mod motion;
+mod coupling_target;
+mod look_ahead_tube;
+mod mesh_change;
 mod neighbourhood;
 pub mod projection;
 mod shape;
+mod steps;
 mod sweep;
 
-pub use advance::ToolAdvance;
+pub use answer::ToolAdvance;
+pub use bounding_balls::MAX_BALLS;
 pub use contacts::ToolContact;
-pub use coupling::{Coupling, about};
-pub use cover::MAX_BALLS;
-pub use motion::{Placement, Twist};
 pub use neighbourhood::{MAX_PAIRS, MAX_SURFACE_FACES};
 
-use crate::contact::query::{Body, Surface, WaySeen, first_pair, for_each_face_near};
-use crate::contact::tool::Tool;
+use crate::contact::coupling::{Coupling, about};
+use crate::contact::motion::{Placement, Twist};
+use crate::contact::query::{Body, Surface, first_pair};
+use crate::contact::tool::{RelativePath, Tool, for_each_face_near};
 use crate::perception::StepLimit;
+use bounding_balls::{Ball, bounding_balls};
 use contacts::Contacts;
-use cover::{Ball, cover};
-use disturbance::Disturbance;
-use follow::MAX_STOPS;
 use geometry::{BoxPair, Pose, Similarity, Wrench, triangle_pair};
 use glam::DVec3;
+use mesh_change::MeshChange;
 use neighbourhood::Neighbourhood;
 use projection::{HalfSpace, MAX_HALF_SPACES};
 use shape::ToolShape;
 use spm::{ActiveMesh, Handle, OperationFaces};
+use steps::MAX_STOPS;
 use sweep::Open;
 use thiserror::Error;
 
@@ -66,10 +64,10 @@ const TESTED: u32 = 3;
 /// ... and so many faces of the tool that are moved.
 const FACES_MOVED: u32 = 4;
 /// Distance at which contacts act, as a fraction of the radius of gyration.
-const REST: f64 = 1e-4;
+const CONTACT_OFFSET: f64 = 1e-4;
 /// What the surface may do in a tick while it moves, as a fraction of how far the tool may slide then: twice what one
 /// vertex in flight may (see [`crate::perception`]), since more than one may move a face.
-const CUSHION: f64 = 0.625;
+const MOVING_OFFSET: f64 = 0.625;
 
 /// Why a tool cannot be a probe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -100,7 +98,7 @@ enum State {
     /// No face of it meets the surface.
     Clear,
     /// The surface has moved into it and there was no way out: it stays until the device is clear.
-    Caught,
+    Stuck,
 }
 
 /// The tool that stays outside, in the model's frame and units. Nothing allocates after [`ToolProxy::new`].
@@ -109,7 +107,7 @@ pub struct ToolProxy {
     tool: Tool,
     scale: f64,
     shape: ToolShape,
-    cover: Vec<Ball>,
+    balls: Vec<Ball>,
     near: Neighbourhood,
     contacts: Contacts,
     half_spaces: Vec<HalfSpace>,
@@ -117,34 +115,34 @@ pub struct ToolProxy {
     stops: Vec<usize>,
     /// Pairs that a sweep looks at more than once.
     open: Vec<Open>,
-    disturbance: Disturbance,
+    mesh_change: MeshChange,
     state: State,
     at: Placement,
     goal: Placement,
-    slide: StepLimit,
+    step_limit: StepLimit,
     /// Whether it was kept from going farther by that.
     is_behind: bool,
     /// Where the contacts let it go, were it not for its own limits: there it is held.
-    bound_for: Placement,
+    coupling_target: Placement,
     /// Whether that was a guess in the tick before, and how far the coupling is stretched from there.
-    is_guess: bool,
-    stretched: Twist,
+    is_estimate: bool,
+    deflection: Twist,
     /// How far the coupling may be stretched without being felt.
-    unfelt: f64,
+    imperceptible: f64,
     /// Share of what is gathered ahead that the budget allowed last.
-    thrift: f64,
+    look_ahead_scale: f64,
     /// Whether what is gathered waits for its first step: that is taken before anything is gathered again.
-    is_due: bool,
+    has_unused_collection: bool,
     /// The farthest that the device went in a tick since the tool was with it.
-    haste: f64,
+    peak_step: f64,
     /// How far the device has gone in all since then.
-    owed: f64,
+    device_travel: f64,
     /// Whether the last tick has come to no step: the next one comes to one, whatever it has spent.
-    has_waited: bool,
+    has_skipped_step: bool,
     /// What the last part of a gathering has cost.
-    dearness: u32,
+    last_cost: u32,
     /// How much farther ahead than the device goes in a tick it looks in free air, to catch up.
-    pace: f64,
+    catch_up_factor: f64,
     rejected: u64,
 }
 
@@ -163,29 +161,29 @@ impl ToolProxy {
         }
         let nowhere = Placement::NOWHERE;
         Ok(Self {
-            cover: cover(&tool),
+            balls: bounding_balls(&tool),
             near: Neighbourhood::new(&shape),
             contacts: Contacts::new(),
             half_spaces: Vec::with_capacity(MAX_HALF_SPACES),
             stops: Vec::with_capacity(MAX_STOPS),
             open: Vec::with_capacity(MAX_PAIRS),
-            disturbance: Disturbance::new(),
+            mesh_change: MeshChange::new(),
             state: State::Nowhere,
             at: nowhere,
             goal: nowhere,
-            slide: StepLimit::FREE,
+            step_limit: StepLimit::FREE,
             is_behind: false,
-            bound_for: nowhere,
-            is_guess: false,
-            stretched: Twist::default(),
-            unfelt: 0.0,
-            thrift: 1.0,
-            is_due: false,
-            haste: 0.0,
-            owed: 0.0,
-            has_waited: false,
-            dearness: 0,
-            pace: 1.0,
+            coupling_target: nowhere,
+            is_estimate: false,
+            deflection: Twist::default(),
+            imperceptible: 0.0,
+            look_ahead_scale: 1.0,
+            has_unused_collection: false,
+            peak_step: 0.0,
+            device_travel: 0.0,
+            has_skipped_step: false,
+            last_cost: 0,
+            catch_up_factor: 1.0,
             rejected: 0,
             tool,
             scale,
@@ -206,18 +204,18 @@ impl ToolProxy {
             return Err(ToolProxyError::NoExtent);
         }
         self.scale = scale;
-        self.forget();
-        self.disturbance = Disturbance::new();
+        self.invalidate();
+        self.mesh_change = MeshChange::new();
         self.state = State::Nowhere;
         self.contacts.clear();
-        self.thrift = 1.0;
-        self.slide = StepLimit::FREE;
+        self.look_ahead_scale = 1.0;
+        self.step_limit = StepLimit::FREE;
         self.is_behind = false;
-        self.pace = 1.0;
-        self.haste = 0.0;
-        self.owed = 0.0;
-        self.has_waited = false;
-        self.is_guess = false;
+        self.catch_up_factor = 1.0;
+        self.peak_step = 0.0;
+        self.device_travel = 0.0;
+        self.has_skipped_step = false;
+        self.is_estimate = false;
         Ok(())
     }
 
@@ -237,7 +235,7 @@ impl ToolProxy {
     /// model units.
     pub fn parts(&self, goal: &Pose) -> impl Iterator<Item = Part> + use<'_> {
         let (proxy, goal) = (self.pose(), *goal);
-        self.cover.iter().map(move |ball| {
+        self.balls.iter().map(move |ball| {
             let [centre, goal] =
                 [proxy, goal].map(|pose| pose.transform_point(ball.centre * self.scale));
             Part {
@@ -264,19 +262,19 @@ impl ToolProxy {
     /// Distance at which contacts act, model units: by so much the tool feels thicker than it is; more while the surface
     /// moves.
     #[must_use]
-    pub fn rest(&self) -> f64 {
-        self.thickness().max(self.cushion())
+    pub fn contact_offset(&self) -> f64 {
+        self.static_offset().max(self.moving_offset())
     }
 
     /// The same where nothing moves.
-    fn thickness(&self) -> f64 {
-        REST * self.shape.gyration
+    fn static_offset(&self) -> f64 {
+        CONTACT_OFFSET * self.shape.gyration
     }
 
     /// How far the surface may come in a tick, model units: as long as it moves contacts act at that distance, so that it
     /// pushes the tool and does not come to meet it.
-    fn cushion(&self) -> f64 {
-        CUSHION * self.slide.limit()
+    fn moving_offset(&self) -> f64 {
+        MOVING_OFFSET * self.step_limit.limit()
     }
 
     /// Poses that were none.
@@ -304,7 +302,7 @@ impl ToolProxy {
     /// nothing is known.
     #[must_use]
     pub fn known_margin(&self) -> f64 {
-        self.near.corridor.left()
+        self.near.tube.left()
     }
 
     /// Pairs of faces that are held against each other: one of the surface and one of the tool.
@@ -342,9 +340,9 @@ impl ToolProxy {
         };
         self.at = at;
         self.goal = at;
-        self.bound_for = at;
+        self.coupling_target = at;
         self.state = State::Inside;
-        self.forget();
+        self.invalidate();
         true
     }
 
@@ -352,20 +350,20 @@ impl ToolProxy {
     /// surface has moved into the tool, the next tick puts it out on the side where it was.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
         if self.state == State::Clear {
-            self.disturbance
+            self.mesh_change
                 .note(&mut self.near, &self.shape, self.at.centre, mesh, operation);
         }
     }
 
     /// The surface that it touches moves in this tick: beyond what keeps it outside and the device's own motion no point of
     /// it goes farther than `slide`, model units, until it has caught up.
-    pub fn soften(&mut self, slide: f64) {
-        self.slide.say(slide);
+    pub fn limit_step(&mut self, max_step: f64) {
+        self.step_limit.tighten(max_step);
     }
 
     /// So far, model units, the coupling may be stretched without being felt; nothing until that is said.
-    pub fn set_unfelt(&mut self, unfelt: f64) {
-        self.unfelt = unfelt;
+    pub fn set_imperceptible(&mut self, imperceptible: f64) {
+        self.imperceptible = imperceptible;
     }
 
     /// Whether it is behind since it was softened.
@@ -389,33 +387,33 @@ impl ToolProxy {
             self.state = State::Inside;
         }
         let travelled = self.goal.to(&goal).farthest(self.shape.radius);
-        self.stretched = goal.to(&self.bound_for);
-        self.owed += travelled;
+        self.deflection = goal.to(&self.coupling_target);
+        self.device_travel += travelled;
         self.goal = goal;
         let start = self.at;
-        let disturbance = self.disturbance.take();
-        if disturbance.is_there() {
-            self.renew(surface, &disturbance, budget, &mut answer);
-            if disturbance.may_have_met()
-                && !self.put_out(surface, &disturbance, budget, &mut answer)
+        let mesh_change = self.mesh_change.take();
+        if mesh_change.is_there() {
+            self.update(surface, &mesh_change, budget, &mut answer);
+            if mesh_change.may_have_met()
+                && !self.depenetrate(surface, &mesh_change, budget, &mut answer)
             {
                 // It stays until a tick can tell.
-                self.disturbance = disturbance;
+                self.mesh_change = mesh_change;
                 self.stops.clear();
-                self.bound_for = self.where_contacts_allow(&mut answer);
-                self.go_gently(travelled);
+                self.coupling_target = self.target_allowed_by_contacts(&mut answer);
+                self.limit_target_rate(travelled);
                 return answer;
             }
         }
         match self.state {
             State::Clear => {
-                self.follow(surface, &start, travelled, budget, &mut answer);
-                self.go_gently(travelled);
+                self.take_steps(surface, &start, travelled, budget, &mut answer);
+                self.limit_target_rate(travelled);
             }
             _ => {
                 self.jump_when_clear(surface, budget, &mut answer);
-                self.bound_for = self.at;
-                self.is_guess = false;
+                self.coupling_target = self.at;
+                self.is_estimate = false;
             }
         }
         answer
@@ -447,25 +445,25 @@ impl ToolProxy {
     fn meets_what_changed(
         &mut self,
         surface: Surface<'_>,
-        disturbance: &Disturbance,
+        mesh_change: &MeshChange,
         budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let (here, to_query) = (self.at, Similarity::new(self.pose_at(&self.at), self.scale));
-        let (Some(changed), Some(to_query)) = (disturbance.changed(), to_query) else {
+        let (Some(changed), Some(to_query)) = (mesh_change.changed(), to_query) else {
             return self.meets(surface, &here, budget, answer);
         };
-        let way = WaySeen::new([here.centre; 2], [here.rotation(); 2]);
+        let path = RelativePath::new([here.centre; 2], [here.rotation(); 2]);
         let (mut is_met, mut tested) = (false, 0);
         for &face in changed.iter().filter(|&&face| surface.has(face)) {
             let corners = surface.corners(face);
-            let cost = for_each_face_near(&self.shape.blocks, &way, corners, 0.0, |own| {
-                let rest = self
+            let cost = for_each_face_near(&self.shape.blocks, &path, corners, 0.0, |own| {
+                let corners_of_tool = self
                     .tool
                     .triangle(own)
-                    .map(|v| self.tool.rest()[v as usize]);
+                    .map(|v| self.tool.local_vertices()[v as usize]);
                 tested += 1;
-                is_met = triangle_pair(corners, rest.map(|p| to_query.point(p))).meets();
+                is_met = triangle_pair(corners, corners_of_tool.map(|p| to_query.point(p))).meets();
                 !is_met
             });
             answer.spent += cost;
@@ -491,32 +489,32 @@ impl ToolProxy {
         let clear = self.meets(surface, &goal, budget, answer) == Some(false);
         if clear || self.state == State::Inside {
             self.at = goal;
-            self.owed = 0.0;
+            self.device_travel = 0.0;
         }
         if clear {
             self.state = State::Clear;
-            self.forget();
+            self.invalidate();
             self.contacts.clear();
         }
     }
 
     /// After the surface has moved: where it meets the tool, the tool goes out on its side. False when the budget does not
     /// tell whether it does.
-    fn put_out(
+    fn depenetrate(
         &mut self,
         surface: Surface<'_>,
-        disturbance: &Disturbance,
+        mesh_change: &MeshChange,
         budget: u32,
         answer: &mut ToolAdvance,
     ) -> bool {
         let here = self.at;
-        match self.meets_what_changed(surface, disturbance, budget, answer) {
+        match self.meets_what_changed(surface, mesh_change, budget, answer) {
             Some(true) => {}
             known => return known.is_some(),
         }
-        for way in disturbance.ways(self.thickness(), self.cushion()) {
+        for escape in mesh_change.escapes(self.static_offset(), self.moving_offset()) {
             let out = Placement {
-                centre: here.centre + way,
+                centre: here.centre + escape,
                 ..here
             };
             match self.meets(surface, &out, budget, answer) {
@@ -529,21 +527,21 @@ impl ToolProxy {
                 }
             }
         }
-        self.state = State::Caught;
+        self.state = State::Stuck;
         true
     }
 
     /// Whether the surface holds it back from the device, in contact or caught.
     #[must_use]
-    pub fn is_held(&self) -> bool {
-        matches!(self.state, State::Clear | State::Caught) && self.bound_for != self.goal
+    pub fn is_blocked(&self) -> bool {
+        matches!(self.state, State::Clear | State::Stuck) && self.coupling_target != self.goal
     }
 
     /// How far the coupling is stretched, in the metric of the tool's mass, model units. What the tool only has not had
     /// the time to go is no part of it.
     #[must_use]
-    pub fn stretch(&self) -> f64 {
-        self.length_of(&self.goal.to(&self.bound_for))
+    pub fn deflection(&self) -> f64 {
+        self.length_of(&self.goal.to(&self.coupling_target))
     }
 
     /// Length of a motion in the metric of the tool's mass, model units.
@@ -556,13 +554,13 @@ impl ToolProxy {
     /// device's pose. `velocity` is that of the device's position, metres and radians a second.
     #[must_use]
     pub fn wrench(&self, coupling: &Coupling, metres_per_unit: f64, velocity: &Twist) -> Wrench {
-        if !self.is_held() {
+        if !self.is_blocked() {
             return Wrench::ZERO;
         }
-        let stretch = self.goal.to(&self.bound_for);
-        let stretch = Twist {
-            linear: stretch.linear * metres_per_unit,
-            ..stretch
+        let deflection = self.goal.to(&self.coupling_target);
+        let deflection = Twist {
+            linear: deflection.linear * metres_per_unit,
+            ..deflection
         };
         // From the tool's centre to the device's position.
         let arm = -(self.goal.orientation * self.shape.centre) * metres_per_unit;
@@ -571,6 +569,6 @@ impl ToolProxy {
             ..*velocity
         };
         let gyration = self.shape.gyration * metres_per_unit;
-        about(&coupling.wrench(&stretch, &velocity, gyration), arm)
+        about(&coupling.wrench(&deflection, &velocity, gyration), arm)
     }
 }

@@ -7,13 +7,13 @@
 //! Each pair keeps a direction along which it is apart: a look at three corners then mostly tells that it does not
 //! matter, and along a motion that stays apart in it nothing passes.
 
-mod gather;
+mod collect;
 
-use super::corridor::LookAheadTube;
-use super::motion::{Placement, Twist};
+use super::look_ahead_tube::LookAheadTube;
 use super::shape::{ToolShape, is_flat};
-use crate::contact::query::WaySeen;
-use gather::Begun;
+use crate::contact::motion::{Placement, Twist};
+use crate::contact::tool::RelativePath;
+use collect::PartialCollection;
 use geometry::Aabb;
 use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};
@@ -177,10 +177,10 @@ pub struct Neighbourhood {
     rotation: DMat3,
     end_rotation: DMat3,
     /// Where the pairs are known, and the surface as it is seen from there.
-    pub corridor: LookAheadTube,
-    way: WaySeen,
+    pub tube: LookAheadTube,
+    path: RelativePath,
     /// What is to be gathered still.
-    begun: Option<Begun>,
+    partial: Option<PartialCollection>,
     /// No point of the tool has moved farther since it was gathered.
     moved: f64,
     /// For each pair: until so much was moved it cannot touch.
@@ -203,9 +203,9 @@ impl Neighbourhood {
             ends: vec![DVec3::ZERO; vertices],
             rotation: DMat3::IDENTITY,
             end_rotation: DMat3::IDENTITY,
-            corridor: LookAheadTube::nowhere(),
-            way: WaySeen::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]),
-            begun: None,
+            tube: LookAheadTube::nowhere(),
+            path: RelativePath::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]),
+            partial: None,
             moved: 0.0,
             clear_until: Vec::with_capacity(MAX_PAIRS),
             high_water: 0,
@@ -213,9 +213,9 @@ impl Neighbourhood {
     }
 
     /// Nothing is known any more.
-    pub fn forget(&mut self) {
-        self.corridor = LookAheadTube::nowhere();
-        self.begun = None;
+    pub fn invalidate(&mut self) {
+        self.tube = LookAheadTube::nowhere();
+        self.partial = None;
     }
 
     /// The most pairs that there ever were.
@@ -242,22 +242,18 @@ impl Neighbourhood {
     /// The surface is nowhere nearer than this.
     pub fn clearance(&self, shape: &ToolShape) -> f64 {
         let gap = |pair: &NearPair| self.apart_now(pair, self.corners(shape, pair.tool));
-        let least = self
-            .pairs
-            .iter()
-            .map(gap)
-            .fold(self.corridor.left(), f64::min);
+        let least = self.pairs.iter().map(gap).fold(self.tube.left(), f64::min);
         least.max(0.0)
     }
 
     /// Whether a gathering was begun and is to go on.
-    pub fn has_begun(&self) -> bool {
-        self.begun.is_some()
+    pub fn has_partial_collection(&self) -> bool {
+        self.partial.is_some()
     }
 
     /// The corridor of which something is known.
     fn looked_at(&self) -> &LookAheadTube {
-        self.begun.as_ref().map_or(&self.corridor, |b| &b.corridor)
+        self.partial.as_ref().map_or(&self.tube, |b| &b.tube)
     }
 
     /// No point of the tool gets farther within what is known; 0 where that is nothing.
@@ -267,10 +263,10 @@ impl Neighbourhood {
 
     /// Whether something in a box may be near: within the margin of the corridor. Where none is known it may.
     pub fn may_reach(&self, shape: &ToolShape, aabb: &Aabb) -> bool {
-        let corridor = self.looked_at();
-        let margin = corridor.straight_margin();
-        let margin = margin + corridor.bend_seen(margin);
-        corridor.left() <= 0.0 || self.way.any(&shape.blocks, aabb, margin)
+        let tube = self.looked_at();
+        let margin = tube.straight_margin();
+        let margin = margin + tube.bend_seen(margin);
+        tube.left() <= 0.0 || self.path.any(&shape.blocks, aabb, margin)
     }
 
     fn clear(&mut self) {
@@ -329,7 +325,7 @@ impl Neighbourhood {
 
     /// The tool has moved to a place by a motion.
     pub fn spend(&mut self, place: &Placement, motion: &Twist, radius: f64) {
-        self.corridor.follow(place);
+        self.tube.move_to(place);
         self.moved += motion.farthest(radius);
     }
 
@@ -393,13 +389,13 @@ impl Neighbourhood {
     ) -> [Direction; 2] {
         let face = &self.faces[pair.surface as usize];
         let over = face.normal;
-        let way = corners[0] + corners[1] + corners[2]
+        let between = corners[0] + corners[1] + corners[2]
             - face.corners[0]
             - face.corners[1]
             - face.corners[2];
-        let direction = over * over.dot(way).signum();
+        let direction = over * over.dot(between).signum();
         let own = shape.faces[pair.tool as usize].normal;
-        let under = own * (self.rotation * own).dot(way).signum();
+        let under = own * (self.rotation * own).dot(between).signum();
         let height = reach_along(direction, face.corners);
         [
             Direction::Still { direction, height },

@@ -96,12 +96,12 @@ impl Basis {
             count: 0,
         };
         for &(k, _) in active {
-            let (components, rest) = basis.split(&half_spaces[k].row);
-            let length = dot(&rest, &rest).sqrt();
+            let (components, remainder) = basis.split(&half_spaces[k].row);
+            let length = dot(&remainder, &remainder).sqrt();
             let place = basis.count;
             basis.triangle[place] = components;
             basis.triangle[place][place] = length;
-            basis.directions[place] = rest.map(|x| x / length);
+            basis.directions[place] = remainder.map(|x| x / length);
             basis.count += 1;
         }
         basis
@@ -109,16 +109,16 @@ impl Basis {
 
     /// Components of a row along the directions, and what is left of it: Gram-Schmidt, twice for the rounding of once.
     fn split(&self, row: &Vector6) -> (Vector6, Vector6) {
-        let (mut components, mut rest) = ([0.0; 6], *row);
+        let (mut components, mut remainder) = ([0.0; 6], *row);
         for _ in 0..2 {
             for (component, direction) in components.iter_mut().zip(&self.directions[..self.count])
             {
-                let along = dot(&rest, direction);
+                let along = dot(&remainder, direction);
                 *component += along;
-                add_scaled(&mut rest, -along, direction);
+                add_scaled(&mut remainder, -along, direction);
             }
         }
-        (components, rest)
+        (components, remainder)
     }
 
     /// Weights of the rows that sum up to what has these components.
@@ -148,7 +148,7 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
         .fold(dot(&goal, &goal).sqrt(), |most, h| most.max(h.offset.abs()));
     let tolerance = OBEYED * largest;
     // Rows in the span of active ones, violated by no more than that span is uncertain.
-    let mut stands = [false; MAX_HALF_SPACES];
+    let mut is_dependent = [false; MAX_HALF_SPACES];
     let mut rounds = 0;
     let mut unsettled = false;
     'next: loop {
@@ -159,7 +159,7 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
             let is_active = best.active().iter().any(|&(a, _)| a == k);
             if violation > tolerance
                 && !is_active
-                && !stands[k]
+                && !is_dependent[k]
                 && worst.is_none_or(|(_, most)| violation > most)
             {
                 worst = Some((k, violation));
@@ -183,26 +183,27 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
                 return best;
             }
             let basis = Basis::of(half_spaces, best.active());
-            let (components, rest) = basis.split(&new.row);
+            let (components, remainder) = basis.split(&new.row);
             let weights = basis.weights(&components);
-            let left = dot(&rest, &rest);
-            let independent = best.count < MAX_ACTIVE && left > DEPENDENT * square;
+            let square_left = dot(&remainder, &remainder);
+            let independent = best.count < MAX_ACTIVE && square_left > DEPENDENT * square;
             // Six that hold span everything: there a row takes one's place, however little it is violated.
             let nearly_dependent = best.count < MAX_ACTIVE && !independent;
             if nearly_dependent && violation <= 2.0 * DEPENDENT.sqrt() * largest {
-                stands[added] = true;
+                is_dependent[added] = true;
                 continue 'next;
             }
             let full = if independent {
-                ((new.offset - dot(&new.row, &best.point)) / left).max(0.0)
+                ((new.offset - dot(&new.row, &best.point)) / square_left).max(0.0)
             } else {
                 f64::INFINITY
             };
             let mut step = full;
             let mut blocking = None;
-            for (place, (&(_, held), &weight)) in best.active().iter().zip(&weights).enumerate() {
-                if weight > 0.0 && held / weight < step {
-                    step = held / weight;
+            for (place, (&(_, current), &weight)) in best.active().iter().zip(&weights).enumerate()
+            {
+                if weight > 0.0 && current / weight < step {
+                    step = current / weight;
                     blocking = Some(place);
                 }
             }
@@ -210,10 +211,10 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
                 return best;
             }
             if independent {
-                add_scaled(&mut best.point, step, &rest);
+                add_scaled(&mut best.point, step, &remainder);
             }
-            for ((_, held), weight) in best.active[..best.count].iter_mut().zip(weights) {
-                *held = (*held - step * weight).max(0.0);
+            for ((_, current), weight) in best.active[..best.count].iter_mut().zip(weights) {
+                *current = (*current - step * weight).max(0.0);
             }
             multiplier += step;
             match blocking {

@@ -52,10 +52,10 @@ pub struct ToolShape {
 impl ToolShape {
     /// Of a tool of `scale` model units a unit.
     pub fn new(tool: &Tool, scale: f64) -> Self {
-        let rest: Vec<DVec3> = tool.rest().iter().map(|&p| p * scale).collect();
+        let local: Vec<DVec3> = tool.local_vertices().iter().map(|&p| p * scale).collect();
         let triangles: Vec<[u32; 3]> = (0..tool.faces()).map(|f| tool.triangle(f)).collect();
-        let (centre, gyration) = moments(rest.len(), |k| rest[k], || triangles.iter().copied());
-        let points: Vec<DVec3> = rest.iter().map(|&p| p - centre).collect();
+        let (centre, gyration) = moments(local.len(), |k| local[k], || triangles.iter().copied());
+        let points: Vec<DVec3> = local.iter().map(|&p| p - centre).collect();
         let radius = points.iter().fold(0.0f64, |most, p| most.max(p.length()));
 
         // Faces on either side of each edge, by its vertices.
@@ -126,12 +126,12 @@ impl ToolShape {
 
     /// The same tool in another scale.
     pub(super) fn rescale(&mut self, tool: &Tool, scale: f64) {
-        let rest = |k: usize| tool.rest()[k] * scale;
+        let local = |k: usize| tool.local_vertices()[k] * scale;
         // The sums of `moments` over the same triangles in the same order.
         let triangles = || self.faces.iter().map(|face| face.vertices);
-        let (centre, gyration) = moments(self.points.len(), rest, triangles);
+        let (centre, gyration) = moments(self.points.len(), local, triangles);
         for (k, point) in self.points.iter_mut().enumerate() {
-            *point = tool.rest()[k] * scale - centre;
+            *point = tool.local_vertices()[k] * scale - centre;
         }
         (self.centre, self.gyration) = (centre, gyration);
         self.radius = self.points.iter().fold(0.0, |most, p| p.length().max(most));

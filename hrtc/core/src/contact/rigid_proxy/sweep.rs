@@ -6,9 +6,9 @@
 //! place along the way is safe, so that to stop early is safe too.
 
 use super::contacts::PASSED;
-use super::motion::{Placement, Twist};
 use super::neighbourhood::{Direction, NearPair, Neighbourhood, apart, reach_along};
 use super::shape::ToolShape;
+use crate::contact::motion::{Placement, Twist};
 use geometry::closest_points_of_triangles;
 use glam::{DMat3, DVec3};
 
@@ -61,7 +61,7 @@ pub fn free_share(
     open: &mut Vec<Open>,
     shape: &ToolShape,
     (start, motion): (&Placement, &Twist),
-    floor: f64,
+    min_separation: f64,
     most: u32,
 ) -> Swept {
     let mut swept = Swept {
@@ -74,13 +74,13 @@ pub fn free_share(
     let bends = Bends {
         sagitta: motion.sagitta(shape.radius),
         turn: motion.angular.length(),
-        way: motion.linear.length(),
+        travel: motion.linear.length(),
         centre: start.centre,
     };
-    let way = motion.farthest(shape.radius);
+    let travel = motion.farthest(shape.radius);
     open.clear();
     for k in 0..near.pairs.len() {
-        if near.is_known_beyond(k, way + floor) {
+        if near.is_known_beyond(k, travel + min_separation) {
             continue;
         }
         let pair = near.pairs[k];
@@ -89,7 +89,7 @@ pub fn free_share(
             near.end_corners(shape, pair.tool),
         ];
         let surface = near.faces[pair.surface as usize].corners;
-        let (now, until) = bends.clear_until(near, &pair, surface, [corners, ends], floor);
+        let (now, until) = bends.clear_until(near, &pair, surface, [corners, ends], min_separation);
         if until < 1.0 {
             let pair = k as u32;
             open.push(Open { until, now, pair });
@@ -107,8 +107,8 @@ pub fn free_share(
         let k = pair as usize;
         if swept.spent > most {
             swept.is_all = false;
-            let room = (now - floor).max(0.0) * WITHIN;
-            let share = until.max(room / way);
+            let room = (now - min_separation).max(0.0) * WITHIN;
+            let share = until.max(room / travel);
             if share < swept.share {
                 swept.share = share;
                 swept.stop = None;
@@ -131,13 +131,14 @@ pub fn free_share(
         swept.spent += 1;
         if let Some(along) = [beside, over, under].into_iter().find(|&along| {
             pair.along = along;
-            let (_, until) = bends.clear_until(near, &pair, surface, [corners, ends], floor);
+            let (_, until) =
+                bends.clear_until(near, &pair, surface, [corners, ends], min_separation);
             until >= swept.share
         }) {
             near.pairs[k].along = along;
             continue;
         }
-        let mut follow = Follow {
+        let mut pair_sweep = PairSweep {
             surface,
             end: (near.end_rotation(), ends),
             arms: shape.faces[pair.tool as usize]
@@ -147,9 +148,9 @@ pub fn free_share(
             motion,
             sagitta: bends.sagitta,
             sagitta_from_tool: bends.seen_from_tool(surface),
-            floor,
+            min_separation,
         };
-        let (share, along, parts) = follow.until(swept.share, corners);
+        let (share, along, parts) = pair_sweep.until(swept.share, corners);
         swept.spent += PART * parts;
         if let Some(along) = along {
             near.pairs[k].along = along;
@@ -167,7 +168,7 @@ pub fn free_share(
 struct Bends {
     sagitta: f64,
     turn: f64,
-    way: f64,
+    travel: f64,
     centre: DVec3,
 }
 
@@ -179,7 +180,7 @@ impl Bends {
         let farthest = surface.iter().fold(0.0f64, |most, corner| {
             most.max(corner.distance_squared(self.centre))
         });
-        0.125 * self.turn * (self.turn * (farthest.sqrt() + self.way) + 2.0 * self.way)
+        0.125 * self.turn * (self.turn * (farthest.sqrt() + self.travel) + 2.0 * self.travel)
     }
 
     /// How far a pair is apart along its direction, and up to which share of the motion it stays so by a floor: on straight
@@ -191,17 +192,17 @@ impl Bends {
         pair: &NearPair,
         surface: [DVec3; 3],
         [corners, ends]: [[DVec3; 3]; 2],
-        floor: f64,
+        min_separation: f64,
     ) -> (f64, f64) {
         let bend = match pair.along {
             Direction::Still { .. } => self.sagitta,
             Direction::Turning(_) => self.seen_from_tool(surface),
         };
         let [now, then] = [near.apart_now(pair, corners), near.apart_then(pair, ends)];
-        let room = now - bend - floor;
+        let room = now - bend - min_separation;
         let until = if room < 0.0 {
             0.0
-        } else if then - bend >= floor {
+        } else if then - bend >= min_separation {
             1.0
         } else {
             room / (now - then) * WITHIN
@@ -237,7 +238,7 @@ fn most_apart(direction: DVec3, surface: [DVec3; 3], tool: [DVec3; 3]) -> DVec3 
 
 /// The direction along which the second of two faces is farthest beyond the first, within rounding, and how far; `None` where
 /// they meet.
-fn way_between(surface: [DVec3; 3], tool: [DVec3; 3]) -> Option<(DVec3, f64)> {
+fn separating_direction(surface: [DVec3; 3], tool: [DVec3; 3]) -> Option<(DVec3, f64)> {
     let closest = closest_points_of_triangles(surface, tool);
     let [from, to] = closest.points;
     let direction = (to - from).try_normalize()?;
@@ -254,7 +255,7 @@ fn way_between(surface: [DVec3; 3], tool: [DVec3; 3]) -> Option<(DVec3, f64)> {
 }
 
 /// One pair along a motion.
-struct Follow<'a> {
+struct PairSweep<'a> {
     surface: [DVec3; 3],
     /// The tool's axes and the corners of its face at the end of the motion.
     end: (DMat3, [DVec3; 3]),
@@ -264,10 +265,10 @@ struct Follow<'a> {
     motion: &'a Twist,
     sagitta: f64,
     sagitta_from_tool: f64,
-    floor: f64,
+    min_separation: f64,
 }
 
-impl Follow<'_> {
+impl PairSweep<'_> {
     fn at(&self, share: f64) -> (DMat3, [DVec3; 3]) {
         if share == 1.0 {
             return self.end;
@@ -284,15 +285,15 @@ impl Follow<'_> {
         let mut parts = 0;
         while parts < PARTS {
             parts += 1;
-            let Some((direction, now)) = way_between(self.surface, corners) else {
+            let Some((direction, now)) = separating_direction(self.surface, corners) else {
                 return (share, first, parts);
             };
             let height = reach_along(direction, self.surface);
             if first.is_none() {
-                self.floor = self.floor.min(0.5 * now);
+                self.min_separation = self.min_separation.min(0.5 * now);
             }
-            let room = now - self.floor;
-            if room <= TOUCH * self.floor {
+            let room = now - self.min_separation;
+            if room <= TOUCH * self.min_separation {
                 return (share, first, parts);
             }
             let left = whole - share;
@@ -317,7 +318,7 @@ impl Follow<'_> {
             if part < SHORT * left {
                 // Where a wide face rolls over a contact, a direction that stays for either is soon used up.
                 let (most, tries) =
-                    self.part_of_a_turning_way(share, left, direction, now, corners);
+                    self.part_along_turning_direction(share, left, direction, now, corners);
                 parts += tries;
                 part = part.max(most);
             }
@@ -335,7 +336,7 @@ impl Follow<'_> {
     ///
     /// Over a part of the way the product of what turns evenly and what goes straight is a parabola: it is below its chord by
     /// no more than a quarter of the turn times the way. Directions between two of unit length are no longer than they are.
-    fn part_of_a_turning_way(
+    fn part_along_turning_direction(
         &self,
         share: f64,
         left: f64,
@@ -343,17 +344,17 @@ impl Follow<'_> {
         now: f64,
         corners: [DVec3; 3],
     ) -> (f64, u32) {
-        let mut span = left.min((0.5 * (now - self.floor) / self.sagitta).sqrt());
+        let mut span = left.min((0.5 * (now - self.min_separation) / self.sagitta).sqrt());
         for tries in 1..=TRIES {
             let (_, ends) = self.at(share + span);
             let mut shorter = 0.5;
-            if let Some((there, then)) = way_between(self.surface, ends) {
+            if let Some((there, then)) = separating_direction(self.surface, ends) {
                 let turn = there - direction;
                 let below = (0..3)
                     .map(|k| 0.25 * turn.dot(ends[k] - corners[k]).abs())
                     .fold(0.0, f64::max);
                 let bend = below + self.sagitta * span * span;
-                let room = now.min(then) - self.floor;
+                let room = now.min(then) - self.min_separation;
                 if bend <= room {
                     return (span * WITHIN, tries);
                 }

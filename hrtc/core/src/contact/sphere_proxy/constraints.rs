@@ -174,7 +174,7 @@ impl Constraints {
             work.faces += 1;
             if let Some(t) = candidate
                 .near
-                .first_touch(position, motion, radius, fraction)
+                .first_contact(position, motion, radius, fraction)
             {
                 fraction = t;
             }

@@ -52,9 +52,9 @@ pub struct Proxy {
     position: DVec3,
     goal: DVec3,
     placed: bool,
-    slide: StepLimit,
+    step_limit: StepLimit,
     /// Whether it is behind for that.
-    is_held: bool,
+    is_behind: bool,
     constraints: Constraints,
     near: NearFaces,
 }
@@ -101,8 +101,8 @@ impl Proxy {
             position: DVec3::ZERO,
             goal: DVec3::ZERO,
             placed: false,
-            slide: StepLimit::FREE,
-            is_held: false,
+            step_limit: StepLimit::FREE,
+            is_behind: false,
             constraints: Constraints::new(),
             near: NearFaces::new(),
         }
@@ -165,14 +165,14 @@ impl Proxy {
 
     /// The surface that it touches moves in this tick: beyond what keeps it outside and the device's own motion it goes
     /// no farther than `slide`, model units, until it has caught up.
-    pub fn soften(&mut self, slide: f64) {
-        self.slide.say(slide);
+    pub fn limit_step(&mut self, max_step: f64) {
+        self.step_limit.tighten(max_step);
     }
 
     /// Whether it is behind since it was softened.
     #[must_use]
-    pub fn is_held(&self) -> bool {
-        self.is_held
+    pub fn is_behind(&self) -> bool {
+        self.is_behind
     }
 
     /// One tick: as close to `goal` (the device, model units, finite) as the surface lets it.
@@ -189,10 +189,10 @@ impl Proxy {
         let reach = moved + 1e-3 * self.radius;
         self.goal = goal;
         let start = self.position;
-        let most = self.slide.most() + moved;
-        self.is_held = false;
+        let most = self.step_limit.max_step() + moved;
+        self.is_behind = false;
         // Splits and collapses may have changed any face since the last tick.
-        self.near.forget();
+        self.near.invalidate();
         let skin_radius = self.radius * (1.0 - SKIN);
         let mut contact = None;
         let mut last_motion = None;
@@ -208,7 +208,7 @@ impl Proxy {
             let covers = self.near.covers(self.position, self.radius + reach);
             if !covers && !self.near.is_full_at(self.position) {
                 let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
-                work.add(self.near.gather(surface, self.position, ball));
+                work.add(self.near.collect(surface, self.position, ball));
             }
             let constraints = &mut self.constraints;
             work.add(constraints.linearise(&self.near, self.position, self.radius, reach));
@@ -242,7 +242,7 @@ impl Proxy {
                 work.add(cost);
                 hit.map_or(1.0, |hit| hit.fraction)
             };
-            if fraction >= 1.0 && step.active().is_empty() && !self.is_held {
+            if fraction >= 1.0 && step.active().is_empty() && !self.is_behind {
                 self.position = goal;
                 break;
             }
@@ -257,7 +257,7 @@ impl Proxy {
         if self.position == goal {
             contact = None;
         }
-        self.slide.end_tick(!self.is_held);
+        self.step_limit.end_tick(!self.is_behind);
         Advance {
             contact,
             work,
@@ -272,7 +272,7 @@ impl Proxy {
         if (behind + motion).length() <= most {
             return motion;
         }
-        self.is_held = true;
+        self.is_behind = true;
         let out = project(DVec3::ZERO, self.constraints.planes()).point;
         // From there towards the whole motion: the half-spaces are convex, so all of that way obeys them.
         let (from, along) = (behind + out, motion - out);

@@ -1,7 +1,7 @@
 //! The end of the workspace: outside of a ball or a box a spring pushes back in. The energy account limits it like a
 //! surface, so it holds still at any stiffness.
 
-use crate::force::passivity::Spring;
+use crate::force::passivity::CouplingSpring;
 use glam::DVec3;
 use scene::{BoundaryPlan, Workspace};
 
@@ -20,7 +20,7 @@ impl Boundary {
 
     /// Newtons at a place, world, metres, and the spring that they come from.
     #[must_use]
-    pub fn force(&self, position: DVec3) -> (DVec3, Spring) {
+    pub fn force(&self, position: DVec3) -> (DVec3, CouplingSpring) {
         let inside = match self.plan.shape {
             Workspace::Ball { centre, radius } => {
                 centre + (position - centre).clamp_length_max(radius)
@@ -36,10 +36,10 @@ impl Boundary {
             Workspace::Box { .. } => back == DVec3::ZERO,
         };
         if is_in || !back.is_finite() {
-            return (DVec3::ZERO, Spring::default());
+            return (DVec3::ZERO, CouplingSpring::default());
         }
         let stiffness_n_per_m = self.plan.stiffness_n_per_m;
-        let spring = Spring {
+        let spring = CouplingSpring {
             stiffness_n_per_m,
             stored_j: 0.5 * stiffness_n_per_m * back.length_squared(),
         };

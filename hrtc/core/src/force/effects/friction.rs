@@ -9,7 +9,7 @@
 //! Within the cone it is a spring beside that of the surface, along the surface; the hold of a period leaks its energy
 //! too, and it has an account of its own for that: so no closed path gains by it.
 
-use super::{Rendered, Touching};
+use super::{ContactSample, Rendered};
 use crate::force::passivity::EnergyAccount;
 use geometry::Pose;
 use glam::DVec3;
@@ -19,17 +19,17 @@ use scene::FrictionPlan;
 #[derive(Debug, Clone)]
 pub struct Friction {
     plan: FrictionPlan,
-    held: Option<Held>,
+    anchor: Option<Anchor>,
     /// None where the scene wants no limit.
     account: Option<EnergyAccount>,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Held {
+struct Anchor {
     /// The proxy in the last tick.
     proxy: Pose,
     /// `z`, metres.
-    stretch: DVec3,
+    deflection: DVec3,
     slides: bool,
 }
 
@@ -40,40 +40,40 @@ impl Friction {
     pub fn new(plan: FrictionPlan, encoder_m: Option<f64>) -> Self {
         Self {
             plan,
-            held: None,
+            anchor: None,
             account: encoder_m.map(EnergyAccount::new),
         }
     }
 
     /// The surface is not touched any more.
-    pub fn let_go(&mut self) {
-        if self.held.take().is_some()
+    pub fn reset(&mut self) {
+        if self.anchor.take().is_some()
             && let Some(account) = &mut self.account
         {
-            *account = account.anew();
+            *account = account.restarted();
         }
     }
 
     /// Adds the force along the surface.
-    pub fn resist(&mut self, at: &Touching<'_>, amount: f64, out: &mut Rendered) {
-        let size = out.resists.force.length();
+    pub fn render(&mut self, at: &ContactSample<'_>, amount: f64, out: &mut Rendered) {
+        let size = out.passive.force.length();
         if !(size > 0.0 && size.is_finite()) {
-            self.let_go();
+            self.reset();
             return;
         }
-        let normal = out.resists.force / size;
-        let before = self.held.unwrap_or(Held {
+        let normal = out.passive.force / size;
+        let before = self.anchor.unwrap_or(Anchor {
             proxy: at.proxy,
-            stretch: DVec3::ZERO,
+            deflection: DVec3::ZERO,
             slides: false,
         });
         // The point of the proxy that touches now was there a tick ago.
         let was = before
             .proxy
             .transform_point(at.proxy.inverse_transform_point(at.point));
-        let stretch = before.stretch - (at.point - was);
-        let stretch = stretch - normal * normal.dot(stretch);
-        let length = stretch.length();
+        let deflection = before.deflection - (at.point - was);
+        let deflection = deflection - normal * normal.dot(deflection);
+        let length = deflection.length();
         let most = |coefficient: f64| coefficient * size / at.stiffness_n_per_m;
         let holds = if before.slides {
             self.plan.dynamic
@@ -81,29 +81,29 @@ impl Friction {
             self.plan.static_
         };
         let slides = length > most(holds);
-        let stretch = if slides {
-            stretch * (most(self.plan.dynamic) / length)
+        let deflection = if slides {
+            deflection * (most(self.plan.dynamic) / length)
         } else {
-            stretch
+            deflection
         };
-        self.held = Some(Held {
+        self.anchor = Some(Anchor {
             proxy: at.proxy,
-            stretch,
+            deflection,
             slides,
         });
         let stiffness_n_per_m = at.stiffness_n_per_m * amount;
-        let stored_j = 0.5 * stiffness_n_per_m * stretch.length_squared();
-        let mut force = stretch * stiffness_n_per_m;
+        let stored_j = 0.5 * stiffness_n_per_m * deflection.length_squared();
+        let mut force = deflection * stiffness_n_per_m;
         if let Some(account) = &mut self.account {
             account.moved_to(&Pose::at(at.device), [0.0; 2]);
-            account.forget_beyond(stored_j);
+            account.dissipate_beyond(stored_j);
             let next = account.next();
-            let stretch = stretch - (next - normal * normal.dot(next));
-            let stored_j = 0.5 * stiffness_n_per_m * stretch.length_squared();
+            let deflection = deflection - (next - normal * normal.dot(next));
+            let stored_j = 0.5 * stiffness_n_per_m * deflection.length_squared();
             force *= account.share_of_spring(force, stored_j);
-            account.go_on(force);
+            account.set_force(force);
         }
-        out.resist(force, at.arm);
+        out.add_passive(force, at.arm);
         out.spring.stored_j += stored_j;
     }
 }

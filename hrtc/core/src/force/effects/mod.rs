@@ -34,7 +34,7 @@ pub mod vibration;
 pub mod viscosity;
 
 use crate::contact::query::{Surface, Work};
-use crate::force::passivity::Spring as Stored;
+use crate::force::passivity::CouplingSpring;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::{Effect, EffectPlan};
@@ -50,7 +50,7 @@ pub struct Clock {
 
 /// A probe that touches a surface: the object's axes, metres from the origin of its stored coordinates.
 #[derive(Debug, Clone, Copy)]
-pub struct Touching<'a> {
+pub struct ContactSample<'a> {
     /// The tick.
     pub clock: Clock,
     /// The surface, in the model's units.
@@ -81,21 +81,21 @@ pub struct Touching<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Rendered {
     /// What resists: the energy account limits it.
-    pub resists: Wrench,
+    pub passive: Wrench,
     /// The springs that it comes from.
-    pub spring: Stored,
+    pub spring: CouplingSpring,
     /// What moves the hand by its nature.
-    pub drives: Wrench,
+    pub active: Wrench,
 }
 
 impl Rendered {
     /// What a surface renders by itself.
     #[must_use]
-    pub fn new(resists: Wrench, spring: Stored) -> Self {
+    pub fn new(passive: Wrench, spring: CouplingSpring) -> Self {
         Self {
-            resists,
+            passive,
             spring,
-            drives: Wrench::ZERO,
+            active: Wrench::ZERO,
         }
     }
 
@@ -107,16 +107,16 @@ impl Rendered {
             torque: turn * wrench.torque,
         };
         Self {
-            resists: turned(self.resists),
+            passive: turned(self.passive),
             spring: self.spring,
-            drives: turned(self.drives),
+            active: turned(self.active),
         }
     }
 
     /// Adds to what resists a force that acts `arm` away from what the wrench is about.
-    pub fn resist(&mut self, force: DVec3, arm: DVec3) {
-        self.resists.force += force;
-        self.resists.torque += arm.cross(force);
+    pub fn add_passive(&mut self, force: DVec3, arm: DVec3) {
+        self.passive.force += force;
+        self.passive.torque += arm.cross(force);
     }
 }
 
@@ -125,9 +125,9 @@ impl std::ops::Add for Rendered {
 
     fn add(self, other: Self) -> Self {
         Self {
-            resists: self.resists + other.resists,
+            passive: self.passive + other.passive,
             spring: self.spring + other.spring,
-            drives: self.drives + other.drives,
+            active: self.active + other.active,
         }
     }
 }
@@ -200,7 +200,7 @@ pub struct Usage {
 /// Usage of every kind, in the order of [`Effect::NAMES`].
 pub type UsageByKind = [Usage; Effect::NAMES.len()];
 
-fn tell<E>(listed: &[Listed<E>], usage: &mut UsageByKind) {
+fn add_usage<E>(listed: &[Listed<E>], usage: &mut UsageByKind) {
     for effect in listed {
         usage[effect.kind].calls += effect.calls;
         usage[effect.kind].bytes += size_of_val(effect);
@@ -212,7 +212,7 @@ fn tell<E>(listed: &[Listed<E>], usage: &mut UsageByKind) {
     clippy::large_enum_variant,
     reason = "a box would be allocated in the tick that seats an object"
 )]
-enum OfSurface {
+enum SurfaceEffect {
     Friction(friction::Friction),
     Shading(shading::Shading),
     Texture(texture::Texture),
@@ -223,7 +223,7 @@ enum OfSurface {
 /// The effects of a surface on one probe, in the order in which they act.
 #[derive(Debug, Clone, Default)]
 pub struct SurfaceEffects {
-    listed: Vec<Listed<OfSurface>>,
+    listed: Vec<Listed<SurfaceEffect>>,
     /// Step of the device's encoder, metres; `None` where the scene wants no limit of energy.
     encoder_m: Option<f64>,
 }
@@ -240,7 +240,7 @@ impl SurfaceEffects {
     }
 
     /// Those of another object from now on, in the room that there is: nothing is allocated.
-    pub fn become_those_of(&mut self, plans: &[EffectPlan]) {
+    pub fn assign(&mut self, plans: &[EffectPlan]) {
         assert!(
             plans.len() <= self.listed.capacity(),
             "room was made for all"
@@ -250,12 +250,12 @@ impl SurfaceEffects {
         self.listed.extend(plans.iter().filter_map(|plan| {
             let effect = match &plan.effect {
                 Effect::Friction(of) => {
-                    OfSurface::Friction(friction::Friction::new(*of, encoder_m))
+                    SurfaceEffect::Friction(friction::Friction::new(*of, encoder_m))
                 }
-                Effect::Shading(of) => OfSurface::Shading(shading::Shading::new(*of)),
-                Effect::Texture(of) => OfSurface::Texture(texture::Texture::new(of.clone())),
-                Effect::Magnet(of) => OfSurface::Magnet(magnet::Magnet::new(*of)),
-                Effect::Vibration(of) => OfSurface::Vibration(vibration::Vibration::new(*of)),
+                Effect::Shading(of) => SurfaceEffect::Shading(shading::Shading::new(*of)),
+                Effect::Texture(of) => SurfaceEffect::Texture(texture::Texture::new(of.clone())),
+                Effect::Magnet(of) => SurfaceEffect::Magnet(magnet::Magnet::new(*of)),
+                Effect::Vibration(of) => SurfaceEffect::Vibration(vibration::Vibration::new(*of)),
                 _ => return None,
             };
             Some(Listed::new(plan, effect))
@@ -269,39 +269,40 @@ impl SurfaceEffects {
     }
 
     /// What they make of the force of a touch.
-    pub fn touch(&mut self, at: &Touching<'_>, out: &mut Rendered, work: &mut Work) {
+    pub fn render_contact(&mut self, at: &ContactSample<'_>, out: &mut Rendered, work: &mut Work) {
         // A magnet pulls only what does not touch.
-        let is_called = |listed: &&mut Listed<_>| !matches!(listed.effect, OfSurface::Magnet(_));
+        let is_called =
+            |listed: &&mut Listed<_>| !matches!(listed.effect, SurfaceEffect::Magnet(_));
         for listed in self.listed.iter_mut().filter(is_called) {
             let Some((effect, amount)) = listed.called(at.clock) else {
                 continue;
             };
             match effect {
-                OfSurface::Friction(friction) => friction.resist(at, amount, out),
-                OfSurface::Shading(shading) => work.add(shading.turn(at, amount, out)),
-                OfSurface::Texture(texture) => texture.raise(at, amount, out),
-                OfSurface::Vibration(vibration) => {
+                SurfaceEffect::Friction(friction) => friction.render(at, amount, out),
+                SurfaceEffect::Shading(shading) => work.add(shading.turn(at, amount, out)),
+                SurfaceEffect::Texture(texture) => texture.raise(at, amount, out),
+                SurfaceEffect::Vibration(vibration) => {
                     let force = vibration.force(at.clock) * amount;
-                    out.drives.force += at.to_world.conjugate() * force;
+                    out.active.force += at.to_world.conjugate() * force;
                 }
-                OfSurface::Magnet(_) => {}
+                SurfaceEffect::Magnet(_) => {}
             }
         }
     }
 
     /// The force on a probe that touches nothing, the surface `gap_m` away in a direction (unit).
-    pub fn near(&mut self, clock: Clock, gap_m: f64, towards: DVec3) -> DVec3 {
+    pub fn render_near(&mut self, clock: Clock, gap_m: f64, towards: DVec3) -> DVec3 {
         let mut force = DVec3::ZERO;
         for listed in &mut self.listed {
             match &mut listed.effect {
-                OfSurface::Friction(friction) => friction.let_go(),
-                OfSurface::Shading(shading) => shading.let_go(),
+                SurfaceEffect::Friction(friction) => friction.reset(),
+                SurfaceEffect::Shading(shading) => shading.reset(),
                 _ => {}
             }
-            if !matches!(listed.effect, OfSurface::Magnet(_)) {
+            if !matches!(listed.effect, SurfaceEffect::Magnet(_)) {
                 continue;
             }
-            if let Some((OfSurface::Magnet(magnet), amount)) = listed.called(clock) {
+            if let Some((SurfaceEffect::Magnet(magnet), amount)) = listed.called(clock) {
                 force += magnet.pull(gap_m, towards) * amount;
             }
         }
@@ -309,13 +310,13 @@ impl SurfaceEffects {
     }
 
     /// Adds calls and bytes of each kind.
-    pub fn tell(&self, usage: &mut UsageByKind) {
-        tell(&self.listed, usage);
+    pub fn add_usage(&self, usage: &mut UsageByKind) {
+        add_usage(&self.listed, usage);
     }
 }
 
 #[derive(Debug, Clone)]
-enum OfScene {
+enum SceneEffect {
     Vibration(vibration::Vibration),
     Viscosity(viscosity::Viscosity),
     Spring(spring::Spring),
@@ -326,7 +327,7 @@ enum OfScene {
 
 /// The effects of a scene on one probe.
 #[derive(Debug, Clone, Default)]
-pub struct SceneEffects(Vec<Listed<OfScene>>);
+pub struct SceneEffects(Vec<Listed<SceneEffect>>);
 
 impl SceneEffects {
     /// Exactly those that are listed.
@@ -334,14 +335,14 @@ impl SceneEffects {
     pub fn new(plans: &[EffectPlan]) -> Self {
         let effects = plans.iter().filter_map(|plan| {
             let effect = match &plan.effect {
-                Effect::Vibration(of) => OfScene::Vibration(vibration::Vibration::new(*of)),
+                Effect::Vibration(of) => SceneEffect::Vibration(vibration::Vibration::new(*of)),
                 Effect::Viscosity { damping_ns_per_m } => {
-                    OfScene::Viscosity(viscosity::Viscosity::new(*damping_ns_per_m))
+                    SceneEffect::Viscosity(viscosity::Viscosity::new(*damping_ns_per_m))
                 }
-                Effect::Spring(of) => OfScene::Spring(spring::Spring::new(of.clone())),
-                Effect::Gravity(of) => OfScene::Gravity(gravity::Gravity::new(*of)),
-                Effect::Inertia(of) => OfScene::Inertia(inertia::Inertia::new(*of)),
-                Effect::Boundary(of) => OfScene::Boundary(boundary::Boundary::new(*of)),
+                Effect::Spring(of) => SceneEffect::Spring(spring::Spring::new(of.clone())),
+                Effect::Gravity(of) => SceneEffect::Gravity(gravity::Gravity::new(*of)),
+                Effect::Inertia(of) => SceneEffect::Inertia(inertia::Inertia::new(*of)),
+                Effect::Boundary(of) => SceneEffect::Boundary(boundary::Boundary::new(*of)),
                 _ => return None,
             };
             Some(Listed::new(plan, effect))
@@ -356,27 +357,29 @@ impl SceneEffects {
     }
 
     /// What they add for a probe at a pose (world, metres) with a velocity, m/s.
-    pub fn feel(&mut self, clock: Clock, pose: &Pose, velocity: DVec3, out: &mut Rendered) {
+    pub fn render(&mut self, clock: Clock, pose: &Pose, velocity: DVec3, out: &mut Rendered) {
         for listed in &mut self.0 {
             let Some((effect, amount)) = listed.called(clock) else {
                 continue;
             };
             let position = pose.position;
             match effect {
-                OfScene::Vibration(of) => out.drives.force += of.force(clock) * amount,
-                OfScene::Viscosity(of) => out.drives.force += of.force(velocity) * amount,
-                OfScene::Spring(of) => out.drives.force += of.force(position, velocity) * amount,
-                OfScene::Gravity(of) => {
+                SceneEffect::Vibration(of) => out.active.force += of.force(clock) * amount,
+                SceneEffect::Viscosity(of) => out.active.force += of.force(velocity) * amount,
+                SceneEffect::Spring(of) => {
+                    out.active.force += of.force(position, velocity) * amount
+                }
+                SceneEffect::Gravity(of) => {
                     let weight = of.wrench(pose.orientation);
-                    out.drives.force += weight.force * amount;
-                    out.drives.torque += weight.torque * amount;
+                    out.active.force += weight.force * amount;
+                    out.active.torque += weight.torque * amount;
                 }
-                OfScene::Inertia(of) => {
-                    out.drives.force += of.force(position, velocity, clock.period_s) * amount;
+                SceneEffect::Inertia(of) => {
+                    out.active.force += of.force(position, velocity, clock.period_s) * amount;
                 }
-                OfScene::Boundary(of) => {
+                SceneEffect::Boundary(of) => {
                     let (force, spring) = of.force(position);
-                    out.resists.force += force * amount;
+                    out.passive.force += force * amount;
                     out.spring = out.spring + spring.times(amount);
                 }
             }
@@ -384,8 +387,8 @@ impl SceneEffects {
     }
 
     /// Adds calls and bytes of each kind.
-    pub fn tell(&self, usage: &mut UsageByKind) {
-        tell(&self.0, usage);
+    pub fn add_usage(&self, usage: &mut UsageByKind) {
+        add_usage(&self.0, usage);
     }
 }
 

@@ -10,7 +10,7 @@
 //! A proxy that is held deep below a ridge comes round it in one tick. So the direction follows no faster than the device
 //! moves: by `max_turn` on a way of r.
 
-use super::{Rendered, Touching};
+use super::{ContactSample, Rendered};
 use crate::contact::query::{Work, faces_within};
 use glam::DVec3;
 use scene::ShadingPlan;
@@ -37,17 +37,17 @@ impl Shading {
     }
 
     /// The surface is not touched any more.
-    pub fn let_go(&mut self) {
+    pub fn reset(&mut self) {
         self.direction = None;
     }
 
     /// Turns what resists. What it cost.
-    pub fn turn(&mut self, at: &Touching<'_>, amount: f64, out: &mut Rendered) -> Work {
-        let size = out.resists.force.length();
+    pub fn turn(&mut self, at: &ContactSample<'_>, amount: f64, out: &mut Rendered) -> Work {
+        let size = out.passive.force.length();
         if !(size > 0.0 && size.is_finite()) {
             return Work::default();
         }
-        let normal = out.resists.force / size;
+        let normal = out.passive.force / size;
         let radius = self.plan.radius_m / at.metres_per_unit;
         let disc = std::f64::consts::PI * radius * radius;
         // Of a ball its middle, of a tool where it touches: both move without a jump.
@@ -86,15 +86,15 @@ impl Shading {
             .sum();
         // Over a sharp edge nothing is left: the force is the surface's own.
         let wanted = kept.normalize_or(normal);
-        let way = at.velocity.length() * at.clock.period_s / self.plan.radius_m;
+        let moved = at.velocity.length() * at.clock.period_s / self.plan.radius_m;
         let is_smooth = kept != DVec3::ZERO;
         let shaded = match self.direction {
-            Some(last) if is_smooth => turned_to(last, wanted, way * self.plan.max_turn),
+            Some(last) if is_smooth => turned_to(last, wanted, moved * self.plan.max_turn),
             _ => wanted,
         };
         self.direction = Some(shaded);
         let shaded = normal.lerp(shaded, amount).normalize_or(normal);
-        out.resist((shaded - normal) * size, at.arm);
+        out.add_passive((shaded - normal) * size, at.arm);
         work
     }
 }

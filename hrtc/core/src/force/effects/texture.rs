@@ -6,7 +6,7 @@
 //! render at the speed of the probe, v / wavelength at half the rate, is faded out before it aliases (facts of haptics,
 //! F13); of a height map the fine levels only.
 
-use super::{Rendered, Touching};
+use super::{ContactSample, Rendered};
 use glam::{DVec2, DVec3};
 use scene::{Pattern, TexturePlan};
 use std::f64::consts::TAU;
@@ -34,12 +34,12 @@ impl Texture {
     }
 
     /// Changes what resists.
-    pub fn raise(&self, at: &Touching<'_>, amount: f64, out: &mut Rendered) {
-        let size = out.resists.force.length();
+    pub fn raise(&self, at: &ContactSample<'_>, amount: f64, out: &mut Rendered) {
+        let size = out.passive.force.length();
         if !(size > 0.0 && size.is_finite()) {
             return;
         }
-        let normal = out.resists.force / size;
+        let normal = out.passive.force / size;
         let along = at.velocity - normal * normal.dot(at.velocity);
         let step = along.length() * at.clock.period_s;
         let relief = relief(&self.plan.pattern, at.point + at.origin, step);
@@ -49,7 +49,7 @@ impl Texture {
         let tilted = normal - slope + normal * normal.dot(slope);
         let pressed = (size + at.stiffness_n_per_m * lowered).max(0.0);
         let force = tilted * pressed;
-        out.resist(force - out.resists.force, at.arm);
+        out.add_passive(force - out.passive.force, at.arm);
         out.spring.stored_j *= (pressed / size) * (pressed / size);
     }
 }

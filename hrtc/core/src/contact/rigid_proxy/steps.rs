@@ -1,38 +1,38 @@
 //! The steps of a tick: along what the contacts allow, as far as nothing passes, until there is nothing left to go.
 
 use super::contacts::ToolContact;
-use super::corridor::LookAheadTube;
-use super::disturbance::Disturbance;
-use super::motion::{Placement, Twist};
+use super::look_ahead_tube::LookAheadTube;
+use super::mesh_change::MeshChange;
 use super::projection::{HalfSpace, project};
 use super::sweep::free_share;
 use super::{ToolAdvance, ToolProxy};
+use crate::contact::motion::{Placement, Twist};
 use crate::contact::query::{Ending, Surface};
 use geometry::closest_points_of_triangles;
 use glam::DVec3;
 
 /// Share of the rest distance that the sweep leaves.
-const FLOOR: f64 = 0.5;
+const MIN_SEPARATION: f64 = 0.5;
 /// How far a step may stray from the way that it was expected to take, beyond a share of it, as a fraction of the radius of
 /// gyration.
 const LOOK_AROUND: f64 = 2e-3;
 /// The share.
-const STRAY: f64 = 0.1;
+const SKIN_SHARE: f64 = 0.1;
 /// What is gathered ahead, in units of the device's motion, at the most.
 const AHEAD: f64 = 1.5;
 /// How far contacts are looked for, in units of the motion that those of the last step allow.
 const BEYOND: f64 = 1.25;
 /// Times that contacts are looked for before a step, at the most: again where those found lead it elsewhere.
-const LOOKS: u32 = 3;
+const MAX_LOOKS: u32 = 3;
 /// How far it must be behind to look farther ahead in free air, in units of what it would look ahead.
 const FAR_BEHIND: f64 = 8.0;
 /// Share of the budget beyond which a tick begins nothing more, once it has gathered or gone a step: what is left of the way
 /// is gone in the next one.
-const ENOUGH: u32 = 16;
+const TICK_SHARE: u32 = 16;
 /// Share of the budget that goes into renewing what is known: where that does not suffice it is gathered anew.
-const RENEWED: u32 = 8;
+const UPDATE_SHARE: u32 = 8;
 /// Gatherings a tick at the most: they are what costs most.
-const MAX_GATHERINGS: u32 = 2;
+const MAX_COLLECTIONS: u32 = 2;
 /// Gatherings of a tick that had no room, at the most.
 const MAX_FAILURES: u32 = 3;
 /// Motion, as a fraction of the radius of gyration, below which a tick is done.
@@ -40,9 +40,9 @@ const CONVERGED: f64 = 1e-6;
 /// The same as a fraction of the device's motion in this tick: what is left is done in the next one.
 const LAG: f64 = 0.05;
 /// Steps a tick at the most; what is left is done in the next tick, from a safe place.
-const STEPS: usize = 6;
+const MAX_STEPS: usize = 6;
 /// Pairs that stop the steps of a tick and are remembered, at the most: one a step.
-pub(super) const MAX_STOPS: usize = STEPS;
+pub(super) const MAX_STOPS: usize = MAX_STEPS;
 /// What a contact in a projection costs, in pairs of nodes (measured).
 const PROJECTED: u32 = 8;
 /// After a gathering that took clearly less than it may, the next one is larger by this factor.
@@ -50,11 +50,11 @@ const RECOVERY: f64 = 1.25;
 /// Share of what is gathered ahead to which that is reduced where it costs much, though the budget has room.
 const MODERATE: f64 = 1.0 / 3.0;
 /// Share of what is gathered ahead that is always tried: less is hardly less work.
-const MIN_THRIFT: f64 = 1.0 / 16.0;
+const MIN_LOOK_AHEAD_SCALE: f64 = 1.0 / 16.0;
 
 impl ToolProxy {
     /// The steps of a tick; it began at `start`, from where the surface may have put it out.
-    pub(super) fn follow(
+    pub(super) fn take_steps(
         &mut self,
         surface: Surface<'_>,
         start: &Placement,
@@ -62,60 +62,65 @@ impl ToolProxy {
         budget: u32,
         answer: &mut ToolAdvance,
     ) {
-        let (radius, gyration, rest) = (self.shape.radius, self.shape.gyration, self.rest());
-        let look_around = (LOOK_AROUND * gyration).max(self.cushion());
-        let farthest = travelled + self.slide.most();
+        let (radius, gyration, offset) = (
+            self.shape.radius,
+            self.shape.gyration,
+            self.contact_offset(),
+        );
+        let look_around = (LOOK_AROUND * gyration).max(self.moving_offset());
+        let farthest = travelled + self.step_limit.max_step();
         self.is_behind = false;
         self.stops.clear();
-        self.haste = self.haste.max(travelled);
-        let enough = budget / ENOUGH;
+        self.peak_step = self.peak_step.max(travelled);
+        let enough = budget / TICK_SHARE;
         // Where the surface changes in every tick, what is gathered is not known any more in the next one.
-        let has_waited = std::mem::replace(&mut self.has_waited, true);
-        let (mut gatherings, mut failures) = (0, 0);
-        let (mut is_held_up, mut is_settled) = (true, false);
-        let mut went_nowhere = false;
-        while answer.steps == 0 || (answer.steps < STEPS as u32 && answer.spent <= enough) {
+        let has_skipped_step = std::mem::replace(&mut self.has_skipped_step, true);
+        let (mut collections, mut failures) = (0, 0);
+        let (mut needs_candidates, mut is_settled) = (true, false);
+        let mut did_not_move = false;
+        while answer.steps == 0 || (answer.steps < MAX_STEPS as u32 && answer.spent <= enough) {
             let wanted = self.at.to(&self.goal);
             let length = wanted.farthest(radius);
-            if is_held_up {
-                let ahead = AHEAD * self.pace * self.haste.max(look_around);
-                let way = self.expected(&wanted, ahead, look_around);
-                let covers = self.is_due || self.near.corridor.covers(&self.at, &way, rest);
-                if went_nowhere || !covers {
-                    let is_too_much = answer.steps > 0 && answer.spent + self.dearness > enough;
-                    if gatherings == MAX_GATHERINGS || is_too_much {
+            if needs_candidates {
+                let ahead = AHEAD * self.catch_up_factor * self.peak_step.max(look_around);
+                let path = self.expected(&wanted, ahead, look_around);
+                let covers =
+                    self.has_unused_collection || self.near.tube.covers(&self.at, &path, offset);
+                if did_not_move || !covers {
+                    let is_too_much = answer.steps > 0 && answer.spent + self.last_cost > enough;
+                    if collections == MAX_COLLECTIONS || is_too_much {
                         break;
                     }
-                    if !self.gather(surface, way, look_around, budget, answer) {
+                    if !self.collect_candidates(surface, path, look_around, budget, answer) {
                         failures += 1;
-                        if !self.near.has_begun() {
-                            let is_hasty = self.haste > travelled;
-                            self.haste = travelled;
-                            if is_hasty || self.pace > 1.0 {
+                        if !self.near.has_partial_collection() {
+                            let was_faster = self.peak_step > travelled;
+                            self.peak_step = travelled;
+                            if was_faster || self.catch_up_factor > 1.0 {
                                 // It was more than due.
                                 answer.ending = Ending::Complete;
                             }
-                            if self.pace > 1.0 || (gatherings == 0 && !is_hasty) {
-                                self.look_less();
+                            if self.catch_up_factor > 1.0 || (collections == 0 && !was_faster) {
+                                self.shorten_look_ahead();
                             }
                         }
-                        if self.near.has_begun() || failures == MAX_FAILURES {
+                        if self.near.has_partial_collection() || failures == MAX_FAILURES {
                             break;
                         }
                         continue;
                     }
-                    gatherings += 1;
-                    if answer.spent > enough && !has_waited {
+                    collections += 1;
+                    if answer.spent > enough && !has_skipped_step {
                         break;
                     }
                 }
             }
             answer.steps += 1;
-            self.has_waited = false;
+            self.has_skipped_step = false;
             self.near.place(&self.shape, &self.at);
             let looked = self.look(surface, (&wanted, look_around), budget, answer);
             let Some((likely, motion, most)) = looked else {
-                self.run_short(gatherings == 0, answer);
+                self.run_short(collections == 0, answer);
                 break;
             };
             answer.dropped = answer.dropped.max(self.contacts.dropped());
@@ -129,10 +134,10 @@ impl ToolProxy {
                 break;
             }
             // No farther than what was gathered, nor so far round that arcs stray from what the contacts allow.
-            let covered = self.near.corridor.covered_share(&self.at, &motion, rest);
+            let covered = self.near.tube.covered_share(&self.at, &motion, offset);
             let mut share = covered.min(most / whole);
             if !self.near.is_empty() {
-                let most_turn = (8.0 * rest / radius).sqrt();
+                let most_turn = (8.0 * offset / radius).sqrt();
                 share = share.min(most_turn / motion.angular.length());
             }
             let left = farthest - start.to(&self.at).farthest(radius);
@@ -143,15 +148,15 @@ impl ToolProxy {
             let mut step = motion;
             if share < 1.0 {
                 // A part of the way, but all of what the rest distance asks for.
-                step = self.allowed(&motion.times(share), rest, None);
-                step = step.times(self.near.corridor.covered_share(&self.at, &step, rest));
+                step = self.allowed(&motion.times(share), offset, None);
+                step = step.times(self.near.tube.covered_share(&self.at, &step, offset));
             }
             let swept = free_share(
                 &mut self.near,
                 &mut self.open,
                 &self.shape,
                 (&self.at, &step),
-                FLOOR * rest,
+                MIN_SEPARATION * offset,
                 budget.saturating_sub(answer.spent),
             );
             answer.spent += swept.spent;
@@ -172,19 +177,19 @@ impl ToolProxy {
                 self.stops.push(stop);
             }
             if !swept.is_all {
-                self.run_short(gatherings == 0, answer);
+                self.run_short(collections == 0, answer);
                 break;
             }
-            self.is_due = false;
-            is_held_up = covered < 1.0 && swept.share == 1.0;
-            if is_held_up
+            self.has_unused_collection = false;
+            needs_candidates = covered < 1.0 && swept.share == 1.0;
+            if needs_candidates
                 && free_so_far
-                && FAR_BEHIND * self.pace * travelled.max(look_around) < length
+                && FAR_BEHIND * self.catch_up_factor * travelled.max(look_around) < length
             {
-                self.pace *= 2.0;
+                self.catch_up_factor *= 2.0;
             }
             let went = done.farthest(radius);
-            went_nowhere = went == 0.0;
+            did_not_move = went == 0.0;
             let settled = (CONVERGED * gyration).max(LAG * travelled);
             let went_all = swept.share == 1.0 && share == 1.0;
             // Where the contacts of the last step foretold this one, those of this one foretell that nothing is left.
@@ -197,17 +202,17 @@ impl ToolProxy {
                 break;
             }
         }
-        self.slide.end_tick(is_settled);
+        self.step_limit.end_tick(is_settled);
         self.near.place(&self.shape, &self.at);
         answer.is_on_its_way = !is_settled;
         if is_settled {
             answer.ending = Ending::Complete;
-            self.pace = 1.0;
-            self.haste = 0.0;
-            self.owed = 0.0;
-            self.bound_for = self.at;
+            self.catch_up_factor = 1.0;
+            self.peak_step = 0.0;
+            self.device_travel = 0.0;
+            self.coupling_target = self.at;
         } else {
-            self.bound_for = self.where_contacts_allow(answer);
+            self.coupling_target = self.target_allowed_by_contacts(answer);
         }
     }
 
@@ -223,13 +228,13 @@ impl ToolProxy {
         budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<(Twist, Twist, f64)> {
-        let (radius, rest) = (self.shape.radius, self.rest());
+        let (radius, offset) = (self.shape.radius, self.contact_offset());
         self.contacts.carry(&self.at);
-        let mut likely = self.allowed(wanted, rest, None);
+        let mut likely = self.allowed(wanted, offset, None);
         let mut looks = 0;
         loop {
             looks += 1;
-            let most = wanted.farthest(radius).min(self.near.corridor.reach());
+            let most = wanted.farthest(radius).min(self.near.tube.reach());
             let most = most.min(BEYOND * likely.farthest(radius) + look_around);
             let within = (BEYOND * most / likely.farthest(radius)).min(BEYOND);
             let there = self.at.moved(&likely.times(within));
@@ -239,7 +244,7 @@ impl ToolProxy {
                 &self.shape,
                 surface,
                 (&self.at, looks == 1),
-                [rest + most.min(look_around), rest + most],
+                [offset + most.min(look_around), offset + most],
                 budget.saturating_sub(answer.spent),
             );
             answer.spent += cost;
@@ -247,13 +252,13 @@ impl ToolProxy {
                 return None;
             }
             if looks == 1 {
-                self.add_stops(rest);
+                self.add_stops(offset);
             }
-            let motion = self.allowed(wanted, rest, Some(answer));
+            let motion = self.allowed(wanted, offset, Some(answer));
             answer.spent += PROJECTED * self.contacts.all().len() as u32;
-            let begin = |way: &Twist| way.times((most / way.farthest(radius)).min(1.0));
+            let begin = |motion: &Twist| motion.times((most / motion.farthest(radius)).min(1.0));
             let elsewhere = begin(&motion).minus(&begin(&likely)).farthest(radius);
-            if looks == LOOKS || elsewhere <= look_around {
+            if looks == MAX_LOOKS || elsewhere <= look_around {
                 return Some((likely, motion, most));
             }
             likely = motion;
@@ -261,43 +266,43 @@ impl ToolProxy {
     }
 
     /// What is known of the surface near is renewed where it has changed, or forgotten where that does not do.
-    pub(super) fn renew(
+    pub(super) fn update(
         &mut self,
         surface: Surface<'_>,
-        disturbance: &Disturbance,
+        mesh_change: &MeshChange,
         budget: u32,
         answer: &mut ToolAdvance,
     ) {
-        let most = budget / RENEWED;
-        let is_renewed = disturbance.changed().is_some_and(|changed| {
-            let (is_renewed, work) = self.near.renew(surface, &self.shape, changed, most);
+        let most = budget / UPDATE_SHARE;
+        let is_updated = mesh_change.changed().is_some_and(|changed| {
+            let (is_updated, work) = self.near.update(surface, &self.shape, changed, most);
             answer.work.add(work);
             answer.spent += work.cost();
-            is_renewed
+            is_updated
         });
         self.stops.clear();
-        if !is_renewed {
-            self.forget();
+        if !is_updated {
+            self.invalidate();
         }
         self.near.place(&self.shape, &self.at);
     }
 
     /// Nothing near is known any more.
-    pub(super) fn forget(&mut self) {
-        if self.near.has_begun() {
+    pub(super) fn invalidate(&mut self) {
+        if self.near.has_partial_collection() {
             // What takes several ticks may never come to its end.
-            self.look_less();
+            self.shorten_look_ahead();
         }
-        self.near.forget();
-        self.is_due = false;
+        self.near.invalidate();
+        self.has_unused_collection = false;
     }
 
     /// From now on less is gathered at once.
-    fn look_less(&mut self) {
-        if self.pace > 1.0 {
-            self.pace = (0.5 * self.pace).max(1.0);
+    fn shorten_look_ahead(&mut self) {
+        if self.catch_up_factor > 1.0 {
+            self.catch_up_factor = (0.5 * self.catch_up_factor).max(1.0);
         } else {
-            self.thrift = (0.5 * self.thrift).max(MIN_THRIFT);
+            self.look_ahead_scale = (0.5 * self.look_ahead_scale).max(MIN_LOOK_AHEAD_SCALE);
         }
     }
 
@@ -305,8 +310,8 @@ impl ToolProxy {
     fn run_short(&mut self, had_it_all: bool, answer: &mut ToolAdvance) {
         answer.ending = Ending::OutOfBudget { unvisited: 1 };
         if had_it_all {
-            self.look_less();
-            self.forget();
+            self.shorten_look_ahead();
+            self.invalidate();
         }
     }
 
@@ -314,34 +319,34 @@ impl ToolProxy {
     /// far round that arcs stray from it by more than is looked around.
     fn expected(&mut self, wanted: &Twist, ahead: f64, look_around: f64) -> Twist {
         self.contacts.carry(&self.at);
-        let way = self.allowed(wanted, self.rest(), None);
+        let path = self.allowed(wanted, self.contact_offset(), None);
         let radius = self.shape.radius;
-        let round = (look_around / way.sagitta(radius)).sqrt();
-        let share = (ahead / way.farthest(radius)).min(round) * self.thrift;
-        way.times(share.min(1.0))
+        let round = (look_around / path.sagitta(radius)).sqrt();
+        let share = (ahead / path.farthest(radius)).min(round) * self.look_ahead_scale;
+        path.times(share.min(1.0))
     }
 
     /// Gathers what comes near on a way; when the budget does not allow it nothing is known, and the next one is shorter.
-    fn gather(
+    fn collect_candidates(
         &mut self,
         surface: Surface<'_>,
-        way: Twist,
+        path: Twist,
         look_around: f64,
         budget: u32,
         answer: &mut ToolAdvance,
     ) -> bool {
-        let (rest, radius) = (self.rest(), self.shape.radius);
-        let stray = self.thrift * look_around + STRAY * way.farthest(radius);
-        let corridor = LookAheadTube::along(self.at, way, rest, stray, &self.shape);
+        let (offset, radius) = (self.contact_offset(), self.shape.radius);
+        let skin = self.look_ahead_scale * look_around + SKIN_SHARE * path.farthest(radius);
+        let tube = LookAheadTube::along(self.at, path, offset, skin, &self.shape);
         self.stops.clear();
         // Where this leaves nothing for the step, that comes in the next tick, and so does what this does not suffice for.
         let most = budget.saturating_sub(answer.spent) / 2;
-        let (ending, work) = self.near.gather(surface, &self.shape, corridor, most);
+        let (ending, work) = self.near.collect(surface, &self.shape, tube, most);
         let cost = work.cost();
         answer.work.add(work);
         answer.spent += cost;
-        self.is_due = false;
-        if self.near.corridor.left() <= rest {
+        self.has_unused_collection = false;
+        if self.near.tube.left() <= offset {
             // Either the budget is spent, or more is within the rest distance than there is room for.
             answer.ending = match ending {
                 Ending::Complete => Ending::Stopped { unvisited: 0 },
@@ -350,21 +355,22 @@ impl ToolProxy {
             return false;
         }
         // Less is gathered where that helps, and that is where most of it went into pairs of faces.
-        let enough = budget / ENOUGH;
+        let enough = budget / TICK_SHARE;
         if cost > enough && (cost > 2 * work.node_pairs || cost > 2 * enough) {
-            self.thrift = (self.thrift / RECOVERY).max(self.thrift.min(MODERATE));
+            self.look_ahead_scale =
+                (self.look_ahead_scale / RECOVERY).max(self.look_ahead_scale.min(MODERATE));
         } else if cost < enough {
-            self.thrift = (RECOVERY * self.thrift).min(1.0);
+            self.look_ahead_scale = (RECOVERY * self.look_ahead_scale).min(1.0);
         }
-        self.is_due = true;
-        self.dearness = cost;
+        self.has_unused_collection = true;
+        self.last_cost = cost;
         answer.ending = Ending::Complete;
         true
     }
 
     /// What has stopped a step of this tick is a contact as long as it is no farther than the rest distance, a minimum
     /// or not: what is left of it is no other way known.
-    pub(super) fn add_stops(&mut self, rest: f64) {
+    pub(super) fn add_stops(&mut self, offset: f64) {
         for &k in &self.stops {
             let pair = &self.near.pairs[k];
             let face = &self.near.faces[pair.surface as usize];
@@ -372,7 +378,7 @@ impl ToolProxy {
             let closest = closest_points_of_triangles(face.corners, corners);
             let [from, to] = closest.points;
             if let Some(normal) = (to - from).try_normalize()
-                && closest.distance_squared <= rest * rest
+                && closest.distance_squared <= offset * offset
             {
                 let centre = self.at.centre;
                 self.contacts
@@ -385,7 +391,7 @@ impl ToolProxy {
     pub(super) fn allowed(
         &mut self,
         wanted: &Twist,
-        rest: f64,
+        offset: f64,
         answer: Option<&mut ToolAdvance>,
     ) -> Twist {
         let gyration = self.shape.gyration;
@@ -393,7 +399,7 @@ impl ToolProxy {
             let [n, t] = [contact.normal, contact.arm.cross(contact.normal) / gyration];
             HalfSpace {
                 row: [n.x, n.y, n.z, t.x, t.y, t.z],
-                offset: rest - contact.gap,
+                offset: offset - contact.gap,
             }
         };
         self.half_spaces.clear();

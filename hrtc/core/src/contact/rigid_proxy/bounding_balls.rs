@@ -20,7 +20,7 @@ pub(super) struct Ball {
 }
 
 /// The balls around the halves of halves of the tool, each split across its longest side; [`MAX_BALLS`] at the most.
-pub(super) fn cover(tool: &Tool) -> Vec<Ball> {
+pub(super) fn bounding_balls(tool: &Tool) -> Vec<Ball> {
     let mut pieces = pieces(tool);
     let mut balls = Vec::with_capacity(MAX_BALLS);
     halve(&mut pieces, HALVINGS, &mut balls);
@@ -29,7 +29,10 @@ pub(super) fn cover(tool: &Tool) -> Vec<Ball> {
 
 /// The faces of the tool, long ones cut: a bar has faces as long as it is, and a ball around one of them holds mostly air.
 fn pieces(tool: &Tool) -> Vec<[DVec3; 3]> {
-    let faces = (0..tool.faces()).map(|face| tool.triangle(face).map(|v| tool.rest()[v as usize]));
+    let faces = (0..tool.faces()).map(|face| {
+        tool.triangle(face)
+            .map(|v| tool.local_vertices()[v as usize])
+    });
     let mut left: Vec<[DVec3; 3]> = faces.collect();
     let (lower, upper) = box_of(&left);
     let longest = (upper - lower).max_element() / MAX_BALLS as f64;
@@ -91,17 +94,19 @@ mod tests {
             };
             for mesh in [mesh, one] {
                 let tool = Tool::new(&mesh).expect("a tool");
-                let balls = cover(&tool);
+                let balls = bounding_balls(&tool);
                 assert!((1..=MAX_BALLS).contains(&balls.len()));
                 for face in 0..tool.faces() {
-                    let [a, b, c] = tool.triangle(face).map(|v| tool.rest()[v as usize]);
+                    let [a, b, c] = tool
+                        .triangle(face)
+                        .map(|v| tool.local_vertices()[v as usize]);
                     for (k, l) in (0..=20).flat_map(|k| (0..=20 - k).map(move |l| (k, l))) {
                         let place =
                             a + (b - a) * (0.05 * f64::from(k)) + (c - a) * (0.05 * f64::from(l));
-                        let held = balls
+                        let is_inside = balls
                             .iter()
                             .any(|ball| place.distance(ball.centre) <= ball.radius * (1.0 + 1e-9));
-                        assert!(held, "face {face}");
+                        assert!(is_inside, "face {face}");
                     }
                 }
             }
@@ -111,7 +116,7 @@ mod tests {
     #[test]
     fn a_bar_is_held_by_balls_all_along() {
         let tool = Tool::new(&capsule_mesh(1.0, 40.0, 12, 10)).expect("a tool");
-        for ball in cover(&tool) {
+        for ball in bounding_balls(&tool) {
             assert!(ball.radius < 3.0, "{ball:?}");
         }
     }

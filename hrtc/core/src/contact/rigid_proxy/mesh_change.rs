@@ -7,17 +7,17 @@ use glam::DVec3;
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
 /// Ways out that are tried, each twice as far as the one before.
-const WAYS: i32 = 6;
+const ESCAPES: i32 = 6;
 /// The same before, up to twice what the surface does in a tick where that is limited: of what has changed, most has not
 /// come so far where it meets the tool.
-const SHORTER_WAYS: i32 = 4;
+const SHORT_ESCAPES: i32 = 4;
 
 /// Changed faces that are listed, at the most.
 const MAX_LISTED: usize = 512;
 
 /// Changes of the surface near the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Disturbance {
+pub struct MeshChange {
     is_there: bool,
     may_have_met: bool,
     /// Sum of the directions from changed faces to the tool.
@@ -29,7 +29,7 @@ pub struct Disturbance {
     count: usize,
 }
 
-impl Disturbance {
+impl MeshChange {
     /// None.
     pub fn new() -> Self {
         Self {
@@ -130,11 +130,14 @@ impl Disturbance {
 
     /// Ways out along the side of the tool, the shortest first; `rest` is the distance at which contacts act, `most` how
     /// far the surface comes in a tick where that is limited.
-    pub fn ways(&self, rest: f64, most: f64) -> impl Iterator<Item = DVec3> + use<> {
-        let (side, push) = (self.side.normalize_or_zero(), self.push.max(rest) + rest);
-        let shorter = (0..SHORTER_WAYS).map(move |k| most * 0.25 * f64::from(1 << k));
-        let shorter = shorter.filter(move |&way| rest < way && way < push);
-        let all = shorter.chain((0..WAYS).map(move |k| push * f64::from(1 << k)));
-        all.map(move |way| side * way)
+    pub fn escapes(&self, offset: f64, most: f64) -> impl Iterator<Item = DVec3> + use<> {
+        let (side, push) = (
+            self.side.normalize_or_zero(),
+            self.push.max(offset) + offset,
+        );
+        let shorter = (0..SHORT_ESCAPES).map(move |k| most * 0.25 * f64::from(1 << k));
+        let shorter = shorter.filter(move |&escape| offset < escape && escape < push);
+        let all = shorter.chain((0..ESCAPES).map(move |k| push * f64::from(1 << k)));
+        all.map(move |escape| side * escape)
     }
 }

@@ -63,7 +63,7 @@ pub struct Placement {
 
 impl Placement {
     /// The model's own axes.
-    pub(super) const NOWHERE: Self = Self {
+    pub(crate) const NOWHERE: Self = Self {
         centre: DVec3::ZERO,
         orientation: DQuat::IDENTITY,
     };

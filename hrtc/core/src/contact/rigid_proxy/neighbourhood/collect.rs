@@ -4,9 +4,8 @@ use super::{
     Direction, LookAheadTube, MAX_PAIRS, MAX_SURFACE_FACES, NearPair, Neighbourhood, ToolShape,
     normal_of,
 };
-use crate::contact::query::{
-    Body, Ending, PairWork, Resume, Surface, WaySeen, for_each_face_near, for_each_near_pair,
-};
+use crate::contact::query::{Body, Ending, PairWork, Surface};
+use crate::contact::tool::{RelativePath, Resume, for_each_face_near, for_each_near_pair};
 use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};
 use std::ops::ControlFlow;
@@ -16,8 +15,8 @@ const HALVINGS: usize = 6;
 
 /// A gathering for which the budget did not suffice.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Begun {
-    pub(super) corridor: LookAheadTube,
+pub(super) struct PartialCollection {
+    pub(super) tube: LookAheadTube,
     /// Around the straight lines.
     margin: f64,
     resume: Resume,
@@ -27,38 +26,38 @@ impl Neighbourhood {
     /// Gathers all pairs of a corridor. Where there are too many the margin shrinks; where that does not help, nothing is
     /// known and the ending says so. Nor is it while the budget of node pairs is spent: then the next call goes on with the
     /// same corridor, which begins where the tool is to stay until then.
-    pub fn gather(
+    pub fn collect(
         &mut self,
         surface: Surface<'_>,
         shape: &ToolShape,
-        corridor: LookAheadTube,
+        tube: LookAheadTube,
         budget: u32,
     ) -> (Ending, PairWork) {
-        let begun = self.begun.take();
-        if begun.is_none() {
+        let partial = self.partial.take();
+        if partial.is_none() {
             self.clear();
         }
-        let Begun {
-            corridor,
+        let PartialCollection {
+            tube,
             mut margin,
             resume,
-        } = begun.unwrap_or(Begun {
-            corridor,
-            margin: corridor.straight_margin(),
+        } = partial.unwrap_or(PartialCollection {
+            tube,
+            margin: tube.straight_margin(),
             resume: Resume::START,
         });
-        let ends = corridor.ends();
+        let ends = tube.ends();
         let centres = ends.map(|at| at.centre);
         [self.rotation, self.end_rotation] = ends.map(|at| at.rotation());
-        let mut held: Option<GatheredFace> = None;
+        let mut candidate: Option<CandidateFace> = None;
         // Seen from the tool, straight ways are bent.
-        let way = WaySeen::new(centres, [self.rotation, self.end_rotation]);
-        let bend = corridor.bend_seen(corridor.straight_margin());
+        let path = RelativePath::new(centres, [self.rotation, self.end_rotation]);
+        let bend = tube.bend_seen(tube.straight_margin());
         let mut of_this_face = 0;
         let (ending, work, resume) = for_each_near_pair(
             &surface,
             &shape.blocks,
-            &way,
+            &path,
             margin + bend,
             resume,
             budget,
@@ -68,7 +67,7 @@ impl Neighbourhood {
                         margin *= 0.5;
                         self.shrink(surface.mesh, margin);
                         // Places are counted anew.
-                        held = None;
+                        candidate = None;
                         if self.has_room() {
                             break;
                         }
@@ -77,14 +76,15 @@ impl Neighbourhood {
                         return ControlFlow::Break(());
                     }
                 }
-                let held = match &mut held {
-                    Some(held) if held.face == face => held,
+                let candidate = match &mut candidate {
+                    Some(candidate) if candidate.face == face => candidate,
                     other => {
                         of_this_face = self.pairs.len();
-                        other.insert(GatheredFace::of(surface.mesh, face))
+                        other.insert(CandidateFace::of(surface.mesh, face))
                     }
                 };
-                if let Some(gap) = self.take(surface.mesh, shape, centres, held, tool_face, margin)
+                if let Some(gap) =
+                    self.take(surface.mesh, shape, centres, candidate, tool_face, margin)
                 {
                     self.clear_until.push(gap);
                 }
@@ -92,18 +92,20 @@ impl Neighbourhood {
             },
         );
         self.high_water = self.high_water.max(self.pairs.len());
-        self.way = way;
-        self.corridor = LookAheadTube::nowhere();
+        self.path = path;
+        self.tube = LookAheadTube::nowhere();
         match ending {
-            Ending::Complete => self.corridor = corridor.narrowed(margin),
+            Ending::Complete => self.tube = tube.narrowed(margin),
             Ending::OutOfBudget { .. } => {
                 // What is seen again is found again.
-                if held.is_some_and(|held| Resume::at(surface.tree.leaf_of(held.face)) == resume) {
+                if candidate.is_some_and(|candidate| {
+                    Resume::at(surface.tree.leaf_of(candidate.face)) == resume
+                }) {
                     self.pairs.truncate(of_this_face);
                     self.clear_until.truncate(of_this_face);
                 }
-                self.begun = Some(Begun {
-                    corridor,
+                self.partial = Some(PartialCollection {
+                    tube,
                     margin,
                     resume,
                 });
@@ -121,7 +123,7 @@ impl Neighbourhood {
         mesh: &ActiveMesh,
         shape: &ToolShape,
         centres: [DVec3; 2],
-        held: &mut GatheredFace,
+        candidate: &mut CandidateFace,
         tool_face: u32,
         margin: f64,
     ) -> Option<f64> {
@@ -133,13 +135,13 @@ impl Neighbourhood {
             own: own.normal,
             rotation: self.rotation,
         };
-        let (gap, along) = moving.best_apart(held, margin);
+        let (gap, along) = moving.best_apart(candidate, margin);
         if gap > margin {
             return None;
         }
-        let place = held.place;
-        let place = place.unwrap_or_else(|| self.face_place(mesh, held.face));
-        held.place = Some(place);
+        let place = candidate.place;
+        let place = place.unwrap_or_else(|| self.face_place(mesh, candidate.face));
+        candidate.place = Some(place);
         self.pairs.push(NearPair {
             tool: tool_face,
             surface: place,
@@ -150,7 +152,7 @@ impl Neighbourhood {
 
     /// After faces have changed or gone, what is known is what would have been gathered with them as they are now. Whether
     /// it is: not where nothing was known, where that does not fit, nor where it costs more than `most`; and what it cost.
-    pub fn renew(
+    pub fn update(
         &mut self,
         surface: Surface<'_>,
         shape: &ToolShape,
@@ -158,13 +160,13 @@ impl Neighbourhood {
         most: u32,
     ) -> (bool, PairWork) {
         let mut work = PairWork::default();
-        if self.begun.is_some() || self.corridor.left() <= 0.0 {
+        if self.partial.is_some() || self.tube.left() <= 0.0 {
             return (false, work);
         }
         let mesh = surface.mesh;
-        let margin = self.corridor.straight_margin();
-        let within = margin + self.corridor.bend_seen(margin);
-        let ends = self.corridor.ends();
+        let margin = self.tube.straight_margin();
+        let within = margin + self.tube.bend_seen(margin);
+        let ends = self.tube.ends();
         self.place(shape, &ends[0]);
         self.place_ends(shape, &ends[1]);
         // A face may be told of more than once.
@@ -190,21 +192,21 @@ impl Neighbourhood {
             }
         }
         self.keep_first(kept, mesh);
-        let way = self.way;
+        let path = self.path;
         for &face in changed {
             if !surface.has(face) || self.face_places.find(face).is_some() {
                 continue;
             }
-            let mut held = GatheredFace::of(mesh, face);
-            let corners = held.corners;
+            let mut candidate = CandidateFace::of(mesh, face);
+            let corners = candidate.corners;
             let mut has_room = true;
             let centres = ends.map(|at| at.centre);
-            work.node_pairs += for_each_face_near(&shape.blocks, &way, corners, within, |own| {
+            work.node_pairs += for_each_face_near(&shape.blocks, &path, corners, within, |own| {
                 work.faces += 1;
                 has_room = self.pairs.len() < MAX_PAIRS && self.faces.len() < MAX_SURFACE_FACES;
                 if has_room
                     && self
-                        .take(mesh, shape, centres, &mut held, own, margin)
+                        .take(mesh, shape, centres, &mut candidate, own, margin)
                         .is_some()
                 {
                     // The tool may have strayed from the way since.
@@ -269,7 +271,7 @@ impl Neighbourhood {
 }
 
 /// A face of the surface for which pairs are gathered.
-struct GatheredFace {
+struct CandidateFace {
     face: Handle,
     corners: [DVec3; 3],
     /// Unit normal; zero without area.
@@ -278,7 +280,7 @@ struct GatheredFace {
     place: Option<u32>,
 }
 
-impl GatheredFace {
+impl CandidateFace {
     fn of(mesh: &ActiveMesh, face: Handle) -> Self {
         let corners = mesh.corners(face);
         Self {
@@ -303,7 +305,7 @@ struct MovingFace {
 impl MovingFace {
     /// Of the two faces' normals and the way between their middles the one along which they stay apart most on the straight
     /// way, and how far; or the first along which they stay farther apart than `enough`.
-    fn best_apart(&self, face: &GatheredFace, enough: f64) -> (f64, Direction) {
+    fn best_apart(&self, face: &CandidateFace, enough: f64) -> (f64, Direction) {
         let [start, end] = &self.corners;
         // Both ways of a normal at once: what reaches least one way reaches most the other.
         let either = |normal: DVec3| {
@@ -320,25 +322,25 @@ impl MovingFace {
                 (behind, -1.0, -low)
             }
         };
-        let still = |normal: DVec3, way: f64, height: f64| {
-            let direction = way * normal;
+        let still = |normal: DVec3, sign: f64, height: f64| {
+            let direction = sign * normal;
             Direction::Still { direction, height }
         };
-        let (over, way, height) = either(face.normal);
-        let over_face = still(face.normal, way, height);
+        let (over, sign, height) = either(face.normal);
+        let over_face = still(face.normal, sign, height);
         if over > enough {
             return (over, over_face);
         }
-        let (under, way, _) = either(self.rotation * self.own);
-        let under_tool = Direction::Turning(way * self.own);
+        let (under, sign, _) = either(self.rotation * self.own);
+        let under_tool = Direction::Turning(sign * self.own);
         if under > enough {
             return (under, under_tool);
         }
         let middle = |[a, b, c]: [DVec3; 3]| a + b + c;
         let between = (middle(*start) - middle(face.corners)).normalize_or_zero();
-        let (beside, way, height) = either(between);
+        let (beside, sign, height) = either(between);
         if beside > over.max(under) {
-            (beside, still(between, way, height))
+            (beside, still(between, sign, height))
         } else if over >= under {
             (over, over_face)
         } else {

@@ -20,15 +20,15 @@ impl Coupling {
     /// Force and torque about the device's centre. `stretch` leads from the device to the proxy, `velocity` is the
     /// device's (a second); both in metres and radians, as the gyration.
     #[must_use]
-    pub fn wrench(&self, stretch: &Twist, velocity: &Twist, gyration: f64) -> Wrench {
+    pub fn wrench(&self, deflection: &Twist, velocity: &Twist, gyration: f64) -> Wrench {
         let square = gyration * gyration;
         let product =
             |a: &Twist, b: &Twist| a.linear.dot(b.linear) + square * a.angular.dot(b.angular);
-        let length = product(stretch, stretch).sqrt();
+        let length = product(deflection, deflection).sqrt();
         if !(length > 0.0 && length.is_finite()) {
             return Wrench::ZERO;
         }
-        let out = stretch.times(1.0 / length);
+        let out = deflection.times(1.0 / length);
         let spring = self.stiffness_n_per_m * length;
         let damper = -self.damping_ns_per_m * product(velocity, &out);
         // Damping never pulls: a wall does not stick.

@@ -5,9 +5,8 @@
 //! looks for those of the tool in what is left of them, eight at once. All that in the tool's axes, where its boxes stay
 //! as they are and long faces along it have slim ones.
 
-use super::tree_pairs::{Ending, PairWork};
-use super::{Body, STACK, Surface};
-use crate::contact::tool::{BlockSet, Blocks, BoxWithin, Distance, Slab};
+use super::block_tree::{BlockSet, Blocks, BoxWithin, Distance, Slab};
+use crate::contact::query::{Body, Ending, PairWork, STACK, Surface};
 use ab_tree::Child;
 use geometry::Aabb;
 use glam::{DMat3, DVec3, Mat3A, Vec3A};
@@ -17,7 +16,7 @@ use std::ops::ControlFlow;
 /// A way of the tool, as seen from which the body is, first and last. In f32 about a point on the way, so that its rounding
 /// is small beside what is near.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct WaySeen {
+pub(crate) struct RelativePath {
     origin: DVec3,
     /// The same, which is what f32 has.
     rounded: Vec3A,
@@ -37,7 +36,7 @@ struct BoxSeen {
     size: f32,
 }
 
-impl WaySeen {
+impl RelativePath {
     /// By the centres of the tool and its rotations to the body's axes.
     pub(crate) fn new(centre: [DVec3; 2], rotation: [DMat3; 2]) -> Self {
         let back = rotation.map(|r| r.transpose());
@@ -102,7 +101,7 @@ struct Entry {
 /// What a face costs beside the blocks and pairs that it looks at, in blocks (measured).
 const FACE: u32 = 4;
 /// The least budget that is exceeded for a face that takes more, in blocks: else what is as large as the tool is never seen.
-const WORTH_THE_NAME: u32 = 1024;
+const MIN_BUDGET: u32 = 1024;
 
 /// A direction of unit length however short it was; zero where it is lost in what f32 has.
 #[inline]
@@ -160,17 +159,17 @@ impl Resume {
 #[inline]
 fn for_each_near_face(
     tool: &Blocks,
-    way: &WaySeen,
+    path: &RelativePath,
     corners: [DVec3; 3],
     (set, distance): (&BlockSet, Distance),
     cost: &mut u32,
     most: u32,
     visit: impl FnMut(u32) -> bool,
 ) -> bool {
-    let [[a, p], [b, q], [c, r]] = corners.map(|p| way.point(p));
+    let [[a, p], [b, q], [c, r]] = corners.map(|p| path.point(p));
     let lower = a.min(b).min(c).min(p.min(q).min(r));
     let upper = a.max(b).max(c).max(p.max(q).max(r));
-    let size = way.size + lower.abs().max(upper.abs()).max_element();
+    let size = path.size + lower.abs().max(upper.abs()).max_element();
     let near = BoxWithin::new([lower, upper], size, &distance);
     let slabs = || slabs([[a, b, c], [p, q, r]], &distance, size + tool.extent());
     tool.faces(&near, (set, slabs), cost, most, visit)
@@ -180,14 +179,14 @@ fn for_each_near_face(
 /// in blocks.
 pub(crate) fn for_each_face_near(
     tool: &Blocks,
-    way: &WaySeen,
+    path: &RelativePath,
     corners: [DVec3; 3],
     distance: f64,
     visit: impl FnMut(u32) -> bool,
 ) -> u32 {
     let mut cost = FACE;
     let near = (&tool.whole(), Distance::new(distance));
-    for_each_near_face(tool, way, corners, near, &mut cost, u32::MAX, visit);
+    for_each_near_face(tool, path, corners, near, &mut cost, u32::MAX, visit);
     cost
 }
 
@@ -201,7 +200,7 @@ pub(crate) fn for_each_face_near(
 pub(crate) fn for_each_near_pair(
     surface: &Surface<'_>,
     tool: &Blocks,
-    way: &WaySeen,
+    path: &RelativePath,
     margin: f64,
     resume: Resume,
     budget: u32,
@@ -224,7 +223,7 @@ pub(crate) fn for_each_near_pair(
     };
     let mut stack = [root; STACK];
     let mut count = 1;
-    let mut is_bound = budget < WORTH_THE_NAME;
+    let mut is_bound = budget < MIN_BUDGET;
     while count > 0 {
         let entry = stack[count - 1];
         let left = budget.saturating_sub(work.cost());
@@ -247,7 +246,7 @@ pub(crate) fn for_each_near_pair(
                     if resume != Resume::START && resume.is_after(key_of(children[side])) {
                         continue;
                     }
-                    let BoxSeen { corners, size } = way.around(&boxes.get(side));
+                    let BoxSeen { corners, size } = path.around(&boxes.get(side));
                     let near = BoxWithin::new(corners, size, &distance);
                     let near = tool.within(&near, &entry.near, &mut looks);
                     if near.len() > 0 {
@@ -264,7 +263,7 @@ pub(crate) fn for_each_near_pair(
                 let corners = surface.corners(face);
                 let near = (&entry.near, distance);
                 let is_all =
-                    for_each_near_face(tool, way, corners, near, &mut looks, most, |tool_face| {
+                    for_each_near_face(tool, path, corners, near, &mut looks, most, |tool_face| {
                         work.faces += 1;
                         match visit(face, tool_face) {
                             ControlFlow::Continue(wanted) => {

@@ -4,10 +4,12 @@
 //! parents before children. A pose moves the vertices and refits the boxes in one pass from the last node to the first:
 //! tight boxes in the other body's frame, so that a pair of boxes is tested without another look at the pose.
 
-mod blocks;
+mod block_tree;
+mod near_pairs;
 mod shapes;
 
-pub(crate) use blocks::{BlockSet, Blocks, BoxWithin, Distance, Slab};
+pub(crate) use block_tree::Blocks;
+pub(crate) use near_pairs::{RelativePath, Resume, for_each_face_near, for_each_near_pair};
 pub use shapes::{capsule_mesh, cylinder_mesh};
 
 use crate::contact::query::Body;
@@ -61,7 +63,7 @@ struct ToolNode {
 /// A mesh that moves as a whole. Nothing allocates after [`Tool::new`].
 #[derive(Debug, Clone)]
 pub struct Tool {
-    rest: Vec<DVec3>,
+    local_vertices: Vec<DVec3>,
     faces: Vec<[u32; 3]>,
     /// The corners of each face that stand for their vertex: each vertex once.
     samples: Vec<[bool; 3]>,
@@ -117,7 +119,7 @@ impl Tool {
             near: Vec3A::ZERO,
         };
         let mut tool = Self {
-            rest: mesh.positions.clone(),
+            local_vertices: mesh.positions.clone(),
             faces: mesh.triangles.clone(),
             samples,
             nodes,
@@ -133,8 +135,8 @@ impl Tool {
     /// Moves the tool: `to_query` goes from its own frame to the other body's.
     pub fn place(&mut self, to_query: &Similarity) {
         self.to_query = *to_query;
-        for (moved, &rest) in self.moved.iter_mut().zip(&self.rest) {
-            let position = to_query.point(rest);
+        for (moved, &local) in self.moved.iter_mut().zip(&self.local_vertices) {
+            let position = to_query.point(local);
             *moved = Moved {
                 position,
                 near: position.as_vec3a(),
@@ -172,8 +174,8 @@ impl Tool {
 
     /// Vertices in its own frame.
     #[must_use]
-    pub fn rest(&self) -> &[DVec3] {
-        &self.rest
+    pub fn local_vertices(&self) -> &[DVec3] {
+        &self.local_vertices
     }
 
     /// Number of faces.
@@ -334,8 +336,8 @@ mod tests {
                 }
             }
             assert_eq!(faces, tool.faces());
-            for (moved, rest) in tool.vertices().zip(&tool.rest) {
-                assert_eq!(moved, s.point(*rest));
+            for (moved, local) in tool.vertices().zip(&tool.local_vertices) {
+                assert_eq!(moved, s.point(*local));
             }
         }
     }
@@ -346,7 +348,7 @@ mod tests {
         let count: usize = (0..tool.faces())
             .map(|f| tool.samples(f).iter().filter(|&&s| s).count())
             .sum();
-        assert_eq!(count, tool.rest.len());
+        assert_eq!(count, tool.local_vertices.len());
     }
 
     #[test]
