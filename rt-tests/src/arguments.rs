@@ -1,21 +1,19 @@
 //! The command line.
 
-use crate::accuracy::AccuracyArgs;
-use crate::bare::BareArgs;
-use crate::compare::CompareArgs;
-use crate::effects::EffectsArgs;
-use crate::fronts::FrontsArgs;
-use crate::jitter::JitterArgs;
-use crate::load::LoadArgs;
-use crate::predictors::PredictorsArgs;
-use crate::replay::ReplayArgs;
-use crate::run::RunArgs;
-use crate::stability::StabilityArgs;
-use crate::zwidth::ZwidthArgs;
-use clap::{Args, Parser, Subcommand};
-use scene::Overrides;
-use std::ffi::OsString;
-use std::path::PathBuf;
+use crate::commands::accuracy::AccuracyArgs;
+use crate::commands::compare::CompareArgs;
+use crate::commands::effects::EffectsArgs;
+use crate::commands::fronts::FrontsArgs;
+use crate::commands::jitter::JitterArgs;
+use crate::commands::predictors::PredictorsArgs;
+use crate::commands::replay::ReplayArgs;
+use crate::commands::run::RunArgs;
+use crate::commands::stability::StabilityArgs;
+use crate::commands::zwidth::ZwidthArgs;
+use crate::processes::bare_loop::BareArgs;
+use crate::processes::load::LoadArgs;
+use crate::processes::roles::{ControllerArgs, StationArgs};
+use clap::{Parser, Subcommand};
 
 /// Runs the station and the controller together, measures them and reports.
 #[derive(Debug, Parser)]
@@ -51,7 +49,7 @@ pub enum Command {
     Zwidth(ZwidthArgs),
     /// The station of a run.
     #[command(hide = true)]
-    RoleStation(RoleArgs),
+    RoleStation(StationArgs),
     /// The controller of a run.
     #[command(hide = true)]
     RoleHrtc(ControllerArgs),
@@ -61,100 +59,4 @@ pub enum Command {
     /// Load on a core.
     #[command(hide = true)]
     RoleLoad(LoadArgs),
-}
-
-/// What the station's role is told.
-#[derive(Debug, Args)]
-pub struct RoleArgs {
-    /// Scene file.
-    pub scene: PathBuf,
-    /// iceoryx2 domain.
-    #[arg(long)]
-    pub domain: String,
-    /// Over the scene.
-    #[command(flatten)]
-    pub overrides: OverrideArgs,
-}
-
-/// What the controller's role is told.
-#[derive(Debug, Args)]
-pub struct ControllerArgs {
-    /// Scene file.
-    pub scene: PathBuf,
-    /// iceoryx2 domain.
-    #[arg(long)]
-    pub domain: String,
-    /// Length of the run.
-    #[arg(long)]
-    pub seconds: f64,
-    /// Start of both processes on CLOCK_MONOTONIC.
-    #[arg(long)]
-    pub started_ns: u64,
-    /// Where to record every input of every tick.
-    #[arg(long)]
-    pub record: Option<PathBuf>,
-    /// Over the scene.
-    #[command(flatten)]
-    pub overrides: OverrideArgs,
-}
-
-/// What the command line says over the scene.
-#[derive(Debug, Clone, Default, Args)]
-pub struct OverrideArgs {
-    /// Another model for the first object: an SPM or mesh file; the scene's size is kept
-    #[arg(long, value_name = "FILE")]
-    pub model: Option<PathBuf>,
-    /// Longest side of the first object, metres
-    #[arg(long, value_name = "M", allow_negative_numbers = true)]
-    pub size: Option<f64>,
-    /// Speed of the tour, metres a second
-    #[arg(long, value_name = "V", allow_negative_numbers = true)]
-    pub speed: Option<f64>,
-    /// Seed of the tour
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Limit of the controller's cache, such as 16MiB
-    #[arg(long, value_name = "BYTES")]
-    pub cache: Option<String>,
-    /// Wanted error at the contact, metres; 0 is the full mesh
-    #[arg(long, value_name = "M", allow_negative_numbers = true)]
-    pub tolerance: Option<f64>,
-}
-
-impl OverrideArgs {
-    /// As the scene takes them.
-    #[must_use]
-    pub fn overrides(&self) -> Overrides {
-        Overrides {
-            model: self.model.clone(),
-            size_m: self.size,
-            speed_m_per_s: self.speed,
-            seed: self.seed,
-            cache: self.cache.clone(),
-            tolerance_m: self.tolerance,
-        }
-    }
-
-    /// As they are typed again for a role; `=` keeps a negative number from being read as an option.
-    #[must_use]
-    pub fn typed(&self) -> Vec<OsString> {
-        let mut typed = Vec::new();
-        if let Some(model) = &self.model {
-            typed.push("--model".into());
-            typed.push(model.into());
-        }
-        let numbers = [
-            ("size", self.size.map(|v| v.to_string())),
-            ("speed", self.speed.map(|v| v.to_string())),
-            ("seed", self.seed.map(|v| v.to_string())),
-            ("cache", self.cache.clone()),
-            ("tolerance", self.tolerance.map(|v| v.to_string())),
-        ];
-        for (name, value) in numbers {
-            if let Some(value) = value {
-                typed.push(format!("--{name}={value}").into());
-            }
-        }
-        typed
-    }
 }

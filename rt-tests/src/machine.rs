@@ -1,5 +1,6 @@
 //! What the measurements were made on, read from `/proc` and `/sys`.
 
+use hrtc::result::Right;
 use std::fs::read_to_string;
 
 /// The machine, in words.
@@ -48,6 +49,21 @@ impl Machine {
             },
             preemption,
         }
+    }
+}
+
+/// A right of the controller's process in words: obtained or not, and why.
+#[must_use]
+pub fn right_words(right: &Right) -> String {
+    let state = if right.obtained {
+        "obtained"
+    } else {
+        "NOT obtained"
+    };
+    if right.detail.is_empty() {
+        format!("{}: {state}", right.name)
+    } else {
+        format!("{}: {state} ({})", right.name, right.detail)
     }
 }
 

@@ -4,10 +4,10 @@
 use glam::DVec3;
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rt_tests::fronts::local_front::LocalFront;
-use rt_tests::fronts::path::path;
 use rt_tests::models::Model;
-use rt_tests::surface::Surface;
+use rt_tests::models::local_front::LocalFront;
+use rt_tests::models::path::path;
+use rt_tests::models::surface::Surface;
 use spm_builder::build::{BuildOptions, NoProgress};
 use spm_builder::generate::{Shape, generate};
 

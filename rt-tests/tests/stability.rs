@@ -1,6 +1,6 @@
 //! The quick set of the hard cases passes, for any seed; and no case passes with its fault put in.
 
-use rt_tests::stability::{Stability, StabilityArgs, run_cases};
+use rt_tests::commands::stability::{Stability, StabilityArgs, run_cases};
 
 fn run(seed: u64, faults: bool) -> Stability {
     let args = StabilityArgs {

@@ -4,9 +4,9 @@
 
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rt_tests::fronts::cases::CASES;
-use rt_tests::fronts::legality::{OPERATIONS, chain, walk};
+use rt_tests::commands::fronts::legality::{OPERATIONS, chain, walk};
 use rt_tests::models::Model;
+use rt_tests::models::hard_meshes::HARD_MESHES;
 use spm_builder::build::{BuildOptions, NoProgress, is_mesh_file};
 use std::path::Path;
 
@@ -27,7 +27,7 @@ fn check(model: &Model) {
 
 #[test]
 fn fronts_of_generated_worst_cases_hold() {
-    for (name, make) in CASES.iter().filter(|(name, _)| *name != "relief") {
+    for (name, make) in HARD_MESHES.iter().filter(|(name, _)| *name != "relief") {
         let options = BuildOptions::default();
         check(&Model::build((*name).to_string(), make(), &options, &NoProgress).unwrap());
     }

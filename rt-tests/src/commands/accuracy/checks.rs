@@ -1,0 +1,92 @@
+//! What must hold on every model and at every setting.
+
+use super::measure::ROUNDING;
+use super::result::{Check, Point};
+use crate::failure::Failure;
+use crate::trajectory::reference::Reference;
+use crate::trajectory::scene_model::SceneModel;
+
+/// At tolerance 0 contacts and forces equal the full mesh's to this share of the diagonal and of the
+/// greatest force.
+const EQUAL: f64 = 1e-9;
+
+/// The checks of one model.
+#[must_use]
+pub fn checks(model: &SceneModel, reference: &Reference, points: &[Point]) -> Vec<Check> {
+    let mut checks = Vec::new();
+    let mut check = |name: String, worst: f64, limit: f64| {
+        checks.push(Check {
+            model: model.mesh.name.clone(),
+            name,
+            pass: worst <= limit,
+            worst,
+            limit,
+        });
+    };
+    let most = |of: &dyn Fn(&Point) -> f64| points.iter().map(of).fold(0.0, f64::max);
+    check(
+        "contacts with a true error beyond the certified one".to_string(),
+        most(&|p| p.over_certified_ticks as f64),
+        0.0,
+    );
+    check(
+        "contacts without a certified error".to_string(),
+        most(&|p| p.unbounded_ticks as f64),
+        0.0,
+    );
+    check(
+        "exact distance by boxes against every face looked at, shares of the diagonal".to_string(),
+        most(&|p| p.brute_apart_m / model.diagonal_m()),
+        ROUNDING,
+    );
+    for point in points.iter().filter(|point| point.full_mesh) {
+        let knob = point.knob.name();
+        check(
+            format!(
+                "{knob}, full mesh asked for: contact points against the full mesh, shares of the diagonal"
+            ),
+            point.contact_apart_m / model.diagonal_m(),
+            EQUAL,
+        );
+        check(
+            format!("{knob}, full mesh asked for: ticks in which only one of the two touches"),
+            point.one_sided_ticks as f64,
+            0.0,
+        );
+        check(
+            format!(
+                "{knob}, full mesh asked for: forces against the full mesh, shares of the greatest"
+            ),
+            point.force_n / reference.force_max(),
+            EQUAL,
+        );
+        check(
+            format!(
+                "{knob}, full mesh asked for: distance of the contacts to the full mesh, shares of the diagonal"
+            ),
+            point.true_m / model.diagonal_m(),
+            EQUAL,
+        );
+    }
+    checks
+}
+
+/// The first check that failed, in words.
+///
+/// # Errors
+/// When one failed.
+pub fn judge(checks: &[Check]) -> Result<(), Failure> {
+    let failed: Vec<&Check> = checks.iter().filter(|check| !check.pass).collect();
+    match failed.first() {
+        None => Ok(()),
+        Some(check) => Err(Failure::Run(format!(
+            "{} of {} checks failed; {}: {} ({:.3e}, at most {:.1e})",
+            failed.len(),
+            checks.len(),
+            check.model,
+            check.name,
+            check.worst,
+            check.limit
+        ))),
+    }
+}

@@ -1,0 +1,190 @@
+//! Errors, forces and bytes of each setting on the poses of the reference.
+
+use super::result::Point;
+use crate::failure::Failure;
+use crate::report::quantile::Quantiles;
+use crate::trajectory::reference::{Reference, come_to_rest, make_ready};
+use crate::trajectory::scene_model::SceneModel;
+use glam::DVec3;
+use hrtc::run::FIXED_BYTES;
+use hrtc_core::Controller;
+use hrtc_core::contact::query::{Surface, faces_within};
+use realtime::rights::thread_cpu_ns;
+use scene::ScenePlan;
+use simulator::InputRecording;
+use spm::FileError;
+
+/// Contacts of a setting whose exact distance is found a second time by looking at every face.
+const BRUTE_CONTACTS: usize = 12;
+/// Radius of the ball that stands for a tool, metres.
+pub const TOOL_RADIUS_M: f64 = 0.005;
+/// Contact ticks from one look at the tool's faces to the next.
+const TOOL_EVERY: u64 = 16;
+/// Rounding of exact distances, in shares of the model's diagonal: they are differences of coordinates, in f64.
+pub const ROUNDING: f64 = 1e-12;
+
+/// A setting on its trajectory: what it gave, and its inputs for the timing.
+#[derive(Debug)]
+pub struct Measured {
+    /// Everything but the times.
+    pub point: Point,
+    /// The inputs.
+    pub recording: InputRecording,
+    /// Ticks before the trajectory.
+    pub start: usize,
+    /// The plan.
+    pub plan: ScenePlan,
+}
+
+/// What is collected over the contacts of a setting.
+#[derive(Debug, Default)]
+struct Contacts {
+    errors: Vec<f64>,
+    certified: Vec<f64>,
+    normals: Vec<f64>,
+    forces: Vec<f64>,
+    faces: Vec<f64>,
+    tool_faces: Vec<f64>,
+    tool_us: Vec<f64>,
+    points: Vec<DVec3>,
+}
+
+/// Replays the trajectory at one setting.
+///
+/// # Errors
+/// One sentence when the model cannot be served, or its file is damaged.
+pub fn measure(
+    model: &SceneModel,
+    reference: &Reference,
+    plan: ScenePlan,
+    mut point: Point,
+) -> Result<Measured, Failure> {
+    let damaged =
+        |error: FileError| Failure::Input(format!("the model {}: {error}", model.mesh.name));
+    let mut simulation = model.simulation(&plan)?;
+    simulation.client_mut().record();
+    let scale = model.metres_per_unit;
+    let period_ms = 1e3 / plan.loop_.rate_hz;
+    let rounding = ROUNDING * model.diagonal_m();
+    let ready = make_ready(&mut simulation)?;
+    point.ready_ms = ready as f64 * period_ms;
+    point.bytes_until_ready = simulation.client().mesh_bytes();
+    let settled = come_to_rest(&mut simulation, reference.rest, ready)?;
+    point.settled_ms = settled as f64 * period_ms;
+    let start = simulation.tick() as usize;
+    let mut all = Contacts::default();
+    for (sample, exact) in reference.samples.iter().zip(&reference.ticks) {
+        let outputs = simulation.step(Some(*sample));
+        let (record, force) = (outputs.record, outputs.wrenches[0].force);
+        let contact = outputs.contact();
+        let mesh_bytes = simulation.client().mesh_bytes();
+        point.measured_m = point.measured_m.max(record.measured_error_m);
+        if contact.is_some() || exact.contact.is_some() {
+            all.forces.push(force.distance(exact.force));
+            all.faces.push(f64::from(record.active_faces));
+        }
+        if let Some(contact) = contact {
+            let (_, closest) = model
+                .mesh
+                .file
+                .closest_point(contact.point)
+                .map_err(damaged)?;
+            let error = closest.distance_squared.sqrt() * scale;
+            point.contact_ticks += 1;
+            point.contact_full_ticks += u64::from(record.contact_full);
+            point.unbounded_ticks += u64::from(!record.contact_bounded);
+            point.over_certified_ticks += u64::from(error > record.certified_error_m + rounding);
+            all.errors.push(error);
+            all.certified.push(record.certified_error_m);
+            all.points.push(contact.point);
+            if record.contact_full && point.bytes_until_full == 0 {
+                point.bytes_until_full = mesh_bytes;
+            }
+            if point.contact_ticks.is_multiple_of(TOOL_EVERY) {
+                let (faces, us) = tool(&simulation.controller(), contact.point, scale);
+                all.tool_faces.push(faces);
+                all.tool_us.push(us);
+            }
+        }
+        if let (Some(ours), Some(theirs)) = (contact, exact.contact) {
+            point.common_ticks += 1;
+            let apart = ours.point.distance(theirs) * scale;
+            point.contact_apart_m = point.contact_apart_m.max(apart);
+            let lengths = force.length() * exact.force.length();
+            if lengths > 0.0 {
+                // The angle of two nearly equal directions is lost in a cosine.
+                let sine = force.cross(exact.force).length();
+                all.normals
+                    .push(sine.atan2(force.dot(exact.force)).to_degrees());
+            }
+        } else if contact.is_some() != exact.contact.is_some() {
+            point.one_sided_ticks += 1;
+        }
+    }
+    let last = simulation.outputs().record;
+    point.bytes = simulation.client().mesh_bytes();
+    point.vsps_received = last.vsps_received;
+    let high_water = simulation.controller().cache().bytes_high_water();
+    point.cache_bytes = high_water as u64;
+    point.rss_bytes = (high_water + FIXED_BYTES) as u64;
+    point.replay_hash = simulation.controller().replay_hash() >> 11;
+    fill(&mut point, &mut all);
+    point.brute_apart_m = brute(model, &all.points).map_err(damaged)?;
+    let recording = simulation
+        .client_mut()
+        .take_recording()
+        .ok_or_else(|| Failure::Run("nothing was recorded".to_string()))?;
+    Ok(Measured {
+        point,
+        recording,
+        start,
+        plan,
+    })
+}
+
+fn fill(point: &mut Point, all: &mut Contacts) {
+    let errors = Quantiles::of(&mut all.errors);
+    (point.true_m, point.true_p50_m) = (errors.max, errors.p50);
+    let certified = Quantiles::of(&mut all.certified);
+    (point.certified_m, point.certified_p50_m) = (certified.max, certified.p50);
+    let normals = Quantiles::of(&mut all.normals);
+    (point.normal_deg, point.normal_p50_deg) = (normals.max, normals.p50);
+    let forces = Quantiles::of(&mut all.forces);
+    (point.force_n, point.force_p50_n) = (forces.max, forces.p50);
+    let faces = Quantiles::of(&mut all.faces);
+    (point.faces_p50, point.faces_max) = (faces.p50, faces.max);
+    point.tool_faces = Quantiles::of(&mut all.tool_faces).p50;
+    point.tool_us = Quantiles::of(&mut all.tool_us).p50;
+}
+
+/// Faces of the front within a tool's radius of a contact, and the time to find them, µs of processor time.
+fn tool(controller: &Controller, at: DVec3, scale: f64) -> (f64, f64) {
+    let surface = Surface {
+        mesh: controller.cache().mesh(),
+        tree: controller.cache().tree(),
+    };
+    let mut best = f64::INFINITY;
+    let mut faces = 0_u32;
+    for _ in 0..3 {
+        let before = thread_cpu_ns();
+        faces = 0;
+        faces_within(surface, at, TOOL_RADIUS_M / scale, |_, _| {
+            faces += 1;
+            TOOL_RADIUS_M / scale
+        });
+        best = best.min((thread_cpu_ns() - before) as f64 * 1e-3);
+    }
+    (f64::from(faces), best)
+}
+
+/// The largest difference between exact distances from the file's boxes and from looking at every face, m.
+fn brute(model: &SceneModel, points: &[DVec3]) -> Result<f64, FileError> {
+    let every = points.len().div_ceil(BRUTE_CONTACTS).max(1);
+    let mut apart = 0.0_f64;
+    for &point in points.iter().step_by(every) {
+        let (_, closest) = model.mesh.file.closest_point(point)?;
+        let brute = model.brute_distance(point);
+        apart = apart.max((closest.distance_squared.sqrt() - brute).abs());
+    }
+    Ok(apart * model.metres_per_unit)
+}

@@ -1,0 +1,226 @@
+//! `rt-tests accuracy`: what accuracy costs in time, memory and bytes.
+//!
+//! Both cores run in this process under a simulated clock ([`simulator`]). On each model the device's
+//! poses are recorded once, in a closed loop on the mesh that was never simplified; then the same poses go to
+//! a controller for each setting of the dial, from the base mesh to the full mesh. So what differs between two
+//! settings is the front alone. The ticks are timed apart, from the recorded inputs, in turns.
+//!
+//! | module | holds |
+//! |---|---|
+//! | `measure`, `timing` | errors, forces, bytes; times |
+//! | `result`, `checks` | the JSON, and what must hold |
+//! | `table`, `page` | the terminal and the CSV; the HTML page with its pictures |
+
+mod checks;
+mod measure;
+mod page;
+mod result;
+mod table;
+mod timing;
+
+pub use result::{Accuracy, Bytes, Check, Knob, Point, StageQuantiles, StageTimes};
+
+use crate::failure::Failure;
+use crate::machine::Machine;
+use crate::models::source::typed_or;
+use crate::report::output::{make_folder, print_either, status_line, write_json, write_whole};
+use crate::scenes::check_seconds;
+use crate::trajectory::reference::Reference;
+use crate::trajectory::scene_model::{SIZE_M, SceneModel};
+use clap::Args;
+use indicatif::ProgressBar;
+use measure::Measured;
+use scene::{AccuracyPlan, RefinementPlan, ScenePlan};
+use spm::VspRecord;
+use spm::{BaseFace, BaseVertex, ModelHeader};
+use std::path::PathBuf;
+
+/// What is measured when no model is named.
+const DEFAULT_MODELS: [&str; 3] = ["sphere:20000", "relief:100000", "terrain:130000"];
+/// Tolerances between the base mesh and the full mesh, m, on an object whose longest side is 0.15 m: three
+/// decades.
+const TOLERANCES_M: [f64; 7] = [1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5];
+/// Prefixes of the sequence of splits: one in so many of them.
+const PREFIX_SHARES: [u32; 4] = [64, 16, 4, 1];
+
+/// Arguments of `rt-tests accuracy`.
+#[derive(Debug, Args)]
+pub struct AccuracyArgs {
+    /// Mesh or SPM files, or shapes as SHAPE:FACES [default: sphere:20000 relief:100000 terrain:130000]
+    #[arg(value_name = "MODEL")]
+    pub models: Vec<String>,
+    /// Folder of the page, the CSV and the JSON
+    #[arg(long, value_name = "DIR", default_value = "reports/accuracy")]
+    pub out: PathBuf,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Seed of the tour over each model
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+    /// Length of the tour over each model, seconds of simulated time
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 5.0,
+        allow_negative_numbers = true
+    )]
+    pub seconds: f64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence: status 2 for bad input, 1 when a check fails.
+pub fn accuracy(args: &AccuracyArgs) -> Result<(), Failure> {
+    check_seconds(args.seconds)?;
+    // A bad model is refused before any is measured.
+    let models: Vec<SceneModel> = typed_or(&args.models, &DEFAULT_MODELS)
+        .iter()
+        .map(|typed| SceneModel::open(typed))
+        .collect::<Result<_, _>>()?;
+    make_folder(&args.out)?;
+    let line = status_line();
+    let mut found = Accuracy {
+        seed: args.seed,
+        seconds: args.seconds,
+        size_m: SIZE_M,
+        pass: false,
+        points: Vec::new(),
+        bytes: Vec::new(),
+        checks: Vec::new(),
+    };
+    for model in &models {
+        study(model, args, &line, &mut found)?;
+    }
+    line.finish_and_clear();
+    found.pass = found.checks.iter().all(|check| check.pass);
+    let machine = Machine::read();
+    let page = args.out.join("accuracy.html");
+    write_whole(&page, page::page(&found, &machine).as_bytes())?;
+    write_whole(
+        &args.out.join("accuracy.csv"),
+        table::csv(&found).as_bytes(),
+    )?;
+    write_json(&args.out.join("accuracy.json"), &found)?;
+    let words = format!(
+        "{}\n{:<8} {}\n",
+        table::words(&found),
+        "page",
+        page.display()
+    );
+    print_either(args.json, &words, &found)?;
+    checks::judge(&found.checks)
+}
+
+/// Everything about one model.
+fn study(
+    model: &SceneModel,
+    args: &AccuracyArgs,
+    line: &ProgressBar,
+    found: &mut Accuracy,
+) -> Result<(), Failure> {
+    let name = &model.mesh.name;
+    line.set_message(format!("{name}: recording the trajectory on the full mesh"));
+    let reference = Reference::record(model, args.seed, args.seconds)?;
+    let settings = settings(model);
+    let mut measured: Vec<Measured> = Vec::new();
+    for (place, (point, plan)) in settings.into_iter().enumerate() {
+        line.set_message(format!(
+            "{name}: errors at setting {} ({}, {})",
+            place + 1,
+            point.knob.name(),
+            table::asked(&point, place == 0)
+        ));
+        measured.push(measure::measure(model, &reference, plan, point)?);
+    }
+    line.set_message(format!(
+        "{name}: timing {} settings in turns",
+        measured.len()
+    ));
+    let contact: Vec<bool> = reference
+        .ticks
+        .iter()
+        .map(|tick| tick.contact.is_some())
+        .collect();
+    timing::time(&mut measured, &contact)?;
+    let points: Vec<Point> = measured.into_iter().map(|setting| setting.point).collect();
+    let checks = checks::checks(model, &reference, &points);
+    found.checks.extend(checks);
+    found.bytes.push(bytes(model, &points));
+    found.points.extend(points);
+    Ok(())
+}
+
+/// The settings of a model, coarse to fine: what is asked for, and the scene that asks for it.
+fn settings(model: &SceneModel) -> Vec<(Point, ScenePlan)> {
+    let setting = |knob: Knob, value: f64, accuracy: AccuracyPlan| {
+        let mut plan = model.plan.clone();
+        plan.accuracy = accuracy;
+        if knob != Knob::Local {
+            // Global refinement is compared at its best: with room for all that it asks for.
+            plan.cache_bytes = model.cache_for_all();
+        }
+        (Point::new(&model.mesh.name, knob, value), plan)
+    };
+    let within = |knob: Knob, refinement: RefinementPlan, tolerance_m: f64| {
+        let accuracy = AccuracyPlan {
+            tolerance_m,
+            refinement,
+            geomorph: false,
+        };
+        let (mut point, plan) = setting(knob, tolerance_m, accuracy);
+        point.full_mesh = tolerance_m == 0.0;
+        (point, plan)
+    };
+    let base = model.diagonal_m();
+    let local = std::iter::once(base)
+        .chain(TOLERANCES_M)
+        .chain([0.0])
+        .map(|value| within(Knob::Local, RefinementPlan::Local, value));
+    let everywhere = RefinementPlan::Global { lod: None };
+    let global = TOLERANCES_M
+        .into_iter()
+        .chain([0.0])
+        .map(|value| within(Knob::Global, everywhere, value));
+    let vsps = model.mesh.file.model_header().vsps;
+    let prefix = PREFIX_SHARES.into_iter().map(|share| {
+        let lod = vsps / share;
+        let accuracy = AccuracyPlan {
+            tolerance_m: 0.0,
+            refinement: RefinementPlan::Global { lod: Some(lod) },
+            geomorph: false,
+        };
+        let (mut point, plan) = setting(Knob::Prefix, f64::from(lod), accuracy);
+        point.full_mesh = share == 1;
+        (point, plan)
+    });
+    local.chain(global).chain(prefix).collect()
+}
+
+fn bytes(model: &SceneModel, points: &[Point]) -> Bytes {
+    let header = model.mesh.file.model_header();
+    let vertices = u64::from(header.base_vertices) + u64::from(header.vsps);
+    let faces = u64::from(header.faces);
+    let full = points
+        .iter()
+        .find(|point| point.knob == Knob::Local && point.full_mesh);
+    let head = size_of::<ModelHeader>()
+        + header.base_vertices as usize * size_of::<BaseVertex>()
+        + header.base_faces as usize * size_of::<BaseFace>();
+    let until_full = full.map_or(0, |point| point.bytes_until_full);
+    Bytes {
+        model: model.mesh.name.clone(),
+        vertices,
+        faces,
+        first_touch_bytes: full.map_or(0, |point| point.bytes_until_ready),
+        local_full_bytes: if until_full == 0 {
+            -1
+        } else {
+            until_full as i64
+        },
+        trajectory_bytes: full.map_or(0, |point| point.bytes),
+        records_bytes: (head + header.vsps as usize * size_of::<VspRecord>()) as u64,
+        plain_bytes: 12 * vertices + 12 * faces,
+    }
+}

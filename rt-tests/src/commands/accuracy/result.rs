@@ -1,0 +1,236 @@
+//! What comes out, as it lies in the JSON. Numbers only; lengths in metres, times as named.
+
+use crate::report::quantile::Quantiles;
+use hrtc::tick_record::STAGES;
+use serde::Serialize;
+
+/// The kind of refinement of a setting.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Knob {
+    /// Finer near the contact, coarser with distance.
+    #[default]
+    Local,
+    /// The same everywhere: the whole model at one tolerance.
+    Global,
+    /// The first splits of the sequence (the CDPM of thesis chapter 3).
+    Prefix,
+}
+
+impl Knob {
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Local => "local",
+            Self::Global => "global",
+            Self::Prefix => "prefix",
+        }
+    }
+}
+
+/// The times of a stage, µs.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct StageQuantiles {
+    /// The mean: those of the stages sum up to that of the tick.
+    pub mean: f64,
+    /// Half of the ticks take at most this.
+    pub p50: f64,
+    /// 99 of 100.
+    pub p99: f64,
+    /// 999 of 1000.
+    pub p999: f64,
+}
+
+impl StageQuantiles {
+    /// Of the mean and the quantiles.
+    #[must_use]
+    pub fn of(mean: f64, quantiles: &Quantiles) -> Self {
+        Self {
+            mean,
+            p50: quantiles.p50,
+            p99: quantiles.p99,
+            p999: quantiles.p999,
+        }
+    }
+}
+
+/// The stages of a tick with one object.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct StageTimes {
+    /// Inbox and prediction.
+    pub inbox: StageQuantiles,
+    /// Splits and collapses.
+    pub refine: StageQuantiles,
+    /// Boxes of the AB-tree.
+    pub refit: StageQuantiles,
+    /// Proxy and closest point.
+    pub query: StageQuantiles,
+    /// Force and gate.
+    pub force: StageQuantiles,
+}
+
+impl StageTimes {
+    /// With their names, in the order of a tick.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, StageQuantiles); 5] {
+        // One object needs no broad phase.
+        let [inbox, refine, refit, query, force, _] = STAGES;
+        [
+            (inbox, self.inbox),
+            (refine, self.refine),
+            (refit, self.refit),
+            (query, self.query),
+            (force, self.force),
+        ]
+    }
+}
+
+/// One setting of the dial on one model.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Point {
+    /// The model.
+    pub model: String,
+    /// What was turned.
+    pub knob: Knob,
+    /// The tolerance asked for, m, where 0 is the full mesh; for a prefix the count of splits.
+    pub value: f64,
+    /// Whether this asks for the full mesh.
+    #[serde(skip)]
+    pub full_mesh: bool,
+    /// Time of a tick in which the full mesh is touched, µs of processor time, the least of several replays.
+    pub tick_us: Quantiles,
+    /// Time of any tick of the trajectory, in the same way.
+    pub all_tick_us: Quantiles,
+    /// The stages of the ticks of `tick_us`.
+    pub stage_us: StageTimes,
+    /// The largest certified error at a contact, m.
+    pub certified_m: f64,
+    /// The median one.
+    pub certified_p50_m: f64,
+    /// The largest exact distance from a contact to the full mesh, m.
+    pub true_m: f64,
+    /// The median one.
+    pub true_p50_m: f64,
+    /// The largest error that the station measured and sent back, m; -1 when it sent none.
+    pub measured_m: f64,
+    /// The largest angle between this force and the full mesh's, degrees.
+    pub normal_deg: f64,
+    /// The median one.
+    pub normal_p50_deg: f64,
+    /// The largest difference from the full mesh's force, N.
+    pub force_n: f64,
+    /// The median one.
+    pub force_p50_n: f64,
+    /// Bytes received from the start to the end of the trajectory, without the measured errors sent back.
+    pub bytes: u64,
+    /// Of these, until a touch could be answered.
+    pub bytes_until_ready: u64,
+    /// Of these, until the first contact at full resolution; 0 when there was none.
+    pub bytes_until_full: u64,
+    /// The most bytes of the cache ever in use, and the fixed rings and stack of a controller's process.
+    pub rss_bytes: u64,
+    /// Of these, in the cache.
+    pub cache_bytes: u64,
+    /// Records received.
+    pub vsps_received: u64,
+    /// Active faces in the ticks of a contact, median.
+    pub faces_p50: f64,
+    /// The most.
+    pub faces_max: f64,
+    /// Simulated time from the start until a touch could be answered, ms.
+    pub ready_ms: f64,
+    /// Simulated time from the start until the front was as asked for, with the device at rest, ms.
+    pub settled_ms: f64,
+    /// Ticks with a contact.
+    pub contact_ticks: u64,
+    /// Of these, at full resolution.
+    pub contact_full_ticks: u64,
+    /// Of these, without a certified bound.
+    pub unbounded_ticks: u64,
+    /// Of these, with a true error beyond the certified one.
+    pub over_certified_ticks: u64,
+    /// Ticks in which this setting and the full mesh both touch.
+    pub common_ticks: u64,
+    /// Ticks in which only one of them does.
+    pub one_sided_ticks: u64,
+    /// The largest distance between their contact points, m.
+    pub contact_apart_m: f64,
+    /// The largest difference between two ways to the exact distance, m.
+    pub brute_apart_m: f64,
+    /// Faces of the front within a tool's radius of the contact, median.
+    pub tool_faces: f64,
+    /// Time to find them, µs of processor time, median.
+    pub tool_us: f64,
+    /// Hash over every tick's outputs.
+    pub replay_hash: u64,
+}
+
+impl Point {
+    /// Nothing measured yet.
+    #[must_use]
+    pub fn new(model: &str, knob: Knob, value: f64) -> Self {
+        Self {
+            model: model.to_string(),
+            knob,
+            value,
+            measured_m: -1.0,
+            ..Self::default()
+        }
+    }
+}
+
+/// What must come over the link, on one model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Bytes {
+    /// The model.
+    pub model: String,
+    /// Vertices of the full mesh.
+    pub vertices: u64,
+    /// Faces of the full mesh.
+    pub faces: u64,
+    /// Header and base mesh as sent: enough for the first touch.
+    pub first_touch_bytes: u64,
+    /// As sent until the first contact at full resolution; -1 when there was none.
+    pub local_full_bytes: i64,
+    /// As sent over the whole trajectory at full resolution.
+    pub trajectory_bytes: u64,
+    /// Header, base mesh and every record, without the chunks around them.
+    pub records_bytes: u64,
+    /// Positions (12 bytes) and triangles (12 bytes): the plain mesh.
+    pub plain_bytes: u64,
+}
+
+/// Something that must hold.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Check {
+    /// The model.
+    pub model: String,
+    /// What, in words.
+    pub name: String,
+    /// Whether it does.
+    pub pass: bool,
+    /// The worst that was found.
+    pub worst: f64,
+    /// What it may be at the most.
+    pub limit: f64,
+}
+
+/// Everything.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Accuracy {
+    /// The seed of the tours.
+    pub seed: u64,
+    /// Length of the tours, s.
+    pub seconds: f64,
+    /// Longest side of every model, m.
+    pub size_m: f64,
+    /// Whether every check holds.
+    pub pass: bool,
+    /// The settings.
+    pub points: Vec<Point>,
+    /// What must come over the link.
+    pub bytes: Vec<Bytes>,
+    /// What must hold.
+    pub checks: Vec<Check>,
+}

@@ -1,0 +1,121 @@
+//! Updates of the tree where a patch of faces was deformed, beside parry's partial refit of the same faces.
+
+use super::full_front::FullFront;
+use super::timing::time;
+use super::{Row, Who};
+use crate::models::Model;
+use crate::models::surface::unit;
+use crate::peers::parry::{Mesh, ParryF32, ParryF64};
+use geometry::Aabb;
+use glam::Vec3;
+use rand::Rng;
+use spm::{ActiveMesh, Handle, NONE};
+use std::collections::HashSet;
+
+/// Faces of a patch, as deformed by about eight splits.
+pub const PATCH: usize = 64;
+/// Patches.
+const PATCHES: usize = 400;
+/// By how much a patch is moved, in parts of the diagonal.
+const SHIFT: f32 = 1e-3;
+
+/// So many faces around one, nearest by adjacency first; fewer where its piece of the mesh has no more.
+pub fn patch(mesh: &ActiveMesh, first: Handle, count: usize) -> Vec<Handle> {
+    let mut patch = vec![first];
+    let mut found = HashSet::from([first]);
+    let mut next = 0;
+    while patch.len() < count && next < patch.len() {
+        let face = mesh.face(patch[next]);
+        next += 1;
+        for neighbour in face.neighbours {
+            if neighbour != NONE && patch.len() < count && found.insert(neighbour) {
+                patch.push(neighbour);
+            }
+        }
+    }
+    patch
+}
+
+/// A row for each contender: one update moves a patch, or moves it back.
+pub fn rows(
+    model: &Model,
+    front: &mut FullFront,
+    single: &mut ParryF32,
+    double: &mut ParryF64,
+    random: &mut impl Rng,
+) -> Vec<Row> {
+    let mut handles = Vec::new();
+    front.mesh().for_each_active_face(|face| handles.push(face));
+    // Places of parry's faces, which are those of the full mesh in the order of the tree.
+    let places = places(model, front, &handles);
+    let patches: Vec<Vec<u32>> = (0..PATCHES)
+        .map(|_| (unit(random) * handles.len() as f64) as usize)
+        .map(|first| patch(front.mesh(), handles[first], PATCH))
+        .collect();
+    let of_parry: Vec<Vec<u32>> = patches
+        .iter()
+        .map(|patch| patch.iter().map(|&face| places[face as usize]).collect())
+        .collect();
+    let shift = Vec3::splat(SHIFT * model.file.model_header().diagonal as f32);
+    let mut boxes = vec![Aabb::EMPTY; places.len()];
+    for &face in &handles {
+        boxes[face as usize] = front.mesh().face_box(face);
+    }
+    // Every patch is moved and moved back; what is timed takes boxes that are there already.
+    let moved = |face: u32, away: bool| {
+        let at = boxes[face as usize];
+        let by = if away { shift } else { Vec3::ZERO };
+        Aabb {
+            lower: at.lower + by,
+            upper: at.upper + by,
+        }
+    };
+    let boxes_of = |k: usize| -> Vec<Aabb> {
+        patches[k / 2]
+            .iter()
+            .map(|&face| moved(face, k.is_multiple_of(2)))
+            .collect()
+    };
+    let prepared: Vec<Vec<Aabb>> = (0..2 * PATCHES).map(boxes_of).collect();
+    let mut now = boxes.clone();
+    let size = |aabb: &Aabb| f64::from((aabb.upper - aabb.lower).length());
+    let tree = front.tree_mut();
+    let mut ours = |k: usize| {
+        for (&face, &aabb) in patches[k / 2].iter().zip(&prepared[k]) {
+            now[face as usize] = aabb;
+            tree.deform(face);
+        }
+        tree.refit(|face| now[face as usize]);
+        size(tree.root_box())
+    };
+    let mut of_single = |k: usize| single.update(&of_parry[k / 2], &prepared[k]);
+    let mut of_double = |k: usize| double.update(&of_parry[k / 2], &prepared[k]);
+    let timed = time(
+        2 * PATCHES,
+        &mut [&mut ours, &mut of_single, &mut of_double],
+    );
+    let expected = timed[2].answers.clone();
+    // Boxes are the same numbers for all: f32, none computed but by taking the least and the largest.
+    let tolerance = f64::from(f32::EPSILON) * model.file.model_header().diagonal * 4.0;
+    [Who::OursFull, Who::ParryF32, Who::ParryF64]
+        .into_iter()
+        .zip(timed)
+        .map(|(who, timed)| {
+            let differ = timed.differ(&expected, tolerance);
+            Row::new("update64", model, who, timed.ns, differ)
+        })
+        .collect()
+}
+
+/// The place in the order of the tree of each face handle.
+fn places(model: &Model, front: &FullFront, handles: &[u32]) -> Vec<u32> {
+    let most = handles.iter().max().map_or(0, |&face| face as usize + 1);
+    let mut places = vec![NONE; most];
+    for place in 0..model.file.model_header().faces {
+        if let Ok(full) = model.file.full_face(place) {
+            places[full.face as usize] = place;
+        }
+    }
+    debug_assert_eq!(front.mesh().active_faces() as usize, handles.len());
+    places
+}

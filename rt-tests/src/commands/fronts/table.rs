@@ -1,0 +1,168 @@
+//! The table of the terminal, at most 160 columns wide.
+
+use super::calibration::ASKED_OVER_TRUE;
+use super::limits::{MAX_CHAIN, MAX_EXCEEDED, MAX_NS, MAX_TOO_FINE, broken};
+use super::{Fronts, ModelFronts};
+use crate::report::table::Table;
+use std::fmt::Write;
+
+/// Characters of a model's name.
+const NAME: usize = 18;
+/// Headings, with the least width of each column: a row is printed before the next is known.
+const COLUMNS: [(&str, usize); 20] = [
+    ("model", NAME),
+    ("faces", 9),
+    ("walk\nsplits", 6),
+    ("\nundone", 6),
+    ("\ndiffer", 6),
+    ("chain", 5),
+    ("closure\nmean", 6),
+    ("\nmax", 6),
+    ("certified/\nsampled", 6),
+    ("\np95", 8),
+    ("\nbeyond", 6),
+    ("asked/\ntrue", 6),
+    ("\nbest", 6),
+    ("\nreach", 5),
+    ("too\nfine", 5),
+    ("over\nasked", 6),
+    ("split\nns p50", 5),
+    ("\np99", 6),
+    ("undo\nns p50", 5),
+    ("\np99", 6),
+];
+
+fn columns() -> Table {
+    Table::new(1, &COLUMNS.map(|column| column.0)).at_least(&COLUMNS.map(|column| column.1))
+}
+
+/// The headings, and a row of the limits.
+#[must_use]
+pub fn head() -> String {
+    let table = columns();
+    let none = String::new;
+    let limits = [
+        "at most".to_string(),
+        none(),
+        none(),
+        none(),
+        0.to_string(),
+        MAX_CHAIN.to_string(),
+        none(),
+        none(),
+        none(),
+        none(),
+        0.to_string(),
+        format!("{ASKED_OVER_TRUE:.1}"),
+        none(),
+        format!("{ASKED_OVER_TRUE:.1}"),
+        format!("{:.0}%", 100.0 * MAX_TOO_FINE),
+        format!("{:.2}%", 100.0 * MAX_EXCEEDED),
+        MAX_NS.p50.to_string(),
+        MAX_NS.p99.to_string(),
+        MAX_NS.p50.to_string(),
+        MAX_NS.p99.to_string(),
+    ];
+    table.head() + &table.line(limits)
+}
+
+/// A row for a model.
+#[must_use]
+pub fn row(m: &ModelFronts) -> String {
+    let mut name = m.model.clone();
+    if name.chars().count() > NAME {
+        name = name.chars().take(NAME - 1).chain(['…']).collect();
+    }
+    columns().line([
+        name,
+        m.faces.to_string(),
+        m.walk.splits.to_string(),
+        m.walk.collapses.to_string(),
+        m.walk.mismatches.to_string(),
+        m.chain.to_string(),
+        format!("{:.0}", m.closure_mean),
+        m.closure_max.to_string(),
+        format!("{:.1}", m.certified_ratio.p50),
+        format!("{:.1}", m.certified_ratio.p95),
+        m.certified_violations.to_string(),
+        format!("{:.2}", m.dial.asked_over_true_p50),
+        format!("{:.2}", m.dial.asked_over_attainable_p50),
+        format!("{:.2}", m.dial.asked_over_true_within_reach_p50),
+        format!("{:.1}%", 100.0 * m.dial.too_fine_share),
+        format!("{:.3}%", 100.0 * m.dial.exceeded_share),
+        format!("{:.0}", m.split_ns.p50),
+        format!("{:.0}", m.split_ns.p99),
+        format!("{:.0}", m.collapse_ns.p50),
+        format!("{:.0}", m.collapse_ns.p99),
+    ])
+}
+
+/// Notes on the columns, and the limits that are broken.
+#[must_use]
+pub fn foot(models: &[ModelFronts]) -> String {
+    let mut text = String::from(
+        "chain: beyond a million faces the limit grows by 4 a doubling; \
+         best: on the coarsest fronts that keep the tolerance;\n\
+         reach: where best is at most 3.5; \
+         too fine: stretches where asked/true is beyond 3.5, and beyond best\n",
+    );
+    for broken in models.iter().flat_map(broken) {
+        let _ = writeln!(text, "beyond its limit: {broken}");
+    }
+    text
+}
+
+/// The whole table.
+#[must_use]
+pub fn table(found: &Fronts) -> String {
+    let rows: String = found.models.iter().map(row).collect();
+    head() + &rows + &foot(&found.models)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::commands::fronts::calibration::Calibration;
+    use crate::commands::fronts::{Percentiles, Ratio};
+
+    #[test]
+    fn lines_are_of_equal_length_and_not_too_long_and_name_the_limits() {
+        let ns = Percentiles {
+            p50: 4567.0,
+            p99: 123_456.0,
+        };
+        let model = ModelFronts {
+            model: "a-part-with-a-very-long-name.stl".to_string(),
+            faces: 100_000_000,
+            chain: 123,
+            closure_max: 123_456,
+            certified_ratio: Ratio {
+                p50: 1055.3,
+                p95: 103_153.4,
+            },
+            dial: Calibration {
+                asked_over_true_p50: 806.82,
+                asked_over_attainable_p50: 234.56,
+                too_fine_share: 0.99,
+                ..Calibration::default()
+            },
+            split_ns: ns,
+            collapse_ns: ns,
+            ..ModelFronts::default()
+        };
+        let shown = head() + &row(&model);
+        let lengths: Vec<usize> = shown.lines().map(|line| line.chars().count()).collect();
+        assert_eq!(lengths.len(), 4);
+        assert!(
+            lengths[1..].iter().all(|&l| l == lengths[1]),
+            "{lengths:?}\n{shown}"
+        );
+        assert!(lengths[0] <= lengths[1] && lengths[1] <= 160, "{lengths:?}");
+        let words: Vec<&str> = shown.lines().nth(2).unwrap().split_whitespace().collect();
+        let limits = "0 40 0 3.5 3.5 25% 0.10% 1000 5000 1000 5000";
+        assert_eq!(words[2..].join(" "), limits);
+        assert!(shown.contains("a-part-with-a-ver…"));
+        let foot = foot(&[model]);
+        assert!(foot.lines().all(|line| line.chars().count() <= 160));
+    }
+}

@@ -1,0 +1,25 @@
+//! One file or folder for each command of `rt-tests`; none uses another.
+//!
+//! | module | command |
+//! |---|---|
+//! | [`run`] | both processes on a scene, with a closing report |
+//! | [`jitter`] | the timing of the loop beside a bare loop |
+//! | [`replay`] | a recording through the controller again |
+//! | [`fronts`] | fronts are legal, certified and cheap, on any mesh |
+//! | [`accuracy`] | the cost of accuracy, from the base mesh to the full mesh |
+//! | [`compare`] | a query and an update beside those of parry |
+//! | [`predictors`] | the gain of each source of the prediction |
+//! | [`stability`] | the hard cases |
+//! | [`effects`] | the cost of each effect |
+//! | [`zwidth`] | the stiffest wall that can be rendered |
+
+pub mod accuracy;
+pub mod compare;
+pub mod effects;
+pub mod fronts;
+pub mod jitter;
+pub mod predictors;
+pub mod replay;
+pub mod run;
+pub mod stability;
+pub mod zwidth;

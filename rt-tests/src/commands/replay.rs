@@ -1,0 +1,50 @@
+//! `rt-tests replay`: a recording through the pure core again, tick by tick.
+
+use crate::failure::Failure;
+use crate::report::output::{print, print_json};
+use crate::report::units::grouped;
+use clap::Args;
+use hrtc::recorder::{Replay, replay as replay_file};
+use std::path::PathBuf;
+
+/// Arguments of `rt-tests replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// What rt-tests run --record FILE wrote
+    pub file: PathBuf,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence: status 2 when the file is no whole recording, 1 when a tick gave other outputs.
+pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
+    let found = replay_file(&args.file).map_err(|error| Failure::Input(error.to_string()))?;
+    if args.json {
+        print_json(&found)?;
+    } else if found.equal {
+        let cut = if found.whole {
+            ""
+        } else {
+            "; the recording has no end: it was cut short"
+        };
+        print(&format!(
+            "all {} ticks gave the recorded outputs, bit by bit{cut}\n",
+            grouped(found.ticks)
+        ))?;
+    }
+    judge(&found, &args.file.display().to_string())
+}
+
+fn judge(found: &Replay, name: &str) -> Result<(), Failure> {
+    if found.equal {
+        return Ok(());
+    }
+    Err(Failure::Run(format!(
+        "{name}: tick {} of this recording gives other outputs than were recorded; it was made by another build, or changed since",
+        found.first_difference
+    )))
+}

@@ -1,0 +1,165 @@
+//! `rt-tests run`: both processes on a scene, a live line, a closing report.
+
+use crate::scenes::{OverrideArgs, check_seconds, prepare_models};
+mod report;
+
+use self::report::Report;
+use crate::failure::Failure;
+use crate::machine::Machine;
+use crate::processes::pair::{PairArgs, Shown, run_pair};
+use crate::processes::stop::stop_flag;
+use crate::report::output::{make_folder, print_either, status_bar};
+use crate::report::units::{bytes, grouped, length};
+use clap::Args;
+use hrtc::result::Status;
+use indicatif::ProgressBar;
+use scene::{ModelSource, ScenePlan, load};
+use std::path::PathBuf;
+
+/// Arguments of `rt-tests run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// The scene file
+    pub scene: PathBuf,
+    /// Length of the run, seconds
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 20.0,
+        allow_negative_numbers = true
+    )]
+    pub seconds: f64,
+    /// Over the scene.
+    #[command(flatten)]
+    pub overrides: OverrideArgs,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Folder of the report [default: reports/SCENE-MODEL]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Record every input of every tick, for a replay
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence, with its status.
+pub fn run(args: &RunArgs) -> Result<(), Failure> {
+    check_seconds(args.seconds)?;
+    let plan = load(&args.scene, &args.overrides.overrides(), &DiskFiles)?;
+    let out = args.out.clone().unwrap_or_else(|| {
+        PathBuf::from("reports").join(format!("{}-{}", plan.name, model_name(&plan)))
+    });
+    make_folder(&out)?;
+    prepare_models(&plan)?;
+    let stop = stop_flag()?;
+    let line = LiveLine::new(args.seconds);
+    let pair = PairArgs {
+        scene: &args.scene,
+        plan: &plan,
+        seconds: args.seconds,
+        overrides: &args.overrides,
+        record: args.record.as_deref(),
+    };
+    let outcome = run_pair(&pair, &stop, &mut |shown| line.show(shown));
+    line.bar.finish_and_clear();
+    let outcome = outcome?;
+    let machine = Machine::read();
+    let report = Report {
+        plan: &plan,
+        finished: &outcome.finished,
+        machine: &machine,
+        notes: &outcome.notes,
+    };
+    report.write(&out)?;
+    let words = format!(
+        "{}{:<11} {}\n",
+        report.words(),
+        "report",
+        out.join("report.html").display()
+    );
+    print_either(args.json, &words, &outcome.finished.result)
+}
+
+/// A short name of the first object's model, fit for a folder.
+fn model_name(plan: &ScenePlan) -> String {
+    match plan.objects.first().map(|object| &object.model) {
+        Some(ModelSource::File(path)) => path
+            .file_stem()
+            .map_or_else(|| "model".to_string(), |s| s.to_string_lossy().into_owned()),
+        Some(ModelSource::Generate { shape, faces }) => format!("{shape}-{faces}"),
+        None => "none".to_string(),
+    }
+}
+
+/// The status line on standard error; silent where that is no terminal.
+struct LiveLine {
+    bar: ProgressBar,
+}
+
+impl LiveLine {
+    fn new(seconds: f64) -> Self {
+        let bar = status_bar((seconds * 10.0).ceil() as u64);
+        bar.set_message("starting both processes");
+        Self { bar }
+    }
+
+    fn show(&self, shown: Shown) {
+        match shown {
+            Shown::Status(status) => {
+                self.bar.set_position((status.seconds * 10.0) as u64);
+                self.bar.set_message(worded(status));
+            }
+            // A process's last sentence is told when its end is judged.
+            Shown::Said(_, line) if line.starts_with("error: ") || line.is_empty() => {}
+            Shown::Said(name, line) => {
+                let line = format!("{name}: {line}");
+                if self.bar.is_hidden() {
+                    eprintln!("{line}");
+                } else {
+                    self.bar.println(line);
+                }
+            }
+        }
+    }
+}
+
+fn worded(status: &Status) -> String {
+    let touch = match (status.ready, status.station, status.contact) {
+        (_, false, _) => "station not there".to_string(),
+        (false, ..) => "waiting for the model".to_string(),
+        (.., true) => {
+            let probes = match status.touching {
+                0 | 1 => String::new(),
+                count => format!(" with {count} probes"),
+            };
+            let (force, errors) = (status.force_n, errors(status));
+            format!("touching{probes}, {force:.2} N, error {errors}")
+        }
+        (.., false) => "in free space".to_string(),
+    };
+    let awake = match status.awake {
+        0 | 1 => String::new(),
+        count => format!("  {count} objects awake"),
+    };
+    format!(
+        "{:.1} s  {touch}{awake}  {} faces refined  cache {}  missed {}",
+        status.seconds,
+        grouped(status.refined_faces),
+        bytes(status.cache_bytes),
+        status.missed
+    )
+}
+
+/// The certified error at the contact, and the newest measured one.
+fn errors(status: &Status) -> String {
+    let certified = format!("at most {}", length(status.certified_error_m));
+    if status.measured_error_m < 0.0 {
+        certified
+    } else {
+        format!("{certified}, measured {}", length(status.measured_error_m))
+    }
+}

@@ -1,0 +1,64 @@
+//! Models as they are named on the command line.
+
+use super::Model;
+use crate::failure::Failure;
+use scene::ModelSource;
+use spm_builder::build::{BuildOptions, NoProgress};
+use spm_builder::generate::{Shape, generate};
+use std::path::PathBuf;
+
+/// Seed of a generated shape.
+const SHAPE_SEED: u64 = 1;
+
+/// A short name and the source: a shape with its faces (`SHAPE:FACES`), or a file.
+///
+/// # Errors
+/// One sentence for a shape without a number of faces.
+pub fn source(typed: &str) -> Result<(String, ModelSource), Failure> {
+    if let Some((shape, faces)) = typed.split_once(':')
+        && shape.parse::<Shape>().is_ok()
+    {
+        let faces = faces.parse().map_err(|_| {
+            Failure::Input(format!(
+                "{typed}: write the number of faces after the shape, such as {shape}:20000"
+            ))
+        })?;
+        let source = ModelSource::Generate {
+            shape: shape.to_string(),
+            faces,
+        };
+        return Ok((format!("{shape}-{faces}"), source));
+    }
+    let path = PathBuf::from(typed);
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    Ok((name.into_owned(), ModelSource::File(path)))
+}
+
+/// The names that were typed, or the default ones when there are none.
+#[must_use]
+pub fn typed_or(typed: &[String], default: &[&str]) -> Vec<String> {
+    if typed.is_empty() {
+        default.iter().map(ToString::to_string).collect()
+    } else {
+        typed.to_vec()
+    }
+}
+
+/// Opens or builds a model that was typed, in memory.
+///
+/// # Errors
+/// One sentence that names it.
+pub fn open(typed: &str) -> Result<Model, Failure> {
+    let options = BuildOptions::default();
+    match source(typed)? {
+        (_, ModelSource::File(path)) => Model::open(&path, &options, &NoProgress),
+        (name, ModelSource::Generate { shape, faces }) => {
+            let shape: Shape = shape
+                .parse()
+                .map_err(|_| Failure::Input(format!("{shape} is no shape")))?;
+            let mesh = generate(shape, faces, SHAPE_SEED);
+            Model::build(name, mesh, &options, &NoProgress)
+                .map_err(|error| Failure::Run(error.to_string()))
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! The bare loop: the thread set-up of the controller with an empty body, or with fixed arithmetic of a given
+//! length. What it misses, the machine misses.
+
+use super::load::arithmetic;
+use super::stop::is_set;
+use crate::failure::Failure;
+use crate::report::output::print_json;
+use clap::Args;
+use geometry::Wrench;
+use hrtc::result::{Accumulator, Finished, Right, RunMeta, SupervisedLine};
+use hrtc::tick_record::{STAGES, TickRecord};
+use hrtc_core::record::CoreRecord;
+use realtime::pacer::{Pacer, Wake, Worked};
+use realtime::rights::{obtain, thread_cpu_ns};
+use scene::MAX_PROBES;
+use std::sync::atomic::AtomicBool;
+
+/// What the bare loop's role is told.
+#[derive(Debug, Args)]
+pub struct BareArgs {
+    /// Ticks a second.
+    #[arg(long)]
+    pub rate_hz: f64,
+    /// Core of the tick.
+    #[arg(long)]
+    pub core: Option<usize>,
+    /// SCHED_FIFO priority.
+    #[arg(long)]
+    pub priority: i32,
+    /// Microseconds before a deadline that are spun.
+    #[arg(long)]
+    pub spin_us: u64,
+    /// Length.
+    #[arg(long)]
+    pub seconds: f64,
+    /// Thread CPU of the fixed arithmetic of a tick; 0 for an empty body.
+    #[arg(long, default_value_t = 0)]
+    pub work_ns: u64,
+}
+
+/// Runs the loop and prints its result as the controller does.
+///
+/// # Errors
+/// When no thread can be made, or the result cannot be printed.
+pub fn bare(args: &BareArgs, stop: &AtomicBool) -> Result<(), Failure> {
+    let finished = std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new()
+            .name("tick".to_string())
+            .stack_size(1 << 20)
+            .spawn_scoped(scope, || measure(args, stop));
+        thread.ok()?.join().ok()?
+    });
+    let Some(finished) = finished else {
+        return Err(Failure::Run(
+            "the bare loop could not be set up; give it more memory or a shorter --seconds"
+                .to_string(),
+        ));
+    };
+    print_json(&SupervisedLine::Finished(Box::new(finished)))
+}
+
+fn measure(args: &BareArgs, stop: &AtomicBool) -> Option<Finished> {
+    let period = (1e9 / args.rate_hz).round() as u64;
+    let most = (args.seconds * args.rate_hz).ceil() as usize;
+    let mut ticks: Vec<(Wake, Worked)> = Vec::new();
+    ticks.try_reserve_exact(most).ok()?;
+    let steps = calibrate(args.work_ns);
+    let obtained = obtain(args.core, args.priority);
+    run_loop(args, steps, most, stop, &mut ticks);
+    let mut run = Accumulator::new(period, 0)?;
+    for tick in &ticks {
+        run.push(&record(tick));
+    }
+    let missing: Vec<Right> = obtained
+        .missing
+        .iter()
+        .map(|missing| Right {
+            name: missing.right.what(),
+            obtained: false,
+            detail: missing.to_string(),
+        })
+        .collect();
+    Some(run.finish(RunMeta {
+        scene: "bare".to_string(),
+        rights: missing,
+        ..RunMeta::default()
+    }))
+}
+
+fn run_loop(
+    args: &BareArgs,
+    steps: u64,
+    most: usize,
+    stop: &AtomicBool,
+    ticks: &mut Vec<(Wake, Worked)>,
+) {
+    let mut pacer = Pacer::new(args.rate_hz, args.spin_us);
+    let mut x = 1;
+    while ticks.len() < ticks.capacity() && !is_set(stop) {
+        let wake = pacer.wait();
+        if wake.tick >= most as u64 {
+            break;
+        }
+        x = arithmetic(x, steps);
+        let worked = pacer.done();
+        ticks.push((wake, worked));
+    }
+    std::hint::black_box(x);
+}
+
+/// Steps of arithmetic that take this long here.
+fn calibrate(work_ns: u64) -> u64 {
+    const TRIAL: u64 = 200_000;
+    if work_ns == 0 {
+        return 0;
+    }
+    let mut times: Vec<u64> = (0..9)
+        .map(|x| {
+            let start = thread_cpu_ns();
+            std::hint::black_box(arithmetic(x, TRIAL));
+            thread_cpu_ns() - start
+        })
+        .collect();
+    times.sort_unstable();
+    (TRIAL * work_ns / times[times.len() / 2].max(1)).max(1)
+}
+
+fn record(&(wake, worked): &(Wake, Worked)) -> TickRecord {
+    TickRecord {
+        tick: wake.tick,
+        skipped: wake.skipped,
+        miss: wake.miss,
+        wake_ns: wake.wake_ns,
+        period_ns: wake.period_ns,
+        work_cpu_ns: worked.cpu_ns,
+        work_wall_ns: worked.wall_ns,
+        stage_ns: [0; STAGES.len()],
+        page_faults: worked.page_faults,
+        allocations: 0,
+        chunks_arrived: 0,
+        station: 0,
+        samples: [None; MAX_PROBES],
+        wrenches: [Wrench::ZERO; MAX_PROBES],
+        core: CoreRecord {
+            measured_error_m: -1.0,
+            ..CoreRecord::default()
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn args(seconds: f64, work_ns: u64) -> BareArgs {
+        BareArgs {
+            rate_hz: 1000.0,
+            core: None,
+            priority: 1,
+            spin_us: 0,
+            seconds,
+            work_ns,
+        }
+    }
+
+    #[test]
+    fn an_empty_body_ticks_through_its_time() {
+        let finished = measure(&args(0.1, 0), &AtomicBool::new(false)).unwrap();
+        let result = finished.result;
+        assert!(result.ticks + result.missed >= 99, "{result:?}");
+        assert_eq!(result.missed, result.misses.total());
+        assert_eq!(result.misses.own_cpu, 0);
+    }
+}

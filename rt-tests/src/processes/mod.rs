@@ -1,0 +1,17 @@
+//! This program again as other processes: starting, watching and ending them, and their roles.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`process`] | one process in a role |
+//! | [`pair`] | the station and the controller of a run |
+//! | [`roles`] | the station's and the controller's role |
+//! | [`bare_loop`] | the role of the loop that the controller is compared with |
+//! | [`load`] | the role of load on the other core |
+//! | [`stop`] | the flag that ends a role or a command |
+
+pub mod bare_loop;
+pub mod load;
+pub mod pair;
+pub mod process;
+pub mod roles;
+pub mod stop;

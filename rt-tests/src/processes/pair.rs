@@ -1,0 +1,211 @@
+//! One run of both processes: started together, watched, ended together.
+
+use super::process::{Event, Process, unique_domain};
+use super::stop::is_set;
+use crate::failure::Failure;
+use crate::machine::cores;
+use crate::scenes::OverrideArgs;
+use hrtc::result::{Finished, Status, SupervisedLine};
+use realtime::rights::monotonic_ns;
+use scene::ScenePlan;
+use std::ffi::OsString;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::time::{Duration, Instant};
+use transport::Domain;
+
+/// Restarts of a station in one run at the most.
+const MAX_RESTARTS: usize = 3;
+/// How long the controller may take beyond its seconds before it counts as hanging.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// How long a process may take to end when asked.
+const ENDING: Duration = Duration::from_secs(5);
+
+/// What a run is told.
+#[derive(Debug, Clone)]
+pub struct PairArgs<'a> {
+    /// Scene file.
+    pub scene: &'a Path,
+    /// Its plan, for the core of the tick.
+    pub plan: &'a ScenePlan,
+    /// Length, seconds.
+    pub seconds: f64,
+    /// Over the scene.
+    pub overrides: &'a OverrideArgs,
+    /// Where the controller records its inputs.
+    pub record: Option<&'a Path>,
+}
+
+/// What became of it.
+#[derive(Debug)]
+pub struct Outcome {
+    /// What the controller counted.
+    pub finished: Finished,
+    /// What the supervisor saw, a sentence each.
+    pub notes: Vec<String>,
+}
+
+/// The core of everything but the tick, when there are two: the tick's thread binds itself to its own.
+#[must_use]
+pub fn other_core(plan: &ScenePlan) -> Option<usize> {
+    let tick = plan.loop_.core?;
+    (cores() >= 2).then(|| usize::from(tick == 0))
+}
+
+/// Runs both processes until the time is over or `stop` is set; `show` gets the live status and what they say.
+///
+/// # Errors
+/// When a process cannot be started, or ends before there is a result.
+pub fn run_pair(
+    args: &PairArgs,
+    stop: &AtomicBool,
+    show: &mut dyn FnMut(Shown),
+) -> Result<Outcome, Failure> {
+    let domain = Domain::new(&unique_domain()).map_err(|error| Failure::Run(error.to_string()))?;
+    let outcome = Pair::start(args, domain.name()).and_then(|mut pair| {
+        let finished = pair.watch(args.seconds, stop, show);
+        pair.station.terminate();
+        pair.station.wait(ENDING);
+        let notes = std::mem::take(&mut pair.notes);
+        finished.map(|finished| Outcome { finished, notes })
+    });
+    domain.remove_files();
+    outcome
+}
+
+/// For the live line.
+#[derive(Debug, Clone, Copy)]
+pub enum Shown<'a> {
+    /// How the run stands.
+    Status(&'a Status),
+    /// A line that a process said, and its name.
+    Said(&'a str, &'a str),
+}
+
+struct Pair {
+    station: Process,
+    station_arguments: Vec<OsString>,
+    core: Option<usize>,
+    restarts: usize,
+    controller: Process,
+    events: Receiver<Event>,
+    sender: Sender<Event>,
+    notes: Vec<String>,
+}
+
+impl Pair {
+    fn start(args: &PairArgs, domain: &str) -> Result<Self, Failure> {
+        let (sender, events) = channel();
+        let started = monotonic_ns();
+        let core = other_core(args.plan);
+        let role = |role: &str| -> Vec<OsString> {
+            let mut typed = vec![role.into(), "--domain".into(), domain.into()];
+            typed.extend(args.overrides.typed());
+            typed
+        };
+        // "--" lets a scene's name begin with a hyphen.
+        let scene = [OsString::from("--"), args.scene.into()];
+        let mut station_arguments = role("role-station");
+        station_arguments.extend(scene.clone());
+        let mut controller_arguments = role("role-hrtc");
+        controller_arguments.push(format!("--seconds={}", args.seconds).into());
+        controller_arguments.push(format!("--started-ns={started}").into());
+        if let Some(record) = args.record {
+            controller_arguments.push("--record".into());
+            controller_arguments.push(record.into());
+        }
+        controller_arguments.extend(scene);
+        let station = Process::start("station", &station_arguments, core, &sender)?;
+        let controller = Process::start("controller", &controller_arguments, core, &sender)?;
+        Ok(Self {
+            station,
+            station_arguments,
+            core,
+            restarts: 0,
+            controller,
+            events,
+            sender,
+            notes: Vec::new(),
+        })
+    }
+
+    /// Until the controller ended; its result.
+    fn watch(
+        &mut self,
+        seconds: f64,
+        stop: &AtomicBool,
+        show: &mut dyn FnMut(Shown),
+    ) -> Result<Finished, Failure> {
+        let mut finished = None;
+        let mut asked: Option<Instant> = None;
+        let hanging = Instant::now() + Duration::from_secs_f64(seconds) + PATIENCE;
+        loop {
+            match self.events.recv_timeout(Duration::from_millis(50)) {
+                Ok(event) => take(event, &mut finished, show),
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
+            }
+            if let Some(status) = self.controller.ended() {
+                // All its output is read before its end is judged.
+                self.controller.wait(ENDING);
+                while let Ok(event) = self.events.try_recv() {
+                    take(event, &mut finished, show);
+                }
+                return match finished {
+                    Some(finished) if status.success() => Ok(finished),
+                    _ => Err(self.controller.failure(Some(status))),
+                };
+            }
+            if is_set(stop) && asked.is_none() {
+                asked = Some(Instant::now());
+                self.notes.push("ended early on request".to_string());
+                self.controller.terminate();
+            }
+            let late = asked.is_some_and(|asked| asked.elapsed() > ENDING);
+            if late || Instant::now() > hanging {
+                let _ = self.controller.wait(Duration::ZERO);
+                return Err(Failure::Run(
+                    "the controller did not end in time and was ended by force; there is no result"
+                        .to_string(),
+                ));
+            }
+            self.mind_station(asked.is_some())?;
+        }
+    }
+
+    /// Restarts a station that died; one that refuses its input ends the run.
+    fn mind_station(&mut self, ending: bool) -> Result<(), Failure> {
+        let Some(status) = self.station.ended() else {
+            return Ok(());
+        };
+        if ending {
+            return Ok(());
+        }
+        self.station.wait(ENDING);
+        let failure = self.station.failure(Some(status));
+        if failure.status() == 2 || self.restarts == MAX_RESTARTS {
+            self.controller.terminate();
+            self.controller.wait(ENDING);
+            return Err(failure);
+        }
+        self.restarts += 1;
+        self.notes.push(format!(
+            "{failure}; it was restarted ({} of at most {MAX_RESTARTS})",
+            self.restarts
+        ));
+        self.station = Process::start("station", &self.station_arguments, self.core, &self.sender)?;
+        Ok(())
+    }
+}
+
+fn take(event: Event, finished: &mut Option<Finished>, show: &mut dyn FnMut(Shown)) {
+    match event {
+        Event::Line("controller", line) => match serde_json::from_str(&line) {
+            Ok(SupervisedLine::Status { status }) => show(Shown::Status(&status)),
+            Ok(SupervisedLine::Finished(result)) => *finished = Some(*result),
+            // Not ours: shown, not judged.
+            Err(_) => show(Shown::Said("controller", &line)),
+        },
+        Event::Line(name, line) | Event::Said(name, line) => show(Shown::Said(name, &line)),
+    }
+}

@@ -1,0 +1,73 @@
+//! Quantiles of measured numbers, by nearest rank.
+
+use serde::Serialize;
+
+/// The smallest of ascending numbers that a share of them (0 to 1) does not exceed; 0 of none.
+#[must_use]
+pub fn quantile(ascending: &[f64], share: f64) -> f64 {
+    let rank = (share * ascending.len() as f64).ceil() as usize;
+    let last = ascending.len().saturating_sub(1);
+    ascending
+        .get(rank.saturating_sub(1).min(last))
+        .copied()
+        .unwrap_or(0.0)
+}
+
+/// The middle value, or the mean of the two middle ones; 0 of none.
+#[must_use]
+pub fn median(values: &[f64]) -> f64 {
+    let mut ascending = values.to_vec();
+    ascending.sort_by(f64::total_cmp);
+    let last = ascending.len().saturating_sub(1);
+    let at = |place: usize| ascending.get(place).copied().unwrap_or(0.0);
+    0.5 * (at(last / 2) + at(last.div_ceil(2)))
+}
+
+/// Quantiles of some numbers; all 0 of none.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Quantiles {
+    /// Median.
+    pub p50: f64,
+    /// 99th of 100.
+    pub p99: f64,
+    /// 999th of 1000.
+    pub p999: f64,
+    /// Maximum.
+    pub max: f64,
+}
+
+impl Quantiles {
+    /// Of numbers in any order, which are sorted.
+    #[must_use]
+    pub fn of(numbers: &mut [f64]) -> Self {
+        numbers.sort_unstable_by(f64::total_cmp);
+        Self {
+            p50: quantile(numbers, 0.5),
+            p99: quantile(numbers, 0.99),
+            p999: quantile(numbers, 0.999),
+            max: quantile(numbers, 1.0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_those_of_the_sorted_numbers() {
+        let numbers: Vec<f64> = (1..=100).map(f64::from).collect();
+        assert_eq!(quantile(&numbers, 0.5), 50.0);
+        assert_eq!(quantile(&numbers, 0.99), 99.0);
+        assert_eq!(quantile(&numbers, 1.0), 100.0);
+        assert_eq!(quantile(&numbers, 0.0), 1.0);
+        assert_eq!(quantile(&[], 0.5), 0.0);
+    }
+
+    #[test]
+    fn the_median_is_the_middle() {
+        assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.5);
+        assert_eq!(median(&[]), 0.0);
+    }
+}

@@ -1,0 +1,139 @@
+//! The scene of a command: its file, what the command line changes in it, and its models.
+
+use crate::failure::Failure;
+use clap::Args;
+use scene::{Overrides, ScenePlan};
+use spm_builder::build::TerminalProgress;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+use ve_station::database::Database;
+
+/// The scene of commands that were given none.
+pub const BUNDLED_SCENE: &str = include_str!("../../config/scenes/first-touch.toml");
+/// Shortest and longest run, seconds: long enough for a hundred ticks, and a day.
+const MIN_SECONDS: f64 = 0.1;
+const MAX_SECONDS: f64 = 86_400.0;
+
+/// A scene file: a named one, or the bundled one in a temporary folder that lives as long as this.
+#[derive(Debug)]
+pub struct SceneFile {
+    path: PathBuf,
+    _folder: Option<TempDir>,
+}
+
+impl SceneFile {
+    /// The named file, or the bundled scene.
+    ///
+    /// # Errors
+    /// When the bundled scene cannot be written.
+    pub fn named_or_bundled(named: Option<&Path>) -> Result<Self, Failure> {
+        if let Some(named) = named {
+            return Ok(Self {
+                path: named.to_path_buf(),
+                _folder: None,
+            });
+        }
+        let folder = tempfile::tempdir()
+            .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
+        let path = folder.path().join("first-touch.toml");
+        std::fs::write(&path, BUNDLED_SCENE).map_err(|error| Failure::write(&path, &error))?;
+        Ok(Self {
+            path,
+            _folder: Some(folder),
+        })
+    }
+
+    /// The file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+/// Options of the command line that replace values of the scene.
+#[derive(Debug, Clone, Default, Args)]
+pub struct OverrideArgs {
+    /// Another model for the first object: an SPM or mesh file; the scene's size is kept
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// Longest side of the first object, metres
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub size: Option<f64>,
+    /// Speed of the tour, metres a second
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    pub speed: Option<f64>,
+    /// Seed of the tour
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Limit of the controller's cache, such as 16MiB
+    #[arg(long, value_name = "BYTES")]
+    pub cache: Option<String>,
+    /// Wanted error at the contact, metres; 0 is the full mesh
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub tolerance: Option<f64>,
+}
+
+impl OverrideArgs {
+    /// As the scene takes them.
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        Overrides {
+            model: self.model.clone(),
+            size_m: self.size,
+            speed_m_per_s: self.speed,
+            seed: self.seed,
+            cache: self.cache.clone(),
+            tolerance_m: self.tolerance,
+        }
+    }
+
+    /// As arguments of another process; `=` keeps a negative number from being read as an option.
+    #[must_use]
+    pub fn typed(&self) -> Vec<OsString> {
+        let mut typed = Vec::new();
+        if let Some(model) = &self.model {
+            typed.push("--model".into());
+            typed.push(model.into());
+        }
+        let numbers = [
+            ("size", self.size.map(|v| v.to_string())),
+            ("speed", self.speed.map(|v| v.to_string())),
+            ("seed", self.seed.map(|v| v.to_string())),
+            ("cache", self.cache.clone()),
+            ("tolerance", self.tolerance.map(|v| v.to_string())),
+        ];
+        for (name, value) in numbers {
+            if let Some(value) = value {
+                typed.push(format!("--{name}={value}").into());
+            }
+        }
+        typed
+    }
+}
+
+/// Checks a length of time from the command line.
+///
+/// # Errors
+/// One sentence when it is not between 0.1 s and a day.
+pub fn check_seconds(seconds: f64) -> Result<(), Failure> {
+    if (MIN_SECONDS..=MAX_SECONDS).contains(&seconds) {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
+        "--seconds is {seconds}; write a number from {MIN_SECONDS} to {MAX_SECONDS}"
+    )))
+}
+
+/// Opens every model of a scene, building those that are meshes, with progress on the terminal.
+///
+/// Done before any process starts: a bad file is refused at once, and no build falls into a run.
+///
+/// # Errors
+/// One sentence that names the file.
+pub fn prepare_models(plan: &ScenePlan) -> Result<Database, Failure> {
+    let progress = TerminalProgress::new();
+    let opened = Database::open(plan, &progress);
+    progress.finish();
+    opened.map_err(|error| Failure::Input(error.to_string()))
+}
