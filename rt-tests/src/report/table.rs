@@ -12,6 +12,8 @@ pub struct Table {
     texts: usize,
     /// Characters of each column.
     widths: Vec<usize>,
+    /// Between two columns.
+    gap: &'static str,
     rows: Vec<Vec<String>>,
 }
 
@@ -24,6 +26,7 @@ impl Table {
             heads: heads.iter().map(ToString::to_string).collect(),
             texts,
             widths: heads.iter().map(width).collect(),
+            gap: "  ",
             rows: Vec::new(),
         }
     }
@@ -34,6 +37,13 @@ impl Table {
         for (width, least) in self.widths.iter_mut().zip(widths) {
             *width = (*width).max(*least);
         }
+        self
+    }
+
+    /// One blank between the columns in place of two, for many columns.
+    #[must_use]
+    pub fn compact(mut self) -> Self {
+        self.gap = " ";
         self
     }
 
@@ -68,7 +78,7 @@ impl Table {
     pub fn line(&self, cells: impl IntoIterator<Item = String>) -> String {
         let mut text = String::new();
         for (column, (cell, width)) in cells.into_iter().zip(&self.widths).enumerate() {
-            let gap = if column == 0 { "" } else { "  " };
+            let gap = if column == 0 { "" } else { self.gap };
             let _ = if column < self.texts {
                 write!(text, "{gap}{cell:<width$}")
             } else {

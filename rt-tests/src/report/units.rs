@@ -101,6 +101,8 @@ mod tests {
         assert_eq!(length(2.345), "2.35 m");
         assert_eq!(grouped(1_234_567), "1\u{202f}234\u{202f}567");
         assert_eq!(percent(99_999, 100_000), "99.99 %");
+        assert_eq!(percent(1, 1), "100.00 %");
         assert_eq!(percent(0, 0), "none");
+        assert_eq!(bytes(3 << 20), "3.0 MiB");
     }
 }

@@ -33,7 +33,9 @@ const COLUMNS: [(&str, usize); 20] = [
 ];
 
 fn columns() -> Table {
-    Table::new(1, &COLUMNS.map(|column| column.0)).at_least(&COLUMNS.map(|column| column.1))
+    Table::new(1, &COLUMNS.map(|column| column.0))
+        .at_least(&COLUMNS.map(|column| column.1))
+        .compact()
 }
 
 /// The headings, and a row of the limits.
