@@ -14,6 +14,7 @@ use clap::Args;
 use hrtc::result::Status;
 use indicatif::ProgressBar;
 use scene::{ModelSource, ScenePlan, load};
+use scene_files::DiskFiles;
 use std::path::PathBuf;
 
 /// Arguments of `rt-tests run`.
