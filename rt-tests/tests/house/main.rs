@@ -1,0 +1,191 @@
+//! The house rules of this project: what a reader may rely on wherever the tree is opened.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`sources`] | the crates and source files of the workspace, parsed |
+//! | [`functions`] | length and nesting of functions |
+//! | [`rooms`] | which module imports which, and circles among them |
+//! | [`words`] | the private words that no identifier may use |
+//! | [`walks`] | the two walks through the core, function by function |
+
+mod functions;
+mod rooms;
+mod sources;
+mod walks;
+mod words;
+
+use sources::{Crate, crates, product_files, root, rust_files};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Lines of a product function, from its signature to its closing brace.
+const MAX_FUNCTION_LINES: usize = 70;
+/// Control flow inside control flow: `if`, `match`, loops and closures.
+const MAX_NESTING: usize = 5;
+/// Lines of a file.
+const MAX_FILE_LINES: usize = 600;
+/// Columns of a line, in comments too: rustfmt's width.
+const MAX_COLUMNS: usize = 100;
+/// Crates that read no clock, open no file, start no thread and iterate in no random order.
+const PURE: [&str; 7] = [
+    "geometry",
+    "ab-tree",
+    "spm",
+    "protocol",
+    "scene",
+    "hrtc-core",
+    "station-core",
+];
+
+/// Fails with all findings at once, one a line.
+fn assert_none(what: &str, findings: &[String]) {
+    assert!(
+        findings.is_empty(),
+        "{} {what}:\n{}",
+        findings.len(),
+        findings.join("\n")
+    );
+}
+
+#[test]
+fn functions_are_short_and_flat() {
+    let mut findings = Vec::new();
+    for file in product_files() {
+        for function in functions::of_file(&file) {
+            if function.lines > MAX_FUNCTION_LINES {
+                findings.push(format!("{}: {} lines", function.place, function.lines));
+            }
+            if function.nesting > MAX_NESTING {
+                findings.push(format!(
+                    "{}: nested {} deep",
+                    function.place, function.nesting
+                ));
+            }
+        }
+    }
+    assert_none("functions are too long or nested too deep", &findings);
+}
+
+#[test]
+fn files_are_short_and_lines_fit() {
+    let mut findings = Vec::new();
+    for path in rust_files(&root()) {
+        let text = std::fs::read_to_string(&path).expect("a source file is read");
+        let shown = sources::shown(&path);
+        if text.lines().count() > MAX_FILE_LINES {
+            findings.push(format!("{shown}: {} lines", text.lines().count()));
+        }
+        for (number, line) in (1..).zip(text.lines()) {
+            // rustfmt does not break strings, and neither do we: they are sentences to be found by a search.
+            let is_text = line.contains('"') || line.trim_start().starts_with("//! |");
+            if line.chars().count() > MAX_COLUMNS && !is_text {
+                findings.push(format!(
+                    "{shown}:{number}: {} columns",
+                    line.chars().count()
+                ));
+            }
+        }
+    }
+    assert_none("files or lines are too long", &findings);
+}
+
+#[test]
+fn no_crate_depends_on_itself() {
+    let crates = crates();
+    let edges: BTreeMap<String, BTreeSet<String>> = crates
+        .iter()
+        .map(|one| (one.name.clone(), one.dependencies.clone()))
+        .collect();
+    assert_none("circles of crates", &rooms::circles(&edges));
+}
+
+#[test]
+fn no_folder_imports_in_a_circle() {
+    let findings: Vec<String> = crates().iter().flat_map(rooms::circles_of_crate).collect();
+    assert_none("circles of folders", &findings);
+}
+
+#[test]
+fn reading_an_spm_pulls_in_no_transport_and_no_scene() {
+    let crates = crates();
+    let mut todo = vec!["spm".to_string()];
+    let mut pulled = BTreeSet::new();
+    while let Some(name) = todo.pop() {
+        if !pulled.insert(name.clone()) {
+            continue;
+        }
+        let own = crates.iter().find(|one| one.name == name);
+        todo.extend(
+            own.into_iter()
+                .flat_map(|one| one.dependencies.iter().cloned()),
+        );
+    }
+    assert!(
+        pulled.contains("geometry"),
+        "the dependencies were read: {pulled:?}"
+    );
+    for foreign in [
+        "iceoryx2",
+        "toml",
+        "png",
+        "serde",
+        "protocol",
+        "transport",
+        "scene",
+    ] {
+        let found = pulled.iter().find(|name| name.starts_with(foreign));
+        assert_eq!(found, None, "of {pulled:?}");
+    }
+}
+
+#[test]
+fn pure_crates_deny_clocks_files_and_threads_at_their_root() {
+    let crates = crates();
+    for name in PURE {
+        let one = crates.iter().find(|one| one.name == name);
+        let Crate { folder, .. } = one.unwrap_or_else(|| panic!("there is no crate {name}"));
+        let text = std::fs::read_to_string(folder.join("src/lib.rs")).expect("lib.rs is read");
+        let lint = "#![deny(clippy::disallowed_methods, clippy::disallowed_types)]";
+        assert!(text.contains(lint), "{name} does not say {lint}");
+    }
+    // Once, at the root: not again in a module.
+    let again: Vec<String> = product_files()
+        .iter()
+        .filter(|file| !file.shown.ends_with("lib.rs") && file.text.contains("clippy::disallowed"))
+        .map(|file| file.shown.clone())
+        .collect();
+    assert_none("modules deny or allow it again", &again);
+}
+
+#[test]
+fn identifiers_are_the_words_of_the_field() {
+    let findings: Vec<String> = product_files()
+        .iter()
+        .flat_map(words::private_words)
+        .collect();
+    assert_none("identifiers are words of this project only", &findings);
+}
+
+#[test]
+fn the_walks_through_the_core_are_short() {
+    walks::assert_walk("device sample to force", &walks::SAMPLE_TO_FORCE, 12);
+    walks::assert_walk("prediction to refined face", &walks::PREDICTION_TO_FACE, 14);
+}
+
+#[test]
+fn every_path_in_the_readme_exists() {
+    let text = std::fs::read_to_string(root().join("README.md")).expect("README.md is read");
+    let mut missing = Vec::new();
+    let mut named = 0;
+    for path in text.split('`').skip(1).step_by(2) {
+        let is_path = path.contains('/') && !path.contains([' ', '{', '*', ':', '=', '$', '<']);
+        let made = ["reports/", "target/", "../", "/etc/", "/dev/", "X/", "~"];
+        if is_path && !made.iter().any(|start| path.starts_with(start)) {
+            named += 1;
+            if !root().join(path).exists() {
+                missing.push(path.to_string());
+            }
+        }
+    }
+    assert!(named > 10, "the README names its folders: {named}");
+    assert_none("paths of the README do not exist", &missing);
+}
