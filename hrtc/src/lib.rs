@@ -2,9 +2,12 @@
 //!
 //! The shell owns the clock, the threads, the device and the iceoryx2 ports.
 
-pub mod connection;
+pub mod devices;
+pub mod link;
 pub mod logging;
 pub mod recorder;
 pub mod result;
 pub mod run;
+pub mod setup;
 pub mod tick_record;
+pub mod tuning;

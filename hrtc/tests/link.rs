@@ -1,7 +1,8 @@
 //! The two connection agents over real iceoryx2, in one process, each test in a domain of its own.
 
 use bytemuck::Zeroable;
-use hrtc::connection::{INBOX, Link, LinkEndpoints, LinkHandle, LinkOptions};
+use hrtc::link::{Link, LinkEndpoints, LinkHandle, LinkOptions};
+use hrtc::tuning::INBOX_CAPACITY;
 use hrtc_core::streaming::chunk::InboxChunk;
 use iceoryx2::prelude::BackpressureStrategy;
 use protocol::{
@@ -102,7 +103,7 @@ impl Tick {
     fn start(domain: &Domain) -> Self {
         let (requests, requests_out) = RingBuffer::new(64);
         let (contacts, contacts_out) = RingBuffer::new(64);
-        let (inbox_in, inbox) = RingBuffer::new(INBOX);
+        let (inbox_in, inbox) = RingBuffer::new(INBOX_CAPACITY);
         let station = Arc::new(AtomicU64::new(0));
         let other_version = Arc::new(AtomicU32::new(0));
         let recorded = Arc::new(Mutex::new(Vec::new()));

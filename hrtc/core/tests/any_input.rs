@@ -6,7 +6,7 @@ mod common;
 use common::{Pair, Random, change_records, plan, spm};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
-use haptic_device::{Device, Sample};
+use haptic_device::{Device, Sample, TickTime};
 use hrtc_core::NoObserver;
 use hrtc_core::streaming::chunk::InboxChunk;
 use proptest::prelude::*;
@@ -92,15 +92,13 @@ impl Watched {
     }
 
     fn position(&mut self) -> DVec3 {
-        let sample = self.pair.device.read(1);
+        let sample = self.pair.device.read(TickTime::default());
         sample.map_or(DVec3::ZERO, |sample| sample.pose.position)
     }
 }
 
 fn at(position: DVec3) -> Option<Sample> {
-    Some(Sample {
-        pose: Pose::at(position),
-    })
+    Some(Sample::at(Pose::at(position)))
 }
 
 #[test]
@@ -114,12 +112,10 @@ fn samples_that_are_no_numbers_are_rejected_and_counted() {
             watched.sample(at(position));
             assert!(watched.pair.summary.last.rejected_sample);
         }
-        watched.sample(Some(Sample {
-            pose: Pose {
-                position: good,
-                orientation: DQuat::from_xyzw(0.0, bad, 0.0, 1.0),
-            },
-        }));
+        watched.sample(Some(Sample::at(Pose {
+            position: good,
+            orientation: DQuat::from_xyzw(0.0, bad, 0.0, 1.0),
+        })));
         assert!(watched.pair.summary.last.rejected_sample);
     }
     watched.touches_again();

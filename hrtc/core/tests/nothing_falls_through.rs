@@ -71,7 +71,7 @@ impl Probe {
         self.place = place;
         let pose = Pose::at(place * self.size);
         self.pair
-            .step_sample(Some(Sample { pose }), &mut NoObserver);
+            .step_sample(Some(Sample::at(pose)), &mut NoObserver);
         place + self.pair.force() / (STIFFNESS * self.size)
     }
 

@@ -367,12 +367,7 @@ fn any_number_of_objects_and_probes_ticks_without_a_station() {
             .collect();
         let plan = scene_plan(&balls, probes, 4 << 20);
         let mut scene = Scene::new(&plan, &[("sphere", &SPHERE)]);
-        let samples = vec![
-            Some(Sample {
-                pose: Pose::at(DVec3::ZERO)
-            });
-            probes
-        ];
+        let samples = vec![Some(Sample::at(Pose::at(DVec3::ZERO))); probes];
         for tick in 0..100 {
             let inputs = TickInputs {
                 tick,

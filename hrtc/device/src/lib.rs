@@ -1,41 +1,84 @@
-//! Devices: what moves a probe and feels the force.
+//! The contract between the controller and a force-feedback device.
+//!
+//! A device senses a pose and renders a wrench. The controller reads it once at the start of a
+//! tick and writes to it once at the end, usually 1000 times a second. This crate holds the contract
+//! only, so that a driver can be written without the controller.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`device`] | [`Device`]: the trait that a driver implements; [`Capabilities`] |
+//! | [`sample`] | values that cross it: [`Sample`], [`WrenchCommand`], [`TickTime`], [`Intent`] |
+//! | [`guard`] | [`GuardedDevice`]: honours the capabilities, switches the device off when dropped |
+//!
+//! # The contract
+//! **Threads.** A driver is made on the main thread and moved to the tick thread (`Send`). From then
+//! on every call comes from the tick thread, one at a time. A driver whose hardware needs a thread of
+//! its own (USB, a network) starts one and exchanges the newest values with it without a lock, for
+//! example through atomics or a triple buffer.
+//!
+//! **Timing.** `read` and `write` run inside the period of the loop (1 ms at 1 kHz) under
+//! `SCHED_FIFO`. They must not block, sleep, allocate, free, take a lock, print or make system calls
+//! that wait. A few microseconds each is usual. All memory is taken in the constructor. Periods may be
+//! skipped; [`TickTime::periods`] says how many have passed.
+//!
+//! **Frames and units.** Poses, velocities and wrenches are in the world frame: metres, radians,
+//! seconds, newtons, newton metres. A wrench acts at the position of the pose.
+//!
+//! **Time.** Nanoseconds on `CLOCK_MONOTONIC`, as `u64`.
+//!
+//! **Validity.** A [`WrenchCommand`] is valid until a stated time. A driver whose hardware keeps the
+//! last command must go to zero by itself at that time: the controller may have died.
+//!
+//! **Safe-off.** [`Device::safe_off`] brings the device to zero force, at any time, any number of
+//! times, also before the first `write` and during a panic. The shell calls it at the end of a run,
+//! and [`GuardedDevice`] calls it when it is dropped.
+//!
+//! **Panics.** A driver must not panic; a fault of the hardware is a `read` that returns `None`. The
+//! controller ramps the force down after a few of these.
+//!
+//! # Example
+//! ```
+//! use haptic_device::{
+//!     Capabilities, Device, GuardedDevice, Pose, Sample, TickTime, Wrench, WrenchCommand,
+//! };
+//! use glam::DVec3;
+//!
+//! /// A handle that is fixed 1 mm above the origin.
+//! struct Fixed {
+//!     force: DVec3,
+//! }
+//!
+//! impl Device for Fixed {
+//!     fn capabilities(&self) -> Capabilities {
+//!         Capabilities::translational("fixed", 5.0)
+//!     }
+//!     fn read(&mut self, time: TickTime) -> Option<Sample> {
+//!         Some(Sample {
+//!             time_ns: time.start_ns,
+//!             ..Sample::at(Pose::at(DVec3::Z * 1e-3))
+//!         })
+//!     }
+//!     fn write(&mut self, command: WrenchCommand) {
+//!         self.force = command.wrench.force;
+//!     }
+//!     fn safe_off(&mut self) {
+//!         self.force = DVec3::ZERO;
+//!     }
+//! }
+//!
+//! let mut device = GuardedDevice::new(Box::new(Fixed { force: DVec3::ZERO }));
+//! let sample = device.read(TickTime::default()).unwrap();
+//! assert_eq!(sample.pose.position.z, 1e-3);
+//! device.write(WrenchCommand::unlimited(Wrench { force: DVec3::Z, torque: DVec3::ZERO }));
+//! ```
 
-mod simulated;
+#![forbid(unsafe_code)]
 
-pub use simulated::{Intent, Simulated};
+pub mod device;
+pub mod guard;
+pub mod sample;
 
-use geometry::{Pose, Wrench};
-
-/// What a device measured at the start of a tick.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
-    /// Pose of its end effector, world, metres.
-    pub pose: Pose,
-}
-
-/// What a device can do.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Capabilities {
-    /// Name for reports.
-    pub name: String,
-    /// Largest continuous force, newtons.
-    pub force_max_n: f64,
-    /// Encoder step, metres; 0 when not quantised.
-    pub encoder_m: f64,
-    /// Whether it renders torque.
-    pub torque: bool,
-}
-
-/// A force-feedback device, read and written once a tick from the real-time thread.
-///
-/// Neither call may block, allocate or take a lock.
-pub trait Device: Send {
-    /// What it can do; asked once at start.
-    fn capabilities(&self) -> Capabilities;
-    /// The pose now; `None` when the device gave none this period.
-    ///
-    /// `periods` have gone by since the last call: 1, or more when periods were missed.
-    fn read(&mut self, periods: u32) -> Option<Sample>;
-    /// The wrench that acts until the next call.
-    fn write(&mut self, wrench: Wrench);
-}
+pub use device::{Capabilities, DegreesOfFreedom, Device};
+pub use geometry::{Pose, Wrench};
+pub use guard::GuardedDevice;
+pub use sample::{Intent, Sample, TickTime, WrenchCommand};

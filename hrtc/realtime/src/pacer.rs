@@ -25,6 +25,8 @@ pub enum MissClass {
 pub struct Wake {
     /// Its index; skipped periods count.
     pub tick: u64,
+    /// Its start on CLOCK_MONOTONIC, ns.
+    pub start_ns: u64,
     /// Periods skipped since the tick before.
     pub skipped: u32,
     /// Why.
@@ -119,6 +121,7 @@ impl Pacer {
         }
         let wake = Wake {
             tick: self.tick,
+            start_ns: start,
             skipped: self.skipped,
             miss: self.miss,
             wake_ns: narrow(late),

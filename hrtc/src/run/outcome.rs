@@ -1,8 +1,8 @@
 //! How a run ends: errors of one sentence, figures, and the few lines for a person.
 
-use crate::connection::LinkError;
+use crate::link::LinkError;
 use crate::recorder::RecordingError;
-use crate::result::{Accumulator, Finished, Right, RunResult};
+use crate::result::{Finished, Right, RunResult};
 use hrtc_core::{Controller, Fault};
 use realtime::rights::MissingRight;
 use scene::{LoopPlan, SceneError};
@@ -48,13 +48,8 @@ pub enum RunError {
     Print(std::io::Error),
 }
 
-/// What was drained.
-pub(super) struct Outcome {
-    pub run: Accumulator,
-}
-
 /// Adds what the controller knows of its dial, of its capacities and of what moved.
-pub(super) fn add_dial(result: &mut RunResult, controller: &Controller, rate_hz: f64) {
+pub(super) fn add_lod(result: &mut RunResult, controller: &Controller, rate_hz: f64) {
     result.tolerance_m = controller.tolerance_m();
     result.capacities = controller.capacities();
     result.moved = controller.movables().report();

@@ -1,53 +1,75 @@
 //! The thread that ticks.
 
-use super::{LOG, OUT, Signals};
-use crate::connection::INBOX;
+use super::probe_device::ProbeDevice;
+use super::shared::Shared;
 use crate::tick_record::{STAGES, TickRecord};
-use geometry::{Pose, Wrench};
-use haptic_device::{Device, Sample, Simulated};
-use hrtc_core::script::Script;
+use crate::tuning::{COMMAND_VALIDITY_NS, INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY};
+use geometry::Wrench;
+use haptic_device::{Sample, TickTime, WrenchCommand};
 use hrtc_core::streaming::chunk::InboxChunk;
-use hrtc_core::{Capacity, Controller, Fault, Stage, StageObserver, TickInputs, TickOutputs};
+use hrtc_core::{Capacity, Controller, Stage, StageObserver, TickInputs, TickOutputs};
 use protocol::{ContactReport, Request};
 use realtime::counting_allocator;
-use realtime::pacer::Pacer;
-use realtime::rights::{MissingRight, monotonic_ns, obtain};
+use realtime::pacer::{Pacer, Wake, Worked};
+use realtime::rights::{LatencyHold, monotonic_ns, obtain};
 use rtrb::{Consumer, Producer};
-use scene::{LoopPlan, MAX_PROBES, ProbePlan, TrajectoryPlan};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use scene::{LoopPlan, MAX_PROBES};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
-/// Everything that the thread owns.
-pub(super) struct TickThread {
-    /// Boxed: it is too large to be moved about on a small stack.
-    pub controller: Box<Controller>,
-    /// One for each probe.
-    pub hands: Vec<Hand>,
+/// The tick's ends of the rings.
+pub(super) struct TickRings {
     pub requests: Producer<Request>,
     pub contacts: Producer<ContactReport>,
     pub inbox: Consumer<InboxChunk>,
     pub log: Producer<TickRecord>,
-    pub station: Arc<AtomicU64>,
-    pub signals: Arc<Signals>,
-    pub fault: Arc<Mutex<Option<Fault>>>,
-    pub missing: Arc<Mutex<Vec<MissingRight>>>,
+}
+
+/// Highest numbers of entries that were in the rings at once.
+#[derive(Debug, Default)]
+struct HighWater {
+    inbox: usize,
+    requests: usize,
+    log: usize,
+}
+
+/// Everything that the thread owns.
+pub(super) struct TickThread {
+    /// Boxed: too large for a move over a small stack.
+    pub controller: Box<Controller>,
+    /// One a probe.
+    pub devices: Vec<ProbeDevice>,
+    pub rings: TickRings,
+    pub shared: Arc<Shared>,
     pub plan: LoopPlan,
+    /// Length of the run; without end when absent.
     pub seconds: Option<f64>,
 }
 
-/// What is left of the thread.
-pub(super) struct Ended {
+/// Results of the thread beside its tick records.
+pub(super) struct TickThreadEnd {
     pub controller: Box<Controller>,
-    /// Most work units of a tick that its rules allow.
+    /// Limit of a tick's work units.
     pub work_budget: u32,
-    /// The most that were in the rings at once.
+    /// Size and high water of each ring.
     pub rings: Vec<Capacity>,
+    /// Samples that the devices' speed limits excluded.
+    pub implausible_samples: u64,
 }
 
 /// Wall time of each stage.
 struct StageClock {
     last: u64,
     stages: [u32; STAGES.len()],
+}
+
+impl StageClock {
+    fn start() -> Self {
+        Self {
+            last: monotonic_ns(),
+            stages: [0; STAGES.len()],
+        }
+    }
 }
 
 impl StageObserver for StageClock {
@@ -58,186 +80,233 @@ impl StageObserver for StageClock {
     }
 }
 
+/// Chunks that have arrived since the start, and those of them that wait.
+#[derive(Debug, Default)]
+struct Arrivals {
+    arrived: u64,
+    waiting: usize,
+}
+
+/// One tick, before its time is known.
+struct Ticked {
+    station: u64,
+    stages: [u32; STAGES.len()],
+    allocations: u32,
+    samples: [Option<Sample>; MAX_PROBES],
+    wrenches: [Wrench; MAX_PROBES],
+}
+
 impl TickThread {
-    /// Ticks until the force is down after the wish to stop; gives the controller back.
-    pub fn run(mut self) -> Ended {
-        let obtained = obtain(self.plan.core, self.plan.priority);
-        if let Ok(mut missing) = self.missing.lock() {
-            *missing = obtained.missing;
-        }
-        let _latency = obtained.latency;
+    /// Ticks until the force has ramped down after a request to stop.
+    pub fn run(mut self) -> TickThreadEnd {
+        let _latency = self.obtain_rights();
         let last_tick = self
             .seconds
             .map(|seconds| (seconds * self.plan.rate_hz).ceil() as u64);
-        let mut outputs = TickOutputs::new(self.hands.len());
+        let mut outputs = TickOutputs::new(self.devices.len());
         let mut pacer = Pacer::new(self.plan.rate_hz, self.plan.spin_us);
-        let mut arrived = 0u64;
-        let mut waiting = 0usize;
-        let (mut inbox, mut requests, mut log) = (0, 0, 0);
-        self.signals.ticking.store(true, Ordering::Release);
+        let mut arrivals = Arrivals::default();
+        let mut high_water = HighWater::default();
+        self.shared.ticking.store(true, Ordering::Release);
         loop {
             let wake = pacer.wait();
-            if wake.tick == 0 || self.signals.first_tick_ns.load(Ordering::Relaxed) == 0 {
-                self.signals
-                    .first_tick_ns
-                    .store(monotonic_ns(), Ordering::Relaxed);
+            if wake.tick == 0 || self.shared.first_tick_ns.load(Ordering::Relaxed) == 0 {
+                let first = &self.shared.first_tick_ns;
+                first.store(wake.start_ns, Ordering::Relaxed);
             }
-            let stopping = self.signals.stop.load(Ordering::Relaxed)
+            let stopping = self.shared.stop.load(Ordering::Relaxed)
                 || last_tick.is_some_and(|last| wake.tick >= last);
-            let calls = counting_allocator::calls();
-            counting_allocator::arm(true);
-            let mut samples = [None; MAX_PROBES];
-            for (k, (hand, sample)) in self.hands.iter_mut().zip(&mut samples).enumerate() {
-                hand.intend(k, &self.controller, wake.tick, self.plan.rate_hz);
-                *sample = hand.device.read(1 + wake.skipped);
-            }
-            let station = self.station.load(Ordering::Relaxed);
-            let slots = self.inbox.slots();
-            arrived += (slots - waiting) as u64;
-            inbox = slots.max(inbox);
-            let mut clock = StageClock {
-                last: monotonic_ns(),
-                stages: [0; STAGES.len()],
-            };
-            let consumed = {
-                let chunks = self.inbox.read_chunk(slots);
-                let halves = match &chunks {
-                    Ok(chunks) => {
-                        let (first, second) = chunks.as_slices();
-                        [first, second]
-                    }
-                    Err(_) => [&[][..], &[][..]],
-                };
-                let inputs = TickInputs {
-                    tick: wake.tick,
-                    samples: &samples[..self.hands.len()],
-                    station,
-                    chunks: halves,
-                    stopping,
-                };
-                self.controller.tick(&inputs, &mut outputs, &mut clock);
-                if let Ok(chunks) = chunks {
-                    chunks.commit(outputs.chunks_consumed);
-                }
-                outputs.chunks_consumed
-            };
-            waiting = slots - consumed;
-            let mut wrenches = [Wrench::ZERO; MAX_PROBES];
-            for ((hand, &felt), wrench) in self
-                .hands
-                .iter_mut()
-                .zip(&outputs.wrenches)
-                .zip(&mut wrenches)
-            {
-                *wrench = felt;
-                hand.device.write(felt);
-            }
-            for request in outputs.outbox.requests() {
-                // A full ring loses the request; the gap in its numbers ends the epoch, which heals it.
-                let _ = self.requests.push(*request);
-            }
-            requests = (OUT - self.requests.slots()).max(requests);
-            for &report in &outputs.reports {
-                let _ = self.contacts.push(report);
-            }
-            counting_allocator::arm(false);
+            let ticked = self.tick(
+                &wake,
+                stopping,
+                &mut outputs,
+                &mut arrivals,
+                &mut high_water,
+            );
             let worked = pacer.done();
-            let record = TickRecord {
-                tick: wake.tick,
-                skipped: wake.skipped,
-                miss: wake.miss,
-                wake_ns: wake.wake_ns,
-                period_ns: wake.period_ns,
-                work_cpu_ns: worked.cpu_ns,
-                work_wall_ns: worked.wall_ns,
-                stage_ns: clock.stages,
-                page_faults: worked.page_faults,
-                allocations: (counting_allocator::calls() - calls) as u32,
-                chunks_arrived: arrived,
-                station,
-                samples: samples.map(|sample| sample.map(|sample: Sample| sample.pose)),
-                wrenches,
-                core: outputs.record,
-            };
-            if self.log.push(record).is_err() {
-                self.signals.log_dropped.fetch_add(1, Ordering::Relaxed);
+            let record = record(&wake, &worked, &ticked, &outputs, arrivals.arrived);
+            if self.rings.log.push(record).is_err() {
+                self.shared.log_dropped.fetch_add(1, Ordering::Relaxed);
             }
-            log = (LOG - self.log.slots()).max(log);
-            if let Some(found) = self.controller.fault() {
-                // Not in touch any more, so the lock costs no force.
-                if let Ok(mut fault) = self.fault.try_lock() {
-                    *fault = Some(found);
-                }
-            }
+            high_water.log = (LOG_CAPACITY - self.rings.log.slots()).max(high_water.log);
+            self.report_fault();
             if stopping && self.controller.is_at_rest() {
                 break;
             }
         }
-        for hand in &mut self.hands {
-            hand.device.write(Wrench::ZERO);
+        self.end(&high_water)
+    }
+
+    /// Asks for the real-time rights; deep sleep is kept away as long as the result lives.
+    fn obtain_rights(&self) -> Option<LatencyHold> {
+        let obtained = obtain(self.plan.core, self.plan.priority);
+        if let Ok(mut missing) = self.shared.missing.lock() {
+            *missing = obtained.missing;
         }
-        self.signals.ended.store(true, Ordering::Release);
-        Ended {
+        obtained.latency
+    }
+
+    /// Samples, computes, renders and sends: the part of the period that allocates nothing.
+    fn tick(
+        &mut self,
+        wake: &Wake,
+        stopping: bool,
+        outputs: &mut TickOutputs,
+        arrivals: &mut Arrivals,
+        high_water: &mut HighWater,
+    ) -> Ticked {
+        let calls = counting_allocator::calls();
+        counting_allocator::arm(true);
+        let samples = self.sample(wake);
+        let station = self.shared.station.load(Ordering::Relaxed);
+        let slots = self.rings.inbox.slots();
+        arrivals.arrived += (slots - arrivals.waiting) as u64;
+        high_water.inbox = slots.max(high_water.inbox);
+        let mut clock = StageClock::start();
+        let inputs = TickInputs {
+            tick: wake.tick,
+            samples: &samples[..self.devices.len()],
+            station,
+            chunks: [&[], &[]],
+            stopping,
+        };
+        let consumed = self.compute(inputs, slots, outputs, &mut clock);
+        arrivals.waiting = slots - consumed;
+        let wrenches = self.render(wake, outputs);
+        self.send(outputs);
+        high_water.requests = (OUT_CAPACITY - self.rings.requests.slots()).max(high_water.requests);
+        counting_allocator::arm(false);
+        Ticked {
+            station,
+            stages: clock.stages,
+            allocations: (counting_allocator::calls() - calls) as u32,
+            samples,
+            wrenches,
+        }
+    }
+
+    /// One sample a probe.
+    fn sample(&mut self, wake: &Wake) -> [Option<Sample>; MAX_PROBES] {
+        let time = TickTime {
+            start_ns: wake.start_ns,
+            periods: 1 + wake.skipped,
+        };
+        let mut samples = [None; MAX_PROBES];
+        for (k, (device, sample)) in self.devices.iter_mut().zip(&mut samples).enumerate() {
+            *sample = device.sample(k, &self.controller, wake.tick, self.plan.rate_hz, time);
+        }
+        samples
+    }
+
+    /// Runs the core over the inputs and the first `slots` chunks of the inbox; the number consumed.
+    fn compute(
+        &mut self,
+        inputs: TickInputs<'_>,
+        slots: usize,
+        outputs: &mut TickOutputs,
+        clock: &mut StageClock,
+    ) -> usize {
+        let chunks = self.rings.inbox.read_chunk(slots);
+        let halves = match &chunks {
+            Ok(chunks) => {
+                let (first, second) = chunks.as_slices();
+                [first, second]
+            }
+            Err(_) => [&[][..], &[][..]],
+        };
+        let inputs = TickInputs {
+            chunks: halves,
+            ..inputs
+        };
+        self.controller.tick(&inputs, outputs, clock);
+        if let Ok(chunks) = chunks {
+            chunks.commit(outputs.chunks_consumed);
+        }
+        outputs.chunks_consumed
+    }
+
+    /// Sends each device its wrench.
+    fn render(&mut self, wake: &Wake, outputs: &TickOutputs) -> [Wrench; MAX_PROBES] {
+        let mut wrenches = [Wrench::ZERO; MAX_PROBES];
+        for ((device, &wanted), wrench) in self
+            .devices
+            .iter_mut()
+            .zip(&outputs.wrenches)
+            .zip(&mut wrenches)
+        {
+            *wrench = wanted;
+            device.device.write(WrenchCommand {
+                wrench: wanted,
+                valid_until_ns: wake.start_ns + COMMAND_VALIDITY_NS,
+            });
+        }
+        wrenches
+    }
+
+    /// Hands requests and contacts to the link. A full ring loses a request; the gap in the request
+    /// numbers ends the epoch, and the next epoch asks again.
+    fn send(&mut self, outputs: &TickOutputs) {
+        for request in outputs.outbox.requests() {
+            let _ = self.rings.requests.push(*request);
+        }
+        for &report in &outputs.reports {
+            let _ = self.rings.contacts.push(report);
+        }
+    }
+
+    /// Tells the main thread of a fault. The force has ended by then, so a lock costs no force.
+    fn report_fault(&self) {
+        if let Some(found) = self.controller.fault()
+            && let Ok(mut fault) = self.shared.fault.try_lock()
+        {
+            *fault = Some(found);
+        }
+    }
+
+    fn end(mut self, high_water: &HighWater) -> TickThreadEnd {
+        for device in &mut self.devices {
+            device.device.safe_off();
+        }
+        self.shared.ended.store(true, Ordering::Release);
+        let devices = self.devices.iter();
+        TickThreadEnd {
             work_budget: self.controller.work_budget(),
+            implausible_samples: devices.map(|d| d.device.implausible_samples()).sum(),
             controller: self.controller,
             rings: vec![
-                Capacity::new("chunks in the inbox", INBOX, inbox),
-                Capacity::new("requests to the link", OUT, requests),
-                Capacity::new("tick records for the log", LOG, log),
+                Capacity::new("chunks in the inbox", INBOX_CAPACITY, high_water.inbox),
+                Capacity::new("requests to the link", OUT_CAPACITY, high_water.requests),
+                Capacity::new("tick records for the log", LOG_CAPACITY, high_water.log),
             ],
         }
     }
 }
 
-/// A probe's device, and what leads it.
-pub(super) struct Hand {
-    pub device: Simulated,
-    script: Script,
-    /// The scene's points; none for a tour.
-    points: Vec<(f64, Pose)>,
-    /// The tick in which the script began.
-    start: Option<u64>,
-}
-
-impl Hand {
-    /// At rest before its first point.
-    pub fn new(probe: &ProbePlan, period_s: f64) -> Self {
-        Self {
-            device: Simulated::new(probe.device, period_s),
-            script: Script::default(),
-            points: match &probe.trajectory {
-                TrajectoryPlan::Points(points) => points.clone(),
-                TrajectoryPlan::Tour { .. } => Vec::new(),
-            },
-            start: None,
-        }
-    }
-
-    /// Tells the simulated hand of a probe what to intend, from the scene's points or the station's tour.
-    fn intend(&mut self, probe: usize, controller: &Controller, tick: u64, rate_hz: f64) {
-        let t = |start: u64| (tick - start) as f64 / rate_hz;
-        let intent = if self.points.is_empty() {
-            let Some((object, tour)) = controller.tour_of(probe) else {
-                return;
-            };
-            let Some(frame) = controller.frame_of(object) else {
-                return;
-            };
-            let from = *self.start.get_or_insert(tick);
-            let intent = self.script.along_tour(tour, &frame, t(from));
-            intent.map(|mut intent| {
-                // The hand goes with an object that moves, to where it is by the end of the coming period.
-                let carried = controller.carried(object, intent.pose.position);
-                intent.pose.position += carried.linear;
-                intent.velocity += carried.linear * rate_hz;
-                intent
-            })
-        } else {
-            let from = *self.start.get_or_insert(tick);
-            self.script.along_points(&self.points, t(from))
-        };
-        if let Some(intent) = intent {
-            self.device.intend(intent);
-        }
+/// The log's record of a tick.
+fn record(
+    wake: &Wake,
+    worked: &Worked,
+    ticked: &Ticked,
+    outputs: &TickOutputs,
+    chunks_arrived: u64,
+) -> TickRecord {
+    TickRecord {
+        tick: wake.tick,
+        skipped: wake.skipped,
+        miss: wake.miss,
+        wake_ns: wake.wake_ns,
+        period_ns: wake.period_ns,
+        work_cpu_ns: worked.cpu_ns,
+        work_wall_ns: worked.wall_ns,
+        stage_ns: ticked.stages,
+        page_faults: worked.page_faults,
+        allocations: ticked.allocations,
+        chunks_arrived,
+        station: ticked.station,
+        samples: ticked
+            .samples
+            .map(|sample| sample.map(|sample| sample.pose)),
+        wrenches: ticked.wrenches,
+        core: outputs.record,
     }
 }

@@ -3,11 +3,12 @@
 
 use geometry::{Pose, Wrench};
 use glam::DVec3;
-use haptic_device::{Device, Intent, Sample, Simulated};
+use haptic_device::{Device, Intent, Sample, TickTime, WrenchCommand};
 use hrtc_core::script::Script;
 use hrtc_core::{Controller, ModelFrame};
 use protocol::TourPoint;
 use scene::SimulatedDevicePlan;
+use simulated_device::SimulatedDevice;
 
 /// The path of a hand.
 #[derive(Debug, Clone)]
@@ -27,7 +28,7 @@ enum Path {
 /// A simulated device in a hand.
 #[derive(Debug, Clone)]
 pub struct Hand {
-    device: Simulated,
+    device: SimulatedDevice,
     script: Script,
     path: Path,
     period_s: f64,
@@ -42,7 +43,7 @@ impl Hand {
     #[must_use]
     pub fn new(plan: SimulatedDevicePlan, period_s: f64) -> Self {
         Self {
-            device: Simulated::new(plan, period_s),
+            device: SimulatedDevice::new(plan, period_s),
             script: Script::default(),
             path: Path::Unknown,
             period_s,
@@ -93,19 +94,20 @@ impl Hand {
             return None;
         };
         let position = DVec3::from_array(points.first()?.position) - frame.origin;
-        Some(Sample {
-            pose: Pose::at(frame.to_world(position)),
-        })
+        Some(Sample::at(Pose::at(frame.to_world(position))))
     }
 
     /// The device after so many periods under the force that it has.
     pub fn read(&mut self, periods: u32) -> Option<Sample> {
-        self.device.read(periods)
+        self.device.read(TickTime {
+            periods,
+            ..TickTime::default()
+        })
     }
 
     /// The wrench acts on the device until the next sample.
     pub fn feel(&mut self, wrench: Wrench) {
-        self.device.write(wrench);
+        self.device.write(WrenchCommand::unlimited(wrench));
     }
 
     /// Exact position (m) and velocity (m/s) of the device, without its encoder.

@@ -256,5 +256,5 @@ impl<D: AsRef<[u8]>> Simulation<D> {
 }
 
 fn sample_at(pose: Pose) -> Sample {
-    Sample { pose }
+    Sample::at(pose)
 }

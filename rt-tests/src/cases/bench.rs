@@ -4,14 +4,15 @@ use crate::failure::Failure;
 use crate::scenes::BUNDLED_SCENE;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
-use haptic_device::{Device, Intent, Sample, Simulated};
+use haptic_device::{Device, Intent, Sample, TickTime, WrenchCommand};
 use hrtc_core::bodies::Body;
 use hrtc_core::record::CoreRecord;
 use protocol::Request;
 use scene::{
-    Hand, ModelScale, MovablePlan, NoFiles, Overrides, ProbeShape, ScenePlan, SimulatedDevicePlan,
-    TrajectoryPlan, parse,
+    HandImpedance, ModelScale, MovablePlan, NoFiles, Overrides, ProbeShape, ScenePlan,
+    SimulatedDevicePlan, TrajectoryPlan, parse,
 };
+use simulated_device::SimulatedDevice;
 use simulator::{Client, ClientOptions, STATION, Simulation};
 use spm::{ActiveMesh, SpmFile, SpmParts, write_spm};
 use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model};
@@ -255,10 +256,7 @@ impl Bench {
 
     /// A tick with a sample of each probe; what the first one felt.
     pub fn sample_each(&mut self, poses: &[Option<Pose>]) -> Felt {
-        let samples: Vec<Option<Sample>> = poses
-            .iter()
-            .map(|pose| pose.map(|pose| Sample { pose }))
-            .collect();
+        let samples: Vec<Option<Sample>> = poses.iter().map(|pose| pose.map(Sample::at)).collect();
         let outputs = self.simulation.step_each(&samples);
         let (force, record) = (outputs.wrenches[0].force, outputs.record);
         let now = std::mem::replace(&mut self.before, force);
@@ -390,7 +388,7 @@ fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
 /// The device that the cases name: 0.1 kg with 1 N s/m, in nobody's hand.
 #[derive(Debug)]
 pub struct FreeMass {
-    device: Simulated,
+    device: SimulatedDevice,
 }
 
 /// Mass of the device, kg.
@@ -417,7 +415,7 @@ impl FreeMass {
             mass_kg,
             damping_ns_per_m,
             encoder_m: 0.0,
-            hand: Hand {
+            hand: HandImpedance {
                 stiffness_n_per_m: 0.0,
                 damping_ns_per_m: 0.0,
             },
@@ -438,7 +436,7 @@ impl FreeMass {
             mass_kg: MASS_KG,
             damping_ns_per_m: DAMPING_NS_PER_M,
             encoder_m,
-            hand: Hand {
+            hand: HandImpedance {
                 stiffness_n_per_m,
                 damping_ns_per_m,
             },
@@ -447,7 +445,7 @@ impl FreeMass {
     }
 
     fn planned(plan: SimulatedDevicePlan, place: DVec3, velocity: DVec3, period_s: f64) -> Self {
-        let mut device = Simulated::new(plan, period_s);
+        let mut device = SimulatedDevice::new(plan, period_s);
         device.intend(Intent {
             pose: Pose::at(place),
             velocity,
@@ -471,11 +469,11 @@ impl FreeMass {
 
     /// A period under the force; what the encoder reads then.
     pub fn advance(&mut self, force: DVec3) -> DVec3 {
-        self.device.write(Wrench {
+        self.device.write(WrenchCommand::unlimited(Wrench {
             force,
             torque: DVec3::ZERO,
-        });
-        let sample = self.device.read(1);
+        }));
+        let sample = self.device.read(TickTime::default());
         sample.map_or(DVec3::ZERO, |sample| sample.pose.position)
     }
 }

@@ -4,7 +4,7 @@
 use super::digest::Digest;
 use super::outputs::{PARTS, Tally, put_tick};
 use geometry::Pose;
-use haptic_device::{Device, Sample, Simulated};
+use haptic_device::{Device, Sample, TickTime, WrenchCommand};
 use hrtc_core::script::Script;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
@@ -12,6 +12,7 @@ use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
 use protocol::{ContactReport, Request};
 use scene::{Overrides, ProbePlan, ScenePlan, TrajectoryPlan, parse};
 use scene_files::DiskFiles;
+use simulated_device::SimulatedDevice;
 use spm::SpmFile;
 use station_core::station::{Message, ServedModel, ServedObject, Station};
 use std::collections::VecDeque;
@@ -149,7 +150,7 @@ pub fn run(scene: &Scene) -> (Vec<[Digest; PARTS.len()]>, Tally) {
         };
         controller.tick(&inputs, &mut outputs, &mut NoObserver);
         for (hand, wrench) in hands.iter_mut().zip(&outputs.wrenches) {
-            hand.device.write(*wrench);
+            hand.device.write(WrenchCommand::unlimited(*wrench));
         }
         put_tick(&mut digests, tick, &controller, &outputs, &inbox[waiting..]);
         after.push(digests);
@@ -201,7 +202,7 @@ fn damage(chunk: &mut InboxChunk) {
 
 /// The simulated device in a hand that follows the plan's path; the loop is closed.
 struct Hand {
-    device: Simulated,
+    device: SimulatedDevice,
     script: Script,
     points: Vec<(f64, Pose)>,
     period_s: f64,
@@ -216,7 +217,7 @@ impl Hand {
             TrajectoryPlan::Tour { .. } => Vec::new(),
         };
         Self {
-            device: Simulated::new(plan.device, period_s),
+            device: SimulatedDevice::new(plan.device, period_s),
             script: Script::default(),
             points,
             period_s,
@@ -240,7 +241,7 @@ impl Hand {
         if let Some(intent) = intent {
             self.device.intend(intent);
         }
-        self.device.read(1)
+        self.device.read(TickTime::default())
     }
 }
 

@@ -5,7 +5,7 @@ mod effects;
 mod height_map;
 mod movable;
 
-pub use device::{Hand, SimulatedDevicePlan};
+pub use device::{CustomDevicePlan, HandImpedance, SimulatedDevicePlan};
 pub use effects::{
     BoundaryPlan, Effect, EffectPlan, FrictionPlan, GravityPlan, InertiaPlan, MagnetPlan, Pattern,
     ShadingPlan, SpringPlan, TexturePlan, VibrationPlan, Workspace,
@@ -195,8 +195,11 @@ pub struct SurfacePlan {
 pub struct ProbePlan {
     /// Its shape.
     pub shape: ProbeShape,
-    /// The device that moves it.
+    /// Mechanics of its device: those of the simulated one, or those that the checks assume of a
+    /// custom one.
     pub device: SimulatedDevicePlan,
+    /// The custom device that moves it; `None` for the simulated one.
+    pub custom_device: Option<CustomDevicePlan>,
     /// Path of the simulated hand.
     pub trajectory: TrajectoryPlan,
 }

@@ -24,9 +24,14 @@ pub(crate) struct Source<'a> {
 impl Source<'_> {
     /// Refuses the text at a byte.
     pub(crate) fn at(&self, byte: usize, sentence: &str) -> SceneError {
-        let before = &self.text.as_bytes()[..byte.min(self.text.len())];
-        let line = 1 + before.iter().filter(|&&b| b == b'\n').count();
+        let line = self.line(byte);
         SceneError(format!("{}, line {line}: {sentence}", self.shown))
+    }
+
+    /// Line of a byte of the text, from 1.
+    pub(crate) fn line(&self, byte: usize) -> usize {
+        let before = &self.text.as_bytes()[..byte.min(self.text.len())];
+        1 + before.iter().filter(|&&b| b == b'\n').count()
     }
 
     /// Refuses a value of the text.

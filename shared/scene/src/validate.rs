@@ -12,7 +12,7 @@ mod trajectory;
 
 use crate::files::{Files, read_text};
 use crate::limits::DEFAULT_CACHE_BYTES;
-use crate::plan::{MAX_PROBES, Overrides, ProbePlan, ScenePlan};
+use crate::plan::{MAX_PROBES, Overrides, ProbePlan, ScenePlan, TrajectoryPlan};
 use crate::source::{SceneError, Source};
 use crate::typed::{ProbeTyped, SceneTyped};
 use device::device_plan;
@@ -124,10 +124,17 @@ fn probe_plans(
         .iter()
         .map(|probe| {
             let probe = probe.get_ref();
+            let (device, custom_device) = device_plan(source, probe.device.as_ref())?;
+            let trajectory = match &probe.trajectory {
+                // A custom device moves by itself unless the scene gives it a path.
+                None if custom_device.is_some() => TrajectoryPlan::Points(Vec::new()),
+                typed => trajectory_plan(source, typed.as_ref(), objects)?,
+            };
             Ok(ProbePlan {
                 shape: probe_shape(source, probe.shape.as_ref())?,
-                device: device_plan(source, probe.device.as_ref())?,
-                trajectory: trajectory_plan(source, probe.trajectory.as_ref(), objects)?,
+                device,
+                custom_device,
+                trajectory,
             })
         })
         .collect()

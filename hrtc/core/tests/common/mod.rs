@@ -3,7 +3,7 @@
 
 use geometry::{Pose, Wrench};
 use glam::DVec3;
-use haptic_device::{Device, Intent, Sample, Simulated};
+use haptic_device::{Device, Intent, Sample, TickTime, WrenchCommand};
 use hrtc_core::record::CoreRecord;
 use hrtc_core::script::Script;
 use hrtc_core::streaming::chunk::InboxChunk;
@@ -12,6 +12,7 @@ use hrtc_core::{Controller, NoObserver, StageObserver, TickInputs, TickOutputs};
 use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, Request};
 use realtime::counting_allocator::count;
 use scene::{NoFiles, Overrides, ScenePlan, parse};
+use simulated_device::SimulatedDevice;
 use spm::{SpmFile, VspRecord, write_spm};
 use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use station_core::station::{Message, ServedModel, ServedObject, Station};
@@ -111,7 +112,7 @@ pub struct Summary {
 pub struct Pair {
     pub controller: Controller,
     pub station: Station<Vec<u8>>,
-    pub device: Simulated,
+    pub device: SimulatedDevice,
     pub tick: u64,
     pub summary: Summary,
     script: Script,
@@ -276,7 +277,7 @@ impl Pair {
         device_max_n: f64,
     ) -> Self {
         let rate = plan.loop_.rate_hz;
-        let device = Simulated::new(plan.probes[0].device, 1.0 / rate);
+        let device = SimulatedDevice::new(plan.probes[0].device, 1.0 / rate);
         Self {
             controller: Controller::new(plan, identity(), device_max_n, seconds),
             station: station(spm, 100),
@@ -352,7 +353,7 @@ impl Pair {
             self.device.intend(intent);
         }
         let mut sample = None;
-        self.allocations += count(|| sample = self.device.read(1));
+        self.allocations += count(|| sample = self.device.read(TickTime::default()));
         self.step_sample(sample, observer)
     }
 
@@ -417,7 +418,7 @@ impl Pair {
             self.station.handle(Message::Contact(report));
         }
         let wrench = self.outputs.wrenches[0];
-        self.allocations += count(|| self.device.write(wrench));
+        self.allocations += count(|| self.device.write(WrenchCommand::unlimited(wrench)));
         self.last_wrench = wrench;
         self.account(wrench);
         self.tick += 1;
@@ -496,9 +497,7 @@ impl Pair {
 
     /// One tick with the device held at a place.
     pub fn hold(&mut self, place: DVec3) -> CoreRecord {
-        let sample = Sample {
-            pose: Pose::at(place),
-        };
+        let sample = Sample::at(Pose::at(place));
         self.step_sample(Some(sample), &mut NoObserver)
     }
 

@@ -151,10 +151,7 @@ impl Scene {
             self.inbox
                 .extend(self.to_controller.pop_front().map(|(_, chunk)| chunk));
         }
-        let samples: Vec<Option<Sample>> = poses
-            .iter()
-            .map(|pose| pose.map(|pose| Sample { pose }))
-            .collect();
+        let samples: Vec<Option<Sample>> = poses.iter().map(|pose| pose.map(Sample::at)).collect();
         let inputs = TickInputs {
             tick,
             samples: &samples,

@@ -10,12 +10,23 @@ pub struct SimulatedDevicePlan {
     /// Encoder step, metres; 0 for none.
     pub encoder_m: f64,
     /// The hand.
-    pub hand: Hand,
+    pub hand: HandImpedance,
 }
 
-/// A spring and damper to the intended position.
+/// A device that a program registers by name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CustomDevicePlan {
+    /// Its name in the registry.
+    pub name: String,
+    /// Line of the scene that names it, from 1.
+    pub line: usize,
+    /// All other keys of its table, for its constructor.
+    pub settings: toml::Table,
+}
+
+/// Spring and damper between the hand's intended position and the device.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hand {
+pub struct HandImpedance {
     /// N/m.
     pub stiffness_n_per_m: f64,
     /// N s/m.

@@ -7,6 +7,8 @@ use toml::Spanned;
 #[serde(rename_all = "snake_case")]
 pub(crate) enum DeviceTyped {
     Simulated(SimulatedTyped),
+    /// Its name and its own settings.
+    Custom(Spanned<toml::Table>),
 }
 
 #[derive(Deserialize, Default)]

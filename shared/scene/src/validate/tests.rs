@@ -546,3 +546,24 @@ fn a_tool_extends_from_its_tip_to_its_end() {
     let cylinder = shape("{ cylinder = { radius_m = 0.003, length_m = 0.004, faces = 240 } }");
     assert_eq!((cylinder.tip_m(), cylinder.extent_m()), (0.0, 0.005));
 }
+
+#[test]
+fn a_custom_device_keeps_its_settings_and_line_and_needs_a_name() {
+    let device = "device = { custom = { name = \"mine\", port = 3 } }\n";
+    let text = format!("[[object]]\nmodel = \"a.spm\"\nsize_m = 1.0\n[[probe]]\n{device}");
+    let plan = plain(&text).unwrap();
+    let custom = plan.probes[0].custom_device.as_ref().unwrap();
+    assert_eq!((custom.name.as_str(), custom.line), ("mine", 5));
+    assert_eq!(custom.settings.len(), 1);
+    assert_eq!(custom.settings["port"].as_integer(), Some(3));
+    // Without a path it is not led.
+    assert_eq!(
+        plan.probes[0].trajectory,
+        TrajectoryPlan::Points(Vec::new())
+    );
+    let unnamed = refusal(&text.replace("name = \"mine\", ", ""));
+    assert!(
+        unnamed.contains("line 5") && unnamed.contains("name"),
+        "{unnamed}"
+    );
+}

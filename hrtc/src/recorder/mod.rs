@@ -4,12 +4,13 @@
 //! order of their arrival, with the number that each tick could see. That is everything that goes into a
 //! tick, so a replay by the same build on the same architecture gives the same bits.
 
+use crate::setup::ControllerSetup;
 use crate::tick_record::TickRecord;
+use crate::tuning::MAX_RECORDING_HEAD_BYTES;
 use bytemuck::{Pod, Zeroable};
 use geometry::Pose;
 use haptic_device::Sample;
 use hrtc_core::streaming::chunk::InboxChunk;
-use hrtc_core::streaming::subscriber::Identity;
 use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
 use scene::{self, MAX_PROBES, Overrides, SceneError};
@@ -20,12 +21,10 @@ use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-const MAGIC: &[u8; 8] = b"HRTCREC3";
+const MAGIC: &[u8; 8] = b"HRTCREC4";
 const TICK: u8 = 1;
 const CHUNK: u8 = 2;
 const END: u8 = 3;
-/// Longest head that is read: a scene is far shorter.
-const MAX_HEAD: u64 = 16 << 20;
 
 /// Why a recording cannot be written or read.
 #[derive(Debug, Error)]
@@ -41,7 +40,7 @@ pub enum RecordingError {
     Scene(#[from] SceneError),
 }
 
-/// What a recording was made from.
+/// The head of a recording: the scene as typed, and the controller's setup.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct RecordingHead {
     scene_name: String,
@@ -53,10 +52,7 @@ pub struct RecordingHead {
     seed: Option<u64>,
     cache: Option<String>,
     tolerance_m: Option<f64>,
-    client: u64,
-    incarnation: u64,
-    device_max_n: f64,
-    tour_seconds: f64,
+    setup: ControllerSetup,
 }
 
 impl RecordingHead {
@@ -67,9 +63,7 @@ impl RecordingHead {
     pub fn new(
         scene: &Path,
         overrides: &Overrides,
-        identity: Identity,
-        device_max_n: f64,
-        tour_seconds: f64,
+        setup: &ControllerSetup,
     ) -> Result<Self, RecordingError> {
         let scene_text = std::fs::read_to_string(scene)
             .map_err(|e| RecordingError::File(scene.display().to_string(), e))?;
@@ -84,10 +78,7 @@ impl RecordingHead {
             seed: overrides.seed,
             cache: overrides.cache.clone(),
             tolerance_m: overrides.tolerance_m,
-            client: identity.client,
-            incarnation: identity.incarnation,
-            device_max_n,
-            tour_seconds,
+            setup: setup.clone(),
         })
     }
 
@@ -101,18 +92,14 @@ impl RecordingHead {
             cache: self.cache.clone(),
             tolerance_m: self.tolerance_m,
         };
-        let plan = scene::parse(
+        let mut plan = scene::parse(
             &self.scene_text,
             &self.scene_name,
             &self.scene_folder,
             &overrides,
             &DiskFiles,
         )?;
-        let identity = Identity {
-            client: self.client,
-            incarnation: self.incarnation,
-        };
-        let controller = Controller::new(&plan, identity, self.device_max_n, self.tour_seconds);
+        let controller = self.setup.controller(&mut plan);
         Ok((controller, plan.probes.len()))
     }
 }
@@ -248,7 +235,7 @@ pub fn replay(path: &Path) -> Result<Replay, RecordingError> {
     file.read_exact(&mut start).map_err(|_| foreign())?;
     let (magic, length) = start.split_at(8);
     let length = u64::from_le_bytes(length.try_into().map_err(|_| foreign())?);
-    if magic != MAGIC || length > MAX_HEAD {
+    if magic != MAGIC || length > MAX_RECORDING_HEAD_BYTES {
         return Err(foreign());
     }
     let mut head = vec![0u8; length as usize];
@@ -325,7 +312,7 @@ fn run(
                 position: recorded.positions[k].into(),
                 orientation: glam::DQuat::from_array(recorded.orientations_xyzw[k]),
             };
-            (recorded.has_sample >> k & 1 == 1).then_some(Sample { pose })
+            (recorded.has_sample >> k & 1 == 1).then_some(Sample::at(pose))
         });
         let inputs = TickInputs {
             tick: recorded.tick,

@@ -4,14 +4,17 @@
 //! in bounded rings: requests and contacts come out of the tick, chunks go into it. A chunk is taken from
 //! iceoryx2 only when the inbox has room, so none is dropped here; the credit window bounds what waits.
 
+use crate::tuning::{
+    CLEANUP_PERIOD, HELLO_PERIOD, INBOX_CAPACITY, LINK_POLL_PERIOD, LINK_STACK_BYTES,
+    MAX_LOGGED_SENTENCES, STATION_TIMEOUT,
+};
 use hrtc_core::streaming::chunk::InboxChunk;
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{BackpressureStrategy, ipc};
 use protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, HELLO_PERIOD_MS, Hello, HelloError,
-    Request, Role,
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, HelloError, Request, Role,
 };
 use rtrb::{Consumer, Producer};
 use std::collections::BTreeSet;
@@ -19,27 +22,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use thiserror::Error;
 use transport::{BUFFER, Domain, TransportError};
 
-/// Room in the inbox: twice the credit window.
-pub const INBOX: usize = 64;
-/// Time between two looks at the ports.
-const POLL: Duration = Duration::from_micros(150);
-/// Time between two heartbeats.
-const HELLO: Duration = Duration::from_millis(HELLO_PERIOD_MS);
-/// A station not heard for so long is not there.
-const ALIVE: Duration = Duration::from_millis(5 * HELLO_PERIOD_MS);
-/// Time between two clean-ups of dead nodes.
-const CLEANUP: Duration = Duration::from_secs(1);
-/// The thread's stack: locked memory commits it whole.
-const STACK: usize = 512 << 10;
-/// Sentences about peers at the most.
-const MAX_SAID: usize = 64;
-
 /// Called with every chunk in the order of arrival, before the tick can see it.
-pub type Recorder = Box<dyn FnMut(&InboxChunk) + Send>;
+pub type ChunkRecorder = Box<dyn FnMut(&InboxChunk) + Send>;
 
 /// Who the controller is, and where.
 #[derive(Debug, Clone)]
@@ -58,14 +46,14 @@ pub struct LinkEndpoints {
     pub requests: Consumer<Request>,
     /// Contacts of the tick.
     pub contacts: Consumer<ContactReport>,
-    /// The tick's inbox; room for [`INBOX`].
+    /// The tick's inbox; room for [`INBOX_CAPACITY`].
     pub inbox: Producer<InboxChunk>,
     /// Incarnation of the station heard in the last half second; 0 when there is none.
     pub station: Arc<AtomicU64>,
     /// Version of a peer that speaks another protocol; 0 when none was heard.
     pub other_version: Arc<AtomicU32>,
     /// Records arrivals, if wanted.
-    pub recorder: Option<Recorder>,
+    pub recorder: Option<ChunkRecorder>,
 }
 
 /// Why there is no link.
@@ -116,7 +104,7 @@ impl Link {
         let (opened, wait) = mpsc::sync_channel(1);
         let thread = thread::Builder::new()
             .name("hrtc-link".to_owned())
-            .stack_size(STACK)
+            .stack_size(LINK_STACK_BYTES)
             .spawn(move || match Ports::open(&options) {
                 Ok(ports) => {
                     let _ = opened.send(Ok(()));
@@ -240,7 +228,7 @@ impl Agent {
     }
 
     fn run(mut self, stop: &AtomicBool) -> LinkReport {
-        let (mut next_hello, mut next_cleanup) = (Instant::now(), Instant::now() + CLEANUP);
+        let (mut next_hello, mut next_cleanup) = (Instant::now(), Instant::now() + CLEANUP_PERIOD);
         loop {
             let ending = stop.load(Ordering::Relaxed);
             let now = Instant::now();
@@ -248,7 +236,7 @@ impl Agent {
             self.send();
             self.listen(now);
             if now >= next_hello {
-                next_hello = now + HELLO;
+                next_hello = now + HELLO_PERIOD;
                 let LinkOptions {
                     client,
                     incarnation,
@@ -260,7 +248,7 @@ impl Agent {
                 }
             }
             if now >= next_cleanup {
-                next_cleanup = now + CLEANUP;
+                next_cleanup = now + CLEANUP_PERIOD;
                 // A station that died leaves its queues to whoever looks.
                 let _ = self.ports.node.try_cleanup_dead_nodes();
             }
@@ -268,13 +256,13 @@ impl Agent {
                 self.ends.station.store(0, Ordering::Release);
                 return self.report;
             }
-            thread::sleep(POLL);
+            thread::sleep(LINK_POLL_PERIOD);
         }
     }
 
     /// Moves chunks into the inbox while it has room; what finds none waits in iceoryx2's queue.
     fn receive(&mut self) {
-        for _ in 0..INBOX {
+        for _ in 0..INBOX_CAPACITY {
             if self.ends.inbox.is_full() {
                 self.report.inbox_full += 1;
                 return;
@@ -343,7 +331,7 @@ impl Agent {
         }
         if self
             .station
-            .is_some_and(|(_, last)| now.duration_since(last) > ALIVE)
+            .is_some_and(|(_, last)| now.duration_since(last) > STATION_TIMEOUT)
         {
             self.station = None;
         }
@@ -356,7 +344,7 @@ impl Agent {
     fn hear_station(&mut self, incarnation: u64, now: Instant) {
         match self.station {
             Some((current, last)) if current != incarnation => {
-                if now.duration_since(last) > 2 * HELLO {
+                if now.duration_since(last) > 2 * HELLO_PERIOD {
                     self.station = Some((incarnation, now));
                 }
             }
@@ -371,7 +359,7 @@ impl Agent {
 
     /// Says a sentence once.
     fn say(&mut self, sentence: String) {
-        if self.said.len() < MAX_SAID && !self.said.contains(&sentence) {
+        if self.said.len() < MAX_LOGGED_SENTENCES && !self.said.contains(&sentence) {
             tracing::warn!("{sentence}");
             self.said.insert(sentence);
         }

@@ -1,0 +1,71 @@
+//! The trait that a driver implements.
+
+use crate::sample::{Intent, Sample, TickTime, WrenchCommand};
+
+/// Number of directions that a device senses or renders.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DegreesOfFreedom {
+    /// Translation only.
+    Three,
+    /// Translation and rotation.
+    Six,
+}
+
+/// Abilities and limits of a device. Limits may be infinite, resolutions may be 0; none is NaN.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Capabilities {
+    /// Name for reports.
+    pub name: String,
+    /// Sensed directions. With [`DegreesOfFreedom::Three`] the orientation of a sample is ignored.
+    pub sensed: DegreesOfFreedom,
+    /// Rendered directions. With [`DegreesOfFreedom::Three`] every commanded torque is 0.
+    pub rendered: DegreesOfFreedom,
+    /// Limit of the continuous force, newtons.
+    pub max_force_n: f64,
+    /// Limit of the continuous torque, newton metres.
+    pub max_torque_nm: f64,
+    /// Limit of the end effector's speed, m/s. A sample that is farther from the last one than this
+    /// speed allows is dropped.
+    pub max_speed_m_per_s: f64,
+    /// Step of the measured position, metres. Motion within it does no work.
+    pub position_resolution_m: f64,
+    /// Step of the measured orientation, radians.
+    pub angle_resolution_rad: f64,
+}
+
+impl Capabilities {
+    /// A device that senses and renders translation only, with no other limit.
+    #[must_use]
+    pub fn translational(name: &str, max_force_n: f64) -> Self {
+        Self {
+            name: name.to_owned(),
+            sensed: DegreesOfFreedom::Three,
+            rendered: DegreesOfFreedom::Three,
+            max_force_n,
+            max_torque_nm: 0.0,
+            max_speed_m_per_s: f64::INFINITY,
+            position_resolution_m: 0.0,
+            angle_resolution_rad: 0.0,
+        }
+    }
+}
+
+/// A force-feedback device. The contract of every method is on the page of the [crate](crate).
+pub trait Device: Send {
+    /// Abilities and limits. Called at start, off the tick; must not change.
+    fn capabilities(&self) -> Capabilities;
+
+    /// The newest sample; `None` when the device has none for this period.
+    fn read(&mut self, time: TickTime) -> Option<Sample>;
+
+    /// Renders a wrench until the next call or the end of its validity.
+    fn write(&mut self, command: WrenchCommand);
+
+    /// Brings the device to zero force. Callable at any time, any number of times, also from `Drop`
+    /// while a panic unwinds; must not panic.
+    fn safe_off(&mut self);
+
+    /// Takes the motion that the scene's path asks for, before each `read`. For devices that a program
+    /// moves; a device in a real hand ignores it.
+    fn intend(&mut self, _intent: Intent) {}
+}

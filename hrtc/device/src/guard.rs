@@ -1,0 +1,242 @@
+//! A device whose capabilities are honoured and that is switched off when it is dropped.
+
+use crate::device::{Capabilities, DegreesOfFreedom, Device};
+use crate::sample::{Intent, Sample, TickTime, WrenchCommand};
+use glam::{DQuat, DVec3};
+
+/// Owner of a device: checks what goes in and out against its [`Capabilities`], and calls
+/// [`Device::safe_off`] when it is dropped.
+pub struct GuardedDevice {
+    device: Box<dyn Device>,
+    capabilities: Capabilities,
+    /// Position (metres) and time (ns) of the last accepted sample.
+    last: Option<(DVec3, u64)>,
+    implausible: u64,
+}
+
+impl GuardedDevice {
+    /// Takes the device over.
+    #[must_use]
+    pub fn new(device: Box<dyn Device>) -> Self {
+        Self {
+            capabilities: device.capabilities(),
+            device,
+            last: None,
+            implausible: 0,
+        }
+    }
+
+    /// Abilities and limits as the device stated them at start.
+    #[must_use]
+    pub fn capabilities(&self) -> &Capabilities {
+        &self.capabilities
+    }
+
+    /// Samples dropped because no motion within the speed limit leads to them.
+    #[must_use]
+    pub fn implausible_samples(&self) -> u64 {
+        self.implausible
+    }
+
+    /// Passes the scene's intent on.
+    pub fn intend(&mut self, intent: Intent) {
+        self.device.intend(intent);
+    }
+
+    /// The device's sample. Its orientation is the identity where the device does not sense it; `None`
+    /// also for a position that the speed limit excludes.
+    pub fn read(&mut self, time: TickTime) -> Option<Sample> {
+        let mut sample = self.device.read(time)?;
+        if self.capabilities.sensed == DegreesOfFreedom::Three {
+            sample.pose.orientation = DQuat::IDENTITY;
+        }
+        if !self.is_plausible(&sample) {
+            self.implausible += 1;
+            return None;
+        }
+        self.last = Some((sample.pose.position, sample.time_ns));
+        Some(sample)
+    }
+
+    /// Sends a wrench; its torque is 0 where the device does not render it.
+    pub fn write(&mut self, mut command: WrenchCommand) {
+        if self.capabilities.rendered == DegreesOfFreedom::Three {
+            command.wrench.torque = DVec3::ZERO;
+        }
+        self.device.write(command);
+    }
+
+    /// Brings the device to zero force.
+    pub fn safe_off(&mut self) {
+        self.device.safe_off();
+    }
+
+    /// The allowed distance grows with the time since the last accepted sample, so a device that did
+    /// jump is accepted again. Positions that are not finite pass: the controller rejects and counts
+    /// them.
+    fn is_plausible(&self, sample: &Sample) -> bool {
+        let limit = self.capabilities.max_speed_m_per_s;
+        let Some((position, time_ns)) = self.last else {
+            return true;
+        };
+        let seconds = sample.time_ns.saturating_sub(time_ns) as f64 * 1e-9;
+        let distance = sample.pose.position.distance(position);
+        let reachable = limit * seconds + self.capabilities.position_resolution_m;
+        !(limit.is_finite() && distance > reachable)
+    }
+}
+
+impl Drop for GuardedDevice {
+    fn drop(&mut self) {
+        self.device.safe_off();
+    }
+}
+
+impl std::fmt::Debug for GuardedDevice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("GuardedDevice")
+            .field("capabilities", &self.capabilities)
+            .field("last", &self.last)
+            .field("implausible", &self.implausible)
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::{Pose, Wrench};
+    use std::sync::{Arc, Mutex};
+
+    #[derive(Default)]
+    struct Log {
+        commands: Vec<Wrench>,
+        safe_offs: u32,
+    }
+
+    struct Logged {
+        capabilities: Capabilities,
+        next: Sample,
+        log: Arc<Mutex<Log>>,
+    }
+
+    impl Device for Logged {
+        fn capabilities(&self) -> Capabilities {
+            self.capabilities.clone()
+        }
+        fn read(&mut self, time: TickTime) -> Option<Sample> {
+            Some(Sample {
+                time_ns: time.start_ns,
+                ..self.next
+            })
+        }
+        fn write(&mut self, command: WrenchCommand) {
+            self.log.lock().unwrap().commands.push(command.wrench);
+        }
+        fn safe_off(&mut self) {
+            self.log.lock().unwrap().safe_offs += 1;
+        }
+        fn intend(&mut self, intent: Intent) {
+            self.next.pose = intent.pose;
+        }
+    }
+
+    fn guarded(capabilities: Capabilities) -> (GuardedDevice, Arc<Mutex<Log>>) {
+        let log = Arc::new(Mutex::new(Log::default()));
+        let device = Logged {
+            capabilities,
+            next: Sample::at(Pose::IDENTITY),
+            log: Arc::clone(&log),
+        };
+        (GuardedDevice::new(Box::new(device)), log)
+    }
+
+    fn six() -> Capabilities {
+        Capabilities {
+            sensed: DegreesOfFreedom::Six,
+            rendered: DegreesOfFreedom::Six,
+            max_torque_nm: 1.0,
+            ..Capabilities::translational("six", 5.0)
+        }
+    }
+
+    const WRENCH: Wrench = Wrench {
+        force: DVec3::X,
+        torque: DVec3::Y,
+    };
+
+    #[test]
+    fn a_dropped_device_is_switched_off_also_by_a_panic() {
+        let (device, log) = guarded(six());
+        drop(device);
+        assert_eq!(log.lock().unwrap().safe_offs, 1);
+        let (device, log) = guarded(six());
+        let thread = std::thread::spawn(move || {
+            let _device = device;
+            std::panic::resume_unwind(Box::new(()));
+        });
+        assert!(thread.join().is_err());
+        assert_eq!(log.lock().unwrap().safe_offs, 1);
+    }
+
+    #[test]
+    fn torque_is_masked_for_a_device_that_renders_three() {
+        let (mut device, log) = guarded(Capabilities::translational("three", 5.0));
+        device.write(WrenchCommand::unlimited(WRENCH));
+        let masked = Wrench {
+            torque: DVec3::ZERO,
+            ..WRENCH
+        };
+        assert_eq!(log.lock().unwrap().commands, [masked]);
+        let (mut device, log) = guarded(six());
+        device.write(WrenchCommand::unlimited(WRENCH));
+        assert_eq!(log.lock().unwrap().commands, [WRENCH]);
+    }
+
+    #[test]
+    fn orientation_is_ignored_where_it_is_not_sensed() {
+        let turned = Pose {
+            position: DVec3::ZERO,
+            orientation: DQuat::from_rotation_x(1.0),
+        };
+        let intent = Intent {
+            pose: turned,
+            velocity: DVec3::ZERO,
+        };
+        for (capabilities, expected) in [
+            (Capabilities::translational("three", 5.0), DQuat::IDENTITY),
+            (six(), turned.orientation),
+        ] {
+            let (mut device, _log) = guarded(capabilities);
+            device.intend(intent);
+            let sample = device.read(TickTime::default()).unwrap();
+            assert_eq!(sample.pose.orientation, expected);
+        }
+    }
+
+    #[test]
+    fn a_jump_beyond_the_speed_limit_is_dropped_until_it_could_be_true() {
+        let (mut device, _log) = guarded(Capabilities {
+            max_speed_m_per_s: 1.0,
+            ..six()
+        });
+        let mut read = |x: f64, ms: u64| {
+            device.intend(Intent {
+                pose: Pose::at(DVec3::X * x),
+                velocity: DVec3::ZERO,
+            });
+            let time = TickTime {
+                start_ns: ms * 1_000_000,
+                periods: 1,
+            };
+            device.read(time).is_some()
+        };
+        assert!(read(0.0, 1));
+        assert!(read(0.0009, 2), "0.9 m/s");
+        assert!(!read(0.5, 3), "a spike");
+        assert!(read(0.0009, 4), "back where it was");
+        assert!(!read(0.1, 5));
+        assert!(read(0.1, 104), "1 m/s since the last accepted sample");
+        assert_eq!(device.implausible_samples(), 2);
+    }
+}

@@ -1,0 +1,68 @@
+//! Values beside the scene that make a controller: kept in a recording, so that a replay makes the same.
+
+use haptic_device::{Capabilities, DegreesOfFreedom};
+use hrtc_core::Controller;
+use hrtc_core::streaming::subscriber::Identity;
+use scene::ScenePlan;
+use serde::{Deserialize, Serialize};
+
+/// Identity of a controller and the limits of its devices.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ControllerSetup {
+    /// Id of the client, the same after a restart or not.
+    pub client: u64,
+    /// Different at every start.
+    pub incarnation: u64,
+    /// Limit of the force of the weakest device, newtons.
+    pub max_force_n: f64,
+    /// Limit of the torque of the weakest device that renders torque, newton metres.
+    pub max_torque_nm: f64,
+    /// Resolution of each probe's device, metres.
+    pub position_resolutions_m: Vec<f64>,
+    /// Length of a tour, seconds.
+    pub tour_seconds: f64,
+}
+
+impl ControllerSetup {
+    /// A controller with these devices, one a probe.
+    #[must_use]
+    pub fn new<'a>(
+        identity: Identity,
+        devices: impl Iterator<Item = &'a Capabilities> + Clone,
+        tour_seconds: f64,
+    ) -> Self {
+        let torques = devices
+            .clone()
+            .filter(|device| device.rendered == DegreesOfFreedom::Six)
+            .map(|device| device.max_torque_nm);
+        let forces = devices.clone().map(|device| device.max_force_n);
+        Self {
+            client: identity.client,
+            incarnation: identity.incarnation,
+            // JSON has no infinity.
+            max_force_n: forces.fold(f64::MAX, f64::min),
+            max_torque_nm: torques.fold(f64::MAX, f64::min),
+            position_resolutions_m: devices.map(|device| device.position_resolution_m).collect(),
+            tour_seconds,
+        }
+    }
+
+    /// The identity towards the station.
+    #[must_use]
+    pub fn identity(&self) -> Identity {
+        Identity {
+            client: self.client,
+            incarnation: self.incarnation,
+        }
+    }
+
+    /// Puts the limits into the scene's plan and makes the controller.
+    #[must_use]
+    pub fn controller(&self, plan: &mut ScenePlan) -> Controller {
+        plan.safety.torque_max_nm = plan.safety.torque_max_nm.min(self.max_torque_nm);
+        for (probe, &resolution_m) in plan.probes.iter_mut().zip(&self.position_resolutions_m) {
+            probe.device.encoder_m = resolution_m;
+        }
+        Controller::new(plan, self.identity(), self.max_force_n, self.tour_seconds)
+    }
+}
