@@ -1,4 +1,4 @@
-//! One body: how it moves, where it is, and whether it is awake.
+//! One body: its kind of motion, its pose, its load, and its sleep.
 
 use super::driven::Driven;
 use super::extent::Extent;
@@ -6,34 +6,28 @@ use super::free::Free;
 use super::hinge::Hinge;
 use super::material::material_motion;
 use super::rail::Rail;
+use super::tuning::{
+    DISPLACEMENT_DECAY, MAX_SIZES_PER_PERIOD, MAX_TURN_PER_PERIOD, STILL_S, STILL_SIZES_PER_S,
+};
 use crate::force::passivity::CarriedWork;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use scene::MovablePlan;
 
-/// The fastest that a body becomes: its longest sides a tick, and radians a tick.
-const MAX_SIZES_PER_TICK: f64 = 0.1;
-const MAX_TURN_PER_TICK: f64 = 0.1;
-/// What counts as still: no point of the box goes farther than this share of its longest side in a second ...
-const STILL_SIZES_PER_S: f64 = 1e-4;
-/// ... for so many seconds.
-const STILL_S: f64 = 0.5;
-/// Share of the greatest way of a tick that is left a tick later: as of a probe.
-const DISPLACEMENT_DECAY: f64 = 0.97;
-
-/// A step's length, and the limits of its speeds.
+/// Length of a step, and its speed limits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step {
+    /// Seconds.
     pub period_s: f64,
-    /// m/s.
+    /// Largest speed, m/s.
     pub fastest: f64,
-    /// rad/s.
+    /// Largest angular speed, rad/s.
     pub fastest_turn: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
-    /// Its box is not known: it stands.
+    /// At rest until its box is known.
     Unknown,
     Free(Free),
     Hinge(Hinge),
@@ -45,24 +39,29 @@ enum Kind {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
     plan: MovablePlan,
+    /// Pose in the scene.
     home: Pose,
     kind: Kind,
     step: Step,
     extent: Option<Extent>,
     pose: Pose,
+    /// Pose before the last step; `None` if the step did not change it.
     before: Option<Pose>,
-    /// What pushes it in this tick, the torque about [`Body::centre`].
+    /// Sum of the wrenches since the last step, world, the torque about [`Body::centre`].
     load: Wrench,
     is_awake: bool,
+    /// Time without load and motion, seconds.
     still_s: f64,
-    /// The greatest way of a point of its box in a tick of late, metres.
+    /// Bound of the displacement of any point of the box in a tick, metres.
     max_displacement: f64,
     awake_ticks: u64,
+    /// Largest distance of the middle of the box from its place in the scene, metres.
     farthest: f64,
 }
 
 impl Body {
-    /// Where the scene puts it; what is not driven stands until its box is known.
+    /// A body at its pose in the scene. A driven body moves from the first tick on; any other rests
+    /// until [`Self::set_extent`].
     #[must_use]
     pub fn new(plan: MovablePlan, home: Pose, period_s: f64) -> Self {
         let kind = match &plan {
@@ -77,7 +76,7 @@ impl Body {
             step: Step {
                 period_s,
                 fastest: 0.0,
-                fastest_turn: MAX_TURN_PER_TICK / period_s,
+                fastest_turn: MAX_TURN_PER_PERIOD / period_s,
             },
             extent: None,
             pose: home,
@@ -91,13 +90,13 @@ impl Body {
         }
     }
 
-    /// Its box has become known; a second time changes nothing.
+    /// Sets its box, and with it its size and inertia. Later calls change nothing.
     pub fn set_extent(&mut self, extent: Extent) {
         if self.extent.is_some() {
             return;
         }
         self.extent = Some(extent);
-        self.step.fastest = MAX_SIZES_PER_TICK * extent.size() / self.step.period_s;
+        self.step.fastest = MAX_SIZES_PER_PERIOD * extent.size() / self.step.period_s;
         self.kind = match &self.plan {
             MovablePlan::Free(plan) => Kind::Free(Free::new(plan, self.home, &extent)),
             MovablePlan::Hinge(plan) => Kind::Hinge(Hinge::new(plan, self.home, &extent)),
@@ -111,56 +110,59 @@ impl Body {
         self.is_awake |= falls(&self.plan);
     }
 
-    /// Its pose in this tick.
+    /// Pose in this tick.
     #[must_use]
     pub fn pose(&self) -> Pose {
         self.pose
     }
 
-    /// Where the scene puts it.
+    /// Pose in the scene.
     #[must_use]
     pub fn home(&self) -> Pose {
         self.home
     }
 
-    /// Its pose in the tick before, if it was another.
+    /// Pose before the last step; `None` if the step did not change it.
     #[must_use]
     pub fn before(&self) -> Option<Pose> {
         self.before
     }
 
-    /// Whether it is stepped.
+    /// Whether it takes steps.
     #[must_use]
     pub fn is_awake(&self) -> bool {
         self.is_awake
     }
 
-    /// How far a point of its box may go in a tick as things are, metres.
+    /// Bound of the displacement of any point of its box in a tick, metres.
+    ///
+    /// Of a driven body it follows from the largest speed. Of any other it is the largest recent
+    /// displacement, which decays by 3 % a tick.
     #[must_use]
     pub fn max_displacement(&self) -> f64 {
         self.max_displacement
     }
 
-    /// Ticks that it was awake, so far.
+    /// Number of steps so far.
     #[must_use]
     pub fn awake_ticks(&self) -> u64 {
         self.awake_ticks
     }
 
-    /// How far the middle of its box ever was from where the scene puts it, metres.
+    /// Largest distance so far of the middle of its box from its place in the scene, metres.
     #[must_use]
     pub fn farthest(&self) -> f64 {
         self.farthest
     }
 
-    /// Velocity of the middle of its box, m/s, as its pose has changed in the last step; of a rail or free body exact.
+    /// Displacement of the middle of its box in the last step over one period, m/s.
     #[must_use]
     pub fn velocity(&self) -> DVec3 {
         let went = |before: Pose| self.middle(&self.pose) - self.middle(&before);
         self.before.map_or(DVec3::ZERO, went) / self.step.period_s
     }
 
-    /// Energy of its motion, joules; nothing of what is driven.
+    /// Kinetic energy, joules; 0 for a driven body.
     #[must_use]
     pub fn kinetic_j(&self) -> f64 {
         match &self.kind {
@@ -171,7 +173,7 @@ impl Body {
         }
     }
 
-    /// What its torque is about, world, metres.
+    /// Reference point of the torque of its load, world, metres.
     fn centre(&self) -> DVec3 {
         match &self.kind {
             Kind::Free(free) => free.middle,
@@ -180,13 +182,15 @@ impl Body {
         }
     }
 
-    /// The middle of its box at a pose.
+    /// Middle of its box at a pose, world, metres.
     fn middle(&self, pose: &Pose) -> DVec3 {
         let middle = self.extent.map_or(DVec3::ZERO, |extent| extent.middle);
         pose.transform_point(middle)
     }
 
-    /// Pushes it with a wrench about a place until the next step, and wakes it.
+    /// Adds a wrench about a place (world, metres) to the load of the next step, and wakes it. A
+    /// wrench that is not finite is ignored; so is any wrench on a driven body or one without a
+    /// box.
     pub fn push(&mut self, wrench: &Wrench, at: DVec3) {
         if !wrench.is_finite() || matches!(self.kind, Kind::Driven(_) | Kind::Unknown) {
             return;
@@ -198,7 +202,7 @@ impl Body {
         self.still_s = 0.0;
     }
 
-    /// Goes on to a tick, so many periods later.
+    /// Steps to `tick`, `periods` after the last step.
     pub fn step(&mut self, tick: u64, periods: u32) {
         let load = std::mem::take(&mut self.load);
         let last = self.pose;
@@ -230,6 +234,7 @@ impl Body {
         }
     }
 
+    /// Updates the largest distance and the displacement bound.
     fn note_displacement(&mut self, last: &Pose) {
         let Some(extent) = self.extent else {
             return;
@@ -247,7 +252,7 @@ impl Body {
             .max(DISPLACEMENT_DECAY * self.max_displacement);
     }
 
-    /// Puts it to sleep when nothing pushes it and it has been still for long enough.
+    /// Puts it to sleep when it has been without load and motion for long enough.
     fn sleep_if_still(&mut self, periods: u32, is_free: bool) {
         let Some(extent) = self.extent else {
             return;
@@ -277,7 +282,8 @@ impl Body {
         self.max_displacement = 0.0;
     }
 
-    /// The work of a wrench at a place (world, metres) over the motion of the material there in the last step.
+    /// Work of a wrench at a place (world, metres) over the motion of the material there in the
+    /// last step.
     #[must_use]
     pub fn work_of(&self, wrench: &Wrench, at: DVec3) -> CarriedWork {
         let Some(before) = self.before else {

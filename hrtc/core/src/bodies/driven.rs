@@ -1,4 +1,7 @@
-//! An object that moves by time alone: its pose is a function of the tick, so that nothing adds up.
+//! An object whose pose is a function of time alone, so that no rounding accumulates.
+//!
+//! With a constant velocity v the displacement is `v t`; with a period P it is
+//! `v (P / 2π) sin(2π t / P)`. The rotation follows the same law.
 
 use geometry::Pose;
 use glam::{DQuat, DVec3};
@@ -8,11 +11,13 @@ use std::f64::consts::TAU;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Driven {
     home: Pose,
-    /// What it turns about where the scene puts it, world.
+    /// Centre of the rotation at time 0, world, metres.
     anchor: DVec3,
-    /// World.
+    /// Largest velocity, world, m/s.
     linear: DVec3,
+    /// Largest angular velocity, world, rad/s.
     angular: DVec3,
+    /// Period of the sine, seconds; `None` for a constant velocity.
     period_s: Option<f64>,
 }
 
@@ -32,12 +37,13 @@ impl Driven {
         self.linear != DVec3::ZERO || self.angular != DVec3::ZERO
     }
 
-    /// No point within `radius` of `middle` (world, where the scene puts it) goes farther in a second.
+    /// Upper bound of the speed, m/s, of any point within `radius` (metres) of `middle` (world,
+    /// metres, at time 0).
     pub fn fastest(&self, middle: DVec3, radius: f64) -> f64 {
         self.linear.length() + self.angular.length() * (middle.distance(self.anchor) + radius)
     }
 
-    /// Its pose after so many seconds.
+    /// Pose at a time, seconds after the start.
     pub fn pose(&self, seconds: f64) -> Pose {
         let along = match self.period_s {
             None => seconds,

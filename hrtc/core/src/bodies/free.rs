@@ -1,5 +1,7 @@
-//! A free body: the motion of the middle of its box, and its rotation by angular momentum, which nothing but a torque
-//! changes: so the energy of a body that tumbles stays between two bounds, whatever the step.
+//! A free body: translation of the middle of its box, and rotation about it.
+//!
+//! The state of the rotation is the angular momentum L. Only a torque changes it, so the energy of
+//! a tumbling body stays between `L² / (2 I_max)` and `L² / (2 I_min)` at any step length.
 
 use super::body::Step;
 use super::extent::Extent;
@@ -11,17 +13,21 @@ use scene::FreePlan;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Free {
     linear: SpringDamper,
-    /// About the body's axes.
+    /// About each of the body's axes.
     angular: [SpringDamper; 3],
+    /// World, newtons.
     weight_n: DVec3,
-    /// The middle of the box in the object's axes.
+    /// Middle of the box in the object's axes, metres.
     arm: DVec3,
-    /// Where the scene puts middle and axes.
+    /// Middle in the scene, world, metres.
     home: DVec3,
+    /// Axes in the scene.
     home_axes: DQuat,
-    /// Now; world, metres.
+    /// Middle now, world, metres.
     pub middle: DVec3,
+    /// Axes now.
     axes: DQuat,
+    /// World, m/s.
     velocity: DVec3,
     /// Angular momentum about the middle, world, kg m²/s.
     momentum: DVec3,
@@ -48,13 +54,13 @@ impl Free {
         }
     }
 
-    /// Angular velocity of what has the momentum at an orientation.
+    /// Angular velocity of the body at an orientation, world, rad/s.
     fn turning(&self, axes: DQuat) -> DVec3 {
         let [x, y, z] = self.angular.map(|spring_damper| spring_damper.inertia);
         axes * ((axes.conjugate() * self.momentum) / DVec3::new(x, y, z))
     }
 
-    /// A step; the torque of `load` is about the middle.
+    /// One period under a load (world, newtons; newton metres about the middle).
     pub fn step(&mut self, load: &Wrench, step: &Step) {
         let period = step.period_s;
         let force = load.force + self.weight_n;
@@ -67,7 +73,7 @@ impl Free {
         self.velocity = limited(velocity, step.fastest);
         self.middle += self.velocity * period;
 
-        // The rotation in the body's axes, where the inertia is that of three coordinates.
+        // In the body's axes the rotation is three coordinates, each with its own inertia.
         let to_body = self.axes.conjugate();
         let turned = to_body * from_home(self.home_axes, self.axes);
         let turning = to_body * self.turning(self.axes);
@@ -77,10 +83,10 @@ impl Free {
         let turning = limited(DVec3::new(speed(0), speed(1), speed(2)), step.fastest_turn);
         let [x, y, z] = self.angular.map(|spring_damper| spring_damper.inertia);
         self.momentum = self.axes * (turning * DVec3::new(x, y, z));
-        // With the angular velocity of the middle of the step.
+        // Midpoint rule.
         let first = self.turning(self.axes);
-        let half_way = (DQuat::from_scaled_axis(first * (0.5 * period)) * self.axes).normalize();
-        let mean = limited(self.turning(half_way), step.fastest_turn);
+        let mid_axes = (DQuat::from_scaled_axis(first * (0.5 * period)) * self.axes).normalize();
+        let mean = limited(self.turning(mid_axes), step.fastest_turn);
         self.axes = (DQuat::from_scaled_axis(mean * period) * self.axes).normalize();
     }
 
@@ -102,13 +108,13 @@ impl Free {
     }
 }
 
-/// The rotation vector from one orientation to another, by the shorter way round.
+/// Rotation vector from `home` to `axes`, radians, length at most π.
 fn from_home(home: DQuat, axes: DQuat) -> DVec3 {
     let turn = axes * home.conjugate();
     (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis()
 }
 
-/// A vector of at most this length; none of what is no vector.
+/// The vector, shortened to this length; zero for one that is not finite.
 fn limited(vector: DVec3, most: f64) -> DVec3 {
     if vector.is_finite() {
         vector.clamp_length_max(most)

@@ -1,4 +1,4 @@
-//! A body on a hinge.
+//! A body on a hinge: one coordinate, the angle.
 
 use super::body::Step;
 use super::extent::Extent;
@@ -10,13 +10,15 @@ use scene::HingePlan;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hinge {
     home: Pose,
-    /// World.
+    /// Unit vector, world.
     axis: DVec3,
-    /// A point of the axis, world.
+    /// A point of the axis, world, metres.
     pub anchor: DVec3,
-    /// From there to the middle of the body where the scene puts it, world.
+    /// From the anchor to the middle of the box at angle 0, world, metres.
     arm: DVec3,
+    /// World, newtons.
     weight_n: DVec3,
+    /// Angle from the pose in the scene, radians.
     turn: Coordinate,
 }
 
@@ -41,7 +43,7 @@ impl Hinge {
         DQuat::from_axis_angle(self.axis, self.turn.at)
     }
 
-    /// A step; the torque of `load` is about the anchor.
+    /// One period under a load (world, newtons; newton metres about the anchor).
     pub fn step(&mut self, load: &Wrench, step: &Step) {
         let of_weight = (self.rotation() * self.arm).cross(self.weight_n);
         let torque = self.axis.dot(load.torque + of_weight);

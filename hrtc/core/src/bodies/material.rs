@@ -1,13 +1,15 @@
-//! The motion of what lies at a place of a body.
+//! Motion of the material of a body at a place.
 
 use crate::contact::motion::{Placement, Twist};
 use geometry::Pose;
 use glam::DVec3;
 
-/// By how much the material at a place (world, metres) moves from one pose of its body to another.
+/// Displacement (metres) and rotation (radians) of the material at a place (world, metres) from one
+/// pose of its body to another.
 ///
-/// The place is taken to be where it is in the middle of the motion, so that what turns moves across its radius: a
-/// chord would lead inwards, and a force along the radius would seem to do work.
+/// The lever arm r of the place is relative to the mean of the two positions, so that the
+/// displacement by the rotation, `ω × r`, is perpendicular to it. The chord from a start pose to an
+/// end pose would point inwards, and a radial force would seem to do work.
 #[must_use]
 pub fn material_motion(before: &Pose, now: &Pose, at: DVec3) -> Twist {
     let placement = |pose: &Pose| Placement {

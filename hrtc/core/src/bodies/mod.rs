@@ -1,23 +1,32 @@
-//! Objects that move: free, on a hinge, on a rail, or driven.
+//! Movable objects: free, on a hinge, on a rail, or driven.
 //!
-//! A body is stepped once a tick, before anything looks where it is, with what its touches gave to the devices in the
-//! tick before, turned round: device and body feel the same force over the same period, so that momentum is kept to the
-//! last bit of a sum. The steps are semi-implicit and of a fixed number of operations: springs and dampings of the
-//! body's own are solved for (any of them is stable), the touch is explicit (its limit is checked by
-//! [`scene::min_coupled_mass`]), speeds are limited. A step gives a body no more energy than the force times
-//! the way that it then goes: `m (v' - v) = F T` leaves `(v'² - v²) m / 2 = F v' T - F² T² / 2 m`.
+//! A body is stepped once a tick, before any other stage reads its pose. Its load is the reaction
+//! to the wrenches that its contacts gave to the devices in the last tick. Body and device get
+//! opposite forces for the same period, so that momentum is conserved up to the rounding of a sum.
 //!
-//! What is asleep is not looked at and keeps its bits. It wakes when it is touched, and sleeps when it has been still
-//! for a while; what is still is measured by its size. Bodies do not touch each other.
+//! A step is semi-implicit and takes a fixed number of operations:
 //!
-//! | file | does |
+//! - The spring and damper of the body itself are implicit, so they are stable at any value.
+//! - The contact force is explicit. [`scene::min_coupled_mass`] bounds the stiffness for which that
+//!   is stable, when a scene is read.
+//! - Linear and angular speed are limited.
+//!
+//! A force F adds no more kinetic energy than its work over the displacement `v' T` that follows:
+//! `m (v' - v) = F T` implies `m (v'² - v²) / 2 = F v' T - F² T² / (2 m)`.
+//!
+//! A sleeping body is not stepped and keeps every bit of its pose. A contact wakes it. It sleeps
+//! again after a time without load and motion; the threshold is relative to its size. Bodies do not
+//! collide with each other.
+//!
+//! | module | content |
 //! |---|---|
-//! | `body` | one body: its pose, its sleep |
-//! | `free`, `hinge`, `rail`, `driven` | the ways to move |
-//! | `rest` | springs and dampings of a body's own, solved for |
+//! | `body` | one body: pose, load, sleep |
+//! | `free`, `hinge`, `rail`, `driven` | the kinds of motion |
+//! | `spring_damper` | implicit spring and damper of a coordinate |
 //! | `extent` | size and inertia of a model's box |
-//! | `material` | the motion of what lies at a place |
-//! | `report` | what became of them |
+//! | `material` | motion of the material at a place |
+//! | `report` | final poses and statistics |
+//! | `tuning` | the constants |
 
 mod body;
 mod driven;
@@ -28,6 +37,7 @@ mod material;
 mod rail;
 mod report;
 mod spring_damper;
+mod tuning;
 
 pub use body::Body;
 pub use extent::Extent;
@@ -40,45 +50,45 @@ use glam::DVec3;
 use scene::{MAX_ACTIVE_OBJECTS, MAX_PROBES, ScenePlan};
 use spm::NONE;
 use std::collections::VecDeque;
+use tuning::{MAX_EXTENTS_PER_TICK, MAX_STEP_PERIODS};
 
-/// Periods that a step makes good at the most; what was missed beyond is lost to the bodies.
-const MAX_PERIODS: u64 = 20;
-/// Objects whose box is looked for in a tick at the most.
-const MAX_EXTENTS_PER_TICK: usize = 64;
-
-/// What a touch gave to a device in a tick.
+/// The wrench that a contact gave to a device in a tick.
 #[derive(Debug, Clone, Copy)]
 struct Push {
+    /// Index into the bodies.
     body: usize,
     probe: usize,
-    /// On the device, about `at`: all of it, and of it what the energy account limits.
+    /// On the device, about `at`: the whole wrench, and the part that the energy account limits.
     wrenches: [Wrench; 2],
-    /// World, metres.
+    /// Position of the device, world, metres.
     at: DVec3,
 }
 
-/// The bodies of a scene. Nothing is allocated after [`Movables::new`].
+/// The bodies of a scene. It does not allocate after [`Movables::new`].
 #[derive(Debug, Clone)]
 pub struct Movables {
     /// In the order of the scene.
     bodies: Vec<Body>,
-    /// The object of each.
+    /// Object of each body.
     objects: Vec<u32>,
-    /// The body of each object, [`NONE`] for what stands; empty when all do.
+    /// Body of each object, [`NONE`] for a fixed one; empty in a scene of fixed objects.
     of_object: Vec<u32>,
-    /// Those that are to be stepped.
+    /// Bodies to be stepped.
     awake: Vec<usize>,
-    /// Those whose pose, or whose motion, changed in this tick.
+    /// Bodies that the last step moved or stopped.
     moved: Vec<usize>,
+    /// Wrenches of this tick; their work is known after the next step.
     pushes: Vec<Push>,
+    /// Work of each probe's wrenches over the motion of the material since it was last taken,
+    /// joules: the whole, and the limited part.
     carried: [[f64; 2]; MAX_PROBES],
     last_tick: Option<u64>,
-    /// Objects whose box is not known.
+    /// Objects whose box is not known yet.
     unknown: VecDeque<u32>,
 }
 
 impl Movables {
-    /// Where the scene puts them.
+    /// Bodies at their poses in the scene.
     #[must_use]
     pub fn new(plan: &ScenePlan) -> Self {
         let period_s = 1.0 / plan.loop_.rate_hz;
@@ -115,31 +125,32 @@ impl Movables {
         }
     }
 
-    /// Whether everything stands.
+    /// Whether the scene has no movable object.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.bodies.is_empty()
     }
 
-    /// The body of an object; `None` for what stands.
+    /// Body of an object; `None` for a fixed one.
     #[must_use]
     pub fn body(&self, object: u32) -> Option<&Body> {
         let body = *self.of_object.get(object as usize)?;
         self.bodies.get(body as usize)
     }
 
-    /// Objects that move, and their bodies.
+    /// Movable objects and their bodies, in the order of the scene.
     pub fn iter(&self) -> impl Iterator<Item = (u32, &Body)> {
         self.objects.iter().copied().zip(&self.bodies)
     }
 
-    /// How many are awake.
+    /// Number of awake bodies.
     #[must_use]
     pub fn awake(&self) -> usize {
         self.awake.len()
     }
 
-    /// Looks for the boxes of some objects that are not known yet; one that is can be pushed from then on.
+    /// Requests the boxes of up to 64 objects that have none yet. `extent` returns `None` while a
+    /// box is unknown. A body can be pushed once its box is known.
     pub fn set_extent(&mut self, extent: impl Fn(u32) -> Option<Extent>) {
         for _ in 0..MAX_EXTENTS_PER_TICK.min(self.unknown.len()) {
             let Some(object) = self.unknown.pop_front() else {
@@ -158,14 +169,15 @@ impl Movables {
         }
     }
 
-    /// One tick: every body that is awake goes on under what pushed it in the tick before.
+    /// Steps every awake body to `tick` under the load of the last tick, and adds up the work of
+    /// that load over the motion. Missed ticks are made up for, within a limit.
     pub fn step(&mut self, tick: u64) {
         let periods = self.last_tick.map_or(1, |last| tick.saturating_sub(last));
         self.last_tick = Some(tick);
         self.moved.clear();
         self.moved.extend_from_slice(&self.awake);
         for &k in &self.awake {
-            self.bodies[k].step(tick, periods.clamp(1, MAX_PERIODS) as u32);
+            self.bodies[k].step(tick, periods.clamp(1, MAX_STEP_PERIODS) as u32);
         }
         let bodies = &self.bodies;
         self.awake.retain(|&k| bodies[k].is_awake());
@@ -178,21 +190,22 @@ impl Movables {
         }
     }
 
-    /// Objects whose pose, or whose motion, has changed in the last step.
+    /// Objects that the last step moved or stopped, and their bodies.
     pub fn moved(&self) -> impl Iterator<Item = (u32, &Body)> {
         self.moved
             .iter()
             .map(|&k| (self.objects[k], &self.bodies[k]))
     }
 
-    /// Work of a probe's forces over the motion of the material since the last call, joules: of all of them, and of
-    /// what the energy account limits.
+    /// Work of a probe's wrenches over the motion of the material since the last call, joules: of
+    /// the whole wrenches, and of the parts that the energy account limits.
     pub fn take_carried_work(&mut self, probe: usize) -> [f64; 2] {
         let sums = self.carried.get_mut(probe);
         sums.map(std::mem::take).unwrap_or_default()
     }
 
-    /// The work that a wrench on a device at a place would do over the motion of the material in the coming period.
+    /// Predicted work of a wrench on a device at a place (world, metres) over the motion of the
+    /// material in the coming period. The reaction of the wrench is part of the prediction.
     #[must_use]
     pub fn work_ahead(&self, object: u32, wrench: &Wrench, at: DVec3) -> CarriedWork {
         let body = self.body(object);
@@ -205,8 +218,9 @@ impl Movables {
         })
     }
 
-    /// An object gave this to a probe's device at a place (world, metres) in this tick: what the energy account limits,
-    /// and the rest.
+    /// Records the wrenches that an object gave in this tick to a probe's device at a place (world,
+    /// metres), and loads its body with the reaction. `limited` passed the energy account, `rest`
+    /// is the active wrench.
     pub fn push(&mut self, object: u32, probe: usize, [limited, rest]: [Wrench; 2], at: DVec3) {
         let Some(&body) = self.of_object.get(object as usize) else {
             return;
@@ -231,7 +245,7 @@ impl Movables {
         }
     }
 
-    /// Every number of the poses of what is awake, for a hash.
+    /// Position and quaternion (x, y, z, w) of every awake body, for a hash.
     pub fn numbers(&self) -> impl Iterator<Item = f64> {
         self.awake.iter().flat_map(|&k| {
             let Pose {
@@ -244,7 +258,7 @@ impl Movables {
     }
 }
 
-/// What acts on the body when this acts on the device.
+/// Wrench on the body from the wrench on the device.
 fn reaction(wrench: &Wrench) -> Wrench {
     Wrench {
         force: -wrench.force,

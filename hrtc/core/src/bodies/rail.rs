@@ -1,4 +1,4 @@
-//! A body on a rail.
+//! A body on a rail: one coordinate, the displacement.
 
 use super::body::Step;
 use super::spring_damper::{Coordinate, SpringDamper};
@@ -9,9 +9,11 @@ use scene::RailPlan;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rail {
     home: Pose,
-    /// World.
+    /// Unit vector, world.
     axis: DVec3,
+    /// World, newtons.
     weight_n: DVec3,
+    /// Displacement from the pose in the scene, metres.
     travel: Coordinate,
 }
 
@@ -26,6 +28,7 @@ impl Rail {
         }
     }
 
+    /// One period under a load (world, newtons); its torque has no effect.
     pub fn step(&mut self, load: &Wrench, step: &Step) {
         let force = self.axis.dot(load.force + self.weight_n);
         self.travel.step(force, step.period_s, step.fastest);

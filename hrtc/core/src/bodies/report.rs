@@ -1,27 +1,27 @@
-//! What became of the bodies, for the end of a run.
+//! Final poses and statistics of the bodies, for the end of a run.
 
 use super::Movables;
 use serde::{Deserialize, Serialize};
 
-/// Where an object that was pushed, or driven, came to.
+/// Final pose and statistics of one movable object.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct MovedObject {
-    /// Object of the scene.
+    /// Index of the object in the scene.
     pub object: u64,
-    /// Its position in the end, world, metres.
+    /// Final position, world, metres.
     pub position_m: [f64; 3],
-    /// Its orientation in the end, w first.
+    /// Final orientation, a unit quaternion, w first.
     pub orientation_wxyz: [f64; 4],
-    /// Angle between how it is in the end and how the scene puts it, radians.
+    /// Angle between the final orientation and that in the scene, radians, 0 to π.
     pub turned_rad: f64,
-    /// How far the middle of its box ever was from where the scene puts it, metres.
+    /// Largest distance of the middle of its box from its place in the scene, metres.
     pub farthest_m: f64,
-    /// Ticks that it was awake.
+    /// Number of ticks that it was awake.
     pub awake_ticks: u64,
 }
 
 impl Movables {
-    /// Every body that was ever awake. It allocates.
+    /// An entry for every body that was ever awake. It allocates.
     #[must_use]
     pub fn report(&self) -> Vec<MovedObject> {
         let ever = self.iter().filter(|(_, body)| body.awake_ticks() > 0);

@@ -1,12 +1,12 @@
-//! What brings a body to rest: a spring and a damping of its own, solved for at the end of the step, so that any of
-//! them is stable at any rate.
+//! Spring and damper of one coordinate of a body.
+//!
+//! A step is implicit in both, so it is stable at any stiffness, damping and rate.
 
+use super::tuning::DEFAULT_DECAY_PER_S;
 use scene::SpringDamperPlan;
 
-/// Share of the speed that is lost in a second where the scene does not say.
-const DECAY_PER_S: f64 = 2.0;
-
-/// Spring and damping beside what they hold, of one coordinate: metres and kg, or radians and kg m².
+/// Inertia, spring and damper of one coordinate: of a displacement (kg, N/m, N s/m) or of an angle
+/// (kg m², N m/rad, N m s/rad).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpringDamper {
     pub inertia: f64,
@@ -15,8 +15,10 @@ pub struct SpringDamper {
 }
 
 impl SpringDamper {
+    /// Without a damping in the plan it is the larger of `2 m` per second and the critical damping
+    /// `2 √(k m)`.
     pub fn new(plan: &SpringDamperPlan, inertia: f64) -> Self {
-        let default_damping = || (DECAY_PER_S * inertia).max(2.0 * (plan.spring * inertia).sqrt());
+        let default_damping = || (DEFAULT_DECAY_PER_S * inertia).max(2.0 * (plan.spring * inertia).sqrt());
         Self {
             inertia,
             spring: plan.spring,
@@ -24,9 +26,8 @@ impl SpringDamper {
         }
     }
 
-    /// The speed after a step under a force; `at`: where it is, from the rest place.
-    ///
-    /// `m (v' - v) / T = F - k (x + T v') - d v'`.
+    /// Speed v' after a period T under a force F, from the speed v at the displacement x (`at`)
+    /// from the rest place: the solution of `m (v' - v) / T = F - k (x + T v') - d v'`.
     pub fn speed_after(&self, speed: f64, force: f64, at: f64, period_s: f64) -> f64 {
         let gain = period_s / self.inertia;
         let resistance = 1.0 + gain * (self.damping + self.spring * period_s);
@@ -34,12 +35,14 @@ impl SpringDamper {
     }
 }
 
-/// A coordinate that a force moves: a way or an angle, perhaps between two stops, which take all of the speed.
+/// A coordinate that a force moves: a displacement in metres or an angle in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coordinate {
+    /// Value now, 0 in the scene.
     pub at: f64,
     speed: f64,
     spring_damper: SpringDamper,
+    /// Smallest and largest value. A stop is inelastic: the speed becomes 0.
     limits: Option<[f64; 2]>,
 }
 
@@ -54,7 +57,7 @@ impl Coordinate {
         }
     }
 
-    /// A step under a force, no faster than `fastest`.
+    /// One period under a force; the speed is at most `fastest`. A speed that is not a number is 0.
     pub fn step(&mut self, force: f64, period_s: f64, fastest: f64) {
         let speed = self
             .spring_damper
