@@ -18,7 +18,8 @@ impl SpringDamper {
     /// Without a damping in the plan it is the larger of `2 m` per second and the critical damping
     /// `2 √(k m)`.
     pub fn new(plan: &SpringDamperPlan, inertia: f64) -> Self {
-        let default_damping = || (DEFAULT_DECAY_PER_S * inertia).max(2.0 * (plan.spring * inertia).sqrt());
+        let default_damping =
+            || (DEFAULT_DECAY_PER_S * inertia).max(2.0 * (plan.spring * inertia).sqrt());
         Self {
             inertia,
             spring: plan.spring,
