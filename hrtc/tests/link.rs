@@ -11,8 +11,8 @@ use protocol::{
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 use spm::{SpmFile, write_spm};
-use spm_builder::build::{BuildOptions, NoProgress, build_model};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, build_model};
 use station_core::station::{ServedModel, ServedObject, Station};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};

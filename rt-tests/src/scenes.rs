@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use clap::Args;
 use scene::{Overrides, ScenePlan};
-use spm_builder::build::TerminalProgress;
+use spm_builder::TerminalProgress;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;

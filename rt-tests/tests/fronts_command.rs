@@ -1,8 +1,10 @@
 //! `rt-tests fronts` as a user types it.
 
 use serde_json::Value;
-use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh, write_file};
-use spm_builder::generate::{Shape, generate, write_mesh};
+use spm_builder::generate::{Shape, generate};
+use spm_builder::{
+    BuildOptions, NoProgress, SoupMesh, build_model, read_mesh, write_mesh, write_spm_file,
+};
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -94,7 +96,7 @@ fn build_with_errors_doubled(mesh: SoupMesh, path: &Path) {
         record.e = record.e.saturating_add(OCTAVE);
     }
     parts.seal();
-    write_file(&parts, path).unwrap();
+    write_spm_file(&parts, path).unwrap();
 }
 
 /// What is broken of a model, other than its cost, and its dial.

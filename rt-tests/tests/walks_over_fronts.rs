@@ -7,7 +7,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rt_tests::commands::fronts::legality::{OPERATIONS, chain, walk};
 use rt_tests::models::Model;
 use rt_tests::models::hard_meshes::HARD_MESHES;
-use spm_builder::build::{BuildOptions, NoProgress, is_mesh_file};
+use spm_builder::{BuildOptions, NoProgress, is_mesh_file};
 use std::path::Path;
 
 fn check(model: &Model) {

@@ -4,8 +4,8 @@ use clap::{Args, Parser, Subcommand};
 use scene::Overrides;
 use serde::Serialize;
 use signal_hook::consts::{SIGINT, SIGTERM};
-use spm_builder::build::{self, BuildOptions, TerminalProgress};
 use spm_builder::generate::{self, Shape};
+use spm_builder::{BuildOptions, TerminalProgress};
 use std::error::Error;
 use std::io::Write;
 use std::path::PathBuf;
@@ -187,7 +187,7 @@ fn run(command: Command) -> Result<(), Box<dyn Error>> {
             };
             let start = Instant::now();
             let progress = TerminalProgress::new();
-            let built = build::build_file(&mesh, &output, &options, &progress);
+            let built = spm_builder::build_file(&mesh, &output, &options, &progress);
             progress.finish();
             let report = built?;
             let parts = &report.parts;
@@ -217,7 +217,7 @@ fn run(command: Command) -> Result<(), Box<dyn Error>> {
             output,
         } => {
             let mesh = generate::generate(shape, faces, seed);
-            generate::write_mesh(&mesh, &output)?;
+            spm_builder::write_mesh(&mesh, &output)?;
             print(&format!(
                 "{shape}: {} vertices, {} faces, seed {seed}, in {}",
                 mesh.positions.len(),

@@ -9,8 +9,8 @@ use memmap2::Mmap;
 use protocol::Request;
 use scene::{ModelSource, ScenePlan};
 use spm::{FORMAT_VERSION, FileError, SpmFile};
-use spm_builder::build::{self, BUILDER_VERSION, BuildError, BuildOptions, Progress};
 use spm_builder::generate::{self, Shape};
+use spm_builder::{BUILDER_VERSION, BuildError, BuildOptions, Progress};
 use station_core::station::{ServedModel, ServedObject};
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -130,7 +130,7 @@ fn open_source(
     match source {
         ModelSource::File(path) => {
             let path = folder.join(path);
-            if build::is_mesh_file(&path) {
+            if spm_builder::is_mesh_file(&path) {
                 open_mesh(&path, &cache_folder()?, progress)
             } else {
                 open_spm(&path)
@@ -169,7 +169,7 @@ fn open_mesh(
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let key = format!("{stem}-{:016x}-{}", hash.digest(), versions());
     open_cached(cache, &key, &|output| {
-        let mesh = build::read_mesh(path).map_err(|e| e.in_file(path))?;
+        let mesh = spm_builder::read_mesh(path).map_err(|e| e.in_file(path))?;
         build_into(mesh, output, progress).map_err(|e| match e {
             DatabaseError::Build(error) => error.in_file(path).into(),
             other => other,
@@ -178,12 +178,12 @@ fn open_mesh(
 }
 
 fn build_into(
-    mesh: build::SoupMesh,
+    mesh: spm_builder::SoupMesh,
     output: &Path,
     progress: &dyn Progress,
 ) -> Result<(), DatabaseError> {
-    let parts = build::build_model(mesh, &BuildOptions::default(), progress)?;
-    build::write_file(&parts, output)
+    let parts = spm_builder::build_model(mesh, &BuildOptions::default(), progress)?;
+    spm_builder::write_spm_file(&parts, output)
         .map(|_| ())
         .map_err(|error| cache_error(output, error))
 }

@@ -5,7 +5,7 @@ use crate::database::{Database, DatabaseError};
 use scene::{self, Overrides, SceneError};
 use scene_files::DiskFiles;
 use serde::Serialize;
-use spm_builder::build::{Progress, TerminalProgress};
+use spm_builder::{Progress, TerminalProgress};
 use station_core::station::{Counters, Station};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;

@@ -7,7 +7,7 @@ use common::{active_faces, build, grid, input_faces, load, random_front, refine}
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, ErrorScale, SpmParts};
-use spm_builder::build::SoupMesh;
+use spm_builder::SoupMesh;
 use std::collections::BTreeMap;
 
 /// The walls of a block of rooms, each of `fine` x `fine` squares: four walls meet in every inner edge.

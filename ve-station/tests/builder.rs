@@ -5,8 +5,8 @@ mod common;
 use common::{build, grid, load, made_meshes, models_folder, real_meshes};
 use spm::ModelHeader;
 use spm::{NONE, OperationFaces};
-use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_file, build_model};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_file, build_model};
 
 #[test]
 fn real_meshes_have_the_counts_that_are_known_of_them() {
@@ -212,7 +212,7 @@ fn options_are_obeyed_and_bad_ones_refused() {
 fn the_same_file_gives_the_same_bytes_and_appears_whole() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = folder.path().join("mesh.obj");
-    spm_builder::generate::write_mesh(&generate(Shape::Torus, 3000, 0), &mesh).unwrap();
+    spm_builder::write_mesh(&generate(Shape::Torus, 3000, 0), &mesh).unwrap();
     let outputs = ["a.spm", "b.spm"].map(|name| folder.path().join(name));
     for output in &outputs {
         build_file(&mesh, output, &BuildOptions::default(), &NoProgress).unwrap();

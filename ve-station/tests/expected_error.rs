@@ -10,7 +10,7 @@ use parry3d_f64::shape::TriMesh;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, ErrorScale, OperationFaces, RegionGrid, SpmParts};
-use spm_builder::build::SoupMesh;
+use spm_builder::SoupMesh;
 use spm_builder::generate::{Shape, generate};
 use std::collections::BTreeMap;
 

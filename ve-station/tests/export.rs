@@ -5,8 +5,8 @@ mod common;
 use common::{FaceBits, active_faces, build, face_bits, made_meshes, real_meshes_where};
 use common::{grid, input_faces, load, refine};
 use spm::{OperationFaces, SpmParts};
-use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_file, read_mesh, write_file};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_file, read_mesh, write_spm_file};
 use std::path::Path;
 use ve_station::export::{Detail, ExportError, ExportFormat, export};
 
@@ -66,7 +66,7 @@ fn every_format_holds_the_front_bit_for_bit() {
     let spm = folder.path().join("model.spm");
     for (name, mesh) in models() {
         let parts = build(&mesh, Some(30));
-        write_file(&parts, &spm).unwrap();
+        write_spm_file(&parts, &spm).unwrap();
         let half = parts.header.base_faces / 2 + parts.header.faces / 2;
         let full = (Detail::Full, input_faces(&mesh));
         let coarse = (Detail::Faces(half), front(&parts, half));
@@ -102,7 +102,7 @@ fn a_text_of_the_thesis_builds_a_model_of_the_same_full_mesh() {
         ("holes", grid(40, 40, |i, j| i % 7 != 3 || j % 5 != 2)),
     ] {
         let parts = build(&mesh, Some(30));
-        write_file(&parts, &spm).unwrap();
+        write_spm_file(&parts, &spm).unwrap();
         for ending in ["cdpm", "spmtxt"] {
             let text = folder.path().join(format!("text.{ending}"));
             export(&spm, &text, None, Detail::Full).unwrap();
@@ -123,7 +123,7 @@ fn the_layout_is_that_of_the_appendices() {
     let folder = tempfile::tempdir().unwrap();
     let spm = folder.path().join("sphere.spm");
     let parts = build(&generate(Shape::Sphere, 4096, 0), Some(50));
-    write_file(&parts, &spm).unwrap();
+    write_spm_file(&parts, &spm).unwrap();
     let (base_vertices, base_faces) = (parts.header.base_vertices, parts.header.base_faces);
     let (vsps, faces) = (parts.header.vsps, parts.header.faces);
     let text = |ending: &str| {
@@ -223,7 +223,7 @@ fn a_model_far_from_its_origin_is_exported_where_it_was() {
     for p in &mut mesh.positions {
         *p = [p[0] + 4.5e6, p[1] - 3.0e6, p[2] + 1.0e5];
     }
-    write_file(&build(&mesh, Some(30)), &spm).unwrap();
+    write_spm_file(&build(&mesh, Some(30)), &spm).unwrap();
     for ending in ["obj", "ply", "off", "cdpm", "spmtxt"] {
         let output = folder.path().join(format!("far.{ending}"));
         export(&spm, &output, None, Detail::Full).unwrap();
@@ -244,7 +244,7 @@ fn a_model_far_from_its_origin_is_exported_where_it_was() {
 fn what_cannot_be_exported_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    write_file(&build(&generate(Shape::Torus, 500, 0), None), &at("a.spm")).unwrap();
+    write_spm_file(&build(&generate(Shape::Torus, 500, 0), None), &at("a.spm")).unwrap();
     let said = |input: &str, output: &str, detail| -> String {
         let result: Result<_, ExportError> = export(&at(input), &at(output), None, detail);
         result.unwrap_err().to_string()

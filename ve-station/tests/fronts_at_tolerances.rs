@@ -7,8 +7,8 @@ use glam::{DVec3, UVec3, Vec3};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, OperationFaces, RegionId, SpmParts};
-use spm_builder::build::{BuildOptions, NoProgress, build_model};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, build_model};
 use station_core::collection::{Collection, RegionAt};
 use std::collections::BTreeSet;
 

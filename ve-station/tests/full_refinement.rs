@@ -29,7 +29,7 @@ fn check_records(name: &str, parts: &SpmParts) {
     assert!(leaves.iter().all(|&leaf| is_leaf_key(leaf, sizes.faces)));
 }
 
-fn check_refinement(name: &str, mesh: &spm_builder::build::SoupMesh, base_faces: Option<u32>) {
+fn check_refinement(name: &str, mesh: &spm_builder::SoupMesh, base_faces: Option<u32>) {
     let parts = build(mesh, base_faces);
     check_records(name, &parts);
     let mut active = load(&parts);

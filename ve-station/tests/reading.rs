@@ -1,6 +1,6 @@
 //! What reading, cleaning and cutting cost: linear in the size of the mesh, in time and in memory.
 
-use spm_builder::build::{clean, cut_to_manifold, read_mesh};
+use spm_builder::{clean, cut_to_manifold, read_mesh};
 use std::process::Command;
 use std::time::Instant;
 

@@ -6,8 +6,8 @@ use glam::DVec3;
 use scene::{Overrides, ProbeShape, parse};
 use scene_files::DiskFiles;
 use spm::{SpmFile, prefix_mesh, write_spm};
-use spm_builder::build::{BuildOptions, NoProgress, build_model};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, build_model};
 use std::collections::BTreeMap;
 
 fn spm(shape: Shape) -> Vec<u8> {

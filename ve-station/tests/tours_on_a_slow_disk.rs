@@ -8,8 +8,8 @@ use protocol::{
     CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, Hello, RegionAction, Request, RequestKind, Role,
 };
 use spm::{SpmFile, write_spm};
-use spm_builder::build::{BuildOptions, NoProgress, build_model};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, build_model};
 use station_core::station::{ServedModel, ServedObject, Station};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

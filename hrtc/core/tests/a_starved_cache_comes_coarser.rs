@@ -7,7 +7,7 @@ use common::{Pair, plan, spm, touches};
 use hrtc_core::Fault;
 use hrtc_core::cache::CacheError;
 use scene::{ProbeShape, ScenePlan};
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 /// A probe so wide that what it touches at full resolution fills many cells.

@@ -12,7 +12,7 @@ use hrtc_core::streaming::chunk::InboxChunk;
 use proptest::prelude::*;
 use protocol::{CHUNK_SLOTS, ChunkKind, Refusal};
 use spm::VspRecord;
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::sync::OnceLock;
 

@@ -10,7 +10,7 @@ use glam::{DQuat, DVec3};
 use hrtc_core::NoObserver;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{NoFiles, Overrides, ProbeShape, ScenePlan, parse};
-use spm_builder::build::{BuildOptions, SoupMesh};
+use spm_builder::{BuildOptions, SoupMesh};
 use spm_builder::generate::{Shape, generate};
 use std::path::Path;
 use std::sync::LazyLock;

@@ -6,7 +6,7 @@ mod common;
 use common::{Pair, Touch, plan, spm, touches};
 use scene::RefinementPlan;
 use spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile};
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::collections::BTreeSet;
 

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Pair, Touch, plan, spm, touches};
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 /// Where on the tour the probe rests, seconds.

@@ -13,8 +13,8 @@ use hrtc_core::contact::query::{closest_point, faces_within, swept_sphere};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
 use spm::{Handle, SpmParts};
-use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 
 /// A random front, some of whose splits were undone again.
 fn some_front(parts: &SpmParts, chance: u64, random: &mut Random) -> Front {

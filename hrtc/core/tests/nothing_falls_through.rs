@@ -12,8 +12,8 @@ use glam::{DQuat, DVec3};
 use haptic_device::Sample;
 use hrtc_core::NoObserver;
 use scene::{ModelScale, ProbeShape, ScenePlan, TrajectoryPlan};
-use spm_builder::build::{BuildOptions, SoupMesh};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, SoupMesh};
 use std::cmp::Ordering;
 
 /// Radius of the probe where the model is 1 m long.

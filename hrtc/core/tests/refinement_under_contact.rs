@@ -5,7 +5,7 @@ mod common;
 
 use common::{Faults, Pair, Random, Touch, plan, spm, touches};
 use spm::NONE;
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 /// Ticks within which a front at rest must be complete.

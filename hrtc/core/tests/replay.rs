@@ -5,7 +5,7 @@ mod common;
 use common::{Faults, Pair, Random, identity, plan, spm};
 use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
 use scene::ScenePlan;
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 const TICKS: usize = 3000;

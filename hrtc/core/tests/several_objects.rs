@@ -13,7 +13,7 @@ use hrtc_core::{NoObserver, TickInputs};
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot};
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::TrajectoryPlan;
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::sync::LazyLock;
 

@@ -5,7 +5,7 @@ mod common;
 use common::{Pair, plan, spm};
 use hrtc_core::Fault;
 use hrtc_core::cache::CacheError;
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 fn model() -> Vec<u8> {

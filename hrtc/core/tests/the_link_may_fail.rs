@@ -5,7 +5,7 @@ mod common;
 
 use common::{Faults, Pair, Random, plan, spm};
 use glam::DVec3;
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 /// Trouble begins here, ticks; before it every run is the same.

@@ -4,7 +4,7 @@ mod common;
 
 use common::{Pair, plan, spm};
 use realtime::counting_allocator::{CountingAllocator, count};
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 #[global_allocator]

@@ -11,8 +11,8 @@ use hrtc_core::NoObserver;
 use hrtc_core::contact::tool::cylinder_mesh;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{ProbeShape, ToolMeshPlan};
-use spm_builder::build::{BuildOptions, SoupMesh};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, SoupMesh};
 use std::sync::LazyLock;
 
 #[global_allocator]

@@ -20,7 +20,7 @@
 //! use scene::{NoFiles, Overrides, parse};
 //! use simulator::{Client, ClientOptions, LinkModel, STATION, Simulation, station};
 //! use spm::{SpmFile, write_spm};
-//! use spm_builder::build::{BuildOptions, NoProgress, build_model};
+//! use spm_builder::{BuildOptions, NoProgress, build_model};
 //! use spm_builder::generate::{Shape, generate};
 //! use station_core::station::ServedModel;
 //!

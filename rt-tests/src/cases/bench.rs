@@ -15,7 +15,7 @@ use scene::{
 use simulated_device::SimulatedDevice;
 use simulator::{Client, ClientOptions, STATION, Simulation};
 use spm::{ActiveMesh, SpmFile, SpmParts, write_spm};
-use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model};
 use station_core::station::{ServedModel, ServedObject, Station};
 use std::path::Path;
 

@@ -12,8 +12,8 @@ use glam::DVec3;
 use hrtc_core::contact::query::{Surface, closest_point};
 use rand::RngCore;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use spm_builder::build::{BuildOptions, NoProgress};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress};
 
 /// Case 14: points whose nearest face by the tree is not the nearest of all active faces, after each of many splits and
 /// collapses.

@@ -1,7 +1,7 @@
 //! Meshes with a known answer.
 
 use glam::DVec3;
-use spm_builder::build::SoupMesh;
+use spm_builder::SoupMesh;
 use std::collections::BTreeMap;
 
 /// Cells along a side of a patch.

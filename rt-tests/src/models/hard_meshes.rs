@@ -1,7 +1,7 @@
 //! Generated models: the bundled scene's shape, and those on which builders and fronts go wrong.
 
 use glam::DVec3;
-use spm_builder::build::SoupMesh;
+use spm_builder::SoupMesh;
 use spm_builder::generate::{Shape, generate};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;

@@ -19,7 +19,7 @@ pub mod surface;
 use crate::failure::Failure;
 use glam::DVec3;
 use spm::{ActiveMesh, ErrorScale, FileError, SpmFile, VspRecord, write_spm};
-use spm_builder::build::{BuildError, BuildOptions, Progress, SoupMesh, build_model, is_mesh_file};
+use spm_builder::{BuildError, BuildOptions, Progress, SoupMesh, build_model, is_mesh_file};
 use std::path::Path;
 
 /// A model in memory.
@@ -53,7 +53,7 @@ impl Model {
             |n| n.to_string_lossy().into(),
         );
         if is_mesh_file(path) {
-            let mesh = spm_builder::build::read_mesh(path).map_err(refused)?;
+            let mesh = spm_builder::read_mesh(path).map_err(refused)?;
             return Self::build(name, mesh, options, progress).map_err(refused);
         }
         let bytes = std::fs::read(path).map_err(|error| refused(BuildError::Io(error)))?;

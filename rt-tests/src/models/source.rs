@@ -3,7 +3,7 @@
 use super::Model;
 use crate::failure::Failure;
 use scene::ModelSource;
-use spm_builder::build::{BuildOptions, NoProgress};
+use spm_builder::{BuildOptions, NoProgress};
 use spm_builder::generate::{Shape, generate};
 use std::path::PathBuf;
 

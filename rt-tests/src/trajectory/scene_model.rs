@@ -12,7 +12,7 @@ use protocol::{Request, TourAsk, TourPoint};
 use scene::{NoFiles, Overrides, ScenePlan, TrajectoryPlan, parse};
 use simulator::{Client, ClientOptions, STATION, Simulation};
 use spm::{FileError, SpmFile, write_spm};
-use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model};
 use station_core::station::{ServedModel, ServedObject, Station};
 use station_core::tour::make_tour;
 use std::collections::BTreeMap;

@@ -1,8 +1,8 @@
 //! Models for tests.
 
 use spm::{SpmFile, write_spm};
-use spm_builder::build::{BuildOptions, NoProgress, build_model};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, build_model};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 

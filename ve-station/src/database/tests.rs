@@ -1,6 +1,6 @@
 use super::*;
-use spm_builder::build::NoProgress;
-use spm_builder::generate::write_mesh;
+use spm_builder::NoProgress;
+use spm_builder::write_mesh;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 fn mesh_file(folder: &Path, name: &str, shape: Shape) -> PathBuf {
@@ -158,7 +158,7 @@ fn what_cannot_be_opened_is_named_in_one_sentence() {
         "folder.spm",
     ] {
         let source = at(name);
-        let result = if build::is_mesh_file(&source) {
+        let result = if spm_builder::is_mesh_file(&source) {
             open_mesh(&source, &at("cache"), &NoProgress)
         } else {
             open_spm(&source)

@@ -16,7 +16,7 @@ use crate::inspect::{InspectError, open};
 use glam::DVec3;
 use spm::ModelHeader;
 use spm::{ActiveMesh, ErrorScale, FileError, NONE, OperationFaces, SpmFile, VspRecord};
-use spm_builder::build::write_whole;
+use spm_builder::write_atomically;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -142,7 +142,7 @@ pub fn export(
     }
     let file = open(input)?;
     let front = Front::new(&file, detail, input)?;
-    let written = write_whole(output, |out| {
+    let written = write_atomically(output, |out| {
         let mut counted = Counted { out, bytes: 0 };
         write_front(&front, format, &mut counted)?;
         Ok(counted.bytes)

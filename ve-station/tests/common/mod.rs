@@ -5,10 +5,10 @@ use glam::DVec3;
 use rand::RngCore;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile, SpmParts, write_spm};
-use spm_builder::build::{
+use spm_builder::generate::{Shape, generate};
+use spm_builder::{
     BuildOptions, NoProgress, SoupMesh, build_model, clean, is_mesh_file, read_mesh,
 };
-use spm_builder::generate::{Shape, generate};
 use std::path::PathBuf;
 
 /// The folder of real meshes beside the checkout; `None`, said aloud, when it is not there.

@@ -4,7 +4,7 @@ use super::common::{active_faces, input_faces, load, refine};
 use super::memory::most_bytes;
 use super::mutate::Mutator;
 use super::{check_sentence, corpus, keeping, rounds_and_seed, turn};
-use spm_builder::build::{BuildOptions, MeshFormat, NoProgress, build_model, read_mesh_bytes};
+use spm_builder::{BuildOptions, MeshFormat, NoProgress, build_model, read_mesh_bytes};
 
 /// Bytes that a reader may have at once: some for every byte of the file, and a start.
 fn allowed(length: usize) -> usize {

@@ -8,8 +8,8 @@ use glam::{DQuat, DVec3, Vec3};
 use hrtc_core::contact::query::Surface;
 use hrtc_core::contact::tool::ToolMesh;
 use spm::{ActiveMesh, ErrorScale, Handle, NONE, OperationFaces, SpmParts};
-use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use std::collections::BTreeMap;
 
 /// A front with its tree, and its faces for the look at all.

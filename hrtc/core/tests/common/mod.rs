@@ -14,7 +14,7 @@ use realtime::counting_allocator::count;
 use scene::{NoFiles, Overrides, ScenePlan, parse};
 use simulated_device::SimulatedDevice;
 use spm::{SpmFile, VspRecord, write_spm};
-use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use station_core::station::{Message, ServedModel, ServedObject, Station};
 use std::collections::{BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};

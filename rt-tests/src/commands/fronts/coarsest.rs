@@ -211,8 +211,8 @@ impl<'a> Front<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spm_builder::build::{BuildOptions, NoProgress};
     use spm_builder::generate::{Shape, generate};
+    use spm_builder::{BuildOptions, NoProgress};
 
     fn model(shape: Shape) -> (Model, Surface) {
         let mesh = generate(shape, 6000, 1);

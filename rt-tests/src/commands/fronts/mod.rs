@@ -28,7 +28,7 @@ use indicatif::ProgressBar;
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
-use spm_builder::build::{BuildOptions, NoProgress};
+use spm_builder::{BuildOptions, NoProgress};
 use std::path::PathBuf;
 
 /// Arguments of `rt-tests fronts`.

@@ -1,8 +1,8 @@
 use super::*;
 use crate::testing::{Counted, model, model_bytes};
 use spm::write_spm;
-use spm_builder::build::{BuildOptions, NoProgress, build_model, read_mesh};
 use spm_builder::generate::Shape;
+use spm_builder::{BuildOptions, NoProgress, build_model, read_mesh};
 use std::path::Path;
 use std::sync::atomic::Ordering;
 

@@ -1,7 +1,9 @@
 //! Wavefront OBJ: `v` and `f` lines; everything else is about looks.
 
+use super::Soup;
 use super::text::{Lines, excerpt, position, words};
-use super::{BuildError, Soup, SoupMesh};
+use crate::error::BuildError;
+use crate::mesh::SoupMesh;
 
 pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
     let mut soup = Soup::default();

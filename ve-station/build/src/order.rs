@@ -3,20 +3,13 @@
 //! What is near in space is then near in memory too, whatever order the mesh file had: simplification, error
 //! sampling and regions all walk over neighbours.
 
-use super::ManifoldMesh;
+use crate::manifold::ManifoldMesh;
 use geometry::Aabb;
 use glam::{DVec3, Vec3};
 use spm::NONE;
 
 /// Sets of faces below this size are split without another task.
 const FACES_A_TASK: usize = 1 << 14;
-
-impl ManifoldMesh {
-    /// Corners of a triangle, model units.
-    pub(super) fn corners(&self, triangle: &[u32; 3]) -> [DVec3; 3] {
-        triangle.map(|v| Vec3::from_array(self.positions[v as usize]).as_dvec3())
-    }
-}
 
 /// The same mesh with its faces in AB-tree order and its vertices in the order in which the faces first
 /// use them.

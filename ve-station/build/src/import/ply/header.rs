@@ -1,7 +1,8 @@
 //! The header: what elements there are, and of what properties.
 
 use super::super::text::{Lines, excerpt};
-use super::{BuildError, not_ply};
+use super::not_ply;
+use crate::error::BuildError;
 
 /// How the values are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -20,17 +20,9 @@ mod stl;
 mod text;
 mod thesis;
 
-use super::{BuildError, MAX_FACES};
+use crate::error::{BuildError, MAX_FACES};
+use crate::mesh::SoupMesh;
 use std::path::Path;
-
-/// A triangle soup as read: nothing checked.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct SoupMesh {
-    /// Positions, model units; may be anything.
-    pub positions: Vec<[f64; 3]>,
-    /// Corners, counterclockwise; may name no vertex ([`u32::MAX`] when the file's number is beyond u32).
-    pub triangles: Vec<[u32; 3]>,
-}
 
 /// A soup while it is read. Polygons are fans until all positions are known, since a file may name a vertex
 /// before it gives its position.

@@ -11,12 +11,9 @@
 //!
 //! Terrain and relief depend on the seed; everything is the same bits on every machine of one kind.
 
-mod export;
 mod noise;
 
-pub use export::{ExportError, write_mesh};
-
-use crate::build::SoupMesh;
+use crate::mesh::SoupMesh;
 use glam::DVec3;
 use noise::Noise;
 use std::collections::BTreeMap;

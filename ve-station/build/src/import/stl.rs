@@ -2,8 +2,10 @@
 //! to the last bit that an f32 has at the model's size. (Writers leave noise of 1e-17 where others write 0;
 //! an exact comparison would tear the model there.)
 
+use super::Soup;
 use super::text::{Lines, excerpt, number, words};
-use super::{BuildError, Soup, SoupMesh};
+use crate::error::BuildError;
+use crate::mesh::SoupMesh;
 use rayon::prelude::*;
 
 /// Bytes before the triangles of a binary file.

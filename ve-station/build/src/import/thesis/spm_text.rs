@@ -8,7 +8,9 @@
 //!
 //! So what a split does to the faces round vs follows from the neighbours, as in [`ActiveMesh`], which does it.
 
-use super::{BuildError, Fields, SoupMesh, keyword_lines, refused, sum};
+use super::{Fields, keyword_lines, refused, sum};
+use crate::error::BuildError;
+use crate::mesh::SoupMesh;
 use ab_tree::leaf_key;
 use spm::{ActiveMesh, NONE, OperationFaces, Sizes, VspRecord};
 

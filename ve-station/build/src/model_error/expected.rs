@@ -20,7 +20,7 @@
 
 use super::full_surface::FullSurface;
 use super::triangle::distance;
-use crate::build::simplify::{Collapse, FanFace, MAX_FACES_ROUND_A_VERTEX, Round};
+use crate::history::{Collapse, FanFace, MAX_FACES_ROUND_A_VERTEX, Round};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::{ErrorScale, NONE};

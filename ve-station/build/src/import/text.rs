@@ -1,6 +1,6 @@
 //! Lines and words of text formats, whatever the line endings.
 
-use super::BuildError;
+use crate::error::BuildError;
 
 /// The bytes after a byte order mark.
 ///

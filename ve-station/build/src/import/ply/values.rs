@@ -2,7 +2,8 @@
 
 use super::super::text::{Lines, excerpt, number};
 use super::header::{Element, Scalar};
-use super::{BuildError, not_ply};
+use super::not_ply;
+use crate::error::BuildError;
 
 /// Values as text or binary.
 pub(super) trait Values {

@@ -15,7 +15,8 @@ mod cdpm;
 mod spm_text;
 
 use super::text::{Lines, excerpt, number, words};
-use super::{BuildError, SoupMesh};
+use crate::error::BuildError;
+use crate::mesh::SoupMesh;
 
 pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
     let first = |(_, content)| words(content).next().map(|word| matches!(word, "b" | "$"));

@@ -4,7 +4,7 @@
 //! mesh and moves no point farther than that. So the largest R of the corners of an active face bounds
 //! the distance between the two surfaces there, both ways, for every front.
 
-use crate::build::simplify::History;
+use crate::history::History;
 use glam::Vec3;
 use rayon::prelude::*;
 

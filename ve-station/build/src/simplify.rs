@@ -10,16 +10,16 @@
 mod quadric;
 mod topology;
 
-use super::error::ExpectedErrors;
-use super::{ManifoldMesh, Progress};
+use crate::history::{Collapse, FanFace, History, LeftFace, MAX_FACES_ROUND_A_VERTEX, Made, Round};
+use crate::manifold::ManifoldMesh;
+use crate::model_error::ExpectedErrors;
+use crate::progress::Progress;
 use glam::{DVec3, Vec3};
 use quadric::Quadric;
 use rayon::prelude::*;
 use spm::{ErrorScale, NONE};
 use topology::{Collapsible, Topology};
 
-/// The most faces round a vertex that a collapse makes: bounds the work of a split.
-pub const MAX_FACES_ROUND_A_VERTEX: usize = 24;
 /// A face may not turn by more than this, as a cosine.
 const MIN_TURN_COSINE: f64 = 0.2;
 /// A face may not shrink below this share of its area.
@@ -43,91 +43,6 @@ fn limit_of_chains(vertices: usize, target: u32) -> u8 {
     let left = (0.6 * f64::from(target)).max(1.0);
     let halvings = (vertices as f64 / left).log2();
     (CHAIN_A_HALVING * halvings).max(SHORTEST_LIMIT_OF_CHAINS) as u8
-}
-
-/// One collapse, in ids of the history: vertices and faces of the full mesh keep their numbers, and
-/// collapse k makes vertex `full_vertices + k`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Collapse {
-    /// First vertex of the edge; fl runs from it to `vu`.
-    pub vt: u32,
-    /// Second vertex of the edge.
-    pub vu: u32,
-    /// Face left of the edge.
-    pub fl: u32,
-    /// Face right of it, `NONE` at a rim.
-    pub fr: u32,
-    /// Neighbours as in [`spm::VspRecord::fn_`].
-    pub fn_: [u32; 4],
-}
-
-/// The collapses of a round: no two touch the same face, so any order of them is as good. They are in
-/// the order of their faces in the AB-tree: what is near in space is near in the file.
-#[derive(Debug, Default)]
-pub struct Round {
-    /// The collapses.
-    pub made: Vec<Made>,
-    /// Faces round the vertices made.
-    fans: Vec<FanFace>,
-}
-
-/// A collapse, and the surface that it left.
-#[derive(Debug)]
-pub struct Made {
-    /// The collapse.
-    pub collapse: Collapse,
-    /// Where it put the vertex that it made.
-    pub point: [f32; 3],
-    /// That vertex's slot.
-    slot: u32,
-    /// Its faces among those of the round.
-    fan: std::ops::Range<u32>,
-}
-
-/// A face round the vertex that a collapse made.
-#[derive(Debug, Clone, Copy)]
-pub struct FanFace {
-    /// Its number in the full mesh.
-    pub face: u32,
-    /// The two corners that follow the vertex counterclockwise.
-    pub from: [f32; 3],
-    /// The second of them.
-    pub to: [f32; 3],
-    /// Whether the edge between the vertex and `to` lies on a rim.
-    pub is_last: bool,
-}
-
-impl Round {
-    /// Faces round the vertex that a collapse made; each spoke but one at a rim is the `from` of one.
-    pub fn fan(&self, made: &Made) -> &[FanFace] {
-        &self.fans[made.fan.start as usize..made.fan.end as usize]
-    }
-}
-
-/// A mesh and how it was simplified.
-#[derive(Debug, Clone)]
-pub struct History {
-    /// Vertices of the full mesh.
-    pub full_vertices: u32,
-    /// Positions of the full mesh's vertices, then of those that the collapses made.
-    pub positions: Vec<[f32; 3]>,
-    /// Collapses in the order in which they were done.
-    pub collapses: Vec<Collapse>,
-    /// Code of the expected error of each collapse.
-    pub expected: Vec<u16>,
-    /// What is left: the base mesh, ascending by face.
-    pub base: Vec<LeftFace>,
-}
-
-/// A face that simplification left, in ids of the history.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LeftFace {
-    /// Its number in the full mesh.
-    pub face: u32,
-    /// Corners, counterclockwise.
-    pub corners: [u32; 3],
-    /// The face across the edge opposite each corner, `NONE` at a rim.
-    pub neighbours: [u32; 3],
 }
 
 /// Simplifies until at most `target` faces are left or no legal collapse is, and samples the expected
@@ -513,9 +428,11 @@ fn initial_quadrics(topology: &Topology, scaled: &[DVec3]) -> Vec<Quadric> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{clean, cut_to_manifold, order};
     use super::*;
+    use crate::clean::clean;
     use crate::generate::{Shape, generate};
+    use crate::manifold::cut_to_manifold;
+    use crate::order;
 
     #[test]
     fn no_chain_grows_beyond_its_limit() {

@@ -1,13 +1,14 @@
 //! Mesh files out: OBJ as text, PLY as little-endian binary.
 
-use crate::build::{SoupMesh, write_whole};
+use super::write_atomically;
+use crate::mesh::SoupMesh;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Why a mesh file could not be written.
 #[derive(Debug, Error)]
-pub enum ExportError {
+pub enum MeshWriteError {
     /// The ending names no format.
     #[error("{}: a mesh is written as .obj or .ply: give the file one of these endings", .0.display())]
     UnknownFormat(PathBuf),
@@ -25,14 +26,14 @@ pub enum ExportError {
 ///
 /// # Errors
 /// When the ending is another one or the file cannot be written.
-pub fn write_mesh(mesh: &SoupMesh, path: &Path) -> Result<(), ExportError> {
+pub fn write_mesh(mesh: &SoupMesh, path: &Path) -> Result<(), MeshWriteError> {
     let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
     let written = match ending.to_ascii_lowercase().as_str() {
-        "obj" => write_whole(path, |out| write_obj(mesh, out)),
-        "ply" => write_whole(path, |out| write_ply(mesh, out)),
-        _ => return Err(ExportError::UnknownFormat(path.to_path_buf())),
+        "obj" => write_atomically(path, |out| write_obj(mesh, out)),
+        "ply" => write_atomically(path, |out| write_ply(mesh, out)),
+        _ => return Err(MeshWriteError::UnknownFormat(path.to_path_buf())),
     };
-    written.map_err(|error| ExportError::Io {
+    written.map_err(|error| MeshWriteError::Io {
         path: path.to_path_buf(),
         error,
     })

@@ -28,8 +28,9 @@
 //! Memory: 28 B a vertex (hull, and the VSP that splits it), 12 B a face (corners), 8 B a VSP and search;
 //! a search itself keeps no more than one closure.
 
-use super::assemble::Ids;
-use super::{ManifoldMesh, Progress};
+use crate::ids::Ids;
+use crate::manifold::ManifoldMesh;
+use crate::progress::Progress;
 use geometry::Aabb;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;

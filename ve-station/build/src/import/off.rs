@@ -1,8 +1,10 @@
 //! OFF, the format of Geomview: counts, vertices, polygons. `COFF`, `NOFF` and the like carry colours or
 //! normals after each position, on the same line, which are passed over.
 
+use super::Soup;
 use super::text::{Lines, excerpt, index, position, words};
-use super::{BuildError, Soup, SoupMesh};
+use crate::error::BuildError;
+use crate::mesh::SoupMesh;
 
 pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
     let mut lines = Lines::of(text).filter(|(_, content)| words(content).next().is_some());

@@ -8,7 +8,7 @@
 //! but where there are more than [`MAX_LOCKED`], which would all be in every base mesh, they collapse like
 //! others, and the widest crack is reported (see `cracks`).
 
-use super::CleanMesh;
+use crate::clean::CleanMesh;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::BuildSummary;
@@ -30,6 +30,13 @@ pub struct ManifoldMesh {
     pub locked: Vec<bool>,
     /// The summary of the cleaning, with what was done here.
     pub summary: BuildSummary,
+}
+
+impl ManifoldMesh {
+    /// Corners of a triangle, model units.
+    pub(crate) fn corners(&self, triangle: &[u32; 3]) -> [DVec3; 3] {
+        triangle.map(|v| Vec3::from_array(self.positions[v as usize]).as_dvec3())
+    }
 }
 
 /// A side of a face: face times three plus the corner that it starts from.
@@ -325,8 +332,9 @@ fn mark_touching_rims(mesh: &CleanMesh, class: &[u32], rims: &[Side], copies: &m
 
 #[cfg(test)]
 mod tests {
-    use super::super::{SoupMesh, clean};
     use super::*;
+    use crate::clean::clean;
+    use crate::mesh::SoupMesh;
     use proptest::prelude::*;
 
     fn cut(positions: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> ManifoldMesh {

@@ -1,7 +1,9 @@
 //! A CDPM as text: base mesh, then splits in their one order. The groups of faces are written out, so that
 //! any split can be followed, those of a mesh that is no manifold too.
 
-use super::{BuildError, Fields, SoupMesh, keyword_lines, refused, sum};
+use super::{Fields, keyword_lines, refused, sum};
+use crate::error::BuildError;
+use crate::mesh::SoupMesh;
 
 pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
     let mut mesh = SoupMesh::default();

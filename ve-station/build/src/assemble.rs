@@ -1,76 +1,19 @@
 //! From a history to the parts of an SPM file: ids and records.
 
-use super::cracks::widest_crack;
-use super::error::descendant_radius;
-use super::hierarchy::{add_hierarchy, ladder};
-use super::regions::{Model, default_grid, regions_of};
-use super::simplify::History;
-use super::{BuildError, ManifoldMesh, Progress};
+use crate::cracks::widest_crack;
+use crate::error::BuildError;
+use crate::hierarchy::{add_hierarchy, ladder};
+use crate::history::History;
+use crate::ids::Ids;
+use crate::manifold::ManifoldMesh;
+use crate::model_error::descendant_radius;
+use crate::progress::Progress;
+use crate::regions::{Model, default_grid, regions_of};
 use ab_tree::leaf_key;
 use geometry::Aabb;
 use glam::Vec3;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use spm::{BuildSummary, ErrorScale, FullFace, NONE, RegionGrid, Sizes, SpmParts, VspRecord};
-
-/// Ids of the file for vertices and faces of the history: the base mesh is numbered in the order of the
-/// history, and the last collapse is the first split.
-pub struct Ids {
-    /// Sizes of the model.
-    pub sizes: Sizes,
-    /// Id of each vertex.
-    pub vertex: Vec<u32>,
-    face: Vec<u32>,
-}
-
-impl Ids {
-    fn new(history: &History, faces: u32) -> Self {
-        let vsps = history.collapses.len() as u32;
-        let mut vertex = vec![NONE; history.positions.len()];
-        let mut face = vec![NONE; faces as usize];
-        for left in &history.base {
-            face[left.face as usize] = 0;
-            for corner in left.corners {
-                vertex[corner as usize] = 0;
-            }
-        }
-        let number = |marked: &mut [u32]| {
-            let mut count = 0;
-            for id in marked.iter_mut().filter(|id| **id == 0) {
-                *id = count;
-                count += 1;
-            }
-            count
-        };
-        let sizes = Sizes {
-            base_vertices: number(&mut vertex),
-            base_faces: number(&mut face),
-            vsps,
-            faces,
-        };
-        for (collapse, i) in history.collapses.iter().zip((0..vsps).rev()) {
-            vertex[collapse.vt as usize] = sizes.vt(i);
-            vertex[collapse.vu as usize] = sizes.vt(i) + 1;
-            face[collapse.fl as usize] = sizes.fl(i);
-            if collapse.fr != NONE {
-                face[collapse.fr as usize] = sizes.fl(i) + 1;
-            }
-        }
-        Self {
-            sizes,
-            vertex,
-            face,
-        }
-    }
-
-    /// Id of a face; [`NONE`] of [`NONE`].
-    pub fn face(&self, face: u32) -> u32 {
-        if face == NONE {
-            NONE
-        } else {
-            self.face[face as usize]
-        }
-    }
-}
 
 /// Puts everything together.
 pub fn assemble(

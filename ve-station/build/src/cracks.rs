@@ -4,8 +4,8 @@
 //! ancestor is, at most R of that away: each lip of a crack is within the certified error of the seam, and the
 //! two lips are no farther apart than the sum for both.
 
-use super::ManifoldMesh;
-use super::simplify::History;
+use crate::history::History;
+use crate::manifold::ManifoldMesh;
 use glam::Vec3;
 
 /// The widest gap between two copies of a vertex on any front, or more: model units, zero where all are locked.

@@ -1,6 +1,7 @@
 //! Cleaning: drops what is no surface, and counts each thing dropped.
 
-use super::{BuildError, SoupMesh};
+use crate::error::BuildError;
+use crate::mesh::SoupMesh;
 use geometry::triangle_is_degenerate;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;

@@ -6,7 +6,9 @@
 mod header;
 mod values;
 
-use super::{BuildError, Soup, SoupMesh};
+use super::Soup;
+use crate::error::BuildError;
+use crate::mesh::SoupMesh;
 use header::{Element, Encoding, Kind, read_header};
 use values::{Binary, Text, Values};
 

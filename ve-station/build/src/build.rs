@@ -1,0 +1,106 @@
+//! The steps of a build in their order.
+
+use crate::assemble;
+use crate::clean::clean;
+use crate::error::BuildError;
+use crate::import::read_mesh;
+use crate::manifold::cut_to_manifold;
+use crate::mesh::SoupMesh;
+use crate::order;
+use crate::progress::Progress;
+use crate::simplify;
+use crate::write::write_spm_file;
+use spm::{ErrorScale, SpmParts};
+use std::path::Path;
+
+/// Counted up whenever the builder makes another file from the same mesh; part of a cache's key.
+pub const BUILDER_VERSION: u32 = 6;
+
+/// What the user may set (thesis Table 4.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct BuildOptions {
+    /// Faces of the base mesh to aim at; by default 300 to 700, growing with the mesh.
+    pub base_faces: Option<u32>,
+    /// Cells along the longest side, a power of two up to 1024; by default such that an occupied
+    /// region owns about 40 to 140 faces at median.
+    pub regions: Option<u32>,
+}
+
+/// What a build of a file took.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BuildReport {
+    /// What was built.
+    pub parts: SpmParts,
+    /// Length of the file, bytes.
+    pub file_bytes: u64,
+}
+
+impl BuildOptions {
+    /// Checks what was typed.
+    ///
+    /// # Errors
+    /// When a number is out of range.
+    pub fn check(&self) -> Result<(), BuildError> {
+        if let Some(divisions) = self.regions
+            && !(divisions.is_power_of_two() && divisions <= spm::RegionGrid::MAX_DIVISIONS)
+        {
+            return Err(BuildError::Option(format!(
+                "--regions {divisions} is not possible: give a power of two from 1 to {}",
+                spm::RegionGrid::MAX_DIVISIONS
+            )));
+        }
+        if self.base_faces == Some(0) {
+            return Err(BuildError::Option(
+                "--base-faces 0 is not possible: a mesh keeps at least one face".to_string(),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Builds all that an SPM file holds, content hash included.
+///
+/// # Errors
+/// When an option is out of range or nothing of the mesh is left after cleaning.
+pub fn build_model(
+    mesh: SoupMesh,
+    options: &BuildOptions,
+    progress: &dyn Progress,
+) -> Result<SpmParts, BuildError> {
+    options.check()?;
+    progress.phase("cleaning", mesh.triangles.len() as u64);
+    let cleaned = clean(mesh)?;
+    progress.phase("cutting to a manifold", cleaned.triangles.len() as u64);
+    let manifold = cut_to_manifold(&cleaned);
+    let origin = cleaned.origin;
+    drop(cleaned);
+    progress.phase("ordering the tree", manifold.triangles.len() as u64);
+    let manifold = order::in_tree_order(manifold);
+    let target = options
+        .base_faces
+        .unwrap_or_else(|| (manifold.triangles.len() as u32 / 100).clamp(300, 700));
+    let scale = ErrorScale::for_diagonal(assemble::bounds_of(&manifold).diagonal());
+    let history = simplify::simplify(&manifold, target, scale, progress);
+    assemble::assemble(origin, &manifold, history, options.regions, progress)
+}
+
+/// Builds an SPM file from a mesh file. The file appears whole or not at all.
+///
+/// # Errors
+/// When the mesh cannot be read or built, or the file cannot be written; the file is named.
+pub fn build_file(
+    input: &Path,
+    output: &Path,
+    options: &BuildOptions,
+    progress: &dyn Progress,
+) -> Result<BuildReport, BuildError> {
+    options.check()?;
+    let in_input = |e: BuildError| e.in_file(input);
+    progress.phase("reading", 0);
+    let mesh = read_mesh(input).map_err(in_input)?;
+    let parts = build_model(mesh, options, progress).map_err(in_input)?;
+    progress.phase("writing", 0);
+    let file_bytes =
+        write_spm_file(&parts, output).map_err(|e| BuildError::Io(e).in_file(output))?;
+    Ok(BuildReport { parts, file_bytes })
+}
