@@ -10,8 +10,8 @@ use glam::{DQuat, DVec3};
 use hrtc_core::NoObserver;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{NoFiles, Overrides, ProbeShape, ScenePlan, parse};
-use spm_builder::{BuildOptions, SoupMesh};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, SoupMesh};
 use std::path::Path;
 use std::sync::LazyLock;
 
