@@ -8,8 +8,8 @@ use rt_tests::models::Model;
 use rt_tests::models::local_front::LocalFront;
 use rt_tests::models::path::path;
 use rt_tests::models::surface::Surface;
-use spm_builder::{BuildOptions, NoProgress};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress};
 
 /// The active faces as bits of their corners, and the performed VSPs: all that a front is.
 fn front(local: &LocalFront<'_>) -> (Vec<u32>, Vec<[[u64; 3]; 3]>) {

@@ -3,8 +3,8 @@
 use super::Model;
 use crate::failure::Failure;
 use scene::ModelSource;
-use spm_builder::{BuildOptions, NoProgress};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress};
 use std::path::PathBuf;
 
 /// Seed of a generated shape.
