@@ -1,20 +1,25 @@
-//! The gate that every force passes: finite, clamped, slew-limited, ramped in and out.
+//! The force limiter: every wrench to a device passes it.
+//!
+//! In this order: a wrench that is not finite becomes zero; force and torque are clamped to their
+//! maximum; the ramp of the soft start or end scales them; their change in a tick is limited.
 
 use geometry::Wrench;
 use glam::DVec3;
 use scene::SafetyPlan;
 
-/// The state of the gate.
+/// Limits of one device, the ramp, and the last wrench.
 #[derive(Debug, Clone)]
 pub struct ForceLimiter {
     force: Limit,
     torque: Limit,
+    /// Length of the ramp, ticks, at least 1.
     ramp_ticks: f64,
+    /// Share of the wanted wrench, 0 (closed) to 1 (open).
     ramp: f64,
     last: Wrench,
 }
 
-/// The most that a force or a torque may be, and change by in a tick.
+/// Maximum of a force (N) or a torque (N m), and of its change in a tick.
 #[derive(Debug, Clone, Copy)]
 struct Limit {
     most: f64,
@@ -22,7 +27,8 @@ struct Limit {
 }
 
 impl Limit {
-    /// Cut to the most, scaled, and no farther from the last than a step; and whether it was cut.
+    /// The wanted vector, clamped, scaled by `share` (0 to 1), and within one step of the last; and
+    /// whether it was clamped.
     fn pass(&self, wanted: DVec3, share: f64, last: DVec3) -> (DVec3, bool) {
         let size = wanted.length();
         let cut = size > self.most;
@@ -39,7 +45,7 @@ impl Limit {
         } else {
             target
         };
-        // Between two vectors inside the ball of the maximum every vector is inside; rounding is not.
+        // The ball of the maximum is convex, so only rounding can lead outside.
         let size = passed.length();
         if size > self.most {
             passed *= self.most / size * (1.0 - f64::EPSILON);
@@ -48,17 +54,18 @@ impl Limit {
     }
 }
 
-/// What the gate let through.
+/// Output of the limiter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LimitedWrench {
     /// The wrench for the device.
     pub wrench: Wrench,
-    /// Whether force or torque was cut to its maximum, or was not finite.
+    /// Whether force or torque was clamped to its maximum, or was not finite.
     pub clamped: bool,
 }
 
 impl ForceLimiter {
-    /// A closed gate; `device_max_n` is what the device can render.
+    /// A closed limiter, at the start of its ramp. `device_max_n`: largest force of the device,
+    /// newtons.
     #[must_use]
     pub fn new(plan: SafetyPlan, device_max_n: f64, rate_hz: f64) -> Self {
         let force = Limit {
@@ -84,9 +91,8 @@ impl ForceLimiter {
         self.force.most
     }
 
-    /// One tick. `open` ramps up over the soft start; otherwise the wrench ramps down to nothing.
-    ///
-    /// A wrench that is not finite counts as none.
+    /// One tick. The ramp rises to 1 while `open`, and falls to 0 otherwise. A wrench that is not
+    /// finite counts as zero.
     pub fn pass(&mut self, wanted: Wrench, open: bool) -> LimitedWrench {
         let change = 1.0 / self.ramp_ticks;
         self.ramp = (self.ramp + if open { change } else { -change }).clamp(0.0, 1.0);
@@ -101,7 +107,7 @@ impl ForceLimiter {
         }
     }
 
-    /// Whether the ramp down has ended.
+    /// Whether the ramp and the last wrench are zero.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.ramp == 0.0 && self.last == Wrench::ZERO
@@ -126,13 +132,16 @@ mod tests {
         #[test]
         fn every_force_and_torque_is_finite_clamped_and_slew_limited(
             forces in prop::collection::vec(prop::array::uniform3(
-                prop_oneof![-1e3..1e3f64, Just(f64::NAN), Just(f64::INFINITY), Just(f64::MAX)]), 1..300),
+                prop_oneof![
+                    -1e3..1e3f64, Just(f64::NAN), Just(f64::INFINITY), Just(f64::MAX)
+                ]), 1..300),
         ) {
-            let mut gate = ForceLimiter::new(PLAN, 10.0, 1000.0);
+            let mut limiter = ForceLimiter::new(PLAN, 10.0, 1000.0);
             let mut last = Wrench::ZERO;
             for f in forces {
-                let wanted = Wrench { force: DVec3::from_array(f), torque: DVec3::from_array(f).zxy() };
-                let Wrench { force, torque } = gate.pass(wanted, true).wrench;
+                let force = DVec3::from_array(f);
+                let wanted = Wrench { force, torque: force.zxy() };
+                let Wrench { force, torque } = limiter.pass(wanted, true).wrench;
                 prop_assert!(force.is_finite() && torque.is_finite());
                 prop_assert!(force.length() <= 8.0 && torque.length() <= 0.4);
                 prop_assert!(force.distance(last.force) <= 0.5 * (1.0 + 1e-12));
@@ -140,9 +149,9 @@ mod tests {
                 last = Wrench { force, torque };
             }
             for _ in 0..200 {
-                gate.pass(Wrench::ZERO, false);
+                limiter.pass(Wrench::ZERO, false);
             }
-            prop_assert!(gate.is_closed());
+            prop_assert!(limiter.is_closed());
         }
     }
 }

@@ -1,5 +1,6 @@
-//! From contact to wrench: effects, energy account, limiter.
+//! From contact to wrench: effects, then the energy account, then the force limiter.
 
 pub mod effects;
 pub mod limiter;
 pub mod passivity;
+mod tuning;

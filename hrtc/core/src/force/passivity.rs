@@ -1,62 +1,88 @@
-//! The energy account of a probe, and the limit that it sets to the force.
+//! The energy account of a probe, and its limit of the force (Hannaford 2002).
 //!
-//! A force is held for a period while the device moves on, so a sampled wall gives back more than it took: K T / 2 for
-//! each unit of the integral of v² (facts of haptics, F1 and section 0.3). A passivity observer counts it (Hannaford
-//! and Ryu 2002); theirs is then dissipated by added damping, after the fact and in jerks. Here it is not given out in
-//! the first place. Where the device moves away, the force of a tick is scaled such that its work over the coming
-//! period, with the motion extrapolated, is what the spring between device and proxy loses in it: that takes v T / 2
-//! off its length. Where more is in the spring than was taken in (a touch that began between two ticks, a missed tick,
-//! a surface that rose), up to v T more is taken off until it is not: in proportion to the speed, so that a hand at rest
-//! feels nothing of it. And never is more given back than was taken in: where the spring holds more than that, the force of
-//! a device that moves away fades to what the rest would be the energy of, and comes back, by no more in a tick than a hand
-//! can tell. The force is not turned round: a wall does not stick.
+//! A sampled force is constant for a period while the device moves on. A virtual wall of stiffness
+//! K therefore returns more energy than it received: `K T / 2 ∫ v² dt` (Colgate 1994).
 //!
-//! A surface that moves carries the device along, and that costs or gives what it may: the account is that of the
-//! spring between them, so the work over the motion of the material ([`CarriedWork`]) is taken off.
+//! # Observed energy
+//!
+//! With the force f, the torque t, the position x of the device and its rotation vector θ in the
+//! period, the energy that the rendering has put out is exact under zero-order hold:
+//! `E[k+1] = E[k] + f[k] · (x[k+1] - x[k]) + t[k] · θ - W_carried`. Two sums are kept: of the whole
+//! wrench for the record, and since the start of the contact of the passive wrench, for the limit.
+//!
+//! # Limit
+//!
+//! Hannaford 2002 dissipates the excess afterwards by added damping. Here the excess is not put
+//! out: the passive wrench is scaled by a share from 0 to 1. Apart from the fading below, the share
+//! is less than 1 only while the device moves away from the surface. With W the work in the coming
+//! period over the extrapolated motion, K the stiffness, and d the change of length of the spring
+//! between device and proxy:
+//!
+//! - Hold: `share = (W - K d² / 2) / W`. The work of the scaled force is then the loss of energy of
+//!   the spring in the period.
+//! - Unpaid energy: a contact may begin between two ticks, a tick may be missed, or a surface may
+//!   rise. The spring then holds more energy U than the device put in. Until that is compensated, up
+//!   to `K d²` more is taken off W. It is proportional to v², so a device at rest is not affected.
+//! - Account: `share W` is at most the energy that the contact has taken in.
+//!
+//! The force is never reversed, so a surface does not stick.
+//!
+//! # Fading
+//!
+//! Where U is above the energy A taken in, the force fades towards `√(A / U)` of itself while the
+//! device moves away, and returns later. Each change is at most the perception limit of a tick; the
+//! fading is also at most `W / U` in a tick.
+//!
+//! # Moving surfaces
+//!
+//! A moving surface carries the device along and does work on it. The account is that of the spring
+//! between device and surface, so the work over the motion of the material ([`CarriedWork`]) is
+//! subtracted.
 
+use super::tuning::{MAX_VELOCITY_PERIODS, MOTION_ROUNDING};
 use crate::perception::{STEP_N, STEP_SHARE};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 
-/// Periods over which a velocity is taken at the most.
-const MAX_PERIODS: usize = 16;
-
-/// Counts the energy that the rendering puts out, exact under zero-order hold (facts of haptics, F5), and limits it.
+/// Observes the energy that the rendering puts out, and limits the passive wrench by it.
 #[derive(Debug, Clone)]
 pub struct EnergyAccount {
-    /// Step of the encoder, metres: motion within it is noise and does no work.
+    /// Step of the encoder, metres; 0 for none. Motion within it is noise and does no work on the
+    /// limited part.
     encoder_m: f64,
+    /// Energy put out by the whole wrench, joules.
     joules: f64,
-    /// Energy put out since the touch began, joules.
+    /// Energy put out by the limited part since the contact began, joules.
     contact_joules: f64,
-    /// The share of the force that what was taken in allows.
+    /// Share of the force that the energy taken in allows, 0 to 1; it fades.
     paid: f64,
-    /// What acts on the device, and what of it is limited.
+    /// Wrench on the device in this period.
     wrench: Wrench,
+    /// Its limited part.
     limited: Wrench,
-    /// Samples, the newest first, metres; none before the first.
-    samples: Option<[DVec3; MAX_PERIODS + 1]>,
-    /// The newest sample without what is within the encoder's step.
+    /// Positions, the newest first, metres; `None` before the first sample.
+    samples: Option<[DVec3; MAX_VELOCITY_PERIODS + 1]>,
+    /// Newest position behind a dead band of one encoder step, metres.
     filtered: DVec3,
-    /// Motion a period, metres: now, one and two periods ago.
+    /// Estimated motion in a period, metres: now, one and two periods ago.
     motion: [DVec3; 3],
+    /// Orientation at the newest sample.
     orientation: DQuat,
-    /// Rotation in the last period, radians.
+    /// Rotation vector of the last period, radians.
     rotation: DVec3,
 }
 
-/// Work of forces and of torques on the device over the motion of the material that gives them, joules; nothing where
-/// that stands.
+/// Work of the wrenches on the device over the motion of the surface's material; 0 at rest.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CarriedWork {
-    /// Of forces.
+    /// Work of the forces, joules.
     pub pushed_j: f64,
-    /// Of torques.
+    /// Work of the torques, joules.
     pub turned_j: f64,
 }
 
 impl CarriedWork {
-    /// All of it.
+    /// Their sum, joules.
     #[must_use]
     pub fn total(self) -> f64 {
         self.pushed_j + self.turned_j
@@ -74,17 +100,17 @@ impl std::ops::Add for CarriedWork {
     }
 }
 
-/// What holds the device to its proxies.
+/// The springs between the device and its proxies, as a sum.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CouplingSpring {
     /// Stiffness, N/m.
     pub stiffness_n_per_m: f64,
-    /// Energy in it now, joules.
+    /// Stored energy, joules.
     pub stored_j: f64,
 }
 
 impl CouplingSpring {
-    /// A share of it.
+    /// A fraction of it.
     #[must_use]
     pub fn times(self, share: f64) -> Self {
         Self {
@@ -106,7 +132,7 @@ impl std::ops::Add for CouplingSpring {
 }
 
 impl EnergyAccount {
-    /// Nothing counted; `encoder_m` is the step of the device's encoder, metres, 0 for none.
+    /// An empty account. `encoder_m`: step of the device's encoder, metres; 0 for none.
     #[must_use]
     pub fn new(encoder_m: f64) -> Self {
         Self {
@@ -124,24 +150,24 @@ impl EnergyAccount {
         }
     }
 
-    /// The device is here at the end of the period in which the last wrench acted: `E += f[k] . (x[k+1] - x[k])`, and
-    /// its torque times the rotation; less what it did over the motion of the material, joules: the wrench, and of it
-    /// what is limited.
+    /// Adds the work of the last wrench, from the pose of the device (world, metres) at the end of
+    /// its period. `carried` and `limited`: work over the motion of the material, joules, of the
+    /// whole wrench and of its limited part; both are subtracted.
     pub fn moved_to(&mut self, pose: &Pose, [carried, limited]: [f64; 2]) {
         let position = pose.position;
         let turn = pose.orientation * self.orientation.inverse();
         self.orientation = pose.orientation;
         let Some(samples) = &mut self.samples else {
-            self.samples = Some([position; MAX_PERIODS + 1]);
+            self.samples = Some([position; MAX_VELOCITY_PERIODS + 1]);
             self.filtered = position;
             return;
         };
         let Wrench { force, torque } = self.wrench;
-        // The shorter way round.
+        // At most half a turn.
         self.rotation = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
         let work = force.dot(position - samples[0]) + torque.dot(self.rotation);
         self.joules += work - carried;
-        samples.copy_within(..MAX_PERIODS, 1);
+        samples.copy_within(..MAX_VELOCITY_PERIODS, 1);
         samples[0] = position;
         let beyond = position - self.filtered;
         let length = beyond.length();
@@ -158,8 +184,9 @@ impl EnergyAccount {
         self.motion = [velocity, self.motion[0], self.motion[1]];
     }
 
-    /// The share, 0 to 1, of a wanted wrench that may be given now, in the tick of [`Self::moved_to`]; `ahead`: its
-    /// work over the motion of the material in the coming period.
+    /// Permitted share, 0 to 1, of a wanted passive wrench. It is called after [`Self::moved_to`]
+    /// of the same tick. `ahead`: predicted work of the wrench over the motion of the material in
+    /// the coming period.
     #[must_use]
     pub fn share(&mut self, wanted: Wrench, spring: CouplingSpring, ahead: CarriedWork) -> f64 {
         let next = self.next();
@@ -174,7 +201,7 @@ impl EnergyAccount {
             1.0
         };
         let imperceptible = (STEP_SHARE * self.paid).max(STEP_N / size);
-        // As the device takes the energy out of the spring: what hardly moves fades hardly.
+        // No faster than the device takes energy out of the spring.
         let fades = imperceptible.min(work.max(0.0) / spring.stored_j);
         self.paid = due
             .max(self.paid - fades)
@@ -183,8 +210,8 @@ impl EnergyAccount {
         if !moves_away {
             return self.paid;
         }
-        // By how much the spring between device and proxy gets shorter: of one that turns too, force and torque may do
-        // opposite works, so that the length of the one tells nothing of it.
+        // Change of length of the spring, `along`. Force and torque of a tool may do opposite work,
+        // so with a torque it follows from the total work and the generalised force √(2 K U).
         let (work_of_spring, pull) = if wanted.torque == DVec3::ZERO {
             (pushed, size)
         } else {
@@ -198,35 +225,37 @@ impl EnergyAccount {
         } else {
             0.0
         };
+        // Energy of the hold, K d² / 2.
         let hold_loss = 0.5 * spring.stiffness_n_per_m * along * along;
-        // What the encoder's step alone may make of the balance is none of it.
+        // Two encoder steps of error in the balance are tolerated.
         let unpaid = self.contact_joules + spring.stored_j - 2.0 * size * self.encoder_m;
         let given = work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss);
         self.paid = self.paid.min((taken_in / work).max(0.0));
         (given / work).min(self.paid).clamp(0.0, 1.0)
     }
 
-    /// What rounding alone may make of the difference between two motions that are alike, joules; nothing of a surface
-    /// that stands, whose motion is none.
+    /// Bound of the rounding error in the work relative to a moving surface, joules; 0 for a
+    /// surface at rest. `force` in newtons.
     fn rounding(&self, force: f64, ahead: CarriedWork) -> f64 {
         if ahead == CarriedWork::default() {
             return 0.0;
         }
         let place = self.samples.map_or(0.0, |samples| samples[0].length());
         let terms = force * place + ahead.pushed_j.abs() + ahead.turned_j.abs();
-        8.0 * f64::EPSILON * terms
+        MOTION_ROUNDING * terms
     }
 
-    /// Energy that the touch took in beyond what its spring holds, joules: what may come into the spring otherwise, as
-    /// by a surface that rises, without being owed.
+    /// Energy that the contact took in beyond the energy in its spring, joules, at least 0. A
+    /// rising surface may add this much to the spring.
     #[must_use]
     pub fn reserve(&self, spring: CouplingSpring) -> f64 {
         (0.0 - self.contact_joules - spring.stored_j).max(0.0)
     }
 
-    /// This acts on the device from now on, and of it `limited` is what [`Self::share`] was asked for.
+    /// Sets the wrench on the device for the coming period, and its `limited` part, which has
+    /// passed [`Self::share`].
     pub fn set_output(&mut self, wrench: Wrench, limited: Wrench) {
-        // A touch begins without credit; what an earlier one put out too much is still owed.
+        // A contact begins without credit, but the excess of an earlier one stays.
         if self.limited == Wrench::ZERO {
             self.contact_joules = self.contact_joules.max(0.0);
         }
@@ -234,7 +263,8 @@ impl EnergyAccount {
         self.limited = limited;
     }
 
-    /// The same of all of a force within one and the same touch, where no force is no end of it.
+    /// Sets a force for the coming period, all of it limited. Unlike [`Self::set_output`], a zero
+    /// force does not end the contact.
     pub fn set_force(&mut self, force: DVec3) {
         self.wrench = Wrench {
             force,
@@ -243,63 +273,64 @@ impl EnergyAccount {
         self.limited = self.wrench;
     }
 
-    /// What was taken in beyond what the spring holds, joules, is gone, as heat: it is not given back later.
+    /// Drops the energy taken in beyond `stored_j`, the energy in the spring, joules: it is
+    /// dissipated and not returned later.
     pub fn dissipate_beyond(&mut self, stored_j: f64) {
         self.contact_joules = self.contact_joules.max(-stored_j);
     }
 
-    /// Motion in the coming period, extrapolated, metres.
+    /// Extrapolated motion in the coming period, metres.
     #[must_use]
     pub fn next(&self) -> DVec3 {
         let [now, before, earlier] = self.motion;
         let (change, change_before) = (now - before, before - earlier);
-        // A jump is no acceleration.
+        // A single jump is not an acceleration.
         let lasting = change.dot(change_before) > 0.0;
         if lasting { now + change } else { now }
     }
 
-    /// The share, 0 to 1, of a wanted force that may be given now such that no more was given back at the end of the
-    /// period than was taken in and is not in the spring then, `stored_j` joules.
+    /// Permitted share, 0 to 1, of a wanted force. At the end of the coming period the energy put
+    /// out plus `stored_j`, the energy in the spring then, is at most the energy taken in.
     #[must_use]
     pub fn share_of_spring(&self, wanted: DVec3, stored_j: f64) -> f64 {
         let work = wanted.dot(self.next());
         if work.is_nan() || work <= 0.0 {
             return 1.0;
         }
-        // What the encoder's step alone may make of the balance is none of it.
+        // Two encoder steps of error in the balance are tolerated.
         let noise = 2.0 * wanted.length() * self.encoder_m;
         ((noise - self.contact_joules - stored_j) / work).clamp(0.0, 1.0)
     }
 
-    /// A new account of the same device.
+    /// An empty account of the same device.
     #[must_use]
     pub fn restarted(&self) -> Self {
         Self::new(self.encoder_m)
     }
 
-    /// Motion in the last period, metres, without what is noise of the encoder.
+    /// Estimated motion in the last period, metres, without the noise of the encoder.
     #[must_use]
     pub fn motion(&self) -> DVec3 {
         self.motion[0]
     }
 
-    /// Energy put out so far, joules; above 0 the rendering pushed energy into the hand.
+    /// Energy put out so far, joules; above 0 the rendering has been active.
     #[must_use]
     pub fn joules(&self) -> f64 {
         self.joules
     }
 }
 
-/// Motion a period over the longest stretch that is straight and even within the encoder's step (first-order adaptive
-/// windowing, Janabi-Sharifi, Hayward and Chen 2000).
-fn velocity(samples: &[DVec3; MAX_PERIODS + 1], encoder_m: f64) -> DVec3 {
+/// Motion per period, metres, by first-order adaptive windowing (Janabi-Sharifi 2000): over the
+/// longest window in which every sample is within one encoder step of the line between its ends.
+fn velocity(samples: &[DVec3; MAX_VELOCITY_PERIODS + 1], encoder_m: f64) -> DVec3 {
     let [now, ..] = *samples;
     let even = |periods: usize| {
         let a_period = (samples[periods] - now) / periods as f64;
         (1..periods).all(|k| (now + a_period * k as f64).distance(samples[k]) <= encoder_m)
     };
     let mut periods = 1;
-    while periods < MAX_PERIODS && even(periods + 1) {
+    while periods < MAX_VELOCITY_PERIODS && even(periods + 1) {
         periods += 1;
     }
     (now - samples[periods]) / periods as f64
@@ -310,7 +341,7 @@ mod tests {
     use super::*;
 
     const PERIOD_S: f64 = 1e-3;
-    /// No work over the motion of what stands.
+    /// Work over the motion of a surface at rest.
     const STANDING: [f64; 2] = [0.0; 2];
 
     /// A force along x, newtons.
@@ -321,8 +352,8 @@ mod tests {
         }
     }
 
-    /// A free mass of 0.1 kg with a damping, in N s/m, falls on a wall at a speed and leaves again: the energy that the wall
-    /// put out, joules.
+    /// Energy, joules, that a wall puts out while a free mass of 0.1 kg hits it at a speed (m/s)
+    /// and leaves again. `damping` in N s/m; `phase`: part of a period at the impact.
     fn bounce(stiffness_n_per_m: f64, damping: f64, speed: f64, phase: f64, limited: bool) -> f64 {
         let mut account = EnergyAccount::new(0.0);
         let (mut x, mut v, mut force) = (speed * PERIOD_S * (1.0 + phase), -speed, 0.0);
@@ -353,10 +384,11 @@ mod tests {
         account.joules()
     }
 
-    /// Pressed in, then raised on as far again for nothing, the device leaves and trembles: the force that is not paid for is
-    /// mostly gone before it has to be cut off, and comes back no faster than a hand can tell.
+    /// The device presses in, the surface rises as far again, and the device leaves with one step
+    /// back in four. Most of the unpaid force fades before the account cuts it, and no increase is
+    /// above the perception limit.
     #[test]
-    fn a_force_that_was_not_paid_for_fades() {
+    fn an_unpaid_force_fades_below_the_perception_limit() {
         let (stiffness_n_per_m, pressed, raised) = (1000.0, 2e-3, 2e-3);
         for step in [1e-5, 5e-5, 1e-4] {
             let mut account = EnergyAccount::new(0.0);
@@ -392,14 +424,14 @@ mod tests {
                 before = force;
             }
             let share = fall / whole;
-            println!("{step} a tick: falls by {share}, rises by {excess} of what is not felt");
+            println!("{step} m per tick: falls by {share}, rises by {excess} of the limit");
             assert!(share < 0.8 && excess <= 1.0, "{step}: {share}, {excess}");
         }
     }
 
-    /// A tool that rolls on the surface: its force does about as much work as its torque does the other way.
+    /// A tool rolls on the surface: force and torque do nearly opposite work.
     #[test]
-    fn opposite_works_of_force_and_torque_take_nothing_off() {
+    fn opposite_work_of_force_and_torque_leaves_the_share() {
         let (stiffness_n_per_m, newtons, step) = (1000.0, 0.5, 1e-5);
         for rest in [1.0, 1e-3, 1e-6] {
             let mut account = EnergyAccount::new(0.0);
@@ -409,7 +441,7 @@ mod tests {
             };
             let turned = 1e-3;
             account.moved_to(&at(0.0, turned), STANDING);
-            // It has taken in enough.
+            // Energy taken in first.
             account.set_output(push(newtons), push(newtons));
             account.moved_to(&at(-100.0, turned), STANDING);
             for k in 1..4 {
@@ -426,16 +458,13 @@ mod tests {
                 stored_j: 0.5 * newtons * newtons / stiffness_n_per_m,
             };
             let share = account.share(wanted, spring, CarriedWork::default());
-            assert!(
-                share > 0.95,
-                "{share} of it, where {rest} of the work is left"
-            );
+            assert!(share > 0.95, "share {share} with {rest} of the work left");
         }
     }
 
     #[test]
-    fn a_sampled_spring_leaks_what_theory_says() {
-        // Into a wall of stiffness K at speed v and out again: the hold leaks K T / 2 * integral of v^2.
+    fn a_sampled_spring_puts_out_the_energy_of_colgate_1994() {
+        // Into a wall of stiffness K at speed v and out again: K T / 2 ∫ v² dt.
         let (k, v) = (1000.0, 0.1);
         let mut account = EnergyAccount::new(0.0);
         let mut x: f64 = 0.0;
@@ -458,7 +487,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limited_wall_of_any_stiffness_gives_back_no_more_than_it_took() {
+    fn a_limited_wall_returns_no_more_energy_than_it_received() {
         for stiffness in [100.0, 1000.0, 3000.0, 10_000.0] {
             for damping in [0.0, 0.1, 1.0] {
                 for k in 0..40 {
@@ -477,11 +506,11 @@ mod tests {
     }
 
     #[test]
-    fn noise_within_a_step_of_the_encoder_takes_nothing_off_a_resting_force() {
+    fn encoder_noise_does_not_reduce_the_force_at_rest() {
         let mut account = EnergyAccount::new(1e-5);
         let stiffness_n_per_m = 1000.0;
         for tick in 0..600_000u32 {
-            // Pressed in quietly, then at rest under noise of a step for ten minutes.
+            // Pressed in without noise, then ten minutes at rest with noise of one step.
             let press = (f64::from(tick) * 1e-5).min(2e-3);
             let noise = if press < 2e-3 {
                 0.0
@@ -496,7 +525,7 @@ mod tests {
                 stored_j: 0.5 * stiffness_n_per_m * depth * depth,
             };
             let share = account.share(wanted, spring, CarriedWork::default());
-            // By no more than the noise itself shows in the force.
+            // At most the force of the noise itself.
             assert!(
                 wanted.force.x * (1.0 - share) <= stiffness_n_per_m * 1e-5,
                 "tick {tick}: {share}"
@@ -507,8 +536,8 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_that_carries_the_device_along_takes_nothing_off_its_force() {
-        // A surface comes at 1 m/s onto a device that it carries along from then on, pressed in by a millimetre.
+    fn a_surface_that_carries_the_device_keeps_its_force() {
+        // A surface meets a device at 1 m/s and carries it along, one millimetre deep.
         let stiffness_n_per_m = 1000.0;
         for carried in [true, false] {
             let mut account = EnergyAccount::new(0.0);
@@ -544,7 +573,7 @@ mod tests {
                 assert!(least > 0.999, "{least}");
                 assert!(account.joules() < 1e-12, "{}", account.joules());
             } else {
-                // Such an account lets nobody be pushed: the reason for the other.
+                // Without the carried work no surface could push a device.
                 assert!(least < 0.1, "{least}");
             }
         }

@@ -1,24 +1,24 @@
-//! The end of the workspace: outside of a ball or a box a spring pushes back in. The energy account limits it like a
-//! surface, so it holds still at any stiffness.
+//! The limits of the workspace: outside a ball or a box a spring pushes back, `F = k (c - x)` with
+//! c the nearest point inside. The energy account limits it like a surface.
 
 use crate::force::passivity::CouplingSpring;
 use glam::DVec3;
 use scene::{BoundaryPlan, Workspace};
 
-/// See the module.
+/// Boundary of a workspace.
 #[derive(Debug, Clone, Copy)]
 pub struct Boundary {
     plan: BoundaryPlan,
 }
 
 impl Boundary {
-    /// Of a workspace.
+    /// Boundary of the planned shape and stiffness.
     #[must_use]
     pub fn new(plan: BoundaryPlan) -> Self {
         Self { plan }
     }
 
-    /// Newtons at a place, world, metres, and the spring that they come from.
+    /// Force (newtons) at a place (world, metres), and its spring; both zero inside.
     #[must_use]
     pub fn force(&self, position: DVec3) -> (DVec3, CouplingSpring) {
         let inside = match self.plan.shape {
@@ -29,7 +29,7 @@ impl Boundary {
         };
         let back = inside - position;
         let is_in = match self.plan.shape {
-            // The clamped length is rounded: what was not beyond it is inside.
+            // The clamped point is rounded, so it does not tell inside from outside.
             Workspace::Ball { centre, radius } => {
                 position.distance_squared(centre) <= radius * radius
             }

@@ -1,13 +1,15 @@
-//! Dry friction: a spring to where the surface was last held, as long as it is within the cone of friction (Hayward
-//! and Armstrong 2000: displacement, not velocity, so that what sticks does not creep and what slides does not chatter
-//! with the noise of a speed).
+//! Dry friction: a spring along the surface that depends on displacement, not on velocity
+//! (Hayward 2000). A sticking contact does not creep, and the noise of a velocity does not make a
+//! sliding one chatter.
 //!
-//! `z` leads from the proxy to where it is held, along the surface. While it sticks, `z` is exactly what the proxy has
-//! moved since; beyond `static` times the surface's force over its stiffness it slides, and `z` is dragged along at
-//! `dynamic` times that, until it is less by itself.
+//! The deflection `z` points along the surface from the contact to its anchor. With μ the
+//! coefficient of friction, F the force of the surface and K its stiffness:
 //!
-//! Within the cone it is a spring beside that of the surface, along the surface; the hold of a period leaks its energy
-//! too, and it has an account of its own for that: so no closed path gains by it.
+//! - Sticking: `z` changes by the motion of the proxy, while `|z| <= μ_static F / K`.
+//! - Sliding: `|z|` stays at `μ_dynamic F / K`, until the motion makes it less.
+//!
+//! The force is `K z`. A period of hold puts out energy as with any sampled spring (Colgate 1994),
+//! so friction has an energy account of its own, and no closed path gains energy.
 
 use super::{ContactSample, Rendered};
 use crate::force::passivity::EnergyAccount;
@@ -15,27 +17,28 @@ use geometry::Pose;
 use glam::DVec3;
 use scene::FrictionPlan;
 
-/// See the module.
+/// Friction of one surface on one probe.
 #[derive(Debug, Clone)]
 pub struct Friction {
     plan: FrictionPlan,
     anchor: Option<Anchor>,
-    /// None where the scene wants no limit.
+    /// `None` without an energy limit.
     account: Option<EnergyAccount>,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Anchor {
-    /// The proxy in the last tick.
+    /// Pose of the proxy in the last tick.
     proxy: Pose,
-    /// `z`, metres.
+    /// `z`, metres, object's axes.
     deflection: DVec3,
+    /// Whether it slid in the last tick.
     slides: bool,
 }
 
 impl Friction {
-    /// Of a surface that is not touched yet. `encoder_m`: step of the device's encoder, metres; `None` where the scene
-    /// wants no limit of energy.
+    /// Friction before any contact. `encoder_m`: step of the device's encoder, metres; `None`
+    /// without an energy limit.
     #[must_use]
     pub fn new(plan: FrictionPlan, encoder_m: Option<f64>) -> Self {
         Self {
@@ -45,7 +48,7 @@ impl Friction {
         }
     }
 
-    /// The surface is not touched any more.
+    /// Ends the contact.
     pub fn reset(&mut self) {
         if self.anchor.take().is_some()
             && let Some(account) = &mut self.account
@@ -54,7 +57,7 @@ impl Friction {
         }
     }
 
-    /// Adds the force along the surface.
+    /// Adds the friction to the passive wrench, scaled by `amount` (0 to 1).
     pub fn render(&mut self, at: &ContactSample<'_>, amount: f64, out: &mut Rendered) {
         let size = out.passive.force.length();
         if !(size > 0.0 && size.is_finite()) {
@@ -67,7 +70,7 @@ impl Friction {
             deflection: DVec3::ZERO,
             slides: false,
         });
-        // The point of the proxy that touches now was there a tick ago.
+        // Place of the contact's material point of the proxy one tick ago.
         let was = before
             .proxy
             .transform_point(at.proxy.inverse_transform_point(at.point));

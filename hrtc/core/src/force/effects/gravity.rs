@@ -1,4 +1,4 @@
-//! Gravity: the weight of the tool that the probe stands for, at its centre of mass.
+//! Gravity: the weight of the tool, at its centre of mass.
 
 use geometry::Wrench;
 use glam::{DQuat, DVec3};
@@ -7,15 +7,17 @@ use scene::GravityPlan;
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.80665;
 
-/// See the module.
+/// Weight of a tool.
 #[derive(Debug, Clone, Copy)]
 pub struct Gravity {
+    /// World, newtons.
     weight: DVec3,
+    /// Centre of mass in the probe's axes, metres.
     centre_m: DVec3,
 }
 
 impl Gravity {
-    /// Of a mass.
+    /// Weight of the planned mass.
     #[must_use]
     pub fn new(plan: GravityPlan) -> Self {
         Self {
@@ -24,7 +26,7 @@ impl Gravity {
         }
     }
 
-    /// Force and torque about the probe's position, which stands so in the world.
+    /// Force and torque about the probe's position, world, at an orientation of the probe.
     #[must_use]
     pub fn wrench(&self, orientation: DQuat) -> Wrench {
         Wrench {

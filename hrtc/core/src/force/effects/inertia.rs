@@ -1,25 +1,26 @@
-//! Inertia: a mass that the device carries along on a spring and damper (a virtual coupling, Colgate, Stanley and Brown
-//! 1995). The mass is integrated by the loop, so no acceleration is measured, whose noise would shake the device.
+//! Inertia: a simulated mass, coupled to the device by a spring and damper (Colgate 1995). No
+//! acceleration is measured, so its noise cannot shake the device.
 
 use glam::DVec3;
 use scene::InertiaPlan;
 
-/// See the module.
+/// A mass on a virtual coupling.
 #[derive(Debug, Clone, Copy)]
 pub struct Inertia {
     plan: InertiaPlan,
-    /// Place, metres, and velocity, m/s, of the mass in the world.
+    /// Position (metres) and velocity (m/s) of the mass, world; `None` before the first tick.
     mass: Option<(DVec3, DVec3)>,
 }
 
 impl Inertia {
-    /// At rest where the device is first seen.
+    /// The mass starts at rest at the first position of the device.
     #[must_use]
     pub fn new(plan: InertiaPlan) -> Self {
         Self { plan, mass: None }
     }
 
-    /// Newtons on a device at a place, metres, with a velocity, m/s; moves the mass on by a tick (symplectic Euler).
+    /// Force (newtons) on a device at a position (metres) with a velocity (m/s), world. It advances
+    /// the mass by one period (symplectic Euler).
     pub fn force(&mut self, position: DVec3, velocity: DVec3, period_s: f64) -> DVec3 {
         let (place, speed) = self.mass.unwrap_or((position, DVec3::ZERO));
         let force = (place - position) * self.plan.stiffness_n_per_m
@@ -35,7 +36,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_device_that_is_accelerated_feels_the_mass() {
+    fn an_accelerated_device_gets_the_force_of_inertia() {
         let (mass_kg, a, period) = (0.2, 3.0, 1e-3);
         let mut inertia = Inertia::new(InertiaPlan {
             mass_kg,
@@ -49,7 +50,7 @@ mod tests {
             force = inertia.force(place, speed, period);
         }
         assert!(force.distance(DVec3::NEG_X * mass_kg * a) < 1e-3, "{force}");
-        // At rest it comes to rest.
+        // With the device at rest the mass comes to rest.
         for _ in 0..5000 {
             force = inertia.force(DVec3::ZERO, DVec3::ZERO, period);
         }

@@ -1,26 +1,28 @@
-//! A magnet: the surface pulls what comes near, and holds what touches until it is pulled off.
+//! A magnet: the surface attracts a probe that is near, and retains one in contact until it is
+//! pulled off.
 //!
-//! With s the distance over the reach the force is 4 F s (1 - s): nothing at the surface and at the reach, F half way
-//! (after CHAI3D's magnet, with a parabola for its two ramps). It follows from a potential of the distance alone, so a
-//! closed path gains nothing by it.
+//! With s the distance over the range (`reach_m`) the force is `4 F s (1 - s)`: 0 at the surface
+//! and at the end of the range, F half way. CHAI3D's magnet has two linear ramps instead. The force
+//! has a potential that depends on the distance alone, so a closed path gains no energy.
 
 use glam::DVec3;
 use scene::MagnetPlan;
 
-/// See the module.
+/// Attraction of a surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Magnet {
     plan: MagnetPlan,
 }
 
 impl Magnet {
-    /// Of a surface.
+    /// Magnet of the planned force and range.
     #[must_use]
     pub fn new(plan: MagnetPlan) -> Self {
         Self { plan }
     }
 
-    /// Newtons on a probe that is `gap_m` away from the surface, which lies in the direction `towards` (unit).
+    /// Force (newtons) on a probe at a distance `gap_m` (metres) from the surface; `towards`: unit
+    /// vector to the surface.
     #[must_use]
     pub fn pull(&self, gap_m: f64, towards: DVec3) -> DVec3 {
         let share = gap_m / self.plan.reach_m;

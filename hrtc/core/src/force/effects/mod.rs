@@ -1,26 +1,25 @@
-//! Effects: what a scene may make a probe feel beside stiffness and damping of its surfaces, a file each.
+//! Haptic effects of a scene beyond the stiffness and damping of its surfaces, one file each.
 //!
-//! | effect | is | of |
+//! | effect | content | belongs to |
 //! |---|---|---|
 //! | [`friction`] | dry friction, static and dynamic | a surface |
-//! | [`shading`] | the force turns smoothly over edges | a surface |
-//! | [`texture`] | relief that the mesh does not have | a surface |
-//! | [`magnet`] | a surface pulls what comes near | a surface |
-//! | [`vibration`] | a sine | a surface that is touched, or the scene |
+//! | [`shading`] | smooth force direction over edges | a surface |
+//! | [`texture`] | relief finer than the mesh | a surface |
+//! | [`magnet`] | attraction to a surface | a surface |
+//! | [`vibration`] | a sine | a surface in contact, or the scene |
 //! | [`viscosity`] | drag | the scene |
 //! | [`spring`] | a spring to a point or a path | the scene |
 //! | [`gravity`] | the weight of the tool | the scene |
-//! | [`inertia`] | a mass to carry along | the scene |
-//! | [`boundary`] | the end of the workspace | the scene |
+//! | [`inertia`] | a mass that the device carries | the scene |
+//! | [`boundary`] | the limits of the workspace | the scene |
 //!
-//! A scene is compiled to exactly the effects that it lists ([`SurfaceEffects`] for each probe and object,
-//! [`SceneEffects`] for each probe): what is not listed has no state, no call and no bit of a force. State belongs to
-//! the pair of probe and object; phases count ticks.
+//! Only the effects that a scene lists exist: [`SurfaceEffects`] for each probe and object,
+//! [`SceneEffects`] for each probe. Any other has no state, no call, and no influence on a bit of
+//! the force. State belongs to the pair of probe and object. Phases count ticks.
 //!
-//! What only resists (friction, shading, texture, boundary) is limited by the energy account together with the
-//! surface's own force. What moves the hand by its nature (a magnet, a vibration, a weight, a spring that is wound up)
-//! is not: it does not put out what it was never given. Its own stability is checked when the scene is read
-//! (`scene`), and the gate limits the sum.
+//! Passive effects (friction, shading, texture, boundary) are limited by the energy account,
+//! together with the force of the surface. Active effects (all others) are not: they may put out
+//! energy. The crate `scene` checks their stability, and the force limiter bounds the sum.
 
 pub mod boundary;
 pub mod friction;
@@ -39,7 +38,7 @@ use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::{Effect, EffectPlan};
 
-/// What an effect is told of the tick.
+/// Time of a tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Clock {
     /// Index of the tick.
@@ -48,7 +47,10 @@ pub struct Clock {
     pub period_s: f64,
 }
 
-/// A probe that touches a surface: the object's axes, metres from the origin of its stored coordinates.
+/// A probe in contact with a surface.
+///
+/// Vectors are in the object's axes; places are in metres from the origin of its stored
+/// coordinates.
 #[derive(Debug, Clone, Copy)]
 pub struct ContactSample<'a> {
     /// The tick.
@@ -57,39 +59,40 @@ pub struct ContactSample<'a> {
     pub surface: Surface<'a>,
     /// Metres a model unit.
     pub metres_per_unit: f64,
-    /// What the stored coordinates are less than the model's own, metres.
+    /// Origin of the stored coordinates in the model's own, metres.
     pub origin: DVec3,
-    /// From the object's axes to the world's.
+    /// Rotation from the object's axes to the world's.
     pub to_world: DQuat,
-    /// Where it touches.
+    /// Contact point on the surface.
     pub point: DVec3,
-    /// The middle of the ball, or where a tool touches.
+    /// Middle of a ball proxy, or the contact point of a tool.
     pub middle: DVec3,
-    /// The device.
+    /// Position of the device.
     pub device: DVec3,
-    /// The proxy.
+    /// Pose of the proxy.
     pub proxy: Pose,
-    /// From the proxy's position to where it touches: the lever of a force there; zero of a ball, which has no axes.
+    /// Lever arm of the contact: from the proxy's position to the contact point; zero for a ball,
+    /// which has no axes.
     pub arm: DVec3,
-    /// Velocity of the probe along the object, m/s.
+    /// Velocity of the probe relative to the object, m/s.
     pub velocity: DVec3,
     /// Stiffness of the surface, N/m.
     pub stiffness_n_per_m: f64,
 }
 
-/// What is rendered, so far.
+/// The wrench so far, passive and active.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Rendered {
-    /// What resists: the energy account limits it.
+    /// Passive wrench; the energy account limits it.
     pub passive: Wrench,
-    /// The springs that it comes from.
+    /// Springs behind the passive wrench.
     pub spring: CouplingSpring,
-    /// What moves the hand by its nature.
+    /// Active wrench; it may put out energy.
     pub active: Wrench,
 }
 
 impl Rendered {
-    /// What a surface renders by itself.
+    /// The passive wrench of a surface alone.
     #[must_use]
     pub fn new(passive: Wrench, spring: CouplingSpring) -> Self {
         Self {
@@ -99,7 +102,7 @@ impl Rendered {
         }
     }
 
-    /// The same in axes that are turned so.
+    /// Both wrenches, rotated.
     #[must_use]
     pub fn turned(self, turn: DQuat) -> Self {
         let turned = |wrench: Wrench| Wrench {
@@ -113,7 +116,8 @@ impl Rendered {
         }
     }
 
-    /// Adds to what resists a force that acts `arm` away from what the wrench is about.
+    /// Adds a force (newtons) to the passive wrench, and its torque with a lever arm (metres) from
+    /// the reference point.
     pub fn add_passive(&mut self, force: DVec3, arm: DVec3) {
         self.passive.force += force;
         self.passive.torque += arm.cross(force);
@@ -132,19 +136,22 @@ impl std::ops::Add for Rendered {
     }
 }
 
-/// When an effect acts.
+/// Time during which an effect acts, and its fades, seconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Switch {
+    /// Start of the fade-in; 0 for no fade-in.
     from: f64,
+    /// Start of the fade-out.
     until: f64,
+    /// Duration of a fade.
     fade: f64,
 }
 
 impl Switch {
-    /// The share of an effect that acts in a tick, 0 to 1.
+    /// Amplitude of the effect in a tick, 0 to 1.
     fn amount(&self, clock: Clock) -> f64 {
         let now = clock.tick as f64 * clock.period_s;
-        // What is on from the start has nothing to fade in from: the gate's own ramp does it.
+        // At the start of a run the ramp of the force limiter fades in.
         let rising = if self.from == 0.0 {
             1.0
         } else {
@@ -155,7 +162,7 @@ impl Switch {
     }
 }
 
-/// An effect that is listed.
+/// An effect of a scene.
 #[derive(Debug, Clone)]
 struct Listed<E> {
     effect: E,
@@ -178,7 +185,7 @@ impl<E> Listed<E> {
         }
     }
 
-    /// The effect and its share in a tick; `None` while it does not act.
+    /// The effect and its amplitude in a tick, 0 to 1; `None` while it does not act.
     fn called(&mut self, clock: Clock) -> Option<(&mut E, f64)> {
         let amount = self.switch.amount(clock);
         (amount > 0.0).then(|| {
@@ -188,10 +195,10 @@ impl<E> Listed<E> {
     }
 }
 
-/// What the effects of one kind cost: told to whoever wants to see that what is not listed costs nothing.
+/// Cost of the effects of one kind, the evidence that unlisted effects cost nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Usage {
-    /// How often they were called.
+    /// Number of calls.
     pub calls: u64,
     /// Bytes of their state.
     pub bytes: usize,
@@ -210,7 +217,7 @@ fn add_usage<E>(listed: &[Listed<E>], usage: &mut UsageByKind) {
 #[derive(Debug, Clone)]
 #[expect(
     clippy::large_enum_variant,
-    reason = "a box would be allocated in the tick that seats an object"
+    reason = "a box would be allocated in the tick that activates an object"
 )]
 enum SurfaceEffect {
     Friction(friction::Friction),
@@ -220,17 +227,17 @@ enum SurfaceEffect {
     Vibration(vibration::Vibration),
 }
 
-/// The effects of a surface on one probe, in the order in which they act.
+/// Effects of a surface on one probe, in the order of their application.
 #[derive(Debug, Clone, Default)]
 pub struct SurfaceEffects {
     listed: Vec<Listed<SurfaceEffect>>,
-    /// Step of the device's encoder, metres; `None` where the scene wants no limit of energy.
+    /// Step of the device's encoder, metres; `None` without an energy limit.
     encoder_m: Option<f64>,
 }
 
 impl SurfaceEffects {
-    /// Room for so many; none yet. `encoder_m`: step of the device's encoder, metres; `None` where the scene wants no
-    /// limit of energy.
+    /// No effects, and room for `most`. `encoder_m`: step of the device's encoder, metres; `None`
+    /// without an energy limit.
     #[must_use]
     pub fn with_room(most: usize, encoder_m: Option<f64>) -> Self {
         Self {
@@ -239,7 +246,10 @@ impl SurfaceEffects {
         }
     }
 
-    /// Those of another object from now on, in the room that there is: nothing is allocated.
+    /// Replaces the effects by those of another object. It does not allocate.
+    ///
+    /// # Panics
+    /// When there is no room for all.
     pub fn assign(&mut self, plans: &[EffectPlan]) {
         assert!(
             plans.len() <= self.listed.capacity(),
@@ -262,15 +272,15 @@ impl SurfaceEffects {
         }));
     }
 
-    /// Whether there are none.
+    /// Whether there is no effect.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.listed.is_empty()
     }
 
-    /// What they make of the force of a touch.
+    /// Applies the effects to the wrench of a contact.
     pub fn render_contact(&mut self, at: &ContactSample<'_>, out: &mut Rendered, work: &mut Work) {
-        // A magnet pulls only what does not touch.
+        // A magnet acts only without contact.
         let is_called =
             |listed: &&mut Listed<_>| !matches!(listed.effect, SurfaceEffect::Magnet(_));
         for listed in self.listed.iter_mut().filter(is_called) {
@@ -290,7 +300,8 @@ impl SurfaceEffects {
         }
     }
 
-    /// The force on a probe that touches nothing, the surface `gap_m` away in a direction (unit).
+    /// Force, newtons, on a probe without contact. `gap_m`: distance of the surface, metres;
+    /// `towards`: unit vector to it. It resets the effects of a contact.
     pub fn render_near(&mut self, clock: Clock, gap_m: f64, towards: DVec3) -> DVec3 {
         let mut force = DVec3::ZERO;
         for listed in &mut self.listed {
@@ -309,7 +320,7 @@ impl SurfaceEffects {
         force
     }
 
-    /// Adds calls and bytes of each kind.
+    /// Adds the calls and bytes of each kind to `usage`.
     pub fn add_usage(&self, usage: &mut UsageByKind) {
         add_usage(&self.listed, usage);
     }
@@ -325,12 +336,12 @@ enum SceneEffect {
     Boundary(boundary::Boundary),
 }
 
-/// The effects of a scene on one probe.
+/// Effects of a scene on one probe.
 #[derive(Debug, Clone, Default)]
 pub struct SceneEffects(Vec<Listed<SceneEffect>>);
 
 impl SceneEffects {
-    /// Exactly those that are listed.
+    /// The scene effects among the plans, in their order.
     #[must_use]
     pub fn new(plans: &[EffectPlan]) -> Self {
         let effects = plans.iter().filter_map(|plan| {
@@ -350,13 +361,13 @@ impl SceneEffects {
         Self(effects.collect())
     }
 
-    /// Whether there are none.
+    /// Whether there is no effect.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// What they add for a probe at a pose (world, metres) with a velocity, m/s.
+    /// Adds the effects on a probe at a pose (world, metres) with a velocity (world, m/s).
     pub fn render(&mut self, clock: Clock, pose: &Pose, velocity: DVec3, out: &mut Rendered) {
         for listed in &mut self.0 {
             let Some((effect, amount)) = listed.called(clock) else {
@@ -386,7 +397,7 @@ impl SceneEffects {
         }
     }
 
-    /// Adds calls and bytes of each kind.
+    /// Adds the calls and bytes of each kind to `usage`.
     pub fn add_usage(&self, usage: &mut UsageByKind) {
         add_usage(&self.0, usage);
     }

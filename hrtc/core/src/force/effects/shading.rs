@@ -1,33 +1,36 @@
-//! Force shading: the force turns from face to face as if edges were rounded (Morgenbesser and Srinivasan 1996), which
-//! hides the facets of a mesh.
+//! Force shading: a smooth force direction over edges (Morgenbesser 1996), which hides the facets
+//! of a mesh.
 //!
-//! The direction is the mean of the normals of the faces around the proxy. A face counts by its area, as far as it may
-//! lie in the disc of the radius r; by (1 - a²/r²)², where a is how far aside of the contact it lies; and by how much it
-//! faces the proxy. All three change continuously with the proxy's place, so the direction does. Faces that are turned
-//! from the mean by half of `max_turn` or more are left out in a second round: so sharper edges stay sharp. It depends
-//! on lengths of the object, not on faces: it feels alike at any level of detail.
+//! The direction is a weighted mean of the normals of the faces within the radius r. The weight of
+//! a face is the product of three terms, each continuous in the place of the proxy:
 //!
-//! A proxy that is held deep below a ridge comes round it in one tick. So the direction follows no faster than the device
-//! moves: by `max_turn` on a way of r.
+//! - its area, at most that of the disc of radius r;
+//! - `(1 - a² / r²)²`, with a the distance from the contact aside;
+//! - the cosine between its normal and the direction to the proxy.
+//!
+//! A second round takes out the faces that turn from the mean by `max_turn / 2` or more, so sharper
+//! edges stay sharp. All lengths are those of the object, so the result hardly depends on the level
+//! of detail.
+//!
+//! A proxy deep below a ridge passes it in one tick. The direction therefore turns by at most
+//! `max_turn` over a displacement r of the probe.
 
 use super::{ContactSample, Rendered};
 use crate::contact::query::{Work, faces_within};
+use crate::force::tuning::MAX_SHADING_FACES;
 use glam::DVec3;
 use scene::ShadingPlan;
 
-/// Faces that count at the most; the search comes to the nearer part of the tree first.
-const MAX_FACES: usize = 256;
-
-/// See the module.
+/// Shading of one surface for one probe.
 #[derive(Debug, Clone, Copy)]
 pub struct Shading {
     plan: ShadingPlan,
-    /// The direction of the last tick.
+    /// Direction of the last tick, unit vector in the object's axes; `None` before a contact.
     direction: Option<DVec3>,
 }
 
 impl Shading {
-    /// Over a radius.
+    /// Shading before any contact.
     #[must_use]
     pub fn new(plan: ShadingPlan) -> Self {
         Self {
@@ -36,12 +39,13 @@ impl Shading {
         }
     }
 
-    /// The surface is not touched any more.
+    /// Ends the contact.
     pub fn reset(&mut self) {
         self.direction = None;
     }
 
-    /// Turns what resists. What it cost.
+    /// Turns the passive force; `amount` from 0 (not at all) to 1. The result is the work of the
+    /// search.
     pub fn turn(&mut self, at: &ContactSample<'_>, amount: f64, out: &mut Rendered) -> Work {
         let size = out.passive.force.length();
         if !(size > 0.0 && size.is_finite()) {
@@ -50,17 +54,17 @@ impl Shading {
         let normal = out.passive.force / size;
         let radius = self.plan.radius_m / at.metres_per_unit;
         let disc = std::f64::consts::PI * radius * radius;
-        // Of a ball its middle, of a tool where it touches: both move without a jump.
+        // Middle of a ball, contact point of a tool: both move continuously.
         let centre = at.middle / at.metres_per_unit;
         let off = centre.distance(at.point / at.metres_per_unit);
-        let mut weighed = [DVec3::ZERO; MAX_FACES];
+        let mut weighed = [DVec3::ZERO; MAX_SHADING_FACES];
         let mut count = 0;
         let within = off.hypot(radius);
         let work = faces_within(at.surface, centre, within, |face, closest| {
             let [a, b, c] = at.surface.mesh.corners(face);
             let cross = (b - a).cross(c - a);
             let out = (centre - closest.point).normalize_or(normal);
-            // Negative on the other side of the front, where the face pushes against its own normal.
+            // Negative for a proxy behind the face, which pushes against its own normal.
             let faces = cross.normalize_or_zero().dot(out);
             let aside = (closest.distance_squared - off * off).max(0.0) / (radius * radius);
             let near = (1.0 - aside).max(0.0);
@@ -84,7 +88,7 @@ impl Shading {
                 *face * ((alike - sharp) / (1.0 - sharp)).max(0.0)
             })
             .sum();
-        // Over a sharp edge nothing is left: the force is the surface's own.
+        // At a sharp edge no face remains, and the force keeps its own direction.
         let wanted = kept.normalize_or(normal);
         let moved = at.velocity.length() * at.clock.period_s / self.plan.radius_m;
         let is_smooth = kept != DVec3::ZERO;
@@ -99,7 +103,7 @@ impl Shading {
     }
 }
 
-/// A unit vector turned towards another one, by an angle at the most.
+/// A unit vector, turned towards another by at most an angle, radians.
 fn turned_to(from: DVec3, to: DVec3, most: f64) -> DVec3 {
     let angle = from.angle_between(to);
     if angle <= most {

@@ -1,30 +1,29 @@
-//! A spring to a point, or to the nearest point of a path: k (c - x) - b v, up to a largest force.
+//! A spring to a point, or to the nearest point c of a path: `F = k (c - x) - b v`, up to a
+//! maximum.
 //!
-//! On a path the nearest point is looked for along it from where it was, not everywhere: the force does not jump where
-//! another part of the path comes near.
+//! The nearest point on a path is tracked along it from the last one. Where another part of the
+//! path comes near, the force does not jump to it.
 
+use crate::force::tuning::MAX_PATH_STEPS;
 use glam::DVec3;
 use scene::SpringPlan;
 
-/// Pieces of the path that are passed in a tick at the most.
-const MAX_PIECES: usize = 16;
-
-/// See the module.
+/// A spring and its place on the path.
 #[derive(Debug, Clone)]
 pub struct Spring {
     plan: SpringPlan,
-    /// The piece of the path that was nearest.
+    /// Segment of the path with the last nearest point; `None` before the first tick.
     piece: Option<usize>,
 }
 
 impl Spring {
-    /// Not attached yet: it will be where the path is nearest.
+    /// The first tick attaches it to the nearest point of the whole path.
     #[must_use]
     pub fn new(plan: SpringPlan) -> Self {
         Self { plan, piece: None }
     }
 
-    /// Newtons at a place, metres, and a velocity, m/s; world.
+    /// Force (newtons) at a position (metres) with a velocity (m/s), world.
     pub fn force(&mut self, position: DVec3, velocity: DVec3) -> DVec3 {
         let force = (self.nearest(position) - position) * self.plan.stiffness_n_per_m
             - velocity * self.plan.damping_ns_per_m;
@@ -38,7 +37,7 @@ impl Spring {
             let (a, b) = (path[piece], path[(piece + 1).min(path.len() - 1)]);
             let along = b - a;
             let share = (position - a).dot(along) / along.length_squared();
-            // A piece without length is a point.
+            // A segment without length is a point.
             let share = if share.is_finite() { share } else { 0.0 };
             a + along * share.clamp(0.0, 1.0)
         };
@@ -47,10 +46,10 @@ impl Spring {
             let nearest = (0..=last).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
             nearest.unwrap_or(0)
         });
-        for _ in 0..MAX_PIECES {
-            let beside = [piece.saturating_sub(1), (piece + 1).min(last)];
+        for _ in 0..MAX_PATH_STEPS {
+            let neighbours = [piece.saturating_sub(1), (piece + 1).min(last)];
             let here = distance(piece);
-            let Some(&nearer) = beside.iter().find(|&&other| distance(other) < here) else {
+            let Some(&nearer) = neighbours.iter().find(|&&other| distance(other) < here) else {
                 break;
             };
             piece = nearer;
@@ -74,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_pulls_in_proportion_up_to_the_largest_force() {
+    fn the_force_is_proportional_up_to_its_maximum() {
         let mut to_point = spring(vec![DVec3::X]);
         let near = to_point.force(DVec3::X * 0.99, DVec3::ZERO);
         assert!(near.distance(DVec3::X) < 1e-9);
@@ -83,22 +82,22 @@ mod tests {
     }
 
     #[test]
-    fn a_path_is_followed_along_itself() {
-        // A hairpin of fine pieces whose two legs are near each other.
+    fn the_nearest_point_is_tracked_along_the_path() {
+        // A hairpin of short segments; its two legs are near each other.
         let leg = |y: f64| (0..=50).map(move |k| DVec3::new(0.01 * f64::from(k), y, 0.0));
         let path: Vec<DVec3> = leg(0.0)
             .chain(leg(0.01).collect::<Vec<_>>().into_iter().rev())
             .collect();
         let mut held = spring(path);
         held.force(DVec3::ZERO, DVec3::ZERO);
-        // Along the first leg, then nearer to the other: it stays on its own.
+        // The position is nearer to the second leg, but the spring stays on the first.
         let mut force = DVec3::ZERO;
         for k in 0..200 {
             let x = 0.001 * f64::from(k);
             force = held.force(DVec3::new(x, 0.008, 0.0), DVec3::ZERO);
         }
         assert!((force.y + 0.8).abs() < 1e-9, "{force}");
-        // Two points in one place are no piece: no number is lost.
+        // Two equal points make a segment without length; the force is finite.
         let mut twice = spring(vec![DVec3::ONE, DVec3::ONE]);
         assert!(twice.force(DVec3::ZERO, DVec3::ZERO).is_finite());
     }

@@ -1,39 +1,42 @@
-//! Texture: a relief laid over the surface by its height h, without faces (Ho, Basdogan and Srinivasan 1999): the depth
-//! changes by h and the normal tilts, n' = n - ∇h + (∇h · n) n. It is not made a unit vector again: so the force is the
-//! gradient of half the stiffness times the squared depth, and a closed path gains nothing by it.
+//! Texture: a relief over the surface, given by its height h without faces (Ho 1999).
 //!
-//! The surface is lowered by the largest height, so that the first touch is not a step. What is finer than the loop can
-//! render at the speed of the probe, v / wavelength at half the rate, is faded out before it aliases (facts of haptics,
-//! F13); of a height map the fine levels only.
+//! The depth changes by h, and the normal n becomes `n' = n - ∇h + (∇h · n) n`. It is not
+//! normalised: the force is then the gradient of `K d² / 2` with the depth d, so a closed path
+//! gains no energy.
+//!
+//! The surface is lowered by the largest height, so that a first contact is not a step. A wave that
+//! is too short for the rate of the loop, with `v / wavelength` near half the rate, fades out
+//! before it aliases (Choi 2004 gives the limits of perception). Of a height map only the fine
+//! levels fade.
 
 use super::{ContactSample, Rendered};
 use glam::{DVec2, DVec3};
 use scene::{Pattern, TexturePlan};
 use std::f64::consts::TAU;
 
-/// See the module.
+/// Relief of one surface.
 #[derive(Debug, Clone)]
 pub struct Texture {
     plan: TexturePlan,
 }
 
-/// Height and gradient at a place, of an amplitude of 1.
+/// Height and gradient at a place, for an amplitude of 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Relief {
-    /// -1 to 1.
+    /// Relative height, -1 to 1.
     pub height: f64,
-    /// 1/m.
+    /// Gradient of the relative height, object's axes, 1/m.
     pub gradient: DVec3,
 }
 
 impl Texture {
-    /// Laid over an object.
+    /// The planned texture.
     #[must_use]
     pub fn new(plan: TexturePlan) -> Self {
         Self { plan }
     }
 
-    /// Changes what resists.
+    /// Applies the relief to the passive wrench and its spring, scaled by `amount` (0 to 1).
     pub fn raise(&self, at: &ContactSample<'_>, amount: f64, out: &mut Rendered) {
         let size = out.passive.force.length();
         if !(size > 0.0 && size.is_finite()) {
@@ -54,7 +57,8 @@ impl Texture {
     }
 }
 
-/// A pattern at a place of the object, metres, for a probe that moves `step` a tick.
+/// Relief of a pattern at a place of the object (metres). `step`: displacement of the probe along
+/// the surface in a tick, metres.
 #[must_use]
 pub fn relief(pattern: &Pattern, place: DVec3, step: f64) -> Relief {
     match pattern {
@@ -79,10 +83,10 @@ pub fn relief(pattern: &Pattern, place: DVec3, step: f64) -> Relief {
         }
         Pattern::HeightMap { map, width_m, axis } => {
             let across = DVec2::new(*width_m, width_m / map.aspect());
-            // Seen along the axis: the other two, in turn.
+            // The other two axes, in cyclic order.
             let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            // Two samples are a wave, and a wave is to take more than two ticks; and the quadratic spline of a level
-            // may still hold half of it: one level more.
+            // The shortest wave of a level is two samples, and has to last more than two ticks. The
+            // quadratic spline of a level may keep half of a shorter wave: one level more.
             let apart = width_m / map.width() as f64;
             let coarseness = (2.0 * step / apart).max(f64::MIN_POSITIVE).log2();
             let at = map.at(DVec2::new(place[u], place[v]) / across, coarseness);
@@ -97,13 +101,14 @@ pub fn relief(pattern: &Pattern, place: DVec3, step: f64) -> Relief {
     }
 }
 
-/// What is left of waves of a length: all below a quarter of the rate, nothing from half of it on.
+/// Remaining amplitude, 0 to 1, of a wave (metres) for a displacement per tick (metres): 1 up to a
+/// quarter of the rate of the loop, 0 from half of it on, linear between.
 fn share(wavelength: f64, step: f64) -> f64 {
     (2.0 - 4.0 * step / wavelength).clamp(0.0, 1.0)
 }
 
-/// Smooth noise of bumps about one apart, -1 to 1, and its gradient: random heights at whole coordinates, blended by
-/// the quintic of Perlin 2002, so that the slope is smooth too.
+/// Smooth noise, -1 to 1, and its gradient, for a place in units of the wavelength: random heights
+/// at whole coordinates, blended by the quintic of Perlin 2002, which has a smooth slope.
 fn noise(place: DVec3, seed: u64) -> (f64, DVec3) {
     let cell = place.floor();
     let within = place - cell;
@@ -137,7 +142,7 @@ fn noise(place: DVec3, seed: u64) -> (f64, DVec3) {
     (height, gradient)
 }
 
-/// A number from -1 to 1 for a cell: the bits mixed as by SplitMix64 (Steele, Lea and Flood 2014).
+/// A pseudorandom number, -1 to 1, of a lattice point: mixing steps of SplitMix64 (Lea 2014).
 fn random(cell: [i64; 3], seed: u64) -> f64 {
     let mut bits = seed;
     for x in cell {
@@ -178,7 +183,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_gradient_is_that_of_the_height(x in -0.1..0.1f64, y in -0.1..0.1f64, z in -0.1..0.1f64, step in 0.0..4e-4f64) {
+        fn the_gradient_is_that_of_the_height(
+            x in -0.1..0.1f64, y in -0.1..0.1f64, z in -0.1..0.1f64, step in 0.0..4e-4f64,
+        ) {
             let place = DVec3::new(x, y, z);
             for pattern in patterns() {
                 let here = relief(&pattern, place, step);
@@ -188,20 +195,26 @@ mod tests {
                     let d = DVec3::AXES[axis] * h;
                     let [a, b] = [d, -d].map(|d| relief(&pattern, place + d, step).height);
                     let slope = (a - b) / (2.0 * h);
-                    prop_assert!((slope - here.gradient[axis]).abs() < 0.05 + 1e-3 * slope.abs(), "{pattern:?} {axis} {slope} {}", here.gradient[axis]);
+                    let found = here.gradient[axis];
+                    prop_assert!(
+                        (slope - found).abs() < 0.05 + 1e-3 * slope.abs(),
+                        "{pattern:?} {axis} {slope} {found}"
+                    );
                 }
             }
         }
 
         #[test]
-        fn what_the_loop_cannot_render_is_gone(x in -0.1..0.1f64) {
+        fn waves_beyond_the_rate_of_the_loop_have_no_amplitude(x in -0.1..0.1f64) {
             for pattern in patterns() {
-                // Half a wave a tick, and for the map half of its width.
+                // Half a wave per tick; for the map its whole width.
                 let step = match &pattern {
-                    Pattern::Grating { wavelength_m, .. } | Pattern::Noise { wavelength_m, .. } => 0.5 * wavelength_m,
+                    Pattern::Grating { wavelength_m, .. }
+                    | Pattern::Noise { wavelength_m, .. } => 0.5 * wavelength_m,
                     Pattern::HeightMap { width_m, .. } => *width_m,
                 };
-                let [a, b] = [0.0, 1.3e-3].map(|d| relief(&pattern, DVec3::splat(x + d), step).height);
+                let [a, b] = [0.0, 1.3e-3]
+                    .map(|d| relief(&pattern, DVec3::splat(x + d), step).height);
                 prop_assert!((a - b).abs() < 1e-9, "{pattern:?}");
             }
         }

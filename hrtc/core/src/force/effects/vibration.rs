@@ -1,23 +1,24 @@
-//! A vibration: A sin(2 pi f t) along a direction of the world. Its phase counts ticks, so a recorded run repeats.
+//! A vibration: `A sin(2π f t)` along a direction of the world. Its phase counts ticks, so a replay
+//! is exact.
 
 use super::Clock;
 use glam::DVec3;
 use scene::VibrationPlan;
 
-/// See the module.
+/// A sine force.
 #[derive(Debug, Clone, Copy)]
 pub struct Vibration {
     plan: VibrationPlan,
 }
 
 impl Vibration {
-    /// Of a surface or a scene.
+    /// Vibration of a surface or of a scene.
     #[must_use]
     pub fn new(plan: VibrationPlan) -> Self {
         Self { plan }
     }
 
-    /// Newtons in a tick, world.
+    /// Force in a tick, world, newtons.
     #[must_use]
     pub fn force(&self, clock: Clock) -> DVec3 {
         let waves = (self.plan.frequency_hz * clock.period_s * clock.tick as f64).fract();
