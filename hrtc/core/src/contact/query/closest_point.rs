@@ -1,7 +1,7 @@
 //! The closest point of the front to a point: depth first, the nearer child first.
 
 use super::{Stack, Surface, Work};
-use ab_tree::Child;
+use ab_tree::{Child, NodeId};
 use geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
 use spm::Handle;
@@ -44,28 +44,8 @@ pub fn closest_point(
     loop {
         match next {
             Some(Child::Node(id)) => {
-                search.work.nodes += 1;
-                let node = surface.tree.node(id);
-                let within = node.boxes().within(&query, search.box_bound);
-                let [left, right] = node.children();
-                // Branches, not a choice of operands: consecutive queries go the same way, and a predicted
-                // branch has the next node on its way before this one is decided.
-                if within.first() {
-                    if within.second() {
-                        let [to_left, to_right] = within.squared();
-                        if to_left <= to_right {
-                            stack.push(to_right, right);
-                            next = Some(left);
-                        } else {
-                            stack.push(to_left, left);
-                            next = Some(right);
-                        }
-                    } else {
-                        next = Some(left);
-                    }
-                    continue;
-                } else if within.second() {
-                    next = Some(right);
+                next = search.open(id, &query, &mut stack);
+                if next.is_some() {
                     continue;
                 }
             }
@@ -102,6 +82,31 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
+    /// The child to go on with: the nearer one, if it is within the bound.
+    ///
+    /// Branches, not a selection of operands: consecutive queries take the same path, and a
+    /// predicted branch loads the next node before this one is decided.
+    #[inline]
+    fn open(&mut self, id: NodeId, query: &BoxQuery, stack: &mut Stack) -> Option<Child> {
+        self.work.nodes += 1;
+        let node = self.surface.tree.node(id);
+        let within = node.boxes().within(query, self.box_bound);
+        let [left, right] = node.children();
+        if within.first() {
+            if within.second() {
+                let [to_left, to_right] = within.squared();
+                if to_left <= to_right {
+                    stack.push(to_right, right);
+                    return Some(left);
+                }
+                stack.push(to_left, left);
+                return Some(right);
+            }
+            return Some(left);
+        }
+        within.second().then_some(right)
+    }
+
     #[inline]
     fn try_face(&mut self, face: Handle) {
         self.work.faces += 1;
@@ -112,6 +117,7 @@ impl Search<'_> {
             self.best = Some(Nearest { face, closest });
         }
     }
+
     /// Whether a face is as near as the best so far and comes before it.
     #[inline]
     fn is_first_of_equals(&self, face: Handle, closest: &ClosestPoint) -> bool {

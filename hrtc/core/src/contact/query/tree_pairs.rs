@@ -10,7 +10,7 @@ use spm::{Handle, NONE};
 use std::ops::ControlFlow;
 
 /// Entries of a pair traversal's stack: a level of either tree, of at most 31, leaves at most one behind.
-pub(super) const PAIR_STACK: usize = 72;
+const PAIR_STACK: usize = 72;
 
 /// Two faces that meet.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,13 +87,13 @@ impl PairWork {
 }
 
 /// A face at hand: what is read of it is read once for a run of pairs with it.
-pub(super) struct CachedFace<T> {
+struct CachedFace<T> {
     face: Handle,
     value: Option<T>,
 }
 
 impl<T> CachedFace<T> {
-    pub(super) fn new() -> Self {
+    fn new() -> Self {
         Self {
             face: NONE,
             value: None,
@@ -101,7 +101,7 @@ impl<T> CachedFace<T> {
     }
 
     #[inline]
-    pub(super) fn take(&mut self, face: Handle, read: impl FnOnce() -> T) -> &T {
+    fn take(&mut self, face: Handle, read: impl FnOnce() -> T) -> &T {
         if self.face != face {
             self.face = face;
             self.value = None;
@@ -141,26 +141,19 @@ pub fn for_each_pair<A: Body, B: Body>(
     let (mut cached_a, mut cached_b) = (CachedFace::new(), CachedFace::new());
     while count > 0 {
         count -= 1;
-        let Entry {
-            a: x,
-            b: y,
-            box_a,
-            box_b,
-        } = stack[count];
-        if let (Child::Face(x), Child::Face(y)) = (x, y) {
+        let entry = stack[count];
+        if let (Child::Face(x), Child::Face(y)) = (entry.a, entry.b) {
             work.faces += 1;
             let facet_a = cached_a.take(x, || Facet::new(a.corners(x)));
             let meeting = facet_a.pair_with(cached_b.take(y, || Facet::new(b.corners(y))));
-            if meeting.meets() {
-                let pair = FacePair {
-                    a: x,
-                    b: y,
-                    meeting,
-                };
-                if visit(pair).is_break() {
-                    let unvisited = count as u32;
-                    return (Ending::Stopped { unvisited }, work);
-                }
+            let pair = FacePair {
+                a: x,
+                b: y,
+                meeting,
+            };
+            if meeting.meets() && visit(pair).is_break() {
+                let unvisited = count as u32;
+                return (Ending::Stopped { unvisited }, work);
             }
             continue;
         }
@@ -170,48 +163,49 @@ pub fn for_each_pair<A: Body, B: Body>(
         }
         work.node_pairs += 1;
         work.boxes += 2;
-        if let Some(node) = opens_first(x, y, &box_a, &box_b) {
-            let (children, boxes) = a.children(node);
-            let (met, queries) = (boxes.overlap(&box_b), boxes.queries());
-            for k in [1, 0] {
-                if met[k] {
-                    stack[count] = Entry {
-                        a: children[k],
-                        b: y,
-                        box_a: queries[k],
-                        box_b,
-                    };
-                    count += 1;
-                }
-            }
-        } else if let Child::Node(node) = y {
-            let (children, boxes) = b.children(node);
-            let (met, queries) = (boxes.overlap(&box_a), boxes.queries());
-            for k in [1, 0] {
-                if met[k] {
-                    stack[count] = Entry {
-                        a: x,
-                        b: children[k],
-                        box_a,
-                        box_b: queries[k],
-                    };
-                    count += 1;
-                }
-            }
+        for child in entry.open(a, b).into_iter().flatten() {
+            stack[count] = child;
+            count += 1;
         }
     }
     (Ending::Complete, work)
 }
 
+impl Entry {
+    /// Opens the larger of two nodes: the pairs whose boxes overlap, in the order of the stack.
+    #[inline]
+    fn open<A: Body, B: Body>(self, a: &A, b: &B) -> [Option<Self>; 2] {
+        let order = [1, 0];
+        if let Some(node) = opens_first(self.a, self.b, &self.box_a, &self.box_b) {
+            let (children, boxes) = a.children(node);
+            let (met, queries) = (boxes.overlap(&self.box_b), boxes.queries());
+            order.map(|k| {
+                met[k].then_some(Self {
+                    a: children[k],
+                    box_a: queries[k],
+                    ..self
+                })
+            })
+        } else if let Child::Node(node) = self.b {
+            let (children, boxes) = b.children(node);
+            let (met, queries) = (boxes.overlap(&self.box_a), boxes.queries());
+            order.map(|k| {
+                met[k].then_some(Self {
+                    b: children[k],
+                    box_b: queries[k],
+                    ..self
+                })
+            })
+        } else {
+            [None; 2]
+        }
+    }
+}
+
 /// The node of the first to be opened; `None` for one of the second. The larger of two nodes is opened: its halves miss
 /// more of the other.
 #[inline]
-pub(super) fn opens_first(
-    a: Child,
-    b: Child,
-    box_a: &BoxQuery,
-    box_b: &BoxQuery,
-) -> Option<NodeId> {
+fn opens_first(a: Child, b: Child, box_a: &BoxQuery, box_b: &BoxQuery) -> Option<NodeId> {
     match (a, b) {
         (Child::Node(node), Child::Face(_)) => Some(node),
         (Child::Node(node), Child::Node(_)) if box_a.size() >= box_b.size() => Some(node),

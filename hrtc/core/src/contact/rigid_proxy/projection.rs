@@ -46,6 +46,49 @@ impl Projection {
         &self.active[..self.count]
     }
 
+    /// The most violated half-space that is neither active nor dependent on active ones.
+    fn most_violated(
+        &self,
+        half_spaces: &[HalfSpace],
+        is_dependent: &[bool; MAX_HALF_SPACES],
+        tolerance: f64,
+    ) -> Option<(usize, f64)> {
+        let mut worst: Option<(usize, f64)> = None;
+        for (k, half_space) in half_spaces.iter().enumerate() {
+            let length = dot(&half_space.row, &half_space.row).sqrt();
+            let violation = (half_space.offset - dot(&half_space.row, &self.point)) / length;
+            let is_active = self.active().iter().any(|&(a, _)| a == k);
+            if violation > tolerance
+                && !is_active
+                && !is_dependent[k]
+                && worst.is_none_or(|(_, most)| violation > most)
+            {
+                worst = Some((k, violation));
+            }
+        }
+        worst
+    }
+
+    /// The step at which a multiplier of the active set becomes zero, and its place in the set;
+    /// `full` if that is shorter.
+    fn longest_step(&self, weights: &Vector6, full: f64) -> (f64, Option<usize>) {
+        let mut step = full;
+        let mut blocking = None;
+        for (place, (&(_, multiplier), &weight)) in self.active().iter().zip(weights).enumerate() {
+            if weight > 0.0 && multiplier / weight < step {
+                step = multiplier / weight;
+                blocking = Some(place);
+            }
+        }
+        (step, blocking)
+    }
+
+    fn lower_multipliers(&mut self, step: f64, weights: &Vector6) {
+        for ((_, multiplier), weight) in self.active[..self.count].iter_mut().zip(weights) {
+            *multiplier = (*multiplier - step * weight).max(0.0);
+        }
+    }
+
     fn drop_active(&mut self, place: usize) {
         self.count -= 1;
         self.active.swap(place, self.count);
@@ -66,6 +109,15 @@ impl Projection {
         for ((_, multiplier), weight) in self.active[..self.count].iter_mut().zip(weights) {
             *multiplier = weight.max(0.0);
         }
+    }
+}
+
+/// The step at which a half-space that is `short` is obeyed; infinite for a dependent row.
+fn full_step(short: f64, square_left: f64, independent: bool) -> f64 {
+    if independent {
+        (short / square_left).max(0.0)
+    } else {
+        f64::INFINITY
     }
 }
 
@@ -152,19 +204,7 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
     let mut rounds = 0;
     let mut unsettled = false;
     'next: loop {
-        let mut worst: Option<(usize, f64)> = None;
-        for (k, half_space) in half_spaces.iter().enumerate() {
-            let length = dot(&half_space.row, &half_space.row).sqrt();
-            let violation = (half_space.offset - dot(&half_space.row, &best.point)) / length;
-            let is_active = best.active().iter().any(|&(a, _)| a == k);
-            if violation > tolerance
-                && !is_active
-                && !is_dependent[k]
-                && worst.is_none_or(|(_, most)| violation > most)
-            {
-                worst = Some((k, violation));
-            }
-        }
+        let worst = best.most_violated(half_spaces, &is_dependent, tolerance);
         let Some((added, violation)) = worst else {
             if unsettled {
                 unsettled = false;
@@ -193,29 +233,16 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
                 is_dependent[added] = true;
                 continue 'next;
             }
-            let full = if independent {
-                ((new.offset - dot(&new.row, &best.point)) / square_left).max(0.0)
-            } else {
-                f64::INFINITY
-            };
-            let mut step = full;
-            let mut blocking = None;
-            for (place, (&(_, current), &weight)) in best.active().iter().zip(&weights).enumerate()
-            {
-                if weight > 0.0 && current / weight < step {
-                    step = current / weight;
-                    blocking = Some(place);
-                }
-            }
+            let short = new.offset - dot(&new.row, &best.point);
+            let full = full_step(short, square_left, independent);
+            let (step, blocking) = best.longest_step(&weights, full);
             if step == f64::INFINITY {
                 return best;
             }
             if independent {
                 add_scaled(&mut best.point, step, &remainder);
             }
-            for ((_, current), weight) in best.active[..best.count].iter_mut().zip(weights) {
-                *current = (*current - step * weight).max(0.0);
-            }
+            best.lower_multipliers(step, &weights);
             multiplier += step;
             match blocking {
                 Some(place) => {

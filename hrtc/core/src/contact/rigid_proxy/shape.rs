@@ -58,17 +58,7 @@ impl ToolShape {
         let points: Vec<DVec3> = local.iter().map(|&p| p - centre).collect();
         let radius = points.iter().fold(0.0f64, |most, p| most.max(p.length()));
 
-        // Faces on either side of each edge, by its vertices.
-        let mut sides: BTreeMap<[u32; 2], Vec<(Handle, usize)>> = BTreeMap::new();
-        for (face, t) in (0u32..).zip(&triangles) {
-            for k in 0..3 {
-                let (a, b) = (t[(k + 1) % 3], t[(k + 2) % 3]);
-                sides
-                    .entry([a.min(b), a.max(b)])
-                    .or_default()
-                    .push((face, k));
-            }
-        }
+        let sides = faces_at_edges(&triangles);
         let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); points.len()];
         for &[a, b] in sides.keys() {
             neighbours[a as usize].push(b);
@@ -145,6 +135,19 @@ impl ToolShape {
         let [from, to] = [vertex, vertex + 1].map(|v| self.first[v as usize] as usize);
         &self.around[from..to]
     }
+}
+
+/// The faces at each edge, by the edge's vertices, each with the corner opposite the edge.
+fn faces_at_edges(triangles: &[[u32; 3]]) -> BTreeMap<[u32; 2], Vec<(Handle, usize)>> {
+    let mut sides: BTreeMap<[u32; 2], Vec<(Handle, usize)>> = BTreeMap::new();
+    for (face, t) in (0u32..).zip(triangles) {
+        for k in 0..3 {
+            let (a, b) = (t[(k + 1) % 3], t[(k + 2) % 3]);
+            let edge = [a.min(b), a.max(b)];
+            sides.entry(edge).or_default().push((face, k));
+        }
+    }
+    sides
 }
 
 /// Whether a point lies in the plane of a triangle, seen from it; a triangle without area is in every plane.

@@ -52,8 +52,40 @@ const MODERATE: f64 = 1.0 / 3.0;
 /// Share of what is gathered ahead that is always tried: less is hardly less work.
 const MIN_LOOK_AHEAD_SCALE: f64 = 1.0 / 16.0;
 
+/// The state of the steps of one tick.
+struct TickSteps<'a> {
+    surface: Surface<'a>,
+    /// The placement at which the tick began.
+    start: Placement,
+    /// Motion of the device in this tick, and the largest motion of the tool, model units.
+    travelled: f64,
+    farthest: f64,
+    look_around: f64,
+    /// Contact offset, model units.
+    offset: f64,
+    budget: u32,
+    /// Cost beyond which no further work is begun.
+    enough: u32,
+    /// Whether the last tick took no step.
+    skipped_step_before: bool,
+    collections: u32,
+    failures: u32,
+    needs_candidates: bool,
+    did_not_move: bool,
+}
+
+/// What follows a part of a tick.
+#[derive(PartialEq)]
+enum Next {
+    Step,
+    Retry,
+    End,
+    /// The tool is as close to the device as the contacts allow.
+    Settled,
+}
+
 impl ToolProxy {
-    /// The steps of a tick; it began at `start`, from where the surface may have put it out.
+    /// The steps of a tick that began at `start`; depenetration may have moved the tool since.
     pub(super) fn take_steps(
         &mut self,
         surface: Surface<'_>,
@@ -62,146 +94,43 @@ impl ToolProxy {
         budget: u32,
         answer: &mut ToolAdvance,
     ) {
-        let (radius, gyration, offset) = (
-            self.shape.radius,
-            self.shape.gyration,
-            self.contact_offset(),
-        );
-        let look_around = (LOOK_AROUND * gyration).max(self.moving_offset());
-        let farthest = travelled + self.step_limit.max_step();
+        let mut tick = TickSteps {
+            surface,
+            start: *start,
+            travelled,
+            farthest: travelled + self.step_limit.max_step(),
+            look_around: (LOOK_AROUND * self.shape.gyration).max(self.moving_offset()),
+            offset: self.contact_offset(),
+            budget,
+            enough: budget / TICK_SHARE,
+            // A surface that changes in every tick invalidates the collection of the last one.
+            skipped_step_before: std::mem::replace(&mut self.has_skipped_step, true),
+            collections: 0,
+            failures: 0,
+            needs_candidates: true,
+            did_not_move: false,
+        };
         self.is_behind = false;
         self.stops.clear();
         self.peak_step = self.peak_step.max(travelled);
-        let enough = budget / TICK_SHARE;
-        // Where the surface changes in every tick, what is gathered is not known any more in the next one.
-        let has_skipped_step = std::mem::replace(&mut self.has_skipped_step, true);
-        let (mut collections, mut failures) = (0, 0);
-        let (mut needs_candidates, mut is_settled) = (true, false);
-        let mut did_not_move = false;
-        while answer.steps == 0 || (answer.steps < MAX_STEPS as u32 && answer.spent <= enough) {
+        let mut next = Next::Retry;
+        while answer.steps == 0 || (answer.steps < MAX_STEPS as u32 && answer.spent <= tick.enough)
+        {
             let wanted = self.at.to(&self.goal);
-            let length = wanted.farthest(radius);
-            if needs_candidates {
-                let ahead = AHEAD * self.catch_up_factor * self.peak_step.max(look_around);
-                let path = self.expected(&wanted, ahead, look_around);
-                let covers =
-                    self.has_unused_collection || self.near.tube.covers(&self.at, &path, offset);
-                if did_not_move || !covers {
-                    let is_too_much = answer.steps > 0 && answer.spent + self.last_cost > enough;
-                    if collections == MAX_COLLECTIONS || is_too_much {
-                        break;
-                    }
-                    if !self.collect_candidates(surface, path, look_around, budget, answer) {
-                        failures += 1;
-                        if !self.near.has_partial_collection() {
-                            let was_faster = self.peak_step > travelled;
-                            self.peak_step = travelled;
-                            if was_faster || self.catch_up_factor > 1.0 {
-                                // It was more than due.
-                                answer.ending = Ending::Complete;
-                            }
-                            if self.catch_up_factor > 1.0 || (collections == 0 && !was_faster) {
-                                self.shorten_look_ahead();
-                            }
-                        }
-                        if self.near.has_partial_collection() || failures == MAX_FAILURES {
-                            break;
-                        }
-                        continue;
-                    }
-                    collections += 1;
-                    if answer.spent > enough && !has_skipped_step {
-                        break;
-                    }
-                }
-            }
-            answer.steps += 1;
-            self.has_skipped_step = false;
-            self.near.place(&self.shape, &self.at);
-            let looked = self.look(surface, (&wanted, look_around), budget, answer);
-            let Some((likely, motion, most)) = looked else {
-                self.run_short(collections == 0, answer);
-                break;
-            };
-            answer.dropped = answer.dropped.max(self.contacts.dropped());
-            let whole = motion.farthest(radius);
-            if whole <= 4.0 * f64::EPSILON * (self.at.centre.length() + length) {
-                if answer.contact_count == 0 {
-                    // What rounding has left of the way is no contact.
-                    self.at = self.goal;
-                }
-                is_settled = true;
-                break;
-            }
-            // No farther than what was gathered, nor so far round that arcs stray from what the contacts allow.
-            let covered = self.near.tube.covered_share(&self.at, &motion, offset);
-            let mut share = covered.min(most / whole);
-            if !self.near.is_empty() {
-                let most_turn = (8.0 * offset / radius).sqrt();
-                share = share.min(most_turn / motion.angular.length());
-            }
-            let left = farthest - start.to(&self.at).farthest(radius);
-            if whole * share > left {
-                share = left.max(0.0) / whole;
-                self.is_behind = true;
-            }
-            let mut step = motion;
-            if share < 1.0 {
-                // A part of the way, but all of what the rest distance asks for.
-                step = self.allowed(&motion.times(share), offset, None);
-                step = step.times(self.near.tube.covered_share(&self.at, &step, offset));
-            }
-            let swept = free_share(
-                &mut self.near,
-                &mut self.open,
-                &self.shape,
-                (&self.at, &step),
-                MIN_SEPARATION * offset,
-                budget.saturating_sub(answer.spent),
-            );
-            answer.spent += swept.spent;
-            // ContactForecast what holds it more is near than there is time to look at.
-            let free_so_far = answer.contact_count == 0 && swept.share == 1.0;
-            let free = free_so_far && share == 1.0;
-            let done = step.times(swept.share);
-            self.at = if free {
-                self.goal
+            next = if tick.needs_candidates {
+                self.ensure_candidates(&mut tick, &wanted, answer)
             } else {
-                self.at.moved(&done)
+                Next::Step
             };
-            self.near.spend(&self.at, &done, radius);
-            if let Some(stop) = swept.stop
-                && self.stops.len() < MAX_STOPS
-                && !self.stops.contains(&stop)
-            {
-                self.stops.push(stop);
+            if next == Next::Step {
+                answer.steps += 1;
+                next = self.step(&mut tick, &wanted, answer);
             }
-            if !swept.is_all {
-                self.run_short(collections == 0, answer);
-                break;
-            }
-            self.has_unused_collection = false;
-            needs_candidates = covered < 1.0 && swept.share == 1.0;
-            if needs_candidates
-                && free_so_far
-                && FAR_BEHIND * self.catch_up_factor * travelled.max(look_around) < length
-            {
-                self.catch_up_factor *= 2.0;
-            }
-            let went = done.farthest(radius);
-            did_not_move = went == 0.0;
-            let settled = (CONVERGED * gyration).max(LAG * travelled);
-            let went_all = swept.share == 1.0 && share == 1.0;
-            // Where the contacts of the last step foretold this one, those of this one foretell that nothing is left.
-            let unforeseen = motion.minus(&likely).farthest(radius);
-            if free || (went_all && went.min(unforeseen) <= settled) {
-                is_settled = true;
-                break;
-            }
-            if self.is_behind {
+            if matches!(next, Next::End | Next::Settled) {
                 break;
             }
         }
+        let is_settled = next == Next::Settled;
         self.step_limit.end_tick(is_settled);
         self.near.place(&self.shape, &self.at);
         answer.is_on_its_way = !is_settled;
@@ -213,6 +142,166 @@ impl ToolProxy {
             self.coupling_target = self.at;
         } else {
             self.coupling_target = self.target_allowed_by_contacts(answer);
+        }
+    }
+
+    /// Collects candidate pairs unless those known cover the expected path.
+    fn ensure_candidates(
+        &mut self,
+        tick: &mut TickSteps<'_>,
+        wanted: &Twist,
+        answer: &mut ToolAdvance,
+    ) -> Next {
+        let (travelled, look_around, enough) = (tick.travelled, tick.look_around, tick.enough);
+        let ahead = AHEAD * self.catch_up_factor * self.peak_step.max(look_around);
+        let path = self.expected(wanted, ahead, look_around);
+        let covers =
+            self.has_unused_collection || self.near.tube.covers(&self.at, &path, tick.offset);
+        if !tick.did_not_move && covers {
+            return Next::Step;
+        }
+        let is_too_much = answer.steps > 0 && answer.spent + self.last_cost > enough;
+        if tick.collections == MAX_COLLECTIONS || is_too_much {
+            return Next::End;
+        }
+        if self.collect_candidates(tick.surface, path, look_around, tick.budget, answer) {
+            tick.collections += 1;
+            if answer.spent > enough && !tick.skipped_step_before {
+                return Next::End;
+            }
+            return Next::Step;
+        }
+        tick.failures += 1;
+        if self.near.has_partial_collection() {
+            return Next::End;
+        }
+        let was_faster = self.peak_step > travelled;
+        self.peak_step = travelled;
+        if was_faster || self.catch_up_factor > 1.0 {
+            // The collection looked farther ahead than this tick needs.
+            answer.ending = Ending::Complete;
+        }
+        if self.catch_up_factor > 1.0 || (tick.collections == 0 && !was_faster) {
+            self.shorten_look_ahead();
+        }
+        if tick.failures == MAX_FAILURES {
+            return Next::End;
+        }
+        Next::Retry
+    }
+
+    /// One step: find the contacts, project the wanted motion onto them, sweep along it.
+    fn step(&mut self, tick: &mut TickSteps<'_>, wanted: &Twist, answer: &mut ToolAdvance) -> Next {
+        let (radius, offset) = (self.shape.radius, tick.offset);
+        let length = wanted.farthest(radius);
+        self.has_skipped_step = false;
+        self.near.place(&self.shape, &self.at);
+        let looked = self.look(
+            tick.surface,
+            (wanted, tick.look_around),
+            tick.budget,
+            answer,
+        );
+        let Some((likely, motion, most)) = looked else {
+            self.run_short(tick.collections == 0, answer);
+            return Next::End;
+        };
+        answer.dropped = answer.dropped.max(self.contacts.dropped());
+        let whole = motion.farthest(radius);
+        if whole <= 4.0 * f64::EPSILON * (self.at.centre.length() + length) {
+            // A remainder within rounding is no contact.
+            self.at = if answer.contact_count == 0 {
+                self.goal
+            } else {
+                self.at
+            };
+            return Next::Settled;
+        }
+        let covered = self.near.tube.covered_share(&self.at, &motion, offset);
+        let share = self.limited_share(tick, &motion, covered.min(most / whole));
+        let step = self.shortened(&motion, share, offset);
+        let swept = free_share(
+            &mut self.near,
+            &mut self.open,
+            &self.shape,
+            (&self.at, &step),
+            MIN_SEPARATION * offset,
+            tick.budget.saturating_sub(answer.spent),
+        );
+        answer.spent += swept.spent;
+        let free_so_far = answer.contact_count == 0 && swept.share == 1.0;
+        let free = free_so_far && share == 1.0;
+        let done = step.times(swept.share);
+        self.at = if free {
+            self.goal
+        } else {
+            self.at.moved(&done)
+        };
+        self.near.spend(&self.at, &done, radius);
+        self.remember_stop(swept.stop);
+        if !swept.is_all {
+            self.run_short(tick.collections == 0, answer);
+            return Next::End;
+        }
+        self.has_unused_collection = false;
+        tick.needs_candidates = covered < 1.0 && swept.share == 1.0;
+        if tick.needs_candidates && free_so_far {
+            self.look_farther(tick.travelled.max(tick.look_around), length);
+        }
+        tick.did_not_move = done.farthest(radius) == 0.0;
+        let went_all = swept.share == 1.0 && share == 1.0;
+        // If the contacts of the last step predicted this motion, those of this one predict rest.
+        let unforeseen = motion.minus(&likely).farthest(radius);
+        let settled = (CONVERGED * self.shape.gyration).max(LAG * tick.travelled);
+        if free || (went_all && done.farthest(radius).min(unforeseen) <= settled) {
+            return Next::Settled;
+        }
+        if self.is_behind {
+            return Next::End;
+        }
+        Next::Retry
+    }
+
+    /// The share of a motion that the rotation limit of a step and the step limit of the tick
+    /// leave: arcs must not deviate from the linearised contacts.
+    fn limited_share(&mut self, tick: &TickSteps<'_>, motion: &Twist, share: f64) -> f64 {
+        let radius = self.shape.radius;
+        let whole = motion.farthest(radius);
+        let mut share = share;
+        if !self.near.is_empty() {
+            let most_turn = (8.0 * tick.offset / radius).sqrt();
+            share = share.min(most_turn / motion.angular.length());
+        }
+        let left = tick.farthest - tick.start.to(&self.at).farthest(radius);
+        if whole * share > left {
+            share = left.max(0.0) / whole;
+            self.is_behind = true;
+        }
+        share
+    }
+
+    /// A share of a motion, but all of the correction that the contact offset requires.
+    fn shortened(&mut self, motion: &Twist, share: f64, offset: f64) -> Twist {
+        if share < 1.0 {
+            let step = self.allowed(&motion.times(share), offset, None);
+            return step.times(self.near.tube.covered_share(&self.at, &step, offset));
+        }
+        *motion
+    }
+
+    /// Doubles the look-ahead in free air if the device is far ahead, at `length`.
+    fn look_farther(&mut self, per_tick: f64, length: f64) {
+        if FAR_BEHIND * self.catch_up_factor * per_tick < length {
+            self.catch_up_factor *= 2.0;
+        }
+    }
+
+    fn remember_stop(&mut self, stop: Option<usize>) {
+        if let Some(stop) = stop
+            && self.stops.len() < MAX_STOPS
+            && !self.stops.contains(&stop)
+        {
+            self.stops.push(stop);
         }
     }
 

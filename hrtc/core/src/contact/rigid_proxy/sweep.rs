@@ -78,33 +78,19 @@ pub fn free_share(
         centre: start.centre,
     };
     let travel = motion.farthest(shape.radius);
-    open.clear();
-    for k in 0..near.pairs.len() {
-        if near.is_known_beyond(k, travel + min_separation) {
-            continue;
-        }
-        let pair = near.pairs[k];
-        let [corners, ends] = [
-            near.corners(shape, pair.tool),
-            near.end_corners(shape, pair.tool),
-        ];
-        let surface = near.faces[pair.surface as usize].corners;
-        let (now, until) = bends.clear_until(near, &pair, surface, [corners, ends], min_separation);
-        if until < 1.0 {
-            let pair = k as u32;
-            open.push(Open { until, now, pair });
-        }
-    }
-    open.sort_unstable_by(|a, b| {
-        let by_share = a.until.total_cmp(&b.until);
-        by_share.then(a.pair.cmp(&b.pair))
-    });
-    let mut lately = DVec3::ZERO;
+    bends.collect_open(near, open, shape, [travel + min_separation, min_separation]);
+    let mut sweep = Sweep {
+        shape,
+        start,
+        motion,
+        bends,
+        min_separation,
+        last_direction: DVec3::ZERO,
+    };
     for &Open { until, now, pair } in open.iter() {
         if until >= swept.share {
             break;
         }
-        let k = pair as usize;
         if swept.spent > most {
             swept.is_all = false;
             let room = (now - min_separation).max(0.0) * WITHIN;
@@ -115,28 +101,50 @@ pub fn free_share(
             }
             continue;
         }
+        sweep.advance_pair(near, pair as usize, &mut swept);
+    }
+    swept
+}
+
+/// The sweep of all pairs along one motion.
+struct Sweep<'a> {
+    shape: &'a ToolShape,
+    start: &'a Placement,
+    motion: &'a Twist,
+    bends: Bends,
+    min_separation: f64,
+    /// The separating direction found last.
+    last_direction: DVec3,
+}
+
+impl Sweep<'_> {
+    /// Shortens the free share by one pair.
+    fn advance_pair(&mut self, near: &mut Neighbourhood, k: usize, swept: &mut Swept) {
+        let (shape, min_separation) = (self.shape, self.min_separation);
         let mut pair = near.pairs[k];
         let [corners, ends] = [
             near.corners(shape, pair.tool),
             near.end_corners(shape, pair.tool),
         ];
         let surface = near.faces[pair.surface as usize].corners;
-        // Mostly what parts the tool from this face or one beside it does, or one of the faces' normals.
-        let height = reach_along(lately, surface);
+        // Mostly the direction of this face or a neighbour separates, or one of the normals.
+        let height = reach_along(self.last_direction, surface);
         let beside = Direction::Still {
-            direction: lately,
+            direction: self.last_direction,
             height,
         };
         let [over, under] = near.normals(shape, &pair, corners);
         swept.spent += 1;
         if let Some(along) = [beside, over, under].into_iter().find(|&along| {
             pair.along = along;
-            let (_, until) =
-                bends.clear_until(near, &pair, surface, [corners, ends], min_separation);
+            let ends = [corners, ends];
+            let (_, until) = self
+                .bends
+                .clear_until(near, &pair, surface, ends, min_separation);
             until >= swept.share
         }) {
             near.pairs[k].along = along;
-            continue;
+            return;
         }
         let mut pair_sweep = PairSweep {
             surface,
@@ -144,24 +152,23 @@ pub fn free_share(
             arms: shape.faces[pair.tool as usize]
                 .vertices
                 .map(|v| shape.points[v as usize]),
-            start,
-            motion,
-            sagitta: bends.sagitta,
-            sagitta_from_tool: bends.seen_from_tool(surface),
+            start: self.start,
+            motion: self.motion,
+            sagitta: self.bends.sagitta,
+            sagitta_from_tool: self.bends.seen_from_tool(surface),
             min_separation,
         };
         let (share, along, parts) = pair_sweep.until(swept.share, corners);
         swept.spent += PART * parts;
         if let Some(along) = along {
             near.pairs[k].along = along;
-            lately = near.direction(&near.pairs[k]);
+            self.last_direction = near.direction(&near.pairs[k]);
         }
         if share < swept.share {
             swept.share = share;
             swept.stop = Some(k);
         }
     }
-    swept
 }
 
 /// How far what moves strays from straight lines between its start and its end.
@@ -173,6 +180,38 @@ struct Bends {
 }
 
 impl Bends {
+    /// Lists the pairs that their direction does not separate on the whole motion, the most urgent
+    /// first. Pairs farther apart than `reach` are skipped.
+    fn collect_open(
+        &self,
+        near: &Neighbourhood,
+        open: &mut Vec<Open>,
+        shape: &ToolShape,
+        [reach, min_separation]: [f64; 2],
+    ) {
+        open.clear();
+        for k in 0..near.pairs.len() {
+            if near.is_known_beyond(k, reach) {
+                continue;
+            }
+            let pair = near.pairs[k];
+            let ends = [
+                near.corners(shape, pair.tool),
+                near.end_corners(shape, pair.tool),
+            ];
+            let surface = near.faces[pair.surface as usize].corners;
+            let (now, until) = self.clear_until(near, &pair, surface, ends, min_separation);
+            if until < 1.0 {
+                let pair = k as u32;
+                open.push(Open { until, now, pair });
+            }
+        }
+        open.sort_unstable_by(|a, b| {
+            let by_share = a.until.total_cmp(&b.until);
+            by_share.then(a.pair.cmp(&b.pair))
+        });
+    }
+
     /// No corner of the surface, seen from the tool, leaves the straight line between start and end by more: the bound of
     /// [`Twist::sagitta`] with what a turning frame adds.
     #[inline]

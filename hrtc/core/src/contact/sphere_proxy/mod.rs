@@ -205,11 +205,7 @@ impl Proxy {
             let wanted = goal - self.position;
             let length = wanted.length();
             let reach = reach.min(length + 1e-3 * self.radius);
-            let covers = self.near.covers(self.position, self.radius + reach);
-            if !covers && !self.near.is_full_at(self.position) {
-                let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
-                work.add(self.near.collect(surface, self.position, ball));
-            }
+            self.collect_near(surface, reach, &mut work);
             let constraints = &mut self.constraints;
             work.add(constraints.linearise(&self.near, self.position, self.radius, reach));
             dropped = dropped.max(constraints.dropped());
@@ -227,21 +223,7 @@ impl Proxy {
                 && motion.length() <= reach
                 && self.constraints.dropped() == 0
                 && self.near.covers(self.position, self.radius + reach);
-            let swept = motion.length() + skin_radius;
-            let fraction = if known {
-                let constraints = &self.constraints;
-                let (free, cost) = constraints.free_fraction(self.position, motion, skin_radius);
-                work.add(cost);
-                free
-            } else {
-                let (hit, cost) = if self.near.covers(self.position, swept) {
-                    self.near.sweep(self.position, motion, skin_radius)
-                } else {
-                    swept_sphere(surface, self.position, motion, skin_radius)
-                };
-                work.add(cost);
-                hit.map_or(1.0, |hit| hit.fraction)
-            };
+            let fraction = self.free_fraction(surface, motion, (known, skin_radius), &mut work);
             if fraction >= 1.0 && step.active().is_empty() && !self.is_behind {
                 self.position = goal;
                 break;
@@ -263,6 +245,40 @@ impl Proxy {
             work,
             dropped,
         }
+    }
+
+    /// Collects the faces near the proxy unless those within `reach` are known.
+    fn collect_near(&mut self, surface: Surface<'_>, reach: f64, work: &mut Work) {
+        let covers = self.near.covers(self.position, self.radius + reach);
+        if !covers && !self.near.is_full_at(self.position) {
+            let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
+            work.add(self.near.collect(surface, self.position, ball));
+        }
+    }
+
+    /// The free share of a motion of the sphere of `radius`. `known`: only the faces without a
+    /// half-space can stop it.
+    fn free_fraction(
+        &self,
+        surface: Surface<'_>,
+        motion: DVec3,
+        (known, radius): (bool, f64),
+        work: &mut Work,
+    ) -> f64 {
+        if known {
+            let (free, cost) = self
+                .constraints
+                .free_fraction(self.position, motion, radius);
+            work.add(cost);
+            return free;
+        }
+        let (hit, cost) = if self.near.covers(self.position, motion.length() + radius) {
+            self.near.sweep(self.position, motion, radius)
+        } else {
+            swept_sphere(surface, self.position, motion, radius)
+        };
+        work.add(cost);
+        hit.map_or(1.0, |hit| hit.fraction)
     }
 
     /// A motion that leads no farther than `most` from where the tick began; but what the half-spaces need to be

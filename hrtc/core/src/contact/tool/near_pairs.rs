@@ -7,7 +7,7 @@
 
 use super::block_tree::{BlockSet, Blocks, BoxWithin, Distance, Slab};
 use crate::contact::query::{Body, Ending, PairWork, STACK, Surface};
-use ab_tree::Child;
+use ab_tree::{Child, NodeId};
 use geometry::Aabb;
 use glam::{DMat3, DVec3, Mat3A, Vec3A};
 use spm::Handle;
@@ -206,96 +206,145 @@ pub(crate) fn for_each_near_pair(
     budget: u32,
     mut visit: impl FnMut(Handle, Handle) -> ControlFlow<(), f64>,
 ) -> (Ending, PairWork, Resume) {
-    let tree = surface.tree;
-    let key_of = |child: Child| match child {
-        Child::Node(node) => tree.node(node).key(),
-        Child::Face(face) => tree.leaf_of(face),
+    let Some(root) = surface.tree.root() else {
+        return (Ending::Complete, PairWork::default(), resume);
     };
-    let mut work = PairWork::default();
-    let Some(root) = tree.root() else {
-        return (Ending::Complete, work, resume);
-    };
-    let mut margin = margin;
-    let mut distance = Distance::new(margin);
     let root = Entry {
         child: root,
         near: tool.whole(),
     };
-    let mut stack = [root; STACK];
-    let mut count = 1;
-    let mut is_bound = budget < MIN_BUDGET;
-    while count > 0 {
-        let entry = stack[count - 1];
-        let left = budget.saturating_sub(work.cost());
-        let needs = match entry.child {
-            Child::Node(_) => 2 * entry.near.len(),
-            Child::Face(_) if is_bound => FACE + entry.near.len(),
-            Child::Face(_) => 0,
-        };
-        if needs > left {
-            let unvisited = count as u32;
-            let next = Resume::at(key_of(entry.child));
-            return (Ending::OutOfBudget { unvisited }, work, next);
+    let mut search = NearPairSearch {
+        surface,
+        tool,
+        path,
+        resume,
+        budget,
+        margin,
+        distance: Distance::new(margin),
+        work: PairWork::default(),
+        stack: [root; STACK],
+        count: 1,
+        is_bound: budget < MIN_BUDGET,
+    };
+    while search.count > 0 {
+        let entry = search.stack[search.count - 1];
+        let left = budget.saturating_sub(search.work.cost());
+        if search.min_cost(&entry) > left {
+            let unvisited = search.count as u32;
+            let next = Resume::at(search.key_of(entry.child));
+            return (Ending::OutOfBudget { unvisited }, search.work, next);
         }
-        count -= 1;
+        search.count -= 1;
         let mut looks = 0;
         match entry.child {
-            Child::Node(node) => {
-                let (children, boxes) = surface.children(node);
-                for side in [1, 0] {
-                    if resume != Resume::START && resume.is_after(key_of(children[side])) {
-                        continue;
-                    }
-                    let BoxSeen { corners, size } = path.around(&boxes.get(side));
-                    let near = BoxWithin::new(corners, size, &distance);
-                    let near = tool.within(&near, &entry.near, &mut looks);
-                    if near.len() > 0 {
-                        let child = children[side];
-                        stack[count] = Entry { child, near };
-                        count += 1;
-                    }
-                }
-            }
+            Child::Node(node) => search.open(node, &entry.near, &mut looks),
             Child::Face(face) => {
-                let mut ending = None;
-                looks += FACE;
-                let most = if is_bound { left } else { u32::MAX };
-                let corners = surface.corners(face);
-                let near = (&entry.near, distance);
-                let is_all =
-                    for_each_near_face(tool, path, corners, near, &mut looks, most, |tool_face| {
-                        work.faces += 1;
-                        match visit(face, tool_face) {
-                            ControlFlow::Continue(wanted) => {
-                                if wanted != margin {
-                                    margin = wanted;
-                                    distance = Distance::new(wanted);
-                                }
-                                if is_bound && work.cost() >= budget {
-                                    let unvisited = count as u32 + 1;
-                                    ending = Some(Ending::OutOfBudget { unvisited });
-                                }
-                            }
-                            ControlFlow::Break(()) => {
-                                let unvisited = count as u32;
-                                ending = Some(Ending::Stopped { unvisited });
-                            }
-                        }
-                        ending.is_none()
-                    });
-                if !is_all {
-                    let unvisited = count as u32 + 1;
-                    ending = Some(Ending::OutOfBudget { unvisited });
+                let near = &entry.near;
+                if let Some(ending) = search.visit_face(face, near, left, &mut looks, &mut visit) {
+                    search.work.node_pairs += looks;
+                    let next = Resume::at(surface.tree.leaf_of(face));
+                    return (ending, search.work, next);
                 }
-                if let Some(ending) = ending {
-                    work.node_pairs += looks;
-                    return (ending, work, Resume::at(tree.leaf_of(face)));
-                }
-                is_bound = true;
+                search.is_bound = true;
             }
         }
-        work.node_pairs += looks;
-        work.boxes += 8 * looks;
+        search.work.node_pairs += looks;
+        search.work.boxes += 8 * looks;
     }
-    (Ending::Complete, work, resume)
+    (Ending::Complete, search.work, resume)
+}
+
+/// The state of [`for_each_near_pair`].
+struct NearPairSearch<'a> {
+    surface: &'a Surface<'a>,
+    tool: &'a Blocks,
+    path: &'a RelativePath,
+    resume: Resume,
+    budget: u32,
+    /// Units of the surface's frame; `distance` is the same, rounded up.
+    margin: f64,
+    distance: Distance,
+    work: PairWork,
+    stack: [Entry; STACK],
+    count: usize,
+    /// Whether the budget also ends the search within a face.
+    is_bound: bool,
+}
+
+impl NearPairSearch<'_> {
+    fn key_of(&self, child: Child) -> u32 {
+        match child {
+            Child::Node(node) => self.surface.tree.node(node).key(),
+            Child::Face(face) => self.surface.tree.leaf_of(face),
+        }
+    }
+
+    /// Least cost of an entry, in blocks.
+    #[inline]
+    fn min_cost(&self, entry: &Entry) -> u32 {
+        match entry.child {
+            Child::Node(_) => 2 * entry.near.len(),
+            Child::Face(_) if self.is_bound => FACE + entry.near.len(),
+            Child::Face(_) => 0,
+        }
+    }
+
+    /// Pushes the children of a node that blocks of the tool may be near.
+    #[inline]
+    fn open(&mut self, node: NodeId, near: &BlockSet, looks: &mut u32) {
+        let (children, boxes) = self.surface.children(node);
+        for side in [1, 0] {
+            let child = children[side];
+            if self.resume != Resume::START && self.resume.is_after(self.key_of(child)) {
+                continue;
+            }
+            let BoxSeen { corners, size } = self.path.around(&boxes.get(side));
+            let within = BoxWithin::new(corners, size, &self.distance);
+            let near = self.tool.within(&within, near, looks);
+            if near.len() > 0 {
+                self.stack[self.count] = Entry { child, near };
+                self.count += 1;
+            }
+        }
+    }
+
+    /// Visits the faces of the tool near a face of the surface; the ending if the search ends here.
+    #[inline]
+    fn visit_face(
+        &mut self,
+        face: Handle,
+        near: &BlockSet,
+        left: u32,
+        looks: &mut u32,
+        visit: &mut impl FnMut(Handle, Handle) -> ControlFlow<(), f64>,
+    ) -> Option<Ending> {
+        let mut ending = None;
+        *looks += FACE;
+        let most = if self.is_bound { left } else { u32::MAX };
+        let corners = self.surface.corners(face);
+        let near = (near, self.distance);
+        let (tool, path, count) = (self.tool, self.path, self.count as u32);
+        let is_all = for_each_near_face(tool, path, corners, near, looks, most, |tool_face| {
+            self.work.faces += 1;
+            match visit(face, tool_face) {
+                ControlFlow::Continue(wanted) => {
+                    if wanted != self.margin {
+                        self.margin = wanted;
+                        self.distance = Distance::new(wanted);
+                    }
+                    if self.is_bound && self.work.cost() >= self.budget {
+                        let unvisited = count + 1;
+                        ending = Some(Ending::OutOfBudget { unvisited });
+                    }
+                }
+                ControlFlow::Break(()) => ending = Some(Ending::Stopped { unvisited: count }),
+            }
+            ending.is_none()
+        });
+        if !is_all {
+            let unvisited = count + 1;
+            ending = Some(Ending::OutOfBudget { unvisited });
+        }
+        ending
+    }
 }

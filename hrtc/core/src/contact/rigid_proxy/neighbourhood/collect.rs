@@ -63,16 +63,9 @@ impl Neighbourhood {
             budget,
             |face, tool_face| {
                 if self.pairs.len() == MAX_PAIRS || self.faces.len() == MAX_SURFACE_FACES {
-                    for _ in 0..HALVINGS {
-                        margin *= 0.5;
-                        self.shrink(surface.mesh, margin);
-                        // Places are counted anew.
-                        candidate = None;
-                        if self.has_room() {
-                            break;
-                        }
-                    }
-                    if !self.has_room() {
+                    // The places of faces change.
+                    candidate = None;
+                    if !self.make_room(surface.mesh, &mut margin) {
                         return ControlFlow::Break(());
                     }
                 }
@@ -91,28 +84,52 @@ impl Neighbourhood {
                 ControlFlow::Continue(margin + bend)
             },
         );
-        self.high_water = self.high_water.max(self.pairs.len());
         self.path = path;
+        let partial = PartialCollection {
+            tube,
+            margin,
+            resume,
+        };
+        let leaf_of = |face: CandidateFace| surface.tree.leaf_of(face.face);
+        // A face visited again finds its pairs again.
+        let is_seen_again = candidate.is_some_and(|face| Resume::at(leaf_of(face)) == resume);
+        self.finish_collection(ending, partial, is_seen_again.then_some(of_this_face));
+        (ending, work)
+    }
+
+    /// Ends or interrupts a collection. `seen_again`: number of pairs before those of a face that
+    /// the next call visits again.
+    fn finish_collection(
+        &mut self,
+        ending: Ending,
+        partial: PartialCollection,
+        seen_again: Option<usize>,
+    ) {
+        self.high_water = self.high_water.max(self.pairs.len());
         self.tube = LookAheadTube::nowhere();
         match ending {
-            Ending::Complete => self.tube = tube.narrowed(margin),
+            Ending::Complete => self.tube = partial.tube.narrowed(partial.margin),
             Ending::OutOfBudget { .. } => {
-                // What is seen again is found again.
-                if candidate.is_some_and(|candidate| {
-                    Resume::at(surface.tree.leaf_of(candidate.face)) == resume
-                }) {
-                    self.pairs.truncate(of_this_face);
-                    self.clear_until.truncate(of_this_face);
+                if let Some(count) = seen_again {
+                    self.pairs.truncate(count);
+                    self.clear_until.truncate(count);
                 }
-                self.partial = Some(PartialCollection {
-                    tube,
-                    margin,
-                    resume,
-                });
+                self.partial = Some(partial);
             }
             Ending::Stopped { .. } => {}
         }
-        (ending, work)
+    }
+
+    /// Halves the margin until a quarter of the room is free; false if that does not suffice.
+    fn make_room(&mut self, mesh: &ActiveMesh, margin: &mut f64) -> bool {
+        for _ in 0..HALVINGS {
+            *margin *= 0.5;
+            self.shrink(mesh, *margin);
+            if self.has_room() {
+                return true;
+            }
+        }
+        false
     }
 
     /// Takes a face of the surface and one of the tool as a pair if they come within a margin on the straight ways from
