@@ -1,60 +1,63 @@
-//! Refinement that cannot be felt: what a probe allows the surface under it to do in a tick.
+//! Limits of imperceptible change: the motion of the surface that a probe in contact allows in a
+//! tick.
 //!
-//! Splits and collapses that a probe can feel do not happen at once: their vertices fly (see [`spm::Geomorph`]).
-//! A step of a vertex raises or lowers the surface nowhere by more than its displacement along the normals of the
-//! faces around it, before or after the step; that height is limited by two allowances:
+//! A split or collapse that a probe could perceive is a geomorph (see [`spm::Geomorph`]): its
+//! vertex moves over several ticks. A step of a vertex raises or lowers the surface by at most the
+//! vertex's displacement along the normals of its faces, before or after the step. Two limits hold
+//! for this height h, with stiffness K and depth p:
 //!
-//! - *force*: the spring between probe and proxy changes by K times the height, so K h is a share of 0.05 N or 7 % of
-//!   the force, whichever is more: below what a hand can tell (facts of haptics, section 2);
-//! - *energy*: a surface that rises h at depth p puts K p h + K h²/2 into the spring (F8). That is paid from what
-//!   the probe's account has taken in beyond what the spring holds; what is not is spread out: the energy in the spring grows by
-//!   48 times itself a second at the most (F9), slowly enough for a hand to follow.
+//! - *force*: the coupling's force changes by K h, at most a share of 0.05 N or of 7 % of the
+//!   force, whichever is more: below the just noticeable difference of a hand;
+//! - *energy*: a surface that rises by h adds K p h + K h²/2 to the coupling. The reserve of the
+//!   probe's energy account pays for it. Beyond the reserve, the energy in the coupling grows by at
+//!   most 48 times itself per second, slowly enough for a hand to follow.
 //!
-//! The rest of the force allowance is left to the proxy, which may slide along the surface that turns under it.
+//! The proxy may use the rest of the force limit, to slide along a surface that turns under it.
 
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use spm::{ActiveMesh, Geomorph, Handle, OperationFaces, Slot};
 
-/// A change of force in a tick that is not felt, newtons.
+/// Imperceptible change of force in a tick, newtons.
 pub const STEP_N: f64 = 0.05;
 /// The same as a share of the force.
 pub const STEP_SHARE: f64 = 0.07;
-/// The share of that which the surface may do.
+/// Share of that limit for the motion of the surface.
 const OF_SURFACE: f64 = 0.25;
-/// The share which the proxy may do beyond the device's motion.
+/// Share of that limit for the proxy's motion beyond the device's.
 pub const OF_PROXY: f64 = 0.8;
-/// What an unpaid rise may add to the energy in the spring a second, as a multiple of it; see the module.
+/// Largest unpaid growth of the energy in the coupling, as a multiple of it per second.
 const GROWTH_PER_S: f64 = 48.0;
-/// What a probe that touches feels beyond its own radius, as a fraction of it. Where it comes next is left to the prediction:
-/// there the surface is at rest when it comes.
+/// Range of perception of a probe in contact beyond its radius, as a fraction of it. Farther away
+/// the prediction refines the surface before the probe arrives.
 pub const AROUND: f64 = 0.25;
-/// How many times as far no face is turned over.
+/// Factor of that range within which no face may turn over.
 pub const NEAR_FACTOR: f64 = 2.0;
-/// A step as a fraction of the probe's radius, at the most: so that none passes over its centre.
+/// Largest step of the surface, as a fraction of the probe's radius, so that no step passes over
+/// its centre.
 const OF_RADIUS: f64 = 0.125;
-/// Times that a step is made smaller before it is made as small as it is surely allowed.
+/// Reductions of a step before the step that is certainly allowed is taken.
 const TRIES: usize = 4;
-/// What is taken off beyond proportion then: the normals after the step turn with it.
+/// Reduction beyond proportion: the normals after the step turn with it.
 const SMALLER: f64 = 1.125;
 
-/// What a touching probe feels and allows; model frame and units but where it says otherwise.
+/// The limits of a probe in a tick; frame and units of the model unless stated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PerceptionLimit {
     centre: DVec3,
     reach: f64,
     is_contact: bool,
-    /// Away from the surface; zero where nothing tells.
+    /// Direction away from the surface; zero if unknown.
     up: DVec3,
-    /// The most that the surface may move in a tick, and rise.
+    /// Largest motion of the surface in a tick, and largest rise.
     step: f64,
     rise: f64,
-    /// How far the proxy may go in a tick beyond the device's motion.
+    /// Largest motion of the proxy in a tick beyond the device's.
     proxy_step: f64,
 }
 
-/// How far a proxy goes in a tick beyond the device's motion, model units: no farther than is said as long as the surface
-/// under it moves, and until it has caught up.
+/// Limit of a proxy's motion in a tick beyond the device's, model units. It lasts while the surface
+/// under the proxy moves and until the proxy has caught up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepLimit {
     max_step: f64,
@@ -62,13 +65,13 @@ pub struct StepLimit {
 }
 
 impl StepLimit {
-    /// As far as it likes.
+    /// No limit.
     pub const FREE: Self = Self {
         max_step: f64::INFINITY,
         is_set: false,
     };
 
-    /// So far in this tick, model units; the least of what is said in one.
+    /// Sets the limit of this tick, model units; the least value of a tick counts.
     pub fn tighten(&mut self, max_step: f64) {
         self.max_step = if self.is_set {
             self.max_step.min(max_step)
@@ -78,13 +81,13 @@ impl StepLimit {
         self.is_set = true;
     }
 
-    /// How far it may go; infinite where nothing moves.
+    /// The limit; infinite if there is none.
     #[must_use]
     pub fn max_step(&self) -> f64 {
         self.max_step
     }
 
-    /// The same where it is limited, else nothing.
+    /// The limit; 0 if there is none.
     #[must_use]
     pub fn limit(&self) -> f64 {
         if self.is_limited() {
@@ -94,13 +97,13 @@ impl StepLimit {
         }
     }
 
-    /// Whether the surface moves, or it has not caught up since.
+    /// Whether a limit is set.
     #[must_use]
     pub fn is_limited(&self) -> bool {
         self.max_step.is_finite()
     }
 
-    /// The tick is over; whether it has caught up.
+    /// Ends the tick; the limit ends if none was set in it and the proxy has caught up.
     pub fn end_tick(&mut self, has_caught_up: bool) {
         if !std::mem::take(&mut self.is_set) && has_caught_up {
             *self = Self::FREE;
@@ -108,33 +111,33 @@ impl StepLimit {
     }
 }
 
-/// What tells a feeler's allowances.
+/// The conditions of a contact from which the limits follow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactConditions {
-    /// Where the proxy is, model units.
+    /// Position of the proxy, model units.
     pub centre: DVec3,
-    /// Radius of what touches around it, model units.
+    /// Radius of the probe around it, model units.
     pub radius: f64,
     /// From the device to the proxy: model frame, any length.
     pub up: DVec3,
-    /// Metres a model unit.
+    /// Metres per model unit.
     pub metres_per_unit: f64,
     /// Stiffness of the surface, N/m.
     pub stiffness_n_per_m: f64,
-    /// Whether it touches; else it only feels what would touch it.
+    /// Whether the probe is in contact; otherwise its range is its radius.
     pub is_contact: bool,
     /// Force, newtons.
     pub force_n: f64,
     /// Depth of the device behind the proxy, metres.
     pub depth_m: f64,
-    /// Energy that the account has taken in beyond what the spring holds, joules.
+    /// Energy that the account has absorbed beyond that in the coupling, joules.
     pub reserve_j: f64,
-    /// Seconds a tick.
+    /// Seconds per tick.
     pub period_s: f64,
 }
 
 impl PerceptionLimit {
-    /// What a probe feels and allows.
+    /// The limits of a probe under these conditions.
     #[must_use]
     pub fn new(conditions: &ContactConditions) -> Self {
         let &ContactConditions {
@@ -150,7 +153,7 @@ impl PerceptionLimit {
         let energy = conditions
             .reserve_j
             .max(GROWTH_PER_S * conditions.period_s * growing);
-        // K p h + K h²/2 = energy, without cancellation.
+        // K p h + K h²/2 = energy, solved for h without cancellation.
         let twice = 2.0 * energy / stiffness;
         let rise_m = twice / (depth_m + (depth_m * depth_m + twice).sqrt());
         let in_units = |metres: f64| (metres / metres_per_unit).min(OF_RADIUS * radius);
@@ -167,7 +170,7 @@ impl PerceptionLimit {
         }
     }
 
-    /// How far the proxy may go in a tick beyond the device's motion, while the surface under it moves.
+    /// Largest motion of the proxy in a tick beyond the device's while the surface moves.
     #[must_use]
     pub fn proxy_step(&self) -> f64 {
         self.proxy_step
@@ -180,7 +183,7 @@ impl PerceptionLimit {
             .sqrt()
     }
 
-    /// Whether a tetrahedron, of any orientation and flat too, is within reach.
+    /// Whether a tetrahedron, of any orientation or flat, is within reach.
     fn is_within(&self, corners: [DVec3; 4]) -> bool {
         let [a, b, c, d] = corners;
         if !self.reaches(box_around(corners)) {
@@ -193,7 +196,7 @@ impl PerceptionLimit {
             || is_inside(corners, self.centre)
     }
 
-    /// Whether something within a box may be felt.
+    /// Whether a change within a box may be perceptible.
     #[must_use]
     pub fn reaches(&self, [lower, upper]: [DVec3; 2]) -> bool {
         let outside = (lower - self.centre)
@@ -203,7 +206,7 @@ impl PerceptionLimit {
     }
 }
 
-/// Whether a point is inside a tetrahedron: on the inner side of every face. Where rounding decides it is on a face.
+/// Whether a point is strictly inside a tetrahedron: on the inner side of every face.
 fn is_inside([a, b, c, d]: [DVec3; 4], p: DVec3) -> bool {
     let volume = |a: DVec3, b: DVec3, c: DVec3, d: DVec3| (b - a).cross(c - a).dot(d - a);
     let whole = volume(a, b, c, d);
@@ -218,9 +221,9 @@ fn is_inside([a, b, c, d]: [DVec3; 4], p: DVec3) -> bool {
         .all(|&part| part != 0.0 && (part > 0.0) == (whole > 0.0))
 }
 
-/// Whether a split or collapse that is to be performed is felt: if what the surface sweeps over on a straight way from where
-/// it is to where it will be is within reach of a probe. Both ends of that way may be out of reach on either side of
-/// the probe. `patch` holds the faces that it deforms, `places` are the vertices that they get for corners.
+/// Whether a split or collapse to be performed is perceptible: whether the volume that the surface
+/// sweeps is within reach of a probe. Both ends of the motion may be out of reach on either side of
+/// the probe. `patch`: the deformed faces; `places`: their new corner vertices.
 #[must_use]
 pub fn is_perceptible(
     mesh: &ActiveMesh,
@@ -234,9 +237,8 @@ pub fn is_perceptible(
     near.any(|(_, limit)| mesh.any_swept(slot, patch, |tetrahedron| limit.is_within(tetrahedron)))
 }
 
-/// Whether what a split or collapse that is to be performed does to the faces of its patch may come to a probe, though it is not
-/// felt where they are: where a corner of them has a face beside a probe, or is in flight. A flight of that corner brings
-/// them along.
+/// Whether a split or collapse, imperceptible itself, may bring its faces to a probe: if a corner
+/// of them has a face near a probe, or is geomorphing and may carry them along.
 #[must_use]
 pub fn may_come_near(
     mesh: &ActiveMesh,
@@ -266,7 +268,7 @@ pub fn may_come_near(
         })
 }
 
-/// The box that a split or collapse happens within.
+/// Bounding box of a split or collapse.
 #[must_use]
 pub fn space_of(mesh: &ActiveMesh, patch: &OperationFaces, places: &[Handle]) -> [DVec3; 2] {
     let places = places.iter();
@@ -274,7 +276,7 @@ pub fn space_of(mesh: &ActiveMesh, patch: &OperationFaces, places: &[Handle]) ->
     box_of(mesh, patch.deformed(), places)
 }
 
-/// Box of some faces and places.
+/// Bounding box of faces and positions.
 pub fn box_of(
     mesh: &ActiveMesh,
     faces: &[Handle],
@@ -291,13 +293,13 @@ fn box_around(places: impl IntoIterator<Item = DVec3>) -> [DVec3; 2] {
     )
 }
 
-/// A vertex in flight and the faces around it.
+/// A geomorphing vertex and the faces around it.
 pub type Step<'a> = (Geomorph, &'a OperationFaces);
 
-/// How far a step of a vertex moves and raises the surface at the most where the feeler feels it: the displacement
-/// along the normals of the faces around it, before the step and after it, times the share of the vertex in the places
-/// within reach. A face that sweeps over what is within reach counts, wherever it begins and ends. `place` says where
-/// vertices are before the step.
+/// Largest motion and rise of the surface within reach by a step of a vertex: the displacement
+/// along the normals of the faces around it, before and after the step, times the vertex's weight
+/// at the points within reach. A face that sweeps through the reach counts, wherever it starts and
+/// ends. `place`: positions of vertices before the step.
 fn height(
     mesh: &ActiveMesh,
     (flight, around): &Step<'_>,
@@ -316,11 +318,12 @@ fn height(
             continue;
         }
         for at in [at, at + step] {
-            // A face without area is an edge, which other faces have too.
+            // A face without area is an edge, which other faces share.
             let Some(normal) = (b - at).cross(c - at).try_normalize() else {
                 continue;
             };
-            // A place moves by the vertex's share in it: its height over the edge bc over that of the vertex.
+            // A point moves by the vertex's weight in it: its height over the edge bc, divided by
+            // the vertex's.
             let inwards = normal.cross(c - b);
             let height = |p: DVec3| (p - b).dot(inwards);
             let farthest = height(limit.centre) + limit.reach * inwards.length();
@@ -339,12 +342,12 @@ fn height(
     (moved, raised)
 }
 
-/// How much of what a probe allows in a tick it takes that some vertices in flight go a share of their ways, one step after
-/// the other; beyond 1 it is not allowed.
+/// The use of a probe's limits by geomorphing vertices that advance by a share of their paths, one
+/// after the other. Above 1 it is not allowed.
 #[must_use]
 pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit, share: f64) -> f64 {
     let heights = (0..steps.len()).map(|k| {
-        // Those before it have done their steps.
+        // The vertices before this one have moved.
         let done = &steps[..k];
         let place = |vertex: Handle| {
             let before = done.iter().find(|(flight, _)| flight.vertex() == vertex);
@@ -358,7 +361,8 @@ pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit, sh
     heights.fold(0.0, f64::max)
 }
 
-/// The share of their ways that a probe that feels them allows some vertices in flight in a tick, one step after the other.
+/// The share of their paths by which geomorphing vertices may advance in a tick, one after the
+/// other.
 #[must_use]
 pub fn allowed_share(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit) -> f64 {
     let ways = steps.iter().map(|(flight, _)| mesh.way(flight).length());
@@ -367,14 +371,14 @@ pub fn allowed_share(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLi
         return 1.0;
     }
     let excess = |share: f64| excess(mesh, steps, limit, share);
-    // A surface moves nowhere by more than its vertices; and it may come to the reach at once.
+    // The surface moves nowhere by more than its vertices, and it may come to the reach at once.
     let faces = steps.iter().flat_map(|(_, around)| around.deformed());
     let nearest = faces.fold(f64::INFINITY, |least, &face| {
         least.min(limit.distance(mesh.corners(face)))
     });
     let surely = limit.step.min(limit.rise).max(nearest - limit.reach);
     let surely = (surely / longest).min(1.0);
-    // What is left of the way, if that is allowed.
+    // The remaining path, if that is allowed.
     let left = steps.iter().map(|(flight, _)| 1.0 - flight.done());
     let mut share = left.fold(0.0, f64::max);
     for _ in 0..TRIES {
@@ -387,11 +391,11 @@ pub fn allowed_share(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLi
     surely
 }
 
-/// Whether a split or collapse that is to be performed would turn a face over: a deformed one whose normal would point
-/// the other way, or one that opens against all faces beside it. `patch` holds the faces that it deforms.
+/// Whether a split or collapse to be performed would turn a face over: reverse the normal of a
+/// deformed face, or open a new face against all its neighbours. `patch`: the deformed faces.
 ///
-/// Where a corner of these faces is in flight, that holds wherever it is on the rest of its way: a normal changes in proportion
-/// to the way of one corner, so that both ends tell.
+/// If a corner of these faces is geomorphing, the test holds for all its remaining path: a normal
+/// changes linearly with one corner, so that both ends suffice.
 #[must_use]
 pub fn turns_over(mesh: &ActiveMesh, slot: Slot, patch: &OperationFaces) -> bool {
     let ends: &[bool] = if mesh.any_in_flight(patch.deformed()) {
@@ -403,7 +407,8 @@ pub fn turns_over(mesh: &ActiveMesh, slot: Slot, patch: &OperationFaces) -> bool
     pairs.any(|at_ends| turns_over_at(mesh, slot, patch, at_ends))
 }
 
-/// The same, with what is in flight where it is, or at the end of its way, before the operation and after it.
+/// The same, with geomorphing vertices at their current positions or at the end of their paths,
+/// before and after the operation.
 fn turns_over_at(
     mesh: &ActiveMesh,
     slot: Slot,
@@ -424,7 +429,7 @@ fn turns_over_at(
     };
     let normal_before = |face: Handle| normal(mesh.face(face).corners, before);
     let over = |face: Option<Handle>, corners: [Handle; 3]| {
-        // The pair has no face before.
+        // The new pair has no face before.
         face.is_some_and(|face| normal_before(face).dot(normal(corners, after)) < 0.0)
     };
     if mesh.any_after(slot, patch, over) {
@@ -439,7 +444,7 @@ fn turns_over_at(
     pair.filter_map(|(third, along)| Some((third?, along)))
         .any(|(third, along)| {
             let against = |normal_of_pair: DVec3| {
-                // A face without area, as one that opens too, says nothing.
+                // A face without area, as one that opens too, decides nothing.
                 let beside = patch.deformed().iter();
                 let beside = beside.filter(|&&face| mesh.face(face).corners.contains(&third));
                 let along = beside.map(|&face| normal_before(face).dot(normal_of_pair));
@@ -449,7 +454,7 @@ fn turns_over_at(
                 least < 0.0 && most <= 0.0
             };
             let third = place(third, after);
-            // As it opens, and when it is open.
+            // While it opens, and when it is open.
             against(along.cross(third - parent)) || against(along.cross(third - t))
         })
 }

@@ -18,8 +18,32 @@ pub struct Nearest {
 /// The closest point of the front, exact in f64; `None` only for an empty front. Of faces that are equally near, as
 /// those around a vertex, it is the one whose leaf key is least.
 ///
-/// `hint`, an active face, gives the first bound and changes nothing else: on a coarse front the loose boxes of base
-/// faces would otherwise cost up to 2.5 times (facts of collision).
+/// `hint`, an active face, gives the first bound and changes nothing else: without it the loose
+/// boxes of a coarse front's base faces cost up to 2.5 times as much (measured).
+///
+/// ```
+/// use ab_tree::{AbTree, leaf_key};
+/// use glam::DVec3;
+/// use hrtc_core::contact::query::{Surface, closest_point};
+/// use spm::{ActiveMesh, NONE};
+///
+/// let mut mesh = ActiveMesh::new(3, 1, 0);
+/// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+/// for (vertex, corner) in (0u32..).zip(corners) {
+///     mesh.set_base_vertex(vertex, corner, 0.0);
+/// }
+/// mesh.set_base_face(0, [0, 1, 2], [NONE; 3]).expect("the vertices are there");
+/// let mut tree = AbTree::new(1);
+/// tree.preconstruct(1);
+/// tree.insert(0, leaf_key(0, 1));
+/// tree.refit(|face| mesh.face_box(face));
+///
+/// let surface = Surface { mesh: &mesh, tree: &tree };
+/// let (nearest, _) = closest_point(surface, DVec3::new(0.25, 0.25, 2.0), None);
+/// let closest = nearest.expect("the front has a face").closest;
+/// assert_eq!(closest.point, DVec3::new(0.25, 0.25, 0.0));
+/// assert_eq!(closest.distance_squared, 4.0);
+/// ```
 #[must_use]
 pub fn closest_point(
     surface: Surface<'_>,

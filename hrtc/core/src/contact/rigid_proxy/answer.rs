@@ -1,28 +1,29 @@
-//! What a tick of the proxy gives.
+//! The result of a tick of the proxy.
 
 use super::contacts::ToolContact;
 use super::projection::MAX_ACTIVE;
 use crate::contact::query::{Ending, PairWork};
 
-/// What a tick of the proxy gives.
+/// The result of a tick of the proxy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolAdvance {
     pub(super) contacts: [ToolContact; MAX_ACTIVE],
     pub(super) contact_count: usize,
-    /// Whether everything near was looked at. If not, the proxy has stayed where it is safe.
+    /// Whether everything near was examined. If not, the proxy stayed at a safe placement.
     pub ending: Ending,
-    /// Whether a part of its way is left to the next tick: for want of budget, as the ending says, or since a tick that has
-    /// spent a share of it begins nothing more, so that none costs much more than others.
+    /// Whether a part of the motion remains for the next tick: for lack of budget, as the ending
+    /// says, or since a tick that has spent its share begins no further work, which keeps the cost
+    /// of ticks even.
     pub is_on_its_way: bool,
-    /// What gathering and tests of the whole tool cost, in pairs of nodes and of faces.
+    /// Cost of collections and of tests of the whole tool.
     pub work: PairWork,
-    /// What all of it cost, in pairs of nodes of equal cost: what the budget counts.
+    /// Total cost in node pairs: what the budget counts.
     pub spent: u32,
     /// Steps taken.
     pub steps: u32,
-    /// Contacts that did not fit.
+    /// Contacts beyond the capacity.
     pub dropped: u32,
-    /// Whether the device's pose was not a pose: the proxy has stayed.
+    /// Whether the device's pose was invalid; then the proxy stayed.
     pub rejected: bool,
 }
 
@@ -41,7 +42,7 @@ impl ToolAdvance {
         }
     }
 
-    /// The contacts that push; none in free space.
+    /// The active contacts; none in free space.
     #[must_use]
     pub fn contacts(&self) -> &[ToolContact] {
         &self.contacts[..self.contact_count]

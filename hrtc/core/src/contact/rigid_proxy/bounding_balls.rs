@@ -1,25 +1,25 @@
-//! Balls that together hold a tool: what feels the surface change, where the tool may touch it next.
+//! Balls that together bound a tool. Perception and prediction use them for the parts of a tool.
 
 use crate::contact::tool::Tool;
 use glam::DVec3;
 
-/// Times that the tool is halved, at the most.
+/// Depth of the bisection of the tool.
 const HALVINGS: u32 = 4;
 
-/// Balls at the most.
+/// Largest number of balls.
 pub const MAX_BALLS: usize = 1 << HALVINGS;
 
-/// Pieces into which faces are cut, at the most.
+/// Largest number of pieces into which faces are cut.
 const MAX_PIECES: usize = 1 << 16;
 
-/// A ball that holds some of the tool's surface; its own frame and units.
+/// A ball around a part of the tool's surface; the tool's own frame and units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ball {
     pub centre: DVec3,
     pub radius: f64,
 }
 
-/// The balls around the halves of halves of the tool, each split across its longest side; [`MAX_BALLS`] at the most.
+/// Balls around the parts of a recursive bisection across the longest side; at most [`MAX_BALLS`].
 pub(super) fn bounding_balls(tool: &Tool) -> Vec<Ball> {
     let mut pieces = pieces(tool);
     let mut balls = Vec::with_capacity(MAX_BALLS);
@@ -27,7 +27,8 @@ pub(super) fn bounding_balls(tool: &Tool) -> Vec<Ball> {
     balls
 }
 
-/// The faces of the tool, long ones cut: a bar has faces as long as it is, and a ball around one of them holds mostly air.
+/// The tool's faces, with long ones cut: a ball around a face as long as a bar would hold mostly
+/// air.
 fn pieces(tool: &Tool) -> Vec<[DVec3; 3]> {
     let faces = (0..tool.faces()).map(|face| {
         tool.triangle(face)
@@ -38,7 +39,7 @@ fn pieces(tool: &Tool) -> Vec<[DVec3; 3]> {
     let longest = (upper - lower).max_element() / MAX_BALLS as f64;
     let mut pieces = Vec::with_capacity(left.len());
     while let Some([a, b, c]) = left.pop() {
-        // The longest edge is ab.
+        // ab is the longest edge.
         let edges = [(a, b, c), (b, c, a), (c, a, b)];
         let length = |&(a, b, _): &(DVec3, DVec3, DVec3)| a.distance_squared(b);
         let by_length = |p: &_, q: &_| f64::total_cmp(&length(p), &length(q));

@@ -1,9 +1,10 @@
-//! Where the tool is nearest to the surface: the local minima of the distance of two meshes.
+//! Contacts: the local minima of the distance between tool and surface.
 //!
-//! A minimum lies between a corner and a face, edge or corner, or between two edges; and it is one only where no
-//! neighbour of either feature is nearer (Johnson and Willemsen 2003). Others would be too strict: a tool sliding
-//! over a plate would halve its way to every edge. Each pair of features is looked at once, by the two faces that
-//! answer for them. Features within a plane are left out where the corners of the plane tell as much.
+//! A minimum lies between a corner and a face, edge or corner, or between two edges, and no
+//! neighbour of either feature is nearer (Johnson & Willemsen 2003). Other pairs would constrain
+//! too much: a tool sliding over a plate would halve its motion at every edge. Each pair of
+//! features is examined once, by the two faces that own them. A feature within a plane is skipped
+//! if the corners of the plane suffice.
 
 use super::neighbourhood::{MAX_PAIRS, Neighbourhood, SurfaceFace};
 use super::projection::MAX_HALF_SPACES;
@@ -14,33 +15,34 @@ use geometry::closest_point_on_triangle;
 use glam::{DMat3, DVec3};
 use spm::{Handle, NONE};
 
-/// Slope up to which what is around a corner may be nearer, where the corner is over the inside of a face: a turn of the
-/// tool soon brings the corner down, and the plane of a face is never too strict.
+/// Slope by which the neighbours of a corner may be nearer if the corner is over the inside of a
+/// face: a rotation of the tool soon lowers the corner, and the plane of a face never constrains
+/// too much.
 const SLOPE: f64 = 0.05;
-/// What a pair looked at costs, in pairs of nodes (measured).
+/// Cost of a pair examined, in node pairs (measured).
 const LOOK: u32 = 6;
-/// What a pair passed costs, in pairs of nodes (measured).
+/// Cost of a pair skipped, in node pairs (measured).
 pub(super) const PASSED: u32 = 2;
-/// Faces around a corner at the most; beyond, only those met first are asked.
+/// Largest number of faces around a corner that are examined.
 const MAX_AROUND: usize = 128;
 
-/// A place where tool and surface are near.
+/// A contact of tool and surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToolContact {
     /// The face of the surface.
     pub face: Handle,
-    /// The point on it, model units.
+    /// Its point of contact, model units.
     pub point: DVec3,
     /// Unit direction from there to the tool.
     pub normal: DVec3,
-    /// How far the tool is from there, model units.
+    /// Distance along it, model units.
     pub gap: f64,
-    /// The tool's point, from the tool's centre, model units.
+    /// The tool's point of contact, from the tool's centre, model units.
     pub arm: DVec3,
 }
 
 impl ToolContact {
-    /// None: what an output is filled with.
+    /// No contact: the content of an unused output.
     pub const NONE: Self = Self {
         face: NONE,
         point: DVec3::ZERO,
@@ -49,7 +51,8 @@ impl ToolContact {
         arm: DVec3::ZERO,
     };
 
-    /// Between a point of the surface and one of the tool, along the unit direction from the one to the other.
+    /// Between a point of the surface and one of the tool; `normal` is the unit direction from the
+    /// first to the second.
     pub(super) fn between(
         face: Handle,
         [point, tool]: [DVec3; 2],
@@ -70,26 +73,26 @@ impl ToolContact {
 #[derive(Debug, Clone)]
 pub struct Contacts {
     all: Vec<ToolContact>,
-    /// Pairs that were looked at for them.
+    /// Pairs examined.
     is_looked: Vec<bool>,
-    /// Where the tool is for them.
+    /// The placement.
     at: Placement,
     dropped: u32,
     high_water: usize,
 }
 
-/// Whether a corner is nearest among what is around it.
+/// Position of a corner relative to its neighbours.
 #[derive(Clone, Copy, PartialEq)]
 enum Corner {
-    /// Something beside it is nearer.
+    /// A neighbour is nearer.
     Beaten,
-    /// Everything around it is as near.
+    /// All neighbours are equally near.
     Flat,
     Nearest,
 }
 
-/// Judges a corner by the ways from it to what is around it, seen along the direction in which the other body lies;
-/// what is nearer by no more than a slope does not beat it.
+/// Judges a corner by the vectors to its neighbours, along the direction to the other body. A
+/// neighbour nearer by less than the slope does not count.
 fn judge(displacements: impl Iterator<Item = DVec3>, towards: DVec3, slope: f64) -> Corner {
     let mut flat = true;
     for displacement in displacements {
@@ -103,7 +106,7 @@ fn judge(displacements: impl Iterator<Item = DVec3>, towards: DVec3, slope: f64)
 }
 
 impl Contacts {
-    /// None.
+    /// No contacts.
     pub fn new() -> Self {
         Self {
             all: Vec::with_capacity(MAX_HALF_SPACES),
@@ -114,12 +117,12 @@ impl Contacts {
         }
     }
 
-    /// None are left.
+    /// Removes all contacts.
     pub fn clear(&mut self) {
         self.all.clear();
     }
 
-    /// Takes them along to where the tool is now, as if it had touched the planes through their points.
+    /// Moves the contacts to a new placement of the tool, on the same planes.
     pub fn carry(&mut self, at: &Placement) {
         let turn = at.rotation() * self.at.rotation().transpose();
         for contact in &mut self.all {
@@ -135,17 +138,17 @@ impl Contacts {
         &self.all
     }
 
-    /// Contacts that did not fit beside nearer ones.
+    /// Contacts beyond the capacity.
     pub fn dropped(&self) -> u32 {
         self.dropped
     }
 
-    /// The most that there ever were.
+    /// Largest number of contacts so far.
     pub fn high_water(&self) -> usize {
         self.high_water
     }
 
-    /// Adds one; when full, the one with the most room makes place.
+    /// Adds a contact; if full, the one with the largest gap is dropped.
     pub fn add(&mut self, contact: ToolContact) {
         if self.all.len() < MAX_HALF_SPACES {
             self.all.push(contact);
@@ -162,10 +165,10 @@ impl Contacts {
         }
     }
 
-    /// Local minima below `limit`, of the tool where the neighbourhood was placed: of the faces that are within `near_by`
-    /// there, or where the motion to the ends that were placed leads; anew, or those that were not looked at for another
-    /// motion from the same place. Returns what it cost, in pairs of nodes, and whether it is all that there is: it ends
-    /// when `most` is spent.
+    /// Collects the local minima below `limit`, among faces within `near_by` at the tool's
+    /// placement or at the end of its motion. `anew`: starts from nothing; otherwise only pairs not
+    /// examined yet, for another motion from the same placement. Returns the cost in node pairs,
+    /// and false if `most` was spent before the end.
     pub fn collect(
         &mut self,
         near: &mut Neighbourhood,
@@ -226,7 +229,7 @@ impl Contacts {
     }
 }
 
-/// Two faces and what decides about their features.
+/// Two faces, and the context that decides about their features.
 struct PairLook<'a> {
     shape: &'a ToolShape,
     surface: Surface<'a>,
@@ -255,7 +258,7 @@ impl PairLook<'_> {
             }
             let inside = closest.weights.iter().all(|&w| w > 0.0);
             let at_corner = closest.weights.iter().filter(|&&w| w > 0.0).count() == 1;
-            // Over the inside the normal is good however near they are.
+            // Over the inside the normal is exact at any distance.
             let towards = if inside {
                 self.face.normal * height.signum()
             } else {
@@ -308,7 +311,7 @@ impl PairLook<'_> {
                 [false, true, true] => self.tool_edge_is_nearest(0, towards),
                 [true, false, true] => self.tool_edge_is_nearest(1, towards),
                 [true, true, false] => self.tool_edge_is_nearest(2, towards),
-                // Two corners were met with the tool's.
+                // Pairs of corners belong to the tool's corners.
                 _ => false,
             };
             if !(nearest && towards.is_finite()) {
@@ -321,7 +324,7 @@ impl PairLook<'_> {
         }
     }
 
-    /// Inner points of two edges.
+    /// Interior points of two edges.
     fn edges(&mut self, found: &mut impl FnMut([DVec3; 2], DVec3)) {
         let tool = &self.shape.faces[self.tool as usize];
         for k in 0..3 {
@@ -360,7 +363,7 @@ impl PairLook<'_> {
         }
     }
 
-    /// Whether the neighbours at an edge of the surface's face are no nearer, and this face answers for it.
+    /// Whether this face owns an edge of the surface and no neighbour there is nearer.
     fn edge_is_nearest(&self, edge: usize, towards: DVec3) -> bool {
         let start = self.face.corners[(edge + 1) % 3];
         let is_no_nearer = |beyond: DVec3| {
@@ -372,7 +375,7 @@ impl PairLook<'_> {
             && is_no_nearer(self.face.beyond[edge])
     }
 
-    /// Whether nothing around a corner of the surface's face is nearer, and this face answers for it.
+    /// Whether this face owns a corner of the surface and nothing around it is nearer.
     fn corner_is_nearest(&self, corner: usize, towards: DVec3) -> bool {
         self.face.owns[corner] && self.judge_surface_corner(corner, towards, FLAT) != Corner::Beaten
     }
@@ -381,7 +384,7 @@ impl PairLook<'_> {
         let (mesh, vertex) = (self.surface.mesh, self.face.vertices[corner]);
         let at = self.face.corners[corner];
         let mut flat = true;
-        // Once round, or to a rim and then the other way from the start.
+        // Once around, or to a boundary and then in the other direction from the start.
         for side in [1, 2] {
             let (mut face, mut index) = (self.face.face, corner);
             for _ in 0..MAX_AROUND {
@@ -404,7 +407,7 @@ impl PairLook<'_> {
                 (face, index) = (next, there);
             }
         }
-        // A rim ends its plane: the corner may be the plane's own.
+        // At a boundary the plane ends: the corner may be its own.
         Corner::Nearest
     }
 
@@ -418,7 +421,7 @@ impl PairLook<'_> {
         )
     }
 
-    /// Whether the neighbours at an edge of the tool's face are no nearer, and this face answers for it.
+    /// Whether this face owns an edge of the tool and no neighbour there is nearer.
     fn tool_edge_is_nearest(&self, edge: usize, towards: DVec3) -> bool {
         let tool = &self.shape.faces[self.tool as usize];
         if !tool.edges[edge].is_owned {
@@ -436,8 +439,8 @@ impl PairLook<'_> {
     }
 }
 
-/// Where the lines of two edges come closest, if that is within both and the lines are no farther apart than a limit, and the
-/// unit normal of both.
+/// The closest points of the lines of two edges, if they are inside both edges and at most `limit`
+/// apart, and the unit normal of both lines.
 fn inner_points(p: [DVec3; 2], q: [DVec3; 2], limit: f64) -> Option<([DVec3; 2], DVec3)> {
     let (u, v, between) = (p[1] - p[0], q[1] - q[0], q[0] - p[0]);
     let normal = u.cross(v);

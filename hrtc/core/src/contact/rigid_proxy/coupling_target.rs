@@ -1,19 +1,20 @@
-//! Where the coupling holds the tool while a tick ends on its way: what it only has not had the time to go is no force, and
-//! a guess is followed gently.
+//! The end of the coupling while a tick stops before the proxy has converged. Proxy lag must not
+//! become force, and an estimated target moves at a limited rate.
 
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::Placement;
 use crate::perception::{OF_PROXY, STEP_SHARE};
 
-/// How far the end of the coupling may go where its way is a guess, in units of the device's motion: a tool that slides
-/// goes with the device, one that falls off an edge faster.
+/// Largest motion of an estimated target, in units of the device's motion: a sliding tool moves
+/// with the device, one that falls off an edge faster.
 const MAX_TARGET_RATE: f64 = 4.0;
-/// What the energy in the coupling may grow by in a tick of a millisecond without being paid, as a share of it (facts of
-/// haptics, F9).
+/// Growth of the energy in the coupling per tick of a millisecond that need not be paid, as a share
+/// of it: the 48 per second of [`crate::perception`].
 const GROWTH_A_TICK: f64 = 0.048;
 
 impl ToolProxy {
-    /// Where the contacts known last let it go, had it the time; where no step was made they are the answer's.
+    /// The placement that the known contacts allow, without the limits of a tick. If no step was
+    /// taken, its contacts become the answer's.
     pub(super) fn target_allowed_by_contacts(&mut self, answer: &mut ToolAdvance) -> Placement {
         let offset = self.contact_offset();
         self.contacts.carry(&self.at);
@@ -27,21 +28,22 @@ impl ToolProxy {
         }
         let is_free = allowed.contact_count == 0;
         if self.step_limit.is_limited() {
-            // Nor is it felt while the surface moves that it catches up.
+            // While the surface moves, catching up must not be perceptible.
             self.at
         } else if is_free {
             self.goal
         } else {
-            // Contacts that are not known yet may hold it sooner: it owes no more than the device has gone.
+            // Unknown contacts may stop the proxy earlier: the target moves no farther than the
+            // device has.
             let share = self.device_travel / path.farthest(self.shape.radius);
             self.at.moved(&path.times(share.min(1.0)))
         }
     }
 
-    /// Where a tick ends on the way, where the tool is bound for is a guess that changes with every contact found or left:
-    /// the coupling follows it, and what is true after it, gently. Held where it was, it is stretched by the device's work
-    /// alone; beyond that it changes by no more than the device goes or a hand can tell, and is not stretched farther than
-    /// energy may grow unpaid.
+    /// Limits the motion of an estimated target, and of the true target after it. An estimate
+    /// changes with every contact found or lost. At rest in the world, the device's own motion
+    /// deflects the coupling. Beyond that the deflection changes by at most the device's motion or
+    /// an imperceptible amount, and grows no faster than its energy may grow unpaid.
     pub(super) fn limit_target_rate(&mut self, travelled: f64) {
         let is_true = self.coupling_target == self.at;
         if is_true && !self.is_estimate {

@@ -1,30 +1,31 @@
-//! A motion and how far from it a tool may stray: the places of which the surface near the tool is known.
+//! The look-ahead tube: a path of the tool and the margin around it within which all candidate
+//! pairs are known (as the skin of a Verlet list).
 
 use super::shape::ToolShape;
 use crate::contact::motion::{Placement, Twist};
 
-/// Halvings by which a share of a motion is found.
+/// Bisection steps for the covered share of a motion.
 const HALVINGS: i32 = 6;
 
-/// See the module.
+/// A path from a start, with a margin. Model units.
 #[derive(Debug, Clone, Copy)]
 pub struct LookAheadTube {
     start: Placement,
     path: Twist,
-    /// No pair of faces that comes nearer than this anywhere on the way is left out, model units; negative where nothing is
-    /// known.
+    /// Every pair of faces that comes nearer than this anywhere on the path is known; negative if
+    /// none is.
     margin: f64,
-    /// What the arcs of the tool's points stray from straight lines on the way.
+    /// Largest deviation of the tool's points from straight lines on the path.
     bend: f64,
-    /// Greatest distance of the tool's points from its centre, and its radius of gyration.
+    /// Largest distance of the tool's points from its centre, and its radius of gyration.
     radius: f64,
     gyration: f64,
-    /// How far from its place on the way a point of the tool is now, at the most.
+    /// Upper bound of the current deviation of the tool's points from the path.
     off: f64,
 }
 
 impl LookAheadTube {
-    /// No place.
+    /// An empty tube: nothing is known.
     pub fn nowhere() -> Self {
         Self {
             start: Placement::NOWHERE,
@@ -37,7 +38,8 @@ impl LookAheadTube {
         }
     }
 
-    /// The places of a way from a start, with room for straying by `stray` where nothing may come nearer than `distance`.
+    /// The tube around a path, for pairs within `distance` of a tool that deviates from the path by
+    /// at most `skin`.
     pub fn along(
         start: Placement,
         path: Twist,
@@ -49,7 +51,7 @@ impl LookAheadTube {
         Self {
             start,
             path,
-            // A step on it bends no more than it does.
+            // A step on the path bends no more than the path does.
             margin: distance + skin + 2.0 * bend,
             bend,
             radius: shape.radius,
@@ -58,25 +60,26 @@ impl LookAheadTube {
         }
     }
 
-    /// Where it begins and ends.
+    /// First and last placement of the path.
     pub fn ends(&self) -> [Placement; 2] {
         [self.start, self.start.moved(&self.path)]
     }
 
-    /// The margin around the straight lines on which the tool's points get from start to end.
+    /// Margin around the straight lines between the first and last positions of the tool's points.
     pub fn straight_margin(&self) -> f64 {
         self.margin + self.bend
     }
 
-    /// How far what comes within a distance of the straight lines strays, seen from the tool, from the straight line between
-    /// where it is seen first and last: the bound of [`Twist::sagitta`] with what a turning frame adds.
+    /// Bound of the deviation, in the tool's frame, of points within `distance` from the straight
+    /// lines between their first and last positions: [`Twist::sagitta`] plus the part of the
+    /// turning frame.
     pub fn bend_seen(&self, distance: f64) -> f64 {
         let (turn, path) = (self.path.angular.length(), self.path.linear.length());
         let farthest = self.radius + distance + path;
         self.bend + 0.125 * turn * (turn * (farthest + path) + 2.0 * path)
     }
 
-    /// The same corridor with another margin around the straight lines.
+    /// The same tube with another margin around the straight lines.
     pub fn narrowed(self, straight_margin: f64) -> Self {
         Self {
             margin: straight_margin - self.bend,
@@ -84,28 +87,28 @@ impl LookAheadTube {
         }
     }
 
-    /// What is left of the margin where the tool is: all pairs nearer than this are known.
+    /// Validity margin: at the tool's current placement all pairs nearer than this are known.
     pub fn left(&self) -> f64 {
         self.margin - self.off
     }
 
-    /// No point of the tool gets farther on the way and beside it; not positive where nothing is known.
+    /// Upper bound of the motion of a point within the tube; not positive if nothing is known.
     pub fn reach(&self) -> f64 {
         self.path.farthest(self.radius) + self.margin
     }
 
-    /// The tool has come to a place.
+    /// Notes the current placement of the tool.
     pub fn move_to(&mut self, place: &Placement) {
         self.off = self.deviation_at(place);
     }
 
-    /// Whether on a motion from where the tool is (`from`) every pair that comes nearer than a distance is known.
+    /// Whether every pair nearer than `distance` is known along a motion from the placement `from`.
     pub fn covers(&self, from: &Placement, motion: &Twist, distance: f64) -> bool {
         let off = self.deviation_at(&from.moved(motion)).max(self.off);
         off + self.bend + motion.sagitta(self.radius) <= self.margin - distance
     }
 
-    /// The share of a motion for which that holds, within a 64th of what is in reach.
+    /// The share of a motion that is covered, to a 64th of the reach.
     pub fn covered_share(&self, from: &Placement, motion: &Twist, distance: f64) -> f64 {
         if self.covers(from, motion, distance) {
             return 1.0;
@@ -121,7 +124,8 @@ impl LookAheadTube {
         })
     }
 
-    /// How far the tool's points at a place are from those at a place on the way beside it, at the most.
+    /// Upper bound of the distance between the tool's points at a placement and at the nearest
+    /// placement of the path.
     fn deviation_at(&self, place: &Placement) -> f64 {
         let square = self.gyration * self.gyration;
         let product =
@@ -152,11 +156,11 @@ mod tests {
     }
 
     const RADIUS: f64 = 1.5;
-    /// Places on the way that are looked at.
+    /// Samples of the path.
     const PLACES: u32 = 400;
 
     proptest! {
-        /// Wherever a tool is on a covered motion, a place on the way is nearer to all of its points than the margin.
+        /// On a covered motion, every point of the tool is within the margin of its path.
         #[test]
         fn what_is_covered_is_beside_the_way(
             turn in vector(), path in twist(), from in 0.0..1.0f64, off in twist(), motion in twist(),

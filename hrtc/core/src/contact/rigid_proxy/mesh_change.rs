@@ -1,4 +1,4 @@
-//! What splits and collapses have moved near the tool since the last tick.
+//! Changes of the surface near the tool, by splits and collapses since the last tick.
 
 use super::neighbourhood::{Neighbourhood, apart, reach_along};
 use super::shape::ToolShape;
@@ -6,13 +6,13 @@ use geometry::BoxPair;
 use glam::DVec3;
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
-/// Ways out that are tried, each twice as far as the one before.
+/// Escapes that are tried, each twice as long as the one before.
 const ESCAPES: i32 = 6;
-/// The same before, up to twice what the surface does in a tick where that is limited: of what has changed, most has not
-/// come so far where it meets the tool.
+/// Shorter escapes before those, up to twice the motion of the surface in a tick if that is
+/// limited: mostly the surface has not moved far.
 const SHORT_ESCAPES: i32 = 4;
 
-/// Changed faces that are listed, at the most.
+/// Capacity of the list of changed faces.
 const MAX_LISTED: usize = 512;
 
 /// Changes of the surface near the tool.
@@ -22,15 +22,16 @@ pub struct MeshChange {
     may_have_met: bool,
     /// Sum of the directions from changed faces to the tool.
     side: DVec3,
-    /// How far a changed face has come out towards the tool, at the most; model units.
+    /// Largest advance of a changed face towards the tool, model units.
     push: f64,
-    /// What has changed near the tool; more than fits when the count is greater. Some may have gone since.
+    /// Changed faces near the tool, some of them inactive by now. If `count` is larger than the
+    /// array, some are missing.
     faces: [Handle; MAX_LISTED],
     count: usize,
 }
 
 impl MeshChange {
-    /// None.
+    /// No change.
     pub fn new() -> Self {
         Self {
             is_there: false,
@@ -42,7 +43,7 @@ impl MeshChange {
         }
     }
 
-    /// What was noted, which is forgotten here.
+    /// Takes the noted changes and clears them.
     pub fn take(&mut self) -> Self {
         std::mem::replace(self, Self::new())
     }
@@ -52,18 +53,19 @@ impl MeshChange {
         self.is_there
     }
 
-    /// Whether the surface may meet the tool now.
+    /// Whether the surface may meet the tool.
     pub fn may_have_met(&self) -> bool {
         self.may_have_met
     }
 
-    /// The faces near the tool that have changed, of which some may have gone; `None` when they were too many.
+    /// Changed faces near the tool, some of them inactive by now; `None` if they were too many.
     pub fn changed(&self) -> Option<&[Handle]> {
         self.faces.get(..self.count)
     }
 
-    /// Notes an operation. What was near is told by the faces gathered, what has come near by the boxes of the tool
-    /// where it was gathered; by its ball, where nothing is gathered.
+    /// Notes an operation. Candidate pairs tell which changed faces were near; the tool's boxes
+    /// along the collected path tell which are near now, or its bounding ball if nothing is
+    /// collected.
     pub fn note(
         &mut self,
         near: &mut Neighbourhood,
@@ -88,7 +90,7 @@ impl MeshChange {
         let ball = shape.radius + near.reach();
         let mut is_near = outside.length_squared() <= ball * ball;
         if is_near {
-            // From the way that was gathered along the tool has strayed by less than the margin.
+            // The tool deviates from the collected path by less than the margin.
             let around = BoxPair::twice_widened(lower.as_vec3a(), upper.as_vec3a());
             is_near = near.may_reach(shape, &around.get(0));
         }
@@ -124,12 +126,12 @@ impl MeshChange {
                 self.count += 1;
             }
         }
-        // What was not near before has no direction that tells.
+        // A face that was not near before has no separating direction.
         self.may_have_met |= is_near;
     }
 
-    /// Ways out along the side of the tool, the shortest first; `rest` is the distance at which contacts act, `most` how
-    /// far the surface comes in a tick where that is limited.
+    /// Displacements out of the surface on the side of the tool, the shortest first. `offset`:
+    /// contact offset; `most`: motion of the surface in a tick if limited, else 0.
     pub fn escapes(&self, offset: f64, most: f64) -> impl Iterator<Item = DVec3> + use<> {
         let (side, push) = (
             self.side.normalize_or_zero(),

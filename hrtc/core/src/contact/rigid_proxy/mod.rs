@@ -1,28 +1,30 @@
-//! The proxy of a tool: where the tool would be if it could not enter the object, in six degrees of freedom.
+//! The proxy (god-object) of a rigid tool: the pose that the tool would have if it could not enter
+//! the object, in six degrees of freedom.
 //!
-//! After Ortega, Redon and Coquillart 2007: the motion from the proxy to the device is projected onto what the contacts
-//! allow ([`projection`]), in the metric of the tool's mass, so that a rotation weighs as the way that it moves the
-//! surface of the tool; then the proxy goes along it as far as no face passes another (`sweep`). Nothing
-//! depends on an absolute length: what is small is small beside the tool.
+//! The motion from the proxy to the device is projected onto the motions that the contacts allow
+//! ([`projection`]). The metric is that of the tool's mass, so that a rotation weighs as much as
+//! the displacement of the tool's surface that it causes. The proxy then moves along the projected
+//! motion until the first pair of faces stops it (`sweep`): the constraint-based method of Ortega
+//! 2007. No threshold is an absolute length; all are fractions of the tool's size.
 //!
-//! Contacts act at a rest distance of a ten-thousandth of the tool's radius of gyration, the sweep stops at half of it:
-//! so a resting contact is not a touch, and every crossing is. The tool feels that much thicker than its mesh. While the
-//! surface under it moves the distance is what the surface may do in a tick.
+//! Contacts act at a contact offset of 1e-4 of the tool's radius of gyration; the sweep stops at
+//! half of it. So a resting contact does not stop a sweep, and every crossing does. The tool feels
+//! thicker by the contact offset. While the surface moves under the tool, the offset is as large as
+//! the motion that the surface may make in a tick.
 //!
-//! | file | does |
+//! | file | content |
 //! |---|---|
-//! | `motion` | twists and placements |
 //! | `shape` | the tool's mesh about its centre |
-//! | `cover` | balls that hold it |
-//! | `corridor` | a motion and what is beside it |
-//! | `neighbourhood` | pairs of faces near each other, gathered once and reused |
+//! | `bounding_balls` | balls that bound it |
+//! | `look_ahead_tube` | the motion and the margin for which candidate pairs are known |
+//! | `neighbourhood` | candidate pairs of faces, collected once and reused (Verlet list) |
 //! | `contacts` | local minima of the distance |
 //! | `projection` | the quadratic program |
 //! | `sweep` | conservative advancement |
-//! | `follow` | the steps of a tick |
-//! | `hold` | where the coupling holds it while a tick ends on the way |
-//! | `advance` | what a tick gives |
-//! | `coupling` | force and torque |
+//! | `steps` | the steps of a tick |
+//! | `coupling_target` | the end of the coupling while a tick stops early |
+//! | `mesh_change` | faces that splits and collapses moved near the tool |
+//! | `answer` | the result of a tick |
 
 mod answer;
 mod bounding_balls;
@@ -59,20 +61,20 @@ use steps::MAX_STOPS;
 use sweep::Open;
 use thiserror::Error;
 
-/// What the budget counts, in pairs of nodes of equal cost (measured): a pair of faces that may meet, ...
+/// Cost of a pair of faces tested, in node pairs (measured).
 const TESTED: u32 = 3;
-/// ... and so many faces of the tool that are moved.
+/// Tool faces whose motion costs as much as one node pair (measured).
 const FACES_MOVED: u32 = 4;
-/// Distance at which contacts act, as a fraction of the radius of gyration.
+/// Contact offset, as a fraction of the radius of gyration.
 const CONTACT_OFFSET: f64 = 1e-4;
-/// What the surface may do in a tick while it moves, as a fraction of how far the tool may slide then: twice what one
-/// vertex in flight may (see [`crate::perception`]), since more than one may move a face.
+/// Contact offset while the surface moves, as a fraction of the step limit: twice the share of one
+/// geomorphing vertex (see [`crate::perception`]), since several may move one face.
 const MOVING_OFFSET: f64 = 0.625;
 
-/// Why a tool cannot be a probe.
+/// Reason why a tool cannot be a probe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum ToolProxyError {
-    /// No length to measure by.
+    /// The tool has no length to measure by.
     #[error("the tool has no extent, or the scale is not a positive number")]
     NoExtent,
 }
@@ -80,28 +82,29 @@ pub enum ToolProxyError {
 /// A ball around a part of a probe; model frame and units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
-    /// Its middle at the proxy.
+    /// Centre with the tool at the proxy.
     pub centre: DVec3,
-    /// Its middle at the device.
+    /// Centre with the tool at the device.
     pub goal: DVec3,
-    /// Its radius.
+    /// Radius.
     pub radius: f64,
 }
 
-/// Whether the proxy is free of the surface.
+/// State of the proxy with respect to the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     /// Not placed yet.
     Nowhere,
-    /// Placed, and not seen clear of the surface yet: it goes with the device, without a force.
+    /// Placed, but not known to be clear of the surface: it moves with the device, without force.
     Inside,
-    /// No face of it meets the surface.
+    /// No face of the tool meets the surface.
     Clear,
-    /// The surface has moved into it and there was no way out: it stays until the device is clear.
+    /// The surface moved into the tool and no escape was free: it stays until the device is clear.
     Stuck,
 }
 
-/// The tool that stays outside, in the model's frame and units. Nothing allocates after [`ToolProxy::new`].
+/// The proxy of a tool, in the frame and units of the model. Nothing allocates after
+/// [`ToolProxy::new`].
 #[derive(Debug, Clone)]
 pub struct ToolProxy {
     tool: Tool,
@@ -111,46 +114,48 @@ pub struct ToolProxy {
     near: Neighbourhood,
     contacts: Contacts,
     half_spaces: Vec<HalfSpace>,
-    /// Pairs that have stopped a step of this tick.
+    /// Pairs that stopped a step of this tick.
     stops: Vec<usize>,
-    /// Pairs that a sweep looks at more than once.
+    /// Pairs that the sweep examines more than once.
     open: Vec<Open>,
     mesh_change: MeshChange,
     state: State,
     at: Placement,
     goal: Placement,
     step_limit: StepLimit,
-    /// Whether it was kept from going farther by that.
+    /// Whether the step limit holds the proxy back.
     is_behind: bool,
-    /// Where the contacts let it go, were it not for its own limits: there it is held.
+    /// End of the coupling: the placement that the contacts allow, without the limits of a tick.
     coupling_target: Placement,
-    /// Whether that was a guess in the tick before, and how far the coupling is stretched from there.
+    /// Whether the target of the last tick was an estimate, and the deflection of the coupling
+    /// there.
     is_estimate: bool,
     deflection: Twist,
-    /// How far the coupling may be stretched without being felt.
+    /// Deflection of the coupling that a hand cannot perceive, model units.
     imperceptible: f64,
-    /// Share of what is gathered ahead that the budget allowed last.
+    /// Share of the look-ahead that fitted into the budget last, 0 to 1.
     look_ahead_scale: f64,
-    /// Whether what is gathered waits for its first step: that is taken before anything is gathered again.
+    /// Whether the last collection has not been used by a step: the step comes before a new
+    /// collection.
     has_unused_collection: bool,
-    /// The farthest that the device went in a tick since the tool was with it.
+    /// Largest motion of the device in a tick since the proxy last reached it, model units.
     peak_step: f64,
-    /// How far the device has gone in all since then.
+    /// Total motion of the device since then, model units.
     device_travel: f64,
-    /// Whether the last tick has come to no step: the next one comes to one, whatever it has spent.
+    /// Whether the last tick took no step. Then the next tick takes one at any cost.
     has_skipped_step: bool,
-    /// What the last part of a gathering has cost.
+    /// Cost of the last part of a collection, in node pairs.
     last_cost: u32,
-    /// How much farther ahead than the device goes in a tick it looks in free air, to catch up.
+    /// Look-ahead in free air, in units of the device's motion in a tick; above 1 to catch up.
     catch_up_factor: f64,
     rejected: u64,
 }
 
 impl ToolProxy {
-    /// A proxy of a tool, not placed yet; `scale` is the length of the tool's unit in units of the model.
+    /// A proxy of a tool, not placed yet. `scale`: model units per unit of the tool.
     ///
     /// # Errors
-    /// When tool or scale give no length.
+    /// If tool or scale give no length.
     pub fn new(tool: Tool, scale: f64) -> Result<Self, ToolProxyError> {
         if !(scale.is_normal() && scale > 0.0) {
             return Err(ToolProxyError::NoExtent);
@@ -191,10 +196,10 @@ impl ToolProxy {
         })
     }
 
-    /// Begins anew, not placed yet, for a model of another scale: nothing is allocated.
+    /// Restarts, not placed yet, for a model of another scale. Allocates nothing.
     ///
     /// # Errors
-    /// When the scale gives no length.
+    /// If the scale gives no length.
     pub fn begin(&mut self, scale: f64) -> Result<(), ToolProxyError> {
         if !(scale.is_normal() && scale > 0.0) {
             return Err(ToolProxyError::NoExtent);
@@ -219,20 +224,20 @@ impl ToolProxy {
         Ok(())
     }
 
-    /// Whether it has been placed.
+    /// Whether the proxy has been placed.
     #[must_use]
     pub fn is_placed(&self) -> bool {
         self.state != State::Nowhere
     }
 
-    /// Its pose, model units: that of the tool's own frame.
+    /// Pose of the tool's own frame, model units.
     #[must_use]
     pub fn pose(&self) -> Pose {
         self.pose_at(&self.at)
     }
 
-    /// Balls that together hold the tool, their middles where the proxy is and where it would be at a pose of the device;
-    /// model units.
+    /// Balls that together bound the tool, with their centres at the proxy and at a pose of the
+    /// device; model units.
     pub fn parts(&self, goal: &Pose) -> impl Iterator<Item = Part> + use<'_> {
         let (proxy, goal) = (self.pose(), *goal);
         self.balls.iter().map(move |ball| {
@@ -246,7 +251,7 @@ impl ToolProxy {
         })
     }
 
-    /// Whether what happens in a box (model frame and units) may come near the tool, as far as is known.
+    /// Whether an event within a box (model frame and units) may be near the tool. True if unknown.
     #[must_use]
     pub fn may_reach(&self, [lower, upper]: [DVec3; 2]) -> bool {
         let space = BoxPair::twice_widened(lower.as_vec3a(), upper.as_vec3a());
@@ -259,31 +264,31 @@ impl ToolProxy {
         self.shape.gyration
     }
 
-    /// Distance at which contacts act, model units: by so much the tool feels thicker than it is; more while the surface
-    /// moves.
+    /// Distance at which contacts act, model units. The tool feels thicker by this; more while the
+    /// surface moves.
     #[must_use]
     pub fn contact_offset(&self) -> f64 {
         self.static_offset().max(self.moving_offset())
     }
 
-    /// The same where nothing moves.
+    /// Contact offset on a surface that does not move.
     fn static_offset(&self) -> f64 {
         CONTACT_OFFSET * self.shape.gyration
     }
 
-    /// How far the surface may come in a tick, model units: as long as it moves contacts act at that distance, so that it
-    /// pushes the tool and does not come to meet it.
+    /// Motion of the surface in a tick, model units, 0 if it does not move. Contacts act at this
+    /// distance, so that the surface pushes the tool instead of meeting it.
     fn moving_offset(&self) -> f64 {
         MOVING_OFFSET * self.step_limit.limit()
     }
 
-    /// Poses that were none.
+    /// Number of invalid poses so far.
     #[must_use]
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
 
-    /// The most pairs of faces and contacts that a step had; and how many fit.
+    /// Largest number of face pairs and of contacts in a step, each with its capacity.
     #[must_use]
     pub fn high_water(&self) -> [(usize, usize); 2] {
         [
@@ -292,20 +297,20 @@ impl ToolProxy {
         ]
     }
 
-    /// The surface is nowhere nearer than this, model units, as far as the last tick has looked.
+    /// Lower bound of the distance to the surface, model units, from what the last tick examined.
     #[must_use]
     pub fn clearance(&self) -> f64 {
         self.near.clearance(&self.shape)
     }
 
-    /// All pairs of faces nearer than this where it is are among [`ToolProxy::known_pairs`], model units; negative where
-    /// nothing is known.
+    /// All pairs of faces nearer than this are among [`ToolProxy::known_pairs`], model units;
+    /// negative if nothing is known.
     #[must_use]
     pub fn known_margin(&self) -> f64 {
         self.near.tube.left()
     }
 
-    /// Pairs of faces that are held against each other: one of the surface and one of the tool.
+    /// Candidate pairs: a face of the surface and a face of the tool.
     pub fn known_pairs(&self) -> impl Iterator<Item = (Handle, u32)> + '_ {
         self.near.handles()
     }
@@ -317,7 +322,7 @@ impl ToolProxy {
         }
     }
 
-    /// `None` for what is no pose.
+    /// `None` for an invalid pose.
     fn placement(&self, pose: &Pose) -> Option<Placement> {
         let length = pose.orientation.length();
         if !(pose.is_finite() && length.is_normal()) {
@@ -331,8 +336,8 @@ impl ToolProxy {
         })
     }
 
-    /// Puts it somewhere without a sweep, as at the first sample. Where it meets the surface there, it goes with the
-    /// device until it does not. Whether the pose is one.
+    /// Places the proxy without a sweep, as at the first sample. If it meets the surface there, it
+    /// moves with the device until it is clear. False for an invalid pose.
     pub fn place(&mut self, pose: &Pose) -> bool {
         let Some(at) = self.placement(pose) else {
             self.rejected += 1;
@@ -346,8 +351,8 @@ impl ToolProxy {
         true
     }
 
-    /// Notes a split or collapse that was just performed: what it moves near the tool is looked at anew, and where the
-    /// surface has moved into the tool, the next tick puts it out on the side where it was.
+    /// Notes a split or collapse that was just performed. Candidate pairs near it are updated; if
+    /// the surface moved into the tool, the next tick depenetrates it on the side where it was.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
         if self.state == State::Clear {
             self.mesh_change
@@ -355,25 +360,28 @@ impl ToolProxy {
         }
     }
 
-    /// The surface that it touches moves in this tick: beyond what keeps it outside and the device's own motion no point of
-    /// it goes farther than `slide`, model units, until it has caught up.
+    /// Limits the motion of the tool beyond the device's own and beyond the correction of contacts,
+    /// model units per tick, until it has caught up. Called in each tick in which the touched
+    /// surface moves.
     pub fn limit_step(&mut self, max_step: f64) {
         self.step_limit.tighten(max_step);
     }
 
-    /// So far, model units, the coupling may be stretched without being felt; nothing until that is said.
+    /// Sets the deflection of the coupling that a hand cannot perceive, model units; 0 before the
+    /// first call.
     pub fn set_imperceptible(&mut self, imperceptible: f64) {
         self.imperceptible = imperceptible;
     }
 
-    /// Whether it is behind since it was softened.
+    /// Whether the step limit holds the proxy back.
     #[must_use]
     pub fn is_behind(&self) -> bool {
         self.is_behind
     }
 
-    /// One tick: as close to `goal` (the device, model units) as the surface lets it, at the cost of no more than `budget`
-    /// pairs of nodes. What that leaves is done in the next ticks, from a safe place; the ending says so.
+    /// One tick: as close to `goal` (the device, model units) as the surface allows, at a cost of
+    /// at most `budget` node pairs. The next ticks do the remaining work, from a safe placement;
+    /// the ending says so.
     pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, budget: u32) -> ToolAdvance {
         let mut answer = ToolAdvance::new();
         let Some(goal) = self.placement(goal) else {
@@ -397,7 +405,7 @@ impl ToolProxy {
             if mesh_change.may_have_met()
                 && !self.depenetrate(surface, &mesh_change, budget, &mut answer)
             {
-                // It stays until a tick can tell.
+                // The proxy stays until a tick can decide.
                 self.mesh_change = mesh_change;
                 self.stops.clear();
                 self.coupling_target = self.target_allowed_by_contacts(&mut answer);
@@ -419,7 +427,7 @@ impl ToolProxy {
         answer
     }
 
-    /// Whether the tool meets the surface somewhere; `None` when the budget does not tell.
+    /// Whether the tool meets the surface; `None` if the budget does not suffice.
     fn meets(
         &mut self,
         surface: Surface<'_>,
@@ -429,7 +437,7 @@ impl ToolProxy {
     ) -> Option<bool> {
         self.put_tool(at);
         answer.spent += self.tool.faces() / FACES_MOVED;
-        // Here a pair of nodes costs half; that pays for the pairs of faces to which they lead.
+        // Here a node pair costs half; the rest pays for the face pairs below it.
         let most = budget.saturating_sub(answer.spent);
         let (pair, ending, work) = first_pair(&surface, &self.tool, most, None);
         answer.work.add(work);
@@ -441,7 +449,7 @@ impl ToolProxy {
         Some(pair.is_some())
     }
 
-    /// Whether the tool, which met nothing before, meets the surface where it is; `None` when the budget does not tell.
+    /// Whether the tool, clear before, meets a changed face; `None` if the budget does not suffice.
     fn meets_what_changed(
         &mut self,
         surface: Surface<'_>,
@@ -476,14 +484,14 @@ impl ToolProxy {
         Some(is_met)
     }
 
-    /// Moves the mesh to a placement.
+    /// Moves the tool's mesh to a placement.
     fn put_tool(&mut self, at: &Placement) {
         if let Some(to_query) = Similarity::new(self.pose_at(at), self.scale) {
             self.tool.place(&to_query);
         }
     }
 
-    /// Goes to the device if the tool is clear of the surface there.
+    /// Moves to the device if the tool is clear of the surface there.
     fn jump_when_clear(&mut self, surface: Surface<'_>, budget: u32, answer: &mut ToolAdvance) {
         let goal = self.goal;
         let clear = self.meets(surface, &goal, budget, answer) == Some(false);
@@ -498,8 +506,8 @@ impl ToolProxy {
         }
     }
 
-    /// After the surface has moved: where it meets the tool, the tool goes out on its side. False when the budget does not
-    /// tell whether it does.
+    /// After a change of the surface: if it meets the tool, moves the tool out on its side. False
+    /// if the budget does not suffice to decide.
     fn depenetrate(
         &mut self,
         surface: Surface<'_>,
@@ -531,14 +539,14 @@ impl ToolProxy {
         true
     }
 
-    /// Whether the surface holds it back from the device, in contact or caught.
+    /// Whether the surface keeps the proxy from the device, in contact or stuck.
     #[must_use]
     pub fn is_blocked(&self) -> bool {
         matches!(self.state, State::Clear | State::Stuck) && self.coupling_target != self.goal
     }
 
-    /// How far the coupling is stretched, in the metric of the tool's mass, model units. What the tool only has not had
-    /// the time to go is no part of it.
+    /// Deflection of the coupling in the metric of the tool's mass, model units. Proxy lag from a
+    /// tick that stopped early is not part of it.
     #[must_use]
     pub fn deflection(&self) -> f64 {
         self.length_of(&self.goal.to(&self.coupling_target))
@@ -550,8 +558,9 @@ impl ToolProxy {
         motion.linear.length().hypot(turned.length())
     }
 
-    /// Force and torque of the coupling on the device, in the model's axes, the torque about the position of the
-    /// device's pose. `velocity` is that of the device's position, metres and radians a second.
+    /// Force and torque of the coupling on the device, in the model's axes, the torque about the
+    /// device's position. `velocity` is that of the device's position, metres and radians per
+    /// second.
     #[must_use]
     pub fn wrench(&self, coupling: &Coupling, metres_per_unit: f64, velocity: &Twist) -> Wrench {
         if !self.is_blocked() {

@@ -1,11 +1,12 @@
-//! The pairs of faces of tool and surface that come near each other on a motion, gathered once and held for as long as
-//! the tool strays from that motion by less than the margin.
+//! The candidate pairs: faces of tool and surface that come near each other along a path. They are
+//! collected once and reused while the tool deviates from the path by less than the margin (Verlet
+//! list).
 //!
-//! A tool that slides goes far along the surface and hardly towards it: a margin as wide as its way would hold several
-//! times the pairs.
+//! The margin is around a path, not around a placement: a sliding tool moves far along the surface
+//! and hardly towards it, and a margin as wide as its motion would hold several times the pairs.
 //!
-//! Each pair keeps a direction along which it is apart: a look at three corners then mostly tells that it does not
-//! matter, and along a motion that stays apart in it nothing passes.
+//! Each pair keeps a separating direction. Mostly three products with it show that the pair does
+//! not matter, and a motion that keeps the pair separated along it is free.
 
 mod collect;
 
@@ -18,9 +19,9 @@ use geometry::Aabb;
 use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};
 
-/// Pairs of faces that fit.
+/// Capacity for pairs of faces.
 pub const MAX_PAIRS: usize = 4096;
-/// Faces of the surface that fit.
+/// Capacity for faces of the surface.
 pub const MAX_SURFACE_FACES: usize = 2048;
 
 /// A face of the surface.
@@ -31,13 +32,14 @@ pub(super) struct SurfaceFace {
     pub corners: [DVec3; 3],
     /// Unit normal; zero without area.
     pub normal: DVec3,
-    /// The corner of the neighbour beyond the edge opposite each corner; at a rim one of the edge's own.
+    /// The neighbour's corner beyond the edge opposite each corner; at a boundary a corner of the
+    /// edge.
     pub beyond: [DVec3; 3],
-    /// Which edges it answers for.
+    /// The edges that this face owns.
     pub owns_edge: [bool; 3],
-    /// Which of those are no lines within a plane.
+    /// Those of them that are not within a plane.
     pub asks_edge: [bool; 3],
-    /// Which corners it answers for.
+    /// The corners that this face owns.
     pub owns: [bool; 3],
 }
 
@@ -78,43 +80,44 @@ impl SurfaceFace {
     }
 }
 
-/// A face of the tool and one of the surface.
+/// A candidate pair.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NearPair {
     pub tool: u32,
-    /// Place among the faces of the surface.
+    /// Index of the face of the surface.
     pub surface: u32,
     pub along: Direction,
 }
 
-/// A unit direction from the surface to the tool along which two faces are apart.
+/// Unit direction from the surface to the tool that separates two faces.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Direction {
-    /// It stays as the tool turns, and so does how far the surface reaches along it: good over a face of the surface.
+    /// Fixed in the model, as is the extent `height` of the surface face along it: for the normal
+    /// of a surface face.
     Still { direction: DVec3, height: f64 },
-    /// It turns with the tool and is given in the tool's axes: good under a face of the tool.
+    /// Fixed in the tool's axes: for the normal of a tool face.
     Turning(DVec3),
 }
 
-/// How far corners are beyond a height along a direction: the least of three.
+/// Separation of corners from a height along a direction: the least of three.
 #[inline]
 pub(super) fn apart(direction: DVec3, height: f64, corners: [DVec3; 3]) -> f64 {
     let [a, b, c] = corners.map(|p| direction.dot(p));
     a.min(b).min(c) - height
 }
 
-/// How far corners reach along a direction.
+/// Extent of corners along a direction.
 #[inline]
 pub(super) fn reach_along(direction: DVec3, corners: [DVec3; 3]) -> f64 {
     let [a, b, c] = corners.map(|p| direction.dot(p));
     a.max(b).max(c)
 }
 
-/// A set of handles with their places, by open addressing; never more than half full.
+/// A hash table from handles to indices, by open addressing; at most half full.
 #[derive(Debug, Clone)]
 struct Places {
     entries: Vec<(Handle, u32)>,
-    /// Entries in use: mostly few, and only these are cleared.
+    /// Entries in use; only these are cleared.
     used: Vec<u32>,
 }
 
@@ -133,7 +136,7 @@ impl Places {
         self.used.clear();
     }
 
-    /// Where a handle is, or would be.
+    /// The slot of a handle, present or not.
     fn slot(&self, key: Handle) -> usize {
         let mask = self.entries.len() - 1;
         // Fibonacci hashing: the upper bits of the product are the mixed ones.
@@ -149,7 +152,7 @@ impl Places {
         (found == key).then_some(place)
     }
 
-    /// The place of a handle, and whether it is the one given because it was not there.
+    /// The index of a handle, and whether it was added now.
     fn find_or_add(&mut self, key: Handle, place: u32) -> (u32, bool) {
         let at = self.slot(key);
         if self.entries[at].0 == key {
@@ -161,35 +164,35 @@ impl Places {
     }
 }
 
-/// All pairs within the margin of a corridor.
+/// All pairs within the margin of the look-ahead tube.
 #[derive(Debug, Clone)]
 pub struct Neighbourhood {
     pub(super) pairs: Vec<NearPair>,
     pub(super) faces: Vec<SurfaceFace>,
     face_places: Places,
     vertex_places: Places,
-    /// Tool vertices that the pairs have, and their positions now, by vertex.
+    /// Vertices of the tool that pairs use, and their current positions, by vertex.
     vertices: Vec<u32>,
     is_listed: Vec<bool>,
     positions: Vec<DVec3>,
     ends: Vec<DVec3>,
-    /// The tool's axes, now and at the end of the motion.
+    /// The tool's axes now and at the end of the motion.
     rotation: DMat3,
     end_rotation: DMat3,
-    /// Where the pairs are known, and the surface as it is seen from there.
+    /// The tube for which the pairs are known, and the surface's path as seen from the tool.
     pub tube: LookAheadTube,
     path: RelativePath,
-    /// What is to be gathered still.
+    /// The state of an unfinished collection.
     partial: Option<PartialCollection>,
-    /// No point of the tool has moved farther since it was gathered.
+    /// Upper bound of the motion of any point of the tool since the collection.
     moved: f64,
-    /// For each pair: until so much was moved it cannot touch.
+    /// For each pair, the value of `moved` up to which it cannot touch.
     clear_until: Vec<f64>,
     high_water: usize,
 }
 
 impl Neighbourhood {
-    /// Of nothing, for a tool.
+    /// No pairs.
     pub fn new(shape: &ToolShape) -> Self {
         let vertices = shape.points.len();
         Self {
@@ -212,23 +215,23 @@ impl Neighbourhood {
         }
     }
 
-    /// Nothing is known any more.
+    /// Invalidates all pairs.
     pub fn invalidate(&mut self) {
         self.tube = LookAheadTube::nowhere();
         self.partial = None;
     }
 
-    /// The most pairs that there ever were.
+    /// Largest number of pairs so far.
     pub fn high_water(&self) -> usize {
         self.high_water
     }
 
-    /// Whether nothing is near.
+    /// Whether there are no pairs.
     pub fn is_empty(&self) -> bool {
         self.pairs.is_empty()
     }
 
-    /// The place of a face of the surface among those near.
+    /// Index of a face of the surface.
     pub fn place_of(&self, face: Handle) -> Option<u32> {
         self.face_places.find(face)
     }
@@ -239,29 +242,29 @@ impl Neighbourhood {
         self.pairs.iter().map(pair)
     }
 
-    /// The surface is nowhere nearer than this.
+    /// Lower bound of the distance to the surface.
     pub fn clearance(&self, shape: &ToolShape) -> f64 {
         let gap = |pair: &NearPair| self.apart_now(pair, self.corners(shape, pair.tool));
         let least = self.pairs.iter().map(gap).fold(self.tube.left(), f64::min);
         least.max(0.0)
     }
 
-    /// Whether a gathering was begun and is to go on.
+    /// Whether a collection is unfinished.
     pub fn has_partial_collection(&self) -> bool {
         self.partial.is_some()
     }
 
-    /// The corridor of which something is known.
+    /// The tube of the pairs or of the unfinished collection.
     fn looked_at(&self) -> &LookAheadTube {
         self.partial.as_ref().map_or(&self.tube, |b| &b.tube)
     }
 
-    /// No point of the tool gets farther within what is known; 0 where that is nothing.
+    /// Upper bound of the motion of a point within the tube; 0 if nothing is known.
     pub fn reach(&self) -> f64 {
         self.looked_at().reach().max(0.0)
     }
 
-    /// Whether something in a box may be near: within the margin of the corridor. Where none is known it may.
+    /// Whether a change in a box may be within the margin of the tube; true if nothing is known.
     pub fn may_reach(&self, shape: &ToolShape, aabb: &Aabb) -> bool {
         let tube = self.looked_at();
         let margin = tube.straight_margin();
@@ -286,7 +289,7 @@ impl Neighbourhood {
         self.vertex_places.clear();
     }
 
-    /// The place of a face, which is taken in if it is new.
+    /// Index of a face, which is added if it is new.
     fn face_place(&mut self, mesh: &ActiveMesh, face: Handle) -> u32 {
         let (place, is_new) = self.face_places.find_or_add(face, self.faces.len() as u32);
         if is_new {
@@ -299,7 +302,7 @@ impl Neighbourhood {
         place
     }
 
-    /// Puts the listed vertices where the tool is.
+    /// Places the tool's vertices.
     pub fn place(&mut self, shape: &ToolShape, at: &Placement) {
         self.rotation = at.rotation();
         put(
@@ -311,7 +314,7 @@ impl Neighbourhood {
         );
     }
 
-    /// Puts the ends of a motion where it leads.
+    /// Places the tool's vertices at the end of a motion.
     pub fn place_ends(&mut self, shape: &ToolShape, at: &Placement) {
         self.end_rotation = at.rotation();
         put(
@@ -323,26 +326,27 @@ impl Neighbourhood {
         );
     }
 
-    /// The tool has moved to a place by a motion.
+    /// Notes a motion of the tool to a placement.
     pub fn spend(&mut self, place: &Placement, motion: &Twist, radius: f64) {
         self.tube.move_to(place);
         self.moved += motion.farthest(radius);
     }
 
-    /// Whether a pair is farther apart than a distance, by what was seen of it and how far the tool has moved since.
+    /// Whether a pair is farther apart than `distance`, by its last separation and the motion
+    /// since.
     #[inline]
     pub(super) fn is_known_beyond(&self, pair: usize, distance: f64) -> bool {
         self.clear_until[pair] - self.moved > distance
     }
 
-    /// A pair is at least so far apart now.
+    /// Notes a lower bound of the separation of a pair.
     #[inline]
     pub(super) fn saw(&mut self, pair: usize, apart: f64) {
         self.clear_until[pair] = apart + self.moved;
     }
 
-    /// How far the faces of a pair are apart along its direction, given the corners of the tool's; negative where they
-    /// overlap along it.
+    /// Separation of a pair along its direction, given the corners of the tool's face; negative if
+    /// they overlap along it.
     #[inline]
     pub(super) fn apart_now(&self, pair: &NearPair, corners: [DVec3; 3]) -> f64 {
         self.apart_under(pair, self.rotation, corners)
@@ -371,7 +375,7 @@ impl Neighbourhood {
         self.end_rotation
     }
 
-    /// The direction of a pair now.
+    /// Current direction of a pair.
     pub(super) fn direction(&self, pair: &NearPair) -> DVec3 {
         match pair.along {
             Direction::Still { direction, .. } => direction,
@@ -379,7 +383,7 @@ impl Neighbourhood {
         }
     }
 
-    /// The normals of both faces of a pair, each towards the tool.
+    /// The normals of both faces of a pair, towards the tool.
     #[inline]
     pub(super) fn normals(
         &self,
@@ -403,7 +407,7 @@ impl Neighbourhood {
         ]
     }
 
-    /// Corners of a face of the tool now.
+    /// Current corners of a face of the tool.
     #[inline]
     pub(super) fn corners(&self, shape: &ToolShape, face: u32) -> [DVec3; 3] {
         shape.faces[face as usize]

@@ -1,46 +1,50 @@
-//! The motion closest to the wanted one among those that every contact allows: a quadratic program in six unknowns.
+//! The motion closest to the wanted one that every contact allows: a quadratic program in six
+//! unknowns.
 //!
-//! The dual active set method of Goldfarb and Idnani (1983), here with the unit matrix: it starts at the wanted motion,
-//! takes in the most violated contact and drops those that come to pull. Every step raises the dual, so no set comes
-//! back and it ends; at most six contacts hold at once. A contact whose row lies in the span of those that hold, within
-//! a sine of 1e-6, stands with them instead of being inverted.
+//! The dual active-set method of Goldfarb & Idnani 1983 with the identity as matrix. It starts at
+//! the wanted motion, adds the most violated contact and drops contacts whose multipliers become
+//! zero. Every step increases the dual objective, so no active set recurs and the method ends. At
+//! most six contacts are active. A contact whose row depends on active ones, within a sine of 1e-6,
+//! is not inverted.
 
-/// Three components of translation and three of rotation, of one unit.
+/// Three components of translation and three of rotation, in one unit.
 pub type Vector6 = [f64; 6];
 
 /// The half-space `row . y >= offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfSpace {
-    /// Its normal, not of unit length.
+    /// Normal, of any length.
     pub row: Vector6,
-    /// Least product; negative leaves room.
+    /// Least product; negative if there is room.
     pub offset: f64,
 }
 
-/// Half-spaces that hold at once, at the most.
+/// Largest number of active half-spaces.
 pub const MAX_ACTIVE: usize = 6;
-/// Half-spaces at the most.
+/// Largest number of half-spaces.
 pub const MAX_HALF_SPACES: usize = 512;
-/// Squared sine below which a row counts as one of the span of others.
+/// Squared sine below which a row counts as dependent on others.
 const DEPENDENT: f64 = 1e-12;
-/// Violation, as a fraction of the largest number of the problem, below which a half-space is obeyed.
+/// Violation below which a half-space is obeyed, as a fraction of the largest number of the
+/// problem.
 const OBEYED: f64 = 1e-12;
-/// Changes of the active set at the most; far more than it takes.
+/// Largest number of changes of the active set; far more than needed.
 const ROUNDS: usize = 128;
 
-/// The answer of [`project`].
+/// The result of [`project`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
     /// The closest point.
     pub point: Vector6,
-    /// Whether it obeys every half-space; if not they leave no point, or the numbers do not allow to find it.
+    /// Whether it obeys every half-space. If not, they have no common point, or rounding prevents
+    /// finding it.
     pub complete: bool,
     active: [(usize, f64); MAX_ACTIVE],
     count: usize,
 }
 
 impl Projection {
-    /// The half-spaces that push and their multipliers: `point = goal + sum of multiplier * row`.
+    /// The active half-spaces and their multipliers: `point = goal + sum of multiplier * row`.
     #[must_use]
     pub fn active(&self) -> &[(usize, f64)] {
         &self.active[..self.count]
@@ -94,8 +98,8 @@ impl Projection {
         self.active.swap(place, self.count);
     }
 
-    /// Solves once more for the half-spaces that push: a step past a row that was nearly in their span leaves the
-    /// rounding of that row, magnified, in the point and in the multipliers.
+    /// Solves again for the active set: a step past a nearly dependent row leaves its rounding
+    /// error, magnified, in the point and the multipliers.
     fn settle(&mut self, goal: &Vector6, half_spaces: &[HalfSpace]) {
         let basis = Basis::of(half_spaces, self.active());
         let mut along = [0.0; 6];
@@ -132,7 +136,7 @@ fn add_scaled(a: &mut Vector6, factor: f64, b: &Vector6) {
     }
 }
 
-/// An orthonormal basis of the active rows, with the triangle that makes them of it.
+/// An orthonormal basis of the active rows and the triangular factor.
 struct Basis {
     directions: [Vector6; MAX_ACTIVE],
     /// `triangle[k][j]`: component of row k along direction j.
@@ -159,7 +163,8 @@ impl Basis {
         basis
     }
 
-    /// Components of a row along the directions, and what is left of it: Gram-Schmidt, twice for the rounding of once.
+    /// Components of a row along the directions, and the remainder: Gram-Schmidt, twice against
+    /// rounding.
     fn split(&self, row: &Vector6) -> (Vector6, Vector6) {
         let (mut components, mut remainder) = ([0.0; 6], *row);
         for _ in 0..2 {
@@ -173,7 +178,7 @@ impl Basis {
         (components, remainder)
     }
 
-    /// Weights of the rows that sum up to what has these components.
+    /// Weights of the rows whose sum has these components.
     fn weights(&self, components: &Vector6) -> Vector6 {
         let mut weights = [0.0; 6];
         for j in (0..self.count).rev() {
@@ -186,7 +191,7 @@ impl Basis {
     }
 }
 
-/// The point closest to `goal` in the intersection of the half-spaces, [`MAX_HALF_SPACES`] of them at the most.
+/// The point closest to `goal` in the intersection of at most [`MAX_HALF_SPACES`] half-spaces.
 #[must_use]
 pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
     let mut best = Projection {
@@ -199,7 +204,7 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
         .iter()
         .fold(dot(&goal, &goal).sqrt(), |most, h| most.max(h.offset.abs()));
     let tolerance = OBEYED * largest;
-    // Rows in the span of active ones, violated by no more than that span is uncertain.
+    // Rows that depend on active ones and are violated within the uncertainty of those.
     let mut is_dependent = [false; MAX_HALF_SPACES];
     let mut rounds = 0;
     let mut unsettled = false;
@@ -227,7 +232,8 @@ pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
             let weights = basis.weights(&components);
             let square_left = dot(&remainder, &remainder);
             let independent = best.count < MAX_ACTIVE && square_left > DEPENDENT * square;
-            // Six that hold span everything: there a row takes one's place, however little it is violated.
+            // Six active rows span everything: there a new row replaces one, however small the
+            // violation.
             let nearly_dependent = best.count < MAX_ACTIVE && !independent;
             if nearly_dependent && violation <= 2.0 * DEPENDENT.sqrt() * largest {
                 is_dependent[added] = true;

@@ -1,21 +1,22 @@
-//! What the proxy knows of a tool's mesh beside its faces: its size, and which of its edges and corners can be nearest.
+//! The geometry of a tool's mesh about its centre: size, and the edges and corners that can be
+//! nearest.
 
 use crate::contact::tool::{Blocks, Tool};
 use glam::DVec3;
 use spm::{Handle, NONE};
 use std::collections::BTreeMap;
 
-/// Sine of the angle within which faces count as one plane: the rounding of f64 over the faces' size, generously.
+/// Sine of the angle within which faces count as coplanar: the rounding of f64, with a margin.
 pub(super) const FLAT: f64 = 1e-9;
 
 /// An edge of a face, opposite the corner of the same index.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ToolEdge {
-    /// The corner beyond it; [`NONE`] at a rim.
+    /// The corner beyond it; [`NONE`] at a boundary.
     pub beyond: u32,
-    /// Whether this face answers for the edge, and the edge is no line within a plane.
+    /// Whether this face owns the edge and the edge is not within a plane.
     pub is_asked: bool,
-    /// Whether this face answers for the edge.
+    /// Whether this face owns the edge.
     pub is_owned: bool,
 }
 
@@ -26,7 +27,7 @@ pub(super) struct ToolFace {
     /// Unit normal in the tool's axes; zero without area.
     pub normal: DVec3,
     pub edges: [ToolEdge; 3],
-    /// Which corners this face answers for.
+    /// The corners that this face owns.
     pub owns: [bool; 3],
 }
 
@@ -39,7 +40,7 @@ pub struct ToolShape {
     /// Neighbours of vertex v: `around[first[v]..first[v + 1]]`.
     first: Vec<u32>,
     around: Vec<u32>,
-    /// The boxes of its faces about the centre.
+    /// Boxes of the faces about the centre.
     pub(super) blocks: Blocks,
     /// The centre in the tool's own frame, units of the model.
     pub(super) centre: DVec3,
@@ -50,7 +51,7 @@ pub struct ToolShape {
 }
 
 impl ToolShape {
-    /// Of a tool of `scale` model units a unit.
+    /// The shape of a tool; `scale`: model units per unit of the tool.
     pub fn new(tool: &Tool, scale: f64) -> Self {
         let local: Vec<DVec3> = tool.local_vertices().iter().map(|&p| p * scale).collect();
         let triangles: Vec<[u32; 3]> = (0..tool.faces()).map(|f| tool.triangle(f)).collect();
@@ -73,7 +74,7 @@ impl ToolShape {
                     let other = about.iter().find(|&&(f, _)| f != face);
                     let beyond = other.map_or(NONE, |&(f, l)| triangles[f as usize][l]);
                     let is_owned = about[0].0 == face;
-                    // Three faces at an edge: none of them lets it lie in a plane.
+                    // With three faces at an edge, it is in no plane.
                     let flat = about.len() == 2
                         && is_flat(
                             vertices.map(|v| points[v as usize]),
@@ -114,10 +115,10 @@ impl ToolShape {
         }
     }
 
-    /// The same tool in another scale.
+    /// Rescales the tool.
     pub(super) fn rescale(&mut self, tool: &Tool, scale: f64) {
         let local = |k: usize| tool.local_vertices()[k] * scale;
-        // The sums of `moments` over the same triangles in the same order.
+        // The sums of `moments` in the same order.
         let triangles = || self.faces.iter().map(|face| face.vertices);
         let (centre, gyration) = moments(self.points.len(), local, triangles);
         for (k, point) in self.points.iter_mut().enumerate() {
@@ -150,14 +151,14 @@ fn faces_at_edges(triangles: &[[u32; 3]]) -> BTreeMap<[u32; 2], Vec<(Handle, usi
     sides
 }
 
-/// Whether a point lies in the plane of a triangle, seen from it; a triangle without area is in every plane.
+/// Whether a point is in the plane of a triangle; a triangle without area is in every plane.
 pub(super) fn is_flat([a, b, c]: [DVec3; 3], beyond: DVec3) -> bool {
     let normal = (b - a).cross(c - a);
     let arm = beyond - a;
     normal.dot(arm).abs() <= FLAT * normal.length() * arm.length()
 }
 
-/// Centre of the surface and its radius of gyration; those of the vertices where there is no area.
+/// Centre and radius of gyration of the surface, or of the vertices if there is no area.
 fn moments<T: Iterator<Item = [u32; 3]>>(
     count: usize,
     point: impl Fn(usize) -> DVec3,

@@ -1,4 +1,4 @@
-//! The steps of a tick: along what the contacts allow, as far as nothing passes, until there is nothing left to go.
+//! The steps of a tick: project, sweep, repeat until no motion remains or the budget is spent.
 
 use super::contacts::ToolContact;
 use super::look_ahead_tube::LookAheadTube;
@@ -11,45 +11,47 @@ use crate::contact::query::{Ending, Surface};
 use geometry::closest_points_of_triangles;
 use glam::DVec3;
 
-/// Share of the rest distance that the sweep leaves.
+/// Separation that the sweep keeps, as a share of the contact offset.
 const MIN_SEPARATION: f64 = 0.5;
-/// How far a step may stray from the way that it was expected to take, beyond a share of it, as a fraction of the radius of
-/// gyration.
+/// Deviation from the expected path that the look-ahead tube allows, beside a share of the path, as
+/// a fraction of the radius of gyration.
 const LOOK_AROUND: f64 = 2e-3;
-/// The share.
+/// That share of the path.
 const SKIN_SHARE: f64 = 0.1;
-/// What is gathered ahead, in units of the device's motion, at the most.
+/// Length of the look-ahead, in units of the device's motion in a tick.
 const AHEAD: f64 = 1.5;
-/// How far contacts are looked for, in units of the motion that those of the last step allow.
+/// Range of the search for contacts, in units of the motion that the last contacts allow.
 const BEYOND: f64 = 1.25;
-/// Times that contacts are looked for before a step, at the most: again where those found lead it elsewhere.
+/// Searches for contacts before a step; repeated if the contacts found redirect the motion.
 const MAX_LOOKS: u32 = 3;
-/// How far it must be behind to look farther ahead in free air, in units of what it would look ahead.
+/// Distance behind the device from which the look-ahead grows in free air, in units of the
+/// look-ahead.
 const FAR_BEHIND: f64 = 8.0;
-/// Share of the budget beyond which a tick begins nothing more, once it has gathered or gone a step: what is left of the way
-/// is gone in the next one.
+/// The part of the budget, one over this, after which a tick begins no further work once it has
+/// collected candidates or taken a step.
 const TICK_SHARE: u32 = 16;
-/// Share of the budget that goes into renewing what is known: where that does not suffice it is gathered anew.
+/// The part of the budget, one over this, for an update of the candidates; beyond, they are
+/// collected again.
 const UPDATE_SHARE: u32 = 8;
-/// Gatherings a tick at the most: they are what costs most.
+/// Collections per tick; they cost most.
 const MAX_COLLECTIONS: u32 = 2;
-/// Gatherings of a tick that had no room, at the most.
+/// Collections per tick that fail for lack of room or budget.
 const MAX_FAILURES: u32 = 3;
-/// Motion, as a fraction of the radius of gyration, below which a tick is done.
+/// Motion at which a tick has converged, as a fraction of the radius of gyration.
 const CONVERGED: f64 = 1e-6;
-/// The same as a fraction of the device's motion in this tick: what is left is done in the next one.
+/// The same as a fraction of the device's motion; the next tick makes the remaining motion.
 const LAG: f64 = 0.05;
-/// Steps a tick at the most; what is left is done in the next tick, from a safe place.
+/// Steps per tick; the next tick makes the remaining motion, from a safe placement.
 const MAX_STEPS: usize = 6;
-/// Pairs that stop the steps of a tick and are remembered, at the most: one a step.
+/// Pairs that stop a step and are remembered: one per step.
 pub(super) const MAX_STOPS: usize = MAX_STEPS;
-/// What a contact in a projection costs, in pairs of nodes (measured).
+/// Cost of a contact in a projection, in node pairs (measured).
 const PROJECTED: u32 = 8;
-/// After a gathering that took clearly less than it may, the next one is larger by this factor.
+/// Growth of the look-ahead after a collection below its share of the budget.
 const RECOVERY: f64 = 1.25;
-/// Share of what is gathered ahead to which that is reduced where it costs much, though the budget has room.
+/// Least scale of the look-ahead to which a costly collection within the budget reduces it.
 const MODERATE: f64 = 1.0 / 3.0;
-/// Share of what is gathered ahead that is always tried: less is hardly less work.
+/// Least scale of the look-ahead: less hardly costs less.
 const MIN_LOOK_AHEAD_SCALE: f64 = 1.0 / 16.0;
 
 /// The state of the steps of one tick.
@@ -305,11 +307,13 @@ impl ToolProxy {
         }
     }
 
-    /// Looks for contacts and projects the wanted motion onto what they allow: the motion that was likely before, what is
-    /// allowed, and how far it was looked for. `None` where the budget does not suffice.
+    /// Searches contacts and projects the wanted motion onto them. Returns the motion expected
+    /// before, the projected motion and the range of the search; `None` if the budget does not
+    /// suffice.
     ///
-    /// What is farther than the step is likely to go has no say in where it leads; should it go farther, it stops. Where what
-    /// is found leads it elsewhere, what is there is looked for too: else each step would obey what the last one did not see.
+    /// Features beyond the range of the step do not constrain it; the sweep stops at them. If the
+    /// contacts found redirect the motion, the search is repeated along the new one. Otherwise each
+    /// step would obey only what the previous one had not seen.
     fn look(
         &mut self,
         surface: Surface<'_>,
@@ -354,7 +358,7 @@ impl ToolProxy {
         }
     }
 
-    /// What is known of the surface near is renewed where it has changed, or forgotten where that does not do.
+    /// Updates the candidate pairs where the surface changed; invalidates them if that fails.
     pub(super) fn update(
         &mut self,
         surface: Surface<'_>,
@@ -376,17 +380,17 @@ impl ToolProxy {
         self.near.place(&self.shape, &self.at);
     }
 
-    /// Nothing near is known any more.
+    /// Invalidates the candidate pairs.
     pub(super) fn invalidate(&mut self) {
         if self.near.has_partial_collection() {
-            // What takes several ticks may never come to its end.
+            // A collection over several ticks might never end.
             self.shorten_look_ahead();
         }
         self.near.invalidate();
         self.has_unused_collection = false;
     }
 
-    /// From now on less is gathered at once.
+    /// Reduces the look-ahead of later collections.
     fn shorten_look_ahead(&mut self) {
         if self.catch_up_factor > 1.0 {
             self.catch_up_factor = (0.5 * self.catch_up_factor).max(1.0);
@@ -395,7 +399,7 @@ impl ToolProxy {
         }
     }
 
-    /// The budget is spent. Where not even a tick that gathers nothing suffices, less is gathered from now on.
+    /// The budget is spent. If it was spent without a collection, the look-ahead shrinks.
     fn run_short(&mut self, had_it_all: bool, answer: &mut ToolAdvance) {
         answer.ending = Ending::OutOfBudget { unvisited: 1 };
         if had_it_all {
@@ -404,8 +408,8 @@ impl ToolProxy {
         }
     }
 
-    /// The way that a step will take as far as the contacts of the last one tell, no farther than is looked ahead, nor so
-    /// far round that arcs stray from it by more than is looked around.
+    /// The expected path of the next step by the contacts of the last one, limited to the
+    /// look-ahead `ahead` and to arcs that deviate from the path by at most `look_around`.
     fn expected(&mut self, wanted: &Twist, ahead: f64, look_around: f64) -> Twist {
         self.contacts.carry(&self.at);
         let path = self.allowed(wanted, self.contact_offset(), None);
@@ -415,7 +419,8 @@ impl ToolProxy {
         path.times(share.min(1.0))
     }
 
-    /// Gathers what comes near on a way; when the budget does not allow it nothing is known, and the next one is shorter.
+    /// Collects the candidate pairs of a path. False if room or budget do not suffice; then nothing
+    /// is known, or a part that the next tick completes.
     fn collect_candidates(
         &mut self,
         surface: Surface<'_>,
@@ -428,7 +433,7 @@ impl ToolProxy {
         let skin = self.look_ahead_scale * look_around + SKIN_SHARE * path.farthest(radius);
         let tube = LookAheadTube::along(self.at, path, offset, skin, &self.shape);
         self.stops.clear();
-        // Where this leaves nothing for the step, that comes in the next tick, and so does what this does not suffice for.
+        // The other half is for the step. If it does not suffice, the next tick takes the step.
         let most = budget.saturating_sub(answer.spent) / 2;
         let (ending, work) = self.near.collect(surface, &self.shape, tube, most);
         let cost = work.cost();
@@ -436,14 +441,14 @@ impl ToolProxy {
         answer.spent += cost;
         self.has_unused_collection = false;
         if self.near.tube.left() <= offset {
-            // Either the budget is spent, or more is within the rest distance than there is room for.
+            // The budget is spent, or too many faces are within the contact offset.
             answer.ending = match ending {
                 Ending::Complete => Ending::Stopped { unvisited: 0 },
                 other => other,
             };
             return false;
         }
-        // Less is gathered where that helps, and that is where most of it went into pairs of faces.
+        // Reduces the look-ahead if most of the cost was face pairs, which a shorter path saves.
         let enough = budget / TICK_SHARE;
         if cost > enough && (cost > 2 * work.node_pairs || cost > 2 * enough) {
             self.look_ahead_scale =
@@ -457,8 +462,8 @@ impl ToolProxy {
         true
     }
 
-    /// What has stopped a step of this tick is a contact as long as it is no farther than the rest distance, a minimum
-    /// or not: what is left of it is no other way known.
+    /// Adds the pairs that stopped a step of this tick as contacts while they are within the
+    /// contact offset, local minimum or not: nothing else records them.
     pub(super) fn add_stops(&mut self, offset: f64) {
         for &k in &self.stops {
             let pair = &self.near.pairs[k];
@@ -476,7 +481,8 @@ impl ToolProxy {
         }
     }
 
-    /// The motion closest to the wanted one that the contacts allow; those that push go into the answer.
+    /// The motion closest to the wanted one that the contacts allow. The active contacts go into
+    /// the answer.
     pub(super) fn allowed(
         &mut self,
         wanted: &Twist,
@@ -498,7 +504,8 @@ impl ToolProxy {
         let goal = [v.x, v.y, v.z, w.x, w.y, w.z];
         let mut found = project(goal, &self.half_spaces);
         if !found.complete {
-            // Squeezed between surfaces nearer than the rest distance: to stay is always allowed.
+            // Squeezed between surfaces nearer than the contact offset: no motion is always
+            // allowed.
             for half_space in &mut self.half_spaces {
                 half_space.offset = half_space.offset.min(0.0);
             }

@@ -1,9 +1,11 @@
-//! How much of a motion is free: no face of the tool may come nearer to one of the surface than a floor.
+//! The free share of a motion: no face of the tool comes nearer to the surface than a minimum
+//! separation.
 //!
-//! Conservative advancement pair by pair (Mirtich 1996; Redon et al. 2002): along a fixed direction a pair stays apart
-//! at least as on the straight line between start and end, less the sagitta of the rotation. Where that does not
-//! suffice for the whole motion it does for a part, after which the closest points give a better direction. Every
-//! place along the way is safe, so that to stop early is safe too.
+//! Conservative advancement pair by pair (Mirtich 1996, Redon 2002). Along a fixed direction the
+//! separation of a pair is at least the linear interpolation between start and end, less the
+//! sagitta of the rotation. If that does not certify the whole motion, it certifies a part, after
+//! which the closest points give a better direction. Every placement on the way is safe, so an
+//! early stop is safe too.
 
 use super::contacts::PASSED;
 use super::neighbourhood::{Direction, NearPair, Neighbourhood, apart, reach_along};
@@ -12,50 +14,52 @@ use crate::contact::motion::{Placement, Twist};
 use geometry::closest_points_of_triangles;
 use glam::{DMat3, DVec3};
 
-/// Parts of a motion that a pair is followed through, at the most.
+/// Parts per pair.
 const PARTS: u32 = 16;
-/// Share of what is left of a motion below which a part along one direction is short, so that directions that turn are tried.
+/// Share of the remaining motion below which a part along one direction is short, so that turning
+/// directions are tried.
 const SHORT: f64 = 0.25;
-/// Places that are looked at to find a part along directions that turn.
+/// Trials of a part along turning directions.
 const TRIES: u32 = 3;
-/// What a part costs, in pairs of nodes (measured).
+/// Cost of a part, in node pairs (measured).
 const PART: u32 = 30;
-/// What a part is shortened by, so that rounding does not make it too long.
+/// Reduction of a part against rounding.
 const WITHIN: f64 = 1.0 - 1e-6;
-/// Share of the floor within which a pair counts as stopped.
+/// Share of the minimum separation within which a pair counts as stopped.
 const TOUCH: f64 = 0.05;
 
-/// Share of the distance of closest points that faces are apart along the way between them, unless that is rounding.
+/// Share of the distance of the closest points by which their direction must separate the faces;
+/// below, the direction is rounding.
 const CLEAR: f64 = 0.99;
 
-/// How a sweep ended.
+/// The result of a sweep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Swept {
-    /// Share of the motion that is free, 0..1.
+    /// Free share of the motion, 0 to 1.
     pub share: f64,
     /// The pair that stopped it.
     pub stop: Option<usize>,
-    /// What it cost, in pairs of nodes.
+    /// Cost, in node pairs.
     pub spent: u32,
-    /// Whether every pair was followed as far as it had to be. If not, the share is what is known to be free.
+    /// Whether every pair was swept. If not, the share is a safe lower bound.
     pub is_all: bool,
 }
 
-/// A pair that its direction does not part on the whole motion.
+/// A pair that its direction does not separate on the whole motion.
 #[derive(Debug, Clone, Copy)]
 pub struct Open {
     /// The share up to which it does.
     until: f64,
-    /// How far apart it is at the start.
+    /// Separation at the start.
     now: f64,
     pair: u32,
 }
 
-/// The free share of a motion of a placed neighbourhood. Pairs keep at least `floor` (model units) apart; those that
-/// are nearer already, at least half of what they are. What is left when `most` pairs of nodes are spent is free as far as
-/// the pairs are apart now.
+/// The free share of a motion of a placed neighbourhood. Pairs keep a distance of `min_separation`
+/// (model units), or of half their distance if they are nearer already. If `most` node pairs are
+/// spent, the remaining pairs are free as far as their separation tells.
 ///
-/// What seems to stop it first is followed first: most others are then known to be free as far as that.
+/// The pair that seems to stop first is swept first; most others then need no sweep.
 pub fn free_share(
     near: &mut Neighbourhood,
     open: &mut Vec<Open>,
@@ -171,7 +175,7 @@ impl Sweep<'_> {
     }
 }
 
-/// How far what moves strays from straight lines between its start and its end.
+/// Deviation of a motion from straight lines between its start and its end.
 struct Bends {
     sagitta: f64,
     turn: f64,
@@ -212,8 +216,8 @@ impl Bends {
         });
     }
 
-    /// No corner of the surface, seen from the tool, leaves the straight line between start and end by more: the bound of
-    /// [`Twist::sagitta`] with what a turning frame adds.
+    /// Bound of the deviation of the surface's corners from straight lines, in the tool's frame:
+    /// [`Twist::sagitta`] plus the part of the turning frame.
     #[inline]
     fn seen_from_tool(&self, surface: [DVec3; 3]) -> f64 {
         let farthest = surface.iter().fold(0.0f64, |most, corner| {
@@ -222,8 +226,8 @@ impl Bends {
         0.125 * self.turn * (self.turn * (farthest.sqrt() + self.travel) + 2.0 * self.travel)
     }
 
-    /// How far a pair is apart along its direction, and up to which share of the motion it stays so by a floor: on straight
-    /// lines what is between the corners is no less than between its ends in proportion.
+    /// Separation of a pair along its direction, and the share of the motion up to which it stays
+    /// above the minimum. On straight lines it is at least the interpolation between both ends.
     #[inline]
     fn clear_until(
         &self,
@@ -250,8 +254,8 @@ impl Bends {
     }
 }
 
-/// Of a direction, the normals of two faces and those of their pairs of edges the one along which the second is farthest
-/// beyond the first: the axes of which one parts any two faces that do not meet.
+/// The axis of largest separation among a direction, the normals of two faces and the cross
+/// products of their edges: one of these separates any two disjoint faces.
 fn most_apart(direction: DVec3, surface: [DVec3; 3], tool: [DVec3; 3]) -> DVec3 {
     let edges = |[a, b, c]: [DVec3; 3]| [b - a, c - b, a - c];
     let (of_surface, of_tool) = (edges(surface), edges(tool));
@@ -275,8 +279,8 @@ fn most_apart(direction: DVec3, surface: [DVec3; 3], tool: [DVec3; 3]) -> DVec3 
     best
 }
 
-/// The direction along which the second of two faces is farthest beyond the first, within rounding, and how far; `None` where
-/// they meet.
+/// The direction of largest separation of two faces, within rounding, and that separation; `None`
+/// if they meet.
 fn separating_direction(surface: [DVec3; 3], tool: [DVec3; 3]) -> Option<(DVec3, f64)> {
     let closest = closest_points_of_triangles(surface, tool);
     let [from, to] = closest.points;
@@ -285,7 +289,7 @@ fn separating_direction(surface: [DVec3; 3], tool: [DVec3; 3]) -> Option<(DVec3,
     if now >= CLEAR * from.distance(to) {
         return Some((direction, now));
     }
-    // So near that the way between the points is rounding: then a normal of faces or edges is better.
+    // So near that the direction between the points is rounding: an axis of the faces is better.
     let direction = most_apart(direction, surface, tool);
     Some((
         direction,
@@ -293,7 +297,7 @@ fn separating_direction(surface: [DVec3; 3], tool: [DVec3; 3]) -> Option<(DVec3,
     ))
 }
 
-/// One pair along a motion.
+/// The sweep of one pair.
 struct PairSweep<'a> {
     surface: [DVec3; 3],
     /// The tool's axes and the corners of its face at the end of the motion.
@@ -317,7 +321,7 @@ impl PairSweep<'_> {
         (rotation, self.arms.map(|arm| at.centre + rotation * arm))
     }
 
-    /// How far the pair is free up to a share, its direction at the start, and the parts that it took.
+    /// The free share up to `whole`, the direction at the start, and the parts examined.
     fn until(&mut self, whole: f64, corners: [DVec3; 3]) -> (f64, Option<Direction>, u32) {
         let (mut share, mut corners, mut first) = (0.0, corners, None);
         let mut rotation = self.start.rotation();
@@ -355,7 +359,7 @@ impl PairSweep<'_> {
             }
             first = first.or(Some(along));
             if part < SHORT * left {
-                // Where a wide face rolls over a contact, a direction that stays for either is soon used up.
+                // If a wide face rolls over a contact, a direction fixed to either body soon fails.
                 let (most, tries) =
                     self.part_along_turning_direction(share, left, direction, now, corners);
                 parts += tries;
@@ -370,11 +374,13 @@ impl PairSweep<'_> {
         (share, first, parts)
     }
 
-    /// How far on from a share a pair is free along directions that turn evenly from one, along which it is apart by `now`,
-    /// to the one that parts it there; 0 where that does not tell. And how many places were looked at.
+    /// The free part after a share along directions that turn evenly from `direction`, with
+    /// separation `now`, to the separating direction at the end of the part; 0 if none is found.
+    /// And the number of trials.
     ///
-    /// Over a part of the way the product of what turns evenly and what goes straight is a parabola: it is below its chord by
-    /// no more than a quarter of the turn times the way. Directions between two of unit length are no longer than they are.
+    /// The product of an evenly turning direction and a straight motion is a parabola, below its
+    /// chord by at most a quarter of the turn times the motion. Directions between two unit vectors
+    /// are not longer than these.
     fn part_along_turning_direction(
         &self,
         share: f64,
@@ -397,7 +403,7 @@ impl PairSweep<'_> {
                 if bend <= room {
                     return (span * WITHIN, tries);
                 }
-                // Both go with the square of the part.
+                // Both are quadratic in the part.
                 shorter = (room.max(0.0) / bend).sqrt().clamp(0.25, 0.75);
             }
             span *= shorter;
@@ -405,8 +411,8 @@ impl PairSweep<'_> {
         (0.0, TRIES)
     }
 
-    /// How far on from a share a pair with some room is free along one direction, `left` at the most. `closer` tells by how
-    /// much it comes nearer up to where the tool's face is given.
+    /// The free part after a share along one direction, at most `left`. `closer`: the loss of
+    /// separation up to given corners of the tool.
     fn part(
         &self,
         share: f64,
@@ -415,7 +421,7 @@ impl PairSweep<'_> {
         sagitta: f64,
         closer: impl Fn(DMat3, [DVec3; 3]) -> f64,
     ) -> f64 {
-        // So short that the sagitta takes half of the room at most.
+        // Short enough for the sagitta to take at most half of the room.
         let span = left.min((0.5 * room / sagitta).sqrt());
         let room = room - sagitta * span * span;
         let (rotation, ends) = self.at(share + span);

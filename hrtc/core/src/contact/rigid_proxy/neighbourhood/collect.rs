@@ -1,4 +1,4 @@
-//! How the pairs are gathered, and renewed where the surface has changed.
+//! Collection of the candidate pairs, and their update where the surface changed.
 
 use super::{
     Direction, LookAheadTube, MAX_PAIRS, MAX_SURFACE_FACES, NearPair, Neighbourhood, ToolShape,
@@ -10,22 +10,22 @@ use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};
 use std::ops::ControlFlow;
 
-/// Times that the margin of a full neighbourhood is halved at once, at the most.
+/// Halvings of the margin at once if the neighbourhood is full.
 const HALVINGS: usize = 6;
 
-/// A gathering for which the budget did not suffice.
+/// A collection that the budget interrupted.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PartialCollection {
     pub(super) tube: LookAheadTube,
-    /// Around the straight lines.
+    /// Margin around the straight lines.
     margin: f64,
     resume: Resume,
 }
 
 impl Neighbourhood {
-    /// Gathers all pairs of a corridor. Where there are too many the margin shrinks; where that does not help, nothing is
-    /// known and the ending says so. Nor is it while the budget of node pairs is spent: then the next call goes on with the
-    /// same corridor, which begins where the tool is to stay until then.
+    /// Collects all pairs of a tube. If there are too many, the margin shrinks; if that does not
+    /// suffice, nothing is known and the ending says so. If the budget of node pairs is spent, the
+    /// next call continues with the same tube, at whose start the tool must stay until then.
     pub fn collect(
         &mut self,
         surface: Surface<'_>,
@@ -50,7 +50,7 @@ impl Neighbourhood {
         let centres = ends.map(|at| at.centre);
         [self.rotation, self.end_rotation] = ends.map(|at| at.rotation());
         let mut candidate: Option<CandidateFace> = None;
-        // Seen from the tool, straight ways are bent.
+        // In the tool's frame straight paths are bent.
         let path = RelativePath::new(centres, [self.rotation, self.end_rotation]);
         let bend = tube.bend_seen(tube.straight_margin());
         let mut of_this_face = 0;
@@ -132,8 +132,8 @@ impl Neighbourhood {
         false
     }
 
-    /// Takes a face of the surface and one of the tool as a pair if they come within a margin on the straight ways from
-    /// where the tool was placed to where its ends were, and says how far they stay apart.
+    /// Adds a face of the surface and one of the tool as a pair if they come within `margin` on the
+    /// straight lines from start to end. Returns their separation.
     #[inline]
     fn take(
         &mut self,
@@ -167,8 +167,9 @@ impl Neighbourhood {
         Some(gap)
     }
 
-    /// After faces have changed or gone, what is known is what would have been gathered with them as they are now. Whether
-    /// it is: not where nothing was known, where that does not fit, nor where it costs more than `most`; and what it cost.
+    /// Updates the pairs after faces have changed or gone: the result is that of a new collection.
+    /// False if nothing was known, if there is no room, or if it costs more than `most`. And its
+    /// cost.
     pub fn update(
         &mut self,
         surface: Surface<'_>,
@@ -186,7 +187,7 @@ impl Neighbourhood {
         let ends = self.tube.ends();
         self.place(shape, &ends[0]);
         self.place_ends(shape, &ends[1]);
-        // A face may be told of more than once.
+        // A face may be listed more than once.
         for &face in changed {
             if let Some(place) = self.face_places.find(face) {
                 self.faces[place as usize].face = NONE;
@@ -199,7 +200,7 @@ impl Neighbourhood {
         for k in 0..self.pairs.len() {
             let face = face_of(&self.pairs[k]);
             if is_there(face) {
-                // A handle until the faces are counted anew.
+                // A handle until the faces are indexed anew.
                 self.pairs[kept] = NearPair {
                     surface: face,
                     ..self.pairs[k]
@@ -226,7 +227,7 @@ impl Neighbourhood {
                         .take(mesh, shape, centres, &mut candidate, own, margin)
                         .is_some()
                 {
-                    // The tool may have strayed from the way since.
+                    // The tool may have deviated from the path since.
                     self.clear_until.push(f64::NEG_INFINITY);
                 }
                 has_room
@@ -239,7 +240,7 @@ impl Neighbourhood {
         (true, work)
     }
 
-    /// Lists vertices of the tool that are not yet, where they are at the start and at the end of the way.
+    /// Places vertices of the tool that are not listed yet at start and end of the path.
     #[inline]
     fn list(&mut self, vertices: [u32; 3], shape: &ToolShape, centres: [DVec3; 2]) {
         for v in vertices.map(|v| v as usize) {
@@ -252,12 +253,12 @@ impl Neighbourhood {
         }
     }
 
-    /// Whether it is worth while to go on after it was full.
+    /// Whether a full neighbourhood has enough room to continue.
     fn has_room(&self) -> bool {
         4 * self.pairs.len() <= 3 * MAX_PAIRS && 4 * self.faces.len() <= 3 * MAX_SURFACE_FACES
     }
 
-    /// Keeps only pairs that may be within a margin, and the faces that they have.
+    /// Keeps only pairs that may be within a margin, and their faces.
     fn shrink(&mut self, mesh: &ActiveMesh, margin: f64) {
         let mut kept = 0;
         for k in 0..self.pairs.len() {
@@ -265,7 +266,7 @@ impl Neighbourhood {
             if self.clear_until[k] <= margin {
                 let face = self.faces[pair.surface as usize].face;
                 self.pairs[kept] = NearPair {
-                    // A handle until the faces are counted anew.
+                    // A handle until the faces are indexed anew.
                     surface: face,
                     ..pair
                 };
@@ -276,7 +277,7 @@ impl Neighbourhood {
         self.keep_first(kept, mesh);
     }
 
-    /// Keeps only the first pairs, which have handles of faces, and counts the faces anew.
+    /// Keeps the first pairs, which hold handles, and indexes the faces anew.
     fn keep_first(&mut self, kept: usize, mesh: &ActiveMesh) {
         self.clear_until.truncate(kept);
         self.pairs.truncate(kept);
@@ -287,13 +288,13 @@ impl Neighbourhood {
     }
 }
 
-/// A face of the surface for which pairs are gathered.
+/// A face of the surface for which pairs are collected.
 struct CandidateFace {
     face: Handle,
     corners: [DVec3; 3],
     /// Unit normal; zero without area.
     normal: DVec3,
-    /// Among the faces that have a pair.
+    /// Index among the faces that have a pair.
     place: Option<u32>,
 }
 
@@ -309,22 +310,23 @@ impl CandidateFace {
     }
 }
 
-/// A face of the tool that is gathered for.
+/// A face of the tool for which pairs are collected.
 struct MovingFace {
-    /// Where its corners are at the start and at the end of the way.
+    /// Corners at the start and at the end of the path.
     corners: [[DVec3; 3]; 2],
-    /// Its normal in the tool's axes.
+    /// Normal in the tool's axes.
     own: DVec3,
-    /// From those to the model's at the start.
+    /// From the tool's axes to the model's at the start.
     rotation: DMat3,
 }
 
 impl MovingFace {
-    /// Of the two faces' normals and the way between their middles the one along which they stay apart most on the straight
-    /// way, and how far; or the first along which they stay farther apart than `enough`.
+    /// The direction of largest separation along the straight path, among the normals of two faces
+    /// and the direction between their centres, and that separation; or the first direction with a
+    /// separation above `enough`.
     fn best_apart(&self, face: &CandidateFace, enough: f64) -> (f64, Direction) {
         let [start, end] = &self.corners;
-        // Both ways of a normal at once: what reaches least one way reaches most the other.
+        // Both signs of a normal at once.
         let either = |normal: DVec3| {
             let [a, b, c] = face.corners.map(|p| normal.dot(p));
             let [p, q, r] = start.map(|p| normal.dot(p));
