@@ -1,7 +1,8 @@
-//! The virtual coupling: the spring and damper between the device and the proxy (Colgate, Stanley and Brown 1995).
+//! The virtual coupling: a spring and damper between the device and the proxy (Colgate 1995).
 //!
-//! Its energy is half the stiffness times the squared distance in the metric in which the proxy is the nearest: so the
-//! force and torque are exactly those that the contacts give, without a part along the surface.
+//! Its energy is half the stiffness times the squared distance, in the metric in which the proxy is
+//! the nearest placement. So force and torque are exactly those of the contacts, without a
+//! component along the surface.
 
 use super::motion::Twist;
 use geometry::Wrench;
@@ -17,8 +18,8 @@ pub struct Coupling {
 }
 
 impl Coupling {
-    /// Force and torque about the device's centre. `stretch` leads from the device to the proxy, `velocity` is the
-    /// device's (a second); both in metres and radians, as the gyration.
+    /// Force and torque about the device's centre. `deflection`: from the device to the proxy;
+    /// `velocity`: of the device, per second; both in metres and radians, as the gyration.
     #[must_use]
     pub fn wrench(&self, deflection: &Twist, velocity: &Twist, gyration: f64) -> Wrench {
         let square = gyration * gyration;
@@ -40,7 +41,7 @@ impl Coupling {
     }
 }
 
-/// The same wrench about a point `arm` away from the one that it is about.
+/// The same wrench about a point `arm` away.
 #[must_use]
 pub fn about(wrench: &Wrench, arm: DVec3) -> Wrench {
     Wrench {

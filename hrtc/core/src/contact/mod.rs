@@ -1,4 +1,13 @@
-//! Queries on an active front, and the proxies that stand on them.
+//! Contact: queries on an active front, and the proxies that use them.
+//!
+//! | module | content |
+//! |---|---|
+//! | `query` | distance and intersection queries |
+//! | `tool` | a rigid mesh as a probe, its trees, and its pairs with the front |
+//! | `motion` | rigid motions and placements |
+//! | `coupling` | spring and damper between device and proxy |
+//! | `sphere_proxy` | the proxy of a sphere, three degrees of freedom |
+//! | `rigid_proxy` | the proxy of a tool, six degrees of freedom |
 
 pub mod coupling;
 pub mod motion;

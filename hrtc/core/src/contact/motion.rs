@@ -1,11 +1,11 @@
-//! Rigid places and motions of a tool about its centre.
+//! Rigid placements and motions of a tool about its centre.
 
 use glam::{DMat3, DQuat, DVec3};
 
 /// A translation of the centre and a rotation about it: a screw in exponential coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Twist {
-    /// Way of the centre, model units.
+    /// Displacement of the centre, model units.
     pub linear: DVec3,
     /// Rotation vector in the model's axes, rad.
     pub angular: DVec3,
@@ -21,7 +21,7 @@ impl Twist {
         }
     }
 
-    /// One after the other, as far as they are small.
+    /// The composition, for small motions.
     #[must_use]
     pub fn plus(&self, other: &Self) -> Self {
         Self {
@@ -30,7 +30,7 @@ impl Twist {
         }
     }
 
-    /// What another one lacks of it.
+    /// The difference.
     #[must_use]
     pub fn minus(&self, other: &Self) -> Self {
         Self {
@@ -39,20 +39,21 @@ impl Twist {
         }
     }
 
-    /// No point within `radius` of the centre moves farther.
+    /// Bound of the displacement of points within `radius` of the centre.
     #[must_use]
     pub fn farthest(&self, radius: f64) -> f64 {
         self.linear.length() + self.angular.length() * radius
     }
 
-    /// No point within `radius` of the centre leaves the straight line from where it starts to where it ends by more.
+    /// Bound of the deviation of points within `radius` of the centre from the straight line
+    /// between start and end.
     #[must_use]
     pub fn sagitta(&self, radius: f64) -> f64 {
         0.125 * radius * self.angular.length_squared()
     }
 }
 
-/// Where a tool is: its centre, and its axes in the model's.
+/// Placement of a tool: its centre and its axes in the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     /// Centre, model units.
@@ -62,20 +63,20 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// The model's own axes.
+    /// The origin of the model.
     pub(crate) const NOWHERE: Self = Self {
         centre: DVec3::ZERO,
         orientation: DQuat::IDENTITY,
     };
 
-    /// The motion from here to there, by the shorter way round.
+    /// The motion to another placement, by the shorter rotation.
     #[must_use]
     pub fn to(&self, there: &Self) -> Twist {
         let turn = there.orientation * self.orientation.conjugate();
         let turn = if turn.w < 0.0 { -turn } else { turn };
         let sine = turn.xyz();
         let length = sine.length();
-        // The angle over its sine; both vanish together.
+        // The angle divided by its sine; both vanish together.
         let stretch = if length > 0.0 {
             2.0 * length.atan2(turn.w) / length
         } else {
@@ -87,7 +88,7 @@ impl Placement {
         }
     }
 
-    /// After a motion.
+    /// The placement after a motion.
     #[must_use]
     pub fn moved(&self, twist: &Twist) -> Self {
         Self {
@@ -96,7 +97,7 @@ impl Placement {
         }
     }
 
-    /// Its axes as a matrix.
+    /// The axes as a matrix.
     #[must_use]
     pub fn rotation(&self) -> DMat3 {
         DMat3::from_quat(self.orientation)

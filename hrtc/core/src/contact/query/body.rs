@@ -1,7 +1,8 @@
-//! One of the two bodies of a pair query: a tree whose boxes and corners are given in the frame of the query.
+//! A body of a pair query: a tree whose boxes and corners are given in the frame of the query.
 //!
-//! The frame is that of one body, mostly the large one. The other body is a [`Placed`] one, whose boxes are moved as
-//! they are met, or a tool, whose vertices were moved and its tree refitted before.
+//! The frame is that of one body, mostly the larger one. The other is a [`Placed`] body, whose
+//! boxes are transformed when they are visited, or a tool, whose vertices were moved and whose tree
+//! was refitted before.
 
 use super::Surface;
 use ab_tree::{Child, NodeId};
@@ -14,17 +15,17 @@ pub trait Body {
     /// The root of its tree; `None` for an empty body.
     fn root(&self) -> Option<Child>;
 
-    /// A box of the query's frame that holds the body.
+    /// A box in the query's frame that bounds the body.
     fn root_box(&self) -> Aabb;
 
-    /// The children of a node, and boxes of the query's frame that hold them.
+    /// The children of a node and their boxes in the query's frame.
     fn children(&self, node: NodeId) -> ([Child; 2], BoxPair);
 
-    /// The corners of a face in the query's frame: equal bits whenever they are asked for, and for all faces that
-    /// share the vertex.
+    /// The corners of a face in the query's frame; the same bits for every call and for all faces
+    /// that share the vertex.
     fn corners(&self, face: Handle) -> [DVec3; 3];
 
-    /// Whether a face is there now: a hint of an earlier tick may name one that has gone.
+    /// Whether a face is active: a hint of an earlier tick may name one that has gone.
     fn has(&self, face: Handle) -> bool;
 }
 
@@ -54,7 +55,8 @@ impl Body for Surface<'_> {
     }
 }
 
-/// A body moved into the query's frame, box by box as they are met: for two large fronts, of which a query sees little.
+/// A body transformed into the query's frame, box by box when visited: for two large fronts of
+/// which a query visits little.
 #[derive(Debug, Clone, Copy)]
 pub struct Placed<B> {
     /// The body in its own frame.

@@ -6,7 +6,7 @@ use geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
 use spm::Handle;
 
-/// The answer of [`closest_point`].
+/// The result of [`closest_point`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nearest {
     /// The face.
@@ -74,14 +74,14 @@ pub fn closest_point(
                 }
             }
             Some(Child::Face(face)) => {
-                // The hint comes first, and again in its turn.
+                // The hint is tested first, and its turn in the tree is skipped.
                 if hint != Some(face) || search.best.is_none() {
                     search.try_face(face);
                 }
             }
             None => break,
         }
-        // The bound may have come down since.
+        // The bound may have decreased since.
         next = loop {
             match stack.pop() {
                 Some((squared, child)) if search.box_bound.includes(squared) => break Some(child),
@@ -98,9 +98,9 @@ struct Search<'a> {
     surface: Surface<'a>,
     point: DVec3,
     best: Option<Nearest>,
-    /// Its squared distance.
+    /// Squared distance to it.
     bound: f64,
-    /// The same for boxes.
+    /// The same bound for boxes.
     box_bound: BoxBound,
     work: Work,
 }
@@ -142,7 +142,7 @@ impl Search<'_> {
         }
     }
 
-    /// Whether a face is as near as the best so far and comes before it.
+    /// Whether a face is as near as the best one and has a smaller leaf key.
     #[inline]
     fn is_first_of_equals(&self, face: Handle, closest: &ClosestPoint) -> bool {
         let leaf = |face| self.surface.tree.leaf_of(face);

@@ -1,4 +1,4 @@
-//! Every face of the front within a distance of a point, the nearer part of the tree first.
+//! All faces of the front within a distance of a point, the nearer part of the tree first.
 
 use super::{Stack, Surface, Work};
 use ab_tree::Child;
@@ -6,8 +6,8 @@ use geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
 use spm::Handle;
 
-/// Calls `visit` with every face whose distance to `point` is at most `distance`; `visit` says up to which distance
-/// the search goes on, no larger than before.
+/// Calls `visit` with every face at most `distance` from `point`. `visit` returns the distance from
+/// then on, not larger than before.
 pub fn faces_within(
     surface: Surface<'_>,
     point: DVec3,
@@ -45,7 +45,7 @@ pub fn faces_within(
         while next.is_none()
             && let Some((squared, child)) = stack.pop()
         {
-            // The bound may have come down since.
+            // The bound may have decreased since.
             next = box_bound.includes(squared).then_some(child);
         }
     }

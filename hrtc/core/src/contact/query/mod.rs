@@ -31,10 +31,10 @@ pub use tree_pairs::{
 use ab_tree::{AbTree, Child};
 use spm::ActiveMesh;
 
-/// Entries of a traversal's stack.
+/// Capacity of a traversal's stack.
 pub(crate) const STACK: usize = 32;
 
-/// The surface that is asked: an active mesh and the tree over it.
+/// The queried surface: an active mesh and its tree.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface<'a> {
     /// The mesh of the refined front.
@@ -43,7 +43,7 @@ pub struct Surface<'a> {
     pub tree: &'a AbTree,
 }
 
-/// What a query cost, in work units.
+/// Cost of a query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Work {
     /// Nodes visited (N_bv of thesis 3.3.3 is twice this: a node holds two boxes).
@@ -60,8 +60,8 @@ impl Work {
     }
 }
 
-/// A traversal's stack: the children that are left for later, each with a key. Its methods are to be inlined wherever the
-/// compiler has put the query: a call each costs a closest point an eighth.
+/// The stack of a traversal: children to visit later, each with a key. The methods must be inlined:
+/// calls cost a closest-point query an eighth.
 struct Stack {
     entries: [(f32, Child); STACK],
     count: usize,
@@ -88,7 +88,7 @@ impl Stack {
         Some(self.entries[self.count])
     }
 
-    /// The child to go on with; the second of two that are met is left for later.
+    /// The child to continue with; the second of two is pushed.
     #[inline]
     fn descend(&mut self, met: [bool; 2], [left, right]: [Child; 2]) -> Option<Child> {
         match met {
@@ -102,7 +102,7 @@ impl Stack {
         }
     }
 
-    /// The child to go on with, the one of the smaller key; the other, if it is met, is left for later.
+    /// The child to continue with, the one with the smaller key; the other is pushed if it is met.
     #[inline]
     fn descend_nearer(
         &mut self,

@@ -1,8 +1,9 @@
-//! The faces near a point, gathered once a tick: what the steps of the proxy then look at instead of the tree.
+//! The faces near a point, collected once per tick. The steps of the proxy examine them instead of
+//! the tree.
 //!
-//! Each face keeps its corners in f64 and its distance from the centre of the ball. A point moves away from
-//! a face by no more than it moves at all, so `distance at the centre - moved` bounds the distance from
-//! below, and most faces are passed over without a look at their corners.
+//! Each face keeps its corners in f64 and its distance from the centre of the ball. The distance
+//! changes by at most the motion of the point, so `distance at the centre - motion` is a lower
+//! bound, and most faces are skipped without a look at their corners.
 
 use super::swept_sphere::first_contact;
 use super::{Surface, SweepHit, Work, faces_within};
@@ -10,10 +11,11 @@ use geometry::{ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
 use spm::{Handle, NONE};
 
-/// Faces that a ball may hold; a ball with more is shrunk.
+/// Capacity for faces; a ball with more shrinks.
 pub const MAX_FACES: usize = 192;
 
-/// Share of a full ball's radius within which a point has not moved.
+/// Share of a full ball's radius within which a collection around another point is not worth its
+/// cost.
 const STAYED: f64 = 0.25;
 
 /// A face of the ball.
@@ -30,7 +32,7 @@ pub struct NearFace {
 }
 
 impl NearFace {
-    /// No face.
+    /// An empty entry.
     pub const NONE: Self = Self {
         face: NONE,
         vertices: [NONE; 3],
@@ -51,7 +53,7 @@ impl NearFace {
     }
 }
 
-/// A ball and all faces that meet it.
+/// A ball and all faces that intersect it.
 #[derive(Debug, Clone)]
 pub struct NearFaces {
     centre: DVec3,
@@ -62,7 +64,7 @@ pub struct NearFaces {
 }
 
 impl NearFaces {
-    /// A ball of nothing.
+    /// An empty ball.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -74,14 +76,14 @@ impl NearFaces {
         }
     }
 
-    /// The most faces that it ever held.
+    /// Largest number of faces so far.
     #[must_use]
     pub fn high_water(&self) -> usize {
         self.high_water
     }
 
-    /// Gathers all faces within `radius` of `centre`. Where there are too many the ball shrinks to what
-    /// it holds, so that its statement stays true.
+    /// Collects all faces within `radius` of `centre`. If there are too many, the ball shrinks to
+    /// those it holds.
     pub fn collect(&mut self, surface: Surface<'_>, centre: DVec3, radius: f64) -> Work {
         self.centre = centre;
         self.radius = radius;
@@ -107,7 +109,7 @@ impl NearFaces {
                 }
                 return self.radius;
             }
-            // Full: the farthest goes, and the ball ends short of it.
+            // Full: the farthest face is dropped, and the ball ends before it.
             let farthest = self.faces[0].distance;
             self.radius = self.radius.min(farthest.max(distance));
             if distance < farthest {
@@ -120,7 +122,7 @@ impl NearFaces {
         work
     }
 
-    /// Of a full ball: restores the order of a heap, the farthest first, below a place whose face was changed.
+    /// Restores the heap order of a full ball, farthest first, below a changed entry.
     fn sift_down(&mut self, mut place: usize) {
         loop {
             let child = 2 * place + 1;
@@ -138,31 +140,32 @@ impl NearFaces {
         }
     }
 
-    /// Empties the ball: it covers nothing until it is gathered anew.
+    /// Invalidates the ball: it covers nothing until the next collection.
     pub fn invalidate(&mut self) {
         self.radius = f64::NEG_INFINITY;
         self.count = 0;
     }
 
-    /// Whether more faces are around `point` than fit, so that a ball gathered there would tell hardly more.
+    /// Whether the ball is full and `point` near its centre: a new collection would hardly add
+    /// anything.
     #[must_use]
     pub fn is_full_at(&self, point: DVec3) -> bool {
         self.count == MAX_FACES && point.distance(self.centre) < STAYED * self.radius
     }
 
-    /// The radius around `point` within which all faces are among these; negative for none.
+    /// The radius around `point` within which all faces are known; negative for none.
     #[must_use]
     pub fn margin(&self, point: DVec3) -> f64 {
         self.radius - point.distance(self.centre)
     }
 
-    /// Whether every face that meets the ball of `radius` around `point` is among these.
+    /// Whether every face that intersects the ball of `radius` around `point` is known.
     #[must_use]
     pub fn covers(&self, point: DVec3, radius: f64) -> bool {
         radius <= self.margin(point)
     }
 
-    /// Calls `visit` with every face within `distance` of `point`; the ball around it must be covered.
+    /// Calls `visit` with every face within `distance` of `point`; that ball must be covered.
     pub fn within(
         &self,
         point: DVec3,
@@ -184,7 +187,7 @@ impl NearFaces {
         work
     }
 
-    /// The first touch of a sphere; as [`super::swept_sphere`], over a path that must be covered.
+    /// First contact of a moving sphere, as [`super::swept_sphere`]; the path must be covered.
     #[must_use]
     pub fn sweep(&self, start: DVec3, motion: DVec3, radius: f64) -> (Option<SweepHit>, Work) {
         let moved = start.distance(self.centre) + motion.length();

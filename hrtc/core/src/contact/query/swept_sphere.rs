@@ -1,8 +1,8 @@
-//! A sphere moving along a segment: how far it gets before it touches a face.
+//! First contact of a moving sphere with the front.
 //!
-//! The distance from a point moving on a line to a triangle is a convex function of the parameter. So
-//! Newton's method on `distance - radius` from the start never passes the first root: every iterate is
-//! itself a safe position, and no cylinders, edges or vertices need cases of their own.
+//! The distance of a point on a line from a triangle is a convex function of the parameter. So
+//! Newton's method on `distance - radius` from the start never passes the first root: every iterate
+//! is a safe position, and cylinders, edges and vertices need no cases.
 
 use super::{Stack, Surface, Work};
 use ab_tree::Child;
@@ -10,20 +10,20 @@ use geometry::{Aabb, BoxQuery, closest_point_on_triangle};
 use glam::DVec3;
 use spm::Handle;
 
-/// The first touch of a swept sphere.
+/// First contact of a swept sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SweepHit {
-    /// Fraction of the segment that is free, 0..1.
+    /// Free fraction of the motion, 0 to 1.
     pub fraction: f64,
-    /// The face touched.
+    /// The face.
     pub face: Handle,
 }
 
-/// Newton steps on one face; what is left after them is a position short of the touch, so safe.
+/// Newton steps per face; the last iterate is short of the contact, so safe.
 const STEPS: usize = 24;
 /// Relative rounding error of positions and of a separating-axis test, with a margin.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
-/// Gap, as a fraction of the radius, at which a face counts as touched; see [`contact_gap`].
+/// Gap that counts as contact, as a fraction of the radius; see [`contact_gap`].
 const CONTACT_GAP: f64 = 1e-9;
 
 /// The first touch of a sphere of `radius` moving from `start` by `motion`; `None` when it gets through.
@@ -39,7 +39,7 @@ pub fn swept_sphere(
 ) -> (Option<SweepHit>, Work) {
     let mut work = Work::default();
     let mut best: Option<SweepHit> = None;
-    // A face counts as touched a little before it is.
+    // A face counts as contact slightly before it is reached.
     let reach = radius + 2.0 * contact_gap(start, motion, radius);
     let mut fraction = 1.0;
     let mut stack = Stack::new();
@@ -74,7 +74,8 @@ pub fn swept_sphere(
     (best, work)
 }
 
-/// Whether an edge direction of the box and the segment span a plane that separates them, beyond rounding.
+/// Whether the plane of an edge direction of the box and the segment separates them, beyond
+/// rounding.
 fn passes_beside(aabb: &Aabb, start: DVec3, end: DVec3, reach: f64) -> bool {
     let (lower, upper) = (aabb.lower.as_dvec3(), aabb.upper.as_dvec3());
     let half = 0.5 * (upper - lower) + reach;
@@ -82,9 +83,10 @@ fn passes_beside(aabb: &Aabb, start: DVec3, end: DVec3, reach: f64) -> bool {
     gaps_across(between, half, end - start).max_element() > 0.0
 }
 
-/// How far a box is from a segment along `way` x X, `way` x Y and `way` x Z, times the lengths of these; 0 where that is not
-/// beyond rounding. `between` leads from a point of the segment's line to the centre of the box, `half` from there to its
-/// upper corner.
+/// Gaps between a box and a segment along `motion` x X, `motion` x Y and `motion` x Z, times the
+/// lengths of these; 0 within rounding. `between` leads from the segment's start to the centre of
+/// the box, `half` is half its extent. The box of an oblique segment is much larger than the
+/// segment, so these axes are tested too.
 #[inline]
 fn gaps_across(between: DVec3, half: DVec3, motion: DVec3) -> DVec3 {
     let (along, apart) = (motion.abs(), between.abs());
@@ -113,17 +115,17 @@ pub(super) fn first_contact(
     })
 }
 
-/// Gap at which a face counts as touched by what moves from `start`: a part of the radius, or rounding where that is more.
+/// Gap that counts as contact: a fraction of the radius, or rounding if that is more.
 fn contact_gap(start: DVec3, motion: DVec3, radius: f64) -> f64 {
     let size = (start.abs() + motion.abs()).max_element();
     (CONTACT_GAP * radius).max(ROUNDING * size)
 }
 
-/// First parameter below `limit` at which a convex thing that moves by `motion` is within `radius` of a convex thing at
-/// rest, but for a gap that counts as `touch`; `None` when it does not come near, or only moves away.
+/// First parameter below `limit` at which a convex body that moves by `motion` is within `radius`
+/// of a convex body at rest, up to a gap that counts as contact; `None` if it does not come near or
+/// only moves away.
 ///
-/// `apart` is given how far it was moved, and says how it is apart from what is at rest: from there to the moved, and the
-/// squared distance.
+/// `apart` maps a displacement to the vector from the resting to the moving body and the squared distance.
 #[inline]
 fn first_within(
     motion: DVec3,
@@ -136,11 +138,11 @@ fn first_within(
         let (offset, distance_squared) = apart(motion * t);
         let distance = distance_squared.sqrt();
         let gap = distance - radius;
-        // It came nearer until here, and what is left is rounding, in any direction.
+        // It approached until here; the remaining gap is rounding.
         if t > 0.0 && gap <= gap_of_contact {
             return Some(t);
         }
-        // Rate of the distance along the motion; negative while approaching. What meets the face itself
+        // Rate of the distance along the motion; negative while approaching. A point on the face
         // has no direction: it counts as stopped.
         let rate = if distance > 0.0 {
             offset.dot(motion) / distance

@@ -1,7 +1,9 @@
-//! Tree against tree: the faces of two bodies that meet (ACTIVE-INTERSECT of thesis 3.3.2).
+//! The intersecting face pairs of two bodies, by simultaneous descent of both trees
+//! (ACTIVE-INTERSECT, thesis 3.3.2).
 //!
-//! Boxes decide what is descended, [`triangle_pair`] decides what meets, exactly. Of two nodes the larger is opened:
-//! opening both at once leaves the faces of a small tool against all levels of a large front.
+//! Overlap of boxes decides the descent, [`triangle_pair`] decides intersection, exactly. Of two
+//! nodes the larger is opened: opening both at once would leave the faces of a small tool against
+//! all levels of a large front.
 
 use super::body::Body;
 use ab_tree::{Child, NodeId};
@@ -9,22 +11,22 @@ use geometry::{BoxQuery, Facet, TrianglePair, triangle_pair};
 use spm::{Handle, NONE};
 use std::ops::ControlFlow;
 
-/// Entries of a pair traversal's stack: a level of either tree, of at most 31, leaves at most one behind.
+/// Capacity of a pair traversal: each level of either tree, at most 31, leaves at most one entry.
 const PAIR_STACK: usize = 72;
 
-/// Two faces that meet.
+/// Two faces that intersect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FacePair {
     /// The face of the first body.
     pub a: Handle,
     /// The face of the second body.
     pub b: Handle,
-    /// How they meet, in the frame of the query.
+    /// Their intersection, in the query's frame.
     pub meeting: TrianglePair,
 }
 
 impl FacePair {
-    /// No pair: what an output buffer is filled with.
+    /// No pair: the content of an unused output.
     pub const NONE: Self = Self {
         a: NONE,
         b: NONE,
@@ -32,35 +34,35 @@ impl FacePair {
     };
 }
 
-/// How a pair query ended.
+/// The end of a pair query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// Everything was looked at.
+    /// Everything was examined.
     Complete,
-    /// Whoever asked had enough, or the output was full: this many pairs of nodes and faces were left unvisited.
+    /// The visitor stopped, or the output was full.
     Stopped {
-        /// Pairs left; each stands for all below it.
+        /// Pairs of nodes and faces not visited; each stands for all below it.
         unvisited: u32,
     },
-    /// The budget was spent with this many pairs of nodes and faces unvisited.
+    /// The budget was spent.
     OutOfBudget {
-        /// Pairs left; each stands for all below it.
+        /// Pairs of nodes and faces not visited; each stands for all below it.
         unvisited: u32,
     },
 }
 
 impl Ending {
-    /// Whether the answer is the whole answer.
+    /// Whether the answer is complete.
     #[must_use]
     pub fn is_complete(self) -> bool {
         self == Self::Complete
     }
 }
 
-/// What a pair query cost.
+/// Cost of a pair query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PairWork {
-    /// Pairs of nodes visited, or of a node and a face: what the budget counts.
+    /// Pairs of nodes, or of a node and a face, visited: what the budget counts.
     pub node_pairs: u32,
     /// Pairs of boxes tested (N_bv of thesis 3.3.3).
     pub boxes: u32,
@@ -68,11 +70,11 @@ pub struct PairWork {
     pub faces: u32,
 }
 
-/// A pair of faces that is looked at costs as much as so many pairs of nodes (measured).
+/// Cost of a face pair, in node pairs (measured).
 const FACE_PAIR: u32 = 4;
 
 impl PairWork {
-    /// All of it in pairs of nodes.
+    /// The cost in node pairs.
     #[must_use]
     pub fn cost(self) -> u32 {
         self.node_pairs + FACE_PAIR * self.faces
@@ -86,7 +88,7 @@ impl PairWork {
     }
 }
 
-/// A face at hand: what is read of it is read once for a run of pairs with it.
+/// The last face read, for a run of pairs with it.
 struct CachedFace<T> {
     face: Handle,
     value: Option<T>,
@@ -110,7 +112,7 @@ impl<T> CachedFace<T> {
     }
 }
 
-/// Two subtrees or faces whose boxes were found to overlap.
+/// Two subtrees or faces with overlapping boxes.
 #[derive(Clone, Copy)]
 struct Entry {
     a: Child,
@@ -119,7 +121,8 @@ struct Entry {
     box_b: BoxQuery,
 }
 
-/// Calls `visit` with every pair of faces that meet, until it breaks or `budget` pairs of nodes were visited.
+/// Calls `visit` with every intersecting face pair, until it breaks or `budget` node pairs were
+/// visited.
 pub fn for_each_pair<A: Body, B: Body>(
     a: &A,
     b: &B,
@@ -202,8 +205,8 @@ impl Entry {
     }
 }
 
-/// The node of the first to be opened; `None` for one of the second. The larger of two nodes is opened: its halves miss
-/// more of the other.
+/// The node of the first body, if that is to be opened. The larger of two nodes is opened: its
+/// halves miss more of the other.
 #[inline]
 fn opens_first(a: Child, b: Child, box_a: &BoxQuery, box_b: &BoxQuery) -> Option<NodeId> {
     match (a, b) {
@@ -213,19 +216,19 @@ fn opens_first(a: Child, b: Child, box_a: &BoxQuery, box_b: &BoxQuery) -> Option
     }
 }
 
-/// The answer of [`all_pairs`].
+/// The result of [`all_pairs`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PairsFound {
     /// Pairs written to the output.
     pub count: usize,
     /// Whether that is all.
     pub ending: Ending,
-    /// What it cost.
+    /// Its cost.
     pub work: PairWork,
 }
 
-/// Writes all pairs of faces that meet to `out`, in tree order. Where there are more than fit, or the budget of
-/// node pairs is spent, the ending says so.
+/// Writes all intersecting face pairs to `out`, in tree order. The ending tells if there were more
+/// than fit or if the budget was spent.
 pub fn all_pairs<A: Body, B: Body>(a: &A, b: &B, budget: u32, out: &mut [FacePair]) -> PairsFound {
     let mut count = 0;
     let (ending, work) = for_each_pair(a, b, budget, |pair| match out.get_mut(count) {
@@ -243,9 +246,10 @@ pub fn all_pairs<A: Body, B: Body>(a: &A, b: &B, budget: u32, out: &mut [FacePai
     }
 }
 
-/// Any pair of faces that meet: the one of the last tick (`hint`) if it still does, else the first found.
+/// Any intersecting face pair: that of the last tick (`hint`) if it still intersects, else the
+/// first found.
 ///
-/// `None` with a complete ending means that the surfaces do not meet; one may still be inside the other.
+/// `None` with a complete ending means that the surfaces do not intersect; one may still be inside the other.
 #[must_use]
 pub fn first_pair<A: Body, B: Body>(
     a: &A,

@@ -1,10 +1,11 @@
-//! The half-spaces around the proxy, and the faces in reach that have none.
+//! The half-spaces around the proxy, and the faces in reach without one.
 //!
-//! A face is linearised to the half-space beyond which its nearest point is closer than the radius. That is
-//! safe along any motion, for the whole face lies behind it, but too strict where the nearest point lies on an
-//! edge that the face shares with a nearer one: a sphere sliding over a plate would halve its way to every
-//! edge. So only *local minima* of the distance get a half-space (Johnson and Willemsen 2003); the others are
-//! looked at along the motion itself, and only when it leaves their half-space.
+//! A face is linearised to the half-space beyond which its nearest point is closer than the radius.
+//! That is safe along any motion, for the whole face is behind it, but constrains too much if the
+//! nearest point is on an edge shared with a nearer face: a sphere sliding over a plate would halve
+//! its motion at every edge. So only local minima of the distance get a half-space (Johnson &
+//! Willemsen 2003). The other faces are tested along the motion itself, if it leaves their
+//! half-space.
 
 use crate::contact::query::{MAX_FACES, NearFace, NearFaces, Work};
 use crate::contact::sphere_proxy::features::Features;
@@ -13,7 +14,7 @@ use geometry::ClosestPoint;
 use glam::DVec3;
 use spm::{Handle, NONE};
 
-/// Half-spaces at the most; beyond them the deepest are kept and the rest counted.
+/// Capacity for half-spaces; the deepest are kept, the others counted.
 pub const MAX_CONSTRAINTS: usize = 64;
 
 /// A face in reach.
@@ -23,12 +24,12 @@ struct Candidate {
     plane: Plane,
     point: DVec3,
     distance: f64,
-    /// Corners on whose simplex the nearest point lies; [`NONE`] for the others.
+    /// Corners of the simplex that contains the nearest point; [`NONE`] for the others.
     feature: [Handle; 3],
     has_plane: bool,
 }
 
-/// Half-spaces as displacements from the proxy.
+/// Half-spaces of displacements from the proxy.
 #[derive(Debug, Clone)]
 pub struct Constraints {
     candidates: [Candidate; MAX_FACES],
@@ -48,7 +49,7 @@ const NO_PLANE: Plane = Plane {
 };
 
 impl Constraints {
-    /// None.
+    /// No half-spaces.
     pub fn new() -> Self {
         let candidate = Candidate {
             near: NearFace::NONE,
@@ -70,7 +71,7 @@ impl Constraints {
         }
     }
 
-    /// The most half-spaces that there ever were.
+    /// Largest number of half-spaces so far.
     pub fn high_water(&self) -> usize {
         self.high_water
     }
@@ -80,7 +81,7 @@ impl Constraints {
         &self.planes[..self.count]
     }
 
-    /// Half-spaces that did not fit.
+    /// Half-spaces beyond the capacity.
     pub fn dropped(&self) -> u32 {
         self.dropped
     }
@@ -91,7 +92,7 @@ impl Constraints {
         (candidate.near.face, candidate.point)
     }
 
-    /// Takes every face within radius + `reach` of `position`; the ball must be covered.
+    /// Linearises every face within radius + `reach` of `position`; that ball must be covered.
     pub fn linearise(
         &mut self,
         near: &NearFaces,
@@ -116,7 +117,7 @@ impl Constraints {
                 .note(candidate.near.vertices, candidate.distance);
         }
         for k in 0..self.candidate_count {
-            // No nearer face holds the feature on which its nearest point lies.
+            // A local minimum: no nearer face holds the feature of the nearest point.
             let Candidate {
                 feature, distance, ..
             } = self.candidates[k];
@@ -130,7 +131,7 @@ impl Constraints {
         work
     }
 
-    /// Adds a half-space; when full, the one with the most room makes place.
+    /// Adds a half-space; if full, the one with the most room is dropped.
     fn add(&mut self, candidate: usize) {
         let plane = self.candidates[candidate].plane;
         let place = if self.count < MAX_CONSTRAINTS {
@@ -153,15 +154,15 @@ impl Constraints {
         self.sources[place] = candidate;
     }
 
-    /// The plane with the least room, if a face is closer than the radius.
+    /// The half-space with the least room, if a face is closer than the radius.
     pub fn deepest(&self) -> Option<usize> {
         let deepest = (0..self.count)
             .max_by(|&a, &b| self.planes[a].offset.total_cmp(&self.planes[b].offset))?;
         (self.planes[deepest].offset > 0.0).then_some(deepest)
     }
 
-    /// How much of a motion that obeys every half-space is free of the faces in reach without one: below 1
-    /// where it meets one at `radius`.
+    /// The free fraction of a motion that obeys every half-space, with respect to the faces without
+    /// one.
     pub fn free_fraction(&self, position: DVec3, motion: DVec3, radius: f64) -> (f64, Work) {
         let mut fraction = 1.0;
         let mut work = Work::default();
@@ -184,11 +185,11 @@ impl Constraints {
 }
 
 impl Candidate {
-    /// `None` for a face without area that the centre lies on: it has no side.
+    /// `None` for a face without area through the centre: it has no side.
     fn of(near: &NearFace, closest: &ClosestPoint, position: DVec3, radius: f64) -> Option<Self> {
         let distance = closest.distance_squared.sqrt();
         let away = position - closest.point;
-        // A centre exactly on a face leaves no side; the face's own normal decides.
+        // A centre exactly on a face has no side; the face's own normal decides.
         let normal = if distance > 0.0 {
             away / distance
         } else {

@@ -1,26 +1,26 @@
-//! The least distance of the faces around each vertex and edge: what tells whether a face is a local minimum of
-//! the distance, in a time that grows with the faces and not with their square.
+//! The least distance of the faces around each vertex and edge. It tells local minima of the
+//! distance in linear time.
 
 use crate::contact::query::MAX_FACES;
 use spm::{Handle, NONE};
 
-/// Places for each face: it has three vertices and three edges, and some room keeps searches short.
+/// Table entries per face: three vertices, three edges, and free entries that keep searches short.
 const PLACES_PER_FACE: usize = 8;
 const MAX_PLACES: usize = (PLACES_PER_FACE * MAX_FACES).next_power_of_two();
 const FEWEST_PLACES: usize = 64;
 const EMPTY: u64 = u64::MAX;
 
-/// A table of vertices and edges, by open addressing.
+/// A hash table of vertices and edges, by open addressing.
 #[derive(Debug, Clone)]
 pub struct Features {
     keys: [u64; MAX_PLACES],
     least: [f64; MAX_PLACES],
-    /// Places in use now, a power of two.
+    /// Entries in use now, a power of two.
     places: usize,
 }
 
 impl Features {
-    /// Of no face.
+    /// An empty table.
     pub fn new() -> Self {
         Self {
             keys: [EMPTY; MAX_PLACES],
@@ -29,14 +29,14 @@ impl Features {
         }
     }
 
-    /// Forgets all, and makes room for so many faces, at most [`MAX_FACES`].
+    /// Clears the table for a number of faces, at most [`MAX_FACES`].
     pub fn begin(&mut self, faces: usize) {
         let wanted = (PLACES_PER_FACE * faces).next_power_of_two();
         self.places = wanted.clamp(FEWEST_PLACES, MAX_PLACES);
         self.keys[..self.places].fill(EMPTY);
     }
 
-    /// Notes a face at a distance.
+    /// Notes a face and its distance.
     pub fn note(&mut self, vertices: [Handle; 3], distance: f64) {
         let [a, b, c] = vertices;
         for key in [
@@ -57,8 +57,9 @@ impl Features {
         }
     }
 
-    /// The least distance of the faces that hold a feature: two vertices and a [`NONE`] for an edge, one vertex
-    /// and two for a vertex. Infinite where no face was noted, and for the inside of a face.
+    /// The least distance of the faces that hold a feature: two vertices and a [`NONE`] for an
+    /// edge, one vertex and two for a vertex. Infinite if no face was noted, and for the inside of
+    /// a face.
     pub fn least(&self, feature: [Handle; 3]) -> f64 {
         let mut vertices = feature.into_iter().filter(|&v| v != NONE);
         let key = match (vertices.next(), vertices.next(), vertices.next()) {
@@ -74,7 +75,7 @@ impl Features {
         }
     }
 
-    /// Where a key is, or would be: the table is never full.
+    /// The entry of a key, present or not: the table is never full.
     fn place(&self, key: u64) -> usize {
         let mask = self.places - 1;
         // Fibonacci hashing: the upper bits of the product are the mixed ones.
@@ -103,7 +104,7 @@ mod tests {
             asked in [0u32..30, 0u32..30],
         ) {
             let mut features = Features::new();
-            // What another tick left does not matter.
+            // The content of another tick does not matter.
             features.begin(MAX_FACES);
             features.note([1, 2, 3], 1e-9);
             features.begin(faces.len());

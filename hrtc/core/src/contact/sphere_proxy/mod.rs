@@ -1,15 +1,16 @@
-//! The proxy (god-object): where the probe would be if it could not enter the object.
+//! The proxy (god-object) of a sphere: the position that the probe would have if it could not enter
+//! the object.
 //!
-//! After Zilles and Salisbury 1995 and Ruspini et al. 1997, for a sphere, with three differences that the
-//! facts of haptics ask for: every constraint in reach is obeyed within one tick (not one a tick), nothing
-//! depends on an absolute length, and the motion is continuous: the sphere is swept to where it goes, so no
-//! sheet is thin enough to be missed, at any speed, from either side.
+//! After Zilles & Salisbury 1995 and Ruspini 1997, with three differences: every constraint in
+//! reach is obeyed within one tick, no threshold is an absolute length, and the motion is
+//! continuous. The sphere is swept, so no sheet is thin enough to be missed, at any speed, from
+//! either side.
 //!
-//! A step linearises the faces in reach to half-spaces, goes to the point of their intersection that is
-//! closest to the device ([`projection`]), and sweeps the sphere there. Where the sweep meets a face that the
-//! half-spaces did not know, the proxy stops at the touch and takes the step anew with that face among them.
-//! Half-spaces act at the probe's radius, the sweep at a radius smaller by a skin: so a resting contact is
-//! not a touch, and every crossing is.
+//! A step linearises the faces in reach to half-spaces, projects the device's position onto their
+//! intersection ([`projection`]) and sweeps the sphere there. If the sweep meets a face without a
+//! half-space, the proxy stops at the contact and repeats the step with that face. Half-spaces act
+//! at the probe's radius, the sweep at a radius smaller by a skin: so a resting contact does not
+//! stop the sweep, and every crossing does.
 
 mod constraints;
 mod features;
@@ -27,25 +28,25 @@ use glam::DVec3;
 use projection::project;
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
-/// What the sweep's radius is smaller by, as a fraction of the probe's radius.
+/// Reduction of the sweep's radius, as a fraction of the probe's radius.
 const SKIN: f64 = 1e-6;
-/// What the ball of faces that a tick looks at holds beyond the probe's radius: so many times the device's
-/// motion, and this fraction of the radius.
+/// Margin of the collected ball beyond the probe's radius: a multiple of the device's motion, and a
+/// fraction of the radius.
 const AHEAD: f64 = 2.0;
 const LOOK_AROUND: f64 = 0.02;
-/// Motion, as a fraction of the radius, below which a tick is done.
+/// Motion at which a tick has converged, as a fraction of the radius.
 const CONVERGED: f64 = 1e-7;
-/// Ratio of two steps beyond which they are not taken for a geometric series.
+/// Largest ratio of two steps that counts as a geometric series.
 const SERIES: f64 = 0.9;
-/// Steps a tick at the most; what is left is done in the next tick, from a safe position.
+/// Steps per tick; the next tick does the remaining work, from a safe position.
 const STEPS: usize = 8;
-/// How far beyond a surface that has passed over it the proxy is put, as a fraction of the radius.
+/// Distance beyond a surface that has passed over the proxy, as a fraction of the radius.
 const BEYOND: f64 = 1e-3;
 
-/// Faces that push at once at the most: as many as there are degrees of freedom.
+/// Largest number of active faces: the degrees of freedom of a rigid tool.
 pub const MAX_PUSHING: usize = 6;
 
-/// The sphere that stays outside, in the model's frame and units.
+/// The proxy of a sphere, in the frame and units of the model.
 #[derive(Debug, Clone)]
 pub struct Proxy {
     radius: f64,
@@ -53,25 +54,25 @@ pub struct Proxy {
     goal: DVec3,
     placed: bool,
     step_limit: StepLimit,
-    /// Whether it is behind for that.
+    /// Whether the step limit holds it back.
     is_behind: bool,
     constraints: Constraints,
     near: NearFaces,
 }
 
-/// What holds the proxy at the end of a tick.
+/// The contact at the end of a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// The face whose constraint pushes most.
+    /// The face with the largest multiplier.
     pub face: Handle,
     /// Its point closest to the proxy.
     pub point: DVec3,
-    /// All faces that push: up to three of a ball, six of a tool; [`NONE`] where fewer do.
+    /// All active faces: up to three for a ball, six for a tool; then [`NONE`].
     pub faces: [Handle; MAX_PUSHING],
 }
 
 impl Contact {
-    /// One face that pushes, at a point.
+    /// A contact with one face.
     #[must_use]
     pub fn at(face: Handle, point: DVec3) -> Self {
         let mut faces = [NONE; MAX_PUSHING];
@@ -80,14 +81,14 @@ impl Contact {
     }
 }
 
-/// What a tick of the proxy gives.
+/// The result of a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Advance {
     /// The contact, `None` in free space.
     pub contact: Option<Contact>,
-    /// What it cost.
+    /// Its cost.
     pub work: Work,
-    /// Constraints that did not fit.
+    /// Constraints beyond the capacity.
     pub dropped: u32,
 }
 
@@ -126,7 +127,7 @@ impl Proxy {
         self.placed
     }
 
-    /// The most faces that were looked at, and half-spaces that held the proxy, in a step; and how many fit.
+    /// Largest number of faces and of half-spaces in a step, each with its capacity.
     #[must_use]
     pub fn high_water(&self) -> [(usize, usize); 2] {
         [
@@ -135,18 +136,20 @@ impl Proxy {
         ]
     }
 
-    /// Puts it somewhere without a sweep, as at the first sample.
+    /// Places the proxy without a sweep, as at the first sample.
     pub fn place(&mut self, position: DVec3) {
         self.position = position;
         self.goal = position;
         self.placed = true;
     }
 
-    /// Takes the proxy along where the split or collapse that was just performed has passed over its centre: to
-    /// the surface as it is now, on the side where it was. The constraints of the tick do the rest.
+    /// Moves the proxy if the split or collapse that was just performed has passed over its centre:
+    /// to the surface as it is now, on the side where it was. The constraints of the tick do the
+    /// rest.
     ///
-    /// Operation by operation the volume between the surface before and after tells exactly whether it is
-    /// passed; where the surface is at the end of a tick does not, since sheets may have moved past each other.
+    /// Per operation the volume between the surface before and after tells exactly whether it has
+    /// passed. The surface at the end of a tick does not, since sheets may have moved past each
+    /// other.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
         if !self.placed || !mesh.swept_over(operation, self.position) {
             return;
@@ -163,28 +166,28 @@ impl Proxy {
         }
     }
 
-    /// The surface that it touches moves in this tick: beyond what keeps it outside and the device's own motion it goes
-    /// no farther than `slide`, model units, until it has caught up.
+    /// Limits the motion beyond the device's own and beyond the correction of contacts, model units
+    /// per tick, until the proxy has caught up. Called in each tick in which the touched surface
+    /// moves.
     pub fn limit_step(&mut self, max_step: f64) {
         self.step_limit.tighten(max_step);
     }
 
-    /// Whether it is behind since it was softened.
+    /// Whether the step limit holds the proxy back.
     #[must_use]
     pub fn is_behind(&self) -> bool {
         self.is_behind
     }
 
-    /// One tick: as close to `goal` (the device, model units, finite) as the surface lets it.
+    /// One tick: as close to `goal` (the device, model units, finite) as the surface allows.
     ///
-    /// No further step is begun once `most_work` nodes were visited and faces tested; what is left is done in the
-    /// next tick.
+    /// No step begins after `most_work` nodes and faces; the next tick does the remaining work.
     pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3, most_work: u32) -> Advance {
         let mut work = Work::default();
         if !self.placed {
             self.place(goal);
         }
-        // Faces farther than the device moved in this tick can only matter through the sweep.
+        // Faces farther than the motion of the device in this tick matter only to the sweep.
         let moved = self.goal.distance(goal);
         let reach = moved + 1e-3 * self.radius;
         self.goal = goal;
@@ -213,12 +216,12 @@ impl Proxy {
             contact = self.strongest(step.active()).or(contact);
             let motion = self.lengthen(step.point, reach, &mut last_motion);
             let motion = self.restrain(start, motion, most);
-            // Below the rounding of the coordinates there is nothing left to move.
+            // Below the rounding error of the coordinates there is no motion left.
             if motion.length() <= 4.0 * f64::EPSILON * (self.position.length() + length) {
                 break;
             }
-            // Where every face that the motion can reach was looked at, and all half-spaces are obeyed, only
-            // the faces without one are left to be met.
+            // If every face in reach of the motion is known and all half-spaces are obeyed, only
+            // the faces without one can stop it.
             let known = step.complete
                 && motion.length() <= reach
                 && self.constraints.dropped() == 0
@@ -229,7 +232,8 @@ impl Proxy {
                 break;
             }
             self.position += motion * fraction;
-            // A face that the sweep has met may give way to the next step: only two stops end the tick.
+            // The next step may slide along a face that stopped the sweep: only two stops end the
+            // tick.
             let stopped = motion.length() * fraction <= CONVERGED * self.radius;
             if stopped && (fraction >= 1.0 || had_stopped) {
                 break;
@@ -281,8 +285,7 @@ impl Proxy {
         hit.map_or(1.0, |hit| hit.fraction)
     }
 
-    /// A motion that leads no farther than `most` from where the tick began; but what the half-spaces need to be
-    /// obeyed is done in full.
+    /// Limits a motion to `most` from the start of the tick, but obeys the half-spaces in full.
     fn restrain(&mut self, start: DVec3, motion: DVec3, most: f64) -> DVec3 {
         let behind = self.position - start;
         if (behind + motion).length() <= most {
@@ -290,7 +293,7 @@ impl Proxy {
         }
         self.is_behind = true;
         let out = project(DVec3::ZERO, self.constraints.planes()).point;
-        // From there towards the whole motion: the half-spaces are convex, so all of that way obeys them.
+        // From there towards the whole motion: the half-spaces are convex, so all of it obeys them.
         let (from, along) = (behind + out, motion - out);
         let (a, b) = (along.length_squared(), from.dot(along));
         let c = from.length_squared() - most * most;
@@ -307,11 +310,11 @@ impl Proxy {
         out + along * share.min(1.0)
     }
 
-    /// The whole of a geometric series of steps at once (Aitken).
+    /// The limit of a geometric series of steps (Aitken's extrapolation).
     ///
-    /// Around an edge or a vertex the surface of the probe's centre is curved, and half-spaces lead along it
-    /// in steps of a constant ratio, about depth / radius. Longer steps along the same half-spaces are as
-    /// safe; those that would leave one are not taken.
+    /// Around an edge or vertex the offset surface is curved, and half-spaces lead along it in
+    /// steps of a constant ratio, about depth / radius. Longer steps along the same half-spaces are
+    /// as safe; those that would leave one are not taken.
     fn lengthen(&self, step: DVec3, reach: f64, last: &mut Option<DVec3>) -> DVec3 {
         let previous = last.replace(step);
         let Some(previous) = previous else {
@@ -335,7 +338,8 @@ impl Proxy {
         }
     }
 
-    /// The closest face to the proxy if the ball of the last tick shows it, else by a search of the tree.
+    /// The face closest to the proxy, from the ball of the last tick if it shows it, else from the
+    /// tree.
     pub fn nearest(
         &self,
         surface: Surface<'_>,
@@ -365,8 +369,8 @@ impl Proxy {
         best
     }
 
-    /// The contact of the active planes, the one with the largest multiplier first; with none active, of a
-    /// plane that is closer than the radius.
+    /// The contact of the active half-spaces, with the largest multiplier; if none is active, of a
+    /// half-space nearer than the radius.
     fn strongest(&self, active: &[(usize, f64)]) -> Option<Contact> {
         let mut faces = [NONE; MAX_PUSHING];
         let mut strongest: Option<(usize, f64)> = None;

@@ -1,9 +1,9 @@
-//! The point of an intersection of half-spaces that is closest to a goal: an active set in f64.
+//! The point of an intersection of half-spaces closest to a goal: an active-set method in f64.
 //!
-//! In three dimensions at most three planes are active. The set grows by the most violated plane; the best
-//! of the few subsets that contain it is taken. Every round the distance to the goal grows, so no set comes
-//! back and the method ends; near-parallel planes are told by |n0 x n1|^2, which is exact where 1 - cos^2 is
-//! noise (facts of haptics, F11).
+//! In three dimensions at most three planes are active. The set grows by the most violated plane;
+//! the best of the few subsets that contain it is taken. The distance to the goal grows in every
+//! round, so no set recurs and the method ends. Near-parallel planes are told by |n0 x n1|², which
+//! is exact where 1 - cos² is rounding.
 
 use glam::DVec3;
 
@@ -12,33 +12,33 @@ use glam::DVec3;
 pub struct Plane {
     /// Unit normal, out of the object.
     pub normal: DVec3,
-    /// Least distance along the normal, in the units of x; negative leaves room.
+    /// Least distance along the normal, in the units of x; negative if there is room.
     pub offset: f64,
 }
 
-/// The answer of [`project`].
+/// The result of [`project`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
     /// The closest point.
     pub point: DVec3,
-    /// Whether it obeys every half-space; if not, they leave no point, or the numbers do not allow to find
-    /// it, and it obeys those that were taken in first.
+    /// Whether it obeys every half-space. If not, they have no common point, or rounding prevents
+    /// finding it, and the point obeys those added first.
     pub complete: bool,
     active: [(usize, f64); 3],
     count: usize,
 }
 
 impl Projection {
-    /// The planes that push, with their multipliers (not negative).
+    /// The active planes with their multipliers (not negative).
     #[must_use]
     pub fn active(&self) -> &[(usize, f64)] {
         &self.active[..self.count]
     }
 }
 
-/// Squared sine below which two planes count as parallel: one of them then stands for both.
+/// Squared sine below which two planes count as parallel: one of them then represents both.
 const PARALLEL: f64 = 1e-12;
-/// Rounds at the most: each adds a plane, and sets do not come back.
+/// Largest number of rounds: each adds a plane, and no set recurs.
 const ROUNDS: usize = 128;
 
 /// The point closest to `goal` in the intersection of the half-spaces.
@@ -61,7 +61,7 @@ pub fn project(goal: DVec3, planes: &[Plane]) -> Projection {
             if violation <= tolerance || worst.is_some_and(|(_, most)| violation <= most) {
                 continue;
             }
-            // An active plane stands for those that are parallel to it within rounding.
+            // An active plane represents those parallel to it within rounding.
             let stands_for = |a: usize| {
                 let active = planes[a].normal;
                 a == k
@@ -85,7 +85,7 @@ pub fn project(goal: DVec3, planes: &[Plane]) -> Projection {
     best
 }
 
-/// The optimum over the active planes and one more, which is active in it.
+/// The optimum over the active planes and one more, which is active.
 fn with_plane(
     goal: DVec3,
     planes: &[Plane],
@@ -155,7 +155,7 @@ fn on_planes(goal: DVec3, planes: &[Plane]) -> Option<(DVec3, [f64; 3])> {
     if sine_squared < PARALLEL {
         return None;
     }
-    // Along the first plane, straight towards the second: n2 . slide = |n1 x n2|^2.
+    // Along the first plane, straight towards the second: n2 . slide = |n1 x n2|².
     let slide = axis.cross(first.normal);
     let along = (second.offset - second.normal.dot(on_first)) / sine_squared;
     let on_both = on_first + slide * along;

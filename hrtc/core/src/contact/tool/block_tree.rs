@@ -1,17 +1,18 @@
-//! The boxes of a tool's faces by eights, and of those by eights, in the tool's axes: a box of the surface is tested against
-//! eight of them at once, so that a face of the surface finds the faces of a tool near it in three or four looks.
+//! The tree over a tool's faces with eight boxes per node (a block), in the tool's axes. A box of
+//! the surface is tested against eight boxes at once, so that a face of the surface finds the
+//! tool's faces near it in three or four tests.
 
 use geometry::Aabb;
 use glam::{DVec3, Vec3A, Vec4};
 
-/// Blocks of the highest level, at the most.
+/// Largest number of blocks on the highest level.
 const TOP: usize = 2;
-/// Boxes of a block.
+/// Boxes per block.
 pub(crate) const WIDTH: usize = 8;
-/// Relative rounding of what is compared in f32, generously.
+/// Relative rounding error of comparisons in f32, with a margin.
 const ROUNDING: f64 = 64.0 * f32::EPSILON as f64;
 
-/// Eight boxes: the lower and upper sides of each axis, in two halves.
+/// Eight boxes: lower and upper bounds per axis, in two halves.
 #[derive(Debug, Clone, Copy)]
 struct Block {
     lower: [[Vec4; 2]; 3],
@@ -19,7 +20,7 @@ struct Block {
 }
 
 impl Block {
-    /// Boxes that are nowhere.
+    /// Empty boxes.
     const NOWHERE: Self = Self {
         lower: [[Vec4::INFINITY; 2]; 3],
         upper: [[Vec4::NEG_INFINITY; 2]; 3],
@@ -43,12 +44,12 @@ impl Block {
     }
 }
 
-/// The corners of eight faces: of each corner its coordinates, in two halves.
+/// The corners of eight faces: coordinates per corner, in two halves.
 #[derive(Debug, Clone, Copy)]
 struct Corners([[[Vec4; 2]; 3]; 3]);
 
 impl Corners {
-    /// Faces without an extent.
+    /// Degenerate faces.
     const NONE: Self = Self([[[Vec4::ZERO; 2]; 3]; 3]);
 
     fn set(&mut self, slot: usize, corners: [DVec3; 3]) {
@@ -73,7 +74,8 @@ impl Distance {
         let squared = distance * distance * (1.0 + ROUNDING);
         Self {
             rounded: (distance * (1.0 + ROUNDING)) as f32,
-            // The square of what is very small may have been rounded to nothing, that of what is very large to infinity.
+            // The square of a very small number may be rounded to 0, that of a very large one to
+            // infinity.
             squared: Vec4::splat((squared as f32 + f32::MIN_POSITIVE).min(f32::MAX)),
         }
     }
@@ -88,7 +90,7 @@ pub(crate) struct BoxWithin {
 }
 
 impl BoxWithin {
-    /// From `lower` to `upper`; no coordinate that they were computed of was larger than `size`.
+    /// `size` bounds the coordinates from which `lower` and `upper` were computed.
     #[inline]
     pub(crate) fn new([lower, upper]: [Vec3A; 2], size: f32, distance: &Distance) -> Self {
         let rounding = Vec3A::splat(ROUNDING as f32 * size);
@@ -101,7 +103,7 @@ impl BoxWithin {
         }
     }
 
-    /// Which boxes of a block may be as near, as bits.
+    /// The boxes of a block within the distance, as bits.
     #[inline]
     fn of(&self, block: &Block) -> u32 {
         let half = |half: usize| {
@@ -118,7 +120,7 @@ impl BoxWithin {
     }
 }
 
-/// What lies within a distance of a range along a direction.
+/// All points within a distance of an interval along a direction.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Slab {
     direction: [Vec4; 3],
@@ -128,8 +130,8 @@ pub(crate) struct Slab {
 }
 
 impl Slab {
-    /// Around points along a direction of at most unit length; no coordinate that these or the boxes were computed of is
-    /// larger than `size`.
+    /// Around points along a direction of at most unit length. `size` bounds the coordinates from
+    /// which these and the boxes were computed.
     #[inline]
     pub(crate) fn new(
         direction: Vec3A,
@@ -150,7 +152,7 @@ impl Slab {
         }
     }
 
-    /// Which of eight faces may be in it, as bits.
+    /// The faces of a block that may be inside, as bits.
     #[inline]
     fn of_faces(&self, faces: &Corners) -> u32 {
         let [x, y, z] = self.direction;
@@ -164,7 +166,7 @@ impl Slab {
         half(0) | half(1) << 4
     }
 
-    /// Which boxes of a block may be in it, as bits.
+    /// The boxes of a block that may be inside, as bits.
     #[inline]
     fn of(&self, block: &Block) -> u32 {
         let half = |half: usize| {
@@ -181,33 +183,35 @@ impl Slab {
     }
 }
 
-/// See the module.
+/// The tree over a tool's faces.
 #[derive(Debug, Clone)]
 pub(crate) struct Blocks {
     /// Faces in the order of the tool's tree.
     order: Vec<u32>,
-    /// The blocks of faces, then of blocks of faces and so on up to one or two.
+    /// The blocks of faces, then the blocks of blocks, up to one or two.
     blocks: Vec<Block>,
     /// The faces of each block of faces.
     faces: Vec<Corners>,
-    /// Where each level begins.
+    /// First block of each level.
     levels: Vec<usize>,
     extent: f32,
 }
 
-/// Bits of the place of a block on its level: more than the faces of a tool.
+/// Bits for a block's index on its level: more than the faces of a tool.
 const PLACE_BITS: usize = 24;
-/// Blocks of a set, at the most.
+/// Capacity of a set.
 const MAX_BLOCKS: usize = 16;
-/// Boxes of a block that may be near for it to be opened: where more are, those of what is looked at next tell more.
+/// A block is opened if at most this many of its boxes are near; with more, the next box of the
+/// surface decides better.
 const OPENED: u32 = 2;
-/// Blocks that wait to be opened, at the most: a set, and all but one of each level of the largest tool.
+/// Capacity for unopened blocks: a set, and all but one of each level of the largest tool.
 const WAITING: usize = MAX_BLOCKS + 8 * WIDTH;
 
-/// Blocks of a tool that hold all that may be near something: what a traversal of the other body carries down.
+/// Blocks of a tool that contain everything near a box: a traversal of the other body's tree
+/// carries them down.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct BlockSet {
-    /// Level and place in one number each.
+    /// Level and index in one number.
     blocks: [u32; MAX_BLOCKS],
     count: usize,
 }
@@ -227,20 +231,20 @@ impl BlockSet {
         &self.blocks[..self.count]
     }
 
-    /// Number of blocks; 0 where nothing is near.
+    /// Number of blocks; 0 if nothing is near.
     pub(crate) fn len(&self) -> u32 {
         self.count as u32
     }
 }
 
-/// Level of a block and its place there.
+/// Level and index of a block.
 fn level_and_place(block: u32) -> (usize, usize) {
     let block = block as usize;
     (block >> PLACE_BITS, block & ((1 << PLACE_BITS) - 1))
 }
 
 impl Blocks {
-    /// Over faces in an order in which neighbours are near; without boxes.
+    /// A tree over faces in spatial order; without boxes.
     pub(crate) fn new(order: Vec<u32>) -> Self {
         let (mut levels, mut count) = (vec![0], order.len().div_ceil(WIDTH));
         let (faces, mut whole) = (vec![Corners::NONE; count], count);
@@ -258,7 +262,7 @@ impl Blocks {
         }
     }
 
-    /// Takes the corners of the faces.
+    /// Updates the boxes from the corners of the faces.
     pub(crate) fn refit(&mut self, corners: impl Fn(u32) -> [DVec3; 3]) {
         for (place, &face) in self.order.iter().enumerate() {
             let corners @ [a, b, c] = corners(face);
@@ -287,12 +291,12 @@ impl Blocks {
         self.extent = self.blocks[top..].iter().map(farthest).fold(0.0, f32::max);
     }
 
-    /// No coordinate of a box is farther from zero.
+    /// Bound of the absolute coordinates of all boxes.
     pub(crate) fn extent(&self) -> f32 {
         self.extent
     }
 
-    /// Everything.
+    /// The set of all blocks.
     pub(crate) fn whole(&self) -> BlockSet {
         let (mut set, top) = (BlockSet::NONE, self.levels.len() - 1);
         for place in 0..self.count_on(top) {
@@ -306,7 +310,7 @@ impl Blocks {
         end.unwrap_or(self.blocks.len()) - self.levels[level]
     }
 
-    /// What of a set may be near; the blocks that it looks at are added to the cost.
+    /// The part of a set that may be near; adds the number of blocks tested to `cost`.
     #[inline]
     pub(crate) fn within(&self, near: &BoxWithin, set: &BlockSet, cost: &mut u32) -> BlockSet {
         let mut found = BlockSet::NONE;
@@ -327,7 +331,7 @@ impl Blocks {
             while which != 0 {
                 let place = WIDTH * place + which.trailing_zeros() as usize;
                 which &= which - 1;
-                // The box of nowhere may seem near what is as large as numbers get.
+                // An empty box may seem near at the largest numbers.
                 if place < most {
                     found.push(level - 1, place);
                 }
@@ -336,7 +340,7 @@ impl Blocks {
         found
     }
 
-    /// Whether a face may be near.
+    /// Whether any face may be near.
     pub(crate) fn any(&self, near: &BoxWithin) -> bool {
         let mut found = false;
         let whole = (&self.whole(), || []);
@@ -347,9 +351,9 @@ impl Blocks {
         found
     }
 
-    /// Calls `visit` with the faces of a set that may be near and in all slabs, until it returns false; the blocks that it
-    /// looks at are added to the cost. False where it would come to more than `most`. The slabs are asked for where a box
-    /// is near.
+    /// Calls `visit` with the faces of a set that may be near and inside all slabs, until it
+    /// returns false; adds the number of blocks tested to `cost`. False if that would exceed
+    /// `most`. The slabs are computed when a box is near.
     #[inline]
     pub(crate) fn faces<const N: usize>(
         &self,

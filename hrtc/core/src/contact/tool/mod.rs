@@ -1,8 +1,15 @@
-//! A tool: a static mesh under a moving pose, as a probe with a shape.
+//! A tool: a rigid mesh under a moving pose, for a probe with a shape.
 //!
-//! Its tree is the complete binary tree over its faces (median splits, the first half rounded up, as the AB-tree's),
-//! parents before children. A pose moves the vertices and refits the boxes in one pass from the last node to the first:
-//! tight boxes in the other body's frame, so that a pair of boxes is tested without another look at the pose.
+//! Its tree is the complete binary tree over its faces (median splits, the first half rounded up,
+//! as the AB-tree), parents before children. A pose moves the vertices and refits the boxes in one
+//! pass from the last node to the first. The boxes are tight in the other body's frame, so that a
+//! test of two boxes needs no transform.
+//!
+//! | module | content |
+//! |---|---|
+//! | `shapes` | tool meshes of simple shape |
+//! | `block_tree` | eight-wide boxes of the tool's faces in its own axes |
+//! | `near_pairs` | face pairs of the front and a moving tool within a margin |
 
 mod block_tree;
 mod near_pairs;
@@ -28,19 +35,19 @@ pub struct ToolMesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Why a mesh cannot be a tool.
+/// Reason why a mesh cannot be a tool.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum ToolError {
-    /// Nothing to touch with.
+    /// No faces.
     #[error("the tool has no faces")]
     Empty,
     /// More faces than the limit.
     #[error("the tool has {0} faces; the limit is {limit}", limit = Tool::MAX_FACES)]
     TooMany(usize),
-    /// A face names a vertex that is not there.
+    /// A face names a missing vertex.
     #[error("face {0} of the tool names a vertex that is not there")]
     NoSuchVertex(usize),
-    /// A coordinate is not a number of f32's range.
+    /// A coordinate is not finite in f32.
     #[error("vertex {0} of the tool is not finite")]
     NotFinite(usize),
 }
@@ -68,22 +75,24 @@ pub struct Tool {
     /// The corners of each face that stand for their vertex: each vertex once.
     samples: Vec<[bool; 3]>,
     nodes: Vec<ToolNode>,
-    /// The children of each node, places in `boxes`.
+    /// The children of each node, indices of `boxes`.
     below: Vec<[u32; 2]>,
     moved: Vec<Moved>,
-    /// Boxes in the query's frame, each on both sides of its pair: those of nodes, then those of faces.
+    /// Boxes in the query's frame, each on both sides of its pair: those of nodes, then those of
+    /// faces.
     boxes: Vec<BoxPair>,
     to_query: Similarity,
 }
 
 impl Tool {
-    /// Faces that a tool may have.
+    /// Largest number of faces.
     pub const MAX_FACES: usize = 1 << 20;
 
     /// A tool in its own frame.
     ///
     /// # Errors
-    /// When the mesh has no faces, too many, a coordinate that is not finite or beyond f32, or a corner that is not there.
+    /// If the mesh has no faces, too many faces, a coordinate that is not finite in f32, or a
+    /// missing vertex.
     pub fn new(mesh: &ToolMesh) -> Result<Self, ToolError> {
         let count = mesh.triangles.len();
         if count == 0 {
@@ -132,7 +141,7 @@ impl Tool {
         Ok(tool)
     }
 
-    /// Moves the tool: `to_query` goes from its own frame to the other body's.
+    /// Moves the tool. `to_query`: from its own frame to the other body's.
     pub fn place(&mut self, to_query: &Similarity) {
         self.to_query = *to_query;
         for (moved, &local) in self.moved.iter_mut().zip(&self.local_vertices) {
@@ -145,13 +154,14 @@ impl Tool {
         self.refit();
     }
 
-    /// Its faces in an order in which neighbours are near.
+    /// The faces in spatial order.
     pub(crate) fn order(&self) -> Vec<u32> {
         leaves(&self.nodes)
     }
 
     fn refit(&mut self) {
-        // Two loops without a branch: the boxes of faces, then those of nodes, children before their parents.
+        // Two loops without a branch: the boxes of faces, then those of nodes, children before
+        // parents.
         let (of_nodes, of_faces) = self.boxes.split_at_mut(self.nodes.len());
         for (aabb, face) in of_faces.iter_mut().zip(&self.faces) {
             let [a, b, c] = face.map(|v| self.moved[v as usize].near);
@@ -260,7 +270,7 @@ fn tree_over(mesh: &ToolMesh) -> Vec<ToolNode> {
         .map(|face| (centroid(face), face))
         .collect();
     let mut nodes: Vec<ToolNode> = Vec::with_capacity(order.len() - 1);
-    // A range of faces, and the node and its side that wait for it.
+    // A range of faces, with the node and the side that refer to it.
     let mut waiting = vec![(0..order.len(), None)];
     while let Some((range, place)) = waiting.pop() {
         let child = if range.len() == 1 {

@@ -1,9 +1,10 @@
-//! The pairs of faces of a body and a moving tool whose boxes are within a margin of each other: what a tool is held
-//! against for as long as it moves less than that.
+//! The face pairs of the front and a moving tool within a margin: the candidates that remain valid
+//! while the tool deviates by less than the margin.
 //!
-//! The body's tree is descended alone, and carries down those blocks of the tool's boxes that may be near; a face then
-//! looks for those of the tool in what is left of them, eight at once. All that in the tool's axes, where its boxes stay
-//! as they are and long faces along it have slim ones.
+//! Only the front's tree is descended. The traversal carries down the blocks of the tool that may
+//! be near; a face of the front then tests the remaining boxes of the tool, eight at once. All
+//! tests are in the tool's axes, where its boxes are constant and long faces along the tool have
+//! slim boxes.
 
 use super::block_tree::{BlockSet, Blocks, BoxWithin, Distance, Slab};
 use crate::contact::query::{Body, Ending, PairWork, STACK, Surface};
@@ -13,23 +14,23 @@ use glam::{DMat3, DVec3, Mat3A, Vec3A};
 use spm::Handle;
 use std::ops::ControlFlow;
 
-/// A way of the tool, as seen from which the body is, first and last. In f32 about a point on the way, so that its rounding
-/// is small beside what is near.
+/// The front's motion relative to the tool, first and last placement. In f32 relative to a point of
+/// the path, so that rounding is small compared with the distances.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RelativePath {
     origin: DVec3,
-    /// The same, which is what f32 has.
+    /// The same, exact in f32.
     rounded: Vec3A,
     /// From the body's axes to the tool's.
     back: [Mat3A; 2],
-    /// The greater of their absolute values.
+    /// Largest absolute values of both.
     absolute: Mat3A,
-    /// Where the origin is seen, and no coordinate of that is larger.
+    /// Position of the origin relative to the tool, and a bound of its coordinates.
     there: [Vec3A; 2],
     size: f32,
 }
 
-/// Where something is seen, and how large a coordinate that was computed of is.
+/// A box relative to the tool, and a bound of the coordinates from which it was computed.
 #[derive(Clone, Copy)]
 struct BoxSeen {
     corners: [Vec3A; 2],
@@ -37,7 +38,7 @@ struct BoxSeen {
 }
 
 impl RelativePath {
-    /// By the centres of the tool and its rotations to the body's axes.
+    /// From the centres of the tool and its rotations to the body's axes.
     pub(crate) fn new(centre: [DVec3; 2], rotation: [DMat3; 2]) -> Self {
         let back = rotation.map(|r| r.transpose());
         let column = |k: usize| back[0].col(k).abs().max(back[1].col(k).abs());
@@ -61,14 +62,14 @@ impl RelativePath {
         }
     }
 
-    /// Where a point is seen first and last.
+    /// First and last position of a point.
     #[inline]
     fn point(&self, point: DVec3) -> [Vec3A; 2] {
         let arm = (point - self.origin).as_vec3a();
         [0, 1].map(|k| self.there[k] + self.back[k] * arm)
     }
 
-    /// The box that holds what is in a box, first, last and on straight lines between.
+    /// The box that bounds a box at first, last and on straight lines between.
     #[inline]
     fn around(&self, aabb: &Aabb) -> BoxSeen {
         let (low, high) = (
@@ -91,19 +92,20 @@ impl RelativePath {
     }
 }
 
-/// A subtree or face of the body, and what of the tool may be near.
+/// A subtree or face of the front, and the blocks of the tool that may be near.
 #[derive(Clone, Copy)]
 struct Entry {
     child: Child,
     near: BlockSet,
 }
 
-/// What a face costs beside the blocks and pairs that it looks at, in blocks (measured).
+/// Cost of a face beside its blocks and pairs, in blocks (measured).
 const FACE: u32 = 4;
-/// The least budget that is exceeded for a face that takes more, in blocks: else what is as large as the tool is never seen.
+/// Budget from which the first face is finished even over budget, in blocks, so that every call
+/// makes progress.
 const MIN_BUDGET: u32 = 1024;
 
-/// A direction of unit length however short it was; zero where it is lost in what f32 has.
+/// A unit direction at any length; zero if it underflows in f32.
 #[inline]
 fn unit(direction: Vec3A) -> Vec3A {
     let most = direction.abs().max_element();
@@ -114,8 +116,9 @@ fn unit(direction: Vec3A) -> Vec3A {
     }
 }
 
-/// The slabs of a face on its way: across it, and across its longest edge in its plane. A box around a long face that lies
-/// askew holds far more than the face is near. `size`: of the coordinates that they were computed of.
+/// The slabs of a face on its path: across it, and across its longest edge in its plane. The box of
+/// a long oblique face is much larger than its neighbourhood. `size` bounds the coordinates
+/// involved.
 #[inline]
 fn slabs([[a, b, c], ends]: [[Vec3A; 3]; 2], distance: &Distance, size: f32) -> [Slab; 2] {
     let longer = |l: Vec3A, e: Vec3A| {
@@ -132,21 +135,21 @@ fn slabs([[a, b, c], ends]: [[Vec3A; 3]; 2], distance: &Distance, size: f32) -> 
     [normal, across].map(|direction| Slab::new(direction, points, distance, size))
 }
 
-/// Where a search goes on: what lies before it in the order of the tree was looked at. It stays good while the tree changes,
-/// but for what has changed itself.
+/// The point at which a search continues: everything before it in tree order was examined. It
+/// remains valid while the tree changes, except for the changes themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Resume(u32);
 
 impl Resume {
-    /// With all.
+    /// The start of the tree.
     pub(crate) const START: Self = Self(0);
 
-    /// With the first leaf below a key: keys of any depth are compared from their first bit on.
+    /// The first leaf below a key; keys of any depth are compared from their first bit.
     pub(crate) fn at(key: u32) -> Self {
         Self(key << key.leading_zeros())
     }
 
-    /// Whether all leaves below a key lie before it.
+    /// Whether all leaves below a key are before this point.
     fn is_after(self, key: u32) -> bool {
         let free = key.leading_zeros();
         let last = u64::from(key) << free | ((1 << free) - 1);
@@ -154,8 +157,8 @@ impl Resume {
     }
 }
 
-/// Calls `visit` with the faces of a set of the tool's blocks that may come within a distance of a face, until it returns
-/// false; the blocks that it looks at are added to the cost. False where that would come to more than `most`.
+/// Calls `visit` with the tool's faces of a set that may come within a distance of a face, until it
+/// returns false; adds the blocks tested to `cost`. False if that would exceed `most`.
 #[inline]
 fn for_each_near_face(
     tool: &Blocks,
@@ -175,8 +178,8 @@ fn for_each_near_face(
     tool.faces(&near, (set, slabs), cost, most, visit)
 }
 
-/// Calls `visit` with the faces of a tool that may come within a distance of a face, until it returns false. What it cost,
-/// in blocks.
+/// Calls `visit` with the tool's faces that may come within a distance of a face, until it returns
+/// false. Returns the cost in blocks.
 pub(crate) fn for_each_face_near(
     tool: &Blocks,
     path: &RelativePath,
@@ -190,13 +193,11 @@ pub(crate) fn for_each_face_near(
     cost
 }
 
-/// Calls `visit` with every pair of faces that come within `margin` (units of the surface's frame) while the surface's
-/// points go straight from where they are seen first to where they are seen last, and some that are not much farther, face
-/// by face of the surface from `resume` on.
+/// Calls `visit` with every face pair that comes within `margin` (units of the surface's frame)
+/// while the surface's points move on straight lines relative to the tool, and with some that are
+/// slightly farther, face by face of the surface from `resume` on.
 ///
-/// `visit` breaks, or returns the margin from then on (not negative), so that whoever has no room left goes on with a
-/// smaller one. It ends before its [`PairWork::cost`] comes to more than `budget`, and says where to go on: with a face of
-/// which it may have seen a part. With any budget worth the name it sees one to its end, so that it gets on.
+/// `visit` breaks, or returns the margin from then on (not negative), so that a full list continues with a smaller one. The search ends before its [`PairWork::cost`] exceeds `budget` and returns where to continue: at a face of which a part may have been visited. At budgets of [`MIN_BUDGET`] or more the first face is finished even over budget, so every call makes progress.
 pub(crate) fn for_each_near_pair(
     surface: &Surface<'_>,
     tool: &Blocks,

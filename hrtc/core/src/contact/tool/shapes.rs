@@ -6,7 +6,8 @@ use scene::ProbeShape;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 impl ToolMesh {
-    /// The mesh of a probe's shape about the device's position, metres; `None` for a ball, which needs none.
+    /// The mesh of a probe's shape about the device's position, metres; `None` for a ball, which
+    /// needs none.
     #[must_use]
     pub fn of_shape(shape: &ProbeShape) -> Option<Self> {
         let (mut mesh, up) = match *shape {
@@ -16,7 +17,7 @@ impl ToolMesh {
                 length_m,
                 faces,
             } => {
-                // 2 faces for each piece around and along, pieces about twice as many around as a cap has circles.
+                // Two faces per piece; about twice as many pieces around as a cap has rings.
                 let around = ((f64::from(faces) / 2.0).sqrt() as usize).max(3);
                 let circles = (faces as usize / (2 * around)).max(2) & !1;
                 let mesh = capsule_mesh(radius_m, length_m, around, circles);
@@ -78,8 +79,8 @@ fn rings(low: DVec3, circles: &[(f64, f64)], high: DVec3, around: usize) -> Tool
     }
 }
 
-/// A capsule of 2 x `around` x `circles` faces, `length` from end to end; at least 3 around and 2 circles, an even number
-/// of them, half for each cap.
+/// A capsule of 2 x `around` x `circles` faces, `length` from end to end; at least 3 around and 2
+/// rings, an even number, half for each cap.
 #[must_use]
 pub fn capsule_mesh(radius: f64, length: f64, around: usize, circles: usize) -> ToolMesh {
     let (around, a_cap) = (around.max(3), circles.div_ceil(2).max(1));
@@ -95,8 +96,8 @@ pub fn capsule_mesh(radius: f64, length: f64, around: usize, circles: usize) -> 
     rings(-end, &circles, end, around)
 }
 
-/// A cylinder of at most `faces` faces, as many as near-square pieces allow and at least 12: the cylinder mesh probe of
-/// thesis 5.8.
+/// A cylinder of at most `faces` faces, at least 12, with near-square pieces (the cylinder probe,
+/// thesis 5.8).
 #[must_use]
 pub fn cylinder_mesh(radius: f64, length: f64, faces: usize) -> ToolMesh {
     // `around` times (bands + 1) pairs of faces: the two fans are one pair each.
@@ -106,7 +107,7 @@ pub fn cylinder_mesh(radius: f64, length: f64, faces: usize) -> ToolMesh {
         let lost = pairs - around * (bands + 1);
         let (width, height) = (TAU * radius / around as f64, length / bands as f64);
         let stretched = (width / height).ln().abs();
-        // A tenth of the faces lost weighs as much as pieces twice as long as wide.
+        // A loss of a tenth of the faces weighs as much as pieces twice as long as wide.
         (bands, stretched + 7.0 * lost as f64 / pairs as f64)
     };
     let mut best = (3, shape(3));
@@ -138,7 +139,7 @@ mod tests {
         mesh.triangles.iter().map(signed).sum()
     }
 
-    /// Every edge is there once each way.
+    /// Every edge is present once in each direction.
     fn assert_closed(mesh: &ToolMesh) {
         let mut edges = BTreeSet::new();
         for t in &mesh.triangles {
