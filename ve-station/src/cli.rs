@@ -77,8 +77,9 @@ enum Command {
     },
     /// Writes an SPM file as a mesh that any viewer shows, or as the thesis's text
     ///
-    /// The ending of the output names the format: .obj, .ply, .stl and .off hold the mesh, .cdpm and .spmtxt
-    /// the base mesh and the splits as in appendices A and B of the thesis; `build` reads all of them.
+    /// The ending of the output names the format: .obj, .ply, .stl and .off hold the mesh, .cdpm
+    /// and .spmtxt the base mesh and the splits as in appendices A and B of the thesis; `build`
+    /// reads all of them.
     Export {
         /// The SPM file
         file: PathBuf,

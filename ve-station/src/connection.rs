@@ -1,8 +1,9 @@
 //! Connection agent of the station: the iceoryx2 ports around the pure [`Station`], on one thread.
 //!
-//! It polls: every fifth of a millisecond what came is handed to the core, and what the core has to say is sent. Nothing
-//! here blocks; what a full queue discards shows as a gap to the receiver, and epochs heal it. A tour, which takes long,
-//! is rolled between two looks at the ports, a little each time; its client is told in time that it is being rolled.
+//! It polls: every fifth of a millisecond what came is handed to the core, and what the core has to
+//! say is sent. Nothing here blocks; what a full queue discards shows as a gap to the receiver, and
+//! epochs heal it. A tour, which takes long, is rolled between two looks at the ports, a little
+//! each time; its client is told in time that it is being rolled.
 
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
@@ -22,9 +23,11 @@ use transport::{BUFFER, Domain, TransportError};
 const POLL: Duration = Duration::from_micros(200);
 /// Time between two heartbeats.
 const HELLO: Duration = Duration::from_millis(HELLO_PERIOD_MS);
-/// Steps of a client's tour between two looks at the ports: tenths of a millisecond, unless they read a slow disk.
+/// Steps of a client's tour between two looks at the ports: tenths of a millisecond, unless they
+/// read a slow disk.
 const ROLLED: u64 = 8;
-/// Time after which a client whose tour is being rolled is told something: a part of what it would wait.
+/// Time after which a client whose tour is being rolled is told something: a part of what it would
+/// wait.
 const TOLD: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS / 4);
 /// Time between two clean-ups of dead nodes.
 const CLEANUP: Duration = Duration::from_secs(1);
@@ -153,7 +156,8 @@ impl<D: AsRef<[u8]>> Connection<D> {
         &self.station
     }
 
-    /// Serves until `stop` is set. Trouble with one client or one message is logged, once, and service goes on.
+    /// Serves until `stop` is set. Trouble with one client or one message is logged, once, and
+    /// service goes on.
     pub fn run(&mut self, stop: &AtomicBool) {
         let (mut next_hello, mut next_cleanup) = (Instant::now(), Instant::now() + CLEANUP);
         while !stop.load(Ordering::Relaxed) {
@@ -180,7 +184,8 @@ impl<D: AsRef<[u8]>> Connection<D> {
         }
     }
 
-    /// Takes in what came. Each port at most twice its buffer, so that a flood cannot stop the sending.
+    /// Takes in what came. Each port at most twice its buffer, so that a flood cannot stop the
+    /// sending.
     fn receive(&mut self, now: Instant) {
         for _ in 0..2 * BUFFER {
             match self.ports.hello_in.receive() {

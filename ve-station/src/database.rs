@@ -1,9 +1,9 @@
 //! Database agent: every model of a scene as a mapped SPM file.
 //!
-//! An SPM file is mapped as it is. A mesh file and a generated shape are built once into the user's cache
-//! folder (`$HRTC_CACHE`, else `hrtc/models` in the user's cache), under a name that holds the hash of the
-//! content and the versions of builder and format. Files appear there whole, by rename: two stations that
-//! build the same model at once both end with the same file.
+//! An SPM file is mapped as it is. A mesh file and a generated shape are built once into the user's
+//! cache folder (`$HRTC_CACHE`, else `hrtc/models` in the user's cache), under a name that holds
+//! the hash of the content and the versions of builder and format. Files appear there whole, by
+//! rename: two stations that build the same model at once both end with the same file.
 
 use memmap2::Mmap;
 use protocol::Request;
@@ -84,7 +84,8 @@ impl Database {
                 Some(&model) => model,
                 None => {
                     let file = open_source(&object.model, &plan.folder, progress)?;
-                    // Two names of the same content are one model: clients count records by content.
+                    // Two names of the same content are one model: clients count records by
+                    // content.
                     let hash = file.model_header().model;
                     let same = models
                         .iter()
@@ -231,8 +232,9 @@ fn map(path: &Path) -> Result<Mmap, DatabaseError> {
     if metadata.is_dir() {
         return Err(failed(io::Error::from(io::ErrorKind::IsADirectory)));
     }
-    // SAFETY: the bytes are only read, as plain numbers that are validated at every use, so a change by
-    // another program gives a wrong number at worst. Files are replaced by rename, never cut short.
+    // SAFETY: the bytes are only read, as plain numbers that are validated at every use, so a
+    // change by another program gives a wrong number at worst. Files are replaced by rename, never
+    // cut short.
     unsafe { Mmap::map(&file) }.map_err(failed)
 }
 

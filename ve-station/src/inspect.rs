@@ -1,4 +1,5 @@
-//! What an SPM file holds: counts, dependencies, closures, the tables of errors, and how fast a probe may go.
+//! What an SPM file holds: counts, dependencies, closures, the tables of errors, and how fast a
+//! probe may go.
 
 mod dial;
 
@@ -66,8 +67,8 @@ pub fn open(path: &Path) -> Result<SpmFile<Mmap>, InspectError> {
             error: FileError::NotSpm,
         });
     }
-    // SAFETY: the map is only read. Files are written to a temporary name and renamed, so what is mapped
-    // does not change under us unless another program truncates it on purpose.
+    // SAFETY: the map is only read. Files are written to a temporary name and renamed, so what is
+    // mapped does not change under us unless another program truncates it on purpose.
     let map = unsafe { Mmap::map(&file) }.map_err(io)?;
     SpmFile::open(map).map_err(|error| InspectError::File {
         path: path.to_path_buf(),
@@ -299,8 +300,8 @@ pub struct Inspection {
     pub dial: Vec<DialRow>,
     /// Longest side in the world, metres: as asked, or 0.15.
     pub size_m: f64,
-    /// Greatest speed at full resolution at that size, m/s: operations a tick / (faces a square metre x
-    /// width of the refined patch x period).
+    /// Greatest speed at full resolution at that size, m/s: operations a tick / (faces a square
+    /// metre x width of the refined patch x period).
     pub greatest_speed_m_per_s: f64,
 }
 
@@ -348,11 +349,12 @@ pub fn longest_side(header: &ModelHeader) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Faces whose areas are added up at the most: beyond, the answer is an estimate to about 0.3 %, for a few
-/// milliseconds instead of seconds.
+/// Faces whose areas are added up at the most: beyond, the answer is an estimate to about 0.3 %,
+/// for a few milliseconds instead of seconds.
 const MAX_AREAS: u32 = 1 << 17;
 
-/// Area of the full mesh, square model units; of large meshes from some faces, evenly spread in tree order.
+/// Area of the full mesh, square model units; of large meshes from some faces, evenly spread in
+/// tree order.
 ///
 /// # Errors
 /// When a block is damaged.
@@ -382,8 +384,8 @@ pub struct Motion {
     pub period_s: f64,
 }
 
-/// The greatest speed at full resolution, m/s: K / (faces a square metre x width of the patch x period),
-/// where the patch is as wide as the probe with its lead on both sides, and a cell.
+/// The greatest speed at full resolution, m/s: K / (faces a square metre x width of the patch x
+/// period), where the patch is as wide as the probe with its lead on both sides, and a cell.
 #[must_use]
 pub fn greatest_speed(header: &ModelHeader, area: f64, motion: Motion) -> f64 {
     let metres = motion.metres_per_unit;

@@ -98,7 +98,8 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
     Ok(report)
 }
 
-/// A number that no other start has: the time, with the process mixed in. Never 0, which means none.
+/// A number that no other start has: the time, with the process mixed in. Never 0, which means
+/// none.
 fn incarnation() -> u64 {
     let now = SystemTime::now()
         .duration_since(UNIX_EPOCH)

@@ -1,5 +1,5 @@
-//! After every split and collapse of a walk over fronts of real models, the boxes of the AB-tree are those
-//! of a fresh refit, bit for bit.
+//! After every split and collapse of a walk over fronts of real models, the boxes of the AB-tree
+//! are those of a fresh refit, bit for bit.
 
 mod common;
 

@@ -1,5 +1,5 @@
-//! Meshes as they come: cut, torn, in a thousand pieces. They build, what was done is counted, and what a cut may
-//! open on a coarse front is bounded.
+//! Meshes as they come: cut, torn, in a thousand pieces. They build, what was done is counted, and
+//! what a cut may open on a coarse front is bounded.
 
 mod common;
 
@@ -10,7 +10,8 @@ use spm::{ActiveMesh, ErrorScale, SpmParts};
 use spm_builder::SoupMesh;
 use std::collections::BTreeMap;
 
-/// The walls of a block of rooms, each of `fine` x `fine` squares: four walls meet in every inner edge.
+/// The walls of a block of rooms, each of `fine` x `fine` squares: four walls meet in every inner
+/// edge.
 fn rooms(count: u32, fine: u32) -> SoupMesh {
     let mut mesh = SoupMesh::default();
     let mut numbers: BTreeMap<[u32; 3], u32> = BTreeMap::new();

@@ -1,4 +1,5 @@
-//! The commands as a user types them: what works, and every bad input as one sentence with status 2.
+//! The commands as a user types them: what works, and every bad input as one sentence with status
+//! 2.
 
 use serde_json::Value;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! The expected error E: it makes fronts, does not depend on the number of threads, and what is asked of
-//! a front {E > t} is what it gives (facts, progressive meshes 5).
+//! The expected error E: it makes fronts, does not depend on the number of threads, and what is
+//! asked of a front {E > t} is what it gives (facts, progressive meshes 5).
 
 mod common;
 
@@ -90,7 +90,8 @@ fn what_is_asked_is_what_the_front_gives() {
             );
             assert!(found.touches_over <= 1e-3, "{name} {share}");
             assert!(found.full_over <= 5e-3, "{name} {share}");
-            // Where most of the splits are needed, the mesh's own steps decide how much finer the front is.
+            // Where most of the splits are needed, the mesh's own steps decide how much finer the
+            // front is.
             let has_detail = 2 * found.splits <= trial.parts.header.vsps;
             if has_detail && found.stretches >= 20 {
                 assert!(found.ratio <= 3.5, "{name} {share}");

@@ -1,4 +1,5 @@
-//! What is exported is read back as what it was: the thesis's text formats and plain meshes, full and coarse.
+//! What is exported is read back as what it was: the thesis's text formats and plain meshes, full
+//! and coarse.
 
 mod common;
 
@@ -31,8 +32,8 @@ fn faces_of(path: &Path) -> Vec<FaceBits> {
     all
 }
 
-/// With what is almost zero as zero: the sum of a position of one and a difference that leads to 1e-17 has no
-/// such digits in f64, so the thesis's formats cannot hold it.
+/// With what is almost zero as zero: the sum of a position of one and a difference that leads to
+/// 1e-17 has no such digits in f64, so the thesis's formats cannot hold it.
 fn snapped(mut faces: Vec<FaceBits>, extent: f32) -> Vec<FaceBits> {
     for bits in faces.as_flattened_mut().as_flattened_mut() {
         if f32::from_bits(*bits).abs() < extent * 2f32.powi(-27) {

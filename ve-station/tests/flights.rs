@@ -1,5 +1,6 @@
-//! Vertices in flight leave no trace: however splits and collapses take off, turn, are broken off by others and land,
-//! the mesh is in the end that of the front, bit for bit; on the way its certified error holds.
+//! Vertices in flight leave no trace: however splits and collapses take off, turn, are broken off
+//! by others and land, the mesh is in the end that of the front, bit for bit; on the way its
+//! certified error holds.
 
 mod common;
 
@@ -143,7 +144,8 @@ fn fly(walk: &mut FrontWalk, share: f64) -> u32 {
     count as u32
 }
 
-/// Undoes the splits whose vertices have come to their parents; one that is needed again turns back.
+/// Undoes the splits whose vertices have come to their parents; one that is needed again turns
+/// back.
 fn undo_arrived(walk: &mut FrontWalk) {
     let makers = walk.mesh.flights().iter().filter(|f| f.is_to_parent());
     let mut slots: Vec<u32> = makers

@@ -1,4 +1,5 @@
-//! What the station sends for any regions at any tolerances is a legal mesh, within its certified error.
+//! What the station sends for any regions at any tolerances is a legal mesh, within its certified
+//! error.
 
 mod common;
 
@@ -23,8 +24,8 @@ fn active_ancestor(parts: &SpmParts, front: &BTreeSet<u32>, mut vertex: u32) -> 
     vertex
 }
 
-/// The map of every full-mesh face to the front, linear on faces, moves no point farther than its corners; so
-/// the certified error holds when it holds for the corners.
+/// The map of every full-mesh face to the front, linear on faces, moves no point farther than its
+/// corners; so the certified error holds when it holds for the corners.
 fn check_certified(parts: &SpmParts, front: &BTreeSet<u32>, mesh: &ActiveMesh) {
     let at = |v: u32| Vec3::from_array(parts.position(v)).as_dvec3();
     let mut active = BTreeSet::new();

@@ -1,4 +1,5 @@
-//! The full refinement of every mesh is its cleaned input, bit for bit, and every front between is sound.
+//! The full refinement of every mesh is its cleaned input, bit for bit, and every front between is
+//! sound.
 
 mod common;
 
@@ -11,7 +12,8 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ErrorScale, NONE, OperationFaces, SpmParts};
 use std::collections::BTreeSet;
 
-/// Ids are dense, leaves are shared out exactly once, and no fan is larger than the builder promises.
+/// Ids are dense, leaves are shared out exactly once, and no fan is larger than the builder
+/// promises.
 fn check_records(name: &str, parts: &SpmParts) {
     let sizes = parts.header.sizes();
     let mut leaves: Vec<u32> = parts.base_faces.iter().map(|f| f.leaf).collect();

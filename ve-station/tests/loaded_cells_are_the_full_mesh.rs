@@ -1,5 +1,5 @@
-//! Inside the cell of every loaded region the refined surface is the full mesh's, bit for bit, whatever else
-//! is loaded or refined.
+//! Inside the cell of every loaded region the refined surface is the full mesh's, bit for bit,
+//! whatever else is loaded or refined.
 
 mod common;
 
@@ -77,7 +77,8 @@ impl Model {
         needed
     }
 
-    /// The faces of the front that holds what is needed, and every other legal split with a chance in percent.
+    /// The faces of the front that holds what is needed, and every other legal split with a chance
+    /// in percent.
     fn front(
         &mut self,
         needed: &BTreeSet<u32>,
@@ -102,8 +103,8 @@ impl Model {
         by_cell(&self.parts.header.grid, active.into_iter())
     }
 
-    /// Compares every loaded cell, alone or in a larger front. Returns how many of the cells without a region
-    /// hold a face.
+    /// Compares every loaded cell, alone or in a larger front. Returns how many of the cells
+    /// without a region hold a face.
     fn check(
         &mut self,
         loaded: &BTreeSet<RegionId>,
@@ -151,8 +152,8 @@ impl Model {
     }
 }
 
-/// Regions alone, blocks and random sets of them, each as it is and within a larger front. Returns the cells
-/// without a region that were loaded, and how many of these held a face.
+/// Regions alone, blocks and random sets of them, each as it is and within a larger front. Returns
+/// the cells without a region that were loaded, and how many of these held a face.
 fn check_all(model: &mut Model, most: usize, random: &mut Xoshiro256PlusPlus) -> (usize, usize) {
     let regions = model.parts.regions.clone();
     let step = regions.len().div_ceil(most).max(1);

@@ -54,7 +54,8 @@ fn reading_takes_150_bytes_a_face() {
     assert!(bytes < 150.0, "{bytes} bytes a face");
 }
 
-/// `HRTC_READ_FACES=10000000 cargo test --release -p ve-station --test reading -- --ignored --nocapture`
+/// `HRTC_READ_FACES=10000000 cargo test --release -p ve-station --test reading -- --ignored
+/// --nocapture`
 #[test]
 #[ignore = "large: run it alone"]
 fn reading_takes_four_microseconds_a_face() {

@@ -1,5 +1,5 @@
-//! A point changes sides exactly when the volume that a split or collapse sweeps holds it: the winding number of
-//! the whole closed front is the oracle.
+//! A point changes sides exactly when the volume that a split or collapse sweeps holds it: the
+//! winding number of the whole closed front is the oracle.
 
 mod common;
 

@@ -1,5 +1,5 @@
-//! Thesis, Theorem 4: any legal order of the same splits and collapses ends in the same mesh; and what makes it
-//! true: legality is a property of the front, and the front fixes the mesh.
+//! Thesis, Theorem 4: any legal order of the same splits and collapses ends in the same mesh; and
+//! what makes it true: legality is a property of the front, and the front fixes the mesh.
 
 mod common;
 

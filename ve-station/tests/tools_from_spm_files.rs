@@ -1,4 +1,5 @@
-//! A tool of a scene is one level of detail of an SPM file: as many faces as fit, the shape of the mesh, at its size.
+//! A tool of a scene is one level of detail of an SPM file: as many faces as fit, the shape of the
+//! mesh, at its size.
 
 mod common;
 

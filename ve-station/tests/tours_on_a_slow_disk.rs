@@ -1,4 +1,5 @@
-//! A tour that takes long to roll keeps nobody waiting: over real iceoryx2, with a model that is read slowly.
+//! A tour that takes long to roll keeps nobody waiting: over real iceoryx2, with a model that is
+//! read slowly.
 
 use bytemuck::Zeroable;
 use iceoryx2::port::publisher::Publisher;

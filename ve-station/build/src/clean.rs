@@ -7,14 +7,15 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::BuildSummary;
 
-/// A model whose centre lies farther from its own origin than this many of its diagonals gets another
-/// origin: six of the 24 bits of an f32 would be lost to the distance.
+/// A model whose centre lies farther from its own origin than this many of its diagonals gets
+/// another origin: six of the 24 bits of an f32 would be lost to the distance.
 const FAR: f64 = 64.0;
 
 /// What is left of a soup.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CleanMesh {
-    /// Positions relative to `origin`, model units; finite. Vertices that no face uses are still there.
+    /// Positions relative to `origin`, model units; finite. Vertices that no face uses are still
+    /// there.
     pub positions: Vec<[f32; 3]>,
     /// Corners, counterclockwise; distinct, not on a line, no two faces alike.
     pub triangles: Vec<[u32; 3]>,
@@ -131,8 +132,8 @@ fn group_by_position(positions: &[[f32; 3]]) -> Vec<u32> {
     same
 }
 
-/// Drops second and later faces with the same corners (by position) in the same cyclic order. Copies of
-/// opposite orientation are the two sides of a sheet and stay.
+/// Drops second and later faces with the same corners (by position) in the same cyclic order.
+/// Copies of opposite orientation are the two sides of a sheet and stay.
 fn drop_duplicates(triangles: &mut Vec<[u32; 3]>, same_position: &[u32]) -> u64 {
     let mut keys: Vec<([u32; 3], u32)> = triangles
         .par_iter()

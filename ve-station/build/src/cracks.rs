@@ -1,14 +1,15 @@
 //! How wide a crack may open along a cut.
 //!
-//! The copies of a cut vertex are one place in the full mesh. On a coarser front each is where its active
-//! ancestor is, at most R of that away: each lip of a crack is within the certified error of the seam, and the
-//! two lips are no farther apart than the sum for both.
+//! The copies of a cut vertex are one place in the full mesh. On a coarser front each is where its
+//! active ancestor is, at most R of that away: each lip of a crack is within the certified error of
+//! the seam, and the two lips are no farther apart than the sum for both.
 
 use crate::history::History;
 use crate::manifold::ManifoldMesh;
 use glam::Vec3;
 
-/// The widest gap between two copies of a vertex on any front, or more: model units, zero where all are locked.
+/// The widest gap between two copies of a vertex on any front, or more: model units, zero where all
+/// are locked.
 ///
 /// Takes time in proportion to the sum of the depths of the copies.
 pub fn widest_crack(mesh: &ManifoldMesh, history: &History) -> f64 {

@@ -79,7 +79,8 @@ pub const FEWEST_FACES: u32 = 64;
 /// The most faces of a generated mesh.
 pub const MAX_FACES: u32 = 1 << 26;
 
-/// Generates a shape with about `faces` faces (clamped to what is possible); each shape rounds to its pattern.
+/// Generates a shape with about `faces` faces (clamped to what is possible); each shape rounds to
+/// its pattern.
 #[must_use]
 pub fn generate(shape: Shape, faces: u32, seed: u64) -> SoupMesh {
     let faces = faces.clamp(FEWEST_FACES, MAX_FACES);
@@ -211,7 +212,8 @@ fn relief(faces: u32, seed: u64) -> SoupMesh {
         let mut vertex = |i: u32, j: u32, mesh: &mut SoupMesh| {
             let mut lattice = [0; 3];
             lattice[axis] = if far { cells } else { 0 };
-            // The two other axes in the order that makes the far side counterclockwise from outside.
+            // The two other axes in the order that makes the far side counterclockwise from
+            // outside.
             let (first, second) = if far { (i, j) } else { (j, i) };
             lattice[(axis + 1) % 3] = first;
             lattice[(axis + 2) % 3] = second;

@@ -1,7 +1,8 @@
 //! The vertex hierarchy and the ladder of tolerances, from finished records.
 //!
-//! One pass over the faces and one over the records, from the last to the first: children come after their
-//! parents. Memory: 28 B a vertex (box, and the VSP that splits it) while it runs, 20 B a VSP of result.
+//! One pass over the faces and one over the records, from the last to the first: children come
+//! after their parents. Memory: 28 B a vertex (box, and the VSP that splits it) while it runs, 20 B
+//! a VSP of result.
 
 use geometry::Aabb;
 use glam::Vec3;

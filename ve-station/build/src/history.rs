@@ -19,8 +19,8 @@ pub struct Collapse {
     pub fn_: [u32; 4],
 }
 
-/// The collapses of a round: no two touch the same face, so any order of them is as good. They are in
-/// the order of their faces in the AB-tree: what is near in space is near in the file.
+/// The collapses of a round: no two touch the same face, so any order of them is as good. They are
+/// in the order of their faces in the AB-tree: what is near in space is near in the file.
 #[derive(Debug, Default)]
 pub struct Round {
     /// The collapses.
@@ -56,7 +56,8 @@ pub struct FanFace {
 }
 
 impl Round {
-    /// Faces round the vertex that a collapse made; each spoke but one at a rim is the `from` of one.
+    /// Faces round the vertex that a collapse made; each spoke but one at a rim is the `from` of
+    /// one.
     pub fn fan(&self, made: &Made) -> &[FanFace] {
         &self.fans[made.fan.start as usize..made.fan.end as usize]
     }

@@ -3,8 +3,8 @@
 use crate::history::History;
 use spm::{NONE, Sizes};
 
-/// Ids of the file for vertices and faces of the history: the base mesh is numbered in the order of the
-/// history, and the last collapse is the first split.
+/// Ids of the file for vertices and faces of the history: the base mesh is numbered in the order of
+/// the history, and the last collapse is the first split.
 pub struct Ids {
     /// Sizes of the model.
     pub sizes: Sizes,

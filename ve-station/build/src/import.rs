@@ -1,8 +1,9 @@
 //! Mesh files in: positions as f64 where the format has them, polygons cut into triangles.
 //!
-//! Read here and not by other crates, since messages then name the line, faces that name no vertex are
-//! counted instead of refusing the file, vertices keep their identity across groups, and no number in a
-//! file is believed before the bytes that it promises are there: memory follows the length of the file.
+//! Read here and not by other crates, since messages then name the line, faces that name no vertex
+//! are counted instead of refusing the file, vertices keep their identity across groups, and no
+//! number in a file is believed before the bytes that it promises are there: memory follows the
+//! length of the file.
 //!
 //! | format | is read | and |
 //! |---|---|---|
@@ -24,8 +25,8 @@ use crate::error::{BuildError, MAX_FACES};
 use crate::mesh::SoupMesh;
 use std::path::Path;
 
-/// A soup while it is read. Polygons are fans until all positions are known, since a file may name a vertex
-/// before it gives its position.
+/// A soup while it is read. Polygons are fans until all positions are known, since a file may name
+/// a vertex before it gives its position.
 #[derive(Default)]
 struct Soup {
     mesh: SoupMesh,
@@ -34,7 +35,8 @@ struct Soup {
 }
 
 impl Soup {
-    /// Adds a polygon. Fewer than three corners make one triangle without area, so that it is counted.
+    /// Adds a polygon. Fewer than three corners make one triangle without area, so that it is
+    /// counted.
     fn push_polygon(&mut self, corners: &[u32]) {
         let triangles = &mut self.mesh.triangles;
         match *corners {
@@ -132,7 +134,8 @@ pub fn read_mesh(path: &Path) -> Result<SoupMesh, BuildError> {
     read_mesh_bytes(&std::fs::read(path)?, format)
 }
 
-/// Reads a mesh from the bytes of a file. Takes memory in proportion to their number, whatever they say.
+/// Reads a mesh from the bytes of a file. Takes memory in proportion to their number, whatever they
+/// say.
 ///
 /// # Errors
 /// When the bytes cannot be understood, or hold more triangles than an SPM can.

@@ -1,23 +1,26 @@
 //! Stitching and cutting: a 2-manifold of the same geometry.
 //!
-//! Two corners become one vertex when their faces meet in an edge that exactly these two faces have, in
-//! opposite directions: first by vertex number, then, for rims left over, by position (seams of vertices
-//! that a file stores twice). Where more than two faces meet in an edge, those of opposite directions that go
-//! on most nearly straight are taken for one surface, as of two sheets that cross, or of the two sides of one.
-//! Everything else is cut: at a bow-tie, at an edge of three faces, the fans get vertices of their own. Copies of a cut vertex are locked, so that no coarser mesh opens a crack there;
-//! but where there are more than [`MAX_LOCKED`], which would all be in every base mesh, they collapse like
-//! others, and the widest crack is reported (see `cracks`).
+//! Two corners become one vertex when their faces meet in an edge that exactly these two faces
+//! have, in opposite directions: first by vertex number, then, for rims left over, by position
+//! (seams of vertices that a file stores twice). Where more than two faces meet in an edge, those
+//! of opposite directions that go on most nearly straight are taken for one surface, as of two
+//! sheets that cross, or of the two sides of one. Everything else is cut: at a bow-tie, at an edge
+//! of three faces, the fans get vertices of their own. Copies of a cut vertex are locked, so that
+//! no coarser mesh opens a crack there; but where there are more than [`MAX_LOCKED`], which would
+//! all be in every base mesh, they collapse like others, and the widest crack is reported (see
+//! `cracks`).
 
 use crate::clean::CleanMesh;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::BuildSummary;
 
-/// The most copies of cut vertices that are locked: some 8000 faces of a base mesh, half a mebibyte of the
-/// controller's cache.
+/// The most copies of cut vertices that are locked: some 8000 faces of a base mesh, half a mebibyte
+/// of the controller's cache.
 pub const MAX_LOCKED: usize = 4096;
 
-/// A mesh in which every edge has one or two faces, two in opposite directions, and every vertex one fan.
+/// A mesh in which every edge has one or two faces, two in opposite directions, and every vertex
+/// one fan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ManifoldMesh {
     /// Positions, model units less the origin; every vertex is used.
@@ -46,8 +49,8 @@ fn next_side(side: Side) -> Side {
     if side % 3 == 2 { side - 2 } else { side + 1 }
 }
 
-/// Sides grouped by the undirected edge that they run along: those of one edge lie together, ascending, and
-/// all edges of one lower vertex. Memory: 4 B a side and 4 B a vertex.
+/// Sides grouped by the undirected edge that they run along: those of one edge lie together,
+/// ascending, and all edges of one lower vertex. Memory: 4 B a side and 4 B a vertex.
 struct Edges<'a> {
     corner_vertex: &'a [u32],
     sides: Vec<Side>,
@@ -112,8 +115,8 @@ fn manifold_pair(group: &[Side], corner_vertex: &[u32]) -> Option<(Side, Side)> 
 /// Sides at one edge that are matched; more than so many are all cut.
 const MAX_MATCHED: usize = 32;
 
-/// The pairs of sides in which surfaces go on across an edge of more than two faces: best first, the straightest.
-/// Faces with the same third corner are two sides of a sheet, not neighbours.
+/// The pairs of sides in which surfaces go on across an edge of more than two faces: best first,
+/// the straightest. Faces with the same third corner are two sides of a sheet, not neighbours.
 fn straightest_pairs(
     group: &[Side],
     corner_vertex: &[u32],
@@ -158,9 +161,10 @@ fn root(parent: &mut [u32], mut corner: u32) -> u32 {
     corner
 }
 
-/// Classes of corners joined across the pairs, `alone` corners kept out: for every corner its class,
-/// numbered in order of first use, and how many there are. A pair with such a corner is an edge no longer, so
-/// its other end is not joined across it either: the vertex there would have two fans.
+/// Classes of corners joined across the pairs, `alone` corners kept out: for every corner its
+/// class, numbered in order of first use, and how many there are. A pair with such a corner is an
+/// edge no longer, so its other end is not joined across it either: the vertex there would have two
+/// fans.
 fn classes(pairs: &[(Side, Side)], alone: &[bool]) -> (Vec<u32>, u32) {
     let corners = alone.len();
     let mut parent: Vec<u32> = (0..corners as u32).collect();
@@ -221,8 +225,8 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
     drop(seams);
     drop(by_position);
 
-    // Fans may still meet: an edge cut between two fans that close again round both of its ends. Then
-    // a corner of each of its faces is set apart, until every edge is manifold.
+    // Fans may still meet: an edge cut between two fans that close again round both of its ends.
+    // Then a corner of each of its faces is set apart, until every edge is manifold.
     let mut alone = vec![false; by_number.len()];
     let (class, vertices, rims) = loop {
         let (class, vertices) = classes(&pairs, &alone);
@@ -291,8 +295,8 @@ fn finish(mesh: &CleanMesh, class: Vec<u32>, vertices: u32, rims: &[Side]) -> Ma
     }
 }
 
-/// Every pair of a vertex number of the file and a class that has a corner of it, once, sorted. Hardly a
-/// class has corners of two numbers, so those are set apart.
+/// Every pair of a vertex number of the file and a class that has a corner of it, once, sorted.
+/// Hardly a class has corners of two numbers, so those are set apart.
 fn numbers_of_classes(by_number: &[u32], class: &[u32], vertices: u32) -> Vec<(u32, u32)> {
     let mut first = vec![u32::MAX; vertices as usize];
     let mut others = Vec::new();
@@ -311,7 +315,8 @@ fn numbers_of_classes(by_number: &[u32], class: &[u32], vertices: u32) -> Vec<(u
     all
 }
 
-/// Marks every rim vertex whose position another vertex of a rim has too: a seam that could not be stitched.
+/// Marks every rim vertex whose position another vertex of a rim has too: a seam that could not be
+/// stitched.
 fn mark_touching_rims(mesh: &CleanMesh, class: &[u32], rims: &[Side], copies: &mut [bool]) {
     let mut position_and_class: Vec<(u32, u32)> = rims
         .iter()
@@ -465,7 +470,8 @@ mod tests {
         assert_eq!(mesh.summary.cut_vertices, 1);
     }
 
-    /// At the corners of the sheet two faces share two edges, and all four round the diagonal both its ends.
+    /// At the corners of the sheet two faces share two edges, and all four round the diagonal both
+    /// its ends.
     #[test]
     fn a_sheet_with_two_sides_is_cut_at_its_corners_only() {
         let at = |i: u32, j: u32| 10 * j + i;

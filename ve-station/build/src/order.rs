@@ -1,7 +1,8 @@
-//! AB-tree order: the order in which the builder keeps the full mesh from here on, and the file stores it.
+//! AB-tree order: the order in which the builder keeps the full mesh from here on, and the file
+//! stores it.
 //!
-//! What is near in space is then near in memory too, whatever order the mesh file had: simplification, error
-//! sampling and regions all walk over neighbours.
+//! What is near in space is then near in memory too, whatever order the mesh file had:
+//! simplification, error sampling and regions all walk over neighbours.
 
 use crate::manifold::ManifoldMesh;
 use geometry::Aabb;
@@ -11,8 +12,8 @@ use spm::NONE;
 /// Sets of faces below this size are split without another task.
 const FACES_A_TASK: usize = 1 << 14;
 
-/// The same mesh with its faces in AB-tree order and its vertices in the order in which the faces first
-/// use them.
+/// The same mesh with its faces in AB-tree order and its vertices in the order in which the faces
+/// first use them.
 #[must_use]
 pub fn in_tree_order(mesh: ManifoldMesh) -> ManifoldMesh {
     let order = tree_order(&mesh);
@@ -51,8 +52,8 @@ struct Placed {
     face: u32,
 }
 
-/// Faces in AB-tree order (thesis 3.1.2.2): the set is split at the median along the longest axis of its
-/// box, the first half rounded up; ties go by number, so that the order is unique.
+/// Faces in AB-tree order (thesis 3.1.2.2): the set is split at the median along the longest axis
+/// of its box, the first half rounded up; ties go by number, so that the order is unique.
 fn tree_order(mesh: &ManifoldMesh) -> Vec<u32> {
     let mut faces: Vec<Placed> = mesh
         .triangles

@@ -1,32 +1,34 @@
 //! Which VSPs a region needs, so that inside its cell the refined surface is the full mesh's.
 //!
-//! A region starts from the VSPs that made the faces it owns and their corners (thesis 5.3.1.1). Their
-//! closure makes every owned face, but others may still be coarse there, and on about one region in a
-//! hundred of a real scan such a face pokes into the cell. So the seeds are extended until none can:
+//! A region starts from the VSPs that made the faces it owns and their corners (thesis 5.3.1.1).
+//! Their closure makes every owned face, but others may still be coarse there, and on about one
+//! region in a hundred of a real scan such a face pokes into the cell. So the seeds are extended
+//! until none can:
 //!
-//! - The *hull* of a vertex is the box of its position and those of all its descendants, the hull of a face
-//!   the convex hull of its corners' hulls.
-//! - While the closure leaves a face with a corner to split whose hull overlaps the cell, the VSP that splits
-//!   its corner with the largest hull becomes a seed.
+//! - The *hull* of a vertex is the box of its position and those of all its descendants, the hull
+//!   of a face the convex hull of its corners' hulls.
+//! - While the closure leaves a face with a corner to split whose hull overlaps the cell, the VSP
+//!   that splits its corner with the largest hull becomes a seed.
 //!
-//! That is enough for *every* front that holds the closure, unions with closures of other regions and
-//! half-refined fronts among them. The corners of a face of such a front descend from the corners of one face of
-//! the closure's own front (from all three, from the two ends of an edge, or from one): so it lies in that
-//! face's hull. If the hull misses the cell, so does the face; if not, nothing is left to split there, and
-//! the face is one of the full mesh. Hence the faces that overlap a loaded cell are exactly those of the full
-//! mesh that do. (Splitting until no *face* of the closure's own front overlaps the cell costs less, up to 0.1 %
-//! more VSPs instead of 1 to 5 %, but left two of 66 blocks of 3 x 3 x 3 regions of the dragon with a
-//! coarse face in a loaded cell.)
+//! That is enough for *every* front that holds the closure, unions with closures of other regions
+//! and half-refined fronts among them. The corners of a face of such a front descend from the
+//! corners of one face of the closure's own front (from all three, from the two ends of an edge, or
+//! from one): so it lies in that face's hull. If the hull misses the cell, so does the face; if
+//! not, nothing is left to split there, and the face is one of the full mesh. Hence the faces that
+//! overlap a loaded cell are exactly those of the full mesh that do. (Splitting until no *face* of
+//! the closure's own front overlaps the cell costs less, up to 0.1 % more VSPs instead of 1 to 5 %,
+//! but left two of 66 blocks of 3 x 3 x 3 regions of the dragon with a coarse face in a loaded
+//! cell.)
 //!
-//! Cells without a face of the full mesh that a face of the base mesh overlaps become regions too, the
-//! *cleared* ones: once loaded they are as empty as they look. A cell that only faces between the base and the
-//! full mesh ever enter has no region, and of it nothing is promised. (None of 3600 such cells beside loaded
-//! ones held a face: `loaded_cells_are_the_full_mesh.rs`.)
+//! Cells without a face of the full mesh that a face of the base mesh overlaps become regions too,
+//! the *cleared* ones: once loaded they are as empty as they look. A cell that only faces between
+//! the base and the full mesh ever enter has no region, and of it nothing is promised. (None of
+//! 3600 such cells beside loaded ones held a face: `loaded_cells_are_the_full_mesh.rs`.)
 //!
 //! Regions are searched in parallel, each by itself.
 //!
-//! Memory: 28 B a vertex (hull, and the VSP that splits it), 12 B a face (corners), 8 B a VSP and search;
-//! a search itself keeps no more than one closure.
+//! Memory: 28 B a vertex (hull, and the VSP that splits it), 12 B a face (corners), 8 B a VSP and
+//! search; a search itself keeps no more than one closure.
 
 use crate::ids::Ids;
 use crate::manifold::ManifoldMesh;
@@ -40,12 +42,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Faces that one task puts into regions.
 const FACES_A_TASK: usize = 1 << 14;
-/// The most faces that an occupied region should own at median: about 128. Halving the cells divides it by three
-/// to four, so 40 to 140 come out; larger regions refine what the probe never touches (the dragon with 156
-/// took twice the splits a tick that it takes with 42).
+/// The most faces that an occupied region should own at median: about 128. Halving the cells
+/// divides it by three to four, so 40 to 140 come out; larger regions refine what the probe never
+/// touches (the dragon with 156 took twice the splits a tick that it takes with 42).
 const FACES_A_REGION: f64 = 140.0;
 
-/// The coarsest grid whose occupied regions own no more than that at median, or the finest there is.
+/// The coarsest grid whose occupied regions own no more than that at median, or the finest there
+/// is.
 pub fn default_grid(lower: DVec3, upper: DVec3, mesh: &ManifoldMesh) -> Option<RegionGrid> {
     let mut divisions = 1;
     loop {
@@ -195,8 +198,8 @@ fn extend_all(searches: &mut [Search<'_>], regions: &[&[u64]]) -> Vec<Extended> 
         .collect()
 }
 
-/// For every region the VSPs that made the faces which it owns, and the corners of these, then what it is
-/// there for; ascending.
+/// For every region the VSPs that made the faces which it owns, and the corners of these, then what
+/// it is there for; ascending.
 fn keys(model: &Model<'_>) -> Vec<u64> {
     let key = |region: RegionId, vsp: u32| u64::from(region.0) << 32 | u64::from(vsp);
     let sizes = model.ids.sizes;
@@ -242,7 +245,8 @@ struct Hulls {
     hulls: Vec<Aabb>,
     /// Box of the hull of each face of the base mesh that is not of the full mesh, and its id.
     base: Vec<(Aabb, u32)>,
-    /// Corners of each face of the full mesh, vertex ids, by face id; [`NONE`] where an id has no face.
+    /// Corners of each face of the full mesh, vertex ids, by face id; [`NONE`] where an id has no
+    /// face.
     corners: Vec<[u32; 3]>,
 }
 
@@ -290,8 +294,9 @@ impl Hulls {
 struct Search<'a> {
     model: &'a Model<'a>,
     hulls: &'a Hulls,
-    /// Of each VSP: the region, counted from 1, whose closure last took it in, and the vertex that it
-    /// splits. (Side by side: the way up from a vertex is most of the work, and records are far apart.)
+    /// Of each VSP: the region, counted from 1, whose closure last took it in, and the vertex that
+    /// it splits. (Side by side: the way up from a vertex is most of the work, and records are far
+    /// apart.)
     steps: Vec<Step>,
     stamp: u32,
     /// The closure; also the queue of its search.
@@ -323,7 +328,8 @@ impl<'a> Search<'a> {
         corners.map(|v| self.hulls.hulls[v as usize])
     }
 
-    /// Adds to the seeds of a region, given by its keys, what keeps its cell clear; they end ascending.
+    /// Adds to the seeds of a region, given by its keys, what keeps its cell clear; they end
+    /// ascending.
     fn extend(&mut self, keys: &[u64]) -> Extended {
         let region = RegionId((keys[0] >> 32) as u32);
         let low = keys.iter().map(|&key| key as u32);
@@ -373,8 +379,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The split that a face needs so that neither it nor what comes of it is coarse in the box; `None`
-    /// when it needs none.
+    /// The split that a face needs so that neither it nor what comes of it is coarse in the box;
+    /// `None` when it needs none.
     fn split_against(&self, face: u32, lower: DVec3, upper: DVec3) -> Option<u32> {
         let full = self.hulls.corners[face as usize];
         if full[0] == NONE {
@@ -420,11 +426,11 @@ fn overlap(hull: &Aabb, lower: DVec3, upper: DVec3) -> bool {
     hull.lower.as_dvec3().cmple(upper).all() && hull.upper.as_dvec3().cmpge(lower).all()
 }
 
-/// Whether the convex hull of three boxes surely misses a box: separating axes of the box and of the
-/// triangle of the three centres, the half sides of the three taken off.
+/// Whether the convex hull of three boxes surely misses a box: separating axes of the box and of
+/// the triangle of the three centres, the half sides of the three taken off.
 ///
-/// Not all axes of the hull, so it may say no where a gap is; and wherever it says yes the gap is wider than
-/// what [`RegionGrid::overlaps`] takes for rounding.
+/// Not all axes of the hull, so it may say no where a gap is; and wherever it says yes the gap is
+/// wider than what [`RegionGrid::overlaps`] takes for rounding.
 fn hulls_miss_box(hulls: [Aabb; 3], lower: DVec3, upper: DVec3) -> bool {
     let [a, b, c] = hulls;
     if !overlap(&a.union(b).union(c), lower, upper) {

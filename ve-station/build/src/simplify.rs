@@ -1,11 +1,12 @@
 //! Simplification: edge collapses by quadric error, in independent-set rounds.
 //!
-//! A round sorts the edges by cost and goes through the cheapest half, collapsing each whose one-ring no
-//! collapse of the round has touched. Greedy order instead makes dependency chains of thousands on flat
-//! parts; rounds keep them at about two dozen, and what would make too long a chain does not collapse.
+//! A round sorts the edges by cost and goes through the cheapest half, collapsing each whose
+//! one-ring no collapse of the round has touched. Greedy order instead makes dependency chains of
+//! thousands on flat parts; rounds keep them at about two dozen, and what would make too long a
+//! chain does not collapse.
 //!
-//! Memory: 24 B a face (corners, neighbours), 140 B a vertex (positions, quadric, flags), 8 B an edge of the
-//! round, all in flat vectors.
+//! Memory: 24 B a face (corners, neighbours), 140 B a vertex (positions, quadric, flags), 8 B an
+//! edge of the round, all in flat vectors.
 
 mod quadric;
 mod topology;
@@ -24,7 +25,8 @@ use topology::{Collapsible, Topology};
 const MIN_TURN_COSINE: f64 = 0.2;
 /// A face may not shrink below this share of its area.
 const MIN_AREA_SHARE: f64 = 1e-14;
-/// Weight of the planes that hold rims in place, against that of a face as large as its edge squared.
+/// Weight of the planes that hold rims in place, against that of a face as large as its edge
+/// squared.
 const RIM_WEIGHT: f64 = 100.0;
 /// Cost of length squared, which orders edges on planes; in the frame in which the diagonal is one.
 const LENGTH_COST: f64 = 1e-12;
@@ -33,8 +35,8 @@ const LENGTH_COST: f64 = 1e-12;
 const FACES_A_TASK: usize = 4096;
 /// The longest chain of collapses that depend on each other, at least.
 const SHORTEST_LIMIT_OF_CHAINS: f64 = 40.0;
-/// And for each halving of the vertices. (Rounds make 3 to 3.5; a lake that loses more than its share makes
-/// more, and keeps some vertices for it.)
+/// And for each halving of the vertices. (Rounds make 3 to 3.5; a lake that loses more than its
+/// share makes more, and keeps some vertices for it.)
 const CHAIN_A_HALVING: f64 = 4.0;
 
 /// The longest chain that a mesh may get.
@@ -45,8 +47,8 @@ fn limit_of_chains(vertices: usize, target: u32) -> u8 {
     (CHAIN_A_HALVING * halvings).max(SHORTEST_LIMIT_OF_CHAINS) as u8
 }
 
-/// Simplifies until at most `target` faces are left or no legal collapse is, and samples the expected
-/// errors of one round while the next is made.
+/// Simplifies until at most `target` faces are left or no legal collapse is, and samples the
+/// expected errors of one round while the next is made.
 #[must_use]
 pub fn simplify(
     mesh: &ManifoldMesh,
@@ -130,8 +132,8 @@ struct Work<'a> {
     rings: [Vec<u32>; 2],
 }
 
-/// An edge of a round: its cost as f32, of which not being negative makes the bits ascend, then the face
-/// that it is a side of, then which side: the one from corner k to k + 1.
+/// An edge of a round: its cost as f32, of which not being negative makes the bits ascend, then the
+/// face that it is a side of, then which side: the one from corner k to k + 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Candidate(u64);
 

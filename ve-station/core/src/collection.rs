@@ -1,13 +1,15 @@
-//! Mesh collection (thesis 5.3.2.2): which VSPs a region needs, and which of them a client already holds.
+//! Mesh collection (thesis 5.3.2.2): which VSPs a region needs, and which of them a client already
+//! holds.
 //!
-//! The thesis walks the adjacency of every split recursively and remembers the VSPs already sent. With the
-//! dependencies of a record implicit in its ids, the same set is a plain graph search from the seeds of the
-//! region, and "already sent" is a count of the held regions that contain the VSP: so a release, an eviction
-//! or a new start of either side needs no geometry.
+//! The thesis walks the adjacency of every split recursively and remembers the VSPs already sent.
+//! With the dependencies of a record implicit in its ids, the same set is a plain graph search from
+//! the seeds of the region, and "already sent" is a count of the held regions that contain the VSP:
+//! so a release, an eviction or a new start of either side needs no geometry.
 //!
-//! The seeds at tolerance 0 are those of the file's index: they make every face of the full mesh that the
-//! region owns. At a tolerance t they are the VSPs whose expected error exceeds t and whose reach meets the
-//! cell grown by 2 t (contact points slide that far along coarse faces), found from the base mesh down.
+//! The seeds at tolerance 0 are those of the file's index: they make every face of the full mesh
+//! that the region owns. At a tolerance t they are the VSPs whose expected error exceeds t and
+//! whose reach meets the cell grown by 2 t (contact points slide that far along coarse faces),
+//! found from the base mesh down.
 
 use glam::DVec3;
 use protocol::Refusal;
@@ -133,8 +135,8 @@ impl Collection {
         }
     }
 
-    /// Nodes of the hierarchy that searches have looked at so far: at most the base vertices and two for
-    /// each VSP taken, a search.
+    /// Nodes of the hierarchy that searches have looked at so far: at most the base vertices and
+    /// two for each VSP taken, a search.
     #[must_use]
     pub fn looked_at(&self) -> u64 {
         self.looked_at
@@ -151,7 +153,8 @@ impl Collection {
     /// | a prefix | the first VSPs of the sequence, at most all |
     ///
     /// # Errors
-    /// When the grid has no such cell, the tolerance is none, or a block that the search needs is damaged.
+    /// When the grid has no such cell, the tolerance is none, or a block that the search needs is
+    /// damaged.
     pub fn closure<D: AsRef<[u8]>>(
         &mut self,
         file: &SpmFile<D>,
@@ -205,8 +208,8 @@ impl Collection {
         Ok(found)
     }
 
-    /// The VSPs that a tolerance and a box want, each visited. Stops below every VSP that is not wanted: those
-    /// that split its descendants are not wanted either (see `VspNode`).
+    /// The VSPs that a tolerance and a box want, each visited. Stops below every VSP that is not
+    /// wanted: those that split its descendants are not wanted either (see `VspNode`).
     fn seeds_in_hierarchy<D: AsRef<[u8]>>(
         &mut self,
         file: &SpmFile<D>,
@@ -261,7 +264,8 @@ impl Collection {
         mut closure: Vec<u32>,
     ) -> Result<Vec<u32>, FileError> {
         let sizes = file.model_header().sizes();
-        // `closure` is the queue of the search as well: what lies before `next` has its dependencies in it.
+        // `closure` is the queue of the search as well: what lies before `next` has its
+        // dependencies in it.
         let mut next = 0;
         while let Some(&i) = closure.get(next) {
             next += 1;
@@ -306,7 +310,8 @@ pub struct Residency {
 }
 
 impl Residency {
-    /// Takes a region in and marks with [`LACKING`] the VSPs of its closure that no region held before.
+    /// Takes a region in and marks with [`LACKING`] the VSPs of its closure that no region held
+    /// before.
     ///
     /// A region that is held already changes nothing and lacks nothing.
     pub fn insert(&mut self, region: RegionAt, closure: &mut [u32], vsps: u32) {

@@ -1,35 +1,38 @@
-//! The pure core of the station: requests in, chunks out. It opens no file, reads no clock, never blocks.
+//! The pure core of the station: requests in, chunks out. It opens no file, reads no clock, never
+//! blocks.
 //!
 //! # What a client is believed to hold
-//! A *session* is a client and an object. Per session the station counts, for every VSP, the regions held that contain it. The answer to a
-//! subscription is the whole closure (ids, ascending) and then the records whose count was 0. That belief is
-//! right as long as both sides have processed the same requests in the same order, and it is thrown away
-//! whenever this is not certain:
+//! A *session* is a client and an object. Per session the station counts, for every VSP, the
+//! regions held that contain it. The answer to a subscription is the whole closure (ids, ascending)
+//! and then the records whose count was 0. That belief is right as long as both sides have
+//! processed the same requests in the same order, and it is thrown away whenever this is not
+//! certain:
 //!
-//! - A new epoch of the session or a new incarnation of the client clears queue, numbers and belief. The client then says
-//!   what it holds ([`RegionAction::Held`]) and asks for the rest.
-//! - A gap in the numbers of the requests *breaks* the epoch: queue and belief are cleared, nothing more is
-//!   sent and nothing of this epoch is listened to. The client, hearing nothing for
-//!   [`protocol::ANSWER_TIMEOUT_MS`], starts a new epoch. So a lost request can never leave a belief
-//!   behind that the client does not share.
+//! - A new epoch of the session or a new incarnation of the client clears queue, numbers and
+//!   belief. The client then says what it holds ([`RegionAction::Held`]) and asks for the rest.
+//! - A gap in the numbers of the requests *breaks* the epoch: queue and belief are cleared, nothing
+//!   more is sent and nothing of this epoch is listened to. The client, hearing nothing for
+//!   [`protocol::ANSWER_TIMEOUT_MS`], starts a new epoch. So a lost request can never leave a
+//!   belief behind that the client does not share.
 //! - A request of an older epoch, or of an incarnation that another has replaced, is ignored.
 //!
-//! One race remains that the station cannot see: a client that gives up a region while the answer to an
-//! earlier question is still under way may have dropped records which that answer counts on. The answer says of
-//! every VSP whether its record follows, so the client notices, and asks for that region again with every record
-//! ([`RegionAction::Resend`]).
+//! One race remains that the station cannot see: a client that gives up a region while the answer
+//! to an earlier question is still under way may have dropped records which that answer counts on.
+//! The answer says of every VSP whether its record follows, so the client notices, and asks for
+//! that region again with every record ([`RegionAction::Resend`]).
 //!
 //! # Tours
-//! A tour takes thousands of searches of the full mesh, seconds where that is dense. So it comes after everything else
-//! that a client asked for, and [`Station::poll_within`] makes a few steps of it at a time, between which the shell
-//! listens to others. What was rolled is kept, whatever becomes of the epoch: whoever asks for the same tour again
-//! gets it from the start, and it is rolled on from where it was.
+//! A tour takes thousands of searches of the full mesh, seconds where that is dense. So it comes
+//! after everything else that a client asked for, and [`Station::poll_within`] makes a few steps of
+//! it at a time, between which the shell listens to others. What was rolled is kept, whatever
+//! becomes of the epoch: whoever asks for the same tour again gets it from the start, and it is
+//! rolled on from where it was.
 //!
 //! # Memory
-//! Answers are made chunk by chunk under the credit window, as many to a chunk as there is room: of a queued
-//! question only its name is kept, of the one being answered its closure, four bytes a VSP. [`MAX_JOBS`]
-//! questions may wait; one more breaks the epoch. Of the tour that is rolled or was rolled last the points are kept,
-//! eleven minutes of it at the most.
+//! Answers are made chunk by chunk under the credit window, as many to a chunk as there is room: of
+//! a queued question only its name is kept, of the one being answered its closure, four bytes a
+//! VSP. [`MAX_JOBS`] questions may wait; one more breaks the epoch. Of the tour that is rolled or
+//! was rolled last the points are kept, eleven minutes of it at the most.
 
 mod answer;
 mod rolling;
@@ -196,13 +199,14 @@ impl<D: AsRef<[u8]>> Station<D> {
         std::mem::take(&mut self.notes)
     }
 
-    /// Forgets a client: for a shell that has not heard of it for long. When it comes back, its epoch is
-    /// incomplete here, so it starts another.
+    /// Forgets a client: for a shell that has not heard of it for long. When it comes back, its
+    /// epoch is incomplete here, so it starts another.
     pub fn forget(&mut self, client: u64) {
         self.sessions.retain(|s| s.client != client);
     }
 
-    /// Takes a message in. Whatever it holds, the worst that happens is that it is counted and ignored.
+    /// Takes a message in. Whatever it holds, the worst that happens is that it is counted and
+    /// ignored.
     pub fn handle(&mut self, message: Message<'_>) {
         self.heard += 1;
         match message {
@@ -211,21 +215,22 @@ impl<D: AsRef<[u8]>> Station<D> {
         }
     }
 
-    /// The next chunk for a client, `None` when there is nothing to say or no credit left. Rolls a tour for as long
-    /// as a chunk of it takes.
+    /// The next chunk for a client, `None` when there is nothing to say or no credit left. Rolls a
+    /// tour for as long as a chunk of it takes.
     pub fn poll(&mut self, client: u64) -> Option<Chunk> {
         self.poll_within(client, &mut { u64::MAX })
     }
 
-    /// Like [`Station::poll`], but rolls a tour for so many steps at the most (each a search of the full mesh), and
-    /// counts them down. `None` with no steps left means that there may be more to say: call again.
+    /// Like [`Station::poll`], but rolls a tour for so many steps at the most (each a search of the
+    /// full mesh), and counts them down. `None` with no steps left means that there may be more to
+    /// say: call again.
     pub fn poll_within(&mut self, client: u64, steps: &mut u64) -> Option<Chunk> {
         self.each_in_turn(client, |station, at| station.answer(at))
             .or_else(|| self.each_in_turn(client, |station, at| station.roll(at, steps)))
     }
 
-    /// What there is of a tour that is being rolled for a client, perhaps no point at all: so that it knows that
-    /// it is not forgotten. `None` when there is no such tour, or no credit.
+    /// What there is of a tour that is being rolled for a client, perhaps no point at all: so that
+    /// it knows that it is not forgotten. `None` when there is no such tour, or no credit.
     pub fn poll_unfinished(&mut self, client: u64) -> Option<Chunk> {
         self.each_in_turn(client, |station, at| {
             let rolling = station.sessions[at].tours.pop_front()?;
@@ -233,8 +238,8 @@ impl<D: AsRef<[u8]>> Station<D> {
         })
     }
 
-    /// The first chunk that one of a client's sessions with credit has to give; the next time another begins, so
-    /// that none waits for the end of what the others asked for.
+    /// The first chunk that one of a client's sessions with credit has to give; the next time
+    /// another begins, so that none waits for the end of what the others asked for.
     fn each_in_turn(
         &mut self,
         client: u64,
@@ -368,8 +373,8 @@ impl<D: AsRef<[u8]>> Station<D> {
         }
     }
 
-    /// The session of a request. Of too many clients the stalest makes room for a new one, of too many sessions of
-    /// one client its stalest.
+    /// The session of a request. Of too many clients the stalest makes room for a new one, of too
+    /// many sessions of one client its stalest.
     fn session_of(&mut self, request: &Request) -> usize {
         let (client, object) = (request.client, request.object);
         let is_of = |s: &Session| s.client == client && s.object == object;

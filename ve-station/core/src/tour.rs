@@ -1,15 +1,17 @@
 //! Tours: scripted paths that touch any mesh (approach, press, slide, lift, move on), from a seed.
 //!
-//! A ball rolls over the mesh: its centre is moved along the surface, the closest point of the full mesh is
-//! the contact, and the line from there to the centre is the outward normal. So neither winding nor closed
-//! surfaces are needed, thin parts keep their sides, and what the ball cannot enter is not visited. It turns
-//! at rims (the normal turns over within the ball's own length), dead ends, and where the contact jumps to
-//! another sheet. The intent lies `depth` below where a probe of the asked radius would touch.
+//! A ball rolls over the mesh: its centre is moved along the surface, the closest point of the full
+//! mesh is the contact, and the line from there to the centre is the outward normal. So neither
+//! winding nor closed surfaces are needed, thin parts keep their sides, and what the ball cannot
+//! enter is not visited. It turns at rims (the normal turns over within the ball's own length),
+//! dead ends, and where the contact jumps to another sheet. The intent lies `depth` below where a
+//! probe of the asked radius would touch.
 //!
-//! Everything is in model units relative to the file's origin; only [`TourPoint`]s carry the origin.
-//! The path is made touch by touch, so that its length costs no memory, and a touch step by step, each of one search
-//! of the mesh at the most: over ten million faces a touch takes thousands of searches, and whoever makes the tour
-//! has others to answer in between. Where it is interrupted changes no bit of it.
+//! Everything is in model units relative to the file's origin; only [`TourPoint`]s carry the
+//! origin. The path is made touch by touch, so that its length costs no memory, and a touch step by
+//! step, each of one search of the mesh at the most: over ten million faces a touch takes thousands
+//! of searches, and whoever makes the tour has others to answer in between. Where it is interrupted
+//! changes no bit of it.
 
 mod path;
 mod roll;
@@ -34,8 +36,8 @@ const LONGEST: f64 = 86_400.0;
 const HOVER: f64 = 0.12;
 /// The ball's radius at least, as a share of the longest side.
 const MIN_BALL: f64 = 0.004;
-/// The ball is moved at once by the way between two points, but by no more than this share of its radius: moved by
-/// the whole radius it could get through the surface.
+/// The ball is moved at once by the way between two points, but by no more than this share of its
+/// radius: moved by the whole radius it could get through the surface.
 const MAX_MOVED: f64 = 0.75;
 /// Touches given up for damage of the file before the tour is refused.
 const MAX_DAMAGED: u32 = 1024;
@@ -268,7 +270,8 @@ impl Tour {
         self.before = sample.position;
         self.given += 1;
         let origin = DVec3::from_array(file.model_header().origin);
-        // On from where it was by the shortest way: it never spins about its own axis, whichever way that points.
+        // On from where it was by the shortest way: it never spins about its own axis, whichever
+        // way that points.
         let arc = DQuat::from_rotation_arc(self.turn * DVec3::Z, sample.axis);
         self.turn = (arc * self.turn).normalize();
         let turn = Pose {
@@ -282,8 +285,8 @@ impl Tour {
         }
     }
 
-    /// The most that the ball need roll for the points that are left: their way, and half as much for a slide whose
-    /// intent, inside of a bend, gets less far than the ball.
+    /// The most that the ball need roll for the points that are left: their way, and half as much
+    /// for a slide whose intent, inside of a bend, gets less far than the ball.
     fn way_left(&self) -> f64 {
         1.5 * (self.total - self.given) as f64 * PERIOD * self.ask.speed
     }

@@ -6,8 +6,8 @@
 //! | `cdpm` | base mesh and splits as in the thesis's appendix A |
 //! | `spmtxt` | base mesh, cells and splits as in its appendix B |
 //!
-//! A front is given by a number of faces (a prefix of the sequence) or by a tolerance ({E > t}); in a thesis
-//! format its splits are all that is written. Memory: 130 B a split of the model.
+//! A front is given by a number of faces (a prefix of the sequence) or by a tolerance ({E > t}); in
+//! a thesis format its splits are all that is written. Memory: 130 B a split of the model.
 
 mod plain;
 mod thesis;
@@ -120,8 +120,8 @@ pub struct Exported {
     pub file_bytes: u64,
 }
 
-/// Writes a front of an SPM file. The ending of `output` names the format, if `format` does not. The file
-/// appears whole or not at all.
+/// Writes a front of an SPM file. The ending of `output` names the format, if `format` does not.
+/// The file appears whole or not at all.
 ///
 /// # Errors
 /// When the model is refused or damaged, the format unknown, or the file cannot be written.

@@ -1,9 +1,11 @@
-//! The thesis's text formats, laid out as printed in its appendices; the reader in `build` says what each
-//! field is. Where the print leaves it open: `vu` is our `vt`, cells are numbered along x, then y, then z, and
-//! a leaf code is the place of the face in AB-tree order. All count from 1; 0 is none.
+//! The thesis's text formats, laid out as printed in its appendices; the reader in `build` says
+//! what each field is. Where the print leaves it open: `vu` is our `vt`, cells are numbered along
+//! x, then y, then z, and a leaf code is the place of the face in AB-tree order. All count from 1;
+//! 0 is none.
 //!
-//! Differences are written with as many digits as it takes for the sum, as the reader forms it, to give the
-//! same f32 again; where it cannot (a coordinate a billion times smaller than its parent's) all seventeen.
+//! Differences are written with as many digits as it takes for the sum, as the reader forms it, to
+//! give the same f32 again; where it cannot (a coordinate a billion times smaller than its
+//! parent's) all seventeen.
 
 use super::Front;
 use ab_tree::depth;
@@ -220,8 +222,8 @@ impl<'a> Replay<'a> {
         }
     }
 
-    /// A difference in the fewest digits (nine or more) that lead from the parent to the wanted f32, and
-    /// where the reader comes to with it.
+    /// A difference in the fewest digits (nine or more) that lead from the parent to the wanted
+    /// f32, and where the reader comes to with it.
     fn digits(&self, parent: f64, wanted: f64) -> (String, f64) {
         let exact = wanted - parent;
         if self.front.is_single() {
@@ -243,7 +245,8 @@ impl<'a> Replay<'a> {
 struct Cells {
     /// By cell: its first split, from 1.
     first: Vec<u32>,
-    /// By split of the front: cell of each child and the next split there; zeros where the child is split again.
+    /// By split of the front: cell of each child and the next split there; zeros where the child is
+    /// split again.
     of_split: Vec<[[u32; 2]; 2]>,
 }
 

@@ -1,5 +1,5 @@
-//! What the accuracy dial costs: for every level of the ladder its tolerance, its share of the VSPs, and the
-//! closures of its regions.
+//! What the accuracy dial costs: for every level of the ladder its tolerance, its share of the
+//! VSPs, and the closures of its regions.
 
 use super::finite;
 use serde::Serialize;
@@ -29,7 +29,8 @@ pub struct DialRow {
     pub closure_mean: f64,
     /// Largest closure among them.
     pub closure_max: u64,
-    /// Nodes of the hierarchy that the search for one looked at, mean (of level 0 none: it has an index).
+    /// Nodes of the hierarchy that the search for one looked at, mean (of level 0 none: it has an
+    /// index).
     pub looked_at_mean: f64,
 }
 

@@ -167,8 +167,8 @@ pub fn open(parts: &SpmParts) -> SpmFile<Vec<u8>> {
     SpmFile::open(bytes).unwrap()
 }
 
-/// Goes through the splits in ascending order and performs each legal one with the given chance in percent;
-/// then, if `down`, through all in descending order and undoes each with the same chance.
+/// Goes through the splits in ascending order and performs each legal one with the given chance in
+/// percent; then, if `down`, through all in descending order and undoes each with the same chance.
 ///
 /// (A walk of random numbers hardly leaves the base mesh: few splits are legal there.)
 pub fn random_front(

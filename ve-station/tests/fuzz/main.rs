@@ -1,8 +1,9 @@
 //! Files and messages from hell: mutated from a corpus, always the same ones for a seed.
 //!
-//! Nothing may panic, hang, or take memory beyond what its length explains, and every refusal is one sentence.
-//! `HRTC_FUZZ_ROUNDS` makes the runs longer (800 by default), `HRTC_FUZZ_SEED` other ones. An input that fails is
-//! kept in a file, named in the message: move it to `tests/corpus`, where every run starts from it.
+//! Nothing may panic, hang, or take memory beyond what its length explains, and every refusal is
+//! one sentence. `HRTC_FUZZ_ROUNDS` makes the runs longer (800 by default), `HRTC_FUZZ_SEED` other
+//! ones. An input that fails is kept in a file, named in the message: move it to `tests/corpus`,
+//! where every run starts from it.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,4 +1,5 @@
-//! SPM files: damage anywhere, with the checksums put right again, so that what lies behind them is reached.
+//! SPM files: damage anywhere, with the checksums put right again, so that what lies behind them is
+//! reached.
 
 use super::check_sentence;
 use super::common::build;
@@ -15,7 +16,8 @@ use std::ops::Range;
 use ve_station::export::{Detail, export};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Bytes of an item of each section, in the order of the table; the sums of the blocks are the fifth.
+/// Bytes of an item of each section, in the order of the table; the sums of the blocks are the
+/// fifth.
 const ITEM_BYTES: [usize; 11] = [
     size_of::<BaseVertex>(),
     size_of::<BaseFace>(),

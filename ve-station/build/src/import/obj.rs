@@ -43,8 +43,8 @@ pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
     Ok(soup.finish())
 }
 
-/// Numbers count from 1; negative ones from the last vertex so far. What names no vertex is `u32::MAX`,
-/// which is beyond every mesh.
+/// Numbers count from 1; negative ones from the last vertex so far. What names no vertex is
+/// `u32::MAX`, which is beyond every mesh.
 fn resolve(number: i64, vertices: usize) -> u32 {
     let index = if number > 0 {
         number - 1

@@ -1,5 +1,5 @@
-//! OFF, the format of Geomview: counts, vertices, polygons. `COFF`, `NOFF` and the like carry colours or
-//! normals after each position, on the same line, which are passed over.
+//! OFF, the format of Geomview: counts, vertices, polygons. `COFF`, `NOFF` and the like carry
+//! colours or normals after each position, on the same line, which are passed over.
 
 use super::Soup;
 use super::text::{Lines, excerpt, index, position, words};

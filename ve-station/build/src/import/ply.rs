@@ -1,7 +1,7 @@
 //! PLY: a header that declares elements, then their values as text or binary of either byte order.
 //!
-//! `vertex` gives positions (x, y, z of any scalar type), `face` polygons and `tristrips` strips of triangles
-//! (-1 starts another). Everything else is passed over.
+//! `vertex` gives positions (x, y, z of any scalar type), `face` polygons and `tristrips` strips of
+//! triangles (-1 starts another). Everything else is passed over.
 
 mod header;
 mod values;

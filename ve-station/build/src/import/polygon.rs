@@ -2,13 +2,14 @@
 
 use robust::{Coord, orient2d};
 
-/// Polygons of more corners that are no fan stay a fan all the same: cutting ears takes time in the square.
+/// Polygons of more corners that are no fan stay a fan all the same: cutting ears takes time in the
+/// square.
 const MAX_CORNERS: usize = 4096;
 
 /// The corners of the triangles of a polygon, as places in it: two fewer than it has corners.
 ///
-/// `None` when nothing better than the fan round the first corner is known: no area, not finite, too many
-/// corners. A polygon that is not flat is cut as its shadow along its mean normal is.
+/// `None` when nothing better than the fan round the first corner is known: no area, not finite,
+/// too many corners. A polygon that is not flat is cut as its shadow along its mean normal is.
 pub(super) fn triangulate(points: &[[f64; 3]]) -> Option<Vec<[usize; 3]>> {
     let flat = shadow(points)?;
     let turn = |a: usize, b: usize, c: usize| orient2d(flat[a], flat[b], flat[c]);
@@ -56,15 +57,16 @@ enum Ear {
     Any,
 }
 
-/// Meisters' two ears, with exact signs. Ears without area are left for last: a triangle that is dropped for
-/// having none would leave a corner in the middle of its neighbour's edge.
+/// Meisters' two ears, with exact signs. Ears without area are left for last: a triangle that is
+/// dropped for having none would leave a corner in the middle of its neighbour's edge.
 fn cut_ears(flat: &[Coord<f64>]) -> Vec<[usize; 3]> {
     let count = flat.len();
     let mut next: Vec<usize> = (1..=count).map(|k| k % count).collect();
     let mut previous: Vec<usize> = (0..count).map(|k| (k + count - 1) % count).collect();
     let mut triangles = Vec::with_capacity(count - 2);
     let (mut at, mut since, mut wanted) = (0, 0, Ear::Clean);
-    // Each corner tested against all others, a few times over; a hostile polygon gets a plain fan then.
+    // Each corner tested against all others, a few times over; a hostile polygon gets a plain fan
+    // then.
     let mut budget = 8 * count * count;
     while triangles.len() + 2 < count {
         let left = count - triangles.len();
@@ -98,8 +100,8 @@ fn cut_ears(flat: &[Coord<f64>]) -> Vec<[usize; 3]> {
     triangles
 }
 
-/// Whether the ear at `at` has area and nothing of the polygon in it. Corners at the very place of one of
-/// the ear's do not count: a hole is joined to the outline by an edge that is walked twice.
+/// Whether the ear at `at` has area and nothing of the polygon in it. Corners at the very place of
+/// one of the ear's do not count: a hole is joined to the outline by an edge that is walked twice.
 fn is_clean(flat: &[Coord<f64>], next: &[usize], before: usize, at: usize, after: usize) -> bool {
     let [a, b, c] = [before, at, after].map(|k| flat[k]);
     if orient2d(a, b, c) <= 0.0 {
@@ -138,7 +140,8 @@ mod tests {
     }
 
     proptest! {
-        /// Star-shaped polygons, from every first corner, tilted: all triangles turn alike and add up.
+        /// Star-shaped polygons, from every first corner, tilted: all triangles turn alike and add
+        /// up.
         #[test]
         fn a_simple_polygon_is_cut_without_overlap(
             radii in prop::collection::vec(0.1..1.0f64, 4..40), start in 0usize..40, down: bool,

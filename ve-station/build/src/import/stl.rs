@@ -1,6 +1,6 @@
-//! STL, text or binary. The format repeats the corners of every face, so equal ones become one vertex: equal
-//! to the last bit that an f32 has at the model's size. (Writers leave noise of 1e-17 where others write 0;
-//! an exact comparison would tear the model there.)
+//! STL, text or binary. The format repeats the corners of every face, so equal ones become one
+//! vertex: equal to the last bit that an f32 has at the model's size. (Writers leave noise of 1e-17
+//! where others write 0; an exact comparison would tear the model there.)
 
 use super::Soup;
 use super::text::{Lines, excerpt, number, words};
@@ -52,8 +52,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
     Ok(welded(soup.finish(), &corners))
 }
 
-/// Binary files may start with "solid" too, whose head means nothing: text has a facet, or ends, and is not
-/// as long as a binary file would be.
+/// Binary files may start with "solid" too, whose head means nothing: text has a facet, or ends,
+/// and is not as long as a binary file would be.
 fn is_text(bytes: &[u8]) -> bool {
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let starts = text.trim_ascii_start();

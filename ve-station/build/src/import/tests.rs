@@ -129,7 +129,8 @@ fn stl_reads_text_of_several_solids_and_binary_that_starts_like_text() {
 
 #[test]
 fn polygons_are_cut_along_diagonals_that_lie_inside() {
-    // An arrow whose second corner is reflex, in every format that has polygons; a fan would fold over.
+    // An arrow whose second corner is reflex, in every format that has polygons; a fan would fold
+    // over.
     let expected = [[0, 1, 3], [1, 2, 3]];
     let obj = "f 1 2 3 4\nv 0 0 0\nv 4 1 0\nv 8 0 0\nv 4 9 0\n";
     let off = "OFF 4 1 0\n0 0 0\n4 1 0\n8 0 0\n4 9 0\n4 0 1 2 3\n";

@@ -93,7 +93,8 @@ pub(super) fn excerpt(line: &[u8]) -> String {
     text.trim().to_string()
 }
 
-/// A number in a text. What printers write for "not a number" is one too: `nan`, `-nan(ind)`, `1.#QNAN`.
+/// A number in a text. What printers write for "not a number" is one too: `nan`, `-nan(ind)`,
+/// `1.#QNAN`.
 pub(super) fn number(word: &str) -> Option<f64> {
     word.parse().ok().or_else(|| {
         let unsigned = word.trim_start_matches(['-', '+']);

@@ -8,8 +8,8 @@
 //! | `f` | three vertices | number, three vertices, leaf code |
 //! | `v*` | vertex, two differences, signed third vertices of the new faces, `&`, count and faces of the first group, faces of the second | see [`spm_text`] |
 //!
-//! Everything counts from 1. A split keeps its vertex as the first child (CDPM) or makes two (SPM); a
-//! new face with a plus is (first, second, third vertex), with a minus (second, first, third).
+//! Everything counts from 1. A split keeps its vertex as the first child (CDPM) or makes two (SPM);
+//! a new face with a plus is (first, second, third vertex), with a minus (second, first, third).
 
 mod cdpm;
 mod spm_text;
@@ -35,8 +35,8 @@ struct Fields<'a, I> {
     content: &'a [u8],
 }
 
-/// The lines of a text that hold something, as the keyword and the fields behind it. A star may stand
-/// apart from its `v`.
+/// The lines of a text that hold something, as the keyword and the fields behind it. A star may
+/// stand apart from its `v`.
 fn keyword_lines<'a>(
     text: &'a [u8],
 ) -> impl Iterator<Item = (&'a str, Fields<'a, impl Iterator<Item = &'a str> + Clone>)> {

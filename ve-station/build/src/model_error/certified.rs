@@ -1,8 +1,8 @@
 //! R: the certified error of a vertex, the distance to its farthest full-mesh descendant.
 //!
-//! The map that takes every full-mesh vertex to its active ancestor, linear on faces, is onto the active
-//! mesh and moves no point farther than that. So the largest R of the corners of an active face bounds
-//! the distance between the two surfaces there, both ways, for every front.
+//! The map that takes every full-mesh vertex to its active ancestor, linear on faces, is onto the
+//! active mesh and moves no point farther than that. So the largest R of the corners of an active
+//! face bounds the distance between the two surfaces there, both ways, for every front.
 
 use crate::history::History;
 use glam::Vec3;
@@ -11,11 +11,12 @@ use rayon::prelude::*;
 /// Parent of a vertex that the base mesh has.
 const ROOT: u32 = u32::MAX;
 
-/// R of the vertices that the collapses of a history made, model units, exact in f64. (It is zero for the full
-/// mesh's.)
+/// R of the vertices that the collapses of a history made, model units, exact in f64. (It is zero
+/// for the full mesh's.)
 ///
-/// The vertices of the full mesh are laid out such that the descendants of every vertex lie side by side.
-/// Takes time in proportion to the sum of their depths, over all threads; memory: 16 B a vertex.
+/// The vertices of the full mesh are laid out such that the descendants of every vertex lie side by
+/// side. Takes time in proportion to the sum of their depths, over all threads; memory: 16 B a
+/// vertex.
 pub fn descendant_radius(history: &History) -> Vec<f64> {
     let full = history.full_vertices as usize;
     let made = &history.positions[full..];

@@ -1,20 +1,22 @@
 //! E: the expected error of a VSP, sampled when its edge collapses.
 //!
-//! Let P be the faces round the vertex that the collapse makes, and L(P) the vertices of the full mesh that
-//! hang on them. Then (facts, progressive meshes 5: the formula that calibrated best)
+//! Let P be the faces round the vertex that the collapse makes, and L(P) the vertices of the full
+//! mesh that hang on them. Then (facts, progressive meshes 5: the formula that calibrated best)
 //!
 //! own(i) = max( max over samples p of P of dist(p, full mesh), max over v in L(P) of dist(v, P) ).
 //!
-//! Samples are the vertex and a barycentric grid on each face, finer where more vertices hang. Every vertex
-//! hangs on one face: a collapse pools those of the faces that it changes or removes, and each goes to the
-//! nearest of the new ones.
+//! Samples are the vertex and a barycentric grid on each face, finer where more vertices hang.
+//! Every vertex hangs on one face: a collapse pools those of the faces that it changes or removes,
+//! and each goes to the nearest of the new ones.
 //!
-//! E(i) is the largest own of i and of everything that depends on i, so that {E > t} is a front for every t.
-//! What depends on VSP i collapsed before it: its E is known already and waits at the faces and vertices
-//! that i needs. A sample only matters if it is beyond that, so most end at the first triangle looked at.
+//! E(i) is the largest own of i and of everything that depends on i, so that {E > t} is a front for
+//! every t. What depends on VSP i collapsed before it: its E is known already and waits at the
+//! faces and vertices that i needs. A sample only matters if it is beyond that, so most end at the
+//! first triangle looked at.
 //!
-//! Collapses of a round share no face: they are sampled in parallel, each by itself, so the result is the same
-//! bits for any number of threads. (Lists are kept in atomics for that, without any order among them.)
+//! Collapses of a round share no face: they are sampled in parallel, each by itself, so the result
+//! is the same bits for any number of threads. (Lists are kept in atomics for that, without any
+//! order among them.)
 //!
 //! Memory: 6 B a face, 6 B a vertex, and the full surface.
 
@@ -68,8 +70,8 @@ impl Patch {
 }
 
 impl<'a> ExpectedErrors<'a> {
-    /// Before the first collapse. Faces must be in AB-tree order; `neighbours` are those across the edges
-    /// opposite their corners, [`NONE`] at rims.
+    /// Before the first collapse. Faces must be in AB-tree order; `neighbours` are those across the
+    /// edges opposite their corners, [`NONE`] at rims.
     pub fn new(
         positions: &'a [[f32; 3]],
         triangles: &'a [[u32; 3]],
@@ -149,8 +151,8 @@ impl<'a> ExpectedErrors<'a> {
         code
     }
 
-    /// Hangs the vertices of the faces of the patch and of the removed ones on the nearest faces of the patch;
-    /// raises `most` to the largest squared distance. Returns their number.
+    /// Hangs the vertices of the faces of the patch and of the removed ones on the nearest faces of
+    /// the patch; raises `most` to the largest squared distance. Returns their number.
     fn deal(
         &self,
         patch: &Patch,
@@ -167,7 +169,8 @@ impl<'a> ExpectedErrors<'a> {
                 let point = self.full.position(vertex);
                 let stays = before.filter(|&k| {
                     let found = distance(&patch.corners[k], point);
-                    // On its face, or right above it and nearer than what counts: no other needs a look.
+                    // On its face, or right above it and nearer than what counts: no other needs a
+                    // look.
                     found.squared == 0.0 || (found.is_above() && found.squared <= *most)
                 });
                 let place = stays.unwrap_or_else(|| {
@@ -211,12 +214,14 @@ impl<'a> ExpectedErrors<'a> {
             let (along, across) = ((from - point) / steps, (to - from) / steps);
             let steps = steps as u32;
             let mut row_hint = at_point;
-            // Rows away from the vertex; the last one is the outer rim of the patch, which did not move.
+            // Rows away from the vertex; the last one is the outer rim of the patch, which did not
+            // move.
             for row in 1..steps {
                 let start = point + along * f64::from(row);
                 row_hint = look(start, row_hint);
                 let mut hint = row_hint;
-                // The spoke that the row ends at is where the next face starts, unless there is none.
+                // The spoke that the row ends at is where the next face starts, unless there is
+                // none.
                 let end = if face.is_last { row + 1 } else { row };
                 for column in 1..end {
                     hint = look(start + across * f64::from(column), hint);

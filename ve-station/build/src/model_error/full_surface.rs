@@ -1,9 +1,10 @@
 //! Distances to the full mesh, from a face that is near.
 //!
-//! A search first walks over the surface towards the point, from neighbour to neighbour: where the surface is
-//! smooth that ends at the nearest face in two or three steps. Then it makes sure, in a heap of boxes over
-//! the faces (they lie in AB-tree order, so it needs no links): from the box of the face that was found up
-//! to the root, looking into every sibling that is nearer than what it has. Exact.
+//! A search first walks over the surface towards the point, from neighbour to neighbour: where the
+//! surface is smooth that ends at the nearest face in two or three steps. Then it makes sure, in a
+//! heap of boxes over the faces (they lie in AB-tree order, so it needs no links): from the box of
+//! the face that was found up to the root, looking into every sibling that is nearer than what it
+//! has. Exact.
 //!
 //! Memory: 12 B a face (neighbours), 24 B a box, one box for one to two faces.
 
@@ -84,8 +85,8 @@ impl<'a> FullSurface<'a> {
         Vec3::from_array(self.positions[vertex as usize]).as_dvec3()
     }
 
-    /// Squared distance of a point from the surface, or the first one found that is at most `enough`;
-    /// the nearer `hint` is, the faster.
+    /// Squared distance of a point from the surface, or the first one found that is at most
+    /// `enough`; the nearer `hint` is, the faster.
     pub fn nearest(&self, point: DVec3, hint: u32, enough: f64) -> Found {
         let mut found = self.walk(point, hint, enough);
         if found.distance_squared <= enough {
@@ -102,8 +103,8 @@ impl<'a> FullSurface<'a> {
         found
     }
 
-    /// The nearest face met on a walk from neighbour to neighbour, each beyond the side that the point is
-    /// farthest beyond.
+    /// The nearest face met on a walk from neighbour to neighbour, each beyond the side that the
+    /// point is farthest beyond.
     fn walk(&self, point: DVec3, from: u32, enough: f64) -> Found {
         let mut found = Found {
             distance_squared: f64::INFINITY,

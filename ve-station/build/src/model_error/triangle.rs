@@ -1,7 +1,8 @@
-//! The distance to a triangle, and nothing else: what the builder asks for some ten times a face and level.
+//! The distance to a triangle, and nothing else: what the builder asks for some ten times a face
+//! and level.
 //!
-//! (The narrow phase of the touch wants the point, its weights and no cancellation on slivers; a sample of an
-//! estimate does not.)
+//! (The narrow phase of the touch wants the point, its weights and no cancellation on slivers; a
+//! sample of an estimate does not.)
 
 use glam::DVec3;
 
@@ -10,7 +11,8 @@ use glam::DVec3;
 pub struct Distance {
     /// Squared, model units.
     pub squared: f64,
-    /// The corner opposite the side beyond which the point lies, 3 when it is above or below the inside.
+    /// The corner opposite the side beyond which the point lies, 3 when it is above or below the
+    /// inside.
     pub beyond: usize,
 }
 
@@ -21,7 +23,8 @@ impl Distance {
     }
 }
 
-/// Squared distance of a point from a triangle (corners), by the signs of its barycentric coordinates.
+/// Squared distance of a point from a triangle (corners), by the signs of its barycentric
+/// coordinates.
 #[inline]
 pub fn distance(corners: &[DVec3; 3], point: DVec3) -> Distance {
     let [a, b, c] = *corners;
@@ -40,7 +43,8 @@ pub fn distance(corners: &[DVec3; 3], point: DVec3) -> Distance {
             beyond: 3,
         };
     }
-    // Where a coordinate is not positive, the nearest point may lie on the edge opposite its corner.
+    // Where a coordinate is not positive, the nearest point may lie on the edge opposite its
+    // corner.
     let mut squared = f64::INFINITY;
     if at_c <= 0.0 {
         squared = squared.min(along(ap, ab, pb, bb));
@@ -62,7 +66,8 @@ pub fn distance(corners: &[DVec3; 3], point: DVec3) -> Distance {
     Distance { squared, beyond }
 }
 
-/// Squared distance from an edge: the point from its start, the edge, their product and the edge's square.
+/// Squared distance from an edge: the point from its start, the edge, their product and the edge's
+/// square.
 #[inline]
 fn along(from_start: DVec3, edge: DVec3, product: f64, square: f64) -> f64 {
     let share = if product <= 0.0 {

@@ -86,7 +86,8 @@ impl Topology {
         fan.clear();
         ring.clear();
         let first = self.face_of[slot as usize];
-        // Counterclockwise until it closes or meets the rim; then clockwise from the first for the rest.
+        // Counterclockwise until it closes or meets the rim; then clockwise from the first for the
+        // rest.
         let mut face = first;
         loop {
             let Some(k) = self.corner_of(face, slot) else {
@@ -118,8 +119,9 @@ impl Topology {
         true
     }
 
-    /// The edge at a side of a face, when collapsing it keeps the mesh a manifold: the link condition on
-    /// the mesh closed with one more vertex behind all rims. Fills in fans and rings of both ends (vt, vu).
+    /// The edge at a side of a face, when collapsing it keeps the mesh a manifold: the link
+    /// condition on the mesh closed with one more vertex behind all rims. Fills in fans and rings
+    /// of both ends (vt, vu).
     pub fn collapsible(
         &self,
         face: u32,

@@ -22,7 +22,8 @@ pub enum MeshWriteError {
     },
 }
 
-/// Writes a mesh, OBJ or PLY by the ending. Positions are rounded to f32 first, so both hold the same.
+/// Writes a mesh, OBJ or PLY by the ending. Positions are rounded to f32 first, so both hold the
+/// same.
 ///
 /// # Errors
 /// When the ending is another one or the file cannot be written.

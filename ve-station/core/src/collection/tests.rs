@@ -134,7 +134,8 @@ proptest! {
     }
 }
 
-/// A model with everything that defines closures at tolerances, found the slow way from the records and faces.
+/// A model with everything that defines closures at tolerances, found the slow way from the records
+/// and faces.
 struct Naive {
     file: SpmFile<Vec<u8>>,
     /// E and reach of each VSP, straight from the definition.
@@ -151,8 +152,8 @@ impl Naive {
         let sizes = header.sizes();
         let records: Vec<VspRecord> = (0..sizes.vsps).map(|i| file.record(i).unwrap()).collect();
         let split_of: BTreeMap<u32, u32> = records.iter().map(|r| (r.vs, r.i)).collect();
-        // From every vertex all the way up: what it is, or which full face touches it, is reached by every
-        // split of an ancestor, its own included.
+        // From every vertex all the way up: what it is, or which full face touches it, is reached
+        // by every split of an ancestor, its own included.
         let mut boxes = vec![Aabb::EMPTY; records.len()];
         let mut add = |vertex: u32, bounds: Aabb| {
             let mut at = Some(vertex);
@@ -228,7 +229,8 @@ static NAIVE: LazyLock<Vec<Naive>> = LazyLock::new(|| {
     shapes.map(|(shape, faces)| Naive::new(shape, faces)).into()
 });
 
-/// A tolerance of the model: a rung of its ladder, something near one, or any share of the diagonal.
+/// A tolerance of the model: a rung of its ladder, something near one, or any share of the
+/// diagonal.
 fn tolerance_of(header: &ModelHeader, kind: u8, share: f64) -> f32 {
     let rungs: Vec<f32> = header.ladder[1..]
         .iter()
@@ -275,7 +277,8 @@ proptest! {
             prop_assert!(closure.windows(2).all(|w| w[0] < w[1]));
             let closure: BTreeSet<u32> = closure.into_iter().collect();
             prop_assert_eq!(&closure, &naive.closure(asked), "{}", asked);
-            // Nothing finer than what was asked for, and so within the global front of the tolerance.
+            // Nothing finer than what was asked for, and so within the global front of the
+            // tolerance.
             prop_assert!(closure.is_subset(&everywhere));
             held.extend(closure);
             prop_assert!(naive.is_front(&held), "a union of closures is a front");

@@ -277,8 +277,8 @@ impl Answer {
     }
 }
 
-/// A chunk of the model's head and base mesh: slots are numbered through the answer, the head first, then
-/// base vertices, then base faces from a fresh slot.
+/// A chunk of the model's head and base mesh: slots are numbered through the answer, the head
+/// first, then base vertices, then base faces from a fresh slot.
 fn model_chunk<D: AsRef<[u8]>>(file: &SpmFile<D>, object: u32, next_slot: &mut usize) -> Chunk {
     let (mut header, mut slots) = blank(ChunkKind::Model, object);
     let head: ModelHeader = file.model_header();

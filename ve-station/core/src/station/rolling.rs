@@ -1,4 +1,5 @@
-//! Tours on their way to a client: rolled step by step, chunk by chunk, and kept for when it asks again.
+//! Tours on their way to a client: rolled step by step, chunk by chunk, and kept for when it asks
+//! again.
 
 use super::Chunk;
 use super::answer::blank;
@@ -6,7 +7,8 @@ use crate::tour::{Step, Tour, TourError};
 use protocol::{CHUNK_SLOTS, ChunkKind, TourAsk, TourPoint};
 use spm::{FileError, SpmFile};
 
-/// Points of a tour that are kept: 8 MiB, eleven minutes. Of a longer one those handed out are forgotten.
+/// Points of a tour that are kept: 8 MiB, eleven minutes. Of a longer one those handed out are
+/// forgotten.
 const MAX_KEPT: usize = 1 << 17;
 
 /// A tour in the making, and its points.
@@ -51,7 +53,8 @@ impl PathGenerator {
         self.given = 0;
     }
 
-    /// Works until the next chunk is full, the tour is over or no steps are left; whether the chunk is ready.
+    /// Works until the next chunk is full, the tour is over or no steps are left; whether the chunk
+    /// is ready.
     pub fn roll<D: AsRef<[u8]>>(
         &mut self,
         file: &SpmFile<D>,

@@ -10,7 +10,8 @@ use std::collections::VecDeque;
 
 /// Questions of one session that may wait for an answer.
 pub const MAX_JOBS: usize = 1 << 14;
-/// Measured errors that fit into a chunk, and that wait for credit at the most; more replace the oldest.
+/// Measured errors that fit into a chunk, and that wait for credit at the most; more replace the
+/// oldest.
 const MAX_MEASURED: usize = 2 * CHUNK_SLOTS;
 /// So many measured errors are sent at once ...
 const MEASURED_BATCH: usize = 16;
@@ -151,7 +152,8 @@ impl Session {
 
     /// Queues the question for a region, unless it waits already. `whole`: with every record.
     ///
-    /// An answer that has begun is broken off, and given anew with every record: who asks again lost it.
+    /// An answer that has begun is broken off, and given anew with every record: who asks again
+    /// lost it.
     pub fn subscribe(&mut self, model: usize, ask: RegionAsk, mut whole: bool) {
         let waiting = self.jobs.iter_mut().find(|j| j.is_of(region_at(&ask)));
         if let Some(Job::Region {

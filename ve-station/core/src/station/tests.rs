@@ -43,8 +43,8 @@ fn station(incarnation: u64) -> Station<Bytes> {
     Station::new(incarnation, vec![served], vec![object])
 }
 
-/// What sessions ask for: occupied cells, one without faces (the axis of the torus), some at tolerances, the
-/// whole at one and a prefix.
+/// What sessions ask for: occupied cells, one without faces (the axis of the torus), some at
+/// tolerances, the whole at one and a prefix.
 fn regions() -> Vec<RegionAt> {
     let file = open();
     let header = file.model_header();

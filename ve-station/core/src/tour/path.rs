@@ -22,7 +22,8 @@ pub struct Sample {
     pub leg: Leg,
 }
 
-/// Walks a polyline in steps of equal length, measured along it: so no step is longer, whatever its corners.
+/// Walks a polyline in steps of equal length, measured along it: so no step is longer, whatever its
+/// corners.
 #[derive(Debug)]
 pub struct Resampler {
     step: f64,

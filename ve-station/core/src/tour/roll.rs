@@ -1,4 +1,5 @@
-//! A ball that rolls over a mesh, and the free lines around it; what takes many searches is made one at a time.
+//! A ball that rolls over a mesh, and the free lines around it; what takes many searches is made
+//! one at a time.
 
 use super::Draw;
 use glam::{DQuat, DVec3};
@@ -14,8 +15,8 @@ pub struct Contact {
     pub normal: DVec3,
     /// The ball's centre.
     pub centre: DVec3,
-    /// Cosine between the normal and that of the face, whatever its winding: 1 on a face, 0 where the ball
-    /// hangs over a rim.
+    /// Cosine between the normal and that of the face, whatever its winding: 1 on a face, 0 where
+    /// the ball hangs over a rim.
     pub upright: f64,
 }
 
@@ -46,8 +47,8 @@ const TURNED_OVER: f64 = -0.2;
 const TURN_LENGTH: f64 = 2.2;
 
 impl Ball {
-    /// The ball moved from a point straight to the closest face (or out to its radius above it): its normal is
-    /// the way back. `None` when the point lies on the mesh.
+    /// The ball moved from a point straight to the closest face (or out to its radius above it):
+    /// its normal is the way back. `None` when the point lies on the mesh.
     pub fn touch<D: AsRef<[u8]>>(
         &self,
         file: &SpmFile<D>,
@@ -71,8 +72,8 @@ impl Ball {
     }
 }
 
-/// A search along a straight line: whether a ball of half the radius gets to its end, or out of the mesh's box
-/// before.
+/// A search along a straight line: whether a ball of half the radius gets to its end, or out of the
+/// mesh's box before.
 #[derive(Debug)]
 pub struct Line {
     from: DVec3,

@@ -6,7 +6,8 @@ use spm_builder::{BuildOptions, NoProgress, build_model, read_mesh};
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
-/// The ask of the acceptance runs, for a model as if it were 0.15 m long: 0.1 m/s, 2 mm deep, 1 mm radius.
+/// The ask of the acceptance runs, for a model as if it were 0.15 m long: 0.1 m/s, 2 mm deep, 1 mm
+/// radius.
 fn ask<D: AsRef<[u8]>>(file: &SpmFile<D>, seed: u64, seconds: f64) -> TourAsk {
     let header = file.model_header();
     let sides = DVec3::from_array(header.upper) - DVec3::from_array(header.lower);

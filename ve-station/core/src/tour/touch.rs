@@ -1,5 +1,5 @@
-//! One touch in the making: a place is chosen, the ball slides, a way up is found. Every step searches the mesh once
-//! at the most, so that who makes a tour can do something else in between.
+//! One touch in the making: a place is chosen, the ball slides, a way up is found. Every step
+//! searches the mesh once at the most, so that who makes a tour can do something else in between.
 
 use super::Draw;
 use super::roll::{Ball, Contact, Line};
@@ -50,7 +50,8 @@ pub struct Choice {
     last: Option<End>,
     /// Places near the last one that may still be looked at.
     tries: usize,
-    /// The first place from which there is a way out, but none that is straight from the last touch.
+    /// The first place from which there is a way out, but none that is straight from the last
+    /// touch.
     fallback: Option<Contact>,
     next: Look,
 }
@@ -179,7 +180,8 @@ impl Choice {
     }
 }
 
-/// Draws a face and a side of it; the point there replaces the one kept in proportion to the areas so far.
+/// Draws a face and a side of it; the point there replaces the one kept in proportion to the areas
+/// so far.
 fn draw_face<D: AsRef<[u8]>>(
     height: f64,
     file: &SpmFile<D>,
@@ -198,7 +200,8 @@ fn draw_face<D: AsRef<[u8]>>(
     Ok(())
 }
 
-/// The search for a free way up from where a slide ended or, where there is none, from where the ball came.
+/// The search for a free way up from where a slide ended or, where there is none, from where the
+/// ball came.
 #[derive(Debug)]
 pub struct Leave {
     /// The slide.

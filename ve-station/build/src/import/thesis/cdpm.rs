@@ -1,5 +1,5 @@
-//! A CDPM as text: base mesh, then splits in their one order. The groups of faces are written out, so that
-//! any split can be followed, those of a mesh that is no manifold too.
+//! A CDPM as text: base mesh, then splits in their one order. The groups of faces are written out,
+//! so that any split can be followed, those of a mesh that is no manifold too.
 
 use super::{Fields, keyword_lines, refused, sum};
 use crate::error::BuildError;
@@ -32,7 +32,8 @@ pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
     Ok(mesh)
 }
 
-/// `vs dxs dys dzs dxt dyt dzt v1 .. vm & p f1 .. fp f1' .. fq'`; `None` when it does not fit the mesh.
+/// `vs dxs dys dzs dxt dyt dzt v1 .. vm & p f1 .. fp f1' .. fq'`; `None` when it does not fit the
+/// mesh.
 fn split<'a>(
     fields: &mut Fields<'a, impl Iterator<Item = &'a str>>,
     mesh: &mut SoupMesh,

@@ -1,12 +1,14 @@
 //! An SPM as text. A split names its new faces and their neighbours:
 //!
-//! `v* i vs vu vt cu ct dxu dyu dzu dxt dyt dzt vol n_vol vol n_vol p_vsp & face & face`, where `cu` and `ct`
-//! are the children's numbers in the CDPM of the same splits, and a `face` is
+//! `v* i vs vu vt cu ct dxu dyu dzu dxt dyt dzt vol n_vol vol n_vol p_vsp & face & face`, where
+//! `cu` and `ct` are the children's numbers in the CDPM of the same splits, and a `face` is
 //!
-//! `number leaf [neighbour corner vsp] [neighbour corner vsp]`: its sign is its turn, a neighbour's plus says that it
-//! goes to vu, its minus to vt; `corner` (1 to 3) is where the neighbour has the third vertex, `vsp` made it.
+//! `number leaf [neighbour corner vsp] [neighbour corner vsp]`: its sign is its turn, a neighbour's
+//! plus says that it goes to vu, its minus to vt; `corner` (1 to 3) is where the neighbour has the
+//! third vertex, `vsp` made it.
 //!
-//! So what a split does to the faces round vs follows from the neighbours, as in [`ActiveMesh`], which does it.
+//! So what a split does to the faces round vs follows from the neighbours, as in [`ActiveMesh`],
+//! which does it.
 
 use super::{Fields, keyword_lines, refused, sum};
 use crate::error::BuildError;
@@ -108,7 +110,8 @@ fn split<'a>(
     if fields.words.next()? != "&" {
         return None;
     }
-    // Left is the face that turns (first, second): where there is only the other, the children change places.
+    // Left is the face that turns (first, second): where there is only the other, the children
+    // change places.
     let mut faces = [None, None];
     let mut more = true;
     while more {
@@ -168,7 +171,8 @@ fn split<'a>(
     })
 }
 
-/// A new face: its signed number, its neighbours on the sides of vu and vt, and whether another one follows.
+/// A new face: its signed number, its neighbours on the sides of vu and vt, and whether another one
+/// follows.
 fn new_face<'a>(
     fields: &mut Fields<'a, impl Iterator<Item = &'a str>>,
     read: &Text,

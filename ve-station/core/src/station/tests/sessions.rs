@@ -126,8 +126,8 @@ proptest! {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Who releases only while nothing is open, on a link that loses nothing, never needs a new epoch: so
-    /// the station's belief was right all the time.
+    /// Who releases only while nothing is open, on a link that loses nothing, never needs a new
+    /// epoch: so the station's belief was right all the time.
     #[test]
     fn a_careful_client_on_a_sound_link_never_starts_again(
         steps in prop::collection::vec((0usize..40, any::<bool>(), 1usize..8), 1..80),
@@ -164,8 +164,9 @@ proptest! {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
 
-    /// Who gives regions up at any moment, answers under way or not, and drops their records at once, may find
-    /// answers that count on them. It asks for those again, and no more is needed on a link that loses nothing.
+    /// Who gives regions up at any moment, answers under way or not, and drops their records at
+    /// once, may find answers that count on them. It asks for those again, and no more is needed on
+    /// a link that loses nothing.
     #[test]
     fn a_careless_client_on_a_sound_link_never_starts_again(
         steps in prop::collection::vec((0usize..40, 0..5u8, 1usize..5), 1..120),
@@ -265,8 +266,8 @@ fn said(object: u32, requests: Vec<Request>) -> impl Iterator<Item = Request> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Two objects of one model are two sessions: whatever is asked about one, given up and asked anew, the other's
-    /// numbers and belief are its own.
+    /// Two objects of one model are two sessions: whatever is asked about one, given up and asked
+    /// anew, the other's numbers and belief are its own.
     #[test]
     fn sessions_of_two_objects_of_one_model_do_not_mix(
         steps in prop::collection::vec((0usize..40, 0..4u8, 0usize..2), 1..80),

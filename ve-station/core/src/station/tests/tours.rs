@@ -86,7 +86,8 @@ fn a_tour_arrives_whole() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
 
-    /// However few steps are made at a time, whatever is said in between, and however often it is asked for anew.
+    /// However few steps are made at a time, whatever is said in between, and however often it is
+    /// asked for anew.
     #[test]
     fn a_tour_cut_in_any_way_is_the_same_tour(
         seed in 0u64..1000,
