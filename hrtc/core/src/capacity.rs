@@ -1,12 +1,12 @@
-//! Everything that the controller sized at start, and how much of it was ever in use.
+//! Capacities that the controller allocated at start, and the most of each that was ever in use.
 
 use crate::controller::Controller;
 use serde::{Deserialize, Serialize};
 
-/// Something of fixed size. What runs full is never exceeded: it makes the touch coarser or slower to refine.
+/// A storage of fixed size. Where one is full, contacts become coarser or refine later.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Capacity {
-    /// What it holds.
+    /// Its content.
     pub name: String,
     /// How many fit.
     pub capacity: u64,
@@ -27,8 +27,8 @@ impl Capacity {
 }
 
 impl Controller {
-    /// Capacities and high-water marks, for the end of a run: it allocates. Of several seats, whose capacities are
-    /// equal, the fullest counts.
+    /// Capacities and high-water marks, for the end of a run: it allocates. Of several active objects, whose
+    /// capacities are equal, the fullest counts.
     #[must_use]
     pub fn capacities(&self) -> Vec<Capacity> {
         let mut all: Vec<(&str, (usize, usize))> = Vec::new();
@@ -42,20 +42,23 @@ impl Controller {
             }
             None => all.push((name, (most, room))),
         };
-        for seat in &self.seats {
-            let cache = seat.cache.high_water();
-            let [wanted, unknown] = seat.refinement.high_water();
-            let [answers, releases] = seat.subscriber.high_water();
+        for active in &self.active.objects {
+            let cache = active.front.cache.high_water();
+            let [wanted, unknown] = active.front.high_water();
             note("splits in the cache", cache.splits);
             note("faces of the front and its tree", cache.faces);
             note("blocks of closures", cache.blocks);
             note("regions known", cache.regions);
             note("regions to be refined", wanted);
             note("regions predicted in a tick", unknown);
-            note("answers under way", answers);
+            note(
+                "answers under way",
+                active.session.subscriber().high_water(),
+            );
+            let releases = active.front.cache.regions.releases_high_water();
             note("releases to be told", releases);
-            let touches = seat.touches.iter();
-            for (name, most) in touches.filter_map(|t| t.follower.high_water()).flatten() {
+            let pairs = active.contacts.pairs.iter();
+            for (name, most) in pairs.filter_map(|pair| pair.proxy.high_water()).flatten() {
                 note(name, most);
             }
         }
@@ -63,8 +66,8 @@ impl Controller {
         for points in tours.map(|tour| &tour.points) {
             note("points of the tour", (points.len(), points.capacity()));
         }
-        if self.seats.len() < self.placings.len() {
-            note("slots of base meshes kept", self.library.high_water());
+        if self.active.objects.len() < self.active.instances.len() {
+            note("slots of base meshes kept", self.active.store.high_water());
         }
         all.into_iter()
             .map(|(name, (most, room))| Capacity::new(name, room, most))
@@ -74,7 +77,8 @@ impl Controller {
     /// The most bytes that cache and base meshes ever took.
     #[must_use]
     pub fn bytes_high_water(&self) -> usize {
-        let seats = self.seats.iter().map(|seat| seat.cache.bytes_high_water());
-        seats.sum::<usize>() + self.library.bytes_used()
+        let objects = self.active.objects.iter();
+        let bytes = objects.map(|of| of.front.cache.bytes_high_water());
+        bytes.sum::<usize>() + self.active.store.bytes_used()
     }
 }

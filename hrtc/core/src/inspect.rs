@@ -1,22 +1,23 @@
-//! What a shell, and a test, may see of the controller, and set between two ticks.
+//! Queries and settings of the controller, for shells and tests, between two ticks.
 
 use crate::active::object::ActiveObject;
 use crate::cache::{Cache, CacheError};
-use crate::controller::{Controller, Fault};
+use crate::controller::Controller;
 use crate::force::effects::UsageByKind;
-use crate::frame::ModelFrame;
+use crate::instance::ModelFrame;
 use crate::lod::predict::Sources;
 use crate::probe::Probe;
+use crate::streaming::Fault;
 use glam::DVec3;
 use protocol::TourPoint;
 use spm::ModelHeader;
 use spm::NONE;
 
 impl Controller {
-    /// Predicts from these sources from now on: to see what each of them buys.
+    /// Predicts from these sources from now on, to compare them.
     pub fn set_sources(&mut self, sources: Sources) {
-        for touch in self.seats.iter_mut().flat_map(|seat| &mut seat.touches) {
-            touch.predictor.set_sources(sources);
+        for object in &mut self.active.objects {
+            object.front.set_sources(sources);
         }
     }
 
@@ -24,8 +25,8 @@ impl Controller {
     /// ones count as 0. No geometry is sent for it that is here already, and nothing is forgotten.
     pub fn set_tolerance(&mut self, tolerance_m: f64) {
         self.tolerance_m = tolerance_m.max(0.0);
-        for seat in &mut self.seats {
-            seat.set_tolerance(self.tolerance_m);
+        for object in &mut self.active.objects {
+            object.front.set_tolerance(self.tolerance_m);
         }
     }
 
@@ -41,29 +42,29 @@ impl Controller {
         self.probes.len()
     }
 
-    /// The seats; with one object there is one.
+    /// Places for active objects; with one object there is one.
     #[must_use]
-    pub fn seats(&self) -> &[ActiveObject] {
-        &self.seats
+    pub fn active_objects(&self) -> &[ActiveObject] {
+        &self.active.objects
     }
 
-    /// The seat of an object, while it is awake.
+    /// An object, while it is active.
     #[must_use]
-    pub fn seat_of(&self, object: usize) -> Option<&ActiveObject> {
+    pub fn active_object(&self, object: usize) -> Option<&ActiveObject> {
         let object = Some(object as u32);
-        self.seats.iter().find(|seat| seat.object() == object)
+        self.active.objects.iter().find(|of| of.object() == object)
     }
 
-    /// The cache of the first seat.
+    /// The cache of the first active object.
     #[must_use]
     pub fn cache(&self) -> &Cache {
-        self.seats[0].cache()
+        self.active.objects[0].cache()
     }
 
-    /// Steps of economy that the size of the first seat's cache makes necessary now.
+    /// Steps of memory pressure of the first active object now.
     #[must_use]
-    pub fn economy_steps(&self) -> u32 {
-        self.seats[0].economy_steps()
+    pub fn pressure_steps(&self) -> u32 {
+        self.active.objects[0].pressure_steps()
     }
 
     /// The frame of the first object, once its model is known.
@@ -75,9 +76,9 @@ impl Controller {
     /// The frame of an object, once its model is known.
     #[must_use]
     pub fn frame_of(&self, object: usize) -> Option<ModelFrame> {
-        let placing = self.placings.get(object)?;
-        let header = &self.library.model(placing.model)?.header;
-        Some(ModelFrame::new(placing.pose, placing.scale, header))
+        let instance = self.active.instances.get(object)?;
+        let header = &self.active.store.model(instance.model)?.header;
+        Some(ModelFrame::new(instance.pose, instance.scale, header))
     }
 
     /// The header of the first object's model, once it is known.
@@ -89,13 +90,16 @@ impl Controller {
     /// The header of an object's model, once it is known.
     #[must_use]
     pub fn header_of(&self, object: usize) -> Option<&ModelHeader> {
-        let placing = self.placings.get(object)?;
-        self.library.model(placing.model).map(|model| &model.header)
+        let instance = self.active.instances.get(object)?;
+        self.active
+            .store
+            .model(instance.model)
+            .map(|model| &model.header)
     }
 
     /// Headers of the models that are known, each once.
     pub fn headers(&self) -> impl Iterator<Item = &ModelHeader> {
-        self.library.models().map(|model| &model.header)
+        self.active.store.models().map(|model| &model.header)
     }
 
     /// The first probe's tour in the file's own frame and units, once it is whole.
@@ -112,17 +116,17 @@ impl Controller {
         Some((tour.object as usize, whole))
     }
 
-    /// What keeps it from touching, if anything.
+    /// The fault that keeps the controller from going on with a model, if any.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {
-        let fault = self.seats.iter().find_map(|seat| seat.fault)?;
+        let fault = self.active.objects.iter().find_map(|of| of.session.fault)?;
         Some(match fault {
-            // A seat knows its own share only.
+            // An active object knows its own share only.
             Fault::Cache(CacheError::TooSmall {
                 needed, base_faces, ..
             }) => Fault::Cache(CacheError::TooSmall {
                 bytes: self.cache_bytes,
-                needed: needed * self.seats.len() + self.library.bytes(),
+                needed: needed * self.active.objects.len() + self.active.store.bytes(),
                 base_faces,
             }),
             other => other,
@@ -153,41 +157,44 @@ impl Controller {
     /// enter that object. `None` while the two are far from each other.
     #[must_use]
     pub fn proxy_of(&self, probe: usize, object: usize) -> Option<DVec3> {
-        let seat = self.seat_of(object)?;
-        let position = seat.touches[probe].follower.position()?;
-        Some(seat.frame?.to_world(position))
+        let active = self.active_object(object)?;
+        let position = active.contacts.pairs[probe].proxy.position()?;
+        Some(active.frame?.to_world(position))
     }
 
     /// Regions that the station refused so far, and the last one.
     #[must_use]
     pub fn refused(&self) -> (u64, u32) {
-        let last = self.seats.iter().rfind(|seat| seat.refused_regions > 0);
-        let sum = self.seats.iter().map(|seat| seat.refused_regions).sum();
-        (sum, last.map_or(NONE, |seat| seat.last_refused))
+        let fronts = || self.active.objects.iter().map(|of| &of.front);
+        let last = fronts().rfind(|front| front.refused_regions > 0);
+        let sum = fronts().map(|front| front.refused_regions).sum();
+        (sum, last.map_or(NONE, |front| front.last_refused))
     }
 
     /// Regions asked for again, with every record, so far: their answer counted on records that were gone.
     #[must_use]
     pub fn resent(&self) -> u64 {
-        self.seats.iter().map(|seat| seat.subscriber.resent).sum()
+        let sessions = self.active.objects.iter().map(|of| &of.session);
+        sessions.map(|session| session.subscriber().resent).sum()
     }
 
     /// Constraints of the proxies that did not fit beside the [`crate::contact::sphere_proxy::MAX_CONSTRAINTS`] deepest, so far.
     #[must_use]
     pub fn dropped_constraints(&self) -> u64 {
-        self.seats.iter().map(|seat| seat.dropped_constraints).sum()
+        let contacts = self.active.objects.iter().map(|of| &of.contacts);
+        contacts.map(|of| of.dropped_constraints).sum()
     }
 
     /// What the effects of each kind cost so far, in the order of [`scene::Effect::NAMES`]: nothing where a scene
-    /// lists none. An object that goes to sleep takes its own along.
+    /// lists none. The cost of an object that is not active any more is not counted.
     #[must_use]
     pub fn effects(&self) -> UsageByKind {
         let mut usage = UsageByKind::default();
         for probe in &self.probes {
             probe.effects.add_usage(&mut usage);
         }
-        for touch in self.seats.iter().flat_map(|seat| &seat.touches) {
-            touch.effects.add_usage(&mut usage);
+        for pair in self.active.objects.iter().flat_map(|of| &of.contacts.pairs) {
+            pair.effects.add_usage(&mut usage);
         }
         usage
     }

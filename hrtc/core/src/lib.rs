@@ -1,17 +1,18 @@
-//! The pure core of the haptic real-time controller: values in, values out; no clock, no I/O, no allocation in a tick.
+//! The pure core of the controller: values in, values out. No file, thread, clock or hash map.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
 
 pub mod active;
 pub mod bodies;
+mod budget;
 pub mod cache;
 mod capacity;
 pub mod contact;
 mod controller;
 pub mod force;
-mod frame;
 mod inspect;
+mod instance;
 pub mod lod;
 pub mod perception;
 mod probe;
@@ -19,10 +20,11 @@ pub mod record;
 pub mod script;
 pub mod streaming;
 mod summary;
+mod tick;
 
 pub use active::object::ActiveObject;
 pub use capacity::Capacity;
-pub use controller::{
-    Controller, Fault, NoObserver, ProbeContact, Stage, StageObserver, TickInputs, TickOutputs,
-};
-pub use frame::ModelFrame;
+pub use controller::Controller;
+pub use instance::ModelFrame;
+pub use streaming::Fault;
+pub use tick::{NoObserver, ProbeContact, Stage, StageObserver, TickInputs, TickOutputs};

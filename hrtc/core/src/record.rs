@@ -1,8 +1,8 @@
-//! What one tick of the core leaves behind: plain numbers.
+//! Numbers of one tick.
 
 use scene::MAX_PROBES;
 
-/// What one probe felt in a tick; of several objects the worst.
+/// Contact of one probe in a tick; of several objects the worst.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ProbeRecord {
     /// Whether the probe touches.
@@ -27,10 +27,10 @@ pub struct ProbeRecord {
     pub energy_j: f64,
 }
 
-/// What the pure core reports of one tick. Counters are of this tick unless called total.
+/// Numbers of one tick. Counters are of this tick unless called total.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CoreRecord {
-    /// What each probe felt; the next fields are of all of them, the worst of those that touch.
+    /// Contacts of the probes; the next fields are of all of them, the worst of those that touch.
     pub probes: [ProbeRecord; MAX_PROBES],
     /// Whether a probe touches.
     pub contact: bool,
@@ -50,31 +50,31 @@ pub struct CoreRecord {
     pub certified_error_m: f64,
     /// Penetration of the device behind the proxy, metres.
     pub depth_m: f64,
-    /// Objects that are awake.
-    pub awake: u32,
-    /// Objects that are moving, or may: those that move and do not sleep.
+    /// Active objects whose model is known.
+    pub active_objects: u32,
+    /// Movable objects that are stepped.
     pub moving: u32,
-    /// Pairs of a probe and an object that it could touch, but that is not awake.
-    pub unseated: u32,
+    /// Pairs of a probe and an object that could touch though the object is not active and ready.
+    pub unserved: u32,
     /// Faces of the active fronts.
     pub active_faces: u32,
     /// Splits performed.
     pub vsplits: u32,
     /// Collapses performed.
     pub ecols: u32,
-    /// Vertices that are on their way since a probe feels them.
-    pub in_flight: u32,
-    /// Splits that a probe would feel and that wait for room to fly.
-    pub postponed: u32,
-    /// Splits that a probe would feel and that wait since they would turn a face over.
-    pub refused_folds: u32,
+    /// Vertices in a geomorph.
+    pub geomorphing: u32,
+    /// Perceptible splits that wait for room, or for a geomorph beside them.
+    pub deferred: u32,
+    /// Perceptible splits that wait since they would turn a face over.
+    pub rejected_folds: u32,
     /// Operations of the tick in work units (splits, collapses, nodes, records) for the budget.
     pub work_units: u32,
     /// Nodes visited and faces tested by the queries.
     pub query_work: u32,
-    /// Tools whose budget left something to the next tick: until then their proxies stay where it is safe.
+    /// Tools whose budget left a part of their motion to the next tick; their proxies wait outside of the objects.
     pub unfinished: u32,
-    /// Tools whose tick ended early though the budget had room: the rest of their way is gone in the next ones.
+    /// Tools whose step ended early though the budget had room; they move on in the next ticks.
     pub early: u32,
     /// Records received, total.
     pub vsps_received: u64,
@@ -98,7 +98,7 @@ pub struct CoreRecord {
     pub rejected_sample: bool,
     /// Energy put out by the rendering, joules, total; above 0 means it pushed energy in.
     pub energy_j: f64,
-    /// Whether every model is known, so that a touch could be answered.
+    /// Whether every model is known, so that any contact could be answered.
     pub ready: bool,
     /// Newest measured error, metres, and its tick; negative when none arrived this tick.
     pub measured_error_m: f64,
@@ -109,8 +109,8 @@ pub struct CoreRecord {
 }
 
 impl CoreRecord {
-    /// Fills in what is of all probes from what each of them felt.
-    pub fn gather(&mut self) {
+    /// Fills in the fields of all probes from those of each.
+    pub fn sum_probes(&mut self) {
         self.clamped = self.probes.iter().any(|probe| probe.clamped);
         self.rejected_sample = self.probes.iter().any(|probe| probe.rejected_sample);
         let touching = || self.probes.iter().filter(|probe| probe.contact);

@@ -1,6 +1,6 @@
 //! What the simulated hand intends over time: points of a scene's CSV, or a tour that the station made.
 
-use crate::frame::ModelFrame;
+use crate::instance::ModelFrame;
 use geometry::Pose;
 use glam::DVec3;
 use haptic_device::Intent;

@@ -1,4 +1,4 @@
-//! What a tick was like, summed up over seats and probes.
+//! The record of a tick: sums over active objects and probes, and the hash over its outputs.
 
 use crate::controller::Controller;
 use crate::probe::pair::ContactState;
@@ -6,33 +6,34 @@ use crate::record::{CoreRecord, ProbeRecord};
 use geometry::Wrench;
 
 impl Controller {
-    /// Sums up what the seats and probes did and felt in a tick.
-    pub(crate) fn finish_record(&mut self, record: &mut CoreRecord) {
-        record.gather();
+    /// Fills in the record of a tick.
+    pub(crate) fn record(&mut self, record: &mut CoreRecord) {
+        record.sum_probes();
         let mut measured: f64 = -1.0;
         let mut finest: f64 = 0.0;
-        record.cache_bytes = self.library.bytes_used() as u64;
-        for seat in &self.seats {
-            record.vsplits += seat.tally.vsplits;
-            record.ecols += seat.tally.ecols;
-            record.in_flight += seat.cache.mesh().flights().len() as u32;
-            record.postponed += seat.tally.postponed;
-            record.refused_folds += seat.tally.refused;
-            record.work_units += seat.tally.work_units;
-            record.active_faces += seat.cache.mesh().active_faces();
-            record.vsps_received += seat.vsps_received;
-            record.bytes_received += seat.bytes_received;
-            record.regions_subscribed += seat.subscriber.subscribed;
-            record.resubscribed += seat.subscriber.resubscribed;
-            record.resent += seat.subscriber.resent;
-            record.evicted += seat.cache.evicted();
-            record.vsps_loaded += seat.cache.loaded();
-            record.cache_bytes += seat.cache.bytes_used() as u64;
-            record.awake += u32::from(seat.is_ready());
-            if let Some(frame) = seat.frame {
+        record.cache_bytes = self.active.store.bytes_used() as u64;
+        for active in &self.active.objects {
+            let (front, session) = (&active.front, &active.session);
+            record.vsplits += front.stats.vsplits;
+            record.ecols += front.stats.ecols;
+            record.geomorphing += front.cache.mesh().flights().len() as u32;
+            record.deferred += front.stats.deferred;
+            record.rejected_folds += front.stats.rejected;
+            record.work_units += front.stats.work_units;
+            record.active_faces += front.cache.mesh().active_faces();
+            record.vsps_received += session.vsps_received;
+            record.bytes_received += session.bytes_received;
+            record.regions_subscribed += session.subscriber().subscribed;
+            record.resubscribed += session.subscriber().resubscribed;
+            record.resent += session.subscriber().resent;
+            record.evicted += front.cache.evicted();
+            record.vsps_loaded += front.cache.loaded();
+            record.cache_bytes += front.cache.bytes_used() as u64;
+            record.active_objects += u32::from(active.is_ready());
+            if let Some(frame) = active.frame {
                 let scale = frame.metres_per_unit;
-                finest = finest.max(f64::from(seat.finest_tolerance()) * scale);
-                if let Some(distance) = seat.measured {
+                finest = finest.max(f64::from(front.finest_tolerance()) * scale);
+                if let Some(distance) = session.measured {
                     measured = measured.max(distance * scale);
                 }
             }
@@ -77,23 +78,23 @@ impl Controller {
 }
 
 impl ProbeRecord {
-    /// Takes in what one of the probe's touches felt; `finest`: the finest tolerance asked for there, model units.
-    pub(crate) fn add(&mut self, felt: &ContactState, metres_per_unit: f64, finest: f32) {
+    /// Adds the contact state of one of the probe's pairs; `finest`: the finest tolerance asked for there, model units.
+    pub(crate) fn add(&mut self, state: &ContactState, metres_per_unit: f64, finest: f32) {
         let is_first = !self.contact;
         self.contact = true;
-        self.contact_full = (is_first || self.contact_full) && felt.certified == 0.0;
-        self.contact_asked = (is_first || self.contact_asked) && felt.asked;
-        let unknown = self.contact_tolerance_m < 0.0 || felt.tolerance_m < 0.0;
+        self.contact_full = (is_first || self.contact_full) && state.certified == 0.0;
+        self.contact_asked = (is_first || self.contact_asked) && state.is_as_asked;
+        let unknown = self.contact_tolerance_m < 0.0 || state.tolerance_m < 0.0;
         self.contact_tolerance_m = if unknown {
             -1.0
         } else {
-            self.contact_tolerance_m.max(felt.tolerance_m)
+            self.contact_tolerance_m.max(state.tolerance_m)
         };
-        let certified = f64::from(felt.certified) * metres_per_unit;
+        let certified = f64::from(state.certified) * metres_per_unit;
         self.certified_error_m = self.certified_error_m.max(certified);
         self.finest_tolerance_m = self
             .finest_tolerance_m
             .max(f64::from(finest) * metres_per_unit);
-        self.depth_m = self.depth_m.max(felt.depth_m);
+        self.depth_m = self.depth_m.max(state.depth_m);
     }
 }

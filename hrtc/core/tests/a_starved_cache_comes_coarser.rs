@@ -61,7 +61,7 @@ fn it_comes_coarser_by_the_dial_and_back() {
         asked += u32::from(record.contact_asked);
     }
     pair.controller.cache().check();
-    let steps = pair.controller.economy_steps();
+    let steps = pair.controller.pressure_steps();
     println!(
         "{bytes} bytes: {contacts} contacts, {asked} as asked, {coarser} ticks with a coarser dial, {steps} steps of economy"
     );
@@ -94,7 +94,7 @@ fn it_comes_coarser_by_the_dial_and_back() {
         "{} ticks later: {:.2e} m at the contact, {tolerance:.2e} m asked for, {} steps of economy",
         pair.tick - 8000,
         pair.summary.last.contact_tolerance_m,
-        pair.controller.economy_steps()
+        pair.controller.pressure_steps()
     );
     assert_eq!(back, 2000, "it comes back and stays");
     assert!(pair.summary.last.contact_tolerance_m <= tolerance * 1.000_001);

@@ -137,7 +137,7 @@ fn what_does_not_fit_is_cut_and_said() {
             "{lod:?}: {} of {vsps} splits, tolerance {:.2e} m, {} steps of economy",
             front.len(),
             record.finest_tolerance_m,
-            pair.controller.economy_steps()
+            pair.controller.pressure_steps()
         );
         within_budget(&pair, &format!("{lod:?} in a small cache"));
         let slots = pair.controller.cache().slots();

@@ -30,7 +30,7 @@ fn same_front(one: &Pair, other: &Pair, what: &str) {
         pair.controller.cache().check();
         assert!(pair.summary.last.contact, "{what}: it touches");
         assert!(pair.summary.last.contact_asked, "{what}: as was asked");
-        assert_eq!(pair.controller.economy_steps(), 0, "{what}: room enough");
+        assert_eq!(pair.controller.pressure_steps(), 0, "{what}: room enough");
     }
     let contacts = [one, other].map(|pair| pair.outputs.contact().expect("it touches").point);
     println!(

@@ -179,7 +179,7 @@ fn a_driven_ball_that_comes_from_afar_is_awake_when_it_is_there_and_carries_the_
         let (arrives, leaves) = (0.949 / speed / PERIOD_S, 0.97 / speed / PERIOD_S);
         while (scene.tick as f64) < leaves {
             let record = scene.step(&[place]);
-            assert_eq!(record.unseated, 0, "tick {}", scene.tick);
+            assert_eq!(record.unserved, 0, "tick {}", scene.tick);
             let depth = speed * (scene.tick as f64 - 1.0 - arrives) * PERIOD_S;
             let force = scene.outputs.wrenches[0].force;
             if depth > 2e-4 {
@@ -248,7 +248,10 @@ fn what_is_on_a_hinge_opens_as_far_as_its_stop_and_every_view_of_it_agrees() {
         let body = scene.controller.movables().body(0).expect("it moves");
         let frame = scene.controller.frame_of(0).expect("it is known");
         assert_eq!(frame.pose, body.pose());
-        let seat = scene.controller.seat_of(0).and_then(|seat| seat.frame());
+        let seat = scene
+            .controller
+            .active_object(0)
+            .and_then(|seat| seat.frame());
         assert!(seat.is_none_or(|seat| seat == frame));
     }
     let turned = pose(&scene, 0).orientation.angle_between(DQuat::IDENTITY);

@@ -73,7 +73,7 @@ fn whatever_breaks_in_on_flights_every_tick_is_whole_and_the_end_is_that_of_a_fr
             let lifts = tick % 1000 > 900;
             let goal = if lifts { place.above } else { place.goal };
             let record = tried.hold(goal + depth * (place.goal - place.above));
-            in_flight += u32::from(record.in_flight > 0);
+            in_flight += u32::from(record.geomorphing > 0);
             for flight in tried.controller.cache().mesh().flights() {
                 both_ways[usize::from(flight.is_to_parent())] += 1;
             }
@@ -107,7 +107,7 @@ fn without_geomorphs_nothing_flies() {
     pair.rest(place, MAX_TICKS);
     pair.controller.set_tolerance(0.0);
     for _ in 0..2000 {
-        assert_eq!(pair.hold(place.goal).in_flight, 0);
+        assert_eq!(pair.hold(place.goal).geomorphing, 0);
     }
     assert!(pair.summary.last.contact_full);
 }

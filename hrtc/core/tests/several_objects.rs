@@ -64,7 +64,7 @@ fn lead(scene: &mut Scene, at: &mut DVec3, to: DVec3, step: f64) {
 #[test]
 fn a_probe_over_a_row_touches_each_of_twenty_objects_at_its_surface() {
     let mut scene = row(20, 1, 6 << 20);
-    assert_eq!(scene.controller.seats().len(), 3);
+    assert_eq!(scene.controller.active_objects().len(), 3);
     let mut at = above(0, 0.02);
     scene.settle(&[Some(at)]);
     for object in 0..20 {
@@ -81,7 +81,7 @@ fn a_probe_over_a_row_touches_each_of_twenty_objects_at_its_surface() {
             ticks += 1;
             full += u32::from(record.contact_full);
             assert!(record.contact, "object {object}, tick {k}");
-            assert_eq!(record.unseated, 0);
+            assert_eq!(record.unserved, 0);
             let touched = scene.outputs.contacts[0].expect("it touches");
             assert_eq!(touched.object as usize, object);
             let proxy = scene.controller.proxy_of(0, object).expect("it is awake");
@@ -207,7 +207,7 @@ fn seats_recycled_a_thousand_times_hold_what_a_fresh_load_holds() {
         for _ in 0..20 + random.below(30) {
             scene.step(&[Some(place)]);
             for (object, before) in awake.iter_mut().enumerate() {
-                let now = scene.controller.seat_of(object).is_some();
+                let now = scene.controller.active_object(object).is_some();
                 woken += u32::from(now && !*before);
                 *before = now;
             }
@@ -407,7 +407,7 @@ fn a_base_mesh_that_finds_no_room_comes_again_whenever_an_object_wakes() {
         lead(&mut scene, &mut at, above(object, -PRESS), 1e-4);
         let record = scene.settle(&[Some(at)]);
         assert!(
-            record.contact_full && record.unseated == 0,
+            record.contact_full && record.unserved == 0,
             "object {object}"
         );
         lead(&mut scene, &mut at, above(object, 0.02), 1e-3);
@@ -513,7 +513,7 @@ fn whatever_probes_and_link_do_every_scene_keeps_its_limits() {
             }
             let record = scene.step(&places);
             contacts += u32::from(record.contact);
-            unseated += u32::from(record.unseated > 0);
+            unseated += u32::from(record.unserved > 0);
             assert!(scene.outputs.wrenches.iter().all(|w| w.is_finite()));
             assert!(
                 record.cache_bytes as usize <= bytes,

@@ -166,11 +166,11 @@ impl Accumulator {
             result.rejected_samples += u64::from(core.probes[k].rejected_sample);
         }
         result.moving_ticks += u64::from(core.moving > 0);
-        result.unseated_ticks += u64::from(core.unseated > 0);
+        result.unseated_ticks += u64::from(core.unserved > 0);
         result.unfinished_ticks += u64::from(core.unfinished > 0);
         result.early_ticks += u64::from(core.early > 0);
         if core.ready {
-            self.awake.push(f64::from(core.awake));
+            self.awake.push(f64::from(core.active_objects));
             self.ready_tick.get_or_insert(record.tick);
             self.faces.push(f64::from(core.active_faces));
         }
@@ -203,10 +203,10 @@ impl Accumulator {
         result.energy_j = core.energy_j;
         result.vsplits += u64::from(core.vsplits);
         result.ecols += u64::from(core.ecols);
-        result.in_flight_ticks += u64::from(core.in_flight > 0);
-        result.in_flight_max = result.in_flight_max.max(u64::from(core.in_flight));
-        result.postponed += u64::from(core.postponed);
-        result.refused_folds += u64::from(core.refused_folds);
+        result.in_flight_ticks += u64::from(core.geomorphing > 0);
+        result.in_flight_max = result.in_flight_max.max(u64::from(core.geomorphing));
+        result.postponed += u64::from(core.deferred);
+        result.refused_folds += u64::from(core.rejected_folds);
         result.operations_max = result.operations_max.max(u64::from(core.work_units));
         // Totals of the core: the largest, so that a core that starts anew does not take them back.
         result.vsps_received = result.vsps_received.max(core.vsps_received);
@@ -224,7 +224,7 @@ impl Accumulator {
             ticks: result.ticks,
             contact: core.contact,
             touching: core.probes.iter().filter(|probe| probe.contact).count() as u64,
-            awake: u64::from(core.awake),
+            awake: u64::from(core.active_objects),
             contact_ticks: result.contact_ticks,
             force_n: record.largest_force(),
             certified_error_m: finite(core.certified_error_m),

@@ -53,8 +53,11 @@ pub(super) fn add_lod(result: &mut RunResult, controller: &Controller, rate_hz: 
     result.tolerance_m = controller.tolerance_m();
     result.capacities = controller.capacities();
     result.moved = controller.movables().report();
-    let first = controller.seats().iter().find(|seat| seat.is_ready());
-    if let Some((seat, dial, frame)) = first.and_then(|s| Some((s, s.dial()?, s.frame()?))) {
+    let first = controller
+        .active_objects()
+        .iter()
+        .find(|seat| seat.is_ready());
+    if let Some((seat, dial, frame)) = first.and_then(|s| Some((s, s.lod()?, s.frame()?))) {
         let scale = frame.metres_per_unit;
         let rings = dial.rings().iter();
         result.rings_m = rings.map(|r| f64::from(r.tolerance) * scale).collect();

@@ -224,7 +224,7 @@ impl Bench {
         for _ in 0..MAX_TICKS {
             let felt = self.touch(place);
             let record = &felt.record;
-            let same = record.ready && record.active_faces == faces && record.in_flight == 0;
+            let same = record.ready && record.active_faces == faces && record.geomorphing == 0;
             quiet = if same { quiet + 1 } else { 0 };
             faces = felt.record.active_faces;
             if quiet > QUIET_TICKS {

@@ -227,7 +227,7 @@ fn refined_over_folds(
     for _ in 0..LOOK_TICKS {
         let felt = bench.touch(up * down);
         *splits += felt.record.vsplits;
-        *refused += felt.record.refused_folds;
+        *refused += felt.record.rejected_folds;
         found.count(is_turned_over(&bench, felt.proxy, setup.radius_m * 1.1));
     }
     Ok(())

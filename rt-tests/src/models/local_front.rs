@@ -4,7 +4,7 @@
 use crate::failure::Failure;
 use crate::models::Model;
 use glam::DVec3;
-use hrtc_core::cache::{Cache, LoadError, RegionKey, RegionState};
+use hrtc_core::cache::{Cache, LoadError, RegionKey};
 use spm::{OperationFaces, RegionId};
 use station_core::collection::{Collection, RegionAt};
 use std::collections::BTreeSet;
@@ -132,7 +132,7 @@ impl<'a> LocalFront<'a> {
             .closure(&self.model.file, asked)
             .map_err(|error| failed(&error))?;
         self.make_room(closure.len());
-        let region = self.cache.regions.add(key);
+        let region = self.cache.regions.request(key);
         let region = region.ok_or_else(|| failed(&"the table is full"))?;
         let mut take = || {
             // Every record comes; those that are here already are passed over.
@@ -149,7 +149,7 @@ impl<'a> LocalFront<'a> {
                 }
                 loaded?;
             }
-            self.cache.finish(region)
+            self.cache.end_answer(region)
         };
         take().map_err(|error| failed(&error))?;
         Ok(region)
@@ -167,11 +167,11 @@ impl<'a> LocalFront<'a> {
             .indices()
             .filter(|&k| {
                 let region = self.cache.regions.at(k);
-                region.state == RegionState::Held && !region.wanted
+                region.is_resident() && !region.wanted
             })
             .collect();
         for region in idle {
-            self.cache.let_go(region, u32::MAX);
+            self.cache.unload(region, u32::MAX);
             self.cache.regions.remove(region);
         }
     }

@@ -141,15 +141,15 @@ fn counters(into: &mut Digest, record: &CoreRecord, probes: usize) {
         record.depth_m,
     ]);
     into.put_all([
-        record.awake,
+        record.active_objects,
         record.moving,
-        record.unseated,
+        record.unserved,
         record.active_faces,
         record.vsplits,
         record.ecols,
-        record.in_flight,
-        record.postponed,
-        record.refused_folds,
+        record.geomorphing,
+        record.deferred,
+        record.rejected_folds,
         record.work_units,
         record.query_work,
         record.unfinished,
@@ -223,11 +223,11 @@ impl Tally {
         self.contact += u64::from(record.contact);
         self.full += u64::from(record.contact_full);
         self.all_touch += u64::from(touching == outputs.contacts.len());
-        self.flying += u64::from(record.in_flight > 0);
+        self.flying += u64::from(record.geomorphing > 0);
         let torques = || outputs.wrenches.iter().map(|of| of.torque.length());
         self.torque += u64::from(torques().any(|torque| torque > 0.0));
         self.moving += u64::from(record.moving > 0);
-        self.awake = self.awake.max(record.awake);
+        self.awake = self.awake.max(record.active_objects);
         self.waiting += u64::from(waiting > 0);
         self.splits += u64::from(record.vsplits);
         self.collapses += u64::from(record.ecols);

@@ -1,68 +1,203 @@
-//! Who sits where: which objects are awake.
+//! The active set: objects near a probe, each with session, front and contacts.
 //!
-//! An object wakes when a probe comes near, long before it can touch: reach grows with the speed. It keeps its seat
-//! as long as nobody else needs one; then those go first that have been out of reach for longest. When every seat is
-//! needed, the objects nearest to a probe have them. One object takes a seat in a tick, so that a tick stays short.
+//! An object becomes active when a probe comes near, long before a contact is possible: the reach grows with the speed. It
+//! stays active as long as no other object needs its place; then those go first that have been out of reach for longest.
+//! Where more objects are in reach than there are places, the nearest have them. One object becomes active a tick, so
+//! that a tick stays short.
 
-use crate::active::broad_phase::{Ball, BroadPhase, Near};
-use crate::active::object::{ActiveObject, ObjectInstance};
-use crate::cache::base_mesh_store::Model;
-use crate::controller::Controller;
-use crate::frame::ModelFrame;
-use crate::frame::in_axes_of;
-use crate::streaming::subscriber::Outbox;
-use geometry::Pose;
+use super::broad_phase::{Ball, BroadPhase, Near};
+use super::object::ActiveObject;
+use crate::bodies::{Extent, Movables};
+use crate::budget::Budget;
+use crate::cache::base_mesh_store::{BaseMeshStore, Model};
+use crate::instance::{ModelFrame, ObjectInstance};
+use crate::probe::Probe;
+use crate::streaming::Outbox;
+use crate::streaming::chunk::InboxChunk;
+use crate::streaming::session::TickContext;
+use crate::streaming::subscriber::Identity;
 use glam::DVec3;
-use protocol::CREDIT_CHUNKS;
+use protocol::{ANSWER_TIMEOUT_MS, CREDIT_CHUNKS, Request};
+use scene::ScenePlan;
+use std::sync::Arc;
 
-/// Reach of a probe at rest, in its radii, and ticks of its motion by which it is longer: the base mesh is there
-/// within a few ticks, what lies ahead of the contact within sixty.
+/// Reach of a probe at rest, in its radii.
 const REACH_RADII: f64 = 10.0;
+/// Ticks of its motion by which the reach is longer: the base mesh arrives within a few ticks, the regions ahead of the
+/// contact within sixty.
 const REACH_TICKS: f64 = 150.0;
-/// Ticks out of reach after which a seat may be given away, and a probe is not followed any more.
+/// Ticks out of reach after which an object may lose its place, and a pair ends.
 const SLEEP_TICKS: u64 = 100;
-/// An object takes the seat of one that is in reach too when it is nearer by this factor: no flicker between two.
+/// An object takes the place of another in reach when it is nearer by this factor, so that two do not alternate.
 const NEARER: f64 = 2.0;
 /// Ticks of motion within which a probe could touch.
 const TOUCH_TICKS: f64 = 2.0;
-/// Objects that are placed in a tick at the most.
+/// Objects that are entered into the broad phase a tick at the most.
 const PLACED_A_TICK: usize = 64;
+/// Received chunks that are looked at in a tick: one for each bit of a set.
+const MAX_CHUNKS: u32 = u64::BITS;
 
-/// What is known of all objects together.
+/// All objects of a scene, and those that are active.
 #[derive(Debug)]
 pub struct ActiveSet {
-    /// Objects whose box is not known yet, the next one last, in the order in which models are asked for.
-    pub unplaced: Vec<u32>,
-    /// Objects in the order in which their models are asked for: those of tours first.
-    pub to_fetch: Vec<u32>,
+    /// All objects of the scene.
+    pub instances: Vec<ObjectInstance>,
+    /// Places for active objects.
+    pub objects: Vec<ActiveObject>,
+    /// Base meshes of all models.
+    pub store: BaseMeshStore,
+    /// Places in the order of a tick: the object nearest to a contact first, with its clearance in metres.
+    pub order: Vec<(f64, usize)>,
+    broad_phase: BroadPhase,
+    /// Objects whose box is not known yet, the next one last, in the order in which models are requested.
+    unplaced: Vec<u32>,
+    /// Objects in the order in which their models are requested: those of scripted paths first.
+    to_fetch: Vec<u32>,
     /// The first of them whose model may be unknown.
-    pub next_fetch: usize,
+    next_fetch: usize,
     /// The epoch in which the next session of each object begins.
-    pub epochs: Vec<u32>,
+    epochs: Vec<u32>,
+    /// Received chunks that were taken out of turn, the oldest chunk at bit 0: an older one waits for room.
+    taken: u64,
 }
 
 impl ActiveSet {
-    /// `toured`: objects with a tour.
-    pub fn new(objects: usize, toured: impl Iterator<Item = u32>) -> Self {
+    /// Everything sized from the plan; nothing is allocated after this. `toured`: objects with a scripted path.
+    #[must_use]
+    pub fn new(
+        plan: &ScenePlan,
+        identity: Identity,
+        moving: usize,
+        toured: impl Iterator<Item = u32>,
+    ) -> Self {
+        let timeout_ticks = (ANSWER_TIMEOUT_MS as f64 * 1e-3 * plan.loop_.rate_hz).ceil() as u64;
+        let (instances, models) = instances_of(plan);
+        let count = plan.seats();
+        let all_active = count == instances.len();
+        let stored = BaseMeshStore::bytes_for(models, plan.cache_bytes, all_active);
+        let bytes = (plan.cache_bytes - stored) / count;
+        let effects: Arc<[_]> = plan.objects.iter().map(|of| of.effects.clone()).collect();
+        let new_place =
+            |_| ActiveObject::new(plan, bytes, identity, timeout_ticks, effects.clone());
+        let mut objects: Vec<ActiveObject> = (0..count).map(new_place).collect();
+        if all_active {
+            for (object, instance) in objects.iter_mut().zip(&instances) {
+                object.assign(*instance, 0, None, 0);
+            }
+        }
+        if let [only] = &mut objects[..] {
+            // A single place always counts as near.
+            for probe in 0..plan.probes.len() {
+                only.approached_by(probe, None);
+            }
+        }
         let mut to_fetch: Vec<u32> = toured.collect();
-        to_fetch.extend(0..objects as u32);
+        to_fetch.extend(0..instances.len() as u32);
         Self {
+            store: BaseMeshStore::new(models, stored),
+            broad_phase: BroadPhase::new(instances.len(), moving),
             unplaced: to_fetch.iter().rev().copied().collect(),
             to_fetch,
             next_fetch: 0,
-            epochs: vec![0; objects],
+            epochs: vec![0; instances.len()],
+            order: Vec::with_capacity(count),
+            taken: 0,
+            instances,
+            objects,
         }
     }
-}
 
-impl Controller {
-    /// Finds out which objects are near, wakes them and puts others to sleep.
-    pub(crate) fn seat_objects(&mut self, tick: u64, outbox: &mut Outbox) -> u32 {
-        if self.placings.len() == 1 {
+    /// The active object of the scene's number, if it is active.
+    pub fn get_mut(&mut self, object: u32) -> Option<&mut ActiveObject> {
+        let object = Some(object);
+        self.objects.iter_mut().find(|of| of.object() == object)
+    }
+
+    /// The objects that move take their poses of this tick.
+    pub fn move_objects(&mut self, movables: &mut Movables, tick: u64) {
+        if movables.is_empty() {
+            return;
+        }
+        movables.set_extent(|object| {
+            let instance = &self.instances[object as usize];
+            let header = &self.store.model(instance.model)?.header;
+            let frame = ModelFrame::new(instance.pose, instance.scale, header);
+            Extent::new(header, frame.metres_per_unit)
+        });
+        movables.step(tick);
+        for (object, body) in movables.moved() {
+            let instance = &mut self.instances[object as usize];
+            instance.pose = body.pose();
+            instance.before = body.before();
+            let (pose, before) = (instance.pose, instance.before);
+            if let Some(model) = self.store.model(instance.model) {
+                place(&mut self.broad_phase, instance, model);
+            }
+            if let Some(active) = self.get_mut(object) {
+                active.move_to(pose, before);
+            }
+        }
+        let moved = movables.moved();
+        self.broad_phase
+            .set_ways(moved.map(|(object, body)| (object as usize, body.max_displacement())));
+    }
+
+    /// Takes base meshes and chunks in. Returns how many chunks are done with.
+    pub fn receive(
+        &mut self,
+        chunks: [&[InboxChunk]; 2],
+        probes: &mut [Probe],
+        tick: u64,
+        budget: &mut Budget,
+    ) -> usize {
+        let mut context = TickContext {
+            tick,
+            store: &mut self.store,
+            probes,
+            budget,
+        };
+        for object in &mut self.objects {
+            object.load_stored(&mut context);
+        }
+        let [first, second] = chunks;
+        for (k, chunk) in (0..MAX_CHUNKS).zip(first.iter().chain(second)) {
+            if self.taken >> k & 1 == 1 {
+                continue;
+            }
+            let number = Some(chunk.header.object);
+            let object = self.objects.iter_mut().find(|of| of.object() == number);
+            // Chunks of an object that is not active are dropped.
+            let is_done = object.is_none_or(|object| object.receive(chunk, &mut context));
+            self.taken |= u64::from(is_done) << k;
+            if context.budget.ingest == 0 {
+                break;
+            }
+        }
+        let consumed = self.taken.trailing_ones();
+        self.taken = self.taken.checked_shr(consumed).unwrap_or(0);
+        consumed as usize
+    }
+
+    /// Sorts the places, the object nearest to a contact first.
+    pub fn sort_by_clearance(&mut self) {
+        self.order.clear();
+        for (k, object) in self.objects.iter().enumerate() {
+            if object.instance.is_some() {
+                self.order.push((object.clearance_m(), k));
+            }
+        }
+        self.order
+            .sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    }
+
+    /// Finds the objects near a probe, and makes the one that needs it most active. Returns the pairs of a probe and an
+    /// object that could touch now though the object is not ready.
+    pub fn activate(&mut self, probes: &[Probe], tick: u64, outbox: &mut Outbox) -> u32 {
+        if self.instances.len() == 1 {
             return 0;
         }
         self.place_objects();
-        let balls = self.probes.iter().enumerate().filter_map(|(probe, p)| {
+        let balls = probes.iter().enumerate().filter_map(|(probe, p)| {
             Some(Ball {
                 probe,
                 centre: p.pose?.position,
@@ -70,110 +205,104 @@ impl Controller {
             })
         });
         self.broad_phase.find(balls, REACH_TICKS);
-        self.note_needs(tick);
-        if self.seats.len() < self.placings.len() {
-            self.seat_one(tick, outbox);
+        self.note_needs(probes, tick);
+        if self.objects.len() < self.instances.len() {
+            self.activate_one(probes, tick, outbox);
         }
         self.share_credit(tick);
-        self.count_unseated()
+        self.count_unserved(probes)
     }
 
     /// Tells the broad phase where objects are whose models have become known.
     fn place_objects(&mut self) {
-        let Self {
-            seating,
-            placings,
-            library,
-            broad_phase,
-            ..
-        } = self;
-        for _ in 0..PLACED_A_TICK.min(seating.unplaced.len()) {
-            let Some(object) = seating.unplaced.pop() else {
+        for _ in 0..PLACED_A_TICK.min(self.unplaced.len()) {
+            let Some(object) = self.unplaced.pop() else {
                 return;
             };
-            let placing = placings[object as usize];
-            let Some(model) = library.model(placing.model) else {
-                seating.unplaced.push(object);
+            let instance = self.instances[object as usize];
+            let Some(model) = self.store.model(instance.model) else {
+                self.unplaced.push(object);
                 return;
             };
-            place(broad_phase, &placing, model);
+            place(&mut self.broad_phase, &instance, model);
         }
     }
 
-    /// Notes which seats are needed in this tick, and follows the probes that are near.
-    fn note_needs(&mut self, tick: u64) {
-        for seat in &mut self.seats {
-            seat.distance = f64::INFINITY;
+    /// Notes which active objects are needed in this tick, and begins and ends the pairs with their probes.
+    fn note_needs(&mut self, probes: &[Probe], tick: u64) {
+        for object in &mut self.objects {
+            object.distance = f64::INFINITY;
         }
         for k in 0..self.broad_phase.near().len() {
             let near = self.broad_phase.near()[k];
-            if let Some(seat) = seat_of(&mut self.seats, near.object as u32) {
-                let start = self.probes[near.probe].last;
-                seat.comes_near(near, start, tick);
+            if let Some(object) = self.get_mut(near.object as u32) {
+                object.comes_near(near, &probes[near.probe], tick);
             }
         }
-        for seat in &mut self.seats {
-            let object = seat.object();
-            let awaits = object.is_some_and(|o| self.probes.iter().any(|p| p.awaits_tour_of(o)));
-            seat.is_pinned = object.is_some() && (seat.model.is_none() || awaits);
-            if seat.is_touched() {
-                seat.distance = 0.0;
+        for active in &mut self.objects {
+            let object = active.object();
+            let awaits = object.is_some_and(|o| probes.iter().any(|p| p.awaits_tour_of(o)));
+            active.is_pinned = object.is_some() && (!active.is_ready() || awaits);
+            if active.contacts.any_contact() {
+                active.distance = 0.0;
             }
-            if seat.is_pinned || seat.distance.is_finite() {
-                seat.needed = tick;
+            if active.is_pinned || active.distance.is_finite() {
+                active.needed = tick;
             }
-            for touch in &mut seat.touches {
-                if touch.felt.is_some() {
-                    touch.near_at = tick;
+            for pair in &mut active.contacts.pairs {
+                if pair.contact.is_some() {
+                    pair.near_at = tick;
                 }
-                if touch.is_followed && touch.near_at + SLEEP_TICKS < tick {
-                    touch.leave();
+                if pair.is_near && pair.near_at + SLEEP_TICKS < tick {
+                    pair.end();
                 }
             }
         }
     }
 
-    /// Gives a seat to the object that needs one most.
-    fn seat_one(&mut self, tick: u64, outbox: &mut Outbox) {
-        let Some((object, distance)) = self.next_to_seat() else {
+    /// Makes the object active that needs it most.
+    fn activate_one(&mut self, probes: &[Probe], tick: u64, outbox: &mut Outbox) {
+        let Some((object, distance)) = self.next_to_activate(probes) else {
             return;
         };
-        let Some(k) = self.seat_to_give(distance, tick) else {
+        let Some(k) = self.place_for(distance, tick) else {
             return;
         };
-        let seat = &mut self.seats[k];
-        if let Some(before) = seat.object() {
-            let epoch = seat.close(outbox, tick);
-            self.seating.epochs[before as usize] = epoch.wrapping_add(1);
+        let active = &mut self.objects[k];
+        if let Some(before) = active.object() {
+            let epoch = active.session.close(outbox, tick);
+            self.epochs[before as usize] = epoch.wrapping_add(1);
         }
-        let placing = self.placings[object as usize];
-        let kept = self.library.slots(placing.model).is_some();
-        let known = self.library.model(placing.model).copied();
-        let epoch = self.seating.epochs[object as usize];
-        seat.give(placing, epoch, known.filter(|_| kept), tick);
+        let instance = self.instances[object as usize];
+        let is_stored = self.store.slots(instance.model).is_some();
+        let stored = self.store.model(instance.model).filter(|_| is_stored);
+        let epoch = self.epochs[object as usize];
+        active.assign(instance, epoch, stored, tick);
         for near in self.broad_phase.near() {
             if near.object == object as usize {
-                let start = self.probes[near.probe].last;
-                seat.comes_near(*near, start, tick);
+                active.comes_near(*near, &probes[near.probe], tick);
             }
         }
     }
 
-    /// The object without a seat that needs one most, and its distance from a probe: one whose tour is to be made,
-    /// one in reach, one whose model nobody knows yet.
-    fn next_to_seat(&mut self) -> Option<(u32, f64)> {
-        let toured = self.probes.iter().find_map(|probe| {
+    /// Whether an object is active.
+    fn is_active(&self, object: u32) -> bool {
+        self.objects.iter().any(|of| of.object() == Some(object))
+    }
+
+    /// The object that needs most to become active, and its distance from a probe: one whose scripted path is to be
+    /// made, one in reach, one whose model is not known yet.
+    fn next_to_activate(&mut self, probes: &[Probe]) -> Option<(u32, f64)> {
+        let toured = probes.iter().find_map(|probe| {
             let tour = probe.tour.as_ref().filter(|tour| !tour.is_whole)?;
-            let is_seated = self.seats.iter().any(|s| s.object() == Some(tour.object));
-            (!is_seated).then_some((tour.object, 0.0))
+            (!self.is_active(tour.object)).then_some((tour.object, 0.0))
         });
         if toured.is_some() {
             return toured;
         }
         let near = self.broad_phase.near().iter().find_map(|near| {
             let object = near.object as u32;
-            let is_seated = self.seats.iter().any(|s| s.object() == Some(object));
-            (!is_seated).then_some((object, near.distance))
+            (!self.is_active(object)).then_some((object, near.distance))
         });
         near.or_else(|| {
             let object = self.next_to_fetch()?;
@@ -181,110 +310,120 @@ impl Controller {
         })
     }
 
-    /// An object whose model is not known and does not come.
+    /// An object whose model is neither known nor requested.
     fn next_to_fetch(&mut self) -> Option<u32> {
-        if self.library.is_complete() {
+        if self.store.is_complete() {
             return None;
         }
-        let Self {
-            seating,
-            placings,
-            library,
-            seats,
-            ..
-        } = self;
-        let model = |object: u32| placings[object as usize].model;
-        while let Some(&object) = seating.to_fetch.get(seating.next_fetch)
-            && library.model(model(object)).is_some()
+        let (instances, store) = (&self.instances, &self.store);
+        let model = |object: u32| instances[object as usize].model;
+        while let Some(&object) = self.to_fetch.get(self.next_fetch)
+            && store.model(model(object)).is_some()
         {
-            seating.next_fetch += 1;
+            self.next_fetch += 1;
         }
-        let rest = &seating.to_fetch[seating.next_fetch..];
+        let rest = &self.to_fetch[self.next_fetch..];
         rest.iter().copied().find(|&object| {
             let is_coming =
-                |seat: &ActiveObject| seat.placing.is_some_and(|p| p.model == model(object));
-            library.model(model(object)).is_none() && !seats.iter().any(is_coming)
+                |of: &ActiveObject| of.instance.is_some_and(|p| p.model == model(object));
+            store.model(model(object)).is_none() && !self.objects.iter().any(is_coming)
         })
     }
 
-    /// The seat that may be given to an object at a distance, metres; infinite for one that is only to be known.
-    fn seat_to_give(&self, distance: f64, tick: u64) -> Option<usize> {
-        let seats = || self.seats.iter().enumerate();
-        if let Some((k, _)) = seats().find(|(_, seat)| seat.placing.is_none()) {
+    /// The place for an object at a distance, metres; infinite for one whose model is only to be known.
+    fn place_for(&self, distance: f64, tick: u64) -> Option<usize> {
+        let places = || self.objects.iter().enumerate();
+        if let Some((k, _)) = places().find(|(_, of)| of.instance.is_none()) {
             return Some(k);
         }
         let waits = if distance.is_finite() { SLEEP_TICKS } else { 0 };
-        let idle = seats().filter(|(_, seat)| !seat.is_pinned && seat.needed + waits < tick);
-        let longest = idle.min_by_key(|(_, seat)| seat.needed);
+        let idle = places().filter(|(_, of)| !of.is_pinned && of.needed + waits < tick);
+        let longest = idle.min_by_key(|(_, of)| of.needed);
         let farthest = || {
-            let farther = seats().filter(|(_, seat)| {
-                !seat.is_pinned && seat.distance > 0.0 && seat.distance > NEARER * distance
+            let farther = places().filter(|(_, of)| {
+                !of.is_pinned && of.distance > 0.0 && of.distance > NEARER * distance
             });
             farther.max_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance))
         };
         longest.or_else(farthest).map(|(k, _)| k)
     }
 
-    /// Shares out the chunks that may be under way: one to a seat out of reach, the others alike to the rest.
+    /// Shares out the chunks that may be under way: one to an object out of reach, the others in equal parts to the rest.
     fn share_credit(&mut self, tick: u64) {
-        let used = self.seats.iter().filter(|seat| seat.placing.is_some());
-        let needed = used.clone().filter(|seat| seat.needed == tick).count() as u64;
+        let used = self.objects.iter().filter(|of| of.instance.is_some());
+        let needed = used.clone().filter(|of| of.needed == tick).count() as u64;
         let idle = used.count() as u64 - needed;
         let share = (CREDIT_CHUNKS - idle) / needed.max(1);
-        for seat in &mut self.seats {
-            let is_needed = seat.needed == tick;
-            seat.subscriber
-                .set_credit(if is_needed { share } else { 1 });
+        for object in &mut self.objects {
+            let is_needed = object.needed == tick;
+            object.session.set_credit(if is_needed { share } else { 1 });
         }
     }
 
-    /// Pairs of a probe and an object that it could touch now, and that is not ready for it.
-    fn count_unseated(&self) -> u32 {
-        if !self.library.is_complete() {
+    /// Pairs of a probe and an object that could touch now though the object is not ready.
+    fn count_unserved(&self, probes: &[Probe]) -> u32 {
+        if !self.store.is_complete() {
             return 0;
         }
         let within = self.broad_phase.near().iter().filter(|near| {
-            let probe = &self.probes[near.probe];
-            let way = self.broad_phase.way(near.object);
-            near.distance <= probe.reach_m + TOUCH_TICKS * (probe.speed + way)
+            let probe = &probes[near.probe];
+            let motion = self.broad_phase.way(near.object);
+            near.distance <= probe.reach_m + TOUCH_TICKS * (probe.speed + motion)
         });
         let missing = within.filter(|near| {
             let object = Some(near.object as u32);
-            let is_ready = |seat: &ActiveObject| seat.object() == object && seat.is_ready();
-            !self.seats.iter().any(is_ready)
+            let is_ready = |of: &ActiveObject| of.object() == object && of.is_ready();
+            !self.objects.iter().any(is_ready)
         });
         missing.count() as u32
     }
 }
 
 impl ActiveObject {
-    /// A probe is near; `start`: where it was in the tick before, world, metres.
-    fn comes_near(&mut self, near: Near, start: Option<Pose>, tick: u64) {
+    /// A probe is in reach.
+    fn comes_near(&mut self, near: Near, probe: &Probe, tick: u64) {
         self.distance = self.distance.min(near.distance);
-        let Some(placing) = &self.placing else {
+        if self.instance.is_none() {
             return;
-        };
-        let touch = &mut self.touches[near.probe];
-        touch.near_at = tick;
-        if !touch.is_followed {
-            // As it was seen from the object then: what has moved since is the same to the sweep.
-            let was = placing.before.unwrap_or(placing.pose);
-            touch.follow(start.map(|start| in_axes_of(&was, start)));
+        }
+        let pair = &mut self.contacts.pairs[near.probe];
+        pair.near_at = tick;
+        if !pair.is_near {
+            self.approached_by(near.probe, probe.last);
         }
     }
 }
 
 /// Tells the broad phase where an object is.
-pub fn place(broad_phase: &mut BroadPhase, placing: &ObjectInstance, model: &Model) {
-    let frame = ModelFrame::new(placing.pose, placing.scale, &model.header);
+fn place(broad_phase: &mut BroadPhase, instance: &ObjectInstance, model: &Model) {
+    let frame = ModelFrame::new(instance.pose, instance.scale, &model.header);
     let [lower, upper] = [model.header.lower, model.header.upper]
         .map(|corner| DVec3::from_array(corner) - frame.origin);
     // The front of a coarse mesh may stick out by R.
     let (lower, upper) = frame.box_to_world(lower, upper, model.radius_max);
-    broad_phase.place(placing.object as usize, lower, upper);
+    broad_phase.place(instance.object as usize, lower, upper);
 }
 
-/// The seat of an object.
-pub fn seat_of(seats: &mut [ActiveObject], object: u32) -> Option<&mut ActiveObject> {
-    seats.iter_mut().find(|seat| seat.object() == Some(object))
+/// The objects of a scene, and the number of different models.
+fn instances_of(plan: &ScenePlan) -> (Vec<ObjectInstance>, usize) {
+    let mut names: Vec<u64> = Vec::new();
+    let instances = (0u32..).zip(&plan.objects).map(|(object, of)| {
+        let name = Request::name_hash(&of.model.name());
+        let known = names.iter().position(|&other| other == name);
+        let model = known.unwrap_or(names.len());
+        if known.is_none() {
+            names.push(name);
+        }
+        ObjectInstance {
+            object,
+            model,
+            name,
+            pose: of.pose,
+            before: None,
+            scale: of.scale,
+            surface: of.surface,
+        }
+    });
+    let instances = instances.collect();
+    (instances, names.len())
 }

@@ -1,6 +1,5 @@
-//! Which objects are awake.
+//! Active objects: the objects near a probe.
 
 pub(crate) mod active_set;
 pub mod broad_phase;
-mod moving;
 pub(crate) mod object;

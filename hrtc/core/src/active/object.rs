@@ -1,357 +1,239 @@
-//! A seat: what one awake object needs, made once and used by one object after the other.
+//! An active object: session with the station, front and contacts, allocated once and assigned to one object after the
+//! other. Only this type knows all three parts.
 
-use crate::cache::base_mesh_store::{BaseMeshStore, Model};
-use crate::cache::{Cache, RegionKey};
-use crate::contact::query::{Surface, Work};
-use crate::controller::{Fault, MIN_PROXY_WORK};
-use crate::force::effects::{Clock, SurfaceEffects};
-use crate::frame::ModelFrame;
+use crate::budget::Budget;
+use crate::cache::Cache;
+use crate::cache::base_mesh_store::Model;
+use crate::contact::query::Work;
+use crate::instance::{ModelFrame, ObjectInstance, in_axes_of};
+use crate::lod::front::Front;
 use crate::lod::lod_controller::LodController;
-use crate::lod::refine::Refinement;
-use crate::perception::{OF_PROXY, STEP_N};
 use crate::probe::Probe;
-use crate::probe::pair::{ContactState, ProbeObjectPair};
-use crate::streaming::ingest::Inbox;
-use crate::streaming::subscriber::{Identity, Outbox, Session, Subscriber};
+use crate::probe::contacts::Contacts;
+use crate::probe::pair::ContactState;
+use crate::streaming::Outbox;
+use crate::streaming::chunk::InboxChunk;
+use crate::streaming::session::{Receiver, Session, TickContext};
+use crate::streaming::subscriber::Identity;
 use geometry::Pose;
-use protocol::MODEL_HEADER_SLOTS;
-use scene::{EffectPlan, ModelScale, ProbePlan, RefinementPlan, ScenePlan, SurfacePlan};
-use spm::NONE;
+use scene::{EffectPlan, ScenePlan};
 use std::sync::Arc;
 
-/// What a scene says of an object, without its model's name.
-#[derive(Debug, Clone, Copy)]
-pub struct ObjectInstance {
-    /// Object of the scene.
-    pub object: u32,
-    /// Index of its model in the library.
-    pub model: usize,
-    /// Hash of the model's name in the scene.
-    pub name: u64,
-    /// Its pose in this tick, and in the tick before if that was another.
-    pub pose: Pose,
-    pub before: Option<Pose>,
-    pub scale: ModelScale,
-    pub surface: SurfacePlan,
-}
-
-/// What is left of a tick's work, in units; all seats draw on it.
-#[derive(Debug, Clone, Copy)]
-pub struct Budget {
-    /// Of the inbox.
-    pub inbox: u32,
-    /// Splits and collapses.
-    pub operations: u32,
-    /// Closure entries gone through.
-    pub entries: u32,
-    /// Closure entries let go of.
-    pub leaving: u32,
-}
-
-/// What a seat did in a tick.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct ObjectStats {
-    pub vsplits: u32,
-    pub ecols: u32,
-    pub work_units: u32,
-    /// Splits that were felt and wait: for room, or since they would turn a face over.
-    pub postponed: u32,
-    pub refused: u32,
-    /// Tools whose budget left something to the next tick.
-    pub unfinished: u32,
-    /// Tools that left a part of their way to the next tick though the budget had room.
-    pub early: u32,
-}
-
-/// What a seat may change beside itself in a tick.
-#[derive(Debug)]
-pub struct TickContext<'a> {
-    pub tick: u64,
-    pub library: &'a mut BaseMeshStore,
-    pub probes: &'a mut [Probe],
-    pub budget: &'a mut Budget,
-}
-
-/// See the module.
+/// An active object, or a place for one.
 #[derive(Debug)]
 pub struct ActiveObject {
-    pub(crate) placing: Option<ObjectInstance>,
-    pub(crate) operations: usize,
-    pub(crate) tolerance_m: f64,
-    pub(crate) refinement_plan: RefinementPlan,
-    pub(crate) period_s: f64,
-    /// Whether splits and collapses that are felt fly.
-    pub(crate) geomorph: bool,
-    pub(crate) cache: Cache,
-    pub(crate) subscriber: Subscriber,
-    pub(crate) inbox: Inbox,
-    pub(crate) refinement: Refinement,
-    pub(crate) model: Option<Model>,
+    pub(crate) instance: Option<ObjectInstance>,
     pub(crate) frame: Option<ModelFrame>,
-    pub(crate) dial: Option<LodController>,
-    /// The block of the whole model that was done last.
-    pub(crate) global_before: Option<RegionKey>,
-    pub(crate) fault: Option<Fault>,
-    /// One for each probe.
-    pub(crate) touches: Vec<ProbeObjectPair>,
-    /// The probe whose tour is asked for.
-    pub(crate) tour_of: Option<usize>,
-    /// Next slot of the kept base mesh to take in, while the object wakes.
-    pub(crate) waking: Option<usize>,
-    /// A chunk waits for room: those behind it wait too, in this tick.
-    pub(crate) is_stalled: bool,
-    /// Whether the object must stay: its model or a tour is coming.
-    pub(crate) is_pinned: bool,
-    /// Tick when the object was last in reach or otherwise needed, and its distance then, metres.
-    pub(crate) needed: u64,
-    pub(crate) distance: f64,
-    pub(crate) tally: ObjectStats,
-    pub(crate) bytes_received: u64,
-    pub(crate) vsps_received: u64,
-    pub(crate) measured: Option<f64>,
-    pub(crate) refused_regions: u64,
-    pub(crate) last_refused: u32,
-    pub(crate) dropped_constraints: u64,
-    /// Effects of each object's surface.
-    listed: Arc<[Arc<[EffectPlan]>]>,
+    pub(crate) session: Session,
+    pub(crate) front: Front,
+    pub(crate) contacts: Contacts,
+    /// Whether the object must stay active: its model or a scripted path is to come.
+    pub(super) is_pinned: bool,
+    /// Tick when the object was last in reach or otherwise needed.
+    pub(super) needed: u64,
+    /// Distance from the nearest probe in this tick, metres; infinite out of reach.
+    pub(super) distance: f64,
 }
 
 impl ActiveObject {
-    /// An empty seat with so many bytes of cache; everything is allocated now.
-    ///
-    /// `listed`: the effects of each object's surface.
-    pub fn new(
+    /// A place for an object, with so many bytes of cache; everything is allocated now. `effects`: those of each
+    /// object's surface.
+    #[must_use]
+    pub(crate) fn new(
         plan: &ScenePlan,
         bytes: usize,
         identity: Identity,
         timeout_ticks: u64,
-        listed: Arc<[Arc<[EffectPlan]>]>,
+        effects: Arc<[Arc<[EffectPlan]>]>,
     ) -> Self {
-        let most = listed.iter().map(|effects| effects.len()).max();
-        let new_touch = |probe: &ProbePlan| {
-            let encoder_m = plan.safety.passivity.then_some(probe.device.encoder_m);
-            let effects = SurfaceEffects::with_room(most.unwrap_or(0), encoder_m);
-            ProbeObjectPair::new(&probe.shape, effects)
-        };
         Self {
-            placing: None,
-            operations: plan.loop_.operations,
-            tolerance_m: plan.accuracy.tolerance_m,
-            refinement_plan: plan.accuracy.refinement,
-            period_s: 1.0 / plan.loop_.rate_hz,
-            geomorph: plan.accuracy.geomorph,
-            cache: Cache::new(bytes),
-            subscriber: Subscriber::new(identity, timeout_ticks),
-            inbox: Inbox::new(),
-            refinement: Refinement::new(plan.probes.len()),
-            model: None,
+            instance: None,
             frame: None,
-            dial: None,
-            global_before: None,
-            fault: None,
-            touches: plan.probes.iter().map(new_touch).collect(),
-            tour_of: None,
-            waking: None,
-            is_stalled: false,
+            session: Session::new(identity, timeout_ticks),
+            front: Front::new(plan, bytes),
+            contacts: Contacts::new(plan, effects),
             is_pinned: false,
             needed: 0,
             distance: f64::INFINITY,
-            tally: ObjectStats::default(),
-            bytes_received: 0,
-            vsps_received: 0,
-            measured: None,
-            refused_regions: 0,
-            last_refused: NONE,
-            dropped_constraints: 0,
-            listed,
         }
     }
 
-    /// The object that sits here.
+    /// The object of the scene.
     #[must_use]
     pub fn object(&self) -> Option<u32> {
-        self.placing.map(|placing| placing.object)
+        self.instance.map(|instance| instance.object)
     }
 
     /// The cache.
     #[must_use]
     pub fn cache(&self) -> &Cache {
-        &self.cache
+        &self.front.cache
     }
 
-    /// The rings, once the model is there.
+    /// The tolerances asked for, once the model is known.
     #[must_use]
-    pub fn dial(&self) -> Option<&LodController> {
-        self.dial.as_ref()
+    pub fn lod(&self) -> Option<&LodController> {
+        self.front.lod()
     }
 
-    /// The frame of the object, once its model is there.
+    /// The frame of the object, once its model is known.
     #[must_use]
     pub fn frame(&self) -> Option<ModelFrame> {
         self.frame
     }
 
-    /// Whether the model is there, so that a touch could be answered.
+    /// Whether the base mesh is complete, so that a contact could be answered.
     #[must_use]
     pub fn is_ready(&self) -> bool {
-        self.model.is_some()
+        self.front.model().is_some()
     }
 
-    /// Whether a probe touches the object.
+    /// Steps of memory pressure now: 0 while the cache has room for everything.
     #[must_use]
-    pub fn is_touched(&self) -> bool {
-        self.touches.iter().any(|touch| touch.felt.is_some())
+    pub fn pressure_steps(&self) -> u32 {
+        self.front.pressure_steps()
     }
 
-    /// Gives the seat to an object whose session goes on from an epoch. With `kept`, a base mesh in the library, it
-    /// is taken in from there; else it is asked for. Nothing is freed or allocated.
-    pub(crate) fn give(
+    /// The greatest speed that the finest ring admits for the widest probe, model units a tick; 0 without a model.
+    #[must_use]
+    pub fn greatest_speed(&self) -> f64 {
+        let widths = self.contacts.pairs.iter().map(|pair| pair.patch_m);
+        self.front.greatest_speed(widths.fold(0.0, f64::max))
+    }
+
+    /// Makes an object active: its session goes on from an epoch. A `stored` base mesh is loaded from the store, else it
+    /// is requested. Nothing is freed or allocated.
+    pub(crate) fn assign(
         &mut self,
-        placing: ObjectInstance,
+        instance: ObjectInstance,
         epoch: u32,
-        kept: Option<Model>,
+        stored: Option<&Model>,
         tick: u64,
     ) {
-        self.cache.reset();
-        self.inbox = Inbox::new();
-        self.refinement.reset();
-        self.model = None;
+        self.front.reset();
         self.frame = None;
-        self.dial = None;
-        self.global_before = None;
-        self.tour_of = None;
-        self.waking = None;
-        for touch in &mut self.touches {
-            touch.leave();
-            touch.effects.assign(&self.listed[placing.object as usize]);
-        }
-        self.subscriber.begin_session(
-            Session {
-                object: placing.object,
-                name: placing.name,
-            },
-            epoch,
-            tick,
-        );
-        if let Some(model) = kept {
-            // Checked when it came: the same storage takes the same base mesh.
-            match self.cache.begin_model(&model.header) {
-                Ok(()) => {
-                    self.waking = Some(MODEL_HEADER_SLOTS);
-                    self.subscriber.model_is(model.header.model);
-                }
-                Err(error) => self.fault = Some(error.into()),
-            }
-        }
+        self.contacts.assign(instance.object);
+        self.session
+            .begin(&instance, epoch, stored, &mut self.front, tick);
         self.needed = tick;
         self.distance = f64::INFINITY;
-        self.placing = Some(placing);
+        self.instance = Some(instance);
     }
 
-    /// Ends the session, as far as the station hears of it. The epoch that it ends with.
-    pub(crate) fn close(&mut self, outbox: &mut Outbox, tick: u64) -> u32 {
-        self.subscriber.close(outbox, tick)
-    }
-
-    /// The object has moved, or does no more.
+    /// The object has moved, or stopped.
     pub(crate) fn move_to(&mut self, pose: Pose, before: Option<Pose>) {
-        if let Some(placing) = &mut self.placing {
-            (placing.pose, placing.before) = (pose, before);
+        if let Some(instance) = &mut self.instance {
+            (instance.pose, instance.before) = (pose, before);
         }
         if let Some(frame) = &mut self.frame {
             frame.pose = pose;
         }
     }
 
-    /// Model and frame of the object, once they are there.
-    pub(crate) fn known(&self) -> Option<(Model, ModelFrame)> {
-        self.model.zip(self.frame)
+    /// A probe comes near; `start`: where it was in the tick before, world, metres.
+    pub(crate) fn approached_by(&mut self, probe: usize, start: Option<Pose>) {
+        let start = start.zip(self.instance).map(|(start, instance)| {
+            // In the axes of the object then: motion since is the same to the sweep.
+            in_axes_of(&instance.before.unwrap_or(instance.pose), start)
+        });
+        self.contacts.pairs[probe].begin(start);
+        self.front.begin_approach(probe);
     }
 
-    /// Takes the poses of the probes.
-    pub(crate) fn aim(&mut self, probes: &[Probe]) {
-        let Some(frame) = self.frame else {
-            return;
-        };
-        for (touch, probe) in self.touches.iter_mut().zip(probes) {
-            touch.aim(&frame, probe.pose);
+    /// Distance of the surface from the nearest probe, metres; infinite without one.
+    pub(super) fn clearance_m(&self) -> f64 {
+        let scale = self.frame.map_or(1.0, |frame| frame.metres_per_unit);
+        let near = self.contacts.pairs.iter().filter(|pair| pair.is_near);
+        let clearances = near.map(|pair| pair.clearance * scale);
+        clearances.fold(f64::INFINITY, f64::min)
+    }
+
+    /// A tick begins; `station` is the incarnation of the living one.
+    pub(crate) fn begin_tick(&mut self, station: u64, tick: u64) {
+        self.front.stats = Default::default();
+        self.contacts.begin_tick();
+        self.session.begin_tick(station, tick, &mut self.front);
+    }
+
+    /// Loads more of a stored base mesh.
+    pub(crate) fn load_stored(&mut self, context: &mut TickContext<'_>) {
+        if let Some((session, mut of)) = self.receiver() {
+            session.load_stored(&mut of, context);
         }
-        self.feel(probes);
     }
 
-    /// Moves the proxies, measures the clearances and feels the surface. `most_work`: what all queries of the tick
-    /// may cost, of which `work` is spent.
-    pub(crate) fn query(&mut self, tick: u64, probes: &[Probe], work: &mut Work, most_work: u32) {
-        let (Some((_, frame)), Some(placing)) = (self.known(), self.placing) else {
-            return;
+    /// Takes a chunk of the object as far as budget and room go. Returns whether it is done with.
+    pub(crate) fn receive(&mut self, chunk: &InboxChunk, context: &mut TickContext<'_>) -> bool {
+        self.receiver()
+            .is_none_or(|(session, mut of)| session.receive(chunk, &mut of, context))
+    }
+
+    fn receiver(&mut self) -> Option<(&mut Session, Receiver<'_>)> {
+        let of = Receiver {
+            instance: self.instance.as_ref()?,
+            frame: &mut self.frame,
+            front: &mut self.front,
+            contacts: &mut self.contacts,
         };
-        let clock = Clock {
-            tick,
-            period_s: self.period_s,
-        };
-        for (k, probe) in probes.iter().enumerate() {
-            let touch = &mut self.touches[k];
-            touch.felt = None;
-            touch.rendered = None;
-            if !touch.is_followed {
-                continue;
+        Some((&mut self.session, of))
+    }
+
+    /// Takes the poses of the probes, predicts regions, and writes the requests; `waiting`: received chunks that wait for
+    /// the tick.
+    pub(crate) fn predict(
+        &mut self,
+        probes: &[Probe],
+        tick: u64,
+        waiting: usize,
+        outbox: &mut Outbox,
+    ) {
+        if let (Some(frame), Some(instance)) = (&self.frame, &self.instance) {
+            self.contacts.update(frame, instance, probes);
+        }
+        self.front.predict(tick, &self.contacts);
+        self.session.request(&mut self.front, tick, waiting, outbox);
+    }
+
+    /// Splits and collapses.
+    pub(crate) fn refine(&mut self, tick: u64, budget: &mut Budget) {
+        self.front.refine(tick, budget, &mut self.contacts);
+    }
+
+    /// Updates the boxes of the AB-tree over deformed faces.
+    pub(crate) fn refit(&mut self) {
+        self.front.cache.refit();
+    }
+
+    /// Advances the proxies and renders the forces of each pair. `max_work`: what all queries of the tick may cost, of
+    /// which `work` is spent.
+    pub(crate) fn find_contacts(
+        &mut self,
+        tick: u64,
+        probes: &[Probe],
+        work: &mut Work,
+        max_work: u32,
+    ) {
+        if let (Some(frame), Some(instance)) = (&self.frame, &self.instance) {
+            for (k, probe) in probes.iter().enumerate() {
+                let surface = self.front.surface();
+                let place = (frame, instance);
+                let budget = (&mut *work, max_work);
+                let touch = self
+                    .contacts
+                    .advance((k, probe), place, surface, tick, budget);
+                let Some(touch) = touch else {
+                    continue;
+                };
+                let accuracy = self.front.accuracy_at(&touch.contact, touch.certified);
+                self.contacts.pairs[k].contact = Some(ContactState {
+                    contact: touch.contact,
+                    certified: touch.certified,
+                    tolerance_m: accuracy.tolerance_m,
+                    is_as_asked: accuracy.is_as_asked,
+                    depth_m: touch.depth_m,
+                });
             }
-            let surface = Surface {
-                mesh: self.cache.mesh(),
-                tree: self.cache.tree(),
-            };
-            let unfelt_m = OF_PROXY * STEP_N / placing.surface.stiffness_n_per_m;
-            touch
-                .follower
-                .set_imperceptible(unfelt_m / frame.metres_per_unit);
-            let left = most_work.saturating_sub(work.nodes + work.faces);
-            let Some(followed) = touch.advance(surface, left.max(MIN_PROXY_WORK)) else {
-                continue;
-            };
-            work.add(followed.work);
-            self.dropped_constraints += u64::from(followed.dropped);
-            self.tally.unfinished += u32::from(followed.unfinished);
-            self.tally.early += u32::from(followed.early);
-            let Some(contact) = followed.contact else {
-                touch.render_near(clock, &frame);
-                continue;
-            };
-            let certified = ProbeObjectPair::certified(surface, &contact);
-            let feels = (&frame, placing.before.as_ref(), &placing.surface);
-            let depth_m = touch.render(clock, feels, surface, &contact, probe, work);
-            let reached = if certified == 0.0 {
-                Some(0.0)
-            } else {
-                self.tolerance_at(&contact)
-            };
-            let as_fine = reached.is_some_and(|t| t <= self.finest_tolerance());
-            // What waits for the contact to go comes no sooner for asking less.
-            let is_held_up = self.tally.postponed + self.tally.refused > 0;
-            self.refinement.economy.felt(as_fine || is_held_up);
-            // What is still on its way is none of what is asked for.
-            let mesh = self.cache.mesh();
-            let faces = contact.faces.iter().take_while(|&&face| face != NONE);
-            let is_in_flight = mesh.any_in_flight(&contact.faces[..faces.count()]);
-            let reached = reached.filter(|_| !is_in_flight);
-            let asked = self.is_as_asked(certified, reached);
-            self.touches[k].felt = Some(ContactState {
-                contact,
-                certified,
-                tolerance_m: reached.map_or(-1.0, |t| f64::from(t) * frame.metres_per_unit),
-                asked,
-                depth_m,
-            });
         }
-    }
-
-    /// Whether a contact of this certified error and reached tolerance, model units, is what was asked for.
-    fn is_as_asked(&self, certified: f32, reached: Option<f32>) -> bool {
-        match (self.refinement_plan, &self.model) {
-            (RefinementPlan::Global { lod: Some(lod) }, Some(model)) => {
-                let count = lod.min(model.header.vsps);
-                certified == 0.0 || self.global_before == Some(RegionKey::prefix(count))
-            }
-            _ => reached.is_some_and(|t| self.dial.as_ref().is_some_and(|d| t <= d.asked())),
-        }
+        self.front.look_ahead(&self.contacts);
     }
 }

@@ -1,8 +1,8 @@
-//! What is known of the models of a scene: head and base mesh, once for all objects that have the same model.
+//! Base meshes of the models of a scene, each once for all objects that have the same model.
 //!
-//! A base mesh is kept as it came, in the slots of its chunks, so that an object that wakes takes it in by the same
-//! way as one whose model arrives. The slots are made at start; a base mesh that finds no room in them is asked for
-//! anew whenever an object of it wakes.
+//! A base mesh is kept in the slots of its chunks, so that a newly active object loads it by the same code as one that
+//! arrives. The slots are allocated at start; a base mesh without room in them is requested again whenever an object of
+//! it becomes active.
 
 use protocol::{ChunkSlot, MODEL_HEADER_SLOTS};
 use spm::ModelHeader;
@@ -11,10 +11,10 @@ use spm::ModelHeader;
 const BYTES_PER_MODEL: usize = 36 << 10;
 const MAX_SHARE: usize = 4;
 
-/// A model that is known.
+/// A model whose base mesh is known.
 #[derive(Debug, Clone, Copy)]
 pub struct Model {
-    /// Its head.
+    /// Its header.
     pub header: ModelHeader,
     /// The largest R of the base mesh: no full-mesh point is farther from the front, model units.
     pub radius_max: f64,
@@ -32,7 +32,7 @@ struct Entry {
 /// See the module.
 #[derive(Debug)]
 pub struct BaseMeshStore {
-    shelves: Vec<Entry>,
+    entries: Vec<Entry>,
     slots: Vec<ChunkSlot>,
     used: usize,
     known: usize,
@@ -51,10 +51,10 @@ pub fn first_face_slot(header: &ModelHeader) -> usize {
 }
 
 impl BaseMeshStore {
-    /// Bytes that base meshes take beside the awake objects: none where every object stays awake.
+    /// Bytes that base meshes take beside the active objects: none where every object stays active.
     #[must_use]
-    pub fn bytes_for(models: usize, cache_bytes: usize, all_awake: bool) -> usize {
-        if all_awake {
+    pub fn bytes_for(models: usize, cache_bytes: usize, all_active: bool) -> usize {
+        if all_active {
             return 0;
         }
         (models * BYTES_PER_MODEL).min(cache_bytes / MAX_SHARE)
@@ -64,7 +64,7 @@ impl BaseMeshStore {
     #[must_use]
     pub fn new(models: usize, bytes: usize) -> Self {
         Self {
-            shelves: vec![Entry::default(); models],
+            entries: vec![Entry::default(); models],
             slots: vec![bytemuck::Zeroable::zeroed(); bytes / size_of::<ChunkSlot>()],
             used: 0,
             known: 0,
@@ -74,18 +74,18 @@ impl BaseMeshStore {
     /// A model, once it is known.
     #[must_use]
     pub fn model(&self, model: usize) -> Option<&Model> {
-        self.shelves[model].model.as_ref()
+        self.entries[model].model.as_ref()
     }
 
     /// The models that are known.
     pub fn models(&self) -> impl Iterator<Item = &Model> {
-        self.shelves.iter().filter_map(|shelf| shelf.model.as_ref())
+        self.entries.iter().filter_map(|entry| entry.model.as_ref())
     }
 
     /// Whether every model is known.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        self.known == self.shelves.len()
+        self.known == self.entries.len()
     }
 
     /// Bytes of the base meshes that are kept.
@@ -109,35 +109,35 @@ impl BaseMeshStore {
     /// A model's answer begins: its slots are set aside if there is room.
     pub fn begin(&mut self, model: usize, header: &ModelHeader) {
         let count = model_slots(header);
-        let shelf = &mut self.shelves[model];
-        if shelf.slots.is_none() && count <= self.slots.len() - self.used {
-            shelf.slots = Some((self.used, count));
+        let entry = &mut self.entries[model];
+        if entry.slots.is_none() && count <= self.slots.len() - self.used {
+            entry.slots = Some((self.used, count));
             self.used += count;
         }
     }
 
     /// Keeps a slot of a model's answer.
     pub fn keep(&mut self, model: usize, place: usize, slot: &ChunkSlot) {
-        if let Some((first, count)) = self.shelves[model].slots
+        if let Some((first, count)) = self.entries[model].slots
             && place < count
         {
             self.slots[first + place] = *slot;
         }
     }
 
-    /// A model is whole, and sound.
-    pub fn learn(&mut self, model: usize, known: Model) {
-        let shelf = &mut self.shelves[model];
-        self.known += usize::from(shelf.model.is_none());
-        shelf.model = Some(known);
+    /// A model is complete and valid.
+    pub fn insert(&mut self, model: usize, known: Model) {
+        let entry = &mut self.entries[model];
+        self.known += usize::from(entry.model.is_none());
+        entry.model = Some(known);
     }
 
     /// The kept answer of a model that is known; `None` when it found no room.
     #[must_use]
     pub fn slots(&self, model: usize) -> Option<&[ChunkSlot]> {
-        let shelf = &self.shelves[model];
-        shelf.model?;
-        let (first, count) = shelf.slots?;
+        let entry = &self.entries[model];
+        entry.model?;
+        let (first, count) = entry.slots?;
         Some(&self.slots[first..first + count])
     }
 }

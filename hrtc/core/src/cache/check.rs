@@ -18,7 +18,7 @@ impl Cache {
             let mut cursor = Cursor::start(&region.closure);
             let mut pending = 0;
             let length = region.closure.length();
-            let leaving = region.state == RegionState::Leaving;
+            let leaving = region.state() == RegionState::Unloading;
             let mut place = 0;
             while let Some(item) = self.lists.get(&region.closure, cursor) {
                 // What a change has not gone through yet is as it was.

@@ -4,7 +4,7 @@ use super::Cache;
 use spm::{OperationFaces, Slot};
 
 /// Vertices that may be in flight at once.
-pub const MAX_FLIGHTS: usize = 96;
+pub const MAX_GEOMORPHS: usize = 96;
 
 impl Cache {
     /// Whether nothing needs a performed slot any more.
@@ -13,28 +13,22 @@ impl Cache {
         self.references[slot as usize].wanted == 0 && self.mesh.collapse_is_legal(slot)
     }
 
-    /// Whether both vertices of another slot may fly.
-    #[must_use]
-    pub fn may_take_off(&self) -> bool {
-        self.mesh.may_take_off()
-    }
-
     /// Puts the vertices of the split that was performed last back to where the surface was, and on their way; while
     /// there is room.
-    pub fn take_off(&mut self, operation: &OperationFaces) {
+    pub fn start_geomorphs(&mut self, operation: &OperationFaces) {
         self.mesh.take_off(operation);
     }
 
     /// Sends the vertices of a slot that nothing needs to where their parent is; while there is room. It waits for no
     /// collapse then.
-    pub fn leave(&mut self, slot: Slot) {
+    pub fn start_collapse(&mut self, slot: Slot) {
         self.mesh.send_to_parent(slot);
         self.references[slot as usize].leaving = true;
         self.requeue(slot);
     }
 
     /// Sends them back when it is needed again.
-    pub fn stay(&mut self, slot: Slot) {
+    pub fn cancel_collapse(&mut self, slot: Slot) {
         let leaving = &mut self.references[slot as usize].leaving;
         if std::mem::take(leaving) {
             self.mesh.send_home(slot);
@@ -43,7 +37,7 @@ impl Cache {
     }
 
     /// Puts a collapse behind all others that wait.
-    pub fn postpone_collapse(&mut self, slot: Slot) {
+    pub fn defer_collapse(&mut self, slot: Slot) {
         let references = &mut self.references[slot as usize];
         let leaving = std::mem::replace(&mut references.leaving, true);
         self.requeue(slot);
@@ -52,13 +46,13 @@ impl Cache {
     }
 
     /// Moves a vertex in flight to where it is when `done` of its way is done; see [`spm::ActiveMesh::fly`].
-    pub fn fly(&mut self, index: usize, done: f64, around: &OperationFaces) {
+    pub fn step_geomorph(&mut self, index: usize, done: f64, around: &OperationFaces) {
         self.mesh.fly(index, done, around);
         self.mark_deformed(around);
     }
 
     /// Ends the flights that have come home.
-    pub fn land(&mut self) {
+    pub fn finish_geomorphs(&mut self) {
         self.mesh.land();
     }
 }

@@ -22,11 +22,16 @@ mod id_map;
 mod lists;
 mod operations;
 mod queues;
+mod region;
+mod region_key;
 mod regions;
+mod unload;
 
-pub use geomorphs::MAX_FLIGHTS;
+pub use geomorphs::MAX_GEOMORPHS;
 pub use lists::{Cursor, List};
-pub use regions::{Region, RegionKey, RegionState, RegionTable};
+pub use region::{Region, RegionState};
+pub use region_key::RegionKey;
+pub use regions::{MAX_OUTSTANDING, RegionTable};
 
 use ab_tree::AbTree;
 use id_map::IdMap;
@@ -185,7 +190,7 @@ impl Cache {
         let slots = least;
         Self {
             bytes,
-            mesh: ActiveMesh::new(0, 0, slots as u32).with_flights(MAX_FLIGHTS),
+            mesh: ActiveMesh::new(0, 0, slots as u32).with_flights(MAX_GEOMORPHS),
             tree: AbTree::new(2 * slots as u32),
             ids: IdMap::new(slots),
             references: vec![References::default(); slots],
@@ -478,65 +483,6 @@ impl Cache {
         Ok(())
     }
 
-    /// Ends the answer to an asked region.
-    ///
-    /// # Errors
-    /// `Gap` when records of its closure did not come.
-    pub fn finish(&mut self, region: usize) -> Result<(), LoadError> {
-        let entry = self.regions.at_mut(region);
-        if entry.pending != 0 {
-            return Err(LoadError::Gap);
-        }
-        entry.state = RegionState::Held;
-        entry.cursor = Cursor::start(&entry.closure);
-        Ok(())
-    }
-
-    /// Lets go of a region's closure, at most `most` entries of it; the rest when it is called again. The region
-    /// stays in the table, leaving until all of it is gone; its state is then for the caller to set.
-    ///
-    /// Returns whether all of it is gone, and the number of entries gone through.
-    pub fn let_go(&mut self, region: usize, most: u32) -> (bool, u32) {
-        if self.regions.at(region).state != RegionState::Leaving {
-            // A change that has begun is finished; only a damaged region is let go of while it is wanted.
-            let wanted = self.regions.at(region).wanted;
-            self.set_wanted(region, wanted, u32::MAX);
-            self.set_wanted(region, false, u32::MAX);
-            let entry = self.regions.at_mut(region);
-            entry.pending = 0;
-            entry.changing = entry.closure.length();
-            entry.cursor = Cursor::start(&entry.closure);
-        }
-        let entry = *self.regions.at(region);
-        let mut cursor = entry.cursor;
-        let count = most.min(entry.changing);
-        for _ in 0..count {
-            if let Some(item) = self.lists.get(&entry.closure, cursor)
-                && item & PENDING == 0
-            {
-                let held = &mut self.references[item as usize].held;
-                *held -= 1;
-                if *held == 0 {
-                    self.requeue(item);
-                }
-            }
-            cursor = self.lists.next(cursor);
-        }
-        let entry = self.regions.at_mut(region);
-        entry.changing -= count;
-        entry.cursor = cursor;
-        if entry.changing > 0 {
-            entry.state = RegionState::Leaving;
-            return (false, count);
-        }
-        let mut list = entry.closure;
-        self.lists.free(&mut list);
-        let entry = self.regions.at_mut(region);
-        entry.closure = list;
-        entry.cursor = Cursor::start(&list);
-        (true, count)
-    }
-
     /// Puts a held region into the set to be performed, or takes it out: at most `most` entries of its closure, the
     /// rest when it is called again. A change that has begun is finished before another begins.
     ///
@@ -547,11 +493,7 @@ impl Cache {
             if entry.wanted == wanted {
                 return 0;
             }
-            entry.wanted = wanted;
-            entry.refined = false;
-            entry.to_split = 0;
-            entry.changing = entry.closure.length();
-            entry.cursor = Cursor::start(&entry.closure);
+            entry.want(wanted);
         }
         let entry = *entry;
         let mut cursor = entry.cursor;

@@ -45,7 +45,7 @@ impl Cache {
 
     /// The next split of a wanted region behind one that has to wait, which is legal all the same. `place` says how far
     /// it was looked for; `budget` counts the entries gone through and is the most that may be.
-    pub fn split_beyond(
+    pub fn next_split_behind(
         &self,
         region: usize,
         place: &mut Option<Cursor>,
@@ -66,7 +66,7 @@ impl Cache {
     }
 
     /// Puts a split that [`Cache::next_split`] gave back: it is still to do.
-    pub fn postpone_split(&mut self, region: usize) {
+    pub fn defer_split(&mut self, region: usize) {
         self.regions.at_mut(region).to_split += 1;
     }
 
@@ -99,7 +99,7 @@ impl Cache {
         self.mark_deformed(out);
         // What it needs does not collapse: the other vertex of its parent turns round.
         for dependency in self.mesh.dependencies(slot) {
-            self.stay(dependency);
+            self.cancel_collapse(dependency);
         }
         self.requeue_with_dependencies(slot);
         self.faces_high_water = self.faces_high_water.max(self.mesh.active_faces());

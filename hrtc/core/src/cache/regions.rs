@@ -1,105 +1,20 @@
-//! The regions that the controller knows: asked for, held, wanted.
+//! The regions that the controller knows, with the messages about them that the station is still to get.
 
-use super::id_map::{Id, IdMap};
-use super::lists::{Cursor, List};
-use spm::{NONE, RegionId};
+use super::id_map::IdMap;
+use super::region::Region;
+use super::region_key::RegionKey;
+use protocol::{CREDIT_CHUNKS, REGIONS_PER_REQUEST};
+use spm::NONE;
 
-/// What names a region: a cell in the grid of its tolerance's level, or one of the special ids.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct RegionKey {
-    /// The cell, or [`RegionId::WHOLE`] or [`RegionId::PREFIX`].
-    pub id: RegionId,
-    /// Bits of the tolerance, model units; of a prefix its count.
-    pub tolerance_bits: u32,
-}
-
-impl RegionKey {
-    /// The region of a cell at a tolerance, model units.
-    #[must_use]
-    pub fn new(id: RegionId, tolerance: f32) -> Self {
-        Self {
-            id,
-            tolerance_bits: tolerance.to_bits(),
-        }
-    }
-
-    /// The first `count` splits of the sequence.
-    #[must_use]
-    pub fn prefix(count: u32) -> Self {
-        Self {
-            id: RegionId::PREFIX,
-            tolerance_bits: count,
-        }
-    }
-
-    /// Its tolerance, model units; `None` for a prefix.
-    #[must_use]
-    pub fn tolerance(self) -> Option<f32> {
-        (self.id != RegionId::PREFIX).then(|| f32::from_bits(self.tolerance_bits))
-    }
-}
-
-impl Id for RegionKey {
-    const NONE: Self = Self {
-        id: RegionId(u32::MAX),
-        tolerance_bits: u32::MAX,
-    };
-
-    fn bits(self) -> u64 {
-        u64::from(self.tolerance_bits) << 32 | u64::from(self.id.0)
-    }
-}
-
-/// What has become of a region.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RegionState {
-    /// Asked for; its closure or records are under way.
-    Asked,
-    /// Its closure is loaded.
-    Held,
-    /// Being dropped, a stretch of its closure at a time.
-    Leaving,
-    /// Dropped here; the station is still to be told.
-    ToRelease,
-    /// Its answer counted on records that are not here any more: to be asked for with every record.
-    ToAskAgain,
-    /// Refused by the station, or its records do not fit the mesh: not asked for again for a while.
-    Refused,
-}
-
-/// A region in the table.
-#[derive(Debug, Clone, Copy)]
-pub struct Region {
-    /// Which one.
-    pub key: RegionKey,
-    /// What has become of it.
-    pub state: RegionState,
-    /// Whether its closure is to be performed (it is in set B of thesis Figure 5.17).
-    pub wanted: bool,
-    /// Entries of its closure that a change of `wanted`, or its leaving, has still to go through.
-    pub changing: u32,
-    /// Whether all of it is performed; while wanted.
-    pub refined: bool,
-    /// Whether the answer that is under way has begun; while asked for.
-    pub answer_begun: bool,
-    /// Tick when it was refused; while refused.
-    pub refused_at: u64,
-    /// Its closure: slots, or ids of records that are still to come.
-    pub closure: List,
-    /// Records still to come.
-    pub pending: u32,
-    /// Next record to come, or next split to perform.
-    pub cursor: Cursor,
-    /// Tick when it was last in the loaded set of the prediction.
-    pub touched: u64,
-    /// Tick when it was last in the refined set of the prediction.
-    pub needed: u64,
-    /// Tick at which the contact was expected there when it was last predicted.
-    pub due: u64,
-    /// Splits that were still to do when it came into the set to be performed, less those done for it since:
-    /// no fewer are left.
-    pub to_split: u32,
-}
+/// Answers that may be outstanding: no more than the credit admits before the next message from here, so that
+/// the next request is still for what is needed most.
+pub const MAX_OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
+/// Ticks for which a refused region is not requested again: 2 s at 1 kHz.
+const REFUSED_TICKS: u64 = 2000;
+/// Places of the table that a tick searches for one whose refusal is that old.
+const REFUSED_WINDOW: usize = 4;
+/// Releases that may wait for the next request: half of its capacity.
+pub const MAX_RELEASES: usize = REGIONS_PER_REQUEST / 2;
 
 /// Neighbours in the order of use.
 #[derive(Debug, Clone, Copy)]
@@ -118,6 +33,15 @@ pub struct RegionTable {
     by_key: IdMap<RegionKey>,
     free: Vec<u32>,
     high_water: usize,
+    /// Regions to be released.
+    releases: [u32; MAX_RELEASES],
+    release_count: usize,
+    releases_high_water: usize,
+    /// Regions to be requested again.
+    repeats: [u32; MAX_OUTSTANDING as usize],
+    repeat_count: usize,
+    /// Place where the search for old refusals goes on.
+    next_refused: usize,
 }
 
 impl RegionTable {
@@ -146,6 +70,12 @@ impl RegionTable {
             by_key: IdMap::new(capacity),
             free: (0..capacity as u32).rev().collect(),
             high_water: 0,
+            releases: [0; MAX_RELEASES],
+            release_count: 0,
+            releases_high_water: 0,
+            repeats: [0; MAX_OUTSTANDING as usize],
+            repeat_count: 0,
+            next_refused: 0,
         }
     }
 
@@ -159,6 +89,7 @@ impl RegionTable {
         self.by_key.clear();
         self.free.clear();
         self.free.extend((0..self.regions.len() as u32).rev());
+        self.forget_messages();
     }
 
     /// Number of regions known.
@@ -202,34 +133,92 @@ impl RegionTable {
         }
     }
 
-    /// Adds a region that is asked for; `None` when the table is full.
-    pub fn add(&mut self, key: RegionKey) -> Option<usize> {
+    /// Adds a region that is requested at this moment; `None` when the table is full.
+    pub fn request(&mut self, key: RegionKey) -> Option<usize> {
         let index = self.free.pop()?;
         self.by_key.insert(key, index);
-        self.regions[index as usize] = Some(Region {
-            key,
-            state: RegionState::Asked,
-            wanted: false,
-            changing: 0,
-            refined: false,
-            answer_begun: false,
-            refused_at: 0,
-            closure: List::EMPTY,
-            pending: 0,
-            cursor: Cursor::start(&List::EMPTY),
-            touched: 0,
-            needed: 0,
-            due: 0,
-            to_split: 0,
-        });
+        self.regions[index as usize] = Some(Region::requested(key));
         self.append(index);
         self.high_water = self.high_water.max(self.known());
         Some(index as usize)
     }
 
+    /// The station refused a region, or its records do not fit. Returns whether an answer was outstanding.
+    pub(super) fn refuse(&mut self, index: usize, tick: u64) -> bool {
+        self.at_mut(index).refuse(tick)
+    }
+
+    /// Forgets one region that was refused long ago, so that it may be requested again.
+    pub fn forget_old_refusal(&mut self, tick: u64) {
+        let capacity = self.capacity();
+        for _ in 0..REFUSED_WINDOW.min(capacity) {
+            let place = self.next_refused;
+            self.next_refused = (place + 1) % capacity;
+            let region = self.get(place);
+            if region.is_some_and(|region| region.is_refused_before(tick, REFUSED_TICKS)) {
+                self.remove(place);
+                break;
+            }
+        }
+    }
+
+    /// Whether another release can be told.
+    #[must_use]
+    pub fn may_release(&self) -> bool {
+        self.release_count < MAX_RELEASES
+    }
+
+    /// A region is unloaded: the station is to be told; only while [`RegionTable::may_release`].
+    pub fn release(&mut self, index: usize) {
+        self.at_mut(index).release();
+        self.releases[self.release_count] = index as u32;
+        self.release_count += 1;
+        self.releases_high_water = self.releases_high_water.max(self.release_count);
+    }
+
+    /// Forgets every region to be released, and tells its name.
+    pub fn drain_releases(&mut self, mut told: impl FnMut(RegionKey)) {
+        for k in 0..self.release_count {
+            let place = self.releases[k] as usize;
+            told(self.at(place).key);
+            self.remove(place);
+        }
+        self.release_count = 0;
+    }
+
+    /// A requested region is to be requested again with every record. Its answer stays outstanding, so there is
+    /// room for it.
+    pub(super) fn ask_again(&mut self, index: usize) {
+        self.at_mut(index).ask_again();
+        if self.repeat_count < self.repeats.len() {
+            self.repeats[self.repeat_count] = index as u32;
+            self.repeat_count += 1;
+        }
+    }
+
+    /// The name of a region that is requested again at this moment, with every record.
+    pub fn request_again(&mut self) -> Option<RegionKey> {
+        self.repeat_count = self.repeat_count.checked_sub(1)?;
+        let region = self.at_mut(self.repeats[self.repeat_count] as usize);
+        region.request_again();
+        Some(region.key)
+    }
+
+    /// Forgets the messages that the station was still to get: the epoch ends.
+    pub(super) fn forget_messages(&mut self) {
+        self.release_count = 0;
+        self.repeat_count = 0;
+    }
+
+    /// Releases that waited to be told at once, at the most, and how many may.
+    #[must_use]
+    pub fn releases_high_water(&self) -> (usize, usize) {
+        (self.releases_high_water, MAX_RELEASES)
+    }
+
     /// Notes that a region is used at a tick: it is the last one then that should go.
-    pub fn touch(&mut self, index: usize, tick: u64) {
-        self.at_mut(index).touched = tick;
+    pub fn mark_used(&mut self, index: usize, tick: u64) {
+        self.at_mut(index).used_at = tick;
         self.unlink(index as u32);
         self.append(index as u32);
     }

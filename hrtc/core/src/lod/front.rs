@@ -1,248 +1,323 @@
-//! What is asked for: the rings of the dial around the contact, or the whole model alike.
+//! The front of an active object: its cache, the regions that are wanted, and their refinement.
+//!
+//! | file | does |
+//! |---|---|
+//! | `front` | state, and the accuracy that a contact has |
+//! | `prediction` | names the regions that the probes will need |
+//! | `refine` | splits, collapses, and the order of both |
+//! | `room` | collapses and unloads regions where slots are short |
+//! | `geomorph` | moves vertices so slowly that no probe perceives it |
 
-use crate::active::object::ActiveObject;
-use crate::cache::RegionKey;
+use super::approach::Approach;
+use super::lod_controller::LodController;
+use super::memory_pressure::MemoryPressure;
+use super::predict::{LEAD_TICKS, RADII_AROUND, Sources};
+use super::prediction::Predictions;
 use crate::cache::base_mesh_store::Model;
-use crate::contact::query::{Surface, closest_point};
+use crate::cache::{Cache, RegionKey};
+use crate::contact::query::Surface;
+use crate::contact::rigid_proxy::MAX_BALLS;
 use crate::contact::sphere_proxy::Contact;
-use crate::lod::lod_controller::LodController;
-use crate::lod::predict::{LEAD_TICKS, Predicted, RADII_AROUND, predict_beside};
-use crate::streaming::subscriber::Outbox;
-use scene::RefinementPlan;
-use spm::ModelHeader;
-use spm::RegionId;
+use crate::perception::PerceptionLimit;
+use crate::probe::contacts::Contacts;
+use scene::{RefinementPlan, ScenePlan};
+use spm::{NONE, OperationFaces, RegionId};
 
-/// Chunks that wait for the tick from which on nothing is asked for ahead of need.
-const MAX_WAITING: usize = 8;
+/// Regions that may be wanted at once.
+pub(super) const MAX_WANTED: usize = 512;
 
-impl ActiveObject {
-    /// The rings for a model: from the tolerance asked for up its ladder.
-    pub(crate) fn dial_for(
-        &self,
-        header: &ModelHeader,
-        area: f64,
-        metres_per_unit: f64,
-    ) -> LodController {
-        LodController::new(header, (self.tolerance_m / metres_per_unit) as f32, area)
+/// The model that the front approximates.
+#[derive(Debug)]
+pub struct FrontModel {
+    /// Header, largest R and area.
+    pub model: Model,
+    /// Metres a model unit.
+    pub metres_per_unit: f64,
+    /// The tolerances asked for around a contact.
+    pub lod: LodController,
+}
+
+/// Work of a front in a tick.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct FrontStats {
+    /// Splits performed.
+    pub vsplits: u32,
+    /// Collapses performed.
+    pub ecols: u32,
+    /// Work units spent.
+    pub work_units: u32,
+    /// Perceptible splits that wait for room, or for a geomorph beside them.
+    pub deferred: u32,
+    /// Perceptible splits that would turn a face over.
+    pub rejected: u32,
+}
+
+/// Accuracy of the front at a contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Accuracy {
+    /// Expected error, metres; negative where not even the coarsest ring is done.
+    pub tolerance_m: f64,
+    /// Whether it is the accuracy that was asked for.
+    pub is_as_asked: bool,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Front {
+    /// The loaded and the refined front.
+    pub cache: Cache,
+    pub(super) model: Option<FrontModel>,
+    pub(super) operations: usize,
+    pub(super) plan: RefinementPlan,
+    tolerance_m: f64,
+    /// Prediction for each probe.
+    pub(super) approaches: Vec<Approach>,
+    /// Indices of wanted regions (set B of thesis Figure 5.17).
+    pub(super) wanted: Vec<usize>,
+    /// Wanted regions that are still to be refined, sorted by urgency.
+    pub(super) queue: Vec<u64>,
+    pub(super) predictions: Predictions,
+    pub(super) faces: OperationFaces,
+    /// Faces around the other vertex of a geomorphing pair.
+    pub(super) faces_of_sibling: OperationFaces,
+    /// Perception limits, with the index of the probe, that an operation may reach.
+    pub(super) reached: Vec<(usize, PerceptionLimit)>,
+    /// Share of each probe's limit that is used up in this tick.
+    pub(super) used: Vec<f64>,
+    pub(super) pressure: MemoryPressure,
+    /// A region that is unloaded over several ticks.
+    pub(super) unloading: Option<usize>,
+    /// The block of the whole model that was done last.
+    pub(super) last_block: Option<RegionKey>,
+    /// Work of this tick.
+    pub stats: FrontStats,
+    /// Regions refused so far, and the last one.
+    pub refused_regions: u64,
+    /// Id of the last refused region; [`NONE`] before the first.
+    pub last_refused: u32,
+    pub(super) wanted_high_water: usize,
+}
+
+impl Front {
+    /// No model yet; everything is allocated now. `bytes`: size of the cache.
+    #[must_use]
+    pub fn new(plan: &ScenePlan, bytes: usize) -> Self {
+        let probes = plan.probes.len();
+        Self {
+            cache: Cache::new(bytes),
+            model: None,
+            operations: plan.loop_.operations,
+            plan: plan.accuracy.refinement,
+            tolerance_m: plan.accuracy.tolerance_m,
+            approaches: (0..probes).map(|_| Approach::new()).collect(),
+            wanted: Vec::with_capacity(MAX_WANTED),
+            queue: Vec::with_capacity(MAX_WANTED),
+            predictions: Predictions::new(probes),
+            faces: OperationFaces::new(),
+            faces_of_sibling: OperationFaces::new(),
+            reached: Vec::with_capacity(probes * MAX_BALLS),
+            used: vec![0.0; probes],
+            pressure: MemoryPressure::new(),
+            unloading: None,
+            last_block: None,
+            stats: FrontStats::default(),
+            refused_regions: 0,
+            last_refused: NONE,
+            wanted_high_water: 0,
+        }
+    }
+
+    /// Forgets the model; totals and high-water marks stay. Nothing is freed or allocated.
+    pub fn reset(&mut self) {
+        self.cache.reset();
+        self.model = None;
+        self.wanted.clear();
+        self.queue.clear();
+        self.predictions.clear();
+        self.pressure = MemoryPressure::new();
+        self.unloading = None;
+        self.last_block = None;
+    }
+
+    /// The base mesh in the cache is complete: refinement may begin.
+    pub fn begin(&mut self, model: Model, metres_per_unit: f64) {
+        let lod = self.lod_for(&model, metres_per_unit);
+        self.model = Some(FrontModel {
+            model,
+            metres_per_unit,
+            lod,
+        });
+    }
+
+    fn lod_for(&self, model: &Model, metres_per_unit: f64) -> LodController {
+        let tolerance = (self.tolerance_m / metres_per_unit) as f32;
+        LodController::new(&model.header, tolerance, model.area)
     }
 
     /// Asks for another expected error at the contact from the next tick on, metres.
-    pub(crate) fn set_tolerance(&mut self, tolerance_m: f64) {
+    pub fn set_tolerance(&mut self, tolerance_m: f64) {
         self.tolerance_m = tolerance_m;
-        if let Some((model, frame)) = self.known() {
-            let finest = self.dial.as_ref().map_or(0, LodController::finest);
-            let mut dial = self.dial_for(&model.header, model.area, frame.metres_per_unit);
-            dial.set_finest(finest);
-            self.dial = Some(dial);
+        if let Some(FrontModel {
+            model,
+            metres_per_unit,
+            lod,
+        }) = self.model.take()
+        {
+            let mut next = self.lod_for(&model, metres_per_unit);
+            next.set_finest(lod.finest());
+            self.model = Some(FrontModel {
+                model,
+                metres_per_unit,
+                lod: next,
+            });
         }
     }
 
-    /// Steps of economy that the cache's size makes necessary now: 0 when nothing is done without.
-    #[must_use]
-    pub fn economy_steps(&self) -> u32 {
-        self.refinement.economy.steps()
+    /// Predicts from these sources from now on.
+    pub fn set_sources(&mut self, sources: Sources) {
+        for approach in &mut self.approaches {
+            approach.predictor.set_sources(sources);
+        }
     }
 
-    /// The greatest speed of what the finest ring could be, model units a tick, for the widest probe: above it the
-    /// finest ring is raised. 0 without a model.
+    /// The model, once its base mesh is complete.
     #[must_use]
-    pub fn greatest_speed(&self) -> f64 {
-        let (Some((_, frame)), Some(dial)) = (self.known(), &self.dial) else {
-            return 0.0;
-        };
-        let widest = self.touches.iter().map(|touch| touch.patch_m);
-        let radius = widest.fold(0.0, f64::max) / frame.metres_per_unit;
-        dial.limit(0, RADII_AROUND * radius, LEAD_TICKS, self.operations as f64)
+    pub fn model(&self) -> Option<&FrontModel> {
+        self.model.as_ref()
+    }
+
+    /// The tolerances asked for, once the model is known.
+    #[must_use]
+    pub fn lod(&self) -> Option<&LodController> {
+        self.model.as_ref().map(|of| &of.lod)
+    }
+
+    /// The refined mesh and its tree.
+    #[must_use]
+    pub fn surface(&self) -> Surface<'_> {
+        Surface {
+            mesh: self.cache.mesh(),
+            tree: self.cache.tree(),
+        }
+    }
+
+    /// Steps of memory pressure now: 0 while the cache has room for everything.
+    #[must_use]
+    pub fn pressure_steps(&self) -> u32 {
+        self.pressure.steps()
+    }
+
+    /// The cache could not hold a record or closure that was to come.
+    pub fn starve(&mut self, tick: u64) {
+        self.pressure.starve(tick);
     }
 
     /// The finest tolerance that is asked for now, model units.
-    pub(crate) fn finest_tolerance(&self) -> f32 {
-        self.dial
-            .as_ref()
-            .map_or(0.0, LodController::finest_tolerance)
+    #[must_use]
+    pub fn finest_tolerance(&self) -> f32 {
+        self.lod().map_or(0.0, LodController::finest_tolerance)
+    }
+
+    /// The greatest speed that the finest ring admits for a patch of this radius (metres), model units a tick: above
+    /// it the finest ring is raised. 0 without a model.
+    #[must_use]
+    pub fn greatest_speed(&self, widest_m: f64) -> f64 {
+        let Some(of) = &self.model else {
+            return 0.0;
+        };
+        let radius = widest_m / of.metres_per_unit;
+        let reach = RADII_AROUND * radius;
+        of.lod.limit(0, reach, LEAD_TICKS, self.operations as f64)
     }
 
     /// Ticks that the slowest probe takes over a cell of the finest ring; infinite at rest.
-    pub(crate) fn cell_ticks(&self) -> f64 {
-        let cell = |dial: &LodController| dial.rings()[dial.finest()].grid.cell;
-        let followed = self.touches.iter().filter(|touch| touch.is_followed);
-        let slowest = followed
-            .map(|touch| touch.predictor.pace())
+    pub(super) fn cell_ticks(&self, contacts: &Contacts) -> f64 {
+        let cell = |lod: &LodController| lod.rings()[lod.finest()].grid.cell;
+        let pairs = contacts.pairs.iter().zip(&self.approaches);
+        let near = pairs.filter(|(pair, _)| pair.is_near);
+        let slowest = near
+            .map(|(_, approach)| approach.predictor.mean_speed())
             .reduce(f64::min);
-        self.dial.as_ref().map_or(0.0, cell) / slowest.unwrap_or(0.0)
+        self.lod().map_or(0.0, cell) / slowest.unwrap_or(0.0)
     }
 
-    /// Predicts regions and writes the tick's requests; `waiting`: chunks that wait for the tick.
-    pub(crate) fn predict(&mut self, tick: u64, waiting: usize, outbox: &mut Outbox) {
-        self.refinement.begin();
-        self.refinement.economy.recover(tick);
-        if let Some((model, frame)) = self.known() {
-            match self.refinement_plan {
-                RefinementPlan::Local => self.predict_rings(&model, frame.metres_per_unit, tick),
-                RefinementPlan::Global { lod } => {
-                    if self.touches.iter().any(|touch| touch.goal.is_some()) {
-                        self.want_globally(lod, tick);
-                    }
-                }
-            }
-        }
-        let economy = &self.refinement.economy;
-        // Answers come in the order of the questions: what is only ahead must not stand in the way of what is
-        // needed next.
-        let may_prefetch = economy.may_prefetch() && waiting < MAX_WAITING;
-        let may_ask = economy.may_ask(tick) && self.subscriber.may_ask(&self.cache);
-        let unknown = if may_ask {
-            self.refinement.unknown()
+    /// A probe comes near: its prediction begins.
+    pub fn begin_approach(&mut self, probe: usize) {
+        self.approaches[probe].begin();
+    }
+
+    /// The answer to a requested region is complete: if the region is needed it need not wait for its next prediction.
+    pub fn region_arrived(&mut self, index: usize, tick: u64) {
+        self.predictions.region_arrived(index, tick, &self.cache);
+    }
+
+    /// Gives up a region that cannot be used; after a while it may be requested again. Returns whether its answer was
+    /// outstanding.
+    pub fn refuse(&mut self, region: usize, tick: u64) -> bool {
+        let was_outstanding = self.cache.refuse(region, tick);
+        self.last_refused = self.cache.regions.at(region).key.id.0;
+        self.refused_regions += 1;
+        was_outstanding
+    }
+
+    /// Regions wanted, and kept to be requested, at once, at the most; and how many there may be.
+    #[must_use]
+    pub fn high_water(&self) -> [(usize, usize); 2] {
+        [
+            (self.wanted_high_water, MAX_WANTED),
+            self.predictions.high_water(),
+        ]
+    }
+
+    /// The accuracy at a contact of this certified error, model units; notes whether it comes in time.
+    pub fn accuracy_at(&mut self, contact: &Contact, certified: f32) -> Accuracy {
+        let reached = if certified == 0.0 {
+            Some(0.0)
         } else {
-            &[]
+            self.tolerance_at(contact)
         };
-        let wanted = unknown
-            .iter()
-            .filter(|p| p.refine || may_prefetch)
-            .map(|p| (p.key, crate::lod::refine::due(tick, p.ticks)));
-        self.subscriber
-            .requests(tick, &mut self.cache, wanted, outbox);
+        let as_fine = reached.is_some_and(|t| t <= self.finest_tolerance());
+        // Splits blocked by the contact must not trigger coarsening.
+        let is_blocked = self.stats.deferred + self.stats.rejected > 0;
+        self.pressure.record_contact(as_fine || is_blocked);
+        // A face that still moves is not what was asked for.
+        let faces = contact.faces.iter().take_while(|&&face| face != NONE);
+        let is_moving = self
+            .cache
+            .mesh()
+            .any_in_flight(&contact.faces[..faces.count()]);
+        let reached = reached.filter(|_| !is_moving);
+        let scale = self.model.as_ref().map_or(0.0, |of| of.metres_per_unit);
+        Accuracy {
+            tolerance_m: reached.map_or(-1.0, |t| f64::from(t) * scale),
+            is_as_asked: self.is_as_asked(certified, reached),
+        }
     }
 
-    /// For each probe sets the finest ring by its speed and by room, then notes the regions of its rings. The finest
-    /// of all is that of the dial: what one probe needs is not too fine for the others.
-    fn predict_rings(&mut self, model: &Model, metres_per_unit: f64, tick: u64) {
-        let Some(dial) = &mut self.dial else {
-            return;
-        };
-        let (refinement, cache) = (&mut self.refinement, &mut self.cache);
-        let rings = refinement.economy.has_rings();
-        let raised = refinement.economy.raised();
-        let mut finest = None;
-        for touch in self.touches.iter_mut().filter(|touch| touch.is_followed) {
-            let Some((device, motion)) = touch.motion(metres_per_unit, model.radius_max) else {
-                continue;
-            };
-            let speed = touch.predictor.pace();
-            let reach = RADII_AROUND * motion.radius + speed * LEAD_TICKS;
-            dial.set_finest(touch.finest);
-            let by_speed = dial.finest_at_speed(speed, reach, self.operations as f64);
-            dial.set_finest(by_speed.max(raised));
-            touch.finest = dial.finest();
-            finest = Some(finest.map_or(touch.finest, |least: usize| least.min(touch.finest)));
-            touch
-                .predictor
-                .predict(dial, rings, device, motion, |predicted| {
-                    refinement.note(predicted, tick, cache);
-                });
-            for near in touch.beside.found() {
-                let rings = rings && near.is_coarse;
-                predict_beside(dial, rings, near.place, near.velocity, |predicted| {
-                    refinement.note(predicted, tick, cache);
-                });
+    /// Whether a contact of this certified error and reached tolerance, model units, is what was asked for.
+    fn is_as_asked(&self, certified: f32, reached: Option<f32>) -> bool {
+        match (self.plan, &self.model) {
+            (RefinementPlan::Global { lod: Some(count) }, Some(of)) => {
+                let count = count.min(of.model.header.vsps);
+                certified == 0.0 || self.last_block == Some(RegionKey::prefix(count))
             }
+            _ => reached.is_some_and(|t| self.lod().is_some_and(|lod| t <= lod.asked())),
         }
-        if let Some(finest) = finest {
-            dial.set_finest(finest);
-        }
-    }
-
-    /// Wants one block: the first splits of the sequence, or all that exceed a tolerance, as far as the cache
-    /// holds them. What is there already stays until the block is done, so that nothing coarsens in between.
-    fn want_globally(&mut self, lod: Option<u32>, tick: u64) {
-        let Some(key) = self.global_key(lod) else {
-            return;
-        };
-        let done = self.cache.regions.index(key).is_some_and(|index| {
-            let region = self.cache.regions.at(index);
-            region.wanted && region.refined
-        });
-        let wanted = Predicted {
-            key,
-            ticks: 0.0,
-            refine: true,
-        };
-        self.refinement.note(wanted, tick, &mut self.cache);
-        if !done && let Some(before) = self.global_before {
-            if before != key && self.cache.regions.index(before).is_some() {
-                let kept = Predicted {
-                    key: before,
-                    ..wanted
-                };
-                self.refinement.note(kept, tick, &mut self.cache);
-            }
-        } else if done {
-            self.global_before = Some(key);
-        }
-    }
-
-    /// The block that is wanted: what is asked for, cut to what the cache holds.
-    fn global_key(&mut self, lod: Option<u32>) -> Option<RegionKey> {
-        let model = self.model?;
-        let dial = self.dial.as_mut()?;
-        let (vsps, slots) = (model.header.vsps, self.cache.slots());
-        let steps = self.refinement.economy.steps();
-        if let Some(lod) = lod {
-            // Each step that the room was too small for takes a quarter off.
-            let count = f64::from(lod.min(vsps).min(slots)) * 0.75f64.powi(steps as i32);
-            return Some(RegionKey::prefix(count as u32));
-        }
-        // More than n / 4^(level + 1) splits exceed a tolerance below the next rung: what surely does not fit
-        // is not tried.
-        let hopeless = |level: u32| vsps >> (2 * (level + 1)).min(31) > slots;
-        let rings = dial.rings();
-        let first = rings
-            .iter()
-            .position(|ring| !(hopeless(ring.level) || ring.tolerance == 0.0 && vsps > slots));
-        dial.set_finest(first.unwrap_or(rings.len() - 1) + steps as usize);
-        Some(RegionKey::new(RegionId::WHOLE, dial.finest_tolerance()))
     }
 
     /// The expected error of the front at a contact, model units: the tolerance of the finest region that holds
     /// it and is done; `None` where not even the coarsest is.
-    pub(crate) fn tolerance_at(&self, contact: &Contact) -> Option<f32> {
-        let dial = self.dial.as_ref()?;
+    fn tolerance_at(&self, contact: &Contact) -> Option<f32> {
         let is_done = |key: RegionKey| {
             let index = self.cache.regions.index(key)?;
-            let region = self.cache.regions.at(index);
-            (region.wanted && region.refined).then_some(())
+            self.cache.regions.at(index).is_done().then_some(())
         };
-        dial.rings().iter().find_map(|ring| {
-            let id = match self.refinement_plan {
+        self.lod()?.rings().iter().find_map(|ring| {
+            let id = match self.plan {
                 RefinementPlan::Local => ring.grid.region_of_point(contact.point),
                 RefinementPlan::Global { .. } => RegionId::WHOLE,
             };
             is_done(RegionKey::new(id, ring.tolerance)).map(|()| ring.tolerance)
         })
-    }
-
-    /// Moves what the predictors will look at next onto the front as far as it is known, for the next tick; and looks what
-    /// else of a tool may touch.
-    pub(crate) fn look_ahead(&mut self) {
-        let Some((model, frame)) = self.known() else {
-            return;
-        };
-        let local = self.refinement_plan == RefinementPlan::Local;
-        for touch in self.touches.iter_mut().filter(|touch| touch.is_followed) {
-            let Some((middle, radius)) = touch.follower.patch() else {
-                continue;
-            };
-            let (velocity, _) = touch.predictor.motion();
-            let reach = radius + velocity.length() * RADII_AROUND * 60.0;
-            let near = touch.clearance - model.radius_max <= reach;
-            let surface = Surface {
-                mesh: self.cache.mesh(),
-                tree: self.cache.tree(),
-            };
-            if let (Some(goal), true) = (touch.goal, local) {
-                let patch = touch.patch_m / frame.metres_per_unit;
-                touch.beside.look(surface, &touch.follower, &goal, patch);
-            }
-            let landed = match touch.predictor.ahead(middle) {
-                Some(ahead) if local && near && ahead.is_finite() => {
-                    let hint = touch.hint.filter(|&face| surface.mesh.is_active(face));
-                    closest_point(surface, ahead, hint)
-                        .0
-                        .map(|n| n.closest.point)
-                }
-                _ => None,
-            };
-            touch.predictor.land(landed);
-        }
     }
 }

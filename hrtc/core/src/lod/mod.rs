@@ -1,7 +1,13 @@
-//! Level of detail: what to refine, and how far.
+//! Level of detail: which regions the probes will need, and the front that refines them.
 
-mod front;
+pub(crate) mod approach;
+pub(crate) mod forecast;
+pub(crate) mod front;
 pub(crate) mod geomorph;
 pub mod lod_controller;
+pub(crate) mod memory_pressure;
 pub mod predict;
+pub(crate) mod prediction;
 pub(crate) mod refine;
+mod room;
+pub(crate) mod tuning;

@@ -19,8 +19,8 @@ const SPANS: [usize; 2] = [4, 16];
 /// rough terrain at 1 m/s the point 25 ticks ahead is then missed by 6 mm at median; by 10 mm straight on over
 /// the same span, by 13 mm over 16 ticks.
 const FADING_TICKS: f64 = 18.0;
-/// Ticks over which the speed is averaged that the dial goes by.
-const PACE_TICKS: f64 = 32.0;
+/// Ticks over which the speed is averaged that the lod goes by.
+const MEAN_TICKS: f64 = 32.0;
 /// Ticks that it takes to have a loaded cell refined.
 const REFINE_AROUND: f64 = 12.0;
 /// Ticks ahead at which the refined set looks.
@@ -135,7 +135,7 @@ pub struct Predictor {
     /// Which of [`SPANS`].
     span: usize,
     /// Average speed, model units a tick.
-    pace: f64,
+    mean_speed: f64,
     sources: Sources,
     /// Which source of the finest ring is next.
     turn: usize,
@@ -153,7 +153,7 @@ impl Predictor {
             history: [DVec3::ZERO; 2 * SPANS[1] + 1],
             known: 0,
             span: SPANS[1],
-            pace: 0.0,
+            mean_speed: 0.0,
             sources: Sources::ALL,
             turn: 0,
             ring_turn: 0,
@@ -162,7 +162,7 @@ impl Predictor {
     }
 
     /// Forgets what it saw: another probe comes, or the same from elsewhere.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         *self = Self {
             sources: self.sources,
             ..Self::new()
@@ -189,8 +189,8 @@ impl Predictor {
 
     /// The average speed, model units a tick.
     #[must_use]
-    pub fn pace(&self) -> f64 {
-        self.pace
+    pub fn mean_speed(&self) -> f64 {
+        self.mean_speed
     }
 
     /// The point ahead that the next turn of the finest ring looks at, if it is one that may be moved onto the
@@ -243,7 +243,7 @@ impl Predictor {
     /// with `rings`, one of a coarser ring.
     pub fn predict(
         &mut self,
-        dial: &LodController,
+        lod: &LodController,
         rings: bool,
         device: DVec3,
         motion: Motion,
@@ -254,17 +254,17 @@ impl Predictor {
         self.known = (self.known + 1).min(self.history.len());
         let slow = device.distance(self.history[SPANS[1]]) < motion.radius;
         self.span = SPANS[usize::from(slow)];
-        self.pace += (self.motion().0.length() - self.pace) / PACE_TICKS;
-        let finest = dial.finest();
-        let finest_ring = &dial.rings()[finest];
+        self.mean_speed += (self.motion().0.length() - self.mean_speed) / MEAN_TICKS;
+        let finest = lod.finest();
+        let finest_ring = &lod.rings()[finest];
         let (look, refine) = ROUND[self.turn];
         self.turn = (self.turn + 1) % TURNS;
         let landed = self.landed.take();
         self.look([finest_ring; 2], look, refine, landed, motion, &mut visit);
-        let coarser = dial.rings().len() - finest - 1;
+        let coarser = lod.rings().len() - finest - 1;
         if rings && coarser > 0 {
             self.ring_turn = (self.ring_turn + 1) % (coarser * RING_ROUND.len());
-            let ring = &dial.rings()[finest + 1 + self.ring_turn % coarser];
+            let ring = &lod.rings()[finest + 1 + self.ring_turn % coarser];
             let (look, refine) = RING_ROUND[self.ring_turn / coarser];
             self.look([ring, finest_ring], look, refine, None, motion, &mut visit);
         }
@@ -317,19 +317,15 @@ impl Predictor {
 /// Visits the regions around a place where another part of the probe may touch next, and around where that goes: of the finest
 /// ring, and of the coarser ones with `rings`, where the front is coarse still. `velocity`: of that part, model units a tick.
 pub fn predict_beside(
-    dial: &LodController,
+    lod: &LodController,
     rings: bool,
     place: Motion,
     velocity: DVec3,
     mut visit: impl FnMut(Predicted),
 ) {
-    let finest = dial.finest();
-    let last = if rings {
-        dial.rings().len()
-    } else {
-        finest + 1
-    };
-    for ring in &dial.rings()[finest..last] {
+    let finest = lod.finest();
+    let last = if rings { lod.rings().len() } else { finest + 1 };
+    for ring in &lod.rings()[finest..last] {
         for ticks in [0.0, REFINE_AHEAD] {
             let way = velocity * ticks;
             let radius = RADII_AROUND * place.radius + SPREAD[0] * way.length();
@@ -387,7 +383,7 @@ mod tests {
     use super::*;
     use crate::lod::lod_controller::header;
 
-    fn dial() -> LodController {
+    fn lod() -> LodController {
         LodController::new(&header(&[0.0, 0.01, 0.02]), 0.0, 1.0)
     }
 
@@ -410,7 +406,7 @@ mod tests {
         let mut all = std::collections::BTreeMap::new();
         for k in 0..TURNS {
             let position = device + velocity * k as f64;
-            predictor.predict(&dial(), rings, position, still(position, clearance), |p| {
+            predictor.predict(&lod(), rings, position, still(position, clearance), |p| {
                 *all.entry(p.key).or_default() |= p.refine;
             });
         }
@@ -418,8 +414,8 @@ mod tests {
     }
 
     fn key(ring: usize, point: DVec3) -> RegionKey {
-        let dial = dial();
-        let ring = &dial.rings()[ring];
+        let lod = lod();
+        let ring = &lod.rings()[ring];
         RegionKey::new(ring.grid.region_of_point(point), ring.tolerance)
     }
 
@@ -457,8 +453,8 @@ mod tests {
         assert!(!all.contains_key(&key(0, position - velocity * 200.0)));
         let mut due = Vec::new();
         for _ in 0..TURNS {
-            predictor.predict(&dial(), false, position, still(position, 0.0), |p| {
-                let grid = dial().rings()[0].grid;
+            predictor.predict(&lod(), false, position, still(position, 0.0), |p| {
+                let grid = lod().rings()[0].grid;
                 due.push((grid.distance_squared(p.key.id, position).sqrt(), p.ticks));
             });
         }
@@ -481,7 +477,7 @@ mod tests {
                 landed_at = DVec3::new(ahead.x, ahead.y, 0.3);
                 predictor.land(Some(landed_at));
             }
-            predictor.predict(&dial(), false, position, still(position, 0.0), |p| {
+            predictor.predict(&lod(), false, position, still(position, 0.0), |p| {
                 met |= p.key == key(0, landed_at);
             });
             position += velocity;
@@ -501,7 +497,7 @@ mod tests {
         for k in 0..200 {
             let p = DVec3::splat(if k % 2 == 0 { -1e6 } else { 1e6 });
             let mut count = 0;
-            predictor.predict(&dial(), true, p, still(DVec3::splat(0.5), 0.0), |_| {
+            predictor.predict(&lod(), true, p, still(DVec3::splat(0.5), 0.0), |_| {
                 count += 1;
             });
             assert!(count <= 250);

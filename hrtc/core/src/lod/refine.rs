@@ -1,188 +1,35 @@
 //! Two-phase refinement (thesis Figure 5.17): splits in B \ A, collapses in A \ B, what the contact reaches
 //! first, at most K operations a tick.
 
-use crate::active::object::{ActiveObject, Budget};
-use crate::cache::{Cache, Region, RegionState};
-use crate::contact::rigid_proxy::MAX_BALLS;
-use crate::lod::geomorph::{Collapsed, Transition};
-use crate::lod::lod_controller::MemoryPressure;
-use crate::lod::predict::{Predicted, TURNS};
-use crate::perception::PerceptionLimit;
-use spm::{DamagedRecord, OperationFaces, RegionId, Slot};
+use super::front::{Front, MAX_WANTED};
+use super::geomorph::{CollapseOutcome, Transition};
+use super::predict::TURNS;
+use super::tuning::{
+    BEHIND_SHARE, CHANGES_PER_UNIT, COLLAPSE_TICKS, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT,
+    HYSTERESIS_TICKS, MAX_UNLOADS, MIN_OPERATIONS,
+};
+use crate::budget::Budget;
+use crate::cache::Region;
+use crate::probe::contacts::Contacts;
+use spm::{DamagedRecord, Slot};
 
-/// Regions that may be wanted at once.
-pub const MAX_WANTED: usize = 512;
-/// Regions that may be kept to be asked for in a tick, for each probe: the cells of six balls.
-const MAX_UNKNOWN: usize = 750;
-/// Ticks for which a region stays wanted after the prediction left it: no flicker at a cell's wall.
-const LINGER: u64 = 40;
-/// Splits, and collapses, a tick where nothing is urgent.
-const PACE: u32 = 6;
-/// Ticks after which a backlog of collapses is to be worked off.
-const COLLAPSE_TICKS: u32 = 48;
-/// Closure entries that change set for one work unit.
-pub const CHANGES_PER_UNIT: u32 = 4;
-/// Closure entries that are let go of a tick at the most: several cells, or a stretch of a whole model.
-pub const LEAVING_A_TICK: u32 = 4096;
-/// Closure entries gone through a tick, for each operation allowed.
-pub const ENTRIES_PER_OPERATION: u32 = 24;
-/// Regions that one search for a region to release looks at.
-const WINDOW: usize = 64;
-/// Regions released a tick at the most, where nothing waits for their room.
-const RELEASES: u32 = 4;
-/// Share of a tick's closure entries for what lies behind splits that wait: one in so many.
-const BEYOND: u32 = 4;
-/// Closure entries that cost as much as finding that a split has to wait.
-const ENTRIES_PER_WAIT: u32 = 16;
-
-/// The most work units that refinement may take a tick: closure entries gone through (four that change
-/// set, or are let go of, count as one) and operations. A closure that is longer, as that of a whole model,
-/// takes several ticks.
+/// The most work units that refinement may take a tick: operations, and closure entries gone through, of which
+/// [`CHANGES_PER_UNIT`] count as one where they change set or are unloaded. A longer closure, as that of a whole
+/// model, takes several ticks.
 #[must_use]
-pub fn budget(operations: usize) -> u32 {
-    operations as u32 * (ENTRIES_PER_OPERATION + 1) + LEAVING_A_TICK / CHANGES_PER_UNIT
+pub fn max_work(operations: usize) -> u32 {
+    operations as u32 * (ENTRIES_PER_OPERATION + 1) + MAX_UNLOADS / CHANGES_PER_UNIT
 }
 
-/// The set B.
-#[derive(Debug, Clone)]
-pub struct Refinement {
-    /// Indices of wanted regions.
-    wanted: Vec<usize>,
-    /// Those of them that are still to be refined: what is due first comes first, see [`order_of`].
-    queue: Vec<u64>,
-    /// Indices of held regions to come into it in this tick.
-    order: Vec<usize>,
-    /// Predicted regions that are not in the table.
-    unknown: Vec<Predicted>,
-    pub(crate) faces: OperationFaces,
-    /// Those around the other vertex of a pair in flight.
-    pub(crate) faces_of_sibling: OperationFaces,
-    /// What each touch feels, with its index.
-    pub(crate) feelers: Vec<(usize, PerceptionLimit)>,
-    /// Those of them that a split, collapse or flight may reach.
-    pub(crate) reached: Vec<(usize, PerceptionLimit)>,
-    /// The share of what each touch allows in this tick that is used up so far.
-    pub(crate) used: Vec<f64>,
-    /// What is done without for want of room.
-    pub(crate) economy: MemoryPressure,
-    /// A region that is let go of in several ticks.
-    leaving: Option<usize>,
-    wanted_high_water: usize,
-    unknown_high_water: usize,
-}
-
-impl Refinement {
-    /// Nothing wanted by so many probes.
-    #[must_use]
-    pub fn new(probes: usize) -> Self {
-        Self {
-            wanted: Vec::with_capacity(MAX_WANTED),
-            queue: Vec::with_capacity(MAX_WANTED),
-            order: Vec::with_capacity(MAX_WANTED),
-            unknown: Vec::with_capacity(MAX_UNKNOWN * probes),
-            faces: OperationFaces::new(),
-            faces_of_sibling: OperationFaces::new(),
-            feelers: Vec::with_capacity(probes * MAX_BALLS),
-            reached: Vec::with_capacity(probes * MAX_BALLS),
-            used: Vec::with_capacity(probes),
-            economy: MemoryPressure::new(),
-            leaving: None,
-            wanted_high_water: 0,
-            unknown_high_water: 0,
-        }
-    }
-
-    /// Forgets everything but its high-water marks: another object comes.
-    pub fn reset(&mut self) {
-        self.wanted.clear();
-        self.queue.clear();
-        self.order.clear();
-        self.unknown.clear();
-        self.feelers.clear();
-        self.economy = MemoryPressure::new();
-        self.leaving = None;
-    }
-
-    /// Empties the predictions of the tick before.
-    pub fn begin(&mut self) {
-        self.unknown.clear();
-    }
-
-    /// A region that was asked for is held now: if it is needed it need not wait for the next prediction of it.
-    pub fn arrived(&mut self, index: usize, tick: u64, cache: &Cache) {
-        let needed = cache.regions.at(index).needed;
-        // 0 is never: it was only loaded ahead.
-        if needed > 0 && tick <= needed + TURNS as u64 && self.order.len() < MAX_WANTED {
-            self.order.push(index);
-        }
-    }
-
-    /// Marks a predicted region in the table, or keeps it to be asked for.
-    pub fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
-        let Some(index) = cache.regions.index(p.key) else {
-            // For each probe a tick looks at one ball of each of two rings, and at four of a tool. What comes twice is
-            // asked for once.
-            if self.unknown.len() < self.unknown.capacity() {
-                self.unknown.push(p);
-                self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());
-            }
-            return;
-        };
-        cache.regions.touch(index, tick);
-        let region = cache.regions.at_mut(index);
-        region.due = due(tick, p.ticks);
-        if p.refine {
-            region.needed = tick;
-            let to_come = region.state == RegionState::Held && !region.wanted;
-            if to_come && self.order.len() < MAX_WANTED {
-                self.order.push(index);
-            }
-        }
-    }
-
-    /// Regions to ask for: those to refine first, those due first, of these the coarser first.
-    pub fn unknown(&mut self) -> &[Predicted] {
-        self.unknown.sort_unstable_by(|a, b| {
-            a.refine
-                .cmp(&b.refine)
-                .reverse()
-                .then(a.ticks.total_cmp(&b.ticks))
-                .then(a.key.tolerance_bits.cmp(&b.key.tolerance_bits).reverse())
-                .then(a.key.cmp(&b.key))
-        });
-        &self.unknown
-    }
-
-    /// The cache was found full.
-    pub fn starved(&mut self, tick: u64) {
-        self.economy.starve(tick);
-    }
-
-    /// The most regions wanted, and kept to be asked for, at once.
-    #[must_use]
-    pub fn high_water(&self) -> [(usize, usize); 2] {
-        [
-            (self.wanted_high_water, MAX_WANTED),
-            (self.unknown_high_water, self.unknown.capacity()),
-        ]
-    }
-}
-
-/// The tick at which something is due.
-pub fn due(tick: u64, ticks: f64) -> u64 {
-    // `as` saturates: what is never due is due at the end of time.
-    tick.saturating_add(ticks as u64)
-}
-
-/// Ticks for which a region stays wanted after the prediction left it: of the finest ring, what the probe takes
-/// over a cell, so that the trail of a fast one is no longer.
-fn linger(region: &Region, finest: f32, cell_ticks: f64) -> u64 {
+/// Ticks for which a region stays wanted after its last prediction: in the finest ring the time that the probe takes
+/// over a cell, so that the trail of a fast probe is no longer.
+fn hysteresis(region: &Region, finest: f32, cell_ticks: f64) -> u64 {
     let is_finest = region.key.tolerance().is_some_and(|t| t <= finest);
     let least = TURNS as u64 + 4;
     if is_finest {
-        (cell_ticks as u64).clamp(least, LINGER)
+        (cell_ticks as u64).clamp(least, HYSTERESIS_TICKS)
     } else {
-        LINGER
+        HYSTERESIS_TICKS
     }
 }
 
@@ -193,9 +40,9 @@ fn is_current(region: &Region, finest: f32, tick: u64) -> bool {
     tick <= region.needed + if is_finest { turns } else { 3 * turns }
 }
 
-/// The place of a region among those to be refined, as a number that sorts: what the prediction has left comes
-/// last, what is due first comes first, of these the coarser: it bounds the error sooner. The index at the end
-/// makes it unique.
+/// Urgency of a region that is to be refined, as a number that sorts: regions that the prediction has left come last,
+/// those due first come first, of these the coarser, since they bound the error sooner. The index at the end makes it
+/// unique.
 fn order_of(region: &Region, index: usize, finest: f32, tick: u64) -> u64 {
     let left = u64::from(!is_current(region, finest, tick));
     let ticks = region.due.saturating_sub(tick).min((1 << 30) - 1);
@@ -203,60 +50,63 @@ fn order_of(region: &Region, index: usize, finest: f32, tick: u64) -> u64 {
     left << 63 | ticks << 32 | finer << 16 | index as u64
 }
 
-impl ActiveObject {
-    /// Splits, then collapses with what is left of the tick's operations.
+impl Front {
+    /// Splits, then collapses with the remaining operations of the tick.
     ///
-    /// As many splits as it takes to have every region done when it is due, and at least a pace, so that ticks
-    /// are even.
-    pub(crate) fn refine(&mut self, tick: u64, budget: &mut Budget) {
-        let spent = self.choose(tick, &mut budget.entries);
-        self.fly(tick, budget);
+    /// As many splits as it takes to have every region done when it is due, and at least [`MIN_OPERATIONS`], so that
+    /// ticks are even. Regions that were unloaded wait in the region table for the session to release them.
+    pub fn refine(&mut self, tick: u64, budget: &mut Budget, contacts: &mut Contacts) {
+        self.used.fill(0.0);
+        let spent = self.update_wanted(tick, contacts, &mut budget.entries);
+        self.step_geomorphs(tick, budget, contacts);
         let allowed_entries = budget.entries;
-        let allowed = self
-            .splits_due(tick)
-            .clamp(PACE, budget.operations.max(PACE));
-        let mut beyond = budget.entries / BEYOND;
-        // Collapses come first only when the records that wait need their room; see `make_room`.
-        for k in 0..self.refinement.queue.len() {
-            let region = (self.refinement.queue[k] & 0xFFFF) as usize;
-            while budget.operations > 0 && budget.entries > 0 && self.tally.vsplits < allowed {
-                let Some(slot) = self.cache.next_split(region, &mut budget.entries) else {
-                    break;
-                };
-                let manner = self.manner_of_split(slot);
-                if matches!(manner, Transition::Deferred | Transition::Rejected) {
-                    self.cache.postpone_split(region);
-                    budget.entries = budget.entries.saturating_sub(ENTRIES_PER_WAIT);
-                    self.split_beyond(region, &mut beyond, budget);
-                    break;
-                }
-                if self.split(slot, manner, budget).is_err() {
-                    // The rest of the closure may depend on it: the region stays as it is.
-                    self.refuse(region, tick);
-                    break;
-                }
-            }
-        }
+        self.split_wanted(tick, budget, contacts);
         let cache = &self.cache;
-        self.refinement.wanted.retain(|&region| {
+        self.wanted.retain(|&region| {
             cache
                 .regions
                 .get(region)
                 .is_some_and(|r| r.wanted || r.changing > 0)
         });
-        self.tally.work_units += spent + allowed_entries - budget.entries + self.tally.vsplits;
+        self.stats.work_units += spent + allowed_entries - budget.entries + self.stats.vsplits;
         let backlog = self.cache.to_collapse() / COLLAPSE_TICKS;
-        let quiet = if self.tally.vsplits > PACE { 0 } else { PACE };
-        for _ in 0..backlog.max(quiet).min(budget.operations) {
-            if self.collapse_oldest() == Collapsed::None {
+        let is_busy = self.stats.vsplits > MIN_OPERATIONS;
+        let least = if is_busy { 0 } else { MIN_OPERATIONS };
+        for _ in 0..backlog.max(least).min(budget.operations) {
+            if self.collapse_oldest(contacts) == CollapseOutcome::None {
                 break;
             }
             budget.operations -= 1;
         }
-        self.go_on_leaving(budget);
-        for _ in 0..RELEASES {
-            if !self.cache.is_nearly_full() || !self.release_one(None, tick, budget) {
-                break;
+        self.go_on_unloading(budget);
+        self.keep_some_room(tick, budget);
+    }
+
+    /// Performs the splits of the wanted regions, the most urgent region first.
+    fn split_wanted(&mut self, tick: u64, budget: &mut Budget, contacts: &mut Contacts) {
+        let allowed = self
+            .splits_due(tick)
+            .clamp(MIN_OPERATIONS, budget.operations.max(MIN_OPERATIONS));
+        let mut entries_behind = budget.entries / BEHIND_SHARE;
+        // Collapses come first only when the records that wait need their room; see `make_room`.
+        for k in 0..self.queue.len() {
+            let region = (self.queue[k] & 0xFFFF) as usize;
+            while budget.operations > 0 && budget.entries > 0 && self.stats.vsplits < allowed {
+                let Some(slot) = self.cache.next_split(region, &mut budget.entries) else {
+                    break;
+                };
+                let transition = self.transition_of_split(slot, contacts);
+                if matches!(transition, Transition::Deferred | Transition::Rejected) {
+                    self.cache.defer_split(region);
+                    budget.entries = budget.entries.saturating_sub(ENTRIES_PER_WAIT);
+                    self.split_behind(region, &mut entries_behind, budget, contacts);
+                    break;
+                }
+                if self.split(slot, transition, budget, contacts).is_err() {
+                    // The rest of the closure may depend on it: the region stays as it is.
+                    self.refuse(region, tick);
+                    break;
+                }
             }
         }
     }
@@ -265,55 +115,54 @@ impl ActiveObject {
     fn split(
         &mut self,
         slot: Slot,
-        manner: Transition,
+        transition: Transition,
         budget: &mut Budget,
+        contacts: &mut Contacts,
     ) -> Result<(), DamagedRecord> {
-        self.cache.split(slot, &mut self.refinement.faces)?;
-        if manner == Transition::Geomorph {
-            self.cache.take_off(&self.refinement.faces);
+        self.cache.split(slot, &mut self.faces)?;
+        if transition == Transition::Geomorph {
+            self.cache.start_geomorphs(&self.faces);
         }
-        self.carry_proxies();
-        if manner == Transition::Geomorph {
-            self.land_at_once();
+        contacts.carry(self.cache.mesh(), &self.faces);
+        if transition == Transition::Geomorph {
+            self.finish_small_geomorph(contacts);
         }
         budget.operations -= 1;
-        self.tally.vsplits += 1;
+        self.stats.vsplits += 1;
         Ok(())
     }
 
-    /// Where the next split of a region has to wait, those behind it need not: they are felt no more than others.
-    /// `entries` is how many may be gone through for that in this tick.
-    fn split_beyond(&mut self, region: usize, entries: &mut u32, budget: &mut Budget) {
+    /// Performs splits of a region behind one that has to wait: they are not perceived more than others. `entries`:
+    /// closure entries that may be gone through for that in this tick.
+    fn split_behind(
+        &mut self,
+        region: usize,
+        entries: &mut u32,
+        budget: &mut Budget,
+        contacts: &mut Contacts,
+    ) {
         let before = *entries;
         let mut place = None;
         while budget.operations > 0 {
-            let Some(slot) = self.cache.split_beyond(region, &mut place, entries) else {
+            let Some(slot) = self.cache.next_split_behind(region, &mut place, entries) else {
                 break;
             };
-            let manner = self.manner_of_split(slot);
-            if matches!(manner, Transition::Deferred | Transition::Rejected) {
+            let transition = self.transition_of_split(slot, contacts);
+            if matches!(transition, Transition::Deferred | Transition::Rejected) {
                 *entries = entries.saturating_sub(ENTRIES_PER_WAIT);
-            } else if self.split(slot, manner, budget).is_err() {
-                // A damaged one is found when its turn comes.
+            } else if self.split(slot, transition, budget, contacts).is_err() {
+                // A damaged record is found when its turn comes.
                 break;
             }
         }
         budget.entries = budget.entries.saturating_sub(before - *entries);
     }
 
-    /// Takes the proxies along with the operation that was just performed.
-    pub(crate) fn carry_proxies(&mut self) {
-        for touch in &mut self.touches {
-            let operation = &self.refinement.faces;
-            touch.follower.carry(self.cache.mesh(), operation);
-        }
-    }
-
-    /// Puts what is to be refined in order; the splits that this tick must do for every region to be done in
-    /// time.
+    /// Sorts the regions to be refined by urgency. Returns the splits that this tick must do for every region to be
+    /// done in time.
     fn splits_due(&mut self, tick: u64) -> u32 {
         let finest = self.finest_tolerance();
-        let Refinement { wanted, queue, .. } = &mut self.refinement;
+        let Self { wanted, queue, .. } = self;
         queue.clear();
         for &index in wanted.iter() {
             let region = self.cache.regions.at(index);
@@ -327,23 +176,23 @@ impl ActiveObject {
             let region = self.cache.regions.at((order & 0xFFFF) as usize);
             let ticks = order >> 32;
             sum += u64::from(region.to_split);
-            // Done when three quarters of the time are over: estimates are estimates.
+            // Done when three quarters of the time are over, since due times are estimates.
             most = most.max(4 * sum / (3 * ticks + 1));
         }
         u32::try_from(most).unwrap_or(u32::MAX)
     }
 
-    /// Brings the wanted set up to date: near regions in, regions left long enough, or finer than there is room
-    /// or time for, out. The work units spent.
-    fn choose(&mut self, tick: u64, entries: &mut u32) -> u32 {
+    /// Updates the wanted set: near regions in; out go regions that were left long enough ago, or are finer than room
+    /// and time allow. Returns the work units spent.
+    fn update_wanted(&mut self, tick: u64, contacts: &Contacts, entries: &mut u32) -> u32 {
         let mut spent = 0;
         let mut k = 0;
         let finest = self.finest_tolerance();
-        let cell_ticks = self.cell_ticks();
-        while k < self.refinement.wanted.len() {
-            let index = self.refinement.wanted[k];
+        let cell_ticks = self.cell_ticks(contacts);
+        while k < self.wanted.len() {
+            let index = self.wanted[k];
             let region = self.cache.regions.at(index);
-            let stays = region.needed + linger(region, finest, cell_ticks);
+            let stays = region.needed + hysteresis(region, finest, cell_ticks);
             let goes = tick > stays || self.is_too_fine(region);
             let wanted = region.wanted && !goes;
             spent += self.change(index, wanted, entries);
@@ -351,143 +200,41 @@ impl ActiveObject {
             if region.wanted || region.changing > 0 {
                 k += 1;
             } else {
-                self.refinement.wanted.swap_remove(k);
+                self.wanted.swap_remove(k);
             }
         }
-        for k in 0..self.refinement.order.len() {
-            let index = self.refinement.order[k];
-            // What arrived may have been released again to make room.
+        for k in 0..self.predictions.arrivals.len() {
+            let index = self.predictions.arrivals[k];
+            // It may have been released since to make room.
             let to_come = self.cache.regions.get(index).is_some_and(|region| {
-                region.state == RegionState::Held && !region.wanted && region.changing == 0
+                region.is_resident() && !region.wanted && region.changing == 0
             });
             if !to_come {
                 continue;
             }
-            if *entries == 0 || self.refinement.wanted.len() == MAX_WANTED {
+            if *entries == 0 || self.wanted.len() == MAX_WANTED {
                 break;
             }
             spent += self.change(index, true, entries);
-            self.refinement.wanted.push(index);
+            self.wanted.push(index);
         }
-        self.refinement.order.clear();
-        let wanted = self.refinement.wanted.len();
-        self.refinement.wanted_high_water = self.refinement.wanted_high_water.max(wanted);
+        self.predictions.arrivals.clear();
+        let wanted = self.wanted.len();
+        self.wanted_high_water = self.wanted_high_water.max(wanted);
         spent
     }
 
-    /// Takes a held region into the wanted set or out of it, as far as the entries allow. The work units spent.
+    /// Takes a resident region into the wanted set or out of it, as far as the entries allow. Returns the work units
+    /// spent.
     fn change(&mut self, index: usize, wanted: bool, entries: &mut u32) -> u32 {
         if *entries == 0 {
             return 0;
         }
-        let most = *entries * CHANGES_PER_UNIT;
-        let gone_through = self.cache.set_wanted(index, wanted, most);
-        let cost = gone_through.div_ceil(CHANGES_PER_UNIT);
+        let changed = self
+            .cache
+            .set_wanted(index, wanted, *entries * CHANGES_PER_UNIT);
+        let cost = changed.div_ceil(CHANGES_PER_UNIT);
         *entries -= cost;
         cost
-    }
-
-    /// Lets go of a region, a stretch a tick; then the station is told. Only one at a time, see `may_leave`.
-    pub(crate) fn leave(&mut self, index: usize, budget: &mut Budget) {
-        self.refinement.leaving = Some(index);
-        self.go_on_leaving(budget);
-    }
-
-    /// Whether another region may be let go of now: its closure is gone through entry by entry.
-    pub(crate) fn may_leave(&self, budget: &Budget) -> bool {
-        budget.leaving > 0 && self.subscriber.may_release() && !self.is_leaving()
-    }
-
-    /// Whether a region is still being let go of.
-    pub(crate) fn is_leaving(&self) -> bool {
-        self.refinement.leaving.is_some()
-    }
-
-    fn go_on_leaving(&mut self, budget: &mut Budget) {
-        let Some(index) = self.refinement.leaving else {
-            return;
-        };
-        if !self.subscriber.may_release() || budget.leaving == 0 {
-            return;
-        }
-        let (gone, entries) = self.cache.let_go(index, budget.leaving);
-        budget.leaving -= entries;
-        if gone {
-            self.cache.regions.at_mut(index).state = RegionState::ToRelease;
-            self.subscriber.release(index);
-            self.refinement.leaving = None;
-        }
-    }
-
-    /// Whether a region is finer than what is asked for now: it only takes up room.
-    fn is_too_fine(&self, region: &Region) -> bool {
-        let special = [RegionId::WHOLE, RegionId::PREFIX].contains(&region.key.id);
-        let finest = self.finest_tolerance();
-        !special && region.key.tolerance().is_some_and(|t| t < finest)
-    }
-
-    /// Makes a slot free: a waiting collapse, or the region whose turn it is to go. Whether one is free now.
-    ///
-    /// Never takes what a wanted region or the contact's own cells need.
-    pub(crate) fn make_room(&mut self, asking: usize, tick: u64, budget: &mut Budget) -> bool {
-        loop {
-            if self.cache.has_slot() {
-                return true;
-            }
-            if budget.operations > 0 {
-                let collapsed = self.collapse_oldest();
-                budget.operations -= u32::from(collapsed != Collapsed::None);
-                if collapsed == Collapsed::Done {
-                    continue;
-                }
-            }
-            let due = self.cache.regions.at(asking).due;
-            if budget.operations == 0 || !self.release_one(Some(due), tick, budget) {
-                return false;
-            }
-            budget.operations -= 1;
-        }
-    }
-
-    /// Releases a held region: of the [`WINDOW`] used least recently the first that is not predicted any more, or
-    /// is finer than there is room for; failing that, if a region that is due at `asking` needs the room, of those
-    /// that are only loaded ahead the one that is due last. Looking at a window keeps the cost of a tick bounded,
-    /// whatever the table holds.
-    fn release_one(&mut self, asking: Option<u64>, tick: u64, budget: &mut Budget) -> bool {
-        if !self.may_leave(budget) {
-            return false;
-        }
-        let mut victim: Option<(usize, u64)> = None;
-        let mut next = self.cache.regions.oldest();
-        for _ in 0..WINDOW {
-            let Some(index) = next else {
-                break;
-            };
-            next = self.cache.regions.next_older(index);
-            let region = self.cache.regions.at(index);
-            if region.state == RegionState::Refused {
-                // It holds nothing: out of the window's way.
-                let touched = region.touched;
-                self.cache.regions.touch(index, touched);
-                continue;
-            }
-            let at_rest = !region.wanted && region.changing == 0;
-            if region.state != RegionState::Held || !at_rest {
-                continue;
-            }
-            if self.is_too_fine(region) || region.touched + LINGER < tick {
-                victim = Some((index, region.due));
-                break;
-            }
-            let ahead = region.needed + LINGER < tick && asking.is_some_and(|due| region.due > due);
-            if ahead && victim.is_none_or(|(_, due)| region.due > due) {
-                victim = Some((index, region.due));
-            }
-        }
-        let Some((index, _)) = victim else {
-            return false;
-        };
-        self.leave(index, budget);
-        true
     }
 }

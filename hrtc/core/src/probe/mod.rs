@@ -1,17 +1,17 @@
 //! A probe: its sample, its tour, and the gate and account of its force.
 
-pub(crate) mod forecast;
+pub(crate) mod contacts;
 pub(crate) mod pair;
 pub(crate) mod proxy_kind;
 
 use crate::bodies::material_motion;
 use crate::contact::motion::{Placement, Twist};
-use crate::controller::TickInputs;
 use crate::force::effects::{Clock, Rendered, SceneEffects};
 use crate::force::limiter::ForceLimiter;
 use crate::force::passivity::{CarriedWork, EnergyAccount};
-use crate::frame::ModelFrame;
+use crate::instance::ModelFrame;
 use geometry::{Pose, Wrench};
+use haptic_device::Sample;
 use protocol::{TourAsk, TourPoint};
 use scene::{ProbePlan, ScenePlan, TrajectoryPlan};
 
@@ -93,7 +93,7 @@ impl Probe {
         };
         Self {
             tip_m: probe.shape.tip_m(),
-            reach_m: probe.shape.extent_m(),
+            reach_m: probe.shape.reach_m(),
             tour,
             pose: None,
             last: None,
@@ -112,8 +112,7 @@ impl Probe {
     }
 
     /// Takes the sample of a tick if it is usable, else stays where it was.
-    pub fn sample(&mut self, inputs: &TickInputs<'_>, index: usize) {
-        let given = inputs.samples.get(index).copied().flatten();
+    pub fn sample(&mut self, given: Option<Sample>) {
         self.rejected = false;
         self.pose = match given {
             Some(sample) if sample.pose.is_finite() => {
@@ -157,9 +156,9 @@ impl Probe {
     }
 
     /// Passes what all touches, and the scene, want through account and gate to the device. `ahead`: the work of what
-    /// resists over the motion of the material in the coming period. The shares that have passed of what resists and of
+    /// passive over the motion of the material in the coming period. The shares that have passed of what passive and of
     /// what drives.
-    pub fn feel(
+    pub fn limit(
         &mut self,
         clock: Clock,
         mut wanted: Rendered,
@@ -175,18 +174,18 @@ impl Probe {
                 self.effects.render(clock, pose, velocity, &mut wanted);
             }
         }
-        let mut resists = wanted.passive;
+        let mut passive = wanted.passive;
         let mut given = 1.0;
         if self.passivity {
-            given = self.energy.share(resists, wanted.spring, ahead);
-            resists = resists * given;
+            given = self.energy.share(passive, wanted.spring, ahead);
+            passive = passive * given;
         }
         let open = is_open && self.samples_missed <= MAX_SAMPLES_MISSED;
         let is_driven = wanted.active != Wrench::ZERO;
         let sum = if is_driven {
-            resists + wanted.active
+            passive + wanted.active
         } else {
-            resists
+            passive
         };
         let gated = self.gate.pass(sum, open);
         (self.wrench, self.clamped) = (gated.wrench, gated.clamped);
@@ -199,7 +198,7 @@ impl Probe {
         };
         let share = if share.is_nan() { 0.0 } else { share };
         let limited = if is_driven {
-            resists * share
+            passive * share
         } else {
             gated.wrench
         };

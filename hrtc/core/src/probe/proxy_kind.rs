@@ -20,18 +20,18 @@ const PAIRS_A_UNIT: u32 = 12;
 #[derive(Debug)]
 pub enum ProxyKind {
     /// Of a ball.
-    Ball(Box<BallFollower>),
+    Ball(Box<SphereKind>),
     /// Of a tool.
-    Tool(Box<ToolFollower>),
+    Tool(Box<ToolKind>),
 }
 
 /// The proxy of a ball; none until it begins.
 #[derive(Debug)]
-pub struct BallFollower(Option<Proxy>);
+pub struct SphereKind(Option<Proxy>);
 
 /// The proxy of a tool, in metres until it begins, and where it touches.
 #[derive(Debug)]
-pub struct ToolFollower {
+pub struct ToolKind {
     proxy: ToolProxy,
     has_begun: bool,
     /// The middle of what it touched last, if it does.
@@ -74,8 +74,8 @@ impl ProxyKind {
         let tool = ToolMesh::of_shape(shape).and_then(|mesh| Tool::new(&mesh).ok());
         let proxy = tool.and_then(|tool| ToolProxy::new(tool, 1.0).ok());
         match proxy {
-            None => Self::Ball(Box::new(BallFollower(None))),
-            Some(proxy) => Self::Tool(Box::new(ToolFollower {
+            None => Self::Ball(Box::new(SphereKind(None))),
+            Some(proxy) => Self::Tool(Box::new(ToolKind {
                 proxy,
                 has_begun: false,
                 touched: None,
@@ -226,11 +226,11 @@ impl ProxyKind {
         }
     }
 
-    /// As close to the device as the surface lets it, in steps that cost no more than `most_work`.
-    pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, most_work: u32) -> ProxyStep {
+    /// As close to the device as the surface lets it, in steps that cost no more than `max_work`.
+    pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, max_work: u32) -> ProxyStep {
         match self {
             Self::Ball(ball) => ball.0.as_mut().map_or(ProxyStep::NOTHING, |proxy| {
-                let advance = proxy.advance(surface, goal.position, most_work);
+                let advance = proxy.advance(surface, goal.position, max_work);
                 ProxyStep {
                     contact: advance.contact,
                     work: advance.work,
@@ -239,7 +239,7 @@ impl ProxyKind {
                     early: false,
                 }
             }),
-            Self::Tool(tool) if tool.has_begun => tool.advance(surface, goal, most_work),
+            Self::Tool(tool) if tool.has_begun => tool.advance(surface, goal, max_work),
             Self::Tool(_) => ProxyStep::NOTHING,
         }
     }
@@ -331,9 +331,9 @@ impl ProxyKind {
     }
 }
 
-impl ToolFollower {
-    fn advance(&mut self, surface: Surface<'_>, goal: &Pose, most_work: u32) -> ProxyStep {
-        let budget = most_work.saturating_mul(PAIRS_A_UNIT);
+impl ToolKind {
+    fn advance(&mut self, surface: Surface<'_>, goal: &Pose, max_work: u32) -> ProxyStep {
+        let budget = max_work.saturating_mul(PAIRS_A_UNIT);
         let advance = self.proxy.advance(surface, goal, budget);
         let contacts = advance.contacts();
         self.touched = middle(contacts);

@@ -1,5 +1,13 @@
-//! Requests to the station and what comes back.
+//! Session with the station: requests out, chunks in (the Mesh Subscriber of thesis Figure 5.15).
 
+mod answers;
+mod base_mesh;
 pub mod chunk;
-pub(crate) mod ingest;
+mod fault;
+mod outbox;
+pub(crate) mod session;
 pub mod subscriber;
+pub(crate) mod tuning;
+
+pub use fault::Fault;
+pub use outbox::{Outbox, REQUESTS_PER_TICK};

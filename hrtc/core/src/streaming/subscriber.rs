@@ -1,25 +1,13 @@
 //! The mesh subscriber: requests out, chunks in, epochs and credit (see `shared::protocol`).
 
-use crate::cache::{Cache, RegionKey, RegionState};
+use super::outbox::Outbox;
+use super::tuning::CREDIT_STEP;
+use crate::cache::{Cache, MAX_OUTSTANDING, RegionKey, RegionTable};
 use protocol::{
     CREDIT_CHUNKS, ChunkHeader, REGIONS_PER_REQUEST, RegionAction, RegionAsk, Request, RequestKind,
     TourAsk,
 };
 use spm::NONE;
-
-/// Answers that may be outstanding: no more than the credit lets come before the next word from here, so that
-/// what is asked for next is still what is needed most.
-const OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
-/// Share of the credit that is consumed before the station is told without another reason.
-const CREDIT_STEP: u64 = 4;
-/// Releases that may wait for the next request: half of what it holds.
-const MAX_RELEASES: usize = REGIONS_PER_REQUEST / 2;
-/// Ticks for which a refused region is not asked for again ...
-const REFUSED_TICKS: u64 = 2000;
-/// ... and places of the region table a tick that are looked at for one.
-const REFUSED_WINDOW: usize = 4;
-/// Requests of a session in a tick at the most.
-pub const REQUESTS_PER_TICK: usize = 4;
 
 /// Who this client is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,9 +18,9 @@ pub struct Identity {
     pub incarnation: u64,
 }
 
-/// What a conversation with the station is about.
+/// Subject of a session with the station.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Session {
+pub struct Subject {
     /// Object of the scene.
     pub object: u32,
     /// Hash of the model's name in the scene.
@@ -50,57 +38,11 @@ pub enum Reception {
     Gap,
 }
 
-/// Requests of one tick; storage made once.
-#[derive(Debug, Clone)]
-pub struct Outbox {
-    requests: Vec<Request>,
-    /// Requests that there may be when the present session has had its share.
-    most: usize,
-}
-
-impl Outbox {
-    /// Empty, with room for the requests of so many sessions in a tick.
-    #[must_use]
-    pub fn new(sessions: usize) -> Self {
-        Self {
-            requests: Vec::with_capacity(REQUESTS_PER_TICK * sessions),
-            most: 0,
-        }
-    }
-
-    /// The requests.
-    #[must_use]
-    pub fn requests(&self) -> &[Request] {
-        &self.requests
-    }
-
-    /// Empties it for the next tick.
-    pub fn clear(&mut self) {
-        self.requests.clear();
-        self.most = 0;
-    }
-
-    /// Another session has the word: it may make [`REQUESTS_PER_TICK`] requests.
-    pub fn next_session(&mut self) {
-        let most = self.requests.len() + REQUESTS_PER_TICK;
-        self.most = most.min(self.requests.capacity());
-    }
-
-    fn has_room(&self) -> bool {
-        self.requests.len() < self.most
-    }
-
-    fn push(&mut self, request: Request) {
-        debug_assert!(self.requests.len() < self.requests.capacity());
-        self.requests.push(request);
-    }
-}
-
 /// The subscriber's state.
 #[derive(Debug, Clone)]
 pub struct Subscriber {
     identity: Identity,
-    session: Session,
+    subject: Subject,
     /// Chunks that may be under way.
     credit: u64,
     station: u64,
@@ -119,15 +61,6 @@ pub struct Subscriber {
     outstanding_high_water: u32,
     last_progress: u64,
     timeout_ticks: u64,
-    /// Places in the region table of regions to be released.
-    releases: [u32; MAX_RELEASES],
-    release_count: usize,
-    releases_high_water: usize,
-    /// Places in the region table of regions to be asked for again.
-    resends: [u32; OUTSTANDING as usize],
-    resend_count: usize,
-    /// Where in the region table the search for refused regions goes on.
-    refused_hand: usize,
     /// Regions asked for so far.
     pub subscribed: u64,
     /// Regions asked for again, with every record, because their answer counted on records that were gone.
@@ -143,7 +76,7 @@ impl Subscriber {
     pub fn new(identity: Identity, timeout_ticks: u64) -> Self {
         Self {
             identity,
-            session: Session {
+            subject: Subject {
                 object: NONE,
                 name: 0,
             },
@@ -163,12 +96,6 @@ impl Subscriber {
             outstanding_high_water: 0,
             last_progress: 0,
             timeout_ticks,
-            releases: [0; MAX_RELEASES],
-            release_count: 0,
-            releases_high_water: 0,
-            resends: [0; OUTSTANDING as usize],
-            resend_count: 0,
-            refused_hand: 0,
             subscribed: 0,
             resent: 0,
             resubscribed: 0,
@@ -176,8 +103,8 @@ impl Subscriber {
     }
 
     /// Begins a session about an object, in an epoch that no session about it has had; its totals go on.
-    pub fn begin_session(&mut self, session: Session, epoch: u32, tick: u64) {
-        self.session = session;
+    pub fn begin_session(&mut self, subject: Subject, epoch: u32, tick: u64) {
+        self.subject = subject;
         self.epoch = epoch;
         self.model = 0;
         self.tour = None;
@@ -186,7 +113,7 @@ impl Subscriber {
 
     /// Tells the station that the session ends, as far as that is heard; the epoch that it ends in.
     pub fn close(&mut self, outbox: &mut Outbox, tick: u64) -> u32 {
-        outbox.next_session();
+        outbox.begin_quota();
         if self.sent > 0 && outbox.has_room() {
             let request = self.request(RequestKind::Close);
             self.send(outbox, request, tick, false);
@@ -225,17 +152,7 @@ impl Subscriber {
         }
         self.epoch = self.epoch.wrapping_add(1);
         self.start(tick);
-        for place in 0..cache.regions.capacity() {
-            match cache.regions.get(place).map(|region| region.state) {
-                Some(RegionState::Asked | RegionState::ToAskAgain) => {
-                    cache.let_go(place, u32::MAX);
-                    cache.regions.remove(place);
-                }
-                // A station that starts the epoch anew does not believe in it any more.
-                Some(RegionState::ToRelease) => cache.regions.remove(place),
-                _ => {}
-            }
-        }
+        cache.end_epoch();
     }
 
     /// Everything of an epoch as it is at its start.
@@ -248,8 +165,6 @@ impl Subscriber {
         self.tour_asked = false;
         self.declared = 0;
         self.outstanding = 0;
-        self.release_count = 0;
-        self.resend_count = 0;
         self.last_progress = tick;
     }
 
@@ -257,7 +172,7 @@ impl Subscriber {
     #[must_use]
     pub fn receive(&self, header: &ChunkHeader) -> Reception {
         let ours = header.client == self.identity.client
-            && header.object == self.session.object
+            && header.object == self.subject.object
             && header.station == self.station
             && header.epoch == self.epoch;
         if !ours || header.sequence < self.next_chunk {
@@ -297,35 +212,13 @@ impl Subscriber {
         self.outstanding = self.outstanding.saturating_sub(1);
     }
 
-    /// The asked region at a place of the table is to be asked for again, with every record. It stays
-    /// outstanding, so there is room for it.
-    pub fn ask_again(&mut self, place: usize) {
-        if self.resend_count < self.resends.len() {
-            self.resends[self.resend_count] = place as u32;
-            self.resend_count += 1;
-        }
-    }
-
-    /// Whether another release can be told.
+    /// Answers outstanding at once, at the most, and how many there may be.
     #[must_use]
-    pub fn may_release(&self) -> bool {
-        self.release_count < MAX_RELEASES
-    }
-
-    /// The region at a place of the table is now to be released; the caller has asked whether it may be.
-    pub fn release(&mut self, place: usize) {
-        self.releases[self.release_count] = place as u32;
-        self.release_count += 1;
-        self.releases_high_water = self.releases_high_water.max(self.release_count);
-    }
-
-    /// The most answers outstanding, and releases that waited to be told, at once; and how many there may be.
-    #[must_use]
-    pub fn high_water(&self) -> [(usize, usize); 2] {
-        [
-            (self.outstanding_high_water as usize, OUTSTANDING as usize),
-            (self.releases_high_water, MAX_RELEASES),
-        ]
+    pub fn high_water(&self) -> (usize, usize) {
+        (
+            self.outstanding_high_water as usize,
+            MAX_OUTSTANDING as usize,
+        )
     }
 
     /// Whether regions may be asked for.
@@ -333,7 +226,7 @@ impl Subscriber {
     pub fn may_ask(&self, cache: &Cache) -> bool {
         self.station != 0
             && self.model != 0
-            && self.outstanding < OUTSTANDING
+            && self.outstanding < MAX_OUTSTANDING
             && self.declared >= cache.regions.capacity()
     }
 
@@ -344,10 +237,10 @@ impl Subscriber {
         request.sequence = self.sent;
         request.consumed = self.consumed;
         request.model = self.model;
-        request.name = self.session.name;
+        request.name = self.subject.name;
         request.epoch = self.epoch;
         request.kind = kind as u32;
-        request.object = self.session.object;
+        request.object = self.subject.object;
         request.credit = self.credit as u32;
         request
     }
@@ -369,7 +262,7 @@ impl Subscriber {
         wanted: impl Iterator<Item = (RegionKey, u64)>,
         outbox: &mut Outbox,
     ) {
-        outbox.next_session();
+        outbox.begin_quota();
         if self.station == 0 {
             return;
         }
@@ -404,7 +297,7 @@ impl Subscriber {
                 && (request.count as usize) < REGIONS_PER_REQUEST
             {
                 if let Some(region) = cache.regions.get(self.declared)
-                    && region.state == RegionState::Held
+                    && region.is_resident()
                 {
                     push(&mut request, region.key, RegionAction::Held);
                 }
@@ -428,21 +321,14 @@ impl Subscriber {
             return;
         }
         let mut request = self.request(RequestKind::Regions);
-        for &place in &self.releases[..self.release_count] {
-            let place = place as usize;
-            push(
-                &mut request,
-                cache.regions.at(place).key,
-                RegionAction::Release,
-            );
-            cache.regions.remove(place);
-        }
-        self.release_count = 0;
-        let again = self.resend(cache, &mut request);
-        self.forgive(tick, cache);
+        cache
+            .regions
+            .drain_releases(|key| push(&mut request, key, RegionAction::Release));
+        let again = self.request_again(&mut cache.regions, &mut request);
+        cache.regions.forget_old_refusal(tick);
         let mut asked = 0;
         while (request.count as usize) < REGIONS_PER_REQUEST
-            && self.outstanding + asked < OUTSTANDING
+            && self.outstanding + asked < MAX_OUTSTANDING
         {
             let Some((key, due)) = wanted.next() else {
                 break;
@@ -450,13 +336,11 @@ impl Subscriber {
             if cache.regions.index(key).is_some() {
                 continue;
             }
-            let Some(index) = cache.regions.add(key) else {
+            let Some(index) = cache.regions.request(key) else {
                 break;
             };
-            cache.regions.touch(index, tick);
-            let region = cache.regions.at_mut(index);
-            region.state = RegionState::Asked;
-            region.due = due;
+            cache.regions.mark_used(index, tick);
+            cache.regions.at_mut(index).due = due;
             push(&mut request, key, RegionAction::Subscribe);
             asked += 1;
         }
@@ -468,36 +352,18 @@ impl Subscriber {
         }
     }
 
-    /// Asks again, with every record, for regions whose answer was of no use; they are outstanding still. Their
+    /// Requests regions again, with every record, whose answer was of no use; they are outstanding still. Their
     /// number.
-    fn resend(&mut self, cache: &mut Cache, request: &mut Request) -> u32 {
+    fn request_again(&mut self, regions: &mut RegionTable, request: &mut Request) -> u32 {
         let mut again = 0;
-        while (request.count as usize) < REGIONS_PER_REQUEST && self.resend_count > 0 {
-            self.resend_count -= 1;
-            let place = self.resends[self.resend_count] as usize;
-            let region = cache.regions.at_mut(place);
-            region.state = RegionState::Asked;
-            push(request, region.key, RegionAction::Resend);
+        while (request.count as usize) < REGIONS_PER_REQUEST
+            && let Some(key) = regions.request_again()
+        {
+            push(request, key, RegionAction::Resend);
             again += 1;
         }
         self.resent += u64::from(again);
         again
-    }
-
-    /// Forgets that a region was refused long ago, so that it may be asked for again.
-    fn forgive(&mut self, tick: u64, cache: &mut Cache) {
-        let capacity = cache.regions.capacity();
-        for _ in 0..REFUSED_WINDOW.min(capacity) {
-            let place = self.refused_hand;
-            self.refused_hand = (place + 1) % capacity;
-            let old = cache.regions.get(place).is_some_and(|region| {
-                region.state == RegionState::Refused && tick > region.refused_at + REFUSED_TICKS
-            });
-            if old {
-                cache.regions.remove(place);
-                break;
-            }
-        }
     }
 }
 

@@ -484,7 +484,7 @@ impl Pair {
             let is_down = ticks >= APPROACH_TICKS;
             let place = if is_down { touch.goal } else { touch.above };
             let record = self.hold(place);
-            let changes = record.vsplits + record.ecols + record.in_flight;
+            let changes = record.vsplits + record.ecols + record.geomorphing;
             let changed = changes > 0 || record.vsps_received != received;
             received = record.vsps_received;
             assert!(

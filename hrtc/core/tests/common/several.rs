@@ -199,7 +199,7 @@ impl Scene {
 
     /// Checks the caches of all seats; while a base mesh is coming there is nothing to check.
     pub fn check(&self) {
-        let seats = self.controller.seats().iter();
+        let seats = self.controller.active_objects().iter();
         for seat in seats.filter(|seat| seat.is_ready()) {
             seat.cache().check();
         }
@@ -207,7 +207,7 @@ impl Scene {
 
     /// Ids of the performed splits of an object that is awake, ascending.
     pub fn refined_front(&self, object: usize) -> Vec<u32> {
-        let seat = self.controller.seat_of(object).expect("it is awake");
+        let seat = self.controller.active_object(object).expect("it is awake");
         let cache = seat.cache();
         let performed = (0..cache.slots()).filter(|&slot| cache.mesh().is_performed(slot));
         let mut ids: Vec<u32> = performed.map(|slot| cache.mesh().id(slot)).collect();

@@ -1,9 +1,28 @@
-//! Between the world and the stored coordinates of an object's model.
+//! Objects of the scene, and their frames: between the world and the stored coordinates of an object's model.
 
 use geometry::Pose;
 use glam::DVec3;
-use scene::ModelScale;
+use scene::{ModelScale, SurfacePlan};
 use spm::ModelHeader;
+
+/// An object of the scene, without its model's name.
+#[derive(Debug, Clone, Copy)]
+pub struct ObjectInstance {
+    /// Object of the scene.
+    pub object: u32,
+    /// Index of its model in the base mesh store.
+    pub model: usize,
+    /// Hash of the model's name in the scene.
+    pub name: u64,
+    /// Its pose in this tick.
+    pub pose: Pose,
+    /// Its pose in the tick before, if that was another.
+    pub before: Option<Pose>,
+    /// Metres a model unit, or the size that the longest side shall have.
+    pub scale: ModelScale,
+    /// Stiffness, damping and friction.
+    pub surface: SurfacePlan,
+}
 
 /// A pose in the world as it is in the axes of an object at a pose of its own, metres.
 #[must_use]

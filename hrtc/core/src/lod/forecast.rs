@@ -1,9 +1,9 @@
 //! Where a tool may touch next, away from where it touches now: the prediction follows the contact, but in a cavity, or as
 //! the tool turns, another part of it comes to the surface, which is to be refined by then.
 
+use super::predict::{Motion, RADII_AROUND, REFINE_AHEAD};
 use crate::contact::query::{Surface, closest_point};
 use crate::contact::rigid_proxy::MAX_BALLS;
-use crate::lod::predict::{Motion, RADII_AROUND, REFINE_AHEAD};
 use crate::probe::proxy_kind::ProxyKind;
 use geometry::Pose;
 use glam::DVec3;
@@ -69,26 +69,26 @@ impl ContactForecast {
 
     /// Looks for the surface near the next parts of a tool; a ball has no parts but itself. `patch`: radius of what a tip
     /// touches at once, model units.
-    pub fn look(&mut self, surface: Surface<'_>, follower: &ProxyKind, goal: &Pose, patch: f64) {
+    pub fn look(&mut self, surface: Surface<'_>, proxy: &ProxyKind, goal: &Pose, patch: f64) {
         self.found = [None; A_TICK];
-        let ProxyKind::Tool(_) = follower else {
+        let ProxyKind::Tool(_) = proxy else {
             return;
         };
         for found in &mut self.found {
             let k = self.next;
             self.next = (k + 1) % MAX_BALLS;
-            let Some(part) = follower.parts(goal).nth(k) else {
+            let Some(part) = proxy.parts(goal).nth(k) else {
                 continue;
             };
             let seen = &mut self.seen[k];
             let is_new = seen.face == NONE;
-            let way = if is_new {
+            let displacement = if is_new {
                 DVec3::ZERO
             } else {
                 part.centre - seen.centre
             };
             seen.centre = part.centre;
-            let velocity = way * (A_TICK as f64 / MAX_BALLS as f64);
+            let velocity = displacement * (A_TICK as f64 / MAX_BALLS as f64);
             let reach = (RADII_AROUND - 1.0) * patch + velocity.length() * REFINE_AHEAD;
             if seen.clearance - part.centre.distance(seen.measured) > reach {
                 continue;

@@ -1,0 +1,203 @@
+//! Memory pressure: the reaction to a cache that is too small for what is wanted.
+
+use super::lod_controller::MAX_RINGS;
+
+/// What is done without while the cache is too small for what is wanted.
+///
+/// Each step that turns out not to be enough is followed by the next: first nothing is loaded ahead of need,
+/// then the coarser rings around the finest go, then the finest ring itself comes coarser. Back it goes one
+/// step at a time, after a wait that doubles whenever the step back turned out to be too early.
+#[derive(Debug, Clone)]
+pub struct MemoryPressure {
+    steps: u32,
+    /// Tick of the last change.
+    changed: u64,
+    /// Tick when the cache was last too small.
+    starved: Option<u64>,
+    /// Whether that change was a step back.
+    went_back: bool,
+    /// Ticks without want after which it goes back a step.
+    patience: u64,
+    /// Contact ticks that were coarser than the finest ring, less those that were not.
+    misses: u32,
+}
+
+/// Ticks for which a step may take effect before the next.
+const SETTLE: u64 = 60;
+/// Ticks without want before the first step back, and the longest wait.
+const PATIENCE: u64 = 1000;
+const MAX_PATIENCE: u64 = 16_000;
+/// Ticks after a step back within which a want means that it was too early.
+const EARLY: u64 = 2000;
+/// Steps before the finest ring is raised: no loading ahead, no coarser rings.
+const STEPS_BEFORE_COARSER: u32 = 2;
+/// Most steps: these, then every ring.
+const MAX_STEPS: u32 = STEPS_BEFORE_COARSER + MAX_RINGS as u32;
+/// Ticks of contact over which it is judged whether the finest ring comes in time.
+const MAX_MISSES: u32 = 256;
+/// Ticks without any question after the cache was found full.
+const PAUSE: u64 = 20;
+
+impl MemoryPressure {
+    /// Nothing is done without.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            steps: 0,
+            changed: 0,
+            starved: None,
+            went_back: false,
+            patience: PATIENCE,
+            misses: 0,
+        }
+    }
+
+    /// Whether the contact of a tick was as fine as the finest ring.
+    pub fn record_contact(&mut self, as_fine: bool) {
+        self.misses = if as_fine {
+            self.misses.saturating_sub(1)
+        } else {
+            (self.misses + 1).min(MAX_MISSES)
+        };
+    }
+
+    /// The cache could not hold what was to come.
+    pub fn starve(&mut self, tick: u64) {
+        self.starved = Some(tick);
+        // The step before must have had time to take effect.
+        if self.steps > 0 && !self.went_back && tick <= self.changed + SETTLE {
+            return;
+        }
+        if self.went_back && tick <= self.changed + EARLY {
+            self.patience = (2 * self.patience).min(MAX_PATIENCE);
+        }
+        // A block that comes in time for the contact now and again fits: a coarser one would be coarser always.
+        if self.steps >= STEPS_BEFORE_COARSER && self.misses < MAX_MISSES / 2 {
+            return;
+        }
+        self.misses = 0;
+        self.steps = (self.steps + 1).min(MAX_STEPS);
+        self.changed = tick;
+        self.went_back = false;
+    }
+
+    /// Goes back a step when there was room for long enough.
+    pub fn recover(&mut self, tick: u64) {
+        let Some(starved) = self.starved else {
+            return;
+        };
+        let since = starved.max(self.changed);
+        if self.steps > 0 && tick > since + self.patience {
+            self.steps -= 1;
+            self.changed = tick;
+            self.went_back = true;
+        } else if self.steps == 0 && tick > since + EARLY {
+            self.patience = PATIENCE;
+        }
+    }
+
+    /// Steps taken now.
+    #[must_use]
+    pub fn steps(&self) -> u32 {
+        self.steps
+    }
+
+    /// Whether regions may be loaded ahead of need.
+    #[must_use]
+    pub fn may_prefetch(&self) -> bool {
+        self.steps == 0
+    }
+
+    /// Whether there is room for rings around the finest one.
+    #[must_use]
+    pub fn has_rings(&self) -> bool {
+        self.steps < STEPS_BEFORE_COARSER
+    }
+
+    /// Rings by which the finest is raised.
+    #[must_use]
+    pub fn raised(&self) -> usize {
+        self.steps.saturating_sub(STEPS_BEFORE_COARSER) as usize
+    }
+
+    /// Whether regions may be asked for at all.
+    #[must_use]
+    pub fn may_ask(&self, tick: u64) -> bool {
+        self.starved.is_none_or(|at| tick > at + PAUSE)
+    }
+}
+
+impl Default for MemoryPressure {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A model's head with a ladder, for tests: a unit cube of 16 cells a side.
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn want_saves_step_by_step_and_plenty_goes_back() {
+        let mut economy = MemoryPressure::new();
+        assert!(economy.may_prefetch() && economy.has_rings() && economy.may_ask(0));
+        let mut tick = 100;
+        for steps in 1..=5 {
+            (0..MAX_MISSES).for_each(|_| economy.record_contact(false));
+            economy.starve(tick);
+            economy.starve(tick + 1);
+            assert_eq!(economy.steps(), steps, "a step takes time to work");
+            assert!(!economy.may_ask(tick + 1));
+            tick += SETTLE + 1;
+        }
+        assert!(!economy.may_prefetch() && !economy.has_rings());
+        assert_eq!(economy.raised(), 3);
+        let mut changes = Vec::new();
+        for later in tick..tick + 20_000 {
+            let before = economy.steps();
+            economy.recover(later);
+            if economy.steps() < before {
+                changes.push(later);
+            }
+        }
+        assert_eq!(economy.steps(), 0);
+        assert_eq!(changes.len(), 5);
+        assert!(changes.windows(2).all(|pair| pair[1] - pair[0] > PATIENCE));
+    }
+
+    #[test]
+    fn what_comes_in_time_mostly_is_not_made_coarser() {
+        let mut economy = MemoryPressure::new();
+        for tick in 0..10_000 {
+            economy.record_contact(tick % 3 != 0);
+            if tick % 70 == 0 {
+                economy.starve(tick);
+            }
+        }
+        assert_eq!((economy.steps(), economy.raised()), (2, 0));
+    }
+
+    #[test]
+    fn a_step_back_that_was_too_early_is_taken_later_the_next_time() {
+        let mut economy = MemoryPressure::new();
+        let (mut tick, mut waits) = (0, Vec::new());
+        for _ in 0..6 {
+            economy.starve(tick);
+            let from = tick;
+            while economy.steps() > 0 {
+                tick += 1;
+                economy.recover(tick);
+            }
+            waits.push(tick - from);
+            tick += 10;
+        }
+        assert!(
+            waits
+                .windows(2)
+                .all(|pair| pair[1] > pair[0] || pair[1] > MAX_PATIENCE)
+        );
+        assert!(waits.iter().all(|&wait| wait <= MAX_PATIENCE + 1));
+    }
+}

@@ -1,0 +1,304 @@
+//! Prediction of the regions that the probes will need: rings around the contact, or blocks of the whole model.
+
+use super::front::{Front, FrontModel, MAX_WANTED};
+use super::predict::{LEAD_TICKS, Motion, Predicted, RADII_AROUND, TURNS, predict_beside};
+use crate::cache::{Cache, RegionKey};
+use crate::contact::query::closest_point;
+use crate::probe::contacts::Contacts;
+use scene::RefinementPlan;
+use spm::RegionId;
+
+/// Received chunks that wait for the tick, above which nothing is requested ahead of need.
+const MAX_WAITING: usize = 8;
+/// Regions that may be kept to be requested in a tick, for each probe: the cells of six balls.
+const MAX_UNKNOWN: usize = 750;
+/// Ticks of motion, times [`RADII_AROUND`], within which a surface must be for a prediction to be moved onto it.
+const LANDING_TICKS: f64 = 60.0;
+/// Share of a block of splits that is still asked for after each step of memory pressure.
+const BLOCK_SHARE: f64 = 0.75;
+
+/// Regions that the predictions of a tick named.
+#[derive(Debug)]
+pub struct Predictions {
+    /// Indices of resident regions that become wanted in this tick.
+    pub(super) arrivals: Vec<usize>,
+    /// Regions that are not in the table.
+    unknown: Vec<Predicted>,
+    unknown_high_water: usize,
+}
+
+impl Predictions {
+    /// None, with room for those of so many probes.
+    #[must_use]
+    pub fn new(probes: usize) -> Self {
+        Self {
+            arrivals: Vec::with_capacity(MAX_WANTED),
+            unknown: Vec::with_capacity(MAX_UNKNOWN * probes),
+            unknown_high_water: 0,
+        }
+    }
+
+    /// Forgets all of them.
+    pub fn clear(&mut self) {
+        self.arrivals.clear();
+        self.unknown.clear();
+    }
+
+    /// Regions kept to be requested at once, at the most, and how many there may be.
+    #[must_use]
+    pub fn high_water(&self) -> (usize, usize) {
+        (self.unknown_high_water, self.unknown.capacity())
+    }
+
+    /// The answer to a region is complete: if the region is needed it need not wait for its next prediction.
+    pub fn region_arrived(&mut self, index: usize, tick: u64, cache: &Cache) {
+        let needed = cache.regions.at(index).needed;
+        // 0 is never: it was only loaded ahead.
+        if needed > 0 && tick <= needed + TURNS as u64 && self.arrivals.len() < MAX_WANTED {
+            self.arrivals.push(index);
+        }
+    }
+
+    /// Marks a predicted region in the table, or keeps it to be requested.
+    fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
+        let Some(index) = cache.regions.index(p.key) else {
+            // For each probe a tick looks at one ball of each of two rings, and at four of a tool. What comes twice is
+            // requested once.
+            if self.unknown.len() < self.unknown.capacity() {
+                self.unknown.push(p);
+                self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());
+            }
+            return;
+        };
+        cache.regions.mark_used(index, tick);
+        let region = cache.regions.at_mut(index);
+        region.due = due(tick, p.ticks);
+        if p.refine {
+            region.needed = tick;
+            let is_new = region.is_resident() && !region.wanted;
+            if is_new && self.arrivals.len() < MAX_WANTED {
+                self.arrivals.push(index);
+            }
+        }
+    }
+
+    /// Regions to request: those to refine first, those due first, of these the coarser first.
+    fn unknown(&mut self) -> &[Predicted] {
+        self.unknown.sort_unstable_by(|a, b| {
+            a.refine
+                .cmp(&b.refine)
+                .reverse()
+                .then(a.ticks.total_cmp(&b.ticks))
+                .then(a.key.tolerance_bits.cmp(&b.key.tolerance_bits).reverse())
+                .then(a.key.cmp(&b.key))
+        });
+        &self.unknown
+    }
+}
+
+/// The tick at which a region that is due in some ticks is due.
+fn due(tick: u64, ticks: f64) -> u64 {
+    // `as` saturates: a region that is never due is due at the end of time.
+    tick.saturating_add(ticks as u64)
+}
+
+impl Front {
+    /// Predicts the regions that the probes will need, and marks those that are known.
+    pub fn predict(&mut self, tick: u64, contacts: &Contacts) {
+        self.predictions.unknown.clear();
+        self.pressure.recover(tick);
+        if self.model.is_none() {
+            return;
+        }
+        match self.plan {
+            RefinementPlan::Local => self.predict_rings(tick, contacts),
+            RefinementPlan::Global { lod } => {
+                if contacts.pairs.iter().any(|pair| pair.goal.is_some()) {
+                    self.predict_block(lod, tick);
+                }
+            }
+        }
+    }
+
+    /// Whether regions may be requested in this tick.
+    #[must_use]
+    pub fn may_request(&self, tick: u64) -> bool {
+        self.pressure.may_ask(tick)
+    }
+
+    /// Predicted regions that are to be requested, most urgent first, and the ticks at which they are due. `waiting`:
+    /// received chunks that wait for the tick. The cache is given back, since the subscriber enters them.
+    pub fn to_request(
+        &mut self,
+        may_request: bool,
+        tick: u64,
+        waiting: usize,
+    ) -> (&mut Cache, impl Iterator<Item = (RegionKey, u64)>) {
+        // Answers come in the order of the requests: what is only ahead must not delay what is needed next.
+        let may_prefetch = self.pressure.may_prefetch() && waiting < MAX_WAITING;
+        let unknown = if may_request {
+            self.predictions.unknown()
+        } else {
+            &[]
+        };
+        let wanted = unknown
+            .iter()
+            .filter(move |p| p.refine || may_prefetch)
+            .map(move |p| (p.key, due(tick, p.ticks)));
+        (&mut self.cache, wanted)
+    }
+
+    /// For each probe sets the finest ring by its speed and by memory pressure, then notes the regions of its rings.
+    /// The finest of all is that of the object: what one probe needs is not too fine for the others.
+    fn predict_rings(&mut self, tick: u64, contacts: &Contacts) {
+        let Self {
+            model:
+                Some(FrontModel {
+                    model,
+                    metres_per_unit,
+                    lod,
+                }),
+            predictions,
+            cache,
+            approaches,
+            pressure,
+            ..
+        } = self
+        else {
+            return;
+        };
+        let operations = self.operations as f64;
+        let rings = pressure.has_rings();
+        let raised = pressure.raised();
+        let mut finest = None;
+        let pairs = contacts.pairs.iter().zip(approaches);
+        for (pair, approach) in pairs.filter(|(pair, _)| pair.is_near) {
+            let Some((device, (position, radius))) = pair.patch(*metres_per_unit) else {
+                continue;
+            };
+            let motion = Motion {
+                position,
+                radius,
+                clearance: pair.clearance - model.radius_max,
+            };
+            let speed = approach.predictor.mean_speed();
+            let reach = RADII_AROUND * motion.radius + speed * LEAD_TICKS;
+            lod.set_finest(approach.finest);
+            let by_speed = lod.finest_at_speed(speed, reach, operations);
+            lod.set_finest(by_speed.max(raised));
+            approach.finest = lod.finest();
+            finest =
+                Some(finest.map_or(approach.finest, |least: usize| least.min(approach.finest)));
+            let predictor = &mut approach.predictor;
+            predictor.predict(lod, rings, device, motion, |predicted| {
+                predictions.note(predicted, tick, cache);
+            });
+            for near in approach.forecast.found() {
+                let rings = rings && near.is_coarse;
+                predict_beside(lod, rings, near.place, near.velocity, |predicted| {
+                    predictions.note(predicted, tick, cache);
+                });
+            }
+        }
+        if let Some(finest) = finest {
+            lod.set_finest(finest);
+        }
+    }
+
+    /// Names one block: the first splits of the sequence, or all that exceed a tolerance, as far as the cache
+    /// holds them. The block before stays until this one is done, so that nothing coarsens in between.
+    fn predict_block(&mut self, lod: Option<u32>, tick: u64) {
+        let Some(key) = self.block_key(lod) else {
+            return;
+        };
+        let index = self.cache.regions.index(key);
+        let is_done = index.is_some_and(|index| self.cache.regions.at(index).is_done());
+        let wanted = Predicted {
+            key,
+            ticks: 0.0,
+            refine: true,
+        };
+        self.predictions.note(wanted, tick, &mut self.cache);
+        if !is_done && let Some(before) = self.last_block {
+            if before != key && self.cache.regions.index(before).is_some() {
+                let kept = Predicted {
+                    key: before,
+                    ..wanted
+                };
+                self.predictions.note(kept, tick, &mut self.cache);
+            }
+        } else if is_done {
+            self.last_block = Some(key);
+        }
+    }
+
+    /// The block that is wanted: what is asked for, cut to the capacity of the cache.
+    fn block_key(&mut self, lod: Option<u32>) -> Option<RegionKey> {
+        let FrontModel {
+            model, lod: rings, ..
+        } = self.model.as_mut()?;
+        let (vsps, slots) = (model.header.vsps, self.cache.slots());
+        let steps = self.pressure.steps();
+        if let Some(count) = lod {
+            let count = f64::from(count.min(vsps).min(slots)) * BLOCK_SHARE.powi(steps as i32);
+            return Some(RegionKey::prefix(count as u32));
+        }
+        // More than n / 4^(level + 1) splits exceed a tolerance below the next tolerance level: a block that surely
+        // does not fit is not tried.
+        let is_hopeless = |level: u32| vsps >> (2 * (level + 1)).min(31) > slots;
+        let first = rings
+            .rings()
+            .iter()
+            .position(|ring| !(is_hopeless(ring.level) || ring.tolerance == 0.0 && vsps > slots));
+        let coarsest = rings.rings().len() - 1;
+        rings.set_finest(first.unwrap_or(coarsest) + steps as usize);
+        Some(RegionKey::new(RegionId::WHOLE, rings.finest_tolerance()))
+    }
+
+    /// Looks where other parts of a tool may touch next, and moves each probe's prediction onto the front as far as the
+    /// front is known, for the next tick.
+    pub fn look_ahead(&mut self, contacts: &Contacts) {
+        let Self {
+            model:
+                Some(FrontModel {
+                    model,
+                    metres_per_unit,
+                    ..
+                }),
+            cache,
+            approaches,
+            plan,
+            ..
+        } = self
+        else {
+            return;
+        };
+        let is_local = *plan == RefinementPlan::Local;
+        let surface = crate::contact::query::Surface {
+            mesh: cache.mesh(),
+            tree: cache.tree(),
+        };
+        let pairs = contacts.pairs.iter().zip(approaches);
+        for (pair, approach) in pairs.filter(|(pair, _)| pair.is_near) {
+            let Some((middle, radius)) = pair.proxy.patch() else {
+                continue;
+            };
+            let (velocity, _) = approach.predictor.motion();
+            let reach = radius + velocity.length() * RADII_AROUND * LANDING_TICKS;
+            let is_close = pair.clearance - model.radius_max <= reach;
+            if let (Some(goal), true) = (pair.goal, is_local) {
+                let patch = pair.patch_m / *metres_per_unit;
+                approach.forecast.look(surface, &pair.proxy, &goal, patch);
+            }
+            let landed = match approach.predictor.ahead(middle) {
+                Some(ahead) if is_local && is_close && ahead.is_finite() => {
+                    let hint = pair.hint.filter(|&face| surface.mesh.is_active(face));
+                    let (nearest, _) = closest_point(surface, ahead, hint);
+                    nearest.map(|n| n.closest.point)
+                }
+                _ => None,
+            };
+            approach.predictor.land(landed);
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Room in the cache: what is collapsed and unloaded where slots are short.
+
+use super::front::Front;
+use super::geomorph::CollapseOutcome;
+use super::tuning::{HYSTERESIS_TICKS, RELEASE_WINDOW, RELEASES_PER_TICK};
+use crate::budget::Budget;
+use crate::cache::{Region, RegionState};
+use crate::probe::contacts::Contacts;
+use spm::RegionId;
+
+impl Front {
+    /// Unloads a region, some of its closure in each tick; then the station is to be told. One at a time, see
+    /// [`Front::may_unload`].
+    pub fn unload(&mut self, index: usize, budget: &mut Budget) {
+        self.unloading = Some(index);
+        self.go_on_unloading(budget);
+    }
+
+    /// Whether another region may be unloaded now: its closure is gone through entry by entry.
+    #[must_use]
+    pub fn may_unload(&self, budget: &Budget) -> bool {
+        budget.unloads > 0 && self.cache.regions.may_release() && !self.is_unloading()
+    }
+
+    /// Whether a region is still being unloaded.
+    #[must_use]
+    pub fn is_unloading(&self) -> bool {
+        self.unloading.is_some()
+    }
+
+    pub(super) fn go_on_unloading(&mut self, budget: &mut Budget) {
+        let Some(index) = self.unloading else {
+            return;
+        };
+        if !self.cache.regions.may_release() || budget.unloads == 0 {
+            return;
+        }
+        let (is_unloaded, entries) = self.cache.unload(index, budget.unloads);
+        budget.unloads -= entries;
+        if is_unloaded {
+            self.cache.regions.release(index);
+            self.unloading = None;
+        }
+    }
+
+    /// Releases regions while the cache is nearly full, so that a fast probe need not wait for room.
+    pub(super) fn keep_some_room(&mut self, tick: u64, budget: &mut Budget) {
+        for _ in 0..RELEASES_PER_TICK {
+            if !self.cache.is_nearly_full() || !self.release_one(None, tick, budget) {
+                break;
+            }
+        }
+    }
+
+    /// Whether a region is finer than what is asked for now.
+    pub(super) fn is_too_fine(&self, region: &Region) -> bool {
+        let is_block = [RegionId::WHOLE, RegionId::PREFIX].contains(&region.key.id);
+        let finest = self.finest_tolerance();
+        !is_block && region.key.tolerance().is_some_and(|t| t < finest)
+    }
+
+    /// Makes a slot free for the region `asking`: by a waiting collapse, or by unloading a region. Returns whether one
+    /// is free now.
+    ///
+    /// Keeps what a wanted region or the cells of a contact need; a probe that perceives a collapse defers it.
+    pub fn make_room(
+        &mut self,
+        asking: usize,
+        tick: u64,
+        budget: &mut Budget,
+        contacts: &mut Contacts,
+    ) -> bool {
+        loop {
+            if self.cache.has_slot() {
+                return true;
+            }
+            if budget.operations > 0 {
+                let collapsed = self.collapse_oldest(contacts);
+                budget.operations -= u32::from(collapsed != CollapseOutcome::None);
+                if collapsed == CollapseOutcome::Done {
+                    continue;
+                }
+            }
+            let due = self.cache.regions.at(asking).due;
+            if budget.operations == 0 || !self.release_one(Some(due), tick, budget) {
+                return false;
+            }
+            budget.operations -= 1;
+        }
+    }
+
+    /// Releases a resident region: of the [`RELEASE_WINDOW`] used least recently the first that is not predicted any
+    /// more, or is finer than there is room for; failing that, if a region that is due at `asking` needs the room, of
+    /// those that are only loaded ahead the one that is due last. The window bounds the cost of a tick.
+    fn release_one(&mut self, asking: Option<u64>, tick: u64, budget: &mut Budget) -> bool {
+        if !self.may_unload(budget) {
+            return false;
+        }
+        let mut victim: Option<(usize, u64)> = None;
+        let mut next = self.cache.regions.oldest();
+        for _ in 0..RELEASE_WINDOW {
+            let Some(index) = next else {
+                break;
+            };
+            next = self.cache.regions.next_older(index);
+            let region = self.cache.regions.at(index);
+            if region.state() == RegionState::Refused {
+                // It has no closure: it moves out of the window.
+                let used_at = region.used_at;
+                self.cache.regions.mark_used(index, used_at);
+                continue;
+            }
+            let at_rest = !region.wanted && region.changing == 0;
+            if !region.is_resident() || !at_rest {
+                continue;
+            }
+            if self.is_too_fine(region) || region.used_at + HYSTERESIS_TICKS < tick {
+                victim = Some((index, region.due));
+                break;
+            }
+            let ahead = region.needed + HYSTERESIS_TICKS < tick
+                && asking.is_some_and(|due| region.due > due);
+            if ahead && victim.is_none_or(|(_, due)| region.due > due) {
+                victim = Some((index, region.due));
+            }
+        }
+        let Some((index, _)) = victim else {
+            return false;
+        };
+        self.unload(index, budget);
+        true
+    }
+}

@@ -1,0 +1,166 @@
+//! Answers of the station: closures and records of requested regions into the cache.
+
+use super::chunk::InboxChunk;
+use super::session::{Receiver, Session, Taken, TickContext};
+use super::tuning::{IDS_AT_ONCE, MAX_WAIT_TICKS, UNITS_PER_ITEM};
+use crate::budget::Budget;
+use crate::cache::{Cache, LoadError};
+use crate::lod::front::Front;
+use protocol::{AnswerItem, AnswersReader, PartHead};
+use spm::VspRecord;
+
+/// Work units of an item.
+fn cost_of(item: &AnswerItem) -> u32 {
+    match item {
+        AnswerItem::Part(_) => 1,
+        AnswerItem::Id { .. } => 2 * UNITS_PER_ITEM,
+        AnswerItem::Record(_) => UNITS_PER_ITEM,
+        AnswerItem::End(_) => 0,
+    }
+}
+
+/// The requested region that a part belongs to; parts of others, and of answers whose first part was not taken, are
+/// skipped.
+fn receiving(cache: &Cache, head: &PartHead) -> Option<usize> {
+    let index = cache.requested((head.region, head.tolerance_bits))?;
+    cache.regions.at(index).is_receiving().then_some(index)
+}
+
+impl Session {
+    pub(super) fn take_answers(
+        &mut self,
+        chunk: &InboxChunk,
+        of: &mut Receiver<'_>,
+        context: &mut TickContext<'_>,
+    ) -> Taken {
+        let tick = context.tick;
+        let budget = &mut *context.budget;
+        let whole_chunk = AnswersReader::new(chunk.header.count);
+        let mut reader = self.progress.reader.unwrap_or(whole_chunk);
+        loop {
+            // Everything before is done; an item that has to wait is read again.
+            self.progress.reader = Some(reader);
+            let item = match reader.next(&chunk.slots) {
+                Ok(Some(item)) => item,
+                Ok(None) => return Taken::Whole,
+                Err(_) => return Taken::Gap,
+            };
+            let cost = cost_of(&item);
+            if budget.ingest < cost {
+                budget.ingest = 0;
+                return Taken::Part;
+            }
+            if let AnswerItem::Part(head) = item {
+                budget.ingest -= cost;
+                self.progress.done += 1;
+                begin_answer(&head, &mut of.front.cache);
+                continue;
+            }
+            let Some(region) = receiving(&of.front.cache, reader.head()) else {
+                reader.skip_part();
+                continue;
+            };
+            if matches!(item, AnswerItem::Record(_))
+                && !of.front.cache.has_slot()
+                && !of.front.make_room(region, tick, budget, of.contacts)
+            {
+                if self.progress.waited < MAX_WAIT_TICKS {
+                    return Taken::Part;
+                }
+                self.give_up(region, of.front, budget, tick);
+                continue;
+            }
+            budget.ingest -= cost;
+            let taken = self.take_item(&item, (chunk, &mut reader), region, of, (tick, budget));
+            match (taken, item) {
+                (Ok(()), _) => self.progress.done += 1,
+                (Err(LoadError::NoRoom), AnswerItem::Record(_)) => return Taken::Part,
+                (Err(LoadError::NoRoom), _) => self.give_up(region, of.front, budget, tick),
+                (Err(LoadError::Gap), _) => {
+                    of.front.cache.ask_again(region);
+                }
+                (Err(LoadError::Damaged), _) => self.refuse(region, of.front, tick),
+            }
+        }
+    }
+
+    /// Takes an item of the answer to a region.
+    fn take_item(
+        &mut self,
+        item: &AnswerItem,
+        (chunk, reader): (&InboxChunk, &mut AnswersReader),
+        region: usize,
+        of: &mut Receiver<'_>,
+        (tick, budget): (u64, &mut Budget),
+    ) -> Result<(), LoadError> {
+        let cache = &mut of.front.cache;
+        match item {
+            AnswerItem::Id { id, record_follows } => {
+                take_ids(cache, chunk, region, (*id, *record_follows), reader)
+            }
+            AnswerItem::Record(record) => {
+                self.take_record(cache, region, record, &mut budget.operations)
+            }
+            AnswerItem::End(head) if head.is_last() => {
+                cache.end_answer(region)?;
+                self.subscriber.answered();
+                of.front.region_arrived(region, tick);
+                Ok(())
+            }
+            AnswerItem::End(_) | AnswerItem::Part(_) => Ok(()),
+        }
+    }
+
+    fn take_record(
+        &mut self,
+        cache: &mut Cache,
+        region: usize,
+        record: &VspRecord,
+        operations: &mut u32,
+    ) -> Result<(), LoadError> {
+        cache.load(region, record)?;
+        self.vsps_received += 1;
+        // A record costs about half an operation: one budget for both keeps ticks even.
+        *operations = operations.saturating_sub((self.progress.done % 2) as u32);
+        Ok(())
+    }
+
+    /// Gives up a requested region for lack of room; the station is told if possible.
+    fn give_up(&mut self, region: usize, front: &mut Front, budget: &mut Budget, tick: u64) {
+        self.subscriber.answered();
+        if front.may_unload(budget) {
+            front.unload(region, budget);
+        } else {
+            front.cache.forget(region);
+        }
+        front.starve(tick);
+    }
+}
+
+/// A part begins, and with it the answer, if it is the first part.
+fn begin_answer(head: &PartHead, cache: &mut Cache) {
+    let region = cache.requested((head.region, head.tolerance_bits));
+    if let (true, Some(region)) = (head.is_first(), region) {
+        cache.begin_answer(region);
+    }
+}
+
+/// Takes an id of a closure, and those that come right after it.
+fn take_ids(
+    cache: &mut Cache,
+    chunk: &InboxChunk,
+    region: usize,
+    (id, record_follows): (u32, bool),
+    reader: &mut AnswersReader,
+) -> Result<(), LoadError> {
+    cache.add_to_closure(region, id, record_follows)?;
+    for _ in 1..IDS_AT_ONCE {
+        let mut ahead = *reader;
+        let Ok(Some(AnswerItem::Id { id, record_follows })) = ahead.next(&chunk.slots) else {
+            break;
+        };
+        cache.add_to_closure(region, id, record_follows)?;
+        *reader = ahead;
+    }
+    Ok(())
+}

@@ -1,0 +1,220 @@
+//! Header and base mesh of a model: from chunks, or from the store, into the cache.
+
+use super::Fault;
+use super::chunk::InboxChunk;
+use super::session::{Receiver, Session, Taken, TickContext};
+use super::tuning::UNITS_PER_ITEM;
+use crate::cache::Cache;
+use crate::cache::base_mesh_store::{Model, first_face_slot, model_slots};
+use crate::instance::ModelFrame;
+use crate::lod::lod_controller::triangle_area;
+use protocol::{CHUNK_SLOTS, ChunkSlot, MODEL_HEADER_SLOTS};
+use spm::{BaseFace, BaseVertex, ModelHeader};
+
+/// Work units that must remain to take a slot.
+const MIN_UNITS: u32 = 4 * UNITS_PER_ITEM;
+
+impl Session {
+    pub(super) fn take_model(
+        &mut self,
+        chunk: &InboxChunk,
+        of: &mut Receiver<'_>,
+        context: &mut TickContext<'_>,
+    ) -> Taken {
+        // An object that loads a stored base mesh has its model and requests none.
+        if self.fault.is_some() || self.loading.is_some() {
+            return Taken::Whole;
+        }
+        if let Some(known) = of.front.model() {
+            if known.model.header.model != chunk.header.model {
+                self.fault = Some(Fault::AnotherModel);
+            }
+            return Taken::Whole;
+        }
+        let is_first = self.progress.done == 0 && chunk.header.code == 0;
+        if is_first && self.progress.header.is_none() {
+            match begin_model(chunk, of, context) {
+                Ok(header) => {
+                    self.progress.header = Some(header);
+                    self.progress.model_slots = MODEL_HEADER_SLOTS as u32;
+                }
+                Err(fault) => {
+                    self.fault = Some(fault);
+                    return Taken::Whole;
+                }
+            }
+        }
+        let Some(header) = self.progress.header else {
+            return Taken::Gap;
+        };
+        if header.model != chunk.header.model {
+            self.fault = Some(Fault::AnotherModel);
+            return Taken::Whole;
+        }
+        self.take_base_slots(&header, chunk, of, context)
+    }
+
+    /// Takes the slots of a chunk that come next.
+    fn take_base_slots(
+        &mut self,
+        header: &ModelHeader,
+        chunk: &InboxChunk,
+        of: &mut Receiver<'_>,
+        context: &mut TickContext<'_>,
+    ) -> Taken {
+        let end = model_slots(header) as u32;
+        // A repeated answer (after an epoch ended) starts anew: the same values are set again.
+        for slot in 0..CHUNK_SLOTS as u32 {
+            let place = chunk.header.code.saturating_add(slot);
+            if place < self.progress.model_slots || place >= end {
+                continue;
+            }
+            if place > self.progress.model_slots {
+                return Taken::Gap;
+            }
+            if context.budget.ingest < MIN_UNITS {
+                context.budget.ingest = 0;
+                return Taken::Part;
+            }
+            let slot = &chunk.slots[slot as usize];
+            let units = &mut context.budget.ingest;
+            if !take_base_slot(&mut of.front.cache, header, place, slot, units) {
+                self.fault = Some(Fault::DamagedModel);
+                return Taken::Whole;
+            }
+            context.store.keep(of.instance.model, place as usize, slot);
+            self.progress.model_slots = place + 1;
+            self.progress.done += 1;
+        }
+        if self.progress.model_slots >= end {
+            self.finish_model(*header, of, context);
+            self.subscriber.answered();
+        }
+        Taken::Whole
+    }
+
+    /// Loads more of a stored base mesh, while the object becomes active; with half of the tick's budget at the most, so
+    /// that records for other objects go on arriving.
+    pub fn load_stored(&mut self, of: &mut Receiver<'_>, context: &mut TickContext<'_>) {
+        let Some(mut place) = self.loading else {
+            return;
+        };
+        let (Some(model), Some(slots)) = (
+            context.store.model(of.instance.model).copied(),
+            context.store.slots(of.instance.model),
+        ) else {
+            return;
+        };
+        let least = context.budget.ingest / 2;
+        while place < slots.len() && context.budget.ingest >= least + MIN_UNITS {
+            let slot = &slots[place];
+            let units = &mut context.budget.ingest;
+            if !take_base_slot(
+                &mut of.front.cache,
+                &model.header,
+                place as u32,
+                slot,
+                units,
+            ) {
+                self.fault = Some(Fault::DamagedModel);
+                return;
+            }
+            place += 1;
+        }
+        let is_whole = place == slots.len();
+        self.loading = (!is_whole).then_some(place);
+        if is_whole {
+            self.finish_model(model.header, of, context);
+        }
+    }
+
+    /// The base mesh is complete: the front begins, and the scripted path is requested.
+    fn finish_model(
+        &mut self,
+        header: ModelHeader,
+        of: &mut Receiver<'_>,
+        context: &mut TickContext<'_>,
+    ) {
+        let instance = of.instance;
+        if !of.front.cache.mesh().base_is_consistent() {
+            self.fault = Some(Fault::DamagedModel);
+            return;
+        }
+        of.front.cache.refit();
+        let frame = ModelFrame::new(instance.pose, instance.scale, &header);
+        let model = match context.store.model(instance.model) {
+            Some(known) if known.header.model != header.model => {
+                self.fault = Some(Fault::AnotherModel);
+                return;
+            }
+            Some(known) => *known,
+            None => {
+                let model = measured_model(&of.front.cache, header);
+                context.store.insert(instance.model, model);
+                model
+            }
+        };
+        of.front.begin(model, frame.metres_per_unit);
+        *of.frame = Some(frame);
+        self.subscriber.model_is(header.model);
+        self.request_next_tour(of, context.probes);
+    }
+}
+
+/// The header of a model arrives: the cache is laid out for it, and the store sets slots aside.
+fn begin_model(
+    chunk: &InboxChunk,
+    of: &mut Receiver<'_>,
+    context: &mut TickContext<'_>,
+) -> Result<ModelHeader, Fault> {
+    let raw: &[u8] = bytemuck::cast_slice(&chunk.slots);
+    let header: ModelHeader = bytemuck::pod_read_unaligned(&raw[..size_of::<ModelHeader>()]);
+    if !header.is_valid() || header.model != chunk.header.model {
+        return Err(Fault::DamagedModel);
+    }
+    of.front.cache.begin_model(&header)?;
+    context.store.begin(of.instance.model, &header);
+    for (place, slot) in chunk.slots[..MODEL_HEADER_SLOTS].iter().enumerate() {
+        context.store.keep(of.instance.model, place, slot);
+    }
+    Ok(header)
+}
+
+/// Takes a slot of base vertices or base faces; false when its numbers are invalid.
+fn take_base_slot(
+    cache: &mut Cache,
+    header: &ModelHeader,
+    place: u32,
+    slot: &ChunkSlot,
+    units: &mut u32,
+) -> bool {
+    let faces_from = first_face_slot(header) as u32;
+    if place < faces_from {
+        let first = 4 * (place - MODEL_HEADER_SLOTS as u32);
+        let items: &[BaseVertex; 4] = bytemuck::cast_ref(&slot.words);
+        let count = 4.min(header.base_vertices - first);
+        *units -= UNITS_PER_ITEM;
+        (0..count).all(|k| cache.set_base_vertex(first + k, &items[k as usize]))
+    } else {
+        let first = 2 * (place - faces_from);
+        let items: &[BaseFace; 2] = bytemuck::cast_ref(&slot.words);
+        let count = 2.min(header.base_faces - first);
+        *units -= 2 * UNITS_PER_ITEM;
+        (0..count).all(|k| cache.set_base_face(first + k, &items[k as usize]))
+    }
+}
+
+/// The model of a base mesh that has just arrived.
+fn measured_model(cache: &Cache, header: ModelHeader) -> Model {
+    let mesh = cache.mesh();
+    let radius_max = (0..header.base_vertices)
+        .map(|v| mesh.radius(v))
+        .fold(0.0f32, f32::max);
+    Model {
+        header,
+        radius_max: f64::from(radius_max),
+        area: (0..header.base_faces)
+            .map(|face| triangle_area(mesh.corners(face)))
+            .sum(),
+    }
+}

@@ -1,0 +1,328 @@
+//! Session of an active object with the station: requests out, chunks in.
+//!
+//! | file | does |
+//! |---|---|
+//! | `session` | takes each chunk by its kind; scripted paths, refusals, faults |
+//! | `subscriber` | the mesh subscriber: sequence numbers, epochs, credit, requests |
+//! | `outbox` | the requests of a tick |
+//! | `base_mesh` | header and base mesh into the cache |
+//! | `answers` | closures and records into the cache |
+
+use super::Fault;
+use super::chunk::InboxChunk;
+use super::outbox::Outbox;
+use super::subscriber::{Identity, Reception, Subject, Subscriber};
+use crate::budget::Budget;
+use crate::cache::base_mesh_store::{BaseMeshStore, Model};
+use crate::instance::{ModelFrame, ObjectInstance};
+use crate::lod::front::Front;
+use crate::probe::Probe;
+use crate::probe::contacts::Contacts;
+use protocol::{AnswersReader, ChunkKind, MODEL_HEADER_SLOTS, MeasuredError, Refusal, TourPoint};
+use spm::{ModelHeader, NONE};
+
+/// Parts of the tick that received data may change.
+#[derive(Debug)]
+pub struct TickContext<'a> {
+    /// Index of the tick.
+    pub tick: u64,
+    /// Base meshes of all models.
+    pub store: &'a mut BaseMeshStore,
+    /// All probes: their scripted paths arrive with the chunks.
+    pub probes: &'a mut [Probe],
+    /// Remaining work of the tick.
+    pub budget: &'a mut Budget,
+}
+
+/// Parts of the object that received data may change.
+#[derive(Debug)]
+pub struct Receiver<'a> {
+    /// The object.
+    pub instance: &'a ObjectInstance,
+    /// Its frame; set when the base mesh is complete.
+    pub frame: &'a mut Option<ModelFrame>,
+    /// Its front, which loads the records.
+    pub front: &'a mut Front,
+    /// Its contacts: records may need slots that only a collapse frees, which a probe may perceive.
+    pub contacts: &'a mut Contacts,
+}
+
+/// Progress within the oldest chunk and the base mesh.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Progress {
+    /// Items of the oldest chunk that are done.
+    pub done: usize,
+    /// Position in its answers, if it holds answers and was begun.
+    pub reader: Option<AnswersReader>,
+    /// Slots of the base mesh that are done.
+    pub model_slots: u32,
+    /// Header of a model whose base mesh is incomplete.
+    pub header: Option<ModelHeader>,
+    /// Ticks for which the next record has waited for room.
+    pub waited: u32,
+}
+
+impl Progress {
+    /// The next chunk begins.
+    fn next_chunk(&mut self) {
+        self.done = 0;
+        self.reader = None;
+        self.waited = 0;
+    }
+}
+
+/// Outcome of taking a chunk.
+pub(super) enum Taken {
+    /// All of it is taken.
+    Whole,
+    /// The rest waits for budget or room.
+    Part,
+    /// It does not continue the data received: the epoch ends.
+    Gap,
+}
+
+/// Session of an active object with the station.
+#[derive(Debug)]
+pub struct Session {
+    pub(super) subscriber: Subscriber,
+    pub(super) progress: Progress,
+    /// Next slot of the stored base mesh to load, while the object becomes active.
+    pub(super) loading: Option<usize>,
+    /// The probe whose scripted path is requested.
+    tour_probe: Option<usize>,
+    /// A chunk waits for room: later chunks wait too, in this tick.
+    is_stalled: bool,
+    /// The fault that ended the use of a model, if any.
+    pub fault: Option<Fault>,
+    /// Largest measured error of this tick, model units.
+    pub measured: Option<f64>,
+    /// Bytes received, total.
+    pub bytes_received: u64,
+    /// Records received, total.
+    pub vsps_received: u64,
+}
+
+impl Session {
+    /// No object yet. `timeout_ticks`: silence after which the session requests again.
+    #[must_use]
+    pub fn new(identity: Identity, timeout_ticks: u64) -> Self {
+        Self {
+            subscriber: Subscriber::new(identity, timeout_ticks),
+            progress: Progress::default(),
+            loading: None,
+            tour_probe: None,
+            is_stalled: false,
+            fault: None,
+            measured: None,
+            bytes_received: 0,
+            vsps_received: 0,
+        }
+    }
+
+    /// Begins a session about an object, in an epoch after all of its earlier sessions. A `stored` base mesh is loaded
+    /// from the store, else it is requested. The front is reset already.
+    pub fn begin(
+        &mut self,
+        instance: &ObjectInstance,
+        epoch: u32,
+        stored: Option<&Model>,
+        front: &mut Front,
+        tick: u64,
+    ) {
+        self.progress = Progress::default();
+        self.tour_probe = None;
+        self.loading = None;
+        let subject = Subject {
+            object: instance.object,
+            name: instance.name,
+        };
+        self.subscriber.begin_session(subject, epoch, tick);
+        if let Some(model) = stored {
+            // Checked when it arrived: the same storage takes the same base mesh.
+            match front.cache.begin_model(&model.header) {
+                Ok(()) => {
+                    self.loading = Some(MODEL_HEADER_SLOTS);
+                    self.subscriber.model_is(model.header.model);
+                }
+                Err(error) => self.fault = Some(error.into()),
+            }
+        }
+    }
+
+    /// Ends the session, as far as the station hears of it. Returns the epoch that it ends in.
+    pub fn close(&mut self, outbox: &mut Outbox, tick: u64) -> u32 {
+        self.subscriber.close(outbox, tick)
+    }
+
+    /// A tick begins; `station` is the incarnation of the living one. An epoch that ends takes an unfinished scripted
+    /// path with it.
+    pub fn begin_tick(&mut self, station: u64, tick: u64, front: &mut Front) {
+        self.measured = None;
+        self.is_stalled = false;
+        self.subscriber.observe(station, tick, &mut front.cache);
+    }
+
+    /// The subscriber, for its totals.
+    #[must_use]
+    pub fn subscriber(&self) -> &Subscriber {
+        &self.subscriber
+    }
+
+    /// Whether a stored base mesh is being loaded.
+    #[must_use]
+    pub fn is_loading(&self) -> bool {
+        self.loading.is_some()
+    }
+
+    /// Sets how many chunks may be under way.
+    pub fn set_credit(&mut self, chunks: u64) {
+        self.subscriber.set_credit(chunks);
+    }
+
+    /// Writes the requests of a tick; `waiting`: received chunks that wait for the tick.
+    pub fn request(&mut self, front: &mut Front, tick: u64, waiting: usize, outbox: &mut Outbox) {
+        let may_request = front.may_request(tick) && self.subscriber.may_ask(&front.cache);
+        let (cache, wanted) = front.to_request(may_request, tick, waiting);
+        self.subscriber.requests(tick, cache, wanted, outbox);
+    }
+
+    /// Takes a chunk of the object as far as budget and room go. Returns whether it is done with.
+    pub fn receive(
+        &mut self,
+        chunk: &InboxChunk,
+        of: &mut Receiver<'_>,
+        context: &mut TickContext<'_>,
+    ) -> bool {
+        if self.is_stalled {
+            return false;
+        }
+        match self.subscriber.receive(&chunk.header) {
+            Reception::Stale => {
+                self.progress.next_chunk();
+                return true;
+            }
+            Reception::Gap => {
+                self.end_epoch(of, context);
+                return true;
+            }
+            Reception::Next => {}
+        }
+        let before = self.progress.done;
+        match self.take(chunk, of, context) {
+            Taken::Whole => {
+                self.subscriber.consumed(context.tick);
+                self.bytes_received += size_of::<InboxChunk>() as u64;
+                self.progress.next_chunk();
+                true
+            }
+            Taken::Part => {
+                // Room is short when budget remains and nothing moved; a region that is being unloaded makes some.
+                let is_stuck = self.progress.done == before && context.budget.ingest > 0;
+                if is_stuck && !of.front.is_unloading() {
+                    self.progress.waited += 1;
+                }
+                self.is_stalled = true;
+                false
+            }
+            Taken::Gap => {
+                self.end_epoch(of, context);
+                true
+            }
+        }
+    }
+
+    fn end_epoch(&mut self, of: &mut Receiver<'_>, context: &mut TickContext<'_>) {
+        self.subscriber.end_epoch(context.tick, &mut of.front.cache);
+        self.progress.next_chunk();
+        let probe = self.tour_probe.map(|k| &mut context.probes[k]);
+        if let Some(tour) = probe.and_then(|probe| probe.tour.as_mut()) {
+            tour.points.clear();
+        }
+    }
+
+    fn take(
+        &mut self,
+        chunk: &InboxChunk,
+        of: &mut Receiver<'_>,
+        context: &mut TickContext<'_>,
+    ) -> Taken {
+        match ChunkKind::from_code(chunk.header.kind) {
+            Some(ChunkKind::Model) => return self.take_model(chunk, of, context),
+            Some(ChunkKind::Answers) => return self.take_answers(chunk, of, context),
+            Some(ChunkKind::Measured) => {
+                let items: &[MeasuredError] = bytemuck::cast_slice(&chunk.slots);
+                let count = (chunk.header.count as usize).min(items.len());
+                for item in items[..count].iter().filter(|m| m.distance.is_finite()) {
+                    let most = self.measured.unwrap_or(0.0);
+                    self.measured = Some(most.max(item.distance));
+                }
+            }
+            Some(ChunkKind::Tour) => self.take_tour(chunk, of, context),
+            Some(ChunkKind::Refused) => self.take_refusal(chunk, of, context.tick),
+            // A kind of a later version is skipped; the sequence numbers go on.
+            None => {}
+        }
+        Taken::Whole
+    }
+
+    fn take_tour(&mut self, chunk: &InboxChunk, of: &Receiver<'_>, context: &mut TickContext<'_>) {
+        let probe = self.tour_probe.map(|k| &mut context.probes[k]);
+        let Some(tour) = probe.and_then(|probe| probe.tour.as_mut()) else {
+            return;
+        };
+        let points: &[TourPoint] = bytemuck::cast_slice(&chunk.slots);
+        let count = (chunk.header.count as usize).min(points.len());
+        for point in &points[..count] {
+            let finite = point.t.is_finite()
+                && point.position.iter().all(|x| x.is_finite())
+                && point.orientation_wxyz.iter().all(|x| x.is_finite());
+            let ordered = tour.points.last().is_none_or(|last| last.t < point.t);
+            // A longer path than was requested is cut.
+            if finite && ordered && tour.points.len() < tour.points.capacity() {
+                tour.points.push(*point);
+            }
+        }
+        if chunk.header.last == 1 {
+            tour.is_whole = true;
+            self.subscriber.tour_is_here();
+            self.subscriber.answered();
+            self.request_next_tour(of, context.probes);
+        }
+    }
+
+    /// Requests the scripted path of the next probe that awaits one of this object.
+    pub(super) fn request_next_tour(&mut self, of: &Receiver<'_>, probes: &[Probe]) {
+        let Some(frame) = *of.frame else {
+            return;
+        };
+        let object = of.instance.object;
+        self.tour_probe = probes.iter().position(|probe| probe.awaits_tour_of(object));
+        if let Some(ask) = self.tour_probe.and_then(|k| probes[k].tour_ask(&frame)) {
+            self.subscriber.ask_tour(ask);
+        }
+    }
+
+    fn take_refusal(&mut self, chunk: &InboxChunk, of: &mut Receiver<'_>, tick: u64) {
+        let header = &chunk.header;
+        match Refusal::from_code(header.code) {
+            Some(Refusal::UnknownModel) => self.fault = Some(Fault::UnknownModel),
+            // Only a scripted path is refused without a region.
+            _ if header.region == NONE && self.tour_probe.is_some() => {
+                self.fault = Some(Fault::NoTour);
+            }
+            _ => {
+                let name = (header.region, header.tolerance_bits);
+                if let Some(region) = of.front.cache.requested(name) {
+                    self.refuse(region, of.front, tick);
+                }
+            }
+        }
+    }
+
+    /// Gives up a requested region that cannot be used.
+    pub(super) fn refuse(&mut self, region: usize, front: &mut Front, tick: u64) {
+        if front.refuse(region, tick) {
+            self.subscriber.answered();
+        }
+    }
+}

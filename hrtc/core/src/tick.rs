@@ -1,0 +1,394 @@
+//! The tick: the order of the algorithm, and its inputs and outputs.
+//!
+//! | step | does | thesis |
+//! |---|---|---|
+//! | sample | takes the devices' poses | |
+//! | activate | moves objects, finds those near a probe | broad phase |
+//! | receive | loads base meshes and records into the caches | Cache Agent |
+//! | predict | names the regions that the probes will need, requests them | Mesh Subscriber, 5.6.2 |
+//! | refine | splits, collapses, geomorphs | Figure 5.17 |
+//! | refit | updates the AB-trees | |
+//! | contact | advances the proxies, renders each pair | Physics Engine |
+//! | render | sums the forces of each probe | |
+//! | limit | energy account, limiter | |
+//! | record | counters, hash | |
+//!
+//! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's bytes are shared out in
+//! equal parts to the active objects ([`scene::ScenePlan::seats`]). All active objects draw on one budget of work, the
+//! nearest to a contact first.
+
+use crate::budget::Budget;
+use crate::contact::query::Work;
+use crate::contact::sphere_proxy::Contact;
+use crate::controller::Controller;
+use crate::force::effects::{Clock, Rendered};
+use crate::force::passivity::CarriedWork;
+use crate::lod::tuning as lod_tuning;
+use crate::lod::tuning::MAX_UNLOADS;
+use crate::record::CoreRecord;
+use crate::streaming::Outbox;
+use crate::streaming::chunk::InboxChunk;
+use crate::streaming::tuning::{ingest_for, max_ingest};
+use geometry::Wrench;
+use glam::DVec3;
+use haptic_device::Sample;
+use protocol::ContactReport;
+use scene::MAX_SEATS;
+use spm::NONE;
+
+/// Ticks between two contact reports of a probe to the station.
+const REPORT_TICKS: u64 = 10;
+/// Nodes visited and faces tested by the steps of all proxies in a tick without splits and collapses.
+const PROXY_WORK: u32 = 4096;
+/// ... of which a split or collapse takes as much as it costs.
+const PROXY_WORK_PER_OPERATION: u32 = 32;
+
+/// Stages of a tick, reported to an observer when they end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Inbox and prediction.
+    Inbox,
+    /// Splits and collapses.
+    Refine,
+    /// Boxes.
+    Refit,
+    /// Closest point and proxy.
+    Query,
+    /// Forces, limiter, reports.
+    Force,
+    /// Sampling, moving objects, broad phase; the first of a tick.
+    BroadPhase,
+}
+
+/// Observer of the ends of stages: a shell measures them without giving the core a clock.
+pub trait StageObserver {
+    /// A stage has ended.
+    fn ended(&mut self, stage: Stage);
+}
+
+/// Observes nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NoObserver;
+
+impl StageObserver for NoObserver {
+    fn ended(&mut self, _: Stage) {}
+}
+
+/// Inputs of a tick.
+#[derive(Debug, Clone, Copy)]
+pub struct TickInputs<'a> {
+    /// Index of the tick.
+    pub tick: u64,
+    /// The device's sample, one a probe; `None` when it gave none.
+    pub samples: &'a [Option<Sample>],
+    /// Incarnation of the station that is alive; 0 for none.
+    pub station: u64,
+    /// Chunks that have arrived and were not consumed by earlier ticks, oldest first, in two runs.
+    pub chunks: [&'a [InboxChunk]; 2],
+    /// Whether the force is to ramp down.
+    pub stopping: bool,
+}
+
+/// Outputs of a tick; storage allocated once.
+#[derive(Debug, Clone)]
+pub struct TickOutputs {
+    /// The wrench for each probe's device.
+    pub wrenches: Vec<Wrench>,
+    /// Requests to the station.
+    pub outbox: Outbox,
+    /// Contact reports to the station, one a probe every few ticks.
+    pub reports: Vec<ContactReport>,
+    /// The contact of each probe, of several objects the one that pushes most; `None` in free space.
+    pub contacts: Vec<Option<ProbeContact>>,
+    /// How many of the given chunks are done with.
+    pub chunks_consumed: usize,
+    /// Counters and measures of the tick.
+    pub record: CoreRecord,
+}
+
+impl TickOutputs {
+    /// Storage for a number of probes.
+    #[must_use]
+    pub fn new(probes: usize) -> Self {
+        Self {
+            wrenches: vec![Wrench::ZERO; probes],
+            outbox: Outbox::new(2 * MAX_SEATS),
+            reports: Vec::with_capacity(probes),
+            contacts: vec![None; probes],
+            chunks_consumed: 0,
+            record: CoreRecord::default(),
+        }
+    }
+
+    /// Empties what a tick adds to.
+    fn clear(&mut self) {
+        self.outbox.clear();
+        self.reports.clear();
+        self.wrenches.fill(Wrench::ZERO);
+        self.contacts.fill(None);
+    }
+
+    /// The contact of the first probe, model units.
+    #[must_use]
+    pub fn contact(&self) -> Option<Contact> {
+        let first = self.contacts.first().copied().flatten();
+        first.map(|of| of.contact)
+    }
+}
+
+/// A contact of a probe.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ProbeContact {
+    /// Object of the scene.
+    pub object: u32,
+    /// The contact, in the units of the object's model.
+    pub contact: Contact,
+}
+
+impl Controller {
+    /// One tick.
+    pub fn tick(
+        &mut self,
+        inputs: &TickInputs<'_>,
+        outputs: &mut TickOutputs,
+        observer: &mut impl StageObserver,
+    ) {
+        let tick = inputs.tick;
+        let waiting = inputs.chunks.iter().map(|run| run.len()).sum();
+        let mut record = CoreRecord {
+            stopping: inputs.stopping,
+            ..CoreRecord::default()
+        };
+        outputs.clear();
+
+        self.sample(inputs);
+        record.unserved = self.activate(inputs, &mut outputs.outbox);
+        observer.ended(Stage::BroadPhase);
+
+        let mut budget = self.budget(waiting);
+        outputs.chunks_consumed = self.receive(inputs, &mut budget, &mut record);
+        self.predict(tick, waiting, &mut outputs.outbox);
+        observer.ended(Stage::Inbox);
+
+        self.refine(tick, &mut budget, &mut record);
+        observer.ended(Stage::Refine);
+        self.refit();
+        observer.ended(Stage::Refit);
+
+        self.contact(tick, &mut record);
+        observer.ended(Stage::Query);
+
+        let is_open = !inputs.stopping && self.is_ready() && self.fault().is_none();
+        for probe in 0..self.probes.len() {
+            let rendered = self.render(probe, &mut record);
+            self.limit(probe, tick, is_open, &rendered);
+            self.report(probe, tick, &rendered, outputs, &mut record);
+        }
+        self.record(&mut record);
+        outputs.record = record;
+        observer.ended(Stage::Force);
+    }
+
+    /// Takes the devices' poses.
+    fn sample(&mut self, inputs: &TickInputs<'_>) {
+        for (k, probe) in self.probes.iter_mut().enumerate() {
+            probe.sample(inputs.samples.get(k).copied().flatten());
+        }
+    }
+
+    /// Moves the objects, and makes those near a probe active. Returns the pairs of a probe and an object that could
+    /// touch though the object is not ready.
+    fn activate(&mut self, inputs: &TickInputs<'_>, outbox: &mut Outbox) -> u32 {
+        for object in &mut self.active.objects {
+            object.begin_tick(inputs.station, inputs.tick);
+        }
+        self.active.move_objects(&mut self.movables, inputs.tick);
+        for (k, probe) in self.probes.iter_mut().enumerate() {
+            let work = self.movables.take_carried_work(k);
+            for (sum, work) in probe.carried.iter_mut().zip(work) {
+                *sum += work;
+            }
+        }
+        self.active.activate(&self.probes, inputs.tick, outbox)
+    }
+
+    /// The work of a tick with so many chunks that wait.
+    fn budget(&self, waiting: usize) -> Budget {
+        let is_loading = self.active.objects.iter().any(|of| of.session.is_loading());
+        Budget {
+            ingest: if is_loading {
+                max_ingest(self.operations)
+            } else {
+                ingest_for(waiting, self.operations)
+            },
+            operations: self.operations as u32,
+            entries: self.operations as u32 * lod_tuning::ENTRIES_PER_OPERATION,
+            unloads: MAX_UNLOADS,
+        }
+    }
+
+    /// Takes base meshes and chunks in. Returns how many chunks are done with.
+    fn receive(
+        &mut self,
+        inputs: &TickInputs<'_>,
+        budget: &mut Budget,
+        record: &mut CoreRecord,
+    ) -> usize {
+        let before = budget.ingest;
+        let Self { active, probes, .. } = self;
+        let consumed = active.receive(inputs.chunks, probes, inputs.tick, budget);
+        record.work_units = before - budget.ingest;
+        consumed
+    }
+
+    /// Predicts and requests regions.
+    fn predict(&mut self, tick: u64, waiting: usize, outbox: &mut Outbox) {
+        self.active.sort_by_clearance();
+        for &(_, k) in &self.active.order {
+            self.active.objects[k].predict(&self.probes, tick, waiting, outbox);
+        }
+    }
+
+    /// Splits, collapses and geomorphs.
+    fn refine(&mut self, tick: u64, budget: &mut Budget, record: &mut CoreRecord) {
+        for &(_, k) in &self.active.order {
+            self.active.objects[k].refine(tick, budget);
+        }
+        let unloads = MAX_UNLOADS - budget.unloads;
+        record.work_units += unloads.div_ceil(lod_tuning::CHANGES_PER_UNIT);
+    }
+
+    /// Updates the AB-trees.
+    fn refit(&mut self) {
+        for object in &mut self.active.objects {
+            object.refit();
+        }
+    }
+
+    /// Advances the proxies and renders the forces of each pair.
+    fn contact(&mut self, tick: u64, record: &mut CoreRecord) {
+        let mut work = Work::default();
+        let stats = self.active.objects.iter().map(|of| of.front.stats);
+        let operations: u32 = stats.map(|stats| stats.vsplits + stats.ecols).sum();
+        let max_work = PROXY_WORK.saturating_sub(PROXY_WORK_PER_OPERATION * operations);
+        for &(_, k) in &self.active.order {
+            self.active.objects[k].find_contacts(tick, &self.probes, &mut work, max_work);
+        }
+        record.query_work = work.nodes + work.faces;
+        let contacts = || self.active.objects.iter().map(|of| &of.contacts);
+        record.unfinished = contacts().map(|of| of.unfinished).sum();
+        record.early = contacts().map(|of| of.early).sum();
+    }
+
+    /// Sums the forces of a probe's pairs.
+    fn render(&self, k: usize, record: &mut CoreRecord) -> ProbeForces {
+        let mut sum: Option<Rendered> = None;
+        let mut strongest: Option<(f64, ProbeContact)> = None;
+        let mut ahead = CarriedWork::default();
+        let at = self.position_of(k);
+        for active in &self.active.objects {
+            let pair = &active.contacts.pairs[k];
+            if let Some(rendered) = pair.rendered {
+                // A sum begins with its first term, not with a zero that would round.
+                sum = Some(sum.map_or(rendered, |sum| sum + rendered));
+                if let (false, Some(object)) = (self.movables.is_empty(), active.object()) {
+                    ahead = ahead + self.movables.work_ahead(object, &rendered.passive, at);
+                }
+            }
+            let (Some(state), Some(rendered), Some(object), Some(frame)) =
+                (&pair.contact, &pair.rendered, active.object(), active.frame)
+            else {
+                continue;
+            };
+            record.probes[k].add(
+                state,
+                frame.metres_per_unit,
+                active.front.finest_tolerance(),
+            );
+            let force = rendered.passive.force.length();
+            if strongest.is_none_or(|(most, _)| force > most) {
+                let contact = state.contact;
+                strongest = Some((force, ProbeContact { object, contact }));
+            }
+        }
+        ProbeForces {
+            sum: sum.unwrap_or_default(),
+            ahead,
+            strongest: strongest.map(|(_, contact)| contact),
+        }
+    }
+
+    /// Passes a probe's forces through energy account and limiter; the objects that move get the reaction.
+    fn limit(&mut self, k: usize, tick: u64, is_open: bool, forces: &ProbeForces) {
+        let at = self.position_of(k);
+        let clock = Clock {
+            tick,
+            period_s: self.period_s,
+        };
+        let probe = &mut self.probes[k];
+        let shares = probe.limit(clock, forces.sum, forces.ahead, is_open);
+        if self.movables.is_empty() {
+            return;
+        }
+        for active in &self.active.objects {
+            let rendered = &active.contacts.pairs[k].rendered;
+            if let (Some(object), Some(rendered)) = (active.object(), rendered) {
+                let given = [rendered.passive * shares[0], rendered.active * shares[1]];
+                self.movables.push(object, k, given, at);
+            }
+        }
+    }
+
+    /// Writes a probe's outputs.
+    fn report(
+        &self,
+        k: usize,
+        tick: u64,
+        forces: &ProbeForces,
+        outputs: &mut TickOutputs,
+        record: &mut CoreRecord,
+    ) {
+        let probe = &self.probes[k];
+        let of_probe = &mut record.probes[k];
+        of_probe.rejected_sample = probe.rejected;
+        of_probe.clamped = probe.clamped;
+        of_probe.energy_j = probe.energy.joules();
+        let contact = forces.strongest;
+        if let Some(place) = outputs.wrenches.get_mut(k) {
+            *place = probe.wrench;
+        }
+        if let Some(place) = outputs.contacts.get_mut(k) {
+            *place = contact;
+        }
+        if let (Some(pose), true) = (probe.pose, tick.is_multiple_of(REPORT_TICKS))
+            && outputs.reports.len() < outputs.reports.capacity()
+        {
+            outputs.reports.push(ContactReport {
+                client: self.identity.client,
+                tick,
+                probe: k as u32,
+                object: contact.map_or(NONE, |contact| contact.object),
+                position: pose.position.to_array(),
+                orientation_wxyz: pose.wxyz(),
+                contact: contact.map_or([0.0; 3], |of| of.contact.point.to_array()),
+                force: probe.wrench.force.to_array(),
+            });
+        }
+    }
+
+    /// Position of a probe in this tick, world, metres; the origin before its first sample.
+    fn position_of(&self, k: usize) -> DVec3 {
+        self.probes[k]
+            .pose
+            .map_or(DVec3::ZERO, |pose| pose.position)
+    }
+}
+
+/// Forces that the pairs of a probe render in a tick.
+struct ProbeForces {
+    sum: Rendered,
+    /// Work of the passive forces over the motion of the material in the coming period.
+    ahead: CarriedWork,
+    /// The contact that pushes most.
+    strongest: Option<ProbeContact>,
+}
