@@ -14,7 +14,7 @@
 //! | record | counters, hash | |
 //!
 //! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's bytes are shared out in
-//! equal parts to the active objects ([`scene::ScenePlan::seats`]). All active objects draw on one budget of work, the
+//! equal parts to the active objects ([`scene::ScenePlan::active_objects`]). All active objects draw on one budget of work, the
 //! nearest to a contact first.
 
 use crate::budget::Budget;
@@ -33,7 +33,7 @@ use geometry::Wrench;
 use glam::DVec3;
 use haptic_device::Sample;
 use protocol::ContactReport;
-use scene::MAX_SEATS;
+use scene::MAX_ACTIVE_OBJECTS;
 use spm::NONE;
 
 /// Ticks between two contact reports of a probe to the station.
@@ -112,7 +112,7 @@ impl TickOutputs {
     pub fn new(probes: usize) -> Self {
         Self {
             wrenches: vec![Wrench::ZERO; probes],
-            outbox: Outbox::new(2 * MAX_SEATS),
+            outbox: Outbox::new(2 * MAX_ACTIVE_OBJECTS),
             reports: Vec::with_capacity(probes),
             contacts: vec![None; probes],
             chunks_consumed: 0,

@@ -72,7 +72,7 @@ impl ActiveSet {
     ) -> Self {
         let timeout_ticks = (ANSWER_TIMEOUT_MS as f64 * 1e-3 * plan.loop_.rate_hz).ceil() as u64;
         let (instances, models) = instances_of(plan);
-        let count = plan.seats();
+        let count = plan.active_objects();
         let all_active = count == instances.len();
         let stored = BaseMeshStore::bytes_for(models, plan.cache_bytes, all_active);
         let bytes = (plan.cache_bytes - stored) / count;

@@ -93,7 +93,7 @@ impl Probe {
         };
         Self {
             tip_m: probe.shape.tip_m(),
-            reach_m: probe.shape.reach_m(),
+            reach_m: probe.shape.extent_m(),
             tour,
             pose: None,
             last: None,
