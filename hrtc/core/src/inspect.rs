@@ -1,7 +1,9 @@
 //! Queries and settings of the controller, for shells and tests, between two ticks.
 
 use crate::active::object::ActiveObject;
+use crate::bodies::{Movables, material_motion};
 use crate::cache::{Cache, CacheError};
+use crate::contact::motion::Twist;
 use crate::controller::Controller;
 use crate::force::effects::UsageByKind;
 use crate::instance::ModelFrame;
@@ -34,6 +36,21 @@ impl Controller {
     #[must_use]
     pub fn tolerance_m(&self) -> f64 {
         self.tolerance_m
+    }
+
+    /// Movable objects, and their poses.
+    #[must_use]
+    pub fn movables(&self) -> &Movables {
+        &self.movables
+    }
+
+    /// Motion of the material of an object at a place (world, metres) in the last tick, metres and radians; zero for
+    /// an object that does not move.
+    #[must_use]
+    pub fn carried(&self, object: usize, at: DVec3) -> Twist {
+        let body = self.movables.body(object as u32);
+        let motion = body.and_then(|body| Some(material_motion(&body.before()?, &body.pose(), at)));
+        motion.unwrap_or_default()
     }
 
     /// Number of probes.

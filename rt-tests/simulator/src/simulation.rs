@@ -217,7 +217,7 @@ impl<D: AsRef<[u8]>> Simulation<D> {
         for _ in 0..max_ticks {
             let before = self.outputs().record.vsps_received;
             let record = self.step_each(samples).record;
-            let changes = record.vsplits + record.ecols + record.in_flight;
+            let changes = record.vsplits + record.ecols + record.geomorphing;
             let is_same = record.ready && changes == 0 && record.vsps_received == before;
             quiet = if is_same { quiet + 1 } else { 0 };
             if quiet == quiet_ticks {
