@@ -27,8 +27,8 @@ impl Capacity {
 }
 
 impl Controller {
-    /// Capacities and high-water marks, for the end of a run: it allocates. Of several active objects, whose
-    /// capacities are equal, the fullest counts.
+    /// Capacities and high-water marks, for the end of a run: it allocates. Of several active
+    /// objects, whose capacities are equal, the fullest counts.
     #[must_use]
     pub fn capacities(&self) -> Vec<Capacity> {
         let mut all: Vec<(&str, (usize, usize))> = Vec::new();

@@ -1,4 +1,5 @@
-//! The controller: the pure core of the haptic loop. Values in, values out; no clock, no I/O, no allocation in a tick.
+//! The controller: the pure core of the haptic loop. Values in, values out; no clock, no I/O, no
+//! allocation in a tick.
 
 use crate::active::active_set::ActiveSet;
 use crate::bodies::Movables;
@@ -8,7 +9,8 @@ use crate::streaming::subscriber::Identity;
 use crate::streaming::tuning::max_ingest;
 use scene::{ProbePlan, ScenePlan};
 
-/// State of the controller; see [`crate`] for its parts, and [`Controller::tick`] for its algorithm.
+/// State of the controller; see [`crate`] for its parts, and [`Controller::tick`] for its
+/// algorithm.
 #[derive(Debug)]
 pub struct Controller {
     pub(crate) identity: Identity,
@@ -25,8 +27,8 @@ pub struct Controller {
 impl Controller {
     /// Everything sized from the plan; nothing is allocated after this.
     ///
-    /// `device_max_n`: the largest force that every device can render, newtons. `tour_seconds`: length of the scripted
-    /// path to request.
+    /// `device_max_n`: the largest force that every device can render, newtons. `tour_seconds`:
+    /// length of the scripted path to request.
     #[must_use]
     pub fn new(plan: &ScenePlan, identity: Identity, device_max_n: f64, tour_seconds: f64) -> Self {
         let new_probe = |probe: &ProbePlan| Probe::new(plan, probe, device_max_n, tour_seconds);
@@ -47,7 +49,8 @@ impl Controller {
         }
     }
 
-    /// Work units that a tick may take at the most: the bound of [`crate::record::CoreRecord::work_units`].
+    /// Work units that a tick may take at the most: the bound of
+    /// [`crate::record::CoreRecord::work_units`].
     #[must_use]
     pub fn work_budget(&self) -> u32 {
         max_ingest(self.operations) + refine::max_work(self.operations)

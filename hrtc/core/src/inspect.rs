@@ -23,8 +23,9 @@ impl Controller {
         }
     }
 
-    /// Asks for another expected error at the contact from the next tick on, metres; not a number and negative
-    /// ones count as 0. No geometry is sent for it that is here already, and nothing is forgotten.
+    /// Asks for another expected error at the contact from the next tick on, metres; not a number
+    /// and negative ones count as 0. No geometry is sent for it that is here already, and nothing
+    /// is forgotten.
     pub fn set_tolerance(&mut self, tolerance_m: f64) {
         self.tolerance_m = tolerance_m.max(0.0);
         for object in &mut self.active.objects {
@@ -44,8 +45,8 @@ impl Controller {
         &self.movables
     }
 
-    /// Motion of the material of an object at a place (world, metres) in the last tick, metres and radians; zero for
-    /// an object that does not move.
+    /// Motion of the material of an object at a place (world, metres) in the last tick, metres and
+    /// radians; zero for an object that does not move.
     #[must_use]
     pub fn carried(&self, object: usize, at: DVec3) -> Twist {
         let body = self.movables.body(object as u32);
@@ -170,8 +171,8 @@ impl Controller {
         self.proxy_of(0, 0)
     }
 
-    /// The centre of a probe's proxy at an object in the world, metres: where the probe would be if it could not
-    /// enter that object. `None` while the two are far from each other.
+    /// The centre of a probe's proxy at an object in the world, metres: where the probe would be if
+    /// it could not enter that object. `None` while the two are far from each other.
     #[must_use]
     pub fn proxy_of(&self, probe: usize, object: usize) -> Option<DVec3> {
         let active = self.active_object(object)?;
@@ -188,22 +189,24 @@ impl Controller {
         (sum, last.map_or(NONE, |front| front.last_refused))
     }
 
-    /// Regions asked for again, with every record, so far: their answer counted on records that were gone.
+    /// Regions asked for again, with every record, so far: their answer counted on records that
+    /// were gone.
     #[must_use]
     pub fn resent(&self) -> u64 {
         let sessions = self.active.objects.iter().map(|of| &of.session);
         sessions.map(|session| session.subscriber().resent).sum()
     }
 
-    /// Constraints of the proxies that did not fit beside the [`crate::contact::sphere_proxy::MAX_CONSTRAINTS`] deepest, so far.
+    /// Constraints of the proxies that did not fit beside the
+    /// [`crate::contact::sphere_proxy::MAX_CONSTRAINTS`] deepest, so far.
     #[must_use]
     pub fn dropped_constraints(&self) -> u64 {
         let contacts = self.active.objects.iter().map(|of| &of.contacts);
         contacts.map(|of| of.dropped_constraints).sum()
     }
 
-    /// What the effects of each kind cost so far, in the order of [`scene::Effect::NAMES`]: nothing where a scene
-    /// lists none. The cost of an object that is not active any more is not counted.
+    /// What the effects of each kind cost so far, in the order of [`scene::Effect::NAMES`]: nothing
+    /// where a scene lists none. The cost of an object that is not active any more is not counted.
     #[must_use]
     pub fn effects(&self) -> UsageByKind {
         let mut usage = UsageByKind::default();

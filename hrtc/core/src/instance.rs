@@ -1,4 +1,5 @@
-//! Objects of the scene, and their frames: between the world and the stored coordinates of an object's model.
+//! Objects of the scene, and their frames: between the world and the stored coordinates of an
+//! object's model.
 
 use geometry::Pose;
 use glam::DVec3;
@@ -90,7 +91,8 @@ impl ModelFrame {
         self.pose.orientation * (model * self.metres_per_unit)
     }
 
-    /// The box in the world, metres, of a box in stored coordinates that is grown by a margin, model units.
+    /// The box in the world, metres, of a box in stored coordinates that is grown by a margin,
+    /// model units.
     #[must_use]
     pub fn box_to_world(&self, lower: DVec3, upper: DVec3, margin: f64) -> (DVec3, DVec3) {
         let corners = [lower - margin, upper + margin];

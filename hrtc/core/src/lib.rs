@@ -1,4 +1,87 @@
-//! The pure core of the controller: values in, values out. No file, thread, clock or hash map.
+//! The pure core of the haptic controller: values in, values out. No file, thread, clock or hash
+//! map, and no allocation in a tick; the same inputs give the same bits.
+//!
+//! ```text
+//!  samples ─> sample ─> activate ─> receive ─> predict ─> refine ─> refit ─> contact ─> render ─> limit ─> record
+//!                          │           ^          │          │                  │                    │
+//!                      ActiveSet     chunks   requests     Front             Contacts             wrenches
+//! ```
+//!
+//! [`Controller::tick`] is this line, one call a step. An active object has three parts, and only
+//! it knows all three: the *session* with the station, the *front* with cache and refinement, the
+//! *contacts* with the probes.
+//!
+//! | room | does | name in the thesis (Figures 5.15, 5.17) |
+//! |---|---|---|
+//! | `tick`, `controller` | order of the algorithm; state | Haptic Controller |
+//! | [`active`] | objects near a probe, broad phase | |
+//! | [`streaming`] | session with the station: requests, chunks | Mesh Subscriber |
+//! | [`lod`] | prediction, front, refinement, geomorphs | Cache Agent |
+//! | [`cache`] | base mesh, records, regions in a fixed number of bytes | Cache |
+//! | `probe` | probes; pairs of a probe and an object | Physics Engine |
+//! | [`contact`] | queries and proxies | Physics Engine |
+//! | [`force`], [`bodies`] | effects, energy account, limiter; movable objects | Physics Engine |
+//! | [`perception`] | just noticeable differences | |
+//! | [`record`], [`script`] | numbers of a tick; intended motion of a simulated hand | |
+//!
+//! Rooms import only rooms to the right: `tick` → `controller` → `active` → `streaming` → `lod` →
+//! `probe` → `bodies` → `force` → `contact` → `perception`; `streaming` and `lod` import `cache`
+//! too.
+//!
+//! # Two walks
+//! - Device sample to force: `tick`, `probe/mod`, `active/object`, `probe/contacts`, `probe/pair`,
+//!   `probe/proxy_kind`, `contact/sphere_proxy/mod`, `contact/query/near_faces`,
+//!   `force/effects/mod`, `force/passivity`, `force/limiter`.
+//! - Prediction to refined face: `tick`, `active/object`, `lod/prediction`, `lod/predict`,
+//!   `streaming/session`, `streaming/subscriber`, `streaming/answers`, `cache/mod`, `cache/unload`,
+//!   `cache/region`, `lod/refine`, `lod/geomorph`, `cache/operations`.
+//!
+//! # Glossary
+//! | word | meaning |
+//! |---|---|
+//! | active object | an object near a probe, with session, front and contacts; at most `active_objects` of the plan |
+//! | object instance | an object of the scene: model, pose, size, surface |
+//! | pair | one probe and one active object: proxy, contact state, rendered forces |
+//! | proxy | the probe as it would be if it could not enter the object |
+//! | patch | the ball of surface that a probe touches at once |
+//! | VSP | vertex split record; a *closure* is what a region needs, in order |
+//! | front | the active faces of a model |
+//! | region | a cell of the model's grid at a tolerance; requested, loaded and performed as a whole |
+//! | resident, wanted, refined | its closure is loaded; is to be performed; is performed |
+//! | ring | regions of one tolerance around the contact; the finest ring follows speed and memory pressure |
+//! | memory pressure | steps by which less is asked for while the cache is too small |
+//! | geomorph | a split or collapse whose vertices move in imperceptible steps |
+//! | transition | immediate, geomorph, deferred, rejected |
+//! | perception limit | how far the surface under a probe may move in a tick unnoticed |
+//! | epoch | a numbered sequence of chunks; it ends where a chunk is lost |
+//! | expected error, certified error | what a tolerance promises on average; a bound |
+//!
+//! # Example
+//! A controller asks for its model in the first tick that has a station:
+//!
+//! ```
+//! use hrtc_core::streaming::subscriber::Identity;
+//! use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
+//! use scene::{NoFiles, Overrides, parse};
+//!
+//! let text = "[[object]]\nmodel = \"ball.spm\"\nsize_m = 0.1\n[[probe]]\n";
+//! let plan = parse(text, "ball", "".as_ref(), &Overrides::default(), &NoFiles).unwrap();
+//! let identity = Identity { client: 7, incarnation: 1 };
+//! let mut controller = Controller::new(&plan, identity, 10.0, 0.0);
+//! let mut outputs = TickOutputs::new(1);
+//! let inputs = TickInputs {
+//!     tick: 0,
+//!     samples: &[None],
+//!     station: 1,
+//!     chunks: [&[], &[]],
+//!     stopping: false,
+//! };
+//! controller.tick(&inputs, &mut outputs, &mut NoObserver);
+//! assert_eq!(outputs.outbox.requests().len(), 1);
+//! assert_eq!(outputs.wrenches[0].force.length(), 0.0);
+//! ```
+//!
+//! `examples/embed_tick.rs` answers the requests with a station in the same process.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]

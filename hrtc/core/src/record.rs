@@ -40,11 +40,11 @@ pub struct CoreRecord {
     pub contact_bounded: bool,
     /// Whether the contacts are as accurate as was asked for.
     pub contact_asked: bool,
-    /// Expected error of the front at the contact, metres: 0 at full resolution, negative where not even the
-    /// coarsest ring is done there.
+    /// Expected error of the front at the contact, metres: 0 at full resolution, negative where not
+    /// even the coarsest ring is done there.
     pub contact_tolerance_m: f64,
-    /// The finest expected error that is asked for now, metres: what was asked for, or coarser for want of time
-    /// or room.
+    /// The finest expected error that is asked for now, metres: what was asked for, or coarser for
+    /// want of time or room.
     pub finest_tolerance_m: f64,
     /// Certified error at the contact, metres.
     pub certified_error_m: f64,
@@ -72,7 +72,8 @@ pub struct CoreRecord {
     pub work_units: u32,
     /// Nodes visited and faces tested by the queries.
     pub query_work: u32,
-    /// Tools whose budget left a part of their motion to the next tick; their proxies wait outside of the objects.
+    /// Tools whose budget left a part of their motion to the next tick; their proxies wait outside
+    /// of the objects.
     pub unfinished: u32,
     /// Tools whose step ended early though the budget had room; they move on in the next ticks.
     pub early: u32,
@@ -84,7 +85,8 @@ pub struct CoreRecord {
     pub regions_subscribed: u64,
     /// Epochs ended, so that regions were declared and asked for anew, total.
     pub resubscribed: u64,
-    /// Regions asked for again, with every record, since their answer counted on records that were gone, total.
+    /// Regions asked for again, with every record, since their answer counted on records that were
+    /// gone, total.
     pub resent: u64,
     /// Records evicted, total.
     pub evicted: u64,

@@ -1,4 +1,5 @@
-//! What the simulated hand intends over time: points of a scene's CSV, or a tour that the station made.
+//! What the simulated hand intends over time: points of a scene's CSV, or a tour that the station
+//! made.
 
 use crate::instance::ModelFrame;
 use geometry::Pose;
@@ -13,7 +14,8 @@ pub struct Script {
 }
 
 impl Script {
-    /// The intent at `t` seconds along `points` (in the world); it rests before the first and after the last.
+    /// The intent at `t` seconds along `points` (in the world); it rests before the first and after
+    /// the last.
     ///
     /// Time must not go back. Moves on by as many points as lie between two calls.
     pub fn along_points(&mut self, points: &[(f64, Pose)], t: f64) -> Option<Intent> {

@@ -78,7 +78,8 @@ impl Controller {
 }
 
 impl ProbeRecord {
-    /// Adds the contact state of one of the probe's pairs; `finest`: the finest tolerance asked for there, model units.
+    /// Adds the contact state of one of the probe's pairs; `finest`: the finest tolerance asked for
+    /// there, model units.
     pub(crate) fn add(&mut self, state: &ContactState, metres_per_unit: f64, finest: f32) {
         let is_first = !self.contact;
         self.contact = true;

@@ -13,8 +13,9 @@
 //! | limit | energy account, limiter | |
 //! | record | counters, hash | |
 //!
-//! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's bytes are shared out in
-//! equal parts to the active objects ([`scene::ScenePlan::active_objects`]). All active objects draw on one budget of work, the
+//! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's
+//! bytes are shared out in equal parts to the active objects
+//! ([`scene::ScenePlan::active_objects`]). All active objects draw on one budget of work, the
 //! nearest to a contact first.
 
 use crate::budget::Budget;
@@ -38,7 +39,8 @@ use spm::NONE;
 
 /// Ticks between two contact reports of a probe to the station.
 const REPORT_TICKS: u64 = 10;
-/// Nodes visited and faces tested by the steps of all proxies in a tick without splits and collapses.
+/// Nodes visited and faces tested by the steps of all proxies in a tick without splits and
+/// collapses.
 const PROXY_WORK: u32 = 4096;
 /// ... of which a split or collapse takes as much as it costs.
 const PROXY_WORK_PER_OPERATION: u32 = 32;
@@ -98,7 +100,8 @@ pub struct TickOutputs {
     pub outbox: Outbox,
     /// Contact reports to the station, one a probe every few ticks.
     pub reports: Vec<ContactReport>,
-    /// The contact of each probe, of several objects the one that pushes most; `None` in free space.
+    /// The contact of each probe, of several objects the one that pushes most; `None` in free
+    /// space.
     pub contacts: Vec<Option<ProbeContact>>,
     /// How many of the given chunks are done with.
     pub chunks_consumed: usize,
@@ -196,8 +199,8 @@ impl Controller {
         }
     }
 
-    /// Moves the objects, and makes those near a probe active. Returns the pairs of a probe and an object that could
-    /// touch though the object is not ready.
+    /// Moves the objects, and makes those near a probe active. Returns the pairs of a probe and an
+    /// object that could touch though the object is not ready.
     fn activate(&mut self, inputs: &TickInputs<'_>, outbox: &mut Outbox) -> u32 {
         for object in &mut self.active.objects {
             object.begin_tick(inputs.station, inputs.tick);
@@ -318,7 +321,8 @@ impl Controller {
         }
     }
 
-    /// Passes a probe's forces through energy account and limiter; the objects that move get the reaction.
+    /// Passes a probe's forces through energy account and limiter; the objects that move get the
+    /// reaction.
     fn limit(&mut self, k: usize, tick: u64, is_open: bool, forces: &ProbeForces) {
         let at = self.position_of(k);
         let clock = Clock {

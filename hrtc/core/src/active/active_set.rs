@@ -1,9 +1,9 @@
 //! The active set: objects near a probe, each with session, front and contacts.
 //!
-//! An object becomes active when a probe comes near, long before a contact is possible: the reach grows with the speed. It
-//! stays active as long as no other object needs its place; then those go first that have been out of reach for longest.
-//! Where more objects are in reach than there are places, the nearest have them. One object becomes active a tick, so
-//! that a tick stays short.
+//! An object becomes active when a probe comes near, long before a contact is possible: the reach
+//! grows with the speed. It stays active as long as no other object needs its place; then those go
+//! first that have been out of reach for longest. Where more objects are in reach than there are
+//! places, the nearest have them. One object becomes active a tick, so that a tick stays short.
 
 use super::broad_phase::{Ball, BroadPhase, Near};
 use super::object::ActiveObject;
@@ -23,12 +23,13 @@ use std::sync::Arc;
 
 /// Reach of a probe at rest, in its radii.
 const REACH_RADII: f64 = 10.0;
-/// Ticks of its motion by which the reach is longer: the base mesh arrives within a few ticks, the regions ahead of the
-/// contact within sixty.
+/// Ticks of its motion by which the reach is longer: the base mesh arrives within a few ticks, the
+/// regions ahead of the contact within sixty.
 const REACH_TICKS: f64 = 150.0;
 /// Ticks out of reach after which an object may lose its place, and a pair ends.
 const SLEEP_TICKS: u64 = 100;
-/// An object takes the place of another in reach when it is nearer by this factor, so that two do not alternate.
+/// An object takes the place of another in reach when it is nearer by this factor, so that two do
+/// not alternate.
 const NEARER: f64 = 2.0;
 /// Ticks of motion within which a probe could touch.
 const TOUCH_TICKS: f64 = 2.0;
@@ -46,10 +47,12 @@ pub struct ActiveSet {
     pub objects: Vec<ActiveObject>,
     /// Base meshes of all models.
     pub store: BaseMeshStore,
-    /// Places in the order of a tick: the object nearest to a contact first, with its clearance in metres.
+    /// Places in the order of a tick: the object nearest to a contact first, with its clearance in
+    /// metres.
     pub order: Vec<(f64, usize)>,
     broad_phase: BroadPhase,
-    /// Objects whose box is not known yet, the next one last, in the order in which models are requested.
+    /// Objects whose box is not known yet, the next one last, in the order in which models are
+    /// requested.
     unplaced: Vec<u32>,
     /// Objects in the order in which their models are requested: those of scripted paths first.
     to_fetch: Vec<u32>,
@@ -57,12 +60,14 @@ pub struct ActiveSet {
     next_fetch: usize,
     /// The epoch in which the next session of each object begins.
     epochs: Vec<u32>,
-    /// Received chunks that were taken out of turn, the oldest chunk at bit 0: an older one waits for room.
+    /// Received chunks that were taken out of turn, the oldest chunk at bit 0: an older one waits
+    /// for room.
     taken: u64,
 }
 
 impl ActiveSet {
-    /// Everything sized from the plan; nothing is allocated after this. `toured`: objects with a scripted path.
+    /// Everything sized from the plan; nothing is allocated after this. `toured`: objects with a
+    /// scripted path.
     #[must_use]
     pub fn new(
         plan: &ScenePlan,
@@ -190,8 +195,8 @@ impl ActiveSet {
             .sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     }
 
-    /// Finds the objects near a probe, and makes the one that needs it most active. Returns the pairs of a probe and an
-    /// object that could touch now though the object is not ready.
+    /// Finds the objects near a probe, and makes the one that needs it most active. Returns the
+    /// pairs of a probe and an object that could touch now though the object is not ready.
     pub fn activate(&mut self, probes: &[Probe], tick: u64, outbox: &mut Outbox) -> u32 {
         if self.instances.len() == 1 {
             return 0;
@@ -228,7 +233,8 @@ impl ActiveSet {
         }
     }
 
-    /// Notes which active objects are needed in this tick, and begins and ends the pairs with their probes.
+    /// Notes which active objects are needed in this tick, and begins and ends the pairs with their
+    /// probes.
     fn note_needs(&mut self, probes: &[Probe], tick: u64) {
         for object in &mut self.objects {
             object.distance = f64::INFINITY;
@@ -290,8 +296,8 @@ impl ActiveSet {
         self.objects.iter().any(|of| of.object() == Some(object))
     }
 
-    /// The object that needs most to become active, and its distance from a probe: one whose scripted path is to be
-    /// made, one in reach, one whose model is not known yet.
+    /// The object that needs most to become active, and its distance from a probe: one whose
+    /// scripted path is to be made, one in reach, one whose model is not known yet.
     fn next_to_activate(&mut self, probes: &[Probe]) -> Option<(u32, f64)> {
         let toured = probes.iter().find_map(|probe| {
             let tour = probe.tour.as_ref().filter(|tour| !tour.is_whole)?;
@@ -330,7 +336,8 @@ impl ActiveSet {
         })
     }
 
-    /// The place for an object at a distance, metres; infinite for one whose model is only to be known.
+    /// The place for an object at a distance, metres; infinite for one whose model is only to be
+    /// known.
     fn place_for(&self, distance: f64, tick: u64) -> Option<usize> {
         let places = || self.objects.iter().enumerate();
         if let Some((k, _)) = places().find(|(_, of)| of.instance.is_none()) {
@@ -348,7 +355,8 @@ impl ActiveSet {
         longest.or_else(farthest).map(|(k, _)| k)
     }
 
-    /// Shares out the chunks that may be under way: one to an object out of reach, the others in equal parts to the rest.
+    /// Shares out the chunks that may be under way: one to an object out of reach, the others in
+    /// equal parts to the rest.
     fn share_credit(&mut self, tick: u64) {
         let used = self.objects.iter().filter(|of| of.instance.is_some());
         let needed = used.clone().filter(|of| of.needed == tick).count() as u64;

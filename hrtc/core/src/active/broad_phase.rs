@@ -1,8 +1,9 @@
 //! Which objects are near which probes: the boxes of all objects against a ball around each probe.
 //!
-//! The boxes lie in one array a coordinate, so that the compiler compares several at once: three balls take 0.4 µs
-//! among a hundred boxes and 4 µs among a thousand. That is little enough to do without an order or a tree of them; it
-//! costs the same in every tick, and nothing has to be kept up to date when something moves.
+//! The boxes lie in one array a coordinate, so that the compiler compares several at once: three
+//! balls take 0.4 µs among a hundred boxes and 4 µs among a thousand. That is little enough to do
+//! without an order or a tree of them; it costs the same in every tick, and nothing has to be kept
+//! up to date when something moves.
 
 use glam::DVec3;
 
@@ -78,8 +79,8 @@ impl BroadPhase {
         found.map_or(0.0, |&(_, way)| way)
     }
 
-    /// All pairs of an object and a ball that meet within so many ticks, nearest first; at most [`MAX_NEAR`], the
-    /// nearest. A ball that is not finite meets nothing.
+    /// All pairs of an object and a ball that meet within so many ticks, nearest first; at most
+    /// [`MAX_NEAR`], the nearest. A ball that is not finite meets nothing.
     pub fn find(&mut self, balls: impl IntoIterator<Item = Ball>, ticks: f64) -> &[Near] {
         self.near.clear();
         for ball in balls {

@@ -1,5 +1,5 @@
-//! An active object: session with the station, front and contacts, allocated once and assigned to one object after the
-//! other. Only this type knows all three parts.
+//! An active object: session with the station, front and contacts, allocated once and assigned to
+//! one object after the other. Only this type knows all three parts.
 
 use crate::budget::Budget;
 use crate::cache::Cache;
@@ -36,8 +36,8 @@ pub struct ActiveObject {
 }
 
 impl ActiveObject {
-    /// A place for an object, with so many bytes of cache; everything is allocated now. `effects`: those of each
-    /// object's surface.
+    /// A place for an object, with so many bytes of cache; everything is allocated now. `effects`:
+    /// those of each object's surface.
     #[must_use]
     pub(crate) fn new(
         plan: &ScenePlan,
@@ -94,15 +94,16 @@ impl ActiveObject {
         self.front.pressure_steps()
     }
 
-    /// The greatest speed that the finest ring admits for the widest probe, model units a tick; 0 without a model.
+    /// The greatest speed that the finest ring admits for the widest probe, model units a tick; 0
+    /// without a model.
     #[must_use]
     pub fn greatest_speed(&self) -> f64 {
         let widths = self.contacts.pairs.iter().map(|pair| pair.patch_m);
         self.front.greatest_speed(widths.fold(0.0, f64::max))
     }
 
-    /// Makes an object active: its session goes on from an epoch. A `stored` base mesh is loaded from the store, else it
-    /// is requested. Nothing is freed or allocated.
+    /// Makes an object active: its session goes on from an epoch. A `stored` base mesh is loaded
+    /// from the store, else it is requested. Nothing is freed or allocated.
     pub(crate) fn assign(
         &mut self,
         instance: ObjectInstance,
@@ -178,8 +179,8 @@ impl ActiveObject {
         Some((&mut self.session, of))
     }
 
-    /// Takes the poses of the probes, predicts regions, and writes the requests; `waiting`: received chunks that wait for
-    /// the tick.
+    /// Takes the poses of the probes, predicts regions, and writes the requests; `waiting`:
+    /// received chunks that wait for the tick.
     pub(crate) fn predict(
         &mut self,
         probes: &[Probe],
@@ -204,8 +205,8 @@ impl ActiveObject {
         self.front.cache.refit();
     }
 
-    /// Advances the proxies and renders the forces of each pair. `max_work`: what all queries of the tick may cost, of
-    /// which `work` is spent.
+    /// Advances the proxies and renders the forces of each pair. `max_work`: what all queries of
+    /// the tick may cost, of which `work` is spent.
     pub(crate) fn find_contacts(
         &mut self,
         tick: u64,

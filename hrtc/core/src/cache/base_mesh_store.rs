@@ -1,8 +1,8 @@
 //! Base meshes of the models of a scene, each once for all objects that have the same model.
 //!
-//! A base mesh is kept in the slots of its chunks, so that a newly active object loads it by the same code as one that
-//! arrives. The slots are allocated at start; a base mesh without room in them is requested again whenever an object of
-//! it becomes active.
+//! A base mesh is kept in the slots of its chunks, so that a newly active object loads it by the
+//! same code as one that arrives. The slots are allocated at start; a base mesh without room in
+//! them is requested again whenever an object of it becomes active.
 
 use protocol::{ChunkSlot, MODEL_HEADER_SLOTS};
 use spm::ModelHeader;

@@ -13,14 +13,14 @@ impl Cache {
         self.references[slot as usize].wanted == 0 && self.mesh.collapse_is_legal(slot)
     }
 
-    /// Puts the vertices of the split that was performed last back to where the surface was, and on their way; while
-    /// there is room.
+    /// Puts the vertices of the split that was performed last back to where the surface was, and on
+    /// their way; while there is room.
     pub fn start_geomorphs(&mut self, operation: &OperationFaces) {
         self.mesh.take_off(operation);
     }
 
-    /// Sends the vertices of a slot that nothing needs to where their parent is; while there is room. It waits for no
-    /// collapse then.
+    /// Sends the vertices of a slot that nothing needs to where their parent is; while there is
+    /// room. It waits for no collapse then.
     pub fn start_collapse(&mut self, slot: Slot) {
         self.mesh.send_to_parent(slot);
         self.references[slot as usize].leaving = true;
@@ -45,7 +45,8 @@ impl Cache {
         self.requeue(slot);
     }
 
-    /// Moves a vertex in flight to where it is when `done` of its way is done; see [`spm::ActiveMesh::fly`].
+    /// Moves a vertex in flight to where it is when `done` of its way is done; see
+    /// [`spm::ActiveMesh::fly`].
     pub fn step_geomorph(&mut self, index: usize, done: f64, around: &OperationFaces) {
         self.mesh.fly(index, done, around);
         self.mark_deformed(around);

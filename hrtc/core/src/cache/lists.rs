@@ -156,7 +156,8 @@ impl ListPool {
         }
     }
 
-    /// The item at a cursor, `None` behind the last. The list must not have grown since the cursor was made.
+    /// The item at a cursor, `None` behind the last. The list must not have grown since the cursor
+    /// was made.
     #[must_use]
     pub fn get(&self, list: &List, cursor: Cursor) -> Option<u32> {
         if cursor.block == NONE {

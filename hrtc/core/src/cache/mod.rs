@@ -9,11 +9,11 @@
 //! | closures | 26 | six list entries a VSP |
 //! | regions | 11 | one region for 16 VSPs |
 //!
-//! Base vertices and faces live at the head of the same arrays. Reference counts say what may go: *held*
-//! counts the regions whose closure a record belongs to, *wanted* those of them that are to be performed.
-//! A performed VSP with no wanted region and no performed dependent waits in the queue of collapses, a
-//! record with no holder and no loaded dependent in the queue of evictions; both queues are in order of
-//! arrival. Nothing that a wanted region needs is in either.
+//! Base vertices and faces live at the head of the same arrays. Reference counts say what may go:
+//! *held* counts the regions whose closure a record belongs to, *wanted* those of them that are to
+//! be performed. A performed VSP with no wanted region and no performed dependent waits in the
+//! queue of collapses, a record with no holder and no loaded dependent in the queue of evictions;
+//! both queues are in order of arrival. Nothing that a wanted region needs is in either.
 
 pub mod base_mesh_store;
 mod check;
@@ -294,8 +294,8 @@ impl Cache {
 
     // --- the base mesh -------------------------------------------------------------------------
 
-    /// Forgets the model and everything of it; counts and high-water marks stay. Nothing is freed or allocated, and
-    /// only what was in use is gone through.
+    /// Forgets the model and everything of it; counts and high-water marks stay. Nothing is freed
+    /// or allocated, and only what was in use is gone through.
     pub fn reset(&mut self) {
         // Slots are handed out from the first on, and again when they come back.
         let used = self.slots_used;
@@ -372,12 +372,12 @@ impl Cache {
 
     // --- closures and records --------------------------------------------------------------------
 
-    /// Adds a VSP to the closure of an asked region and holds it when it is loaded already. `record_follows`:
-    /// whether its record is to come in the same answer.
+    /// Adds a VSP to the closure of an asked region and holds it when it is loaded already.
+    /// `record_follows`: whether its record is to come in the same answer.
     ///
     /// # Errors
-    /// `NoRoom` when the lists are full, `Damaged` for ids out of range, `Gap` when the record is neither here nor
-    /// to come.
+    /// `NoRoom` when the lists are full, `Damaged` for ids out of range, `Gap` when the record is
+    /// neither here nor to come.
     pub fn add_to_closure(
         &mut self,
         region: usize,
@@ -422,8 +422,8 @@ impl Cache {
         if record.i >= self.sizes.vsps {
             return Err(LoadError::Damaged);
         }
-        // The station counts what was asked for and released; what was released and not yet evicted is
-        // still here, and comes again.
+        // The station counts what was asked for and released; what was released and not yet evicted
+        // is still here, and comes again.
         if self.ids.get(record.i).is_some() {
             return Ok(());
         }
@@ -483,8 +483,9 @@ impl Cache {
         Ok(())
     }
 
-    /// Puts a held region into the set to be performed, or takes it out: at most `most` entries of its closure, the
-    /// rest when it is called again. A change that has begun is finished before another begins.
+    /// Puts a held region into the set to be performed, or takes it out: at most `most` entries of
+    /// its closure, the rest when it is called again. A change that has begun is finished before
+    /// another begins.
     ///
     /// Returns the number of entries gone through.
     pub fn set_wanted(&mut self, region: usize, wanted: bool, most: u32) -> u32 {
@@ -505,7 +506,8 @@ impl Cache {
             {
                 to_split += u32::from(!self.mesh.is_performed(slot));
                 let references = &mut self.references[slot as usize];
-                // Most of a closure is wanted by its neighbours too: only the first and the last count.
+                // Most of a closure is wanted by its neighbours too: only the first and the last
+                // count.
                 let turns = if entry.wanted {
                     references.wanted += 1;
                     references.wanted == 1

@@ -4,9 +4,11 @@ use super::{Cache, Cursor, PENDING};
 use spm::{DamagedRecord, NONE, OperationFaces, Slot};
 
 impl Cache {
-    /// The next split of a wanted region, skipping what is performed; marks the region refined at the end.
+    /// The next split of a wanted region, skipping what is performed; marks the region refined at
+    /// the end.
     ///
-    /// `budget` counts the entries gone through and is the most that may be; `None` when it is used up too.
+    /// `budget` counts the entries gone through and is the most that may be; `None` when it is used
+    /// up too.
     pub fn next_split(&mut self, region: usize, budget: &mut u32) -> Option<Slot> {
         let entry = *self.regions.at(region);
         debug_assert!(entry.wanted);
@@ -43,8 +45,9 @@ impl Cache {
         found
     }
 
-    /// The next split of a wanted region behind one that has to wait, which is legal all the same. `place` says how far
-    /// it was looked for; `budget` counts the entries gone through and is the most that may be.
+    /// The next split of a wanted region behind one that has to wait, which is legal all the same.
+    /// `place` says how far it was looked for; `budget` counts the entries gone through and is the
+    /// most that may be.
     pub fn next_split_behind(
         &self,
         region: usize,

@@ -27,10 +27,11 @@ impl Cache {
         self.collapses.count
     }
 
-    /// Whether less than an eighth of the slots, or a sixteenth of list blocks or places for regions is free.
+    /// Whether less than an eighth of the slots, or a sixteenth of list blocks or places for
+    /// regions is free.
     ///
-    /// Slots count as free when they may be evicted without releasing anything. Enough of them at hand is what
-    /// lets a fast probe load without waiting for room.
+    /// Slots count as free when they may be evicted without releasing anything. Enough of them at
+    /// hand is what lets a fast probe load without waiting for room.
     #[must_use]
     pub fn is_nearly_full(&self) -> bool {
         let free = self.free.len() as u32 + self.evictions.count;

@@ -62,7 +62,8 @@ pub struct Region {
     pub needed: u64,
     /// Tick at which the contact was expected there when it was last predicted.
     pub due: u64,
-    /// Splits to do when it became wanted, less those done for it since: a lower bound of those left.
+    /// Splits to do when it became wanted, less those done for it since: a lower bound of those
+    /// left.
     pub to_split: u32,
 }
 
@@ -130,7 +131,8 @@ impl Region {
         self.cursor = Cursor::start(&self.closure);
     }
 
-    /// It comes into the set to be performed, or leaves it: every entry of its closure is to be gone through.
+    /// It comes into the set to be performed, or leaves it: every entry of its closure is to be
+    /// gone through.
     pub(super) fn want(&mut self, wanted: bool) {
         self.wanted = wanted;
         self.refined = false;

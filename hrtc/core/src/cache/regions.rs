@@ -1,4 +1,5 @@
-//! The regions that the controller knows, with the messages about them that the station is still to get.
+//! The regions that the controller knows, with the messages about them that the station is still to
+//! get.
 
 use super::id_map::IdMap;
 use super::region::Region;
@@ -6,8 +7,8 @@ use super::region_key::RegionKey;
 use protocol::{CREDIT_CHUNKS, REGIONS_PER_REQUEST};
 use spm::NONE;
 
-/// Answers that may be outstanding: no more than the credit admits before the next message from here, so that
-/// the next request is still for what is needed most.
+/// Answers that may be outstanding: no more than the credit admits before the next message from
+/// here, so that the next request is still for what is needed most.
 pub const MAX_OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
 /// Ticks for which a refused region is not requested again: 2 s at 1 kHz.
 const REFUSED_TICKS: u64 = 2000;
@@ -23,7 +24,8 @@ struct Links {
     later: u32,
 }
 
-/// A table of fixed capacity, whose regions stand in the order in which they were last used as well.
+/// A table of fixed capacity, whose regions stand in the order in which they were last used as
+/// well.
 #[derive(Debug, Clone)]
 pub struct RegionTable {
     regions: Vec<Option<Region>>,
@@ -143,7 +145,8 @@ impl RegionTable {
         Some(index as usize)
     }
 
-    /// The station refused a region, or its records do not fit. Returns whether an answer was outstanding.
+    /// The station refused a region, or its records do not fit. Returns whether an answer was
+    /// outstanding.
     pub(super) fn refuse(&mut self, index: usize, tick: u64) -> bool {
         self.at_mut(index).refuse(tick)
     }
@@ -186,8 +189,8 @@ impl RegionTable {
         self.release_count = 0;
     }
 
-    /// A requested region is to be requested again with every record. Its answer stays outstanding, so there is
-    /// room for it.
+    /// A requested region is to be requested again with every record. Its answer stays outstanding,
+    /// so there is room for it.
     pub(super) fn ask_again(&mut self, index: usize) {
         self.at_mut(index).ask_again();
         if self.repeat_count < self.repeats.len() {

@@ -1,4 +1,5 @@
-//! The steps in a region's life that load or unload its closure; see [`RegionState`] for all of them.
+//! The steps in a region's life that load or unload its closure; see [`RegionState`] for all of
+//! them.
 
 use super::lists::Cursor;
 use super::{Cache, LoadError, PENDING, RegionKey, RegionState};
@@ -16,8 +17,8 @@ impl Cache {
         (self.regions.at(index).state() == RegionState::Requested).then_some(index)
     }
 
-    /// The first part of the answer to a requested region arrives. A station that was asked again begins again:
-    /// what came before is unloaded.
+    /// The first part of the answer to a requested region arrives. A station that was asked again
+    /// begins again: what came before is unloaded.
     pub fn begin_answer(&mut self, region: usize) {
         self.unload(region, u32::MAX);
         self.regions.at_mut(region).begin_answer();
@@ -36,26 +37,30 @@ impl Cache {
         Ok(())
     }
 
-    /// The answer to a requested region builds on evicted records: it is to be requested with every record.
+    /// The answer to a requested region builds on evicted records: it is to be requested with every
+    /// record.
     pub fn ask_again(&mut self, region: usize) {
         self.unload(region, u32::MAX);
         self.regions.ask_again(region);
     }
 
-    /// A region cannot be used; after a while it may be requested again. Returns whether its answer was outstanding.
+    /// A region cannot be used; after a while it may be requested again. Returns whether its answer
+    /// was outstanding.
     pub fn refuse(&mut self, region: usize, tick: u64) -> bool {
         self.unload(region, u32::MAX);
         self.regions.refuse(region, tick)
     }
 
-    /// Unloads a region and forgets it without a word to the station, which goes on counting it as subscribed: should
-    /// it be requested again, the answer lacks records, and is requested once more.
+    /// Unloads a region and forgets it without a word to the station, which goes on counting it as
+    /// subscribed: should it be requested again, the answer lacks records, and is requested once
+    /// more.
     pub fn forget(&mut self, region: usize) {
         self.unload(region, u32::MAX);
         self.regions.remove(region);
     }
 
-    /// The epoch ends: answers under way are lost, and releases need not be told, since the station begins anew.
+    /// The epoch ends: answers under way are lost, and releases need not be told, since the station
+    /// begins anew.
     pub fn end_epoch(&mut self) {
         self.regions.forget_messages();
         for place in 0..self.regions.capacity() {
@@ -67,13 +72,14 @@ impl Cache {
         }
     }
 
-    /// Unloads a region's closure, at most `max_entries` entries of it; the rest when it is called again. The region
-    /// stays in the table; its next state is for the caller to choose.
+    /// Unloads a region's closure, at most `max_entries` entries of it; the rest when it is called
+    /// again. The region stays in the table; its next state is for the caller to choose.
     ///
     /// Returns whether all of it is unloaded, and the number of entries gone through.
     pub fn unload(&mut self, region: usize, max_entries: u32) -> (bool, u32) {
         if self.regions.at(region).state() != RegionState::Unloading {
-            // A change that has begun is finished; only a damaged region is unloaded while it is wanted.
+            // A change that has begun is finished; only a damaged region is unloaded while it is
+            // wanted.
             let wanted = self.regions.at(region).wanted;
             self.set_wanted(region, wanted, u32::MAX);
             self.set_wanted(region, false, u32::MAX);

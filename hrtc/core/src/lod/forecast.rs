@@ -1,5 +1,6 @@
-//! Where a tool may touch next, away from where it touches now: the prediction follows the contact, but in a cavity, or as
-//! the tool turns, another part of it comes to the surface, which is to be refined by then.
+//! Where a tool may touch next, away from where it touches now: the prediction follows the contact,
+//! but in a cavity, or as the tool turns, another part of it comes to the surface, which is to be
+//! refined by then.
 
 use super::predict::{Motion, RADII_AROUND, REFINE_AHEAD};
 use crate::contact::query::{Surface, closest_point};
@@ -9,13 +10,15 @@ use geometry::Pose;
 use glam::DVec3;
 use spm::{Handle, NONE};
 
-/// Parts that are looked at in a tick: so each comes again sooner than a region that was predicted once is let go of.
+/// Parts that are looked at in a tick: so each comes again sooner than a region that was predicted
+/// once is let go of.
 const A_TICK: usize = 2;
 
 /// A place where a part of a tool may touch next.
 #[derive(Debug, Clone, Copy)]
 pub struct Near {
-    /// On the part, model units: between there and what is known of the surface the full mesh may be.
+    /// On the part, model units: between there and what is known of the surface the full mesh may
+    /// be.
     pub place: Motion,
     /// Whether the front is coarse there.
     pub is_coarse: bool,
@@ -67,8 +70,8 @@ impl ContactForecast {
         self.found.into_iter().flatten()
     }
 
-    /// Looks for the surface near the next parts of a tool; a ball has no parts but itself. `patch`: radius of what a tip
-    /// touches at once, model units.
+    /// Looks for the surface near the next parts of a tool; a ball has no parts but itself.
+    /// `patch`: radius of what a tip touches at once, model units.
     pub fn look(&mut self, surface: Surface<'_>, proxy: &ProxyKind, goal: &Pose, patch: f64) {
         self.found = [None; A_TICK];
         let ProxyKind::Tool(_) = proxy else {

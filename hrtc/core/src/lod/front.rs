@@ -12,7 +12,8 @@ use super::approach::Approach;
 use super::lod_controller::LodController;
 use super::memory_pressure::MemoryPressure;
 use super::predict::{LEAD_TICKS, RADII_AROUND, Sources};
-use super::prediction::Predictions;
+use super::predictions::Predictions;
+use super::tuning::MAX_WANTED;
 use crate::cache::base_mesh_store::Model;
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::Surface;
@@ -22,9 +23,6 @@ use crate::perception::PerceptionLimit;
 use crate::probe::contacts::Contacts;
 use scene::{RefinementPlan, ScenePlan};
 use spm::{NONE, OperationFaces, RegionId};
-
-/// Regions that may be wanted at once.
-pub(super) const MAX_WANTED: usize = 512;
 
 /// The model that the front approximates.
 #[derive(Debug)]
@@ -218,8 +216,8 @@ impl Front {
         self.lod().map_or(0.0, LodController::finest_tolerance)
     }
 
-    /// The greatest speed that the finest ring admits for a patch of this radius (metres), model units a tick: above
-    /// it the finest ring is raised. 0 without a model.
+    /// The greatest speed that the finest ring admits for a patch of this radius (metres), model
+    /// units a tick: above it the finest ring is raised. 0 without a model.
     #[must_use]
     pub fn greatest_speed(&self, widest_m: f64) -> f64 {
         let Some(of) = &self.model else {
@@ -246,13 +244,14 @@ impl Front {
         self.approaches[probe].begin();
     }
 
-    /// The answer to a requested region is complete: if the region is needed it need not wait for its next prediction.
+    /// The answer to a requested region is complete: if the region is needed it need not wait for
+    /// its next prediction.
     pub fn region_arrived(&mut self, index: usize, tick: u64) {
         self.predictions.region_arrived(index, tick, &self.cache);
     }
 
-    /// Gives up a region that cannot be used; after a while it may be requested again. Returns whether its answer was
-    /// outstanding.
+    /// Gives up a region that cannot be used; after a while it may be requested again. Returns
+    /// whether its answer was outstanding.
     pub fn refuse(&mut self, region: usize, tick: u64) -> bool {
         let was_outstanding = self.cache.refuse(region, tick);
         self.last_refused = self.cache.regions.at(region).key.id.0;
@@ -269,7 +268,8 @@ impl Front {
         ]
     }
 
-    /// The accuracy at a contact of this certified error, model units; notes whether it comes in time.
+    /// The accuracy at a contact of this certified error, model units; notes whether it comes in
+    /// time.
     pub fn accuracy_at(&mut self, contact: &Contact, certified: f32) -> Accuracy {
         let reached = if certified == 0.0 {
             Some(0.0)
@@ -294,7 +294,8 @@ impl Front {
         }
     }
 
-    /// Whether a contact of this certified error and reached tolerance, model units, is what was asked for.
+    /// Whether a contact of this certified error and reached tolerance, model units, is what was
+    /// asked for.
     fn is_as_asked(&self, certified: f32, reached: Option<f32>) -> bool {
         match (self.plan, &self.model) {
             (RefinementPlan::Global { lod: Some(count) }, Some(of)) => {
@@ -305,8 +306,8 @@ impl Front {
         }
     }
 
-    /// The expected error of the front at a contact, model units: the tolerance of the finest region that holds
-    /// it and is done; `None` where not even the coarsest is.
+    /// The expected error of the front at a contact, model units: the tolerance of the finest
+    /// region that holds it and is done; `None` where not even the coarsest is.
     fn tolerance_at(&self, contact: &Contact) -> Option<f32> {
         let is_done = |key: RegionKey| {
             let index = self.cache.regions.index(key)?;

@@ -1,5 +1,5 @@
-//! Geomorphs: splits and collapses that a probe would perceive move their vertices in small steps, see
-//! [`crate::perception`].
+//! Geomorphs: splits and collapses that a probe would perceive move their vertices in small steps,
+//! see [`crate::perception`].
 
 use super::front::Front;
 use super::tuning::{IMMEDIATE_SHARE, STEPS_PER_OPERATION};
@@ -20,7 +20,8 @@ pub enum Transition {
     Geomorph,
     /// Not in this tick: faces around it still move, or there is no room.
     Deferred,
-    /// Not while a probe perceives it and the faces around it stay as they are: a face would be turned over.
+    /// Not while a probe perceives it and the faces around it stay as they are: a face would be
+    /// turned over.
     Rejected,
 }
 
@@ -77,9 +78,9 @@ impl Front {
         }
     }
 
-    /// Steps a geomorph and that of its sibling: by the largest share of their displacements that every perception limit
-    /// admits. The share is the same for both, so that the faces between them open the right way round. Returns the
-    /// number of vertices moved.
+    /// Steps a geomorph and that of its sibling: by the largest share of their displacements that
+    /// every perception limit admits. The share is the same for both, so that the faces between
+    /// them open the right way round. Returns the number of vertices moved.
     fn step_geomorph(&mut self, index: usize, contacts: &mut Contacts) -> usize {
         let geomorph = self.cache.mesh().flights()[index];
         if let Some(slot) = self.cache.mesh().maker_of_vertex(geomorph.vertex())
@@ -112,8 +113,8 @@ impl Front {
         }
     }
 
-    /// The share of their displacements that a geomorph and that of its sibling may move in this tick; proxies that
-    /// perceive them are limited in their steps.
+    /// The share of their displacements that a geomorph and that of its sibling may move in this
+    /// tick; proxies that perceive them are limited in their steps.
     fn share_of_step(
         &mut self,
         index: usize,
@@ -155,8 +156,8 @@ impl Front {
         share
     }
 
-    /// Finishes the geomorph that began last where the perception limits admit all of it in this tick, so that a small
-    /// one does not keep a contact coarse until the next tick.
+    /// Finishes the geomorph that began last where the perception limits admit all of it in this
+    /// tick, so that a small one does not keep a contact coarse until the next tick.
     pub(super) fn finish_small_geomorph(&mut self, contacts: &mut Contacts) {
         let mesh = self.cache.mesh();
         let Self {
@@ -204,10 +205,11 @@ impl Front {
         transition
     }
 
-    /// The transition for a split or collapse; `places` are the vertices that the faces get for corners.
+    /// The transition for a split or collapse; `places` are the vertices that the faces get for
+    /// corners.
     ///
-    /// A geomorph begins only where the faces around it are at rest: then every face turns steadily from how it was to
-    /// how it will be, and not over.
+    /// A geomorph begins only where the faces around it are at rest: then every face turns steadily
+    /// from how it was to how it will be, and not over.
     fn transition(&mut self, slot: Slot, places: &[Handle], contacts: &mut Contacts) -> Transition {
         let Self { faces, reached, .. } = self;
         let mesh = self.cache.mesh();
@@ -250,7 +252,8 @@ impl Front {
         }
     }
 
-    /// Performs the collapse that has waited longest; if a probe perceives it, a geomorph comes first.
+    /// Performs the collapse that has waited longest; if a probe perceives it, a geomorph comes
+    /// first.
     pub(super) fn collapse_oldest(&mut self, contacts: &mut Contacts) -> CollapseOutcome {
         let Some(slot) = self.cache.oldest_collapse() else {
             return CollapseOutcome::None;

@@ -1,14 +1,16 @@
 //! The accuracy dial: which tolerance is asked for at which distance, and when it must be coarser.
 //!
-//! The scene asks for an expected error near the contact, and every ring around it for the next rung of the
-//! model's ladder ([`ModelHeader::ladder`]): cells of twice the side, so a ring has about as many cells and
-//! each of them about as many splits. A probe that outruns a ring lands on the next one, not on the base mesh.
+//! The scene asks for an expected error near the contact, and every ring around it for the next
+//! rung of the model's ladder ([`ModelHeader::ladder`]): cells of twice the side, so a ring has
+//! about as many cells and each of them about as many splits. A probe that outruns a ring lands on
+//! the next one, not on the base mesh.
 //!
-//! The finest ring is a value that may change between two ticks: regions are named by cell and tolerance, so
-//! another one is another set of names and nothing else. It is raised, one ring at a time,
+//! The finest ring is a value that may change between two ticks: regions are named by cell and
+//! tolerance, so another one is another set of names and nothing else. It is raised, one ring at a
+//! time,
 //!
-//! - above the greatest speed of a ring, K / (rho w T): its splits and collapses would not fit the ticks
-//!   (thesis 4.1: resolution follows speed);
+//! - above the greatest speed of a ring, K / (rho w T): its splits and collapses would not fit the
+//!   ticks (thesis 4.1: resolution follows speed);
 //! - when the cache cannot hold what the contact needs ([`MemoryPressure`]).
 
 use glam::DVec3;
@@ -41,8 +43,9 @@ pub struct LodController {
 }
 
 impl LodController {
-    /// The rings of a tolerance, model units. `area` is that of the model's surface, square model units: the
-    /// base mesh's will do, it is the smaller one and so the greatest speed comes out on the safe side.
+    /// The rings of a tolerance, model units. `area` is that of the model's surface, square model
+    /// units: the base mesh's will do, it is the smaller one and so the greatest speed comes out on
+    /// the safe side.
     #[must_use]
     pub fn new(header: &ModelHeader, tolerance: f32, area: f64) -> Self {
         let ring = |tolerance: f32| Ring {
@@ -98,8 +101,8 @@ impl LodController {
         self.finest = ring.min(self.count - 1);
     }
 
-    /// The greatest speed at which a ring's splits and collapses fit into `operations` a tick, model units a
-    /// tick, for a strip of `2 * reach` and a cell.
+    /// The greatest speed at which a ring's splits and collapses fit into `operations` a tick,
+    /// model units a tick, for a strip of `2 * reach` and a cell.
     #[must_use]
     pub fn greatest_speed(&self, ring: usize, reach: f64, operations: f64) -> f64 {
         let ring = &self.rings[ring.min(self.count - 1)];
@@ -108,8 +111,8 @@ impl LodController {
         operations / (faces * (2.0 * reach + ring.grid.cell))
     }
 
-    /// The speed at which a ring's own strip, which is `lead` ticks of motion wider on either side, just fits:
-    /// model units a tick.
+    /// The speed at which a ring's own strip, which is `lead` ticks of motion wider on either side,
+    /// just fits: model units a tick.
     #[must_use]
     pub fn limit(&self, ring: usize, reach: f64, lead: f64, operations: f64) -> f64 {
         // speed * (width + 2 lead speed) = product, where product = speed * width at rest.
@@ -119,8 +122,9 @@ impl LodController {
         2.0 * product / (width + root)
     }
 
-    /// The finest ring that a speed, model units a tick, leaves time for. A ring that is given up comes back
-    /// when the speed has fallen to 80 % of its greatest, so that the finest does not flicker.
+    /// The finest ring that a speed, model units a tick, leaves time for. A ring that is given up
+    /// comes back when the speed has fallen to 80 % of its greatest, so that the finest does not
+    /// flicker.
     #[must_use]
     pub fn finest_at_speed(&self, speed: f64, reach: f64, operations: f64) -> usize {
         let fits = |ring: usize| {

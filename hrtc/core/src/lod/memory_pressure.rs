@@ -4,9 +4,10 @@ use super::lod_controller::MAX_RINGS;
 
 /// What is done without while the cache is too small for what is wanted.
 ///
-/// Each step that turns out not to be enough is followed by the next: first nothing is loaded ahead of need,
-/// then the coarser rings around the finest go, then the finest ring itself comes coarser. Back it goes one
-/// step at a time, after a wait that doubles whenever the step back turned out to be too early.
+/// Each step that turns out not to be enough is followed by the next: first nothing is loaded ahead
+/// of need, then the coarser rings around the finest go, then the finest ring itself comes coarser.
+/// Back it goes one step at a time, after a wait that doubles whenever the step back turned out to
+/// be too early.
 #[derive(Debug, Clone)]
 pub struct MemoryPressure {
     steps: u32,
@@ -71,7 +72,8 @@ impl MemoryPressure {
         if self.went_back && tick <= self.changed + EARLY {
             self.patience = (2 * self.patience).min(MAX_PATIENCE);
         }
-        // A block that comes in time for the contact now and again fits: a coarser one would be coarser always.
+        // A block that comes in time for the contact now and again fits: a coarser one would be
+        // coarser always.
         if self.steps >= STEPS_BEFORE_COARSER && self.misses < MAX_MISSES / 2 {
             return;
         }

@@ -1,23 +1,25 @@
-//! Which regions the probe will need (thesis 5.6.2, 5.7.2): neighbours of the contact cells, linear and
-//! quadratic extrapolation of the motion, its landing on the surface, and the distance before contact.
+//! Which regions the probe will need (thesis 5.6.2, 5.7.2): neighbours of the contact cells, linear
+//! and quadratic extrapolation of the motion, its landing on the surface, and the distance before
+//! contact.
 //!
-//! Each source is a ball; the regions whose cells it meets are predicted, each with the tick at which the
-//! contact may be there. The *refined* set is to be performed by then, the *loaded* set to be in the cache.
-//! In every tick one ball of the finest ring and one of a coarser ring are looked at, so that a tick costs
-//! little; after [`TURNS`] ticks the finest ring has been looked at all around.
+//! Each source is a ball; the regions whose cells it meets are predicted, each with the tick at
+//! which the contact may be there. The *refined* set is to be performed by then, the *loaded* set
+//! to be in the cache. In every tick one ball of the finest ring and one of a coarser ring are
+//! looked at, so that a tick costs little; after [`TURNS`] ticks the finest ring has been looked at
+//! all around.
 
 use crate::cache::RegionKey;
 use crate::lod::lod_controller::{LodController, Ring};
 use glam::{DVec3, UVec3};
 use spm::{RegionGrid, RegionId};
 
-/// Ticks over which velocity and acceleration are estimated: an encoder's step is averaged, a turn is not. A hand
-/// that moves less than the probe's radius over the longer span is slow enough for that one, and there a single
-/// step of the encoder must not look like a motion.
+/// Ticks over which velocity and acceleration are estimated: an encoder's step is averaged, a turn
+/// is not. A hand that moves less than the probe's radius over the longer span is slow enough for
+/// that one, and there a single step of the encoder must not look like a motion.
 const SPANS: [usize; 2] = [4, 16];
-/// Ticks over which a hand's acceleration fades: what of it is left after so many is a third. On a tour of a
-/// rough terrain at 1 m/s the point 25 ticks ahead is then missed by 6 mm at median; by 10 mm straight on over
-/// the same span, by 13 mm over 16 ticks.
+/// Ticks over which a hand's acceleration fades: what of it is left after so many is a third. On a
+/// tour of a rough terrain at 1 m/s the point 25 ticks ahead is then missed by 6 mm at median; by
+/// 10 mm straight on over the same span, by 13 mm over 16 ticks.
 const FADING_TICKS: f64 = 18.0;
 /// Ticks over which the speed is averaged that the lod goes by.
 const MEAN_TICKS: f64 = 32.0;
@@ -31,16 +33,19 @@ pub const RADII_AROUND: f64 = 1.5;
 pub const LEAD_TICKS: f64 = 2.0;
 /// Ticks ahead at which the loaded set looks: a round trip, the records and their splits.
 const LOAD_AHEAD: [f64; 3] = [30.0, 45.0, 60.0];
-/// Ticks ahead at which the coarser rings are refined, and loaded: they are what a turn of the hand lands on.
+/// Ticks ahead at which the coarser rings are refined, and loaded: they are what a turn of the hand
+/// lands on.
 const RING_AHEAD: [f64; 2] = [25.0, 60.0];
-/// By how much of the way to it a point ahead may be missed to the side, and by how much of what the present
-/// acceleration makes of the way.
+/// By how much of the way to it a point ahead may be missed to the side, and by how much of what
+/// the present acceleration makes of the way.
 const SPREAD: [f64; 2] = [0.05, 0.7];
-/// Ticks over a cell below which fewer neighbours are kept warm: they are gone before they could be used.
+/// Ticks over a cell below which fewer neighbours are kept warm: they are gone before they could be
+/// used.
 const WARM_TICKS: f64 = 50.0;
 /// Turns of a round: in each tick one source of the finest ring is looked at.
 pub const TURNS: usize = 10;
-/// Ticks after which a region away from the motion is thought to be reached at rest, for each cell of distance.
+/// Ticks after which a region away from the motion is thought to be reached at rest, for each cell
+/// of distance.
 const DRIFT_TICKS: f64 = 200.0;
 /// Share of the speed with which the hand may come to a cell that does not lie ahead.
 const SIDEWAYS: f64 = 0.25;
@@ -85,7 +90,8 @@ pub struct Sources {
     pub neighbours: bool,
     /// What lies ahead.
     pub course: Option<Course>,
-    /// What lies ahead is moved onto the front as far as it is known: a coarse ring is the map for a fine one.
+    /// What lies ahead is moved onto the front as far as it is known: a coarse ring is the map for
+    /// a fine one.
     pub landing: bool,
 }
 
@@ -193,8 +199,8 @@ impl Predictor {
         self.mean_speed
     }
 
-    /// The point ahead that the next turn of the finest ring looks at, if it is one that may be moved onto the
-    /// front; what it is then is told with [`Predictor::land`].
+    /// The point ahead that the next turn of the finest ring looks at, if it is one that may be
+    /// moved onto the front; what it is then is told with [`Predictor::land`].
     #[must_use]
     pub fn ahead(&self, position: DVec3) -> Option<DVec3> {
         let (look, _) = ROUND[self.turn];
@@ -239,8 +245,8 @@ impl Predictor {
         SPREAD[0] * way + (SPREAD[1] * bend).min(0.5 * way)
     }
 
-    /// Takes the device's position of this tick and visits the regions of one source of the finest ring and,
-    /// with `rings`, one of a coarser ring.
+    /// Takes the device's position of this tick and visits the regions of one source of the finest
+    /// ring and, with `rings`, one of a coarser ring.
     pub fn predict(
         &mut self,
         lod: &LodController,
@@ -314,8 +320,9 @@ impl Predictor {
     }
 }
 
-/// Visits the regions around a place where another part of the probe may touch next, and around where that goes: of the finest
-/// ring, and of the coarser ones with `rings`, where the front is coarse still. `velocity`: of that part, model units a tick.
+/// Visits the regions around a place where another part of the probe may touch next, and around
+/// where that goes: of the finest ring, and of the coarser ones with `rings`, where the front is
+/// coarse still. `velocity`: of that part, model units a tick.
 pub fn predict_beside(
     lod: &LodController,
     rings: bool,
@@ -340,7 +347,8 @@ pub fn predict_beside(
     }
 }
 
-/// Ticks until the probe may be in a cell: it moves on with its velocity, or to a side with a share of it.
+/// Ticks until the probe may be in a cell: it moves on with its velocity, or to a side with a share
+/// of it.
 fn ticks_until(grid: &RegionGrid, id: RegionId, motion: Motion, velocity: DVec3) -> f64 {
     let way = grid.towards(id, motion.position);
     let distance = way.length();

@@ -1,7 +1,9 @@
-//! Prediction of the regions that the probes will need: rings around the contact, or blocks of the whole model.
+//! Prediction of the regions that the probes will need: rings around the contact, or blocks of the
+//! whole model.
 
-use super::front::{Front, FrontModel, MAX_WANTED};
-use super::predict::{LEAD_TICKS, Motion, Predicted, RADII_AROUND, TURNS, predict_beside};
+use super::front::{Front, FrontModel};
+use super::predict::{LEAD_TICKS, Motion, Predicted, RADII_AROUND, predict_beside};
+use super::predictions::due;
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::closest_point;
 use crate::probe::contacts::Contacts;
@@ -10,97 +12,11 @@ use spm::RegionId;
 
 /// Received chunks that wait for the tick, above which nothing is requested ahead of need.
 const MAX_WAITING: usize = 8;
-/// Regions that may be kept to be requested in a tick, for each probe: the cells of six balls.
-const MAX_UNKNOWN: usize = 750;
-/// Ticks of motion, times [`RADII_AROUND`], within which a surface must be for a prediction to be moved onto it.
+/// Ticks of motion, times [`RADII_AROUND`], within which a surface must be for a prediction to be
+/// moved onto it.
 const LANDING_TICKS: f64 = 60.0;
 /// Share of a block of splits that is still asked for after each step of memory pressure.
 const BLOCK_SHARE: f64 = 0.75;
-
-/// Regions that the predictions of a tick named.
-#[derive(Debug)]
-pub struct Predictions {
-    /// Indices of resident regions that become wanted in this tick.
-    pub(super) arrivals: Vec<usize>,
-    /// Regions that are not in the table.
-    unknown: Vec<Predicted>,
-    unknown_high_water: usize,
-}
-
-impl Predictions {
-    /// None, with room for those of so many probes.
-    #[must_use]
-    pub fn new(probes: usize) -> Self {
-        Self {
-            arrivals: Vec::with_capacity(MAX_WANTED),
-            unknown: Vec::with_capacity(MAX_UNKNOWN * probes),
-            unknown_high_water: 0,
-        }
-    }
-
-    /// Forgets all of them.
-    pub fn clear(&mut self) {
-        self.arrivals.clear();
-        self.unknown.clear();
-    }
-
-    /// Regions kept to be requested at once, at the most, and how many there may be.
-    #[must_use]
-    pub fn high_water(&self) -> (usize, usize) {
-        (self.unknown_high_water, self.unknown.capacity())
-    }
-
-    /// The answer to a region is complete: if the region is needed it need not wait for its next prediction.
-    pub fn region_arrived(&mut self, index: usize, tick: u64, cache: &Cache) {
-        let needed = cache.regions.at(index).needed;
-        // 0 is never: it was only loaded ahead.
-        if needed > 0 && tick <= needed + TURNS as u64 && self.arrivals.len() < MAX_WANTED {
-            self.arrivals.push(index);
-        }
-    }
-
-    /// Marks a predicted region in the table, or keeps it to be requested.
-    fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
-        let Some(index) = cache.regions.index(p.key) else {
-            // For each probe a tick looks at one ball of each of two rings, and at four of a tool. What comes twice is
-            // requested once.
-            if self.unknown.len() < self.unknown.capacity() {
-                self.unknown.push(p);
-                self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());
-            }
-            return;
-        };
-        cache.regions.mark_used(index, tick);
-        let region = cache.regions.at_mut(index);
-        region.due = due(tick, p.ticks);
-        if p.refine {
-            region.needed = tick;
-            let is_new = region.is_resident() && !region.wanted;
-            if is_new && self.arrivals.len() < MAX_WANTED {
-                self.arrivals.push(index);
-            }
-        }
-    }
-
-    /// Regions to request: those to refine first, those due first, of these the coarser first.
-    fn unknown(&mut self) -> &[Predicted] {
-        self.unknown.sort_unstable_by(|a, b| {
-            a.refine
-                .cmp(&b.refine)
-                .reverse()
-                .then(a.ticks.total_cmp(&b.ticks))
-                .then(a.key.tolerance_bits.cmp(&b.key.tolerance_bits).reverse())
-                .then(a.key.cmp(&b.key))
-        });
-        &self.unknown
-    }
-}
-
-/// The tick at which a region that is due in some ticks is due.
-fn due(tick: u64, ticks: f64) -> u64 {
-    // `as` saturates: a region that is never due is due at the end of time.
-    tick.saturating_add(ticks as u64)
-}
 
 impl Front {
     /// Predicts the regions that the probes will need, and marks those that are known.
@@ -126,15 +42,17 @@ impl Front {
         self.pressure.may_ask(tick)
     }
 
-    /// Predicted regions that are to be requested, most urgent first, and the ticks at which they are due. `waiting`:
-    /// received chunks that wait for the tick. The cache is given back, since the subscriber enters them.
+    /// Predicted regions that are to be requested, most urgent first, and the ticks at which they
+    /// are due. `waiting`: received chunks that wait for the tick. The cache is given back, since
+    /// the subscriber enters them.
     pub fn to_request(
         &mut self,
         may_request: bool,
         tick: u64,
         waiting: usize,
     ) -> (&mut Cache, impl Iterator<Item = (RegionKey, u64)>) {
-        // Answers come in the order of the requests: what is only ahead must not delay what is needed next.
+        // Answers come in the order of the requests: what is only ahead must not delay what is
+        // needed next.
         let may_prefetch = self.pressure.may_prefetch() && waiting < MAX_WAITING;
         let unknown = if may_request {
             self.predictions.unknown()
@@ -148,8 +66,9 @@ impl Front {
         (&mut self.cache, wanted)
     }
 
-    /// For each probe sets the finest ring by its speed and by memory pressure, then notes the regions of its rings.
-    /// The finest of all is that of the object: what one probe needs is not too fine for the others.
+    /// For each probe sets the finest ring by its speed and by memory pressure, then notes the
+    /// regions of its rings. The finest of all is that of the object: what one probe needs is not
+    /// too fine for the others.
     fn predict_rings(&mut self, tick: u64, contacts: &Contacts) {
         let Self {
             model:
@@ -205,8 +124,9 @@ impl Front {
         }
     }
 
-    /// Names one block: the first splits of the sequence, or all that exceed a tolerance, as far as the cache
-    /// holds them. The block before stays until this one is done, so that nothing coarsens in between.
+    /// Names one block: the first splits of the sequence, or all that exceed a tolerance, as far as
+    /// the cache holds them. The block before stays until this one is done, so that nothing
+    /// coarsens in between.
     fn predict_block(&mut self, lod: Option<u32>, tick: u64) {
         let Some(key) = self.block_key(lod) else {
             return;
@@ -243,8 +163,8 @@ impl Front {
             let count = f64::from(count.min(vsps).min(slots)) * BLOCK_SHARE.powi(steps as i32);
             return Some(RegionKey::prefix(count as u32));
         }
-        // More than n / 4^(level + 1) splits exceed a tolerance below the next tolerance level: a block that surely
-        // does not fit is not tried.
+        // More than n / 4^(level + 1) splits exceed a tolerance below the next tolerance level: a
+        // block that surely does not fit is not tried.
         let is_hopeless = |level: u32| vsps >> (2 * (level + 1)).min(31) > slots;
         let first = rings
             .rings()
@@ -255,8 +175,8 @@ impl Front {
         Some(RegionKey::new(RegionId::WHOLE, rings.finest_tolerance()))
     }
 
-    /// Looks where other parts of a tool may touch next, and moves each probe's prediction onto the front as far as the
-    /// front is known, for the next tick.
+    /// Looks where other parts of a tool may touch next, and moves each probe's prediction onto the
+    /// front as far as the front is known, for the next tick.
     pub fn look_ahead(&mut self, contacts: &Contacts) {
         let Self {
             model:

@@ -1,28 +1,28 @@
-//! Two-phase refinement (thesis Figure 5.17): splits in B \ A, collapses in A \ B, what the contact reaches
-//! first, at most K operations a tick.
+//! Two-phase refinement (thesis Figure 5.17): splits in B \ A, collapses in A \ B, what the contact
+//! reaches first, at most K operations a tick.
 
-use super::front::{Front, MAX_WANTED};
+use super::front::Front;
 use super::geomorph::{CollapseOutcome, Transition};
 use super::predict::TURNS;
 use super::tuning::{
     BEHIND_SHARE, CHANGES_PER_UNIT, COLLAPSE_TICKS, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT,
-    HYSTERESIS_TICKS, MAX_UNLOADS, MIN_OPERATIONS,
+    HYSTERESIS_TICKS, MAX_UNLOADS, MAX_WANTED, MIN_OPERATIONS,
 };
 use crate::budget::Budget;
 use crate::cache::Region;
 use crate::probe::contacts::Contacts;
 use spm::{DamagedRecord, Slot};
 
-/// The most work units that refinement may take a tick: operations, and closure entries gone through, of which
-/// [`CHANGES_PER_UNIT`] count as one where they change set or are unloaded. A longer closure, as that of a whole
-/// model, takes several ticks.
+/// The most work units that refinement may take a tick: operations, and closure entries gone
+/// through, of which [`CHANGES_PER_UNIT`] count as one where they change set or are unloaded. A
+/// longer closure, as that of a whole model, takes several ticks.
 #[must_use]
 pub fn max_work(operations: usize) -> u32 {
     operations as u32 * (ENTRIES_PER_OPERATION + 1) + MAX_UNLOADS / CHANGES_PER_UNIT
 }
 
-/// Ticks for which a region stays wanted after its last prediction: in the finest ring the time that the probe takes
-/// over a cell, so that the trail of a fast probe is no longer.
+/// Ticks for which a region stays wanted after its last prediction: in the finest ring the time
+/// that the probe takes over a cell, so that the trail of a fast probe is no longer.
 fn hysteresis(region: &Region, finest: f32, cell_ticks: f64) -> u64 {
     let is_finest = region.key.tolerance().is_some_and(|t| t <= finest);
     let least = TURNS as u64 + 4;
@@ -33,16 +33,17 @@ fn hysteresis(region: &Region, finest: f32, cell_ticks: f64) -> u64 {
     }
 }
 
-/// Whether a region's prediction is as new as it can be: the coarser rings are looked at less often.
+/// Whether a region's prediction is as new as it can be: the coarser rings are looked at less
+/// often.
 fn is_current(region: &Region, finest: f32, tick: u64) -> bool {
     let turns = TURNS as u64 + 2;
     let is_finest = region.key.tolerance().is_none_or(|t| t <= finest);
     tick <= region.needed + if is_finest { turns } else { 3 * turns }
 }
 
-/// Urgency of a region that is to be refined, as a number that sorts: regions that the prediction has left come last,
-/// those due first come first, of these the coarser, since they bound the error sooner. The index at the end makes it
-/// unique.
+/// Urgency of a region that is to be refined, as a number that sorts: regions that the prediction
+/// has left come last, those due first come first, of these the coarser, since they bound the error
+/// sooner. The index at the end makes it unique.
 fn order_of(region: &Region, index: usize, finest: f32, tick: u64) -> u64 {
     let left = u64::from(!is_current(region, finest, tick));
     let ticks = region.due.saturating_sub(tick).min((1 << 30) - 1);
@@ -53,8 +54,9 @@ fn order_of(region: &Region, index: usize, finest: f32, tick: u64) -> u64 {
 impl Front {
     /// Splits, then collapses with the remaining operations of the tick.
     ///
-    /// As many splits as it takes to have every region done when it is due, and at least [`MIN_OPERATIONS`], so that
-    /// ticks are even. Regions that were unloaded wait in the region table for the session to release them.
+    /// As many splits as it takes to have every region done when it is due, and at least
+    /// [`MIN_OPERATIONS`], so that ticks are even. Regions that were unloaded wait in the region
+    /// table for the session to release them.
     pub fn refine(&mut self, tick: u64, budget: &mut Budget, contacts: &mut Contacts) {
         self.used.fill(0.0);
         let spent = self.update_wanted(tick, contacts, &mut budget.entries);
@@ -132,8 +134,8 @@ impl Front {
         Ok(())
     }
 
-    /// Performs splits of a region behind one that has to wait: they are not perceived more than others. `entries`:
-    /// closure entries that may be gone through for that in this tick.
+    /// Performs splits of a region behind one that has to wait: they are not perceived more than
+    /// others. `entries`: closure entries that may be gone through for that in this tick.
     fn split_behind(
         &mut self,
         region: usize,
@@ -158,8 +160,8 @@ impl Front {
         budget.entries = budget.entries.saturating_sub(before - *entries);
     }
 
-    /// Sorts the regions to be refined by urgency. Returns the splits that this tick must do for every region to be
-    /// done in time.
+    /// Sorts the regions to be refined by urgency. Returns the splits that this tick must do for
+    /// every region to be done in time.
     fn splits_due(&mut self, tick: u64) -> u32 {
         let finest = self.finest_tolerance();
         let Self { wanted, queue, .. } = self;
@@ -182,8 +184,8 @@ impl Front {
         u32::try_from(most).unwrap_or(u32::MAX)
     }
 
-    /// Updates the wanted set: near regions in; out go regions that were left long enough ago, or are finer than room
-    /// and time allow. Returns the work units spent.
+    /// Updates the wanted set: near regions in; out go regions that were left long enough ago, or
+    /// are finer than room and time allow. Returns the work units spent.
     fn update_wanted(&mut self, tick: u64, contacts: &Contacts, entries: &mut u32) -> u32 {
         let mut spent = 0;
         let mut k = 0;
@@ -224,8 +226,8 @@ impl Front {
         spent
     }
 
-    /// Takes a resident region into the wanted set or out of it, as far as the entries allow. Returns the work units
-    /// spent.
+    /// Takes a resident region into the wanted set or out of it, as far as the entries allow.
+    /// Returns the work units spent.
     fn change(&mut self, index: usize, wanted: bool, entries: &mut u32) -> u32 {
         if *entries == 0 {
             return 0;

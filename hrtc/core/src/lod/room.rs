@@ -9,8 +9,8 @@ use crate::probe::contacts::Contacts;
 use spm::RegionId;
 
 impl Front {
-    /// Unloads a region, some of its closure in each tick; then the station is to be told. One at a time, see
-    /// [`Front::may_unload`].
+    /// Unloads a region, some of its closure in each tick; then the station is to be told. One at a
+    /// time, see [`Front::may_unload`].
     pub fn unload(&mut self, index: usize, budget: &mut Budget) {
         self.unloading = Some(index);
         self.go_on_unloading(budget);
@@ -43,7 +43,8 @@ impl Front {
         }
     }
 
-    /// Releases regions while the cache is nearly full, so that a fast probe need not wait for room.
+    /// Releases regions while the cache is nearly full, so that a fast probe need not wait for
+    /// room.
     pub(super) fn keep_some_room(&mut self, tick: u64, budget: &mut Budget) {
         for _ in 0..RELEASES_PER_TICK {
             if !self.cache.is_nearly_full() || !self.release_one(None, tick, budget) {
@@ -59,10 +60,11 @@ impl Front {
         !is_block && region.key.tolerance().is_some_and(|t| t < finest)
     }
 
-    /// Makes a slot free for the region `asking`: by a waiting collapse, or by unloading a region. Returns whether one
-    /// is free now.
+    /// Makes a slot free for the region `asking`: by a waiting collapse, or by unloading a region.
+    /// Returns whether one is free now.
     ///
-    /// Keeps what a wanted region or the cells of a contact need; a probe that perceives a collapse defers it.
+    /// Keeps what a wanted region or the cells of a contact need; a probe that perceives a collapse
+    /// defers it.
     pub fn make_room(
         &mut self,
         asking: usize,
@@ -89,9 +91,10 @@ impl Front {
         }
     }
 
-    /// Releases a resident region: of the [`RELEASE_WINDOW`] used least recently the first that is not predicted any
-    /// more, or is finer than there is room for; failing that, if a region that is due at `asking` needs the room, of
-    /// those that are only loaded ahead the one that is due last. The window bounds the cost of a tick.
+    /// Releases a resident region: of the [`RELEASE_WINDOW`] used least recently the first that is
+    /// not predicted any more, or is finer than there is room for; failing that, if a region that
+    /// is due at `asking` needs the room, of those that are only loaded ahead the one that is due
+    /// last. The window bounds the cost of a tick.
     fn release_one(&mut self, asking: Option<u64>, tick: u64, budget: &mut Budget) -> bool {
         if !self.may_unload(budget) {
             return false;

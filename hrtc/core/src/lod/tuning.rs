@@ -1,8 +1,10 @@
 //! Tuning constants of refinement. Times are in ticks of 1 ms unless the scene sets another rate.
 
-/// Ticks for which a region stays wanted after its last prediction, so that a probe at a cell's wall does not make it
-/// flicker: four rounds of the predictor.
+/// Ticks for which a region stays wanted after its last prediction, so that a probe at a cell's
+/// wall does not make it flicker: four rounds of the predictor.
 pub const HYSTERESIS_TICKS: u64 = 40;
+/// Regions that may be wanted at once.
+pub const MAX_WANTED: usize = 512;
 /// Splits, and collapses, a tick where nothing is urgent.
 pub const MIN_OPERATIONS: u32 = 6;
 /// Ticks within which a backlog of collapses is worked off.
@@ -23,6 +25,6 @@ pub const BEHIND_SHARE: u32 = 4;
 pub const ENTRIES_PER_WAIT: u32 = 16;
 /// Steps of geomorphing vertices that cost as much as a split or collapse.
 pub const STEPS_PER_OPERATION: u32 = 2;
-/// Share of a perception limit that geomorphs which finish in the tick of their start may use together. Where another
-/// geomorph moves under the probe they may use none.
+/// Share of a perception limit that geomorphs which finish in the tick of their start may use
+/// together. Where another geomorph moves under the probe they may use none.
 pub const IMMEDIATE_SHARE: f64 = 0.5;

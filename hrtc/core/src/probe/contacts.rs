@@ -31,11 +31,13 @@ pub struct Touch {
 pub struct Contacts {
     /// One for each probe.
     pub pairs: Vec<ProbeObjectPair>,
-    /// Perception limits of this tick, with the index of the probe: one for each part of a probe that may touch.
+    /// Perception limits of this tick, with the index of the probe: one for each part of a probe
+    /// that may touch.
     pub limits: Vec<(usize, PerceptionLimit)>,
     /// Tools of this tick whose budget left a part of their motion to the next one.
     pub unfinished: u32,
-    /// Tools of this tick that left a part of their motion to the next one though the budget had room.
+    /// Tools of this tick that left a part of their motion to the next one though the budget had
+    /// room.
     pub early: u32,
     /// Constraints of the proxies that did not fit, total.
     pub dropped_constraints: u64,
@@ -135,7 +137,8 @@ impl Contacts {
         }
     }
 
-    /// Whether an operation within a box may be near a probe, `around` times the radius of its patch around it.
+    /// Whether an operation within a box may be near a probe, `around` times the radius of its
+    /// patch around it.
     #[must_use]
     pub fn may_reach(&self, probe: usize, space: [DVec3; 2], around: f64) -> bool {
         self.pairs[probe].proxy.may_reach(space, around)
@@ -169,8 +172,9 @@ impl Contacts {
         }
     }
 
-    /// Advances the proxy of a probe, measures its clearance and renders the forces of the pair. `max_work`: what all
-    /// queries of the tick may cost, of which `work` is spent. `None` in free space.
+    /// Advances the proxy of a probe, measures its clearance and renders the forces of the pair.
+    /// `max_work`: what all queries of the tick may cost, of which `work` is spent. `None` in free
+    /// space.
     pub fn advance(
         &mut self,
         probe: (usize, &Probe),

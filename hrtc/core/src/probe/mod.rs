@@ -61,7 +61,8 @@ pub struct Probe {
     /// Whether it was cut.
     pub clamped: bool,
     pub energy: EnergyAccount,
-    /// Work of the last wrench over the motion of the material, joules: of all of it, and of what is limited.
+    /// Work of the last wrench over the motion of the material, joules: of all of it, and of what
+    /// is limited.
     pub carried: [f64; 2],
     /// Whether the account limits the force.
     passivity: bool,
@@ -72,7 +73,8 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Everything allocated now; `device_max_n` is what its device can render, `tour_seconds` how long a tour is.
+    /// Everything allocated now; `device_max_n` is what its device can render, `tour_seconds` how
+    /// long a tour is.
     pub fn new(plan: &ScenePlan, probe: &ProbePlan, device_max_n: f64, tour_seconds: f64) -> Self {
         let tour = match probe.trajectory {
             TrajectoryPlan::Tour {
@@ -155,9 +157,9 @@ impl Probe {
         }
     }
 
-    /// Passes what all touches, and the scene, want through account and gate to the device. `ahead`: the work of what
-    /// passive over the motion of the material in the coming period. The shares that have passed of what passive and of
-    /// what drives.
+    /// Passes what all touches, and the scene, want through account and gate to the device.
+    /// `ahead`: the work of what passive over the motion of the material in the coming period. The
+    /// shares that have passed of what passive and of what drives.
     pub fn limit(
         &mut self,
         clock: Clock,

@@ -19,7 +19,8 @@ pub struct ContactState {
     pub contact: Contact,
     /// Certified error of the faces that hold it, model units; 0 at full resolution.
     pub certified: f32,
-    /// Expected error of the front there, metres; negative where not even the coarsest ring is done.
+    /// Expected error of the front there, metres; negative where not even the coarsest ring is
+    /// done.
     pub tolerance_m: f64,
     /// Whether the contact is as accurate as was asked for.
     pub is_as_asked: bool,
@@ -45,7 +46,8 @@ pub struct ProbeObjectPair {
     pub clearance: f64,
     /// Contact state of the last step; `None` in free space.
     pub contact: Option<ContactState>,
-    /// Forces of this tick, world: forces and torques about the probe's position, before account and gate.
+    /// Forces of this tick, world: forces and torques about the probe's position, before account
+    /// and gate.
     pub rendered: Option<Rendered>,
     /// The effects of the object's surface on this probe.
     pub effects: SurfaceEffects,
@@ -74,8 +76,8 @@ impl ProbeObjectPair {
         }
     }
 
-    /// The probe comes near: its proxy is swept from `start` (object's axes, metres), where it is known to have been free,
-    /// or else begins where the probe is.
+    /// The probe comes near: its proxy is swept from `start` (object's axes, metres), where it is
+    /// known to have been free, or else begins where the probe is.
     pub fn begin(&mut self, start: Option<Pose>) {
         self.is_near = true;
         self.start = start;
@@ -109,8 +111,8 @@ impl ProbeObjectPair {
         }
     }
 
-    /// Position of the device, and middle and radius of the patch that touches or would touch, model units; `None` without
-    /// a probe.
+    /// Position of the device, and middle and radius of the patch that touches or would touch,
+    /// model units; `None` without a probe.
     pub fn patch(&self, metres_per_unit: f64) -> Option<(DVec3, (DVec3, f64))> {
         let device = self.goal?.position;
         let at_device = (device, self.patch_m / metres_per_unit);
@@ -140,8 +142,8 @@ impl ProbeObjectPair {
         })
     }
 
-    /// Renders stiffness and damping of the surface at the contact, then its effects. Returns the depth of the device
-    /// behind the proxy, metres.
+    /// Renders stiffness and damping of the surface at the contact, then its effects. Returns the
+    /// depth of the device behind the proxy, metres.
     pub fn render(
         &mut self,
         clock: Clock,

@@ -1,4 +1,5 @@
-//! What follows a probe outside of an object: the proxy of its ball, or of its tool. Model frame and units.
+//! What follows a probe outside of an object: the proxy of its ball, or of its tool. Model frame
+//! and units.
 
 use crate::contact::coupling::Coupling;
 use crate::contact::motion::Twist;
@@ -12,8 +13,8 @@ use glam::DVec3;
 use scene::{ProbeShape, SurfacePlan};
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
-/// Pairs of nodes of a tool and an object, or what costs as much, that a unit of work pays for: with all units of a tick it
-/// stays within a period of a millisecond (measured).
+/// Pairs of nodes of a tool and an object, or what costs as much, that a unit of work pays for:
+/// with all units of a tick it stays within a period of a millisecond (measured).
 const PAIRS_A_UNIT: u32 = 12;
 
 /// See the module.
@@ -101,8 +102,9 @@ impl ProxyKind {
         }
     }
 
-    /// Begins at an object whose unit is so many metres. `patch`: radius of the ball, or of what the tip touches,
-    /// metres; `start`: where the proxy was free, if that is not where the probe will be.
+    /// Begins at an object whose unit is so many metres. `patch`: radius of the ball, or of what
+    /// the tip touches, metres; `start`: where the proxy was free, if that is not where the probe
+    /// will be.
     pub fn begin(&mut self, patch: f64, metres_per_unit: f64, start: Option<Pose>) {
         let patch = patch / metres_per_unit;
         match self {
@@ -174,8 +176,8 @@ impl ProxyKind {
         ball.into_iter().chain(tool.into_iter().flatten())
     }
 
-    /// Whether something that happens in a box may be near, `around` times what the tip touches around it: a tool fills its
-    /// parts only in part.
+    /// Whether something that happens in a box may be near, `around` times what the tip touches
+    /// around it: a tool fills its parts only in part.
     pub fn may_reach(&self, [lower, upper]: [DVec3; 2], around: f64) -> bool {
         match self {
             Self::Ball(_) => true,
@@ -199,7 +201,8 @@ impl ProxyKind {
         }
     }
 
-    /// While the surface that it touches moves, it goes no farther beyond the device's motion than this in a tick.
+    /// While the surface that it touches moves, it goes no farther beyond the device's motion than
+    /// this in a tick.
     pub fn limit_step(&mut self, slide: f64) {
         match self {
             Self::Ball(ball) => {
@@ -244,8 +247,8 @@ impl ProxyKind {
         }
     }
 
-    /// Whether it is held though nothing touches it: a tool that was caught, or that had no work left to move, or a ball
-    /// that goes gently.
+    /// Whether it is held though nothing touches it: a tool that was caught, or that had no work
+    /// left to move, or a ball that goes gently.
     pub fn is_held(&self) -> bool {
         match self {
             Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_behind),
@@ -271,8 +274,9 @@ impl ProxyKind {
         }
     }
 
-    /// Depth of the device behind the proxy, metres, the wrench on it about its position in the model's axes, and the
-    /// spring that it comes from. `velocity`: of the device's position, metres and radians a second, model's axes.
+    /// Depth of the device behind the proxy, metres, the wrench on it about its position in the
+    /// model's axes, and the spring that it comes from. `velocity`: of the device's position,
+    /// metres and radians a second, model's axes.
     pub fn render(
         &self,
         goal: &Pose,

@@ -19,8 +19,8 @@ fn cost_of(item: &AnswerItem) -> u32 {
     }
 }
 
-/// The requested region that a part belongs to; parts of others, and of answers whose first part was not taken, are
-/// skipped.
+/// The requested region that a part belongs to; parts of others, and of answers whose first part
+/// was not taken, are skipped.
 fn receiving(cache: &Cache, head: &PartHead) -> Option<usize> {
     let index = cache.requested((head.region, head.tolerance_bits))?;
     cache.regions.at(index).is_receiving().then_some(index)

@@ -93,8 +93,8 @@ impl Session {
         Taken::Whole
     }
 
-    /// Loads more of a stored base mesh, while the object becomes active; with half of the tick's budget at the most, so
-    /// that records for other objects go on arriving.
+    /// Loads more of a stored base mesh, while the object becomes active; with half of the tick's
+    /// budget at the most, so that records for other objects go on arriving.
     pub fn load_stored(&mut self, of: &mut Receiver<'_>, context: &mut TickContext<'_>) {
         let Some(mut place) = self.loading else {
             return;

@@ -119,8 +119,8 @@ impl Session {
         }
     }
 
-    /// Begins a session about an object, in an epoch after all of its earlier sessions. A `stored` base mesh is loaded
-    /// from the store, else it is requested. The front is reset already.
+    /// Begins a session about an object, in an epoch after all of its earlier sessions. A `stored`
+    /// base mesh is loaded from the store, else it is requested. The front is reset already.
     pub fn begin(
         &mut self,
         instance: &ObjectInstance,
@@ -154,8 +154,8 @@ impl Session {
         self.subscriber.close(outbox, tick)
     }
 
-    /// A tick begins; `station` is the incarnation of the living one. An epoch that ends takes an unfinished scripted
-    /// path with it.
+    /// A tick begins; `station` is the incarnation of the living one. An epoch that ends takes an
+    /// unfinished scripted path with it.
     pub fn begin_tick(&mut self, station: u64, tick: u64, front: &mut Front) {
         self.measured = None;
         self.is_stalled = false;
@@ -216,7 +216,8 @@ impl Session {
                 true
             }
             Taken::Part => {
-                // Room is short when budget remains and nothing moved; a region that is being unloaded makes some.
+                // Room is short when budget remains and nothing moved; a region that is being
+                // unloaded makes some.
                 let is_stuck = self.progress.done == before && context.budget.ingest > 0;
                 if is_stuck && !of.front.is_unloading() {
                     self.progress.waited += 1;

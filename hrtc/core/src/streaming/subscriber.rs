@@ -63,15 +63,17 @@ pub struct Subscriber {
     timeout_ticks: u64,
     /// Regions asked for so far.
     pub subscribed: u64,
-    /// Regions asked for again, with every record, because their answer counted on records that were gone.
+    /// Regions asked for again, with every record, because their answer counted on records that
+    /// were gone.
     pub resent: u64,
-    /// Epochs ended by a gap, a timeout or another station, while something was outstanding or held.
+    /// Epochs ended by a gap, a timeout or another station, while something was outstanding or
+    /// held.
     pub resubscribed: u64,
 }
 
 impl Subscriber {
-    /// A subscriber that has not met a station and has no object yet. `timeout_ticks`: silence after which it asks
-    /// again.
+    /// A subscriber that has not met a station and has no object yet. `timeout_ticks`: silence
+    /// after which it asks again.
     #[must_use]
     pub fn new(identity: Identity, timeout_ticks: u64) -> Self {
         Self {
@@ -102,7 +104,8 @@ impl Subscriber {
         }
     }
 
-    /// Begins a session about an object, in an epoch that no session about it has had; its totals go on.
+    /// Begins a session about an object, in an epoch that no session about it has had; its totals
+    /// go on.
     pub fn begin_session(&mut self, subject: Subject, epoch: u32, tick: u64) {
         self.subject = subject;
         self.epoch = epoch;
@@ -196,7 +199,8 @@ impl Subscriber {
         self.model = model;
     }
 
-    /// Asks for a tour as soon as possible, and again after every loss until [`Subscriber::tour_is_here`].
+    /// Asks for a tour as soon as possible, and again after every loss until
+    /// [`Subscriber::tour_is_here`].
     pub fn ask_tour(&mut self, tour: TourAsk) {
         self.tour = Some(tour);
         self.tour_asked = false;
@@ -254,7 +258,8 @@ impl Subscriber {
         outbox.push(request);
     }
 
-    /// Writes this tick's requests: model, tour, held regions, releases, then `wanted` in its order.
+    /// Writes this tick's requests: model, tour, held regions, releases, then `wanted` in its
+    /// order.
     pub fn requests(
         &mut self,
         tick: u64,
@@ -352,8 +357,8 @@ impl Subscriber {
         }
     }
 
-    /// Requests regions again, with every record, whose answer was of no use; they are outstanding still. Their
-    /// number.
+    /// Requests regions again, with every record, whose answer was of no use; they are outstanding
+    /// still. Their number.
     fn request_again(&mut self, regions: &mut RegionTable, request: &mut Request) -> u32 {
         let mut again = 0;
         while (request.count as usize) < REGIONS_PER_REQUEST

@@ -1,9 +1,10 @@
 //! Tuning constants of the session. Times are in ticks of 1 ms unless the scene sets another rate.
 
-/// Work units for received data a tick while few chunks wait: a record or base item is 4, sixteen ids of a closure are
-/// 8, the head of a part 1.
+/// Work units for received data a tick while few chunks wait: a record or base item is 4, sixteen
+/// ids of a closure are 8, the head of a part 1.
 pub const MIN_INGEST: u32 = 80;
-/// Chunks that may wait at [`MIN_INGEST`]; for more the units grow in proportion, so that a burst takes few ticks.
+/// Chunks that may wait at [`MIN_INGEST`]; for more the units grow in proportion, so that a burst
+/// takes few ticks.
 pub const WAITING_CHUNKS: usize = 2;
 /// Work units of an item.
 pub const UNITS_PER_ITEM: u32 = 4;
