@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let pose = Pose::at(DVec3::Z * height);
         let inputs = TickInputs {
             tick,
-            samples: &[Some(Sample { pose })],
+            samples: &[Some(Sample::at(pose))],
             station: STATION,
             chunks: [&inbox, &[]],
             stopping: false,
