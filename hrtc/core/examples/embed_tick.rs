@@ -13,8 +13,8 @@ use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
 use protocol::Request;
 use scene::{NoFiles, Overrides, parse};
 use spm::{SpmFile, write_spm};
-use spm_builder::build::{BuildOptions, NoProgress, build_model};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, build_model};
 use station_core::station::{Message, ServedModel, ServedObject, Station};
 use std::error::Error;
 
