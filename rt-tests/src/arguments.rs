@@ -27,17 +27,21 @@ pub struct Arguments {
 /// The commands; roles are this program as one of the processes that a command starts.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run both processes on a scene; ends with a report, with status 0 also when periods were missed
+    /// Run both processes on a scene; ends with a report, with status 0 also when periods were
+    /// missed
     Run(RunArgs),
     /// Measure the loop's timing beside a bare loop; status 0 only for the verdict "pass"
     Jitter(JitterArgs),
-    /// Put a recording (run --record FILE) through the controller again; status 1 when a tick differs
+    /// Put a recording (run --record FILE) through the controller again; status 1 when a tick
+    /// differs
     Replay(ReplayArgs),
     /// Show on any mesh that fronts are legal, certified and cheap; status 1 when a limit is broken
     Fronts(FrontsArgs),
-    /// Show what accuracy costs: the same touch from the base mesh to the full mesh; status 1 when a check fails
+    /// Show what accuracy costs: the same touch from the base mesh to the full mesh; status 1 when
+    /// a check fails
     Accuracy(AccuracyArgs),
-    /// Show what a query and an update cost beside parry's; status 1 when an answer is wrong or a limit broken
+    /// Show what a query and an update cost beside parry's; status 1 when an answer is wrong or a
+    /// limit broken
     Compare(CompareArgs),
     /// Show what each source of the prediction buys: the same motion with each alone and with all
     Predictors(PredictorsArgs),
@@ -45,7 +49,8 @@ pub enum Command {
     Stability(StabilityArgs),
     /// Show what each effect of a scene costs a tick, and that one that is not listed costs nothing
     Effects(EffectsArgs),
-    /// Measure how stiff a wall this machine can render: its period, the delay of its force, and theory beside it
+    /// Measure how stiff a wall this machine can render: its period, the delay of its force, and
+    /// theory beside it
     Zwidth(ZwidthArgs),
     /// The station of a run.
     #[command(hide = true)]

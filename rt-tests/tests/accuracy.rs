@@ -70,7 +70,8 @@ fn a_short_run_holds_its_checks_and_gives_every_field_and_file_and_repeats() {
     assert_eq!(values.last(), Some(&0.0), "and the full mesh");
     assert!(of("global").count() > 3 && of("prefix").count() > 3);
 
-    // The base mesh is felt as another shape, the full mesh as itself, and it costs bytes to get there.
+    // The base mesh is felt as another shape, the full mesh as itself, and it costs bytes to get
+    // there.
     let (first, last) = (
         of("local").next().unwrap(),
         of("local").next_back().unwrap(),

@@ -8,12 +8,20 @@ fn scene() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/scenes/first-touch.toml")
 }
 
+/// The command with built models kept in cargo's folder for tests, not in the user's cache.
+fn command() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rt-tests"));
+    command
+        .env(
+            "HRTC_CACHE",
+            concat!(env!("CARGO_TARGET_TMPDIR"), "/models"),
+        )
+        .stdin(Stdio::null());
+    command
+}
+
 fn rt_tests(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_rt-tests"))
-        .args(arguments)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
+    command().args(arguments).output().unwrap()
 }
 
 /// The bundled scene with one piece of its text exchanged, in a folder of its own.
@@ -25,7 +33,8 @@ fn changed(folder: &Path, old: &str, new: &str) -> PathBuf {
     path
 }
 
-/// The last line on standard error, which must be one sentence, of a command that ended with status 2.
+/// The last line on standard error, which must be one sentence, of a command that ended with status
+/// 2.
 fn refusal(output: &Output) -> String {
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{said}");
@@ -241,7 +250,7 @@ fn a_short_run_touches_a_real_mesh_and_reports_every_field() {
 #[test]
 fn ctrl_c_ends_a_run_cleanly_with_its_report() {
     let folder = tempfile::tempdir().unwrap();
-    let child = Command::new(env!("CARGO_BIN_EXE_rt-tests"))
+    let child = command()
         .args([
             "run",
             scene().to_str().unwrap(),
@@ -250,7 +259,6 @@ fn ctrl_c_ends_a_run_cleanly_with_its_report() {
             "--out",
         ])
         .arg(folder.path())
-        .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()

@@ -57,13 +57,15 @@ fn every_contender_answers_alike_and_the_result_is_whole() {
         assert!(rows.iter().any(|row| row["who"] == who), "{who}");
     }
     for row in &rows {
-        // Parry in single precision takes triangles for meeting that do not: it is there to be compared with.
+        // Parry in single precision takes triangles for meeting that do not: it is there to be
+        // compared with.
         let is_ours = row["who"].as_str().unwrap().starts_with("ours");
         assert!(!is_ours || row["answers_differ"] == 0, "{row}");
         let ns = |field: &str| row[field].as_f64().unwrap();
         assert!(ns("p50_ns") > 0.0 && ns("p99_ns") >= ns("p50_ns") && ns("max_ns") >= ns("p99_ns"));
     }
-    // Figure 4.7: never above Theorem 2, from one leaf to all of them, and near it where the leaves lie evenly.
+    // Figure 4.7: never above Theorem 2, from one leaf to all of them, and near it where the leaves
+    // lie evenly.
     let number = |row: &Value, field: &str| row[field].as_f64().unwrap();
     let marking = of("marking");
     for row in &marking {
@@ -78,8 +80,8 @@ fn every_contender_answers_alike_and_the_result_is_whole() {
     for row in of("update_share") {
         assert!(number(&row, "update_p50_ns") > 0.0 && number(&row, "query_p50_ns") > 0.0);
     }
-    // Figures 5.20 and 4.8: the boxes of the full mesh's tree cost a coarse one little, and what is refined around the
-    // contact is searched as the full mesh is.
+    // Figures 5.20 and 4.8: the boxes of the full mesh's tree cost a coarse one little, and what is
+    // refined around the contact is searched as the full mesh is.
     for list in ["levels", "growth_levels"] {
         let levels = of(list);
         let pairs = |front: &str| {
@@ -103,6 +105,18 @@ fn every_contender_answers_alike_and_the_result_is_whole() {
         assert!(text.contains("</svg>"), "{picture}");
     }
     assert!(out.join("compare.json").is_file());
+}
+
+#[test]
+fn without_growth_no_picture_of_it_is_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = compare(&["relief:1000", "--growth", "0"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code().is_some_and(|code| code <= 1), "{said}");
+    assert!(!folder.path().join("compare.svg").exists());
+    for picture in ["marking.svg", "levels.svg", "compare.json"] {
+        assert!(folder.path().join(picture).is_file(), "{picture}");
+    }
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! Blocks of regions move over a model through a cache that is too small for it: after any history of loads,
-//! evictions and reloads the front is that of a fresh load, bit for bit.
+//! Blocks of regions move over a model through a cache that is too small for it: after any history
+//! of loads, evictions and reloads the front is that of a fresh load, bit for bit.
 
 use glam::DVec3;
 use rand::{RngCore, SeedableRng};

@@ -1,6 +1,7 @@
-//! A hundred thousand splits and collapses of each model: legality by counters equals the adjacency test of thesis
-//! 5.2.3, mesh and tree keep every invariant, every front is the image of the full mesh, and no split ever
-//! needs a collapse first. The larger models are for the command `rt-tests fronts`.
+//! A hundred thousand splits and collapses of each model: legality by counters equals the adjacency
+//! test of thesis 5.2.3, mesh and tree keep every invariant, every front is the image of the full
+//! mesh, and no split ever needs a collapse first. The larger models are for the command `rt-tests
+//! fronts`.
 
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -37,7 +38,10 @@ fn fronts_of_generated_worst_cases_hold() {
 fn fronts_of_small_real_meshes_hold() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/models");
     let Ok(entries) = std::fs::read_dir(&folder) else {
-        println!("skipped: {} is not there", folder.display());
+        println!(
+            "skipped: no mesh was walked, {} is not there",
+            folder.display()
+        );
         return;
     };
     let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();

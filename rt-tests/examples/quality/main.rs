@@ -1,12 +1,13 @@
-//! How near a simplified mesh stays to the full one, beside meshoptimizer's simplifier at equal numbers of faces:
-//! `cargo run --release -p rt-tests --example quality -- MESH…`
+//! How near a simplified mesh stays to the full one, beside meshoptimizer's simplifier at equal
+//! numbers of faces: `cargo run --release -p rt-tests --example quality -- MESH…`
 //!
-//! A program of its own, so that no C++ library is part of `rt-tests`, whose memory is locked while it ticks.
+//! A program of its own, so that no C++ library is part of `rt-tests`, whose memory is locked while
+//! it ticks.
 //!
-//! Ours is a prefix of the sequence of splits (the continuous detail of thesis chapter 3); it must refine back
-//! to the full mesh by splits that do not wait long for each other, which costs quality that a simplifier
-//! which only aims at one mesh need not pay. The deviation is sampled in both directions, on the same number
-//! of points for both, and given in parts of the diagonal.
+//! Ours is a prefix of the sequence of splits (the continuous detail of thesis chapter 3); it must
+//! refine back to the full mesh by splits that do not wait long for each other, which costs quality
+//! that a simplifier which only aims at one mesh need not pay. The deviation is sampled in both
+//! directions, on the same number of points for both, and given in parts of the diagonal.
 
 mod welded;
 
@@ -33,14 +34,16 @@ const SHARES: [f64; 4] = [0.5, 0.2, 0.05, 0.01];
 const FEWEST_FACES: u32 = 500;
 /// Points in each direction.
 const SAMPLES: u32 = 20_000;
-/// What the rounding of positions to f32 alone makes, in parts of the diagonal: a plane deviates no less.
+/// What the rounding of positions to f32 alone makes, in parts of the diagonal: a plane deviates no
+/// less.
 const ROUNDING: f64 = 1e-7;
 /// The most that the mean deviation at the median model may be of meshoptimizer's.
 const MAX_MEAN_RATIO: f64 = 1.0;
 /// The most that the largest deviation at the median model may be of meshoptimizer's.
 const MAX_MAX_RATIO: f64 = 1.5;
 
-/// Compare simplified meshes with meshoptimizer's at equal numbers of faces; status 1 when a limit is broken.
+/// Compare simplified meshes with meshoptimizer's at equal numbers of faces; status 1 when a limit
+/// is broken.
 #[derive(Debug, Parser)]
 pub struct Arguments {
     /// Mesh files [default: the shapes that ve-station generate makes]
@@ -250,7 +253,8 @@ fn compare(
             theirs: deviation(theirs),
         });
     }
-    // Not their geometric mean: at the one point where ours is exact it would be nothing, whatever the others.
+    // Not their geometric mean: at the one point where ours is exact it would be nothing, whatever
+    // the others.
     let ratio = |of: fn(&Deviation) -> f64| {
         let sum: f64 = points
             .iter()
@@ -267,7 +271,8 @@ fn compare(
     }))
 }
 
-/// The longest prefix of the sequence with no more than so many faces; the base mesh if it has more already.
+/// The longest prefix of the sequence with no more than so many faces; the base mesh if it has more
+/// already.
 fn prefix(model: &Model, faces: u32) -> Result<Vec<[DVec3; 3]>, Failure> {
     let mut mesh = model.active_mesh();
     let mut out = OperationFaces::new();

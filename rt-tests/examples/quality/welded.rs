@@ -31,8 +31,9 @@ impl Welded {
         Self { positions, indices }
     }
 
-    /// Simplifies to `faces`, or to more where the simplifier finds no further collapse. Its default options; its
-    /// limit on the error is lifted, so that the number of faces alone decides.
+    /// Simplifies to `faces`, or to more where the simplifier finds no further collapse. Its
+    /// default options; its limit on the error is lifted, so that the number of faces alone
+    /// decides.
     #[must_use]
     pub fn simplify(&self, faces: u32) -> Vec<[DVec3; 3]> {
         let left = meshopt::simplify_decoder(

@@ -40,10 +40,11 @@ pub enum Fault {
     Sign,
     /// A contact less deep than a tenth of a millimetre is taken for none.
     AbsoluteEpsilon,
-    /// A constraint is lost: of a mesh its faces around the place of contact, of a set of planes one.
+    /// A constraint is lost: of a mesh its faces around the place of contact, of a set of planes
+    /// one.
     LostConstraint,
-    /// Limits of the gate are not kept.
-    OpenGate,
+    /// Force and slew are not limited.
+    NoForceLimit,
     /// The energy account does not limit the force.
     NoPassivity,
     /// Nothing brings a body to rest.
@@ -67,9 +68,10 @@ pub struct Setup {
     pub encoder_m: f64,
     /// Pose of the object.
     pub pose: Pose,
-    /// Limits of the gate: force in newtons and its change in newtons a second; `None` for neither.
-    pub gate: Option<[f64; 2]>,
-    /// Whether the energy account limits the force: for devices that move by it, not for places that are given.
+    /// Limits of the force in newtons and its change in newtons a second; `None` for neither.
+    pub force_limits: Option<[f64; 2]>,
+    /// Whether the energy account limits the force: for devices that move by it, not for places
+    /// that are given.
     pub passivity: bool,
     /// Effects of the scene and of its object, as a scene lists them.
     pub effects: &'static str,
@@ -79,7 +81,7 @@ pub struct Setup {
     pub movable: Option<MovablePlan>,
     /// Length of the probe, metres: with one it is a tool, a capsule of that radius along z.
     pub length_m: Option<f64>,
-    /// Whether splits and collapses under the probe fly.
+    /// Whether splits and collapses under the probe are geomorphed.
     pub geomorph: bool,
     /// The fault.
     pub fault: Fault,
@@ -97,7 +99,8 @@ impl Setup {
 }
 
 impl Default for Setup {
-    /// The device and loop that the cases name: 1 kHz, 1 kN/m, a ball of 1 mm on an object of 0.2 m.
+    /// The device and loop that the cases name: 1 kHz, 1 kN/m, a ball of 1 mm on an object of 0.2
+    /// m.
     fn default() -> Self {
         Self {
             radius_m: 1e-3,
@@ -106,7 +109,7 @@ impl Default for Setup {
             rate_hz: 1000.0,
             encoder_m: 0.0,
             pose: Pose::at(DVec3::ZERO),
-            gate: None,
+            force_limits: None,
             passivity: false,
             effects: "",
             probes: 1,
@@ -120,7 +123,7 @@ impl Default for Setup {
 
 /// What a tick gave.
 #[derive(Debug, Clone, Copy)]
-pub struct Felt {
+pub struct Response {
     /// Force on the device, newtons.
     pub force: DVec3,
     /// Where the proxy is, world, metres.
@@ -219,16 +222,16 @@ impl Bench {
     ///
     /// # Errors
     /// One sentence when it does not come to rest.
-    pub fn settle(&mut self, place: DVec3) -> Result<Felt, Failure> {
+    pub fn settle(&mut self, place: DVec3) -> Result<Response, Failure> {
         let (mut faces, mut quiet) = (0, 0);
         for _ in 0..MAX_TICKS {
-            let felt = self.touch(place);
-            let record = &felt.record;
+            let response = self.touch(place);
+            let record = &response.record;
             let same = record.ready && record.active_faces == faces && record.geomorphing == 0;
             quiet = if same { quiet + 1 } else { 0 };
-            faces = felt.record.active_faces;
+            faces = response.record.active_faces;
             if quiet > QUIET_TICKS {
-                return Ok(felt);
+                return Ok(response);
             }
         }
         Err(Failure::Run(
@@ -242,7 +245,7 @@ impl Bench {
     }
 
     /// A tick with the device there, world, metres.
-    pub fn touch(&mut self, place: DVec3) -> Felt {
+    pub fn touch(&mut self, place: DVec3) -> Response {
         self.sample(Some(Pose {
             position: place,
             orientation: self.orientation,
@@ -250,12 +253,12 @@ impl Bench {
     }
 
     /// A tick with any sample.
-    pub fn sample(&mut self, pose: Option<Pose>) -> Felt {
+    pub fn sample(&mut self, pose: Option<Pose>) -> Response {
         self.sample_each(&[pose])
     }
 
-    /// A tick with a sample of each probe; what the first one felt.
-    pub fn sample_each(&mut self, poses: &[Option<Pose>]) -> Felt {
+    /// A tick with a sample of each probe; the answer to the first one.
+    pub fn sample_each(&mut self, poses: &[Option<Pose>]) -> Response {
         let samples: Vec<Option<Sample>> = poses.iter().map(|pose| pose.map(Sample::at)).collect();
         let outputs = self.simulation.step_each(&samples);
         let (force, record) = (outputs.wrenches[0].force, outputs.record);
@@ -267,7 +270,7 @@ impl Bench {
             Fault::AbsoluteEpsilon if force.length() < dead => DVec3::ZERO,
             _ => force,
         };
-        Felt {
+        Response {
             force,
             proxy: self.simulation.controller().proxy().unwrap_or(DVec3::ZERO),
             record,
@@ -370,9 +373,9 @@ fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
     };
     plan.probes[0].device.encoder_m = setup.encoder_m;
     plan.probes[0].trajectory = TrajectoryPlan::Points(Vec::new());
-    let open = setup.gate.is_none() || setup.fault == Fault::OpenGate;
+    let open = setup.force_limits.is_none() || setup.fault == Fault::NoForceLimit;
     let [force, slew] = setup
-        .gate
+        .force_limits
         .filter(|_| !open)
         .unwrap_or([UNLIMITED_N, UNLIMITED_N * setup.rate_hz]);
     plan.safety.force_max_n = force;
@@ -397,7 +400,8 @@ pub const MASS_KG: f64 = 0.1;
 pub const DAMPING_NS_PER_M: f64 = 1.0;
 
 impl FreeMass {
-    /// At a place with a velocity, in periods of `period_s`; `encoder_m` is the step of its encoder or 0.
+    /// At a place with a velocity, in periods of `period_s`; `encoder_m` is the step of its encoder
+    /// or 0.
     #[must_use]
     pub fn new(place: DVec3, velocity: DVec3, period_s: f64, encoder_m: f64) -> Self {
         Self::held(place, velocity, period_s, encoder_m, [0.0, 0.0])

@@ -16,20 +16,20 @@ fn within(random: &mut Xoshiro256PlusPlus) -> DVec3 {
     DVec3::new(unit(random), unit(random), unit(random)) * 2.0 - 1.0
 }
 
-/// Slides along a way from -`reach` to `reach`, metres, at a speed, m/s, and lifts off: the change of the force in a tick
-/// over the force times what is `allowed`; infinite where there is no force.
+/// Slides along a way from -`reach` to `reach`, metres, at a speed, m/s, and lifts off: the change
+/// of the force in a tick over the force times what is `allowed`; infinite where there is no force.
 fn slide(
     bench: &mut Bench,
-    way: impl Fn(f64) -> DVec3,
+    direction: impl Fn(f64) -> DVec3,
     [reach, speed]: [f64; 2],
     allowed: f64,
     found: &mut Found,
 ) {
-    let mut last = bench.touch(way(-reach)).force;
+    let mut last = bench.touch(direction(-reach)).force;
     let ticks = (2.0 * reach / (speed * bench.period_s())).ceil() as u32;
     for tick in 1..=ticks {
         let at = reach * (2.0 * f64::from(tick) / f64::from(ticks) - 1.0);
-        let force = bench.touch(way(at)).force;
+        let force = bench.touch(direction(at)).force;
         let larger = last.length().max(force.length());
         found.most(if larger > 0.0 {
             force.distance(last) / (larger * allowed)
@@ -41,8 +41,8 @@ fn slide(
     bench.touch(DVec3::Z * 0.02);
 }
 
-/// Case 6: the change of the force in a tick over 2 F sin(turn / 2), the largest, where the probe slides over a ridge
-/// whose normals turn by 10 to 170 degrees.
+/// Case 6: the change of the force in a tick over 2 F sin(turn / 2), the largest, where the probe
+/// slides over a ridge whose normals turn by 10 to 170 degrees.
 pub fn ridge(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for degrees in (10..=170).step_by(20) {
@@ -72,8 +72,8 @@ pub fn ridge(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
     Ok(found)
 }
 
-/// Case 6, shaded: the change of the force in a tick over the force, the largest, where the probe slides over a ridge
-/// whose normals turn by 10 to 50 degrees, and the force is shaded over 5 mm.
+/// Case 6, shaded: the change of the force in a tick over the force, the largest, where the probe
+/// slides over a ridge whose normals turn by 10 to 50 degrees, and the force is shaded over 5 mm.
 pub fn shaded_ridge(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -96,12 +96,13 @@ pub fn shaded_ridge(
             let speed = 0.02 + 0.08 * unit(random);
             let depth = setup.radius_m * (0.2 + 0.6 * unit(random));
             let reach = 0.01;
-            // At an even depth below where the probe would touch: along a slope, round the edge, along the other slope.
+            // At an even depth below where the probe would touch: along a slope, round the edge,
+            // along the other slope.
             let off = setup.radius_m - depth;
             let round = 0.5 * f64::from(degrees).to_radians() * off;
-            let place = |way: f64| {
-                let along = (way.abs() - round).max(0.0) * way.signum();
-                let turn = way.clamp(-round, round) / off;
+            let place = |direction: f64| {
+                let along = (direction.abs() - round).max(0.0) * direction.signum();
+                let turn = direction.clamp(-round, round) / off;
                 DVec3::new(along * cos, 0.0, -along.abs() * sin)
                     + DVec3::new(turn.sin(), 0.0, turn.cos()) * off
             };
@@ -112,8 +113,8 @@ pub fn shaded_ridge(
     Ok(found)
 }
 
-/// Case 7: how far the proxy is outside one of two planes of a valley, or moves farther than the device, over the
-/// numbers' size, the largest; angles of 1e-8 to 1 rad.
+/// Case 7: how far the proxy is outside one of two planes of a valley, or moves farther than the
+/// device, over the numbers' size, the largest; angles of 1e-8 to 1 rad.
 pub fn valley(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -152,8 +153,8 @@ pub fn valley(
     Ok(found)
 }
 
-/// Case 8: distance of the step from the exact projection, over the numbers' size, the largest, among 3 to 64 planes
-/// around a tip or pit.
+/// Case 8: distance of the step from the exact projection, over the numbers' size, the largest,
+/// among 3 to 64 planes around a tip or pit.
 pub fn tip(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for count in [3, 4, 5, 8, 16, 32, 64] {
@@ -178,8 +179,8 @@ pub fn tip(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result
     Ok(found)
 }
 
-/// The closest point to the goal in an intersection of half-spaces: the best feasible one among the closest points on
-/// all single planes, pairs and triples.
+/// The closest point to the goal in an intersection of half-spaces: the best feasible one among the
+/// closest points on all single planes, pairs and triples.
 fn exact(goal: DVec3, planes: &[Plane]) -> DVec3 {
     let mut best = (f64::INFINITY, goal);
     let mut consider = |point: Option<DVec3>| {
@@ -223,8 +224,8 @@ fn on_three(a: &Plane, b: &Plane, c: &Plane) -> Option<DVec3> {
     (det != 0.0).then(|| (bc * a.offset + ca * b.offset + ab * c.offset) / det)
 }
 
-/// Ten minutes in a corner of three planes under a noisy encoder: how far the proxy strays from where it belongs, in
-/// radii, the largest.
+/// Ten minutes in a corner of three planes under a noisy encoder: how far the proxy strays from
+/// where it belongs, in radii, the largest.
 pub fn rest_in_corner(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -238,8 +239,8 @@ pub fn rest_in_corner(
     let mut found = Found::new(0.0);
     for _ in 0..size.of(20_000, 600_000) {
         let noise = within(random) * 2e-5;
-        let felt = bench.touch(home - DVec3::splat(2e-3) + noise);
-        found.most(felt.proxy.distance(home) / setup.radius_m);
+        let response = bench.touch(home - DVec3::splat(2e-3) + noise);
+        found.most(response.proxy.distance(home) / setup.radius_m);
     }
     Ok(found)
 }

@@ -1,7 +1,7 @@
-//! What should not happen and does: jumps, noise instead of numbers, a station that goes away; and what must not
-//! matter: the scale.
+//! What should not happen and does: jumps, noise instead of numbers, a station that goes away; and
+//! what must not matter: the scale.
 
-use super::bench::{Bench, Fault, Felt, FreeMass, Setup, model};
+use super::bench::{Bench, Fault, FreeMass, Response, Setup, model};
 use super::found::{Found, Size};
 use super::shapes;
 use crate::failure::Failure;
@@ -11,18 +11,18 @@ use glam::{DQuat, DVec3};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm_builder::generate::{Shape, generate};
 
-/// Limits of the gate where a case needs them: newtons, newtons a second.
-const GATE: [f64; 2] = [8.0, 2000.0];
+/// Limits of the force where a case needs them: newtons, newtons a second.
+const FORCE_LIMITS: [f64; 2] = [8.0, 2000.0];
 
-/// Case 18: change of the force in a tick over what the slew limit allows, the largest: a start inside, jumps of
-/// 10 mm, and spikes of an encoder.
+/// Case 18: change of the force in a tick over what the slew limit allows, the largest: a start
+/// inside, jumps of 10 mm, and spikes of an encoder.
 pub fn jumps(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let setup = Setup {
-        gate: Some(GATE),
+        force_limits: Some(FORCE_LIMITS),
         ..Setup::with(fault)
     };
     let bytes = model(generate(Shape::Sphere, 4096, 1), false)?;
-    let allowed = GATE[1] / setup.rate_hz;
+    let allowed = FORCE_LIMITS[1] / setup.rate_hz;
     let radius = 0.5 * setup.size_m;
     let mut found = Found::new(0.0);
     for _ in 0..size.of(3, 100) {
@@ -41,7 +41,7 @@ pub fn jumps(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
             };
             let force = bench.touch(place).force;
             let jump = force.distance(last) / allowed;
-            found.most(if force.length() <= GATE[0] {
+            found.most(if force.length() <= FORCE_LIMITS[0] {
                 jump
             } else {
                 f64::INFINITY
@@ -52,10 +52,11 @@ pub fn jumps(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
     Ok(found)
 }
 
-/// Case 23: outputs that are no numbers or beyond the limit, while samples are not numbers, infinite or missing.
+/// Case 23: outputs that are no numbers or beyond the limit, while samples are not numbers,
+/// infinite or missing.
 pub fn noise(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let setup = Setup {
-        gate: Some(GATE),
+        force_limits: Some(FORCE_LIMITS),
         ..Setup::with(fault)
     };
     let mut bench = Bench::new(&model(generate(Shape::Sphere, 4096, 1), false)?, setup)?;
@@ -84,14 +85,14 @@ pub fn noise(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
             3 => None,
             _ => Some(good),
         };
-        let felt = bench.sample(pose);
-        found.count(!felt.force.is_finite() || felt.force.length() > GATE[0]);
+        let response = bench.sample(pose);
+        found.count(!response.force.is_finite() || response.force.length() > FORCE_LIMITS[0]);
     }
     Ok(found)
 }
 
-/// Case 15: change of the force, newtons, the largest, of a resting touch while the station is silent and comes back,
-/// beside the same touch with the station there.
+/// Case 15: change of the force, newtons, the largest, of a resting touch while the station is
+/// silent and comes back, beside the same touch with the station there.
 pub fn silent_station(
     size: &Size,
     _random: &mut Xoshiro256PlusPlus,
@@ -101,8 +102,8 @@ pub fn silent_station(
     let setup = Setup::with(fault);
     let press = |silent: bool| -> Result<Vec<DVec3>, Failure> {
         let mut bench = Bench::new(&bytes, setup)?;
-        let felt = bench.settle(DVec3::Z * setup.size_m)?;
-        let inside = felt.proxy * 0.2;
+        let response = bench.settle(DVec3::Z * setup.size_m)?;
+        let inside = response.proxy * 0.2;
         let mut forces = Vec::new();
         for tick in 0..size.of(6000, 60_000) {
             let quiet = silent && (3000..4000).contains(&(tick % 6000));
@@ -160,8 +161,8 @@ pub fn repeat(
     Ok(found)
 }
 
-/// Case 9 and the sweep of units: a hand rubs over a rough body of 2e-5 to 2e3 m; how far force and path differ from
-/// those at 0.2 m once rescaled, relative to their largest.
+/// Case 9 and the sweep of units: a hand rubs over a rough body of 2e-5 to 2e3 m; how far force and
+/// path differ from those at 0.2 m once rescaled, relative to their largest.
 pub fn scale(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let bytes = model(generate(Shape::Relief, 20_000, 1), false)?;
     let seed = unit(random);
@@ -184,8 +185,8 @@ pub fn scale(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
                 let out = DVec3::new(0.3 * turn.cos(), 0.3 * turn.sin(), 1.0);
                 hand.intend(out * (0.3 * setup.size_m), DVec3::ZERO);
                 let place = hand.advance(force);
-                let felt: Felt = bench.touch(place);
-                force = felt.force;
+                let response: Response = bench.touch(place);
+                force = response.force;
                 (force / s, place / s)
             })
             .collect())
@@ -208,8 +209,8 @@ pub fn scale(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
     Ok(found)
 }
 
-/// Case 10 of collision in virtual time: a probe that rests on a plate for long at full depth: how far its force
-/// strays from K times the depth, relative, the largest.
+/// Case 10 of collision in virtual time: a probe that rests on a plate for long at full depth: how
+/// far its force strays from K times the depth, relative, the largest.
 pub fn rest(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let setup = Setup::with(fault);
     let mut bench = Bench::new(&model(shapes::plate(false), false)?, setup)?;

@@ -1,5 +1,5 @@
-//! Effects: friction dissipates and holds, fields gain nothing on a closed path, what the loop cannot render is gone,
-//! and what is switched, or not listed, is not felt.
+//! Effects: friction dissipates and holds, fields gain nothing on a closed path, what the loop
+//! cannot render is gone, and what is switched, or not listed, is not felt.
 
 use super::bench::{Bench, DAMPING_NS_PER_M, Fault, FreeMass, Setup, model};
 use super::found::{Found, Size};
@@ -29,23 +29,23 @@ fn along(bench: &mut Bench, path: impl Fn(f64) -> DVec3, ticks: u64) -> Way {
     let place = |tick: u64| path(tick as f64 / ticks as f64);
     let mut last = place(0);
     let mut force = bench.touch(last).force;
-    let mut way = Way {
+    let mut direction = Way {
         energy: 0.0,
         work: 0.0,
     };
     for tick in 1..=ticks {
         let now = place(tick);
         let moved = now - last;
-        way.energy += force.dot(moved);
-        way.work += force.dot(moved).abs();
+        direction.energy += force.dot(moved);
+        direction.work += force.dot(moved).abs();
         force = bench.touch(now).force;
         last = now;
     }
-    way
+    direction
 }
 
-/// Case 19: energy that friction puts out on a closed path along a plate over all work that was done, the largest, with
-/// the energy account: within its cone it is a spring, whose hold leaks.
+/// Case 19: energy that friction puts out on a closed path along a plate over all work that was
+/// done, the largest, with the energy account: within its cone it is a spring, whose hold leaks.
 pub fn friction_loop(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -71,22 +71,22 @@ pub fn friction_loop(
         let ticks = 200 + (400.0 * unit(random)) as u64;
         let start = path(0.0);
         let above = |t: f64| start + DVec3::Z * (3e-3 * t);
-        let ways = [
+        let directions = [
             along(&mut bench, |t| above(1.0 - t), 100),
             along(&mut bench, path, ticks),
             along(&mut bench, path, ticks),
             along(&mut bench, above, 100),
         ];
-        let [energy, work] = ways
-            .iter()
-            .fold([0.0, 0.0], |[e, w], way| [e + way.energy, w + way.work]);
+        let [energy, work] = directions.iter().fold([0.0, 0.0], |[e, w], direction| {
+            [e + direction.energy, w + direction.work]
+        });
         found.most(energy / work);
     }
     Ok(found)
 }
 
-/// Case 19: how far the force of a probe that sticks strays from stiffness times displacement, relative, at the end of
-/// ten minutes under a noisy encoder.
+/// Case 19: how far the force of a probe that sticks strays from stiffness times displacement,
+/// relative, at the end of ten minutes under a noisy encoder.
 pub fn friction_stick(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -113,7 +113,8 @@ pub fn friction_stick(
     Ok(found)
 }
 
-/// Case 19: ticks at which a probe that sticks to a surface feels something else when another one slides there too.
+/// Case 19: ticks at which a probe that sticks to a surface feels something else when another one
+/// slides there too.
 pub fn friction_apart(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -121,7 +122,7 @@ pub fn friction_apart(
 ) -> Result<Found, Failure> {
     let pressed = |setup: &Setup, x: f64| Some(Pose::at(DVec3::new(x, 0.0, setup.radius_m - 1e-3)));
     let ticks = size.of(2000, 100_000);
-    let ways: Vec<f64> = (0..ticks).map(|_| 0.02 * unit(random)).collect();
+    let directions: Vec<f64> = (0..ticks).map(|_| 0.02 * unit(random)).collect();
     let run = |beside: bool, fault: Fault| -> Result<Vec<DVec3>, Failure> {
         let setup = Setup {
             effects: FRICTION,
@@ -130,10 +131,10 @@ pub fn friction_apart(
         };
         let mut bench = Bench::new(&model(shapes::plate(false), true)?, setup)?;
         bench.settle(DVec3::Z * 0.01)?;
-        let forces = ways.iter().enumerate().map(|(tick, &way)| {
+        let forces = directions.iter().enumerate().map(|(tick, &direction)| {
             let own = 1e-4 * (1e-2 * tick as f64).sin();
             let other = if beside {
-                pressed(&setup, 0.01 + way)
+                pressed(&setup, 0.01 + direction)
             } else {
                 None
             };
@@ -154,8 +155,8 @@ pub fn friction_apart(
     Ok(found)
 }
 
-/// Case 20: energy that texture and shading put out on closed paths over an edge, over all work that was done, the
-/// largest, with the energy account.
+/// Case 20: energy that texture and shading put out on closed paths over an edge, over all work
+/// that was done, the largest, with the energy account.
 pub fn texture_loop(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -189,15 +190,16 @@ pub fn texture_loop(
                 let piece = ((4.0 * t) as usize).min(3);
                 corners[piece].lerp(corners[piece + 1], 4.0 * t - piece as f64)
             };
-            let way = along(&mut bench, path, 400 + (800.0 * unit(random)) as u64);
-            found.most(way.energy / way.work);
+            let direction = along(&mut bench, path, 400 + (800.0 * unit(random)) as u64);
+            found.most(direction.energy / direction.work);
         }
     }
     Ok(found)
 }
 
-/// Case 20: what is felt of a texture that is finer than the loop can render at the speed of the probe, over stiffness
-/// times amplitude, the largest: how far the force is from that of the surface without it.
+/// Case 20: what is felt of a texture that is finer than the loop can render at the speed of the
+/// probe, over stiffness times amplitude, the largest: how far the force is from that of the
+/// surface without it.
 pub fn texture_alias(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -236,7 +238,8 @@ pub fn texture_alias(
     Ok(found)
 }
 
-/// Energy that a magnet puts out on closed paths near its surface over K T / 2 times the integral of v², the largest.
+/// Energy that a magnet puts out on closed paths near its surface over K T / 2 times the integral
+/// of v², the largest.
 pub fn magnet_loop(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -258,20 +261,21 @@ pub fn magnet_loop(
             DVec3::new(across * sine, 0.0, middle + high * cosine)
         };
         let ticks = 100 + (300.0 * unit(random)) as u64;
-        let way = along(&mut bench, path, ticks);
-        // Half the period times stiffness times the squared speed, which is a half of stiffness times the squared step.
+        let direction = along(&mut bench, path, ticks);
+        // Half the period times stiffness times the squared speed, which is a half of stiffness
+        // times the squared step.
         let leak = (1..=ticks).map(|tick| {
             let [a, b] = [tick - 1, tick].map(|tick| path(tick as f64 / ticks as f64).z);
             let share = (0.5 * (a + b) - setup.radius_m) / reach;
             0.5 * (4.0 * force / reach * (1.0 - 2.0 * share)) * (b - a) * (b - a)
         });
-        found.most(way.energy / leak.sum::<f64>());
+        found.most(direction.energy / leak.sum::<f64>());
     }
     Ok(found)
 }
 
-/// The springs, drags and masses that are the most a scene may list on this device: how far it still swings at the end
-/// over how far at first, the largest.
+/// The springs, drags and masses that are the most a scene may list on this device: how far it
+/// still swings at the end over how far at first, the largest.
 pub fn fields(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -289,7 +293,7 @@ pub fn fields(
             let setup = Setup {
                 effects,
                 encoder_m,
-                gate: Some([8.0, 1e9]),
+                force_limits: Some([8.0, 1e9]),
                 ..Setup::with(fault)
             };
             let mut bench = wall(setup)?;
@@ -322,8 +326,8 @@ pub fn fields(
     Ok(found)
 }
 
-/// Energy that the end of the workspace puts out when a device is thrown at it, less what the device damps, joules, the
-/// largest, at 1 to 10 kN/m.
+/// Energy that the end of the workspace puts out when a device is thrown at it, less what the
+/// device damps, joules, the largest, at 1 to 10 kN/m.
 pub fn boundary(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -373,25 +377,25 @@ pub fn boundary(
     Ok(found)
 }
 
-/// Case 22: change of the force in a tick over the slew limit, the largest, while every effect comes and goes, some at
-/// once, under a pressing probe.
+/// Case 22: change of the force in a tick over the slew limit, the largest, while every effect
+/// comes and goes, some at once, under a pressing probe.
 pub fn toggled(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
     fault: Fault,
 ) -> Result<Found, Failure> {
-    const GATE: [f64; 2] = [8.0, 100.0];
+    const FORCE_LIMITS: [f64; 2] = [8.0, 100.0];
     let setup = Setup {
         effects: "{ friction = { static = 3.0 }, from_s = 0.6, until_s = 0.9, fade_s = 0.001 }, \
                   { texture = { amplitude_m = 3e-4, noise = { wavelength_m = 2e-3 } }, from_s = 0.5, until_s = 0.8, fade_s = 0.001 }, \
                   { viscosity = { damping_ns_per_m = 20 }, from_s = 0.7, until_s = 1.0, fade_s = 0.001 }, \
                   { gravity = { mass_kg = 0.5 }, from_s = 1.0, until_s = 1.2, fade_s = 0.001 }, \
                   { boundary = { ball = { radius_m = 0.001 } }, from_s = 0.9, until_s = 1.1, fade_s = 0.001 }",
-        gate: Some(GATE),
+        force_limits: Some(FORCE_LIMITS),
         ..Setup::with(fault)
     };
     let mut found = Found::new(0.0);
-    let allowed = GATE[1] / setup.rate_hz;
+    let allowed = FORCE_LIMITS[1] / setup.rate_hz;
     for _ in 0..size.of(2, 50) {
         let mut bench = wall(setup)?;
         let mut last = DVec3::ZERO;
@@ -413,22 +417,27 @@ pub fn toggled(
     Ok(found)
 }
 
-/// Case 22: ticks at which effects that are listed but do not act change a bit of the force, or are called.
+/// Case 22: ticks at which effects that are listed but do not act change a bit of the force, or are
+/// called.
 pub fn unlisted(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
     fault: Fault,
 ) -> Result<Found, Failure> {
     let ticks = size.of(2000, 50_000);
-    let ways: Vec<f64> = (0..ticks).map(|_| unit(random)).collect();
+    let directions: Vec<f64> = (0..ticks).map(|_| unit(random)).collect();
     let run = |effects, fault| -> Result<(Vec<DVec3>, u64), Failure> {
         let setup = Setup {
             effects,
             ..Setup::with(fault)
         };
         let mut bench = wall(setup)?;
-        let forces = ways.iter().map(|&way| {
-            let place = DVec3::new(0.01 * way, 0.0, setup.radius_m - 1e-3 * (way - 0.3));
+        let forces = directions.iter().map(|&direction| {
+            let place = DVec3::new(
+                0.01 * direction,
+                0.0,
+                setup.radius_m - 1e-3 * (direction - 0.3),
+            );
             bench.touch(place).force
         });
         let forces = forces.collect();

@@ -1,4 +1,5 @@
-//! Fronts that move, and files in any unit: the nearest face is the nearest, and nothing depends on the unit.
+//! Fronts that move, and files in any unit: the nearest face is the nearest, and nothing depends on
+//! the unit.
 
 use super::bench::{Bench, Fault, Setup, model};
 use super::found::{Found, Size};
@@ -15,8 +16,8 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress};
 
-/// Case 14: points whose nearest face by the tree is not the nearest of all active faces, after each of many splits and
-/// collapses.
+/// Case 14: points whose nearest face by the tree is not the nearest of all active faces, after
+/// each of many splits and collapses.
 pub fn refit(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let mesh = generate(Shape::Relief, 4000, 1);
     let model = Model::build(
@@ -61,10 +62,10 @@ pub fn refit(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
     Ok(found)
 }
 
-/// The unit sweep of collision: difference of forces and places, relative, the largest, where the same object comes in a
-/// file of another unit, 1e-6 to 1e6 times as long.
+/// The unit sweep of collision: difference of forces and places, relative, the largest, where the
+/// same object comes in a file of another unit, 1e-6 to 1e6 times as long.
 pub fn units(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
-    let ways: Vec<DVec3> = (0..size.of(1500, 20_000))
+    let directions: Vec<DVec3> = (0..size.of(1500, 20_000))
         .map(|_| DVec3::new(unit(random), unit(random), unit(random)) - 0.5)
         .collect();
     let run = |exponent: i32| -> Result<Vec<(DVec3, DVec3)>, Failure> {
@@ -81,13 +82,13 @@ pub fn units(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
         let mut bench = Bench::new(&model(mesh, true)?, setup)?;
         bench.settle(DVec3::Z * 0.01)?;
         let mut place = DVec3::Z * 2e-3;
-        let felt = ways.iter().map(|&way| {
+        let response = directions.iter().map(|&direction| {
             // Drawn back to the middle, a little below the surface.
-            place += way * 1e-3 - (place + DVec3::Z * 3e-4) * 0.1;
-            let felt = bench.touch(place);
-            (felt.force, felt.proxy)
+            place += direction * 1e-3 - (place + DVec3::Z * 3e-4) * 0.1;
+            let response = bench.touch(place);
+            (response.force, response.proxy)
         });
-        Ok(felt.collect())
+        Ok(response.collect())
     };
     let plain = run(0)?;
     let most = plain.iter().fold([0.0f64; 2], |[force, place], (f, p)| {

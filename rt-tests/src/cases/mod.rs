@@ -51,7 +51,8 @@ pub struct Case {
     pub run: Run,
 }
 
-/// How far the proxy's own convergence (1e-7 radii) shows in a force: ten times that, a tenth of a radius deep.
+/// How far the proxy's own convergence (1e-7 radii) shows in a force: ten times that, a tenth of a
+/// radius deep.
 const CONVERGENCE: f64 = 1e-6;
 
 /// The cases.
@@ -228,14 +229,14 @@ pub const CASES: [Case; 43] = [
         "jumps",
         "change of force in a tick over the slew limit",
         1.0 + 1e-9,
-        Fault::OpenGate,
+        Fault::NoForceLimit,
         disturbances::jumps,
     ),
     case(
         "samples-of-noise",
         "outputs that are no numbers, or beyond the limit",
         0.0,
-        Fault::OpenGate,
+        Fault::NoForceLimit,
         disturbances::noise,
     ),
     case(
@@ -282,7 +283,7 @@ pub const CASES: [Case; 43] = [
     ),
     case(
         "texture-alias",
-        "what is felt of waves too fine for the loop, of K A",
+        "force of waves too fine for the loop, of K A",
         1e-9,
         Fault::Sign,
         effects::texture_alias,
@@ -312,7 +313,7 @@ pub const CASES: [Case; 43] = [
         "effects-toggled",
         "change of force in a tick over the slew limit",
         1.0 + 1e-9,
-        Fault::OpenGate,
+        Fault::NoForceLimit,
         effects::toggled,
     ),
     case(

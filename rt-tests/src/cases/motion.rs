@@ -20,8 +20,8 @@ const LOOSE: SpringDamperPlan = SpringDamperPlan {
 const FINER: u32 = 64;
 /// Ticks in which a device that hits a body does so, and leaves it.
 const PUSH_TICKS: u32 = 2000;
-/// Seconds within which a body that was left alone is to sleep: ten times what its speed takes to fade to a third, for a
-/// ten-thousandth of it, and again for the wait.
+/// Seconds within which a body that was left alone is to sleep: ten times what its speed takes to
+/// fade to a third, for a ten-thousandth of it, and again for the wait.
 const ASLEEP_S: f64 = 12.0;
 
 fn turned(random: &mut Xoshiro256PlusPlus) -> Pose {
@@ -41,7 +41,8 @@ fn driven(linear: DVec3, angular: DVec3) -> MovablePlan {
     })
 }
 
-/// Counts what a probe at a place of the world must not feel while a plate in z = 0 of its own axes moves.
+/// Counts what a probe at a place of the world must not feel while a plate in z = 0 of its own axes
+/// moves.
 struct Watch {
     /// Whether the last tick had no force though one was due.
     gap: bool,
@@ -50,21 +51,22 @@ struct Watch {
 impl Watch {
     /// A tick: whether the proxy is on another side of the plate, or no force came for two ticks.
     fn is_wrong(&mut self, bench: &mut Bench, place: DVec3) -> (bool, DVec3) {
-        let felt = bench.touch(place);
+        let response = bench.touch(place);
         let pose = bench.pose();
         let radius = bench.setup().radius_m;
         let depth = radius - pose.inverse_transform_point(place).z;
-        let out = pose.inverse_transform_point(felt.proxy).z;
+        let out = pose.inverse_transform_point(response.proxy).z;
         let passed = out < 0.5 * radius;
         // Whatever is due within rounding is due.
-        let none = depth > 1e-6 * radius && felt.force.dot(pose.orientation * DVec3::Z) <= 0.0;
+        let none = depth > 1e-6 * radius && response.force.dot(pose.orientation * DVec3::Z) <= 0.0;
         let gap = std::mem::replace(&mut self.gap, none) && none;
-        (passed || gap, felt.force)
+        (passed || gap, response.force)
     }
 }
 
-/// Case 17: ticks in which a probe at rest, in nobody's hand or held, is on the other side of a plate that comes at
-/// 1 m/s or turns at 10 rad/s, or feels nothing for two ticks in a row, or nothing of a rough body that turns under it.
+/// Case 17: ticks in which a probe at rest, in nobody's hand or held, is on the other side of a
+/// plate that comes at 1 m/s or turns at 10 rad/s, or feels nothing for two ticks in a row, or
+/// nothing of a rough body that turns under it.
 pub fn moving_object(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -89,7 +91,8 @@ pub fn moving_object(
             };
             let mut bench = Bench::new(&sheet, setup)?;
             let period = bench.period_s();
-            // Far enough to have the model there, which takes some ticks, and then some phase of a tick.
+            // Far enough to have the model there, which takes some ticks, and then some phase of a
+            // tick.
             let far = speed * period * (60.0 + unit(random)) + setup.radius_m;
             let place = home.transform_point(DVec3::Z * far);
             let mut mass = FreeMass::new(place, DVec3::ZERO, period, 0.0);
@@ -98,8 +101,8 @@ pub fn moving_object(
                 if setup.passivity {
                     at = mass.advance(force);
                 }
-                let (wrong, felt) = watch.is_wrong(&mut bench, at);
-                force = felt;
+                let (wrong, response) = watch.is_wrong(&mut bench, at);
+                force = response;
                 if tick > 40 {
                     found.count(wrong);
                 }
@@ -266,18 +269,18 @@ fn each_push(
             let speed = 0.1 + 0.4 * unit(random);
             let above = DVec3::new(0.05 * any.x, 0.05 * any.y, 5e-3);
             let towards = DVec3::new(0.2 * any.z, 0.2 * any.y, -1.0).normalize();
-            let way = [
+            let direction = [
                 setup.pose.transform_point(above),
                 setup.pose.orientation * (towards * speed),
             ];
-            each(Push::new(&bytes, setup, mass_kg, way, 0.0)?);
+            each(Push::new(&bytes, setup, mass_kg, direction, 0.0)?);
         }
     }
     Ok(())
 }
 
-/// Energy of a device without damping and of a body over that in the beginning, the largest; infinite where
-/// nothing was touched.
+/// Energy of a device without damping and of a body over that in the beginning, the largest;
+/// infinite where nothing was touched.
 pub fn pushed_energy(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -295,8 +298,8 @@ pub fn pushed_energy(
     Ok(found)
 }
 
-/// Momentum of a device without damping and of a body: how far it strays from that in the beginning,
-/// relative, the largest; infinite where nothing was touched.
+/// Momentum of a device without damping and of a body: how far it strays from that in the
+/// beginning, relative, the largest; infinite where nothing was touched.
 pub fn pushed_momentum(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -314,8 +317,9 @@ pub fn pushed_momentum(
     Ok(found)
 }
 
-/// The velocity that a body on a rail gets from a device that hits it, beside that of two masses and a spring at 64
-/// times the rate: the difference relative to the latter, over the angle of their swing in a tick, the largest.
+/// The velocity that a body on a rail gets from a device that hits it, beside that of two masses
+/// and a spring at 64 times the rate: the difference relative to the latter, over the angle of
+/// their swing in a tick, the largest.
 pub fn pushed_reference(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -339,8 +343,8 @@ pub fn pushed_reference(
             let speed = 0.1 + 0.4 * unit(random);
             let height = 3.0 * speed / setup.rate_hz * (1.0 + unit(random));
             let start = DVec3::Z * (setup.radius_m + height);
-            let way = [start, DVec3::Z * -speed];
-            let mut push = Push::new(&bytes, setup, mass_kg, way, DAMPING_NS_PER_M)?;
+            let direction = [start, DVec3::Z * -speed];
+            let mut push = Push::new(&bytes, setup, mass_kg, direction, DAMPING_NS_PER_M)?;
             for _ in 0..PUSH_TICKS {
                 push.tick();
             }
@@ -353,8 +357,8 @@ pub fn pushed_reference(
     Ok(found)
 }
 
-/// The speed of a body that stood, after a device with a speed has hit it from a height, by steps of the semi-implicit
-/// kind of both, 64 a tick: the spring pushes while it is pressed.
+/// The speed of a body that stood, after a device with a speed has hit it from a height, by steps
+/// of the semi-implicit kind of both, 64 a tick: the spring pushes while it is pressed.
 fn after_impact(mass_kg: f64, stiffness: f64, speed: f64, height: f64, rate_hz: f64) -> f64 {
     let dt = 1.0 / (rate_hz * f64::from(FINER));
     let (mut device, mut device_speed) = (-height, speed);
@@ -369,7 +373,8 @@ fn after_impact(mass_kg: f64, stiffness: f64, speed: f64, height: f64, rate_hz: 
     body_speed
 }
 
-/// Bodies that were pushed and do not come to rest and sleep by themselves, or do not keep their bits in sleep.
+/// Bodies that were pushed and do not come to rest and sleep by themselves, or do not keep their
+/// bits in sleep.
 pub fn pushed_rest(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -396,8 +401,8 @@ pub fn pushed_rest(
             };
             let aside = DVec3::new(unit(random) - 0.5, unit(random) - 0.5, 0.0) * 0.05;
             let start = DVec3::Z * 0.11 + aside;
-            let way = [start, DVec3::Z * -0.3];
-            let mut push = Push::new(&bytes, setup, mass_kg, way, DAMPING_NS_PER_M)?;
+            let direction = [start, DVec3::Z * -0.3];
+            let mut push = Push::new(&bytes, setup, mass_kg, direction, DAMPING_NS_PER_M)?;
             let most = (ASLEEP_S / push.bench.period_s()) as u32;
             let mut ticks = 0;
             while ticks < most && !(push.touched && push.bench.is_asleep()) {

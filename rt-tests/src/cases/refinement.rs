@@ -21,7 +21,7 @@ const LOOK_TICKS: u32 = 2000;
 const STEP_M: f64 = 5e-5;
 /// Of a height that is computed from a place, relative.
 const ROUNDING: f64 = 1e-12;
-/// A change of force that is not felt, newtons, and as a share of the force.
+/// A change of force below the just noticeable one, newtons, and as a share of the force.
 const STEP_N: f64 = 0.05;
 const STEP_SHARE: f64 = 0.07;
 
@@ -51,7 +51,8 @@ fn coarse(pass: u64) -> f64 {
     [2e-3, 1e-3, 5e-4, 2e-4][pass as usize % 4]
 }
 
-/// A bench with the probe far over the ball, along `up`, where a coarse front is asked for; and its height.
+/// A bench with the probe far over the ball, along `up`, where a coarse front is asked for; and its
+/// height.
 fn over(bytes: &[u8], setup: Setup, up: DVec3, coarse_m: f64) -> Result<(Bench, f64), Failure> {
     let mut bench = Bench::new(bytes, setup)?;
     let height = setup.size_m;
@@ -61,7 +62,8 @@ fn over(bytes: &[u8], setup: Setup, up: DVec3, coarse_m: f64) -> Result<(Bench, 
     Ok((bench, height))
 }
 
-/// Comes down until the probe is [`DEPTH_M`] deep in the front as it is; the height of the device then.
+/// Comes down until the probe is [`DEPTH_M`] deep in the front as it is; the height of the device
+/// then.
 fn press(bench: &mut Bench, up: DVec3, mut height: f64) -> f64 {
     while bench.touch(up * height).record.depth_m < DEPTH_M && height > 0.0 {
         height -= STEP_M;
@@ -69,9 +71,9 @@ fn press(bench: &mut Bench, up: DVec3, mut height: f64) -> f64 {
     height
 }
 
-/// Case 12: a probe is pressed 1 mm into a ball while the front under it goes from coarse to fine and back; or it is
-/// pressed into the base mesh and the records come late. The largest change of force in a tick over what is not felt;
-/// infinite where the proxy is on the other side.
+/// Case 12: a probe is pressed 1 mm into a ball while the front under it goes from coarse to fine
+/// and back; or it is pressed into the base mesh and the records come late. The largest change of
+/// force in a tick over what is not felt; infinite where the proxy is on the other side.
 pub fn under_contact(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -128,15 +130,15 @@ fn refined_and_back(
     for tolerance_m in [0.0, coarse_m, 0.0] {
         bench.ask(tolerance_m);
         for _ in 0..LOOK_TICKS {
-            let felt = bench.touch(up * down);
+            let response = bench.touch(up * down);
             let allowed = STEP_N.max(STEP_SHARE * before.length());
             // A proxy that is free is at the device, but for rounding.
-            let is_above = felt.proxy.dot(up) >= down * (1.0 - ROUNDING);
-            let is_outside = is_above && felt.force.dot(up) >= 0.0;
-            let change = felt.force.distance(before) / allowed;
+            let is_above = response.proxy.dot(up) >= down * (1.0 - ROUNDING);
+            let is_outside = is_above && response.force.dot(up) >= 0.0;
+            let change = response.force.distance(before) / allowed;
             found.most(if is_outside { change } else { f64::INFINITY });
-            splits += felt.record.vsplits;
-            before = felt.force;
+            splits += response.record.vsplits;
+            before = response.force;
         }
     }
     // Where nothing changes nothing is shown.
@@ -146,8 +148,9 @@ fn refined_and_back(
     Ok(())
 }
 
-/// The energy of a cycle: the probe presses into the coarse front, the surface rises under it by s, the probe leaves the
-/// fine front, which goes coarse again. Without an account that is K p s + K s²/2, with one nothing.
+/// The energy of a cycle: the probe presses into the coarse front, the surface rises under it by s,
+/// the probe leaves the fine front, which goes coarse again. Without an account that is K p s + K
+/// s²/2, with one nothing.
 pub fn cycle_energy(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -180,8 +183,9 @@ pub fn cycle_energy(
     Ok(found)
 }
 
-/// Case 13: a model whose splits fold the surface over on the way, though its full mesh is whole, is refined under a
-/// pressing probe: ticks in which a face at the contact is turned over. Splits that would are to be refused, and counted.
+/// Case 13: a model whose splits fold the surface over on the way, though its full mesh is whole,
+/// is refined under a pressing probe: ticks in which a face at the contact is turned over. Splits
+/// that would are to be refused, and counted.
 pub fn fold_over(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -225,16 +229,16 @@ fn refined_over_folds(
     let down = press(&mut bench, up, height);
     bench.ask(0.0);
     for _ in 0..LOOK_TICKS {
-        let felt = bench.touch(up * down);
-        *splits += felt.record.vsplits;
-        *refused += felt.record.rejected_folds;
-        found.count(is_turned_over(&bench, felt.proxy, setup.radius_m * 1.1));
+        let response = bench.touch(up * down);
+        *splits += response.record.vsplits;
+        *refused += response.record.rejected_folds;
+        found.count(is_turned_over(&bench, response.proxy, setup.radius_m * 1.1));
     }
     Ok(())
 }
 
-/// Exchanges the places of vt and vu where both are split again, in every eighth such record: the faces between them
-/// are turned over until then.
+/// Exchanges the places of vt and vu where both are split again, in every eighth such record: the
+/// faces between them are turned over until then.
 fn fold(parts: &mut SpmParts) {
     let split: HashSet<u32> = parts.records.iter().map(|record| record.vs).collect();
     let base = parts.header.base_vertices;
@@ -330,17 +334,19 @@ mod tests {
 
     /// Neither step came within reach alone.
     #[test]
-    fn both_vertices_of_a_pair_together_do_not_kick() {
+    fn both_vertices_of_a_pair_together_make_no_force_discontinuity() {
         is_not_felt(&[(3, 344), (4, 296), (5, 396)]);
     }
 
-    /// It met the tool from where it rested, and put it out by as much as anything near had changed.
+    /// It met the tool from where it rested, and put it out by as much as anything near had
+    /// changed.
     #[test]
     fn what_has_met_a_tool_puts_it_out_by_no_more_than_that() {
         is_not_felt_by_a_tool(&[(1, 109)]);
     }
 
-    /// What was gathered was not known any more in the next tick, so that the tool never came to a step.
+    /// What was gathered was not known any more in the next tick, so that the tool never came to a
+    /// step.
     #[test]
     fn a_tool_goes_on_while_the_surface_changes_in_every_tick() {
         is_not_felt_by_a_tool(&[(1, 279)]);
@@ -353,11 +359,12 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_rise_is_no_kick_either() {
+    fn a_slow_rise_is_no_force_discontinuity() {
         is_not_felt(&[(4, 175)]);
     }
 
-    /// It was made out of reach, where nobody minds, and a vertex in flight brought it to the probe.
+    /// It was made out of reach, where nobody minds, and a vertex in flight brought it to the
+    /// probe.
     #[test]
     fn no_flight_brings_a_face_that_is_turned_over() {
         folds_nothing(&[(1, 30), (1, 236), (2, 136), (2, 148), (2, 149)]);

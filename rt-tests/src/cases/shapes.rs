@@ -59,7 +59,8 @@ pub fn plate(hole: bool) -> SoupMesh {
     patches.mesh
 }
 
-/// Two squares of side 2 back to back: the upper one in z = 0, the other `gap` below it, which may be 0.
+/// Two squares of side 2 back to back: the upper one in z = 0, the other `gap` below it, which may
+/// be 0.
 #[must_use]
 pub fn sheets(gap: f64, hole: bool) -> SoupMesh {
     let mut mesh = plate(hole);
@@ -76,8 +77,9 @@ pub fn sheets(gap: f64, hole: bool) -> SoupMesh {
     mesh
 }
 
-/// Two planes that meet along y in the origin; `turn` is the angle between their normals, radians: a ridge when
-/// positive, a valley when negative. Seen from above. `lost` leaves a strip out beside the edge.
+/// Two planes that meet along y in the origin; `turn` is the angle between their normals, radians:
+/// a ridge when positive, a valley when negative. Seen from above. `lost` leaves a strip out beside
+/// the edge.
 #[must_use]
 pub fn roof(turn: f64, lost: bool) -> SoupMesh {
     let (sin, cos) = (0.5 * turn).sin_cos();
@@ -91,8 +93,8 @@ pub fn roof(turn: f64, lost: bool) -> SoupMesh {
     patches.mesh
 }
 
-/// Three squares in the planes x = 0, y = 0 and z = 0 that meet in the origin, seen from within; `lost` leaves out
-/// the one in z = 0.
+/// Three squares in the planes x = 0, y = 0 and z = 0 that meet in the origin, seen from within;
+/// `lost` leaves out the one in z = 0.
 #[must_use]
 pub fn corner(lost: bool) -> SoupMesh {
     let mut patches = Patches::default();
@@ -103,8 +105,9 @@ pub fn corner(lost: bool) -> SoupMesh {
     patches.mesh
 }
 
-/// A plate among everything that is wrong with meshes: faces without area, duplicates, slivers, turned faces, a vertex
-/// that is no number, an edge of three faces, a crack; with a hole in its middle where `hole`.
+/// A plate among everything that is wrong with meshes: faces without area, duplicates, slivers,
+/// turned faces, a vertex that is no number, an edge of three faces, a crack; with a hole in its
+/// middle where `hole`.
 #[must_use]
 pub fn damaged_plate(hole: bool) -> SoupMesh {
     let mut mesh = plate(hole);

@@ -1,6 +1,6 @@
 //! Nothing is thin, sharp or broken enough to be passed.
 
-use super::bench::{Bench, Fault, Felt, Setup, model};
+use super::bench::{Bench, Fault, Response, Setup, model};
 use super::found::{Found, Size};
 use super::shapes;
 use crate::failure::Failure;
@@ -14,7 +14,7 @@ use spm_builder::generate::{Shape, generate};
 const DEPTH_M: f64 = 5e-3;
 
 /// Straight from one place to another at a speed, with a look at every tick.
-fn pass(bench: &mut Bench, from: DVec3, to: DVec3, speed: f64, mut look: impl FnMut(&Felt)) {
+fn pass(bench: &mut Bench, from: DVec3, to: DVec3, speed: f64, mut look: impl FnMut(&Response)) {
     let ticks = (from.distance(to) / (speed * bench.period_s()))
         .ceil()
         .max(1.0) as u32;
@@ -34,8 +34,8 @@ fn aim(random: &mut Xoshiro256PlusPlus, radius: f64) -> (DVec3, DVec3) {
     (place, (slope - DVec3::Z).normalize())
 }
 
-/// Case 4: passes through a sheet of 0, 0.1 and 1 mm from either side at 0.05 to 2 m/s: those after which the proxy
-/// was beyond it at any tick.
+/// Case 4: passes through a sheet of 0, 0.1 and 1 mm from either side at 0.05 to 2 m/s: those after
+/// which the proxy was beyond it at any tick.
 pub fn thin_sheet(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -62,15 +62,15 @@ pub fn thin_sheet(
                 let home = up * (outer + 0.01);
                 bench.settle(home)?;
                 for k in 0..size.of(16, 1_000_000 / 18) {
-                    let (place, way) = aim(random, 0.3 * setup.size_m);
-                    let way = way * up.z;
+                    let (place, direction) = aim(random, 0.3 * setup.size_m);
+                    let direction = direction * up.z;
                     let speed = speeds[k as usize % speeds.len()];
                     let surface = place + up * outer;
-                    let start = surface - way * (4.0 * setup.radius_m);
+                    let start = surface - direction * (4.0 * setup.radius_m);
                     let mut passed = bench.touch(start).proxy.dot(up) <= outer;
-                    let end = surface + way * DEPTH_M;
-                    pass(&mut bench, start, end, speed, |felt| {
-                        passed |= felt.proxy.dot(up) <= outer;
+                    let end = surface + direction * DEPTH_M;
+                    pass(&mut bench, start, end, speed, |response| {
+                        passed |= response.proxy.dot(up) <= outer;
                     });
                     found.count(passed);
                     bench.touch(home);
@@ -81,8 +81,8 @@ pub fn thin_sheet(
     Ok(found)
 }
 
-/// Case 5: passes straight at the edges and vertices of a closed body, turned at random and 1 km away: those after
-/// which the proxy was within.
+/// Case 5: passes straight at the edges and vertices of a closed body, turned at random and 1 km
+/// away: those after which the proxy was within.
 pub fn edges_and_vertices(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -124,8 +124,8 @@ pub fn edges_and_vertices(
                 [1.2, 0.9].map(|share| setup.pose.transform_point(target * scale * share));
             bench.touch(start);
             let mut passed = false;
-            pass(&mut bench, start, end, 0.5, |felt| {
-                passed |= felt.proxy.distance(setup.pose.position) < least;
+            pass(&mut bench, start, end, 0.5, |response| {
+                passed |= response.proxy.distance(setup.pose.position) < least;
             });
             found.count(passed);
             bench.touch(start);
@@ -148,8 +148,8 @@ fn targets(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<DVec3> {
         .collect()
 }
 
-/// Case 11: passes through a plate with everything wrong that meshes have, but no hole: those after which the proxy
-/// was beyond it, and outputs that are no numbers.
+/// Case 11: passes through a plate with everything wrong that meshes have, but no hole: those after
+/// which the proxy was beyond it, and outputs that are no numbers.
 pub fn damaged_mesh(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -162,21 +162,29 @@ pub fn damaged_mesh(
     let home = DVec3::Z * 0.02;
     bench.settle(home)?;
     for _ in 0..size.of(300, 100_000) {
-        let (place, way) = aim(random, 0.3 * setup.size_m);
-        let start = place - way * (4.0 * setup.radius_m);
+        let (place, direction) = aim(random, 0.3 * setup.size_m);
+        let start = place - direction * (4.0 * setup.radius_m);
         let mut wrong = false;
         bench.touch(start);
-        pass(&mut bench, start, place + way * DEPTH_M, 0.5, |felt| {
-            wrong |= !felt.force.is_finite() || felt.proxy.z.is_nan() || felt.proxy.z < 0.0;
-        });
+        pass(
+            &mut bench,
+            start,
+            place + direction * DEPTH_M,
+            0.5,
+            |response| {
+                wrong |= !response.force.is_finite()
+                    || response.proxy.z.is_nan()
+                    || response.proxy.z < 0.0;
+            },
+        );
         found.count(wrong);
         bench.touch(home);
     }
     Ok(found)
 }
 
-/// Case 16: true distance of the contact from the full mesh over its certified bound, the largest, where the probe
-/// comes at 1 to 2 m/s on a front that is coarse yet.
+/// Case 16: true distance of the contact from the full mesh over its certified bound, the largest,
+/// where the probe comes at 1 to 2 m/s on a front that is coarse yet.
 pub fn prediction_miss(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -193,14 +201,14 @@ pub fn prediction_miss(
     let mut found = Found::new(0.0);
     let mut coarse = 0;
     for _ in 0..size.of(40, 4000) {
-        let way = aim(random, 1.0).1 * if unit(random) < 0.5 { 1.0 } else { -1.0 };
+        let direction = aim(random, 1.0).1 * if unit(random) < 0.5 { 1.0 } else { -1.0 };
         let speed = 1.0 + unit(random);
-        let start = way * setup.size_m;
+        let start = direction * setup.size_m;
         bench.touch(start);
         let ticks = (start.length() / (speed * bench.period_s())) as u32;
         for tick in 0..ticks {
             let place = start * (1.0 - f64::from(tick) / f64::from(ticks));
-            let felt = bench.touch(place);
+            let response = bench.touch(place);
             let Some(mut at) = bench.contact() else {
                 continue;
             };
@@ -209,7 +217,7 @@ pub fn prediction_miss(
             }
             let scale =
                 bench.to_model(DVec3::X).unwrap_or(at) - bench.to_model(DVec3::ZERO).unwrap_or(at);
-            let bound = felt.record.certified_error_m * scale.length();
+            let bound = response.record.certified_error_m * scale.length();
             coarse += u32::from(bound > 0.0);
             let apart = full.nearest(at, 0).distance;
             // Coordinates are rounded to f32: a bound of 0 holds up to that.

@@ -19,7 +19,8 @@ pub struct Bounce {
     pub travel: f64,
 }
 
-/// A free mass falls on the wall at a speed, anywhere within a period of touching, and leaves again.
+/// A free mass falls on the wall at a speed, anywhere within a period of touching, and leaves
+/// again.
 fn bounce(bench: &mut Bench, speed: f64, phase: f64) -> Bounce {
     bounce_of(bench, [MASS_KG, DAMPING_NS_PER_M], speed, phase)
 }
@@ -39,8 +40,8 @@ pub fn bounce_of(bench: &mut Bench, device: [f64; 2], speed: f64, phase: f64) ->
         let place = mass.advance(force);
         let moved = place - last;
         bounce.energy_j += force.dot(moved);
-        // Of the period in which it touches only the part behind the surface is contact; in that in which it leaves
-        // the force acts to the end.
+        // Of the period in which it touches only the part behind the surface is contact; in that in
+        // which it leaves the force acts to the end.
         let behind = (surface - place.z) / moved.z.abs();
         let share = if force == DVec3::ZERO {
             behind.clamp(0.0, 1.0)
@@ -67,7 +68,8 @@ pub fn wall(setup: Setup) -> Result<Bench, Failure> {
     Ok(bench)
 }
 
-/// Case 1: energy put out over K T / 2 times the integral of v², the largest; 1 is what a hold without delay costs.
+/// Case 1: energy put out over K T / 2 times the integral of v², the largest; 1 is what a hold
+/// without delay costs.
 pub fn head_on(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -91,8 +93,8 @@ pub fn head_on(
     Ok(found)
 }
 
-/// Case 2: energy put out less what the device's damping takes, joules, the largest, at 0.9 of the stiffness that it
-/// can take: 2 b / T.
+/// Case 2: energy put out less what the device's damping takes, joules, the largest, at 0.9 of the
+/// stiffness that it can take: 2 b / T.
 pub fn net_passivity(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
@@ -138,15 +140,15 @@ pub fn passivity(
     Ok(found)
 }
 
-/// Case 3: energy put out 20 ticks after a miss, joules, the largest, while a hand presses more and less and one
-/// period of a hundred is missed, or five in a row.
+/// Case 3: energy put out 20 ticks after a miss, joules, the largest, while a hand presses more and
+/// less and one period of a hundred is missed, or five in a row.
 pub fn missed_ticks(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,
     fault: Fault,
 ) -> Result<Found, Failure> {
     let setup = Setup {
-        gate: Some([8.0, 2000.0]),
+        force_limits: Some([8.0, 2000.0]),
         passivity: true,
         ..Setup::with(fault)
     };
@@ -182,7 +184,8 @@ pub fn missed_ticks(
     Ok(found)
 }
 
-/// Case 10, the onset: the first force past the surface over K v T, the largest; none at all is infinite.
+/// Case 10, the onset: the first force past the surface over K v T, the largest; none at all is
+/// infinite.
 pub fn onset(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let setup = Setup::with(fault);
     let mut bench = wall(setup)?;
@@ -211,8 +214,8 @@ pub fn onset(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
     Ok(found)
 }
 
-/// Case 10, the creep: force along a plate without friction over K times its size, the largest, while the probe
-/// creeps 1e-9 to 1e-6 m a tick.
+/// Case 10, the creep: force along a plate without friction over K times its size, the largest,
+/// while the probe creeps 1e-9 to 1e-6 m a tick.
 pub fn creep(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
     let setup = Setup::with(fault);
     let mut bench = wall(setup)?;
@@ -238,7 +241,8 @@ pub fn creep(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
     Ok(found)
 }
 
-/// Case 21: amplitude of the force over K D, the largest, when a hand rests on a wall through an encoder of step D.
+/// Case 21: amplitude of the force over K D, the largest, when a hand rests on a wall through an
+/// encoder of step D.
 pub fn encoder(
     size: &Size,
     random: &mut Xoshiro256PlusPlus,

@@ -1,9 +1,10 @@
-//! `rt-tests effects`: what each effect of a scene costs a tick, and that what is not listed costs nothing.
+//! `rt-tests effects`: what each effect of a scene costs a tick, and that what is not listed costs
+//! nothing.
 //!
-//! The device's poses are recorded once on the model of the scene's first object, 0.15 m long, under the bundled scene's
-//! probe and without effects; then they go, in virtual time, to a
-//! controller without effects, to one with each effect alone, and to one with all of them. The ticks are timed from the
-//! recorded inputs in turns, so what differs is the effect.
+//! The device's poses are recorded once on the model of the scene's first object, 0.15 m long,
+//! under the bundled scene's probe and without effects; then they go, in virtual time, to a
+//! controller without effects, to one with each effect alone, and to one with all of them. The
+//! ticks are timed from the recorded inputs in turns, so what differs is the effect.
 
 use crate::failure::Failure;
 use crate::report::output::{print, print_json};
@@ -33,7 +34,8 @@ const NEVER_S: f64 = 1e8;
 /// Arguments of `rt-tests effects`.
 #[derive(Debug, Args)]
 pub struct EffectsArgs {
-    /// Scene whose effects are measured [default: config/scenes/effects.toml, which lists every effect]
+    /// Scene whose effects are measured [default: config/scenes/effects.toml, which lists every
+    /// effect]
     #[arg(value_name = "SCENE")]
     pub scene: Option<PathBuf>,
     /// Length of the tour
@@ -58,9 +60,11 @@ pub struct Effects {
     pub unlisted_calls: u64,
     /// Bytes of effects where they were not listed.
     pub unlisted_bytes: u64,
-    /// Whether effects that are listed but do not act leave every bit of every tick as it is without them.
+    /// Whether effects that are listed but do not act leave every bit of every tick as it is
+    /// without them.
     pub unlisted_bit_equal: bool,
-    /// Whether nothing unlisted was called and all effects together stayed below 20 µs in 99 of 100 ticks.
+    /// Whether nothing unlisted was called and all effects together stayed below 20 µs in 99 of 100
+    /// ticks.
     pub pass: bool,
 }
 
@@ -90,7 +94,8 @@ struct Recorded {
     /// Ticks before the tour.
     start: usize,
     usage: UsageByKind,
-    /// Of every tick of the tour: whether an effect was called, and the hash of all that came out so far.
+    /// Of every tick of the tour: whether an effect was called, and the hash of all that came out
+    /// so far.
     ticks: Vec<(bool, u64)>,
     forces: Vec<glam::DVec3>,
 }
@@ -98,8 +103,8 @@ struct Recorded {
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence: status 2 for a bad scene, 1 when an effect that is not listed costs or changes anything, or all of
-/// them cost too much.
+/// One sentence: status 2 for a bad scene, 1 when an effect that is not listed costs or changes
+/// anything, or all of them cost too much.
 pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
     let found = measure(args)?;

@@ -1,10 +1,11 @@
 //! `rt-tests predictors`: what each source of the prediction buys.
 //!
-//! Both cores run in this process under a simulated clock ([`simulator`]). For each model and speed the
-//! device's poses are recorded once, in a closed loop on the mesh that was never simplified; then a controller
-//! with each choice of sources is given the same poses. What it predicts is all that differs, and how often the
-//! contact was coarser than asked for tells what that is worth. A tick counts as coarser, too, when the probe was
-//! held elsewhere than on the full mesh or not at all: on a coarse front it may have got caught.
+//! Both cores run in this process under a simulated clock ([`simulator`]). For each model and speed
+//! the device's poses are recorded once, in a closed loop on the mesh that was never simplified;
+//! then a controller with each choice of sources is given the same poses. What it predicts is all
+//! that differs, and how often the contact was coarser than asked for tells what that is worth. A
+//! tick counts as coarser, too, when the probe was held elsewhere than on the full mesh or not at
+//! all: on a coarse front it may have got caught.
 
 use crate::failure::Failure;
 use crate::models::source::typed_or;
@@ -81,8 +82,8 @@ pub struct Run {
     pub sources: &'static str,
     /// Ticks in contact on the full mesh: the same for every choice.
     pub contact_ticks: u64,
-    /// Those of them at which the contact was coarser than asked for, or farther than the probe's radius from
-    /// where it is on the full mesh.
+    /// Those of them at which the contact was coarser than asked for, or farther than the probe's
+    /// radius from where it is on the full mesh.
     pub coarser_ticks: u64,
     /// Their share of the ticks in contact, from 0 to 1.
     pub coarser_share: f64,

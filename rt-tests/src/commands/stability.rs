@@ -1,4 +1,5 @@
-//! `rt-tests stability`: the hard cases ([`crate::cases`]), each with its measure, limit and verdict.
+//! `rt-tests stability`: the hard cases ([`crate::cases`]), each with its measure, limit and
+//! verdict.
 
 use crate::cases::{CASES, Fault, Size};
 use crate::failure::Failure;
@@ -59,7 +60,8 @@ pub struct Verdict {
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence: status 2 for a name that is no case, 1 when a case fails (with faults: when one does not).
+/// One sentence: status 2 for a name that is no case, 1 when a case fails (with faults: when one
+/// does not).
 pub fn stability(args: &StabilityArgs) -> Result<(), Failure> {
     let found = run_cases(args)?;
     if args.json {

@@ -1,9 +1,11 @@
-//! `rt-tests zwidth`: the stiffest wall that this machine can render without putting energy into the hand.
+//! `rt-tests zwidth`: the stiffest wall that this machine can render without putting energy into
+//! the hand.
 //!
-//! The period of the loop is measured in a run of both processes; the delay of the force in virtual time, from the energy
-//! that a bounce off a wall leaks: K (T/2 + n T) times the integral of v² for n whole ticks of delay (facts of haptics,
-//! F2). Then walls of any stiffness are hit with the scene's own device, in nobody's hand, at that period: the stiffest
-//! one that never gives back more than the device damps is the limit, K = b / (T/2 + n T) in theory (Colgate and Schenkel
+//! The period of the loop is measured in a run of both processes; the delay of the force in virtual
+//! time, from the energy that a bounce off a wall leaks: K (T/2 + n T) times the integral of v² for
+//! n whole ticks of delay (facts of haptics, F2). Then walls of any stiffness are hit with the
+//! scene's own device, in nobody's hand, at that period: the stiffest one that never gives back
+//! more than the device damps is the limit, K = b / (T/2 + n T) in theory (Colgate and Schenkel
 //! 1997). The energy account is off for that; how far it reaches beyond is measured too.
 
 use crate::cases::bench::{Fault, Setup};
@@ -26,7 +28,8 @@ use std::path::PathBuf;
 
 /// Dampings that the curve is drawn over, N s/m.
 const DAMPINGS: [f64; 7] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0];
-/// Speeds of the bounces, m/s, and how many bounces at each, touching first at another share of a period.
+/// Speeds of the bounces, m/s, and how many bounces at each, touching first at another share of a
+/// period.
 const SPEEDS: [f64; 4] = [0.05, 0.1, 0.2, 0.5];
 const PHASES: u32 = 8;
 /// The stiffest wall that is tried, N/m: beyond it a bounce lasts less than a period.
@@ -79,7 +82,8 @@ pub struct Zwidth {
     pub ticks: u64,
     /// What theory allows at the longest period, N/m.
     pub k_max_longest_period: f64,
-    /// The stiffest wall that put no energy out with the energy account, N/m, of those up to 100 kN/m.
+    /// The stiffest wall that put no energy out with the energy account, N/m, of those up to 100
+    /// kN/m.
     pub k_max_with_account: f64,
     /// The limit over the damping of a device.
     pub curve: Vec<Limit>,
@@ -202,7 +206,8 @@ fn bounces(
     Ok(())
 }
 
-/// Delay of the force in ticks, beyond the hold of a period: from the leak of a soft wall, where theory is exact.
+/// Delay of the force in ticks, beyond the hold of a period: from the leak of a soft wall, where
+/// theory is exact.
 fn delay(period_s: f64) -> Result<f64, Failure> {
     let setup = Setup {
         rate_hz: 1.0 / period_s,

@@ -32,8 +32,8 @@ impl WalkWithTree {
         }
     }
 
-    /// A random split where `up`, else a random collapse; at an end of the walk the other. Whether it was a split, `None`
-    /// when there is neither.
+    /// A random split where `up`, else a random collapse; at an end of the walk the other. Whether
+    /// it was a split, `None` when there is neither.
     ///
     /// # Panics
     /// When a leaf code occurs twice.

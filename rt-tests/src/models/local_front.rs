@@ -1,5 +1,5 @@
-//! A local front as the two processes form it: the station's collection finds the closures of the wanted cells,
-//! the controller's cache loads, splits and collapses.
+//! A local front as the two processes form it: the station's collection finds the closures of the
+//! wanted cells, the controller's cache loads, splits and collapses.
 
 use crate::failure::Failure;
 use crate::models::Model;
@@ -9,7 +9,8 @@ use spm::{OperationFaces, RegionId};
 use station_core::collection::{Collection, RegionAt};
 use std::collections::BTreeSet;
 
-/// Cache bytes for each VSP of the model: enough for all of them, and for the lists of any block of regions.
+/// Cache bytes for each VSP of the model: enough for all of them, and for the lists of any block of
+/// regions.
 const BYTES_A_VSP: usize = 700;
 /// The most of it, for models of millions of faces.
 const MAX_BYTES: usize = 256 << 20;
@@ -91,8 +92,8 @@ impl<'a> LocalFront<'a> {
         cells
     }
 
-    /// Makes these the wanted regions: loads what is missing, marks the rest to be undone. Splits and
-    /// collapses nothing yet.
+    /// Makes these the wanted regions: loads what is missing, marks the rest to be undone. Splits
+    /// and collapses nothing yet.
     ///
     /// # Errors
     /// When a region cannot be collected or does not fit.
@@ -142,7 +143,8 @@ impl<'a> LocalFront<'a> {
             for &i in &closure {
                 let record = &self.model.records[i as usize];
                 let mut loaded = self.cache.load(region, record);
-                // What is performed and wanted no more makes room, one at a time, as in the controller.
+                // What is performed and wanted no more makes room, one at a time, as in the
+                // controller.
                 while loaded == Err(LoadError::NoRoom) && self.cache.collapse_oldest(&mut self.out)
                 {
                     loaded = self.cache.load(region, record);

@@ -110,7 +110,8 @@ impl<D: AsRef<[u8]>> Model<D> {
         })
     }
 
-    /// All records loaded into the slots of their numbers, none performed: handles are the file's ids.
+    /// All records loaded into the slots of their numbers, none performed: handles are the file's
+    /// ids.
     ///
     /// R is rounded up to f32, as the controller does.
     ///

@@ -1,4 +1,5 @@
-//! Paths over a surface, straight as a hand draws them: from point to point along the tangent plane.
+//! Paths over a surface, straight as a hand draws them: from point to point along the tangent
+//! plane.
 
 use crate::models::surface::{Near, Surface, unit};
 use glam::DVec3;
@@ -6,8 +7,8 @@ use rand::Rng;
 
 /// Contact points on the full mesh, one behind the other.
 ///
-/// `step` is the distance between neighbours. At a rim, and where the surface folds so sharply that the way is
-/// lost, the path turns to another direction.
+/// `step` is the distance between neighbours. At a rim, and where the surface folds so sharply that
+/// the way is lost, the path turns to another direction.
 pub fn path(full: &Surface, step: f64, count: u32, random: &mut impl Rng) -> Vec<Near> {
     let start = full.spread(1, random);
     let (triangle, point) = start

@@ -1,7 +1,7 @@
 //! Exact distances to any set of triangles, and points spread over it: the oracle of the checks.
 //!
-//! Parry's tree finds the candidates; the distance to a triangle is that of `geometry`, which parry's
-//! agrees with and which has no absolute tolerance.
+//! Parry's tree finds the candidates; the distance to a triangle is that of `geometry`, which
+//! parry's agrees with and which has no absolute tolerance.
 
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
@@ -73,8 +73,9 @@ impl Surface {
         }
     }
 
-    /// About `count` points spread evenly over the area, each with its triangle: one in each stretch of equal
-    /// area of all triangles in a row, so neighbours in the list lie close together.
+    /// About `count` points spread evenly over the area, each with its triangle: one in each
+    /// stretch of equal area of all triangles in a row, so neighbours in the list lie close
+    /// together.
     pub fn spread(&self, count: u32, random: &mut impl Rng) -> Vec<(u32, DVec3)> {
         let area = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).length() * 0.5;
         let total: f64 = self.triangles.iter().map(area).sum();
@@ -136,6 +137,7 @@ mod tests {
 
     #[test]
     fn the_nearest_triangle_is_that_of_a_search_through_all() {
+        println!("seed 1");
         let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
         let surface = Surface::new(soup(&mut random));
         for _ in 0..2000 {
@@ -154,6 +156,7 @@ mod tests {
 
     #[test]
     fn points_are_spread_by_area_and_lie_on_their_triangles() {
+        println!("seed 2");
         let mut random = Xoshiro256PlusPlus::seed_from_u64(2);
         let surface = Surface::new(soup(&mut random));
         let area = |t: &[DVec3; 3]| (t[1] - t[0]).cross(t[2] - t[0]).length() * 0.5;

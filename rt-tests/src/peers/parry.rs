@@ -9,12 +9,13 @@ use glam::DVec3;
 /// How parry is told where the tool is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ToolPose {
-    /// By the pose, which every box and face of the tool is moved by as it is met. It is what parry does itself where it
-    /// asks for pairs of leaves (`intersect_meshes`, at version 0.31 the only place), and what every query of its that
-    /// takes two shapes does: a shape is not changed by a pose.
+    /// By the pose, which every box and face of the tool is moved by as it is met. It is what parry
+    /// does itself where it asks for pairs of leaves (`intersect_meshes`, at version 0.31 the only
+    /// place), and what every query of its that takes two shapes does: a shape is not changed by a
+    /// pose.
     Given,
-    /// The tool is made anew at its pose, its tree refitted: what a user may do who knows that few poses are far apart
-    /// and that all pairs are asked for.
+    /// The tool is made anew at its pose, its tree refitted: what a user may do who knows that few
+    /// poses are far apart and that all pairs are asked for.
     Moved,
 }
 
@@ -24,12 +25,13 @@ pub trait Mesh {
     fn distance(&self, point: DVec3) -> f64;
     /// Bytes on the heap.
     fn bytes(&self) -> usize;
-    /// Takes new boxes of some faces in and refits those above; the length of the whole box's diagonal.
+    /// Takes new boxes of some faces in and refits those above; the length of the whole box's
+    /// diagonal.
     fn update(&mut self, faces: &[u32], boxes: &[Aabb]) -> f64;
     /// Takes a tool up: its corners and faces in its own frame.
     fn take_tool(&mut self, positions: &[DVec3], faces: &[[u32; 3]]);
-    /// Visits the pairs of a face of the mesh and one of the tool of which parry says that they intersect: pairs of
-    /// leaves of both trees, then GJK.
+    /// Visits the pairs of a face of the mesh and one of the tool of which parry says that they
+    /// intersect: pairs of leaves of both trees, then GJK.
     fn tool_pairs(&mut self, pose: &Pose, how: ToolPose, visit: &mut dyn FnMut(u32, u32));
 }
 

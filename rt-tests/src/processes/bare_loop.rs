@@ -1,5 +1,5 @@
-//! The bare loop: the thread set-up of the controller with an empty body, or with fixed arithmetic of a given
-//! length. What it misses, the machine misses.
+//! The bare loop: the thread set-up of the controller with an empty body, or with fixed arithmetic
+//! of a given length. What it misses, the machine misses.
 
 use super::load::arithmetic;
 use super::stop::is_set;

@@ -46,14 +46,16 @@ pub struct Outcome {
     pub notes: Vec<String>,
 }
 
-/// The core of everything but the tick, when there are two: the tick's thread binds itself to its own.
+/// The core of everything but the tick, when there are two: the tick's thread binds itself to its
+/// own.
 #[must_use]
 pub fn other_core(plan: &ScenePlan) -> Option<usize> {
     let tick = plan.loop_.core?;
     (cores() >= 2).then(|| usize::from(tick == 0))
 }
 
-/// Runs both processes until the time is over or `stop` is set; `show` gets the live status and what they say.
+/// Runs both processes until the time is over or `stop` is set; `show` gets the live status and
+/// what they say.
 ///
 /// # Errors
 /// When a process cannot be started, or ends before there is a result.

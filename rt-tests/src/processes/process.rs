@@ -1,9 +1,9 @@
 //! Starts this program again in the role of a process, watches it and ends it.
 //!
-//! `cargo run -p rt-tests` builds no other binary, so both processes are roles of this one: they are always
-//! of the same build. Each gets its own process group (Ctrl-C in a terminal reaches only the supervisor) and
-//! ends with it: a supervisor that is killed leaves a SIGTERM, on which the controller ramps its force down
-//! and both clean up.
+//! `cargo run -p rt-tests` builds no other binary, so both processes are roles of this one: they
+//! are always of the same build. Each gets its own process group (Ctrl-C in a terminal reaches only
+//! the supervisor) and ends with it: a supervisor that is killed leaves a SIGTERM, on which the
+//! controller ramps its force down and both clean up.
 
 use crate::failure::Failure;
 use realtime::rights::{monotonic_ns, pin_to_core};
@@ -62,8 +62,8 @@ impl Process {
             .stderr(Stdio::piped())
             .process_group(0);
         let parent = std::process::id();
-        // SAFETY: between fork and exec only async-signal-safe system calls are made (prctl, getppid,
-        // sched_setaffinity), on values that live in this closure; nothing is allocated.
+        // SAFETY: between fork and exec only async-signal-safe system calls are made (prctl,
+        // getppid, sched_setaffinity), on values that live in this closure; nothing is allocated.
         unsafe {
             command.pre_exec(move || prepare_child(parent, core));
         }
@@ -181,7 +181,8 @@ pub fn unique_domain() -> String {
 
 fn signal(process: u32, number: libc::c_int) {
     if let Ok(process) = libc::pid_t::try_from(process) {
-        // SAFETY: kill takes plain numbers; the process is a child that was not waited for, so its id is still its own.
+        // SAFETY: kill takes plain numbers; the process is a child that was not waited for, so its
+        // id is still its own.
         unsafe {
             libc::kill(process, number);
         }

@@ -95,7 +95,8 @@ pub fn make_ready<D: AsRef<[u8]>>(simulation: &mut Simulation<D>) -> Result<u64,
     Ok(simulation.tick())
 }
 
-/// Ticks with the device at rest until nothing comes and nothing changes any more; the tick of the last change.
+/// Ticks with the device at rest until nothing comes and nothing changes any more; the tick of the
+/// last change.
 ///
 /// # Errors
 /// When it does not come to rest.

@@ -138,8 +138,8 @@ impl SceneModel {
         Ok(simulation(plan, served))
     }
 
-    /// The reference: the same mesh never simplified. Its base mesh *is* the full mesh: no record, no region
-    /// and no refinement has a part in what it gives.
+    /// The reference: the same mesh never simplified. Its base mesh *is* the full mesh: no record,
+    /// no region and no refinement has a part in what it gives.
     ///
     /// # Errors
     /// One sentence when it cannot be built.

@@ -1,4 +1,5 @@
-//! The time of every stage of every tick: recorded inputs through a fresh controller, several times.
+//! The time of every stage of every tick: recorded inputs through a fresh controller, several
+//! times.
 //!
 //! The recordings take turns in blocks, so that a slow moment of the machine slows them all.
 
@@ -9,8 +10,8 @@ use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
 use simulator::{InputRecording, Playback};
 
-/// Times that every tick is done; its time is the least of them. The work is the same bits each time, so
-/// what differs is the machine.
+/// Times that every tick is done; its time is the least of them. The work is the same bits each
+/// time, so what differs is the machine.
 pub const REPEATS: usize = 5;
 /// Ticks of one setting before the next has its turn.
 const BLOCK: usize = 256;
@@ -58,13 +59,13 @@ pub fn least_ns(
 ) -> Result<Vec<Vec<[u32; STAGES]>>, Failure> {
     let mut least: Vec<Vec<[u32; STAGES]>> = recorded
         .iter()
-        .map(|(tape, _)| vec![[u32::MAX; STAGES]; tape.len()])
+        .map(|(inputs, _)| vec![[u32::MAX; STAGES]; inputs.len()])
         .collect();
     let mut clock = StageClock::new();
     for _ in 0..REPEATS {
         let mut playbacks: Vec<Playback<'_>> = recorded
             .iter()
-            .map(|&(tape, plan)| Playback::new(tape, SceneModel::controller(plan)))
+            .map(|&(inputs, plan)| Playback::new(inputs, SceneModel::controller(plan)))
             .collect();
         let mut running = true;
         while running {
@@ -95,7 +96,8 @@ fn play_block(
             }
             Some(true) => {}
         }
-        // The least of the whole, not of each stage: a tick's stages stay those of one and the same tick.
+        // The least of the whole, not of each stage: a tick's stages stay those of one and the same
+        // tick.
         let sum = |ns: &[u32; STAGES]| ns.iter().map(|&ns| u64::from(ns)).sum::<u64>();
         if sum(&clock.ns) < sum(&least[tick]) {
             least[tick] = clock.ns;

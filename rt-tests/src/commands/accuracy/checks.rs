@@ -6,8 +6,8 @@ use crate::failure::Failure;
 use crate::trajectory::reference::Reference;
 use crate::trajectory::scene_model::SceneModel;
 
-/// At tolerance 0 contacts and forces equal the full mesh's to this share of the diagonal and of the
-/// greatest force.
+/// At tolerance 0 contacts and forces equal the full mesh's to this share of the diagonal and of
+/// the greatest force.
 const EQUAL: f64 = 1e-9;
 
 /// The checks of one model.

@@ -20,7 +20,8 @@ const BRUTE_CONTACTS: usize = 12;
 pub const TOOL_RADIUS_M: f64 = 0.005;
 /// Contact ticks from one look at the tool's faces to the next.
 const TOOL_EVERY: u64 = 16;
-/// Rounding of exact distances, in shares of the model's diagonal: they are differences of coordinates, in f64.
+/// Rounding of exact distances, in shares of the model's diagonal: they are differences of
+/// coordinates, in f64.
 pub const ROUNDING: f64 = 1e-12;
 
 /// A setting on its trajectory: what it gave, and its inputs for the timing.
@@ -157,7 +158,8 @@ fn fill(point: &mut Point, all: &mut Contacts) {
     point.tool_us = Quantiles::of(&mut all.tool_us).p50;
 }
 
-/// Faces of the front within a tool's radius of a contact, and the time to find them, µs of processor time.
+/// Faces of the front within a tool's radius of a contact, and the time to find them, µs of
+/// processor time.
 fn tool(controller: &Controller, at: DVec3, scale: f64) -> (f64, f64) {
     let surface = Surface {
         mesh: controller.cache().mesh(),
@@ -177,7 +179,8 @@ fn tool(controller: &Controller, at: DVec3, scale: f64) -> (f64, f64) {
     (f64::from(faces), best)
 }
 
-/// The largest difference between exact distances from the file's boxes and from looking at every face, m.
+/// The largest difference between exact distances from the file's boxes and from looking at every
+/// face, m.
 fn brute(model: &SceneModel, points: &[DVec3]) -> Result<f64, FileError> {
     let every = points.len().div_ceil(BRUTE_CONTACTS).max(1);
     let mut apart = 0.0_f64;

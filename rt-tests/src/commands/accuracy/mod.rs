@@ -1,9 +1,10 @@
 //! `rt-tests accuracy`: what accuracy costs in time, memory and bytes.
 //!
-//! Both cores run in this process under a simulated clock ([`simulator`]). On each model the device's
-//! poses are recorded once, in a closed loop on the mesh that was never simplified; then the same poses go to
-//! a controller for each setting of the dial, from the base mesh to the full mesh. So what differs between two
-//! settings is the front alone. The ticks are timed apart, from the recorded inputs, in turns.
+//! Both cores run in this process under a simulated clock ([`simulator`]). On each model the
+//! device's poses are recorded once, in a closed loop on the mesh that was never simplified; then
+//! the same poses go to a controller for each setting, from the base mesh to the full mesh. So what
+//! differs between two settings is the front alone. The ticks are timed apart, from the recorded
+//! inputs, in turns.
 //!
 //! | module | holds |
 //! |---|---|
@@ -37,8 +38,8 @@ use std::path::PathBuf;
 
 /// What is measured when no model is named.
 const DEFAULT_MODELS: [&str; 3] = ["sphere:20000", "relief:100000", "terrain:130000"];
-/// Tolerances between the base mesh and the full mesh, m, on an object whose longest side is 0.15 m: three
-/// decades.
+/// Tolerances between the base mesh and the full mesh, m, on an object whose longest side is 0.15
+/// m: three decades.
 const TOLERANCES_M: [f64; 7] = [1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5];
 /// Prefixes of the sequence of splits: one in so many of them.
 const PREFIX_SHARES: [u32; 4] = [64, 16, 4, 1];
@@ -46,7 +47,8 @@ const PREFIX_SHARES: [u32; 4] = [64, 16, 4, 1];
 /// Arguments of `rt-tests accuracy`.
 #[derive(Debug, Args)]
 pub struct AccuracyArgs {
-    /// Mesh or SPM files, or shapes as SHAPE:FACES [default: sphere:20000 relief:100000 terrain:130000]
+    /// Mesh or SPM files, or shapes as SHAPE:FACES [default: sphere:20000 relief:100000
+    /// terrain:130000]
     #[arg(value_name = "MODEL")]
     pub models: Vec<String>,
     /// Folder of the page, the CSV and the JSON

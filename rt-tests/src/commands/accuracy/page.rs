@@ -85,7 +85,8 @@ impl<'a> Group<'a> {
     }
 }
 
-/// An error as it is drawn: what rounding alone makes of 0 is 0, or most of the axis would be about nothing.
+/// An error as it is drawn: what rounding alone makes of 0 is 0, or most of the axis would be about
+/// nothing.
 fn shown(error: f64) -> f64 {
     if error < ROUNDING { 0.0 } else { error }
 }
@@ -361,7 +362,7 @@ fn stages(html: &mut String, groups: &[Group<'_>]) {
         "splits and collapses",
         "boxes",
         "query and proxy",
-        "force and gate",
+        "force and limiter",
     ];
     for (name, color) in names.iter().zip(COLORS) {
         let _ = write!(

@@ -66,7 +66,7 @@ pub struct StageTimes {
     pub refit: StageQuantiles,
     /// Proxy and closest point.
     pub query: StageQuantiles,
-    /// Force and gate.
+    /// Force and its limiter.
     pub force: StageQuantiles,
 }
 
@@ -86,7 +86,7 @@ impl StageTimes {
     }
 }
 
-/// One setting of the dial on one model.
+/// One setting of the refinement on one model.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Point {
     /// The model.
@@ -98,7 +98,8 @@ pub struct Point {
     /// Whether this asks for the full mesh.
     #[serde(skip)]
     pub full_mesh: bool,
-    /// Time of a tick in which the full mesh is touched, µs of processor time, the least of several replays.
+    /// Time of a tick in which the full mesh is touched, µs of processor time, the least of several
+    /// replays.
     pub tick_us: Quantiles,
     /// Time of any tick of the trajectory, in the same way.
     pub all_tick_us: Quantiles,
@@ -122,13 +123,15 @@ pub struct Point {
     pub force_n: f64,
     /// The median one.
     pub force_p50_n: f64,
-    /// Bytes received from the start to the end of the trajectory, without the measured errors sent back.
+    /// Bytes received from the start to the end of the trajectory, without the measured errors sent
+    /// back.
     pub bytes: u64,
     /// Of these, until a touch could be answered.
     pub bytes_until_ready: u64,
     /// Of these, until the first contact at full resolution; 0 when there was none.
     pub bytes_until_full: u64,
-    /// The most bytes of the cache ever in use, and the fixed rings and stack of a controller's process.
+    /// The most bytes of the cache ever in use, and the fixed rings and stack of a controller's
+    /// process.
     pub rss_bytes: u64,
     /// Of these, in the cache.
     pub cache_bytes: u64,

@@ -10,7 +10,8 @@ use simulator::InputRecording;
 
 /// Fills in the times of all settings of a model.
 ///
-/// `contact` says of each tick of the trajectory whether the full mesh is touched: only these count.
+/// `contact` says of each tick of the trajectory whether the full mesh is touched: only these
+/// count.
 ///
 /// # Errors
 /// When a replay does not give the recorded bits.

@@ -14,16 +14,20 @@ use hrtc_core::contact::query::closest_point;
 use rand::Rng;
 use std::collections::BTreeSet;
 
-/// Points of the path, and their distance in parts of the diagonal: 50 mm/s at 1 kHz on an object of 100 mm.
+/// Points of the path, and their distance in parts of the diagonal: 50 mm/s at 1 kHz on an object
+/// of 100 mm.
 const POINTS: u32 = 10_000;
 const STEP: f64 = 5e-4;
-/// The tip goes up and down between these heights over the surface, parts of the diagonal, in so many points.
+/// The tip goes up and down between these heights over the surface, parts of the diagonal, in so
+/// many points.
 const HEIGHTS: [f64; 2] = [-0.002, 0.006];
 const WAVE: usize = 400;
-/// Points after which the local front is formed anew, and how far around them it is refined, parts of the diagonal.
+/// Points after which the local front is formed anew, and how far around them it is refined, parts
+/// of the diagonal.
 const STRETCH: usize = 50;
 const REFINED: f64 = 0.02;
-/// How far answers may lie apart, parts of the diagonal: rounding in double and in single precision.
+/// How far answers may lie apart, parts of the diagonal: rounding in double and in single
+/// precision.
 pub const TOLERANCES: [f64; 2] = [1e-12, 2e-6];
 
 /// Points of the surface, with the normals of their faces: where the path goes.

@@ -1,4 +1,5 @@
-//! Our tree over a front with every split of the sequence up to some point performed: at the end, the full mesh.
+//! Our tree over a front with every split of the sequence up to some point performed: at the end,
+//! the full mesh.
 
 use crate::failure::Failure;
 use crate::models::Model;

@@ -1,8 +1,9 @@
-//! A cylinder mesh probe against the coarse, the locally refined and the full mesh (thesis Figure 5.20), and what the
-//! boxes of a coarse mesh cost that are those of the full mesh's tree (Figure 4.8 c and d).
+//! A cylinder mesh probe against the coarse, the locally refined and the full mesh (thesis Figure
+//! 5.20), and what the boxes of a coarse mesh cost that are those of the full mesh's tree (Figure
+//! 4.8 c and d).
 //!
-//! The probe is measured in edges of the full mesh, so that it meets about as many faces of any: what grows is the
-//! search for them.
+//! The probe is measured in edges of the full mesh, so that it meets about as many faces of any:
+//! what grows is the search for them.
 
 use super::closest::touches;
 use super::full_front::FullFront;
@@ -26,7 +27,8 @@ const LENGTH: f64 = 20.0;
 const DEPTH: f64 = 1.0;
 /// Its faces.
 const FACES: usize = 240;
-/// Poses for which a local front is formed anew, and points of the path from one such stretch to the next.
+/// Poses for which a local front is formed anew, and points of the path from one such stretch to
+/// the next.
 const STRETCH: usize = 4;
 const EVERY: usize = 200;
 /// How far around the points touched it is refined, in mean edges.
@@ -53,8 +55,8 @@ pub struct Level {
     pub node_pairs: f64,
     /// Pairs of faces tested, on average.
     pub face_pairs: f64,
-    /// Pairs of nodes visited where the tree is built anew over the front by median splits, on average; 0 where it was
-    /// not asked for.
+    /// Pairs of nodes visited where the tree is built anew over the front by median splits, on
+    /// average; 0 where it was not asked for.
     pub node_pairs_rebuilt: f64,
 }
 
@@ -178,8 +180,8 @@ pub fn levels(
     Ok(levels)
 }
 
-/// What grows faster than the logarithm of the full mesh, in words: the query on the refined front, over shapes of one
-/// family.
+/// What grows faster than the logarithm of the full mesh, in words: the query on the refined front,
+/// over shapes of one family.
 pub fn broken(growth: &[Level]) -> Vec<String> {
     let local = || growth.iter().filter(|level| level.front == "local");
     let (Some(first), Some(last)) = (

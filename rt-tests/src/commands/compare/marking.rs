@@ -1,5 +1,5 @@
-//! Nodes of the tree that an update marks, beside the bound of Theorem 2 (thesis Figure 4.7), and what an update takes
-//! beside what a tool's query takes (thesis 4.3.2).
+//! Nodes of the tree that an update marks, beside the bound of Theorem 2 (thesis Figure 4.7), and
+//! what an update takes beside what a tool's query takes (thesis 4.3.2).
 
 use super::EVERY;
 use super::closest::touches;
@@ -31,7 +31,8 @@ const MAX_FACES: usize = 400_000;
 const SHARES: [f64; 3] = [0.01, 0.03, 0.1];
 /// The most that an update may take of a query (thesis 4.3.2).
 const MAX_SHARE: f64 = 0.15;
-/// Of the stretches for which the tool's queries are measured, how many are taken here: one of so many.
+/// Of the stretches for which the tool's queries are measured, how many are taken here: one of so
+/// many.
 const SOME: usize = 10;
 
 /// How the deformed faces lie.

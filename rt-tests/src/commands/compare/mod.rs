@@ -1,4 +1,5 @@
-//! `rt-tests compare`: what a query and an update cost, beside parry's on the same meshes in the same run.
+//! `rt-tests compare`: what a query and an update cost, beside parry's on the same meshes in the
+//! same run.
 //!
 //! | module | measures |
 //! |---|---|
@@ -11,8 +12,9 @@
 //! | `picture` | all of it as pictures |
 //! | `timing` | single queries, in turn, with interruptions taken out |
 //!
-//! Ours is measured twice: on the front as the controller forms it, refined around the tip and coarse elsewhere,
-//! and on the full mesh. Every answer is checked against an exact search in f64 over all faces.
+//! Ours is measured twice: on the front as the controller forms it, refined around the tip and
+//! coarse elsewhere, and on the full mesh. Every answer is checked against an exact search in f64
+//! over all faces.
 
 mod closest;
 mod full_front;
@@ -45,15 +47,18 @@ use std::time::Instant;
 
 /// What is measured when no model is named.
 const DEFAULT_MODEL: &str = "relief:100000";
-/// Points of the path from one pose of a tool to the next; fewer poses where all sizes are gone through.
+/// Points of the path from one pose of a tool to the next; fewer poses where all sizes are gone
+/// through.
 const EVERY: usize = 5;
 const EVERY_OF_GROWTH: usize = 20;
 /// Faces of the shapes over which the cost is seen to grow.
 const GROWTH: [u32; 5] = [4_000, 16_000, 64_000, 250_000, 1_000_000];
-/// The most that ours, on the front of the controller, may take of parry's time in single precision.
+/// The most that ours, on the front of the controller, may take of parry's time in single
+/// precision.
 const MAX_CLOSEST: f64 = 0.5;
-/// The most that all pairs of a tool, on the front of the controller, may take of those of parry's leaves with GJK, which
-/// are told the pose as parry's own code tells it; see [`crate::peers::parry::ToolPose`].
+/// The most that all pairs of a tool, on the front of the controller, may take of those of parry's
+/// leaves with GJK, which are told the pose as parry's own code tells it; see
+/// [`crate::peers::parry::ToolPose`].
 const MAX_TOOL: f64 = 0.2;
 /// The most that an update of ours may take of parry's.
 const MAX_UPDATE: f64 = 0.4;

@@ -97,8 +97,8 @@ fn marking(found: &Compare) -> Vec<Chart> {
     ]
 }
 
-/// A probe against the coarse, the locally refined and the full mesh (thesis Figure 5.20): models as
-/// dots, shapes of one family as lines.
+/// A probe against the coarse, the locally refined and the full mesh (thesis Figure 5.20): models
+/// as dots, shapes of one family as lines.
 fn levels(found: &Compare) -> Vec<Chart> {
     let chart = |title: &str, y: &str, of: fn(&Level) -> f64| {
         let fronts = [("coarse", GREY), ("local", COLORS[0]), ("full", COLORS[2])];

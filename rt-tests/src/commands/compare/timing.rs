@@ -2,7 +2,8 @@
 
 use std::time::Instant;
 
-/// Times that every query is repeated, of which the median counts: an interruption hits one of them.
+/// Times that every query is repeated, of which the median counts: an interruption hits one of
+/// them.
 const ROUNDS: usize = 5;
 
 /// A contender: answers query `k` with a number that is the same for all who are right.
@@ -34,8 +35,8 @@ impl Timed {
     }
 }
 
-/// Puts `count` queries to each contender in turn, all of them [`ROUNDS`] times. A round goes through all queries,
-/// so that none finds in the caches what the same query left there.
+/// Puts `count` queries to each contender in turn, all of them [`ROUNDS`] times. A round goes
+/// through all queries, so that none finds in the caches what the same query left there.
 pub fn time(count: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
     let mut rounds = vec![vec![Vec::with_capacity(ROUNDS); count]; contenders.len()];
     let mut answers = vec![vec![0.0; count]; contenders.len()];

@@ -21,7 +21,8 @@ use std::collections::BTreeSet;
 const RADIUS: f64 = 0.015;
 const LENGTH: f64 = 0.1;
 const DEPTH: f64 = 0.003;
-/// Poses after which the local front is formed anew, and how far around the tip it is refined, parts of the diagonal.
+/// Poses after which the local front is formed anew, and how far around the tip it is refined,
+/// parts of the diagonal.
 pub const STRETCH: usize = 10;
 const REFINED: f64 = 0.03;
 /// Pairs that an answer may have.

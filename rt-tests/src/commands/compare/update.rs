@@ -1,4 +1,5 @@
-//! Updates of the tree where a patch of faces was deformed, beside parry's partial refit of the same faces.
+//! Updates of the tree where a patch of faces was deformed, beside parry's partial refit of the
+//! same faces.
 
 use super::full_front::FullFront;
 use super::timing::time;
@@ -19,7 +20,8 @@ const PATCHES: usize = 400;
 /// By how much a patch is moved, in parts of the diagonal.
 const SHIFT: f32 = 1e-3;
 
-/// So many faces around one, nearest by adjacency first; fewer where its piece of the mesh has no more.
+/// So many faces around one, nearest by adjacency first; fewer where its piece of the mesh has no
+/// more.
 pub fn patch(mesh: &ActiveMesh, first: Handle, count: usize) -> Vec<Handle> {
     let mut patch = vec![first];
     let mut found = HashSet::from([first]);
@@ -95,7 +97,8 @@ pub fn rows(
         &mut [&mut ours, &mut of_single, &mut of_double],
     );
     let expected = timed[2].answers.clone();
-    // Boxes are the same numbers for all: f32, none computed but by taking the least and the largest.
+    // Boxes are the same numbers for all: f32, none computed but by taking the least and the
+    // largest.
     let tolerance = f64::from(f32::EPSILON) * model.file.model_header().diagonal * 4.0;
     [Who::OursFull, Who::ParryF32, Who::ParryF64]
         .into_iter()

@@ -1,21 +1,25 @@
-//! The accuracy dial: the tolerance that is asked for beside the error that the touch gets.
+//! Calibration of the LOD controller: asked tolerance against the true error of the touch.
 //!
-//! A contact moves over the full mesh as over an object of 0.15 m, a tick a contact. Around it the front is formed
-//! as the two processes form it: the controller's predictor names the regions of every ring of its dial,
-//! they stay as long as the controller keeps them, the station collects their closures. Only the link is left
-//! out: what is asked for is there in the same tick. The touch is the point of that front nearest to the path,
-//! its true error its exact distance to the full mesh.
+//! A contact moves over the full mesh as over an object of 0.15 m, a tick a contact. Around it the
+//! front is formed as the two processes form it: the controller's predictor names the regions of
+//! every ring around the contact, they stay as long as the controller keeps them, the station
+//! collects their closures. Only the link is left out: what is asked for is there in the same tick.
+//! The touch is the point of that front nearest to the path, its true error its exact distance to
+//! the full mesh.
 //!
-//! Whether a touch nearer than asked is the dial's doing or the mesh's is told by the coarsest front of the same
-//! sequence that still keeps what is asked ([`coarsest`](super::coarsest)). On scans and smooth shapes both have
-//! asked over true at 1.4 to 2.3. On parts they may be anywhere, and together: the median of featuretype.stl, 2.7
-//! to 93 by the paths of seven seeds, is 2.2 to 78 on the coarsest fronts, with 5 to 11 % fewer VSPs. There the
-//! touch runs over planes (68 % of the contacts on stretches that are nearer than asked whatever is done; 8 % on
-//! the others), true to 1e-5 of the diagonal as long as the features around them stand, and no VSP can be left out
-//! without exceeding what is asked at one of these. Such a stretch says nothing about E, and whether it is in the
-//! majority is a matter of the path. The limit of the median of all stands, and the mesh is named where it is the
-//! reason; judged beside it are the median of those stretches where the coarsest front has at most 3.5, and how
-//! many of all are nearer than asked by more than that *and* nearer than they need be ([`Calibration::too_fine_share`]).
+//! Whether a touch nearer than asked is due to the controller or to the mesh is told by the
+//! coarsest front of the same sequence that still keeps what is asked
+//! ([`coarsest`](super::coarsest)). On scans and smooth shapes both have asked over true at 1.4 to
+//! 2.3. On parts they may be anywhere, and together: the median of featuretype.stl, 2.7 to 93 by
+//! the paths of seven seeds, is 2.2 to 78 on the coarsest fronts, with 5 to 11 % fewer VSPs. There
+//! the touch runs over planes (68 % of the contacts on stretches that are nearer than asked
+//! whatever is done; 8 % on the others), true to 1e-5 of the diagonal as long as the features
+//! around them stand, and no VSP can be left out without exceeding what is asked at one of these.
+//! Such a stretch says nothing about E, and whether it is in the majority is a matter of the path.
+//! The limit of the median of all stands, and the mesh is named where it is the reason; judged
+//! beside it are the median of those stretches where the coarsest front has at most 3.5, and how
+//! many of all are nearer than asked by more than that *and* nearer than they need be
+//! ([`Calibration::too_fine_share`]).
 
 use super::coarsest::{coarsest, front_of_controller};
 use super::cost::{OBJECT_M, longest_side};
@@ -38,11 +42,13 @@ use std::collections::BTreeMap;
 /// Tolerances, parts of the diagonal; below [`ALWAYS`] where the mesh has the detail.
 const TOLERANCES: [f64; 6] = [1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5];
 const ALWAYS: f64 = 3e-4;
-/// The mesh has the detail of a tolerance when at most this part of its VSPs that are not on planes exceeds it:
-/// beyond, the front is nearly the full mesh and the ratio tells of the mesh's own steps, not of the dial.
+/// The mesh has the detail of a tolerance when at most this part of its VSPs that are not on planes
+/// exceeds it: beyond, the front is nearly the full mesh and the ratio tells of the mesh's own
+/// steps, not of the controller.
 const DETAIL: f64 = 0.5;
-/// Paths, stretches of a centimetre on each, contacts on each stretch. Contacts that exceed a tolerance come in rows
-/// of dozens, where a face sticks out: fewer paths would make the share of them a matter of luck.
+/// Paths, stretches of a centimetre on each, contacts on each stretch. Contacts that exceed a
+/// tolerance come in rows of dozens, where a face sticks out: fewer paths would make the share of
+/// them a matter of luck.
 const PATHS: usize = 24;
 const STRETCHES: usize = 10;
 const CONTACTS: usize = 100;
@@ -52,37 +58,42 @@ const FEWEST_STRETCHES: usize = 20;
 /// Radius of the probe of the bundled scene, m. Its speed, 0.1 m/s, is a contact a tick.
 const RADIUS_M: f64 = 1e-3;
 /// Ticks for which the controller keeps a region refined after the prediction left it.
-const LINGER: u64 = 40;
+const HYSTERESIS_TICKS: u64 = 40;
 /// Ticks of rest for each ring before a path: a round of every ring's turns.
 const RESTING_TURNS: usize = TURNS;
 /// Errors below this part of the diagonal are the rounding of positions to f32.
 const PLANE: f64 = 1e-7;
-/// A stretch may be too fine when the asked tolerance is more than so many times its largest true error.
+/// A stretch may be too fine when the asked tolerance is more than so many times its largest true
+/// error.
 pub const ASKED_OVER_TRUE: f64 = 3.5;
-/// And it is when that is more than so many times what the coarsest front gives: the distances are measured twice.
+/// And it is when that is more than so many times what the coarsest front gives: the distances are
+/// measured twice.
 const FINER: f64 = 1.01;
 
-/// What all tolerances together say.
+/// All tolerances together.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Calibration {
     /// Asked tolerance over the largest true error of a stretch: the median of all that count.
     pub asked_over_true_p50: f64,
-    /// The same for the coarsest front of the same sequence that keeps what is asked, on the same stretches. No dial
-    /// can be nearer to what is asked than that.
+    /// The same for the coarsest front of the same sequence that keeps what is asked, on the same
+    /// stretches. No controller can be nearer to what is asked than that.
     pub asked_over_attainable_p50: f64,
-    /// Asked over true, the median of the stretches where the coarsest front has at most [`ASKED_OVER_TRUE`]: there
-    /// an error so near to what is asked is to be had. Measured: 1.4 to 2.3 on every model and seed, parts or not.
+    /// Asked over true, the median of the stretches where the coarsest front has at most
+    /// [`ASKED_OVER_TRUE`]: there an error so near to what is asked is to be had. Measured: 1.4 to
+    /// 2.3 on every model and seed, parts or not.
     pub asked_over_true_within_reach_p50: f64,
-    /// Part of the stretches that are too fine for no reason: asked over true is beyond [`ASKED_OVER_TRUE`], and
-    /// beyond that of the coarsest front as well.
+    /// Part of the stretches that are too fine for no reason: asked over true is beyond
+    /// [`ASKED_OVER_TRUE`], and beyond that of the coarsest front as well.
     ///
-    /// Measured: 0 to 0.16 on the public and the generated models with seeds 1 to 5, 0.18 on featuretype.stl with
-    /// seed 6. With a dial made twice as fine, on six models: 0.52 to 0.78, which the plain median (limit 3.5)
-    /// hardly notices on scans: 3.7 to 4.1.
+    /// Measured: 0 to 0.16 on the public and the generated models with seeds 1 to 5, 0.18 on
+    /// featuretype.stl with seed 6. With expected errors twice as large, on six models: 0.52 to
+    /// 0.78, which the plain median (limit 3.5) hardly notices on scans: 3.7 to 4.1.
     pub too_fine_share: f64,
-    /// VSPs of the fronts {E > tolerance} over those of the coarsest fronts, of all cases that count.
+    /// VSPs of the fronts {E > tolerance} over those of the coarsest fronts, of all cases that
+    /// count.
     pub vsps_over_coarsest: f64,
-    /// Part of the contacts on coarse faces whose true error exceeds what was asked, in the cases that count.
+    /// Part of the contacts on coarse faces whose true error exceeds what was asked, in the cases
+    /// that count.
     pub exceeded_share: f64,
     /// One a tolerance.
     pub cases: Vec<Case>,
@@ -97,11 +108,12 @@ pub struct Case {
     pub vsps_share: f64,
     /// Whether there are enough stretches, and the mesh has the detail.
     pub counts: bool,
-    /// Stretches that are not at full resolution at some contact where the base mesh would exceed the tolerance.
-    /// (Asked of one contact: beside a sharp edge that is at full resolution lie planes, coarse and exact.)
+    /// Stretches that are not at full resolution at some contact where the base mesh would exceed
+    /// the tolerance. (Asked of one contact: beside a sharp edge that is at full resolution lie
+    /// planes, coarse and exact.)
     pub stretches: usize,
-    /// Stretches left out of these because every touch was exact: on planes, where coarse faces are the full mesh,
-    /// there is no error to compare with.
+    /// Stretches left out of these because every touch was exact: on planes, where coarse faces are
+    /// the full mesh, there is no error to compare with.
     pub exact_stretches: usize,
     /// Asked tolerance over the largest true error of a stretch, median.
     pub asked_over_true_p50: f64,
@@ -146,12 +158,12 @@ struct Contacts {
 #[derive(Debug, Default)]
 struct Ratios {
     /// As the touch gets it.
-    of_dial: Vec<f64>,
+    of_front: Vec<f64>,
     /// On the coarsest front.
     attainable: Vec<f64>,
 }
 
-/// Turns the dial from coarse to fine.
+/// Measures every tolerance, from coarse to fine.
 ///
 /// # Errors
 /// When a region cannot be loaded.
@@ -188,17 +200,17 @@ pub fn calibration(
             too_fine += case.too_fine;
             vsps += case.vsps;
             coarsest_vsps += case.coarsest_vsps;
-            all.of_dial.extend(ratios.of_dial);
+            all.of_front.extend(ratios.of_front);
             all.attainable.extend(ratios.attainable);
         }
         found.cases.push(case);
     }
-    found.too_fine_share = too_fine as f64 / all.of_dial.len().max(1) as f64;
-    let pairs = all.of_dial.iter().zip(&all.attainable);
+    found.too_fine_share = too_fine as f64 / all.of_front.len().max(1) as f64;
+    let pairs = all.of_front.iter().zip(&all.attainable);
     let within_reach = pairs.filter(|&(_, &could_be)| could_be <= ASKED_OVER_TRUE);
     found.asked_over_true_within_reach_p50 =
         sorted_quantile(within_reach.map(|(&is, _)| is).collect(), 0.5);
-    found.asked_over_true_p50 = sorted_quantile(all.of_dial, 0.5);
+    found.asked_over_true_p50 = sorted_quantile(all.of_front, 0.5);
     found.asked_over_attainable_p50 = sorted_quantile(all.attainable, 0.5);
     found.vsps_over_coarsest = f64::from(vsps) / f64::from(coarsest_vsps.max(1));
     found.exceeded_share = exceeded as f64 / coarse.max(1) as f64;
@@ -232,7 +244,7 @@ fn case(
         if stretch.iter().zip(base).any(both) {
             let most = stretch.iter().map(|t| t.error).fold(0.0, f64::max);
             if most > plane {
-                ratios.of_dial.push(asked / most);
+                ratios.of_front.push(asked / most);
                 counted.push(k);
             } else {
                 exact_stretches += 1;
@@ -250,12 +262,13 @@ fn case(
             .iter()
             .map(|k| {
                 let stretch = &contacts.points[k * CONTACTS..][..CONTACTS];
-                // Exact touches are as good as those at the rounding of positions: no ratio is infinite.
+                // Exact touches are as good as those at the rounding of positions: no ratio is
+                // infinite.
                 asked / largest_error(&surface, full, stretch).max(plane)
             })
             .collect();
     }
-    let pairs = ratios.of_dial.iter().zip(&ratios.attainable);
+    let pairs = ratios.of_front.iter().zip(&ratios.attainable);
     let too_fine = pairs.filter(|&(&is, &could_be)| is > ASKED_OVER_TRUE && is > FINER * could_be);
     let case = Case {
         tolerance: share,
@@ -263,8 +276,8 @@ fn case(
         counts,
         stretches: counted.len(),
         exact_stretches,
-        asked_over_true_p50: sorted_quantile(ratios.of_dial.clone(), 0.5),
-        asked_over_true_p95: sorted_quantile(ratios.of_dial.clone(), 0.95),
+        asked_over_true_p50: sorted_quantile(ratios.of_front.clone(), 0.5),
+        asked_over_true_p95: sorted_quantile(ratios.of_front.clone(), 0.95),
         asked_over_attainable_p50: sorted_quantile(ratios.attainable.clone(), 0.5),
         too_fine: too_fine.count(),
         vsps,
@@ -278,8 +291,8 @@ fn case(
     Ok((case, ratios))
 }
 
-/// Moves the contact along the paths with fronts as the two processes form them: every touch, and the mean number
-/// of faces.
+/// Moves the contact along the paths with fronts as the two processes form them: every touch, and
+/// the mean number of faces.
 fn touches(
     model: &Model,
     full: &Surface,
@@ -308,7 +321,7 @@ fn touches(
                     needed.insert(region.key, tick);
                 }
             });
-            needed.retain(|_, last| tick <= *last + LINGER);
+            needed.retain(|_, last| tick <= *last + HYSTERESIS_TICKS);
             tick += 1;
             if k < rest {
                 continue;
@@ -340,7 +353,8 @@ fn sorted_quantile(mut values: Vec<f64>, part: f64) -> f64 {
     quantile(&values, part)
 }
 
-/// The point of the front nearest to a point of the full mesh, and how far from the full mesh it is.
+/// The point of the front nearest to a point of the full mesh, and how far from the full mesh it
+/// is.
 fn touch(front: &LocalFront<'_>, full: &Surface, point: DVec3, triangle: u32) -> Touch {
     let surface = query::Surface {
         mesh: front.cache().mesh(),

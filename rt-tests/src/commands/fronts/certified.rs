@@ -14,9 +14,11 @@ const SAMPLES: usize = 6_000;
 const SAMPLES_A_FACE: usize = 6;
 /// Local fronts.
 const LOCAL_FRONTS: u32 = 6;
-/// What distances in f64 lose, in parts of the diagonal. A model lies at most 64 diagonals from its origin.
+/// What distances in f64 lose, in parts of the diagonal. A model lies at most 64 diagonals from its
+/// origin.
 const ROUNDING: f64 = 1e-13;
-/// Sampled errors below this part of the diagonal are the rounding of positions to f32: no ratio is taken.
+/// Sampled errors below this part of the diagonal are the rounding of positions to f32: no ratio is
+/// taken.
 const PLANE: f64 = 1e-7;
 
 /// What the samples say.
@@ -71,8 +73,9 @@ pub fn certified(
     Ok(found)
 }
 
-/// Each legal split in ascending order with a chance in percent; or, `down`, each legal collapse from the full
-/// mesh. (A walk of single random steps hardly leaves the base mesh: few splits are legal there.)
+/// Each legal split in ascending order with a chance in percent; or, `down`, each legal collapse
+/// from the full mesh. (A walk of single random steps hardly leaves the base mesh: few splits are
+/// legal there.)
 fn random_front(model: &Model, random: &mut impl Rng, chance: u32, down: bool) -> ActiveMesh {
     let mut mesh = model.active_mesh();
     let mut out = OperationFaces::new();
@@ -115,7 +118,8 @@ fn sample(
         found.samples += 1;
         found.violations += u64::from(distance > bound * (1.0 + 1e-12) + ROUNDING * diagonal);
     };
-    // From the front to the full mesh. Faces of the full mesh (R = 0) are taken too: they must lie on it.
+    // From the front to the full mesh. Faces of the full mesh (R = 0) are taken too: they must lie
+    // on it.
     let every = (handles.len() * SAMPLES_A_FACE).div_ceil(SAMPLES).max(1);
     let mut hint = 0;
     for (&face, triangle) in handles.iter().zip(&triangles).step_by(every) {
@@ -136,7 +140,8 @@ fn sample(
             found.ratios.push(bound / most);
         }
     }
-    // From the full mesh to the front: no point moves farther to its image than R of its corners' ancestors.
+    // From the full mesh to the front: no point moves farther to its image than R of its corners'
+    // ancestors.
     let front = Surface::new(triangles);
     let ancestor = ancestors(model, mesh);
     let every = (model.full_faces.len() * 2).div_ceil(SAMPLES).max(1);

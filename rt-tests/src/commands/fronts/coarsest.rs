@@ -1,15 +1,17 @@
-//! The coarsest front of the same sequence that keeps a tolerance: what could be had in place of {E > t}.
+//! The coarsest front of the same sequence that keeps a tolerance: what could be had in place of {E
+//! > t}.
 //!
-//! From {E > t} one VSP after the other is left out, with everything that needs it, as long as the surface that
-//! remains stays within the tolerance. That is measured both ways on the front as it is, not as the mesh was when
-//! the edge collapsed: samples of the changed faces against the full mesh, and the vertices of the full mesh
-//! against them. In the end there is no VSP left that could be done without: whichever goes, with what needs it, the
-//! front exceeds the tolerance somewhere. (Two that could only go together may remain.) It takes the whole full
-//! mesh and a minute for a million faces, so it is a yardstick for E and no way to make fronts.
+//! From {E > t} one VSP after the other is left out, with everything that needs it, as long as the
+//! surface that remains stays within the tolerance. That is measured both ways on the front as it
+//! is, not as the mesh was when the edge collapsed: samples of the changed faces against the full
+//! mesh, and the vertices of the full mesh against them. In the end there is no VSP left that could
+//! be done without: whichever goes, with what needs it, the front exceeds the tolerance somewhere.
+//! (Two that could only go together may remain.) It takes the whole full mesh and a minute for a
+//! million faces, so it is a yardstick for E and no way to make fronts.
 //!
-//! (Errors are not monotone: undoing one split may exceed the tolerance, and undoing those that need it as well
-//! may not. Therefore both are tried. Measured on fandisk, featuretype and bunny20k: beyond `MAX_TOGETHER` at
-//! a time nothing more was found.)
+//! (Errors are not monotone: undoing one split may exceed the tolerance, and undoing those that
+//! need it as well may not. Therefore both are tried. Measured on fandisk, featuretype and
+//! bunny20k: beyond `MAX_TOGETHER` at a time nothing more was found.)
 
 use crate::models::surface::Surface;
 use crate::models::{Model, active_triangles};
@@ -19,8 +21,8 @@ use spm::{ActiveMesh, ErrorScale, OperationFaces};
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
-/// Steps of the grid of samples on a face: at least, at most, and for each square root of vertices of the full mesh
-/// that hang on it. The builder's grid, half as fine again.
+/// Steps of the grid of samples on a face: at least, at most, and for each square root of vertices
+/// of the full mesh that hang on it. The builder's grid, half as fine again.
 const STEPS: (f64, f64, f64) = (6.0, 64.0, 3.0);
 /// Splits that are undone at once, at most.
 const MAX_TOGETHER: usize = 32;
@@ -58,13 +60,13 @@ pub fn front_of_controller(model: &Model, asked: f64) -> ActiveMesh {
 
 /// A front of [`front_of_controller`] without every VSP that is not needed to keep what is asked.
 #[must_use]
-pub fn coarsest(model: &Model, full: &Surface, of_dial: ActiveMesh, asked: f64) -> ActiveMesh {
+pub fn coarsest(model: &Model, full: &Surface, start: ActiveMesh, asked: f64) -> ActiveMesh {
     let mut order: Vec<u32> = (0..model.records.len() as u32)
-        .filter(|&i| of_dial.is_performed(i))
+        .filter(|&i| start.is_performed(i))
         .collect();
-    // What needs the least first, as the dial does; of equals what depends on most.
+    // What needs the least first, as the LOD controller does; of equals what depends on most.
     order.sort_by_key(|&i| (model.records[i as usize].e, Reverse(i)));
-    let mut front = Front::new(model, full, of_dial, asked);
+    let mut front = Front::new(model, full, start, asked);
     // What is left out makes other collapses legal: until a whole round finds none.
     loop {
         let before = order.len();
@@ -112,7 +114,8 @@ impl<'a> Front<'a> {
         }
     }
 
-    /// Leaves a split out, with everything that needs it, where that keeps what is asked; whether it did.
+    /// Leaves a split out, with everything that needs it, where that keeps what is asked; whether
+    /// it did.
     fn leave_out(&mut self, i: u32) -> bool {
         if !self.mesh.is_performed(i) {
             return true;
@@ -149,7 +152,8 @@ impl<'a> Front<'a> {
         false
     }
 
-    /// A performed VSP and the performed ones that need it, ascending; `None` when they are too many.
+    /// A performed VSP and the performed ones that need it, ascending; `None` when they are too
+    /// many.
     fn needing(&self, i: u32) -> Option<Vec<u32>> {
         let mut found = BTreeSet::from([i]);
         let mut waiting = vec![i];
@@ -166,8 +170,8 @@ impl<'a> Front<'a> {
         Some(found.into_iter().collect())
     }
 
-    /// Deals the vertices that hang on changed faces to the nearest of those that stay; `None` when one is too
-    /// far away.
+    /// Deals the vertices that hang on changed faces to the nearest of those that stay; `None` when
+    /// one is too far away.
     fn deal(&self, stay: &[u32], changed: &[u32]) -> Option<Vec<Vec<u32>>> {
         let corners: Vec<_> = stay.iter().map(|&f| self.mesh.corners(f)).collect();
         let mut dealt = vec![Vec::new(); corners.len()];
@@ -227,9 +231,9 @@ mod tests {
         for shape in [Shape::Relief, Shape::Terrain, Shape::Wedge] {
             let (model, full) = model(shape);
             let asked = 2e-3 * model.file.model_header().diagonal;
-            let of_dial = front_of_controller(&model, asked);
-            let before = of_dial.performed();
-            let mesh = coarsest(&model, &full, of_dial, asked);
+            let start = front_of_controller(&model, asked);
+            let before = start.performed();
+            let mesh = coarsest(&model, &full, start, asked);
             mesh.check();
             assert!(mesh.performed() <= before && before < 2 * mesh.performed() + 8);
             let triangles = active_triangles(&mesh).1;
@@ -257,13 +261,13 @@ mod tests {
     }
 
     #[test]
-    fn a_finer_front_ends_where_the_dials_does() {
+    fn a_finer_start_ends_at_the_same_size() {
         let (model, full) = model(Shape::Relief);
         let asked = 2e-3 * model.file.model_header().diagonal;
         let from =
             |t: f64| coarsest(&model, &full, front_of_controller(&model, t), asked).performed();
-        let (dial, finer) = (from(asked), from(asked / 3.0));
-        assert!(10 * dial.abs_diff(finer) < dial, "{dial} {finer}");
-        assert!(front_of_controller(&model, asked / 3.0).performed() > 2 * dial);
+        let (same, finer) = (from(asked), from(asked / 3.0));
+        assert!(10 * same.abs_diff(finer) < same, "{same} {finer}");
+        assert!(front_of_controller(&model, asked / 3.0).performed() > 2 * same);
     }
 }

@@ -29,7 +29,8 @@ pub struct Cost {
     pub splits: u64,
 }
 
-/// Moves a contact over the model at full resolution and times each batch, in processor time of this thread.
+/// Moves a contact over the model at full resolution and times each batch, in processor time of
+/// this thread.
 ///
 /// # Errors
 /// When a region cannot be loaded.

@@ -1,4 +1,5 @@
-//! Random walks over fronts: legality by counters beside the adjacency test, and every invariant on the way.
+//! Random walks over fronts: legality by counters beside the adjacency test, and every invariant on
+//! the way.
 
 use crate::models::Model;
 use crate::models::front_walk::WalkWithTree;
@@ -25,8 +26,8 @@ pub struct Legality {
     pub comparisons: u64,
     /// How often they differed.
     pub mismatches: u64,
-    /// Splits that were not legal after their missing dependencies were performed by splits alone (thesis Figure
-    /// 5.7 B would need a collapse there).
+    /// Splits that were not legal after their missing dependencies were performed by splits alone
+    /// (thesis Figure 5.7 B would need a collapse there).
     pub needed_a_collapse: u32,
     /// Fronts whose faces are not the image of the full mesh under active ancestors.
     pub wrong_images: u32,
@@ -106,8 +107,9 @@ pub fn ancestors(model: &Model, mesh: &ActiveMesh) -> Vec<u32> {
     ancestor
 }
 
-/// Whether the active faces are the full mesh's with each corner replaced by its active ancestor, without
-/// those that have become an edge or a point: what any front must be, whatever led to it (Theorem 4).
+/// Whether the active faces are the full mesh's with each corner replaced by its active ancestor,
+/// without those that have become an edge or a point: what any front must be, whatever led to it
+/// (Theorem 4).
 #[must_use]
 pub fn is_image(model: &Model, mesh: &ActiveMesh) -> bool {
     let ancestor = ancestors(model, mesh);

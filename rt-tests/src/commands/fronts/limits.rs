@@ -15,9 +15,10 @@ pub const MAX_NS: Percentiles = Percentiles {
 };
 /// The most stretches of all that may be too fine for no reason.
 ///
-/// The median of asked over true being at most [`ASKED_OVER_TRUE`] means that at most half of the stretches are
-/// beyond it. Those where the mesh gives no choice are taken out ([`Calibration::too_fine_share`]); of all stretches, not
-/// of the others, only half as many may then be beyond.
+/// The median of asked over true being at most [`ASKED_OVER_TRUE`] means that at most half of the
+/// stretches are beyond it. Those where the mesh gives no choice are taken out
+/// ([`Calibration::too_fine_share`]); of all stretches, not of the others, only half as many may
+/// then be beyond.
 pub const MAX_TOO_FINE: f64 = 0.25;
 /// The most contacts that may exceed what was asked.
 pub const MAX_EXCEEDED: f64 = 1e-3;
@@ -93,8 +94,8 @@ pub fn broken(m: &ModelFronts) -> Vec<String> {
 }
 
 /// Whether any tolerance counts.
-fn counts(dial: &Calibration) -> bool {
-    dial.cases.iter().any(|case| case.counts)
+fn counts(calibration: &Calibration) -> bool {
+    calibration.cases.iter().any(|case| case.counts)
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
-//! `rt-tests jitter`: the controller and the bare loop in alternating blocks of one run, so that what the
-//! machine does to both is not laid to the controller's charge, nor hidden.
+//! `rt-tests jitter`: the controller and the bare loop in alternating blocks of one run, so that
+//! what the machine does to both is not laid to the controller's charge, nor hidden.
 //!
-//! A round is a block of the controller (with its station on the other core), a block of the bare loop and a
-//! shorter block of the bare loop with arithmetic of the controller's median work. Wake-ups are compared with
-//! the empty loop's, the tail of the work with the arithmetic's.
+//! A round is a block of the controller (with its station on the other core), a block of the bare
+//! loop and a shorter block of the bare loop with arithmetic of the controller's median work.
+//! Wake-ups are compared with the empty loop's, the tail of the work with the arithmetic's.
 
 mod histogram;
 mod verdict;
@@ -305,7 +305,8 @@ impl<'a> Measurement<'a> {
         for round in 0..rounds {
             self.bar
                 .set_message(format!("round {} of {rounds}", round + 1));
-            // Which comes first alternates, so that a machine that slows down or warms up favours neither.
+            // Which comes first alternates, so that a machine that slows down or warms up favours
+            // neither.
             let (ours, bare) = if round % 2 == 0 {
                 let ours = self.ours_block(seconds[0], stop)?;
                 (ours, self.bare_block(seconds[1], 0, stop)?)

@@ -6,8 +6,8 @@ use serde::Serialize;
 const BARE_MISSED: f64 = 0.01;
 /// The bare loop itself wakes up later than this, microseconds.
 const BARE_WAKE_US: f64 = 250.0;
-/// Wake-up of the controller over the bare loop's: medians over pairs of equal loops spread up to 1.5 at the
-/// median and 2.0 at 99 %, so above this it is the controller.
+/// Wake-up of the controller over the bare loop's: medians over pairs of equal loops spread up to
+/// 1.5 at the median and 2.0 at 99 %, so above this it is the controller.
 const WAKE_RATIO: f64 = 2.0;
 
 /// The verdict.
@@ -109,7 +109,8 @@ pub fn judge(n: &Numbers) -> (Verdict, Vec<String>) {
             ));
         }
     }
-    // Stalls of the machine hit blocks at random, so a few more misses than the bare loop's mean nothing.
+    // Stalls of the machine hit blocks at random, so a few more misses than the bare loop's mean
+    // nothing.
     if n.ours_missed > 2.0 * n.bare_missed + BARE_MISSED {
         compared.push(format!(
             "the controller misses {:.2} % of its periods, the bare loop {:.2} %",

@@ -1,4 +1,5 @@
-//! The closing report of a run: for the terminal in plain words, and as a page with plots beside it.
+//! The closing report of a run: for the terminal in plain words, and as a page with plots beside
+//! it.
 
 mod page;
 
@@ -112,7 +113,7 @@ impl Report<'_> {
         ];
         if r.unfinished_ticks + r.early_ticks > 0 {
             lines.push(format!(
-                "in {} tick(s) a tool's budget was spent, in {} more its tick ended early: the rest of its way was gone in the next ones",
+                "in {} tick(s) a tool's budget was spent, in {} more its tick ended early: the remaining displacement followed in the next ones",
                 grouped(r.unfinished_ticks),
                 grouped(r.early_ticks)
             ));
@@ -332,7 +333,7 @@ impl Report<'_> {
                 grouped(r.ecols)
             ),
             format!(
-                "{} vertices in flight at most, in {} tick(s); {} time(s) a split waited for room to fly, {} for a face that it would turn over",
+                "at most {} vertices geomorphing, in {} tick(s); {} time(s) a split waited for room to geomorph, {} for a face that it would turn over",
                 grouped(r.in_flight_max),
                 grouped(r.in_flight_ticks),
                 grouped(r.postponed),
