@@ -24,7 +24,7 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::Instant;
 use thiserror::Error;
-use transport::{BUFFER, Domain, TransportError};
+use transport::{Domain, MAX_QUEUED, TransportError};
 
 /// Called with every chunk in the order of arrival, before the tick can see it.
 pub type ChunkRecorder = Box<dyn FnMut(&InboxChunk) + Send>;
@@ -164,7 +164,7 @@ impl Ports {
         let records = domain
             .records_service(&node, options.client)?
             .subscriber_builder()
-            .buffer_size(BUFFER)
+            .buffer_size(MAX_QUEUED)
             .create()
             .map_err(|e| domain.error("receive records", e))?;
         let requests = domain
@@ -184,7 +184,7 @@ impl Ports {
         let hello = domain.hello_service(&node)?;
         let hello_in = hello
             .subscriber_builder()
-            .buffer_size(BUFFER)
+            .buffer_size(MAX_QUEUED)
             .create()
             .map_err(|e| domain.error("receive heartbeats", e))?;
         let hello_out = hello
@@ -312,7 +312,7 @@ impl Agent {
 
     /// Takes heartbeats in and tells the tick which station is there.
     fn listen(&mut self, now: Instant) {
-        for _ in 0..2 * BUFFER {
+        for _ in 0..2 * MAX_QUEUED {
             let read = match self.ports.hello_in.receive() {
                 Ok(Some(hello)) => hello.payload().read(),
                 Ok(None) => break,

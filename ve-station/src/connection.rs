@@ -17,7 +17,7 @@ use station_core::station::{Chunk, Message, Station};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use transport::{BUFFER, Domain, TransportError};
+use transport::{Domain, MAX_QUEUED, TransportError};
 
 /// Time between two looks at the ports.
 const POLL: Duration = Duration::from_micros(200);
@@ -67,19 +67,19 @@ impl Ports {
         let requests = domain
             .subscribe_service(&node)?
             .subscriber_builder()
-            .buffer_size(BUFFER)
+            .buffer_size(MAX_QUEUED)
             .create()
             .map_err(|e| domain.error("receive requests", e))?;
         let contacts = domain
             .pose_service(&node)?
             .subscriber_builder()
-            .buffer_size(BUFFER)
+            .buffer_size(MAX_QUEUED)
             .create()
             .map_err(|e| domain.error("receive contacts", e))?;
         let hello = domain.hello_service(&node)?;
         let hello_in = hello
             .subscriber_builder()
-            .buffer_size(BUFFER)
+            .buffer_size(MAX_QUEUED)
             .create()
             .map_err(|e| domain.error("receive heartbeats", e))?;
         let hello_out = hello
@@ -187,7 +187,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
     /// Takes in what came. Each port at most twice its buffer, so that a flood cannot stop the
     /// sending.
     fn receive(&mut self, now: Instant) {
-        for _ in 0..2 * BUFFER {
+        for _ in 0..2 * MAX_QUEUED {
             match self.ports.hello_in.receive() {
                 Ok(Some(hello)) => {
                     let read = hello.payload().read();
@@ -197,7 +197,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
                 Err(e) => return self.complain("receive heartbeats", e),
             }
         }
-        for _ in 0..2 * BUFFER {
+        for _ in 0..2 * MAX_QUEUED {
             match self.ports.requests.receive() {
                 Ok(Some(request)) => {
                     self.heard.insert(request.client, now);
@@ -207,7 +207,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
                 Err(e) => return self.complain("receive requests", e),
             }
         }
-        for _ in 0..2 * BUFFER {
+        for _ in 0..2 * MAX_QUEUED {
             match self.ports.contacts.receive() {
                 Ok(Some(report)) => self.station.handle(Message::Contact(&report)),
                 Ok(None) => break,

@@ -166,9 +166,9 @@ impl Facts {
             base_vertices: header.base_vertices,
             base_faces: header.base_faces,
             vsps: header.vsps,
-            chain: header.chain,
-            regions: (regions as u64).saturating_sub(summary.cleared_regions),
-            cleared_regions: summary.cleared_regions,
+            chain: header.dependency_depth,
+            regions: (regions as u64).saturating_sub(summary.empty_regions),
+            cleared_regions: summary.empty_regions,
             divisions: header.grid.divisions,
             closure_mean: finite(summary.closure_mean),
             closure_max: header.closure_max,
@@ -405,7 +405,7 @@ fn error_table<D: AsRef<[u8]>>(file: &SpmFile<D>) -> Result<Vec<ErrorRow>, FileE
         let mut needed = vec![false; sizes.vsps as usize];
         for i in (0..sizes.vsps).rev() {
             let record = file.record(i)?;
-            let code = match sizes.maker_of_vertex(record.vs) {
+            let code = match sizes.creator_of_vertex(record.vs) {
                 None => file
                     .base_vertices()
                     .get(record.vs as usize)

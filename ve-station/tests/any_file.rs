@@ -90,7 +90,7 @@ fn copies(parts: &SpmParts) -> Vec<Vec<u32>> {
 fn ancestor(mesh: &ActiveMesh, parts: &SpmParts, mut vertex: u32) -> u32 {
     let sizes = parts.header.sizes();
     while let Some(i) = sizes
-        .maker_of_vertex(vertex)
+        .creator_of_vertex(vertex)
         .filter(|&i| !mesh.is_performed(i))
     {
         vertex = parts.records[i as usize].vs;
@@ -174,7 +174,7 @@ fn a_third_of_the_edges_not_manifold_leaves_a_small_base_mesh() {
         "{} left",
         parts.header.base_faces
     );
-    assert!(parts.header.chain <= 40);
+    assert!(parts.header.dependency_depth <= 40);
 }
 
 #[test]

@@ -38,9 +38,9 @@ fn real_meshes_have_the_counts_that_are_known_of_them() {
             assert_eq!(summary.unreferenced_vertices, unreferenced, "{name}");
             assert_eq!(summary.cut_vertices, cut, "{name}");
             assert!(
-                parts.header.chain <= 40,
+                parts.header.dependency_depth <= 40,
                 "{name}: chain {}",
-                parts.header.chain
+                parts.header.dependency_depth
             );
         }
     }
@@ -56,7 +56,7 @@ fn chains_stay_short_where_every_edge_costs_the_same() {
     ];
     for (name, mesh) in flat {
         let ModelHeader {
-            chain,
+            dependency_depth: chain,
             vsps,
             closure_max,
             ..
@@ -120,7 +120,7 @@ fn a_model_far_from_its_origin_keeps_its_shape() {
 #[test]
 fn a_scaled_model_simplifies_alike() {
     let mesh = generate(Shape::Relief, 4000, 2);
-    let chain = build(&mesh, None).header.chain;
+    let chain = build(&mesh, None).header.dependency_depth;
     for exponent in [-20, 20] {
         // A power of two scales every bit pattern exactly.
         let scale = 2f64.powi(exponent);
@@ -133,7 +133,7 @@ fn a_scaled_model_simplifies_alike() {
             triangles: mesh.triangles.clone(),
         };
         let header = build(&scaled, None).header;
-        assert_eq!(header.chain, chain);
+        assert_eq!(header.dependency_depth, chain);
         assert_eq!(
             header.grid.divisions,
             build(&mesh, None).header.grid.divisions

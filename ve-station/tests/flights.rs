@@ -53,46 +53,50 @@ fn however_vertices_fly_the_front_decides_where_they_are_in_the_end() {
         let leaves = Leaves::new(&parts);
         let places = load(&parts);
         let full = |vertex: u32| places.position(vertex).as_dvec3();
-        let mut walk = FrontWalk::new(load(&parts).with_flights(24));
+        let mut walk = FrontWalk::new(load(&parts).with_geomorphs(24));
         let (mut flown, mut turned, mut broken, mut checked) = (0, 0, 0, 0);
         for step in 0..4 * vsps {
             let draw = random.next_u32();
             let up = step < vsps || step % 2 == 0;
-            let flights = walk.mesh.flights().len();
+            let flights = walk.mesh.geomorphs().len();
             match draw % 8 {
                 0..=3 if up => {
                     let split = walk.split(&mut || random.next_u32(), |_| true);
-                    broken += u32::from(walk.mesh.flights().len() < flights);
-                    if split.is_some() && walk.mesh.may_take_off() && draw & 8 == 0 {
-                        walk.mesh.take_off(&walk.out);
+                    broken += u32::from(walk.mesh.geomorphs().len() < flights);
+                    if split.is_some() && walk.mesh.can_start_geomorph() && draw & 8 == 0 {
+                        walk.mesh.start_split_geomorph(&walk.out);
                     }
                 }
                 0..=1 => {
                     walk.collapse(&mut || random.next_u32());
-                    broken += u32::from(walk.mesh.flights().len() < flights);
+                    broken += u32::from(walk.mesh.geomorphs().len() < flights);
                 }
                 2..=4 => {
                     let count = walk.performed.len().max(1);
                     let slot = walk.performed.get(random.next_u32() as usize % count);
                     if let Some(&slot) = slot
                         && walk.mesh.collapse_is_legal(slot)
-                        && walk.mesh.may_take_off()
+                        && walk.mesh.can_start_geomorph()
                     {
-                        walk.mesh.send_to_parent(slot);
+                        walk.mesh.start_collapse_geomorph(slot);
                     }
                 }
                 5 => {
-                    let count = walk.mesh.flights().len().max(1);
-                    let flight = walk.mesh.flights().get(random.next_u32() as usize % count);
-                    if let Some(slot) = flight.and_then(|f| walk.mesh.maker_of_vertex(f.vertex())) {
-                        walk.mesh.send_home(slot);
+                    let count = walk.mesh.geomorphs().len().max(1);
+                    let flight = walk
+                        .mesh
+                        .geomorphs()
+                        .get(random.next_u32() as usize % count);
+                    if let Some(slot) = flight.and_then(|f| walk.mesh.creator_of_vertex(f.vertex()))
+                    {
+                        walk.mesh.reverse_geomorphs(slot);
                         turned += 1;
                     }
                 }
                 _ => flown += fly(&mut walk, f64::from(random.next_u32() % 64) / 63.0),
             }
             undo_arrived(&mut walk);
-            for flight in walk.mesh.flights() {
+            for flight in walk.mesh.geomorphs() {
                 let vertex = flight.vertex();
                 let place = walk.mesh.position(vertex).as_dvec3();
                 let bound = f64::from(walk.mesh.radius(vertex));
@@ -108,7 +112,7 @@ fn however_vertices_fly_the_front_decides_where_they_are_in_the_end() {
                 walk.mesh.check();
             }
         }
-        while !walk.mesh.flights().is_empty() {
+        while !walk.mesh.geomorphs().is_empty() {
             fly(&mut walk, 1.0);
             undo_arrived(&mut walk);
         }
@@ -134,28 +138,31 @@ fn however_vertices_fly_the_front_decides_where_they_are_in_the_end() {
 
 /// Moves every vertex in flight by a share of its way.
 fn fly(walk: &mut FrontWalk, share: f64) -> u32 {
-    let count = walk.mesh.flights().len();
+    let count = walk.mesh.geomorphs().len();
     for index in 0..count {
-        let flight = walk.mesh.flights()[index];
-        walk.mesh.around(&flight, &mut walk.out).unwrap();
-        walk.mesh.fly(index, flight.done() + share, &walk.out);
+        let flight = walk.mesh.geomorphs()[index];
+        walk.mesh
+            .faces_around_geomorph(&flight, &mut walk.out)
+            .unwrap();
+        walk.mesh
+            .step_geomorph(index, flight.done() + share, &walk.out);
     }
-    walk.mesh.land();
+    walk.mesh.finish_geomorphs();
     count as u32
 }
 
 /// Undoes the splits whose vertices have come to their parents; one that is needed again turns
 /// back.
 fn undo_arrived(walk: &mut FrontWalk) {
-    let makers = walk.mesh.flights().iter().filter(|f| f.is_to_parent());
+    let makers = walk.mesh.geomorphs().iter().filter(|f| f.is_to_parent());
     let mut slots: Vec<u32> = makers
-        .filter_map(|flight| walk.mesh.maker_of_vertex(flight.vertex()))
+        .filter_map(|flight| walk.mesh.creator_of_vertex(flight.vertex()))
         .collect();
     slots.dedup();
     for slot in slots {
         if !walk.mesh.collapse_is_legal(slot) {
-            walk.mesh.send_home(slot);
-        } else if walk.mesh.has_come_to_parent(slot) {
+            walk.mesh.reverse_geomorphs(slot);
+        } else if walk.mesh.has_reached_parent(slot) {
             walk.undo(slot);
         }
     }

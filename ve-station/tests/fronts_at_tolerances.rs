@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 
 /// The vertex of the front that a vertex of the full mesh has become.
 fn active_ancestor(parts: &SpmParts, front: &BTreeSet<u32>, mut vertex: u32) -> u32 {
-    while let Some(i) = parts.header.sizes().maker_of_vertex(vertex) {
+    while let Some(i) = parts.header.sizes().creator_of_vertex(vertex) {
         if front.contains(&i) {
             break;
         }
@@ -41,7 +41,7 @@ fn check_certified(parts: &SpmParts, front: &BTreeSet<u32>, mesh: &ActiveMesh) {
         }
         // A face whose corners stay apart is a face of the front.
         let [a, b, c] = image;
-        let made = parts.header.sizes().maker_of_face(full.face);
+        let made = parts.header.sizes().creator_of_face(full.face);
         let is_in = made.is_none_or(|i| front.contains(&i));
         assert_eq!(is_in, active.contains(&full.face));
         if is_in {
@@ -79,7 +79,7 @@ fn any_union_of_closures_is_a_legal_mesh_within_its_certified_error() {
             for _ in 0..1 + random.next_u32() % 5 {
                 // From the full mesh, over the ladder and between its rungs, to the base mesh.
                 let level = random.next_u32() as usize % 6;
-                let rung = header.ladder[level];
+                let rung = header.level_tolerances[level];
                 let stretch = [1.0, 1.3, 3.0][random.next_u32() as usize % 3];
                 let tolerance = if rung.is_finite() {
                     rung * stretch

@@ -69,7 +69,7 @@ fn check_refinement(name: &str, mesh: &spm_builder::SoupMesh, base_faces: Option
     let header = &parts.header;
     println!(
         "{name}: {} faces, base {}, chain {}",
-        header.faces, header.base_faces, header.chain
+        header.faces, header.base_faces, header.dependency_depth
     );
 }
 

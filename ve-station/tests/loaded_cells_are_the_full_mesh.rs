@@ -52,7 +52,7 @@ impl Model {
             .iter()
             .filter(|r| !full.contains_key(r))
             .count();
-        assert_eq!(parts.summary.cleared_regions, cleared as u64, "{name}");
+        assert_eq!(parts.summary.empty_regions, cleared as u64, "{name}");
         assert_eq!(parts.regions.len(), full.len() + cleared, "{name}");
         Self {
             name: name.to_string(),
@@ -193,7 +193,7 @@ fn check_models(
         println!(
             "{name}: {} regions, {} of them cleared; of {without} cells without a region {coarse} coarse",
             model.parts.regions.len(),
-            summary.cleared_regions
+            summary.empty_regions
         );
         sums = (sums.0 + without, sums.1 + coarse);
     }
@@ -235,8 +235,8 @@ fn the_splits_of_the_owned_faces_alone_are_not_enough() {
         for f in &parts.full_faces {
             let at = |v: u32| glam::Vec3::from_array(model.parts.position(v)).as_dvec3();
             if grid.overlaps(region, f.corners.map(at)) {
-                needed.extend(sizes.maker_of_face(f.face));
-                needed.extend(f.corners.iter().filter_map(|&v| sizes.maker_of_vertex(v)));
+                needed.extend(sizes.creator_of_face(f.face));
+                needed.extend(f.corners.iter().filter_map(|&v| sizes.creator_of_vertex(v)));
             }
         }
         let mut pending: Vec<u32> = needed.iter().copied().collect();

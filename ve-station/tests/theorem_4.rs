@@ -164,7 +164,7 @@ fn the_image_of_the_full_mesh_under_active_ancestors_is_the_front() {
             let mesh = random_front(&parts, &mut random, chance, down);
             let ancestor = |mut vertex: u32| {
                 while let Some(i) = sizes
-                    .maker_of_vertex(vertex)
+                    .creator_of_vertex(vertex)
                     .filter(|&i| !mesh.is_performed(i))
                 {
                     vertex = parts.records[i as usize].vs;

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
-use transport::{BUFFER, Domain};
+use transport::{Domain, MAX_QUEUED};
 use ve_station::connection::Connection;
 
 const CLIENT: u64 = 0xC11E;
@@ -61,12 +61,12 @@ impl Client {
                 .unwrap(),
             records: records
                 .subscriber_builder()
-                .buffer_size(BUFFER)
+                .buffer_size(MAX_QUEUED)
                 .create()
                 .unwrap(),
             hello: hello
                 .subscriber_builder()
-                .buffer_size(BUFFER)
+                .buffer_size(MAX_QUEUED)
                 .create()
                 .unwrap(),
             model,

@@ -259,7 +259,7 @@ pub fn may_come_near(
         })
     };
     limits.iter().any(|(_, limit)| beside(limit).reaches(space))
-        || mesh.any_in_flight(patch.deformed())
+        || mesh.any_geomorphing(patch.deformed())
         || patch.deformed().iter().any(|&face| {
             let corners = mesh.face(face).corners;
             corners
@@ -351,10 +351,10 @@ pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit, sh
         let done = &steps[..k];
         let place = |vertex: Handle| {
             let before = done.iter().find(|(flight, _)| flight.vertex() == vertex);
-            let moved = before.map(|(flight, _)| mesh.way(flight) * share);
+            let moved = before.map(|(flight, _)| mesh.geomorph_displacement(flight) * share);
             mesh.position(vertex).as_dvec3() + moved.unwrap_or(DVec3::ZERO)
         };
-        let step = mesh.way(&steps[k].0) * share;
+        let step = mesh.geomorph_displacement(&steps[k].0) * share;
         let (moved, raised) = height(mesh, &steps[k], step, place, limit);
         (moved / limit.step).max(raised / limit.rise)
     });
@@ -365,7 +365,9 @@ pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit, sh
 /// other.
 #[must_use]
 pub fn allowed_share(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit) -> f64 {
-    let ways = steps.iter().map(|(flight, _)| mesh.way(flight).length());
+    let ways = steps
+        .iter()
+        .map(|(flight, _)| mesh.geomorph_displacement(flight).length());
     let longest = ways.fold(0.0, f64::max);
     if longest == 0.0 {
         return 1.0;
@@ -398,7 +400,7 @@ pub fn allowed_share(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLi
 /// changes linearly with one corner, so that both ends suffice.
 #[must_use]
 pub fn turns_over(mesh: &ActiveMesh, slot: Slot, patch: &OperationFaces) -> bool {
-    let ends: &[bool] = if mesh.any_in_flight(patch.deformed()) {
+    let ends: &[bool] = if mesh.any_geomorphing(patch.deformed()) {
         &[false, true]
     } else {
         &[false]
@@ -417,7 +419,7 @@ fn turns_over_at(
 ) -> bool {
     let place = |vertex: Handle, at_end: bool| {
         let place = if at_end {
-            mesh.destination(vertex)
+            mesh.final_position(vertex)
         } else {
             mesh.position(vertex)
         };
@@ -440,7 +442,7 @@ fn turns_over_at(
     }
     let parent = place(mesh.parent(slot), before);
     let [t, u] = mesh.children(slot).map(|vertex| place(vertex, after));
-    let pair = mesh.thirds(slot).into_iter().zip([u - t, t - u]);
+    let pair = mesh.third_corners(slot).into_iter().zip([u - t, t - u]);
     pair.filter_map(|(third, along)| Some((third?, along)))
         .any(|(third, along)| {
             let against = |normal_of_pair: DVec3| {

@@ -16,7 +16,7 @@ impl Controller {
             let (front, session) = (&active.front, &active.session);
             record.vsplits += front.stats.vsplits;
             record.ecols += front.stats.ecols;
-            record.geomorphing += front.cache.mesh().flights().len() as u32;
+            record.geomorphing += front.cache.mesh().geomorphs().len() as u32;
             record.deferred += front.stats.deferred;
             record.rejected_folds += front.stats.rejected;
             record.work_units += front.stats.work_units;

@@ -72,7 +72,10 @@ fn it_comes_coarser_by_the_dial_and_back() {
     assert!(steps > 0 && coarser > 100, "it comes coarser, and says so");
 
     // What is wanted becomes less: a tolerance whose blocks fit is reached, and the dial is where it was set.
-    let ladder = pair.controller.header().map(|header| header.ladder[2]);
+    let ladder = pair
+        .controller
+        .header()
+        .map(|header| header.level_tolerances[2]);
     let scale = pair
         .controller
         .frame()

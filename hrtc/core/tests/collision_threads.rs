@@ -210,7 +210,7 @@ fn coal_issue_636() {
                 TrianglePair::Disjoint => false,
                 TrianglePair::Coplanar { centre } => centre.is_finite(),
                 TrianglePair::Crossing { from, to }
-                | TrianglePair::Touching { from, to }
+                | TrianglePair::Boundary { from, to }
                 | TrianglePair::Degenerate { from, to } => from.is_finite() && to.is_finite(),
             };
             assert!(finite, "{pair:?}");

@@ -74,7 +74,7 @@ fn whatever_breaks_in_on_flights_every_tick_is_whole_and_the_end_is_that_of_a_fr
             let goal = if lifts { place.above } else { place.goal };
             let record = tried.hold(goal + depth * (place.goal - place.above));
             in_flight += u32::from(record.geomorphing > 0);
-            for flight in tried.controller.cache().mesh().flights() {
+            for flight in tried.controller.cache().mesh().geomorphs() {
                 both_ways[usize::from(flight.is_to_parent())] += 1;
             }
             // Boxes of the tree equal those of a fresh refit bit for bit, among the rest.
@@ -128,7 +128,7 @@ fn a_morphed_contact_says_that_it_is_not_there_yet() {
             .contact()
             .map_or([NONE; 6], |contact| contact.faces);
         let count = faces.iter().take_while(|&&face| face != NONE).count();
-        if mesh.any_in_flight(&faces[..count]) {
+        if mesh.any_geomorphing(&faces[..count]) {
             on_the_way += 1;
             assert!(
                 record.certified_error_m > 0.0 && !record.contact_full && !record.contact_asked

@@ -39,7 +39,7 @@ impl Front {
     fn new(parts: &SpmParts) -> Self {
         let header = &parts.header;
         let (vertices, faces) = (header.base_vertices, header.base_faces);
-        let mut mesh = ActiveMesh::new(vertices, faces, header.vsps).with_flights(2);
+        let mut mesh = ActiveMesh::new(vertices, faces, header.vsps).with_geomorphs(2);
         let scale = ErrorScale::for_diagonal(header.diagonal);
         let radius = |code: u16| scale.decode(code) as f32;
         for (v, base) in (0u32..).zip(&parts.base_vertices) {
@@ -251,19 +251,19 @@ fn try_one(front: &mut Front, random: &mut Random, seen: &mut Seen) {
     }
     seen.felt[touches] += 1;
     if was_split {
-        front.mesh.send_to_parent(slot);
+        front.mesh.start_collapse_geomorph(slot);
     } else {
         front.perform(slot);
         let is_passed = front.mesh.swept_over(&front.out, centre);
         let is_far = front.distance(centre) > probe.proxy.radius();
         seen.passed += u32::from(is_passed && was_far && is_far);
-        front.mesh.take_off(&front.out);
+        front.mesh.start_split_geomorph(&front.out);
         front.deformed();
     }
     // It flies.
     while front
         .mesh
-        .flights()
+        .geomorphs()
         .iter()
         .any(|flight| flight.done() < 1.0)
     {
@@ -280,24 +280,32 @@ fn try_one(front: &mut Front, random: &mut Random, seen: &mut Seen) {
     if was_split {
         front.perform(slot);
     }
-    front.mesh.land();
+    front.mesh.finish_geomorphs();
 }
 
 /// A step of both vertices, as a tick does it.
 fn step(front: &mut Front, probe: &mut Probe) {
     let feeler = probe.feeler();
-    let [a, b] = [0, 1].map(|index| front.mesh.flights()[index]);
-    front.mesh.around(&a, &mut front.out).expect("small fans");
-    front.mesh.around(&b, &mut front.other).expect("small fans");
+    let [a, b] = [0, 1].map(|index| front.mesh.geomorphs()[index]);
+    front
+        .mesh
+        .faces_around_geomorph(&a, &mut front.out)
+        .expect("small fans");
+    front
+        .mesh
+        .faces_around_geomorph(&b, &mut front.other)
+        .expect("small fans");
     let steps = [(a, &front.out), (b, &front.other)];
     let share = allowed_share(&front.mesh, &steps, &feeler);
     probe.proxy.limit_step(feeler.proxy_step());
     for (index, flight) in [a, b].into_iter().enumerate() {
         front
             .mesh
-            .around(&flight, &mut front.out)
+            .faces_around_geomorph(&flight, &mut front.out)
             .expect("small fans");
-        front.mesh.fly(index, flight.done() + share, &front.out);
+        front
+            .mesh
+            .step_geomorph(index, flight.done() + share, &front.out);
         probe.proxy.carry(&front.mesh, &front.out);
         front.deformed();
     }

@@ -64,7 +64,7 @@ const NAMES: [(&str, &str); 16] = [
     ("take_off", "start"),
     ("land", "finish"),
     ("land_at_once", "finish"),
-    ("send_home", "reverse"),
+    ("reverse_geomorphs", "reverse"),
     ("ground", "cancel"),
     ("put_out", "depenetrate"),
     ("bound_for", "coupling target"),

@@ -1,7 +1,7 @@
 //! Keys: the heap index of a node (root 1, children 2k and 2k + 1).
 //!
-//! Theorem 1 of the thesis: n faces fix the shape. A node of m faces gives the first ceil(m / 2) to its left
-//! child, so leaves lie at depth ceil(log2 n) or one above.
+//! Theorem 1 of the thesis: n faces fix the shape. A node of m faces gives the first ceil(m / 2) to
+//! its left child, so leaves lie at depth ceil(log2 n) or one above.
 
 /// Depth of a key; the root has depth 0.
 #[inline]
@@ -32,8 +32,8 @@ pub fn leaf_key(position: u32, faces: u32) -> u32 {
 
 /// Faces below the node of a key in the tree over `faces` faces.
 ///
-/// Halving with the larger half left gives ceil((n - b) / 2) to child b, so a path b1 b2 .. bd leaves
-/// ceil((n - (b1 + 2 b2 + 4 b3 + ..)) / 2^d): the path read backwards is what is taken off.
+/// With the larger half on the left, child b gets ceil((n - b) / 2) faces. So a path b1 b2 .. bd
+/// leads to ceil((n - (b1 + 2 b2 + 4 b3 + ..)) / 2^d) faces: n less the path read backwards.
 #[inline]
 fn faces_below(key: u32, faces: u32) -> u32 {
     let depth = depth(key);

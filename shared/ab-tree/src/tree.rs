@@ -1,13 +1,13 @@
 //! The part of the AB-tree above active faces, as a compressed binary trie over heap keys.
 //!
-//! The full tree of thesis 3.3 has a node for every full-mesh face. Here a node exists only where both of
-//! its children hold active faces; chains of nodes with a single active child are skipped, so there is one
-//! node fewer than active faces whatever the size of the full mesh. A node keeps its heap key, so the shape
-//! is the thesis's. The three statuses of Figure 3.8 are: *inactive* = not there, *deformed* = a mark bit,
-//! *active* = there and not marked.
+//! The full tree of thesis 3.3 has a node for every full-mesh face. Here a node exists only where
+//! both of its children hold active faces; sequences of nodes with a single active child are
+//! skipped. So there is one node fewer than active faces, whatever the size of the full mesh. A
+//! node keeps its heap key, so the shape is that of the thesis. The statuses of Figure 3.8 are:
+//! *inactive* = no node, *deformed* = a mark bit, *active* = a node without marks.
 //!
-//! A node is one cache line and holds the boxes of its two children, so a query reads one line to decide
-//! about both.
+//! A node is one cache line and holds the boxes of its two children, so a query reads one line to
+//! test both.
 
 use super::key::{depth, is_leaf_key, lowest_common_ancestor};
 use super::{Handle, NONE};
@@ -80,19 +80,20 @@ impl Node {
     }
 }
 
-/// An AABB tree over the active faces of one object. Sized once; no operation allocates or recurses.
+/// An AABB tree over the active faces of one object. Sized once; no operation allocates or
+/// recurses.
 #[derive(Debug, Clone)]
 pub struct AbTree {
-    /// Faces of the full mesh, which fix the shape.
+    /// Faces of the full mesh, which define the shape.
     full_faces: u32,
     nodes: Vec<Node>,
-    /// Per node: bit 0 = the left child is deformed, bit 1 = the right one.
+    /// For each node: bit 0 = the left child is deformed, bit 1 = the right one.
     deformed: Vec<u8>,
-    /// Per face handle: the node above it, and its leaf key (0 = not in the tree).
+    /// For each face handle: the node above it, and its leaf key (0 = not in the tree).
     face_node: Vec<NodeId>,
     face_key: Vec<u32>,
     root: Option<Child>,
-    /// First free node, chained through `parent`; nodes from `fresh` on were never used.
+    /// First free node, linked through `parent`; nodes from `fresh` on were never used.
     free: NodeId,
     fresh: u32,
     faces: u32,
@@ -101,10 +102,10 @@ pub struct AbTree {
 }
 
 impl AbTree {
-    /// Bytes per face that it may hold.
+    /// Bytes for each face of its capacity.
     pub const BYTES_PER_FACE: usize = size_of::<Node>() + 1 + 4 + 4;
 
-    /// Room for `capacity` face handles.
+    /// Allocates room for `capacity` face handles.
     #[must_use]
     pub fn new(capacity: u32) -> Self {
         assert!(capacity < FACE_BIT, "face handles have 31 bits");
@@ -130,8 +131,8 @@ impl AbTree {
         }
     }
 
-    /// Empties it, so that [`AbTree::preconstruct`] may follow; `faces`: of how many handles, from the first on, use
-    /// was made. Nothing is freed or allocated.
+    /// Empties the tree, so that [`AbTree::preconstruct`] may follow. `faces` is the number of
+    /// handles used so far, from the first on. Nothing is freed or allocated.
     pub fn clear(&mut self, faces: u32) {
         self.face_key[..faces as usize].fill(0);
         self.deformed[..self.fresh as usize].fill(0);
@@ -143,7 +144,8 @@ impl AbTree {
         self.root_face_deformed = false;
     }
 
-    /// Fixes the shape (ACTIVE-PRECONSTRUCT): the number of faces of the full mesh. While empty.
+    /// Defines the shape by the number of faces of the full mesh (ACTIVE-PRECONSTRUCT); the tree
+    /// must be empty.
     pub fn preconstruct(&mut self, full_faces: u32) {
         assert!(
             self.faces == 0,
@@ -199,22 +201,23 @@ impl AbTree {
         }
     }
 
-    fn side_of(&self, node: NodeId, child: Child) -> usize {
+    fn child_index(&self, node: NodeId, child: Child) -> usize {
         let children = self.nodes[node as usize].children;
-        let side = usize::from(children[1] == child.pack());
-        debug_assert_eq!(children[side], child.pack());
-        side
+        let index = usize::from(children[1] == child.pack());
+        debug_assert_eq!(children[index], child.pack());
+        index
     }
 
     /// Adds an active face at its leaf code and marks its path (set I of ACTIVE-UPDATE).
     ///
-    /// Returns false, and changes nothing, when the code is no leaf or is taken: a damaged record.
+    /// Returns false without any change when the code is no leaf or is taken (a damaged record).
     pub fn insert(&mut self, face: Handle, leaf: u32) -> bool {
         self.insert_near(face, leaf, NONE)
     }
 
-    /// The same as [`AbTree::insert`], found from the face `near` where that is in the tree: neighbours on the
-    /// surface are mostly neighbours in the tree, and the way down from the root is what a split costs most.
+    /// The same as [`AbTree::insert`], but the search starts at the face `near` if that is in the
+    /// tree. Neighbours on the surface are mostly neighbours in the tree, and the descent from the
+    /// root is the largest cost of a split.
     pub fn insert_near(&mut self, face: Handle, leaf: u32, near: Handle) -> bool {
         if !is_leaf_key(leaf, self.full_faces) || self.face_key[face as usize] != 0 {
             return false;
@@ -227,51 +230,21 @@ impl AbTree {
             self.faces = 1;
             return true;
         };
-        let (mut current, mut parent) = match self.lowest_above(leaf, near) {
-            NONE => (root, NONE),
-            id => (Child::Node(id), self.nodes[id as usize].parent),
+        let Some((current, parent, key)) = self.place_of(leaf, near, root) else {
+            return false;
         };
-        // At most one step a level of the tree: 32.
-        let key = loop {
-            let current_key = self.key_of(current);
-            if current_key == leaf {
-                return false;
-            }
-            let common = lowest_common_ancestor(current_key, leaf);
-            match current {
-                Child::Node(id) if common == current_key => {
-                    parent = id;
-                    let node = &self.nodes[id as usize];
-                    current = node.children()[Self::side_of_key(common, leaf)];
-                }
-                _ => break common,
-            }
-        };
-        let (child_box, child_deformed) = match parent {
-            // The root's own box is that of the last refit: a removal may have changed those below since.
-            NONE => match current {
-                Child::Node(id) => (self.nodes[id as usize].boxes.union(), false),
-                Child::Face(_) => (self.root_box, self.root_face_deformed),
-            },
-            id => {
-                let side = self.side_of(id, current);
-                (
-                    self.nodes[id as usize].boxes.get(side),
-                    self.deformed[id as usize] >> side & 1 == 1,
-                )
-            }
-        };
+        let (child_box, child_deformed) = self.box_above(current, parent);
         let id = self.take_node();
-        let side = Self::side_of_key(key, leaf);
+        let index = Self::child_index_of_key(key, leaf);
         let node = &mut self.nodes[id as usize];
         node.key = key;
         node.parent = parent;
-        node.children[side] = Child::Face(face).pack();
-        node.children[1 - side] = current.pack();
+        node.children[index] = Child::Face(face).pack();
+        node.children[1 - index] = current.pack();
         node.boxes = BoxPair::EMPTY;
-        node.boxes.set(1 - side, child_box);
+        node.boxes.set(1 - index, child_box);
         let inherits = child_deformed || self.is_marked(current);
-        self.deformed[id as usize] = u8::from(inherits) << (1 - side);
+        self.deformed[id as usize] = u8::from(inherits) << (1 - index);
         self.face_key[face as usize] = leaf;
         self.face_node[face as usize] = id;
         self.set_parent(current, id);
@@ -281,19 +254,64 @@ impl AbTree {
                 self.root_face_deformed = false;
             }
             above => {
-                let above_side = Self::side_of_key(self.nodes[above as usize].key, leaf);
-                self.nodes[above as usize].children[above_side] = Child::Node(id).pack();
+                let above_index = Self::child_index_of_key(self.nodes[above as usize].key, leaf);
+                self.nodes[above as usize].children[above_index] = Child::Node(id).pack();
             }
         }
         self.faces += 1;
-        self.deformed[id as usize] |= 1 << side;
+        self.deformed[id as usize] |= 1 << index;
         if parent != NONE {
             self.mark(parent, Child::Node(id));
         }
         true
     }
 
-    /// The lowest node that is above both a face and a leaf; [`NONE`] when the face is not in the tree or alone.
+    /// Place of a new leaf: the child that becomes its sibling, the node above that, and the key of
+    /// the node to insert between them. `None` when the leaf is taken.
+    fn place_of(&self, leaf: u32, near: Handle, root: Child) -> Option<(Child, NodeId, u32)> {
+        let (mut current, mut parent) = match self.lowest_above(leaf, near) {
+            NONE => (root, NONE),
+            id => (Child::Node(id), self.nodes[id as usize].parent),
+        };
+        // At most one step a level of the tree: 32.
+        loop {
+            let current_key = self.key_of(current);
+            if current_key == leaf {
+                return None;
+            }
+            let common = lowest_common_ancestor(current_key, leaf);
+            match current {
+                Child::Node(id) if common == current_key => {
+                    parent = id;
+                    let node = &self.nodes[id as usize];
+                    current = node.children()[Self::child_index_of_key(common, leaf)];
+                }
+                _ => return Some((current, parent, common)),
+            }
+        }
+    }
+
+    /// Box of a child as stored above it, and whether it is marked there.
+    fn box_above(&self, child: Child, parent: NodeId) -> (Aabb, bool) {
+        match parent {
+            // `root_box` is that of the last refit; a removal may have changed the boxes below
+            // since.
+            NONE => match child {
+                Child::Node(id) => (self.nodes[id as usize].boxes.union(), false),
+                Child::Face(_) => (self.root_box, self.root_face_deformed),
+            },
+            id => {
+                let index = self.child_index(id, child);
+                (
+                    self.nodes[id as usize].boxes.get(index),
+                    self.deformed[id as usize] >> index & 1 == 1,
+                )
+            }
+        }
+    }
+
+    /// The lowest node above both a face and a leaf; [`NONE`] when the face is not in the tree or
+    /// alone.
     fn lowest_above(&self, leaf: u32, face: Handle) -> NodeId {
         let in_tree = self
             .face_key
@@ -316,8 +334,8 @@ impl AbTree {
         node
     }
 
-    /// Side of the child of node `key` on the way to `leaf`.
-    fn side_of_key(key: u32, leaf: u32) -> usize {
+    /// Index of the child of node `key` towards `leaf`.
+    fn child_index_of_key(key: u32, leaf: u32) -> usize {
         (leaf >> (depth(leaf) - depth(key) - 1) & 1) as usize
     }
 
@@ -325,7 +343,7 @@ impl AbTree {
         matches!(child, Child::Node(id) if self.deformed[id as usize] != 0)
     }
 
-    /// Removes a face (set R): its sibling takes the place of the node above both.
+    /// Removes a face (set R): its sibling replaces the node above both.
     pub fn remove(&mut self, face: Handle) {
         assert!(
             self.face_key[face as usize] != 0,
@@ -339,16 +357,16 @@ impl AbTree {
             self.root_box = Aabb::EMPTY;
             return;
         }
-        let side = self.side_of(node, Child::Face(face));
+        let index = self.child_index(node, Child::Face(face));
         let Node {
             boxes,
             children,
             parent,
             ..
         } = self.nodes[node as usize];
-        let sibling_box = boxes.get(1 - side);
-        let sibling = Child::unpack(children[1 - side]);
-        let sibling_deformed = self.deformed[node as usize] >> (1 - side) & 1 == 1;
+        let sibling_box = boxes.get(1 - index);
+        let sibling = Child::unpack(children[1 - index]);
+        let sibling_deformed = self.deformed[node as usize] >> (1 - index) & 1 == 1;
         self.set_parent(sibling, parent);
         match parent {
             NONE => {
@@ -357,17 +375,18 @@ impl AbTree {
                 self.root_face_deformed = sibling_deformed;
             }
             above => {
-                let above_side = self.side_of(above, Child::Node(node));
-                self.nodes[above as usize].children[above_side] = sibling.pack();
-                // The box shrinks above, so the path is marked even though the sibling's own box stands.
+                let above_index = self.child_index(above, Child::Node(node));
+                self.nodes[above as usize].children[above_index] = sibling.pack();
+                // The boxes above shrink, so the path is marked although the sibling's box is
+                // unchanged.
                 self.nodes[above as usize]
                     .boxes
-                    .set(above_side, sibling_box);
+                    .set(above_index, sibling_box);
                 let flags = &mut self.deformed[above as usize];
                 if sibling_deformed {
-                    *flags |= 1 << above_side;
+                    *flags |= 1 << above_index;
                 } else {
-                    *flags &= !(1 << above_side);
+                    *flags &= !(1 << above_index);
                 }
                 self.mark_above(above);
             }
@@ -384,10 +403,10 @@ impl AbTree {
         }
     }
 
-    /// ACTIVE-MARK: bottom-up, stops at the first node that is marked already.
+    /// ACTIVE-MARK: bottom-up, ends at the first marked node.
     fn mark(&mut self, mut node: NodeId, mut child: Child) {
         loop {
-            let bit = 1u8 << self.side_of(node, child);
+            let bit = 1u8 << self.child_index(node, child);
             let flags = &mut self.deformed[node as usize];
             let was = *flags;
             *flags |= bit;
@@ -402,13 +421,13 @@ impl AbTree {
         }
     }
 
-    /// Marks every ancestor of a node whose own child boxes are right but whose union changed.
+    /// Marks every ancestor of a node whose child boxes are right but whose union changed.
     fn mark_above(&mut self, node: NodeId) {
         let parent = self.nodes[node as usize].parent;
         if parent != NONE {
             self.mark(parent, Child::Node(node));
         }
-        // The root's own box is rebuilt by every walk.
+        // Every refit rebuilds `root_box`.
     }
 
     /// ACTIVE-WALK and ACTIVE-REFIT: post-order over the deformed part, without recursion.
@@ -433,8 +452,8 @@ impl AbTree {
                 current = self.nodes[current as usize].parent;
                 continue;
             }
-            let side = usize::from(flags & 1 == 0);
-            let child = self.nodes[current as usize].children()[side];
+            let index = usize::from(flags & 1 == 0);
+            let child = self.nodes[current as usize].children()[index];
             let child_box = match child {
                 Child::Face(face) => face_box(face),
                 Child::Node(id) if self.deformed[id as usize] != 0 => {
@@ -443,8 +462,8 @@ impl AbTree {
                 }
                 Child::Node(id) => self.nodes[id as usize].boxes.union(),
             };
-            self.nodes[current as usize].boxes.set(side, child_box);
-            self.deformed[current as usize] &= !(1 << side);
+            self.nodes[current as usize].boxes.set(index, child_box);
+            self.deformed[current as usize] &= !(1 << index);
             refitted += 1;
         }
         self.root_box = self.nodes[root as usize].boxes.union();
@@ -469,11 +488,11 @@ impl AbTree {
         self.free = id;
     }
 
-    /// Checks every invariant of a refitted tree: shape by keys, links, and every box equal to a fresh
-    /// refit's bit for bit. For tests.
+    /// Checks every invariant of a refitted tree: shape by keys, links, and boxes equal to a fresh
+    /// refit, bit for bit. For tests.
     ///
     /// # Panics
-    /// With the first thing found wrong.
+    /// With the first fault.
     pub fn check(&self, face_box: impl Fn(Handle) -> Aabb) {
         let mut faces = 0;
         let mut stack = Vec::new();
@@ -494,10 +513,10 @@ impl AbTree {
                     assert_eq!(node.parent, parent, "link of node {id}");
                     assert_eq!(self.deformed[id as usize], 0, "node {id} is still deformed");
                     let [left, right] = node.children();
-                    for (side, c) in [(0, left), (1, right)] {
+                    for (index, c) in [(0, left), (1, right)] {
                         let key = self.key_of(c);
                         let below = key >> (depth(key) - depth(node.key) - 1);
-                        assert_eq!(below, 2 * node.key + side, "key under node {id}");
+                        assert_eq!(below, 2 * node.key + index, "key under node {id}");
                     }
                     stack.push((child, parent, true));
                     stack.push((right, id, false));

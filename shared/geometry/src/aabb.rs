@@ -56,7 +56,7 @@ impl Aabb {
         !self.lower.cmple(self.upper).all()
     }
 
-    /// Squared distance from a point, computed in f64 so that rounding never hides a nearer face.
+    /// Squared distance from a point, in f64, so rounding never hides a nearer face.
     #[inline]
     #[must_use]
     pub fn distance_squared(&self, point: DVec3) -> f64 {

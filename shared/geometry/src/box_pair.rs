@@ -1,8 +1,8 @@
-//! Two boxes side by side, so that one comparison decides about both: what a node of the AB-tree holds.
+//! Two boxes in one set of vectors, as in a node of the AB-tree, so that one comparison tests both.
 //!
-//! An axis is one vector [lower 0, lower 1, -upper 0, -upper 1]; with the upper sides negated, distance and
-//! overlap are the same arithmetic for all four numbers. Everything is f32 and rounded so that a box is never
-//! further from a point, nor apart from another box, than it is in truth.
+//! An axis is one vector [lower 0, lower 1, -upper 0, -upper 1]. With the upper sides negated,
+//! distance and overlap are the same arithmetic for all four numbers. Everything is f32 and rounded
+//! such that a computed distance or gap is never larger than the exact one.
 
 use super::Aabb;
 use glam::{BVec4A, DVec3, Vec3, Vec3A, Vec4, Vec4Swizzles};
@@ -14,14 +14,14 @@ pub struct BoxPair {
     axes: [Vec4; 3],
 }
 
-/// A point or a box as a [`BoxPair`] is compared with, rounded outwards to f32.
+/// A point or a box to compare a [`BoxPair`] with, rounded outwards to f32.
 #[derive(Debug, Clone, Copy)]
 pub struct BoxQuery {
     axes: [Vec4; 3],
 }
 
-/// What a squared distance in f32 is multiplied by, so that no rounding makes it too large: the five roundings of
-/// a difference, its square and two sums make less than 4 units of 2^-23.
+/// Factor that compensates the rounding of a squared distance in f32: the five roundings of a
+/// difference, its square and two sums are less than 4 units of 2^-23.
 const SHRINK: f32 = 1.0 - 4.0 * f32::EPSILON;
 
 impl BoxQuery {
@@ -47,11 +47,11 @@ impl BoxQuery {
 }
 
 impl BoxPair {
-    /// One box on both sides, around corners that were rounded to f32: widened by twice that rounding.
+    /// The same box twice, around corners that were rounded to f32, widened by twice that rounding.
     #[inline]
     #[must_use]
     pub fn twice_widened(lower: Vec3A, upper: Vec3A) -> Self {
-        // The least normal number covers the rounding of subnormal ones.
+        // The smallest normal number covers the rounding of subnormal ones.
         let rounding = |p: Vec3A| p.abs() * f32::EPSILON + Vec3A::splat(f32::MIN_POSITIVE);
         let (low, high) = (lower - rounding(lower), -upper - rounding(upper));
         let axis = |k: usize| Vec4::new(low[k], low[k], high[k], high[k]);
@@ -60,7 +60,7 @@ impl BoxPair {
         }
     }
 
-    /// The box around both, on both sides.
+    /// The box around both, twice.
     #[inline]
     #[must_use]
     pub fn joined(&self) -> Self {
@@ -72,14 +72,14 @@ impl BoxPair {
     /// The first box of one and the second of the other.
     #[inline]
     #[must_use]
-    pub fn beside(first: &Self, second: &Self) -> Self {
+    pub fn mixed(first: &Self, second: &Self) -> Self {
         let of_first = BVec4A::new(true, false, true, false);
         Self {
             axes: [0, 1, 2].map(|k| Vec4::select(of_first, first.axes[k], second.axes[k])),
         }
     }
 
-    /// Both as what another pair is compared with.
+    /// Both boxes as queries for another pair.
     #[inline]
     #[must_use]
     pub fn queries(&self) -> [BoxQuery; 2] {
@@ -111,20 +111,20 @@ impl BoxPair {
     /// One of the two, 0 or 1.
     #[inline]
     #[must_use]
-    pub fn get(&self, side: usize) -> Aabb {
+    pub fn get(&self, index: usize) -> Aabb {
         let [x, y, z] = self.axes;
         Aabb {
-            lower: Vec3::new(x[side], y[side], z[side]),
-            upper: -Vec3::new(x[side + 2], y[side + 2], z[side + 2]),
+            lower: Vec3::new(x[index], y[index], z[index]),
+            upper: -Vec3::new(x[index + 2], y[index + 2], z[index + 2]),
         }
     }
 
     /// Sets one of the two, 0 or 1.
     #[inline]
-    pub fn set(&mut self, side: usize, to: Aabb) {
+    pub fn set(&mut self, index: usize, to: Aabb) {
         for (k, axis) in self.axes.iter_mut().enumerate() {
-            axis[side] = to.lower[k];
-            axis[side + 2] = -to.upper[k];
+            axis[index] = to.lower[k];
+            axis[index + 2] = -to.upper[k];
         }
     }
 
@@ -139,7 +139,7 @@ impl BoxPair {
         }
     }
 
-    /// Whether each shares a point with a box; touching counts.
+    /// Whether each shares a point with a box; boundary contact counts.
     #[inline]
     #[must_use]
     pub fn overlap(&self, query: &BoxQuery) -> [bool; 2] {
@@ -148,16 +148,16 @@ impl BoxPair {
         [within & 0b0101 == 0b0101, within & 0b1010 == 0b1010]
     }
 
-    /// Squared distances from a point or box, each at most what it is in truth.
+    /// Squared distances from a point or box, each at most the exact value.
     #[inline]
     #[must_use]
     pub fn distances_squared(&self, query: &BoxQuery) -> [f32; 2] {
-        // What is beyond the range of f32 is still no infinity: that would be more than the truth.
+        // Beyond the range of f32 the largest number, since infinity would exceed the exact value.
         let squared = (self.squared(query) * SHRINK).min(Vec4::MAX);
         [squared.x, squared.y]
     }
 
-    /// Which of the two lie within a distance of a point or box; none is left out by rounding.
+    /// Which of the two are within a distance of a point or box; rounding excludes none.
     #[inline]
     #[must_use]
     pub fn within(&self, query: &BoxQuery, bound: BoxBound) -> Within {
@@ -168,7 +168,7 @@ impl BoxPair {
         }
     }
 
-    /// Squared distances in the first two places, rounded either way.
+    /// Squared distances in the first two components, rounded either way.
     #[inline]
     fn squared(&self, query: &BoxQuery) -> Vec4 {
         let beyond = |k: usize| {
@@ -202,7 +202,7 @@ impl Within {
         self.which & 0b10 != 0
     }
 
-    /// Squared distances of both, to be compared with [`BoxBound::includes`] only: rounded either way.
+    /// Squared distances of both, rounded either way; only for [`BoxBound::includes`].
     #[inline]
     #[must_use]
     pub fn squared(&self) -> [f32; 2] {
@@ -210,27 +210,27 @@ impl Within {
     }
 }
 
-/// A squared distance as those of boxes are compared with it: so much larger than it is that no rounding leaves out
-/// a box that is as near.
+/// A squared distance to compare boxes with, enlarged so that rounding excludes no box at that
+/// distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoxBound(f32);
 
-/// Undoes [`SHRINK`], and the rounding of the bound itself.
+/// Compensates [`SHRINK`] and the rounding of the bound itself.
 const GROW: f32 = 1.0 + 8.0 * f32::EPSILON;
 
 impl BoxBound {
-    /// Everything is within.
+    /// Includes everything.
     pub const NONE: Self = Self(f32::INFINITY);
 
-    /// Of a squared distance, not negative.
+    /// The bound of a squared distance, not negative.
     #[inline]
     #[must_use]
     pub fn squared(bound: f64) -> Self {
-        // The square of what is very small may have been rounded to a subnormal number or to nothing.
+        // The square of a very small number may be subnormal or 0.
         Self(bound as f32 * GROW + f32::MIN_POSITIVE)
     }
 
-    /// Whether a distance of [`Within::squared`] is within.
+    /// Whether a distance of [`Within::squared`] is within the bound.
     #[inline]
     #[must_use]
     pub fn includes(self, squared: f32) -> bool {
@@ -250,9 +250,9 @@ impl BoxQuery {
     #[inline]
     #[must_use]
     pub fn between(low: DVec3, high: DVec3) -> Self {
-        // A unit in the last place outwards, whichever way it was rounded: no branch, which nothing could predict.
-        let most = DVec3::splat(f64::from(f32::MAX));
-        let [low, high] = [low, high].map(|corner| corner.clamp(-most, most).as_vec3());
+        // One unit in the last place outwards in any case, which avoids an unpredictable branch.
+        let max = DVec3::splat(f64::from(f32::MAX));
+        let [low, high] = [low, high].map(|corner| corner.clamp(-max, max).as_vec3());
         let room = |corner: Vec3| corner.abs() * f32::EPSILON + Vec3::splat(f32::MIN_POSITIVE);
         let (below, above) = (low - room(low), high + room(high));
         let axis = |k: usize| Vec4::new(above[k], above[k], -below[k], -below[k]);
@@ -290,16 +290,18 @@ mod tests {
             for (query, of) in pair.queries().iter().zip([a, b]) {
                 prop_assert_eq!(query.axes, BoxQuery::around(&of).axes);
                 let sides = of.upper - of.lower;
-                prop_assert!((query.size() - sides.element_sum()).abs() <= 1e-6 * (of.upper.abs().max_element() + of.lower.abs().max_element()));
+                let size = of.upper.abs().max_element() + of.lower.abs().max_element();
+                prop_assert!((query.size() - sides.element_sum()).abs() <= 1e-6 * size);
             }
             prop_assert_eq!([pair.get(0), pair.get(1)], [a, b]);
             prop_assert_eq!(pair.union(), a.union(b));
             let joined = pair.joined();
             prop_assert_eq!([joined.get(0), joined.get(1)], [a.union(b); 2]);
-            let beside = BoxPair::beside(&pair, &BoxPair::new([b, c]));
-            prop_assert_eq!([beside.get(0), beside.get(1)], [a, c]);
+            let mixed = BoxPair::mixed(&pair, &BoxPair::new([b, c]));
+            prop_assert_eq!([mixed.get(0), mixed.get(1)], [a, c]);
             let wide = BoxPair::twice_widened(a.lower.into(), a.upper.into());
-            prop_assert_eq!([wide.get(0), wide.get(1)], [widened(a.lower.into(), a.upper.into()); 2]);
+            let expected = widened(a.lower.into(), a.upper.into());
+            prop_assert_eq!([wide.get(0), wide.get(1)], [expected; 2]);
             pair.set(1, c);
             prop_assert_eq!([pair.get(0), pair.get(1)], [a, c]);
         }
@@ -323,20 +325,20 @@ mod tests {
         }
 
         #[test]
-        fn what_is_within_is_found_and_hardly_more(
+        fn boxes_within_a_distance_are_found_and_hardly_any_others(
             a in some_box(), b in some_box(),
             point in prop::array::uniform3(prop_oneof![-2.0..2.0f64, number().prop_map(f64::from)]),
         ) {
             let point = DVec3::from_array(point);
             let (pair, query) = (BoxPair::new([a, b]), BoxQuery::point(point));
-            for (side, of) in [a, b].into_iter().enumerate() {
+            for (index, of) in [a, b].into_iter().enumerate() {
                 let exact = of.distance_squared(point);
                 let within = |bound: f64| {
                     let bound = BoxBound::squared(bound);
                     let found = pair.within(&query, bound);
-                    let which = [found.first(), found.second()][side];
+                    let which = [found.first(), found.second()][index];
                     // What is put off and looked at again is judged alike.
-                    assert_eq!(which, bound.includes(found.squared()[side]));
+                    assert_eq!(which, bound.includes(found.squared()[index]));
                     which
                 };
                 prop_assert!(within(exact), "{}", exact);
@@ -361,12 +363,14 @@ mod tests {
             let [low, high] = [c.lower, c.upper].map(|p| p.as_dvec3() * (1.0 + eighth));
             let (low, high) = (low.min(high), low.max(high));
             let found = BoxPair::new([a, b]).overlap(&BoxQuery::between(low, high));
-            let exactly = BoxPair::new([a, b]).overlap(&BoxQuery::between(c.lower.as_dvec3(), c.upper.as_dvec3()));
+            let exact = BoxQuery::between(c.lower.as_dvec3(), c.upper.as_dvec3());
+            let exactly = BoxPair::new([a, b]).overlap(&exact);
             for ((found, exactly), of) in found.into_iter().zip(exactly).zip([a, b]) {
                 let (lower, upper) = (of.lower.as_dvec3(), of.upper.as_dvec3());
                 let truth = lower.cmple(high).all() && upper.cmpge(low).all();
                 prop_assert!(found || !truth);
-                // Farther apart than two units in the last place of the box asked for, nothing overlaps.
+                // Farther apart than two units in the last place of the box asked for, nothing
+                // overlaps.
                 let room = c.lower.abs().max(c.upper.abs()).as_dvec3() * 3e-7 + 1e-37;
                 let apart = lower.cmpgt(c.upper.as_dvec3() + room).any()
                     || upper.cmplt(c.lower.as_dvec3() - room).any();

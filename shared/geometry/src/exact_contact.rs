@@ -1,6 +1,6 @@
 //! Contact of points, segments and triangles that share a plane or a line: exact, slow and rare.
 //!
-//! Within a plane one axis is left out, so that signs are those of `orient2d` on stored coordinates.
+//! Within a plane one axis is dropped, so signs are those of `orient2d` on stored coordinates.
 
 use super::TrianglePair;
 use super::predicates::{side_of_plane, triangle_is_degenerate};
@@ -8,23 +8,23 @@ use glam::{DVec2, DVec3};
 use robust::{Coord, orient2d};
 use std::cmp::Ordering::{Equal, Greater, Less};
 
-/// The ends of what two figures share; equal for a point.
+/// The ends of an intersection; equal for a point.
 pub(super) type Ends = [DVec3; 2];
 
 /// Twice the signed area of a triangle of the plane; the sign is exact.
-fn turn(a: DVec2, b: DVec2, c: DVec2) -> f64 {
+fn orientation(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     let coord = |p: DVec2| Coord { x: p.x, y: p.y };
     orient2d(coord(a), coord(b), coord(c))
 }
 
-/// A plane of 3-space with one axis left out.
+/// Projection of a plane along one axis.
 #[derive(Clone, Copy)]
 struct View {
     axis: usize,
 }
 
 impl View {
-    /// The view that shows a triangle largest; `None` for one without area.
+    /// The projection in which a triangle is largest; `None` for one without area.
     fn of(t: [DVec3; 3]) -> Option<Self> {
         let normal = (t[1] - t[0]).cross(t[2] - t[0]).abs();
         let largest = if normal.x >= normal.y && normal.x >= normal.z {
@@ -37,7 +37,7 @@ impl View {
         [largest, (largest + 1) % 3, (largest + 2) % 3]
             .into_iter()
             .map(|axis| Self { axis })
-            .find(|view| view.turn(t[0], t[1], t[2]) != 0.0)
+            .find(|view| view.orientation(t[0], t[1], t[2]) != 0.0)
     }
 
     fn at(self, p: DVec3) -> DVec2 {
@@ -48,20 +48,21 @@ impl View {
         }
     }
 
-    fn turn(self, a: DVec3, b: DVec3, c: DVec3) -> f64 {
-        turn(self.at(a), self.at(b), self.at(c))
+    fn orientation(self, a: DVec3, b: DVec3, c: DVec3) -> f64 {
+        orientation(self.at(a), self.at(b), self.at(c))
     }
 }
 
-/// The corners of what two convex figures of a plane share: corners of one in the other, and places where edges
-/// cross. Which they are is exact, so none is lost to rounding; only the crossings are rounded.
+/// The corners of the intersection of two convex figures of a plane: corners of one in the other,
+/// and crossings of edges. Their selection is exact, so none is lost to rounding; only the
+/// crossings are rounded.
 struct Shared {
     corners: [DVec3; 15],
     count: usize,
 }
 
 impl Shared {
-    /// Of a point, a segment or a triangle and another, in the plane of the view.
+    /// Intersection of two figures, each a point, a segment or a triangle in the plane of the view.
     fn new(view: View, a: &[DVec3], b: &[DVec3]) -> Self {
         let mut shared = Self {
             corners: [DVec3::ZERO; 15],
@@ -69,15 +70,15 @@ impl Shared {
         };
         for (one, other) in [(a, b), (b, a)] {
             for &corner in one {
-                if holds(view, other, corner) {
+                if contains_point(view, other, corner) {
                     shared.push(corner);
                 }
             }
         }
         for [p, q] in edges(a) {
             for [r, s] in edges(b) {
-                let (of_p, of_q) = (view.turn(r, s, p), view.turn(r, s, q));
-                let (of_r, of_s) = (view.turn(p, q, r), view.turn(p, q, s));
+                let (of_p, of_q) = (view.orientation(r, s, p), view.orientation(r, s, q));
+                let (of_r, of_s) = (view.orientation(p, q, r), view.orientation(p, q, s));
                 let opposite = |x: f64, y: f64| (x < 0.0 && y > 0.0) || (x > 0.0 && y < 0.0);
                 if opposite(of_p, of_q) && opposite(of_r, of_s) {
                     shared.push(p.lerp(q, of_p / (of_p - of_q)));
@@ -97,7 +98,7 @@ impl Shared {
         sum / self.count as f64
     }
 
-    /// The two farthest from each other; `None` for nothing shared.
+    /// The two corners farthest from each other; `None` for an empty intersection.
     fn ends(&self) -> Option<Ends> {
         let corners = &self.corners[..self.count];
         let mut ends = [*corners.first()?; 2];
@@ -122,26 +123,31 @@ fn edges(figure: &[DVec3]) -> impl Iterator<Item = Ends> + '_ {
     (0..count).map(|k| [figure[k], figure[(k + 1) % figure.len()]])
 }
 
-/// Whether a closed figure holds a point of its plane.
-fn holds(view: View, figure: &[DVec3], x: DVec3) -> bool {
+/// Whether a closed figure contains a point of its plane.
+fn contains_point(view: View, figure: &[DVec3], x: DVec3) -> bool {
     match *figure {
         [a, b, c] => {
-            let inside = view.turn(a, b, c).signum();
-            edges(figure).all(|[p, q]| view.turn(p, q, x) * inside >= 0.0)
+            let inside = view.orientation(a, b, c).signum();
+            edges(figure).all(|[p, q]| view.orientation(p, q, x) * inside >= 0.0)
         }
         [a, b] => {
             let (first, last) = (earlier(a, b), later(a, b));
-            view.turn(a, b, x) == 0.0 && !before(x, first) && !before(last, x)
+            view.orientation(a, b, x) == 0.0 && !before(x, first) && !before(last, x)
         }
         _ => figure.contains(&x),
     }
 }
 
-/// Whether two triangles of one plane overlap in an area: no edge of one has the other wholly beyond it.
+/// Whether two triangles of one plane overlap in an area: no edge of one has the whole other beyond
+/// it.
 fn overlap(view: View, a: [DVec3; 3], b: [DVec3; 3]) -> bool {
     [(a, b), (b, a)].iter().all(|(one, other)| {
-        let inside = view.turn(one[0], one[1], one[2]).signum();
-        edges(one).all(|[p, q]| other.iter().any(|&x| view.turn(p, q, x) * inside > 0.0))
+        let inside = view.orientation(one[0], one[1], one[2]).signum();
+        edges(one).all(|[p, q]| {
+            other
+                .iter()
+                .any(|&x| view.orientation(p, q, x) * inside > 0.0)
+        })
     })
 }
 
@@ -156,16 +162,16 @@ pub(super) fn coplanar_contact(a: [DVec3; 3], b: [DVec3; 3]) -> TrianglePair {
         Some(_) if overlap(view, a, b) => TrianglePair::Coplanar {
             centre: shared.centre(),
         },
-        Some([from, to]) => TrianglePair::Touching { from, to },
+        Some([from, to]) => TrianglePair::Boundary { from, to },
     }
 }
 
-/// What a point or a segment shares with a triangle that has an area and in whose plane it lies.
+/// Intersection of a point or a segment with a triangle with an area, in its plane.
 pub(super) fn contact_in_plane(part: &[DVec3], whole: [DVec3; 3]) -> Option<Ends> {
     Shared::new(View::of(whole)?, part, &whole).ends()
 }
 
-/// What a segment shares with a triangle that has an area.
+/// Intersection of a segment with a triangle with an area.
 pub(super) fn contact_of_segment(p: DVec3, q: DVec3, t: [DVec3; 3]) -> Option<Ends> {
     let side = |x: DVec3| side_of_plane(t[0], t[1], t[2], x);
     match (side(p), side(q)) {
@@ -208,7 +214,7 @@ fn ends_of(t: [DVec3; 3]) -> Ends {
     ]
 }
 
-/// What two segments share; each may be a point, its ends are in order.
+/// Intersection of two segments; each may be a point, its ends are in order.
 fn contact_of_segments([p, q]: Ends, [r, s]: Ends) -> Option<Ends> {
     let on_line = |x: DVec3, [a, b]: Ends| triangle_is_degenerate(a, b, x);
     let all_on_one_line = if p == q {
@@ -220,7 +226,7 @@ fn contact_of_segments([p, q]: Ends, [r, s]: Ends) -> Option<Ends> {
         let (from, to) = (later(p, r), earlier(q, s));
         return (!before(to, from)).then_some([from, to]);
     }
-    // A point beside the other's line, or two segments: those meet only within a plane.
+    // A point off the other's line meets nothing; two segments meet only within a plane.
     if p == q || r == s || side_of_plane(p, q, r, s) != Equal {
         return None;
     }

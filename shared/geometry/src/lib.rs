@@ -1,4 +1,25 @@
-//! Geometry in the model's frame: f32 where stored, f64 where something is decided.
+//! Geometry in the model's frame: f32 for storage, f64 for decisions.
+//!
+//! | module | content |
+//! |---|---|
+//! | `pose` | poses and wrenches |
+//! | `similarity` | frames with a scale |
+//! | `aabb`, `box_pair` | axis-aligned boxes, rounded outwards |
+//! | `triangle` | closest point on a triangle, overlap with a box |
+//! | `segment`, `triangle_distance` | closest points of segments and triangles |
+//! | `triangle_pair`, `exact_contact` | exact intersection of two triangles |
+//! | `predicates` | exact signs |
+//!
+//! ```
+//! use geometry::closest_point_on_triangle;
+//! use glam::DVec3;
+//!
+//! let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+//! let closest = closest_point_on_triangle(corners, DVec3::new(0.25, 0.25, 2.0));
+//! assert_eq!(closest.point, DVec3::new(0.25, 0.25, 0.0));
+//! assert_eq!(closest.distance_squared, 4.0);
+//! assert_eq!(closest.weights, [0.5, 0.25, 0.25]);
+//! ```
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
@@ -27,6 +48,6 @@ pub use triangle::{
     triangle_overlaps_box,
 };
 pub use triangle_distance::{
-    capsule_triangle_distance, closest_points_of_triangles, least_distance_squared_of_triangles,
+    capsule_triangle_distance, closest_points_of_triangles, distance_squared_bound_of_triangles,
 };
 pub use triangle_pair::{Facet, TrianglePair, triangle_pair};

@@ -1,4 +1,4 @@
-//! Poses and wrenches: what crosses every interface, even while the first probe is a sphere.
+//! Poses and wrenches: every interface carries rotation and torque, also for sphere probes.
 
 use glam::{DQuat, DVec3};
 
@@ -27,7 +27,7 @@ impl Pose {
         }
     }
 
-    /// A pose from a file's quaternion, which is written w first: the one place that converts.
+    /// A pose from a quaternion with w first, the order of files. This is the only conversion.
     ///
     /// `None` when a number is not finite or the quaternion has no direction.
     #[must_use]

@@ -1,4 +1,4 @@
-//! Signs that decide side or shape, exact after Shewchuk (crate `robust`).
+//! Exact signs of side and shape (Shewchuk 1997, crate `robust`).
 
 use glam::DVec3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
@@ -21,7 +21,7 @@ pub fn side_of_plane(a: DVec3, b: DVec3, c: DVec3, point: DVec3) -> Ordering {
     sign.partial_cmp(&0.0).unwrap_or(Ordering::Equal)
 }
 
-/// Whether the three points lie on one line exactly: their projections on all three axis planes do.
+/// Whether three points are exactly on one line: their projections on all three axis planes are.
 #[must_use]
 pub fn triangle_is_degenerate(a: DVec3, b: DVec3, c: DVec3) -> bool {
     let flat = |x: fn(DVec3) -> f64, y: fn(DVec3) -> f64| {

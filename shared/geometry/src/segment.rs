@@ -11,7 +11,8 @@ use std::cmp::Ordering;
 pub struct ClosestPair {
     /// A point of the first figure and one of the second.
     pub points: [DVec3; 2],
-    /// Their squared distance; exactly 0 where two triangles, or a segment and a triangle, share a point.
+    /// Their squared distance; exactly 0 where two triangles, or a segment and a triangle, share a
+    /// point.
     pub distance_squared: f64,
 }
 
@@ -76,10 +77,12 @@ pub(super) fn foot([a, b]: [DVec3; 2], point: DVec3) -> DVec3 {
     a.lerp(b, closest_point_on_segment(a, b, point))
 }
 
-/// Where the lines of two segments come closest, if that is within both; else an end of one of them is closest.
+/// The closest points of the lines of two segments, if they are inside both segments; otherwise an
+/// end of one of them is closest.
 ///
-/// Cross products, not differences of dot products, which cancel on near-parallel segments. There the place along
-/// the segments is uncertain by rounding over the angle; the foot on the other segment makes the distance good.
+/// Differences of dot products would cancel on near-parallel segments, so these are cross products.
+/// There the position along the segments still has an error of rounding over the angle; the foot on
+/// the other segment corrects the distance.
 #[inline]
 pub(super) fn closest_inner_points(p: [DVec3; 2], q: [DVec3; 2]) -> Option<ClosestPair> {
     let (u, v, between) = (p[1] - p[0], q[1] - q[0], q[0] - p[0]);
@@ -102,7 +105,8 @@ pub fn closest_points_of_segment_and_triangle(
     if let Some(at) = piercing_point(segment, triangle) {
         return ClosestPair::shared(at);
     }
-    // An end and the triangle, a corner and the segment, or inner points of the segment and an edge.
+    // An end and the triangle, a corner and the segment, or inner points of the segment and an
+    // edge.
     let mut best = ClosestPair::NONE;
     for end in segment {
         let closest = closest_point_on_triangle(triangle, end);
@@ -118,7 +122,8 @@ pub fn closest_points_of_segment_and_triangle(
     best
 }
 
-/// A point that a segment shares with a triangle, by exact signs. Triangles without area are left to their edges.
+/// A point that a segment shares with a triangle, by exact signs; `None` for triangles without
+/// area, whose edges decide.
 fn piercing_point([p, q]: [DVec3; 2], t: [DVec3; 3]) -> Option<DVec3> {
     let side = |x: DVec3| side_of_plane(t[0], t[1], t[2], x);
     let (of_p, of_q) = (side(p), side(q));
@@ -129,7 +134,8 @@ fn piercing_point([p, q]: [DVec3; 2], t: [DVec3; 3]) -> Option<DVec3> {
     if !finite || triangle_is_degenerate(t[0], t[1], t[2]) {
         return None;
     }
-    // Where the segment runs along the plane, the place on its line is known badly; that it is on the triangle is known.
+    // Where the segment is almost in the plane, its position on the line is inaccurate; the
+    // projection puts it on the triangle.
     contact_of_segment(p, q, t)
         .map(|[from, to]| closest_point_on_triangle(t, 0.5 * (from + to)).point)
 }

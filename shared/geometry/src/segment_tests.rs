@@ -19,8 +19,8 @@ fn any() -> impl Strategy<Value = DVec3> {
     prop_oneof![vector(), grid()]
 }
 
-/// The least distance of two convex figures by descent: alternating closest points converge on convex sets, and
-/// from several starts the best is the least.
+/// The least distance of two convex figures by descent: alternating closest points converge on
+/// convex sets, and from several starts the best is the least.
 fn alternating(
     on_first: impl Fn(DVec3) -> DVec3,
     on_second: impl Fn(DVec3) -> DVec3,
@@ -49,7 +49,8 @@ fn on_segment([a, b]: [DVec3; 2], p: DVec3) -> DVec3 {
 proptest! {
     #[test]
     fn segments_are_as_near_as_parry_finds_and_as_any_sample(
-        p in prop::array::uniform2(any()), q in prop::array::uniform2(any()), exponent in -10..=6i32,
+        p in prop::array::uniform2(any()), q in prop::array::uniform2(any()),
+        exponent in -10..=6i32,
     ) {
         let s = 10f64.powi(exponent);
         let ours = closest_points_of_segments(p.map(|x| x * s), q.map(|x| x * s));
@@ -78,7 +79,8 @@ proptest! {
     /// Nearly parallel segments at any angle: no worse than by sampling.
     #[test]
     fn nearly_parallel_segments_keep_their_distance(
-        p in prop::array::uniform2(vector()), gap in vector(), slope in vector(), exponent in 2..17i32,
+        p in prop::array::uniform2(vector()), gap in vector(), slope in vector(),
+        exponent in 2..17i32,
     ) {
         let tilt = slope * 10f64.powi(-exponent);
         let q = [p[0] + gap, p[1] + gap + tilt];
@@ -92,7 +94,8 @@ proptest! {
     /// Segments that cross at any angle, however small, are at distance 0 within rounding.
     #[test]
     fn nearly_parallel_segments_that_cross_meet(
-        p in prop::array::uniform2(vector()), place in 0.2..0.8f64, slope in vector(), exponent in 1..17i32,
+        p in prop::array::uniform2(vector()), place in 0.2..0.8f64, slope in vector(),
+        exponent in 1..17i32,
     ) {
         let half = 0.5 * (p[1] - p[0]) + slope * 10f64.powi(-exponent);
         let middle = p[0].lerp(p[1], place);
@@ -103,13 +106,15 @@ proptest! {
 
     #[test]
     fn a_segment_and_a_triangle(
-        p in prop::array::uniform2(any()), t in prop::array::uniform3(any()), exponent in -10..=6i32,
+        p in prop::array::uniform2(any()), t in prop::array::uniform3(any()),
+        exponent in -10..=6i32,
     ) {
         let s = 10f64.powi(exponent);
         let ours = closest_points_of_segment_and_triangle(p.map(|x| x * s), t.map(|x| x * s));
         let distance = ours.distance_squared.sqrt() / s;
         prop_assert!(on_segment(p, ours.points[0] / s).distance(ours.points[0] / s) < 1e-13);
-        prop_assert!(closest_point_on_triangle(t, ours.points[1] / s).distance_squared.sqrt() < 1e-13);
+        let off = closest_point_on_triangle(t, ours.points[1] / s).distance_squared;
+        prop_assert!(off.sqrt() < 1e-13);
         let nearest = |x: DVec3| closest_point_on_triangle(t, x).point;
         let starts = [p[0], p[1], t[0], t[1], t[2]];
         let least = alternating(|x| on_segment(p, x), nearest, &starts);
@@ -121,13 +126,16 @@ proptest! {
 
     #[test]
     fn triangles(
-        a in prop::array::uniform3(any()), b in prop::array::uniform3(any()), exponent in -10..=6i32,
+        a in prop::array::uniform3(any()), b in prop::array::uniform3(any()),
+        exponent in -10..=6i32,
     ) {
         let s = 10f64.powi(exponent);
         let ours = closest_points_of_triangles(a.map(|x| x * s), b.map(|x| x * s));
         let distance = ours.distance_squared.sqrt() / s;
-        prop_assert!(closest_point_on_triangle(a, ours.points[0] / s).distance_squared.sqrt() < 1e-13);
-        prop_assert!(closest_point_on_triangle(b, ours.points[1] / s).distance_squared.sqrt() < 1e-13);
+        for (triangle, point) in [a, b].into_iter().zip(ours.points) {
+            let off = closest_point_on_triangle(triangle, point / s).distance_squared;
+            prop_assert!(off.sqrt() < 1e-13);
+        }
         let on = |t: [DVec3; 3]| move |x: DVec3| closest_point_on_triangle(t, x).point;
         let least = alternating(on(a), on(b), &[a[0], a[1], a[2], b[0], b[1], b[2]]);
         prop_assert!(distance <= least + 1e-13 && least <= distance + 2e-2, "{} {}", distance, least);
@@ -136,7 +144,8 @@ proptest! {
     }
 }
 
-/// dimforge/parry #76: a triangle whose second and third corner are one is a segment, and not at distance 0.
+/// dimforge/parry #76: a triangle whose second and third corner are one is a segment, and not at
+/// distance 0.
 #[test]
 fn parry_issue_76() {
     let p = DVec3::new(1.10000002, -7.9000001, 16.5879993);
@@ -187,7 +196,8 @@ fn parry_issue_194() {
     }
 }
 
-/// jrouwe/JoltPhysics #886: a sphere of radius 0.2 near a triangle that is nearly a segment is not a hit.
+/// jrouwe/JoltPhysics #886: a sphere of radius 0.2 near a triangle that is nearly a segment is not
+/// a hit.
 #[test]
 fn jolt_issue_886() {
     let t = [
@@ -202,7 +212,8 @@ fn jolt_issue_886() {
     assert!(distance > 2.2 - 0.01 && distance < 2.3, "{distance}");
 }
 
-/// dimforge/parry #378: a capsule's end over the corner of a box; both points must be near each other.
+/// dimforge/parry #378: a capsule's end over the corner of a box; both points must be near each
+/// other.
 #[test]
 fn parry_issue_378() {
     let top = [[-4.0, 0.5, -1.0], [4.0, 0.5, -1.0], [4.0, 0.5, 1.0]].map(DVec3::from_array);
@@ -216,7 +227,8 @@ fn parry_issue_378() {
     }
 }
 
-/// RenderKit/embree #387, #423: a segment that grazes a skinny triangle is told exactly, one ulp beside it.
+/// RenderKit/embree #387, #423: a segment that grazes a skinny triangle is told exactly, one ulp
+/// beside it.
 #[test]
 fn embree_issue_387() {
     let t = [DVec3::ZERO, DVec3::X * 1e6, DVec3::new(1e6, 1e-6, 0.0)];

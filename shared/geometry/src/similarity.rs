@@ -1,4 +1,4 @@
-//! A frame with a scale: how an object's units lie in the world, and one object's frame in another's.
+//! Frames with a scale: from an object's units to the world, and from one object to another.
 
 use super::{Aabb, Pose};
 use glam::{DMat3, DVec3, Vec3A};
@@ -13,7 +13,7 @@ pub struct Similarity {
 }
 
 impl Similarity {
-    /// A frame that is its parent.
+    /// The identity.
     pub const IDENTITY: Self = Self {
         linear: DMat3::IDENTITY,
         scale: 1.0,
@@ -22,7 +22,8 @@ impl Similarity {
 
     /// From a model's frame to the world's: metres per unit of the model, then the pose.
     ///
-    /// `None` when a number is not finite, the scale is not positive or the orientation has no direction.
+    /// `None` when a number is not finite, the scale is not positive or the orientation has no
+    /// direction.
     #[must_use]
     pub fn new(pose: Pose, metres_per_unit: f64) -> Option<Self> {
         let length = pose.orientation.length();
@@ -39,7 +40,7 @@ impl Similarity {
         (usable && similarity.is_finite()).then_some(similarity)
     }
 
-    /// The same for coordinates that are stored less an origin, in units of the inner frame.
+    /// The same for coordinates stored relative to an origin, in units of the inner frame.
     #[must_use]
     pub fn with_origin(self, origin: DVec3) -> Self {
         Self {
@@ -48,8 +49,8 @@ impl Similarity {
         }
     }
 
-    /// From the frame of `b` to the frame of `a`, both given in the world. Their places are subtracted first, so
-    /// that two objects far from the world's origin lose nothing.
+    /// From the frame of `b` to the frame of `a`, both given in the world. Their positions are
+    /// subtracted first, so objects far from the world's origin lose no precision.
     #[must_use]
     pub fn relative(a: &Self, b: &Self) -> Option<Self> {
         let back = a.linear.transpose() * (1.0 / (a.scale * a.scale));
@@ -85,7 +86,8 @@ impl Similarity {
         self.linear * vector
     }
 
-    /// A box of the outer frame around a box, rounded outwards: it holds [`Similarity::point`] of every point.
+    /// A box of the outer frame around a box, rounded outwards: it contains [`Similarity::point`]
+    /// of every point.
     #[inline]
     #[must_use]
     pub fn box_around(&self, aabb: &Aabb) -> Aabb {
@@ -93,20 +95,21 @@ impl Similarity {
         let (centre, half) = (0.5 * (lower + upper), 0.5 * (upper - lower));
         let about = self.linear * centre;
         let absolute = self.linear.abs();
-        let reach = absolute * half;
-        // A sum of three products and a translation, of a point and of the centre.
-        let size = absolute * centre.abs() + reach + self.translation.abs();
-        let half = reach + 16.0 * f64::EPSILON * size;
+        let extent = absolute * half;
+        // Rounding of three products and a translation, for a point and for the centre.
+        let size = absolute * centre.abs() + extent + self.translation.abs();
+        let half = extent + 16.0 * f64::EPSILON * size;
         let centre = about + self.translation;
         widened((centre - half).as_vec3a(), (centre + half).as_vec3a())
     }
 }
 
-/// The box of corners that were rounded to f32, widened by twice that rounding: it holds them as they were in f64.
+/// The box of corners that were rounded to f32, widened by twice that rounding, so that it contains
+/// the f64 corners.
 #[inline]
 #[must_use]
 pub fn widened(lower: Vec3A, upper: Vec3A) -> Aabb {
-    // The least normal number covers the rounding of subnormal ones.
+    // The smallest normal number covers the rounding of subnormal ones.
     let rounding = |p: Vec3A| p.abs() * f32::EPSILON + f32::MIN_POSITIVE;
     Aabb {
         lower: (lower - rounding(lower)).into(),
@@ -142,7 +145,8 @@ mod tests {
         /// A box goes to a box around everything in it, and not to a much larger one.
         #[test]
         fn a_box_holds_its_points(
-            s in similarity(), a in vector(), b in vector(), inside in prop::array::uniform3(0.0..=1.0f64),
+            s in similarity(), a in vector(), b in vector(),
+            inside in prop::array::uniform3(0.0..=1.0f64),
         ) {
             let (a, b) = (a.as_vec3(), b.as_vec3());
             let aabb = Aabb { lower: a.min(b), upper: a.max(b) };
@@ -154,7 +158,8 @@ mod tests {
             };
             let within = s.point(lower + (upper - lower) * DVec3::from_array(inside));
             for p in (0..8).map(|k| s.point(corner(k))).chain([within]) {
-                prop_assert!(moved.lower.as_dvec3().cmple(p).all() && moved.upper.as_dvec3().cmpge(p).all());
+                prop_assert!(moved.lower.as_dvec3().cmple(p).all());
+                prop_assert!(moved.upper.as_dvec3().cmpge(p).all());
             }
             let size = aabb.diagonal() * s.scale();
             let rounding = 1e-6 * (s.translation.length() + 2.0 * s.scale());
@@ -162,16 +167,19 @@ mod tests {
         }
 
         #[test]
-        fn the_relative_frame_is_there_and_back(a in similarity(), b in similarity(), p in vector()) {
+        fn the_relative_frame_is_there_and_back(
+            a in similarity(), b in similarity(), p in vector(),
+        ) {
             let relative = Similarity::relative(&a, &b).unwrap();
             let (direct, there) = (b.point(p), a.point(relative.point(p)));
-            let size = 1e-12 * (direct.length() + a.translation.length() + b.translation.length() + 1.0);
+            let offsets = a.translation.length() + b.translation.length();
+            let size = 1e-12 * (direct.length() + offsets + 1.0);
             prop_assert!(direct.distance(there) <= size);
         }
     }
 
     #[test]
-    fn what_is_no_frame_is_refused() {
+    fn impossible_frames_are_refused() {
         let good = Pose::at(DVec3::X);
         let with = |position, orientation| Pose {
             position,
@@ -189,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_widened_box_holds_what_was_rounded() {
+    fn a_widened_box_contains_the_rounded_point() {
         for x in [0.1f64, -0.1, 1e-46, -1e-46, 1e-40, 1e38, -1e38, 0.5, 0.0] {
             let near = DVec3::splat(x).as_vec3a();
             let aabb = widened(near, near);

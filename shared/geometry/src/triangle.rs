@@ -25,18 +25,20 @@ impl ClosestPoint {
     }
 }
 
-/// Signed solid angle of a triangle seen from a point, in -2 pi..=2 pi: positive where its corners go round
-/// clockwise, so that over a closed mesh the sum is 4 pi inside and 0 outside (van Oosterom and Strackee 1983).
+/// Signed solid angle of a triangle seen from a point, in -2 pi..=2 pi, positive where its corners
+/// appear clockwise. Over a closed mesh the sum is 4 pi inside and 0 outside (van Oosterom and
+/// Strackee 1983).
 #[must_use]
 pub fn solid_angle(corners: [DVec3; 3], point: DVec3) -> f64 {
     let [a, b, c] = corners.map(|corner| corner - point);
     let (la, lb, lc) = (a.length(), b.length(), c.length());
     let volume = a.dot(b.cross(c));
-    let rest = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
-    2.0 * volume.atan2(rest)
+    let denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+    2.0 * volume.atan2(denominator)
 }
 
-/// Parameter in 0..=1 of the point of segment `a b` closest to `query`; 0 for a segment of no length.
+/// Parameter in 0..=1 of the point of segment `a b` closest to `query`; 0 for a segment of no
+/// length.
 #[must_use]
 #[inline]
 pub fn closest_point_on_segment(a: DVec3, b: DVec3, query: DVec3) -> f64 {
@@ -49,10 +51,11 @@ pub fn closest_point_on_segment(a: DVec3, b: DVec3, query: DVec3) -> f64 {
     }
 }
 
-/// Closest point of a triangle, by Voronoi regions (Ericson, Real-Time Collision Detection, 5.1.5).
+/// Closest point on a triangle, by Voronoi regions (Ericson 2005, section 5.1.5).
 ///
-/// A triangle whose corners lie on a line answers as its longest edge: no epsilon, any scale.
-// A call would pass a hundred bytes through memory, written in other pieces than they are read in: a third of its time.
+/// A triangle without area is treated as its longest edge: no epsilon, any scale.
+// A call would pass a hundred bytes through memory and take a third of its time, since they are
+// written in other pieces than they are read.
 #[inline(always)]
 #[must_use]
 pub fn closest_point_on_triangle(corners: [DVec3; 3], query: DVec3) -> ClosestPoint {
@@ -72,8 +75,8 @@ pub fn closest_point_on_triangle(corners: [DVec3; 3], query: DVec3) -> ClosestPo
     if d6 >= 0.0 && d5 <= d6 {
         return ClosestPoint::at(corners, [0.0, 0.0, 1.0], query);
     }
-    // The signs of these decide between face and edges. They come from a cross product with the
-    // normal, not from differences of products of dot products, which cancel on slivers.
+    // The signs of these decide between face and edges. Differences of products of dot products
+    // would cancel on slivers, so these are products with the normal.
     let normal = ab.cross(ac);
     let wc = normal.dot(ap.cross(bp));
     let wa = normal.dot(bp.cross(cp));
@@ -85,6 +88,17 @@ pub fn closest_point_on_triangle(corners: [DVec3; 3], query: DVec3) -> ClosestPo
         let inverse = 1.0 / sum;
         return ClosestPoint::at(corners, [wa * inverse, wb * inverse, wc * inverse], query);
     }
+    closest_point_on_edges(corners, query, inside, has_area)
+}
+
+/// Closest point on the edges that the query is beyond; on all three for a triangle without area.
+#[inline(always)]
+fn closest_point_on_edges(
+    corners: [DVec3; 3],
+    query: DVec3,
+    inside: [bool; 3],
+    has_area: bool,
+) -> ClosestPoint {
     let on_edge = |i: usize, j: usize| {
         let t = closest_point_on_segment(corners[i], corners[j], query);
         let mut weights = [0.0; 3];
@@ -93,11 +107,11 @@ pub fn closest_point_on_triangle(corners: [DVec3; 3], query: DVec3) -> ClosestPo
         ClosestPoint::at(corners, weights, query)
     };
     let mut best = ClosestPoint {
-        point: a,
+        point: corners[0],
         weights: [1.0, 0.0, 0.0],
         distance_squared: f64::INFINITY,
     };
-    // Beyond an edge, or on it, and mostly beyond one alone.
+    // Mostly beyond one edge alone.
     let mut keep_nearer = |candidate: ClosestPoint| {
         if candidate.distance_squared < best.distance_squared {
             best = candidate;
@@ -108,7 +122,7 @@ pub fn closest_point_on_triangle(corners: [DVec3; 3], query: DVec3) -> ClosestPo
         [true, false, true] if has_area => keep_nearer(on_edge(1, 2)),
         [true, true, false] if has_area => keep_nearer(on_edge(2, 0)),
         _ => {
-            // The nearest of those that it is beyond; of all three where there is no area.
+            // Beyond two edges, or a triangle without area.
             for (edge, (i, j)) in [(0, 1), (1, 2), (2, 0)].into_iter().enumerate() {
                 if !(has_area && inside[edge]) {
                     keep_nearer(on_edge(i, j));
@@ -119,9 +133,10 @@ pub fn closest_point_on_triangle(corners: [DVec3; 3], query: DVec3) -> ClosestPo
     best
 }
 
-/// Whether a triangle and a closed box share a point: separating axes (Akenine-Moller 2001), f64.
+/// Whether a triangle and a closed box share a point, by separating axes (Akenine-Möller 2001) in
+/// f64.
 ///
-/// A tie counts as overlap, so a face on the wall between two cells belongs to both.
+/// A tie is an overlap, so a face on the wall between two cells belongs to both.
 #[must_use]
 pub fn triangle_overlaps_box(corners: [DVec3; 3], lower: DVec3, upper: DVec3) -> bool {
     let low = corners[0].min(corners[1]).min(corners[2]);
@@ -133,20 +148,20 @@ pub fn triangle_overlaps_box(corners: [DVec3; 3], lower: DVec3, upper: DVec3) ->
     let half = (upper - lower) * 0.5;
     let v = corners.map(|p| p - centre);
     let edges = [v[1] - v[0], v[2] - v[1], v[0] - v[2]];
-    // The projections carry rounding of the size of their terms: the slack keeps "touching" on the
-    // side of overlap. It scales with the data, so it is the same at any unit.
+    // The slack covers the rounding of the projections, so a tie stays an overlap. It scales with
+    // the data, so the answer is the same in any unit.
     let separated = |axis: DVec3| {
         let p = v.map(|x| axis.dot(x));
         let radius = half.dot(axis.abs());
-        let least = p[0].min(p[1]).min(p[2]);
-        let most = p[0].max(p[1]).max(p[2]);
+        let min = p[0].min(p[1]).min(p[2]);
+        let max = p[0].max(p[1]).max(p[2]);
         let slack = 8.0
             * f64::EPSILON
             * (radius
                 + v.iter()
                     .map(|x| axis.abs().dot(x.abs()))
                     .fold(0.0, f64::max));
-        least > radius + slack || most < -radius - slack
+        min > radius + slack || max < -radius - slack
     };
     if separated(edges[0].cross(edges[1])) {
         return false;
@@ -220,8 +235,8 @@ mod tests {
             }
             let overlap = triangle_overlaps_box(corners, lower, upper);
             prop_assert!(overlap || !sampled);
-            // No overlap is never claimed falsely: the closest point of the triangle to the centre of
-            // a box that it misses lies outside the inscribed ball.
+            // No overlap is never claimed falsely: the closest point of the triangle to the centre
+            // of a box that it misses lies outside the inscribed ball.
             if !overlap {
                 let d = closest_point_on_triangle(corners, centre).distance_squared.sqrt();
                 prop_assert!(d >= half * (1.0 - 1e-12));

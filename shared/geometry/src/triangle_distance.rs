@@ -20,7 +20,7 @@ pub fn closest_points_of_triangles(a: [DVec3; 3], b: [DVec3; 3]) -> ClosestPair 
         let closest = closest_point_on_triangle(a, corner);
         best.keep_nearer(ClosestPair::between(closest.point, corner));
     }
-    // A corner and an edge were met with the corner; what is left are inner points of two edges.
+    // Corners and edges are done; inner points of two edges remain.
     for k in 0..3 {
         for l in 0..3 {
             let edges = [[a[k], a[(k + 1) % 3]], [b[l], b[(l + 1) % 3]]];
@@ -32,37 +32,38 @@ pub fn closest_points_of_triangles(a: [DVec3; 3], b: [DVec3; 3]) -> ClosestPair 
     best
 }
 
-/// A bound from below on the squared distance of two triangles, 0 where none is found: the gap between them along
-/// either normal. A tenth of the cost of [`closest_points_of_triangles`].
+/// Lower bound of the squared distance of two triangles, 0 where none is found: the gap between
+/// them along either normal. It costs a tenth of [`closest_points_of_triangles`].
 #[must_use]
-pub fn least_distance_squared_of_triangles(a: [DVec3; 3], b: [DVec3; 3]) -> f64 {
+pub fn distance_squared_bound_of_triangles(a: [DVec3; 3], b: [DVec3; 3]) -> f64 {
     gap_along_normal(a, b).max(gap_along_normal(b, a))
 }
 
-/// Any direction bounds the distance, so the normal need not be exact; only the places along it round.
+/// Gap along the normal of `a`. Any direction bounds the distance, so the normal need not be exact;
+/// only the positions along it have rounding.
 fn gap_along_normal(a: [DVec3; 3], b: [DVec3; 3]) -> f64 {
     let (u, v) = (a[1] - a[0], a[2] - a[0]);
     let normal = u.cross(v);
     let offsets = b.map(|corner| corner - a[0]);
     let [of_u, of_v] = [normal.dot(u), normal.dot(v)];
-    let places = offsets.map(|offset| normal.dot(offset));
-    let (least_b, most_b) = (
-        places[0].min(places[1]).min(places[2]),
-        places[0].max(places[1]).max(places[2]),
+    let positions = offsets.map(|offset| normal.dot(offset));
+    let (min_b, max_b) = (
+        positions[0].min(positions[1]).min(positions[2]),
+        positions[0].max(positions[1]).max(positions[2]),
     );
-    let (least_a, most_a) = (of_u.min(of_v).min(0.0), of_u.max(of_v).max(0.0));
-    let gap = (least_b - most_a).max(least_a - most_b);
-    let reach = [u, v, offsets[0], offsets[1], offsets[2]]
+    let (min_a, max_a) = (of_u.min(of_v).min(0.0), of_u.max(of_v).max(0.0));
+    let gap = (min_b - max_a).max(min_a - max_b);
+    let extent = [u, v, offsets[0], offsets[1], offsets[2]]
         .iter()
-        .fold(0.0f64, |most, offset| most.max(offset.abs().max_element()));
-    let rounding = 16.0 * f64::EPSILON * normal.abs().max_element() * reach;
+        .fold(0.0f64, |max, offset| max.max(offset.abs().max_element()));
+    let rounding = 16.0 * f64::EPSILON * normal.abs().max_element() * extent;
     let gap = (gap - rounding).max(0.0);
     let bound = gap * gap / normal.length_squared() * (1.0 - 1e-12);
     if bound.is_finite() { bound } else { 0.0 }
 }
 
-/// Signed distance of a capsule and a triangle with the closest points, the first on the axis: negative by the
-/// depth of the triangle in the capsule, at least `-radius`.
+/// Signed distance of a capsule and a triangle with the closest points, the first on the axis.
+/// Negative values, down to `-radius`, are the depth of the triangle in the capsule.
 #[must_use]
 pub fn capsule_triangle_distance(
     axis: [DVec3; 2],

@@ -1,20 +1,22 @@
-//! Whether and how two triangles meet: exact answers, no epsilon, no allocation.
+//! Intersection of two triangles: exact answers, no epsilon, no allocation.
 //!
-//! The signs of the corners about each other's plane decide most pairs; plain f64 with a bound of its rounding
-//! gives them, Shewchuk's predicates where that is too near zero. Two triangles that each reach to both sides of the
-//! other's plane meet where their intervals on the common line overlap, which two more signs tell (Devillers and
-//! Guigue 2002, after Moeller 1997). All else, planes in common and corners in planes and triangles without area,
-//! is decided in [`super::exact_contact`].
+//! The signs of the corners about each other's plane decide most pairs. Plain f64 with a bound of
+//! its rounding gives them, and Shewchuk's predicates where the value is too near zero. Two
+//! triangles that both have corners on both sides of the other's plane meet where their intervals
+//! on the common line overlap, which two more signs tell (Devillers and Guigue 2002, after Möller
+//! 1997). The rest, common planes, corners in planes and triangles without area, is in
+//! [`super::exact_contact`].
 
 use super::exact_contact::{contact_in_plane, contact_of_degenerate, coplanar_contact};
 use super::predicates::{side_of_plane, triangle_is_degenerate};
 use glam::DVec3;
 use std::cmp::Ordering::{self, Equal, Greater, Less};
 
-/// How two closed triangles meet. The case is exact; the points carry the rounding of f64.
+/// Intersection of two closed triangles. The case is exact; the points have the rounding of f64.
 ///
-/// The case does not depend on the order of the two, on the order of their corners, or on scale, as long as the
-/// products of three differences neither overflow (coordinates below 1e100) nor underflow (above 1e-70, or 0).
+/// The case does not depend on the order of the two, on the order of their corners, or on scale,
+/// while the products of three differences neither overflow (coordinates below 1e100) nor underflow
+/// (above 1e-70, or 0).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TrianglePair {
     /// They share no point.
@@ -26,8 +28,8 @@ pub enum TrianglePair {
         /// The other end.
         to: DVec3,
     },
-    /// They share only points of the rim of one of them: a point (`from == to`) or a segment.
-    Touching {
+    /// They share only boundary points of one of them: a point (`from == to`) or a segment.
+    Boundary {
         /// One end.
         from: DVec3,
         /// The other end.
@@ -38,9 +40,9 @@ pub enum TrianglePair {
         /// A point of the area.
         centre: DVec3,
     },
-    /// They meet, and at least one of them is a segment or a point.
+    /// They share a point, and at least one of them is a segment or a point.
     Degenerate {
-        /// One end of what they share.
+        /// One end of the intersection.
         from: DVec3,
         /// The other end.
         to: DVec3,
@@ -55,35 +57,37 @@ impl TrianglePair {
         !matches!(self, Self::Disjoint)
     }
 
-    /// A point of what they share.
+    /// A point of the intersection.
     #[must_use]
     pub fn point(&self) -> Option<DVec3> {
         match *self {
             Self::Disjoint => None,
             Self::Crossing { from, to }
-            | Self::Touching { from, to }
+            | Self::Boundary { from, to }
             | Self::Degenerate { from, to } => Some(0.5 * (from + to)),
             Self::Coplanar { centre } => Some(centre),
         }
     }
 }
 
-/// Coordinates beyond this would overflow the predicates: such triangles, and those that are not finite, meet nothing.
-const LARGEST: f64 = 1e100;
-/// Rounding of a plane distance from three differences, in units of the product of their largest components: each
-/// difference, product and sum of the 3 x 2 terms adds half an ulp, 48 in all.
+/// Largest coordinate: beyond it the predicates overflow. Larger or non-finite triangles meet
+/// nothing.
+const MAX_COORDINATE: f64 = 1e100;
+/// Rounding of a plane distance from three differences, in units of the product of their largest
+/// components: each difference, product and sum of the 3 x 2 terms adds half an ulp, 48 in all.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 fn in_range(a: [DVec3; 3], b: [DVec3; 3]) -> bool {
     // NaN fails the comparison.
-    let within = |corner: &DVec3| corner.abs().cmplt(DVec3::splat(LARGEST)).all();
+    let within = |corner: &DVec3| corner.abs().cmplt(DVec3::splat(MAX_COORDINATE)).all();
     a.iter().all(within) && b.iter().all(within)
 }
 
-/// Corners seen from a plane: distances times the length of its normal, each within `rounding` of the truth.
+/// Distances of corners from a plane, times the length of its normal, each with an error up to
+/// `rounding`.
 ///
-/// What is decided from these is decided without a branch a corner: on which side one lies is a coin toss, and a branch
-/// that is mispredicted costs more than all the arithmetic of a pair.
+/// Decisions use no branch for each corner: its side is random, and a mispredicted branch costs
+/// more than all the arithmetic of a pair.
 #[derive(Clone, Copy)]
 struct Distances {
     of: [f64; 3],
@@ -101,7 +105,7 @@ impl Distances {
         }
     }
 
-    /// All corners lie strictly on one side, and rounding does not cast doubt on it.
+    /// Whether all corners are strictly on one side in spite of rounding.
     #[inline]
     fn surely_on_one_side(&self) -> bool {
         let [x, y, z] = self.of;
@@ -110,14 +114,14 @@ impl Distances {
         above | below
     }
 
-    /// No corner is so near to the plane that rounding casts doubt on its side.
+    /// Whether the sides of all corners are certain in spite of rounding.
     #[inline]
     fn surely_off(&self) -> bool {
         let [x, y, z] = self.of.map(|distance| distance.abs() > self.rounding);
         x & y & z
     }
 
-    /// The sides of the corners, which are surely off the plane.
+    /// The sides of corners that are surely off the plane.
     #[inline]
     fn sides(self) -> Sides {
         let signs = self.of.map(|d| if d > 0.0 { Greater } else { Less });
@@ -127,11 +131,11 @@ impl Distances {
         }
     }
 
-    /// The sides of the corners, by exact predicates where they need them.
+    /// The sides of the corners, by exact predicates where rounding matters.
     fn exact_sides(self, plane: [DVec3; 3], corners: [DVec3; 3]) -> Sides {
         let mut signs = self.sides().signs;
         for k in 0..3 {
-            // What is not a number is not above the rounding either.
+            // NaN is not sure.
             let sure = self.of[k].abs() > self.rounding;
             if !sure {
                 signs[k] = side_of_plane(plane[0], plane[1], plane[2], corners[k]);
@@ -144,7 +148,8 @@ impl Distances {
     }
 }
 
-/// Corners seen from a plane: exact signs, and distances times the length of the normal as f64 has them.
+/// Sides of corners about a plane: exact signs, and distances times the length of the normal in
+/// f64.
 #[derive(Clone, Copy)]
 struct Sides {
     signs: [Ordering; 3],
@@ -160,7 +165,7 @@ impl Sides {
         self.signs.contains(&Greater) && self.signs.contains(&Less)
     }
 
-    /// The corner that no other corner is strictly on the side of.
+    /// The corner that is alone on its side.
     #[inline]
     fn lone(&self) -> usize {
         let lone = |k: usize| {
@@ -172,7 +177,7 @@ impl Sides {
         if lone(0) { 0 } else { of_the_others }
     }
 
-    /// Where the edge between two corners meets the plane.
+    /// Intersection of the edge between two corners with the plane.
     #[inline]
     fn crossing(&self, corners: [DVec3; 3], from: usize, to: usize) -> DVec3 {
         let (near, far) = (self.distances[from].abs(), self.distances[to].abs());
@@ -182,11 +187,12 @@ impl Sides {
     }
 }
 
-/// The corner after each, and the one before.
+/// The corner after each.
 const NEXT: [usize; 3] = [1, 2, 0];
+/// The corner before each.
 const LAST: [usize; 3] = [2, 0, 1];
 
-/// A triangle and its plane, for a run of pairs with it.
+/// A triangle and its plane, for several pairs with it.
 #[derive(Debug, Clone, Copy)]
 pub struct Facet {
     corners: [DVec3; 3],
@@ -197,7 +203,7 @@ pub struct Facet {
 }
 
 impl Facet {
-    /// Of any numbers: a triangle that is not finite meets nothing.
+    /// Accepts any numbers; a triangle that is not finite meets nothing.
     #[inline]
     #[must_use]
     pub fn new(corners: [DVec3; 3]) -> Self {
@@ -209,7 +215,7 @@ impl Facet {
         }
     }
 
-    /// How it meets another.
+    /// Intersection with another triangle.
     #[inline]
     #[must_use]
     pub fn pair_with(&self, other: &Self) -> TrianglePair {
@@ -226,13 +232,13 @@ impl Facet {
     }
 }
 
-/// How two triangles meet.
+/// Intersection of two triangles.
 #[must_use]
 pub fn triangle_pair(a: [DVec3; 3], b: [DVec3; 3]) -> TrianglePair {
     Facet::new(a).pair_with(&Facet::new(b))
 }
 
-/// A corner of one is so near to the plane of the other that its side is no matter of f64.
+/// Pairs with a corner so near to the plane of the other that f64 does not decide its side.
 #[cold]
 fn near_a_plane(a: [DVec3; 3], of_a: Distances, b: [DVec3; 3], of_b: Distances) -> TrianglePair {
     let (of_a, of_b) = (of_a.exact_sides(b, a), of_b.exact_sides(a, b));
@@ -245,7 +251,7 @@ fn near_a_plane(a: [DVec3; 3], of_a: Distances, b: [DVec3; 3], of_b: Distances) 
     }
 }
 
-/// Both reach to both sides of the other's plane.
+/// Pairs with corners on both sides of each other's plane.
 fn intervals_on_the_common_line(
     a: [DVec3; 3],
     of_a: Sides,
@@ -253,21 +259,22 @@ fn intervals_on_the_common_line(
     of_b: Sides,
 ) -> TrianglePair {
     let (pa, pb) = (of_a.lone(), of_b.lone());
-    // As if each lone corner were above the other's plane: turning a triangle over swaps its other two.
+    // Brings each lone corner above the other's plane: flipping a triangle swaps its other two
+    // corners.
     let others = |lone: usize, turned: bool| {
         let (next, last) = (NEXT[lone], LAST[lone]);
         if turned { (last, next) } else { (next, last) }
     };
     let (qa, ra) = others(pa, of_b.signs[pb] == Less);
     let (qb, rb) = others(pb, of_a.signs[pa] == Less);
-    // The sides of b's corners about the planes through a's lone corner and one edge of each; see `Distances`.
+    // Sides of b's corners about the planes through a's lone corner and one edge of each triangle.
     let (u, v) = (a[qa] - a[pa], a[ra] - a[pa]);
     let [p, q, r] = [pb, qb, rb].map(|k| b[k] - a[pa]);
     let of_first = u.cross(p).dot(q);
     let of_second = v.cross(r).dot(p);
     let largest = p.abs().max(q.abs()).max(r.abs());
-    let reach = largest.max_element();
-    let rounding = u.abs().max(v.abs()).max_element() * reach * reach * ROUNDING;
+    let extent = largest.max_element();
+    let rounding = u.abs().max(v.abs()).max_element() * extent * extent * ROUNDING;
     if (of_first > rounding) | (of_second > rounding) {
         return TrianglePair::Disjoint;
     }
@@ -284,29 +291,33 @@ fn intervals_on_the_common_line(
         }
         if first == Equal || second == Equal {
             let at = on_a[usize::from(first != Equal)];
-            return TrianglePair::Touching { from: at, to: at };
+            return TrianglePair::Boundary { from: at, to: at };
         }
     }
     let on_b = [of_b.crossing(b, pb, qb), of_b.crossing(b, pb, rb)];
-    // The two inner ends of four on a line.
+    // The two inner ones of four ends on a line.
     let along = on_a[1] - on_a[0];
-    let place = |point: DVec3| along.dot(point - on_a[0]);
-    let (least, most) = if place(on_b[0]) <= place(on_b[1]) {
+    let along_line = |point: DVec3| along.dot(point - on_a[0]);
+    let (first, last) = if along_line(on_b[0]) <= along_line(on_b[1]) {
         (on_b[0], on_b[1])
     } else {
         (on_b[1], on_b[0])
     };
     TrianglePair::Crossing {
-        from: if place(least) > 0.0 { least } else { on_a[0] },
-        to: if place(most) < place(on_a[1]) {
-            most
+        from: if along_line(first) > 0.0 {
+            first
+        } else {
+            on_a[0]
+        },
+        to: if along_line(last) < along_line(on_a[1]) {
+            last
         } else {
             on_a[1]
         },
     }
 }
 
-/// A corner in a plane, a plane in common, or a triangle without area.
+/// Pairs with a corner in a plane, a common plane, or a triangle without area.
 #[cold]
 fn special_position(a: [DVec3; 3], of_a: Sides, b: [DVec3; 3], of_b: Sides) -> TrianglePair {
     if !in_range(a, b) {
@@ -322,7 +333,7 @@ fn special_position(a: [DVec3; 3], of_a: Sides, b: [DVec3; 3], of_b: Sides) -> T
     if of_b.signs == [Equal; 3] {
         return coplanar_contact(a, b);
     }
-    // One of them only reaches up to the other's plane: what it has in that plane is a corner or an edge.
+    // One of them has only a corner or an edge in the other's plane.
     let (part_of, signs, whole) = if of_a.on_both_sides() {
         (b, of_b.signs, a)
     } else {
@@ -337,7 +348,7 @@ fn special_position(a: [DVec3; 3], of_a: Sides, b: [DVec3; 3], of_b: Sides) -> T
         }
     }
     match contact_in_plane(&part[..count], whole) {
-        Some([from, to]) => TrianglePair::Touching { from, to },
+        Some([from, to]) => TrianglePair::Boundary { from, to },
         None => TrianglePair::Disjoint,
     }
 }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{closest_points_of_triangles, least_distance_squared_of_triangles};
+use crate::{closest_points_of_triangles, distance_squared_bound_of_triangles};
 use proptest::prelude::*;
 
 type Grid = [[i64; 3]; 3];
@@ -32,8 +32,9 @@ fn dot(a: [i64; 3], b: [i64; 3]) -> i64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Two convex figures are apart exactly when one of these directions separates them: the normals of the facets of
-/// their difference, whatever its dimension. Their inner points are apart when one separates them weakly and does not hold both.
+/// Two convex figures are apart exactly when one of these directions separates them: the normals of
+/// the facets of their difference, whatever its dimension. Their inner points are apart when one
+/// separates them weakly and does not hold both.
 fn truth(a: Grid, b: Grid) -> Truth {
     let all: Vec<[i64; 3]> = a.iter().chain(&b).copied().collect();
     let mut differences = Vec::new();
@@ -77,7 +78,7 @@ fn case(pair: &TrianglePair) -> Truth {
     match pair {
         TrianglePair::Disjoint => Truth::Disjoint,
         TrianglePair::Crossing { .. } => Truth::Inner,
-        TrianglePair::Touching { .. } => Truth::Rim,
+        TrianglePair::Boundary { .. } => Truth::Rim,
         TrianglePair::Coplanar { .. } => Truth::Coplanar,
         TrianglePair::Degenerate { .. } => Truth::Degenerate,
     }
@@ -88,7 +89,7 @@ fn ends(pair: &TrianglePair) -> Vec<DVec3> {
         TrianglePair::Disjoint => vec![],
         TrianglePair::Coplanar { centre } => vec![centre],
         TrianglePair::Crossing { from, to }
-        | TrianglePair::Touching { from, to }
+        | TrianglePair::Boundary { from, to }
         | TrianglePair::Degenerate { from, to } => vec![from, to],
     }
 }
@@ -156,8 +157,8 @@ fn check(a: Grid, b: Grid) -> Result<(), TestCaseError> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1500))]
 
-    /// The exact truth on coarse grids, where corners in planes, shared edges and flat triangles are common, in all
-    /// 72 orders and at three scales.
+    /// The exact truth on coarse grids, where corners in planes, shared edges and flat triangles
+    /// are common, in all 72 orders and at three scales.
     #[test]
     fn the_case_is_exact_on_a_small_grid(a in grid(2), b in grid(2)) {
         check(a, b)?;
@@ -175,12 +176,16 @@ proptest! {
 
     /// Shared corners and edges, as between neighbours of a mesh.
     #[test]
-    fn neighbours_touch(a in grid(4), apex in prop::array::uniform3(-4i64..=4), shared in 1..3usize, other in prop::array::uniform3(-4i64..=4)) {
+    fn neighbours_share_their_boundary(
+        a in grid(4), apex in prop::array::uniform3(-4i64..=4), shared in 1..3usize,
+        other in prop::array::uniform3(-4i64..=4),
+    ) {
         let b = if shared == 1 { [a[0], apex, other] } else { [a[0], a[1], apex] };
         check(a, b)?;
     }
 
-    /// On any numbers, at any scale and place, the case is the same in any order; the ends lie on both.
+    /// On any numbers, at any scale and place, the case is the same in any order; the ends lie on
+    /// both.
     #[test]
     fn order_and_scale_do_not_matter(
         a in prop::array::uniform3(prop::array::uniform3(-1.0..1.0f64)),
@@ -199,7 +204,7 @@ proptest! {
             prop_assert!(end.distance(unscaled * s) <= 1e-9 * s);
         }
         let closest = closest_points_of_triangles(a, b);
-        let least = least_distance_squared_of_triangles(a, b);
+        let least = distance_squared_bound_of_triangles(a, b);
         prop_assert!(least <= closest.distance_squared, "{} {}", least, closest.distance_squared);
         prop_assert!(!expected.meets() || least == 0.0);
     }
@@ -222,8 +227,8 @@ fn numbers_that_are_none_meet_nothing() {
     }
 }
 
-/// A million pairs of whatever numbers: no panic, nothing that is not finite, the same case with the two exchanged,
-/// and distance 0 exactly where they meet.
+/// A million pairs of whatever numbers: no panic, nothing that is not finite, the same case with
+/// the two exchanged, and distance 0 exactly where they meet.
 #[test]
 fn any_numbers_are_answered() {
     let mut state = 7u64;
@@ -291,8 +296,9 @@ mod threads {
         first
     }
 
-    /// dimforge/parry #253: EPA panicked, later said no contact. A corner of the second lies within rounding on an
-    /// edge of the first, both at y = 1: exactly beside it as f64, and whatever it is, the same in every order.
+    /// dimforge/parry #253: EPA panicked, later said no contact. A corner of the second lies within
+    /// rounding on an edge of the first, both at y = 1: exactly beside it as f64, and whatever it
+    /// is, the same in every order.
     #[test]
     fn parry_issue_253() {
         let a = [
@@ -317,7 +323,8 @@ mod threads {
             let moved = b.map(|p| p + inward * 1e-5 * DVec3::new(1.0, 0.0, 1.0));
             let pair = triangle_pair(a, moved);
             assert!(
-                matches!(pair, TrianglePair::Touching { from, to } if from == moved[2] && to == from),
+                matches!(pair, TrianglePair::Boundary { from, to }
+                    if from == moved[2] && to == from),
                 "{pair:?}"
             );
             assert!(meets_in_every_order(a, moved));
@@ -339,7 +346,7 @@ mod threads {
         ]);
         assert!(matches!(
             triangle_pair(a, b),
-            TrianglePair::Touching { from, to } if from != to
+            TrianglePair::Boundary { from, to } if from != to
         ));
     }
 
@@ -392,14 +399,15 @@ mod threads {
         for a in 0..4 {
             for b in 0..a {
                 let pair = triangle_pair(faces[a].map(|k| v[k]), faces[b].map(|k| v[k]));
-                let touch = matches!(pair, TrianglePair::Touching { .. });
+                let touch = matches!(pair, TrianglePair::Boundary { .. });
                 assert!(touch, "{a} {b}: {pair:?}");
             }
         }
     }
 
-    /// isl-org/Open3D #5117, PR #7539 and microsoft/DirectXMath #197 are one defect: an absolute epsilon on distances
-    /// times an unnormalised normal. A small triangle just off the plane of another, turned about and scaled.
+    /// isl-org/Open3D #5117, PR #7539 and microsoft/DirectXMath #197 are one defect: an absolute
+    /// epsilon on distances times an unnormalised normal. A small triangle just off the plane of
+    /// another, turned about and scaled.
     #[test]
     fn open3d_issue_5117() {
         let a = t([[0.0, 0.0, 0.0], [1e-4, 0.0, 0.0], [0.0, 1e-4, 0.0]]);
@@ -414,7 +422,8 @@ mod threads {
         }
     }
 
-    /// Long thin triangles (jrouwe/JoltPhysics #2065, RenderKit/embree #423): an edge of 200 units across a needle.
+    /// Long thin triangles (jrouwe/JoltPhysics #2065, RenderKit/embree #423): an edge of 200 units
+    /// across a needle.
     #[test]
     fn jolt_issue_2065() {
         let needle = t([

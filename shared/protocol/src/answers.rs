@@ -1,17 +1,19 @@
-//! Answers to asked regions, packed back to back into the slots of a chunk.
+//! Answers to requested regions, packed back to back into the slots of a chunk.
 //!
-//! A chunk of kind [`super::ChunkKind::Answers`] is a row of *parts*; `count` in its header says how many bytes
-//! they take. An answer is one part, or several in as many chunks, the first and the last marked:
+//! A chunk of kind [`super::ChunkKind::Answers`] is a sequence of *parts*; `count` in its header is
+//! their length in bytes. An answer is one part, or several in as many chunks, the first and the
+//! last marked:
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
 //! | 16 | [`PartHead`] |
 //! | `id_bytes` | VSP ids of the closure, ascending; then zeros up to a multiple of 4 |
 //! | 64 each | records ([`VspRecord`]) |
 //!
-//! All ids of an answer come before all of its records. An id is the difference to the one before it in its part,
-//! less one (the first: the id itself), twice that, plus one when its record follows in the same answer; as
-//! LEB128 (seven bits a byte, lowest first, the high bit says that more come): one or two bytes for most.
+//! All ids of an answer come before all of its records. An id is stored as the difference to the
+//! one before it in its part, less one (the first: the id itself), times two, plus one when its
+//! record follows in the same answer. The number is LEB128 (seven bits a byte, lowest first, the
+//! high bit for more): mostly one or two bytes.
 
 use super::wire::{CHUNK_SLOTS, ChunkSlot};
 use bytemuck::{Pod, Zeroable};
@@ -20,20 +22,20 @@ use thiserror::Error;
 
 /// Bytes of the slots of a chunk.
 const CHUNK_BYTES: usize = CHUNK_SLOTS * size_of::<ChunkSlot>();
-/// Bytes of an id at the most.
-const LONGEST_ID: usize = 5;
+/// Largest number of bytes of an id.
+const MAX_ID_BYTES: usize = 5;
 
-/// The head of a part, 16 bytes.
+/// The head of a part.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
 pub struct PartHead {
-    /// [`spm::RegionId`] as a number, as asked.
+    /// [`spm::RegionId`] as a number, as requested.
     pub region: u32,
-    /// Tolerance bits (of a prefix its count), as asked.
+    /// Tolerance bits (the count of a prefix), as requested.
     pub tolerance_bits: u32,
     /// Ids in this part.
     pub ids: u16,
-    /// Bytes that they take, without the zeros after them.
+    /// Bytes of the ids, without the zeros after them.
     pub id_bytes: u16,
     /// Records in this part.
     pub records: u16,
@@ -42,18 +44,18 @@ pub struct PartHead {
 }
 
 impl PartHead {
-    /// Flag of the part that an answer begins with.
+    /// Flag of the first part of an answer.
     pub const FIRST: u16 = 1;
-    /// Flag of the part that an answer ends with.
+    /// Flag of the last part of an answer.
     pub const LAST: u16 = 2;
 
-    /// Whether an answer begins here.
+    /// Whether this is the first part of an answer.
     #[must_use]
     pub fn is_first(&self) -> bool {
         self.flags & Self::FIRST != 0
     }
 
-    /// Whether an answer ends here.
+    /// Whether this is the last part of an answer.
     #[must_use]
     pub fn is_last(&self) -> bool {
         self.flags & Self::LAST != 0
@@ -82,7 +84,7 @@ impl Default for AnswersWriter {
 }
 
 impl AnswersWriter {
-    /// Bytes that a part needs to carry anything.
+    /// Bytes of the smallest useful part.
     pub const MIN_ROOM: usize = size_of::<PartHead>() + 4 + size_of::<VspRecord>();
 
     /// An empty chunk.
@@ -97,13 +99,13 @@ impl AnswersWriter {
         }
     }
 
-    /// Bytes that are left.
+    /// Remaining bytes.
     #[must_use]
     pub fn room(&self) -> usize {
         CHUNK_BYTES - self.at
     }
 
-    /// Whether nothing was written.
+    /// Whether no part was written.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.at == 0
@@ -122,12 +124,12 @@ impl AnswersWriter {
         self.at += size_of::<PartHead>();
     }
 
-    /// Adds an id, larger than the one before and below 2^30, to a part without records; false when there
-    /// is no room.
+    /// Adds an id, larger than the one before and below 2^30, to a part without records yet; false
+    /// when there is no room.
     #[must_use]
     pub fn id(&mut self, id: u32, record_follows: bool) -> bool {
         // The zeros after the ids must fit too.
-        if self.room() < LONGEST_ID + 3 {
+        if self.room() < MAX_ID_BYTES + 3 {
             return false;
         }
         let mut code = (id - self.next_id) << 1 | u32::from(record_follows);
@@ -162,7 +164,7 @@ impl AnswersWriter {
         true
     }
 
-    /// Ends a part; `last` when the answer ends with it.
+    /// Ends a part; `last` for the last part of the answer.
     pub fn end(&mut self, last: bool) {
         if last {
             self.head.flags |= PartHead::LAST;
@@ -183,32 +185,32 @@ impl AnswersWriter {
     }
 }
 
-/// Bytes that are no row of parts.
+/// Bytes that are no sequence of parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[error("a chunk of answers is damaged")]
 pub struct DamagedAnswers;
 
-/// What comes next in a chunk of answers.
+/// An item of a chunk of answers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AnswerItem {
-    /// A part begins.
+    /// Start of a part.
     Part(PartHead),
     /// A VSP of the closure.
     Id {
         /// Its number.
         id: u32,
-        /// Whether its record follows in this answer; else the client is believed to hold it.
+        /// Whether its record follows in this answer; otherwise it is assumed resident.
         record_follows: bool,
     },
     /// A record.
     Record(VspRecord),
-    /// The part ends.
+    /// End of a part.
     End(PartHead),
 }
 
-/// Reads a chunk of answers item by item; a copy of it is a place to come back to.
+/// Reads a chunk of answers item by item; a copy marks a position to return to.
 ///
-/// Whatever the bytes are, it stays within them and ends after at most one item a byte.
+/// For any bytes it stays within them and ends after at most one item a byte.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AnswersReader {
     at: usize,
@@ -239,13 +241,13 @@ impl AnswersReader {
         }
     }
 
-    /// The head of the part that it stands in, or stood in last.
+    /// The head of the current part, or of the last one.
     #[must_use]
     pub fn head(&self) -> &PartHead {
         &self.head
     }
 
-    /// Goes behind the part that it stands in, past its [`AnswerItem::End`].
+    /// Skips the rest of the current part and its [`AnswerItem::End`].
     pub fn skip_part(&mut self) {
         if self.in_part {
             self.at = self.part_end;
@@ -253,10 +255,10 @@ impl AnswersReader {
         }
     }
 
-    /// The next item, `None` behind the last part.
+    /// The next item, `None` after the last part.
     ///
     /// # Errors
-    /// When the bytes are none that [`AnswersWriter`] makes.
+    /// When the bytes do not come from an [`AnswersWriter`].
     pub fn next(
         &mut self,
         slots: &[ChunkSlot; CHUNK_SLOTS],
@@ -312,7 +314,7 @@ impl AnswersReader {
         let mut code = 0u64;
         for (k, &byte) in bytes[self.at..self.ids_end]
             .iter()
-            .take(LONGEST_ID)
+            .take(MAX_ID_BYTES)
             .enumerate()
         {
             code |= u64::from(byte & 127) << (7 * k);
@@ -364,7 +366,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_packed_is_read_back_whatever_fits(
+        fn packed_answers_are_read_back(
             answers in prop::collection::vec(
                 (any::<u32>(), any::<u32>(),
                  prop::collection::btree_map(0u32..1 << 30, any::<bool>(), 0..300), 0u32..2000),

@@ -1,4 +1,4 @@
-//! The heartbeat: its payload type never changes, so that another version is named as such.
+//! The heartbeat: its payload type never changes, so another version is recognised as such.
 
 use iceoryx2_bb_derive_macros::ZeroCopySend;
 use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
@@ -9,7 +9,7 @@ pub const PROTOCOL_VERSION: u32 = 3;
 /// Time between two heartbeats, milliseconds.
 pub const HELLO_PERIOD_MS: u64 = 100;
 
-/// Who sends a heartbeat.
+/// Sender of a heartbeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// `ve-station`.
@@ -27,7 +27,7 @@ pub struct Hello {
     bytes: [u8; 128],
 }
 
-/// Why a heartbeat is not one of a peer we can talk to.
+/// Reasons to refuse a heartbeat.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum HelloError {
     /// Not a heartbeat at all.

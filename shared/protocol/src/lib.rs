@@ -1,4 +1,10 @@
-//! What `hrtc` and `ve-station` say to each other.
+//! The messages between `hrtc` and `ve-station`.
+//!
+//! | module | content |
+//! |---|---|
+//! | `wire` | messages as they are in shared memory |
+//! | `answers` | closures and records, packed into chunks |
+//! | `hello` | the heartbeat, which also tells versions apart |
 //!
 //! | service | direction | payload |
 //! |---|---|---|
@@ -7,25 +13,50 @@
 //! | `hrtc/v3/pose` | controller to station | [`ContactReport`] |
 //! | `hrtc/hello` | both ways | [`Hello`], whose first bytes never change |
 //!
-//! **A session** is what a client and a station say about one object. Each has its own numbers, its own epochs and
-//! its own belief of what is held, also where two objects have the same model; all sessions of a client share its
-//! topic of records, and a chunk says by its object where it belongs. A client has sessions of the objects that it
-//! has awake ([`RequestKind::Close`] ends one), and never goes back in the epochs of an object.
+//! **A session** is the exchange of a client and a station about one object. Each session has its
+//! own sequence numbers, its own epochs and its own state of residency, also where two objects have
+//! the same model. All sessions of a client share its topic of records; a chunk names its object. A
+//! client has sessions of its active objects ([`RequestKind::Close`] ends one). The epochs of an
+//! object never decrease.
 //!
-//! **Epochs heal.** A controller numbers its requests and the station its chunks, both from 0 in every
-//! *epoch*. Whoever misses something (a gap in the numbers, 200 ms of silence, a new incarnation of the
-//! other side) ends the epoch: the controller counts it up, tells the regions it still holds and asks
-//! again for the rest; the station forgets what it believed of that session and starts from what it is told.
-//! A chunk of an older epoch is dropped. So every loss ends in the same mesh as a fresh start.
+//! **Epochs restore agreement.** A controller numbers its requests and the station its chunks, both
+//! from 0 in every *epoch*. A side that misses something (a gap in the numbers, 200 ms of silence,
+//! a new incarnation of the peer) ends the epoch: the controller increments it, declares the
+//! regions that are still resident and requests the rest again; the station discards its
+//! assumptions about the session and starts from that declaration. A chunk of an older epoch is
+//! dropped. So every loss ends in the same mesh as a fresh start.
 //!
-//! **Answers count on what the client holds.** The station sends the records that no region held contains, and
-//! says of every id whether its record follows. Who drops a region while an answer is under way may drop what
-//! that answer counts on. It finds out when it reads the id, and asks for that region again, with every record
-//! ([`RegionAction::Resend`]): such an answer counts on nothing. Parts of the answer before it are told apart by
-//! [`PartHead::FIRST`], which every answer begins with.
+//! **Answers depend on residency.** The station sends the records that no resident region contains,
+//! and marks for every id whether its record follows. When a client drops a region while an answer
+//! is under way, it may drop records that the answer depends on. It detects this at the id, and
+//! requests that region again with every record ([`RegionAction::Resend`]); such an answer depends
+//! on nothing. Every answer begins with [`PartHead::FIRST`], which separates it from the rest of an
+//! older one.
 //!
-//! **Credit.** Every request carries how many chunks of the epoch were consumed and how many may be under way; the
-//! station never has more under way in that session. A client shares out [`CREDIT_CHUNKS`] to its sessions.
+//! **Credit.** Every request carries the number of consumed chunks of the epoch and the number that
+//! may be under way; the station never exceeds it in that session. A client divides
+//! [`CREDIT_CHUNKS`] among its sessions.
+//!
+//! ```
+//! use protocol::{AnswerItem, AnswersReader, AnswersWriter};
+//!
+//! // One answer: region 7 at tolerance 0 has the VSPs 3 and 5, both resident at the client.
+//! let mut writer = AnswersWriter::new();
+//! writer.begin(7, 0, true);
+//! assert!(writer.id(3, false) && writer.id(5, false));
+//! writer.end(true);
+//! let (count, slots) = writer.finish();
+//!
+//! let mut reader = AnswersReader::new(count);
+//! let mut ids = Vec::new();
+//! while let Some(item) = reader.next(&slots).unwrap() {
+//!     if let AnswerItem::Id { id, .. } = item {
+//!         ids.push(id);
+//!     }
+//! }
+//! assert_eq!(ids, [3, 5]);
+//! assert!(reader.head().is_last());
+//! ```
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 

@@ -1,39 +1,38 @@
-//! The messages as they lie in shared memory: fixed size, plain data, SI units unless said.
+//! The messages in shared memory: fixed size, plain data, SI units unless stated.
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2_bb_derive_macros::ZeroCopySend;
 use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
 use spm::ModelHeader;
 
-/// Slots of a chunk; every chunk is sent whole (4 KiB), so that a tunnel's segments never grow.
+/// Slots of a chunk. Every chunk is sent whole (4 KiB), so the segments of a tunnel never grow.
 pub const CHUNK_SLOTS: usize = 64;
 /// Chunks that may be under way to one client, in all of its sessions together.
 pub const CREDIT_CHUNKS: u64 = 32;
-/// Sessions of one client that a station keeps: those of the objects that the client has awake, and as many again
-/// that it has just given up.
+/// Sessions of one client that a station keeps: those of its active objects, and as many that have
+/// just ended.
 pub const MAX_SESSIONS: usize = 18;
 /// Controllers that a station serves at once.
 pub const MAX_CLIENTS: usize = 16;
-/// Regions named by one request at the most.
+/// Largest number of regions in one request.
 pub const REGIONS_PER_REQUEST: usize = 32;
-/// Silence after which a question is asked again, milliseconds.
+/// Silence after which a request is repeated, milliseconds.
 pub const ANSWER_TIMEOUT_MS: u64 = 200;
 
-/// What a chunk carries.
+/// Content of a chunk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ChunkKind {
-    /// [`ModelHeader`] in the first slots, then [`BaseVertex`] four to a slot, then, from a fresh slot on,
-    /// [`BaseFace`] two to a slot.
+    /// [`ModelHeader`] in the first slots, then [`spm::BaseVertex`] four to a slot, then, from a
+    /// new slot on, [`spm::BaseFace`] two to a slot.
     Model = 1,
-    /// Closures of regions and the records of them that the client lacks, packed: see
-    /// [`super::AnswersReader`].
+    /// Closures of regions and their missing records, packed: see [`super::AnswersReader`].
     Answers = 2,
     /// [`MeasuredError`]s, two to a slot.
     Measured = 4,
     /// [`TourPoint`]s, one to a slot.
     Tour = 5,
-    /// The request cannot be served; `code` says why ([`Refusal`]).
+    /// The request cannot be served; `code` is the [`Refusal`].
     Refused = 6,
 }
 
@@ -53,19 +52,19 @@ impl ChunkKind {
     }
 }
 
-/// Why the station refuses a request.
+/// Reasons to refuse a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Refusal {
-    /// No object of that number, or its model is another one than the client named.
+    /// No object of that number, or another model than the client named.
     UnknownModel = 1,
     /// No cell of that number in the grid of the tolerance's level.
     UnknownRegion = 2,
-    /// A block of the file that the region needs fails its checksum.
+    /// A needed block of the file fails its checksum.
     DamagedBlock = 3,
-    /// The tolerance is no number from 0 up.
+    /// The tolerance is negative or not a number.
     Tolerance = 4,
-    /// The numbers of a tour cannot be served: not finite, not positive, or beyond the model.
+    /// Numbers of a scripted path that are not finite, not positive, or beyond the model.
     Tour = 5,
 }
 
@@ -92,13 +91,13 @@ impl Refusal {
 pub struct ChunkHeader {
     /// Incarnation of the sending station.
     pub station: u64,
-    /// The client it is for.
+    /// The receiving client.
     pub client: u64,
     /// Content hash of the model.
     pub model: u64,
     /// Number of this chunk in its epoch, from 0.
     pub sequence: u64,
-    /// The session's epoch that it answers.
+    /// Epoch of the session that it answers.
     pub epoch: u32,
     /// [`ChunkKind`] as a number.
     pub kind: u32,
@@ -108,9 +107,10 @@ pub struct ChunkHeader {
     pub region: u32,
     /// Its tolerance, the bits of an f32, model units.
     pub tolerance_bits: u32,
-    /// Bytes of the parts (answers); elsewhere items in this chunk: base items, measured errors or tour points.
+    /// Bytes of the parts (answers); elsewhere the number of items in this chunk: base vertices and
+    /// faces, measured errors or path points.
     pub count: u32,
-    /// 1 on the last chunk of an answer; of answers, when the last part ends its answer.
+    /// 1 on the last chunk of an answer; for kind Answers, when the last part ends its answer.
     pub last: u32,
     /// [`Refusal`] as a number; elsewhere the index of the chunk's first slot in its answer.
     pub code: u32,
@@ -126,7 +126,8 @@ pub struct ChunkSlot {
     pub words: [u32; 16],
 }
 
-/// Slots that the [`ModelHeader`] takes.
+/// Slots of the [`ModelHeader`]. It and the base mesh are types of the file; the crate `spm` asserts
+/// their layout, so a change of the wire needs types of its own.
 pub const MODEL_HEADER_SLOTS: usize = 4;
 const _: () = assert!(size_of::<ModelHeader>() <= MODEL_HEADER_SLOTS * 64);
 
@@ -154,19 +155,19 @@ pub struct TourPoint {
     pub orientation_wxyz: [f64; 4],
 }
 
-/// What a request asks.
+/// Subject of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum RequestKind {
-    /// Only the credit in the head.
+    /// Only the credit.
     Credit = 1,
     /// The model of an object: header and base mesh.
     Model = 2,
-    /// Regions to subscribe, declare as held, or release.
+    /// Regions to subscribe, declare resident, or release.
     Regions = 3,
     /// A scripted path over the object.
     Tour = 4,
-    /// The client has put the object to sleep: the session ends.
+    /// The object is no longer active at the client: the session ends.
     Close = 5,
 }
 
@@ -186,17 +187,17 @@ impl RequestKind {
     }
 }
 
-/// What is asked of one region.
+/// Action of a request on one region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum RegionAction {
-    /// Send its closure, and the records that the client lacks.
+    /// Send its closure and the missing records.
     Subscribe = 1,
-    /// The client holds it (said at the start of an epoch).
-    Held = 2,
-    /// The client dropped it.
+    /// The region is resident at the client (declared at the start of an epoch).
+    Resident = 2,
+    /// The client has unloaded it.
     Release = 3,
-    /// Like Subscribe, but with every record of the closure, whatever the client is believed to hold.
+    /// Like Subscribe, but with every record of the closure.
     Resend = 4,
 }
 
@@ -204,7 +205,7 @@ impl RegionAction {
     /// The action of a received code.
     #[must_use]
     pub fn from_code(code: u32) -> Option<Self> {
-        [Self::Subscribe, Self::Held, Self::Release, Self::Resend]
+        [Self::Subscribe, Self::Resident, Self::Release, Self::Resend]
             .into_iter()
             .find(|&action| action as u32 == code)
     }
@@ -217,24 +218,25 @@ impl RegionAction {
 pub struct RegionAsk {
     /// [`spm::RegionId`] as a number.
     pub region: u32,
-    /// Bits of the f32 tolerance, model units; 0 is full resolution. Of a prefix the number of its VSPs.
+    /// Bits of the f32 tolerance, model units; 0 is full resolution. For a prefix, the number of
+    /// its VSPs.
     pub tolerance_bits: u32,
     /// [`RegionAction`] as a number.
     pub action: u32,
 }
 
-/// What a tour is made from.
+/// Parameters of a scripted path.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
 #[type_name("hrtc.TourAsk.v3")]
 pub struct TourAsk {
-    /// Seed of every choice.
+    /// Seed of its random choices.
     pub seed: u64,
     /// Length, seconds.
     pub seconds: f64,
     /// Speed, model units a second.
     pub speed: f64,
-    /// How deep the intent lies below the surface, model units.
+    /// Depth of the path below the surface, model units.
     pub depth: f64,
     /// Radius of the probe, model units.
     pub radius: f64,
@@ -267,7 +269,8 @@ pub struct Request {
     pub object: u32,
     /// Valid entries of `regions`.
     pub count: u32,
-    /// Chunks that may be under way in this session from now on; the client's sessions share [`CREDIT_CHUNKS`].
+    /// Chunks that may be under way in this session from now on; the sessions of a client share
+    /// [`CREDIT_CHUNKS`].
     pub credit: u32,
     /// Zero.
     pub reserved: u32,
@@ -276,7 +279,7 @@ pub struct Request {
 }
 
 impl Request {
-    /// The hash by which both sides make sure that they speak of the same model.
+    /// Hash of a model's name, to check that both sides mean the same model.
     #[must_use]
     pub fn name_hash(name: &str) -> u64 {
         xxhash_rust::xxh3::xxh3_64(name.as_bytes())

@@ -20,7 +20,8 @@
 //! assert_eq!(plan.loop_.rate_hz, 1000.0);
 //! assert_eq!(plan.objects.len(), 1);
 //!
-//! let error = parse("[loop]\nrate_hz = 1", "touch", Path::new(""), &Overrides::default(), &NoFiles);
+//! let text = "[loop]\nrate_hz = 1\n";
+//! let error = parse(text, "touch", Path::new(""), &Overrides::default(), &NoFiles);
 //! assert!(error.is_err());
 //! ```
 

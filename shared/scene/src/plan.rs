@@ -111,7 +111,8 @@ pub struct SafetyPlan {
     pub force_max_n: f64,
     /// Largest torque, newton metres.
     pub torque_max_nm: f64,
-    /// Largest change of the force, newtons a second; a torque changes by the same share of its limit.
+    /// Largest change of the force, newtons a second; a torque changes by the same share of its
+    /// limit.
     pub slew_n_per_s: f64,
     /// Soft start and end, seconds.
     pub ramp_s: f64,
@@ -171,7 +172,8 @@ pub struct ObjectPlan {
     pub model: ModelSource,
     /// Its size.
     pub scale: ModelScale,
-    /// Pose of the model's frame in the world; the scale applies first, about the model's own origin.
+    /// Pose of the model's frame in the world; the scale applies first, about the model's own
+    /// origin.
     pub pose: Pose,
     /// Stiffness and damping of its surface.
     pub surface: SurfacePlan,

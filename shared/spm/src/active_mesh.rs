@@ -1,8 +1,8 @@
 //! The active mesh: the surface of a front, changed by one split or collapse at a time.
 //!
-//! Storage is in *slots*, one a loaded VSP, so that memory follows what is loaded, not the full mesh. A
-//! *handle* names a vertex or a face: below V0 (F0) those of the base mesh, then two a slot. Where slots are
-//! VSP numbers (tests, station), handles are the ids of the file.
+//! Storage is in *slots*, one for each loaded VSP, so memory follows the loaded front, not the full
+//! mesh. A *handle* names a vertex or a face: the first V0 (F0) are those of the base mesh, then
+//! two a slot. Where slots are VSP numbers (tests, station), handles are the ids of the file.
 //!
 //! | array | entry | bytes | entries |
 //! |---|---|---|---|
@@ -11,20 +11,21 @@
 //! | links | i, vs, fn, leaf codes | 32 | 1 a slot |
 //! | states | performed, dependents | 4 | 1 a slot |
 //!
-//! Legality is a property of the front (facts: 0 mismatches with the adjacency tests of thesis 5.2.3 in
-//! 3 million checks): a split is legal when its dependencies are performed, a collapse when nothing
-//! performed depends on it. Vertices may be on their way between two fronts ([`Geomorph`]). No operation allocates or recurses, and a record that does not fit the mesh
-//! (a damaged file) is refused before anything changed.
+//! Legality is a property of the front: a split is legal when its dependencies are performed, a
+//! collapse when no performed VSP depends on it. (`rt-tests fronts` compares with the adjacency
+//! tests of thesis 5.2.3: no mismatch in 3 million checks.) Vertices may be between two fronts
+//! ([`Geomorph`]). No operation allocates or recurses. A record that does not fit the mesh (a
+//! damaged file) is refused before anything changes.
 
 mod adjacency;
 mod check;
 mod fans;
-mod flights;
+mod geomorphs;
 mod operation_faces;
 mod swept;
 mod walk;
 
-pub use flights::Geomorph;
+pub use geomorphs::Geomorph;
 pub use operation_faces::OperationFaces;
 pub use walk::FrontWalk;
 
@@ -34,7 +35,7 @@ use geometry::Aabb;
 use glam::{DVec3, Vec3};
 use thiserror::Error;
 
-/// The place of a loaded VSP.
+/// Storage place of a loaded VSP.
 pub type Slot = u32;
 
 /// A face: corners counterclockwise, and the neighbour across the edge opposite each corner.
@@ -42,7 +43,7 @@ pub type Slot = u32;
 pub struct Face {
     /// Corners, vertex handles.
     pub corners: [Handle; 3],
-    /// Neighbours, face handles; [`NONE`] at a rim.
+    /// Neighbours, face handles; [`NONE`] at a boundary.
     pub neighbours: [Handle; 3],
 }
 
@@ -82,7 +83,7 @@ struct State {
     performed: bool,
 }
 
-/// A record that does not fit the mesh it belongs to.
+/// A record that does not fit its mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[error("vertex split record {0} does not fit the mesh: the file is damaged")]
 pub struct DamagedRecord(pub u32);
@@ -96,21 +97,21 @@ pub struct ActiveMesh {
     faces: Vec<Face>,
     links: Vec<Links>,
     states: Vec<State>,
-    flights: Vec<Geomorph>,
+    geomorphs: Vec<Geomorph>,
     active_faces: u32,
     performed: u32,
 }
 
 impl ActiveMesh {
-    /// Bytes that one loaded VSP takes here.
+    /// Bytes of one slot.
     pub const BYTES_PER_SLOT: usize =
         2 * size_of::<Vertex>() + 2 * size_of::<Face>() + size_of::<Links>() + size_of::<State>();
-    /// Bytes that one base vertex takes here.
+    /// Bytes of one base vertex.
     pub const BYTES_PER_BASE_VERTEX: usize = size_of::<Vertex>();
-    /// Bytes that one base face takes here.
+    /// Bytes of one base face.
     pub const BYTES_PER_BASE_FACE: usize = size_of::<Face>();
 
-    /// Room for a base mesh and `slots` VSPs, everything allocated now.
+    /// Allocates room for a base mesh and `slots` VSPs; nothing is allocated later.
     #[must_use]
     pub fn new(base_vertices: u32, base_faces: u32, slots: u32) -> Self {
         let vertex = Vertex {
@@ -132,22 +133,22 @@ impl ActiveMesh {
             faces: vec![Face::UNUSED; base_faces as usize + 2 * slots_usize],
             links: vec![links; slots_usize],
             states: vec![State::default(); slots_usize],
-            flights: Vec::new(),
+            geomorphs: Vec::new(),
             active_faces: 0,
             performed: 0,
         }
     }
 
-    /// Empties it, of whatever model it was, so that [`ActiveMesh::reshape`] may follow; `slots`: of how many, from
-    /// the first on, use was made. Nothing is freed or allocated.
+    /// Empties the mesh, so that [`ActiveMesh::reshape`] may follow. `slots` is the number of slots
+    /// used so far, from the first on. Nothing is freed or allocated.
     pub fn clear(&mut self, slots: u32) {
         self.states[..slots as usize].fill(State::default());
-        self.flights.clear();
+        self.geomorphs.clear();
         self.active_faces = 0;
         self.performed = 0;
     }
 
-    /// Shares out storage that was made for any model to this one; before anything is set or loaded.
+    /// Divides the storage for another model; the mesh must be empty.
     ///
     /// Returns the number of slots, `None` when the base mesh alone does not fit.
     pub fn reshape(&mut self, base_vertices: u32, base_faces: u32) -> Option<u32> {
@@ -159,9 +160,9 @@ impl ActiveMesh {
         self.base_faces = base_faces;
         assert!(
             self.active_faces == 0 && self.performed == 0,
-            "storage is shared out while it is empty"
+            "storage is divided while it is empty"
         );
-        // What a split makes is set by it; a base face is told by this from one that has not come.
+        // Marks the base faces that have not arrived yet; a split sets its own faces.
         self.faces[..base_faces as usize].fill(Face::UNUSED);
         Some(slots as u32)
     }
@@ -241,21 +242,22 @@ impl ActiveMesh {
         self.base_faces + 2 * slot
     }
 
-    /// The slot whose VSP makes a vertex, `None` for a base vertex.
+    /// Slot of the VSP that creates a vertex, `None` for a base vertex.
     #[inline]
     #[must_use]
-    pub fn maker_of_vertex(&self, vertex: Handle) -> Option<Slot> {
+    pub fn creator_of_vertex(&self, vertex: Handle) -> Option<Slot> {
         vertex.checked_sub(self.base_vertices).map(|k| k / 2)
     }
 
-    /// The slot whose VSP makes a face, `None` for a base face.
+    /// Slot of the VSP that creates a face, `None` for a base face.
     #[inline]
     #[must_use]
-    pub fn maker_of_face(&self, face: Handle) -> Option<Slot> {
+    pub fn creator_of_face(&self, face: Handle) -> Option<Slot> {
         face.checked_sub(self.base_faces).map(|k| k / 2)
     }
 
-    /// Puts a record into a slot; `vs` and `fn_` are already handles. Not performed yet.
+    /// Loads a record into a slot, not performed; `vs` and `fn_` are handles, `radii` R of vt and
+    /// vu.
     pub fn load(
         &mut self,
         slot: Slot,
@@ -295,7 +297,7 @@ impl ActiveMesh {
         let state = &mut self.states[slot as usize];
         assert!(
             state.loaded && !state.performed,
-            "only a loaded record that is not performed leaves the cache"
+            "only a loaded record that is not performed is unloaded"
         );
         *state = State::default();
     }
@@ -307,7 +309,7 @@ impl ActiveMesh {
         self.links[slot as usize].i
     }
 
-    /// The AB-tree leaf codes of a slot's faces; the second is [`NONE`] at a rim.
+    /// The AB-tree leaf codes of a slot's faces; the second is [`NONE`] at a boundary.
     #[inline]
     #[must_use]
     pub fn leaves(&self, slot: Slot) -> (u32, u32) {
@@ -315,11 +317,11 @@ impl ActiveMesh {
         (links.leaf_l, links.leaf_r)
     }
 
-    /// A neighbour of each of the faces that a slot's VSP makes, active when the split is legal; [`NONE`] for the
-    /// second where the VSP makes one face only.
+    /// A neighbour of each face that a slot's VSP creates, active when the split is legal; [`NONE`]
+    /// for the second where the VSP creates one face only.
     #[inline]
     #[must_use]
-    pub fn beside(&self, slot: Slot) -> (Handle, Handle) {
+    pub fn neighbours_of_new_faces(&self, slot: Slot) -> (Handle, Handle) {
         let [fn0, fn1, fn2, fn3] = self.links[slot as usize].fn_;
         let either = |a: Handle, b: Handle| if a == NONE { b } else { a };
         (either(fn0, fn1), either(fn2, fn3))
@@ -376,7 +378,7 @@ impl ActiveMesh {
     #[inline]
     #[must_use]
     pub fn is_active(&self, face: Handle) -> bool {
-        match self.maker_of_face(face) {
+        match self.creator_of_face(face) {
             None => true,
             Some(slot) => {
                 self.is_performed(slot)
@@ -392,14 +394,14 @@ impl ActiveMesh {
         &self.faces[face as usize]
     }
 
-    /// Where a vertex is, model units: the f32 of the file, unless it is in flight.
+    /// Current position of a vertex, model units: the f32 of the file, unless it has a geomorph.
     #[inline]
     #[must_use]
     pub fn position(&self, vertex: Handle) -> Vec3 {
         self.vertices[vertex as usize].position
     }
 
-    /// R of a vertex where it is, model units.
+    /// R of a vertex at its current position, model units.
     #[inline]
     #[must_use]
     pub fn radius(&self, vertex: Handle) -> f32 {
@@ -422,7 +424,8 @@ impl ActiveMesh {
         Aabb::of_triangle(self.faces[face as usize].corners.map(|v| self.position(v)))
     }
 
-    /// Certified error of a face: the largest R of its corners, model units; 0 on faces of the full mesh.
+    /// Certified error of a face: the largest R of its corners, model units; 0 on faces of the full
+    /// mesh.
     #[inline]
     #[must_use]
     pub fn certified_error(&self, face: Handle) -> f32 {
@@ -443,7 +446,7 @@ impl ActiveMesh {
         let vs = links.vs;
         let vl = self.across(vs, fn0, fn1).ok_or(damaged)?;
         let vr = if has_right {
-            // Mirrored: fn3 has the edge vs -> vr as fn0 has vs -> vl.
+            // Mirrored: fn3 has the edge vs -> vr, like fn0 has vs -> vl.
             self.across(vs, fn3, fn2).ok_or(damaged)?
         } else {
             NONE
@@ -454,7 +457,7 @@ impl ActiveMesh {
         self.collect(vs, links.fn_, out).ok_or(damaged)?;
         out.from = [self.position(vs); 2];
         out.radius = self.radius(vs);
-        self.ground(vs);
+        self.cancel_geomorph(vs);
         let (vt, fl) = (self.vt(slot), self.fl(slot));
         let (vu, fr) = (vt + 1, fl + 1);
         out.moved = [vt, vu];
@@ -496,8 +499,8 @@ impl ActiveMesh {
         assert!(collected, "a performed split has whole fans");
         out.moved = [links.vs; 2];
         out.from = [vt, vu].map(|vertex| self.position(vertex));
-        self.ground(vt);
-        self.ground(vu);
+        self.cancel_geomorph(vt);
+        self.cancel_geomorph(vu);
         for k in 0..out.count {
             let vertex = if k < out.of_t { vt } else { vu };
             let face = &mut self.faces[out.deformed[k] as usize];

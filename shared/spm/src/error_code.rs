@@ -1,9 +1,10 @@
-//! Errors as sixteen bits: logarithmic, and rounded up so that a bound stays a bound.
+//! Errors as 16 bits: logarithmic, and rounded up so that a bound stays a bound.
 
-/// Turns errors in model units into u16 codes and back.
+/// Converts errors in model units to u16 codes and back.
 ///
-/// Code 0 is exactly zero. Code c > 0 is `scale * 2^((c - 65535) / 2048)`: 32 octaves below the scale in
-/// steps of 0.034 %. The scale is twice the diagonal of the model's box, which no error exceeds.
+/// Code 0 is exactly zero. Code c > 0 is `scale * 2^((c - 65535) / 2048)`: 32 octaves below the
+/// scale in steps of 0.034 %. The scale is twice the diagonal of the model's box, which no error
+/// exceeds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorScale(f64);
 
@@ -18,7 +19,7 @@ impl ErrorScale {
 
     /// The smallest code whose value is at least `error` (model units, not negative).
     ///
-    /// Saturates at the largest code, the scale itself, for anything beyond it.
+    /// Saturates at the largest code, which stands for the scale itself.
     #[must_use]
     pub fn encode(self, error: f64) -> u16 {
         if error <= 0.0 {
@@ -26,15 +27,15 @@ impl ErrorScale {
         }
         let steps = (error / self.0).log2() * Self::STEPS_PER_OCTAVE;
         let mut code = (f64::from(u16::MAX) + steps.ceil()).clamp(1.0, f64::from(u16::MAX)) as u16;
-        // The logarithm rounds: never let it round the bound down.
+        // Rounding of the logarithm must not lower the bound.
         while code < u16::MAX && self.decode(code) < error {
             code += 1;
         }
         code
     }
 
-    /// The largest code whose value is at most `tolerance` (model units, not negative): what has a larger
-    /// code exceeds the tolerance.
+    /// The largest code whose value is at most `tolerance` (model units, not negative). Errors with
+    /// larger codes exceed the tolerance.
     #[must_use]
     pub fn floor(self, tolerance: f64) -> u16 {
         let code = self.encode(tolerance);
@@ -45,7 +46,7 @@ impl ErrorScale {
         }
     }
 
-    /// The error that a code stands for, model units.
+    /// The error of a code, model units.
     #[must_use]
     pub fn decode(self, code: u16) -> f64 {
         if code == 0 {

@@ -1,15 +1,17 @@
-//! The SPM file: versioned, little-endian, used straight from a memory map.
+//! The SPM file: versioned, little-endian, used directly from a memory map.
 //!
 //! | section | items | checked |
 //! |---|---|---|
 //! | header | sizes, grid, what the builder did, table of sections | on open |
 //! | base vertices, base faces | 16, 32 B | on open |
 //! | regions, seed offsets, base splits | 4 B each | on open |
-//! | seeds, records, full faces, boxes, hierarchy | 4, 64, 16, 24, 20 B | a 64-KiB block, when first used |
+//! | seeds, records, full faces | 4, 64, 16 B | a 64-KiB block, when first used |
+//! | boxes, hierarchy | 24, 20 B | a 64-KiB block, when first used |
 //!
-//! Sections start at multiples of 64 bytes. Reading allocates one byte a block and nothing else, whatever
-//! the file says: every size is checked against the length of the data first.
+//! Sections start at multiples of 64 bytes. Every size is checked against the length of the data
+//! first; opening allocates one byte for each block and nothing else.
 
+mod hexagon;
 mod layout;
 mod query;
 #[cfg(test)]
@@ -28,48 +30,48 @@ use std::sync::atomic::{AtomicU8, Ordering};
 use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Why a file, or a part of it, is refused.
+/// Errors of reading an SPM file.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum FileError {
-    /// The first bytes are something else.
+    /// Other magic bytes.
     #[error("this is not an SPM file: build one with `ve-station build MESH -o FILE.spm`")]
     NotSpm,
-    /// Written by another version.
+    /// Another format version.
     #[error(
         "this SPM file has format version {0}, this program reads version {FORMAT_VERSION}: build it again"
     )]
     OtherVersion(u32),
-    /// Shorter or longer than its header says.
+    /// Another length than in the header.
     #[error("this SPM file is {found} bytes long instead of {expected}: copy or build it again")]
     Truncated {
-        /// Bytes by the header, or those of a header.
+        /// Length by the header, or the length of a header, bytes.
         expected: u64,
-        /// Bytes there are.
+        /// Actual length, bytes.
         found: u64,
     },
-    /// The header's checksum or its numbers are wrong.
+    /// Wrong checksum or impossible numbers of the header.
     #[error("the header of this SPM file is damaged: copy or build it again")]
     DamagedHeader,
-    /// The checksum of a small section is wrong.
+    /// Wrong checksum of a small section.
     #[error("the section \"{0}\" of this SPM file is damaged: copy or build it again")]
     DamagedSection(Section),
-    /// The checksum of a block is wrong.
+    /// Wrong checksum of a block.
     #[error(
         "block {block} of the section \"{section}\" of this SPM file is damaged: copy or build it again"
     )]
     DamagedBlock {
         /// The section.
         section: Section,
-        /// The 64-KiB block of it.
+        /// Index of its 64-KiB block.
         block: u64,
     },
-    /// The checksum is right, but what the section says is impossible.
+    /// Impossible content in spite of a right checksum.
     #[error("the section \"{0}\" of this SPM file holds something impossible: build it again")]
     Inconsistent(Section),
-    /// A record that is no record of this model.
+    /// A record that cannot belong to this model.
     #[error("{0} of this SPM file: build it again")]
     Record(RecordError),
-    /// Something asked for that the file does not have.
+    /// An item that the file does not have.
     #[error("this SPM file has no item {item} in its section \"{section}\"")]
     NoSuchItem {
         /// The section.
@@ -87,11 +89,11 @@ pub enum FileError {
     Misaligned,
 }
 
-/// Nobody looked at the block yet.
+/// Not checked yet.
 const UNCHECKED: u8 = 0;
-/// The block is as it was written.
+/// Checksum right.
 const SOUND: u8 = 1;
-/// The block is damaged.
+/// Checksum wrong.
 const DAMAGED: u8 = 2;
 
 /// An open SPM file over any bytes: a memory map, a buffer.
@@ -105,9 +107,17 @@ pub struct SpmFile<D> {
 
 impl<D: AsRef<[u8]>> SpmFile<D> {
     /// Opens a file: checks header, base mesh and index. The big sections are checked when used.
+    /// The bytes must start at a multiple of 8 in memory.
     ///
     /// # Errors
-    /// When the bytes are no SPM file of this version, or any of what is checked is damaged.
+    /// When the bytes are no SPM file of this version, or a checked part is damaged.
+    ///
+    /// ```
+    /// use spm::{FileError, SpmFile};
+    ///
+    /// let refused = SpmFile::open(b"not an SPM file").unwrap_err();
+    /// assert_eq!(refused, FileError::NotSpm);
+    /// ```
     pub fn open(data: D) -> Result<Self, FileError> {
         let bytes = data.as_ref();
         let found = bytes.len() as u64;
@@ -159,13 +169,13 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         Ok(file)
     }
 
-    /// The head of the model.
+    /// The header of the model.
     #[must_use]
     pub fn model_header(&self) -> ModelHeader {
         self.header.model
     }
 
-    /// What the builder read, dropped and found.
+    /// Counts of the builder.
     #[must_use]
     pub fn summary(&self) -> BuildSummary {
         self.header.summary
@@ -189,17 +199,18 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         self.small(Section::BaseFaces)
     }
 
-    /// The occupied and the cleared regions, ascending; checked on open.
+    /// The occupied and the empty regions, ascending; checked on open.
     #[must_use]
     pub fn regions(&self) -> &[RegionId] {
         self.small(Section::Regions)
     }
 
-    /// The VSPs that made the faces which a region owns and the corners of these, and those that keep its
-    /// cell clear of coarse faces, ascending: their closure under [`VspRecord::dependencies`] is the
+    /// The VSPs that create the faces of a region and their corners, and those that keep coarse
+    /// faces out of its cell; ascending. Their closure under [`VspRecord::dependencies`] is the
     /// closure of the region at tolerance 0.
     ///
-    /// `None` when no face of the base or the full mesh overlaps the cell, or the grid has no such cell.
+    /// `None` when no face of the base or the full mesh overlaps the cell, or the grid has no such
+    /// cell.
     ///
     /// # Errors
     /// When a block of the list is damaged.
@@ -255,10 +266,10 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         }
     }
 
-    /// Checks every block and every record, for who wants to know before serving.
+    /// Checks every block and every record.
     ///
     /// # Errors
-    /// The first thing found wrong.
+    /// The first fault.
     pub fn check_all(&self) -> Result<(), FileError> {
         for section in Section::BIG {
             let bytes = self.section_bytes(section).len() as u64;
@@ -290,7 +301,7 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         Ok(bytemuck::pod_read_unaligned(bytes))
     }
 
-    /// Bytes of a big section, every block that they touch checked (once).
+    /// Bytes of a big section; each of their blocks is checked once.
     fn checked(&self, section: Section, range: Range<u64>) -> Result<&[u8], FileError> {
         let bytes = self.section_bytes(section);
         let wanted = bytes
@@ -310,7 +321,7 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         let Some(state) = states.and_then(|s| s.get(block as usize)) else {
             return Err(damaged);
         };
-        // Two threads may check the same block at once: both come to the same answer.
+        // Two threads may check a block at the same time; both get the same answer.
         match state.load(Ordering::Relaxed) {
             SOUND => return Ok(()),
             DAMAGED => return Err(damaged),
@@ -343,7 +354,7 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
     }
 
     fn small<T: Pod>(&self, section: Section) -> &[T] {
-        // Aligned because the data is (checked on open) and sections are.
+        // Aligned, since the data (checked on open) and the sections are.
         bytemuck::try_cast_slice(self.section_bytes(section)).unwrap_or_default()
     }
 
@@ -396,8 +407,8 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
     }
 }
 
-/// Whether the base face across the edge opposite corner k has the same edge, the other way round, and
-/// links back across it.
+/// Whether the base face across the edge opposite corner k has the same edge, the other way round,
+/// and links back across it.
 fn links_back(faces: &[BaseFace], own: u32, k: usize) -> bool {
     let face = &faces[own as usize];
     let across = face.neighbours[k];

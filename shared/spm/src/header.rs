@@ -1,17 +1,17 @@
-//! Header and base mesh of a model, as they lie in the file and cross the wire.
+//! Header and base mesh of a model, as stored in the file and sent over the wire.
 
 use super::{LEVELS, RegionGrid, Sizes};
 use bytemuck::{Pod, Zeroable};
 
-/// The head of a model: all that a controller must know before its first record.
+/// The header of a model: everything that a controller needs before its first record.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct ModelHeader {
     /// Content hash.
     pub model: u64,
-    /// Diagonal of the full mesh's box, model units: fixes the [`crate::ErrorScale`].
+    /// Diagonal of the full mesh's box, model units; it defines the [`crate::ErrorScale`].
     pub diagonal: f64,
-    /// The file's origin, which its f32 positions are relative to, model units.
+    /// Origin of the file's f32 positions, model units.
     pub origin: [f64; 3],
     /// Smallest corner of the full mesh's box.
     pub lower: [f64; 3],
@@ -19,10 +19,11 @@ pub struct ModelHeader {
     pub upper: [f64; 3],
     /// The grid of regions.
     pub grid: RegionGrid,
-    /// The smallest tolerance of each level, model units: at `ladder[l]` at most n / 4^l VSPs have a larger
-    /// expected error, so that a region of any tolerance holds about as many. Does not decrease; `ladder[0]`
-    /// is 0; infinite where the grid has no cell of that level left, and from 1 on without expected errors.
-    pub ladder: [f32; LEVELS],
+    /// Smallest tolerance of each level, model units. At most n / 4^l VSPs have an expected error
+    /// above that of level l, so regions of any tolerance hold about as many. Ascending from 0;
+    /// infinite where the grid has no cell of the level, and from level 1 on without expected
+    /// errors.
+    pub level_tolerances: [f32; LEVELS],
     /// V0.
     pub base_vertices: u32,
     /// F0.
@@ -31,16 +32,16 @@ pub struct ModelHeader {
     pub vsps: u32,
     /// Faces of the full mesh.
     pub faces: u32,
-    /// The longest chain of dependencies.
-    pub chain: u32,
-    /// The largest closure of a region, VSPs.
+    /// Length of the longest path of dependencies.
+    pub dependency_depth: u32,
+    /// Largest closure of a region, VSPs.
     pub closure_max: u32,
     /// Zero.
     pub reserved: [u32; 2],
 }
 
 impl ModelHeader {
-    /// The sizes that fix ids.
+    /// The sizes that define ids.
     #[must_use]
     pub fn sizes(&self) -> Sizes {
         Sizes {
@@ -51,36 +52,39 @@ impl ModelHeader {
         }
     }
 
-    /// The level of the grid in which regions of a tolerance (model units) are named: 0 for the full mesh, else
-    /// the coarsest whose rung of the ladder is not above the tolerance.
+    /// Level of the grid for regions of a tolerance (model units): 0 for the full mesh, otherwise
+    /// the coarsest whose smallest tolerance is not above the given one.
     #[must_use]
     pub fn level_of(&self, tolerance: f32) -> u32 {
-        let is_reached = |&rung: &f32| rung.is_finite() && rung <= tolerance;
+        let is_reached = |&level: &f32| level.is_finite() && level <= tolerance;
         if tolerance > 0.0 {
-            let reached = self.ladder.iter().take_while(|rung| is_reached(rung));
+            let reached = self
+                .level_tolerances
+                .iter()
+                .take_while(|level| is_reached(level));
             (reached.count() as u32).saturating_sub(1)
         } else {
             0
         }
     }
 
-    /// The grid in which regions of a tolerance (model units) are named.
+    /// Grid for regions of a tolerance (model units).
     #[must_use]
     pub fn grid_of(&self, tolerance: f32) -> RegionGrid {
         let level = self.level_of(tolerance);
         self.grid.at_level(level).unwrap_or(self.grid)
     }
 
-    /// Whether the ladder starts at 0, does not decrease and ends where the grid does.
-    fn ladder_is_valid(&self) -> bool {
-        self.ladder[0] == 0.0
-            && self.ladder.windows(2).all(|w| w[0] <= w[1])
-            && (0..)
-                .zip(self.ladder)
-                .all(|(level, rung)| self.grid.at_level(level).is_some() || rung.is_infinite())
+    /// Whether the tolerances start at 0, do not decrease and end with the grid.
+    fn level_tolerances_are_valid(&self) -> bool {
+        self.level_tolerances[0] == 0.0
+            && self.level_tolerances.windows(2).all(|w| w[0] <= w[1])
+            && (0..).zip(self.level_tolerances).all(|(level, smallest)| {
+                self.grid.at_level(level).is_some() || smallest.is_infinite()
+            })
     }
 
-    /// Whether the numbers can be a model at all; checked at the file and again at the wire.
+    /// Whether the numbers can be those of a model; checked for the file and again for the wire.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         let finite = self
@@ -91,17 +95,17 @@ impl ModelHeader {
             .all(|x| x.is_finite());
         let ordered = self.lower.iter().zip(&self.upper).all(|(l, u)| l <= u);
         let ids = u64::from(self.base_vertices.max(self.base_faces)) + 2 * u64::from(self.vsps);
-        let made = u64::from(self.base_faces) + 2 * u64::from(self.vsps);
+        let max_faces = u64::from(self.base_faces) + 2 * u64::from(self.vsps);
         finite
             && ordered
             && self.diagonal.is_normal()
             && self.diagonal > 0.0
             && self.grid.is_valid()
-            && self.ladder_is_valid()
+            && self.level_tolerances_are_valid()
             && self.base_vertices >= 3
             && self.base_faces >= 1
             && self.faces >= self.base_faces
-            && u64::from(self.faces) <= made
+            && u64::from(self.faces) <= max_faces
             && ids < u64::from(u32::MAX)
             && self.faces < 1 << 30
     }
@@ -117,7 +121,7 @@ pub struct BaseVertex {
     pub r: u32,
 }
 
-/// A face of the base mesh, 32 bytes, with its neighbours: a controller must not search for them.
+/// A face of the base mesh with its neighbours, so that a controller need not search for them.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 pub struct BaseFace {
@@ -125,8 +129,32 @@ pub struct BaseFace {
     pub corners: [u32; 3],
     /// AB-tree leaf code.
     pub leaf: u32,
-    /// Base face across the edge opposite each corner; [`crate::NONE`] at a rim.
+    /// Base face across the edge opposite each corner; [`crate::NONE`] at a boundary.
     pub neighbours: [u32; 3],
     /// Zero.
     pub reserved: u32,
 }
+
+// The layout of the file (`FORMAT_VERSION`): a change needs a new version. The wire copies these
+// types as they are, so it changes with them and not the other way round.
+const _: () = {
+    use std::mem::offset_of;
+    assert!(size_of::<ModelHeader>() == 208);
+    assert!(offset_of!(ModelHeader, model) == 0);
+    assert!(offset_of!(ModelHeader, diagonal) == 8);
+    assert!(offset_of!(ModelHeader, origin) == 16);
+    assert!(offset_of!(ModelHeader, lower) == 40);
+    assert!(offset_of!(ModelHeader, upper) == 64);
+    assert!(offset_of!(ModelHeader, grid) == 88);
+    assert!(offset_of!(ModelHeader, level_tolerances) == 136);
+    assert!(offset_of!(ModelHeader, base_vertices) == 176);
+    assert!(offset_of!(ModelHeader, base_faces) == 180);
+    assert!(offset_of!(ModelHeader, vsps) == 184);
+    assert!(offset_of!(ModelHeader, faces) == 188);
+    assert!(offset_of!(ModelHeader, dependency_depth) == 192);
+    assert!(offset_of!(ModelHeader, closure_max) == 196);
+    assert!(offset_of!(ModelHeader, reserved) == 200);
+    assert!(size_of::<BaseVertex>() == 16 && offset_of!(BaseVertex, r) == 12);
+    assert!(size_of::<BaseFace>() == 32 && offset_of!(BaseFace, leaf) == 12);
+    assert!(offset_of!(BaseFace, neighbours) == 16 && offset_of!(BaseFace, reserved) == 28);
+};

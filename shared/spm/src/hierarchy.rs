@@ -1,24 +1,25 @@
-//! The vertex hierarchy: which VSPs split the children of a VSP, and how far each one reaches.
+//! The vertex hierarchy: the VSPs that split the children of a VSP, and the bounds of each subtree.
 //!
-//! A VSP i *reaches* the box of all full-mesh faces that touch a descendant of the vertex that it splits,
-//! of that vertex and of all its descendants. The vertices that i makes descend from it, so the reach of
-//! whatever splits them lies within that of i. Their E is not larger either, because they depend on i. So
-//! a search from the base mesh that stops where E or the reach says no finds every VSP that both accept,
-//! and visits no more than those, their children and the base mesh.
+//! The *bounds* of VSP i are the box of its split vertex, of all descendants of that vertex, and of
+//! all full-mesh faces at such a descendant. The vertices that i creates descend from it, so the
+//! bounds of the VSPs that split them are within those of i. Their E is not larger either, because
+//! they depend on i. So a search from the base mesh that stops where E or the bounds exclude a VSP
+//! finds every VSP that both accept. It visits only those, their children and the base mesh.
 
 use super::NONE;
 use bytemuck::{Pod, Zeroable};
 use geometry::Aabb;
 use glam::DVec3;
 
-/// A VSP in the hierarchy, 20 bytes.
+/// A VSP in the hierarchy.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 pub struct VspNode {
     /// The VSPs that split vt and vu; [`NONE`] for a vertex of the full mesh.
     pub children: [u32; 2],
-    /// Its reach in steps of the model's box, lower corner, then upper, rounded outwards ([`ReachScale`]).
-    pub reach: [u16; 6],
+    /// Its bounds in steps of the model's box, lower corner, then upper, rounded outwards
+    /// ([`BoundsScale`]).
+    pub bounds: [u16; 6],
 }
 
 impl VspNode {
@@ -31,38 +32,38 @@ impl VspNode {
     }
 }
 
-/// Turns boxes in model units into steps of the model's box and back.
+/// Converts boxes in model units to steps of the model's box and back.
 ///
-/// The first and the last step stand for everything beyond them too: vertices of coarse meshes may lie
-/// outside of the model's box. Who asks whether a reach meets a box that meets the model's is answered as
-/// for the exact reach, or yes where rounding by a step makes it meet.
+/// The first and the last step also stand for everything beyond, since vertices of coarse meshes
+/// may be outside the model's box. The test against a box that meets the model's box gives the
+/// exact answer, or a false yes within one step of rounding.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ReachScale {
+pub struct BoundsScale {
     lower: DVec3,
     step: DVec3,
 }
 
-impl ReachScale {
+impl BoundsScale {
     const LAST: f64 = u16::MAX as f64;
 
     /// The scale of a model whose box has these corners (model units, finite, `lower <= upper`).
     #[must_use]
     pub fn new(lower: [f64; 3], upper: [f64; 3]) -> Self {
         let lower = DVec3::from_array(lower);
-        // Rounded up, so that the last step is not below the upper corner.
+        // Rounded up: the last step must not be below the upper corner.
         let step = (DVec3::from_array(upper) - lower) / Self::LAST * (1.0 + 4.0 * f64::EPSILON);
         Self { lower, step }
     }
 
-    /// The steps around a box. Those of an empty box only meet boxes around the whole model.
+    /// Steps around a box. Those of an empty box only meet boxes around the whole model.
     #[must_use]
     pub fn encode(&self, bounds: &Aabb) -> [u16; 6] {
         let mut steps = [0; 6];
         for axis in 0..3 {
             let (low, high) = (f64::from(bounds.lower[axis]), f64::from(bounds.upper[axis]));
             let (origin, step) = (self.lower[axis], self.step[axis]);
-            // The quotient rounds: one more step outwards wherever it rounded inwards. A flat side has
-            // steps of 0, whose quotients are not numbers and become 0 by the cast.
+            // Where the quotient was rounded inwards, one more step outwards. A flat side has steps
+            // of 0; their quotients are NaN and become 0 by the cast.
             let mut down = ((low - origin) / step).floor().clamp(0.0, Self::LAST);
             if down > 0.0 && origin + down * step > low {
                 down -= 1.0;
@@ -77,7 +78,7 @@ impl ReachScale {
         steps
     }
 
-    /// The box that steps stand for: lower and upper corner, model units; infinite beyond the model's box.
+    /// Lower and upper corner of the box of steps, model units; infinite beyond the model's box.
     #[must_use]
     pub fn decode(&self, steps: [u16; 6]) -> (DVec3, DVec3) {
         let at = |k: usize| {
@@ -100,13 +101,16 @@ impl ReachScale {
         (lower, upper)
     }
 
-    /// Whether what the steps stand for meets a closed box.
+    /// Whether the box of steps meets a closed box.
     #[must_use]
     pub fn meets(&self, steps: [u16; 6], lower: DVec3, upper: DVec3) -> bool {
         let (own_lower, own_upper) = self.decode(steps);
         own_lower.cmple(upper).all() && own_upper.cmpge(lower).all()
     }
 }
+
+// The layout of the file (`FORMAT_VERSION`).
+const _: () = assert!(size_of::<VspNode>() == 20 && std::mem::offset_of!(VspNode, bounds) == 8);
 
 #[cfg(test)]
 mod tests {
@@ -126,9 +130,9 @@ mod tests {
             if flat < 3 {
                 upper[flat] = lower[flat];
             }
-            let scale = ReachScale::new(lower, upper);
+            let scale = BoundsScale::new(lower, upper);
             let (lower, upper) = (DVec3::from_array(lower), DVec3::from_array(upper));
-            // Every reach meets the model's box, but may stick out of it.
+            // Bounds meet the model's box, but may extend beyond it.
             let [first, second] = corners.map(DVec3::from_array);
             let first = first.clamp(DVec3::ZERO, DVec3::ONE);
             let points = [first, second].map(|c| (lower + c * (upper - lower)).as_vec3());
@@ -136,7 +140,9 @@ mod tests {
             let (low, high) = scale.decode(scale.encode(&bounds));
             prop_assert!(low.cmple(bounds.lower.as_dvec3()).all());
             prop_assert!(high.cmpge(bounds.upper.as_dvec3()).all());
-            let near = |a: f64, b: f64, side: f64| a.is_infinite() || (a - b).abs() <= 1.5 * side / 65535.0;
+            let near = |a: f64, b: f64, side: f64| {
+                a.is_infinite() || (a - b).abs() <= 1.5 * side / 65535.0
+            };
             for axis in 0..3 {
                 let side = upper[axis] - lower[axis];
                 prop_assert!(near(low[axis], f64::from(bounds.lower[axis]), side));
@@ -147,7 +153,7 @@ mod tests {
 
     #[test]
     fn everything_meets_the_model_and_children_come_later() {
-        let scale = ReachScale::new([0.0; 3], [1.0; 3]);
+        let scale = BoundsScale::new([0.0; 3], [1.0; 3]);
         let all = scale.encode(&Aabb {
             lower: Vec3::splat(-3.0),
             upper: Vec3::splat(9.0),
@@ -156,7 +162,7 @@ mod tests {
         assert!(scale.meets(all, DVec3::splat(-2.0), DVec3::splat(-1.0)));
         let node = |children| VspNode {
             children,
-            reach: all,
+            bounds: all,
         };
         assert!(node([4, NONE]).is_valid(3, 5));
         assert!(!node([3, NONE]).is_valid(3, 5));

@@ -1,23 +1,22 @@
-//! The mesh of a prefix of the sequence: one level of detail, as plain triangles (thesis chapter 3).
+//! The mesh of a prefix of the sequence: one level of detail as plain triangles (thesis chapter 3).
 
 use super::{ActiveMesh, FileError, OperationFaces, Section, SpmFile};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-/// Positions (in the coordinates of the mesh file that the model was built from) and corners of the finest prefix with
-/// at most `most_faces` faces; the base mesh where even that has more.
+/// Positions and triangles of the finest prefix with at most `max_faces` faces; the base mesh where
+/// even that has more. Positions are in the coordinates of the mesh file that the model was built
+/// from.
 ///
 /// # Errors
 /// When a block is damaged, or the records do not fit the base mesh.
 pub fn prefix_mesh<D: AsRef<[u8]>>(
     file: &SpmFile<D>,
-    most_faces: u32,
+    max_faces: u32,
 ) -> Result<(Vec<DVec3>, Vec<[u32; 3]>), FileError> {
     let header = file.model_header();
-    // A split makes a face at least.
-    let slots = header
-        .vsps
-        .min(most_faces.saturating_sub(header.base_faces));
+    // A split creates at least one face.
+    let slots = header.vsps.min(max_faces.saturating_sub(header.base_faces));
     let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, slots);
     for (k, vertex) in (0u32..).zip(file.base_vertices()) {
         mesh.set_base_vertex(k, vertex.position, 0.0);
@@ -31,7 +30,7 @@ pub fn prefix_mesh<D: AsRef<[u8]>>(
     for i in 0..slots {
         let record = file.record(i)?;
         faces += 1 + u32::from(record.has_right_face());
-        if faces > most_faces {
+        if faces > max_faces {
             break;
         }
         mesh.load(i, &record, record.vs, record.fn_, [0.0; 2]);

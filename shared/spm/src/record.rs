@@ -1,29 +1,31 @@
-//! The vertex split record: 64 bytes, one cache line, the same in the file, on the wire and in the cache.
+//! The vertex split record: 64 bytes, one cache line, the same in the file, on the wire and in the
+//! cache.
 
 use ab_tree::NONE;
 use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
 
-/// Vertex split record i (thesis 5.3.1.3, with absolute positions and implicit ids).
+/// Vertex split record i (thesis 5.3.1.3), with absolute positions and implicit ids.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct VspRecord {
-    /// Its place in the sequence, 0..n.
+    /// Its index in the sequence, 0..n.
     pub i: u32,
-    /// The vertex that it splits.
+    /// The split vertex.
     pub vs: u32,
     /// Neighbours of the new faces: fn0 across (vl, vt), fn1 across (vl, vu), fn2 across (vr, vt),
-    /// fn3 across (vr, vu); [`NONE`] at a rim.
+    /// fn3 across (vr, vu); [`NONE`] at a boundary.
     pub fn_: [u32; 4],
     /// AB-tree leaf code of fl: the heap index of its leaf.
     pub leaf_l: u32,
-    /// AB-tree leaf code of fr; [`NONE`] when the split makes one face only.
+    /// AB-tree leaf code of fr; [`NONE`] when the split creates one face only.
     pub leaf_r: u32,
     /// Position of vt, model units.
     pub pos_t: [f32; 3],
     /// Position of vu, model units.
     pub pos_u: [f32; 3],
-    /// Code of R(vt), the distance to the farthest full-mesh descendant (see [`super::ErrorScale`]).
+    /// Code of R(vt), the distance to the farthest full-mesh descendant (see
+    /// [`super::ErrorScale`]).
     pub r_t: u16,
     /// Code of R(vu).
     pub r_u: u16,
@@ -33,9 +35,18 @@ pub struct VspRecord {
     pub reserved: u16,
 }
 
-const _: () = assert!(size_of::<VspRecord>() == 64);
+// The layout of the file (`FORMAT_VERSION`): a change needs a new version.
+const _: () = {
+    use std::mem::offset_of;
+    assert!(size_of::<VspRecord>() == 64);
+    assert!(offset_of!(VspRecord, vs) == 4 && offset_of!(VspRecord, fn_) == 8);
+    assert!(offset_of!(VspRecord, leaf_l) == 24 && offset_of!(VspRecord, leaf_r) == 28);
+    assert!(offset_of!(VspRecord, pos_t) == 32 && offset_of!(VspRecord, pos_u) == 44);
+    assert!(offset_of!(VspRecord, r_t) == 56 && offset_of!(VspRecord, r_u) == 58);
+    assert!(offset_of!(VspRecord, e) == 60 && offset_of!(VspRecord, reserved) == 62);
+};
 
-/// Sizes of a model that fix its implicit ids.
+/// Sizes of a model, which define its implicit ids.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sizes {
     /// V0, vertices of the base mesh.
@@ -49,15 +60,15 @@ pub struct Sizes {
 }
 
 impl Sizes {
-    /// The VSP that made a vertex, `None` for a base vertex.
+    /// The VSP that creates a vertex, `None` for a base vertex.
     #[must_use]
-    pub fn maker_of_vertex(&self, v: u32) -> Option<u32> {
+    pub fn creator_of_vertex(&self, v: u32) -> Option<u32> {
         v.checked_sub(self.base_vertices).map(|k| k / 2)
     }
 
-    /// The VSP that made a face, `None` for a base face.
+    /// The VSP that creates a face, `None` for a base face.
     #[must_use]
-    pub fn maker_of_face(&self, f: u32) -> Option<u32> {
+    pub fn creator_of_face(&self, f: u32) -> Option<u32> {
         f.checked_sub(self.base_faces).map(|k| k / 2)
     }
 
@@ -95,7 +106,7 @@ impl VspRecord {
     /// The code of E in a file built without expected errors: larger than any tolerance.
     pub const E_UNKNOWN: u16 = u16::MAX;
 
-    /// Whether the split makes two faces; one at a rim.
+    /// Whether the split creates two faces; one at a boundary.
     #[must_use]
     pub fn has_right_face(&self) -> bool {
         self.leaf_r != NONE
@@ -104,18 +115,18 @@ impl VspRecord {
     /// The VSPs that must be performed before this one, with repetitions, at most five.
     pub fn dependencies(&self, sizes: Sizes) -> impl Iterator<Item = u32> + use<> {
         let of_faces = self.fn_;
-        sizes.maker_of_vertex(self.vs).into_iter().chain(
+        sizes.creator_of_vertex(self.vs).into_iter().chain(
             of_faces
                 .into_iter()
                 .filter(|&f| f != NONE)
-                .filter_map(move |f| sizes.maker_of_face(f)),
+                .filter_map(move |f| sizes.creator_of_face(f)),
         )
     }
 
-    /// Checks everything that can be checked of one record alone.
+    /// Checks everything that a single record allows to check.
     ///
     /// # Errors
-    /// The first thing found wrong, naming the record.
+    /// The first fault, with the number of the record.
     pub fn validate(&self, expected: u32, sizes: Sizes) -> Result<(), RecordError> {
         if self.i != expected || self.i >= sizes.vsps {
             return Err(RecordError::Number(expected));

@@ -1,14 +1,16 @@
-//! The grid of regions (thesis 5.3.1.1): sparse, addressed by cell, so that a controller needs no table of it.
+//! The grid of regions (thesis 5.3.1.1): sparse and addressed by cell, so a controller needs no
+//! table.
 
 use bytemuck::{Pod, Zeroable};
 use geometry::triangle_overlaps_box;
 use glam::{DVec3, UVec3};
 
-/// Levels of the ladder of tolerances: each has cells of twice the side of the one before.
+/// Number of tolerance levels; the cells of each have twice the side of those of the one before.
 pub const LEVELS: usize = 10;
 
-/// A region: the cell's coordinates, ten bits each, x lowest, in the grid of the level that the tolerance
-/// gives ([`spm::ModelHeader::level_of`]); or the whole model, or a prefix of the sequence.
+/// A region: a cell, the whole model, or a prefix of the sequence. A cell is given by its
+/// coordinates, ten bits each, x lowest, in the grid of the tolerance's level
+/// ([`crate::ModelHeader::level_of`]).
 #[repr(transparent)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Pod, Zeroable)]
 pub struct RegionId(pub u32);
@@ -16,8 +18,8 @@ pub struct RegionId(pub u32);
 impl RegionId {
     /// The whole model at a tolerance: global refinement.
     pub const WHOLE: Self = Self(1 << 30);
-    /// The first VSPs of the sequence (thesis Figure 4.4). What goes with a region as the bits of its
-    /// tolerance is then their count.
+    /// The first VSPs of the sequence (thesis Figure 4.4). Their count replaces the bits of the
+    /// tolerance.
     pub const PREFIX: Self = Self(1 << 31);
 
     /// The region of a cell whose coordinates are below 1024.
@@ -36,10 +38,11 @@ impl RegionId {
     }
 }
 
-/// Cubic cells over a model's bounding box: `divisions` along its longest side, fewer along the others.
+/// Cubic cells over a model's bounding box: `divisions` along its longest side, fewer along the
+/// others.
 ///
-/// Cubic, where the thesis divides every side by the same number: a cell then means the same distance in
-/// every direction, and flat models do not get flat cells.
+/// The thesis divides every side by the same number instead. With cubes, a cell means the same
+/// distance in every direction, and flat models do not get flat cells.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct RegionGrid {
@@ -54,12 +57,13 @@ pub struct RegionGrid {
 }
 
 impl RegionGrid {
-    /// The most cells along a side.
+    /// Largest number of cells along a side.
     pub const MAX_DIVISIONS: u32 = 1024;
 
     /// The grid with `divisions` cells along the longest side of a box (model units).
     ///
-    /// `None` when the box is empty, not finite or a point, or `divisions` is no power of two up to 1024.
+    /// `None` when the box is empty, not finite or a point, or `divisions` is no power of two up to
+    /// 1024.
     #[must_use]
     pub fn new(lower: DVec3, upper: DVec3, divisions: u32) -> Option<Self> {
         let sides = upper - lower;
@@ -77,10 +81,10 @@ impl RegionGrid {
         })
     }
 
-    /// The grid whose cells are 2^`level` cells of this one along each side, with the same lower corner: walls
-    /// of its cells are walls of this grid's, bit for bit.
+    /// The coarser grid whose cells are 2^`level` cells of this one along each side, with the same
+    /// lower corner. Its walls are walls of this grid, bit for bit.
     ///
-    /// `None` when not one such cell is left along the longest side.
+    /// `None` when no such cell is left along the longest side.
     #[must_use]
     pub fn at_level(&self, level: u32) -> Option<Self> {
         let divisions = self.divisions.checked_shr(level).unwrap_or(0);
@@ -92,7 +96,7 @@ impl RegionGrid {
         })
     }
 
-    /// Whether the numbers can be a grid at all; for grids read from a file or the wire.
+    /// Whether the numbers can be those of a grid; for grids from a file or the wire.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         self.lower.iter().all(|x| x.is_finite())
@@ -122,13 +126,13 @@ impl RegionGrid {
         )
     }
 
-    /// The cells (lowest and highest corner, both included) whose boxes may meet the given box; clamped
-    /// to the grid, `None` when the box lies outside the grid.
+    /// The cells (lowest and highest corner, both included) whose boxes may meet the given box;
+    /// clamped to the grid, `None` when the box lies outside the grid.
     #[must_use]
     pub fn cell_range(&self, lower: DVec3, upper: DVec3) -> Option<(UVec3, UVec3)> {
         let origin = DVec3::from_array(self.lower);
         let last = UVec3::from_array(self.cells) - UVec3::ONE;
-        // One step outwards where a bound lies within rounding of a wall: closed cells share walls.
+        // One step outwards where a bound is within rounding of a wall: closed cells share walls.
         let slack = 1e-9;
         let low = ((lower - origin) / self.cell - slack).floor();
         let high = ((upper - origin) / self.cell + slack).floor();
@@ -161,7 +165,8 @@ impl RegionGrid {
             .length_squared()
     }
 
-    /// The way from a point to the nearest point of a region's closed box, model units; zero inside.
+    /// Displacement from a point to the nearest point of a region's closed box, model units; zero
+    /// inside.
     #[inline]
     #[must_use]
     pub fn towards(&self, region: RegionId, point: DVec3) -> DVec3 {
@@ -195,6 +200,13 @@ impl RegionGrid {
         }
     }
 }
+
+// The layout of the file (`FORMAT_VERSION`).
+const _: () = {
+    use std::mem::offset_of;
+    assert!(size_of::<RegionGrid>() == 48 && offset_of!(RegionGrid, cell) == 24);
+    assert!(offset_of!(RegionGrid, cells) == 32 && offset_of!(RegionGrid, divisions) == 44);
+};
 
 #[cfg(test)]
 mod tests {

@@ -1,19 +1,20 @@
-//! The iceoryx2 side of the protocol that both processes must agree on: domain, service names and the
-//! quality of service of every topic.
+//! The part of iceoryx2 that both processes must agree on: domain, service names and the quality of
+//! service of every topic.
 //!
 //! | service | publishers | subscribers | payload |
 //! |---|---|---|---|
 //! | `hrtc/v3/subscribe` | controllers | station | [`Request`] |
 //! | `hrtc/v3/pose` | controllers | station | [`ContactReport`] |
-//! | `hrtc/v3/records/CLIENT` | station | one controller | 64 [`ChunkSlot`]s, user header [`ChunkHeader`] |
+//! | `hrtc/v3/records/CLIENT` | station | one controller | 64 [`ChunkSlot`]s, [`ChunkHeader`] |
 //! | `hrtc/hello` | all | all | [`Hello`] |
 //!
-//! One quality of service for all of them, because a tunnel between machines creates its mirrors from one
-//! set of defaults (`config/iceoryx2.toml` holds the same numbers): buffers of [`BUFFER`], no history, no
-//! overflow, full queues discard the newest. Nothing blocks, and what was discarded shows as a gap.
+//! All topics have the same quality of service, because a tunnel between machines creates its
+//! mirrors from one set of defaults (`config/iceoryx2.toml` has the same numbers): queues of
+//! [`MAX_QUEUED`] messages, no history, no overflow, full queues discard the newest. Nothing
+//! blocks, and discarded messages show as a gap.
 //!
-//! A domain is a root folder and a file prefix: two domains do not see each other. No name holds a `_`, so that
-//! no prefix begins another one.
+//! A domain is a root folder and a file prefix: two domains do not see each other. No name contains
+//! `_`, so no prefix begins another one.
 
 use iceoryx2::config::Config;
 use iceoryx2::node::NodeBuilder;
@@ -27,15 +28,18 @@ use protocol::{ChunkHeader, ChunkSlot, ContactReport, Hello, Request};
 use std::time::Duration;
 use thiserror::Error;
 
-/// Messages that a subscriber's queue holds; twice the credit window.
-pub const BUFFER: usize = 64;
-/// Publishers and subscribers of a topic: the clients, the station, a tunnel and a spare.
+/// Largest number of messages in a subscriber's queue: twice the credit window.
+pub const MAX_QUEUED: usize = 64;
+/// Largest number of publishers, and of subscribers, of a topic: the clients, the station, a tunnel
+/// and a spare.
 pub const MAX_PORTS: usize = MAX_CLIENTS + 3;
-/// Subscribers of a records topic: its client, its restart while the dead one is not cleaned yet, a tunnel, a recorder.
+/// Largest number of subscribers of a records topic: its client, its restart before the dead one is
+/// removed, a tunnel, a recorder.
 const MAX_RECORD_PORTS: usize = 4;
-/// Samples that a subscriber borrows at once.
-const BORROWED: usize = 2;
-const LONGEST_NAME: usize = 32;
+/// Largest number of samples that a subscriber borrows at the same time.
+const MAX_BORROWED: usize = 2;
+/// Longest name of a domain, bytes.
+const MAX_NAME_BYTES: usize = 32;
 
 /// A named iceoryx2 domain.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,7 +47,7 @@ pub struct Domain {
     name: String,
 }
 
-/// Why the transport cannot be used: one sentence.
+/// Errors of the transport, one sentence each.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum TransportError {
     /// Not a name for a domain.
@@ -56,11 +60,11 @@ pub enum TransportError {
         "cannot {what} in the iceoryx2 domain \"{domain}\" ({reason}): when another user or release uses this domain, choose another with --domain, or stop it and remove /tmp/hrtc-{domain} together with /dev/shm/hrtc_{domain}_*"
     )]
     Iceoryx {
-        /// What was tried.
+        /// The attempted action.
         what: &'static str,
         /// The domain.
         domain: String,
-        /// What iceoryx2 said.
+        /// iceoryx2's reason.
         reason: String,
     },
 }
@@ -69,10 +73,11 @@ impl Domain {
     /// The domain of a name.
     ///
     /// # Errors
-    /// When the name has other characters than letters, digits and `-`, or is empty or longer than 32.
+    /// When the name has other characters than letters, digits and `-`, or is empty or longer than
+    /// 32.
     pub fn new(name: &str) -> Result<Self, TransportError> {
         let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-';
-        if name.is_empty() || name.len() > LONGEST_NAME || !name.chars().all(allowed) {
+        if name.is_empty() || name.len() > MAX_NAME_BYTES || !name.chars().all(allowed) {
             return Err(TransportError::DomainName(name.to_owned()));
         }
         Ok(Self {
@@ -106,8 +111,8 @@ impl Domain {
         topic.max_publishers = MAX_PORTS;
         topic.max_subscribers = MAX_PORTS;
         topic.max_nodes = MAX_PORTS;
-        topic.subscriber_max_buffer_size = BUFFER;
-        topic.subscriber_max_borrowed_samples = BORROWED;
+        topic.subscriber_max_buffer_size = MAX_QUEUED;
+        topic.subscriber_max_borrowed_samples = MAX_BORROWED;
         topic.publisher_history_size = 0;
         topic.enable_safe_overflow = false;
         topic.backpressure_strategy = BackpressureStrategy::DiscardData;
@@ -120,7 +125,7 @@ impl Domain {
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
     pub fn node(&self) -> Result<Node<ipc::Service>, TransportError> {
-        // Its own sentences are for developers: errors only, IOX2_LOG_LEVEL shows more.
+        // iceoryx2's messages are for developers: errors only, unless IOX2_LOG_LEVEL is set.
         set_log_level_from_env_or(LogLevel::Error);
         let config = self.config()?;
         self.retry("create a node", || {
@@ -131,10 +136,10 @@ impl Domain {
         })
     }
 
-    /// Removes the files of a domain: for whoever made one for a single run, when all of its processes ended.
+    /// Removes the files of a domain made for a single run, after all of its processes have ended.
     ///
-    /// Both places or none: iceoryx2 mistakes one without the other for a damaged domain. What cannot be
-    /// removed stays.
+    /// Both folders are cleared, because iceoryx2 takes one without the other for a damaged domain.
+    /// Files that cannot be removed stay.
     pub fn remove_files(&self) {
         let prefix = format!("hrtc_{}_", self.name);
         let shared_memory = std::fs::read_dir("/dev/shm")
@@ -164,8 +169,8 @@ impl Domain {
                 .max_publishers(MAX_PORTS)
                 .max_subscribers(MAX_RECORD_PORTS)
                 .max_nodes(MAX_PORTS)
-                .subscriber_max_buffer_size(BUFFER)
-                .subscriber_max_borrowed_samples(BORROWED)
+                .subscriber_max_buffer_size(MAX_QUEUED)
+                .subscriber_max_borrowed_samples(MAX_BORROWED)
                 .history_size(0)
                 .enable_safe_overflow(false)
                 .open_or_create()
@@ -187,15 +192,16 @@ impl Domain {
                 .max_publishers(MAX_PORTS)
                 .max_subscribers(MAX_RECORD_PORTS)
                 .max_nodes(MAX_PORTS)
-                .subscriber_max_buffer_size(BUFFER)
-                .subscriber_max_borrowed_samples(BORROWED)
+                .subscriber_max_buffer_size(MAX_QUEUED)
+                .subscriber_max_borrowed_samples(MAX_BORROWED)
                 .history_size(0)
                 .enable_safe_overflow(false)
                 .open_or_create()
         })
     }
 
-    /// The topic of chunks for one client: a shared one would let the others' chunks fill its queue.
+    /// The topic of chunks for one client. On a shared topic, chunks of other clients would fill
+    /// its queue.
     ///
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
@@ -212,8 +218,8 @@ impl Domain {
                 .max_publishers(MAX_RECORD_PORTS)
                 .max_subscribers(MAX_RECORD_PORTS)
                 .max_nodes(MAX_PORTS)
-                .subscriber_max_buffer_size(BUFFER)
-                .subscriber_max_borrowed_samples(BORROWED)
+                .subscriber_max_buffer_size(MAX_QUEUED)
+                .subscriber_max_borrowed_samples(MAX_BORROWED)
                 .history_size(0)
                 .enable_safe_overflow(false)
                 .open_or_create()
@@ -235,8 +241,8 @@ impl Domain {
                 .max_publishers(MAX_PORTS)
                 .max_subscribers(MAX_PORTS)
                 .max_nodes(MAX_PORTS)
-                .subscriber_max_buffer_size(BUFFER)
-                .subscriber_max_borrowed_samples(BORROWED)
+                .subscriber_max_buffer_size(MAX_QUEUED)
+                .subscriber_max_borrowed_samples(MAX_BORROWED)
                 .history_size(0)
                 .enable_safe_overflow(false)
                 .open_or_create()
@@ -257,7 +263,8 @@ impl Domain {
         ServiceName::new(name).map_err(|e| self.error("name a service", e))
     }
 
-    /// A service that another process is just removing is refused for a moment: three tries, 50 ms apart.
+    /// Tries three times, 50 ms apart: a service that another process is removing is refused for a
+    /// moment.
     fn retry<T, E: std::fmt::Debug>(
         &self,
         what: &'static str,
@@ -289,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn the_file_for_tunnels_says_what_the_programs_do() {
+    fn the_file_for_tunnels_equals_the_embedded_configuration() {
         let text = include_str!("../../../config/iceoryx2.toml");
         let file: Config = toml::from_str(text).expect("config/iceoryx2.toml is a configuration");
         assert_eq!(file, Domain::new("hrtc").unwrap().config().unwrap());

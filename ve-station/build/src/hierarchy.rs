@@ -6,7 +6,7 @@
 
 use geometry::Aabb;
 use glam::Vec3;
-use spm::{ErrorScale, LEVELS, NONE, ReachScale, RegionGrid, SpmParts, VspNode, VspRecord};
+use spm::{BoundsScale, ErrorScale, LEVELS, NONE, RegionGrid, SpmParts, VspNode, VspRecord};
 
 /// Fills in `base_splits` and `hierarchy` of parts whose meshes and records are complete.
 pub fn add_hierarchy(parts: &mut SpmParts) {
@@ -21,7 +21,7 @@ pub fn add_hierarchy(parts: &mut SpmParts) {
             *of_corner = of_corner.union(bounds);
         }
     }
-    let scale = ReachScale::new(parts.header.lower, parts.header.upper);
+    let scale = BoundsScale::new(parts.header.lower, parts.header.upper);
     let mut splits = vec![NONE; vertices];
     let mut nodes: Vec<VspNode> = Vec::with_capacity(parts.records.len());
     for record in parts.records.iter().rev() {
@@ -35,7 +35,7 @@ pub fn add_hierarchy(parts: &mut SpmParts) {
         splits[vs] = record.i;
         nodes.push(VspNode {
             children: [splits[vt], splits[vt + 1]],
-            reach: scale.encode(&reach),
+            bounds: scale.encode(&reach),
         });
     }
     nodes.reverse();
@@ -44,7 +44,7 @@ pub fn add_hierarchy(parts: &mut SpmParts) {
     parts.base_splits = splits;
 }
 
-/// The ladder of a model (see [`spm::ModelHeader::ladder`]): for every level of the grid the
+/// The ladder of a model (see [`spm::ModelHeader::level_tolerances`]): for every level of the grid the
 /// smallest decoded code that at most n / 4^level VSPs exceed, rounded up to f32.
 ///
 /// Without expected errors ([`VspRecord::E_UNKNOWN`]) there is only the full mesh.

@@ -207,8 +207,8 @@ fn keys(model: &Model<'_>) -> Vec<u64> {
     let keys_of = |(task, faces): (usize, &[[u32; 3]])| {
         let mut keys: Vec<u64> = Vec::with_capacity(faces.len() * 6);
         for (t, face) in faces.iter().zip((task * FACES_A_TASK) as u32..) {
-            let [a, b, c] = t.map(|v| sizes.maker_of_vertex(model.ids.vertex[v as usize]));
-            let makers = [sizes.maker_of_face(model.ids.face(face)), a, b, c];
+            let [a, b, c] = t.map(|v| sizes.creator_of_vertex(model.ids.vertex[v as usize]));
+            let makers = [sizes.creator_of_face(model.ids.face(face)), a, b, c];
             model.grid.for_each_owner(model.mesh.corners(t), |region| {
                 keys.push(key(region, OWNS));
                 keys.extend(makers.iter().flatten().map(|&vsp| key(region, vsp)));
@@ -410,7 +410,7 @@ impl<'a> Search<'a> {
 
     /// The ancestor of a vertex that is active in the front of the closure.
     fn active_ancestor(&self, mut vertex: u32) -> u32 {
-        while let Some(i) = self.model.ids.sizes.maker_of_vertex(vertex) {
+        while let Some(i) = self.model.ids.sizes.creator_of_vertex(vertex) {
             let step = self.steps[i as usize];
             if step.stamp == self.stamp {
                 break;

@@ -14,7 +14,7 @@
 use glam::DVec3;
 use protocol::Refusal;
 use spm::ModelHeader;
-use spm::{ErrorScale, FileError, NONE, ReachScale, RegionId, Section, SpmFile, VspRecord};
+use spm::{BoundsScale, ErrorScale, FileError, NONE, RegionId, Section, SpmFile, VspRecord};
 use std::collections::BTreeSet;
 use std::fmt;
 use thiserror::Error;
@@ -106,7 +106,7 @@ impl CollectError {
 struct Wanted {
     /// The largest code of an expected error that does not exceed the tolerance.
     floor: u16,
-    reach: ReachScale,
+    reach: BoundsScale,
     /// The grown cell; `None` for the whole model.
     within: Option<(DVec3, DVec3)>,
 }
@@ -221,7 +221,7 @@ impl Collection {
         let wanted = Wanted {
             // An unknown error is larger than any tolerance.
             floor: scale.floor(tolerance.into()).min(VspRecord::E_UNKNOWN - 1),
-            reach: ReachScale::new(header.lower, header.upper),
+            reach: BoundsScale::new(header.lower, header.upper),
             within,
         };
         let sizes = header.sizes();
@@ -236,7 +236,7 @@ impl Collection {
             let node = file.node(i)?;
             let reached = wanted
                 .within
-                .is_none_or(|(lower, upper)| wanted.reach.meets(node.reach, lower, upper));
+                .is_none_or(|(lower, upper)| wanted.reach.meets(node.bounds, lower, upper));
             if !reached {
                 continue;
             }

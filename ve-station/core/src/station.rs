@@ -487,7 +487,7 @@ impl<D: AsRef<[u8]>> Station<D> {
         match action {
             RegionAction::Subscribe => self.sessions[at].subscribe(model, *ask, false),
             RegionAction::Resend => self.sessions[at].subscribe(model, *ask, true),
-            RegionAction::Held => match self.models[model].closure(region) {
+            RegionAction::Resident => match self.models[model].closure(region) {
                 Ok(mut closure) => {
                     self.sessions[at]
                         .residency

@@ -258,7 +258,7 @@ impl Front {
 
     /// Leaf code of a face of the front.
     fn leaf(&self, face: u32) -> u32 {
-        match self.refined.maker_of_face(face) {
+        match self.refined.creator_of_face(face) {
             None => self.base_leaves[face as usize],
             Some(slot) => {
                 let (left, right) = self.refined.leaves(slot);

@@ -73,7 +73,7 @@ pub(super) fn write_spm_text(front: &Front, out: &mut impl Write) -> io::Result<
     }
     // Numbers of the vertices: two a split of the front.
     let sizes = header.sizes();
-    let vertex_number = |vertex: u32| match sizes.maker_of_vertex(vertex) {
+    let vertex_number = |vertex: u32| match sizes.creator_of_vertex(vertex) {
         None => vertex + 1,
         Some(i) => header.base_vertices + 2 * ranks[i as usize] + 1 + (vertex - sizes.vt(i)),
     };
@@ -97,7 +97,7 @@ pub(super) fn write_spm_text(front: &Front, out: &mut impl Write) -> io::Result<
         for [cell, next] in links {
             write!(out, " {cell} {next}")?;
         }
-        write!(out, " {}", maker(sizes.maker_of_vertex(record.vs)))?;
+        write!(out, " {}", maker(sizes.creator_of_vertex(record.vs)))?;
         let fl = sizes.fl(record.i);
         for (k, third) in split.thirds.into_iter().enumerate() {
             let Some(third) = third else { continue };
@@ -111,7 +111,7 @@ pub(super) fn write_spm_text(front: &Front, out: &mut impl Write) -> io::Result<
                         .position(|&c| c == third)
                         .map_or(0, |c| c + 1);
                     let number = replay.face_number(*neighbour);
-                    let by = maker(sizes.maker_of_face(*neighbour));
+                    let by = maker(sizes.creator_of_face(*neighbour));
                     write!(out, " {side}{number} {corner} {by}")?;
                 }
             }
@@ -216,7 +216,7 @@ impl<'a> Replay<'a> {
 
     fn face_number(&self, face: u32) -> u32 {
         let sizes = self.front.header.sizes();
-        match sizes.maker_of_face(face) {
+        match sizes.creator_of_face(face) {
             None => face + 1,
             Some(i) => self.left_face[i as usize] + (face - sizes.fl(i)),
         }

@@ -46,7 +46,7 @@ pub fn dial_table<D: AsRef<[u8]>>(
     let scale = ErrorScale::for_diagonal(header.diagonal);
     let mut collection = Collection::new(header.vsps);
     let mut rows = Vec::new();
-    for (level, tolerance) in (0..LEVELS as u32).zip(header.ladder) {
+    for (level, tolerance) in (0..LEVELS as u32).zip(header.level_tolerances) {
         // Two levels of one tolerance are named by the coarser one.
         if !tolerance.is_finite() || header.level_of(tolerance) != level {
             continue;

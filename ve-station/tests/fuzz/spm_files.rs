@@ -107,8 +107,8 @@ fn check(bytes: &[u8]) -> bool {
         });
         for &region in file.regions().iter().step_by(7) {
             asked.push(RegionAt::full(region));
-            asked.push(RegionAt::tolerance(region, header.ladder[1]));
-            asked.push(RegionAt::tolerance(region, header.ladder[2]));
+            asked.push(RegionAt::tolerance(region, header.level_tolerances[1]));
+            asked.push(RegionAt::tolerance(region, header.level_tolerances[2]));
         }
         for asked in asked {
             match collection.closure(&file, asked) {

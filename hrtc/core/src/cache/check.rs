@@ -52,7 +52,7 @@ impl Cache {
             let vt = self.mesh.vt(slot);
             let flies = |v| {
                 self.mesh
-                    .flights()
+                    .geomorphs()
                     .iter()
                     .any(|f| f.vertex() == v && f.is_to_parent())
             };

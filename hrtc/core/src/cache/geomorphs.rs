@@ -16,13 +16,13 @@ impl Cache {
     /// Puts the vertices of the split that was performed last back to where the surface was, and on
     /// their way; while there is room.
     pub fn start_geomorphs(&mut self, operation: &OperationFaces) {
-        self.mesh.take_off(operation);
+        self.mesh.start_split_geomorph(operation);
     }
 
     /// Sends the vertices of a slot that nothing needs to where their parent is; while there is
     /// room. It waits for no collapse then.
     pub fn start_collapse(&mut self, slot: Slot) {
-        self.mesh.send_to_parent(slot);
+        self.mesh.start_collapse_geomorph(slot);
         self.references[slot as usize].leaving = true;
         self.requeue(slot);
     }
@@ -31,7 +31,7 @@ impl Cache {
     pub fn cancel_collapse(&mut self, slot: Slot) {
         let leaving = &mut self.references[slot as usize].leaving;
         if std::mem::take(leaving) {
-            self.mesh.send_home(slot);
+            self.mesh.reverse_geomorphs(slot);
             self.requeue(slot);
         }
     }
@@ -46,14 +46,14 @@ impl Cache {
     }
 
     /// Moves a vertex in flight to where it is when `done` of its way is done; see
-    /// [`spm::ActiveMesh::fly`].
+    /// [`spm::ActiveMesh::step_geomorph`].
     pub fn step_geomorph(&mut self, index: usize, done: f64, around: &OperationFaces) {
-        self.mesh.fly(index, done, around);
+        self.mesh.step_geomorph(index, done, around);
         self.mark_deformed(around);
     }
 
     /// Ends the flights that have come home.
     pub fn finish_geomorphs(&mut self) {
-        self.mesh.land();
+        self.mesh.finish_geomorphs();
     }
 }

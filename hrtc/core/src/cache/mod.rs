@@ -190,7 +190,7 @@ impl Cache {
         let slots = least;
         Self {
             bytes,
-            mesh: ActiveMesh::new(0, 0, slots as u32).with_flights(MAX_GEOMORPHS),
+            mesh: ActiveMesh::new(0, 0, slots as u32).with_geomorphs(MAX_GEOMORPHS),
             tree: AbTree::new(2 * slots as u32),
             ids: IdMap::new(slots),
             references: vec![References::default(); slots],

@@ -84,7 +84,7 @@ impl Cache {
         }
         let fl = self.mesh.fl(slot);
         let (leaf_l, leaf_r) = self.mesh.leaves(slot);
-        let (beside_l, beside_r) = self.mesh.beside(slot);
+        let (beside_l, beside_r) = self.mesh.neighbours_of_new_faces(slot);
         if !self.tree.insert_near(fl, leaf_l, beside_l) {
             return Err(damaged);
         }

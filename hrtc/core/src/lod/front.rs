@@ -285,7 +285,7 @@ impl Front {
         let is_moving = self
             .cache
             .mesh()
-            .any_in_flight(&contact.faces[..faces.count()]);
+            .any_geomorphing(&contact.faces[..faces.count()]);
         let reached = reached.filter(|_| !is_moving);
         let scale = self.model.as_ref().map_or(0.0, |of| of.metres_per_unit);
         Accuracy {

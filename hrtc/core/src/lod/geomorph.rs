@@ -44,7 +44,7 @@ impl Front {
         budget: &mut Budget,
         contacts: &mut Contacts,
     ) {
-        let count = self.cache.mesh().flights().len();
+        let count = self.cache.mesh().geomorphs().len();
         let max_steps = (budget.operations * STEPS_PER_OPERATION) as usize;
         // Where a tick has no time for all, they take turns.
         let first = if count > max_steps { tick as usize } else { 0 };
@@ -64,10 +64,10 @@ impl Front {
     /// Collapses the pairs whose vertices have come to their parents.
     fn collapse_arrived(&mut self, budget: &mut Budget, contacts: &mut Contacts) {
         let mut index = 0;
-        while let Some(geomorph) = self.cache.mesh().flights().get(index) {
-            let creator = self.cache.mesh().maker_of_vertex(geomorph.vertex());
+        while let Some(geomorph) = self.cache.mesh().geomorphs().get(index) {
+            let creator = self.cache.mesh().creator_of_vertex(geomorph.vertex());
             let arrived = geomorph.is_to_parent() && geomorph.done() >= 1.0;
-            match creator.filter(|&slot| arrived && self.cache.mesh().has_come_to_parent(slot)) {
+            match creator.filter(|&slot| arrived && self.cache.mesh().has_reached_parent(slot)) {
                 Some(slot) if budget.operations > 0 => {
                     self.collapse(slot, contacts);
                     budget.operations -= 1;
@@ -82,22 +82,22 @@ impl Front {
     /// every perception limit admits. The share is the same for both, so that the faces between
     /// them open the right way round. Returns the number of vertices moved.
     fn step_geomorph(&mut self, index: usize, contacts: &mut Contacts) -> usize {
-        let geomorph = self.cache.mesh().flights()[index];
-        if let Some(slot) = self.cache.mesh().maker_of_vertex(geomorph.vertex())
+        let geomorph = self.cache.mesh().geomorphs()[index];
+        if let Some(slot) = self.cache.mesh().creator_of_vertex(geomorph.vertex())
             && geomorph.is_to_parent()
             && !self.cache.may_collapse(slot)
         {
             self.cache.cancel_collapse(slot);
         }
-        let geomorph = self.cache.mesh().flights()[index];
-        let sibling = self.cache.mesh().sibling(&geomorph);
+        let geomorph = self.cache.mesh().geomorphs()[index];
+        let sibling = self.cache.mesh().sibling_geomorph(&geomorph);
         if geomorph.done() >= 1.0 || sibling.is_some_and(|sibling| sibling < index) {
             // It waits for its sibling's collapse, or moves with it.
             return 0;
         }
         let share = self.share_of_step(index, sibling, contacts);
         for index in [Some(index), sibling].into_iter().flatten() {
-            let done = self.cache.mesh().flights()[index].done() + share;
+            let done = self.cache.mesh().geomorphs()[index].done() + share;
             self.move_geomorph(index, done, contacts);
         }
         1 + usize::from(sibling.is_some())
@@ -106,8 +106,11 @@ impl Front {
     /// Moves a geomorphing vertex, and the proxies with it.
     fn move_geomorph(&mut self, index: usize, done: f64, contacts: &mut Contacts) {
         let mesh = self.cache.mesh();
-        let geomorph = mesh.flights()[index];
-        if mesh.around(&geomorph, &mut self.faces).is_some() {
+        let geomorph = mesh.geomorphs()[index];
+        if mesh
+            .faces_around_geomorph(&geomorph, &mut self.faces)
+            .is_some()
+        {
             self.cache.step_geomorph(index, done, &self.faces);
             contacts.carry(self.cache.mesh(), &self.faces);
         }
@@ -128,10 +131,13 @@ impl Front {
             used,
             ..
         } = self;
-        let geomorph = mesh.flights()[index];
-        let of_sibling = sibling.map(|index| mesh.flights()[index]);
-        let is_whole = mesh.around(&geomorph, faces).is_some()
-            && of_sibling.is_none_or(|other| mesh.around(&other, faces_of_sibling).is_some());
+        let geomorph = mesh.geomorphs()[index];
+        let of_sibling = sibling.map(|index| mesh.geomorphs()[index]);
+        let is_whole = mesh.faces_around_geomorph(&geomorph, faces).is_some()
+            && of_sibling.is_none_or(|other| {
+                mesh.faces_around_geomorph(&other, faces_of_sibling)
+                    .is_some()
+            });
         if !is_whole {
             return 1.0;
         }
@@ -143,7 +149,7 @@ impl Front {
         for k in 0..contacts.limits.len() {
             let (probe, limit) = contacts.limits[k];
             let is_reached = steps.iter().any(|(geomorph, around)| {
-                let end = mesh.end_of(geomorph).as_dvec3();
+                let end = mesh.geomorph_target(geomorph).as_dvec3();
                 let space = box_of(mesh, around.deformed(), [end]);
                 limit.reaches(space) && contacts.may_reach(probe, space, AROUND)
             });
@@ -167,11 +173,13 @@ impl Front {
             used,
             ..
         } = self;
-        let Some([first, second]) = mesh.flights().last_chunk() else {
+        let Some([first, second]) = mesh.geomorphs().last_chunk() else {
             return;
         };
-        let is_whole =
-            mesh.around(first, faces).is_some() && mesh.around(second, faces_of_sibling).is_some();
+        let is_whole = mesh.faces_around_geomorph(first, faces).is_some()
+            && mesh
+                .faces_around_geomorph(second, faces_of_sibling)
+                .is_some();
         if !is_whole {
             return;
         }
@@ -185,7 +193,7 @@ impl Front {
             let shares = of_probe.iter().map(|(_, limit)| taken(limit));
             used[of_probe[0].0] += shares.fold(0.0, f64::max);
         }
-        let count = mesh.flights().len();
+        let count = mesh.geomorphs().len();
         for index in [count - 2, count - 1] {
             self.move_geomorph(index, 1.0, contacts);
         }
@@ -219,7 +227,7 @@ impl Front {
         }
         let space = space_of(mesh, faces, places);
         contacts.collect_reached(reached, space, NEAR_FACTOR * AROUND);
-        if reached.is_empty() && mesh.flights().is_empty() {
+        if reached.is_empty() && mesh.geomorphs().is_empty() {
             // Nor can anything bring it nearer.
             return Transition::Immediate;
         }
@@ -235,10 +243,10 @@ impl Front {
                 Transition::Immediate
             };
         }
-        let count = mesh.flights().len();
+        let count = mesh.geomorphs().len();
         // No more geomorphs than a tick has operations.
-        let has_room = mesh.may_take_off() && count + 2 <= self.operations.max(2);
-        if !has_room || mesh.any_in_flight(faces.deformed()) {
+        let has_room = mesh.can_start_geomorph() && count + 2 <= self.operations.max(2);
+        if !has_room || mesh.any_geomorphing(faces.deformed()) {
             Transition::Deferred
         } else if turns_over(mesh, slot, faces) {
             Transition::Rejected

@@ -61,7 +61,7 @@ impl LodController {
             asked: tolerance,
         };
         let first = dial.rings[0].level as usize;
-        for &rung in &header.ladder[first + 1..] {
+        for &rung in &header.level_tolerances[first + 1..] {
             let last = dial.rings[dial.count - 1].tolerance;
             // Equal rungs are one tolerance, and so one name: its level is the coarsest of them.
             if rung.is_finite() && rung > last {
@@ -149,8 +149,8 @@ pub fn triangle_area(corners: [DVec3; 3]) -> f64 {
 pub(crate) fn header(rungs: &[f32]) -> ModelHeader {
     let mut header: ModelHeader = bytemuck::Zeroable::zeroed();
     header.grid = RegionGrid::new(DVec3::ZERO, DVec3::ONE, 16).unwrap();
-    header.ladder = [f32::INFINITY; LEVELS];
-    header.ladder[..rungs.len()].copy_from_slice(rungs);
+    header.level_tolerances = [f32::INFINITY; LEVELS];
+    header.level_tolerances[..rungs.len()].copy_from_slice(rungs);
     header.faces = 4096;
     header
 }

@@ -304,7 +304,7 @@ impl Subscriber {
                 if let Some(region) = cache.regions.get(self.declared)
                     && region.is_resident()
                 {
-                    push(&mut request, region.key, RegionAction::Held);
+                    push(&mut request, region.key, RegionAction::Resident);
                 }
                 self.declared += 1;
             }

@@ -507,7 +507,7 @@ impl Pair {
         let mesh = self.controller.cache().mesh();
         let mut faces = BTreeSet::new();
         mesh.for_each_active_face(|face| {
-            let id = mesh.maker_of_face(face).map_or(face, |slot| {
+            let id = mesh.creator_of_face(face).map_or(face, |slot| {
                 header.base_faces + 2 * mesh.id(slot) + (face - mesh.fl(slot))
             });
             assert!(faces.insert(id), "a face is there once");

@@ -20,8 +20,8 @@ fn some_box(face: u32, version: u32) -> Aabb {
 }
 
 proptest! {
-    /// Any order of insertions, removals and deformations, refitted at any time, leaves the boxes of a
-    /// fresh refit and one node fewer than faces.
+    /// Any order of insertions, removals and deformations, refitted at any time, leaves the boxes
+    /// of a fresh refit and one node fewer than faces.
     #[test]
     fn boxes_equal_a_fresh_refit_after_any_operations(
         full in 1u32..300,

@@ -1,4 +1,5 @@
-//! The effects that a scene lists, checked, in SI units. An effect that is not listed does not exist.
+//! The effects that a scene lists, checked, in SI units. An effect that is not listed does not
+//! exist.
 //!
 //! The controller computes them (`hrtc_core::force::effects`, a file each).
 

@@ -245,7 +245,7 @@ mod tests {
                     map.at(DVec2::new(0.01 * f64::from(k), 0.5), coarseness)
                         .height
                 })
-                .fold(0.0f64, |most, h| most.max(h.abs()))
+                .fold(0.0f64, |max, h| max.max(h.abs()))
         };
         assert!(size(0.0) > 0.95, "{}", size(0.0));
         assert!(size(6.0) < 1e-6, "{}", size(6.0));

@@ -1,12 +1,12 @@
 //! Motion of an object: free, on a hinge, on a rail, or driven.
 //!
-//! A contact couples a body and the device through a spring of stiffness K and damping B, once a tick
-//! of period T. At the place and in the direction where a body of mass m yields most, it acts like a
-//! smaller mass m'. For a box, 1/m' is at most 7/m (1/m by translation, 6/m by rotation, at a
-//! corner); on a hinge it is less, on a rail it is 1/m. Semi-implicit steps hold such a coupling up to
-//! K T² + 2 B T = 4 m'. Beyond 1 m' the force of a single tick throws the body farther than the depth
-//! that caused it, out of contact again, so force and no force alternate. A body therefore needs m'
-//! of at least n (K T² + 2 B T), for n probes that may push it at once.
+//! A contact couples a body and the device through a spring of stiffness K and damping B, once a
+//! tick of period T. At the place and in the direction where a body of mass m yields most, it acts
+//! like a smaller mass m'. For a box, 1/m' is at most 7/m (1/m by translation, 6/m by rotation, at
+//! a corner); on a hinge it is less, on a rail it is 1/m. Semi-implicit steps hold such a coupling
+//! up to K T² + 2 B T = 4 m'. Beyond 1 m' the force of a single tick throws the body farther than
+//! the depth that caused it, out of contact again, so force and no force alternate. A body
+//! therefore needs m' of at least n (K T² + 2 B T), for n probes that may push it at once.
 
 use glam::DVec3;
 
@@ -115,8 +115,8 @@ impl MovablePlan {
         }
     }
 
-    /// Lower bound of m', the effective mass at any contact (kg), for an object of this longest side
-    /// (metres; only needed with a given inertia).
+    /// Lower bound of m', the effective mass at any contact (kg), for an object of this longest
+    /// side (metres; only needed with a given inertia).
     #[must_use]
     pub fn min_effective_mass(&self, longest_side: f64) -> f64 {
         let Some(mass) = self.mass() else {
@@ -134,8 +134,8 @@ impl MovablePlan {
     }
 }
 
-/// Smallest m' (kg) that a surface can couple to, from its stiffness (N/m), its damping (N s/m), the
-/// period of a tick (seconds) and the number of probes.
+/// Smallest m' (kg) that a surface can couple to, from its stiffness (N/m), its damping (N s/m),
+/// the period of a tick (seconds) and the number of probes.
 #[must_use]
 pub fn min_coupled_mass(
     stiffness_n_per_m: f64,

@@ -265,8 +265,8 @@ fn texture(
     }))
 }
 
-/// A wavelength of a texture. Its frequency, speed over wavelength, must stay below half the rate of
-/// the loop (Nyquist).
+/// A wavelength of a texture. Its frequency, speed over wavelength, must stay below half the rate
+/// of the loop (Nyquist).
 fn wavelength(source: &Source, typed: &Spanned<f64>, limits: &Limits) -> Result<f64, SceneError> {
     let wavelength_m = source.number(Some(typed), "wavelength_m", 0.0, LENGTH_M)?;
     let finest = 2.0 * limits.speed_m_per_s / limits.rate_hz;
@@ -488,10 +488,10 @@ impl Limits {
 
     /// Largest stiffness that the loop can render with a damping, N/m.
     ///
-    /// At the passivity limit of a sampled wall, K T / 2 + B <= b (Colgate 1997), it would oscillate
-    /// for seconds. So it is half of that limit, with half of the rendered damping, which acts late,
-    /// and at most a quarter of the mass's oscillation in a tick. `rt-tests stability fields` tests
-    /// the limit.
+    /// A sampled spring K and damper B on a device of damping b is stable up to K = 2 (b + B) / T (Gil
+    /// 2004), where it oscillates for seconds. The limit is half of that, with half of B, which acts
+    /// late, and at most a quarter of the mass's oscillation in a tick. `rt-tests stability fields`
+    /// tests the limit.
     fn stiffness(&self, damping: f64) -> f64 {
         let damped = (self.damping_ns_per_m + 0.5 * damping) * self.rate_hz;
         damped.min(0.25 * self.mass_kg * self.rate_hz * self.rate_hz)

@@ -39,7 +39,7 @@ fn the_bundled_scene_lists_every_effect_once() {
 }
 
 #[test]
-fn a_wrong_parameter_is_refused_with_its_line_and_what_to_write() {
+fn a_wrong_parameter_is_refused_with_its_line_and_a_remedy() {
     for (entry, says) in [
         ("friction = { static = -0.1 }", "static is -0.1"),
         ("friction = { static = 3.5 }", "static is 3.5"),

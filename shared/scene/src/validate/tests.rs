@@ -59,7 +59,7 @@ fn line_of(text: &str, needle: &str) -> usize {
 }
 
 #[test]
-fn the_bundled_scene_says_the_defaults() {
+fn the_bundled_scene_equals_the_defaults() {
     let bundled = plain(BUNDLED).unwrap();
     let short = plain(
         "[[object]]\ngenerate = { shape = \"relief\", faces = 100000 }\nsize_m = 0.15\n[[probe]]\n",
@@ -227,7 +227,7 @@ fn too_many_or_missing_tables_are_refused_with_their_line() {
 }
 
 #[test]
-fn model_and_size_are_said_once_and_only_once() {
+fn model_and_size_are_given_exactly_once() {
     for (old, new, expected) in [
         ("generate", "model = \"a.spm\"\ngenerate", "not both"),
         ("size_m = 0.15 ", "", "size_m"),
@@ -283,7 +283,7 @@ fn sizes_in_bytes_are_read_with_and_without_a_unit() {
 }
 
 #[test]
-fn the_command_line_lies_over_the_scene() {
+fn the_command_line_replaces_values_of_the_scene() {
     let overrides = Overrides {
         model: Some("other.spm".into()),
         size_m: Some(0.3),
@@ -359,7 +359,7 @@ fn the_command_line_lies_over_the_scene() {
 }
 
 #[test]
-fn a_trajectory_is_read_from_beside_the_scene_and_its_faults_have_lines() {
+fn a_trajectory_is_read_from_the_folder_of_the_scene_and_its_errors_have_lines() {
     let text = exchanged(
         "tour = { seed = 1, speed_m_per_s = 0.1, depth_m = 0.002 }",
         "csv = \"path.csv\"",

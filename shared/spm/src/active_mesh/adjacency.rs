@@ -1,20 +1,20 @@
-//! The adjacency tests of thesis 5.2.3, after Hoppe 97: the oracle of legality by counters.
+//! The adjacency tests of thesis 5.2.3, after Hoppe 1997: the oracle for legality by counters.
 //!
-//! They look at the mesh alone, not at dependencies, and are for tests: the tick asks the counters.
+//! They use the mesh alone, not dependencies. For tests; the tick uses the counters.
 
 use super::{ActiveMesh, Handle, NONE, Slot};
 
 impl ActiveMesh {
-    /// The vertex that a slot's VSP splits is active, and so are fn0..fn3, adjacent as recorded.
+    /// Whether vs of a slot is active, and fn0..fn3 are active and adjacent as recorded.
     #[must_use]
     pub fn split_is_legal_by_adjacency(&self, slot: Slot) -> bool {
         let links = self.links[slot as usize];
         let [fn0, fn1, fn2, fn3] = links.fn_;
-        self.side_by_side(links.vs, fn0, fn1)
-            && (links.leaf_r == NONE || self.side_by_side(links.vs, fn3, fn2))
+        self.are_adjacent(links.vs, fn0, fn1)
+            && (links.leaf_r == NONE || self.are_adjacent(links.vs, fn3, fn2))
     }
 
-    /// vt and vu of a slot are active, and the neighbours of fl and fr are fn0..fn3.
+    /// Whether vt and vu of a slot are active, and the neighbours of fl and fr are fn0..fn3.
     #[must_use]
     pub fn collapse_is_legal_by_adjacency(&self, slot: Slot) -> bool {
         let links = self.links[slot as usize];
@@ -44,8 +44,8 @@ impl ActiveMesh {
             .map(|k| face.neighbours[(k + 2) % 3])
     }
 
-    /// Whether `vertex` has an edge with `leaving` on its left and `entering` on its right, as recorded.
-    fn side_by_side(&self, vertex: Handle, leaving: Handle, entering: Handle) -> bool {
+    /// Whether `vertex` has an edge with `leaving` on its left and `entering` on its right.
+    fn are_adjacent(&self, vertex: Handle, leaving: Handle, entering: Handle) -> bool {
         let others = |face: Handle| {
             let face = self.face(face);
             let k = face.index_of(vertex)?;

@@ -28,7 +28,7 @@ impl ActiveMesh {
             let face = self.faces[f as usize];
             for k in 0..3 {
                 let v = face.corners[k];
-                if let Some(slot) = self.maker_of_vertex(v) {
+                if let Some(slot) = self.creator_of_vertex(v) {
                     assert!(self.is_performed(slot), "face {f} has an inactive corner");
                 }
                 edges.push((v, face.corners[(k + 1) % 3]));

@@ -1,11 +1,12 @@
-//! The faces around a vertex: the fans that a split parts and a collapse joins.
+//! The faces around a vertex: the fans that a split separates and a collapse joins.
 
 use super::{ActiveMesh, Handle, NONE, OperationFaces, Slot};
 use glam::DVec3;
 
 impl ActiveMesh {
-    /// The vertex beyond `vertex` on the edge that two faces share: `leaving` has the edge vertex -> x,
-    /// `entering` has x -> vertex. `None` when the two do not lie so, or neither exists.
+    /// The vertex x at the other end of the edge that two faces share: `leaving` has the edge
+    /// vertex -> x, `entering` has x -> vertex. `None` when they share no such edge, or neither
+    /// exists.
     pub(super) fn across(
         &self,
         vertex: Handle,
@@ -18,7 +19,7 @@ impl ActiveMesh {
             }
             let f = &self.faces[face as usize];
             let k = f.index_of(vertex)?;
-            // The neighbour across the edge lies opposite the third corner.
+            // The neighbour across the edge is opposite the third corner.
             let third = (k + 3 - step) % 3;
             (f.neighbours[third] == other).then_some(Some(f.corners[(k + step) % 3]))
         };
@@ -29,7 +30,8 @@ impl ActiveMesh {
         }
     }
 
-    /// Collects the two fans that a split of `vs` parts: counterclockwise fn0..fn2 to vt, fn3..fn1 to vu.
+    /// Collects the two fans of a split of `vs`, counterclockwise: fn0..fn2 go to vt, fn3..fn1 to
+    /// vu.
     pub(super) fn collect(
         &self,
         vs: Handle,
@@ -41,14 +43,14 @@ impl ActiveMesh {
         self.fan(vs, fn0, fn2, out)?;
         out.of_t = out.count;
         self.fan(vs, fn3, fn1, out)?;
-        // The fans must not share a face: a damaged record could name fn on the wrong side.
+        // A damaged record could name a face in both fans.
         let (t, u) = out.deformed().split_at(out.of_t);
         let disjoint = t.iter().all(|f| !u.contains(f));
         disjoint.then_some(())
     }
 
-    /// Collects the faces around `vertex` counterclockwise from `first` to `last`; where a rim comes in
-    /// between, the fan is in two pieces and the second is walked clockwise from `last`.
+    /// Collects the faces around `vertex` counterclockwise from `first` to `last`. Where a boundary
+    /// interrupts the fan, its second piece is walked clockwise from `last`.
     pub(super) fn fan(
         &self,
         vertex: Handle,
@@ -65,7 +67,7 @@ impl ActiveMesh {
             let f = &self.faces[face as usize];
             face = f.neighbours[(f.index_of(vertex)? + 1) % 3];
             if face == first {
-                // Once round without meeting `last`.
+                // A full turn without `last`.
                 return None;
             }
         }
@@ -99,7 +101,8 @@ impl ActiveMesh {
         }
     }
 
-    /// Collects the faces that the split of a loaded slot, or its collapse if it is performed, would deform.
+    /// Collects the faces that the split of a loaded slot would deform, or its collapse if it is
+    /// performed.
     ///
     /// `None` when the record does not fit the mesh.
     pub fn patch(&self, slot: Slot, out: &mut OperationFaces) -> Option<()> {
@@ -115,8 +118,9 @@ impl ActiveMesh {
         self.fan(vt + 1, fn3, fn1, out)
     }
 
-    /// Whether a face is as `test` says that the split or collapse of a slot will deform or make: its corners afterwards, and
-    /// the face itself where it is there already. `patch` is what [`ActiveMesh::patch`] collected.
+    /// Whether `test` accepts a face that the split or collapse of a slot will deform or create. It
+    /// gets the face, if it exists already, and its corners afterwards. `patch` comes from
+    /// [`ActiveMesh::patch`].
     pub fn any_after(
         &self,
         slot: Slot,
@@ -125,17 +129,18 @@ impl ActiveMesh {
     ) -> bool {
         let (from, to) = self.ends(slot);
         let mut deformed = Self::deformed_of(patch);
-        let mut pair = self.thirds(slot).into_iter().flatten();
+        let mut pair = self.third_corners(slot).into_iter().flatten();
         let [vt, vu] = to;
-        deformed.any(|(side, face)| {
+        deformed.any(|(fan, face)| {
             let corners = self.face(face).corners;
-            let after = corners.map(|c| if c == from[side] { to[side] } else { c });
+            let after = corners.map(|c| if c == from[fan] { to[fan] } else { c });
             test(Some(face), after)
         }) || (!self.is_performed(slot) && pair.any(|third| test(None, [vt, vu, third])))
     }
 
-    /// Whether a tetrahedron is as `test` says that a face would sweep on its way if the vertices of the split or collapse of a
-    /// slot went straight to their places: together these hold the surface before and after, and all that it passes over.
+    /// Whether `test` accepts a tetrahedron that a face sweeps when the vertices of the split or
+    /// collapse of a slot move straight to their targets. Together the tetrahedra hold the surface
+    /// before, after and in between.
     pub fn any_swept(
         &self,
         slot: Slot,
@@ -145,36 +150,37 @@ impl ActiveMesh {
         let (_, to) = self.ends(slot);
         let place = |vertex: Handle| self.position(vertex).as_dvec3();
         let mut deformed = Self::deformed_of(patch);
-        let mut pair = self.thirds(slot).into_iter().flatten();
+        let mut pair = self.third_corners(slot).into_iter().flatten();
         let parent = self.parent(slot);
         let [vt, vu] = self.children(slot);
-        deformed.any(|(side, face)| {
+        deformed.any(|(fan, face)| {
             let [a, b, c] = self.corners(face);
-            // Its corners, and the place that one of them goes to.
-            test([a, b, c, place(to[side])])
+            // Its corners, and the target of one of them.
+            test([a, b, c, place(to[fan])])
         }) || pair.any(|third| test([parent, vt, vu, third].map(place)))
     }
 
-    /// The vertices that the fans of a slot's patch have for corners, and those that they get.
+    /// The corners of the two fans of a slot before and after its operation.
     fn ends(&self, slot: Slot) -> ([Handle; 2], [Handle; 2]) {
-        let (whole, parted) = ([self.parent(slot); 2], self.children(slot));
+        let (joined, separated) = ([self.parent(slot); 2], self.children(slot));
         if self.is_performed(slot) {
-            (parted, whole)
+            (separated, joined)
         } else {
-            (whole, parted)
+            (joined, separated)
         }
     }
 
-    /// The faces of a patch, each with the side that it is on.
+    /// The faces of a patch, each with its fan: 0 for that of vt, 1 for that of vu.
     fn deformed_of(patch: &OperationFaces) -> impl Iterator<Item = (usize, Handle)> {
         let (of_t, of_u) = patch.fans();
-        let on = |side: usize| move |&face: &Handle| (side, face);
-        of_t.iter().map(on(0)).chain(of_u.iter().map(on(1)))
+        let in_fan = |fan: usize| move |&face: &Handle| (fan, face);
+        of_t.iter().map(in_fan(0)).chain(of_u.iter().map(in_fan(1)))
     }
 
-    /// vl and vr of a loaded slot: the third corners of the pair that its split makes, or that its collapse removes.
+    /// vl and vr of a loaded slot: the third corners of the faces that its split creates or its
+    /// collapse removes.
     #[must_use]
-    pub fn thirds(&self, slot: Slot) -> [Option<Handle>; 2] {
+    pub fn third_corners(&self, slot: Slot) -> [Option<Handle>; 2] {
         let links = self.links[slot as usize];
         if self.is_performed(slot) {
             let third = |face: Handle| self.face(face).corners[2];
@@ -191,34 +197,34 @@ impl ActiveMesh {
         })
     }
 
-    /// Collects the faces around an active vertex that a split has made: fl keeps it as a corner until it is split
-    /// itself. `None` when they are more than there is room for.
+    /// Collects the faces around an active vertex that a split has created: fl keeps it as a corner
+    /// until it is split itself. `None` when there are more than [`OperationFaces::MAX_FACES`].
     pub(super) fn star(&self, vertex: Handle, out: &mut OperationFaces) -> Option<()> {
-        let first = self.fl(self.maker_of_vertex(vertex)?);
+        let first = self.fl(self.creator_of_vertex(vertex)?);
         out.count = 0;
         let mut face = first;
-        // Counterclockwise round, or to the rim; from there the rest clockwise.
+        // Counterclockwise, a full turn or to the boundary; then the rest clockwise.
         for step in [1, 2] {
             while face != NONE {
                 out.push(face)?;
-                face = self.beside_corner(face, vertex, step)?;
+                face = self.neighbour_at_corner(face, vertex, step)?;
                 if face == first {
                     return Some(());
                 }
             }
-            face = self.beside_corner(first, vertex, 2)?;
+            face = self.neighbour_at_corner(first, vertex, 2)?;
         }
         Some(())
     }
 
-    /// Whether a face around a corner of an active face is as `test` says.
+    /// Whether `test` accepts a face around a corner of an active face.
     pub fn any_around(
         &self,
         face: Handle,
         corner: Handle,
         mut test: impl FnMut(Handle) -> bool,
     ) -> bool {
-        // Counterclockwise round, or to the rim; from there the rest clockwise.
+        // Counterclockwise, a full turn or to the boundary; then the rest clockwise.
         [1, 2].into_iter().any(|step| {
             let mut next = Some(face);
             while let Some(at) = next.filter(|&at| at != NONE) {
@@ -226,7 +232,7 @@ impl ActiveMesh {
                     return true;
                 }
                 next = self
-                    .beside_corner(at, corner, step)
+                    .neighbour_at_corner(at, corner, step)
                     .filter(|&at| at != face);
             }
             false
@@ -234,7 +240,7 @@ impl ActiveMesh {
     }
 
     /// The neighbour of a face opposite the corner `step` after `vertex`.
-    fn beside_corner(&self, face: Handle, vertex: Handle, step: usize) -> Option<Handle> {
+    fn neighbour_at_corner(&self, face: Handle, vertex: Handle, step: usize) -> Option<Handle> {
         let f = &self.faces[face as usize];
         Some(f.neighbours[(f.index_of(vertex)? + step) % 3])
     }

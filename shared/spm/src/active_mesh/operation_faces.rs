@@ -1,34 +1,34 @@
-//! What a split, a collapse or a step of a vertex touched.
+//! The faces that a split, a collapse or a step of a vertex changes.
 
 use super::{Handle, NONE};
 use glam::Vec3;
 
-/// The faces that one operation touched, in storage that is made once.
+/// The faces that one operation changes, in storage that is allocated once.
 #[derive(Debug, Clone)]
 pub struct OperationFaces {
-    /// Faces made (split) or removed (collapse): fl, then fr where there is one.
+    /// Faces created (split) or removed (collapse): fl, then fr where there is one.
     pub pair: [Handle; 2],
-    /// How many of `pair` are valid: none of a step, else 1 or 2.
+    /// Number of valid entries of `pair`: 0 for a step, else 1 or 2.
     pub pair_count: usize,
     /// Leaf codes of the pair.
     pub leaves: [u32; 2],
-    pub(super) deformed: [Handle; Self::MAX],
-    /// How many of the deformed faces are of vt; of a step all.
+    pub(super) deformed: [Handle; Self::MAX_FACES],
+    /// Number of deformed faces in the fan of vt; all of them for a step.
     pub(super) of_t: usize,
     pub(super) count: usize,
-    /// The corner that the faces of vt have now, and that of the faces of vu.
+    /// Current corner of the faces of vt, and that of the faces of vu.
     pub(super) moved: [Handle; 2],
-    /// Where these faces had that corner before.
+    /// Position of that corner before the operation.
     pub(super) from: [Vec3; 2],
-    /// R of the vertex that was split, there.
+    /// R of the split vertex.
     pub(super) radius: f32,
-    /// Whether the pair was made.
+    /// Whether the pair was created.
     pub(super) made: bool,
 }
 
 impl OperationFaces {
-    /// The most faces around one vertex that an operation can move; the builder keeps fans far smaller.
-    pub const MAX: usize = 512;
+    /// Largest number of deformed faces; the builder keeps fans far smaller.
+    pub const MAX_FACES: usize = 512;
 
     /// Empty storage.
     #[must_use]
@@ -37,7 +37,7 @@ impl OperationFaces {
             pair: [NONE; 2],
             pair_count: 0,
             leaves: [NONE; 2],
-            deformed: [NONE; Self::MAX],
+            deformed: [NONE; Self::MAX_FACES],
             of_t: 0,
             count: 0,
             moved: [NONE; 2],
@@ -47,19 +47,19 @@ impl OperationFaces {
         }
     }
 
-    /// Faces whose shape changed but which stay.
+    /// Faces that stay but change their shape.
     #[must_use]
     pub fn deformed(&self) -> &[Handle] {
         &self.deformed[..self.count]
     }
 
-    /// Those of them that are of vt, then those of vu.
+    /// The deformed faces of vt, and those of vu.
     #[must_use]
     pub fn fans(&self) -> (&[Handle], &[Handle]) {
         self.deformed().split_at(self.of_t)
     }
 
-    /// The made or removed faces.
+    /// The created or removed faces.
     #[must_use]
     pub fn made_or_removed(&self) -> &[Handle] {
         &self.pair[..self.pair_count]

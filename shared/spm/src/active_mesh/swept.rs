@@ -1,8 +1,10 @@
-//! What a split, a collapse or a step of a vertex sweeps over: the space between the surface before and after it.
+//! The volume that a split, a collapse or a step of a vertex sweeps: the space between the surfaces
+//! before and after it.
 //!
-//! Both surfaces are patches with the same border, so together they enclose a volume; a point changes sides
-//! exactly when it lies in it. Its winding number, a sum of solid angles, says so, and needs no normals, no neighbours and no closed mesh. Where the border itself moves, at the rim of
-//! an open sheet, the patches leave a gap and the number is a fraction; the nearer whole number decides.
+//! Both surfaces are patches with the same border, so together they enclose a volume. A point
+//! changes sides exactly when it is inside. Its winding number, a sum of solid angles, tells that
+//! without normals, neighbours or a closed mesh. Where the border itself moves, at the boundary of
+//! an open sheet, the patches leave a gap and the number is a fraction; it is rounded.
 
 use super::{ActiveMesh, Handle, OperationFaces};
 use geometry::solid_angle;
@@ -10,10 +12,10 @@ use glam::DVec3;
 use std::f64::consts::TAU;
 
 impl ActiveMesh {
-    /// Whether the surface passed over a point (model units, finite) in the split, collapse or step that was
-    /// performed last.
+    /// Whether the surface passed over a point (model units, finite) in the last split, collapse or
+    /// step.
     ///
-    /// Cheap where the point is outside the box of what moved: nearly always.
+    /// Cheap where the point is outside the box of the moved faces: nearly always.
     #[must_use]
     pub fn swept_over(&self, operation: &OperationFaces, point: DVec3) -> bool {
         let from = operation.from.map(|place| place.as_dvec3());
@@ -35,11 +37,11 @@ impl ActiveMesh {
         }
         let mut angle = 0.0;
         for (k, &face) in operation.deformed().iter().enumerate() {
-            let side = usize::from(k >= operation.of_t);
+            let fan = usize::from(k >= operation.of_t);
             let after = self.corners(face);
             let mut before = after;
-            if let Some(corner) = self.face(face).index_of(operation.moved[side]) {
-                before[corner] = from[side];
+            if let Some(corner) = self.face(face).index_of(operation.moved[fan]) {
+                before[corner] = from[fan];
             }
             angle += solid_angle(after, point) - solid_angle(before, point);
         }
@@ -47,11 +49,11 @@ impl ActiveMesh {
         for k in 0..operation.pair_count {
             angle += sign * solid_angle(self.pair_corners(operation, k), point);
         }
-        // A whole turn is 4 pi, that is 2 TAU.
+        // Inside, the winding number is 1 and the angle 4 pi, that is 2 TAU.
         angle.abs() > TAU
     }
 
-    /// Where the corners of a made face are, or those of a removed one were: fl is (vt, vu, vl), fr (vu, vt, vr).
+    /// Corners of a created or removed face: fl is (vt, vu, vl), fr (vu, vt, vr).
     fn pair_corners(&self, operation: &OperationFaces, k: usize) -> [DVec3; 3] {
         let face: Handle = operation.pair[k];
         let corners = self.corners(face);

@@ -17,7 +17,7 @@ fn record(i: u32, leaf_r: u32) -> VspRecord {
     }
 }
 
-/// A hexagonal fan around vertex 0, rim vertices 1..=6, faces k = (0, k + 1, k + 2).
+/// A hexagonal fan around vertex 0, boundary vertices 1..=6, faces k = (0, k + 1, k + 2).
 fn hexagon(slots: u32) -> ActiveMesh {
     let mut mesh = ActiveMesh::new(7, 6, slots);
     for v in 0..7 {
@@ -58,8 +58,9 @@ fn a_split_parts_the_fan_and_a_collapse_restores_it() {
 }
 
 #[test]
-fn the_fan_of_vt_may_be_in_two_pieces_at_a_rim() {
-    // Without face 1 the vertex 0 lies on the rim: vt gets face 0 and face 2 with the gap between them.
+fn the_fan_of_vt_may_be_in_two_pieces_at_a_boundary() {
+    // Without face 1 the vertex 0 lies on the boundary: vt gets face 0 and face 2 with the gap between
+    // them.
     let mut mesh = ActiveMesh::new(7, 5, 1);
     let place = [0, NONE, 1, 2, 3, 4];
     for k in [0usize, 2, 3, 4, 5] {
@@ -103,19 +104,20 @@ fn places(mesh: &ActiveMesh) -> Vec<[DVec3; 3]> {
     all
 }
 
-/// Moves every vertex in flight until so much of its way is done.
+/// Moves every vertex in geomorph until so much of its way is done.
 fn fly_all(mesh: &mut ActiveMesh, done: f64, out: &mut OperationFaces) {
-    for index in 0..mesh.flights().len() {
-        let flight = mesh.flights()[index];
-        mesh.around(&flight, out).expect("the fans are small");
-        mesh.fly(index, done.max(flight.done()), out);
+    for index in 0..mesh.geomorphs().len() {
+        let geomorph = mesh.geomorphs()[index];
+        mesh.faces_around_geomorph(&geomorph, out)
+            .expect("the fans are small");
+        mesh.step_geomorph(index, done.max(geomorph.done()), out);
     }
-    mesh.land();
+    mesh.finish_geomorphs();
 }
 
 #[test]
 fn a_split_takes_off_from_where_the_surface_was_and_lands_where_the_file_says() {
-    let mut mesh = hexagon(2).with_flights(4);
+    let mut mesh = hexagon(2).with_geomorphs(4);
     let mut at_once = hexagon(2);
     mesh.set_base_vertex(0, [0.0, 0.0, 0.5], 2.0);
     at_once.set_base_vertex(0, [0.0, 0.0, 0.5], 2.0);
@@ -125,8 +127,8 @@ fn a_split_takes_off_from_where_the_surface_was_and_lands_where_the_file_says() 
         mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [0.25, 0.5]);
         mesh.split(0, &mut out).unwrap();
     }
-    mesh.take_off(&out);
-    assert!(!mesh.may_take_off() || mesh.flights().len() == 2);
+    mesh.start_split_geomorph(&out);
+    assert!(!mesh.can_start_geomorph() || mesh.geomorphs().len() == 2);
     // The six faces are where they were, and the pair has no area: nothing has been passed.
     assert_eq!(places(&mesh)[..6], before[..]);
     assert!(!mesh.swept_over(&out, DVec3::new(0.1, 0.1, 0.2)));
@@ -137,43 +139,43 @@ fn a_split_takes_off_from_where_the_surface_was_and_lands_where_the_file_says() 
     assert_eq!(mesh.position(7).to_array(), [0.0, 0.25, 0.375]);
     mesh.check();
     fly_all(&mut mesh, 1.0, &mut out);
-    assert!(mesh.flights().is_empty());
+    assert!(mesh.geomorphs().is_empty());
     assert_eq!(places(&mesh), places(&at_once));
     assert_eq!([7, 8].map(|v| mesh.radius(v)), [0.25, 0.5]);
 
     // And back: at the parent's place the collapse moves nothing.
-    mesh.send_to_parent(0);
+    mesh.start_collapse_geomorph(0);
     fly_all(&mut mesh, 0.5, &mut out);
-    assert!(!mesh.has_come_to_parent(0));
+    assert!(!mesh.has_reached_parent(0));
     fly_all(&mut mesh, 1.0, &mut out);
-    assert!(mesh.has_come_to_parent(0));
+    assert!(mesh.has_reached_parent(0));
     assert_eq!(places(&mesh)[..6], before[..]);
     mesh.collapse(0, &mut out);
-    assert!(mesh.flights().is_empty());
+    assert!(mesh.geomorphs().is_empty());
     assert_eq!(places(&mesh), before);
     assert_eq!([7, 8].map(|v| mesh.radius(v)), [0.25, 0.5]);
 }
 
 #[test]
-fn a_step_of_a_vertex_passes_what_lies_between_the_surfaces() {
-    let mut mesh = hexagon(1).with_flights(2);
+fn a_step_of_a_vertex_sweeps_the_points_between_the_surfaces() {
+    let mut mesh = hexagon(1).with_geomorphs(2);
     mesh.set_base_vertex(0, [0.0, 0.0, 2.0], 0.0);
     mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [0.0; 2]);
     let mut out = OperationFaces::new();
     mesh.split(0, &mut out).unwrap();
-    mesh.take_off(&out);
+    mesh.start_split_geomorph(&out);
     // Under the tip, over the flat front that the split leads to.
     let point = DVec3::new(0.01, 0.02, 1.0);
     let mut passed = 0;
     for k in 1..=8 {
         for index in 0..2 {
-            let flight = mesh.flights()[index];
-            mesh.around(&flight, &mut out).unwrap();
-            mesh.fly(index, f64::from(k) / 8.0, &out);
+            let geomorph = mesh.geomorphs()[index];
+            mesh.faces_around_geomorph(&geomorph, &mut out).unwrap();
+            mesh.step_geomorph(index, f64::from(k) / 8.0, &out);
             passed += u32::from(mesh.swept_over(&out, point));
         }
     }
-    mesh.land();
+    mesh.finish_geomorphs();
     assert_eq!(passed, 1, "it is passed once");
-    assert!(mesh.flights().is_empty());
+    assert!(mesh.geomorphs().is_empty());
 }

@@ -2,25 +2,25 @@
 
 use super::{ActiveMesh, OperationFaces, Slot};
 
-/// A walk over fronts: any legal split or collapse next, drawn at random. For tests; it allocates.
+/// A walk over fronts by random legal splits and collapses. For tests; it allocates.
 ///
-/// Slots must be VSP numbers. `random` gives an even u32 at each call.
+/// Slots must be VSP numbers. `random` returns evenly distributed numbers.
 #[derive(Debug, Clone)]
 pub struct FrontWalk {
     /// The mesh.
     pub mesh: ActiveMesh,
-    /// What the last operation touched.
+    /// Faces of the last operation.
     pub out: OperationFaces,
-    /// The performed VSPs, in no order.
+    /// The performed VSPs, in any order.
     pub performed: Vec<Slot>,
-    /// Holds every VSP whose split is legal, and others.
+    /// Every VSP whose split is legal, and others.
     ready: Vec<Slot>,
     /// The VSPs that depend on each.
     dependents: Vec<Vec<Slot>>,
 }
 
 impl FrontWalk {
-    /// From a mesh with every record loaded.
+    /// Starts from a mesh with every record loaded.
     #[must_use]
     pub fn new(mesh: ActiveMesh) -> Self {
         let slots = mesh.states.len() as u32;
@@ -45,7 +45,7 @@ impl FrontWalk {
         self.dependents.len() as u32
     }
 
-    /// Performs a random legal split among those that `wanted` takes; `None` when there is none.
+    /// Performs a random legal split that `wanted` accepts; `None` when there is none.
     ///
     /// # Panics
     /// When a record does not fit the mesh.
@@ -97,13 +97,14 @@ impl FrontWalk {
         self.ready.push(slot);
     }
 
-    /// Performs a VSP after all that it waits for, ascending, by splits alone; each must be legal by the
-    /// adjacency test in its turn. Whether all were, and how many there were.
+    /// Performs a VSP after its missing dependencies, ascending, by splits alone; each must be
+    /// legal by the adjacency test in its turn. Returns whether all were, and their number.
     ///
-    /// **No split ever needs a collapse first.** Thesis Figure 5.7 B collapses a VSP k to make another one
-    /// legal. That case does not occur: a split waits for its dependencies only, these are splits with smaller
-    /// numbers, and nothing that is performed besides them changes whether it is legal (a split j can only
-    /// change the neighbours of fn0..fn3 of i round the vertex that i splits if i depends on it).
+    /// **No split ever needs a collapse first.** Thesis Figure 5.7 B collapses a VSP k to make
+    /// another one legal. That case does not occur. A split waits for its dependencies only, which
+    /// are splits with smaller numbers, and no other performed split changes whether it is legal: a
+    /// split j can change the neighbours of fn0..fn3 of i around the vertex that i splits only if i
+    /// depends on j.
     ///
     /// # Panics
     /// When a record does not fit the mesh.

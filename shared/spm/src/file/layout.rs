@@ -1,4 +1,4 @@
-//! What lies where in an SPM file.
+//! Layout of an SPM file.
 
 use crate::{BaseFace, BaseVertex, ModelHeader};
 use crate::{RegionId, VspNode, VspRecord};
@@ -8,33 +8,33 @@ use geometry::Aabb;
 /// The first eight bytes of every SPM file.
 pub(super) const MAGIC: [u8; 8] = *b"hrtc-spm";
 
-/// The version of the layout; another one is refused by name.
+/// Version of the layout; other versions are refused with their number.
 pub const FORMAT_VERSION: u32 = 3;
 
-/// Bytes that one checksum of a big section covers.
+/// Bytes under one checksum of a big section.
 pub const BLOCK_BYTES: u64 = 1 << 16;
 
-/// Sections start at multiples of this: a record is one cache line.
+/// Sections start at multiples of this, bytes: a record is one cache line.
 pub(super) const ALIGNMENT: u64 = 64;
 
 /// The sections, in the order of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Section {
-    /// Vertices of the base mesh ([`spm::BaseVertex`]).
+    /// Vertices of the base mesh ([`crate::BaseVertex`]).
     BaseVertices = 0,
-    /// Faces of the base mesh ([`spm::BaseFace`]).
+    /// Faces of the base mesh ([`crate::BaseFace`]).
     BaseFaces = 1,
-    /// Occupied and cleared regions, ascending ([`crate::RegionId`]).
+    /// Occupied and empty regions, ascending ([`crate::RegionId`]).
     Regions = 2,
-    /// Where the seeds of each region start; one entry more than regions (u32).
+    /// Start of each region's seeds; one entry more than regions (u32).
     SeedOffsets = 3,
     /// Checksums of the blocks of the big sections, section after section (u64).
     BlockSums = 4,
-    /// The VSP that splits each base vertex, [`crate::NONE`] where it is one of the full mesh (u32).
+    /// The VSP that splits each base vertex, [`crate::NONE`] for a vertex of the full mesh (u32).
     BaseSplits = 5,
-    /// The VSPs that made the faces of a region and their corners, and those that keep its cell clear of
-    /// coarse faces, ascending in each region (u32).
+    /// The VSPs that create the faces of a region and their corners, and those that keep coarse
+    /// faces out of its cell; ascending in each region (u32).
     Seeds = 6,
     /// Vertex split records ([`crate::VspRecord`]).
     Records = 7,
@@ -42,12 +42,12 @@ pub enum Section {
     FullFaces = 8,
     /// Boxes over the full mesh, in heap order ([`geometry::Aabb`]).
     Boxes = 9,
-    /// The vertex hierarchy, a node a VSP ([`crate::VspNode`]).
+    /// The vertex hierarchy, one node for each VSP ([`crate::VspNode`]).
     Hierarchy = 10,
 }
 
 impl Section {
-    /// How many there are.
+    /// Number of sections.
     pub(super) const COUNT: usize = 11;
     /// Checked whole when the file is opened.
     pub(super) const SMALL: [Self; 6] = [
@@ -114,11 +114,11 @@ impl std::fmt::Display for Section {
 pub struct FullFace {
     /// Corners, counterclockwise, vertex ids (base vertex or child of a VSP).
     pub corners: [u32; 3],
-    /// Face id: below F0 a base face, else made by VSP (id - F0) / 2.
+    /// Face id: below F0 a base face, otherwise created by VSP (id - F0) / 2.
     pub face: u32,
 }
 
-/// What the builder read, dropped and found; for `inspect`. All counts.
+/// Counts of the builder, for `inspect`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 pub struct BuildSummary {
@@ -140,21 +140,21 @@ pub struct BuildSummary {
     pub duplicate_faces: u64,
     /// Dropped: vertices that no face uses (after all else was dropped).
     pub unreferenced_vertices: u64,
-    /// Vertices that became one with another of the same position along a seam.
+    /// Vertices merged with another of the same position along a seam.
     pub stitched_vertices: u64,
     /// Vertices added by the cut to a manifold.
     pub cut_vertices: u64,
-    /// Vertices that are never collapsed, so that no crack opens along a cut.
+    /// Vertices that are never collapsed, so no crack opens along a cut.
     pub locked_vertices: u64,
-    /// Regions that own no face and are there to keep their cells clear of coarse ones.
-    pub cleared_regions: u64,
+    /// Empty regions: they own no face, but keep coarse faces out of their cells.
+    pub empty_regions: u64,
     /// Mean closure of an occupied region, VSPs.
     pub closure_mean: f64,
     /// Widest gap along a cut on any front, model units.
     pub cracks_max: f64,
 }
 
-/// Where a section lies.
+/// Place of a section.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
 pub(super) struct SectionEntry {
@@ -167,7 +167,7 @@ pub(super) struct SectionEntry {
 }
 
 impl SectionEntry {
-    /// Bytes of the section, `None` when that is beyond u64.
+    /// Bytes of the section, `None` beyond u64.
     pub fn bytes(&self, section: Section) -> Option<u64> {
         self.count.checked_mul(section.item_bytes())
     }
@@ -188,7 +188,7 @@ pub struct SpmHeader {
     pub(super) checksum: u64,
 }
 
-/// Depth of the box tree over `faces` faces: its leaves hold four to eight (or all, when fewer).
+/// Depth of the box tree over `faces` faces; its leaves hold four to eight (or all, when fewer).
 pub(super) fn box_depth(faces: u32) -> u32 {
     (faces / 4).max(1).ilog2()
 }
@@ -198,7 +198,7 @@ pub(super) fn box_count(faces: u32) -> u64 {
     2 << box_depth(faces)
 }
 
-/// Positions (tree order) of the faces below a node of the AB-tree's fixed shape; `node` is a heap index.
+/// Positions in tree order of the faces below a node (a heap index) of the AB-tree's fixed shape.
 pub(super) fn faces_below(node: u32, faces: u32) -> std::ops::Range<u32> {
     let (mut first, mut count) = (0, faces);
     for bit in (0..ab_tree::depth(node)).rev() {
@@ -212,3 +212,17 @@ pub(super) fn faces_below(node: u32, faces: u32) -> std::ops::Range<u32> {
     }
     first..first + count
 }
+
+// The layout of the file: a change needs a new [`FORMAT_VERSION`].
+const _: () = {
+    use std::mem::offset_of;
+    assert!(FORMAT_VERSION == 3);
+    assert!(size_of::<SpmHeader>() == 624);
+    assert!(offset_of!(SpmHeader, version) == 8 && offset_of!(SpmHeader, sections) == 12);
+    assert!(offset_of!(SpmHeader, file_bytes) == 16 && offset_of!(SpmHeader, model) == 24);
+    assert!(offset_of!(SpmHeader, summary) == 232 && offset_of!(SpmHeader, table) == 352);
+    assert!(offset_of!(SpmHeader, checksum) == 616);
+    assert!(size_of::<BuildSummary>() == 120 && size_of::<SectionEntry>() == 24);
+    assert!(size_of::<FullFace>() == 16 && offset_of!(FullFace, face) == 12);
+    assert!(size_of::<Aabb>() == 24);
+};

@@ -1,4 +1,4 @@
-//! Questions about the full mesh, answered from the map: no tree is built, only touched pages are read.
+//! Queries of the full mesh, answered from the map: no tree is built, only needed pages are read.
 
 use super::layout::{FullFace, Section, box_depth, faces_below};
 use super::{FileError, SpmFile};
@@ -6,8 +6,8 @@ use geometry::{Aabb, ClosestPoint, closest_point_on_triangle};
 use glam::{DVec3, Vec3};
 use std::ops::Range;
 
-/// Nodes that a search may hold back: one a level, and one more.
-const STACK: usize = 40;
+/// Largest number of waiting nodes of a search: one for each level, and one more.
+const MAX_STACK: usize = 40;
 
 impl<D: AsRef<[u8]>> SpmFile<D> {
     /// Position of a vertex by its id, model units.
@@ -16,7 +16,7 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
     /// When there is no such vertex, or its block is damaged.
     pub fn vertex_position(&self, vertex: u32) -> Result<Vec3, FileError> {
         let sizes = self.model_header().sizes();
-        let position = match sizes.maker_of_vertex(vertex) {
+        let position = match sizes.creator_of_vertex(vertex) {
             None => {
                 self.base_vertices()
                     .get(vertex as usize)
@@ -35,10 +35,10 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         Ok(Vec3::from_array(position))
     }
 
-    /// The face of the full mesh at a place in AB-tree order.
+    /// The face of the full mesh at a position in AB-tree order.
     ///
     /// # Errors
-    /// When `position` is no place of a face, or its block is damaged.
+    /// When `position` is no position of a face, or its block is damaged.
     pub fn full_face(&self, position: u32) -> Result<FullFace, FileError> {
         let face: FullFace = self.item(Section::FullFaces, u64::from(position))?;
         let sizes = self.model_header().sizes();
@@ -53,10 +53,10 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         }
     }
 
-    /// Corners of the face of the full mesh at a place in AB-tree order, model units.
+    /// Corners of the face of the full mesh at a position in AB-tree order, model units.
     ///
     /// # Errors
-    /// When `position` is no place of a face, or a block that it needs is damaged.
+    /// When `position` is no position of a face, or a needed block is damaged.
     pub fn leaf_corners(&self, position: u32) -> Result<[DVec3; 3], FileError> {
         let [a, b, c] = self.full_face(position)?.corners;
         Ok([
@@ -66,8 +66,8 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         ])
     }
 
-    /// Depth of the box tree: its nodes are the heap indices 1 to below 2^(depth + 1), and those at this
-    /// depth hold four to eight faces (or all, when the mesh has fewer).
+    /// Depth of the box tree. Its nodes are the heap indices from 1 to below 2^(depth + 1); those
+    /// at this depth hold four to eight faces (or all, when the mesh has fewer).
     #[must_use]
     pub fn box_depth(&self) -> u32 {
         box_depth(self.model_header().faces)
@@ -85,29 +85,29 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         Ok(found)
     }
 
-    /// Places in AB-tree order of the faces below a node (a heap index, not 0).
+    /// Positions in AB-tree order of the faces below a node (a heap index, not 0).
     #[must_use]
     pub fn node_faces(&self, node: u32) -> Range<u32> {
         faces_below(node, self.model_header().faces)
     }
 
-    /// The point of the full mesh closest to a point (model units, relative to the file's origin), and
-    /// the place in AB-tree order of the face that holds it. Exact in f64.
+    /// The point of the full mesh closest to a point (model units, relative to the file's origin),
+    /// and the position in AB-tree order of its face. Exact in f64.
     ///
     /// # Errors
-    /// When the point is not finite, or a block that the search needs is damaged.
+    /// When the point is not finite, or a needed block is damaged.
     pub fn closest_point(&self, point: DVec3) -> Result<(u32, ClosestPoint), FileError> {
         if !point.is_finite() {
             return Err(FileError::Query);
         }
         let leaf_depth = self.box_depth();
         let mut best: Option<(u32, ClosestPoint)> = None;
-        let mut stack = [(0u32, 0f64); STACK];
+        let mut stack = [(0u32, 0f64); MAX_STACK];
         stack[0] = (1, 0.0);
-        let mut held = 1;
-        while held > 0 {
-            held -= 1;
-            let (node, distance) = stack[held];
+        let mut waiting = 1;
+        while waiting > 0 {
+            waiting -= 1;
+            let (node, distance) = stack[waiting];
             if best.is_some_and(|(_, b)| distance >= b.distance_squared) {
                 continue;
             }
@@ -127,9 +127,9 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
                 std::mem::swap(&mut near, &mut far);
                 std::mem::swap(&mut near_distance, &mut far_distance);
             }
-            stack[held] = (far, far_distance);
-            stack[held + 1] = (near, near_distance);
-            held += 2;
+            stack[waiting] = (far, far_distance);
+            stack[waiting + 1] = (near, near_distance);
+            waiting += 2;
         }
         best.ok_or(FileError::Inconsistent(Section::FullFaces))
     }

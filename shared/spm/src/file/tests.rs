@@ -33,7 +33,7 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
         ..ModelHeader::zeroed()
     };
     header.closure_max = 3;
-    header.ladder = ladder_for_tests();
+    header.level_tolerances = level_tolerances_for_tests();
     let regions: Vec<RegionId> = (0..4)
         .map(|x| RegionId::of_cell(UVec3::new(x, 1, 0)))
         .collect();
@@ -88,17 +88,17 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
         hierarchy: (0..vsps)
             .map(|i| VspNode {
                 children: [i + 1, i + 2].map(|child| if child < vsps { child } else { NONE }),
-                reach: [0, 1, 2, 30, 40, i as u16],
+                bounds: [0, 1, 2, 30, 40, i as u16],
             })
             .collect(),
     }
 }
 
 /// For a grid of four cells: three levels.
-fn ladder_for_tests() -> [f32; LEVELS] {
-    let mut ladder = [f32::INFINITY; LEVELS];
-    ladder[..3].copy_from_slice(&[0.0, 0.02, 0.04]);
-    ladder
+fn level_tolerances_for_tests() -> [f32; LEVELS] {
+    let mut tolerances = [f32::INFINITY; LEVELS];
+    tolerances[..3].copy_from_slice(&[0.0, 0.02, 0.04]);
+    tolerances
 }
 
 /// Bytes at a multiple of eight, as a map's are.
@@ -165,7 +165,7 @@ fn read_all(bytes: &[u8]) -> Result<SpmParts, FileError> {
 }
 
 #[test]
-fn what_is_written_is_read_back() {
+fn written_parts_are_read_back() {
     for (base, vsps) in [(1, 0), (1, 8), (40, 64), (100, 3000)] {
         let mut parts = parts(base, vsps);
         parts.seal();
@@ -225,7 +225,7 @@ fn a_damaged_block_is_named_and_the_others_still_serve() {
 }
 
 #[test]
-fn what_is_impossible_is_refused_though_its_checksum_is_right() {
+fn impossible_content_is_refused_in_spite_of_a_right_checksum() {
     let sound = parts(40, 64);
     let expect = |change: fn(&mut SpmParts), error: FileError| {
         let mut parts = sound.clone();
@@ -269,9 +269,18 @@ fn what_is_impossible_is_refused_though_its_checksum_is_right() {
     );
     expect(|p| p.base_splits[2] = 64, inconsistent(Section::BaseSplits));
     expect(|p| p.header.diagonal = f64::NAN, FileError::DamagedHeader);
-    expect(|p| p.header.ladder[2] = 0.01, FileError::DamagedHeader);
-    expect(|p| p.header.ladder[1] = f32::NAN, FileError::DamagedHeader);
-    expect(|p| p.header.ladder[3] = 0.5, FileError::DamagedHeader);
+    expect(
+        |p| p.header.level_tolerances[2] = 0.01,
+        FileError::DamagedHeader,
+    );
+    expect(
+        |p| p.header.level_tolerances[1] = f32::NAN,
+        FileError::DamagedHeader,
+    );
+    expect(
+        |p| p.header.level_tolerances[3] = 0.5,
+        FileError::DamagedHeader,
+    );
 }
 
 proptest! {
@@ -338,4 +347,17 @@ proptest! {
         }
         prop_assert_eq!(next, faces);
     }
+}
+
+#[test]
+fn the_bytes_of_a_file_of_this_version_do_not_change() {
+    let bytes = bytes_of(&SpmParts::hexagon());
+    let header = &bytes[..size_of::<SpmHeader>()];
+    assert_eq!(&header[..8], b"hrtc-spm");
+    assert_eq!(header[8..16], [3, 0, 0, 0, 11, 0, 0, 0]);
+    assert_eq!(header[16..24], (bytes.len() as u64).to_le_bytes());
+    // Another hash means another layout: count FORMAT_VERSION up.
+    assert_eq!(xxh3_64(&bytes), 0xb7be_c8a6_5427_11ea);
+    let file = SpmFile::open(Aligned::new(&bytes)).unwrap();
+    file.check_all().unwrap();
 }

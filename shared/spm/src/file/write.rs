@@ -1,4 +1,4 @@
-//! Writing: everything is in memory already, so checksums are known before the first byte goes out.
+//! Writing: all content is in memory, so checksums are known before the first byte is written.
 
 use super::layout::{
     ALIGNMENT, BLOCK_BYTES, BuildSummary, FORMAT_VERSION, FullFace, MAGIC, Section, SectionEntry,
@@ -12,12 +12,12 @@ use glam::Vec3;
 use std::io::{self, Write};
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
-/// All that an SPM file holds; boxes, checksums and the content hash are derived from it.
+/// Content of an SPM file; boxes, checksums and the content hash are derived from it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpmParts {
-    /// The head; `model` is filled in by [`SpmParts::seal`].
+    /// The header; [`SpmParts::seal`] fills in `model`.
     pub header: ModelHeader,
-    /// What the builder did.
+    /// Counts of the builder.
     pub summary: BuildSummary,
     /// Base vertices.
     pub base_vertices: Vec<BaseVertex>,
@@ -25,7 +25,7 @@ pub struct SpmParts {
     pub base_faces: Vec<BaseFace>,
     /// Records, ascending.
     pub records: Vec<VspRecord>,
-    /// Occupied and cleared regions, ascending.
+    /// Occupied and empty regions, ascending.
     pub regions: Vec<RegionId>,
     /// Start of each region's seeds, and the end of the last one's.
     pub seed_offsets: Vec<u32>,
@@ -35,7 +35,7 @@ pub struct SpmParts {
     pub full_faces: Vec<FullFace>,
     /// The VSP that splits each base vertex, [`crate::NONE`] where none does.
     pub base_splits: Vec<u32>,
-    /// The vertex hierarchy, a node a VSP.
+    /// The vertex hierarchy, one node for each VSP.
     pub hierarchy: Vec<VspNode>,
 }
 
@@ -46,7 +46,7 @@ impl SpmParts {
     /// When there is no such vertex.
     #[must_use]
     pub fn position(&self, vertex: u32) -> [f32; 3] {
-        match self.header.sizes().maker_of_vertex(vertex) {
+        match self.header.sizes().creator_of_vertex(vertex) {
             None => self.base_vertices[vertex as usize].position,
             Some(i) => {
                 let record = &self.records[i as usize];
@@ -59,12 +59,13 @@ impl SpmParts {
         }
     }
 
-    /// Fills in the content hash: base mesh, records, full mesh, and what gives region ids their meaning.
+    /// Fills in the content hash, over base mesh, records, full mesh, and the numbers that define
+    /// regions.
     pub fn seal(&mut self) {
         let mut hash = Xxh3Default::new();
         hash.update(bytemuck::bytes_of(&self.header.origin));
         hash.update(bytemuck::bytes_of(&self.header.grid));
-        hash.update(bytemuck::bytes_of(&self.header.ladder));
+        hash.update(bytemuck::bytes_of(&self.header.level_tolerances));
         hash.update(bytemuck::cast_slice(&self.base_vertices));
         hash.update(bytemuck::cast_slice(&self.base_faces));
         hash.update(bytemuck::cast_slice(&self.records));
@@ -94,7 +95,7 @@ impl SpmParts {
 
 /// Writes an SPM file; returns its length in bytes.
 ///
-/// The caller decides where it goes (a temporary file, renamed when whole).
+/// To replace a file safely, write to a temporary one and rename it.
 ///
 /// # Errors
 /// When `out` fails.
@@ -125,6 +126,21 @@ pub fn write_spm(parts: &SpmParts, out: &mut impl Write) -> io::Result<u64> {
         big[4],
     ];
 
+    let header = header_of(parts, contents);
+    out.write_all(bytemuck::bytes_of(&header))?;
+    let mut at = size_of::<SpmHeader>() as u64;
+    for (entry, bytes) in header.table.iter().zip(contents) {
+        let padding = (entry.offset - at) as usize;
+        out.write_all(&[0; ALIGNMENT as usize][..padding])?;
+        out.write_all(bytes)?;
+        at = entry.offset + bytes.len() as u64;
+    }
+    out.flush()?;
+    Ok(header.file_bytes)
+}
+
+/// The header of a file with these sections.
+fn header_of(parts: &SpmParts, contents: [&[u8]; Section::COUNT]) -> SpmHeader {
     let mut header = SpmHeader::zeroed();
     let mut end = size_of::<SpmHeader>() as u64;
     for section in Section::SMALL.into_iter().chain(Section::BIG) {
@@ -149,15 +165,5 @@ pub fn write_spm(parts: &SpmParts, out: &mut impl Write) -> io::Result<u64> {
     header.summary = parts.summary;
     let head = bytemuck::bytes_of(&header);
     header.checksum = xxh3_64(&head[..head.len() - 8]);
-
-    out.write_all(bytemuck::bytes_of(&header))?;
-    let mut at = size_of::<SpmHeader>() as u64;
-    for (entry, bytes) in header.table.iter().zip(contents) {
-        let padding = (entry.offset - at) as usize;
-        out.write_all(&[0; ALIGNMENT as usize][..padding])?;
-        out.write_all(bytes)?;
-        at = entry.offset + bytes.len() as u64;
-    }
-    out.flush()?;
-    Ok(end)
+    header
 }

@@ -142,7 +142,7 @@ struct Naive {
     errors: Vec<f64>,
     reach: Vec<[u16; 6]>,
     dependencies: Vec<Vec<u32>>,
-    scale: ReachScale,
+    scale: BoundsScale,
 }
 
 impl Naive {
@@ -161,7 +161,7 @@ impl Naive {
                 if let Some(&i) = split_of.get(&v) {
                     boxes[i as usize] = boxes[i as usize].union(bounds);
                 }
-                at = sizes.maker_of_vertex(v).map(|i| records[i as usize].vs);
+                at = sizes.creator_of_vertex(v).map(|i| records[i as usize].vs);
             }
         };
         for vertex in 0..sizes.vt(sizes.vsps) {
@@ -178,7 +178,7 @@ impl Naive {
             }
         }
         let codes = ErrorScale::for_diagonal(header.diagonal);
-        let scale = ReachScale::new(header.lower, header.upper);
+        let scale = BoundsScale::new(header.lower, header.upper);
         Self {
             errors: records.iter().map(|r| codes.decode(r.e)).collect(),
             reach: boxes.iter().map(|b| scale.encode(b)).collect(),
@@ -232,7 +232,7 @@ static NAIVE: LazyLock<Vec<Naive>> = LazyLock::new(|| {
 /// A tolerance of the model: a rung of its ladder, something near one, or any share of the
 /// diagonal.
 fn tolerance_of(header: &ModelHeader, kind: u8, share: f64) -> f32 {
-    let rungs: Vec<f32> = header.ladder[1..]
+    let rungs: Vec<f32> = header.level_tolerances[1..]
         .iter()
         .copied()
         .filter(|r| r.is_finite())
@@ -326,11 +326,11 @@ fn close_to_tolerance_0_nothing_is_missing_that_the_owned_faces_need() {
         for position in 0..header.faces {
             let face = naive.file.full_face(position).unwrap();
             let corners = naive.file.leaf_corners(position).unwrap();
-            let makers = face.corners.map(|v| sizes.maker_of_vertex(v));
+            let makers = face.corners.map(|v| sizes.creator_of_vertex(v));
             header.grid.for_each_owner(corners, |region| {
                 let of_region = needed.entry(region).or_default();
                 of_region.extend(makers.iter().flatten());
-                of_region.extend(sizes.maker_of_face(face.face));
+                of_region.extend(sizes.creator_of_face(face.face));
             });
         }
         for (region, needed) in needed {

@@ -50,8 +50,12 @@ fn regions() -> Vec<RegionAt> {
     let header = file.model_header();
     let all = file.regions();
     let mut regions: Vec<RegionAt> = all.iter().copied().map(RegionAt::full).take(30).collect();
-    let rung = header.ladder[1];
-    assert!(rung > 0.0 && rung.is_finite(), "{:?}", header.ladder);
+    let rung = header.level_tolerances[1];
+    assert!(
+        rung > 0.0 && rung.is_finite(),
+        "{:?}",
+        header.level_tolerances
+    );
     let coarse = header.grid_of(rung);
     let cells = (0..coarse.cells[0]).map(|x| RegionId::of_cell(glam::UVec3::new(x, 1, 0)));
     regions.extend(cells.map(|cell| RegionAt::tolerance(cell, rung)).take(4));

@@ -170,7 +170,7 @@ impl Tool {
         let first_face = of_nodes.len();
         for k in (0..first_face).rev() {
             let [left, right] = self.below[k].map(|place| &self.boxes[place as usize]);
-            let boxes = BoxPair::beside(left, right);
+            let boxes = BoxPair::mixed(left, right);
             self.nodes[k].boxes = boxes;
             self.boxes[k] = boxes.joined();
         }

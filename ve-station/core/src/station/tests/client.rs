@@ -119,7 +119,7 @@ impl Client {
         self.partial = None;
         self.drop_unneeded();
         let held: Vec<RegionAt> = self.held.keys().copied().collect();
-        let mut requests = self.regions(RegionAction::Held, &held);
+        let mut requests = self.regions(RegionAction::Resident, &held);
         self.asked = self
             .wanted
             .iter()
