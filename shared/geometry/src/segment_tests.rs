@@ -228,22 +228,22 @@ fn parry_issue_378() {
 }
 
 /// RenderKit/embree #387, #423: a segment that grazes a skinny triangle is told exactly, one ulp
-/// beside it.
+/// next to it.
 #[test]
 fn embree_issue_387() {
     let t = [DVec3::ZERO, DVec3::X * 1e6, DVec3::new(1e6, 1e-6, 0.0)];
     let at = DVec3::new(5e5, 0.0, 0.0);
     let through = closest_points_of_segment_and_triangle([at + DVec3::Z, at - DVec3::Z], t);
     assert_eq!(through.distance_squared, 0.0);
-    let beside = at - DVec3::Y * 1e-20;
-    let off = closest_points_of_segment_and_triangle([beside + DVec3::Z, beside - DVec3::Z], t);
+    let off = at - DVec3::Y * 1e-20;
+    let off = closest_points_of_segment_and_triangle([off + DVec3::Z, off - DVec3::Z], t);
     assert!(off.distance_squared > 0.0);
     let parallel = [DVec3::new(0.0, -1e-9, 1e-12), DVec3::new(1e6, 1e-6, 1e-12)];
     let grazing = closest_points_of_segment_and_triangle(parallel, t);
     assert!((grazing.distance_squared.sqrt() - 1e-12).abs() < 1e-20);
 }
 
-/// Found by a random seed: the corner is on the segment, the edge beside it off by a rounding.
+/// Found by a random seed: the corner is on the segment, the edge next to it off by a rounding.
 #[test]
 fn a_segment_along_an_edge_is_told_a_point_of_the_triangle() {
     let segment = [

@@ -13,7 +13,7 @@ fn points(t: Grid) -> [DVec3; 3] {
 enum Truth {
     Disjoint,
     Inner,
-    Rim,
+    Boundary,
     Coplanar,
     Degenerate,
 }
@@ -68,7 +68,7 @@ fn truth(a: Grid, b: Grid) -> Truth {
     match () {
         () if apart => Truth::Disjoint,
         () if normal(a) == [0; 3] || normal(b) == [0; 3] => Truth::Degenerate,
-        () if inner_apart => Truth::Rim,
+        () if inner_apart => Truth::Boundary,
         () if coplanar => Truth::Coplanar,
         () => Truth::Inner,
     }
@@ -78,7 +78,7 @@ fn case(pair: &TrianglePair) -> Truth {
     match pair {
         TrianglePair::Disjoint => Truth::Disjoint,
         TrianglePair::Crossing { .. } => Truth::Inner,
-        TrianglePair::Boundary { .. } => Truth::Rim,
+        TrianglePair::Boundary { .. } => Truth::Boundary,
         TrianglePair::Coplanar { .. } => Truth::Coplanar,
         TrianglePair::Degenerate { .. } => Truth::Degenerate,
     }
@@ -297,7 +297,7 @@ mod threads {
     }
 
     /// dimforge/parry #253: EPA panicked, later said no contact. A corner of the second lies within
-    /// rounding on an edge of the first, both at y = 1: exactly beside it as f64, and whatever it
+    /// rounding on an edge of the first, both at y = 1: exactly next to it as f64, and whatever it
     /// is, the same in every order.
     #[test]
     fn parry_issue_253() {
@@ -435,10 +435,10 @@ mod threads {
         let side = DVec3::new(0.3, 0.0, 0.7);
         let cut = [through - side, through + side, through + side + DVec3::Y];
         assert!(meets_in_every_order(needle, cut));
-        let beside = cut.map(|p| p + DVec3::new(2.0, 0.0, 0.0));
-        assert!(!meets_in_every_order(needle, beside));
-        let closest = closest_points_of_triangles(needle, beside);
-        for (point, tri) in closest.points.iter().zip([needle, beside]) {
+        let apart = cut.map(|p| p + DVec3::new(2.0, 0.0, 0.0));
+        assert!(!meets_in_every_order(needle, apart));
+        let closest = closest_points_of_triangles(needle, apart);
+        for (point, tri) in closest.points.iter().zip([needle, apart]) {
             let off = crate::closest_point_on_triangle(tri, *point).distance_squared;
             assert!(off.sqrt() < 1e-12, "the point lies on its triangle: {off}");
         }

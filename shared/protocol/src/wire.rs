@@ -126,8 +126,8 @@ pub struct ChunkSlot {
     pub words: [u32; 16],
 }
 
-/// Slots of the [`ModelHeader`]. It and the base mesh are types of the file; the crate `spm` asserts
-/// their layout, so a change of the wire needs types of its own.
+/// Slots of the [`ModelHeader`]. It and the base mesh are types of the file; the crate `spm`
+/// asserts their layout, so a change of the wire needs types of its own.
 pub const MODEL_HEADER_SLOTS: usize = 4;
 const _: () = assert!(size_of::<ModelHeader>() <= MODEL_HEADER_SLOTS * 64);
 

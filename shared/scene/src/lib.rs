@@ -25,8 +25,8 @@
 //! assert!(error.is_err());
 //! ```
 
+#![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
-#![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
 mod bytes;
 mod files;

@@ -488,10 +488,10 @@ impl Limits {
 
     /// Largest stiffness that the loop can render with a damping, N/m.
     ///
-    /// A sampled spring K and damper B on a device of damping b is stable up to K = 2 (b + B) / T (Gil
-    /// 2004), where it oscillates for seconds. The limit is half of that, with half of B, which acts
-    /// late, and at most a quarter of the mass's oscillation in a tick. `rt-tests stability fields`
-    /// tests the limit.
+    /// A sampled spring K and damper B on a device of damping b is stable up to K = 2 (b + B) / T
+    /// (Gil 2004), where it oscillates for seconds. The limit is half of that, with half of B,
+    /// which acts late, and at most a quarter of the mass's oscillation in a tick. `rt-tests
+    /// stability fields` tests the limit.
     fn stiffness(&self, damping: f64) -> f64 {
         let damped = (self.damping_ns_per_m + 0.5 * damping) * self.rate_hz;
         damped.min(0.25 * self.mass_kg * self.rate_hz * self.rate_hz)

@@ -59,8 +59,8 @@ fn a_split_parts_the_fan_and_a_collapse_restores_it() {
 
 #[test]
 fn the_fan_of_vt_may_be_in_two_pieces_at_a_boundary() {
-    // Without face 1 the vertex 0 lies on the boundary: vt gets face 0 and face 2 with the gap between
-    // them.
+    // Without face 1 the vertex 0 lies on the boundary: vt gets face 0 and face 2 with the gap
+    // between them.
     let mut mesh = ActiveMesh::new(7, 5, 1);
     let place = [0, NONE, 1, 2, 3, 4];
     for k in [0usize, 2, 3, 4, 5] {
@@ -105,7 +105,7 @@ fn places(mesh: &ActiveMesh) -> Vec<[DVec3; 3]> {
 }
 
 /// Moves every vertex in geomorph until so much of its way is done.
-fn fly_all(mesh: &mut ActiveMesh, done: f64, out: &mut OperationFaces) {
+fn advance_all(mesh: &mut ActiveMesh, done: f64, out: &mut OperationFaces) {
     for index in 0..mesh.geomorphs().len() {
         let geomorph = mesh.geomorphs()[index];
         mesh.faces_around_geomorph(&geomorph, out)
@@ -135,19 +135,19 @@ fn a_split_takes_off_from_where_the_surface_was_and_lands_where_the_file_says() 
     for face in 0..8 {
         assert!(mesh.certified_error(face) >= 2.0, "the parent's R");
     }
-    fly_all(&mut mesh, 0.25, &mut out);
+    advance_all(&mut mesh, 0.25, &mut out);
     assert_eq!(mesh.position(7).to_array(), [0.0, 0.25, 0.375]);
     mesh.check();
-    fly_all(&mut mesh, 1.0, &mut out);
+    advance_all(&mut mesh, 1.0, &mut out);
     assert!(mesh.geomorphs().is_empty());
     assert_eq!(places(&mesh), places(&at_once));
     assert_eq!([7, 8].map(|v| mesh.radius(v)), [0.25, 0.5]);
 
     // And back: at the parent's place the collapse moves nothing.
     mesh.start_collapse_geomorph(0);
-    fly_all(&mut mesh, 0.5, &mut out);
+    advance_all(&mut mesh, 0.5, &mut out);
     assert!(!mesh.has_reached_parent(0));
-    fly_all(&mut mesh, 1.0, &mut out);
+    advance_all(&mut mesh, 1.0, &mut out);
     assert!(mesh.has_reached_parent(0));
     assert_eq!(places(&mesh)[..6], before[..]);
     mesh.collapse(0, &mut out);
