@@ -1,5 +1,5 @@
-//! A device of one's own in a run: a mass on a moving spring that taps on a ball. The station runs on
-//! a thread beside it. `cargo run --release -p hrtc --example custom_device`
+//! A device of one's own in a run: a mass on a moving spring that taps on a ball. The station runs
+//! on a thread beside it. `cargo run --release -p hrtc --example custom_device`
 
 use glam::DVec3;
 use haptic_device::{Capabilities, Device, Pose, Sample, TickTime, WrenchCommand};

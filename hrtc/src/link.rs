@@ -1,8 +1,9 @@
 //! Connection agent of the controller: one thread that owns every iceoryx2 port.
 //!
-//! Loans allocate and a new peer connects inside of a receive, so no port is touched by the tick. They meet
-//! in bounded rings: requests and contacts come out of the tick, chunks go into it. A chunk is taken from
-//! iceoryx2 only when the inbox has room, so none is dropped here; the credit window bounds what waits.
+//! Loans allocate and a new peer connects inside of a receive, so no port is touched by the tick.
+//! They meet in bounded rings: requests and contacts come out of the tick, chunks go into it. A
+//! chunk is taken from iceoryx2 only when the inbox has room, so none is dropped here; the credit
+//! window bounds what waits.
 
 use crate::tuning::{
     CLEANUP_PERIOD, HELLO_PERIOD, INBOX_CAPACITY, LINK_POLL_PERIOD, LINK_STACK_BYTES,
@@ -72,7 +73,8 @@ pub enum LinkError {
 pub struct LinkReport {
     /// Requests sent.
     pub requests: u64,
-    /// Requests that no station was there to receive, or that could not be sent; the epoch heals them.
+    /// Requests that no station was there to receive, or that could not be sent; the epoch heals
+    /// them.
     pub undelivered: u64,
     /// Chunks received.
     pub chunks: u64,
@@ -339,8 +341,9 @@ impl Agent {
         self.ends.station.store(alive, Ordering::Release);
     }
 
-    /// A station that is alive is kept when another one speaks up, so that two of them do not alternate;
-    /// a restarted one is taken as soon as the dead one's last heartbeat is two periods old.
+    /// A station that is alive is kept when another one speaks up, so that two of them do not
+    /// alternate; a restarted one is taken as soon as the dead one's last heartbeat is two periods
+    /// old.
     fn hear_station(&mut self, incarnation: u64, now: Instant) {
         match self.station {
             Some((current, last)) if current != incarnation => {

@@ -1,5 +1,5 @@
-//! Notes on standard error: warnings, or up to the level that the variable HRTC_LOG names (off, error, warn, info,
-//! debug, trace).
+//! Notes on standard error: warnings, or up to the level that the variable HRTC_LOG names (off,
+//! error, warn, info, debug, trace).
 
 use std::io::IsTerminal;
 use tracing_subscriber::filter::LevelFilter;

@@ -2,7 +2,7 @@
 
 use clap::{Args, Parser, Subcommand};
 use hrtc::run::{Output, RunArgs, run};
-use scene::Overrides;
+use scene_args::OverrideArgs;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -23,7 +23,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Tick on a scene until the time is over or Ctrl-C; needs a station (ve-station serve) for a touch
+    /// Tick on a scene until the time is over or Ctrl-C; a contact needs a station (ve-station serve)
     Run(RunOptions),
 }
 
@@ -46,24 +46,8 @@ struct RunOptions {
     /// Record every input of every tick, for rt-tests replay
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Another model for the first object, as given to the station
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
-    /// Longest side of the first object, metres
-    #[arg(long, value_name = "M")]
-    size: Option<f64>,
-    /// Speed of the tour, metres a second
-    #[arg(long, value_name = "V")]
-    speed: Option<f64>,
-    /// Seed of the tour
-    #[arg(long, value_name = "N")]
-    seed: Option<u64>,
-    /// Limit of the cache, such as 16MiB
-    #[arg(long, value_name = "BYTES")]
-    cache: Option<String>,
-    /// Wanted error at the contact, metres; 0 is the full mesh
-    #[arg(long, value_name = "M")]
-    tolerance: Option<f64>,
+    #[command(flatten)]
+    overrides: OverrideArgs,
 }
 
 fn main() -> ExitCode {
@@ -85,14 +69,7 @@ fn main() -> ExitCode {
         scene: options.scene,
         domain: options.domain,
         seconds: options.seconds,
-        overrides: Overrides {
-            model: options.model,
-            size_m: options.size,
-            speed_m_per_s: options.speed,
-            seed: options.seed,
-            cache: options.cache,
-            tolerance_m: options.tolerance,
-        },
+        overrides: options.overrides.overrides(),
         output,
         started_ns: None,
         record: options.record,

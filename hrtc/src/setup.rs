@@ -1,4 +1,5 @@
-//! Values beside the scene that make a controller: kept in a recording, so that a replay makes the same.
+//! Values beside the scene that make a controller: kept in a recording, so that a replay makes the
+//! same.
 
 use haptic_device::{Capabilities, DegreesOfFreedom};
 use hrtc_core::Controller;

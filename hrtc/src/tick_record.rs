@@ -31,8 +31,8 @@ pub struct TickRecord {
     pub page_faults: u32,
     /// Allocations and frees of the thread during the tick.
     pub allocations: u32,
-    /// Chunks that had arrived when the tick looked, since the start: with the chunks themselves, the
-    /// recorded arrivals.
+    /// Chunks that had arrived when the tick looked, since the start: with the chunks themselves,
+    /// the recorded arrivals.
     pub chunks_arrived: u64,
     /// Incarnation of the station as this tick saw it; 0 for none.
     pub station: u64,

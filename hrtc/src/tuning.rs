@@ -3,8 +3,8 @@
 use protocol::HELLO_PERIOD_MS;
 use std::time::Duration;
 
-/// Chunks between link and tick: twice the credit window of the protocol, so that the link finds room
-/// for everything that the station may send.
+/// Chunks between link and tick: twice the credit window of the protocol, so that the link finds
+/// room for everything that the station may send.
 pub const INBOX_CAPACITY: usize = 64;
 /// Tick records between tick and main thread: about a second at 1 kHz, a hundred times
 /// [`DRAIN_PERIOD`]. Locked memory commits them all.
@@ -37,8 +37,8 @@ pub const STATION_ABSENT_NS: u64 = 1_500_000_000;
 /// Length of a tour when the run has no end of its own, seconds.
 pub const TOUR_SECONDS: f64 = 600.0;
 
-/// Validity of a wrench command, ns. Longer than the stalls of a busy machine (tens of milliseconds),
-/// shorter than the soft end of a force (0.2 s).
+/// Validity of a wrench command, ns. Longer than the stalls of a busy machine (tens of
+/// milliseconds), shorter than the soft end of a force (0.2 s).
 pub const COMMAND_VALIDITY_NS: u64 = 100_000_000;
 
 /// Time between two looks of the link at its ports: well below a period of 1 ms.

@@ -1,10 +1,8 @@
 //! The scene of a command: its file, what the command line changes in it, and its models.
 
 use crate::failure::Failure;
-use clap::Args;
-use scene::{Overrides, ScenePlan};
+use scene::ScenePlan;
 use spm_builder::TerminalProgress;
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use ve_station::database::Database;
@@ -48,67 +46,6 @@ impl SceneFile {
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
-    }
-}
-
-/// Options of the command line that replace values of the scene.
-#[derive(Debug, Clone, Default, Args)]
-pub struct OverrideArgs {
-    /// Another model for the first object: an SPM or mesh file; the scene's size is kept
-    #[arg(long, value_name = "FILE")]
-    pub model: Option<PathBuf>,
-    /// Longest side of the first object, metres
-    #[arg(long, value_name = "M", allow_negative_numbers = true)]
-    pub size: Option<f64>,
-    /// Speed of the tour, metres a second
-    #[arg(long, value_name = "V", allow_negative_numbers = true)]
-    pub speed: Option<f64>,
-    /// Seed of the tour
-    #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Limit of the controller's cache, such as 16MiB
-    #[arg(long, value_name = "BYTES")]
-    pub cache: Option<String>,
-    /// Wanted error at the contact, metres; 0 is the full mesh
-    #[arg(long, value_name = "M", allow_negative_numbers = true)]
-    pub tolerance: Option<f64>,
-}
-
-impl OverrideArgs {
-    /// As the scene takes them.
-    #[must_use]
-    pub fn overrides(&self) -> Overrides {
-        Overrides {
-            model: self.model.clone(),
-            size_m: self.size,
-            speed_m_per_s: self.speed,
-            seed: self.seed,
-            cache: self.cache.clone(),
-            tolerance_m: self.tolerance,
-        }
-    }
-
-    /// As arguments of another process; `=` keeps a negative number from being read as an option.
-    #[must_use]
-    pub fn typed(&self) -> Vec<OsString> {
-        let mut typed = Vec::new();
-        if let Some(model) = &self.model {
-            typed.push("--model".into());
-            typed.push(model.into());
-        }
-        let numbers = [
-            ("size", self.size.map(|v| v.to_string())),
-            ("speed", self.speed.map(|v| v.to_string())),
-            ("seed", self.seed.map(|v| v.to_string())),
-            ("cache", self.cache.clone()),
-            ("tolerance", self.tolerance.map(|v| v.to_string())),
-        ];
-        for (name, value) in numbers {
-            if let Some(value) = value {
-                typed.push(format!("--{name}={value}").into());
-            }
-        }
-        typed
     }
 }
 

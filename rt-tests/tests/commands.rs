@@ -167,7 +167,7 @@ fn a_short_run_touches_a_real_mesh_and_reports_every_field() {
         "energy_j",
         "vsps_received",
         "vsplits",
-        "in_flight_ticks",
+        "geomorph_ticks",
         "postponed",
         "ecols",
         "regions_subscribed",
@@ -376,7 +376,7 @@ fn a_hundred_objects_under_three_probes_are_reported_and_replayed() {
     }
     let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let number = |name: &str| result[name].as_u64().unwrap();
-    assert_eq!((number("objects"), number("seats")), (100, 7));
+    assert_eq!((number("objects"), number("active_objects_max")), (100, 7));
     let probes = result["probes"].as_array().unwrap();
     assert_eq!(probes.len(), 3);
     for probe in probes {

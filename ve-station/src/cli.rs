@@ -1,7 +1,7 @@
 //! The command line: what was typed, and which library function answers it.
 
 use clap::{Args, Parser, Subcommand};
-use scene::Overrides;
+use scene_args::OverrideArgs;
 use serde::Serialize;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use spm_builder::generate::{self, Shape};
@@ -110,24 +110,8 @@ struct ServeOptions {
     /// Name of the iceoryx2 domain that both processes join
     #[arg(long, value_name = "NAME", default_value = "hrtc")]
     domain: String,
-    /// Another model (SPM or mesh file) for the first object
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
-    /// Longest side of the first object, metres
-    #[arg(long, value_name = "M")]
-    size: Option<f64>,
-    /// Speed of the first probe's tour, m/s
-    #[arg(long, value_name = "V")]
-    speed: Option<f64>,
-    /// Seed of the first probe's tour
-    #[arg(long, value_name = "S")]
-    seed: Option<u64>,
-    /// Bytes of the controller's cache, such as 16MiB
-    #[arg(long, value_name = "BYTES")]
-    cache: Option<String>,
-    /// Wanted error at the contact, metres; 0 is the full mesh
-    #[arg(long, value_name = "M")]
-    tolerance: Option<f64>,
+    #[command(flatten)]
+    overrides: OverrideArgs,
     /// Prints one JSON object at the end
     #[arg(long)]
     json: bool,
@@ -138,14 +122,7 @@ impl From<ServeOptions> for ServeArgs {
         Self {
             scene: typed.scene,
             domain: typed.domain,
-            overrides: Overrides {
-                model: typed.model,
-                size_m: typed.size,
-                speed_m_per_s: typed.speed,
-                seed: typed.seed,
-                cache: typed.cache,
-                tolerance_m: typed.tolerance,
-            },
+            overrides: typed.overrides.overrides(),
             json: typed.json,
         }
     }

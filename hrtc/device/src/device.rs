@@ -65,7 +65,7 @@ pub trait Device: Send {
     /// while a panic unwinds; must not panic.
     fn safe_off(&mut self);
 
-    /// Takes the motion that the scene's path asks for, before each `read`. For devices that a program
-    /// moves; a device in a real hand ignores it.
+    /// Takes the motion that the scene's path asks for, before each `read`. For devices that a
+    /// program moves; a device in a real hand ignores it.
     fn intend(&mut self, _intent: Intent) {}
 }

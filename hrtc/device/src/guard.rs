@@ -43,8 +43,8 @@ impl GuardedDevice {
         self.device.intend(intent);
     }
 
-    /// The device's sample. Its orientation is the identity where the device does not sense it; `None`
-    /// also for a position that the speed limit excludes.
+    /// The device's sample. Its orientation is the identity where the device does not sense it;
+    /// `None` also for a position that the speed limit excludes.
     pub fn read(&mut self, time: TickTime) -> Option<Sample> {
         let mut sample = self.device.read(time)?;
         if self.capabilities.sensed == DegreesOfFreedom::Three {
@@ -71,9 +71,9 @@ impl GuardedDevice {
         self.device.safe_off();
     }
 
-    /// The allowed distance grows with the time since the last accepted sample, so a device that did
-    /// jump is accepted again. Positions that are not finite pass: the controller rejects and counts
-    /// them.
+    /// The allowed distance grows with the time since the last accepted sample, so a device that
+    /// did jump is accepted again. Positions that are not finite pass: the controller rejects and
+    /// counts them.
     fn is_plausible(&self, sample: &Sample) -> bool {
         let limit = self.capabilities.max_speed_m_per_s;
         let Some((position, time_ns)) = self.last else {

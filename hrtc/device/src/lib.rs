@@ -1,7 +1,7 @@
 //! The contract between the controller and a force-feedback device.
 //!
-//! A device senses a pose and renders a wrench. The controller reads it once at the start of a
-//! tick and writes to it once at the end, usually 1000 times a second. This crate holds the contract
+//! A device senses a pose and renders a wrench. The controller reads it once at the start of a tick
+//! and writes to it once at the end, usually 1000 times a second. This crate holds the contract
 //! only, so that a driver can be written without the controller.
 //!
 //! | module | contents |
@@ -11,30 +11,30 @@
 //! | [`guard`] | [`GuardedDevice`]: honours the capabilities, switches the device off when dropped |
 //!
 //! # The contract
-//! **Threads.** A driver is made on the main thread and moved to the tick thread (`Send`). From then
-//! on every call comes from the tick thread, one at a time. A driver whose hardware needs a thread of
-//! its own (USB, a network) starts one and exchanges the newest values with it without a lock, for
-//! example through atomics or a triple buffer.
+//! **Threads.** A driver is made on the main thread and moved to the tick thread (`Send`). From
+//! then on every call comes from the tick thread, one at a time. A driver whose hardware needs a
+//! thread of its own (USB, a network) starts one and exchanges the newest values with it without a
+//! lock, for example through atomics or a triple buffer.
 //!
 //! **Timing.** `read` and `write` run inside the period of the loop (1 ms at 1 kHz) under
-//! `SCHED_FIFO`. They must not block, sleep, allocate, free, take a lock, print or make system calls
-//! that wait. A few microseconds each is usual. All memory is taken in the constructor. Periods may be
-//! skipped; [`TickTime::periods`] says how many have passed.
+//! `SCHED_FIFO`. They must not block, sleep, allocate, free, take a lock, print or make system
+//! calls that wait. A few microseconds each is usual. All memory is taken in the constructor.
+//! Periods may be skipped; [`TickTime::periods`] says how many have passed.
 //!
 //! **Frames and units.** Poses, velocities and wrenches are in the world frame: metres, radians,
 //! seconds, newtons, newton metres. A wrench acts at the position of the pose.
 //!
 //! **Time.** Nanoseconds on `CLOCK_MONOTONIC`, as `u64`.
 //!
-//! **Validity.** A [`WrenchCommand`] is valid until a stated time. A driver whose hardware keeps the
-//! last command must go to zero by itself at that time: the controller may have died.
+//! **Validity.** A [`WrenchCommand`] is valid until a stated time. A driver whose hardware keeps
+//! the last command must go to zero by itself at that time: the controller may have died.
 //!
 //! **Safe-off.** [`Device::safe_off`] brings the device to zero force, at any time, any number of
 //! times, also before the first `write` and during a panic. The shell calls it at the end of a run,
 //! and [`GuardedDevice`] calls it when it is dropped.
 //!
-//! **Panics.** A driver must not panic; a fault of the hardware is a `read` that returns `None`. The
-//! controller ramps the force down after a few of these.
+//! **Panics.** A driver must not panic; a fault of the hardware is a `read` that returns `None`.
+//! The controller ramps the force down after a few of these.
 //!
 //! # Example
 //! ```

@@ -28,8 +28,8 @@ pub fn arm(on: bool) {
     ARMED.with(|armed| armed.set(on));
 }
 
-/// Allocations, reallocations and frees of this thread while armed, since it began. Stays 0 when another
-/// allocator is in use.
+/// Allocations, reallocations and frees of this thread while armed, since it began. Stays 0 when
+/// another allocator is in use.
 #[must_use]
 pub fn calls() -> u64 {
     CALLS.with(Cell::get)
@@ -52,8 +52,8 @@ fn note() {
     });
 }
 
-// SAFETY: every call goes unchanged to the system's allocator, which keeps the contract; counting neither
-// allocates nor unwinds.
+// SAFETY: every call goes unchanged to the system's allocator, which keeps the contract; counting
+// neither allocates nor unwinds.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         note();

@@ -1,8 +1,9 @@
-//! The period: absolute deadlines, skipped periods counted and classed, the phase kept (never a catch-up).
+//! The period: absolute deadlines, skipped periods counted and classed, the phase kept (never a
+//! catch-up).
 
 use crate::rights::{RunDelay, monotonic_ns, sleep_until_ns, thread_cpu_ns, thread_usage};
 
-/// Why a period was missed (facts of real time: "misses in classes").
+/// Reason of a missed period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MissClass {
     /// Not missed.

@@ -1,7 +1,7 @@
 //! The rights, clocks and counters of a real-time thread on Linux.
 //!
-//! Every right is asked for alone, and one that is missing comes back as a [`MissingRight`] that says how to
-//! get it: the caller reports it, or ends when the scene requires real time.
+//! Every right is asked for alone, and one that is missing comes back as a [`MissingRight`] that
+//! says how to get it: the caller reports it, or ends when the scene requires real time.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -116,7 +116,8 @@ pub fn pin_to_core(core: usize) -> Result<(), MissingRight> {
     }
 }
 
-/// Locks all memory of the process, present and future. Whole stacks are committed: give threads small ones.
+/// Locks all memory of the process, present and future. Whole stacks are committed: give threads
+/// small ones.
 ///
 /// # Errors
 /// When the limit of locked memory is too low.
@@ -194,7 +195,8 @@ fn clock_ns(clock: libc::clockid_t) -> u64 {
         tv_sec: 0,
         tv_nsec: 0,
     };
-    // SAFETY: the struct lives through the call. Both clocks exist on every Linux, so it cannot fail.
+    // SAFETY: the struct lives through the call. Both clocks exist on every Linux, so it cannot
+    // fail.
     unsafe { libc::clock_gettime(clock, &raw mut now) };
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
@@ -254,8 +256,8 @@ pub fn thread_usage() -> ThreadUsage {
     }
 }
 
-/// How long the calling thread was runnable without running: tells "the kernel kept the core" from "the
-/// timer was late". The file stays open, and reading it allocates nothing.
+/// How long the calling thread was runnable without running: tells "the kernel kept the core" from
+/// "the timer was late". The file stays open, and reading it allocates nothing.
 #[derive(Debug)]
 pub struct RunDelay(File);
 
@@ -287,7 +289,8 @@ impl RunDelay {
     }
 }
 
-/// Time that the hypervisor kept from this machine's processors, ticks of 10 ms, all cores together.
+/// Time that the hypervisor kept from this machine's processors, ticks of 10 ms, all cores
+/// together.
 ///
 /// Reads `/proc/stat`, so not for the tick. 0 where there is none.
 #[must_use]

@@ -1,7 +1,7 @@
 //! The simulated device: a mass with damping, an encoder, and a hand that holds it.
 //!
-//! The loop through it is closed: the rendered force moves the mass, and the mass moves the probe. A
-//! rendering that is unstable in a hand is therefore unstable here as well.
+//! The loop through it is closed: the rendered force moves the mass, and the mass moves the probe.
+//! A rendering that is unstable in a hand is therefore unstable here as well.
 //!
 //! ```
 //! use haptic_device::{Device, Intent, Pose, TickTime};
@@ -36,8 +36,8 @@ const MAX_FORCE_N: f64 = 10.0;
 /// Limit of the periods that one read simulates: bounds the work after a stall.
 const MAX_PERIODS: u32 = 1000;
 
-/// A point mass at the end of a spring and damper that the hand holds. Its orientation is the one that
-/// the hand intends.
+/// A point mass at the end of a spring and damper that the hand holds. Its orientation is the one
+/// that the hand intends.
 #[derive(Debug, Clone)]
 pub struct SimulatedDevice {
     plan: SimulatedDevicePlan,
@@ -68,7 +68,8 @@ impl SimulatedDevice {
         (self.position, self.velocity)
     }
 
-    /// One period under a constant rendered force (newtons), by symplectic Euler in [`SUBSTEPS`] steps.
+    /// One period under a constant rendered force (newtons), by symplectic Euler in [`SUBSTEPS`]
+    /// steps.
     fn advance(&mut self, intent: Intent, rendered: DVec3) {
         let dt = self.period_s / f64::from(SUBSTEPS);
         let plan = &self.plan;
@@ -83,8 +84,8 @@ impl SimulatedDevice {
         }
     }
 
-    /// The rendered force in the period that ends so many periods before a time, newtons: zero once the
-    /// command is no longer valid.
+    /// The rendered force in the period that ends so many periods before a time, newtons: zero once
+    /// the command is no longer valid.
     fn force_before(&self, time: TickTime, periods: u32) -> DVec3 {
         let period_ns = (self.period_s * 1e9) as u64;
         let begin = time
@@ -181,7 +182,8 @@ mod tests {
         })
     }
 
-    /// A sampled wall in the loop, from a contact at 0.1 m/s; the largest |x| in the last half second.
+    /// A sampled wall in the loop, from a contact at 0.1 m/s; the largest |x| in the last half
+    /// second.
     fn rebound(stiffness: f64) -> f64 {
         let mut device = SimulatedDevice::new(PLAN, 1e-3);
         device.intend(still(DVec3::ZERO));

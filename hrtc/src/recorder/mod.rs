@@ -1,8 +1,9 @@
 //! Recording every input of every tick, and replaying it through the pure core.
 //!
-//! A recording holds the scene as it was typed, the samples, the station's incarnation and the chunks in the
-//! order of their arrival, with the number that each tick could see. That is everything that goes into a
-//! tick, so a replay by the same build on the same architecture gives the same bits.
+//! A recording holds the scene as it was typed, the samples, the station's incarnation and the
+//! chunks in the order of their arrival, with the number that each tick could see. That is
+//! everything that goes into a tick, so a replay by the same build on the same architecture gives
+//! the same bits.
 
 use crate::setup::ControllerSetup;
 use crate::tick_record::TickRecord;
@@ -216,7 +217,8 @@ pub struct Replay {
     pub ticks: u64,
     /// Whether every tick gave the recorded outputs.
     pub equal: bool,
-    /// Whether the recording has its end: one cut short, by a crash for example, is replayed as far as it goes.
+    /// Whether the recording has its end: one cut short, by a crash for example, is replayed as far
+    /// as it goes.
     pub whole: bool,
     /// The first tick that did not; -1 for none.
     pub first_difference: i64,

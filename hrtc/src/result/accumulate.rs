@@ -8,11 +8,11 @@ use super::{
 use crate::tick_record::{STAGES, TickRecord};
 use glam::DVec3;
 use hdrhistogram::Histogram;
-use hrtc_core::record::ProbeRecord;
+use hrtc_core::record::{CoreRecord, ProbeRecord};
 use scene::MAX_PROBES;
 
-/// A histogram with a fixed range, three significant digits and an exact maximum. Its counts of 32 bits last for
-/// 49 days of ticks, and the process is locked in memory: every byte counts.
+/// A histogram with a fixed range, three significant digits and an exact maximum. Its counts of 32
+/// bits last for 49 days of ticks, and the process is locked in memory: every byte counts.
 struct Fixed {
     histogram: Histogram<u32>,
     /// Histogram counts a unit of the quantity.
@@ -110,7 +110,8 @@ pub struct Accumulator {
 }
 
 impl Accumulator {
-    /// Tables for a run with this period, nanoseconds, and so many probes; `None` when they cannot be made.
+    /// Tables for a run with this period, nanoseconds, and so many probes; `None` when they cannot
+    /// be made.
     #[must_use]
     pub fn new(period_ns: u64, probes: usize) -> Option<Self> {
         let timing = || Fixed::new(NANOSECONDS_IN_US, 32);
@@ -149,8 +150,17 @@ impl Accumulator {
     /// Counts one tick; ticks come in order.
     pub fn push(&mut self, record: &TickRecord) {
         self.push_timing(record);
+        self.push_probes(record);
+        self.push_contact(&record.core);
+        self.push_refinement(&record.core);
+        self.push_totals(&record.core);
+        self.status = self.status_at(record);
+        self.series.push(record.tick, SeriesBucket::of(record));
+    }
+
+    /// Forces and counts of each probe.
+    fn push_probes(&mut self, record: &TickRecord) {
         let core = &record.core;
-        let seconds = self.seconds();
         let result = &mut self.result;
         for (k, probe) in result.probes.iter_mut().enumerate() {
             let force = record.wrenches[k].force;
@@ -165,15 +175,11 @@ impl Accumulator {
             probe.add(&core.probes[k]);
             result.rejected_samples += u64::from(core.probes[k].rejected_sample);
         }
-        result.moving_ticks += u64::from(core.moving > 0);
-        result.unseated_ticks += u64::from(core.unserved > 0);
-        result.unfinished_ticks += u64::from(core.unfinished > 0);
-        result.early_ticks += u64::from(core.early > 0);
-        if core.ready {
-            self.awake.push(f64::from(core.active_objects));
-            self.ready_tick.get_or_insert(record.tick);
-            self.faces.push(f64::from(core.active_faces));
-        }
+    }
+
+    /// Accuracy of the contact, and the error that the station measured.
+    fn push_contact(&mut self, core: &CoreRecord) {
+        let result = &mut self.result;
         if core.contact {
             if result.contact_ticks == 0 {
                 result.bytes_to_first_touch = core.bytes_received;
@@ -199,16 +205,34 @@ impl Accumulator {
             result.measured_errors += 1;
             self.measured.push(core.measured_error_m);
         }
+    }
+
+    /// Objects, the active mesh and the work of a tick.
+    fn push_refinement(&mut self, core: &CoreRecord) {
+        let result = &mut self.result;
+        result.moving_ticks += u64::from(core.moving > 0);
+        result.inactive_object_ticks += u64::from(core.unserved > 0);
+        result.unfinished_ticks += u64::from(core.unfinished > 0);
+        result.early_ticks += u64::from(core.early > 0);
+        if core.ready {
+            self.awake.push(f64::from(core.active_objects));
+            self.ready_tick.get_or_insert(self.last_tick);
+            self.faces.push(f64::from(core.active_faces));
+        }
         result.clamped_ticks += u64::from(core.clamped);
         result.energy_j = core.energy_j;
         result.vsplits += u64::from(core.vsplits);
         result.ecols += u64::from(core.ecols);
-        result.in_flight_ticks += u64::from(core.geomorphing > 0);
-        result.in_flight_max = result.in_flight_max.max(u64::from(core.geomorphing));
+        result.geomorph_ticks += u64::from(core.geomorphing > 0);
+        result.geomorphs_max = result.geomorphs_max.max(u64::from(core.geomorphing));
         result.postponed += u64::from(core.deferred);
         result.refused_folds += u64::from(core.rejected_folds);
         result.operations_max = result.operations_max.max(u64::from(core.work_units));
-        // Totals of the core: the largest, so that a core that starts anew does not take them back.
+    }
+
+    /// Totals of the core: the largest, so that a core that starts anew does not lower them.
+    fn push_totals(&mut self, core: &CoreRecord) {
+        let result = &mut self.result;
         result.vsps_received = result.vsps_received.max(core.vsps_received);
         result.bytes_received = result.bytes_received.max(core.bytes_received);
         result.regions_subscribed = result.regions_subscribed.max(core.regions_subscribed);
@@ -219,8 +243,13 @@ impl Accumulator {
         cache.high_water_bytes = cache.high_water_bytes.max(core.cache_bytes);
         cache.vsps = cache.vsps.max(u64::from(core.vsps_loaded));
         result.replay_hash = (core.replay_hash ^ (core.replay_hash >> 53)) & ((1 << 53) - 1);
-        self.status = Status {
-            seconds,
+    }
+
+    fn status_at(&self, record: &TickRecord) -> Status {
+        let core = &record.core;
+        let result = &self.result;
+        Status {
+            seconds: self.seconds(),
             ticks: result.ticks,
             contact: core.contact,
             touching: core.probes.iter().filter(|probe| probe.contact).count() as u64,
@@ -240,8 +269,7 @@ impl Accumulator {
             missed: result.missed,
             station: record.station != 0,
             ready: core.ready,
-        };
-        self.series.push(record.tick, SeriesBucket::of(record));
+        }
     }
 
     fn push_timing(&mut self, record: &TickRecord) {
@@ -294,11 +322,8 @@ impl Accumulator {
         let ready_ms = self.ready_tick.map_or(0.0, |tick| {
             meta.start_to_first_tick_ms + tick as f64 * period_s * 1e3
         });
-        let stage_us = STAGES
-            .iter()
-            .zip(&self.stages)
-            .map(|(name, stage)| ((*name).to_string(), stage.spread()))
-            .collect();
+        let named = |(name, stage): (&&str, &Fixed)| ((*name).to_string(), stage.spread());
+        let stage_us = STAGES.iter().zip(&self.stages).map(named).collect();
         let faces = self.faces.spread();
         let broad_phase = self.stages.last().map(Fixed::spread).unwrap_or_default();
         for (probe, force) in self.result.probes.iter_mut().zip(&self.forces) {
@@ -328,7 +353,7 @@ impl Accumulator {
             finest_tolerance_m: self.finest.short(),
             expected_error_m: self.expected.short(),
             objects: meta.objects,
-            seats: meta.seats,
+            active_objects_max: meta.active_objects_max,
             awake: MedianMax {
                 p50: awake.p50,
                 max: awake.max,
@@ -362,18 +387,18 @@ impl Accumulator {
 
 impl ProbeResult {
     /// Counts one tick of the probe.
-    fn add(&mut self, felt: &ProbeRecord) {
-        self.clamped_ticks += u64::from(felt.clamped);
-        self.rejected_samples += u64::from(felt.rejected_sample);
-        self.energy_j = felt.energy_j;
-        if felt.contact {
+    fn add(&mut self, record: &ProbeRecord) {
+        self.clamped_ticks += u64::from(record.clamped);
+        self.rejected_samples += u64::from(record.rejected_sample);
+        self.energy_j = record.energy_j;
+        if record.contact {
             self.contact_ticks += 1;
-            self.contact_full_ticks += u64::from(felt.contact_full);
-            self.coarser_ticks += u64::from(!felt.contact_asked);
+            self.contact_full_ticks += u64::from(record.contact_full);
+            self.coarser_ticks += u64::from(!record.contact_asked);
             self.certified_error_m_max = self
                 .certified_error_m_max
-                .max(finite(felt.certified_error_m));
-            self.depth_m_max = self.depth_m_max.max(finite(felt.depth_m));
+                .max(finite(record.certified_error_m));
+            self.depth_m_max = self.depth_m_max.max(finite(record.depth_m));
         }
     }
 }

@@ -1,8 +1,9 @@
-//! What a run leaves behind, as numbers: the result fields of `--json`, the series behind the plots, the
-//! histograms behind the percentiles, and the lines of the supervised mode.
+//! What a run leaves behind, as numbers: the result fields of `--json`, the series behind the
+//! plots, the histograms behind the percentiles, and the lines of the supervised mode.
 //!
-//! The log thread pushes every [`crate::tick_record::TickRecord`] into an [`Accumulator`]; all its tables have
-//! a fixed size, so a run of any length needs the same memory (fifteen histograms of 0.2 to 0.3 MB).
+//! The log thread pushes every [`crate::tick_record::TickRecord`] into an [`Accumulator`]; all its
+//! tables have a fixed size, so a run of any length needs the same memory (fifteen histograms of
+//! 0.2 to 0.3 MB).
 
 use hrtc_core::Capacity;
 use hrtc_core::bodies::MovedObject;
@@ -166,13 +167,14 @@ pub struct RunResult {
     pub contact_unbounded_ticks: u64,
     /// Expected error asked for at the contact, metres.
     pub tolerance_m: f64,
-    /// Ticks in contact that were coarser than asked for: for want of time, of room, or of prediction.
+    /// Ticks in contact that were coarser than asked for: for want of time, of room, or of
+    /// prediction.
     pub coarser_ticks: u64,
-    /// Finest expected error that was asked for while in contact, metres: more than `tolerance_m` where the dial
-    /// was turned back for want of time or room.
+    /// Finest expected error that was asked for while in contact, metres: more than `tolerance_m`
+    /// where the dial was turned back for want of time or room.
     pub finest_tolerance_m: ShortSpread,
-    /// Expected error of the front at the contact, metres; the certified one where not even the coarsest ring
-    /// was there.
+    /// Expected error of the front at the contact, metres; the certified one where not even the
+    /// coarsest ring was there.
     pub expected_error_m: ShortSpread,
     /// Greatest speed at full resolution as the controller reckons it, m/s; 0 without a model.
     pub greatest_speed_m_per_s: f64,
@@ -191,7 +193,7 @@ pub struct RunResult {
     /// Objects of the scene.
     pub objects: u64,
     /// Objects that may be awake at once.
-    pub seats: u64,
+    pub active_objects_max: u64,
     /// Objects that were awake.
     pub awake: MedianMax,
     /// Ticks in which an object moved, or might have: one that moves and did not sleep.
@@ -199,12 +201,14 @@ pub struct RunResult {
     /// Where each object that moved came to.
     pub moved: Vec<MovedObject>,
     /// Ticks in which a probe could have touched an object that was not awake.
-    pub unseated_ticks: u64,
+    pub inactive_object_ticks: u64,
     /// Ticks in which the budget of a tool's proxy was spent and left something to the next one.
     pub unfinished_ticks: u64,
-    /// Ticks that a tool's proxy ended early though its budget had room: the rest of its way was gone in the next ones.
+    /// Ticks that a tool's proxy ended early though its budget had room: the rest of its way was
+    /// gone in the next ones.
     pub early_ticks: u64,
-    /// What the objects that are not awake cost a tick, microseconds of wall time: the stage of the broad phase.
+    /// What the objects that are not awake cost a tick, microseconds of wall time: the stage of the
+    /// broad phase.
     pub idle_us: Spread,
     /// Force of each probe over its ticks in contact, newtons.
     pub force_n: ShortSpread,
@@ -216,8 +220,8 @@ pub struct RunResult {
     pub clamped_ticks: u64,
     /// Device samples rejected.
     pub rejected_samples: u64,
-    /// Energy that the rendering put out, joules, but for its work over the motion of objects that move; above 0 it
-    /// pushed energy in.
+    /// Energy that the rendering put out, joules, but for its work over the motion of objects that
+    /// move; above 0 it pushed energy in.
     pub energy_j: f64,
     /// Records received.
     pub vsps_received: u64,
@@ -226,12 +230,14 @@ pub struct RunResult {
     /// Collapses performed.
     pub ecols: u64,
     /// Ticks in which vertices were on their way, since a probe feels them.
-    pub in_flight_ticks: u64,
+    pub geomorph_ticks: u64,
     /// The most vertices that were on their way at once.
-    pub in_flight_max: u64,
-    /// Splits that a probe would feel and that waited for room to fly, each counted in every tick in which it was tried.
+    pub geomorphs_max: u64,
+    /// Splits that a probe would feel and that waited for room to fly, each counted in every tick
+    /// in which it was tried.
     pub postponed: u64,
-    /// Splits that waited since they would turn a face over where a probe is or may come, counted likewise.
+    /// Splits that waited since they would turn a face over where a probe is or may come, counted
+    /// likewise.
     pub refused_folds: u64,
     /// Regions subscribed.
     pub regions_subscribed: u64,
@@ -251,7 +257,8 @@ pub struct RunResult {
     pub capacities: Vec<Capacity>,
     /// Resident memory of the controller's process, bytes.
     pub hrtc_rss_bytes: u64,
-    /// From the start of both processes to the first tick that could answer a touch, milliseconds; 0 if none could.
+    /// From the start of both processes to the first tick that could answer a touch, milliseconds;
+    /// 0 if none could.
     pub first_force_ready_ms: f64,
     /// Work units of the worst tick.
     pub operations_max: u64,
@@ -261,7 +268,8 @@ pub struct RunResult {
     pub page_faults: u64,
     /// Allocations and frees within ticks.
     pub allocations: u64,
-    /// Hash over every tick's outputs, folded to 53 bits: the whole numbers that every JSON reader keeps.
+    /// Hash over every tick's outputs, folded to 53 bits: the whole numbers that every JSON reader
+    /// keeps.
     pub replay_hash: u64,
 }
 
@@ -283,7 +291,7 @@ pub struct RunMeta {
     /// Objects of the scene.
     pub objects: u64,
     /// Objects that may be awake at once.
-    pub seats: u64,
+    pub active_objects_max: u64,
     /// Resident memory of this process, bytes.
     pub rss_bytes: u64,
     /// From the start of both processes (of this one, when it runs alone) to tick 0, milliseconds.

@@ -156,7 +156,7 @@ impl Monitor<'_> {
             cache_bytes: self.plan.cache_bytes as u64,
             bytes_full_mesh: controller.headers().map(outcome::bytes_full_mesh).sum(),
             objects: self.plan.objects.len() as u64,
-            seats: self.plan.active_objects() as u64,
+            active_objects_max: self.plan.active_objects() as u64,
             rss_bytes: outcome::resident_bytes(),
             start_to_first_tick_ms: first.saturating_sub(self.started_ns) as f64 / 1e6,
             operations_budget: u64::from(end.work_budget),

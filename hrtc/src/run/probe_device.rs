@@ -55,7 +55,8 @@ impl ProbeDevice {
             let from = *self.start.get_or_insert(tick);
             let intent = self.script.along_tour(tour, &frame, t(from));
             intent.map(|mut intent| {
-                // The path moves with a movable object: to its pose at the end of the coming period.
+                // The path moves with a movable object: to its pose at the end of the coming
+                // period.
                 let carried = controller.carried(object, intent.pose.position);
                 intent.pose.position += carried.linear;
                 intent.velocity += carried.linear * rate_hz;

@@ -198,7 +198,8 @@ impl TickThread {
         samples
     }
 
-    /// Runs the core over the inputs and the first `slots` chunks of the inbox; the number consumed.
+    /// Runs the core over the inputs and the first `slots` chunks of the inbox; the number
+    /// consumed.
     fn compute(
         &mut self,
         inputs: TickInputs<'_>,

@@ -18,9 +18,10 @@ use crate::report::chart::{
 };
 use crate::report::output::{make_folder, print_either, write_whole};
 use crate::report::table::Table;
-use crate::scenes::{OverrideArgs, SceneFile, check_seconds, prepare_models};
+use crate::scenes::{SceneFile, check_seconds, prepare_models};
 use clap::Args;
 use scene::load;
+use scene_args::OverrideArgs;
 use scene_files::DiskFiles;
 use serde::Serialize;
 use std::fmt::Write;

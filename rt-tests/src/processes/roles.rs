@@ -2,8 +2,8 @@
 
 use super::stop::stop_flag;
 use crate::failure::Failure;
-use crate::scenes::OverrideArgs;
 use clap::Args;
+use scene_args::OverrideArgs;
 use std::path::PathBuf;
 
 /// Arguments of the station's role.

@@ -1,6 +1,7 @@
 //! `rt-tests run`: both processes on a scene, a live line, a closing report.
 
-use crate::scenes::{OverrideArgs, check_seconds, prepare_models};
+use crate::scenes::{check_seconds, prepare_models};
+use scene_args::OverrideArgs;
 mod report;
 
 use self::report::Report;

@@ -169,19 +169,19 @@ impl Report<'_> {
             lines.push(format!(
                 "{} objects, at most {} of them awake at once (p50 {}, max {}); the others cost p50 {:.1}, p99 {:.1}, max {:.1} µs a tick",
                 grouped(r.objects),
-                r.seats,
+                r.active_objects_max,
                 r.awake.p50,
                 r.awake.max,
                 r.idle_us.p50,
                 r.idle_us.p99,
                 r.idle_us.max
             ));
-            lines.push(if r.unseated_ticks == 0 {
+            lines.push(if r.inactive_object_ticks == 0 {
                 "each was awake before a probe could touch it".to_string()
             } else {
                 format!(
                     "in {} tick(s) a probe could have touched an object that was not awake: more were near than could be",
-                    grouped(r.unseated_ticks)
+                    grouped(r.inactive_object_ticks)
                 )
             });
         }
@@ -334,8 +334,8 @@ impl Report<'_> {
             ),
             format!(
                 "at most {} vertices geomorphing, in {} tick(s); {} time(s) a split waited for room to geomorph, {} for a face that it would turn over",
-                grouped(r.in_flight_max),
-                grouped(r.in_flight_ticks),
+                grouped(r.geomorphs_max),
+                grouped(r.geomorph_ticks),
                 grouped(r.postponed),
                 grouped(r.refused_folds)
             ),
