@@ -1,16 +1,16 @@
-//! Whatever comes in, from the device or over the link: no panic, no force beyond its limits, and touching
-//! works again afterwards.
+//! Any input of the device or the link: no panic, no force beyond its limits, and contact works
+//! again afterwards.
 
 mod common;
 
-use common::{Pair, Random, change_records, plan, spm};
+use common::{World, change_records, plan, spm, world};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
-use haptic_device::{Device, Sample, TickTime};
-use hrtc_core::NoObserver;
+use haptic_device::Sample;
 use hrtc_core::streaming::chunk::InboxChunk;
 use proptest::prelude::*;
 use protocol::{CHUNK_SLOTS, ChunkKind, Refusal};
+use simulator::Random;
 use spm::VspRecord;
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
@@ -22,9 +22,9 @@ fn model() -> Vec<u8> {
     MODEL.get_or_init(made).clone()
 }
 
-/// A pair that watches every force.
+/// A world that watches every force.
 struct Watched {
-    pair: Pair,
+    world: World,
     last: DVec3,
     force_max: f64,
     step_max: f64,
@@ -34,23 +34,23 @@ impl Watched {
     fn new() -> Self {
         let plan = plan("");
         Self {
-            pair: Pair::new(&plan, model(), 20.0),
+            world: world(&plan, &model(), 20.0),
             last: DVec3::ZERO,
             force_max: plan.safety.force_max_n,
             step_max: plan.safety.slew_n_per_s / plan.loop_.rate_hz,
         }
     }
 
-    /// A second of touching.
-    fn touching() -> Self {
+    /// After a second and a half, in contact.
+    fn in_contact() -> Self {
         let mut watched = Self::new();
         watched.tour(1500);
-        assert!(watched.pair.summary.last.contact);
+        assert!(watched.world.summary().last.contact);
         watched
     }
 
     fn check(&mut self) {
-        let force = self.pair.force();
+        let force = self.world.force();
         assert!(force.is_finite(), "{force}");
         assert!(force.length() <= self.force_max, "{force}");
         let step = force.distance(self.last);
@@ -59,22 +59,22 @@ impl Watched {
     }
 
     fn sample(&mut self, sample: Option<Sample>) {
-        self.pair.step_sample(sample, &mut NoObserver);
+        self.world.step(sample);
         self.check();
     }
 
     fn tour(&mut self, ticks: u64) {
         for _ in 0..ticks {
-            self.pair.step();
+            self.world.step_led();
             self.check();
         }
     }
 
     /// Share of the next ticks in contact with a force.
-    fn touch_share(&mut self, ticks: u64) -> f64 {
+    fn contact_share(&mut self, ticks: u64) -> f64 {
         let mut touched = 0;
         for _ in 0..ticks {
-            let record = self.pair.step();
+            let record = self.world.step_led().record;
             self.check();
             touched += u64::from(record.contact && self.last.length() > 0.0);
         }
@@ -82,17 +82,17 @@ impl Watched {
     }
 
     /// The tour goes on, and after a moment it touches as before.
-    fn touches_again(&mut self) {
+    fn is_in_contact_again(&mut self) {
         self.tour(500);
-        let share = self.touch_share(2000);
+        let share = self.contact_share(2000);
         // Refused regions stay coarse, and a coarse front may lie below what the hand intends.
-        println!("touched {share} of the time");
-        assert!(share > 0.3, "touched {share} of the time");
-        self.pair.controller.cache().check();
+        println!("in contact {share} of the time");
+        assert!(share > 0.3, "in contact {share} of the time");
+        self.world.controller().cache().check();
     }
 
     fn position(&mut self) -> DVec3 {
-        let sample = self.pair.device.read(TickTime::default());
+        let sample = self.world.client_mut().hand(0).read(1);
         sample.map_or(DVec3::ZERO, |sample| sample.pose.position)
     }
 }
@@ -102,44 +102,44 @@ fn at(position: DVec3) -> Option<Sample> {
 }
 
 #[test]
-fn samples_that_are_no_numbers_are_rejected_and_counted() {
-    let mut watched = Watched::touching();
+fn samples_that_are_not_finite_are_rejected_and_counted() {
+    let mut watched = Watched::in_contact();
     let good = watched.position();
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         for k in 0..3 {
             let mut position = good;
             position[k] = bad;
             watched.sample(at(position));
-            assert!(watched.pair.summary.last.rejected_sample);
+            assert!(watched.world.summary().last.rejected_sample);
         }
         watched.sample(Some(Sample::at(Pose {
             position: good,
             orientation: DQuat::from_xyzw(0.0, bad, 0.0, 1.0),
         })));
-        assert!(watched.pair.summary.last.rejected_sample);
+        assert!(watched.world.summary().last.rejected_sample);
     }
-    watched.touches_again();
+    watched.is_in_contact_again();
 }
 
 #[test]
 fn without_samples_the_force_ramps_down_and_comes_back() {
-    let mut watched = Watched::touching();
+    let mut watched = Watched::in_contact();
     for _ in 0..100 {
         watched.sample(None);
     }
-    assert!(!watched.pair.summary.last.rejected_sample);
+    assert!(!watched.world.summary().last.rejected_sample);
     for _ in 0..400 {
         watched.sample(None);
     }
     assert_eq!(watched.last.length(), 0.0);
-    watched.touches_again();
+    watched.is_in_contact_again();
 }
 
 #[test]
 fn jumps_of_any_length() {
     for jump in [1e-2, 1.0, 1e6, 1e150, 1e300, f64::MAX] {
         println!("jumps of {jump} m");
-        let mut watched = Watched::touching();
+        let mut watched = Watched::in_contact();
         let home = watched.position();
         for direction in [DVec3::X, DVec3::NEG_Z, DVec3::new(-0.6, 0.8, 0.0)] {
             watched.sample(at(home + direction * jump));
@@ -149,24 +149,24 @@ fn jumps_of_any_length() {
             }
             watched.sample(at(home));
         }
-        watched.touches_again();
+        watched.is_in_contact_again();
     }
 }
 
 #[test]
 fn noise_instead_of_samples() {
     println!("seed 5");
-    let mut random = Random(5);
-    let mut watched = Watched::touching();
+    let mut random = Random::new(5);
+    let mut watched = Watched::in_contact();
     for _ in 0..3000 {
-        let bits = [random.next(), random.next(), random.next()];
+        let bits = [random.bits(), random.bits(), random.bits()];
         let position = DVec3::from_array(bits.map(f64::from_bits));
         watched.sample(at(position));
     }
-    watched.touches_again();
+    watched.is_in_contact_again();
 }
 
-/// Noise over a chunk's payload and over what its header says of it; who sent it and its number stay right.
+/// Noise over a chunk's payload and its description in the header. Sender and number stay right.
 fn noise(chunk: &mut InboxChunk, random: &mut Random) {
     let header = &mut chunk.header;
     match random.below(4) {
@@ -182,22 +182,22 @@ fn noise(chunk: &mut InboxChunk, random: &mut Random) {
             header.last = random.below(2) as u32;
         }
         _ => {
-            header.kind = random.next() as u32;
-            header.count = random.next() as u32;
-            header.code = random.next() as u32;
-            header.region = random.next() as u32;
-            header.last = random.next() as u32;
+            header.kind = random.bits() as u32;
+            header.count = random.bits() as u32;
+            header.code = random.bits() as u32;
+            header.region = random.bits() as u32;
+            header.last = random.bits() as u32;
         }
     }
     let unknown_model = Refusal::UnknownModel as u32;
     if header.kind == ChunkKind::Refused as u32 && header.code == unknown_model {
-        // A station that says so is believed: that ends touching by right.
+        // The controller believes a station that does not know the model: contact ends by right.
         header.code = Refusal::UnknownRegion as u32;
     }
     let from = random.below(CHUNK_SLOTS as u64) as usize;
     for slot in &mut chunk.slots[from..] {
         for word in &mut slot.words {
-            *word = random.next() as u32;
+            *word = random.bits() as u32;
         }
     }
 }
@@ -206,18 +206,18 @@ fn noise(chunk: &mut InboxChunk, random: &mut Random) {
 fn chunks_of_noise_with_right_numbers() {
     for seed in 1..=6 {
         println!("seed {seed}");
-        let mut random = Random(seed);
-        let mut watched = Watched::touching();
-        watched.pair.tamper = Some(Box::new(move |chunk| {
+        let mut random = Random::new(seed);
+        let mut watched = Watched::in_contact();
+        watched.world.client_mut().link().tamper(move |chunk| {
             if random.below(3) == 0 {
                 noise(chunk, &mut random);
             }
-        }));
+        });
         watched.tour(2500);
-        watched.pair.controller.cache().check();
-        watched.pair.tamper = None;
-        assert_eq!(watched.pair.controller.fault(), None);
-        watched.touches_again();
+        watched.world.controller().cache().check();
+        watched.world.client_mut().link().stop_tampering();
+        assert_eq!(watched.world.controller().fault(), None);
+        watched.is_in_contact_again();
     }
 }
 
@@ -225,22 +225,22 @@ fn chunks_of_noise_with_right_numbers() {
 fn a_model_of_noise_is_a_fault_and_no_panic() {
     for seed in 1..=40 {
         println!("seed {seed}");
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let mut watched = Watched::new();
         let rarely = 1 + random.below(30);
-        watched.pair.tamper = Some(Box::new(move |chunk| {
+        watched.world.client_mut().link().tamper(move |chunk| {
             if random.below(rarely) == 0 {
                 let slot = random.below(CHUNK_SLOTS as u64) as usize;
                 let word = random.below(16) as usize;
                 chunk.slots[slot].words[word] ^= 1 << random.below(32);
             }
-        }));
+        });
         watched.tour(600);
     }
 }
 
 #[test]
-fn damaged_records_are_refused_and_counted_and_touching_goes_on() {
+fn damaged_records_are_refused_and_counted_and_contact_goes_on() {
     type Damage = fn(&mut VspRecord, u32);
     let damages: [(&str, Damage); 6] = [
         ("position", |record, _| record.pos_u[1] = f32::NAN),
@@ -255,36 +255,36 @@ fn damaged_records_are_refused_and_counted_and_touching_goes_on() {
         ("another parent", |record, _| record.vs = 0),
     ];
     for (name, damage) in damages {
-        let mut random = Random(9);
-        let mut watched = Watched::touching();
+        let mut random = Random::new(9);
+        let mut watched = Watched::in_contact();
         let mut other = 1;
-        watched.pair.tamper = Some(Box::new(move |chunk| {
+        watched.world.client_mut().link().tamper(move |chunk| {
             change_records(chunk, |record| {
                 if random.below(128) == 0 {
                     damage(record, other);
                     other = record.leaf_l;
                 }
             });
-        }));
-        let before = watched.pair.summary.last.resubscribed;
+        });
+        let before = watched.world.summary().last.resubscribed;
         watched.tour(3000);
-        watched.pair.controller.cache().check();
-        watched.pair.tamper = None;
-        let (refused, _) = watched.pair.controller.refused();
-        let again = watched.pair.summary.last.resubscribed - before;
+        watched.world.controller().cache().check();
+        watched.world.client_mut().link().stop_tampering();
+        let (refused, _) = watched.world.controller().refused();
+        let again = watched.world.summary().last.resubscribed - before;
         println!("{name}: {refused} regions refused, {again} epochs ended");
         assert!(refused > 0, "{name}");
-        watched.touches_again();
-        // What was refused is asked for again after two seconds, and is sound now.
+        watched.is_in_contact_again();
+        // Refused regions are asked for again after two seconds, and are sound now.
         let (mut contact, mut full) = (0, 0);
         for _ in 0..1500 {
-            let record = watched.pair.step();
+            let record = watched.world.step_led().record;
             watched.check();
             contact += u32::from(record.contact);
             full += u32::from(record.contact_full);
         }
         println!("{name}: full in {full} of {contact} contact ticks");
-        // A record that only turns out not to fit when it is split stays in the cache while another region
+        // A record that turns out not to fit at its split stays in the cache while another region
         // holds it: there the surface may stay coarse.
         let least = if name == "another parent" { 5 } else { 9 };
         assert!(contact > 0 && full * 10 >= contact * least, "{name}");
@@ -302,15 +302,15 @@ proptest! {
         let mut watched = Watched::new();
         watched.tour(150);
         let mut chunks = chunks.into_iter();
-        watched.pair.tamper = Some(Box::new(move |chunk| {
+        watched.world.client_mut().link().tamper(move |chunk| {
             let Some((words, seed, keep)) = chunks.next() else {
                 return;
             };
             let own = chunk.header;
-            let mut random = Random(seed);
+            let mut random = Random::new(seed);
             for slot in &mut chunk.slots {
                 for word in &mut slot.words {
-                    *word = random.next() as u32;
+                    *word = random.bits() as u32;
                 }
             }
             let header = &mut chunk.header;
@@ -324,8 +324,8 @@ proptest! {
             if keep == 1 {
                 header.model = u64::from(words[5]);
             }
-        }));
+        });
         watched.tour(500);
-        watched.pair.controller.cache().check();
+        watched.world.controller().cache().check();
     }
 }

@@ -1,26 +1,27 @@
-//! A hand on a tour of real and generated models: the contact is at full resolution, the cache bounded.
+//! A hand on a tour of real and generated models: the contact is at full resolution, the cache
+//! bounded.
 
 mod common;
 
-use common::{Pair, plan, real_model, spm, spm_of_file};
-use spm_builder::BuildOptions;
+use common::{plan, real_model, spm, spm_of_file, world};
+use spm_builder::build::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 fn tour(name: &str, bytes: Vec<u8>) {
     let plan = plan("");
-    let mut pair = Pair::new(&plan, bytes, 10.0);
+    let mut world = world(&plan, &bytes, 10.0);
     for _ in 0..10_000 {
-        pair.step();
-        if pair.tick.is_multiple_of(2500) {
-            pair.controller.cache().check();
+        world.step_led();
+        if world.tick().is_multiple_of(2500) {
+            world.controller().cache().check();
         }
     }
-    let s = &pair.summary;
+    let s = world.summary();
     println!(
         "{name}: contact {} of {} ticks, full {:.2} %, force max {:.2} N, step max {:.2} N, faces max {} mean {}, splits {} collapses {}, regions {} again {}, work max {} of {}, certified max {:.2e} m, measured max {:.2e} m, cache {} KiB, evicted {}, energy {:.2e} J",
         s.contact,
         s.ticks,
-        100.0 * pair.full_share(),
+        100.0 * world.summary().full_share(),
         s.force_max,
         s.force_step_max,
         s.faces_max,
@@ -30,7 +31,7 @@ fn tour(name: &str, bytes: Vec<u8>) {
         s.last.regions_subscribed,
         s.last.resubscribed,
         s.work_max,
-        pair.controller.work_budget(),
+        world.controller().work_budget(),
         s.certified_max,
         s.measured_max,
         s.cache_max / 1024,
@@ -38,7 +39,11 @@ fn tour(name: &str, bytes: Vec<u8>) {
         s.last.energy_j,
     );
     assert!(s.contact > 3000, "{name}: the tour touches");
-    assert!(pair.full_share() >= 0.99, "{name}: {}", pair.full_share());
+    assert!(
+        world.summary().full_share() >= 0.99,
+        "{name}: {}",
+        world.summary().full_share()
+    );
     assert!(s.force_max <= 8.0 && s.force_max > 0.1);
     assert!(s.vsplits > 0 && s.ecols > 0);
     assert!(s.cache_max <= plan.cache_bytes as u64);

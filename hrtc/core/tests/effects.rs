@@ -1,13 +1,11 @@
-//! Effects on a probe of a scene: what each does is what its formula says, for a ball and a tool, from object to object,
-//! without a byte allocated.
+//! Effects on a probe of a scene: each follows its formula, for a ball and a tool, from object to
+//! object, without an allocation.
 
 mod common;
 
-use common::several::{Scene, scene_plan};
-use common::spm;
+use common::{World, scene_plan, scene_world, spm};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
-use hrtc_core::NoObserver;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{NoFiles, Overrides, ProbeShape, ScenePlan, parse};
 use spm_builder::generate::{Shape, generate};
@@ -43,7 +41,7 @@ fn add_effects(plan: &mut ScenePlan, effects: &str) {
         object.effects = listed.objects[0].effects.clone();
     }
     plan.effects = listed.effects;
-    // What is limited is not what is tested.
+    // No limit, since a limited force would hide the formula.
     plan.safety.ramp_s = 0.0;
     plan.safety.slew_n_per_s = 1e6;
     plan.safety.passivity = false;
@@ -53,40 +51,40 @@ fn add_effects(plan: &mut ScenePlan, effects: &str) {
 }
 
 /// A plate seen from above whose top is at this height, and a probe.
-fn plate(effects: &str, shape: Option<ProbeShape>) -> Scene {
+fn plate(effects: &str, shape: Option<ProbeShape>) -> World {
     let mut plan = scene_plan(&[("plate", SIZE, DVec3::ZERO)], 1, 16 << 20);
     add_effects(&mut plan, effects);
     if let Some(shape) = shape {
         plan.probes[0].shape = shape;
     }
-    let mut scene = Scene::new(&plan, &[("plate", &PLATE)]);
+    let mut world = scene_world(&plan, &[("plate", &PLATE)], 0.0);
     for _ in 0..1000 {
-        step(&mut scene, DVec3::Z * 0.05);
+        step(&mut world, DVec3::Z * 0.05);
     }
-    scene
+    world
 }
 
-fn step(scene: &mut Scene, place: DVec3) -> Wrench {
-    pose(scene, Pose::at(place))
+fn step(world: &mut World, place: DVec3) -> Wrench {
+    pose(world, Pose::at(place))
 }
 
-fn pose(scene: &mut Scene, pose: Pose) -> Wrench {
-    scene.step_poses(&[Some(pose)], &mut NoObserver);
-    scene.outputs.wrenches[0]
+fn pose(world: &mut World, pose: Pose) -> Wrench {
+    world.step_poses(&[Some(pose)]);
+    world.outputs().wrenches[0]
 }
 
 /// Height of the plate's upper side.
 fn top() -> f64 {
-    let mut scene = plate("", None);
-    let force = step(&mut scene, DVec3::Z * 0.05).force;
+    let mut world = plate("", None);
+    let force = step(&mut world, DVec3::Z * 0.05).force;
     assert_eq!(force, DVec3::ZERO);
     let mut height = 0.05;
-    while step(&mut scene, DVec3::Z * height).force.z == 0.0 {
+    while step(&mut world, DVec3::Z * height).force.z == 0.0 {
         height -= 1e-4;
         assert!(height > -0.05, "the plate is missed");
     }
     // Depth from the force.
-    let force = step(&mut scene, DVec3::Z * height).force.z;
+    let force = step(&mut world, DVec3::Z * height).force.z;
     height + force / STIFFNESS - RADIUS
 }
 
@@ -100,15 +98,15 @@ fn friction_holds_to_its_static_coefficient_and_slides_at_its_dynamic_one() {
     };
     for shape in [None, Some(upright)] {
         let is_tool = shape.is_some();
-        let mut scene = plate("{ friction = { static = 0.4, dynamic = 0.3 } }", shape);
+        let mut world = plate("{ friction = { static = 0.4, dynamic = 0.3 } }", shape);
         let at = |x: f64, y: f64| DVec3::new(x, y, top + RADIUS - 1e-3);
         for k in 0..100 {
             let share = f64::from(k) / 100.0;
-            step(&mut scene, (DVec3::Z * 0.05).lerp(at(0.0, 0.0), share));
+            step(&mut world, (DVec3::Z * 0.05).lerp(at(0.0, 0.0), share));
         }
         let (mut most, mut slides) = (0.0f64, 0.0);
         for k in 0..1000 {
-            let wrench = step(&mut scene, at(2e-6 * f64::from(k), 0.0));
+            let wrench = step(&mut world, at(2e-6 * f64::from(k), 0.0));
             let Wrench { force, torque } = wrench;
             let ratio = -force.x / force.z;
             most = most.max(ratio);
@@ -127,14 +125,14 @@ fn friction_holds_to_its_static_coefficient_and_slides_at_its_dynamic_one() {
         assert!((slides - 0.3).abs() < 0.004, "{slides}");
         // Turned back it holds the other way, and off the surface it is gone.
         for k in 0..1000 {
-            step(&mut scene, at(2e-3 - 2e-6 * f64::from(k), 0.0));
+            step(&mut world, at(2e-3 - 2e-6 * f64::from(k), 0.0));
         }
-        let force = step(&mut scene, at(0.0, 0.0)).force;
+        let force = step(&mut world, at(0.0, 0.0)).force;
         assert!((force.x / force.z - 0.3).abs() < 0.004, "{force}");
         let mut off = force;
         for k in 0..100 {
             let share = f64::from(k) / 100.0;
-            off = step(&mut scene, at(0.0, 0.0).lerp(DVec3::Z * 0.05, share)).force;
+            off = step(&mut world, at(0.0, 0.0).lerp(DVec3::Z * 0.05, share)).force;
         }
         assert_eq!(off, DVec3::ZERO);
     }
@@ -144,15 +142,15 @@ fn friction_holds_to_its_static_coefficient_and_slides_at_its_dynamic_one() {
 fn a_texture_is_felt_as_its_height_and_its_slope() {
     let top = top();
     let (amplitude, wave) = (5e-5, 4e-3);
-    let mut scene = plate(
+    let mut world = plate(
         "{ texture = { amplitude_m = 5e-5, grating = { wavelength_m = 4e-3, direction = [1, 0, 0] } } }",
         None,
     );
     let depth = 1e-3;
-    step(&mut scene, DVec3::new(0.0, 0.0, top + 2.0 * RADIUS));
+    step(&mut world, DVec3::new(0.0, 0.0, top + 2.0 * RADIUS));
     for k in 0..1000 {
         let x = 1e-5 * f64::from(k);
-        let force = step(&mut scene, DVec3::new(x, 0.0, top + RADIUS - depth)).force;
+        let force = step(&mut world, DVec3::new(x, 0.0, top + RADIUS - depth)).force;
         let turn = std::f64::consts::TAU * x / wave;
         let pressed = STIFFNESS * (depth + amplitude * (turn.sin() - 1.0));
         let due = DVec3::new(
@@ -190,16 +188,16 @@ fn shading_turns_the_force_over_a_blunt_edge_and_leaves_a_sharp_one() {
         let turns = |effects: &str| {
             let mut plan = scene_plan(&[("valley", SIZE, DVec3::ZERO)], 1, 16 << 20);
             add_effects(&mut plan, effects);
-            let mut scene = Scene::new(&plan, &[("valley", &bytes)]);
+            let mut world = scene_world(&plan, &[("valley", &bytes)], 0.0);
             for _ in 0..1000 {
-                step(&mut scene, DVec3::Z * 0.05);
+                step(&mut world, DVec3::Z * 0.05);
             }
             let at = |x: f64| DVec3::new(x, 0.0, x.abs() * sine / cosine + RADIUS / cosine - 2e-4);
-            step(&mut scene, DVec3::new(-0.01, 0.0, 0.01));
-            let mut last = step(&mut scene, at(-0.01)).force;
+            step(&mut world, DVec3::new(-0.01, 0.0, 0.01));
+            let mut last = step(&mut world, at(-0.01)).force;
             let mut most = 0.0f64;
             for k in 0..400 {
-                let force = step(&mut scene, at(-0.01 + 5e-5 * f64::from(k))).force;
+                let force = step(&mut world, at(-0.01 + 5e-5 * f64::from(k))).force;
                 most = most.max(force.angle_between(last).to_degrees());
                 last = force;
             }
@@ -219,10 +217,10 @@ fn shading_turns_the_force_over_a_blunt_edge_and_leaves_a_sharp_one() {
 #[test]
 fn a_vibration_of_a_surface_is_felt_while_it_is_touched_and_has_its_amplitude() {
     let top = top();
-    let mut scene = plate("", None);
+    let mut world = plate("", None);
     let pressed = DVec3::Z * (top + RADIUS - 1e-3);
-    step(&mut scene, DVec3::Z * (top + 2.0 * RADIUS));
-    let still = step(&mut scene, pressed).force;
+    step(&mut world, DVec3::Z * (top + 2.0 * RADIUS));
+    let still = step(&mut world, pressed).force;
     let mut plan = scene_plan(&[("plate", SIZE, DVec3::ZERO)], 1, 16 << 20);
     add_effects(&mut plan, "");
     let listed = "[[object]]\ngenerate = { shape = \"plate\", faces = 1000 }\nsize_m = 0.2\neffects = [{ vibration = { frequency_hz = 50, amplitude_n = 0.1, direction = [0, 1, 0] } }]\n[[probe]]\n";
@@ -235,14 +233,14 @@ fn a_vibration_of_a_surface_is_felt_while_it_is_touched_and_has_its_amplitude() 
     )
     .expect("it is good");
     plan.objects[0].effects = listed.objects[0].effects.clone();
-    let mut scene = Scene::new(&plan, &[("plate", &PLATE)]);
+    let mut world = scene_world(&plan, &[("plate", &PLATE)], 0.0);
     for _ in 0..1000 {
-        assert_eq!(step(&mut scene, DVec3::Z * 0.05).force, DVec3::ZERO);
+        assert_eq!(step(&mut world, DVec3::Z * 0.05).force, DVec3::ZERO);
     }
-    step(&mut scene, DVec3::Z * (top + 2.0 * RADIUS));
+    step(&mut world, DVec3::Z * (top + 2.0 * RADIUS));
     let (mut sum, mut most) = (0.0, 0.0f64);
     for _ in 0..200 {
-        let more = step(&mut scene, pressed).force - still;
+        let more = step(&mut world, pressed).force - still;
         assert!(more.x.abs() < 1e-9 && more.z.abs() < 1e-9, "{more}");
         sum += more.y;
         most = most.max(more.y);
@@ -256,7 +254,7 @@ fn a_vibration_of_a_surface_is_felt_while_it_is_touched_and_has_its_amplitude() 
 #[test]
 fn a_magnet_pulls_from_its_reach_on_and_not_beyond() {
     let top = top();
-    let mut scene = plate("{ magnet = { force_n = 1.0, reach_m = 0.01 } }", None);
+    let mut world = plate("{ magnet = { force_n = 1.0, reach_m = 0.01 } }", None);
     for (gap, due) in [
         (0.02, 0.0),
         (0.01, 0.0),
@@ -264,14 +262,14 @@ fn a_magnet_pulls_from_its_reach_on_and_not_beyond() {
         (0.005, 1.0),
         (0.0025, 0.75),
     ] {
-        let force = step(&mut scene, DVec3::Z * (top + RADIUS + gap)).force;
+        let force = step(&mut world, DVec3::Z * (top + RADIUS + gap)).force;
         assert!(force.distance(DVec3::NEG_Z * due) < 1e-6, "{gap}: {force}");
     }
 }
 
 #[test]
 fn a_weight_hangs_in_its_centre_of_mass_and_a_boundary_pushes_back() {
-    let mut scene = plate(
+    let mut world = plate(
         "{ gravity = { mass_kg = 0.1, centre_m = [0, 0, 0.03] } }, { boundary = { ball = { radius_m = 0.1 }, stiffness_n_per_m = 100 } }",
         None,
     );
@@ -280,7 +278,7 @@ fn a_weight_hangs_in_its_centre_of_mass_and_a_boundary_pushes_back() {
         position: DVec3::Z * 0.05,
         orientation: DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2),
     };
-    let wrench = pose(&mut scene, lying);
+    let wrench = pose(&mut world, lying);
     assert!(wrench.force.distance(DVec3::NEG_Z * weight) < 1e-12);
     // Its centre of mass is 3 cm along x.
     assert!(
@@ -288,7 +286,7 @@ fn a_weight_hangs_in_its_centre_of_mass_and_a_boundary_pushes_back() {
         "{}",
         wrench.torque
     );
-    let outside = step(&mut scene, DVec3::Z * 0.11).force;
+    let outside = step(&mut world, DVec3::Z * 0.11).force;
     assert!(
         outside.distance(DVec3::NEG_Z * (weight + 1.0)) < 1e-9,
         "{outside}"
@@ -298,7 +296,7 @@ fn a_weight_hangs_in_its_centre_of_mass_and_a_boundary_pushes_back() {
 #[test]
 fn effects_go_with_their_object_and_nothing_is_allocated() {
     assert!(count(|| vec![0u8; 100]) > 0, "the allocator counts");
-    // More objects than seats: they are given away and come back.
+    // More objects than active ones: they are reassigned and come back.
     let places: Vec<(&str, f64, DVec3)> = (0..6)
         .map(|k| ("plate", 0.05, DVec3::X * 0.1 * f64::from(k)))
         .collect();
@@ -315,23 +313,23 @@ fn effects_go_with_their_object_and_nothing_is_allocated() {
         object.effects = [].into();
     }
     plan.effects.clear();
-    let mut scene = Scene::new(&plan, &[("plate", &PLATE)]);
+    let mut world = scene_world(&plan, &[("plate", &PLATE)], 0.0);
     let place = |object: usize, height: f64| DVec3::new(0.1 * object as f64, 0.0, height);
     let mut friction = [0.0f64; 6];
     for object in [0, 1, 2, 3, 4, 5, 0, 1] {
         for k in 0..1500 {
             let height = 0.02 - 2.5e-5 * f64::from(k.min(1000));
             let aside = DVec3::Y * 2e-6 * f64::from((k - 1000).max(0));
-            let force = step(&mut scene, place(object, height.max(-2e-4)) + aside).force;
+            let force = step(&mut world, place(object, height.max(-2e-4)) + aside).force;
             if k > 1000 {
                 friction[object] = friction[object].max(force.y.abs() / force.z.abs().max(1e-9));
             }
         }
         for k in 0..200 {
-            step(&mut scene, place(object, 1e-4 * f64::from(k)));
+            step(&mut world, place(object, 1e-4 * f64::from(k)));
         }
     }
-    assert_eq!(scene.allocations, 0);
+    assert_eq!(world.client().allocations(), 0);
     for (object, ratio) in friction.iter().enumerate() {
         if object % 2 == 0 {
             assert!(*ratio > 0.3, "{friction:?}");

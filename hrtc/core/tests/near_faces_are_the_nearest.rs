@@ -1,25 +1,24 @@
-//! What is gathered around a point: every face of the ball, of the largest ball that fits, in any front; and where
-//! there are more than fit, what it costs does not grow with the ball that was asked for.
+//! What is gathered around a point: every face of the ball, of the largest ball that fits, in any
+//! front; and where there are more than fit, what it costs does not grow with the ball that was
+//! asked for.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
-use bodies::{Front, models, vector};
-use common::Random;
+use common::fronts::{Front, models};
 use geometry::closest_point_on_triangle;
 use hrtc_core::contact::query::{MAX_FACES, NearFaces};
+use simulator::Random;
 
 #[test]
 fn every_face_of_the_ball_is_gathered_and_the_ball_is_the_largest_that_fits() {
-    let mut random = Random(31);
+    let mut random = Random::new(31);
     for (name, parts) in models(3000) {
         for chance in [0, 70, 100] {
             let front = Front::new(&parts, chance, &mut random);
             let mut near = NearFaces::new();
             for k in 0..20 {
                 let (_, [corner, ..]) = front.any_face(&mut random);
-                let point = corner + vector(&mut random) * front.diagonal() * 0.01;
+                let point = corner + random.vector() * front.diagonal() * 0.01;
                 let asked = front.diagonal() * [0.003, 0.03, 0.3, 2.0][k % 4];
                 near.collect(front.surface(), point, asked);
                 let ball = near.margin(point);
@@ -54,7 +53,7 @@ fn every_face_of_the_ball_is_gathered_and_the_ball_is_the_largest_that_fits() {
 
 #[test]
 fn a_ball_of_everything_costs_little_more_than_what_fits() {
-    let mut random = Random(32);
+    let mut random = Random::new(32);
     let (_, parts) = models(20_000).swap_remove(0);
     let front = Front::new(&parts, 100, &mut random);
     let mut near = NearFaces::new();

@@ -1,17 +1,16 @@
-//! Queries through the AB-tree find what a look at every active face finds, on random fronts of made and real
-//! models at several scales; at full resolution, what parry's own tree finds.
+//! Queries through the AB-tree find what a look at every active face finds, on random fronts of
+//! made and real models at several scales; at full resolution, what parry's own tree finds.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
-use bodies::{Front, vector};
-use common::{Random, real_model};
+use common::fronts::Front;
+use common::real_model;
 use geometry::closest_point_on_triangle;
 use glam::{DVec3, Vec3};
 use hrtc_core::contact::query::{closest_point, faces_within, swept_sphere};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
+use simulator::Random;
 use spm::{Handle, SpmParts};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
@@ -30,7 +29,7 @@ fn some_front(parts: &SpmParts, chance: u64, random: &mut Random) -> Front {
 fn some_point(front: &Front, random: &mut Random) -> DVec3 {
     let (lower, upper) = (front.lower, front.upper);
     let size = front.diagonal();
-    let spread = vector(random);
+    let spread = random.vector();
     match random.below(8) {
         0 => lower.lerp(upper, 0.5) + spread * size,
         1 => lower.lerp(upper, 0.5) + spread * size * 1000.0,
@@ -81,7 +80,7 @@ fn for_each_front(
     mut check: impl FnMut(&str, &Front, &SpmParts, &mut Random),
 ) {
     println!("seed {seed}");
-    let mut random = Random(seed);
+    let mut random = Random::new(seed);
     for (name, parts) in models() {
         for &chance in chances {
             let front = some_front(&parts, chance, &mut random);
@@ -146,8 +145,8 @@ fn faces_within_a_distance_are_those_of_all_faces() {
     });
 }
 
-/// First fraction of the motion at which the sphere touches the face while it approaches, by sections: the
-/// distance is convex along the motion, so there is one approach.
+/// First fraction of the motion at which the sphere touches the face while it approaches, by
+/// sections: the distance is convex along the motion, so there is one approach.
 fn first_contact(t: [DVec3; 3], start: DVec3, motion: DVec3, radius: f64) -> Option<f64> {
     let gap = |s: f64| {
         closest_point_on_triangle(t, start + motion * s)
@@ -161,7 +160,8 @@ fn first_contact(t: [DVec3; 3], start: DVec3, motion: DVec3, radius: f64) -> Opt
         if gap(a) <= gap(b) { high = b } else { low = a }
     }
     if gap(0.0) <= 0.0 {
-        // It overlaps at the start: stopped only if it approaches, or if its centre lies on the face.
+        // It overlaps at the start: stopped only if it approaches, or if its centre lies on the
+        // face.
         let offset = start - closest_point_on_triangle(t, start).point;
         let approaches = offset == DVec3::ZERO || offset.dot(motion) < 0.0;
         return approaches.then_some(0.0);
@@ -182,7 +182,7 @@ fn first_contact(t: [DVec3; 3], start: DVec3, motion: DVec3, radius: f64) -> Opt
 }
 
 #[test]
-fn a_swept_sphere_stops_where_it_first_touches_any_face() {
+fn a_swept_sphere_stops_where_it_first_contactes_any_face() {
     let (mut hits, mut free) = (0, 0);
     for_each_front(23, &[0, 60, 97, 100], |name, front, _, random| {
         for k in 0..30 {
@@ -193,7 +193,7 @@ fn a_swept_sphere_stops_where_it_first_touches_any_face() {
             let motion = if k % 2 == 0 {
                 front.any_face(random).1[0] - start
             } else {
-                vector(random) * size * 0.3
+                random.vector() * size * 0.3
             };
             let mut expected: Option<f64> = None;
             for &(_, t) in &front.faces {

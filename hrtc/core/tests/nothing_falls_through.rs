@@ -1,17 +1,18 @@
-//! No sheet is thin enough, no hand fast enough, no scale odd enough for the probe to get through a surface;
-//! and what it feels there is what a surface gives.
+//! No sheet is thin enough, no hand fast enough and no scale odd enough for the probe to get
+//! through a surface, and the force there is that of a surface.
 //!
-//! The probe is moved without a device in between, with neither damping nor limits: so force over stiffness
-//! is how far the proxy is from the probe, and where the proxy is can be told from outside.
+//! The probe's poses are prescribed, without damping or limits: force over stiffness is the
+//! displacement of the proxy from the probe, so the proxy's place is known from outside.
 
 mod common;
 
-use common::{Pair, Random, plan, spm};
+use common::{World, plan, spm, station, world};
 use geometry::{Pose, side_of_plane, solid_angle};
 use glam::{DQuat, DVec3};
 use haptic_device::Sample;
-use hrtc_core::NoObserver;
 use scene::{ModelScale, ProbeShape, ScenePlan, TrajectoryPlan};
+use simulator::{Client, ClientOptions, Random, STATION, Simulation};
+use spm_builder::build::{BuildOptions, SoupMesh};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, SoupMesh};
 use std::cmp::Ordering;
@@ -49,7 +50,7 @@ fn model(mesh: SoupMesh) -> Vec<u8> {
 
 /// A probe moved by hand; places are in shares of the model's size.
 struct Probe {
-    pair: Pair,
+    world: World,
     size: f64,
     place: DVec3,
 }
@@ -57,12 +58,18 @@ struct Probe {
 impl Probe {
     /// With the model there, resting at a free place until the regions around are fine.
     fn new(model: &[u8], size: f64, place: DVec3) -> Self {
-        let pair = Pair::with_device_limit(&bare_plan(size), model.to_vec(), 1.0, 1e12);
-        let mut probe = Self { pair, size, place };
+        let plan = bare_plan(size);
+        let options = ClientOptions {
+            device_max_n: 1e12,
+            ..ClientOptions::default()
+        };
+        let station = station(&plan, model, STATION);
+        let world = Simulation::new(station, Client::new(&plan, options));
+        let mut probe = Self { world, size, place };
         for _ in 0..300 {
             probe.to(place);
         }
-        assert!(probe.pair.summary.last.ready && !probe.pair.summary.last.contact);
+        assert!(probe.world.summary().last.ready && !probe.world.summary().last.contact);
         probe
     }
 
@@ -70,25 +77,24 @@ impl Probe {
     fn to(&mut self, place: DVec3) -> DVec3 {
         self.place = place;
         let pose = Pose::at(place * self.size);
-        self.pair
-            .step_sample(Some(Sample::at(pose)), &mut NoObserver);
-        place + self.pair.force() / (STIFFNESS * self.size)
+        self.world.step(Some(Sample::at(pose)));
+        place + self.world.force() / (STIFFNESS * self.size)
     }
 
     /// Straight to a place at a speed (shares of the size a tick), with a look at every proxy.
-    fn move_to(&mut self, place: DVec3, speed: f64, mut look: impl FnMut(DVec3, &Pair)) {
+    fn move_to(&mut self, place: DVec3, speed: f64, mut look: impl FnMut(DVec3, &World)) {
         let from = self.place;
         let ticks = (from.distance(place) / speed).ceil().max(1.0) as u32;
         for tick in 1..=ticks {
             let proxy = self.to(from.lerp(place, f64::from(tick) / f64::from(ticks)));
-            look(proxy, &self.pair);
+            look(proxy, &self.world);
         }
     }
 }
 
 /// A hand that stabs and rubs: moves through the surface at up to 2 m/s for a model of 0.15 m.
-fn stab(probe: &mut Probe, above: DVec3, spread: f64, look: &mut impl FnMut(DVec3, &Pair)) {
-    let mut random = Random(11);
+fn stab(probe: &mut Probe, above: DVec3, spread: f64, look: &mut impl FnMut(DVec3, &World)) {
+    let mut random = Random::new(11);
     let home = probe.place;
     for round in 0..12 {
         let aside = |random: &mut Random| {
@@ -105,13 +111,14 @@ fn stab(probe: &mut Probe, above: DVec3, spread: f64, look: &mut impl FnMut(DVec
         // Out again where it came in: the way back is free.
         probe.move_to(surface - depth, speed, &mut *look);
         probe.move_to(start, FASTEST, &mut *look);
-        // A jump of thirty radii over rough land: what a tick has no work left for, the next ones do.
+        // A jump of thirty radii over rough land: what a tick has no work left for, the next ones
+        // do.
         for _ in 0..3 {
             let freed = probe.to(home);
-            look(freed, &probe.pair);
+            look(freed, &probe.world);
         }
         assert!(
-            !probe.pair.summary.last.contact,
+            !probe.world.summary().last.contact,
             "round {round}: it is free"
         );
     }
@@ -156,17 +163,18 @@ fn a_plate_and_a_double_sheet_from_both_sides_at_every_scale() {
             let mut contacts = 0;
             let mut nearest = f64::INFINITY;
             let mut last = DVec3::ZERO;
-            // How far the proxy lags aside, of the probe's step, for hands below and above 0.1 m/s at 0.15 m.
+            // How far the proxy lags aside, of the probe's step, for hands below and above 0.1 m/s
+            // at 0.15 m.
             let mut lags = [0.0f64; 2];
-            stab(&mut probe, above, 0.2, &mut |proxy, pair| {
-                let goal = proxy - pair.force() / (STIFFNESS * size);
+            stab(&mut probe, above, 0.2, &mut |proxy, world| {
+                let goal = proxy - world.force() / (STIFFNESS * size);
                 let step = goal.distance(last);
                 last = goal;
                 assert_eq!(side(sheet, proxy), wanted, "{name} at {size} m: {proxy}");
                 nearest = nearest.min((proxy.z - sheet) * up);
-                if pair.summary.last.contact {
+                if world.summary().last.contact {
                     contacts += 1;
-                    let force = pair.force();
+                    let force = world.force();
                     assert!(force.dot(above) >= 0.0, "{name} at {size} m: {force}");
                     let aside = force.truncate().length() / (STIFFNESS * size);
                     if step > 0.0 {
@@ -180,7 +188,8 @@ fn a_plate_and_a_double_sheet_from_both_sides_at_every_scale() {
             );
             assert!(contacts > 100);
             assert!(nearest > 0.999 * RADIUS, "{name} at {size} m: {nearest}");
-            // A tick has few steps around the edges between faces; what is left is done in the next one.
+            // A tick has few steps around the edges between faces; what is left is done in the next
+            // one.
             assert!(
                 lags.iter().all(|&lag| lag < 1e-9),
                 "{name} at {size} m: {lags:?}"
@@ -207,7 +216,7 @@ fn a_wedge_on_its_ridge_and_in_its_groove() {
             let above = DVec3::Z * up;
             let mut probe = Probe::new(&wedge, size, DVec3::Z * (0.5 + 0.08 * up));
             let mut contacts = 0;
-            stab(&mut probe, above, 0.05, &mut |proxy, pair| {
+            stab(&mut probe, above, 0.05, &mut |proxy, world| {
                 let (left, right) = (over(proxy, false), over(proxy, true));
                 let outside = if up > 0.0 {
                     left || right
@@ -215,7 +224,7 @@ fn a_wedge_on_its_ridge_and_in_its_groove() {
                     !left && !right
                 };
                 assert!(outside, "up {up} at {size} m: {proxy}");
-                contacts += u32::from(pair.summary.last.contact);
+                contacts += u32::from(world.summary().last.contact);
             });
             println!("wedge, up {up} at {size} m: {contacts} contacts");
             assert!(contacts > 100);
@@ -231,8 +240,8 @@ fn land_from_above_at_every_scale() {
         let mut probe = Probe::new(&terrain, size, start);
         // Down to the land, then to 8 hundredths above it, where the stabs begin.
         let mut ground = f64::NAN;
-        probe.move_to(DVec3::Z * -0.4, 0.003, |proxy, pair| {
-            if pair.summary.last.contact && ground.is_nan() {
+        probe.move_to(DVec3::Z * -0.4, 0.003, |proxy, world| {
+            if world.summary().last.contact && ground.is_nan() {
                 ground = proxy.z;
             }
         });
@@ -240,12 +249,12 @@ fn land_from_above_at_every_scale() {
         probe.move_to(start, FASTEST, |_, _| {});
         probe.move_to(DVec3::Z * (ground + 0.08), FASTEST, |_, _| {});
         let (mut contacts, mut looked) = (0, 0u32);
-        stab(&mut probe, DVec3::Z, 0.15, &mut |proxy, pair| {
-            contacts += u32::from(pair.summary.last.contact);
+        stab(&mut probe, DVec3::Z, 0.15, &mut |proxy, world| {
+            contacts += u32::from(world.summary().last.contact);
             looked += 1;
             // A tick that forgets its force would show here too: the probe alone is below.
             if looked.is_multiple_of(3) {
-                assert!(above_front(pair, proxy * size), "at {size} m: {proxy}");
+                assert!(above_front(world, proxy * size), "at {size} m: {proxy}");
             }
         });
         println!("land at {size} m: {contacts} contacts");
@@ -254,12 +263,12 @@ fn land_from_above_at_every_scale() {
 }
 
 /// Whether a point lies above every active face over or under it.
-fn above_front(pair: &Pair, world: DVec3) -> bool {
-    let Some(frame) = pair.controller.frame() else {
+fn above_front(world: &World, place: DVec3) -> bool {
+    let Some(frame) = world.controller().frame() else {
         return false;
     };
-    let point = frame.to_model(world);
-    let mesh = pair.controller.cache().mesh();
+    let point = frame.to_model(place);
+    let mesh = world.controller().cache().mesh();
     let mut above = true;
     mesh.for_each_active_face(|face| {
         let corners = mesh.corners(face);
@@ -276,12 +285,13 @@ fn above_front(pair: &Pair, world: DVec3) -> bool {
 }
 
 /// How often the front winds round the proxy's centre: 0 outside of a closed one.
-fn winding(pair: &Pair) -> f64 {
-    let (Some(frame), Some(proxy)) = (pair.controller.frame(), pair.controller.proxy()) else {
+fn winding(world: &World) -> f64 {
+    let (Some(frame), Some(proxy)) = (world.controller().frame(), world.controller().proxy())
+    else {
         return 0.0;
     };
     let centre = frame.to_model(proxy);
-    let mesh = pair.controller.cache().mesh();
+    let mesh = world.controller().cache().mesh();
     let mut sum = 0.0;
     mesh.for_each_active_face(|face| sum += solid_angle(mesh.corners(face), centre));
     sum / (4.0 * std::f64::consts::PI)
@@ -291,12 +301,12 @@ fn winding(pair: &Pair) -> f64 {
 fn a_front_that_moves_over_the_proxy_takes_it_along() {
     let relief = model(generate(Shape::Relief, 30_000, 1));
     for size in SIZES {
-        let mut random = Random(17);
+        let mut random = Random::new(17);
         let mut probe = Probe::new(&relief, size, DVec3::X * 0.7);
         let (mut ticks, mut held, mut changes) = (0u32, 0u32, 0u32);
         for round in 0..20 {
-            // A hand that holds still or rubs, just below a surface that is refined and coarsened under it by
-            // more than the probe's radius.
+            // A hand that holds still or rubs, just below a surface that is refined and coarsened
+            // under it by more than the probe's radius.
             let direction = |random: &mut Random| {
                 let mut unit = || random.unit() - 0.5;
                 DVec3::new(unit(), unit(), unit()).normalize()
@@ -305,11 +315,11 @@ fn a_front_that_moves_over_the_proxy_takes_it_along() {
             let beside = (aim + 0.3 * direction(&mut random)).normalize();
             let speed = FASTEST * [0.03, 0.3][round % 2];
             let mut from = |probe: &mut Probe, place: DVec3, speed: f64| {
-                probe.move_to(place, speed, |proxy, pair| {
+                probe.move_to(place, speed, |proxy, world| {
                     ticks += 1;
-                    held += u32::from(pair.summary.last.contact);
-                    changes += pair.summary.last.vsplits + pair.summary.last.ecols;
-                    let winding = winding(pair);
+                    held += u32::from(world.summary().last.contact);
+                    changes += world.summary().last.vsplits + world.summary().last.ecols;
+                    let winding = winding(world);
                     assert!(
                         winding.abs() < 0.5,
                         "round {round} at {size} m: {winding} at {proxy}"
@@ -319,7 +329,7 @@ fn a_front_that_moves_over_the_proxy_takes_it_along() {
             from(&mut probe, aim * 0.7, FASTEST);
             for (k, place) in [0.35, 0.3, 0.25, 0.3, 0.25, 0.3].into_iter().enumerate() {
                 let tolerance = [0.0, 0.02, 0.004][(k + round) % 3] * size;
-                probe.pair.controller.set_tolerance(tolerance);
+                probe.world.controller_mut().set_tolerance(tolerance);
                 let place = if k % 2 == 0 { aim } else { beside } * place;
                 from(&mut probe, place, speed);
             }
@@ -334,12 +344,12 @@ fn a_front_that_moves_over_the_proxy_takes_it_along() {
 fn a_sphere_pushes_back_along_its_radius_with_stiffness_times_depth() {
     let faces = 40_000u32;
     let sphere = model(generate(Shape::Sphere, faces, 1));
-    // Chords of 200 meridians lie below the sphere by no more than this share of its radius, twice over
-    // for the diagonals.
+    // Chords of 200 meridians lie below the sphere by no more than this share of its radius, twice
+    // over for the diagonals.
     let below = 2.0 * (1.0 - (std::f64::consts::PI / f64::from(faces).sqrt()).cos());
     let radius = 0.5;
     for size in SIZES {
-        let mut random = Random(3);
+        let mut random = Random::new(3);
         for _ in 0..6 {
             let direction = DVec3::new(
                 random.unit() - 0.5,
@@ -356,13 +366,13 @@ fn a_sphere_pushes_back_along_its_radius_with_stiffness_times_depth() {
                 for _ in 0..100 {
                     probe.to(goal);
                 }
-                assert!(probe.pair.summary.last.contact_full);
-                let force = probe.pair.force();
-                let felt = force.length() / (STIFFNESS * size);
+                assert!(probe.world.summary().last.contact_full);
+                let force = probe.world.force();
+                let measured = force.length() / (STIFFNESS * size);
                 let low = depth - radius * below;
                 assert!(
-                    (low..=depth * (1.0 + 1e-9)).contains(&felt),
-                    "{size} m: {felt} for {depth}"
+                    (low..=depth * (1.0 + 1e-9)).contains(&measured),
+                    "{size} m: {measured} for {depth}"
                 );
                 let aligned = force.normalize().dot(direction);
                 assert!(aligned > 0.99, "{size} m, {depth}: {aligned}");
@@ -381,7 +391,7 @@ fn a_scene_scaled_up_or_down_does_the_same() {
         for place in [DVec3::X * 0.2, turn * DVec3::X * 0.25, DVec3::X * 0.7] {
             probe.move_to(place, 0.001, |proxy, _| proxies.push(proxy));
         }
-        let s = &probe.pair.summary;
+        let s = probe.world.summary();
         assert!(s.contact > 200, "{} contacts", s.contact);
         proxies
     };
@@ -410,40 +420,41 @@ fn rest(name: &str, model: &[u8], encoder: f64) {
     let mut plan = plan("");
     plan.probes[0].trajectory = TrajectoryPlan::Points(Vec::new());
     plan.probes[0].device.encoder_m = encoder;
-    let mut pair = Pair::new(&plan, model.to_vec(), 6.0);
+    let mut world = world(&plan, model, 6.0);
     // Above all of them is free, and down along z lies the surface.
     let mut held = DVec3::new(0.003, 0.002, 0.15);
-    while pair.summary.last.depth_m < 0.001 && held.z > -0.1 {
+    while world.summary().last.depth_m < 0.001 && held.z > -0.1 {
         held.z -= 5e-5;
-        pair.step_at(held);
+        world.step_held(held);
     }
-    assert!(pair.summary.last.contact, "{name}: it touches");
+    assert!(world.summary().last.contact, "{name}: it touches");
     for _ in 0..2000 {
-        pair.step_at(held);
+        world.step_held(held);
     }
-    let energy = pair.summary.last.energy_j;
-    let at_first = pair.device.state().0;
+    let energy = world.summary().last.energy_j;
+    let at_first = world.client_mut().hand(0).state().0;
     let mut forces = Vec::new();
     let mut moved: f64 = 0.0;
     for _ in 0..5000 {
-        pair.step_at(held);
-        forces.push(pair.force());
-        moved = moved.max(pair.device.state().0.distance(at_first));
+        world.step_held(held);
+        forces.push(world.force());
+        moved = moved.max(world.client_mut().hand(0).state().0.distance(at_first));
     }
     let mean = forces.iter().sum::<DVec3>() / forces.len() as f64;
     let spread = forces.iter().map(|f| f.distance_squared(mean)).sum::<f64>();
     let deviation = (spread / forces.len() as f64).sqrt();
-    let gained = pair.summary.last.energy_j - energy;
+    let gained = world.summary().last.energy_j - energy;
     println!(
         "{name}: force {:.3} N, deviation {deviation:.1e} N, moved {moved:.1e} m, energy {gained:.1e} J",
         mean.length()
     );
-    // An encoder lets the hand rock by a step, which the surface answers with a step times the stiffness.
+    // An encoder lets the hand rock by a step, which the surface answers with a step times the
+    // stiffness.
     let step_force = STIFFNESS * encoder;
     assert!(mean.length() > 0.1, "{name}");
     assert!(deviation <= 1e-6 + 2.0 * step_force, "{name}: it buzzes");
     assert!(moved <= 1e-8 + 2.0 * encoder, "{name}: it creeps");
     let most = 1e-9 + 5000.0 * step_force * encoder;
     assert!(gained <= most, "{name}: it puts out {gained} J");
-    assert!(pair.summary.last.contact_full, "{name}");
+    assert!(world.summary().last.contact_full, "{name}");
 }

@@ -1,14 +1,12 @@
 //! Neither a query of two bodies nor moving a tool allocates.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
-use bodies::{Front, frame, full_mesh, orientation};
-use common::Random;
+use common::fronts::{Front, frame, full_mesh};
 use hrtc_core::contact::query::{FacePair, Placed, all_pairs, first_pair};
 use hrtc_core::contact::tool::{Tool, capsule_mesh};
 use realtime::counting_allocator::{CountingAllocator, count};
+use simulator::Random;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -23,11 +21,11 @@ fn in_any_pose() {
     let mut tool = Tool::new(&mesh).expect("a capsule is a tool");
     let rest = tool.clone();
     let mut out = vec![FacePair::NONE; 1 << 14];
-    let mut random = Random(11);
+    let mut random = Random::new(11);
     let mut met = 0;
     for _ in 0..300 {
         let at = whole.positions[random.below(whole.positions.len() as u64) as usize];
-        let to_query = frame(at, orientation(&mut random), 1.0);
+        let to_query = frame(at, random.orientation(), 1.0);
         let surface = front.surface();
         let calls = count(|| {
             tool.place(&to_query);

@@ -1,12 +1,9 @@
-//! Queries of any numbers, millions of them: no panic, no allocation, nothing that is not finite comes out. Poses that are
-//! none are rejected where a pose becomes a frame, and counted.
+//! Queries of any numbers, millions of them: no panic, no allocation, no result that is not finite.
+//! Poses that are none are rejected where a pose becomes a frame, and counted.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
-use bodies::{Front, full_mesh, scaled};
-use common::Random;
+use common::fronts::{Front, full_mesh, scaled};
 use geometry::{Pose, Similarity};
 use glam::{DQuat, DVec3};
 use hrtc_core::contact::query::{
@@ -14,6 +11,7 @@ use hrtc_core::contact::query::{
 };
 use hrtc_core::contact::tool::{Tool, capsule_mesh};
 use realtime::counting_allocator::{CountingAllocator, count};
+use simulator::Random;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -23,7 +21,8 @@ const FARTHEST: f64 = 1e100;
 /// Pairs of nodes and faces that a query of two bodies may visit.
 const BUDGET: u32 = 2000;
 
-/// A front with faces of all sorts of no area among its own: in one point, in one edge, twice the same.
+/// A front with faces of all sorts of no area among its own: in one point, in one edge, twice the
+/// same.
 fn front() -> Front {
     let mut mesh = full_mesh("cow.obj", 4000);
     for k in 0..40 {
@@ -44,7 +43,7 @@ fn front() -> Front {
 
 /// What came of many queries.
 #[derive(Debug, Default)]
-struct Tally {
+struct Counts {
     rejected: u64,
     asked: [u64; 5],
     /// Answers with something found.
@@ -60,7 +59,7 @@ struct Asker<'a> {
     random: Random,
     out: Vec<FacePair>,
     hint: Option<Nearest>,
-    tally: Tally,
+    counts: Counts,
 }
 
 impl Asker<'_> {
@@ -110,7 +109,7 @@ impl Asker<'_> {
     /// Asks one query of any kind.
     fn ask(&mut self) {
         let Some(frame) = self.frame() else {
-            self.tally.rejected += 1;
+            self.counts.rejected += 1;
             return;
         };
         let surface = self.front.surface();
@@ -165,8 +164,8 @@ impl Asker<'_> {
                 pair.is_some()
             }
         };
-        self.tally.asked[kind] += 1;
-        self.tally.found[kind] += u64::from(found);
+        self.counts.asked[kind] += 1;
+        self.counts.found[kind] += u64::from(found);
     }
 }
 
@@ -180,20 +179,20 @@ fn ask(seed: u64, queries: u64) {
         rest: tool.clone(),
         tool,
         size,
-        random: Random(seed),
+        random: Random::new(seed),
         out: vec![FacePair::NONE; 1 << 12],
         hint: None,
-        tally: Tally::default(),
+        counts: Counts::default(),
     };
     let calls = count(|| (0..queries).for_each(|_| asker.ask()));
-    let tally = asker.tally;
-    println!("seed {seed}, {queries} queries: {tally:?}");
+    let counts = asker.counts;
+    println!("seed {seed}, {queries} queries: {counts:?}");
     assert_eq!(calls, 0, "queries allocate nothing");
-    assert!(tally.rejected > queries / 100, "{tally:?}");
-    assert_eq!(tally.rejected + tally.asked.iter().sum::<u64>(), queries);
+    assert!(counts.rejected > queries / 100, "{counts:?}");
+    assert_eq!(counts.rejected + counts.asked.iter().sum::<u64>(), queries);
     // Every kind finds something.
-    for (asked, found) in tally.asked.into_iter().zip(tally.found) {
-        assert!(found > 0 && asked >= found, "{tally:?}");
+    for (asked, found) in counts.asked.into_iter().zip(counts.found) {
+        assert!(found > 0 && asked >= found, "{counts:?}");
     }
 }
 
@@ -202,8 +201,8 @@ fn a_hundred_thousand() {
     ask(1, 100_000);
 }
 
-/// Ten million: `cargo test --release -p hrtc --test random_queries -- --ignored --nocapture`, with another seed in
-/// `HRTC_SEED`.
+/// Ten million: `cargo test --release -p hrtc-core --test random_queries -- --ignored --nocapture`,
+/// with another seed in `HRTC_SEED`.
 #[test]
 #[ignore = "takes a minute"]
 fn ten_million() {

@@ -1,9 +1,11 @@
-//! What changes under the probe flies: at every tick mesh, tree and queues are whole, and however the contact, the dial,
-//! the link or the cache break in on vertices in flight, the front is in the end that of a fresh start.
+//! Changes under the probe are geomorphs. At every tick mesh, tree and queues are valid; and
+//! however contact, tolerance, link or cache interrupt geomorphs, the front ends as that of a fresh
+//! start.
 
 mod common;
 
-use common::{Faults, Pair, Random, Touch, plan, spm, touches};
+use common::{Place, World, faulty, places_on_tour, plan, rest, spm, world};
+use simulator::{LinkModel, Random, refined_front};
 use spm::NONE;
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
@@ -15,21 +17,21 @@ fn model() -> Vec<u8> {
     spm(generate(Shape::Relief, 60_000, 1), &BuildOptions::default())
 }
 
-fn pair(model: &[u8], tolerance_m: f64, geomorph: bool) -> Pair {
+fn start(model: &[u8], tolerance_m: f64, geomorph: bool) -> World {
     let mut plan = plan("");
     plan.accuracy.tolerance_m = tolerance_m;
     plan.accuracy.geomorph = geomorph;
-    Pair::new(&plan, model.to_vec(), 8.0)
+    world(&plan, model, 8.0)
 }
 
-fn touch(model: &[u8]) -> Touch {
-    let [touch] = touches(&plan(""), model, [1.0]);
+fn touch(model: &[u8]) -> Place {
+    let [touch] = places_on_tour(&plan(""), model, [1.0]);
     touch
 }
 
 /// Where the active faces' corners are, as bits.
-fn corners(pair: &Pair) -> Vec<[[u64; 3]; 3]> {
-    let mesh = pair.controller.cache().mesh();
+fn corners(world: &World) -> Vec<[[u64; 3]; 3]> {
+    let mesh = world.controller().cache().mesh();
     let mut all = Vec::new();
     mesh.for_each_active_face(|face| {
         let mut bits = mesh.corners(face).map(|p| p.to_array().map(f64::to_bits));
@@ -42,89 +44,98 @@ fn corners(pair: &Pair) -> Vec<[[u64; 3]; 3]> {
 }
 
 #[test]
-fn whatever_breaks_in_on_flights_every_tick_is_whole_and_the_end_is_that_of_a_fresh_start() {
+fn interrupted_geomorphs_leave_valid_ticks_and_end_as_a_fresh_start() {
     let model = model();
     let place = touch(&model);
-    let mut random = Random(5);
-    let mut fresh = pair(&model, 0.0, true);
-    fresh.rest(place, MAX_TICKS);
+    let mut random = Random::new(5);
+    let mut fresh = start(&model, 0.0, true);
+    rest(&mut fresh, place, MAX_TICKS);
     let expected = corners(&fresh);
     for round in 0..3 {
-        let mut tried = pair(&model, 2e-3, true);
-        tried.rest(place, MAX_TICKS);
+        let mut tried = start(&model, 2e-3, true);
+        rest(&mut tried, place, MAX_TICKS);
         let (mut in_flight, mut both_ways) = (0, [0, 0]);
         for tick in 0..3000 {
             match random.below(400) {
-                0 => tried.controller.set_tolerance(0.0),
-                1 => tried.controller.set_tolerance(2e-3),
-                2 => tried.controller.set_tolerance(3e-4),
-                3 => tried.cut = round == 1 && !tried.cut,
+                0 => tried.controller_mut().set_tolerance(0.0),
+                1 => tried.controller_mut().set_tolerance(2e-3),
+                2 => tried.controller_mut().set_tolerance(3e-4),
+                3 => {
+                    let link = tried.client_mut().link();
+                    let cut = round == 1 && !link.is_cut();
+                    link.cut(cut);
+                }
                 4 if round == 2 => {
-                    tried.faults = Some(Faults {
-                        random: random.clone(),
-                        loss: 0.05,
-                        duplication: 0.05,
-                        overtaking: 0.05,
-                    });
+                    tried
+                        .client_mut()
+                        .link()
+                        .disturb(faulty(0.05, 0.05, 0.05), random.bits());
                 }
                 _ => {}
             }
             let depth = random.unit() * 1e-4;
             let lifts = tick % 1000 > 900;
             let goal = if lifts { place.above } else { place.goal };
-            let record = tried.hold(goal + depth * (place.goal - place.above));
-            in_flight += u32::from(record.geomorphing > 0);
-            for flight in tried.controller.cache().mesh().geomorphs() {
+            let record = tried
+                .step_at(goal + depth * (place.goal - place.above))
+                .record;
+            in_flight += u32::from(record.in_flight > 0);
+            for flight in tried.controller().cache().mesh().flights() {
                 both_ways[usize::from(flight.is_to_parent())] += 1;
             }
             // Boxes of the tree equal those of a fresh refit bit for bit, among the rest.
-            tried.controller.cache().check();
-            // And whoever holds the probe is there.
-            if let Some(contact) = tried.outputs.contact() {
-                let mesh = tried.controller.cache().mesh();
+            tried.controller().cache().check();
+            // And the contact's faces are active.
+            if let Some(contact) = tried.outputs().contact() {
+                let mesh = tried.controller().cache().mesh();
                 for &face in contact.faces.iter().filter(|&&face| face != NONE) {
                     assert!(mesh.is_active(face));
                 }
             }
         }
-        println!("round {round}: {in_flight} ticks in flight, home and to parents {both_ways:?}");
+        println!(
+            "round {round}: {in_flight} ticks with geomorphs, finished and reversed {both_ways:?}"
+        );
         assert!(in_flight > 100 && both_ways[0] > 0 && both_ways[1] > 0);
-        tried.cut = false;
-        tried.faults = None;
-        tried.controller.set_tolerance(0.0);
-        tried.rest(place, MAX_TICKS);
-        tried.controller.cache().check();
-        assert_eq!(tried.refined_front(), fresh.refined_front());
+        tried.client_mut().link().cut(false);
+        tried.client_mut().link().set_model(LinkModel::default());
+        tried.controller_mut().set_tolerance(0.0);
+        rest(&mut tried, place, MAX_TICKS);
+        tried.controller().cache().check();
+        assert_eq!(
+            refined_front(tried.controller().cache()),
+            refined_front(fresh.controller().cache())
+        );
         assert!(corners(&tried) == expected, "round {round}");
     }
 }
 
 #[test]
-fn without_geomorphs_nothing_flies() {
+fn without_geomorphs_none_are_under_way() {
     let model = model();
     let place = touch(&model);
-    let mut pair = pair(&model, 2e-3, false);
-    pair.rest(place, MAX_TICKS);
-    pair.controller.set_tolerance(0.0);
+    let mut world = start(&model, 2e-3, false);
+    rest(&mut world, place, MAX_TICKS);
+    world.controller_mut().set_tolerance(0.0);
     for _ in 0..2000 {
-        assert_eq!(pair.hold(place.goal).geomorphing, 0);
+        assert_eq!(world.step_at(place.goal).record.in_flight, 0);
     }
-    assert!(pair.summary.last.contact_full);
+    assert!(world.summary().last.contact_full);
 }
 
 #[test]
-fn a_morphed_contact_says_that_it_is_not_there_yet() {
+fn a_contact_in_a_geomorph_is_reported_as_unfinished() {
     let model = model();
     let place = touch(&model);
-    let mut pair = pair(&model, 2e-3, true);
-    pair.rest(place, MAX_TICKS);
-    pair.controller.set_tolerance(0.0);
+    let mut world = start(&model, 2e-3, true);
+    rest(&mut world, place, MAX_TICKS);
+    world.controller_mut().set_tolerance(0.0);
     let mut on_the_way = 0;
     for _ in 0..MAX_TICKS {
-        let record = pair.hold(place.goal);
-        let mesh = pair.controller.cache().mesh();
-        let faces = pair
-            .outputs
+        let record = world.step_at(place.goal).record;
+        let mesh = world.controller().cache().mesh();
+        let faces = world
+            .outputs()
             .contact()
             .map_or([NONE; 6], |contact| contact.faces);
         let count = faces.iter().take_while(|&&face| face != NONE).count();
@@ -139,7 +150,7 @@ fn a_morphed_contact_says_that_it_is_not_there_yet() {
         }
     }
     assert!(
-        pair.summary.last.contact_full && on_the_way > 0,
+        world.summary().last.contact_full && on_the_way > 0,
         "{on_the_way}"
     );
 }

@@ -1,8 +1,8 @@
-//! Neither the tick nor the device touches the heap, whatever happens.
+//! Neither the tick nor the device allocates or frees, whatever happens.
 
 mod common;
 
-use common::{Pair, plan, spm};
+use common::{plan, spm, station, world};
 use realtime::counting_allocator::{CountingAllocator, count};
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
@@ -17,16 +17,16 @@ fn over_a_tour_with_loading_evictions_a_silent_link_and_a_restarted_station() {
     let model = spm(mesh, &BuildOptions::default());
     let mut plan = plan("");
     plan.cache_bytes = 1 << 20;
-    let mut pair = Pair::new(&plan, model.clone(), 10.0);
+    let mut world = world(&plan, &model, 10.0);
     for tick in 0..8000 {
-        pair.cut = (3000..3400).contains(&tick);
+        world.client_mut().link().cut((3000..3400).contains(&tick));
         if tick == 5000 {
-            pair.restart_station(model.clone(), 101);
+            world.start_station(station(&plan, &model, 101));
         }
-        pair.step();
-        assert_eq!(pair.allocations, 0, "tick {tick}");
+        world.step_led();
+        assert_eq!(world.client().allocations(), 0, "tick {tick}");
     }
-    let s = &pair.summary;
+    let s = world.summary();
     println!(
         "contact {} of {} ticks, evicted {}, asked again {}",
         s.contact, s.ticks, s.last.evicted, s.last.resubscribed

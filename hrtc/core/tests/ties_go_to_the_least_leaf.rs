@@ -1,15 +1,13 @@
-//! The closest face is that of a look at all, bit for bit, and of equals the one whose leaf key is least: a hint changes
-//! what a search costs and nothing else.
+//! The closest face is that of a search of all faces, bit for bit, and of equals the one whose leaf
+//! key is least. A hint changes the cost of a search and nothing else.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
-use bodies::{Front, models, plate_mesh, scaled, vector};
-use common::Random;
+use common::fronts::{Front, models, plate_mesh, scaled};
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use hrtc_core::contact::query::closest_point;
+use simulator::Random;
 use spm::Handle;
 
 /// The least distance, the face by the rule, and how many faces are as near.
@@ -41,10 +39,11 @@ fn check(front: &Front, point: DVec3, random: &mut Random) -> bool {
     equals > 1
 }
 
-/// Above a vertex, an edge and a face of a plate, at any scale: six faces are equally near, two or one.
+/// Above a vertex, an edge and a face of a plate, at any scale: six faces are equally near, two or
+/// one.
 #[test]
 fn over_a_plate_at_any_scale() {
-    let mut random = Random(4);
+    let mut random = Random::new(4);
     for exponent in -6..=6 {
         let plate = scaled(&plate_mesh(1.0, 8), 10f64.powi(exponent));
         let front = Front::of_mesh(&plate);
@@ -62,7 +61,7 @@ fn over_a_plate_at_any_scale() {
 /// On, near and far from fronts of many sorts.
 #[test]
 fn on_fronts_from_coarse_to_full() {
-    let mut random = Random(5);
+    let mut random = Random::new(5);
     let mut ties = 0;
     for (name, parts) in models(1500) {
         for chance in [0, 60, 97, 100] {
@@ -73,8 +72,8 @@ fn on_fronts_from_coarse_to_full() {
                 let point = match k % 4 {
                     0 => a,
                     1 => a.lerp(b, 0.5),
-                    2 => a + vector(&mut random) * (0.05 * size),
-                    _ => a + vector(&mut random) * (2.0 * size),
+                    2 => a + random.vector() * (0.05 * size),
+                    _ => a + random.vector() * (2.0 * size),
                 };
                 ties += usize::from(check(&front, point, &mut random));
             }

@@ -1,10 +1,8 @@
-//! No tick of the tool's proxy touches the heap: in the air, in contact, and when it is told of a split.
+//! No tick of the tool's proxy allocates: in the air, in contact, and when it is told of a split.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
-use bodies::{Front, full_mesh};
+use common::fronts::{Front, full_mesh};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use hrtc_core::contact::coupling::Coupling;

@@ -1,11 +1,9 @@
-//! A tool in contact feels what mechanics says: analytic forces and torques, rest without creep, at every scale.
+//! A tool in contact obeys mechanics: analytic forces and torques, rest without creep, at every
+//! scale.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
-use bodies::{Front, box_mesh, plate_mesh, scaled, vector};
-use common::Random;
+use common::fronts::{Front, box_mesh, plate_mesh, scaled};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc_core::contact::coupling::Coupling;
@@ -13,10 +11,11 @@ use hrtc_core::contact::motion::Twist;
 use hrtc_core::contact::query::Ending;
 use hrtc_core::contact::rigid_proxy::{ToolAdvance, ToolProxy};
 use hrtc_core::contact::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
+use simulator::Random;
 use std::f64::consts::FRAC_PI_2;
 
 const STIFFNESS: f64 = 800.0;
-const BUDGET: u32 = 1 << 16;
+const BUDGET: u32 = common::guided_tool::TICK_BUDGET;
 const SPRING: Coupling = Coupling {
     stiffness_n_per_m: STIFFNESS,
     damping_ns_per_m: 0.0,
@@ -95,17 +94,20 @@ fn pressed_flat_the_force_is_the_depth_and_there_is_no_torque() {
             tick(&mut proxy, &plate, &start);
             let depth = 0.05;
             let answer = move_to(&mut proxy, &plate, &start, &at(depth), 50);
-            let felt = wrench(&proxy);
+            let measured = wrench(&proxy);
             let expected = DVec3::Z * STIFFNESS * (depth + proxy.contact_offset());
             let label = format!(
-                "{name} {pieces}: {felt:?} {} contacts",
+                "{name} {pieces}: {measured:?} {} contacts",
                 answer.contacts().len()
             );
             assert!(
-                felt.force.distance(expected) < 1e-6 * expected.length(),
+                measured.force.distance(expected) < 1e-6 * expected.length(),
                 "{label}"
             );
-            assert!(felt.torque.length() < 1e-6 * expected.length(), "{label}");
+            assert!(
+                measured.torque.length() < 1e-6 * expected.length(),
+                "{label}"
+            );
             assert!(!answer.contacts().is_empty(), "{label}");
         }
     }
@@ -125,15 +127,15 @@ fn a_tilted_cylinder_is_turned_towards_flat() {
             orientation: DQuat::from_rotation_y(tilt),
         };
         move_to(&mut proxy, &plate, &start, &end, 200);
-        let felt = wrench(&proxy);
-        let size = felt.force.length();
+        let measured = wrench(&proxy);
+        let size = measured.force.length();
         assert!(
-            felt.force.z > 0.0 && felt.force.truncate().length() < 1e-4 * size,
-            "{felt:?}"
+            measured.force.z > 0.0 && measured.force.truncate().length() < 1e-4 * size,
+            "{measured:?}"
         );
-        assert!(felt.torque.y * tilt < 0.0, "{tilt} {felt:?}");
-        let aside = DVec3::new(felt.torque.x, 0.0, felt.torque.z).length();
-        assert!(aside < 1e-3 * felt.torque.length(), "{felt:?}");
+        assert!(measured.torque.y * tilt < 0.0, "{tilt} {measured:?}");
+        let aside = DVec3::new(measured.torque.x, 0.0, measured.torque.z).length();
+        assert!(aside < 1e-3 * measured.torque.length(), "{measured:?}");
     }
 }
 
@@ -187,10 +189,10 @@ fn a_tool_rests_in_grooves_and_corners() {
         let limit = 1e-4 * proxy.contact_offset();
         let crept = rested.position.distance(settled.position);
         assert!(crept < limit, "{planes} planes: {crept:e}");
-        let mut random = Random(5);
+        let mut random = Random::new(5);
         for _ in 0..2000 {
             let noisy = Pose {
-                position: end.position + vector(&mut random) * 1e-4,
+                position: end.position + random.vector() * 1e-4,
                 ..end
             };
             tick(&mut proxy, &front, &noisy);
@@ -206,7 +208,7 @@ fn a_tool_rests_in_grooves_and_corners() {
 /// A path over a relief, from a seed: what each tick gives.
 fn rub(scale: f64, seed: u64) -> Vec<(Pose, Wrench)> {
     let mut relief = plate_mesh(1.0, 16);
-    let mut random = Random(seed);
+    let mut random = Random::new(seed);
     for p in &mut relief.positions {
         p.z = f64::from((0.1 * random.unit()) as f32);
     }
@@ -246,10 +248,10 @@ fn the_same_scene_at_another_scale_gives_the_same_forces() {
     // Powers of two keep every f32 of the surface as it is.
     for exponent in [-13, -4, 4, 13] {
         let scale = 2f64.powi(exponent);
-        for ((pose, wrench), (other, felt)) in reference.iter().zip(rub(scale, 3)) {
+        for ((pose, wrench), (other, measured)) in reference.iter().zip(rub(scale, 3)) {
             assert!((other.position / scale).distance(pose.position) < 1e-9);
-            assert!((felt.force / scale).distance(wrench.force) < 1e-9 * STIFFNESS);
-            assert!((felt.torque / (scale * scale)).distance(wrench.torque) < 1e-9 * STIFFNESS);
+            assert!((measured.force / scale).distance(wrench.force) < 1e-9 * STIFFNESS);
+            assert!((measured.torque / (scale * scale)).distance(wrench.torque) < 1e-9 * STIFFNESS);
         }
     }
 }
@@ -283,7 +285,8 @@ fn what_is_no_pose_is_counted_and_moves_nothing() {
     assert!(!proxy.place(&bad[0]));
 }
 
-/// With any budget the answer says whether it was enough, never spends more, and the tool stays on its side.
+/// With any budget the answer says whether it was enough, the node pairs stay within it, and the
+/// tool stays on its side.
 #[test]
 fn a_budget_is_kept_and_its_end_is_told() {
     let plate = Front::of_mesh(&plate_mesh(1.0, 64));

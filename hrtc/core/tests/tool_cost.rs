@@ -1,15 +1,12 @@
-//! What a tick of the tool's proxy costs: `cargo test --release -p hrtc --test tool_cost -- --ignored --nocapture`.
+//! The cost of a tick of the tool's proxy, a measurement:
+//! `cargo test --release -p hrtc-core --test tool_cost -- --ignored --nocapture`.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
-#[path = "common/hands.rs"]
-mod hands;
 
-use bodies::{Front, full_mesh, scaled};
+use common::fronts::{Front, full_mesh, scaled};
+use common::guided_tool::GuidedTool;
 use geometry::Pose;
 use glam::{DQuat, DVec3};
-use hands::Hand;
 use hrtc_core::contact::query::closest_point;
 use hrtc_core::contact::rigid_proxy::ToolContact;
 use hrtc_core::contact::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
@@ -23,8 +20,8 @@ const PERIOD: f64 = 1e-3;
 const TICKS: usize = 10_000;
 const BUDGET: u32 = 1 << 16;
 
-/// A hand that slides over what it feels: it presses along the normal and moves across it, and where it is held up it
-/// turns aside.
+/// A hand that slides over what it feels: it presses along the normal and moves across it, and
+/// where it is held up it turns aside.
 struct Walk {
     at: DVec3,
     heading: DVec3,
@@ -67,7 +64,7 @@ impl Walk {
 }
 
 fn run(name: &str, front: &Front, mesh: &ToolMesh, lying: bool) {
-    let mut hand = Hand::new(mesh.clone());
+    let mut hand = GuidedTool::new(mesh.clone());
     let (_, [a, b, c]) = front.faces[front.faces.len() / 2];
     let normal = (b - a).cross(c - a).normalize();
     let top = front

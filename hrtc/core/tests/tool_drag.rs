@@ -1,11 +1,9 @@
-//! Without friction nothing drags: a tool that slides or turns is held only along what it touches, however fine the mesh
-//! and however fast the hand.
+//! Without friction nothing drags: a tool that slides or turns is held only along the contact
+//! normals, however fine the mesh and however fast the hand.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
-use bodies::{Front, plate_mesh};
+use common::fronts::{Front, plate_mesh};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc_core::contact::coupling::Coupling;
@@ -16,8 +14,7 @@ use hrtc_core::contact::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
 use std::f64::consts::TAU;
 
 const STIFFNESS: f64 = 800.0;
-/// A third more than a scene allows, of which the cylinder that swings by 0.5 rad over the bumps needs more in a few ticks.
-const BUDGET: u32 = 1 << 16;
+const BUDGET: u32 = common::guided_tool::TICK_BUDGET;
 /// A tool of 20 mm on a plate of 80 mm.
 const RADIUS: f64 = 0.003;
 const LENGTH: f64 = 0.02;
@@ -93,13 +90,13 @@ fn a_tool_that_turns_on_a_plate_feels_no_torque_about_its_normal() {
             hand.press(&plate, &pose(0.0), DVec3::Z);
             let due = STIFFNESS * (depth + hand.proxy.contact_offset());
             for k in 0..300 {
-                let felt = hand.to(&plate, &pose(rad_per_tick * f64::from(k)));
-                let label = format!("{name}, {rad_per_tick} rad a tick, tick {k}: {felt:?}");
+                let measured = hand.to(&plate, &pose(rad_per_tick * f64::from(k)));
+                let label = format!("{name}, {rad_per_tick} rad a tick, tick {k}: {measured:?}");
                 assert!(
-                    (felt.force - DVec3::Z * due).length() < 1e-2 * due,
+                    (measured.force - DVec3::Z * due).length() < 1e-2 * due,
                     "{label}"
                 );
-                assert!(felt.torque.z.abs() < 1e-2 * due * RADIUS, "{label}");
+                assert!(measured.torque.z.abs() < 1e-2 * due * RADIUS, "{label}");
             }
         }
     }
@@ -110,7 +107,7 @@ fn a_tool_that_turns_on_a_plate_feels_no_torque_about_its_normal() {
 fn a_plane_feels_the_same_however_it_is_cut() {
     let tilt = DQuat::from_rotation_y(0.3) * DQuat::from_rotation_x(0.2);
     let up = tilt * DVec3::Z;
-    let felt = |pieces: u32, mesh: &ToolMesh, turn: DQuat| {
+    let measured = |pieces: u32, mesh: &ToolMesh, turn: DQuat| {
         let mut plane = plate_mesh(PLATE, pieces);
         for position in &mut plane.positions {
             *position = tilt * *position;
@@ -150,10 +147,10 @@ fn a_plane_feels_the_same_however_it_is_cut() {
             DQuat::from_rotation_y(0.4),
         ),
     ] {
-        let whole = felt(1, &mesh, turn);
+        let whole = measured(1, &mesh, turn);
         for pieces in [7, 64] {
             // The corners of the pieces are rounded to f32: the plane is no plane to 1e-9 m.
-            for (k, (one, many)) in whole.iter().zip(felt(pieces, &mesh, turn)).enumerate() {
+            for (k, (one, many)) in whole.iter().zip(measured(pieces, &mesh, turn)).enumerate() {
                 let off = one.force.distance(many.force) / one.force.length();
                 assert!(
                     off < 2e-3,
@@ -169,7 +166,8 @@ fn a_plane_feels_the_same_however_it_is_cut() {
     }
 }
 
-/// Over bumps as wide as the tool, the axis swinging as a hand's does, the force along the way is small beside that across.
+/// Over bumps as wide as the tool, the axis swinging as a hand's does, the force along the way is
+/// small beside that across.
 #[test]
 fn bumps_do_not_hold_a_tool_back() {
     let mut bumpy = plate_mesh(PLATE, 160);
@@ -204,9 +202,9 @@ fn bumps_do_not_hold_a_tool_back() {
             let way = DVec3::new(1.0, 0.3, 0.0).normalize();
             let (mut along, mut across) = (0.0, 0.0);
             for k in 0..400 {
-                let felt = hand.to(&front, &pose(k));
-                along -= felt.force.dot(way);
-                across += felt.force.z;
+                let measured = hand.to(&front, &pose(k));
+                along -= measured.force.dot(way);
+                across += measured.force.z;
             }
             // What a tool in no hurry feels is 0.10 to 0.17: it falls off the bumps.
             let drag = along / across;

@@ -1,50 +1,45 @@
-//! No face of a tool ever meets the surface, whatever the hand does: through sheets, by rotation alone, over round and rough
-//! bodies, and while the surface is refined under it.
+//! No face of a tool ever meets the surface, whatever the hand does: through sheets, by rotation
+//! alone, over round and rough bodies, and while the surface is refined under it.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
-#[path = "common/hands.rs"]
-mod hands;
-#[path = "common/signed_distance.rs"]
-mod signed_distance;
 
-use bodies::{Front, box_mesh, full_mesh, models, orientation, plate_mesh, scaled, vector};
-use common::Random;
+use common::fronts::{Front, box_mesh, full_mesh, models, plate_mesh, scaled};
+use common::guided_tool::GuidedTool;
+use common::signed_distance::signed_distance;
 use geometry::Pose;
 use glam::{DQuat, DVec3};
-use hands::Hand;
 use hrtc_core::contact::coupling::Coupling;
 use hrtc_core::contact::motion::Twist;
 use hrtc_core::contact::query::{Ending, closest_point};
 use hrtc_core::contact::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
-use signed_distance::signed_distance;
+use simulator::Random;
 use spm::OperationFaces;
 
-const BUDGET: u32 = 1 << 18;
+const BUDGET: u32 = common::guided_tool::TICK_BUDGET;
 
 /// One tick, after which no face of the tool meets the surface.
-fn lead(hand: &mut Hand, front: &Front, pose: &Pose) {
+fn lead(hand: &mut GuidedTool, front: &Front, pose: &Pose) {
     let answer = hand.proxy.advance(front.surface(), pose, BUDGET);
     assert_eq!(answer.ending, Ending::Complete);
     assert!(!hand.meets(front), "{pose:?} {answer:?}");
 }
 
 /// Whether the middle of the tool is in front of a closed surface.
-fn is_in_front(hand: &Hand, front: &Front) -> bool {
+fn is_in_front(hand: &GuidedTool, front: &Front) -> bool {
     let at = hand.proxy.pose().position;
     let (nearest, _) = closest_point(front.surface(), at, None);
     let nearest = nearest.expect("the front has faces");
     signed_distance(front.surface(), at, &nearest) > 0.0
 }
 
-fn lowest(hand: &Hand) -> f64 {
+fn lowest(hand: &GuidedTool) -> f64 {
     let at = hand.proxy.pose();
     let heights = hand.mesh.positions.iter().map(|&p| at.transform_point(p).z);
     heights.fold(f64::INFINITY, f64::min)
 }
 
-/// Sheets of no thickness, 0.1 and 1 mm under a tool of 20 mm, at 0.05 to 2 m/s and a kilohertz; from above and below.
+/// Sheets of no thickness, 0.1 and 1 mm under a tool of 20 mm, at 0.05 to 2 m/s and a kilohertz;
+/// from above and below.
 #[test]
 fn through_no_sheet_at_any_speed() {
     for thickness in [0.0, 1e-4, 1e-3] {
@@ -62,15 +57,15 @@ fn through_no_sheet_at_any_speed() {
             sheet.triangles.extend(turned);
         }
         let front = Front::of_mesh(&sheet);
-        let mut random = Random(7);
+        let mut random = Random::new(7);
         for speed in [0.05e-3, 0.5e-3, 2e-3] {
             for side in [1.0, -1.0] {
                 for mesh in [
                     capsule_mesh(0.003, 0.02, 12, 10),
                     box_mesh(DVec3::new(0.01, 0.002, 0.003)),
                 ] {
-                    let mut hand = Hand::new(mesh);
-                    let turn = orientation(&mut random);
+                    let mut hand = GuidedTool::new(mesh);
+                    let turn = random.orientation();
                     let pose = |z: f64| Pose {
                         position: DVec3::new(0.003, 0.001, z * side),
                         orientation: turn,
@@ -108,7 +103,7 @@ fn through_no_sheet_by_rotation_alone() {
             capsule_mesh(0.003, 0.02, 12, 10),
             cylinder_mesh(0.001, 0.02, 240),
         ] {
-            let mut hand = Hand::new(mesh);
+            let mut hand = GuidedTool::new(mesh);
             // Lying 4 mm over the sheet: a quarter of a turn would put an end 6 mm through it.
             let lying = if axis == DVec3::Y {
                 DQuat::from_rotation_y(1.5)
@@ -130,19 +125,19 @@ fn through_no_sheet_by_rotation_alone() {
 }
 
 /// A hand that wanders about a body and through it; how it ends.
-fn wander(front: &Front, mesh: ToolMesh, seed: u64, ticks: u32) -> Hand {
-    let mut random = Random(seed);
+fn wander(front: &Front, mesh: ToolMesh, seed: u64, ticks: u32) -> GuidedTool {
+    let mut random = Random::new(seed);
     let (middle, size) = (0.5 * (front.lower + front.upper), front.diagonal());
-    let mut hand = Hand::new(mesh);
+    let mut hand = GuidedTool::new(mesh);
     let mut at = Pose::at(middle + DVec3::Z * size);
     lead(&mut hand, front, &at);
     let mut pressed = 0;
     for k in 0..ticks {
         if k % 40 == 0 {
-            at.orientation = at.orientation.slerp(orientation(&mut random), 0.2);
+            at.orientation = at.orientation.slerp(random.orientation(), 0.2);
         }
         let pull = (middle - at.position) * 0.01;
-        at.position += (pull + vector(&mut random) * 0.02 * size).clamp_length_max(0.01 * size);
+        at.position += (pull + random.vector() * 0.02 * size).clamp_length_max(0.01 * size);
         lead(&mut hand, front, &at);
         let wrench = hand.proxy.wrench(
             &Coupling {
@@ -193,9 +188,9 @@ fn over_the_bunny() {
 #[test]
 fn while_the_surface_is_refined_under_it() {
     for (name, parts) in models(6000) {
-        let mut front = Front::new(&parts, 0, &mut Random(1));
+        let mut front = Front::new(&parts, 0, &mut Random::new(1));
         let size = front.diagonal();
-        let mut hand = Hand::new(capsule_mesh(0.03 * size, 0.2 * size, 12, 10));
+        let mut hand = GuidedTool::new(capsule_mesh(0.03 * size, 0.2 * size, 12, 10));
         let corners = front.faces.iter().flat_map(|(_, t)| *t);
         let top = corners.max_by(|p, q| p.z.total_cmp(&q.z));
         let top = top.expect("there are faces");

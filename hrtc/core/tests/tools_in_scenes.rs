@@ -1,13 +1,11 @@
-//! Tools as probes of a scene: a capsule, a cylinder and a mesh feel a surface as their shape does, wherever the
-//! object, beside balls, from one object to the next, without a byte allocated.
+//! Tools as probes of a scene: a capsule, a cylinder and a mesh feel a surface as their shape does,
+//! wherever the object, beside balls, from one object to the next, without an allocation.
 
 mod common;
 
-use common::several::{Scene, scene_plan};
-use common::spm;
+use common::{World, check, scene_plan, scene_world, spm};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
-use hrtc_core::NoObserver;
 use hrtc_core::contact::tool::cylinder_mesh;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{ProbeShape, ToolMeshPlan};
@@ -71,20 +69,20 @@ fn mesh() -> ProbeShape {
 }
 
 /// Objects side by side, a probe for each shape.
-fn scene(objects: &[(&str, DVec3)], shapes: &[ProbeShape]) -> Scene {
+fn scene(objects: &[(&str, DVec3)], shapes: &[ProbeShape]) -> World {
     let objects: Vec<_> = objects.iter().map(|&(name, at)| (name, SIZE, at)).collect();
     let mut plan = scene_plan(&objects, shapes.len(), 8 << 20);
     for (probe, shape) in plan.probes.iter_mut().zip(shapes) {
         probe.shape = shape.clone();
     }
-    Scene::new(&plan, &[("plate", &PLATE), ("sphere", &SPHERE)])
+    scene_world(&plan, &[("plate", &PLATE), ("sphere", &SPHERE)], 0.0)
 }
 
-/// Rests there until nothing changes; what is felt then.
-fn press(scene: &mut Scene, above: &[Pose], inside: &[Pose]) -> Vec<Wrench> {
+/// Rests there until nothing changes and gives the wrenches.
+fn press(world: &mut World, above: &[Pose], inside: &[Pose]) -> Vec<Wrench> {
     let some = |poses: &[Pose]| poses.iter().copied().map(Some).collect::<Vec<_>>();
     for _ in 0..800 {
-        scene.step_poses(&some(above), &mut NoObserver);
+        world.step_poses(&some(above));
     }
     for tick in 1..=400 {
         let share = (f64::from(tick) / 200.0).min(1.0);
@@ -98,9 +96,9 @@ fn press(scene: &mut Scene, above: &[Pose], inside: &[Pose]) -> Vec<Wrench> {
                 })
             })
             .collect();
-        scene.step_poses(&way, &mut NoObserver);
+        world.step_poses(&way);
     }
-    scene.outputs.wrenches.clone()
+    world.outputs().wrenches.clone()
 }
 
 #[test]
@@ -113,13 +111,13 @@ fn flat_on_a_plate_a_tool_of_any_kind_pushes_back_with_stiffness_times_depth() {
         ("mesh", mesh(), 0.5 * LENGTH),
     ] {
         assert!((shape.tip_m() - tip).abs() < 1e-12, "{name}");
-        let mut scene = scene(&[("plate", DVec3::ZERO)], &[shape]);
+        let mut world = scene(&[("plate", DVec3::ZERO)], &[shape]);
         let at = |z: f64| Pose::at(DVec3::new(0.01, 0.02, tip + z));
-        let [wrench] = press(&mut scene, &[at(0.01)], &[at(-depth)])[..] else {
+        let [wrench] = press(&mut world, &[at(0.01)], &[at(-depth)])[..] else {
             panic!("there is one probe");
         };
         let due = STIFFNESS * depth;
-        let record = scene.outputs.record;
+        let record = world.outputs().record;
         assert!(record.contact && record.contact_full, "{name}: {record:?}");
         assert!(
             (wrench.force - DVec3::Z * due).length() < 2e-3 * due,
@@ -134,22 +132,22 @@ fn flat_on_a_plate_a_tool_of_any_kind_pushes_back_with_stiffness_times_depth() {
 
 #[test]
 fn a_turned_object_turns_force_and_torque_with_it() {
-    let felt = |turn: DQuat| {
+    let measured = |turn: DQuat| {
         let mut plan = scene_plan(&[("plate", SIZE, DVec3::new(1.0, -2.0, 0.5))], 1, 8 << 20);
         plan.objects[0].pose.orientation = turn;
         plan.probes[0].shape = cylinder();
         let pose = plan.objects[0].pose;
-        let mut scene = Scene::new(&plan, &[("plate", &PLATE), ("sphere", &SPHERE)]);
+        let mut world = scene_world(&plan, &[("plate", &PLATE), ("sphere", &SPHERE)], 0.0);
         // Tilted, so that one side of its foot touches.
         let tilt = DQuat::from_rotation_x(0.2);
         let at = |z: f64| Pose {
             position: pose.transform_point(DVec3::new(0.01, 0.02, z)),
             orientation: pose.orientation * tilt,
         };
-        let felt = press(&mut scene, &[at(0.01)], &[at(-0.0005)])[0];
-        [felt.force, felt.torque].map(|v| turn.inverse() * v)
+        let measured = press(&mut world, &[at(0.01)], &[at(-0.0005)])[0];
+        [measured.force, measured.torque].map(|v| turn.inverse() * v)
     };
-    let straight = felt(DQuat::IDENTITY);
+    let straight = measured(DQuat::IDENTITY);
     assert!(
         straight[1].x.abs() > 1e-5,
         "a tilted foot is turned: {straight:?}"
@@ -158,7 +156,7 @@ fn a_turned_object_turns_force_and_torque_with_it() {
         DQuat::from_rotation_y(1.0),
         DQuat::from_rotation_z(-2.0) * DQuat::from_rotation_x(0.7),
     ] {
-        let turned = felt(turn);
+        let turned = measured(turn);
         for (a, b) in straight.iter().zip(&turned) {
             assert!(
                 a.distance(*b) < 1e-6 * a.length(),
@@ -168,8 +166,8 @@ fn a_turned_object_turns_force_and_torque_with_it() {
     }
 }
 
-/// A bar lies on one ball and is tilted until it touches another far from there: neither its tip nor what it touches tells of
-/// that. With geomorphs, what is coarse there would stay so for long.
+/// A bar lies on one ball and is tilted until it touches another far from there: neither its tip
+/// nor what it touches tells of that. With geomorphs, what is coarse there would stay so for long.
 #[test]
 fn what_another_part_of_a_tool_comes_to_touch_is_at_full_resolution() {
     let shape = ProbeShape::Capsule {
@@ -182,7 +180,7 @@ fn what_another_part_of_a_tool_comes_to_touch_is_at_full_resolution() {
         let mut plan = scene_plan(&[("dumbbell", SIZE, DVec3::ZERO)], 1, 16 << 20);
         plan.probes[0].shape = shape.clone();
         assert!(plan.accuracy.geomorph);
-        let mut scene = Scene::new(&plan, &[("dumbbell", &DUMBBELL)]);
+        let mut world = scene_world(&plan, &[("dumbbell", &DUMBBELL)], 0.0);
         let around = DQuat::from_rotation_x(f64::from(turn));
         let pose = |height: f64, tilt: f64| {
             let orientation = around * DQuat::from_rotation_y(0.5 * std::f64::consts::PI - tilt);
@@ -193,20 +191,20 @@ fn what_another_part_of_a_tool_comes_to_touch_is_at_full_resolution() {
             })
         };
         for _ in 0..600 {
-            scene.step_poses(&[pose(0.02, 0.2)], &mut NoObserver);
+            world.step_poses(&[pose(0.02, 0.2)]);
         }
         for tick in 0..2000 {
             let t = 1e-3 * f64::from(tick);
             let height = 0.02 - 0.021 * t.min(1.0);
             let tilt = 0.2 - 0.21 * (t - 1.0).max(0.0);
-            let record = scene.step_poses(&[pose(height, tilt)], &mut NoObserver);
+            let record = world.step_poses(&[pose(height, tilt)]).record;
 
             once += u32::from(record.contact);
-            let force = scene.outputs.wrenches[0].force.length();
+            let force = world.outputs().wrenches[0].force.length();
             assert_eq!(record.contact, force > 0.0, "tick {tick}: {force} N");
             coarse += u32::from(record.contact && !record.contact_asked);
         }
-        twice += u32::from(scene.outputs.wrenches[0].force.length() > 1.5 * STIFFNESS * 0.001);
+        twice += u32::from(world.outputs().wrenches[0].force.length() > 1.5 * STIFFNESS * 0.001);
     }
     println!("{once} ticks in contact, {coarse} of them coarser than asked; {twice} times at both");
     assert_eq!((twice, coarse), (4, 0), "of {once} ticks");
@@ -233,31 +231,31 @@ fn a_tool_goes_from_object_to_object_and_allocates_nothing() {
     assert!(count(|| vec![0u8; 100]) > 0, "the allocator counts");
     let centre = |object: usize| DVec3::X * (0.3 * object as f64);
     let row: Vec<_> = (0..8).map(|object| ("sphere", centre(object))).collect();
-    let mut scene = scene(&row, &[capsule()]);
+    let mut world = scene(&row, &[capsule()]);
     let mut at = Pose::at(centre(0) + DVec3::Z * (0.5 * SIZE + 0.02));
-    let mut go = |scene: &mut Scene, to: DVec3, ticks: u32| {
+    let mut go = |world: &mut World, to: DVec3, ticks: u32| {
         let from = at.position;
         for tick in 1..=ticks {
             at.position = from.lerp(to, f64::from(tick) / f64::from(ticks));
-            scene.step_poses(&[Some(at)], &mut NoObserver);
-            assert_eq!(scene.allocations, 0);
-            assert_eq!(scene.outputs.record.unfinished, 0);
-            assert!(scene.outputs.wrenches[0].is_finite());
+            world.step_poses(&[Some(at)]);
+            assert_eq!(world.client().allocations(), 0);
+            assert_eq!(world.outputs().record.unfinished, 0);
+            assert!(world.outputs().wrenches[0].is_finite());
         }
     };
     for object in 0..8 {
         let above = centre(object) + DVec3::Z * (0.5 * SIZE + 0.02);
-        go(&mut scene, above, 400);
+        go(&mut world, above, 400);
         go(
-            &mut scene,
+            &mut world,
             centre(object) + DVec3::Z * (0.5 * SIZE + RADIUS - 0.001),
             200,
         );
-        go(&mut scene, above - DVec3::Z * 0.018, 100);
-        let touched = scene.outputs.contacts[0].expect("it touches");
+        go(&mut world, above - DVec3::Z * 0.018, 100);
+        let touched = world.outputs().contacts[0].expect("it touches");
         assert_eq!(touched.object as usize, object);
-        go(&mut scene, above, 100);
-        assert_eq!(scene.outputs.contacts[0], None);
+        go(&mut world, above, 100);
+        assert_eq!(world.outputs().contacts[0], None);
     }
-    scene.check();
+    check(&world);
 }

@@ -1,17 +1,15 @@
 //! Two bodies, each a refined front or a tool, under any poses and scales: the pairs that
 //! meet are those of a test of all pairs, whichever side is asked.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
-use bodies::{Front, frame, models, orientation, plate_mesh, scaled, vector};
-use common::Random;
+use common::fronts::{Front, frame, models, plate_mesh, scaled};
 use geometry::{Similarity, triangle_pair};
 use glam::{DQuat, DVec3};
 use hrtc_core::contact::query::{Body, Ending, FacePair, Placed, all_pairs, first_pair};
 use hrtc_core::contact::tool::{Tool, capsule_mesh, cylinder_mesh};
 use proptest::prelude::*;
+use simulator::Random;
 use spm::{Handle, SpmParts};
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
@@ -69,19 +67,19 @@ struct Scene {
 
 impl Scene {
     fn new(seed: u64) -> Self {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let mut front = || {
             let (_, parts) = &parts()[random.below(parts().len() as u64) as usize];
             let chance = [0, 60, 97, 100][random.below(4) as usize];
             Front::new(parts, chance, &mut random)
         };
         let (a, b) = (front(), front());
-        let turn = orientation(&mut random);
+        let turn = random.orientation();
         // From a tenth to all of the other's size, with a face of it near a face of the other.
         let scale = a.diagonal() / b.diagonal() * 10f64.powf(-random.unit());
         let on_a = a.any_face(&mut random).1[0];
         let on_b = frame(DVec3::ZERO, turn, scale).point(b.any_face(&mut random).1[0]);
-        let off = vector(&mut random) * a.diagonal() * [0.0, 0.01, 0.3][random.below(3) as usize];
+        let off = random.vector() * a.diagonal() * [0.0, 0.01, 0.3][random.below(3) as usize];
         let b_to_a = frame(on_a - on_b + off, turn, scale);
         Self { a, b, b_to_a }
     }
@@ -90,7 +88,8 @@ impl Scene {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
-    /// Exactly the pairs of the look at all, by boxes moved as they are met and by a tool moved before.
+    /// Exactly the pairs of the look at all, by boxes moved as they are met and by a tool moved
+    /// before.
     #[test]
     fn pairs_are_those_of_all_faces(seed in any::<u64>()) {
         let Scene { a, b, b_to_a } = Scene::new(seed);
@@ -110,7 +109,7 @@ proptest! {
         swapped.sort_unstable();
         prop_assert_eq!(&swapped, &expected);
         // The first, with and without a hint, that may be any face.
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let hint = (a.any_face(&mut random).0, b.any_face(&mut random).0);
         for hint in [None, Some(hint), expected.first().copied()] {
             let (first, ending, _) = first_pair(&a.surface(), &placed, u32::MAX, hint);
@@ -145,8 +144,8 @@ proptest! {
     #[test]
     fn place_and_units_do_not_matter(seed in any::<u64>(), exponent in -6..=6i32) {
         let Scene { a, b, b_to_a } = Scene::new(seed);
-        let mut random = Random(seed);
-        let far = vector(&mut random).normalize() * 1e6 * a.diagonal();
+        let mut random = Random::new(seed);
+        let far = random.vector().normalize() * 1e6 * a.diagonal();
         let a_to_world = frame(far, DQuat::IDENTITY, 1.0);
         // The same relative pose by way of the world: rounding of 1e6 diagonals is left.
         let corner = b_to_a.point(DVec3::ZERO);

@@ -67,6 +67,7 @@ pub struct Client {
     summary: Summary,
     recording: Option<InputRecording>,
     last_tick: Option<u64>,
+    is_stopping: bool,
     mesh_bytes: u64,
     allocations: u64,
 }
@@ -101,6 +102,7 @@ impl Client {
             summary: Summary::default(),
             recording: None,
             last_tick: None,
+            is_stopping: false,
             mesh_bytes: 0,
             allocations: 0,
         }
@@ -164,6 +166,11 @@ impl Client {
         self.inbox.len()
     }
 
+    /// Lets the forces ramp down from the next tick on, or ends that.
+    pub fn stop(&mut self, is_stopping: bool) {
+        self.is_stopping = is_stopping;
+    }
+
     /// Puts a chunk into the inbox, before all others.
     pub fn inject(&mut self, chunk: InboxChunk) {
         if let Some(recording) = &mut self.recording {
@@ -197,7 +204,7 @@ impl Client {
             samples: &self.samples,
             station,
             chunks: [&self.inbox, &[]],
-            stopping: false,
+            stopping: self.is_stopping,
         };
         let (controller, outputs) = (&mut self.controller, &mut self.outputs);
         self.allocations += count(|| controller.tick(&inputs, outputs, observer));

@@ -13,20 +13,20 @@ pub fn refined_front(cache: &Cache) -> Vec<u32> {
     ids
 }
 
-/// Ids of the active faces of the first object; `None` before its model is there.
+/// Ids of the active faces of the first object; none before its model is there.
 ///
 /// # Panics
 /// When a face is active twice.
 #[must_use]
-pub fn front_faces(controller: &Controller) -> Option<BTreeSet<u32>> {
-    let header = controller.header()?;
+pub fn front_faces(controller: &Controller) -> BTreeSet<u32> {
+    let base_faces = controller.header().map_or(0, |header| header.base_faces);
     let mesh = controller.cache().mesh();
     let mut faces = BTreeSet::new();
     mesh.for_each_active_face(|face| {
-        let id = mesh.creator_of_face(face).map_or(face, |slot| {
-            header.base_faces + 2 * mesh.id(slot) + (face - mesh.fl(slot))
+        let id = mesh.maker_of_face(face).map_or(face, |slot| {
+            base_faces + 2 * mesh.id(slot) + (face - mesh.fl(slot))
         });
         assert!(faces.insert(id), "face {id} is active twice");
     });
-    Some(faces)
+    faces
 }

@@ -12,6 +12,7 @@ struct Tick {
     /// Samples up to and with this tick.
     samples: usize,
     station: u64,
+    is_stopping: bool,
     /// Chunks that had arrived.
     chunks: usize,
     replay_hash: u64,
@@ -60,6 +61,7 @@ impl InputRecording {
             tick: inputs.tick,
             samples: self.samples.len(),
             station: inputs.station,
+            is_stopping: inputs.stopping,
             chunks: self.chunks.len(),
             replay_hash,
         });
@@ -123,7 +125,7 @@ impl<'a> Playback<'a> {
             samples: &self.recording.samples[self.samples..tick.samples],
             station: tick.station,
             chunks: [first, second],
-            stopping: false,
+            stopping: tick.is_stopping,
         };
         self.controller.tick(&inputs, &mut self.outputs, observer);
         self.chunks += self.outputs.chunks_consumed;

@@ -2,6 +2,7 @@
 
 use crate::client::{Client, Drive};
 use crate::link::Upward;
+use crate::summary::Summary;
 use geometry::Pose;
 use glam::DVec3;
 use haptic_device::Sample;
@@ -103,6 +104,18 @@ impl<D: AsRef<[u8]>> Simulation<D> {
         self.client().outputs()
     }
 
+    /// Counts and extremes of the first client.
+    #[must_use]
+    pub fn summary(&self) -> &Summary {
+        self.client().summary()
+    }
+
+    /// The last force on the first probe of the first client, newtons.
+    #[must_use]
+    pub fn force(&self) -> DVec3 {
+        self.summary().force()
+    }
+
     /// The station; `None` while it is stopped.
     #[must_use]
     pub fn station(&self) -> Option<&Station<D>> {
@@ -162,6 +175,12 @@ impl<D: AsRef<[u8]>> Simulation<D> {
     pub fn step_poses(&mut self, poses: &[Option<Pose>]) -> &TickOutputs {
         let samples: Vec<_> = poses.iter().map(|pose| pose.map(sample_at)).collect();
         self.step_each(&samples)
+    }
+
+    /// One period with the probes of the first client at these places.
+    pub fn step_places(&mut self, places: &[Option<DVec3>]) -> &TickOutputs {
+        let poses: Vec<_> = places.iter().map(|place| place.map(Pose::at)).collect();
+        self.step_poses(&poses)
     }
 
     /// One period with the only probe at a place.

@@ -1,4 +1,4 @@
-//! On which side of the front a point lies, from its closest point: the exact side of the face's plane, or the side of
+//! Signed distance from a front, from the closest point: the exact side of the face's plane, or of
 //! the pseudo-normal of an edge or a corner (Baerentzen and Aanaes 2005).
 
 use geometry::side_of_plane;
@@ -12,9 +12,9 @@ const MAX_AROUND: usize = 512;
 
 /// Distance of a point from the front, negative behind it, given its closest point.
 ///
-/// Right wherever the front is a closed surface that does not cross itself, and near an open one everywhere but beyond
-/// its rims. Where a front crosses itself (coarse ones may) it is the side of the nearest sheet. Faces without area
-/// have no part in it.
+/// Right wherever the front is a closed surface that does not cross itself, and near an open one
+/// everywhere but beyond its rims. Where a front crosses itself (coarse ones may) it is the side of
+/// the nearest sheet. Faces without area have no part in it.
 #[must_use]
 pub fn signed_distance(surface: Surface<'_>, point: DVec3, nearest: &Nearest) -> f64 {
     let distance = nearest.closest.distance_squared.sqrt();

@@ -1,19 +1,22 @@
 //! A tool and its proxy, for the tests that lead one over a front.
 #![allow(dead_code, reason = "every test file uses another part")]
 
-use super::bodies::{Front, frame};
+use super::fronts::{Front, frame};
 use hrtc_core::contact::query::first_pair;
 use hrtc_core::contact::rigid_proxy::ToolProxy;
 use hrtc_core::contact::tool::{Tool, ToolMesh};
 
+/// Pairs of nodes that the product lets a tick spend on one tool: 12 a unit of 4096 units of work.
+pub const TICK_BUDGET: u32 = 12 * 4096;
+
 /// A proxy, and the same tool to ask with.
-pub struct Hand {
+pub struct GuidedTool {
     pub proxy: ToolProxy,
     tool: Tool,
     pub mesh: ToolMesh,
 }
 
-impl Hand {
+impl GuidedTool {
     /// Not placed yet, a unit of the tool being one of the model.
     pub fn new(mesh: ToolMesh) -> Self {
         let tool = Tool::new(&mesh).expect("it is a tool");

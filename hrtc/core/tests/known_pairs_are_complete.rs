@@ -1,17 +1,15 @@
-//! At any tick every pair of faces within the known margin is among the pairs that the tool is held against, as a search of
-//! all pairs finds them: whatever the tool does, while the surface is split and collapsed, and with budgets that gather it in
-//! parts.
+//! In any tick, every pair of faces within the known margin is among the candidates of the tool, as
+//! a search of all pairs finds them: whatever the tool does, while the surface is split and
+//! collapsed, and with budgets that collect in parts.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
-use bodies::{Front, models, orientation, vector};
-use common::Random;
+use common::fronts::{Front, models};
 use geometry::{Pose, closest_points_of_triangles};
 use glam::DVec3;
 use hrtc_core::contact::rigid_proxy::ToolProxy;
 use hrtc_core::contact::tool::{Tool, ToolMesh, capsule_mesh};
+use simulator::Random;
 use spm::{OperationFaces, SpmParts};
 use std::collections::HashSet;
 
@@ -96,7 +94,7 @@ fn whatever_moves_and_changes() {
             (1500, 200),
             (1 << 17, 200),
         ] {
-            let mut random = Random(seed);
+            let mut random = Random::new(seed);
             let mut front = Front::new(&parts, 70, &mut random);
             let (size, middle) = (front.diagonal(), 0.5 * (front.lower + front.upper));
             let mesh = capsule_mesh(0.02 * size, 0.15 * size, 12, 10);
@@ -105,10 +103,10 @@ fn whatever_moves_and_changes() {
             let mut at = Pose::at(middle + DVec3::Z * size);
             for k in 0..600 {
                 if k % 20 == 0 {
-                    at.orientation = at.orientation.slerp(orientation(&mut random), 0.1);
+                    at.orientation = at.orientation.slerp(random.orientation(), 0.1);
                 }
                 let pull = (middle - at.position) * 0.01;
-                let way = pull + vector(&mut random) * 0.01 * size;
+                let way = pull + random.vector() * 0.01 * size;
                 at.position += way.clamp_length_max(0.008 * size);
                 if k % 3 == 0 {
                     change(&mut front, &parts, &mut proxy, &mut random, operations);

@@ -1,12 +1,13 @@
 //! Fronts and meshes for the tests of queries, each with all of its faces to look at.
 #![allow(dead_code, reason = "every test file uses another part")]
 
-use super::common::{Random, real_model};
+use super::real_model;
 use ab_tree::{AbTree, leaf_key};
 use geometry::{Pose, Similarity};
 use glam::{DQuat, DVec3, Vec3};
 use hrtc_core::contact::query::Surface;
 use hrtc_core::contact::tool::ToolMesh;
+use simulator::Random;
 use spm::{ActiveMesh, ErrorScale, Handle, NONE, OperationFaces, SpmParts};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
@@ -165,21 +166,6 @@ fn median_order(set: &mut [u32], centre: &impl Fn(&u32) -> DVec3) {
     median_order(right, centre);
 }
 
-/// Uniform in the cube from -1 to 1.
-pub fn vector(random: &mut Random) -> DVec3 {
-    let mut side = || 2.0 * random.unit() - 1.0;
-    DVec3::new(side(), side(), side())
-}
-
-pub fn orientation(random: &mut Random) -> DQuat {
-    loop {
-        let q = DQuat::from_vec4(vector(random).extend(2.0 * random.unit() - 1.0));
-        if q.length() > 0.1 {
-            return q.normalize();
-        }
-    }
-}
-
 /// A frame; the pose and scale must be good.
 pub fn frame(position: DVec3, orientation: DQuat, metres_per_unit: f64) -> Similarity {
     let pose = Pose {
@@ -261,7 +247,8 @@ pub fn models(faces: u32) -> Vec<(String, SpmParts)> {
         .collect()
 }
 
-/// A made or read model's full mesh as f32 corners.
+/// The full mesh of a real model, corners rounded to f32. Where its file is not there, which a
+/// line then says, a generated relief of about `faces` faces stands in.
 pub fn full_mesh(name: &str, faces: u32) -> ToolMesh {
     let soup = match real_model(name) {
         Some(path) => read_mesh(&path).expect("the model is read"),

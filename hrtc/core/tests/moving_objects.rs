@@ -1,18 +1,18 @@
-//! Objects that move in scenes: touched, pushed, driven, asleep, and seen by everything at the place where they are.
+//! Objects that move in scenes: touched, pushed, driven and asleep, and at one and the same place
+//! for every view of them.
 
 mod common;
 
-use common::several::{Scene, scene_plan, scene_station};
-use common::{Faults, Random, spm};
+use common::{World, check, faulty, scene_plan, scene_station, scene_world, settle, spm};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
-use hrtc_core::NoObserver;
 use realtime::counting_allocator::{CountingAllocator, count};
 use scene::{
     DrivenPlan, FreePlan, HingePlan, MassPlan, MovablePlan, ProbeShape, RailPlan, ScenePlan,
     SpringDamperPlan,
 };
-use spm_builder::BuildOptions;
+use simulator::{LinkModel, Random};
+use spm_builder::build::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::sync::LazyLock;
 
@@ -67,30 +67,36 @@ fn balls(places: &[DVec3], probes: usize) -> ScenePlan {
     plan
 }
 
-fn scene(plan: &ScenePlan) -> Scene {
-    Scene::new(plan, &[("sphere", &SPHERE)])
+fn scene(plan: &ScenePlan) -> World {
+    scene_world(plan, &[("sphere", &SPHERE)], 0.0)
 }
 
-fn pose(scene: &Scene, object: u32) -> Pose {
-    let body = scene.controller.movables().body(object);
+fn pose(world: &World, object: u32) -> Pose {
+    let body = world.controller().movables().body(object);
     body.expect("it moves").pose()
 }
 
-/// Presses down on the first ball, a little aside, and leaves; the forces and the ball's poses of every tick.
+/// Presses down on the first ball, a little aside, and leaves; the forces and the ball's poses of
+/// every tick.
 fn press(plan: &ScenePlan, ticks: u32) -> (Vec<[u64; 3]>, Vec<Pose>, u64) {
-    let mut scene = scene(plan);
-    scene.settle(&[Some(DVec3::new(0.01, 0.0, 0.06))]);
+    let mut world = scene(plan);
+    settle(&mut world, &[Some(DVec3::new(0.01, 0.0, 0.06))]);
     let (mut forces, mut poses) = (Vec::new(), Vec::new());
     for tick in 0..ticks {
         let depth = 4e-3 * (f64::from(tick) * 4e-3).sin().max(0.0);
-        scene.step(&[Some(DVec3::new(0.01, 0.0, 0.052 - depth))]);
-        forces.push(scene.outputs.wrenches[0].force.to_array().map(f64::to_bits));
-        if let Some(body) = scene.controller.movables().body(0) {
+        world.step_places(&[Some(DVec3::new(0.01, 0.0, 0.052 - depth))]);
+        forces.push(
+            world.outputs().wrenches[0]
+                .force
+                .to_array()
+                .map(f64::to_bits),
+        );
+        if let Some(body) = world.controller().movables().body(0) {
             poses.push(body.pose());
         }
     }
-    assert_eq!(scene.allocations, 0);
-    (forces, poses, scene.controller.replay_hash())
+    assert_eq!(world.client().allocations(), 0);
+    (forces, poses, world.controller().replay_hash())
 }
 
 #[test]
@@ -126,75 +132,76 @@ fn a_ball_that_is_pushed_rolls_on_comes_to_rest_and_sleeps() {
         .fold(0.0, f64::max);
     assert!((0.05..3.0).contains(&largest), "{largest} N");
 
-    // Left alone, with another object to look at, it goes on, loses its speed and sleeps; then not a bit changes.
-    let mut scene = scene(&plan);
-    scene.settle(&[Some(DVec3::new(0.01, 0.0, 0.06))]);
-    assert_eq!(scene.outputs.record.moving, 0, "untouched it sleeps");
+    // Left alone, with another object to look at, it goes on, loses its speed and sleeps; then not
+    // a bit changes.
+    let mut world = scene(&plan);
+    settle(&mut world, &[Some(DVec3::new(0.01, 0.0, 0.06))]);
+    assert_eq!(world.outputs().record.moving, 0, "untouched it sleeps");
     for tick in 0..200 {
         let z = 0.052 - 2e-5 * f64::from(tick);
-        scene.step(&[Some(DVec3::new(0.01, 0.0, z))]);
+        world.step_places(&[Some(DVec3::new(0.01, 0.0, z))]);
     }
-    assert_eq!(scene.outputs.record.moving, 1);
+    assert_eq!(world.outputs().record.moving, 1);
     let away = Some(DVec3::new(0.5, 0.0, 0.07));
     let mut ticks = 0;
-    while scene.outputs.record.moving > 0 {
-        scene.step(&[away]);
+    while world.outputs().record.moving > 0 {
+        world.step_places(&[away]);
         ticks += 1;
         assert!(ticks < 20_000, "it comes to rest");
     }
-    let rest = pose(&scene, 0);
+    let rest = pose(&world, 0);
     println!("at rest after {ticks} ticks at {}", rest.position);
     for _ in 0..500 {
-        scene.step(&[away]);
-        assert_eq!(pose(&scene, 0), rest);
-        assert!(scene.controller.movables().moved().next().is_none());
+        world.step_places(&[away]);
+        assert_eq!(pose(&world, 0), rest);
+        assert!(world.controller().movables().moved().next().is_none());
     }
     // It is touched where it is now, and nowhere else.
     let above = rest.position + DVec3::Z * (BALL + 2e-3);
-    scene.settle(&[Some(above)]);
-    assert!(!scene.outputs.record.contact);
-    scene.step(&[Some(above - DVec3::Z * 2e-3)]);
-    assert!(scene.outputs.record.contact);
+    settle(&mut world, &[Some(above)]);
+    assert!(!world.outputs().record.contact);
+    world.step_places(&[Some(above - DVec3::Z * 2e-3)]);
+    assert!(world.outputs().record.contact);
     assert_eq!(
-        scene.outputs.contacts[0].map(|touched| touched.object),
+        world.outputs().contacts[0].map(|touched| touched.object),
         Some(0)
     );
 }
 
 #[test]
-fn a_driven_ball_that_comes_from_afar_is_awake_when_it_is_there_and_carries_the_probe_along_its_way()
- {
+fn a_driven_ball_from_afar_is_active_when_it_arrives_and_carries_the_probe() {
     for (rate, speed) in [(1.0, 0.3), (1.0, 1.0), (-1.0, 1.0)] {
-        // Eleven balls that stand far from the probe: seats are few.
+        // Eleven balls that stand far from the probe: active objects are few.
         let mut places = vec![DVec3::X * (-rate * 1.0)];
         places.extend((0..11).map(|k| DVec3::new(f64::from(k) * 0.2, 2.0, 0.0)));
         let mut plan = balls(&places, 1);
         plan.safety.force_max_n = 100.0;
         plan.safety.slew_n_per_s = 1e6;
         plan.objects[0].movable = Some(driven(DVec3::X * (rate * speed), DVec3::ZERO));
-        let mut scene = scene(&plan);
+        let mut world = scene(&plan);
         let place = Some(DVec3::ZERO);
         let (mut touched, mut free_after) = (0, 0);
         // It is in reach from 0.949 m on, and passes through the place of the probe for 0.1 m.
         let (arrives, leaves) = (0.949 / speed / PERIOD_S, 0.97 / speed / PERIOD_S);
-        while (scene.tick as f64) < leaves {
-            let record = scene.step(&[place]);
-            assert_eq!(record.unserved, 0, "tick {}", scene.tick);
-            let depth = speed * (scene.tick as f64 - 1.0 - arrives) * PERIOD_S;
-            let force = scene.outputs.wrenches[0].force;
+        while (world.tick() as f64) < leaves {
+            let record = world.step_places(&[place]).record;
+            assert_eq!(record.unseated, 0, "tick {}", world.tick());
+            let depth = speed * (world.tick() as f64 - 1.0 - arrives) * PERIOD_S;
+            let force = world.outputs().wrenches[0].force;
             if depth > 2e-4 {
                 touched += 1;
-                // The probe is pushed ahead, as deep as it lies within (the mesh is not quite a ball).
+                // The probe is pushed ahead, as deep as it lies within (the mesh is not quite a
+                // ball).
                 let due = (800.0 * depth).min(10.0);
                 let ahead = force.x * rate;
                 assert!(
                     ahead > 0.9 * due - 0.2,
                     "tick {}: {force} of {due}",
-                    scene.tick
+                    world.tick()
                 );
             } else if depth < -1e-3 {
                 free_after += 1;
-                assert_eq!(force, DVec3::ZERO, "tick {}", scene.tick);
+                assert_eq!(force, DVec3::ZERO, "tick {}", world.tick());
             }
         }
         assert!(touched > 10 && free_after > 100);
@@ -203,29 +210,31 @@ fn a_driven_ball_that_comes_from_afar_is_awake_when_it_is_there_and_carries_the_
 
 #[test]
 fn a_proxy_that_rests_on_what_turns_stays_on_its_side() {
-    // A ball that turns under the probe about an axis far from its middle, and carries its surface past at 0.5 m/s.
+    // A ball that turns under the probe about an axis far from its middle, and carries its surface
+    // past at 0.5 m/s.
     let mut plan = balls(&[DVec3::ZERO], 1);
     plan.objects[0].movable = Some(driven(DVec3::ZERO, DVec3::Z * 10.0));
-    let mut scene = scene(&plan);
-    let settled = |scene: &mut Scene| {
+    let mut world = scene(&plan);
+    let settled = |world: &mut World| {
         for _ in 0..1500 {
-            scene.step(&[Some(DVec3::X * 0.07)]);
+            world.step_places(&[Some(DVec3::X * 0.07)]);
         }
     };
-    settled(&mut scene);
+    settled(&mut world);
     let mut forces = Vec::new();
     for _ in 0..2000 {
-        scene.step(&[Some(DVec3::X * 0.049)]);
-        forces.push(scene.outputs.wrenches[0].force);
+        world.step_places(&[Some(DVec3::X * 0.049)]);
+        forces.push(world.outputs().wrenches[0].force);
     }
-    // Two millimetres deep, all around: the force keeps its direction and its size, the account takes nothing off.
+    // Two millimetres deep, all around: the force keeps its direction and its size, the account
+    // takes nothing off.
     for force in &forces[100..] {
         assert!(
             (force.x - 1.6).abs() < 0.1 && force.truncate().y.abs() < 0.1,
             "{force}"
         );
     }
-    let energy = scene.outputs.record.energy_j;
+    let energy = world.outputs().record.energy_j;
     assert!(energy < 1e-4, "{energy} J");
 }
 
@@ -239,26 +248,26 @@ fn what_is_on_a_hinge_opens_as_far_as_its_stop_and_every_view_of_it_agrees() {
         angular: AS_USUAL,
         limits_rad: Some([0.0, 0.3]),
     }));
-    let mut scene = scene(&plan);
-    scene.settle(&[Some(DVec3::new(0.0, 0.0, 0.06))]);
+    let mut world = scene(&plan);
+    settle(&mut world, &[Some(DVec3::new(0.0, 0.0, 0.06))]);
     let mut at = DVec3::new(0.0, 0.0, 0.055);
     for _ in 0..2400 {
         at.z -= 3e-5;
-        scene.step(&[Some(at)]);
-        let body = scene.controller.movables().body(0).expect("it moves");
-        let frame = scene.controller.frame_of(0).expect("it is known");
+        world.step_places(&[Some(at)]);
+        let body = world.controller().movables().body(0).expect("it moves");
+        let frame = world.controller().frame_of(0).expect("it is known");
         assert_eq!(frame.pose, body.pose());
-        let seat = scene
-            .controller
-            .active_object(0)
-            .and_then(|seat| seat.frame());
-        assert!(seat.is_none_or(|seat| seat == frame));
+        let active = world
+            .controller()
+            .seat_of(0)
+            .and_then(|object| object.frame());
+        assert!(active.is_none_or(|seen| seen == frame));
     }
-    let turned = pose(&scene, 0).orientation.angle_between(DQuat::IDENTITY);
+    let turned = pose(&world, 0).orientation.angle_between(DQuat::IDENTITY);
     println!("turned by {turned}");
     assert!((turned - 0.3).abs() < 1e-9, "at its stop");
     // There it is as stiff as a wall.
-    assert!(scene.outputs.wrenches[0].force.length() > 5.0);
+    assert!(world.outputs().wrenches[0].force.length() > 5.0);
 }
 
 #[test]
@@ -282,17 +291,17 @@ fn the_same_scene_at_another_scale_moves_alike() {
         plan.safety.force_max_n *= s;
         plan.safety.torque_max_nm *= s;
         plan.safety.slew_n_per_s *= s;
-        let mut scene = scene(&plan);
-        scene.settle(&[Some(DVec3::Z * 0.06 * s)]);
+        let mut world = scene(&plan);
+        settle(&mut world, &[Some(DVec3::Z * 0.06 * s)]);
         let mut path = Vec::new();
         for tick in 0..1500 {
             let depth = 4e-3 * (f64::from(tick) * 4e-3).sin().max(0.0);
-            scene.step(&[Some(DVec3::new(0.01, 0.002, 0.052 - depth) * s)]);
-            let pose = pose(&scene, 0);
+            world.step_places(&[Some(DVec3::new(0.01, 0.002, 0.052 - depth) * s)]);
+            let pose = pose(&world, 0);
             path.push((
                 pose.position / s,
                 pose.orientation,
-                scene.outputs.wrenches[0].force / s,
+                world.outputs().wrenches[0].force / s,
             ));
         }
         path
@@ -314,7 +323,8 @@ fn the_same_scene_at_another_scale_moves_alike() {
 
 #[test]
 fn a_missed_period_is_made_good_as_the_device_goes_on_under_its_force() {
-    // On a rail without friction, pushed by a probe that is held: as long and as hard, however the ticks fall.
+    // On a rail without friction, pushed by a probe that is held: as long and as hard, however the
+    // ticks fall.
     let run = |missed: u64| {
         let mut plan = balls(&[DVec3::ZERO], 1);
         plan.safety.passivity = false;
@@ -328,16 +338,16 @@ fn a_missed_period_is_made_good_as_the_device_goes_on_under_its_force() {
             },
             limits_m: None,
         }));
-        let mut scene = scene(&plan);
-        scene.settle(&[Some(DVec3::Z * 0.06)]);
-        scene.step(&[Some(DVec3::Z * 0.0505)]);
-        let force = scene.outputs.wrenches[0].force.z;
+        let mut world = scene(&plan);
+        settle(&mut world, &[Some(DVec3::Z * 0.06)]);
+        world.step_places(&[Some(DVec3::Z * 0.0505)]);
+        let force = world.outputs().wrenches[0].force.z;
         // Away, too late for the body: the force has acted all the while.
-        scene.tick += missed;
-        scene.step(&[Some(DVec3::Z * 0.07)]);
-        let before = pose(&scene, 0).position.z;
-        scene.step(&[Some(DVec3::Z * 0.07)]);
-        let speed = (pose(&scene, 0).position.z - before) / PERIOD_S;
+        world.skip(missed);
+        world.step_places(&[Some(DVec3::Z * 0.07)]);
+        let before = pose(&world, 0).position.z;
+        world.step_places(&[Some(DVec3::Z * 0.07)]);
+        let speed = (pose(&world, 0).position.z - before) / PERIOD_S;
         speed * MASS.mass_kg / (-force * PERIOD_S)
     };
     for missed in [0, 1, 5] {
@@ -359,24 +369,24 @@ fn a_tour_leads_over_the_object_where_it_is() {
         speed_m_per_s: 0.1,
         depth_m: 0.002,
     };
-    let mut scene = Scene::touring(&plan, &[("sphere", &SPHERE)], 2.0);
-    while scene.controller.tour().is_none() {
-        scene.step_poses(&[None], &mut NoObserver);
-        assert!(scene.tick < 10_000);
+    let mut world = scene_world(&plan, &[("sphere", &SPHERE)], 2.0);
+    while world.controller().tour().is_none() {
+        world.step_poses(&[None]);
+        assert!(world.tick() < 10_000);
     }
-    let frame = scene.controller.frame().expect("the model is there");
-    let due = DVec3::new(0.1 + (scene.tick - 1) as f64 * PERIOD_S, 0.2, 0.3);
+    let frame = world.controller().frame().expect("the model is there");
+    let due = DVec3::new(0.1 + (world.tick() - 1) as f64 * PERIOD_S, 0.2, 0.3);
     assert!(frame.pose.position.distance(due) < 1e-12);
     // The hand goes along.
-    let carried = scene.controller.carried(0, due);
+    let carried = world.controller().carried(0, due);
     assert!(carried.linear.distance(DVec3::X * PERIOD_S) < 1e-12);
-    assert_eq!(scene.controller.carried(1, due).linear, DVec3::ZERO);
+    assert_eq!(world.controller().carried(1, due).linear, DVec3::ZERO);
 }
 
 #[test]
 fn a_tool_pushes_a_body_and_both_feel_the_same() {
-    // A capsule that is led by the test against a ball beside its middle: what the device feels turned round is what the
-    // ball gains, about any point, until it turns.
+    // A prescribed capsule against a ball, beside its middle: the ball gains the opposite of the
+    // wrench on the device, about any point, until it turns.
     let mut plan = balls(&[DVec3::ZERO], 1);
     plan.probes[0].shape = ProbeShape::Capsule {
         radius_m: 0.003,
@@ -388,7 +398,7 @@ fn a_tool_pushes_a_body_and_both_feel_the_same() {
         linear: LOOSE,
         angular: LOOSE,
     }));
-    let mut scene = scene(&plan);
+    let mut world = scene(&plan);
     let tilted = DQuat::from_rotation_y(0.4);
     let sample = |z: f64| {
         [Some(Pose {
@@ -397,15 +407,15 @@ fn a_tool_pushes_a_body_and_both_feel_the_same() {
         })]
     };
     for _ in 0..1500 {
-        scene.step_poses(&sample(0.07), &mut NoObserver);
+        world.step_poses(&sample(0.07));
     }
     let (mut given, mut largest) = (DVec3::ZERO, 0.0f64);
     for tick in 0..300 {
         let z = 0.054 - 2e-5 * f64::from(tick);
-        let force = scene.outputs.wrenches[0].force;
-        scene.step_poses(&sample(z), &mut NoObserver);
+        let force = world.outputs().wrenches[0].force;
+        world.step_poses(&sample(z));
         given -= force * PERIOD_S;
-        let body = scene.controller.movables().body(0).expect("it moves");
+        let body = world.controller().movables().body(0).expect("it moves");
         let gained = body.velocity() * MASS.mass_kg;
         assert!(
             gained.distance(given) <= 1e-9 * given.length().max(1e-6),
@@ -414,14 +424,14 @@ fn a_tool_pushes_a_body_and_both_feel_the_same() {
         largest = largest.max(given.length());
     }
     assert!(largest > 1e-3, "{largest} N s");
-    assert_eq!(scene.allocations, 0);
+    assert_eq!(world.client().allocations(), 0);
 }
 
 #[test]
 fn whatever_probes_link_and_bodies_do_the_tick_keeps_its_limits() {
     let mut moved = 0.0f64;
     for seed in 0..10 {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let count = 1 + random.below(9) as usize;
         let any =
             |random: &mut Random| DVec3::new(random.unit(), random.unit(), random.unit()) - 0.5;
@@ -473,30 +483,31 @@ fn whatever_probes_link_and_bodies_do_the_tick_keeps_its_limits() {
             };
         }
         let run = || {
-            let mut random = Random(1000 + seed);
-            let mut scene = scene(&plan);
+            let mut random = Random::new(1000 + seed);
+            let mut world = scene(&plan);
             let mut at = vec![DVec3::ZERO; probes];
             for tick in 0..2500u64 {
                 if random.below(300) == 0 {
-                    scene.faults = (random.below(2) == 0).then(|| Faults {
-                        random: Random(random.next()),
-                        loss: 0.05,
-                        duplication: 0.05,
-                        overtaking: 0.1,
-                    });
+                    let model = if random.below(2) == 0 {
+                        faulty(0.05, 0.05, 0.1)
+                    } else {
+                        LinkModel::default()
+                    };
+                    let seed = random.bits();
+                    world.client_mut().link().disturb(model, seed);
                 }
                 if random.below(1000) == 0 {
                     let models: [(&str, &[u8]); 1] = [("sphere", &SPHERE)];
-                    scene.restart_station(scene_station(&plan, &models, 101 + tick));
+                    world.start_station(scene_station(&plan, &models, 101 + tick));
                 }
                 if random.below(100) == 0 {
-                    scene.tick += random.below(8);
+                    world.skip(random.below(8));
                 }
                 let mut samples = Vec::new();
                 for at in &mut at {
                     let body = random.below(count as u64) as usize;
-                    let goal = scene
-                        .controller
+                    let goal = world
+                        .controller()
                         .frame_of(body)
                         .map_or(places[body], |f| f.pose.position);
                     *at += (goal - *at).clamp_length_max(1e-3 * random.unit());
@@ -507,26 +518,29 @@ fn whatever_probes_link_and_bodies_do_the_tick_keeps_its_limits() {
                         _ => Some(*at),
                     });
                 }
-                let record = scene.step(&samples);
-                assert!(scene.outputs.wrenches.iter().all(|w| w.is_finite()));
-                assert!(record.work_units <= scene.controller.work_budget());
-                for (_, body) in scene.controller.movables().iter() {
+                let record = world.step_places(&samples).record;
+                assert!(world.outputs().wrenches.iter().all(|w| w.is_finite()));
+                assert!(record.work_units <= world.controller().work_budget());
+                for (_, body) in world.controller().movables().iter() {
                     assert!(
                         body.pose().is_finite() && body.max_displacement() < 0.05,
                         "seed {seed}"
                     );
                 }
                 if tick % 500 == 0 {
-                    scene.check();
+                    check(&world);
                 }
             }
-            assert_eq!(scene.allocations, 0, "seed {seed}");
-            let farthest = scene
-                .controller
+            assert_eq!(world.client().allocations(), 0, "seed {seed}");
+            let farthest = world
+                .controller()
                 .movables()
                 .iter()
                 .map(|(_, body)| body.farthest());
-            (scene.controller.replay_hash(), farthest.fold(0.0, f64::max))
+            (
+                world.controller().replay_hash(),
+                farthest.fold(0.0, f64::max),
+            )
         };
         let (hash, farthest) = run();
         assert_eq!(run().0, hash, "seed {seed}: every run repeats");

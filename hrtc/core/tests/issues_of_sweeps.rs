@@ -1,17 +1,13 @@
-//! Hard cases from the threads of other libraries, each named after its own (facts of collision, section 5), that
-//! concern what moves or slides. Those of resting pairs are in `collision_threads`.
+//! Hard cases reported to other libraries, each named after its issue, of moving and sliding
+//! bodies. Those of resting pairs are in `issues_of_collision_libraries`.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
-#[path = "common/signed_distance.rs"]
-mod signed_distance;
 
-use bodies::{Front, box_mesh, plate_mesh, vector};
-use common::Random;
+use common::fronts::{Front, box_mesh, plate_mesh};
+use common::signed_distance::signed_distance;
 use glam::DVec3;
 use hrtc_core::contact::query::{closest_point, swept_sphere};
-use signed_distance::signed_distance;
+use simulator::Random;
 
 /// dimforge/parry #70: sweeps at coordinates of a hundred units went through. Balls dropped
 /// onto a plate there all land.
@@ -30,8 +26,9 @@ fn parry_issue_70() {
     }
 }
 
-/// dimforge/rapier #95, #404, #524, parry PR #101: ghost contacts at inner edges. A ball that slides over a plate of many
-/// faces is pushed straight up on faces, edges and corners, and not stopped.
+/// dimforge/rapier #95, #404, #524, parry PR #101: ghost contacts at inner edges. A ball that
+/// slides over a plate of many faces is pushed straight up on faces, edges and corners, and not
+/// stopped.
 #[test]
 fn rapier_issue_95() {
     let front = Front::of_mesh(&plate_mesh(2.0, 16));
@@ -57,16 +54,16 @@ fn rapier_issue_95() {
     }
 }
 
-/// dimforge/rapier #331: a surface has no inside, so what is past it in one step stays there. A sweep from where it was
-/// is stopped, however thin the plate, and the side is known on both.
+/// dimforge/rapier #331: a surface has no inside, so what is past it in one step stays there. A
+/// sweep from where it was is stopped, however thin the plate, and the side is known on both.
 #[test]
 fn rapier_issue_331() {
     for thickness in [1e-2, 1e-4, 1e-6] {
         let plate = Front::of_mesh(&box_mesh(DVec3::new(1.0, 1.0, 0.5 * thickness)));
-        let mut random = Random(331);
+        let mut random = Random::new(331);
         for _ in 0..300 {
-            let from = vector(&mut random).with_z(0.0) * 0.8 + DVec3::Z * 0.3;
-            let motion = vector(&mut random) * 0.1 - DVec3::Z * 0.6;
+            let from = random.vector().with_z(0.0) * 0.8 + DVec3::Z * 0.3;
+            let motion = random.vector() * 0.1 - DVec3::Z * 0.6;
             let radius = 1e-3;
             let (hit, _) = swept_sphere(plate.surface(), from, motion, radius);
             let hit = hit.expect("it does not get through");

@@ -1,24 +1,23 @@
-//! A split or collapse that nobody is said to feel changes nobody's force, whatever the surface sweeps over: it may lie out of
-//! reach on either side of a probe before and after. One that is felt flies, and no step of it kicks a probe that was free.
+//! A split or collapse that is imperceptible to a probe does not change its force, whatever the
+//! surface sweeps over: the probe may be out of reach before and after. A perceptible one becomes a
+//! geomorph, no step of which makes the force of a free probe discontinuous.
 
-#[path = "common/bodies.rs"]
-mod bodies;
 mod common;
 
 use ab_tree::AbTree;
-use bodies::{models, vector};
-use common::Random;
+use common::fronts::models;
 use glam::DVec3;
 use hrtc_core::contact::query::{Surface, closest_point};
 use hrtc_core::contact::sphere_proxy::{Contact, Proxy};
 use hrtc_core::perception::{ContactConditions, PerceptionLimit, allowed_share, is_perceptible};
+use simulator::Random;
 use spm::{ActiveMesh, ErrorScale, Handle, OperationFaces, Slot, SpmParts};
 
 /// What a bench has: a probe of 1 mm on a surface of 1 kN/m, at 1 kHz.
 const RADIUS_M: f64 = 1e-3;
 const STIFFNESS: f64 = 1000.0;
 const PERIOD_S: f64 = 1e-3;
-/// A change of force that is not felt, newtons.
+/// A change of force that is imperceptible, newtons.
 const STEP_N: f64 = 0.05;
 /// Ticks within which a proxy comes to rest.
 const REST_TICKS: u32 = 60;
@@ -160,7 +159,7 @@ impl Probe {
     fn near(front: &Front, place: DVec3, size: f64, random: &mut Random) -> Option<Self> {
         let radius = size * 10f64.powf(-0.5 - 2.0 * random.unit());
         let aside = [2.0, 8.0][random.below(2) as usize] * radius;
-        let start = place + vector(random) * (aside * random.unit());
+        let start = place + random.vector() * (aside * random.unit());
         if front.distance(start) <= radius {
             return None;
         }
@@ -173,7 +172,7 @@ impl Probe {
         };
         let mut probe = Self {
             proxy,
-            goal: start + vector(random) * way,
+            goal: start + random.vector() * way,
             contact: None,
         };
         for _ in 0..REST_TICKS {
@@ -196,7 +195,7 @@ impl Probe {
         (self.proxy.position() - self.goal) * (metres_per_unit * STIFFNESS)
     }
 
-    fn feeler(&self) -> PerceptionLimit {
+    fn limit(&self) -> PerceptionLimit {
         let force_n = self.force_n().length();
         PerceptionLimit::new(&ContactConditions {
             centre: self.proxy.position(),
@@ -216,11 +215,11 @@ impl Probe {
 /// What was seen.
 #[derive(Debug, Default)]
 struct Seen {
-    unfelt: [u32; 2],
-    felt: [u32; 2],
+    imperceptible: [u32; 2],
+    perceptible: [u32; 2],
     /// Out of reach before and after, but passed.
     passed: u32,
-    /// Of a flight, over a free probe.
+    /// Of a geomorph, over a free probe.
     steps: u32,
 }
 
@@ -231,16 +230,16 @@ fn try_one(front: &mut Front, random: &mut Random, seen: &mut Seen) {
         front.perform(slot);
         return;
     };
-    let feeler = probe.feeler();
+    let limit = probe.limit();
     let was_split = front.mesh.is_performed(slot);
     let [_, places] = front.ends(slot);
     front.mesh.patch(slot, &mut front.out).expect("it fits");
     let touches = usize::from(probe.contact.is_some());
-    let feels = is_perceptible(&front.mesh, slot, &front.out, &places, &[(0, feeler)]);
+    let feels = is_perceptible(&front.mesh, slot, &front.out, &places, &[(0, limit)]);
     let centre = probe.proxy.position();
     let was_far = front.distance(centre) > probe.proxy.radius();
     if !feels {
-        seen.unfelt[touches] += 1;
+        seen.imperceptible[touches] += 1;
         let before = probe.force_n();
         front.perform(slot);
         probe.proxy.carry(&front.mesh, &front.out);
@@ -249,7 +248,7 @@ fn try_one(front: &mut Front, random: &mut Random, seen: &mut Seen) {
         assert!(change <= AT_REST * RADIUS_M * STIFFNESS, "{change} N");
         return;
     }
-    seen.felt[touches] += 1;
+    seen.perceptible[touches] += 1;
     if was_split {
         front.mesh.start_collapse_geomorph(slot);
     } else {
@@ -260,7 +259,7 @@ fn try_one(front: &mut Front, random: &mut Random, seen: &mut Seen) {
         front.mesh.start_split_geomorph(&front.out);
         front.deformed();
     }
-    // It flies.
+    // It becomes a geomorph.
     while front
         .mesh
         .geomorphs()
@@ -269,8 +268,8 @@ fn try_one(front: &mut Front, random: &mut Random, seen: &mut Seen) {
     {
         let before = probe.force_n();
         step(front, &mut probe);
-        // Of a probe that is held the stability case of refinement under contact tells: what closes on it from both sides lifts
-        // it farther than it moves itself.
+        // Probes in contact are judged by the stability case of refinement under contact: a surface
+        // that closes on one from both sides lifts it farther than it moves itself.
         if before == DVec3::ZERO {
             seen.steps += 1;
             let change = probe.force_n().length();
@@ -285,19 +284,13 @@ fn try_one(front: &mut Front, random: &mut Random, seen: &mut Seen) {
 
 /// A step of both vertices, as a tick does it.
 fn step(front: &mut Front, probe: &mut Probe) {
-    let feeler = probe.feeler();
-    let [a, b] = [0, 1].map(|index| front.mesh.geomorphs()[index]);
-    front
-        .mesh
-        .faces_around_geomorph(&a, &mut front.out)
-        .expect("small fans");
-    front
-        .mesh
-        .faces_around_geomorph(&b, &mut front.other)
-        .expect("small fans");
+    let limit = probe.limit();
+    let [a, b] = [0, 1].map(|index| front.mesh.flights()[index]);
+    front.mesh.around(&a, &mut front.out).expect("small fans");
+    front.mesh.around(&b, &mut front.other).expect("small fans");
     let steps = [(a, &front.out), (b, &front.other)];
-    let share = allowed_share(&front.mesh, &steps, &feeler);
-    probe.proxy.limit_step(feeler.proxy_step());
+    let share = allowed_share(&front.mesh, &steps, &limit);
+    probe.proxy.limit_step(limit.proxy_step());
     for (index, flight) in [a, b].into_iter().enumerate() {
         front
             .mesh
@@ -313,8 +306,8 @@ fn step(front: &mut Front, probe: &mut Probe) {
 }
 
 #[test]
-fn what_is_not_felt_changes_no_force_and_what_is_felt_does_not_kick() {
-    let mut random = Random(12);
+fn imperceptible_changes_leave_the_force_and_geomorphs_keep_it_continuous() {
+    let mut random = Random::new(12);
     let mut all = Seen::default();
     for (name, parts) in models(1500) {
         let mut seen = Seen::default();
@@ -328,12 +321,12 @@ fn what_is_not_felt_changes_no_force_and_what_is_felt_does_not_kick() {
         }
         println!("{name}: {seen:?}");
         for k in 0..2 {
-            all.unfelt[k] += seen.unfelt[k];
-            all.felt[k] += seen.felt[k];
+            all.imperceptible[k] += seen.imperceptible[k];
+            all.perceptible[k] += seen.perceptible[k];
         }
         all.passed += seen.passed;
     }
-    let least = all.unfelt.into_iter().chain(all.felt).min();
+    let least = all.imperceptible.into_iter().chain(all.perceptible).min();
     assert!(least.is_some_and(|least| least > 100), "{all:?}");
     assert!(all.passed > 100, "{all:?}");
 }
