@@ -86,7 +86,8 @@ fn a_free_body_under_a_constant_force_goes_half_a_t_squared() {
         body.push(&push(force), middle);
         body.step(u64::from(tick), 1);
         let t = f64::from(tick) * PERIOD_S;
-        // The semi-implicit sum, n (n + 1) / 2 steps, to rounding; half a T t from the motion itself.
+        // The semi-implicit sum, n (n + 1) / 2 steps, to rounding; half a T t from the motion
+        // itself.
         let due = force / 0.2 * (0.5 * t * (t + PERIOD_S));
         let went = body.pose().transform_point(extent.middle) - start;
         assert!(went.distance(due) <= 1e-12, "tick {tick}: {went} {due}");
@@ -316,8 +317,8 @@ fn at_the_lightest_that_is_let_in_a_touch_does_not_throw_a_body_off() {
     // A surface of 800 N/m and 0.5 N s/m against a probe that is held.
     let (stiffness, damping) = (800.0, 0.5);
     let least = min_coupled_mass(stiffness, damping, PERIOD_S, 1);
-    // How many ticks it touches in a row, at the least, when it was pressed in at rest; and whether it ever is farther
-    // out than it was in.
+    // How many ticks it touches in a row, at the least, when it was pressed in at rest; and whether
+    // it ever is farther out than it was in.
     let pressed = |mass_kg: f64| {
         let mut body = body(rail(mass_kg, LOOSE, None), brick(0.1));
         let along = home().orientation * DVec3::X;
@@ -370,7 +371,8 @@ fn vector() -> impl Strategy<Value = DVec3> {
 }
 
 proptest! {
-    /// Forces of any size, at any place, even no numbers: it stays within its greatest speeds, and comes to rest.
+    /// Forces of any size, at any place, even no numbers: it stays within its greatest speeds, and
+    /// comes to rest.
     #[test]
     fn nothing_makes_a_body_faster_than_it_may_be(
         kind in 0..3u32,
@@ -421,7 +423,9 @@ proptest! {
     /// A step gives a body no more energy than its force times the way that it goes.
     #[test]
     fn no_step_gives_a_body_more_than_its_force_does_on_the_way(
-        forces in prop::collection::vec(-3.0..3.0f64, 1..300), spring in 0.0..2000.0f64, mass_kg in 0.002..0.5f64,
+        forces in prop::collection::vec(-3.0..3.0f64, 1..300),
+        spring in 0.0..2000.0f64,
+        mass_kg in 0.002..0.5f64,
     ) {
         let rest = SpringDamperPlan { spring, damping: Some(0.01) };
         let mut body = body(rail(mass_kg, rest, None), brick(1.0));
@@ -433,13 +437,19 @@ proptest! {
             body.step(tick, 1);
             work += body.work_of(&push(along * force), at).total();
             let way = (body.pose().position - home().position).dot(along);
-            let speed = body.before().map_or(0.0, |before| (body.pose().position - before.position).dot(along) / PERIOD_S);
+            let speed = body.before().map_or(0.0, |before| {
+                (body.pose().position - before.position).dot(along) / PERIOD_S
+            });
             let energy = 0.5 * mass_kg * speed * speed + 0.5 * spring * way * way;
-            prop_assert!(energy <= work + 1e-9 * (1.0 + energy), "tick {}: {} of {}", tick, energy, work);
+            prop_assert!(
+                energy <= work + 1e-9 * (1.0 + energy),
+                "tick {}: {} of {}", tick, energy, work
+            );
         }
     }
 
-    /// What turns under a resting place moves across its radius: a force along the radius does no work.
+    /// What turns under a resting place moves across its radius: a force along the radius does no
+    /// work.
     #[test]
     fn a_force_along_the_radius_does_no_work_on_what_turns(
         axis in vector(), anchor in vector(), angle in 1e-4..0.2f64, place in vector(),
@@ -454,6 +464,7 @@ proptest! {
         let radius = (place - anchor).reject_from(axis);
         let across = motion.linear.dot(radius.normalize_or_zero());
         prop_assert!(across.abs() <= angle.powi(3) * 3.0, "{}", across);
-        prop_assert!((motion.linear.length() / angle - radius.length()).abs() <= 3.0 * angle * angle + 1e-12);
+        let error = (motion.linear.length() / angle - radius.length()).abs();
+        prop_assert!(error <= 3.0 * angle * angle + 1e-12);
     }
 }
