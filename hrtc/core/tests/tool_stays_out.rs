@@ -15,7 +15,9 @@ use hrtc_core::contact::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
 use simulator::Random;
 use spm::OperationFaces;
 
-const BUDGET: u32 = common::guided_tool::TICK_BUDGET;
+/// Five times that of a tick of the product ([`common::guided_tool::TICK_BUDGET`]), so that every
+/// tick is complete; `tool_catches_up` tries the budgets of the product.
+const BUDGET: u32 = 1 << 18;
 
 /// One tick, after which no face of the tool meets the surface.
 fn lead(hand: &mut GuidedTool, front: &Front, pose: &Pose) {
