@@ -4,7 +4,7 @@
 mod common;
 
 use common::{plan, real_model, spm, spm_of_file, world};
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 fn tour(name: &str, bytes: Vec<u8>) {

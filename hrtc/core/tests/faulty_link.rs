@@ -6,7 +6,7 @@ mod common;
 use common::{World, faulty, plan, rest, spm, station, surface_over, world};
 use glam::DVec3;
 use simulator::{LinkModel, refined_front};
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 /// Trouble begins here, ticks; before it every run is the same.

@@ -5,7 +5,7 @@ mod common;
 
 use common::{Place, World, places_on_tour, plan, rest, spm, world};
 use simulator::{front_faces, refined_front};
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 /// Where on the tour the probe rests, seconds.

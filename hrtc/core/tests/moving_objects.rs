@@ -12,7 +12,7 @@ use scene::{
     SpringDamperPlan,
 };
 use simulator::{LinkModel, Random};
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::sync::LazyLock;
 

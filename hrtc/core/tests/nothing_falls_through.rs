@@ -12,7 +12,6 @@ use glam::{DQuat, DVec3};
 use haptic_device::Sample;
 use scene::{ModelScale, ProbeShape, ScenePlan, TrajectoryPlan};
 use simulator::{Client, ClientOptions, Random, STATION, Simulation};
-use spm_builder::build::{BuildOptions, SoupMesh};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, SoupMesh};
 use std::cmp::Ordering;

@@ -6,7 +6,7 @@ use common::{faulty, plan, spm, station, world};
 use hrtc_core::{Controller, NoObserver};
 use scene::ScenePlan;
 use simulator::{ClientOptions, InputRecording, Playback, Summary};
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
 const TICKS: usize = 3000;

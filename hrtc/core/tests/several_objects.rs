@@ -10,7 +10,7 @@ use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot};
 use realtime::counting_allocator::CountingAllocator;
 use scene::TrajectoryPlan;
 use simulator::{LinkModel, Random};
-use spm_builder::build::BuildOptions;
+use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::sync::LazyLock;
 

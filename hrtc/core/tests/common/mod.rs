@@ -9,7 +9,7 @@ use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind};
 use scene::{NoFiles, Overrides, ScenePlan, TrajectoryPlan, parse};
 use simulator::{Client, ClientOptions, LinkModel, STATION, Simulation, refined_front};
 use spm::{SpmFile, VspRecord, write_spm};
-use spm_builder::build::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use station_core::station::{ServedModel, Station};
 use std::io::Write;
 use std::path::{Path, PathBuf};
