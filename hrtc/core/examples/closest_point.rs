@@ -6,8 +6,8 @@ use ab_tree::AbTree;
 use glam::DVec3;
 use hrtc_core::contact::query::{Surface, closest_point};
 use spm::{ActiveMesh, ErrorScale, OperationFaces, SpmParts};
-use spm_builder::build::{BuildOptions, NoProgress, build_model, read_mesh};
 use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, build_model, read_mesh};
 use std::error::Error;
 use std::path::Path;
 

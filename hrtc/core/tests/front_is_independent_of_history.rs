@@ -31,7 +31,11 @@ fn same_front(one: &World, other: &World, what: &str) {
         world.controller().cache().check();
         assert!(world.summary().last.contact, "{what}: it touches");
         assert!(world.summary().last.contact_asked, "{what}: as was asked");
-        assert_eq!(world.controller().economy_steps(), 0, "{what}: room enough");
+        assert_eq!(
+            world.controller().pressure_steps(),
+            0,
+            "{what}: room enough"
+        );
     }
     let contacts = [one, other].map(|world| world.outputs().contact().expect("it touches").point);
     println!(

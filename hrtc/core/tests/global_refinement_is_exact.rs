@@ -153,7 +153,7 @@ fn what_does_not_fit_is_cut_and_reported() {
             "{lod:?}: {} of {vsps} splits, tolerance {:.2e} m, {} steps of economy",
             front.len(),
             record.finest_tolerance_m,
-            world.controller().economy_steps()
+            world.controller().pressure_steps()
         );
         within_budget(&world, &format!("{lod:?} in a small cache"));
         let slots = world.controller().cache().slots();

@@ -285,9 +285,15 @@ fn try_one(front: &mut Front, random: &mut Random, seen: &mut Seen) {
 /// A step of both vertices, as a tick does it.
 fn step(front: &mut Front, probe: &mut Probe) {
     let limit = probe.limit();
-    let [a, b] = [0, 1].map(|index| front.mesh.flights()[index]);
-    front.mesh.around(&a, &mut front.out).expect("small fans");
-    front.mesh.around(&b, &mut front.other).expect("small fans");
+    let [a, b] = [0, 1].map(|index| front.mesh.geomorphs()[index]);
+    front
+        .mesh
+        .faces_around_geomorph(&a, &mut front.out)
+        .expect("small fans");
+    front
+        .mesh
+        .faces_around_geomorph(&b, &mut front.other)
+        .expect("small fans");
     let steps = [(a, &front.out), (b, &front.other)];
     let share = allowed_share(&front.mesh, &steps, &limit);
     probe.proxy.limit_step(limit.proxy_step());

@@ -61,7 +61,7 @@ fn a_small_cache_coarsens_the_contact_and_recovers() {
         asked += u32::from(record.contact_asked);
     }
     world.controller().cache().check();
-    let steps = world.controller().economy_steps();
+    let steps = world.controller().pressure_steps();
     println!(
         "{bytes} bytes: {contacts} contacts, {asked} as asked, {coarser} ticks coarser than asked, {steps} steps of economy"
     );
@@ -76,7 +76,10 @@ fn a_small_cache_coarsens_the_contact_and_recovers() {
 
     // The demand falls: a tolerance whose blocks fit is reached, and the LOD controller is where
     // it was set.
-    let ladder = world.controller().header().map(|header| header.ladder[2]);
+    let ladder = world
+        .controller()
+        .header()
+        .map(|header| header.level_tolerances[2]);
     let scale = world
         .controller()
         .frame()
@@ -100,7 +103,7 @@ fn a_small_cache_coarsens_the_contact_and_recovers() {
         "{} ticks later: {:.2e} m at the contact, {tolerance:.2e} m asked for, {} steps of economy",
         world.tick() - 8000,
         world.summary().last.contact_tolerance_m,
-        world.controller().economy_steps()
+        world.controller().pressure_steps()
     );
     assert_eq!(back, 2000, "it comes back and stays");
     assert!(world.summary().last.contact_tolerance_m <= tolerance * 1.000_001);

@@ -185,7 +185,7 @@ fn a_driven_ball_from_afar_is_active_when_it_arrives_and_carries_the_probe() {
         let (arrives, leaves) = (0.949 / speed / PERIOD_S, 0.97 / speed / PERIOD_S);
         while (world.tick() as f64) < leaves {
             let record = world.step_places(&[place]).record;
-            assert_eq!(record.unseated, 0, "tick {}", world.tick());
+            assert_eq!(record.unserved, 0, "tick {}", world.tick());
             let depth = speed * (world.tick() as f64 - 1.0 - arrives) * PERIOD_S;
             let force = world.outputs().wrenches[0].force;
             if depth > 2e-4 {
@@ -259,7 +259,7 @@ fn what_is_on_a_hinge_opens_as_far_as_its_stop_and_every_view_of_it_agrees() {
         assert_eq!(frame.pose, body.pose());
         let active = world
             .controller()
-            .seat_of(0)
+            .active_object(0)
             .and_then(|object| object.frame());
         assert!(active.is_none_or(|seen| seen == frame));
     }

@@ -79,8 +79,8 @@ fn interrupted_geomorphs_leave_valid_ticks_and_end_as_a_fresh_start() {
             let record = tried
                 .step_at(goal + depth * (place.goal - place.above))
                 .record;
-            in_flight += u32::from(record.in_flight > 0);
-            for flight in tried.controller().cache().mesh().flights() {
+            in_flight += u32::from(record.geomorphing > 0);
+            for flight in tried.controller().cache().mesh().geomorphs() {
                 both_ways[usize::from(flight.is_to_parent())] += 1;
             }
             // Boxes of the tree equal those of a fresh refit bit for bit, among the rest.
@@ -118,7 +118,7 @@ fn without_geomorphs_none_are_under_way() {
     rest(&mut world, place, MAX_TICKS);
     world.controller_mut().set_tolerance(0.0);
     for _ in 0..2000 {
-        assert_eq!(world.step_at(place.goal).record.in_flight, 0);
+        assert_eq!(world.step_at(place.goal).record.geomorphing, 0);
     }
     assert!(world.summary().last.contact_full);
 }

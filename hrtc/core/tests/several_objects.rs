@@ -61,7 +61,7 @@ fn lead(world: &mut World, at: &mut DVec3, to: DVec3, step: f64) {
 #[test]
 fn a_probe_over_a_row_touches_each_of_twenty_objects_at_its_surface() {
     let mut world = row(20, 1, 6 << 20);
-    assert_eq!(world.controller().seats().len(), 3);
+    assert_eq!(world.controller().active_objects().len(), 3);
     let mut at = above(0, 0.02);
     settle(&mut world, &[Some(at)]);
     for object in 0..20 {
@@ -78,7 +78,7 @@ fn a_probe_over_a_row_touches_each_of_twenty_objects_at_its_surface() {
             ticks += 1;
             full += u32::from(record.contact_full);
             assert!(record.contact, "object {object}, tick {k}");
-            assert_eq!(record.unseated, 0);
+            assert_eq!(record.unserved, 0);
             let touched = world.outputs().contacts[0].expect("it touches");
             assert_eq!(touched.object as usize, object);
             let proxy = world.controller().proxy_of(0, object).expect("it is awake");
@@ -205,7 +205,7 @@ fn active_objects_reassigned_a_thousand_times_hold_a_fresh_load() {
         for _ in 0..20 + random.below(30) {
             world.step_places(&[Some(place)]);
             for (object, before) in awake.iter_mut().enumerate() {
-                let now = world.controller().seat_of(object).is_some();
+                let now = world.controller().active_object(object).is_some();
                 woken += u32::from(now && !*before);
                 *before = now;
             }
@@ -503,7 +503,7 @@ fn whatever_probes_and_link_do_every_scene_keeps_its_limits() {
             }
             let record = world.step_places(&places).record;
             contacts += u32::from(record.contact);
-            unseated += u32::from(record.unseated > 0);
+            unseated += u32::from(record.unserved > 0);
             assert!(world.outputs().wrenches.iter().all(|w| w.is_finite()));
             assert!(
                 record.cache_bytes as usize <= bytes,

@@ -23,7 +23,7 @@ pub fn front_faces(controller: &Controller) -> BTreeSet<u32> {
     let mesh = controller.cache().mesh();
     let mut faces = BTreeSet::new();
     mesh.for_each_active_face(|face| {
-        let id = mesh.maker_of_face(face).map_or(face, |slot| {
+        let id = mesh.creator_of_face(face).map_or(face, |slot| {
             base_faces + 2 * mesh.id(slot) + (face - mesh.fl(slot))
         });
         assert!(faces.insert(id), "face {id} is active twice");

@@ -239,7 +239,7 @@ pub fn settle(world: &mut World, places: &[Option<DVec3>]) -> CoreRecord {
 
 /// Checks the caches of all active objects whose base mesh is there.
 pub fn check(world: &World) {
-    let objects = world.controller().seats().iter();
+    let objects = world.controller().active_objects().iter();
     for object in objects.filter(|object| object.is_ready()) {
         object.cache().check();
     }
@@ -247,7 +247,10 @@ pub fn check(world: &World) {
 
 /// Ids of the performed splits of an active object, ascending.
 pub fn front_of(world: &World, object: usize) -> Vec<u32> {
-    let object = world.controller().seat_of(object).expect("it is active");
+    let object = world
+        .controller()
+        .active_object(object)
+        .expect("it is active");
     refined_front(object.cache())
 }
 
