@@ -104,8 +104,8 @@ impl StepLimit {
     }
 
     /// Ends the tick; the limit ends if none was set in it and the proxy has caught up.
-    pub fn end_tick(&mut self, has_caught_up: bool) {
-        if !std::mem::take(&mut self.is_set) && has_caught_up {
+    pub fn end_tick(&mut self, has_settled: bool) {
+        if !std::mem::take(&mut self.is_set) && has_settled {
             *self = Self::FREE;
         }
     }
@@ -246,25 +246,27 @@ pub fn may_come_near(
     places: &[Handle],
     limits: &[(usize, PerceptionLimit)],
 ) -> bool {
-    let beside = |limit: &PerceptionLimit| PerceptionLimit {
+    let surroundings = |limit: &PerceptionLimit| PerceptionLimit {
         reach: NEAR_FACTOR * limit.reach,
         ..*limit
     };
     let space = space_of(mesh, patch, places);
-    let is_beside = |face: Handle| {
+    let is_near = |face: Handle| {
         let corners = mesh.corners(face);
-        let mut limits = limits.iter().map(|(_, limit)| beside(limit));
+        let mut limits = limits.iter().map(|(_, limit)| surroundings(limit));
         limits.any(|limit| {
             limit.reaches(box_around(corners)) && limit.distance(corners) <= limit.reach
         })
     };
-    limits.iter().any(|(_, limit)| beside(limit).reaches(space))
+    limits
+        .iter()
+        .any(|(_, limit)| surroundings(limit).reaches(space))
         || mesh.any_geomorphing(patch.deformed())
         || patch.deformed().iter().any(|&face| {
             let corners = mesh.face(face).corners;
             corners
                 .into_iter()
-                .any(|corner| mesh.any_around(face, corner, is_beside))
+                .any(|corner| mesh.any_around(face, corner, is_near))
         })
 }
 
@@ -302,7 +304,7 @@ pub type Step<'a> = (Geomorph, &'a OperationFaces);
 /// ends. `place`: positions of vertices before the step.
 fn height(
     mesh: &ActiveMesh,
-    (flight, around): &Step<'_>,
+    (geomorph, around): &Step<'_>,
     step: DVec3,
     place: impl Fn(Handle) -> DVec3,
     limit: &PerceptionLimit,
@@ -310,7 +312,7 @@ fn height(
     let (mut moved, mut raised) = (0.0f64, 0.0f64);
     for &face in around.deformed() {
         let corners = mesh.face(face).corners;
-        let Some(k) = corners.iter().position(|&c| c == flight.vertex()) else {
+        let Some(k) = corners.iter().position(|&c| c == geomorph.vertex()) else {
             continue;
         };
         let [at, b, c] = [k, (k + 1) % 3, (k + 2) % 3].map(|k| place(corners[k]));
@@ -350,8 +352,10 @@ pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit, sh
         // The vertices before this one have moved.
         let done = &steps[..k];
         let place = |vertex: Handle| {
-            let before = done.iter().find(|(flight, _)| flight.vertex() == vertex);
-            let moved = before.map(|(flight, _)| mesh.geomorph_displacement(flight) * share);
+            let before = done
+                .iter()
+                .find(|(geomorph, _)| geomorph.vertex() == vertex);
+            let moved = before.map(|(geomorph, _)| mesh.geomorph_displacement(geomorph) * share);
             mesh.position(vertex).as_dvec3() + moved.unwrap_or(DVec3::ZERO)
         };
         let step = mesh.geomorph_displacement(&steps[k].0) * share;
@@ -365,10 +369,10 @@ pub fn excess(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit, sh
 /// other.
 #[must_use]
 pub fn allowed_share(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit) -> f64 {
-    let ways = steps
+    let lengths = steps
         .iter()
-        .map(|(flight, _)| mesh.geomorph_displacement(flight).length());
-    let longest = ways.fold(0.0, f64::max);
+        .map(|(geomorph, _)| mesh.geomorph_displacement(geomorph).length());
+    let longest = lengths.fold(0.0, f64::max);
     if longest == 0.0 {
         return 1.0;
     }
@@ -381,7 +385,7 @@ pub fn allowed_share(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLi
     let surely = limit.step.min(limit.rise).max(nearest - limit.reach);
     let surely = (surely / longest).min(1.0);
     // The remaining path, if that is allowed.
-    let left = steps.iter().map(|(flight, _)| 1.0 - flight.done());
+    let left = steps.iter().map(|(geomorph, _)| 1.0 - geomorph.done());
     let mut share = left.fold(0.0, f64::max);
     for _ in 0..TRIES {
         let excess = excess(share);
@@ -447,9 +451,9 @@ fn turns_over_at(
         .any(|(third, along)| {
             let against = |normal_of_pair: DVec3| {
                 // A face without area, as one that opens too, decides nothing.
-                let beside = patch.deformed().iter();
-                let beside = beside.filter(|&&face| mesh.face(face).corners.contains(&third));
-                let along = beside.map(|&face| normal_before(face).dot(normal_of_pair));
+                let adjacent = patch.deformed().iter();
+                let adjacent = adjacent.filter(|&&face| mesh.face(face).corners.contains(&third));
+                let along = adjacent.map(|&face| normal_before(face).dot(normal_of_pair));
                 let [least, most] = along.fold([0.0f64; 2], |[least, most], dot| {
                     [least.min(dot), most.max(dot)]
                 });

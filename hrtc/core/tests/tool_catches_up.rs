@@ -119,9 +119,9 @@ fn a_small_budget_makes_it_slow_and_not_wrong() {
             };
             let (answer, measured) = lead(&mut hand, &front, &pose, budget);
             unfinished += u32::from(!answer.ending.is_complete());
-            early += u32::from(answer.ending.is_complete() && answer.is_on_its_way);
+            early += u32::from(answer.ending.is_complete() && answer.is_unsettled);
             let (there, here) = (hand.proxy.pose().position, pose.position);
-            let is_told = answer.is_on_its_way || !answer.contacts().is_empty();
+            let is_told = answer.is_unsettled || !answer.contacts().is_empty();
             assert!(
                 is_told || there.distance(here) < 1e-9,
                 "tick {k}: {answer:?}"

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use syn::visit_mut::{self, VisitMut};
 
 /// Words that no identifier may hold as one of its words, with the field's word for it.
-const WORDS: [(&[&str], &str); 33] = [
+const WORDS: [(&[&str], &str); 32] = [
     (
         &["seat", "seats", "seating", "unseated"],
         "active object, active set",
@@ -21,7 +21,6 @@ const WORDS: [(&[&str], &str); 33] = [
         "contact, perception limit",
     ),
     (&["follower", "followers", "followed"], "proxy, proxy step"),
-    (&["beside"], "contact forecast"),
     (&["manner"], "transition"),
     (&["flight", "flights", "fly", "flies", "flying"], "geomorph"),
     (&["soften", "softened"], "tighten"),
@@ -59,7 +58,8 @@ const WORDS: [(&[&str], &str); 33] = [
 ];
 
 /// Whole names that are private; their single words are not.
-const NAMES: [(&str, &str); 16] = [
+const NAMES: [(&str, &str); 17] = [
+    ("Beside", "contact forecast"),
     ("let_go", "unload"),
     ("take_off", "start"),
     ("land", "finish"),

@@ -143,8 +143,9 @@ impl ActiveSet {
             }
         }
         let moved = movables.moved();
-        self.broad_phase
-            .set_ways(moved.map(|(object, body)| (object as usize, body.max_displacement())));
+        self.broad_phase.set_displacements(
+            moved.map(|(object, body)| (object as usize, body.max_displacement())),
+        );
     }
 
     /// Takes base meshes and chunks in. Returns how many chunks are done with.
@@ -375,7 +376,7 @@ impl ActiveSet {
         }
         let within = self.broad_phase.near().iter().filter(|near| {
             let probe = &probes[near.probe];
-            let motion = self.broad_phase.way(near.object);
+            let motion = self.broad_phase.displacement(near.object);
             near.distance <= probe.reach_m + TOUCH_TICKS * (probe.speed + motion)
         });
         let missing = within.filter(|near| {

@@ -38,7 +38,7 @@ pub struct BroadPhase {
     lower: [Vec<f64>; 3],
     upper: [Vec<f64>; 3],
     /// Objects that move, and how far each may go in a tick, metres.
-    ways: Vec<(usize, f64)>,
+    displacements: Vec<(usize, f64)>,
     /// Squared distances of one ball.
     distances: Vec<f64>,
     near: Vec<Near>,
@@ -51,7 +51,7 @@ impl BroadPhase {
         Self {
             lower: [(); 3].map(|()| vec![f64::INFINITY; objects]),
             upper: [(); 3].map(|()| vec![f64::NEG_INFINITY; objects]),
-            ways: Vec::with_capacity(moving),
+            displacements: Vec::with_capacity(moving),
             distances: vec![0.0; objects],
             near: Vec::with_capacity(MAX_NEAR),
         }
@@ -66,17 +66,20 @@ impl BroadPhase {
     }
 
     /// How far each object that moves may go in a tick, metres, from now on.
-    pub fn set_ways(&mut self, ways: impl Iterator<Item = (usize, f64)>) {
-        self.ways.clear();
-        let room = self.ways.capacity();
-        self.ways.extend(ways.take(room));
+    pub fn set_displacements(&mut self, displacements: impl Iterator<Item = (usize, f64)>) {
+        self.displacements.clear();
+        let room = self.displacements.capacity();
+        self.displacements.extend(displacements.take(room));
     }
 
     /// How far an object may go in a tick, metres.
     #[must_use]
-    pub fn way(&self, object: usize) -> f64 {
-        let found = self.ways.iter().find(|(moving, _)| *moving == object);
-        found.map_or(0.0, |&(_, way)| way)
+    pub fn displacement(&self, object: usize) -> f64 {
+        let found = self
+            .displacements
+            .iter()
+            .find(|(moving, _)| *moving == object);
+        found.map_or(0.0, |&(_, displacement)| displacement)
     }
 
     /// All pairs of an object and a ball that meet within so many ticks, nearest first; at most
@@ -100,10 +103,10 @@ impl BroadPhase {
                 }
             }
             // What moves may come to meet it.
-            for k in 0..self.ways.len() {
-                let (object, way) = self.ways[k];
+            for k in 0..self.displacements.len() {
+                let (object, displacement) = self.displacements[k];
                 let squared = self.distances[object];
-                let farther = ball.radius + way * ticks;
+                let farther = ball.radius + displacement * ticks;
                 if squared > reach && squared <= farther * farther {
                     self.keep(Near {
                         object,
@@ -243,8 +246,15 @@ mod tests {
             radius: 1.0,
         };
         // The third comes at a tenth of a metre a tick, from two metres beyond the ball.
-        phase.set_ways([(2, 0.1), (0, 0.3)].into_iter());
-        assert_eq!((phase.way(0), phase.way(1), phase.way(2)), (0.3, 0.0, 0.1));
+        phase.set_displacements([(2, 0.1), (0, 0.3)].into_iter());
+        assert_eq!(
+            (
+                phase.displacement(0),
+                phase.displacement(1),
+                phase.displacement(2)
+            ),
+            (0.3, 0.0, 0.1)
+        );
         let mut objects = |ticks| -> Vec<usize> {
             let found = phase.find([ball], ticks);
             assert!(

@@ -50,14 +50,18 @@ impl Cache {
             let idle = self.may_collapse(slot) && !references.leaving;
             assert_eq!(references.queue == Queue::Collapses, idle);
             let vt = self.mesh.vt(slot);
-            let flies = |v| {
+            let geomorphs = |v| {
                 self.mesh
                     .geomorphs()
                     .iter()
                     .any(|f| f.vertex() == v && f.is_to_parent())
             };
-            assert_eq!(references.leaving, flies(vt) || flies(vt + 1), "on its way");
-            assert_eq!(flies(vt), flies(vt + 1), "both go to their parent");
+            assert_eq!(
+                references.leaving,
+                geomorphs(vt) || geomorphs(vt + 1),
+                "it geomorphs"
+            );
+            assert_eq!(geomorphs(vt), geomorphs(vt + 1), "both go to their parent");
         }
         assert_eq!(self.free.len() as u32 + self.loaded, self.slots, "slots");
     }

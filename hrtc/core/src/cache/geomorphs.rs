@@ -1,9 +1,9 @@
-//! Vertices on their way, with their tree and queues.
+//! Vertices of geomorphs, with their tree and queues.
 
 use super::Cache;
 use spm::{OperationFaces, Slot};
 
-/// Vertices that may be in flight at once.
+/// Vertices that may geomorph at once.
 pub const MAX_GEOMORPHS: usize = 96;
 
 impl Cache {
@@ -45,7 +45,7 @@ impl Cache {
         self.requeue(slot);
     }
 
-    /// Moves a vertex in flight to where it is when `done` of its way is done; see
+    /// Moves a vertex to the share `done` of its displacement; see
     /// [`spm::ActiveMesh::step_geomorph`].
     pub fn step_geomorph(&mut self, index: usize, done: f64, around: &OperationFaces) {
         self.mesh.step_geomorph(index, done, around);

@@ -84,11 +84,11 @@ impl Cache {
         }
         let fl = self.mesh.fl(slot);
         let (leaf_l, leaf_r) = self.mesh.leaves(slot);
-        let (beside_l, beside_r) = self.mesh.neighbours_of_new_faces(slot);
-        if !self.tree.insert_near(fl, leaf_l, beside_l) {
+        let (near_l, near_r) = self.mesh.neighbours_of_new_faces(slot);
+        if !self.tree.insert_near(fl, leaf_l, near_l) {
             return Err(damaged);
         }
-        if leaf_r != NONE && !self.tree.insert_near(fl + 1, leaf_r, beside_r) {
+        if leaf_r != NONE && !self.tree.insert_near(fl + 1, leaf_r, near_r) {
             self.tree.remove(fl);
             return Err(damaged);
         }

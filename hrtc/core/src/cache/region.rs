@@ -47,7 +47,7 @@ pub struct Region {
     /// Whether all of it is performed; while wanted.
     pub refined: bool,
     /// Whether the first part of its answer has arrived; while requested.
-    answer_begun: bool,
+    has_answer: bool,
     /// Tick of the refusal; while refused.
     refused_at: u64,
     /// Its closure: slots, or ids of records that are still to come.
@@ -76,7 +76,7 @@ impl Region {
             wanted: false,
             changing: 0,
             refined: false,
-            answer_begun: false,
+            has_answer: false,
             refused_at: 0,
             closure: List::EMPTY,
             pending: 0,
@@ -103,7 +103,7 @@ impl Region {
     /// Whether records of its answer are awaited: it is requested, and the first part has arrived.
     #[must_use]
     pub fn is_receiving(&self) -> bool {
-        self.state == RegionState::Requested && self.answer_begun
+        self.state == RegionState::Requested && self.has_answer
     }
 
     /// Whether all splits of its closure are performed.
@@ -121,7 +121,7 @@ impl Region {
     /// The first part of its answer arrives; what an earlier answer loaded is unloaded already.
     pub(super) fn begin_answer(&mut self) {
         debug_assert_eq!(self.state, RegionState::Requested);
-        self.answer_begun = true;
+        self.has_answer = true;
     }
 
     /// Its answer is complete.
@@ -163,7 +163,7 @@ impl Region {
     pub(super) fn ask_again(&mut self) {
         debug_assert_eq!(self.state, RegionState::Requested);
         self.state = RegionState::ToRequestAgain;
-        self.answer_begun = false;
+        self.has_answer = false;
     }
 
     /// It is requested with every record at this moment.

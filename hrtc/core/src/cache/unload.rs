@@ -54,7 +54,7 @@ impl Cache {
     /// Unloads a region and forgets it without a word to the station, which goes on counting it as
     /// subscribed: should it be requested again, the answer lacks records, and is requested once
     /// more.
-    pub fn forget(&mut self, region: usize) {
+    pub fn remove_region(&mut self, region: usize) {
         self.unload(region, u32::MAX);
         self.regions.remove(region);
     }
@@ -65,7 +65,9 @@ impl Cache {
         self.regions.forget_messages();
         for place in 0..self.regions.capacity() {
             match self.regions.get(place).map(|region| region.state()) {
-                Some(RegionState::Requested | RegionState::ToRequestAgain) => self.forget(place),
+                Some(RegionState::Requested | RegionState::ToRequestAgain) => {
+                    self.remove_region(place)
+                }
                 Some(RegionState::ToRelease) => self.regions.remove(place),
                 _ => {}
             }

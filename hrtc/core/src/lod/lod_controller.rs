@@ -1,7 +1,7 @@
-//! The accuracy dial: which tolerance is asked for at which distance, and when it must be coarser.
+//! Level of detail by distance: the tolerance asked for at each distance, and when it is coarser.
 //!
 //! The scene asks for an expected error near the contact, and every ring around it for the next
-//! rung of the model's ladder ([`ModelHeader::ladder`]): cells of twice the side, so a ring has
+//! level of the model ([`ModelHeader::level_tolerances`]): cells of twice the side, so a ring has
 //! about as many cells and each of them about as many splits. A probe that outruns a ring lands on
 //! the next one, not on the base mesh.
 //!
@@ -17,7 +17,7 @@ use glam::DVec3;
 use spm::ModelHeader;
 use spm::{LEVELS, RegionGrid};
 
-/// Most rings: the tolerance asked for, then the rungs above it.
+/// Most rings: the tolerance asked for, then the levels above it.
 pub const MAX_RINGS: usize = LEVELS + 1;
 
 /// Regions of one tolerance around the contact.
@@ -53,23 +53,23 @@ impl LodController {
             level: header.level_of(tolerance),
             grid: header.grid_of(tolerance),
         };
-        let mut dial = Self {
+        let mut controller = Self {
             rings: [ring(tolerance); MAX_RINGS],
             count: 1,
             finest: 0,
             density: f64::from(header.faces) / area.max(f64::MIN_POSITIVE),
             asked: tolerance,
         };
-        let first = dial.rings[0].level as usize;
-        for &rung in &header.level_tolerances[first + 1..] {
-            let last = dial.rings[dial.count - 1].tolerance;
-            // Equal rungs are one tolerance, and so one name: its level is the coarsest of them.
-            if rung.is_finite() && rung > last {
-                dial.rings[dial.count] = ring(rung);
-                dial.count += 1;
+        let first = controller.rings[0].level as usize;
+        for &level in &header.level_tolerances[first + 1..] {
+            let last = controller.rings[controller.count - 1].tolerance;
+            // Equal levels are one tolerance, and so one name: its level is the coarsest of them.
+            if level.is_finite() && level > last {
+                controller.rings[controller.count] = ring(level);
+                controller.count += 1;
             }
         }
-        dial
+        controller
     }
 
     /// The tolerance asked for, model units.
@@ -106,7 +106,7 @@ impl LodController {
     #[must_use]
     pub fn greatest_speed(&self, ring: usize, reach: f64, operations: f64) -> f64 {
         let ring = &self.rings[ring.min(self.count - 1)];
-        // A rung of the ladder leaves at most a quarter of the splits of the one before.
+        // A level leaves at most a quarter of the splits of the one before.
         let faces = self.density / f64::from(1u32 << (2 * ring.level));
         operations / (faces * (2.0 * reach + ring.grid.cell))
     }
@@ -146,11 +146,11 @@ pub fn triangle_area(corners: [DVec3; 3]) -> f64 {
 }
 
 #[cfg(test)]
-pub(crate) fn header(rungs: &[f32]) -> ModelHeader {
+pub(crate) fn header(levels: &[f32]) -> ModelHeader {
     let mut header: ModelHeader = bytemuck::Zeroable::zeroed();
     header.grid = RegionGrid::new(DVec3::ZERO, DVec3::ONE, 16).unwrap();
     header.level_tolerances = [f32::INFINITY; LEVELS];
-    header.level_tolerances[..rungs.len()].copy_from_slice(rungs);
+    header.level_tolerances[..levels.len()].copy_from_slice(levels);
     header.faces = 4096;
     header
 }
@@ -159,9 +159,12 @@ pub(crate) fn header(rungs: &[f32]) -> ModelHeader {
 mod tests {
     use super::*;
 
-    fn rings(rungs: &[f32], tolerance: f32) -> Vec<(f32, u32)> {
-        let dial = LodController::new(&header(rungs), tolerance, 1.0);
-        let pairs = dial.rings().iter().map(|ring| (ring.tolerance, ring.level));
+    fn rings(levels: &[f32], tolerance: f32) -> Vec<(f32, u32)> {
+        let controller = LodController::new(&header(levels), tolerance, 1.0);
+        let pairs = controller
+            .rings()
+            .iter()
+            .map(|ring| (ring.tolerance, ring.level));
         pairs.collect()
     }
 
@@ -179,7 +182,7 @@ mod tests {
         assert_eq!(rings(&ladder, 0.1), [(0.1, 1), (0.2, 2), (0.4, 3)]);
         assert_eq!(rings(&ladder, 0.3), [(0.3, 2), (0.4, 3)]);
         assert_eq!(rings(&ladder, 7.0), [(7.0, 3)]);
-        // Equal rungs are one tolerance; without expected errors there is only what is asked for.
+        // Equal levels are one tolerance; without expected errors there is only what is asked for.
         assert_eq!(
             rings(&[0.0, 0.0, 0.2, 0.2, 0.4], 0.0),
             [(0.0, 0), (0.2, 3), (0.4, 4)]
@@ -200,23 +203,33 @@ mod tests {
 
     #[test]
     fn the_finest_ring_follows_the_speed_and_does_not_flicker() {
-        let mut dial = LodController::new(&header(&[0.0, 0.1, 0.2, 0.4]), 0.0, 1.0);
+        let mut controller = LodController::new(&header(&[0.0, 0.1, 0.2, 0.4]), 0.0, 1.0);
         let (reach, operations) = (0.01, 32.0);
         // 4096 faces a unit square, a strip of 0.02 and a cell of 1/16.
-        let greatest = dial.greatest_speed(0, reach, operations);
+        let greatest = controller.greatest_speed(0, reach, operations);
         assert!((greatest - 32.0 / (4096.0 * (0.02 + 0.0625))).abs() < 1e-12);
         let mut last = 0;
         for k in 0..400 {
-            let finest = dial.finest_at_speed(greatest * 0.05 * f64::from(k), reach, operations);
+            let finest =
+                controller.finest_at_speed(greatest * 0.05 * f64::from(k), reach, operations);
             assert!(finest >= last && finest <= last + 1, "one ring at a time");
-            dial.set_finest(finest);
+            controller.set_finest(finest);
             last = finest;
         }
         assert_eq!(last, 3);
-        dial.set_finest(0);
-        assert_eq!(dial.finest_at_speed(0.99 * greatest, reach, operations), 0);
-        dial.set_finest(1);
-        assert_eq!(dial.finest_at_speed(0.99 * greatest, reach, operations), 1);
-        assert_eq!(dial.finest_at_speed(0.79 * greatest, reach, operations), 0);
+        controller.set_finest(0);
+        assert_eq!(
+            controller.finest_at_speed(0.99 * greatest, reach, operations),
+            0
+        );
+        controller.set_finest(1);
+        assert_eq!(
+            controller.finest_at_speed(0.99 * greatest, reach, operations),
+            1
+        );
+        assert_eq!(
+            controller.finest_at_speed(0.79 * greatest, reach, operations),
+            0
+        );
     }
 }

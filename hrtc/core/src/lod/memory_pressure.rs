@@ -18,7 +18,7 @@ pub struct MemoryPressure {
     /// Whether that change was a step back.
     went_back: bool,
     /// Ticks without want after which it goes back a step.
-    patience: u64,
+    wait_ticks: u64,
     /// Contact ticks that were coarser than the finest ring, less those that were not.
     misses: u32,
 }
@@ -26,8 +26,8 @@ pub struct MemoryPressure {
 /// Ticks for which a step may take effect before the next.
 const SETTLE: u64 = 60;
 /// Ticks without want before the first step back, and the longest wait.
-const PATIENCE: u64 = 1000;
-const MAX_PATIENCE: u64 = 16_000;
+const WAIT_TICKS: u64 = 1000;
+const MAX_WAIT_TICKS: u64 = 16_000;
 /// Ticks after a step back within which a want means that it was too early.
 const EARLY: u64 = 2000;
 /// Steps before the finest ring is raised: no loading ahead, no coarser rings.
@@ -48,7 +48,7 @@ impl MemoryPressure {
             changed: 0,
             starved: None,
             went_back: false,
-            patience: PATIENCE,
+            wait_ticks: WAIT_TICKS,
             misses: 0,
         }
     }
@@ -70,7 +70,7 @@ impl MemoryPressure {
             return;
         }
         if self.went_back && tick <= self.changed + EARLY {
-            self.patience = (2 * self.patience).min(MAX_PATIENCE);
+            self.wait_ticks = (2 * self.wait_ticks).min(MAX_WAIT_TICKS);
         }
         // A block that comes in time for the contact now and again fits: a coarser one would be
         // coarser always.
@@ -89,12 +89,12 @@ impl MemoryPressure {
             return;
         };
         let since = starved.max(self.changed);
-        if self.steps > 0 && tick > since + self.patience {
+        if self.steps > 0 && tick > since + self.wait_ticks {
             self.steps -= 1;
             self.changed = tick;
             self.went_back = true;
         } else if self.steps == 0 && tick > since + EARLY {
-            self.patience = PATIENCE;
+            self.wait_ticks = WAIT_TICKS;
         }
     }
 
@@ -166,7 +166,11 @@ mod tests {
         }
         assert_eq!(economy.steps(), 0);
         assert_eq!(changes.len(), 5);
-        assert!(changes.windows(2).all(|pair| pair[1] - pair[0] > PATIENCE));
+        assert!(
+            changes
+                .windows(2)
+                .all(|pair| pair[1] - pair[0] > WAIT_TICKS)
+        );
     }
 
     #[test]
@@ -198,8 +202,8 @@ mod tests {
         assert!(
             waits
                 .windows(2)
-                .all(|pair| pair[1] > pair[0] || pair[1] > MAX_PATIENCE)
+                .all(|pair| pair[1] > pair[0] || pair[1] > MAX_WAIT_TICKS)
         );
-        assert!(waits.iter().all(|&wait| wait <= MAX_PATIENCE + 1));
+        assert!(waits.iter().all(|&wait| wait <= MAX_WAIT_TICKS + 1));
     }
 }

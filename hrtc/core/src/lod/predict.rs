@@ -36,8 +36,8 @@ const LOAD_AHEAD: [f64; 3] = [30.0, 45.0, 60.0];
 /// Ticks ahead at which the coarser rings are refined, and loaded: they are what a turn of the hand
 /// lands on.
 const RING_AHEAD: [f64; 2] = [25.0, 60.0];
-/// By how much of the way to it a point ahead may be missed to the side, and by how much of what
-/// the present acceleration makes of the way.
+/// Sideways error of a predicted point, as a share of its displacement, and as a share of what
+/// the present acceleration adds to it.
 const SPREAD: [f64; 2] = [0.05, 0.7];
 /// Ticks over a cell below which fewer neighbours are kept warm: they are gone before they could be
 /// used.
@@ -79,7 +79,7 @@ pub enum Course {
     Linear,
     /// Along a parabola.
     Quadratic,
-    /// Along a parabola whose bend fades: a hand does not accelerate one way for long.
+    /// Along a parabola whose bend fades: a hand does not accelerate in one direction for long.
     Fading,
 }
 
@@ -200,7 +200,7 @@ impl Predictor {
     }
 
     /// The point ahead that the next turn of the finest ring looks at, if it is one that may be
-    /// moved onto the front; what it is then is told with [`Predictor::land`].
+    /// moved onto the front; what it is then is told with [`Predictor::project_onto_front`].
     #[must_use]
     pub fn ahead(&self, position: DVec3) -> Option<DVec3> {
         let (look, _) = ROUND[self.turn];
@@ -211,7 +211,7 @@ impl Predictor {
     }
 
     /// What the point of [`Predictor::ahead`] is on the front.
-    pub fn land(&mut self, point: Option<DVec3>) {
+    pub fn project_onto_front(&mut self, point: Option<DVec3>) {
         self.landed = point;
     }
 
@@ -240,9 +240,9 @@ impl Predictor {
     /// By how much a point so many ticks ahead may be missed.
     fn spread(&self, ticks: f64) -> f64 {
         let (velocity, acceleration) = self.motion();
-        let way = velocity.length() * ticks;
+        let displacement = velocity.length() * ticks;
         let bend = 0.5 * acceleration.length() * ticks * ticks;
-        SPREAD[0] * way + (SPREAD[1] * bend).min(0.5 * way)
+        SPREAD[0] * displacement + (SPREAD[1] * bend).min(0.5 * displacement)
     }
 
     /// Takes the device's position of this tick and visits the regions of one source of the finest
@@ -323,7 +323,7 @@ impl Predictor {
 /// Visits the regions around a place where another part of the probe may touch next, and around
 /// where that goes: of the finest ring, and of the coarser ones with `rings`, where the front is
 /// coarse still. `velocity`: of that part, model units a tick.
-pub fn predict_beside(
+pub fn predict_forecast(
     lod: &LodController,
     rings: bool,
     place: Motion,
@@ -334,9 +334,9 @@ pub fn predict_beside(
     let last = if rings { lod.rings().len() } else { finest + 1 };
     for ring in &lod.rings()[finest..last] {
         for ticks in [0.0, REFINE_AHEAD] {
-            let way = velocity * ticks;
-            let radius = RADII_AROUND * place.radius + SPREAD[0] * way.length();
-            visit_ball(&ring.grid, place.position + way, radius, |id| {
+            let displacement = velocity * ticks;
+            let radius = RADII_AROUND * place.radius + SPREAD[0] * displacement.length();
+            visit_ball(&ring.grid, place.position + displacement, radius, |id| {
                 visit(Predicted {
                     key: RegionKey::new(id, ring.tolerance),
                     ticks: ticks_until(&ring.grid, id, place, velocity),
@@ -350,14 +350,14 @@ pub fn predict_beside(
 /// Ticks until the probe may be in a cell: it moves on with its velocity, or to a side with a share
 /// of it.
 fn ticks_until(grid: &RegionGrid, id: RegionId, motion: Motion, velocity: DVec3) -> f64 {
-    let way = grid.towards(id, motion.position);
-    let distance = way.length();
+    let displacement = grid.towards(id, motion.position);
+    let distance = displacement.length();
     let left = distance - motion.radius;
     if left <= 0.0 {
         return 0.0;
     }
     let speed = velocity.length();
-    let ahead = velocity.dot(way) / distance;
+    let ahead = velocity.dot(displacement) / distance;
     left / (ahead.max(SIDEWAYS * speed) + grid.cell / DRIFT_TICKS)
 }
 
@@ -483,7 +483,7 @@ mod tests {
         for _ in 0..60 {
             if let Some(ahead) = predictor.ahead(position) {
                 landed_at = DVec3::new(ahead.x, ahead.y, 0.3);
-                predictor.land(Some(landed_at));
+                predictor.project_onto_front(Some(landed_at));
             }
             predictor.predict(&lod(), false, position, still(position, 0.0), |p| {
                 met |= p.key == key(0, landed_at);

@@ -2,7 +2,7 @@
 //! whole model.
 
 use super::front::{Front, FrontModel};
-use super::predict::{LEAD_TICKS, Motion, Predicted, RADII_AROUND, predict_beside};
+use super::predict::{LEAD_TICKS, Motion, Predicted, RADII_AROUND, predict_forecast};
 use super::predictions::due;
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::closest_point;
@@ -114,7 +114,7 @@ impl Front {
             });
             for near in approach.forecast.found() {
                 let rings = rings && near.is_coarse;
-                predict_beside(lod, rings, near.place, near.velocity, |predicted| {
+                predict_forecast(lod, rings, near.place, near.velocity, |predicted| {
                     predictions.note(predicted, tick, cache);
                 });
             }
@@ -218,7 +218,7 @@ impl Front {
                 }
                 _ => None,
             };
-            approach.predictor.land(landed);
+            approach.predictor.project_onto_front(landed);
         }
     }
 }

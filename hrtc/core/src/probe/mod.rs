@@ -1,4 +1,4 @@
-//! A probe: its sample, its tour, and the gate and account of its force.
+//! A probe: its sample, its scripted path, and the limits of its force.
 
 pub(crate) mod contacts;
 pub(crate) mod pair;
@@ -50,13 +50,13 @@ pub struct Probe {
     pub pose: Option<Pose>,
     /// Where it was in the tick before.
     pub last: Option<Pose>,
-    /// The greatest way of a tick in the last ticks, metres, of those that were kept up.
+    /// Largest displacement in one of the last ticks, metres, of those that were kept up.
     pub speed: f64,
     /// Ways of the last ticks.
     moves: [f64; KEPT_UP],
     /// Whether this tick's sample was refused.
     pub rejected: bool,
-    /// What the gate let through in this tick.
+    /// Limited wrench of this tick.
     pub wrench: Wrench,
     /// Whether it was cut.
     pub clamped: bool,
@@ -68,7 +68,7 @@ pub struct Probe {
     passivity: bool,
     /// What the scene adds anywhere.
     pub effects: SceneEffects,
-    gate: ForceLimiter,
+    limiter: ForceLimiter,
     samples_missed: u32,
 }
 
@@ -108,7 +108,7 @@ impl Probe {
             carried: [0.0; 2],
             passivity: plan.safety.passivity,
             effects: SceneEffects::new(&plan.effects),
-            gate: ForceLimiter::new(plan.safety, device_max_n, plan.loop_.rate_hz),
+            limiter: ForceLimiter::new(plan.safety, device_max_n, plan.loop_.rate_hz),
             samples_missed: 0,
         }
     }
@@ -157,7 +157,7 @@ impl Probe {
         }
     }
 
-    /// Passes what all touches, and the scene, want through account and gate to the device.
+    /// Passes what all touches, and the scene, want through energy account and force limiter to the device.
     /// `ahead`: the work of what passive over the motion of the material in the coming period. The
     /// shares that have passed of what passive and of what drives.
     pub fn limit(
@@ -189,10 +189,10 @@ impl Probe {
         } else {
             passive
         };
-        let gated = self.gate.pass(sum, open);
-        (self.wrench, self.clamped) = (gated.wrench, gated.clamped);
-        // The gate takes off both alike.
-        let (passed, whole) = (gated.wrench.force.length(), sum.force.length());
+        let output = self.limiter.pass(sum, open);
+        (self.wrench, self.clamped) = (output.wrench, output.clamped);
+        // The limiter scales both alike.
+        let (passed, whole) = (output.wrench.force.length(), sum.force.length());
         let share = if whole > 0.0 {
             (passed / whole).min(1.0)
         } else {
@@ -202,15 +202,15 @@ impl Probe {
         let limited = if is_driven {
             passive * share
         } else {
-            gated.wrench
+            output.wrench
         };
-        self.energy.set_output(gated.wrench, limited);
+        self.energy.set_output(output.wrench, limited);
         [given * share, share]
     }
 
     /// Whether its force has ramped down.
     pub fn is_at_rest(&self) -> bool {
-        self.gate.is_closed()
+        self.limiter.is_closed()
     }
 
     /// The tour to ask for, in the units of the object's model.

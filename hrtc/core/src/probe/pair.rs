@@ -47,7 +47,7 @@ pub struct ProbeObjectPair {
     /// Contact state of the last step; `None` in free space.
     pub contact: Option<ContactState>,
     /// Forces of this tick, world: forces and torques about the probe's position, before account
-    /// and gate.
+    /// and force limiter.
     pub rendered: Option<Rendered>,
     /// The effects of the object's surface on this probe.
     pub effects: SurfaceEffects,
@@ -81,7 +81,7 @@ impl ProbeObjectPair {
     pub fn begin(&mut self, start: Option<Pose>) {
         self.is_near = true;
         self.start = start;
-        self.proxy.forget();
+        self.proxy.invalidate();
         self.hint = None;
         self.clearance = 0.0;
         self.contact = None;
@@ -93,7 +93,7 @@ impl ProbeObjectPair {
     pub fn end(&mut self) {
         self.is_near = false;
         self.goal = None;
-        self.proxy.forget();
+        self.proxy.invalidate();
         self.contact = None;
         self.rendered = None;
         self.nearest = None;
@@ -105,7 +105,7 @@ impl ProbeObjectPair {
             return;
         }
         self.goal = probe.map(|pose| frame.pose_to_model(pose));
-        if !self.proxy.has_begun() {
+        if !self.proxy.has_room() {
             let start = self.start.take().map(|start| frame.object_to_model(start));
             self.proxy.begin(self.patch_m, frame.metres_per_unit, start);
         }

@@ -34,7 +34,7 @@ pub struct SphereKind(Option<Proxy>);
 #[derive(Debug)]
 pub struct ToolKind {
     proxy: ToolProxy,
-    has_begun: bool,
+    has_room: bool,
     /// The middle of what it touched last, if it does.
     touched: Option<DVec3>,
     /// Radius of what the tip touches at once, and of what is touched now.
@@ -78,7 +78,7 @@ impl ProxyKind {
             None => Self::Ball(Box::new(SphereKind(None))),
             Some(proxy) => Self::Tool(Box::new(ToolKind {
                 proxy,
-                has_begun: false,
+                has_room: false,
                 touched: None,
                 patch: 0.0,
                 spread: 0.0,
@@ -87,18 +87,18 @@ impl ProxyKind {
     }
 
     /// Nothing is followed any more.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         match self {
             Self::Ball(ball) => ball.0 = None,
-            Self::Tool(tool) => tool.has_begun = false,
+            Self::Tool(tool) => tool.has_room = false,
         }
     }
 
     /// Whether it follows.
-    pub fn has_begun(&self) -> bool {
+    pub fn has_room(&self) -> bool {
         match self {
             Self::Ball(ball) => ball.0.is_some(),
-            Self::Tool(tool) => tool.has_begun,
+            Self::Tool(tool) => tool.has_room,
         }
     }
 
@@ -116,10 +116,10 @@ impl ProxyKind {
                 ball.0 = Some(proxy);
             }
             Self::Tool(tool) => {
-                tool.has_begun = tool.proxy.begin(1.0 / metres_per_unit).is_ok();
+                tool.has_room = tool.proxy.begin(1.0 / metres_per_unit).is_ok();
                 tool.touched = None;
                 (tool.patch, tool.spread) = (patch, patch);
-                if let (Some(start), true) = (start, tool.has_begun) {
+                if let (Some(start), true) = (start, tool.has_room) {
                     tool.proxy.place(&start);
                 }
             }
@@ -130,7 +130,7 @@ impl ProxyKind {
     pub fn is_placed(&self) -> bool {
         match self {
             Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_placed),
-            Self::Tool(tool) => tool.has_begun && tool.proxy.is_placed(),
+            Self::Tool(tool) => tool.has_room && tool.proxy.is_placed(),
         }
     }
 
@@ -196,7 +196,7 @@ impl ProxyKind {
                     proxy.carry(mesh, operation);
                 }
             }
-            Self::Tool(tool) if tool.has_begun => tool.proxy.carry(mesh, operation),
+            Self::Tool(tool) if tool.has_room => tool.proxy.carry(mesh, operation),
             Self::Tool(_) => {}
         }
     }
@@ -215,9 +215,9 @@ impl ProxyKind {
     }
 
     /// What is not felt of the coupling of a tool to the device, model units.
-    pub fn set_imperceptible(&mut self, unfelt: f64) {
+    pub fn set_imperceptible(&mut self, distance: f64) {
         if let Self::Tool(tool) = self {
-            tool.proxy.set_imperceptible(unfelt);
+            tool.proxy.set_imperceptible(distance);
         }
     }
 
@@ -225,7 +225,7 @@ impl ProxyKind {
     pub fn is_behind(&self) -> bool {
         match self {
             Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_behind),
-            Self::Tool(tool) => tool.has_begun && tool.proxy.is_behind(),
+            Self::Tool(tool) => tool.has_room && tool.proxy.is_behind(),
         }
     }
 
@@ -242,7 +242,7 @@ impl ProxyKind {
                     early: false,
                 }
             }),
-            Self::Tool(tool) if tool.has_begun => tool.advance(surface, goal, max_work),
+            Self::Tool(tool) if tool.has_room => tool.advance(surface, goal, max_work),
             Self::Tool(_) => ProxyStep::NOTHING,
         }
     }
@@ -252,7 +252,7 @@ impl ProxyKind {
     pub fn is_held(&self) -> bool {
         match self {
             Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_behind),
-            Self::Tool(tool) => tool.has_begun && tool.proxy.is_blocked(),
+            Self::Tool(tool) => tool.has_room && tool.proxy.is_blocked(),
         }
     }
 
@@ -360,7 +360,7 @@ impl ToolKind {
             },
             dropped: advance.dropped,
             unfinished: !advance.ending.is_complete(),
-            early: advance.ending.is_complete() && advance.is_on_its_way,
+            early: advance.ending.is_complete() && advance.is_unsettled,
         }
     }
 }

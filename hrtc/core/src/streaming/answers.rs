@@ -131,7 +131,7 @@ impl Session {
         if front.may_unload(budget) {
             front.unload(region, budget);
         } else {
-            front.cache.forget(region);
+            front.cache.remove_region(region);
         }
         front.starve(tick);
     }

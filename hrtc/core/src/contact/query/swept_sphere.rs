@@ -62,7 +62,7 @@ pub fn swept_sphere(
                 let (low, high) = (start.min(end) - reach, start.max(end) + reach);
                 let met = node.boxes().overlap(&BoxQuery::between(low, high));
                 let is_in_path = |side: usize| {
-                    met[side] && !passes_beside(&node.boxes().get(side), start, end, reach)
+                    met[side] && !misses_box(&node.boxes().get(side), start, end, reach)
                 };
                 stack.descend([is_in_path(0), is_in_path(1)], node.children())
             }
@@ -76,7 +76,7 @@ pub fn swept_sphere(
 
 /// Whether the plane of an edge direction of the box and the segment separates them, beyond
 /// rounding.
-fn passes_beside(aabb: &Aabb, start: DVec3, end: DVec3, reach: f64) -> bool {
+fn misses_box(aabb: &Aabb, start: DVec3, end: DVec3, reach: f64) -> bool {
     let (lower, upper) = (aabb.lower.as_dvec3(), aabb.upper.as_dvec3());
     let half = 0.5 * (upper - lower) + reach;
     let between = 0.5 * (lower + upper) - start;

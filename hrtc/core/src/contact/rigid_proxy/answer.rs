@@ -14,7 +14,7 @@ pub struct ToolAdvance {
     /// Whether a part of the motion remains for the next tick: for lack of budget, as the ending
     /// says, or since a tick that has spent its share begins no further work, which keeps the cost
     /// of ticks even.
-    pub is_on_its_way: bool,
+    pub is_unsettled: bool,
     /// Cost of collections and of tests of the whole tool.
     pub work: PairWork,
     /// Total cost in node pairs: what the budget counts.
@@ -33,7 +33,7 @@ impl ToolAdvance {
             contacts: [ToolContact::NONE; MAX_ACTIVE],
             contact_count: 0,
             ending: Ending::Complete,
-            is_on_its_way: false,
+            is_unsettled: false,
             work: PairWork::default(),
             spent: 0,
             steps: 0,

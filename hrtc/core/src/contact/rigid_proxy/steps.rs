@@ -135,7 +135,7 @@ impl ToolProxy {
         let is_settled = next == Next::Settled;
         self.step_limit.end_tick(is_settled);
         self.near.place(&self.shape, &self.at);
-        answer.is_on_its_way = !is_settled;
+        answer.is_unsettled = !is_settled;
         if is_settled {
             answer.ending = Ending::Complete;
             self.catch_up_factor = 1.0;

@@ -106,9 +106,9 @@ pub fn cylinder_mesh(radius: f64, length: f64, faces: usize) -> ToolMesh {
         let bands = pairs / around - 1;
         let lost = pairs - around * (bands + 1);
         let (width, height) = (TAU * radius / around as f64, length / bands as f64);
-        let stretched = (width / height).ln().abs();
+        let elongation = (width / height).ln().abs();
         // A loss of a tenth of the faces weighs as much as pieces twice as long as wide.
-        (bands, stretched + 7.0 * lost as f64 / pairs as f64)
+        (bands, elongation + 7.0 * lost as f64 / pairs as f64)
     };
     let mut best = (3, shape(3));
     for around in 4..=pairs / 2 {
