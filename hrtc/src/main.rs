@@ -23,7 +23,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Tick on a scene until the time is over or Ctrl-C; a contact needs a station (ve-station serve)
+    /// Tick on a scene until the time is over or Ctrl-C; a contact needs a station (ve-station
+    /// serve)
     Run(RunOptions),
 }
 

@@ -2,9 +2,9 @@
 //! map, and no allocation in a tick; the same inputs give the same bits.
 //!
 //! ```text
-//!  samples ─> sample ─> activate ─> receive ─> predict ─> refine ─> refit ─> contact ─> render ─> limit ─> record
-//!                          │           ^          │          │                  │                    │
-//!                      ActiveSet     chunks   requests     Front             Contacts             wrenches
+//! sample > activate > receive > predict > refine > refit > contact > render > limit > record
+//!    ^         |         ^         |         |                |                  |
+//! samples  ActiveSet   chunks  requests    Front           Contacts           wrenches
 //! ```
 //!
 //! [`Controller::tick`] is this line, one call a step. An active object has three parts, and only

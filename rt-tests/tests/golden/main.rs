@@ -1,13 +1,16 @@
-//! Golden hashes: every tick of ten scripted scenes gives the same bits as on the day when the hashes were written.
+//! Golden hashes: every tick of ten scripted scenes gives the same bits as on the day when the
+//! hashes were written.
 //!
-//! A file `NAME.txt` a scene holds a line a tick: three hexadecimal digits of each of [`outputs::PARTS`], in that order.
-//! A part is a hash of its numbers of *all* ticks so far, of which the upper 12 bits are shown: what differs once differs
-//! to the end, and the last line has all 64 bits of each. Which numbers, in which order: see [`outputs`]; how a number
-//! becomes a word and a word a hash: see [`digest`].
+//! A file `NAME.txt` a scene holds a line a tick: three hexadecimal digits of each of
+//! [`outputs::PARTS`], in that order. A part is a hash of its numbers of *all* ticks so far, of
+//! which the upper 12 bits are shown: what differs once differs to the end, and the last line has
+//! all 64 bits of each. Which numbers, in which order: see [`outputs`]; how a number becomes a word
+//! and a word a hash: see [`digest`].
 //!
-//! The SPM files beside this one are kept as they are: nothing here builds one, so that the builder may change. They are
-//! generated shapes (`ve-station generate`, `ve-station build`): `relief` of 9000 faces and `terrain` of 4000, with 250 of the base;
-//! `sphere` of 1500, `wedge` of 700 and `torus` of 600, with 100.
+//! The SPM files beside this one are kept as they are: nothing here builds one, so that the builder
+//! may change. They are generated shapes (`ve-station generate`, `ve-station build`): `relief` of
+//! 9000 faces and `terrain` of 4000, with 250 of the base; `sphere` of 1500, `wedge` of 700 and
+//! `torus` of 600, with 100.
 //!
 //! Whoever means to change what is felt writes the hashes anew, and says why in the commit:
 //! `GOLDEN_WRITE=1 cargo test --release -p rt-tests --test golden`
@@ -105,8 +108,8 @@ fn check(scene: &Scene, enough: impl Fn(&Tally) -> bool) {
 
 fn nothing(_: u64, _: &mut Orders) {}
 
-/// A ball of 1 mm strokes a relief, everything by default. Twice another accuracy is asked for under it; at the end the
-/// force ramps down.
+/// A ball of 1 mm strokes a relief, everything by default. Twice another accuracy is asked for
+/// under it; at the end the force ramps down.
 #[test]
 fn ball() {
     let scene = Scene {
@@ -398,7 +401,8 @@ trajectory = { tour = { object = 1, seed = 4 } }
     });
 }
 
-/// The link loses, doubles and reorders, is silent for a while, and the device misses samples or gives what is none.
+/// The link loses, doubles and reorders, is silent for a while, and the device misses samples or
+/// gives what is none.
 #[test]
 fn lossy_link() {
     let scene = Scene {
@@ -429,7 +433,8 @@ trajectory = { tour = { seed = 1, speed_m_per_s = 0.15 } }
     });
 }
 
-/// A file is damaged where some of its finest records lie; for a while records are damaged on their way, too.
+/// A file is damaged where some of its finest records lie; for a while records are damaged on their
+/// way, too.
 #[test]
 fn damaged_region() {
     let scene = Scene {

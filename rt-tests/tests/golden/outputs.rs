@@ -1,7 +1,8 @@
-//! What of a tick goes into the hashes, as numbers in their stated order: the only place that names the fields of what
-//! a tick takes and gives.
+//! What of a tick goes into the hashes, as numbers in their stated order: the only place that names
+//! the fields of what a tick takes and gives.
 //!
-//! Every part begins with the tick. A list begins with its length; what may be absent with 1, or is a single 0.
+//! Every part begins with the tick. A list begins with its length; what may be absent with 1, or is
+//! a single 0.
 //!
 //! | part | numbers |
 //! |---|---|

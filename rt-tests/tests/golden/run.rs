@@ -1,5 +1,5 @@
-//! Both pure cores on a link of this test's own: no clock, no transport, and nothing of the simulators, which may
-//! change.
+//! Both pure cores on a link of this test's own: no clock, no transport, and nothing of the
+//! simulators, which may change.
 
 use super::digest::Digest;
 use super::outputs::{PARTS, Tally, put_tick};
@@ -43,7 +43,8 @@ pub fn folder() -> &'static Path {
 /// What a run is told before each of its ticks.
 #[derive(Debug)]
 pub struct Orders {
-    /// What the link does to what is posted now: probabilities of a loss, of a second copy, and of being overtaken.
+    /// What the link does to what is posted now: probabilities of a loss, of a second copy, and of
+    /// being overtaken.
     pub faults: [f64; 3],
     /// Whether the station is away: nothing reaches it, and nothing comes.
     pub is_silent: bool,

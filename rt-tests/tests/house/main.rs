@@ -23,7 +23,7 @@ const MAX_FUNCTION_LINES: usize = 70;
 const MAX_NESTING: usize = 5;
 /// Lines of a file.
 const MAX_FILE_LINES: usize = 600;
-/// Columns of a line, in comments too: rustfmt's width.
+/// Columns of a comment: rustfmt's width, which it does not apply to them.
 const MAX_COLUMNS: usize = 100;
 /// Crates that read no clock, open no file, start no thread and iterate in no random order.
 const PURE: [&str; 7] = [
@@ -74,10 +74,10 @@ fn files_are_short_and_lines_fit() {
         if text.lines().count() > MAX_FILE_LINES {
             findings.push(format!("{shown}: {} lines", text.lines().count()));
         }
+        // Code has rustfmt; a row of a table cannot be wrapped.
+        let is_prose = |line: &str| line.starts_with("//") && !line.starts_with("//! |");
         for (number, line) in (1..).zip(text.lines()) {
-            // rustfmt does not break strings, and neither do we: they are sentences to be found by a search.
-            let is_text = line.contains('"') || line.trim_start().starts_with("//! |");
-            if line.chars().count() > MAX_COLUMNS && !is_text {
+            if line.chars().count() > MAX_COLUMNS && is_prose(line.trim_start()) {
                 findings.push(format!(
                     "{shown}:{number}: {} columns",
                     line.chars().count()

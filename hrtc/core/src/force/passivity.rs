@@ -22,7 +22,7 @@
 //!   the spring in the period.
 //! - Unpaid energy: a contact may begin between two ticks, a tick may be missed, or a surface may
 //!   rise. The spring then holds more energy U than the device put in. Until that is compensated,
-//!   up to `K d²` more is taken off W. It is proportional to v², so a device at rest is not affected.
+//!   up to `K d²` more is taken off W. It is proportional to v²: a device at rest is unaffected.
 //! - Account: `share W` is at most the energy that the contact has taken in.
 //!
 //! The force is never reversed, so a surface does not stick.

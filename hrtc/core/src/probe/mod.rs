@@ -157,9 +157,9 @@ impl Probe {
         }
     }
 
-    /// Passes what all touches, and the scene, want through energy account and force limiter to the device.
-    /// `ahead`: the work of what passive over the motion of the material in the coming period. The
-    /// shares that have passed of what passive and of what drives.
+    /// Passes what all touches, and the scene, want through energy account and force limiter to the
+    /// device. `ahead`: the work of what passive over the motion of the material in the coming
+    /// period. The shares that have passed of what passive and of what drives.
     pub fn limit(
         &mut self,
         clock: Clock,

@@ -15,8 +15,8 @@ pub struct Nearest {
     pub closest: ClosestPoint,
 }
 
-/// The closest point of the front, exact in f64; `None` only for an empty front. Of faces that are equally near, as
-/// those around a vertex, it is the one whose leaf key is least.
+/// The closest point of the front, exact in f64; `None` only for an empty front. Of faces that are
+/// equally near, as those around a vertex, it is the one whose leaf key is least.
 ///
 /// `hint`, an active face, gives the first bound and changes nothing else: without it the loose
 /// boxes of a coarse front's base faces cost up to 2.5 times as much (measured).

@@ -26,7 +26,8 @@ const ROUNDING: f64 = 32.0 * f64::EPSILON;
 /// Gap that counts as contact, as a fraction of the radius; see [`contact_gap`].
 const CONTACT_GAP: f64 = 1e-9;
 
-/// The first touch of a sphere of `radius` moving from `start` by `motion`; `None` when it gets through.
+/// The first touch of a sphere of `radius` moving from `start` by `motion`; `None` when it gets
+/// through.
 ///
 /// A face that overlaps the sphere at the start stops it only if the motion approaches that face.
 /// The contact of a sphere of radius 0 may be lost in rounding on an oblique motion.
@@ -125,7 +126,8 @@ fn contact_gap(start: DVec3, motion: DVec3, radius: f64) -> f64 {
 /// of a convex body at rest, up to a gap that counts as contact; `None` if it does not come near or
 /// only moves away.
 ///
-/// `apart` maps a displacement to the vector from the resting to the moving body and the squared distance.
+/// `apart` maps a displacement to the vector from the resting to the moving body and the squared
+/// distance.
 #[inline]
 fn first_within(
     motion: DVec3,

@@ -249,7 +249,8 @@ pub fn all_pairs<A: Body, B: Body>(a: &A, b: &B, budget: u32, out: &mut [FacePai
 /// Any intersecting face pair: that of the last tick (`hint`) if it still intersects, else the
 /// first found.
 ///
-/// `None` with a complete ending means that the surfaces do not intersect; one may still be inside the other.
+/// `None` with a complete ending means that the surfaces do not intersect; one may still be inside
+/// the other.
 #[must_use]
 pub fn first_pair<A: Body, B: Body>(
     a: &A,

@@ -44,6 +44,16 @@ pub struct Projection {
 }
 
 impl Projection {
+    /// The goal itself, before any half-space is looked at.
+    fn unconstrained(goal: Vector6) -> Self {
+        Self {
+            point: goal,
+            complete: false,
+            active: [(0, 0.0); MAX_ACTIVE],
+            count: 0,
+        }
+    }
+
     /// The active half-spaces and their multipliers: `point = goal + sum of multiplier * row`.
     #[must_use]
     pub fn active(&self) -> &[(usize, f64)] {
@@ -194,12 +204,7 @@ impl Basis {
 /// The point closest to `goal` in the intersection of at most [`MAX_HALF_SPACES`] half-spaces.
 #[must_use]
 pub fn project(goal: Vector6, half_spaces: &[HalfSpace]) -> Projection {
-    let mut best = Projection {
-        point: goal,
-        complete: false,
-        active: [(0, 0.0); MAX_ACTIVE],
-        count: 0,
-    };
+    let mut best = Projection::unconstrained(goal);
     let largest = half_spaces
         .iter()
         .fold(dot(&goal, &goal).sqrt(), |most, h| most.max(h.offset.abs()));
@@ -275,7 +280,8 @@ mod tests {
     }
 
     proptest! {
-        /// What is found obeys the conditions of Karush, Kuhn and Tucker, which only the closest point does.
+        /// What is found obeys the conditions of Karush, Kuhn and Tucker, which only the closest
+        /// point does.
         #[test]
         fn the_closest_point_is_found_at_any_scale(
             goal in vector(),

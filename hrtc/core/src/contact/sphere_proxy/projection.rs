@@ -230,8 +230,8 @@ mod tests {
             let reference = by_enumeration(goal, &planes);
             let ours = project(goal * s, &scaled);
             prop_assert!(ours.point.is_finite());
-            // Planes of nearly one axis meet far away: at 1e4 the error of f64 is above what is asked for below, and
-            // `project` may say that the numbers do not allow to find it.
+            // Planes of nearly one axis meet far away: at 1e4 the error of f64 is above what is
+            // asked for below, and `project` may say that the numbers do not allow to find it.
             if let Some(reference) = reference.filter(|found| found.distance(goal) < 1e3) {
                 prop_assert!(ours.complete, "a solution exists");
                 let ours = ours.point / s;

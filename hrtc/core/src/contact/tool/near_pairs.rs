@@ -197,7 +197,10 @@ pub(crate) fn for_each_face_near(
 /// while the surface's points move on straight lines relative to the tool, and with some that are
 /// slightly farther, face by face of the surface from `resume` on.
 ///
-/// `visit` breaks, or returns the margin from then on (not negative), so that a full list continues with a smaller one. The search ends before its [`PairWork::cost`] exceeds `budget` and returns where to continue: at a face of which a part may have been visited. At budgets of [`MIN_BUDGET`] or more the first face is finished even over budget, so every call makes progress.
+/// `visit` breaks, or returns the margin from then on (not negative), so that a full list continues
+/// with a smaller one. The search ends before its [`PairWork::cost`] exceeds `budget` and returns
+/// where to continue: at a face of which a part may have been visited. At budgets of [`MIN_BUDGET`]
+/// or more the first face is finished even over budget, so every call makes progress.
 pub(crate) fn for_each_near_pair(
     surface: &Surface<'_>,
     tool: &Blocks,
