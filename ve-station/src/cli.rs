@@ -8,7 +8,7 @@ use spm_builder::generate::{self, Shape};
 use spm_builder::{BuildOptions, TerminalProgress};
 use std::error::Error;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -163,54 +163,15 @@ fn run(command: Command) -> Result<(), Box<dyn Error>> {
                 base_faces,
                 regions,
             };
-            let start = Instant::now();
-            let progress = TerminalProgress::new();
-            let built = spm_builder::build_file(&mesh, &output, &options, &progress);
-            progress.finish();
-            let report = built?;
-            let parts = &report.parts;
-            let result = BuildResult {
-                facts: Facts::new(&parts.header, &parts.summary, parts.regions.len()),
-                seconds: start.elapsed().as_secs_f64(),
-                peak_rss_bytes: peak_rss_bytes(),
-                file_bytes: report.file_bytes,
-            };
-            if json {
-                print(&serde_json::to_string(&result)?)
-            } else {
-                print(&format!(
-                    "{}{:<12} {} bytes in {}, {:.1} s",
-                    result.facts.to_text(),
-                    "written",
-                    result.file_bytes,
-                    output.display(),
-                    result.seconds
-                ))
-            }
+            build(&mesh, &output, &options, json)
         }
         Command::Generate {
             shape,
             faces,
             seed,
             output,
-        } => {
-            let mesh = generate::generate(shape, faces, seed);
-            spm_builder::write_mesh(&mesh, &output)?;
-            print(&format!(
-                "{shape}: {} vertices, {} faces, seed {seed}, in {}",
-                mesh.positions.len(),
-                mesh.triangles.len(),
-                output.display()
-            ))
-        }
-        Command::Inspect { file, size, json } => {
-            let found = inspect::inspect(&file, size)?;
-            if json {
-                print(&serde_json::to_string(&found)?)
-            } else {
-                print(found.to_text().trim_end())
-            }
-        }
+        } => generate_mesh(shape, faces, seed, &output),
+        Command::Inspect { file, size, json } => inspect_file(&file, size, json),
         Command::Export {
             file,
             output,
@@ -220,33 +181,97 @@ fn run(command: Command) -> Result<(), Box<dyn Error>> {
             json,
         } => {
             let detail = match (faces, tolerance) {
-                (Some(most), _) => Detail::Faces(most),
+                (Some(faces), _) => Detail::Faces(faces),
                 (None, Some(tolerance)) => Detail::Tolerance(tolerance),
                 (None, None) => Detail::Full,
             };
-            let done = export::export(&file, &output, format, detail)?;
-            if json {
-                print(&serde_json::to_string(&done)?)
-            } else {
-                print(&format!(
-                    "{} vertices, {} faces, {} splits: {} bytes in {}",
-                    done.vertices,
-                    done.faces,
-                    done.vsps,
-                    done.file_bytes,
-                    output.display()
-                ))
-            }
+            export_file(&file, &output, format, detail, json)
         }
-        Command::Serve(options) => {
-            let stop = Arc::new(AtomicBool::new(false));
-            for signal in [SIGINT, SIGTERM] {
-                signal_hook::flag::register(signal, Arc::clone(&stop))?;
-            }
-            serve(&options.into(), &stop)?;
-            Ok(())
-        }
+        Command::Serve(options) => serve_until_signal(options),
     }
+}
+
+fn build(
+    mesh: &Path,
+    output: &Path,
+    options: &BuildOptions,
+    json: bool,
+) -> Result<(), Box<dyn Error>> {
+    let start = Instant::now();
+    let progress = TerminalProgress::new();
+    let built = spm_builder::build_file(mesh, output, options, &progress);
+    progress.finish();
+    let report = built?;
+    let parts = &report.parts;
+    let result = BuildResult {
+        facts: Facts::new(&parts.header, &parts.summary, parts.regions.len()),
+        seconds: start.elapsed().as_secs_f64(),
+        peak_rss_bytes: peak_rss_bytes(),
+        file_bytes: report.file_bytes,
+    };
+    if json {
+        print(&serde_json::to_string(&result)?)
+    } else {
+        print(&format!(
+            "{}{:<12} {} bytes in {}, {:.1} s",
+            result.facts.to_text(),
+            "written",
+            result.file_bytes,
+            output.display(),
+            result.seconds
+        ))
+    }
+}
+
+fn generate_mesh(shape: Shape, faces: u32, seed: u64, output: &Path) -> Result<(), Box<dyn Error>> {
+    let mesh = generate::generate(shape, faces, seed);
+    spm_builder::write_mesh(&mesh, output)?;
+    print(&format!(
+        "{shape}: {} vertices, {} faces, seed {seed}, in {}",
+        mesh.positions.len(),
+        mesh.triangles.len(),
+        output.display()
+    ))
+}
+
+fn inspect_file(file: &Path, size: f64, json: bool) -> Result<(), Box<dyn Error>> {
+    let found = inspect::inspect(file, size)?;
+    if json {
+        print(&serde_json::to_string(&found)?)
+    } else {
+        print(found.to_text().trim_end())
+    }
+}
+
+fn export_file(
+    file: &Path,
+    output: &Path,
+    format: Option<ExportFormat>,
+    detail: Detail,
+    json: bool,
+) -> Result<(), Box<dyn Error>> {
+    let done = export::export(file, output, format, detail)?;
+    if json {
+        print(&serde_json::to_string(&done)?)
+    } else {
+        print(&format!(
+            "{} vertices, {} faces, {} splits: {} bytes in {}",
+            done.vertices,
+            done.faces,
+            done.vsps,
+            done.file_bytes,
+            output.display()
+        ))
+    }
+}
+
+fn serve_until_signal(options: ServeOptions) -> Result<(), Box<dyn Error>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    serve(&options.into(), &stop)?;
+    Ok(())
 }
 
 fn format_named(name: &str) -> Result<ExportFormat, String> {

@@ -9,7 +9,7 @@
 
 use super::Front;
 use ab_tree::depth;
-use spm::{ActiveMesh, NONE, OperationFaces, VspRecord};
+use spm::{ActiveMesh, NONE, OperationFaces, Sizes, VspRecord};
 use std::io::{self, Write};
 
 /// Cells along each side of the box, as in the thesis's example.
@@ -51,10 +51,8 @@ pub(super) fn write_cdpm(front: &Front, out: &mut impl Write) -> io::Result<()> 
 pub(super) fn write_spm_text(front: &Front, out: &mut impl Write) -> io::Result<()> {
     let (header, vsps) = (&front.header, front.splits.len());
     let mut replay = Replay::new(front);
-    let ranks = front.ranks();
+    let numbers = Numbers::new(front);
     let cells = Cells::new(front);
-    let codes = leaf_codes(front);
-    let code = |face: u32| codes[face as usize];
     write_counts(front, out)?;
     writeln!(out, "b {} {}", header.base_faces, header.base_vertices)?;
     let vertices = header.base_vertices as usize + vsps;
@@ -69,15 +67,9 @@ pub(super) fn write_spm_text(front: &Front, out: &mut impl Write) -> io::Result<
     }
     for face in 0..header.base_faces {
         let [a, b, c] = front.base.face(face).corners.map(|v| v + 1);
-        writeln!(out, "f {} {a} {b} {c} {}", face + 1, code(face))?;
+        writeln!(out, "f {} {a} {b} {c} {}", face + 1, numbers.code(face))?;
     }
-    // Numbers of the vertices: two a split of the front.
     let sizes = header.sizes();
-    let vertex_number = |vertex: u32| match sizes.creator_of_vertex(vertex) {
-        None => vertex + 1,
-        Some(i) => header.base_vertices + 2 * ranks[i as usize] + 1 + (vertex - sizes.vt(i)),
-    };
-    let maker = |i: Option<u32>| i.map_or(0, |i| ranks[i as usize] + 1);
     for (rank, record) in (0u32..).zip(&front.splits) {
         let split = replay.split(record);
         let vt = sizes.vt(record.i);
@@ -86,9 +78,9 @@ pub(super) fn write_spm_text(front: &Front, out: &mut impl Write) -> io::Result<
             out,
             "v* {} {} {} {} {} {} {}",
             rank + 1,
-            vertex_number(record.vs),
-            vertex_number(vt),
-            vertex_number(vt + 1),
+            numbers.vertex(record.vs),
+            numbers.vertex(vt),
+            numbers.vertex(vt + 1),
             cdpm[0],
             cdpm[1],
             split.differences
@@ -97,28 +89,80 @@ pub(super) fn write_spm_text(front: &Front, out: &mut impl Write) -> io::Result<
         for [cell, next] in links {
             write!(out, " {cell} {next}")?;
         }
-        write!(out, " {}", maker(sizes.creator_of_vertex(record.vs)))?;
-        let fl = sizes.fl(record.i);
-        for (k, third) in split.thirds.into_iter().enumerate() {
-            let Some(third) = third else { continue };
-            let (face, sign) = ([fl, fl + 1][k], ["", "-"][k]);
-            write!(out, " & {sign}{} {}", replay.face_number(face), code(face))?;
-            for (neighbour, side) in record.fn_[2 * k..2 * k + 2].iter().zip(["", "-"]) {
-                if *neighbour != NONE {
-                    let corners = replay.mesh.face(*neighbour).corners;
-                    let corner = corners
-                        .iter()
-                        .position(|&c| c == third)
-                        .map_or(0, |c| c + 1);
-                    let number = replay.face_number(*neighbour);
-                    let by = maker(sizes.creator_of_face(*neighbour));
-                    write!(out, " {side}{number} {corner} {by}")?;
-                }
-            }
-        }
+        let creator = numbers.split(sizes.creator_of_vertex(record.vs));
+        write!(out, " {creator}")?;
+        write_new_faces(&replay, &numbers, record, split.thirds, out)?;
         writeln!(out)?;
     }
     Ok(())
+}
+
+/// The new faces of a split and their neighbours, as fields of its line in the SPM text.
+fn write_new_faces(
+    replay: &Replay,
+    numbers: &Numbers,
+    record: &VspRecord,
+    thirds: [Option<u32>; 2],
+    out: &mut impl Write,
+) -> io::Result<()> {
+    let sizes = numbers.sizes;
+    let fl = sizes.fl(record.i);
+    for (k, third) in thirds.into_iter().enumerate() {
+        let Some(third) = third else { continue };
+        let (face, sign) = ([fl, fl + 1][k], ["", "-"][k]);
+        let (number, code) = (replay.face_number(face), numbers.code(face));
+        write!(out, " & {sign}{number} {code}")?;
+        for (&neighbour, side) in record.fn_[2 * k..2 * k + 2].iter().zip(["", "-"]) {
+            if neighbour != NONE {
+                let corners = replay.mesh.face(neighbour).corners;
+                let corner = corners.iter().position(|&c| c == third);
+                let corner = corner.map_or(0, |c| c + 1);
+                let number = replay.face_number(neighbour);
+                let creator = numbers.split(sizes.creator_of_face(neighbour));
+                write!(out, " {side}{number} {corner} {creator}")?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Numbers of vertices, splits and leaves in the SPM text.
+struct Numbers {
+    sizes: Sizes,
+    /// By split of the model: its place in the front.
+    ranks: Vec<u32>,
+    /// By face id: its leaf code, from 1.
+    codes: Vec<u32>,
+}
+
+impl Numbers {
+    fn new(front: &Front) -> Self {
+        Self {
+            sizes: front.header.sizes(),
+            ranks: front.ranks(),
+            codes: leaf_codes(front),
+        }
+    }
+
+    /// Number of a vertex, from 1: the base vertices, then two a split of the front.
+    fn vertex(&self, vertex: u32) -> u32 {
+        match self.sizes.creator_of_vertex(vertex) {
+            None => vertex + 1,
+            Some(i) => {
+                let before = self.sizes.base_vertices + 2 * self.ranks[i as usize];
+                before + 1 + (vertex - self.sizes.vt(i))
+            }
+        }
+    }
+
+    /// Number of a split, from 1; 0 for none.
+    fn split(&self, i: Option<u32>) -> u32 {
+        i.map_or(0, |i| self.ranks[i as usize] + 1)
+    }
+
+    fn code(&self, face: u32) -> u32 {
+        self.codes[face as usize]
+    }
 }
 
 fn write_counts(front: &Front, out: &mut impl Write) -> io::Result<()> {

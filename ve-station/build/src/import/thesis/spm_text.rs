@@ -36,6 +36,14 @@ struct Split {
     has_right: bool,
 }
 
+/// A new face of a split.
+struct NewFace {
+    /// Its number in the file, from 1.
+    number: u64,
+    /// Neighbours on the sides of vu and vt.
+    sides: [u32; 2],
+}
+
 pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
     let mut read = Text::default();
     for (keyword, mut fields) in keyword_lines(text) {
@@ -87,20 +95,13 @@ fn face<'a>(fields: &mut Fields<'a, impl Iterator<Item = &'a str>>, read: &mut T
     Some(())
 }
 
+/// A line of a split, after `v*`: adds its children and its faces to what was read.
 fn split<'a>(
     fields: &mut Fields<'a, impl Iterator<Item = &'a str>>,
     read: &mut Text,
 ) -> Option<Split> {
     let i = u32::try_from(read.splits.len()).ok()?;
-    let vertices = read.vertex.len();
-    let vs = {
-        let number = fields.index()?;
-        let (own, vs, vu, vt) = (number, fields.index()?, fields.index()?, fields.index()?);
-        if own != i || vu as usize != vertices || vt as usize != vertices + 1 {
-            return None;
-        }
-        *read.vertex.get(vs as usize)?
-    };
+    let vs = split_vertex(fields, read, i)?;
     fields.integer()?;
     fields.integer()?;
     let (of_u, of_t) = (fields.vector()?, fields.vector()?);
@@ -110,49 +111,15 @@ fn split<'a>(
     if fields.words.next()? != "&" {
         return None;
     }
-    // Left is the face that turns (first, second): where there is only the other, the children
-    // change places.
-    let mut faces = [None, None];
-    let mut more = true;
-    while more {
-        let (turn, sides, and) = new_face(fields, read)?;
-        let place = &mut faces[usize::from(turn < 0)];
-        if place.replace((turn.unsigned_abs(), sides)).is_some() {
-            return None;
-        }
-        more = and;
-    }
-    let swapped = faces[0].is_none();
-    if swapped {
-        faces.swap(0, 1);
-        // Plus and minus change places with the children.
-        for (_, sides) in faces.iter_mut().flatten() {
-            sides.swap(0, 1);
-        }
-    }
-    let base_faces = u32::try_from(read.base_faces.len()).ok()?;
+    let (faces, swapped) = new_faces(fields, read)?;
     let mut fn_ = [NONE; 4];
-    let mut numbers = Vec::new();
-    for (k, (number, sides)) in faces
-        .into_iter()
-        .enumerate()
-        .filter_map(|(k, f)| Some((k, f?)))
-    {
-        fn_[2 * k..2 * k + 2].copy_from_slice(&sides);
-        let own = base_faces.checked_add(2 * i)?.checked_add(k as u32)?;
-        numbers.push((usize::try_from(number).ok()?.checked_sub(1)?, own));
-    }
-    let has_right = numbers.len() == 2;
-    numbers.sort_unstable();
-    for (number, own) in numbers {
-        // Numbers ascend; where a split makes one face a second number may be left out.
-        let most = read.base_faces.len() + 2 * i as usize + 2;
-        if number < read.face.len() || number >= most {
-            return None;
+    for (sides, face) in fn_.chunks_mut(2).zip(&faces) {
+        if let Some(face) = face {
+            sides.copy_from_slice(&face.sides);
         }
-        read.face.resize(number, NONE);
-        read.face.push(own);
     }
+    let has_right = faces[1].is_some();
+    number_faces(&faces, i, read)?;
     let parent = read.positions[vs as usize];
     let (u, t) = (sum(parent, of_u), sum(parent, of_t));
     let own = read.positions.len() as u32;
@@ -169,6 +136,73 @@ fn split<'a>(
         fn_,
         has_right,
     })
+}
+
+/// `i vs vu vt`: our number of vs, when i, vu and vt are the next numbers.
+fn split_vertex<'a>(
+    fields: &mut Fields<'a, impl Iterator<Item = &'a str>>,
+    read: &Text,
+    i: u32,
+) -> Option<u32> {
+    let vertices = read.vertex.len();
+    let number = fields.index()?;
+    let (own, vs, vu, vt) = (number, fields.index()?, fields.index()?, fields.index()?);
+    if own != i || vu as usize != vertices || vt as usize != vertices + 1 {
+        return None;
+    }
+    read.vertex.get(vs as usize).copied()
+}
+
+/// The left and the right face of a split, and whether the children change places for them.
+///
+/// Left is the face that turns (first, second). Where there is only the other, the children change
+/// places.
+fn new_faces<'a>(
+    fields: &mut Fields<'a, impl Iterator<Item = &'a str>>,
+    read: &Text,
+) -> Option<([Option<NewFace>; 2], bool)> {
+    let mut faces = [None, None];
+    let mut more = true;
+    while more {
+        let (turn, sides, and) = new_face(fields, read)?;
+        let number = turn.unsigned_abs();
+        let place: &mut Option<NewFace> = &mut faces[usize::from(turn < 0)];
+        if place.replace(NewFace { number, sides }).is_some() {
+            return None;
+        }
+        more = and;
+    }
+    let swapped = faces[0].is_none();
+    if swapped {
+        faces.swap(0, 1);
+        // Plus and minus change places with the children.
+        for face in faces.iter_mut().flatten() {
+            face.sides.swap(0, 1);
+        }
+    }
+    Some((faces, swapped))
+}
+
+/// Enters the new faces of split `i` under their numbers in the file.
+fn number_faces(faces: &[Option<NewFace>; 2], i: u32, read: &mut Text) -> Option<()> {
+    let base_faces = u32::try_from(read.base_faces.len()).ok()?;
+    let mut numbers = Vec::new();
+    for (k, face) in (0u32..).zip(faces) {
+        let Some(face) = face else { continue };
+        let own = base_faces.checked_add(2 * i)?.checked_add(k)?;
+        numbers.push((usize::try_from(face.number).ok()?.checked_sub(1)?, own));
+    }
+    numbers.sort_unstable();
+    for (number, own) in numbers {
+        // Numbers ascend; where a split makes one face a second number may be left out.
+        let end = read.base_faces.len() + 2 * i as usize + 2;
+        if number < read.face.len() || number >= end {
+            return None;
+        }
+        read.face.resize(number, NONE);
+        read.face.push(own);
+    }
+    Some(())
 }
 
 /// A new face: its signed number, its neighbours on the sides of vu and vt, and whether another one
