@@ -44,7 +44,7 @@ pub struct Connection<D> {
     /// Last sign of life of each client.
     heard: BTreeMap<u64, Instant>,
     /// Clients whose tour is being rolled, and when each was told something last.
-    rolling: BTreeMap<u64, Instant>,
+    touring: BTreeMap<u64, Instant>,
     /// Sentences about peers already said.
     said: BTreeSet<String>,
 }
@@ -145,7 +145,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
             station,
             ports: Ports::open(domain)?,
             heard: BTreeMap::new(),
-            rolling: BTreeMap::new(),
+            touring: BTreeMap::new(),
             said: BTreeSet::new(),
         })
     }
@@ -169,7 +169,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
                 let hello = Hello::new(Role::Station, self.station.incarnation(), 0);
                 if let Err(e) = self.ports.hello_out.send_copy(hello) {
                     let error = self.ports.domain.error("send heartbeats", e);
-                    self.say(error.to_string());
+                    self.warn_once(error.to_string());
                 }
             }
             if now >= next_cleanup {
@@ -178,7 +178,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
                 // A peer that died leaves its files and queues to whoever looks.
                 let _ = self.ports.node.try_cleanup_dead_nodes();
             }
-            if self.rolling.is_empty() {
+            if self.touring.is_empty() {
                 std::thread::sleep(POLL);
             }
         }
@@ -229,12 +229,12 @@ impl<D: AsRef<[u8]>> Connection<D> {
             Ok((Role::Station, incarnation, _)) => {
                 if incarnation != self.station.incarnation() {
                     let domain = self.ports.domain.name();
-                    self.say(format!(
+                    self.warn_once(format!(
                         "another station serves the domain \"{domain}\": stop one of them, or choose another --domain"
                     ));
                 }
             }
-            Err(error) => self.say(error.to_string()),
+            Err(error) => self.warn_once(error.to_string()),
         }
     }
 
@@ -243,10 +243,10 @@ impl<D: AsRef<[u8]>> Connection<D> {
         let clients: Vec<u64> = self.station.clients().collect();
         // A client that the core forgot keeps no topic.
         self.ports.records.retain(|id, _| clients.contains(id));
-        self.rolling.retain(|id, _| clients.contains(id));
+        self.touring.retain(|id, _| clients.contains(id));
         for client in clients {
             if let Err(error) = self.ports.open_records(client) {
-                self.say(error.to_string());
+                self.warn_once(error.to_string());
                 continue;
             }
             let mut steps = ROLLED;
@@ -256,10 +256,10 @@ impl<D: AsRef<[u8]>> Connection<D> {
                 told = true;
             }
             if steps > 0 {
-                self.rolling.remove(&client);
+                self.touring.remove(&client);
                 continue;
             }
-            let last = self.rolling.entry(client).or_insert(now);
+            let last = self.touring.entry(client).or_insert(now);
             if told {
                 *last = now;
             } else if now.duration_since(*last) >= TOLD {
@@ -276,7 +276,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
 
     fn send_chunk(&mut self, client: u64, chunk: &Chunk) {
         if let Err(error) = self.ports.send(client, chunk) {
-            self.say(error.to_string());
+            self.warn_once(error.to_string());
         }
     }
 
@@ -285,7 +285,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
         self.heard.retain(|&client, &mut last| {
             let keep = now.duration_since(last) < FORGET;
             if !keep {
-                station.forget(client);
+                station.remove_client(client);
             }
             keep
         });
@@ -293,11 +293,11 @@ impl<D: AsRef<[u8]>> Connection<D> {
 
     fn complain(&mut self, what: &'static str, reason: impl std::fmt::Debug) {
         let error = self.ports.domain.error(what, reason);
-        self.say(error.to_string());
+        self.warn_once(error.to_string());
     }
 
-    /// Says a sentence once.
-    fn say(&mut self, sentence: String) {
+    /// Logs a warning the first time it occurs.
+    fn warn_once(&mut self, sentence: String) {
         if self.said.len() < MAX_SAID && !self.said.contains(&sentence) {
             tracing::warn!("{sentence}");
             self.said.insert(sentence);

@@ -1,9 +1,9 @@
 //! What an SPM file holds: counts, dependencies, closures, the tables of errors, and how fast a
 //! probe may go.
 
-mod dial;
+mod tolerance_table;
 
-pub use dial::{DialRow, dial_table};
+pub use tolerance_table::{ToleranceRow, tolerance_table};
 
 use memmap2::Mmap;
 use serde::Serialize;
@@ -130,7 +130,8 @@ pub struct Facts {
     /// Occupied regions: those that own a face of the full mesh.
     pub regions: u64,
     /// Regions without a face, kept clear of coarse ones.
-    pub cleared_regions: u64,
+    #[serde(rename = "cleared_regions")]
+    pub empty_regions: u64,
     /// Cells along the longest side.
     pub divisions: u32,
     /// Mean closure of a region, VSPs.
@@ -142,7 +143,7 @@ pub struct Facts {
 }
 
 impl Facts {
-    /// Collects the fields; `regions` counts all, cleared ones too.
+    /// Collects the fields; `regions` counts all, empty ones too.
     #[must_use]
     pub fn new(header: &ModelHeader, summary: &BuildSummary, regions: usize) -> Self {
         Self {
@@ -168,7 +169,7 @@ impl Facts {
             vsps: header.vsps,
             chain: header.dependency_depth,
             regions: (regions as u64).saturating_sub(summary.empty_regions),
-            cleared_regions: summary.empty_regions,
+            empty_regions: summary.empty_regions,
             divisions: header.grid.divisions,
             closure_mean: finite(summary.closure_mean),
             closure_max: header.closure_max,
@@ -236,7 +237,7 @@ impl Facts {
             "regions",
             format!(
                 "{} occupied, {} cleared, {} cells along the longest side",
-                self.regions, self.cleared_regions, self.divisions
+                self.regions, self.empty_regions, self.divisions
             ),
         );
         line(
@@ -296,8 +297,9 @@ pub struct Inspection {
     pub area: f64,
     /// Certified error against VSPs.
     pub errors: Vec<ErrorRow>,
-    /// The ladder of tolerances: expected error against VSPs, and what its regions hold.
-    pub dial: Vec<DialRow>,
+    /// The tolerance levels: expected error against VSPs, and what its regions hold.
+    #[serde(rename = "dial")]
+    pub tolerances: Vec<ToleranceRow>,
     /// Longest side in the world, metres: as asked, or 0.15.
     pub size_m: f64,
     /// Greatest speed at full resolution at that size, m/s: operations a tick / (faces a square
@@ -335,7 +337,7 @@ pub fn inspect(path: &Path, size_m: f64) -> Result<Inspection, InspectError> {
         longest_side,
         area,
         errors: error_table(&file).map_err(refused)?,
-        dial: dial_table(&file, motion.metres_per_unit).map_err(refused)?,
+        tolerances: tolerance_table(&file, motion.metres_per_unit).map_err(refused)?,
         size_m,
         greatest_speed_m_per_s: greatest_speed(&header, area, motion),
     })
@@ -410,9 +412,9 @@ fn error_table<D: AsRef<[u8]>>(file: &SpmFile<D>) -> Result<Vec<ErrorRow>, FileE
                     .base_vertices()
                     .get(record.vs as usize)
                     .map_or(u16::MAX, |v| v.r as u16),
-                Some(maker) => {
-                    let made = file.record(maker)?;
-                    if record.vs == sizes.vt(maker) {
+                Some(creator) => {
+                    let made = file.record(creator)?;
+                    if record.vs == sizes.vt(creator) {
                         made.r_t
                     } else {
                         made.r_u
@@ -465,7 +467,7 @@ impl Inspection {
             "\nlevel   tolerance   at {} m, mm   splits needed     regions   closure mean   largest",
             self.size_m
         );
-        for row in &self.dial {
+        for row in &self.tolerances {
             let share = f64::from(row.vsps) / f64::from(self.facts.vsps.max(1));
             let _ = writeln!(
                 text,

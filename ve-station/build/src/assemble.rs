@@ -2,7 +2,7 @@
 
 use crate::cracks::widest_crack;
 use crate::error::BuildError;
-use crate::hierarchy::{add_hierarchy, ladder};
+use crate::hierarchy::{add_hierarchy, level_tolerances};
 use crate::history::History;
 use crate::ids::Ids;
 use crate::manifold::ManifoldMesh;
@@ -15,7 +15,7 @@ use glam::Vec3;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use spm::{BuildSummary, ErrorScale, FullFace, NONE, RegionGrid, Sizes, SpmParts, VspRecord};
 
-/// Puts everything together.
+/// Assembles the parts of an SPM file: `divisions` along the longest side, or the default grid.
 pub fn assemble(
     origin: [f64; 3],
     mesh: &ManifoldMesh,
@@ -25,36 +25,20 @@ pub fn assemble(
 ) -> Result<SpmParts, BuildError> {
     let faces = mesh.triangles.len() as u32;
     progress.phase("bounding errors", history.full_vertices.into());
-    let radius = descendant_radius(&history);
     let bounds = bounds_of(mesh);
-    let (lower, upper) = (bounds.lower.as_dvec3(), bounds.upper.as_dvec3());
     let scale = ErrorScale::for_diagonal(bounds.diagonal());
-    let code = |vertex: u32| {
-        let made = vertex.checked_sub(history.full_vertices);
-        made.map_or(0, |made| scale.encode(radius[made as usize]))
-    };
     let ids = Ids::new(&history, faces);
-    let base_vertices = base_vertices(&history, &ids, &code);
-    let base_faces = base_faces(&history, &ids, faces);
-    let records = records(&history, &ids, faces, &code);
-    check_records(&records, ids.sizes)?;
-    let cracks_max = widest_crack(mesh, &history);
-    drop((history, radius));
+    let refinement = Refinement::new(mesh, history, &ids, scale)?;
 
     progress.phase("assigning regions", faces.into());
-    let too_small =
-        || BuildError::Empty("the model is too small for numbers of this size".to_string());
-    let grid = match divisions {
-        Some(divisions) => RegionGrid::new(lower, upper, divisions).ok_or_else(too_small)?,
-        None => default_grid(lower, upper, mesh).ok_or_else(too_small)?,
-    };
+    let grid = region_grid(bounds, divisions, mesh)?;
     let model = Model {
         grid: &grid,
         mesh,
         ids: &ids,
-        base_vertices: &base_vertices,
-        base_faces: &base_faces,
-        records: &records,
+        base_vertices: &refinement.base_vertices,
+        base_faces: &refinement.base_faces,
+        records: &refinement.records,
     };
     let found = regions_of(&model, progress);
 
@@ -63,37 +47,31 @@ pub fn assemble(
             model: 0,
             diagonal: bounds.diagonal(),
             origin,
-            lower: lower.to_array(),
-            upper: upper.to_array(),
+            lower: bounds.lower.as_dvec3().to_array(),
+            upper: bounds.upper.as_dvec3().to_array(),
             grid,
-            level_tolerances: ladder(&records, scale, &grid),
+            level_tolerances: level_tolerances(&refinement.records, scale, &grid),
             base_vertices: ids.sizes.base_vertices,
             base_faces: ids.sizes.base_faces,
             vsps: ids.sizes.vsps,
             faces,
-            dependency_depth: longest_chain(&records, ids.sizes),
+            dependency_depth: longest_chain(&refinement.records, ids.sizes),
             closure_max: found.closure_max,
             reserved: [0; 2],
         },
         summary: BuildSummary {
             closure_mean: found.closure_mean,
-            empty_regions: found.cleared,
-            cracks_max,
+            empty_regions: found.empty,
+            cracks_max: refinement.cracks_max,
             ..mesh.summary
         },
-        base_vertices,
-        base_faces,
-        records,
+        base_vertices: refinement.base_vertices,
+        base_faces: refinement.base_faces,
+        records: refinement.records,
         regions: found.regions,
         seed_offsets: found.seed_offsets,
         seeds: found.seeds,
-        full_faces: (0..faces)
-            .zip(&mesh.triangles)
-            .map(|(face, t)| FullFace {
-                corners: t.map(|v| ids.vertex[v as usize]),
-                face: ids.face(face),
-            })
-            .collect(),
+        full_faces: full_faces(mesh, &ids),
         base_splits: Vec::new(),
         hierarchy: Vec::new(),
     };
@@ -104,6 +82,65 @@ pub fn assemble(
     }
     parts.seal();
     Ok(parts)
+}
+
+/// Base mesh and records of a history, in the ids of the file.
+struct Refinement {
+    base_vertices: Vec<BaseVertex>,
+    base_faces: Vec<BaseFace>,
+    records: Vec<VspRecord>,
+    /// Upper bound of the widest crack, model units.
+    cracks_max: f64,
+}
+
+impl Refinement {
+    /// Consumes the history: its memory is free before the regions are searched.
+    fn new(
+        mesh: &ManifoldMesh,
+        history: History,
+        ids: &Ids,
+        scale: ErrorScale,
+    ) -> Result<Self, BuildError> {
+        let faces = mesh.triangles.len() as u32;
+        let radius = descendant_radius(&history);
+        let code = |vertex: u32| {
+            let made = vertex.checked_sub(history.full_vertices);
+            made.map_or(0, |made| scale.encode(radius[made as usize]))
+        };
+        let records = records(&history, ids, faces, &code);
+        check_records(&records, ids.sizes)?;
+        Ok(Self {
+            base_vertices: base_vertices(&history, ids, &code),
+            base_faces: base_faces(&history, ids, faces),
+            records,
+            cracks_max: widest_crack(mesh, &history),
+        })
+    }
+}
+
+fn region_grid(
+    bounds: Aabb,
+    divisions: Option<u32>,
+    mesh: &ManifoldMesh,
+) -> Result<RegionGrid, BuildError> {
+    let (lower, upper) = (bounds.lower.as_dvec3(), bounds.upper.as_dvec3());
+    let grid = match divisions {
+        Some(divisions) => RegionGrid::new(lower, upper, divisions),
+        None => default_grid(lower, upper, mesh),
+    };
+    grid.ok_or_else(|| {
+        BuildError::Empty("the model is too small for numbers of this size".to_string())
+    })
+}
+
+fn full_faces(mesh: &ManifoldMesh, ids: &Ids) -> Vec<FullFace> {
+    (0u32..)
+        .zip(&mesh.triangles)
+        .map(|(face, t)| FullFace {
+            corners: t.map(|v| ids.vertex[v as usize]),
+            face: ids.face(face),
+        })
+        .collect()
 }
 
 /// Box of a mesh.

@@ -23,7 +23,7 @@ pub fn widest_crack(mesh: &ManifoldMesh, history: &History) -> f64 {
     }
     let at = |vertex: u32| Vec3::from_array(history.positions[vertex as usize]).as_dvec3();
     // How far a copy comes from its place on any front.
-    let strays = |leaf: u32| {
+    let displacement_of = |leaf: u32| {
         let ancestors = std::iter::successors(Some(leaf), |&v| {
             Some(parent[v as usize]).filter(|&above| above != u32::MAX)
         });
@@ -41,9 +41,9 @@ pub fn widest_crack(mesh: &ManifoldMesh, history: &History) -> f64 {
     for group in copies.chunk_by(|a, b| a.0 == b.0) {
         let (mut first, mut second) = (0.0f64, 0.0f64);
         for &(_, vertex) in group {
-            let stray = strays(vertex);
-            second = second.max(stray.min(first));
-            first = first.max(stray);
+            let displacement = displacement_of(vertex);
+            second = second.max(displacement.min(first));
+            first = first.max(displacement);
         }
         widest = widest.max(first + second);
     }

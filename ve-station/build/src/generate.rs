@@ -195,9 +195,9 @@ fn push_quad(mesh: &mut SoupMesh, [a, b, c, d]: [u32; 4]) {
 }
 
 fn terrain_height(noise: &Noise, x: f64, y: f64) -> f64 {
-    let land = noise.fractal(DVec3::new(x, y, 0.0) * 1.5, 10, 0.5) * 0.6;
+    let height = noise.fractal(DVec3::new(x, y, 0.0) * 1.5, 10, 0.5) * 0.6;
     // What lies below the water line is the lake: exactly flat.
-    land.max(-0.08)
+    height.max(-0.08)
 }
 
 /// A cube whose sides are drawn out to a sphere, then displaced along the radius.

@@ -1,4 +1,4 @@
-//! The vertex hierarchy and the ladder of tolerances, from finished records.
+//! The vertex hierarchy and the tolerance levels, from finished records.
 //!
 //! One pass over the faces and one over the records, from the last to the first: children come
 //! after their parents. Memory: 28 B a vertex (box, and the VSP that splits it) while it runs, 20 B
@@ -44,19 +44,23 @@ pub fn add_hierarchy(parts: &mut SpmParts) {
     parts.base_splits = splits;
 }
 
-/// The ladder of a model (see [`spm::ModelHeader::level_tolerances`]): for every level of the grid the
-/// smallest decoded code that at most n / 4^level VSPs exceed, rounded up to f32.
+/// The tolerances of the levels (see [`spm::ModelHeader::level_tolerances`]): for every level of
+/// the grid the smallest decoded code that at most n / 4^level VSPs exceed, rounded up to f32.
 ///
 /// Without expected errors ([`VspRecord::E_UNKNOWN`]) there is only the full mesh.
-pub fn ladder(records: &[VspRecord], scale: ErrorScale, grid: &RegionGrid) -> [f32; LEVELS] {
+pub fn level_tolerances(
+    records: &[VspRecord],
+    scale: ErrorScale,
+    grid: &RegionGrid,
+) -> [f32; LEVELS] {
     let mut counts = vec![0u64; 1 << 16];
     for record in records {
         counts[usize::from(record.e)] += 1;
     }
-    let mut ladder = [f32::INFINITY; LEVELS];
-    ladder[0] = 0.0;
+    let mut tolerances = [f32::INFINITY; LEVELS];
+    tolerances[0] = 0.0;
     if counts[usize::from(VspRecord::E_UNKNOWN)] > 0 {
-        return ladder;
+        return tolerances;
     }
     // From the largest code down: what exceeds a code only grows.
     let (mut exceed, mut code) = (0u64, VspRecord::E_UNKNOWN);
@@ -69,9 +73,9 @@ pub fn ladder(records: &[VspRecord], scale: ErrorScale, grid: &RegionGrid) -> [f
             exceed += counts[usize::from(code)];
             code -= 1;
         }
-        ladder[level as usize] = rounded_up(scale.decode(code));
+        tolerances[level as usize] = rounded_up(scale.decode(code));
     }
-    ladder
+    tolerances
 }
 
 fn rounded_up(exact: f64) -> f32 {

@@ -13,7 +13,7 @@ pub struct Collapse {
     pub vu: u32,
     /// Face left of the edge.
     pub fl: u32,
-    /// Face right of it, `NONE` at a rim.
+    /// Face right of it, `NONE` at a boundary.
     pub fr: u32,
     /// Neighbours as in [`spm::VspRecord::fn_`].
     pub fn_: [u32; 4],
@@ -51,13 +51,13 @@ pub struct FanFace {
     pub from: [f32; 3],
     /// The second of them.
     pub to: [f32; 3],
-    /// Whether the edge between the vertex and `to` lies on a rim.
+    /// Whether the edge between the vertex and `to` lies on a boundary.
     pub is_last: bool,
 }
 
 impl Round {
-    /// Faces round the vertex that a collapse made; each spoke but one at a rim is the `from` of
-    /// one.
+    /// Faces round the vertex that a collapse made; each spoke but one at a boundary is the `from`
+    /// of one.
     pub fn fan(&self, made: &Made) -> &[FanFace] {
         &self.fans[made.fan.start as usize..made.fan.end as usize]
     }
@@ -85,6 +85,6 @@ pub struct LeftFace {
     pub face: u32,
     /// Corners, counterclockwise.
     pub corners: [u32; 3],
-    /// The face across the edge opposite each corner, `NONE` at a rim.
+    /// The face across the edge opposite each corner, `NONE` at a boundary.
     pub neighbours: [u32; 3],
 }

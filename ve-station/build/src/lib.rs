@@ -13,8 +13,8 @@
 //! | 9 | `hierarchy` | children of each VSP, bounds of its descendants; tolerance levels |
 //! | 10 | `write` | files that appear whole or not at all |
 //!
-//! `build` runs the steps; [`generate`] makes meshes to build from. The output is deterministic: the
-//! same bytes in give the same bytes out, for any number of threads.
+//! `build` runs the steps; [`generate`] makes meshes to build from. The output is deterministic:
+//! the same bytes in give the same bytes out, for any number of threads.
 
 mod assemble;
 mod build;

@@ -1,14 +1,14 @@
 //! Stitching and cutting: a 2-manifold of the same geometry.
 //!
 //! Two corners become one vertex when their faces meet in an edge that exactly these two faces
-//! have, in opposite directions: first by vertex number, then, for rims left over, by position
-//! (seams of vertices that a file stores twice). Where more than two faces meet in an edge, those
-//! of opposite directions that go on most nearly straight are taken for one surface, as of two
-//! sheets that cross, or of the two sides of one. Everything else is cut: at a bow-tie, at an edge
-//! of three faces, the fans get vertices of their own. Copies of a cut vertex are locked, so that
-//! no coarser mesh opens a crack there; but where there are more than [`MAX_LOCKED`], which would
-//! all be in every base mesh, they collapse like others, and the widest crack is reported (see
-//! `cracks`).
+//! have, in opposite directions: first by vertex number, then, for boundaries left over, by
+//! position (seams of vertices that a file stores twice). Where more than two faces meet in an
+//! edge, those of opposite directions that go on most nearly straight are taken for one surface, as
+//! of two sheets that cross, or of the two sides of one. Everything else is cut: at a bow-tie, at
+//! an edge of three faces, the fans get vertices of their own. Copies of a cut vertex are locked,
+//! so that no coarser mesh opens a crack there; but where there are more than [`MAX_LOCKED`], which
+//! would all be in every base mesh, they collapse like others, and the widest crack is reported
+//! (see `cracks`).
 
 use crate::clean::CleanMesh;
 use glam::{DVec3, Vec3};
@@ -27,7 +27,8 @@ pub struct ManifoldMesh {
     pub positions: Vec<[f32; 3]>,
     /// Corners, counterclockwise.
     pub triangles: Vec<[u32; 3]>,
-    /// For every vertex whether it is one of several copies of a cut vertex, or of rims that touch.
+    /// For every vertex whether it is one of several copies of a cut vertex, or of boundaries that
+    /// touch.
     pub copies: Vec<bool>,
     /// For every vertex whether it must stay where it is on every front.
     pub locked: Vec<bool>,
@@ -200,7 +201,7 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
     let by_number: &[u32] = mesh.triangles.as_flattened();
     let sides = by_number.len() as u32;
     let mut pairs = Vec::with_capacity(by_number.len() / 2);
-    let mut rim = Vec::new();
+    let mut boundary = Vec::new();
     let at = |corner: Side| {
         let number = by_number[corner as usize];
         Vec3::from_array(mesh.positions[number as usize]).as_dvec3()
@@ -208,7 +209,7 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
     for group in Edges::new(by_number, 0..sides).groups() {
         match manifold_pair(group, by_number) {
             Some(pair) => pairs.push(pair),
-            None if group.len() == 1 => rim.push(group[0]),
+            None if group.len() == 1 => boundary.push(group[0]),
             None => pairs.extend(straightest_pairs(group, by_number, at)),
         }
     }
@@ -216,7 +217,7 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
         .iter()
         .map(|&v| mesh.same_position[v as usize])
         .collect();
-    let seams = Edges::new(&by_position, rim.iter().copied());
+    let seams = Edges::new(&by_position, boundary.iter().copied());
     pairs.extend(
         seams
             .groups()
@@ -228,14 +229,14 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
     // Fans may still meet: an edge cut between two fans that close again round both of its ends.
     // Then a corner of each of its faces is set apart, until every edge is manifold.
     let mut alone = vec![false; by_number.len()];
-    let (class, vertices, rims) = loop {
+    let (class, vertices, boundaries) = loop {
         let (class, vertices) = classes(&pairs, &alone);
         let edges = Edges::new(&class, 0..sides);
         let mut again = false;
-        let mut rims = Vec::new();
+        let mut boundaries = Vec::new();
         for group in edges.groups() {
             if group.len() == 1 {
-                rims.push(group[0]);
+                boundaries.push(group[0]);
             } else if manifold_pair(group, &class).is_none() {
                 let (lower, _) = edge(&class, group[0]);
                 for &side in group {
@@ -247,15 +248,15 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
             }
         }
         if !again {
-            break (class, vertices, rims);
+            break (class, vertices, boundaries);
         }
     };
     drop((pairs, alone));
-    finish(mesh, class, vertices, &rims)
+    finish(mesh, class, vertices, &boundaries)
 }
 
 /// The mesh over the classes, and which of them are copies.
-fn finish(mesh: &CleanMesh, class: Vec<u32>, vertices: u32, rims: &[Side]) -> ManifoldMesh {
+fn finish(mesh: &CleanMesh, class: Vec<u32>, vertices: u32, boundaries: &[Side]) -> ManifoldMesh {
     let by_number: &[u32] = mesh.triangles.as_flattened();
     let number_and_class = numbers_of_classes(by_number, &class, vertices);
     let mut positions = vec![[0.0; 3]; vertices as usize];
@@ -270,7 +271,7 @@ fn finish(mesh: &CleanMesh, class: Vec<u32>, vertices: u32, rims: &[Side]) -> Ma
             copies[class as usize] |= same.len() > 1;
         }
     }
-    mark_touching_rims(mesh, &class, rims, &mut copies);
+    mark_touching_boundaries(mesh, &class, boundaries, &mut copies);
 
     let pairs = number_and_class.len() as u64;
     let count = copies.iter().filter(|&&copy| copy).count();
@@ -315,10 +316,15 @@ fn numbers_of_classes(by_number: &[u32], class: &[u32], vertices: u32) -> Vec<(u
     all
 }
 
-/// Marks every rim vertex whose position another vertex of a rim has too: a seam that could not be
-/// stitched.
-fn mark_touching_rims(mesh: &CleanMesh, class: &[u32], rims: &[Side], copies: &mut [bool]) {
-    let mut position_and_class: Vec<(u32, u32)> = rims
+/// Marks every boundary vertex whose position another vertex of a boundary has too: a seam that
+/// could not be stitched.
+fn mark_touching_boundaries(
+    mesh: &CleanMesh,
+    class: &[u32],
+    boundaries: &[Side],
+    copies: &mut [bool],
+) {
+    let mut position_and_class: Vec<(u32, u32)> = boundaries
         .iter()
         .flat_map(|&side| [side, next_side(side)])
         .map(|corner| {
@@ -459,9 +465,9 @@ mod tests {
         assert_eq!(mesh.positions.len(), 8);
         assert_eq!(mesh.summary.cut_vertices, 2);
         // Both sides of a fan of six: a pillow.
-        let rim = (0..6).map(|k| f64::from(k) * 1.047);
+        let boundary = (0..6).map(|k| f64::from(k) * 1.047);
         let mut positions = vec![[0.0; 3]];
-        positions.extend(rim.map(|angle| [angle.cos(), angle.sin(), 0.0]));
+        positions.extend(boundary.map(|angle| [angle.cos(), angle.sin(), 0.0]));
         let front: Vec<[u32; 3]> = (0..6).map(|k| [0, 1 + k, 1 + (k + 1) % 6]).collect();
         let back = front.iter().map(|t| [t[0], t[2], t[1]]);
         let mesh = cut(positions, front.iter().copied().chain(back).collect());
@@ -509,7 +515,8 @@ mod tests {
             if let Ok(cleaned) = clean(SoupMesh { positions, triangles: faces }) {
                 let mesh = cut_to_manifold(&cleaned);
                 assert_manifold(&mesh);
-                let before = cleaned.triangles.iter().map(|t| t.map(|v| cleaned.positions[v as usize]));
+                let position = |v: u32| cleaned.positions[v as usize];
+                let before = cleaned.triangles.iter().map(|t| t.map(position));
                 let after = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize]));
                 prop_assert!(before.eq(after));
                 let copies = mesh.positions.iter().zip(&mesh.copies).filter(|(p, _)| {

@@ -5,15 +5,15 @@
 //! region in a hundred of a real scan such a face pokes into the cell. So the seeds are extended
 //! until none can:
 //!
-//! - The *hull* of a vertex is the box of its position and those of all its descendants, the hull
-//!   of a face the convex hull of its corners' hulls.
-//! - While the closure leaves a face with a corner to split whose hull overlaps the cell, the VSP
-//!   that splits its corner with the largest hull becomes a seed.
+//! - The *descendant bounds* of a vertex are the box of its position and those of all its
+//!   descendants, the bounds of a face the convex hull of its corners' boxes.
+//! - While the closure leaves a face with a corner to split whose bounds overlap the cell, the VSP
+//!   that splits its corner with the largest box becomes a seed.
 //!
 //! That is enough for *every* front that holds the closure, unions with closures of other regions
 //! and half-refined fronts among them. The corners of a face of such a front descend from the
 //! corners of one face of the closure's own front (from all three, from the two ends of an edge, or
-//! from one): so it lies in that face's hull. If the hull misses the cell, so does the face; if
+//! from one): so it lies in that face's bounds. If these miss the cell, so does the face; if
 //! not, nothing is left to split there, and the face is one of the full mesh. Hence the faces that
 //! overlap a loaded cell are exactly those of the full mesh that do. (Splitting until no *face* of
 //! the closure's own front overlaps the cell costs less, up to 0.1 % more VSPs instead of 1 to 5 %,
@@ -21,13 +21,13 @@
 //! cell.)
 //!
 //! Cells without a face of the full mesh that a face of the base mesh overlaps become regions too,
-//! the *cleared* ones: once loaded they are as empty as they look. A cell that only faces between
+//! the *empty* ones: once loaded they are as empty as they look. A cell that only faces between
 //! the base and the full mesh ever enter has no region, and of it nothing is promised. (None of
 //! 3600 such cells beside loaded ones held a face: `loaded_cells_are_the_full_mesh.rs`.)
 //!
 //! Regions are searched in parallel, each by itself.
 //!
-//! Memory: 28 B a vertex (hull, and the VSP that splits it), 12 B a face (corners), 8 B a VSP and
+//! Memory: 28 B a vertex (box, and the VSP that splits it), 12 B a face (corners), 8 B a VSP and
 //! search; a search itself keeps no more than one closure.
 
 use crate::ids::Ids;
@@ -93,8 +93,8 @@ pub struct Regions {
     pub seed_offsets: Vec<u32>,
     /// Seeds, ascending in each region.
     pub seeds: Vec<u32>,
-    /// Regions that own no face and are only cleared.
-    pub cleared: u64,
+    /// Regions that own no face and keep their cell clear.
+    pub empty: u64,
     /// Mean closure of a region that owns faces, VSPs.
     pub closure_mean: f64,
     /// Largest closure of a region, VSPs.
@@ -125,9 +125,9 @@ const TO_CLEAR: u32 = NONE - 1;
 /// Finds all regions, their seeds and the sizes of their closures.
 pub fn regions_of(model: &Model<'_>, progress: &dyn Progress) -> Regions {
     let keys = keys(model);
-    let hulls = Hulls::new(model);
+    let bounds = DescendantBounds::new(model);
     let mut searches: Vec<Search> = (0..rayon::current_num_threads().min(MAX_SEARCHES))
-        .map(|_| Search::new(model, &hulls))
+        .map(|_| Search::new(model, &bounds))
         .collect();
     let regions: Vec<&[u64]> = keys.chunk_by(|a, b| a >> 32 == b >> 32).collect();
     progress.phase("clearing cells", regions.len() as u64);
@@ -143,7 +143,7 @@ pub fn regions_of(model: &Model<'_>, progress: &dyn Progress) -> Regions {
                 owning += 1;
                 sum += u64::from(extended.closure);
             } else {
-                found.cleared += 1;
+                found.empty += 1;
             }
             found.closure_max = found.closure_max.max(extended.closure);
             found.seeds.extend(extended.seeds);
@@ -203,15 +203,15 @@ fn extend_all(searches: &mut [Search<'_>], regions: &[&[u64]]) -> Vec<Extended> 
 fn keys(model: &Model<'_>) -> Vec<u64> {
     let key = |region: RegionId, vsp: u32| u64::from(region.0) << 32 | u64::from(vsp);
     let sizes = model.ids.sizes;
-    // Faces that are near in the tree share regions and makers: each task keeps one of each.
+    // Faces that are near in the tree share regions and creators: each task keeps one of each.
     let keys_of = |(task, faces): (usize, &[[u32; 3]])| {
         let mut keys: Vec<u64> = Vec::with_capacity(faces.len() * 6);
         for (t, face) in faces.iter().zip((task * FACES_A_TASK) as u32..) {
             let [a, b, c] = t.map(|v| sizes.creator_of_vertex(model.ids.vertex[v as usize]));
-            let makers = [sizes.creator_of_face(model.ids.face(face)), a, b, c];
+            let creators = [sizes.creator_of_face(model.ids.face(face)), a, b, c];
             model.grid.for_each_owner(model.mesh.corners(t), |region| {
                 keys.push(key(region, OWNS));
-                keys.extend(makers.iter().flatten().map(|&vsp| key(region, vsp)));
+                keys.extend(creators.iter().flatten().map(|&vsp| key(region, vsp)));
             });
         }
         keys.sort_unstable();
@@ -238,35 +238,35 @@ struct Step {
 }
 
 /// What all searches look into.
-struct Hulls {
+struct DescendantBounds {
     /// The VSP that splits each vertex, [`NONE`] for a vertex of the full mesh.
     split_of: Vec<u32>,
     /// Box of each vertex and its descendants.
-    hulls: Vec<Aabb>,
-    /// Box of the hull of each face of the base mesh that is not of the full mesh, and its id.
+    of_vertex: Vec<Aabb>,
+    /// Box of the bounds of each face of the base mesh that is not of the full mesh, and its id.
     base: Vec<(Aabb, u32)>,
     /// Corners of each face of the full mesh, vertex ids, by face id; [`NONE`] where an id has no
     /// face.
     corners: Vec<[u32; 3]>,
 }
 
-impl Hulls {
+impl DescendantBounds {
     fn new(model: &Model<'_>) -> Self {
         let sizes = model.ids.sizes;
         let point = |p: [f32; 3]| Aabb::of_points([Vec3::from_array(p)]);
         let of_base = model.base_vertices.iter().map(|v| point(v.position));
-        let mut hulls: Vec<Aabb> = Vec::with_capacity(sizes.vt(sizes.vsps) as usize);
-        hulls.extend(of_base);
+        let mut of_vertex: Vec<Aabb> = Vec::with_capacity(sizes.vt(sizes.vsps) as usize);
+        of_vertex.extend(of_base);
         let of_records = model.records.iter().flat_map(|r| [r.pos_t, r.pos_u]);
-        hulls.extend(of_records.map(point));
-        let mut split_of = vec![NONE; hulls.len()];
+        of_vertex.extend(of_records.map(point));
+        let mut split_of = vec![NONE; of_vertex.len()];
         // Children have larger ids than their parents.
         for record in model.records.iter().rev() {
             split_of[record.vs as usize] = record.i;
             let vt = sizes.vt(record.i) as usize;
-            let children = hulls[vt].union(hulls[vt + 1]);
-            let hull = &mut hulls[record.vs as usize];
-            *hull = hull.union(children);
+            let children = of_vertex[vt].union(of_vertex[vt + 1]);
+            let own = &mut of_vertex[record.vs as usize];
+            *own = own.union(children);
         }
         let mut corners = vec![[NONE; 3]; sizes.fl(sizes.vsps) as usize];
         for (face, t) in (0u32..).zip(&model.mesh.triangles) {
@@ -277,13 +277,13 @@ impl Hulls {
             .zip(model.base_faces)
             .filter(|(face, base)| base.corners != corners[*face as usize])
             .map(|(face, base)| {
-                let [a, b, c] = base.corners.map(|v| hulls[v as usize]);
+                let [a, b, c] = base.corners.map(|v| of_vertex[v as usize]);
                 (a.union(b).union(c), face)
             })
             .collect();
         Self {
             split_of,
-            hulls,
+            of_vertex,
             base,
             corners,
         }
@@ -293,7 +293,7 @@ impl Hulls {
 /// Searches closures and the faces that they leave coarse.
 struct Search<'a> {
     model: &'a Model<'a>,
-    hulls: &'a Hulls,
+    bounds: &'a DescendantBounds,
     /// Of each VSP: the region, counted from 1, whose closure last took it in, and the vertex that
     /// it splits. (Side by side: the way up from a vertex is most of the work, and records are far
     /// apart.)
@@ -306,10 +306,10 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(model: &'a Model<'a>, hulls: &'a Hulls) -> Self {
+    fn new(model: &'a Model<'a>, bounds: &'a DescendantBounds) -> Self {
         Self {
             model,
-            hulls,
+            bounds,
             steps: model
                 .records
                 .iter()
@@ -324,8 +324,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn hulls_of(&self, corners: [u32; 3]) -> [Aabb; 3] {
-        corners.map(|v| self.hulls.hulls[v as usize])
+    fn bounds_of(&self, corners: [u32; 3]) -> [Aabb; 3] {
+        corners.map(|v| self.bounds.of_vertex[v as usize])
     }
 
     /// Adds to the seeds of a region, given by its keys, what keeps its cell clear; they end
@@ -337,8 +337,8 @@ impl<'a> Search<'a> {
         let (lower, upper) = self.model.grid.cell_box(region);
         self.stamp += 1;
         self.closure.clear();
-        let near = self.hulls.base.iter();
-        let near = near.filter(|(hull, _)| overlap(hull, lower, upper));
+        let near = self.bounds.base.iter();
+        let near = near.filter(|(bounds, _)| overlap(bounds, lower, upper));
         self.suspects.extend(near.map(|&(_, face)| face));
         let mut suspects = std::mem::take(&mut self.suspects);
         let sizes = self.model.ids.sizes;
@@ -356,7 +356,7 @@ impl<'a> Search<'a> {
                     self.visit(dependency);
                 }
             }
-            // The hull of a face only shrinks by splits, so who is acquitted stays so.
+            // The bounds of a face only shrink by splits: a face that misses the cell stays out.
             suspects.retain(|&face| match self.split_against(face, lower, upper) {
                 Some(vsp) => {
                     seeds.push(vsp);
@@ -382,22 +382,22 @@ impl<'a> Search<'a> {
     /// The split that a face needs so that neither it nor what comes of it is coarse in the box;
     /// `None` when it needs none.
     fn split_against(&self, face: u32, lower: DVec3, upper: DVec3) -> Option<u32> {
-        let full = self.hulls.corners[face as usize];
+        let full = self.bounds.corners[face as usize];
         if full[0] == NONE {
             return None;
         }
         let corners = full.map(|v| self.active_ancestor(v));
-        if corners == full || hulls_miss_box(self.hulls_of(corners), lower, upper) {
+        if corners == full || bounds_miss_box(self.bounds_of(corners), lower, upper) {
             return None;
         }
         corners
             .into_iter()
-            .filter(|&v| self.hulls.split_of[v as usize] != NONE)
+            .filter(|&v| self.bounds.split_of[v as usize] != NONE)
             .max_by(|&a, &b| {
-                let size = |v: u32| self.hulls.hulls[v as usize].diagonal();
+                let size = |v: u32| self.bounds.of_vertex[v as usize].diagonal();
                 size(a).total_cmp(&size(b))
             })
-            .map(|v| self.hulls.split_of[v as usize])
+            .map(|v| self.bounds.split_of[v as usize])
     }
 
     fn visit(&mut self, vsp: u32) {
@@ -422,8 +422,8 @@ impl<'a> Search<'a> {
 }
 
 /// Whether two boxes share a point; what misses here overlaps no region either, bit for bit.
-fn overlap(hull: &Aabb, lower: DVec3, upper: DVec3) -> bool {
-    hull.lower.as_dvec3().cmple(upper).all() && hull.upper.as_dvec3().cmpge(lower).all()
+fn overlap(bounds: &Aabb, lower: DVec3, upper: DVec3) -> bool {
+    bounds.lower.as_dvec3().cmple(upper).all() && bounds.upper.as_dvec3().cmpge(lower).all()
 }
 
 /// Whether the convex hull of three boxes surely misses a box: separating axes of the box and of
@@ -431,14 +431,14 @@ fn overlap(hull: &Aabb, lower: DVec3, upper: DVec3) -> bool {
 ///
 /// Not all axes of the hull, so it may say no where a gap is; and wherever it says yes the gap is
 /// wider than what [`RegionGrid::overlaps`] takes for rounding.
-fn hulls_miss_box(hulls: [Aabb; 3], lower: DVec3, upper: DVec3) -> bool {
-    let [a, b, c] = hulls;
+fn bounds_miss_box(boxes: [Aabb; 3], lower: DVec3, upper: DVec3) -> bool {
+    let [a, b, c] = boxes;
     if !overlap(&a.union(b).union(c), lower, upper) {
         return true;
     }
     let (middle, half) = ((lower + upper) * 0.5, (upper - lower) * 0.5);
-    let centres = hulls.map(|h| (h.lower.as_dvec3() + h.upper.as_dvec3()) * 0.5 - middle);
-    let halves = hulls.map(|h| (h.upper.as_dvec3() - h.lower.as_dvec3()) * 0.5);
+    let centres = boxes.map(|h| (h.lower.as_dvec3() + h.upper.as_dvec3()) * 0.5 - middle);
+    let halves = boxes.map(|h| (h.upper.as_dvec3() - h.lower.as_dvec3()) * 0.5);
     let separated = |axis: DVec3| {
         let along = axis.abs();
         let radius = half.dot(along);
@@ -477,27 +477,28 @@ mod tests {
     proptest! {
         /// A triangle with one corner in each of three boxes that miss a cell misses it as well.
         #[test]
-        fn what_lies_in_a_hull_that_misses_a_cell_misses_it(
-            boxes in prop::array::uniform3((vector(), vector(), 0.0..0.5f64)),
+        fn a_triangle_in_boxes_that_miss_a_cell_misses_it(
+            extents in prop::array::uniform3((vector(), vector(), 0.0..0.5f64)),
             weights in prop::array::uniform3(prop::array::uniform3(0.0..=1.0f32)),
             exponent in -6..6i32,
         ) {
             let scale = 10f64.powi(exponent);
-            let hulls = boxes.map(|(a, b, size)| {
+            let boxes = extents.map(|(a, b, size)| {
                 Aabb::of_points([(a * scale).as_vec3(), (a + b * size).as_vec3() * scale as f32])
             });
             let grid = RegionGrid::new(DVec3::splat(-scale), DVec3::splat(scale), 8).unwrap();
             let mut corners = [DVec3::ZERO; 3];
             for k in 0..3 {
-                let inside = hulls[k].lower
-                    + (hulls[k].upper - hulls[k].lower) * Vec3::from_array(weights[k]);
-                corners[k] = inside.clamp(hulls[k].lower, hulls[k].upper).as_dvec3();
+                let inside = boxes[k].lower
+                    + (boxes[k].upper - boxes[k].lower) * Vec3::from_array(weights[k]);
+                corners[k] = inside.clamp(boxes[k].lower, boxes[k].upper).as_dvec3();
             }
             let mut missed = 0;
             for cell in 0..512u32 {
-                let region = RegionId::of_cell(glam::UVec3::new(cell & 7, cell >> 3 & 7, cell >> 6));
+                let position = glam::UVec3::new(cell & 7, cell >> 3 & 7, cell >> 6);
+                let region = RegionId::of_cell(position);
                 let (lower, upper) = grid.cell_box(region);
-                if hulls_miss_box(hulls, lower, upper) {
+                if bounds_miss_box(boxes, lower, upper) {
                     missed += 1;
                     prop_assert!(!grid.overlaps(region, corners), "{region:?}");
                 }

@@ -25,9 +25,9 @@ use topology::{Collapsible, Topology};
 const MIN_TURN_COSINE: f64 = 0.2;
 /// A face may not shrink below this share of its area.
 const MIN_AREA_SHARE: f64 = 1e-14;
-/// Weight of the planes that hold rims in place, against that of a face as large as its edge
+/// Weight of the planes that hold boundaries in place, against that of a face as large as its edge
 /// squared.
-const RIM_WEIGHT: f64 = 100.0;
+const BOUNDARY_WEIGHT: f64 = 100.0;
 /// Cost of length squared, which orders edges on planes; in the frame in which the diagonal is one.
 const LENGTH_COST: f64 = 1e-12;
 
@@ -120,8 +120,8 @@ struct Work<'a> {
     round: u32,
     /// By slot: length of the longest chain that ends with the collapse that made it.
     chain: Vec<u8>,
-    /// By face: the same of the collapses that have it beside them.
-    chain_beside: Vec<u8>,
+    /// By face: the same of the collapses that remove a face next to it.
+    adjacent_chain: Vec<u8>,
     longest_chain: u8,
     /// Id that the next collapse makes.
     next_id: u32,
@@ -181,7 +181,7 @@ impl<'a> Work<'a> {
             touched: vec![0; mesh.positions.len()],
             round: 0,
             chain: vec![0; mesh.positions.len()],
-            chain_beside: vec![0; mesh.triangles.len()],
+            adjacent_chain: vec![0; mesh.triangles.len()],
             longest_chain: limit_of_chains(mesh.positions.len(), target),
             next_id: mesh.positions.len() as u32,
             made: Round::default(),
@@ -305,7 +305,7 @@ impl<'a> Work<'a> {
     /// Length of the longest chain that ends with this collapse.
     fn chain_of(&self, edge: &Collapsible) -> u8 {
         let removed = [edge.fl, edge.fr].into_iter().filter(|&f| f != NONE);
-        let of_faces = removed.map(|face| self.chain_beside[face as usize]);
+        let of_faces = removed.map(|face| self.adjacent_chain[face as usize]);
         let of_vertices = [edge.vt, edge.vu].map(|slot| self.chain[slot as usize]);
         of_faces.chain(of_vertices).fold(0, u8::max) + 1
     }
@@ -352,8 +352,8 @@ impl<'a> Work<'a> {
         let chain = self.chain_of(edge);
         self.chain[edge.vt as usize] = chain;
         for face in edge.fn_.into_iter().filter(|&f| f != NONE) {
-            let beside = &mut self.chain_beside[face as usize];
-            *beside = chain.max(*beside);
+            let adjacent = &mut self.adjacent_chain[face as usize];
+            *adjacent = chain.max(*adjacent);
         }
         self.topology.collapse(edge, &self.fans[1]);
         let slot = edge.vt as usize;
@@ -396,7 +396,7 @@ impl Work<'_> {
     }
 }
 
-/// Planes of the faces, weighted by area, and planes through rims, square to their faces.
+/// Planes of the faces, weighted by area, and planes through boundaries, square to their faces.
 fn initial_quadrics(topology: &Topology, scaled: &[DVec3]) -> Vec<Quadric> {
     let mut quadrics = vec![Quadric::default(); scaled.len()];
     for face in 0..topology.corners.len() as u32 {
@@ -417,7 +417,7 @@ fn initial_quadrics(topology: &Topology, scaled: &[DVec3]) -> Vec<Quadric> {
             if other == NONE
                 && let Some(outwards) = along.cross(normal).try_normalize()
             {
-                let weight = RIM_WEIGHT * along.length_squared();
+                let weight = BOUNDARY_WEIGHT * along.length_squared();
                 let plane = Quadric::of_plane(outwards, scaled[start as usize], weight);
                 for slot in [start, end] {
                     quadrics[slot as usize] = quadrics[slot as usize] + plane;

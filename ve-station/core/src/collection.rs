@@ -147,8 +147,8 @@ impl Collection {
     /// | asked for | the smallest front that holds |
     /// |---|---|
     /// | a cell at tolerance 0 | what makes every face of the full mesh that it owns |
-    /// | a cell at t > 0 | every VSP of expected error above t whose reach meets the cell grown by 2 t |
-    /// | the whole at t > 0 | every VSP of expected error above t |
+    /// | a cell at t > 0 | VSPs with E > t whose descendant bounds meet the cell grown by 2 t |
+    /// | the whole at t > 0 | VSPs with expected error E > t |
     /// | the whole at tolerance 0 | every VSP |
     /// | a prefix | the first VSPs of the sequence, at most all |
     ///
@@ -298,7 +298,7 @@ impl Collection {
 }
 
 /// Marks a VSP of a closure that the client lacks; numbers of VSPs are below it.
-pub const LACKING: u32 = 1 << 31;
+pub const MISSING: u32 = 1 << 31;
 
 /// What one client holds of one model.
 #[derive(Debug, Default)]
@@ -310,7 +310,7 @@ pub struct Residency {
 }
 
 impl Residency {
-    /// Takes a region in and marks with [`LACKING`] the VSPs of its closure that no region held
+    /// Takes a region in and marks with [`MISSING`] the VSPs of its closure that no region held
     /// before.
     ///
     /// A region that is held already changes nothing and lacks nothing.
@@ -323,7 +323,7 @@ impl Residency {
             let count = &mut self.counts[*i as usize];
             *count += 1;
             if *count == 1 {
-                *i |= LACKING;
+                *i |= MISSING;
             }
         }
     }

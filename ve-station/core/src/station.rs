@@ -10,7 +10,8 @@
 //!
 //! - A new epoch of the session or a new incarnation of the client clears queue, numbers and
 //!   belief. The client then says what it holds ([`RegionAction::Held`]) and asks for the rest.
-//! - A gap in the numbers of the requests *breaks* the epoch: queue and belief are cleared, nothing
+//! - A gap in the numbers of the requests *breaks* the epoch: queue and assumed residency are
+//!   emptied, nothing
 //!   more is sent and nothing of this epoch is listened to. The client, hearing nothing for
 //!   [`protocol::ANSWER_TIMEOUT_MS`], starts a new epoch. So a lost request can never leave a
 //!   belief behind that the client does not share.
@@ -35,7 +36,7 @@
 //! was rolled last the points are kept, eleven minutes of it at the most.
 
 mod answer;
-mod rolling;
+mod path_generator;
 mod session;
 
 pub use session::MAX_JOBS;
@@ -43,12 +44,12 @@ pub use session::MAX_JOBS;
 use crate::collection::{CollectError, Collection, RegionAt};
 use answer::{Job, Progress};
 use glam::DVec3;
+use path_generator::PathGenerator;
 use protocol::MAX_CLIENTS;
 use protocol::{
     CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MAX_SESSIONS, MeasuredError,
     REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
 };
-use rolling::PathGenerator;
 use session::{Accepted, Session};
 use spm::{NONE, RegionId, SpmFile};
 use std::collections::BTreeSet;
@@ -199,9 +200,9 @@ impl<D: AsRef<[u8]>> Station<D> {
         std::mem::take(&mut self.notes)
     }
 
-    /// Forgets a client: for a shell that has not heard of it for long. When it comes back, its
+    /// Removes a client that has been silent for long. When it comes back, its
     /// epoch is incomplete here, so it starts another.
-    pub fn forget(&mut self, client: u64) {
+    pub fn remove_client(&mut self, client: u64) {
         self.sessions.retain(|s| s.client != client);
     }
 
@@ -233,8 +234,8 @@ impl<D: AsRef<[u8]>> Station<D> {
     /// it knows that it is not forgotten. `None` when there is no such tour, or no credit.
     pub fn poll_unfinished(&mut self, client: u64) -> Option<Chunk> {
         self.each_in_turn(client, |station, at| {
-            let rolling = station.sessions[at].tours.pop_front()?;
-            Some(station.hand_out(at, rolling))
+            let generator = station.sessions[at].tours.pop_front()?;
+            Some(station.hand_out(at, generator))
         })
     }
 
@@ -276,18 +277,18 @@ impl<D: AsRef<[u8]>> Station<D> {
 
     /// Rolls the tour that a session asked for first; a chunk when one is full.
     fn roll(&mut self, at: usize, steps: &mut u64) -> Option<Chunk> {
-        let mut rolling = self.sessions[at].tours.pop_front()?;
-        let served = &self.models[rolling.model].served;
-        match rolling.roll(&served.file, steps) {
-            Ok(true) => Some(self.hand_out(at, rolling)),
+        let mut generator = self.sessions[at].tours.pop_front()?;
+        let served = &self.models[generator.model].served;
+        match generator.roll(&served.file, steps) {
+            Ok(true) => Some(self.hand_out(at, generator)),
             Ok(false) => {
-                self.sessions[at].tours.push_front(rolling);
+                self.sessions[at].tours.push_front(generator);
                 None
             }
             Err(_) => {
                 let name = &served.name;
                 let note = format!("a tour of {name} is refused: the file is damaged all over");
-                self.note((rolling.model, NONE), note);
+                self.note((generator.model, NONE), note);
                 let object = self.sessions[at].object;
                 let chunk = self.refused(object, None, Refusal::DamagedBlock);
                 Some(self.send(at, chunk))
@@ -296,12 +297,12 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     /// The next chunk of a tour, which waits for its turn again or is kept.
-    fn hand_out(&mut self, at: usize, mut rolling: PathGenerator) -> Chunk {
-        let chunk = rolling.chunk(self.sessions[at].object);
+    fn hand_out(&mut self, at: usize, mut generator: PathGenerator) -> Chunk {
+        let chunk = generator.chunk(self.sessions[at].object);
         if chunk.0.last == 1 {
-            self.sessions[at].rolled = Some(rolling);
+            self.sessions[at].rolled = Some(generator);
         } else {
-            self.sessions[at].tours.push_front(rolling);
+            self.sessions[at].tours.push_front(generator);
         }
         self.send(at, chunk)
     }
@@ -388,7 +389,7 @@ impl<D: AsRef<[u8]>> Station<D> {
                 .clients()
                 .min_by_key(|&id| heard(id).map(|s| s.last_heard).max());
             if let Some(stalest) = stalest {
-                self.forget(stalest);
+                self.remove_client(stalest);
             }
             self.counters.forgotten += 1;
         }
@@ -438,7 +439,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             return;
         }
         match PathGenerator::new(&self.models[model].served.file, model, ask) {
-            Ok(rolling) => session.tours.push_back(rolling),
+            Ok(generator) => session.tours.push_back(generator),
             Err(error) => {
                 let name = &self.models[model].served.name;
                 let note = format!("a tour of {name} is refused: {error}");

@@ -183,21 +183,21 @@ impl Tour {
         if !good {
             return Err(TourError::Numbers);
         }
-        let rolling = radius.max(MIN_BALL * size);
+        let ball_radius = radius.max(MIN_BALL * size);
         let diagonal = (upper - lower).length();
         Ok(Self {
             ask,
             draw: Draw(Xoshiro256PlusPlus::seed_from_u64(ask.seed)),
             space: Space {
                 ball: Ball {
-                    radius: rolling,
-                    step: (speed * PERIOD).min(MAX_MOVED * rolling),
+                    radius: ball_radius,
+                    step: (speed * PERIOD).min(MAX_MOVED * ball_radius),
                     lower,
                     upper,
                 },
                 centre: (lower + upper) * 0.5,
                 size,
-                outside: 0.51 * diagonal + 2.0 * rolling,
+                outside: 0.51 * diagonal + 2.0 * ball_radius,
                 hover: HOVER * size,
             },
             resampler: Resampler::new(speed * PERIOD),
@@ -287,7 +287,7 @@ impl Tour {
 
     /// The most that the ball need roll for the points that are left: their way, and half as much
     /// for a slide whose intent, inside of a bend, gets less far than the ball.
-    fn way_left(&self) -> f64 {
+    fn remaining_length(&self) -> f64 {
         1.5 * (self.total - self.given) as f64 * PERIOD * self.ask.speed
     }
 
@@ -301,7 +301,9 @@ impl Tour {
                     None => Some(Making::Choosing(choice)),
                     Some(place) => {
                         let length = self.ask.speed * self.draw.between(4.0, 6.0);
-                        let length = length.min(20.0 * self.space.size).min(self.way_left());
+                        let length = length
+                            .min(20.0 * self.space.size)
+                            .min(self.remaining_length());
                         let slide = Slide::new(ball, place.contact, length, &mut self.draw);
                         Some(Making::Sliding(place, slide))
                     }
@@ -363,15 +365,16 @@ impl Tour {
 
     /// Out along one free line, around the sphere that holds everything, in along another.
     fn travel_around(&mut self, from: DVec3, from_up: DVec3, to: DVec3, to_up: DVec3) {
-        let exit = |p: DVec3, way: DVec3| {
-            // The far root of |p + s way - centre| = outside; when p is outside already, p itself.
+        let exit = |p: DVec3, direction: DVec3| {
+            // The far root of |p + s direction - centre| = outside; when p is outside already, p
+            // itself.
             let q = p - self.space.centre;
-            let half = q.dot(way);
+            let half = q.dot(direction);
             let rest = self.space.outside * self.space.outside - q.length_squared();
             if rest <= 0.0 {
                 p
             } else {
-                p + way * ((half * half + rest).sqrt() - half)
+                p + direction * ((half * half + rest).sqrt() - half)
             }
         };
         let (out, into) = (exit(from, from_up), exit(to, to_up));

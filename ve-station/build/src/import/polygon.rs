@@ -170,7 +170,10 @@ mod tests {
 
         #[test]
         fn any_polygon_ends_in_two_triangles_fewer_than_corners(
-            points in prop::collection::vec(prop::array::uniform3((-2i8..3).prop_map(f64::from)), 4..30),
+            points in prop::collection::vec(
+                prop::array::uniform3((-2i8..3).prop_map(f64::from)),
+                4..30,
+            ),
         ) {
             if let Some(triangles) = triangulate(&points) {
                 prop_assert_eq!(triangles.len(), points.len() - 2);

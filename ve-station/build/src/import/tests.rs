@@ -58,8 +58,8 @@ fn ply_reads_alike_as_text_and_in_both_byte_orders() {
     let head = |format: &str| {
         format!(
             "ply\nformat {format} 1.0\nelement vertex 4\nproperty double x\nproperty float y\n\
-             property float z\nproperty uchar red\nelement extra 1\nproperty int tag\nelement face 1\n\
-             property list uchar int vertex_indices\nend_header\n"
+             property float z\nproperty uchar red\nelement extra 1\nproperty int tag\n\
+             element face 1\nproperty list uchar int vertex_indices\nend_header\n"
         )
     };
     let positions = [
@@ -179,7 +179,8 @@ fn off_takes_every_keyword_of_a_text() {
 fn ply_takes_lists_and_elements_of_any_type() {
     let head = "ply\r\nformat binary_big_endian 1.0\r\ncomment \u{e9}\r\nobj_info x\r\n\
         element camera 1\r\nproperty list ushort double matrix\r\nproperty char c\r\n\
-        element vertex 4\r\nproperty list int8 float t\r\nproperty float64 z\r\nproperty int16 y\r\nproperty uint x\r\n\
+        element vertex 4\r\nproperty list int8 float t\r\nproperty float64 z\r\n\
+        property int16 y\r\nproperty uint x\r\n\
         element tristrips 1\r\nproperty list int int vertex_indices\r\n\
         element face 1\r\nproperty float quality\r\nproperty list uint ushort vertex_indices\r\nend_header\r\n";
     let mut bytes: Vec<u8> = head.chars().map(|c| c as u8).collect();
@@ -321,8 +322,10 @@ fn stl_texts_on_one_line_are_read_and_broken_ones_named() {
 #[test]
 fn a_cdpm_refines_as_printed_in_the_thesis() {
     let text = "# 3D model: 5804 faces 2904 vertices 2896 VSPs\n# Base Mesh: 10 faces 8 vertices\n\
-        v 0.0250617 0.0799181 -0.159895\nv 0.38019 0.230182 -0.0215354\nv 0.108728 -0.155195 0.0126244\n\
-        v -0.433037 0.231398 0.0454415\nv -0.357951 -0.143089 -0.116849\nv 0.257309 0.187015 0.0507284\n\
+        v 0.0250617 0.0799181 -0.159895\nv 0.38019 0.230182 -0.0215354\n\
+        v 0.108728 -0.155195 0.0126244\n\
+        v -0.433037 0.231398 0.0454415\nv -0.357951 -0.143089 -0.116849\n\
+        v 0.257309 0.187015 0.0507284\n\
         v -0.347619 -0.129812 0.124568\nv 0.151632 -0.043319 -0.08824\n\
         f 3 2 6\nf 5 4 1\nf 7 5 3\nf 2 1 6\nf 2 3 1\nf 1 3 5\nf 6 1 4\nf 3 6 7\nf 7 6 4\nf 4 5 7\n\
         v* 1 -0.123045 -0.00540496 -0.0360497 0.349609 -0.103558 -0.0485731 6 -5 & 3 5 4 6 2 7\n";

@@ -39,8 +39,8 @@ pub struct ExpectedErrors<'a> {
     first: Vec<AtomicU32>,
     /// By vertex: the next one that hangs on the same face.
     next: Vec<AtomicU32>,
-    /// By face: the largest E of the collapses that have it beside them.
-    beside: Vec<AtomicU16>,
+    /// By face: the largest E of the collapses that remove a face next to it.
+    adjacent: Vec<AtomicU16>,
     /// E of each collapse.
     codes: Vec<u16>,
 }
@@ -71,7 +71,7 @@ impl Patch {
 
 impl<'a> ExpectedErrors<'a> {
     /// Before the first collapse. Faces must be in AB-tree order; `neighbours` are those across the
-    /// edges opposite their corners, [`NONE`] at rims.
+    /// edges opposite their corners, [`NONE`] at boundaries.
     pub fn new(
         positions: &'a [[f32; 3]],
         triangles: &'a [[u32; 3]],
@@ -93,7 +93,7 @@ impl<'a> ExpectedErrors<'a> {
             scale,
             first: first.into_iter().map(AtomicU32::new).collect(),
             next: next.into_iter().map(AtomicU32::new).collect(),
-            beside: triangles.iter().map(|_| AtomicU16::new(0)).collect(),
+            adjacent: triangles.iter().map(|_| AtomicU16::new(0)).collect(),
             codes: Vec::new(),
         }
     }
@@ -132,7 +132,7 @@ impl<'a> ExpectedErrors<'a> {
             .filter(|&f| f != NONE);
         let known = removed
             .clone()
-            .map(|face| self.beside[face as usize].load(Relaxed))
+            .map(|face| self.adjacent[face as usize].load(Relaxed))
             .fold(made(collapse.vt).max(made(collapse.vu)), u16::max);
         let known_squared = self.scale.decode(known).powi(2);
 
@@ -145,8 +145,8 @@ impl<'a> ExpectedErrors<'a> {
             known
         };
         for face in collapse.fn_.into_iter().filter(|&f| f != NONE) {
-            let beside = &self.beside[face as usize];
-            beside.store(code.max(beside.load(Relaxed)), Relaxed);
+            let adjacent = &self.adjacent[face as usize];
+            adjacent.store(code.max(adjacent.load(Relaxed)), Relaxed);
         }
         code
     }
@@ -214,8 +214,8 @@ impl<'a> ExpectedErrors<'a> {
             let (along, across) = ((from - point) / steps, (to - from) / steps);
             let steps = steps as u32;
             let mut row_hint = at_point;
-            // Rows away from the vertex; the last one is the outer rim of the patch, which did not
-            // move.
+            // Rows away from the vertex; the last one is the outer boundary of the patch, which did
+            // not move.
             for row in 1..steps {
                 let start = point + along * f64::from(row);
                 row_hint = look(start, row_hint);

@@ -6,7 +6,7 @@ use spm::NONE;
 pub(super) struct Topology {
     /// Slots, counterclockwise; of a removed face the first is `NONE`.
     pub corners: Vec<[u32; 3]>,
-    /// The face across the edge opposite each corner, `NONE` at a rim.
+    /// The face across the edge opposite each corner, `NONE` at a boundary.
     pub neighbours: Vec<[u32; 3]>,
     /// By slot: some live face round it.
     face_of: Vec<u32>,
@@ -81,13 +81,13 @@ impl Topology {
             .map_or(NONE, |k| self.neighbours[face as usize][k])
     }
 
-    /// Faces round a slot and the slots beside it; whether it lies on a rim.
+    /// Faces round a slot and the slots next to it; true on a boundary.
     fn ring(&self, slot: u32, fan: &mut Vec<u32>, ring: &mut Vec<u32>) -> bool {
         fan.clear();
         ring.clear();
         let first = self.face_of[slot as usize];
-        // Counterclockwise until it closes or meets the rim; then clockwise from the first for the
-        // rest.
+        // Counterclockwise until it closes or meets the boundary; then clockwise from the first for
+        // the rest.
         let mut face = first;
         loop {
             let Some(k) = self.corner_of(face, slot) else {
@@ -120,8 +120,8 @@ impl Topology {
     }
 
     /// The edge at a side of a face, when collapsing it keeps the mesh a manifold: the link
-    /// condition on the mesh closed with one more vertex behind all rims. Fills in fans and rings
-    /// of both ends (vt, vu).
+    /// condition on the mesh closed with one more vertex behind all boundaries. Fills in fans and
+    /// rings of both ends (vt, vu).
     pub fn collapsible(
         &self,
         face: u32,
@@ -139,10 +139,10 @@ impl Topology {
         };
         let [fan_t, fan_u] = fans;
         let [ring_t, ring_u] = rings;
-        let rim_t = self.ring(vt, fan_t, ring_t);
-        let rim_u = self.ring(vu, fan_u, ring_u);
-        // An inner edge between two rims: the rims would meet in a point.
-        if fr != NONE && rim_t && rim_u {
+        let boundary_t = self.ring(vt, fan_t, ring_t);
+        let boundary_u = self.ring(vu, fan_u, ring_u);
+        // An inner edge between two boundaries: the boundaries would meet in a point.
+        if fr != NONE && boundary_t && boundary_u {
             return None;
         }
         let common = ring_t.iter().filter(|s| ring_u.contains(s)).count();
@@ -208,7 +208,7 @@ impl Topology {
         }
     }
 
-    /// Makes the two faces beside a removed one each other's neighbour.
+    /// Makes the two faces next to a removed one each other's neighbour.
     fn join(&mut self, removed: u32, a: u32, b: u32) {
         for (face, other) in [(a, b), (b, a)] {
             if face != NONE {

@@ -120,7 +120,7 @@ proptest! {
                 let mut marked = closures[k].clone();
                 residency.insert(region, &mut marked, 40);
                 let lacking: Vec<u32> =
-                    marked.iter().filter(|&i| i & LACKING != 0).map(|i| i & !LACKING).collect();
+                    marked.iter().filter(|&i| i & MISSING != 0).map(|i| i & !MISSING).collect();
                 let expected: Vec<u32> =
                     closures[k].iter().copied().filter(|i| !before.contains(i)).collect();
                 prop_assert_eq!(lacking, expected);
@@ -229,7 +229,7 @@ static NAIVE: LazyLock<Vec<Naive>> = LazyLock::new(|| {
     shapes.map(|(shape, faces)| Naive::new(shape, faces)).into()
 });
 
-/// A tolerance of the model: a rung of its ladder, something near one, or any share of the
+/// A tolerance of the model: that of a level, something near one, or any share of the
 /// diagonal.
 fn tolerance_of(header: &ModelHeader, kind: u8, share: f64) -> f32 {
     let rungs: Vec<f32> = header.level_tolerances[1..]
@@ -290,7 +290,11 @@ proptest! {
     }
 
     #[test]
-    fn any_request_is_answered_or_refused(region in any::<u32>(), bits in any::<u32>(), small in any::<bool>()) {
+    fn any_request_is_answered_or_refused(
+        region in any::<u32>(),
+        bits in any::<u32>(),
+        small in any::<bool>(),
+    ) {
         let naive = &NAIVE[0];
         let header = naive.file.model_header();
         let region = RegionId(if small { region & 0x00f0_3c0f } else { region });

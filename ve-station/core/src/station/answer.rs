@@ -1,7 +1,7 @@
 //! Answers, made chunk by chunk.
 
 use super::{Chunk, Station, region_at};
-use crate::collection::{LACKING, RegionAt};
+use crate::collection::{MISSING, RegionAt};
 use bytemuck::Zeroable;
 use protocol::{
     AnswersWriter, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, MODEL_HEADER_SLOTS, Refusal,
@@ -46,12 +46,12 @@ impl Job {
 /// How far the answer for a region is.
 #[derive(Debug)]
 pub struct Answer {
-    /// The closure, marked with [`LACKING`] where a record is to be sent.
+    /// The closure, marked with [`MISSING`] where a record is to be sent.
     closure: Vec<u32>,
     next_id: usize,
     /// The next place of the closure whose record may be to be sent.
     next_record: usize,
-    begun: bool,
+    started: bool,
 }
 
 /// What came of working on a job.
@@ -196,7 +196,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             Err(_) => {
                 // Its blocks were sound a moment ago; still, no record is made up.
-                given.closure.iter_mut().for_each(|i| *i &= !LACKING);
+                given.closure.iter_mut().for_each(|i| *i &= !MISSING);
                 let residency = &mut self.sessions[at].residency;
                 residency.remove(region, &given.closure);
                 Packed::Refused(*ask, Refusal::DamagedBlock)
@@ -216,13 +216,13 @@ impl<D: AsRef<[u8]>> Station<D> {
         let residency = &mut self.sessions[at].residency;
         residency.insert(region, &mut closure, vsps);
         if whole {
-            closure.iter_mut().for_each(|i| *i |= LACKING);
+            closure.iter_mut().for_each(|i| *i |= MISSING);
         }
         Answer {
             closure,
             next_id: 0,
             next_record: 0,
-            begun: false,
+            started: false,
         }
     }
 }
@@ -245,10 +245,10 @@ impl Answer {
         ask: &RegionAsk,
         writer: &mut AnswersWriter,
     ) -> Result<(u64, bool), FileError> {
-        writer.begin(ask.region, ask.tolerance_bits, !self.begun);
-        self.begun = true;
+        writer.begin(ask.region, ask.tolerance_bits, !self.started);
+        self.started = true;
         while let Some(&i) = self.closure.get(self.next_id)
-            && writer.id(i & !LACKING, i & LACKING != 0)
+            && writer.id(i & !MISSING, i & MISSING != 0)
         {
             self.next_id += 1;
         }
@@ -256,8 +256,8 @@ impl Answer {
         while self.next_id == self.closure.len()
             && let Some(&i) = self.closure.get(self.next_record)
         {
-            if i & LACKING != 0 {
-                let record = match file.record(i & !LACKING) {
+            if i & MISSING != 0 {
+                let record = match file.record(i & !MISSING) {
                     Ok(record) => record,
                     Err(error) => {
                         writer.end(false);

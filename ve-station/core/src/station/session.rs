@@ -2,8 +2,8 @@
 
 use super::Chunk;
 use super::answer::{Job, blank};
+use super::path_generator::PathGenerator;
 use super::region_at;
-use super::rolling::PathGenerator;
 use crate::collection::{RegionAt, Residency};
 use protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, MeasuredError, RegionAsk, Request};
 use std::collections::VecDeque;

@@ -58,9 +58,9 @@ impl Resampler {
         };
         let mut left = self.step;
         for (passed, corner) in self.corners.iter().enumerate() {
-            let way = corner.position.distance(at.position);
-            if way >= left {
-                let share = left / way;
+            let distance = corner.position.distance(at.position);
+            if distance >= left {
+                let share = left / distance;
                 let axis = at.axis.lerp(corner.axis, share).normalize_or(at.axis);
                 let sample = Sample {
                     position: at.position.lerp(corner.position, share),
@@ -71,7 +71,7 @@ impl Resampler {
                 self.at = Some(sample);
                 return Some(sample);
             }
-            left -= way;
+            left -= distance;
             at = *corner;
         }
         None

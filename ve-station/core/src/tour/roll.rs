@@ -77,7 +77,7 @@ impl Ball {
 #[derive(Debug)]
 pub struct Line {
     from: DVec3,
-    way: DVec3,
+    direction: DVec3,
     length: f64,
     /// How far it is clear.
     at: f64,
@@ -86,24 +86,24 @@ pub struct Line {
 }
 
 impl Line {
-    /// From `from` along `way` (unit length) out of the mesh's box.
-    pub fn out_of_box(ball: &Ball, from: DVec3, way: DVec3) -> Self {
+    /// From `from` along `direction` (unit length) out of the mesh's box.
+    pub fn out_of_box(ball: &Ball, from: DVec3, direction: DVec3) -> Self {
         // Beyond this it has left the box in any case.
         let far = (ball.upper - ball.lower).length() + 4.0 * ball.radius;
-        Self::new(from, way, far)
+        Self::new(from, direction, far)
     }
 
     /// Straight from `from` to `to`.
     pub fn between(from: DVec3, to: DVec3) -> Self {
-        let way = to - from;
-        let length = way.length();
-        Self::new(from, way.normalize_or(DVec3::Z), length)
+        let displacement = to - from;
+        let length = displacement.length();
+        Self::new(from, displacement.normalize_or(DVec3::Z), length)
     }
 
-    fn new(from: DVec3, way: DVec3, length: f64) -> Self {
+    fn new(from: DVec3, direction: DVec3, length: f64) -> Self {
         Self {
             from,
-            way,
+            direction,
             length,
             at: 0.0,
             left: MAX_LINE_STEPS,
@@ -121,9 +121,9 @@ impl Line {
         }
         self.left -= 1;
         let margin = 0.5 * ball.radius;
-        let point = self.from + self.way * self.at.min(self.length);
-        let outside = (point.cmpgt(ball.upper + margin) & self.way.cmpge(DVec3::ZERO))
-            | (point.cmplt(ball.lower - margin) & self.way.cmple(DVec3::ZERO));
+        let point = self.from + self.direction * self.at.min(self.length);
+        let outside = (point.cmpgt(ball.upper + margin) & self.direction.cmpge(DVec3::ZERO))
+            | (point.cmplt(ball.lower - margin) & self.direction.cmple(DVec3::ZERO));
         if outside.any() {
             return Ok(Some(true));
         }

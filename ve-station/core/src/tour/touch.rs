@@ -10,8 +10,8 @@ use spm::{FileError, SpmFile};
 const NEAR_TRIES: usize = 24;
 /// Faces drawn for the first touch, of which one is kept in proportion to its area.
 const AREA_DRAWS: usize = 64;
-/// Ways up that are tried from a contact: its normal, the hint, and some nearby.
-const MAX_WAYS: u32 = 8;
+/// Directions up that are tried from a contact: its normal, the hint, and some nearby.
+const MAX_DIRECTIONS: u32 = 8;
 
 /// Where a path ends: the contact that was left, and the way up from it.
 #[derive(Debug, Clone, Copy)]
@@ -253,25 +253,25 @@ impl Leave {
         let Some(contact) = self.contact() else {
             return Some(self.hint);
         };
-        if let Some((way, line)) = &mut self.line {
+        if let Some((direction, line)) = &mut self.line {
             match line.step(ball, file) {
                 Ok(None) => return None,
-                Ok(Some(true)) => return Some(*way),
+                Ok(Some(true)) => return Some(*direction),
                 Ok(Some(false)) => {}
                 // Where the file is damaged no other way is tried.
-                Err(_) => self.tried = MAX_WAYS,
+                Err(_) => self.tried = MAX_DIRECTIONS,
             }
             self.line = None;
         }
-        while self.tried < MAX_WAYS {
-            let way = match self.tried {
+        while self.tried < MAX_DIRECTIONS {
+            let direction = match self.tried {
                 0 => contact.normal,
                 1 => self.hint,
                 _ => (contact.normal + 0.9 * draw.direction()).normalize_or(contact.normal),
             };
             self.tried += 1;
-            if way.dot(contact.normal) > 0.1 {
-                self.line = Some((way, Line::out_of_box(ball, contact.centre, way)));
+            if direction.dot(contact.normal) > 0.1 {
+                self.line = Some((direction, Line::out_of_box(ball, contact.centre, direction)));
                 return None;
             }
         }

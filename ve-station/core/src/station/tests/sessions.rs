@@ -40,7 +40,9 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
 
     #[test]
-    fn any_session_ends_in_the_union_of_the_closures(steps in prop::collection::vec(step(), 1..120)) {
+    fn any_session_ends_in_the_union_of_the_closures(
+        steps in prop::collection::vec(step(), 1..120),
+    ) {
         let regions = regions();
         let mut server = station(1);
         let mut client = Client::new(7);
@@ -87,10 +89,19 @@ proptest! {
     #[test]
     fn no_bytes_make_the_station_panic_or_exceed_the_credit(
         garbage in prop::collection::vec(
-            (prop::collection::vec(any::<u8>(), size_of::<Request>()), 0u64..3, 0u32..8, 0u32..3, 0u64..4),
+            (
+                prop::collection::vec(any::<u8>(), size_of::<Request>()),
+                0u64..3,
+                0u32..8,
+                0u32..3,
+                0u64..4,
+            ),
             1..40,
         ),
-        contacts in prop::collection::vec(prop::collection::vec(any::<u8>(), size_of::<ContactReport>()), 0..8),
+        contacts in prop::collection::vec(
+            prop::collection::vec(any::<u8>(), size_of::<ContactReport>()),
+            0..8,
+        ),
     ) {
         let mut server = station(1);
         for (bytes, client, kind, epoch, sequence) in garbage {

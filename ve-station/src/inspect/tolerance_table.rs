@@ -1,4 +1,4 @@
-//! What the accuracy dial costs: for every level of the ladder its tolerance, its share of the
+//! Cost of the tolerance levels: of each level its tolerance, its share of the
 //! VSPs, and the closures of its regions.
 
 use super::finite;
@@ -10,9 +10,9 @@ use std::collections::BTreeSet;
 /// Regions of a level whose closures are counted, at the most.
 const SAMPLED_REGIONS: usize = 256;
 
-/// A level of the ladder.
+/// A tolerance level.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct DialRow {
+pub struct ToleranceRow {
     /// The level; 0 is the full mesh.
     pub level: u32,
     /// Smallest tolerance of the level, model units.
@@ -23,7 +23,7 @@ pub struct DialRow {
     pub vsps: u32,
     /// Side of a cell, model units.
     pub cell: f64,
-    /// Occupied and cleared cells.
+    /// Occupied and empty cells.
     pub regions: u64,
     /// Mean closure of a region, VSPs, over at most 256 regions spread evenly.
     pub closure_mean: f64,
@@ -34,14 +34,14 @@ pub struct DialRow {
     pub looked_at_mean: f64,
 }
 
-/// All levels that the file's ladder has.
+/// All levels that the file has.
 ///
 /// # Errors
 /// When a block is damaged.
-pub fn dial_table<D: AsRef<[u8]>>(
+pub fn tolerance_table<D: AsRef<[u8]>>(
     file: &SpmFile<D>,
     metres_per_unit: f64,
-) -> Result<Vec<DialRow>, FileError> {
+) -> Result<Vec<ToleranceRow>, FileError> {
     let header = file.model_header();
     let scale = ErrorScale::for_diagonal(header.diagonal);
     let mut collection = Collection::new(header.vsps);
@@ -69,7 +69,7 @@ pub fn dial_table<D: AsRef<[u8]>>(
             let closure = match collection.closure(file, asked) {
                 Ok(closure) => closure.len() as u64,
                 Err(CollectError::Damaged { error, .. }) => return Err(error),
-                // The cells are the grid's own, the tolerance is the ladder's.
+                // The cells are the grid's own, the tolerance is the level's.
                 Err(_) => continue,
             };
             sum += closure;
@@ -77,7 +77,7 @@ pub fn dial_table<D: AsRef<[u8]>>(
             count += 1;
         }
         let mean = |total: u64| finite(total as f64 / f64::from(count));
-        rows.push(DialRow {
+        rows.push(ToleranceRow {
             level,
             tolerance: tolerance.into(),
             tolerance_m: f64::from(tolerance) * metres_per_unit,
