@@ -1,6 +1,50 @@
 //! The haptic real-time controller as a process: the shell around the pure core ([`hrtc_core`]).
 //!
-//! The shell owns the clock, the threads, the device and the iceoryx2 ports.
+//! The shell owns the clock, the threads, the devices and the iceoryx2 ports.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`run`] | a run from start to result: threads, rings, messages |
+//! | [`devices`] | [`DeviceRegistry`](devices::DeviceRegistry): devices by the name in a scene |
+//! | [`setup`] | identity of a controller and limits of its devices |
+//! | [`link`] | connection agent: one thread with every iceoryx2 port |
+//! | [`tick_record`] | numbers of one tick for the log |
+//! | [`result`] | result fields, series and histograms of a run |
+//! | [`recorder`] | recording of all inputs, and its replay |
+//! | [`logging`] | notes on standard error |
+//! | [`tuning`] | sizes of rings and stacks, waiting times |
+//!
+//! # Example
+//! Three seconds with a driver of one's own, named `fixed` in the scene. A contact needs a station
+//! in the same domain (`ve-station serve`).
+//! ```no_run
+//! use haptic_device::{Capabilities, Device, Pose, Sample, TickTime, WrenchCommand};
+//! use hrtc::devices::DeviceRegistry;
+//! use hrtc::run::{RunArgs, RunError, run_with};
+//! use std::path::Path;
+//! use std::sync::atomic::AtomicBool;
+//!
+//! /// A handle that is fixed 50 mm above the origin.
+//! struct Fixed;
+//!
+//! impl Device for Fixed {
+//!     fn capabilities(&self) -> Capabilities {
+//!         Capabilities::translational("fixed", 5.0)
+//!     }
+//!     fn read(&mut self, time: TickTime) -> Option<Sample> {
+//!         let pose = Pose::at(glam::DVec3::Z * 0.05);
+//!         Some(Sample { time_ns: time.start_ns, ..Sample::at(pose) })
+//!     }
+//!     fn write(&mut self, _command: WrenchCommand) {}
+//!     fn safe_off(&mut self) {}
+//! }
+//!
+//! let devices = DeviceRegistry::new().with("fixed", |_request| Ok(Box::new(Fixed)));
+//! let mut args = RunArgs::new(Path::new("scene.toml"), "hrtc");
+//! args.seconds = Some(3.0);
+//! run_with(&devices, &args, &AtomicBool::new(false))?;
+//! # Ok::<(), RunError>(())
+//! ```
 
 pub mod devices;
 pub mod link;

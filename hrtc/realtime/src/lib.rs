@@ -1,5 +1,30 @@
-//! Real time on Linux: the period of a loop, the rights and counters of its thread, and an
+//! Real time on Linux for one loop: its period, the rights and counters of its thread, and an
 //! allocator that counts.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`pacer`] | [`Pacer`](pacer::Pacer): absolute deadlines, skipped periods and their reasons |
+//! | [`rights`] | priority, locked memory, core and wake-up latency; clocks and counters |
+//! | [`counting_allocator`] | allocations and frees of a thread, counted |
+//!
+//! # Example
+//! Three periods of 1 ms without any right. A right changes the delay of a wake-up, not its
+//! meaning.
+//! ```
+//! use realtime::pacer::Pacer;
+//!
+//! let mut pacer = Pacer::new(1000.0, 0);
+//! let mut next_tick = 0;
+//! for _ in 0..3 {
+//!     let wake = pacer.wait();
+//!     assert_eq!(wake.tick, next_tick + u64::from(wake.skipped));
+//!     next_tick = wake.tick + 1;
+//!     // The work of the tick stands here.
+//!     let worked = pacer.done();
+//!     assert!(worked.page_faults < 1000);
+//! }
+//! assert!(next_tick >= 3);
+//! ```
 
 pub mod counting_allocator;
 pub mod pacer;
