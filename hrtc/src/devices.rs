@@ -29,6 +29,8 @@ type Constructor = Box<dyn Fn(&DeviceRequest<'_>) -> Result<Box<dyn Device>, Str
 /// [[probe]]
 /// device = { custom = { name = "my-device", port = "/dev/ttyUSB0" } }
 /// ```
+/// The stability limits of a scene's effects take the simulated device's default mass and damping
+/// for a custom device: the scene cannot state those of the device itself.
 #[derive(Default)]
 pub struct DeviceRegistry {
     constructors: BTreeMap<String, Constructor>,

@@ -1,9 +1,9 @@
 //! Connection agent of the controller: one thread that owns every iceoryx2 port.
 //!
-//! Loans allocate and a new peer connects inside of a receive, so no port is touched by the tick.
-//! They meet in bounded rings: requests and contacts come out of the tick, chunks go into it. A
-//! chunk is taken from iceoryx2 only when the inbox has room, so none is dropped here; the credit
-//! window bounds what waits.
+//! The tick uses no port: a loan allocates, and a receive may connect a new peer. Bounded rings
+//! lie between the two threads: requests and contacts leave the tick, chunks enter it. A chunk is
+//! taken from iceoryx2 only when the inbox has room, so none is dropped here. The credit window
+//! bounds the number of waiting chunks.
 
 use crate::tuning::{
     CLEANUP_PERIOD, HELLO_PERIOD, INBOX_CAPACITY, LINK_POLL_PERIOD, LINK_STACK_BYTES,
@@ -30,7 +30,7 @@ use transport::{Domain, MAX_QUEUED, TransportError};
 /// Called with every chunk in the order of arrival, before the tick can see it.
 pub type ChunkRecorder = Box<dyn FnMut(&InboxChunk) + Send>;
 
-/// Who the controller is, and where.
+/// Identity and domain of the controller.
 #[derive(Debug, Clone)]
 pub struct LinkOptions {
     /// The iceoryx2 domain.
@@ -41,7 +41,7 @@ pub struct LinkOptions {
     pub incarnation: u64,
 }
 
-/// The link's ends of the rings, and what it tells the tick.
+/// The link's ends of the rings, and its news for the tick.
 pub struct LinkEndpoints {
     /// Requests of the tick, ready to send.
     pub requests: Consumer<Request>,
@@ -53,11 +53,11 @@ pub struct LinkEndpoints {
     pub station: Arc<AtomicU64>,
     /// Version of a peer that speaks another protocol; 0 when none was heard.
     pub other_version: Arc<AtomicU32>,
-    /// Records arrivals, if wanted.
+    /// Called for every arrival; `None` without a recording.
     pub recorder: Option<ChunkRecorder>,
 }
 
-/// Why there is no link.
+/// Reasons of a link that does not start.
 #[derive(Debug, Error)]
 pub enum LinkError {
     /// iceoryx2 refused.
@@ -68,19 +68,18 @@ pub enum LinkError {
     Thread(#[from] std::io::Error),
 }
 
-/// What the link counted. Totals.
+/// Counters of the link since its start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LinkReport {
     /// Requests sent.
     pub requests: u64,
-    /// Requests that no station was there to receive, or that could not be sent; the epoch heals
-    /// them.
+    /// Requests without a receiver, or that could not be sent. The next epoch asks for them again.
     pub undelivered: u64,
     /// Chunks received.
     pub chunks: u64,
-    /// Chunks dropped because they have another length than this version's.
+    /// Chunks dropped: of another length than this version's.
     pub foreign: u64,
-    /// Looks at the ports that found the inbox full.
+    /// Receives that found the inbox full.
     pub inbox_full: u64,
 }
 
@@ -154,7 +153,7 @@ struct Ports {
     records: Subscriber<ipc::Service, [ChunkSlot], ChunkHeader>,
     hello_in: Subscriber<ipc::Service, Hello, ()>,
     hello_out: Publisher<ipc::Service, Hello, ()>,
-    // Last, so that it goes last.
+    // Last, so that it is dropped after its ports.
     node: Node<ipc::Service>,
 }
 
@@ -162,7 +161,7 @@ impl Ports {
     fn open(options: &LinkOptions) -> Result<Self, TransportError> {
         let domain = &options.domain;
         let node = domain.node()?;
-        // The inbox before the first question: what comes must find it.
+        // The inbox before the first request, so that no answer is lost.
         let records = domain
             .records_service(&node, options.client)?
             .subscriber_builder()
@@ -206,15 +205,16 @@ impl Ports {
     }
 }
 
-/// What the thread works with.
+/// State of the thread.
 struct Agent {
     options: LinkOptions,
     ports: Ports,
     ends: LinkEndpoints,
     report: LinkReport,
-    /// The station heard, and when last.
+    /// Incarnation of the station, and time of its last heartbeat.
     station: Option<(u64, Instant)>,
-    said: BTreeSet<String>,
+    /// Sentences that were logged.
+    warned: BTreeSet<String>,
 }
 
 impl Agent {
@@ -225,7 +225,7 @@ impl Agent {
             ends,
             report: LinkReport::default(),
             station: None,
-            said: BTreeSet::new(),
+            warned: BTreeSet::new(),
         }
     }
 
@@ -246,12 +246,12 @@ impl Agent {
                 } = self.options;
                 let hello = Hello::new(Role::Controller, incarnation, client);
                 if let Err(e) = self.ports.hello_out.send_copy(hello) {
-                    self.complain("send heartbeats", e);
+                    self.warn_port("send heartbeats", e);
                 }
             }
             if now >= next_cleanup {
                 next_cleanup = now + CLEANUP_PERIOD;
-                // A station that died leaves its queues to whoever looks.
+                // The queues of a dead station stay until another process removes them.
                 let _ = self.ports.node.try_cleanup_dead_nodes();
             }
             if ending {
@@ -262,7 +262,7 @@ impl Agent {
         }
     }
 
-    /// Moves chunks into the inbox while it has room; what finds none waits in iceoryx2's queue.
+    /// Moves chunks into the inbox while it has room; the others wait in iceoryx2's queue.
     fn receive(&mut self) {
         for _ in 0..INBOX_CAPACITY {
             if self.ends.inbox.is_full() {
@@ -272,7 +272,7 @@ impl Agent {
             let sample = match self.ports.records.receive() {
                 Ok(Some(sample)) => sample,
                 Ok(None) => return,
-                Err(e) => return self.complain("receive records", e),
+                Err(e) => return self.warn_port("receive records", e),
             };
             let Ok(slots) = <[ChunkSlot; CHUNK_SLOTS]>::try_from(sample.payload()) else {
                 self.report.foreign += 1;
@@ -287,7 +287,7 @@ impl Agent {
                 record(&chunk);
             }
             self.report.chunks += 1;
-            // There is room: this thread is the only one that fills it.
+            // There is room: only this thread fills the inbox.
             let _ = self.ends.inbox.push(chunk);
         }
     }
@@ -300,25 +300,25 @@ impl Agent {
                 Ok(_) => {}
                 Err(e) => {
                     self.report.undelivered += 1;
-                    self.complain("send requests", e);
+                    self.warn_port("send requests", e);
                 }
             }
         }
         while let Ok(contact) = self.ends.contacts.pop() {
-            // A contact that is lost is one measured error less.
+            // A lost contact costs one measured error.
             if let Err(e) = self.ports.contacts.send_copy(contact) {
-                self.complain("send contacts", e);
+                self.warn_port("send contacts", e);
             }
         }
     }
 
-    /// Takes heartbeats in and tells the tick which station is there.
+    /// Receives heartbeats and publishes the station's incarnation to the tick.
     fn listen(&mut self, now: Instant) {
         for _ in 0..2 * MAX_QUEUED {
             let read = match self.ports.hello_in.receive() {
                 Ok(Some(hello)) => hello.payload().read(),
                 Ok(None) => break,
-                Err(e) => return self.complain("receive heartbeats", e),
+                Err(e) => return self.warn_port("receive heartbeats", e),
             };
             match read {
                 Ok((Role::Station, incarnation, _)) => self.hear_station(incarnation, now),
@@ -327,7 +327,7 @@ impl Agent {
                     if let HelloError::OtherVersion { theirs, .. } = error {
                         self.ends.other_version.store(theirs, Ordering::Release);
                     }
-                    self.say(error.to_string());
+                    self.warn_once(error.to_string());
                 }
             }
         }
@@ -341,9 +341,8 @@ impl Agent {
         self.ends.station.store(alive, Ordering::Release);
     }
 
-    /// A station that is alive is kept when another one speaks up, so that two of them do not
-    /// alternate; a restarted one is taken as soon as the dead one's last heartbeat is two periods
-    /// old.
+    /// Keeps a live station when another one is heard, so that two of them do not alternate. A
+    /// restarted station replaces a dead one whose last heartbeat is two periods old.
     fn hear_station(&mut self, incarnation: u64, now: Instant) {
         match self.station {
             Some((current, last)) if current != incarnation => {
@@ -355,16 +354,16 @@ impl Agent {
         }
     }
 
-    fn complain(&mut self, what: &'static str, reason: impl std::fmt::Debug) {
+    fn warn_port(&mut self, what: &'static str, reason: impl std::fmt::Debug) {
         let error = self.options.domain.error(what, reason);
-        self.say(error.to_string());
+        self.warn_once(error.to_string());
     }
 
-    /// Says a sentence once.
-    fn say(&mut self, sentence: String) {
-        if self.said.len() < MAX_LOGGED_SENTENCES && !self.said.contains(&sentence) {
+    /// Logs a sentence once, up to [`MAX_LOGGED_SENTENCES`].
+    fn warn_once(&mut self, sentence: String) {
+        if self.warned.len() < MAX_LOGGED_SENTENCES && !self.warned.contains(&sentence) {
             tracing::warn!("{sentence}");
-            self.said.insert(sentence);
+            self.warned.insert(sentence);
         }
     }
 }

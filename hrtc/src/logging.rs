@@ -4,7 +4,7 @@
 use std::io::IsTerminal;
 use tracing_subscriber::filter::LevelFilter;
 
-/// Starts them; once, from `main`.
+/// Starts the notes; called once, from `main`.
 pub fn start() {
     let asked = std::env::var("HRTC_LOG").ok();
     let level = asked.and_then(|level| level.parse().ok());

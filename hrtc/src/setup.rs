@@ -1,5 +1,5 @@
-//! Values beside the scene that make a controller: kept in a recording, so that a replay makes the
-//! same.
+//! Values beside the scene that make a controller. A recording holds them, so that a replay makes
+//! the same controller.
 
 use haptic_device::{Capabilities, DegreesOfFreedom};
 use hrtc_core::Controller;
@@ -18,7 +18,7 @@ pub struct ControllerSetup {
     pub max_force_n: f64,
     /// Limit of the torque of the weakest device that renders torque, newton metres.
     pub max_torque_nm: f64,
-    /// Resolution of each probe's device, metres.
+    /// Position resolution of each probe's device, metres.
     pub position_resolutions_m: Vec<f64>,
     /// Length of a tour, seconds.
     pub tour_seconds: f64,

@@ -1,4 +1,4 @@
-//! What one tick leaves behind: plain numbers, pushed into a ring and worded by another thread.
+//! Record of one tick: plain numbers that the tick pushes into a ring for the log thread.
 
 use geometry::{Pose, Wrench};
 use hrtc_core::record::CoreRecord;
@@ -8,20 +8,20 @@ use scene::MAX_PROBES;
 /// Stages of a tick, as indices of [`TickRecord::stage_ns`].
 pub const STAGES: [&str; 6] = ["inbox", "refine", "refit", "query", "force", "broad_phase"];
 
-/// What the log thread gets of one tick.
+/// Record of one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TickRecord {
     /// Index of the tick; counts skipped periods too.
     pub tick: u64,
     /// Periods skipped just before this tick.
     pub skipped: u32,
-    /// Why.
+    /// Reason of the skipped periods.
     pub miss: MissClass,
-    /// Wake-up after the deadline, ns.
+    /// Delay of the wake-up after the deadline, ns.
     pub wake_ns: u32,
-    /// Since the start of the tick before, ns.
+    /// Time since the start of the last tick, ns.
     pub period_ns: u32,
-    /// Thread CPU of the work, ns.
+    /// Processor time of the work, ns.
     pub work_cpu_ns: u32,
     /// Wall time of the work, ns.
     pub work_wall_ns: u32,
@@ -31,21 +31,21 @@ pub struct TickRecord {
     pub page_faults: u32,
     /// Allocations and frees of the thread during the tick.
     pub allocations: u32,
-    /// Chunks that had arrived when the tick looked, since the start: with the chunks themselves,
-    /// the recorded arrivals.
+    /// Chunks that had arrived at the start of the tick, since the start of the run. A recording
+    /// replays arrivals by this number.
     pub chunks_arrived: u64,
     /// Incarnation of the station as this tick saw it; 0 for none.
     pub station: u64,
-    /// Each device's pose; `None` when it gave none.
+    /// Pose of each device, metres; `None` without a sample.
     pub samples: [Option<Pose>; MAX_PROBES],
-    /// The wrenches written.
+    /// Wrench written to each device, newtons and newton metres.
     pub wrenches: [Wrench; MAX_PROBES],
     /// The core's own record.
     pub core: CoreRecord,
 }
 
 impl TickRecord {
-    /// The largest force of a probe, newtons; what is not finite counts as 0.
+    /// The largest force of a probe, newtons; a force that is not finite counts as 0.
     #[must_use]
     pub fn largest_force(&self) -> f64 {
         let forces = self.wrenches.iter().map(|wrench| wrench.force.length());

@@ -168,7 +168,7 @@ fn a_short_run_touches_a_real_mesh_and_reports_every_field() {
         "vsps_received",
         "vsplits",
         "geomorph_ticks",
-        "postponed",
+        "deferred",
         "ecols",
         "regions_subscribed",
         "resubscribed",

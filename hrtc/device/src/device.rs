@@ -29,7 +29,8 @@ pub struct Capabilities {
     pub max_speed_m_per_s: f64,
     /// Step of the measured position, metres. Motion within it does no work.
     pub position_resolution_m: f64,
-    /// Step of the measured orientation, radians.
+    /// Step of the measured orientation, radians. Carried but not used: unlike the position's step,
+    /// it has no effect on the controller.
     pub angle_resolution_rad: f64,
 }
 

@@ -1,4 +1,4 @@
-//! An allocator that counts, so that "the tick allocates nothing" is a measured statement.
+//! An allocator that counts the calls of a thread: the proof that a tick allocates nothing.
 //!
 //! ```
 //! use realtime::counting_allocator::{self, CountingAllocator};
@@ -28,8 +28,8 @@ pub fn arm(on: bool) {
     ARMED.with(|armed| armed.set(on));
 }
 
-/// Allocations, reallocations and frees of this thread while armed, since it began. Stays 0 when
-/// another allocator is in use.
+/// Allocations, reallocations and frees of this thread while armed, since its start; 0 when another
+/// allocator is in use.
 #[must_use]
 pub fn calls() -> u64 {
     CALLS.with(Cell::get)

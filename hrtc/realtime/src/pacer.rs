@@ -1,5 +1,6 @@
-//! The period: absolute deadlines, skipped periods counted and classed, the phase kept (never a
-//! catch-up).
+//! The period of a loop: absolute deadlines; skipped periods are counted and classed.
+//!
+//! The phase is kept: a skipped period is never caught up.
 
 use crate::rights::{RunDelay, monotonic_ns, sleep_until_ns, thread_cpu_ns, thread_usage};
 
@@ -17,31 +18,31 @@ pub enum MissClass {
     LateTimer,
     /// Processor time was taken away during the work (hypervisor or kernel).
     Stolen,
-    /// None of these explains it.
+    /// No measured reason.
     Unexplained,
 }
 
-/// A tick that is to begin.
+/// Start of a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wake {
-    /// Its index; skipped periods count.
+    /// Index of the tick; skipped periods count.
     pub tick: u64,
-    /// Its start on CLOCK_MONOTONIC, ns.
+    /// Start on CLOCK_MONOTONIC, ns.
     pub start_ns: u64,
-    /// Periods skipped since the tick before.
+    /// Periods skipped since the last tick.
     pub skipped: u32,
-    /// Why.
+    /// Reason of the skipped periods.
     pub miss: MissClass,
-    /// After the deadline that it slept for, ns: whole periods lost are in it.
+    /// Delay after the deadline of the sleep, ns; includes whole periods lost.
     pub wake_ns: u32,
-    /// Since the start of the tick before, ns.
+    /// Time since the start of the last tick, ns.
     pub period_ns: u32,
 }
 
-/// What the work of a tick took.
+/// Cost of a tick's work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Worked {
-    /// Thread CPU, ns.
+    /// Processor time of the thread, ns.
     pub cpu_ns: u32,
     /// Wall time, ns.
     pub wall_ns: u32,
@@ -49,19 +50,30 @@ pub struct Worked {
     pub page_faults: u32,
 }
 
-/// Gives the ticks of one thread. Make and use it on that thread.
+/// Ticks of one thread. Make and use it on that thread.
 #[derive(Debug)]
 pub struct Pacer {
+    /// Period, ns.
     period: u64,
+    /// Part of the wait that is spun before a deadline, ns.
     spin: u64,
+    /// Next deadline on CLOCK_MONOTONIC, ns.
     next: u64,
+    /// Index of the next tick.
     tick: u64,
+    /// Periods skipped since the last tick.
     skipped: u32,
+    /// Reason of the skipped periods.
     miss: MissClass,
+    /// Start of the last tick on CLOCK_MONOTONIC, ns.
     last_start: u64,
+    /// Start of the work on CLOCK_MONOTONIC, ns.
     work_start: u64,
+    /// Processor time of the thread at the start of the work, ns.
     work_cpu: u64,
+    /// Page faults of the thread at the start of the work.
     work_faults: u64,
+    /// `None` where the kernel keeps no run delay.
     run_delay: Option<RunDelay>,
 }
 
@@ -70,7 +82,8 @@ fn narrow(ns: u64) -> u32 {
 }
 
 impl Pacer {
-    /// Tick 0 comes ten periods from now. `spin_us` before a deadline are spun, not slept.
+    /// Ticks at `rate_hz`, the first one ten periods from now. The last `spin_us` microseconds
+    /// before a deadline are spun, not slept.
     #[must_use]
     pub fn new(rate_hz: f64, spin_us: u64) -> Self {
         let period = (1e9 / rate_hz).round() as u64;
@@ -110,7 +123,7 @@ impl Pacer {
         let start = monotonic_ns();
         let late = start - self.next;
         if late >= self.period {
-            // Woken so late that whole periods are gone: they are skipped, the phase is kept.
+            // Whole periods are gone.
             let lost = late / self.period;
             self.skip(lost);
             let queued = self.delay().saturating_sub(delay_before);
@@ -136,7 +149,7 @@ impl Pacer {
         wake
     }
 
-    /// Ends the tick's work.
+    /// Ends the tick's work; skips the periods that it has used up.
     pub fn done(&mut self) -> Worked {
         let now = monotonic_ns();
         let wall = now - self.work_start;
@@ -194,7 +207,7 @@ mod tests {
             assert_eq!(pair[1].tick, pair[0].tick + 1 + u64::from(pair[1].skipped));
         }
         assert!(ticks.iter().any(|wake| wake.skipped >= 2));
-        // Tick k is due at t0 + k T: no drift, whatever was skipped.
+        // Tick k is due at t0 + k T after any number of skipped periods.
         assert_eq!(pacer.next, start + pacer.tick * pacer.period);
     }
 }

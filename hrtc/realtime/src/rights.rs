@@ -1,14 +1,14 @@
 //! The rights, clocks and counters of a real-time thread on Linux.
 //!
-//! Every right is asked for alone, and one that is missing comes back as a [`MissingRight`] that
-//! says how to get it: the caller reports it, or ends when the scene requires real time.
+//! Each right is asked for separately. A refused one is returned as a [`MissingRight`], whose
+//! message names the remedy. The caller reports it, or ends where real time is required.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::fd::AsRawFd;
 use thiserror::Error;
 
-/// A right that a real-time thread wants.
+/// A right of a real-time thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Right {
     /// SCHED_FIFO with this priority.
@@ -25,14 +25,14 @@ pub enum Right {
 #[derive(Debug, Error)]
 #[error("{}: {error}; {}", .right.what(), .right.how())]
 pub struct MissingRight {
-    /// Which.
+    /// The right.
     pub right: Right,
-    /// What the kernel said.
+    /// Error of the kernel.
     pub error: io::Error,
 }
 
 impl Right {
-    /// What it is, for a list of rights.
+    /// Name for a list of rights.
     #[must_use]
     pub fn name(self) -> String {
         match self {
@@ -43,7 +43,7 @@ impl Right {
         }
     }
 
-    /// What is missing.
+    /// Consequence of its absence.
     #[must_use]
     pub fn what(self) -> String {
         match self {
@@ -54,7 +54,7 @@ impl Right {
         }
     }
 
-    /// How to get it.
+    /// Remedy.
     #[must_use]
     pub fn how(self) -> String {
         match self {
@@ -153,16 +153,17 @@ pub fn hold_latency() -> Result<LatencyHold, MissingRight> {
     })
 }
 
-/// What a thread got of what it wanted.
+/// Rights of a thread after [`obtain`].
 #[derive(Debug, Default)]
 pub struct Obtained {
     /// Refused rights; empty when all were given.
     pub missing: Vec<MissingRight>,
-    /// Held as long as this lives.
+    /// Keeps deep sleep away as long as it lives; `None` when refused.
     pub latency: Option<LatencyHold>,
 }
 
-/// Asks for every right of a real-time thread, for the calling thread.
+/// Asks for every right for the calling thread; for a core only when one is given. The priority is
+/// 1 to 99.
 #[must_use]
 pub fn obtain(core: Option<usize>, priority: i32) -> Obtained {
     let mut obtained = Obtained::default();
@@ -175,12 +176,12 @@ pub fn obtain(core: Option<usize>, priority: i32) -> Obtained {
         Err(missing) => obtained.missing.push(missing),
     }
     touch_stack();
-    // Last: what comes before may take its time.
+    // Last: the calls above may be slow.
     obtained.missing.extend(set_fifo(priority).err());
     obtained
 }
 
-/// Writes 128 KiB of the stack, so that no page of it faults later.
+/// Writes 128 KiB of the stack, so that these pages do not fault later.
 #[inline(never)]
 pub fn touch_stack() {
     let mut pages = [0u8; 128 * 1024];
@@ -231,14 +232,14 @@ pub fn sleep_until_ns(deadline: u64) {
     {}
 }
 
-/// What the kernel counted for the calling thread so far.
+/// Counters of the kernel for the calling thread since its start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ThreadUsage {
     /// Page faults, minor and major.
     pub page_faults: u64,
-    /// Times it gave the processor up by itself: sleeps, locks, blocking calls.
+    /// Switches by the thread itself: sleeps, locks, blocking calls.
     pub voluntary_switches: u64,
-    /// Times the processor was taken from it.
+    /// Switches by the kernel.
     pub involuntary_switches: u64,
 }
 
@@ -256,13 +257,13 @@ pub fn thread_usage() -> ThreadUsage {
     }
 }
 
-/// How long the calling thread was runnable without running: tells "the kernel kept the core" from
-/// "the timer was late". The file stays open, and reading it allocates nothing.
+/// Time in which a thread was runnable without running. It distinguishes a busy core from a late
+/// timer. The file stays open; reading it allocates nothing.
 #[derive(Debug)]
 pub struct RunDelay(File);
 
 impl RunDelay {
-    /// For the calling thread. Read it on the same thread.
+    /// Run delay of the calling thread. Read it on the same thread.
     ///
     /// # Errors
     /// When the kernel keeps no schedstat.
@@ -289,10 +290,8 @@ impl RunDelay {
     }
 }
 
-/// Time that the hypervisor kept from this machine's processors, ticks of 10 ms, all cores
-/// together.
-///
-/// Reads `/proc/stat`, so not for the tick. 0 where there is none.
+/// Time that the hypervisor took from all cores together, in units of 10 ms; 0 where `/proc/stat`
+/// does not state it. Reads a file: not for the tick.
 #[must_use]
 pub fn steal_ticks() -> u64 {
     let stat = std::fs::read_to_string("/proc/stat").unwrap_or_default();
@@ -352,7 +351,7 @@ mod tests {
 
     #[test]
     fn the_run_delay_never_falls() {
-        // A kernel may be built without it: then that is said, and there is nothing to test.
+        // A kernel may be built without it.
         let Ok(delay) = RunDelay::open() else {
             println!("skipped: this kernel keeps no /proc/thread-self/schedstat");
             return;

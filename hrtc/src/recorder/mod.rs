@@ -1,9 +1,8 @@
 //! Recording every input of every tick, and replaying it through the pure core.
 //!
-//! A recording holds the scene as it was typed, the samples, the station's incarnation and the
-//! chunks in the order of their arrival, with the number that each tick could see. That is
-//! everything that goes into a tick, so a replay by the same build on the same architecture gives
-//! the same bits.
+//! A recording holds the text of the scene, the samples, the station's incarnation, the chunks in
+//! the order of arrival, and the number of arrived chunks at each tick. These are all inputs of a
+//! tick, so a replay by the same build on the same architecture gives the same bits.
 
 use crate::setup::ControllerSetup;
 use crate::tick_record::TickRecord;
@@ -27,16 +26,16 @@ const TICK: u8 = 1;
 const CHUNK: u8 = 2;
 const END: u8 = 3;
 
-/// Why a recording cannot be written or read.
+/// Reasons of a recording that cannot be written or read.
 #[derive(Debug, Error)]
 pub enum RecordingError {
-    /// The file system.
+    /// The file system refused.
     #[error("cannot use the recording {0}: {1}")]
     File(String, io::Error),
-    /// Not a recording.
+    /// The file is not a recording of this version.
     #[error("{0} is not a recording of this version of hrtc; make one with hrtc run --record FILE")]
     NotARecording(String),
-    /// The scene in it.
+    /// The scene in the recording is refused.
     #[error("the scene in the recording is refused: {0}")]
     Scene(#[from] SceneError),
 }
@@ -57,7 +56,7 @@ pub struct RecordingHead {
 }
 
 impl RecordingHead {
-    /// Reads the scene's text again, to keep it.
+    /// A head with the text of the scene file.
     ///
     /// # Errors
     /// When the scene cannot be read.
@@ -112,15 +111,17 @@ struct RecordedTick {
     tick: u64,
     station: u64,
     chunks_arrived: u64,
-    /// Which probes gave a sample: bit k for probe k.
+    /// Bit k: probe k gave a sample.
     has_sample: u32,
+    /// 1 while the run is stopping.
     stopping: u32,
+    /// Metres.
     positions: [[f64; 3]; MAX_PROBES],
     orientations_xyzw: [[f64; 4]; MAX_PROBES],
     replay_hash: u64,
 }
 
-/// What the recording holds, so that a cut is seen.
+/// Totals at the end of a recording; they reveal a truncated file.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 struct RecordedEnd {
@@ -210,24 +211,24 @@ impl Recording {
     }
 }
 
-/// What a replay found.
+/// Outcome of a replay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Replay {
     /// Ticks replayed.
     pub ticks: u64,
     /// Whether every tick gave the recorded outputs.
     pub equal: bool,
-    /// Whether the recording has its end: one cut short, by a crash for example, is replayed as far
-    /// as it goes.
+    /// Whether the recording has its end. A truncated one, after a crash for example, is replayed
+    /// to its last tick.
     pub whole: bool,
-    /// The first tick that did not; -1 for none.
+    /// Index of the first tick with other outputs; -1 for none.
     pub first_difference: i64,
 }
 
 /// Runs a recording through the core and compares every tick's hash.
 ///
 /// # Errors
-/// When the file is no whole recording.
+/// When the file cannot be read or is not a recording.
 pub fn replay(path: &Path) -> Result<Replay, RecordingError> {
     let name = path.display().to_string();
     let foreign = || RecordingError::NotARecording(name.clone());

@@ -1,4 +1,4 @@
-//! The log thread's side of a run: every tick is added up into tables of fixed size.
+//! Accumulation of a run's ticks in tables of fixed size.
 
 use super::series::Series;
 use super::{
@@ -11,12 +11,13 @@ use hdrhistogram::Histogram;
 use hrtc_core::record::{CoreRecord, ProbeRecord};
 use scene::MAX_PROBES;
 
-/// A histogram with a fixed range, three significant digits and an exact maximum. Its counts of 32
-/// bits last for 49 days of ticks, and the process is locked in memory: every byte counts.
+/// A histogram with a fixed range, three significant digits and an exact maximum. Counts of 32 bits
+/// suffice for 49 days at 1 kHz; 64 bits would double the locked memory.
 struct Fixed {
     histogram: Histogram<u32>,
     /// Histogram counts a unit of the quantity.
     scale: f64,
+    /// Largest value, in the unit of the quantity.
     max: f64,
 }
 
@@ -65,7 +66,7 @@ impl Fixed {
         ShortSpread { p50, p99, max }
     }
 
-    /// The table of both.
+    /// The sum of two tables.
     fn together(mut self, other: Self) -> Self {
         // Both have the same range, so every count finds its place.
         let _ = self.histogram.add(&other.histogram);
@@ -86,26 +87,33 @@ const NANOSECONDS_IN_US: f64 = 1e3;
 
 /// Adds up the ticks of a run.
 pub struct Accumulator {
+    /// Period of the loop, ns.
     period_ns: u64,
     result: RunResult,
     series: Series,
     first_tick: Option<u64>,
     last_tick: u64,
+    /// Force of each probe in the last tick, newtons.
     last_forces: [DVec3; MAX_PROBES],
+    /// First tick that could render a contact.
     ready_tick: Option<u64>,
     status: Status,
+    // Microseconds.
     wake: Fixed,
     work_cpu: Fixed,
     work_wall: Fixed,
     period: Fixed,
     stages: Vec<Fixed>,
+    /// Active faces.
     faces: Fixed,
+    // Errors at the contact, metres.
     certified: Fixed,
     finest: Fixed,
     expected: Fixed,
     measured: Fixed,
+    /// Active objects.
     awake: Fixed,
-    /// Force of each probe.
+    /// Force of each probe, newtons.
     forces: Vec<Fixed>,
 }
 
@@ -177,7 +185,7 @@ impl Accumulator {
         }
     }
 
-    /// Accuracy of the contact, and the error that the station measured.
+    /// Accuracy of the contact, and the measured error.
     fn push_contact(&mut self, core: &CoreRecord) {
         let result = &mut self.result;
         if core.contact {
@@ -225,12 +233,12 @@ impl Accumulator {
         result.ecols += u64::from(core.ecols);
         result.geomorph_ticks += u64::from(core.geomorphing > 0);
         result.geomorphs_max = result.geomorphs_max.max(u64::from(core.geomorphing));
-        result.postponed += u64::from(core.deferred);
-        result.refused_folds += u64::from(core.rejected_folds);
+        result.deferred += u64::from(core.deferred);
+        result.rejected_folds += u64::from(core.rejected_folds);
         result.operations_max = result.operations_max.max(u64::from(core.work_units));
     }
 
-    /// Totals of the core: the largest, so that a core that starts anew does not lower them.
+    /// Totals of the core: the largest values, so that a restart of the core does not lower them.
     fn push_totals(&mut self, core: &CoreRecord) {
         let result = &mut self.result;
         result.vsps_received = result.vsps_received.max(core.vsps_received);
@@ -252,7 +260,7 @@ impl Accumulator {
             seconds: self.seconds(),
             ticks: result.ticks,
             contact: core.contact,
-            touching: core.probes.iter().filter(|probe| probe.contact).count() as u64,
+            in_contact: core.probes.iter().filter(|probe| probe.contact).count() as u64,
             awake: u64::from(core.active_objects),
             contact_ticks: result.contact_ticks,
             force_n: record.largest_force(),
@@ -295,7 +303,7 @@ impl Accumulator {
         }
     }
 
-    /// How the run stands.
+    /// State of the run after the last tick.
     #[must_use]
     pub fn status(&self) -> Status {
         self.status
@@ -313,7 +321,7 @@ impl Accumulator {
         self.period_ns as f64 * 1e-9
     }
 
-    /// Ends the run.
+    /// The figures of the whole run.
     #[must_use]
     pub fn finish(mut self, meta: RunMeta) -> Finished {
         let seconds = self.seconds();
@@ -407,7 +415,7 @@ fn push_ns(table: &mut Fixed, ns: u32) {
     table.push(f64::from(ns) / NANOSECONDS_IN_US);
 }
 
-/// JSON has no NaN: what is not finite counts as 0.
+/// JSON has no NaN: a value that is not finite becomes 0.
 fn finite(value: f64) -> f64 {
     if value.is_finite() { value } else { 0.0 }
 }

@@ -1,9 +1,9 @@
-//! What a run leaves behind, as numbers: the result fields of `--json`, the series behind the
-//! plots, the histograms behind the percentiles, and the lines of the supervised mode.
+//! Figures of a run: the result fields of `--json`, the series behind the plots, the histograms
+//! behind the percentiles, and the lines of the supervised mode.
 //!
-//! The log thread pushes every [`crate::tick_record::TickRecord`] into an [`Accumulator`]; all its
-//! tables have a fixed size, so a run of any length needs the same memory (fifteen histograms of
-//! 0.2 to 0.3 MB).
+//! The main thread pushes every [`crate::tick_record::TickRecord`] into an [`Accumulator`]. Its
+//! tables have a fixed size (histograms of 0.2 to 0.3 MB each), so a run of any length needs the
+//! same memory.
 
 use hrtc_core::Capacity;
 use hrtc_core::bodies::MovedObject;
@@ -53,17 +53,17 @@ pub struct MedianMax {
 /// The cache over a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct CacheResult {
-    /// Its limit, bytes.
+    /// Limit, bytes.
     pub bytes: u64,
-    /// Most bytes in use at once.
+    /// Largest number of bytes in use at once.
     pub high_water_bytes: u64,
-    /// Most VSPs loaded at once.
+    /// Largest number of VSPs loaded at once.
     pub vsps: u64,
     /// Records evicted.
     pub evicted: u64,
 }
 
-/// What one probe felt over a run.
+/// Contact of one probe over a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct ProbeResult {
     /// Ticks in contact.
@@ -76,13 +76,13 @@ pub struct ProbeResult {
     pub force_n: ShortSpread,
     /// Largest certified error at its contact, metres.
     pub certified_error_m_max: f64,
-    /// Deepest the device was behind the proxy, metres.
+    /// Largest depth of the device behind the proxy, metres.
     pub depth_m_max: f64,
     /// Ticks whose force was clamped.
     pub clamped_ticks: u64,
     /// Device samples rejected.
     pub rejected_samples: u64,
-    /// Energy that the rendering put out, joules.
+    /// Energy of the rendering, joules; above 0 it gave energy to the device.
     pub energy_j: f64,
 }
 
@@ -91,24 +91,24 @@ pub struct ProbeResult {
 pub struct Misses {
     /// The tick's own processor time exceeded the period.
     pub own_cpu: u64,
-    /// The timer fired, the kernel ran something else.
+    /// The timer fired, but the kernel ran something else on the core.
     pub run_queue: u64,
     /// The timer itself was late.
     pub late_timer: u64,
     /// Processor time was taken away during the work.
     pub stolen: u64,
-    /// None of these.
+    /// No measured reason.
     pub unexplained: u64,
 }
 
 impl Misses {
-    /// All of them.
+    /// Skipped periods for any reason.
     #[must_use]
     pub fn total(&self) -> u64 {
         self.own_cpu + self.run_queue + self.late_timer + self.stolen + self.unexplained
     }
 
-    /// Adds another run's.
+    /// Adds the misses of another run.
     pub fn add(&mut self, other: &Self) {
         self.own_cpu += other.own_cpu;
         self.run_queue += other.run_queue;
@@ -128,7 +128,7 @@ impl Misses {
     }
 }
 
-/// The result fields of a run. Every number is finite; what did not happen is 0.
+/// The result fields of a run. Every number is finite; a quantity without a measurement is 0.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct RunResult {
     /// Name of the scene.
@@ -147,36 +147,36 @@ pub struct RunResult {
     pub missed: u64,
     /// Of these, because a tick's own processor time exceeded the period.
     pub missed_own_cpu: u64,
-    /// All of them by reason.
+    /// Skipped periods by reason.
     pub misses: Misses,
-    /// From the start of one tick to the next, microseconds.
+    /// Time from the start of one tick to the next, microseconds.
     pub period_us: Spread,
-    /// Wake-up after the deadline, microseconds.
+    /// Delay of the wake-up after the deadline, microseconds.
     pub wake_us: Spread,
-    /// Work of a tick, thread CPU, microseconds.
+    /// Processor time of a tick's work, microseconds.
     pub work_us: Spread,
-    /// The same as wall time.
+    /// Wall time of a tick's work, microseconds.
     pub work_wall_us: Spread,
     /// Wall time by stage, microseconds.
     pub stage_us: BTreeMap<String, Spread>,
     /// Ticks in contact, of any probe.
     pub contact_ticks: u64,
-    /// Of these, those in which every probe that touched did so at full resolution.
+    /// Of these, with every probe in contact at full resolution.
     pub contact_full_ticks: u64,
     /// Of these, without a certified bound.
     pub contact_unbounded_ticks: u64,
     /// Expected error asked for at the contact, metres.
     pub tolerance_m: f64,
-    /// Ticks in contact that were coarser than asked for: for want of time, of room, or of
+    /// Ticks in contact that were coarser than asked for, for lack of time, of room or of
     /// prediction.
     pub coarser_ticks: u64,
-    /// Finest expected error that was asked for while in contact, metres: more than `tolerance_m`
-    /// where the dial was turned back for want of time or room.
+    /// Finest expected error that was asked for in contact, metres: more than `tolerance_m` where
+    /// the LOD controller chose a coarser level for lack of time or room.
     pub finest_tolerance_m: ShortSpread,
-    /// Expected error of the front at the contact, metres; the certified one where not even the
-    /// coarsest ring was there.
+    /// Expected error of the front at the contact, metres; the certified error where even the
+    /// coarsest ring was not loaded.
     pub expected_error_m: ShortSpread,
-    /// Greatest speed at full resolution as the controller reckons it, m/s; 0 without a model.
+    /// Largest speed at full resolution by the estimate of the controller, m/s; 0 without a model.
     pub greatest_speed_m_per_s: f64,
     /// Expected errors of the rings around the contact, metres, finest first.
     pub rings_m: Vec<f64>,
@@ -184,44 +184,43 @@ pub struct RunResult {
     pub refined_faces: MedianMax,
     /// Certified error at the contact, metres.
     pub certified_error_m: ShortSpread,
-    /// Measured error at the contact, metres, over the measurements that arrived.
+    /// Measured error at the contact, metres.
     pub measured_error_m: ShortSpread,
-    /// How many arrived.
+    /// Number of measured errors that arrived.
     pub measured_errors: u64,
-    /// What each probe felt.
+    /// Contact of each probe.
     pub probes: Vec<ProbeResult>,
     /// Objects of the scene.
     pub objects: u64,
-    /// Objects that may be awake at once.
+    /// Limit of objects that are active at once.
     pub active_objects_max: u64,
-    /// Objects that were awake.
+    /// Active objects.
     pub awake: MedianMax,
-    /// Ticks in which an object moved, or might have: one that moves and did not sleep.
+    /// Ticks with a movable object that was not asleep.
     pub moving_ticks: u64,
-    /// Where each object that moved came to.
+    /// Final pose of each object that moved.
     pub moved: Vec<MovedObject>,
-    /// Ticks in which a probe could have touched an object that was not awake.
+    /// Ticks in which a probe could have been in contact with an inactive object.
     pub inactive_object_ticks: u64,
-    /// Ticks in which the budget of a tool's proxy was spent and left something to the next one.
+    /// Ticks in which a tool's proxy used its budget up and left work to the next tick.
     pub unfinished_ticks: u64,
-    /// Ticks that a tool's proxy ended early though its budget had room: the rest of its way was
-    /// gone in the next ones.
+    /// Ticks in which a tool's proxy ended its step early within its budget. The next ticks
+    /// complete the displacement.
     pub early_ticks: u64,
-    /// What the objects that are not awake cost a tick, microseconds of wall time: the stage of the
-    /// broad phase.
+    /// Cost of the inactive objects in a tick, microseconds of wall time: the broad phase.
     pub idle_us: Spread,
     /// Force of each probe over its ticks in contact, newtons.
     pub force_n: ShortSpread,
     /// Largest change of the force between two ticks, newtons.
     pub force_step_n_max: f64,
-    /// Deepest the device was behind the proxy, metres.
+    /// Largest depth of the device behind the proxy, metres.
     pub depth_m_max: f64,
     /// Ticks whose force was clamped.
     pub clamped_ticks: u64,
     /// Device samples rejected.
     pub rejected_samples: u64,
-    /// Energy that the rendering put out, joules, but for its work over the motion of objects that
-    /// move; above 0 it pushed energy in.
+    /// Energy of the rendering, joules, without its work over the motion of movable objects; above
+    /// 0 it gave energy to the devices.
     pub energy_j: f64,
     /// Records received.
     pub vsps_received: u64,
@@ -229,19 +228,18 @@ pub struct RunResult {
     pub vsplits: u64,
     /// Collapses performed.
     pub ecols: u64,
-    /// Ticks in which vertices were on their way, since a probe feels them.
+    /// Ticks with geomorphing vertices.
     pub geomorph_ticks: u64,
-    /// The most vertices that were on their way at once.
+    /// Largest number of vertices that were geomorphing at once.
     pub geomorphs_max: u64,
-    /// Splits that a probe would feel and that waited for room to fly, each counted in every tick
-    /// in which it was tried.
-    pub postponed: u64,
-    /// Splits that waited since they would turn a face over where a probe is or may come, counted
-    /// likewise.
-    pub refused_folds: u64,
+    /// Perceptible splits that waited for room to geomorph, each counted in every tick in which it
+    /// was tried.
+    pub deferred: u64,
+    /// Splits rejected since they would turn a face over near a probe, counted likewise.
+    pub rejected_folds: u64,
     /// Regions subscribed.
     pub regions_subscribed: u64,
-    /// Epochs that ended, each with regions declared and asked for anew.
+    /// Epochs that ended. Each end declares the regions again and asks for them again.
     pub resubscribed: u64,
     /// Regions asked for again, with every record.
     pub resent: u64,
@@ -249,38 +247,37 @@ pub struct RunResult {
     pub bytes_received: u64,
     /// Bytes received up to the first contact.
     pub bytes_to_first_touch: u64,
-    /// Bytes that the whole mesh of every model would have been.
+    /// Bytes of the whole meshes of all models.
     pub bytes_full_mesh: u64,
     /// The cache.
     pub cache: CacheResult,
-    /// Everything that was sized at start, with the most that was in it.
+    /// Capacity of everything that was sized at start, with its highest fill.
     pub capacities: Vec<Capacity>,
     /// Resident memory of the controller's process, bytes.
     pub hrtc_rss_bytes: u64,
-    /// From the start of both processes to the first tick that could answer a touch, milliseconds;
-    /// 0 if none could.
+    /// Time from the start of both processes to the first tick that could render a contact,
+    /// milliseconds; 0 without one.
     pub first_force_ready_ms: f64,
-    /// Work units of the worst tick.
+    /// Largest number of work units in a tick.
     pub operations_max: u64,
-    /// Work units that a tick may spend.
+    /// Limit of the work units in a tick.
     pub operations_budget: u64,
     /// Page faults within ticks.
     pub page_faults: u64,
     /// Allocations and frees within ticks.
     pub allocations: u64,
-    /// Hash over every tick's outputs, folded to 53 bits: the whole numbers that every JSON reader
-    /// keeps.
+    /// Hash over every tick's outputs, folded to 53 bits: integers that every JSON reader keeps.
     pub replay_hash: u64,
 }
 
-/// What the shell knows of a run beside its ticks.
+/// Figures of a run beside its ticks.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RunMeta {
     /// Name of the scene.
     pub scene: String,
     /// Name of the first object's model.
     pub model: String,
-    /// Faces of its full mesh; 0 when it never came.
+    /// Faces of its full mesh; 0 when the model did not arrive.
     pub faces: u64,
     /// Seed of the tour, 0 for none.
     pub seed: u64,
@@ -290,26 +287,27 @@ pub struct RunMeta {
     pub bytes_full_mesh: u64,
     /// Objects of the scene.
     pub objects: u64,
-    /// Objects that may be awake at once.
+    /// Limit of objects that are active at once.
     pub active_objects_max: u64,
     /// Resident memory of this process, bytes.
     pub rss_bytes: u64,
-    /// From the start of both processes (of this one, when it runs alone) to tick 0, milliseconds.
+    /// Time from the start of both processes to tick 0, milliseconds; from the start of this one
+    /// when it runs alone.
     pub start_to_first_tick_ms: f64,
-    /// Work units that a tick may spend.
+    /// Limit of the work units in a tick.
     pub operations_budget: u64,
-    /// Which real-time rights were asked for and obtained.
+    /// Real-time rights that were asked for.
     pub rights: Vec<Right>,
 }
 
 /// One real-time right.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Right {
-    /// What it is, such as `SCHED_FIFO 80`.
+    /// Name, such as `SCHED_FIFO 80`.
     pub name: String,
     /// Whether it was obtained.
     pub obtained: bool,
-    /// Why not, or more about it.
+    /// Reason of a refusal; empty when obtained.
     pub detail: String,
 }
 
@@ -319,13 +317,13 @@ pub type Buckets = Vec<(u64, u64)>;
 /// Histograms of the timing, nanoseconds.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Histograms {
-    /// Wake-up after the deadline.
+    /// Delay of the wake-up after the deadline.
     pub wake_ns: Buckets,
-    /// Thread CPU of the work.
+    /// Processor time of the work.
     pub work_cpu_ns: Buckets,
     /// Wall time of the work.
     pub work_wall_ns: Buckets,
-    /// Since the start of the tick before.
+    /// Time from the start of one tick to the next.
     pub period_ns: Buckets,
 }
 
@@ -336,24 +334,24 @@ pub struct Finished {
     pub result: RunResult,
     /// The run over time, at most [`SERIES_BUCKETS`] pieces.
     pub series: Vec<SeriesBucket>,
-    /// The timing.
+    /// Timing.
     pub histograms: Histograms,
     /// Real-time rights.
     pub rights: Vec<Right>,
 }
 
-/// How a run stands, for the live line.
+/// State of a run, for the live line.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Status {
-    /// Since the first tick.
+    /// Time since the first tick, seconds.
     pub seconds: f64,
     /// Ticks run.
     pub ticks: u64,
-    /// Whether a probe touches.
+    /// Whether a probe is in contact.
     pub contact: bool,
-    /// Probes that touch.
-    pub touching: u64,
-    /// Objects that are awake.
+    /// Number of probes in contact.
+    pub in_contact: u64,
+    /// Active objects.
     pub awake: u64,
     /// Ticks in contact so far.
     pub contact_ticks: u64,
@@ -373,9 +371,9 @@ pub struct Status {
     pub vsps: u64,
     /// Periods skipped so far.
     pub missed: u64,
-    /// Whether the station is there.
+    /// Whether a station is heard.
     pub station: bool,
-    /// Whether a touch could be answered.
+    /// Whether a contact could be rendered.
     pub ready: bool,
 }
 
@@ -384,7 +382,7 @@ pub struct Status {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum SupervisedLine {
-    /// How the run stands.
+    /// State of the run.
     Status {
         /// The status.
         status: Status,

@@ -1,12 +1,12 @@
-//! A run over time in a bounded number of pieces: when they are used up, neighbours are merged.
+//! A run over time in a bounded number of pieces. When they are used up, neighbours are merged.
 
 use crate::tick_record::TickRecord;
 use serde::{Deserialize, Serialize};
 
-/// Pieces of a series at the most; even.
+/// Limit of the pieces of a series; even.
 pub const SERIES_BUCKETS: usize = 2000;
 
-/// What happened within one piece of a run.
+/// Figures of one piece of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct SeriesBucket {
     /// Start, seconds from tick 0.
@@ -21,17 +21,17 @@ pub struct SeriesBucket {
     pub contact_full_ticks: u64,
     /// Largest force, newtons.
     pub force_n: f64,
-    /// Largest thread CPU of a tick, microseconds.
+    /// Largest processor time of a tick's work, microseconds.
     pub work_us: f64,
-    /// Latest wake-up, microseconds.
+    /// Largest delay of a wake-up, microseconds.
     pub wake_us: f64,
-    /// Most active faces.
+    /// Largest number of active faces.
     pub refined_faces: u64,
     /// Largest certified error at the contact, metres.
     pub certified_error_m: f64,
     /// Largest measured error that arrived, metres; negative when none did.
     pub measured_error_m: f64,
-    /// Most bytes of the cache in use.
+    /// Largest number of bytes of the cache in use.
     pub cache_bytes: u64,
 }
 
@@ -73,7 +73,7 @@ impl SeriesBucket {
         }
     }
 
-    /// Both together; the start stays.
+    /// Adds a later piece; the start stays.
     fn merge(&mut self, other: &Self) {
         self.ticks += other.ticks;
         self.missed += other.missed;
@@ -104,7 +104,7 @@ impl Series {
         }
     }
 
-    /// Adds one tick at its index; ticks before it stay where they are.
+    /// Adds one tick at its index.
     pub(super) fn push(&mut self, tick: u64, one: SeriesBucket) {
         // Each turn doubles the stride: at most 64 turns in the life of a series.
         while tick / self.stride >= SERIES_BUCKETS as u64 {
@@ -119,7 +119,7 @@ impl Series {
         self.buckets[(tick / self.stride) as usize].merge(&one);
     }
 
-    /// The pieces in which anything ran, ascending in time.
+    /// The pieces with ticks, ascending in time.
     pub(super) fn finish(self, period_s: f64) -> Vec<SeriesBucket> {
         let width = self.stride as f64 * period_s;
         self.buckets

@@ -104,7 +104,7 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Result<(), RunError> {
 ///
 /// # Errors
 /// One sentence: a bad scene, an unknown device, a domain that cannot be used, a missing right that
-/// the scene requires, a model that cannot be touched.
+/// the scene requires, a model that cannot be rendered.
 pub fn run_with(
     devices: &DeviceRegistry,
     args: &RunArgs,

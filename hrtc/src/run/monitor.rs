@@ -78,7 +78,7 @@ impl Monitor<'_> {
         }
     }
 
-    /// Prints news; an error that ends the run.
+    /// Prints news; returns an error that ends the run.
     fn check(&self, printed: &mut Printed) -> Option<RunError> {
         if let Some(fault) = *self.shared.fault.lock().unwrap_or_else(|e| e.into_inner()) {
             return Some(RunError::Fault(fault));
@@ -115,7 +115,7 @@ impl Monitor<'_> {
         } else if !is_alive && printed.station_found {
             printed.station_found = false;
             printed.station_absent = true;
-            eprintln!("hrtc: the station is gone; touching goes on with what is loaded");
+            eprintln!("hrtc: the station is gone; contact continues with the loaded mesh");
         } else if !is_alive
             && !printed.station_absent
             && monotonic_ns() > self.started_ns + STATION_ABSENT_NS
@@ -164,7 +164,7 @@ impl Monitor<'_> {
         }
     }
 
-    /// Prints what was left out, dropped or refused.
+    /// Prints the numbers of dropped and refused items.
     fn print_losses(&self, end: &TickThreadEnd) {
         let dropped = self.shared.log_dropped.load(Ordering::Relaxed);
         if dropped > 0 {
@@ -185,7 +185,7 @@ impl Monitor<'_> {
         let constraints = end.controller.dropped_constraints();
         if constraints > 0 {
             eprintln!(
-                "hrtc: {constraints} times a face at the contact found no place beside {MAX_CONSTRAINTS} deeper ones; the probe was swept against it instead"
+                "hrtc: {constraints} times a face at the contact found no room beside {MAX_CONSTRAINTS} deeper ones; the probe was swept against it instead"
             );
         }
     }
@@ -202,7 +202,7 @@ impl Monitor<'_> {
     }
 }
 
-/// Takes every record and chunk that waits.
+/// Takes all waiting records and chunks.
 fn drain_once(
     log: &mut Consumer<TickRecord>,
     recording: &mut Option<OpenRecording>,

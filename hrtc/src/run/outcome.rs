@@ -11,44 +11,45 @@ use spm::{BaseFace, BaseVertex, ModelHeader};
 use thiserror::Error;
 use transport::TransportError;
 
-/// Why a run ended without a result: one sentence each.
+/// Reasons of a run without a result: one sentence each.
 #[derive(Debug, Error)]
 pub enum RunError {
-    /// The scene.
+    /// The scene cannot be read or is refused.
     #[error("{0}")]
     Scene(#[from] SceneError),
-    /// The transport.
+    /// The iceoryx2 domain cannot be used.
     #[error("{0}")]
     Transport(#[from] TransportError),
-    /// The link.
+    /// The thread of the link did not start.
     #[error("{0}")]
     Link(#[from] LinkError),
-    /// The recording.
+    /// The recording cannot be written.
     #[error("{0}")]
     Recording(#[from] RecordingError),
-    /// The model cannot be touched.
+    /// The controller found a fault in the model.
     #[error("{0}")]
     Fault(Fault),
     /// The scene requires a right that is missing.
     #[error("the scene says require_realtime = true, but {0}")]
     Right(String),
-    /// No thread.
+    /// The operating system gave no thread.
     #[error("cannot start the thread of the tick: {0}")]
     Thread(std::io::Error),
-    /// A defect of ours.
+    /// The tick thread panicked: a defect of hrtc.
     #[error(
         "the thread of the tick ended by a defect in hrtc; please report what it printed above"
     )]
     TickPanicked,
-    /// No memory for figures.
+    /// No histogram for this period.
     #[error("the loop's rate leaves no histogram; use 100 to 10000 ticks a second")]
     Histogram,
-    /// Standard output is gone.
+    /// Standard output cannot be written.
     #[error("cannot print the result: {0}")]
     Print(std::io::Error),
 }
 
-/// Adds what the controller knows of its dial, of its capacities and of what moved.
+/// Adds the figures that only the controller has: its level of detail, its capacities and the
+/// objects that moved.
 pub(super) fn add_lod(result: &mut RunResult, controller: &Controller, rate_hz: f64) {
     result.tolerance_m = controller.tolerance_m();
     result.capacities = controller.capacities();
@@ -56,12 +57,12 @@ pub(super) fn add_lod(result: &mut RunResult, controller: &Controller, rate_hz: 
     let first = controller
         .active_objects()
         .iter()
-        .find(|seat| seat.is_ready());
-    if let Some((seat, dial, frame)) = first.and_then(|s| Some((s, s.lod()?, s.frame()?))) {
+        .find(|object| object.is_ready());
+    if let Some((object, lod, frame)) = first.and_then(|s| Some((s, s.lod()?, s.frame()?))) {
         let scale = frame.metres_per_unit;
-        let rings = dial.rings().iter();
+        let rings = lod.rings().iter();
         result.rings_m = rings.map(|r| f64::from(r.tolerance) * scale).collect();
-        result.greatest_speed_m_per_s = seat.greatest_speed() * scale * rate_hz;
+        result.greatest_speed_m_per_s = object.greatest_speed() * scale * rate_hz;
     }
 }
 
@@ -80,7 +81,7 @@ pub(super) fn resident_bytes() -> u64 {
     kib.unwrap_or(0) * 1024
 }
 
-/// The rights that a tick's thread asks for, and which it got.
+/// Every right that the tick thread asks for, with its outcome.
 pub(super) fn rights(plan: &LoopPlan, missing: &[MissingRight]) -> Vec<Right> {
     use realtime::rights::Right as Kind;
     let mut asked = vec![Kind::LockedMemory];
@@ -99,7 +100,7 @@ pub(super) fn rights(plan: &LoopPlan, missing: &[MissingRight]) -> Vec<Right> {
         .collect()
 }
 
-/// The closing lines of `hrtc run` alone; `rt-tests run` writes the full report.
+/// Closing lines of `hrtc run`; the full report is that of `rt-tests run`.
 pub(super) fn print_text(finished: &Finished) {
     let r = &finished.result;
     println!(
@@ -119,7 +120,7 @@ pub(super) fn print_text(finished: &Finished) {
         r.vsplits,
         r.ecols
     );
-    println!("what was sized at start, and the most that was in it:");
+    println!("highest fill of everything that was sized at start:");
     for c in &r.capacities {
         println!("  {:<28} {:>9} of {:>9}", c.name, c.high_water, c.capacity);
     }

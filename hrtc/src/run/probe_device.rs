@@ -6,7 +6,7 @@ use hrtc_core::Controller;
 use hrtc_core::script::Script;
 use scene::{ProbePlan, TrajectoryPlan};
 
-/// A device and the path that it is asked to go.
+/// A device and its path.
 pub(super) struct ProbeDevice {
     pub device: GuardedDevice,
     script: Script,
@@ -17,7 +17,7 @@ pub(super) struct ProbeDevice {
 }
 
 impl ProbeDevice {
-    /// At rest before the path's first point.
+    /// A device before the first point of its path.
     pub fn new(device: GuardedDevice, probe: &ProbePlan) -> Self {
         Self {
             device,
@@ -55,8 +55,7 @@ impl ProbeDevice {
             let from = *self.start.get_or_insert(tick);
             let intent = self.script.along_tour(tour, &frame, t(from));
             intent.map(|mut intent| {
-                // The path moves with a movable object: to its pose at the end of the coming
-                // period.
+                // The path moves with its object: to the pose at the end of the coming period.
                 let carried = controller.carried(object, intent.pose.position);
                 intent.pose.position += carried.linear;
                 intent.velocity += carried.linear * rate_hz;

@@ -25,7 +25,7 @@ pub(super) struct TickRings {
     pub log: Producer<TickRecord>,
 }
 
-/// Highest numbers of entries that were in the rings at once.
+/// Largest number of entries in each ring.
 #[derive(Debug, Default)]
 struct HighWater {
     inbox: usize,
@@ -42,7 +42,7 @@ pub(super) struct TickThread {
     pub rings: TickRings,
     pub shared: Arc<Shared>,
     pub plan: LoopPlan,
-    /// Length of the run; without end when absent.
+    /// Length of the run, seconds; without end when absent.
     pub seconds: Option<f64>,
 }
 
@@ -59,7 +59,9 @@ pub(super) struct TickThreadEnd {
 
 /// Wall time of each stage.
 struct StageClock {
+    /// End of the last stage on CLOCK_MONOTONIC, ns.
     last: u64,
+    /// Wall time of each stage, ns.
     stages: [u32; STAGES.len()],
 }
 
@@ -87,9 +89,11 @@ struct Arrivals {
     waiting: usize,
 }
 
-/// One tick, before its time is known.
+/// Results of one tick without its timing.
 struct Ticked {
+    /// Incarnation of the station; 0 for none.
     station: u64,
+    /// Wall time of each stage, ns.
     stages: [u32; STAGES.len()],
     allocations: u32,
     samples: [Option<Sample>; MAX_PROBES],

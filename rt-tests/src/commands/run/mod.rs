@@ -134,7 +134,7 @@ fn worded(status: &Status) -> String {
         (_, false, _) => "station not there".to_string(),
         (false, ..) => "waiting for the model".to_string(),
         (.., true) => {
-            let probes = match status.touching {
+            let probes = match status.in_contact {
                 0 | 1 => String::new(),
                 count => format!(" with {count} probes"),
             };

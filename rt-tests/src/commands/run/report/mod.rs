@@ -336,8 +336,8 @@ impl Report<'_> {
                 "at most {} vertices geomorphing, in {} tick(s); {} time(s) a split waited for room to geomorph, {} for a face that it would turn over",
                 grouped(r.geomorphs_max),
                 grouped(r.geomorph_ticks),
-                grouped(r.postponed),
-                grouped(r.refused_folds)
+                grouped(r.deferred),
+                grouped(r.rejected_folds)
             ),
             format!(
                 "{} received, {} of them before the first touch; the whole mesh would be {}",
