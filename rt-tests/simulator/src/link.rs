@@ -42,6 +42,7 @@ impl Default for LinkModel {
 
 /// A message of a client to the station.
 #[derive(Debug, Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "most messages are requests")]
 pub(crate) enum Upward {
     Request(Request),
     Report(ContactReport),

@@ -135,8 +135,6 @@ impl Default for MemoryPressure {
     }
 }
 
-/// A model's head with a ladder, for tests: a unit cube of 16 cells a side.
-
 #[cfg(test)]
 mod tests {
     use super::*;

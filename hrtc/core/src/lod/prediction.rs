@@ -45,7 +45,7 @@ impl Front {
     /// Predicted regions that are to be requested, most urgent first, and the ticks at which they
     /// are due. `waiting`: received chunks that wait for the tick. The cache is given back, since
     /// the subscriber enters them.
-    pub fn to_request(
+    pub fn requests(
         &mut self,
         may_request: bool,
         tick: u64,

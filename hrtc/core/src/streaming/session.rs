@@ -182,7 +182,7 @@ impl Session {
     /// Writes the requests of a tick; `waiting`: received chunks that wait for the tick.
     pub fn request(&mut self, front: &mut Front, tick: u64, waiting: usize, outbox: &mut Outbox) {
         let may_request = front.may_request(tick) && self.subscriber.may_ask(&front.cache);
-        let (cache, wanted) = front.to_request(may_request, tick, waiting);
+        let (cache, wanted) = front.requests(may_request, tick, waiting);
         self.subscriber.requests(tick, cache, wanted, outbox);
     }
 

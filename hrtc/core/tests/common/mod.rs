@@ -231,7 +231,7 @@ pub fn rest(world: &mut World, place: Place, max_ticks: u64) {
 pub fn settle(world: &mut World, places: &[Option<DVec3>]) -> CoreRecord {
     let samples: Vec<_> = places
         .iter()
-        .map(|place| place.map(Pose::at).map(|pose| Sample::at(pose)))
+        .map(|place| place.map(Pose::at).map(Sample::at))
         .collect();
     let settled = world.settle(&samples, QUIET_SCENE_TICKS, MAX_SCENE_TICKS);
     settled.expect("the scene comes to rest")

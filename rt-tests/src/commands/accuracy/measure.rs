@@ -102,7 +102,7 @@ pub fn measure(
                 point.bytes_until_full = mesh_bytes;
             }
             if point.contact_ticks.is_multiple_of(TOOL_EVERY) {
-                let (faces, us) = tool(&simulation.controller(), contact.point, scale);
+                let (faces, us) = tool(simulation.controller(), contact.point, scale);
                 all.tool_faces.push(faces);
                 all.tool_us.push(us);
             }

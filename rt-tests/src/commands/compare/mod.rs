@@ -355,7 +355,11 @@ fn words(found: &Compare) -> String {
             grouped(row.p99_ns.round() as u64),
             grouped(row.max_ns.round() as u64),
             row.answers_differ.to_string(),
-            has_bytes.then(|| bytes(row.bytes)).unwrap_or_default(),
+            if has_bytes {
+                bytes(row.bytes)
+            } else {
+                String::new()
+            },
         ]);
     }
     let mut text = table.to_string();
