@@ -51,7 +51,7 @@ impl Capabilities {
     }
 }
 
-/// A force-feedback device. The contract of every method is on the page of the [crate](crate).
+/// A force-feedback device. The contract of every method is on the page of the crate.
 pub trait Device: Send {
     /// Abilities and limits. Called at start, off the tick; must not change.
     fn capabilities(&self) -> Capabilities;

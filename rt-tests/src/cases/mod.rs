@@ -13,7 +13,7 @@
 //! | `motion` | objects that are driven onto a probe, or pushed by one |
 //! | `refinement` | splits and collapses under the probe |
 //! | `disturbances` | jumps, noise, a station that goes away, another scale |
-//! | [`bench`], `shapes` | a controller that touches one mesh; meshes of the cases |
+//! | [`mod@bench`], `shapes` | a controller that touches one mesh; meshes of the cases |
 //! | `found` | the size of a run of a case, and its result |
 
 pub mod bench;

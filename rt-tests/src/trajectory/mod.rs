@@ -4,7 +4,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`scene_model`] | a model in its scene, and the same mesh never simplified as the reference |
-//! | [`reference`] | the device poses on the reference, and the forces that it gave |
+//! | [`mod@reference`] | the device poses on the reference, and the forces that it gave |
 //! | [`stage_times`] | the time of every stage of a tick, from recorded inputs |
 
 pub mod reference;

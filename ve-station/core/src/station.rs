@@ -9,7 +9,7 @@
 //! certain:
 //!
 //! - A new epoch of the session or a new incarnation of the client clears queue, numbers and
-//!   belief. The client then says what it holds ([`RegionAction::Held`]) and asks for the rest.
+//!   belief. The client then says what it holds ([`RegionAction::Resident`]) and asks for the rest.
 //! - A gap in the numbers of the requests *breaks* the epoch: queue and assumed residency are
 //!   emptied, nothing
 //!   more is sent and nothing of this epoch is listened to. The client, hearing nothing for

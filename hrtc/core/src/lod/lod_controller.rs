@@ -11,7 +11,7 @@
 //!
 //! - above the greatest speed of a ring, K / (rho w T): its splits and collapses would not fit the
 //!   ticks (thesis 4.1: resolution follows speed);
-//! - when the cache cannot hold what the contact needs ([`MemoryPressure`]).
+//! - when the cache cannot hold what the contact needs (`memory_pressure`).
 
 use glam::DVec3;
 use spm::ModelHeader;
