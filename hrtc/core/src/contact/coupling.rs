@@ -2,7 +2,7 @@
 //!
 //! Its energy is half the stiffness times the squared distance, in the metric in which the proxy is
 //! the nearest placement. So force and torque are exactly those of the contacts, without a
-//! component along the surface.
+//! component along the surface. The metric is diagonal: two vectors, no matrix.
 
 use super::motion::Twist;
 use geometry::Wrench;

@@ -7,7 +7,9 @@
 //! most six contacts are active. A contact whose row depends on active ones, within a sine of 1e-6,
 //! is not inverted.
 
-/// Three components of translation and three of rotation, in one unit.
+/// Three components of translation and three of rotation, in one unit. By hand: nalgebra's Vector6
+/// gives equal bits for 4.5 % more instructions a projection, its triangular solve for 4 % more
+/// still (callgrind, 2 to 30 contacts).
 pub type Vector6 = [f64; 6];
 
 /// The half-space `row . y >= offset`.
