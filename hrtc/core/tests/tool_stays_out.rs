@@ -4,7 +4,7 @@
 mod common;
 
 use common::fronts::{Front, box_mesh, full_mesh, models, plate_mesh, scaled};
-use common::guided_tool::GuidedTool;
+use common::guided_tool::{GuidedTool, TICK_BUDGET};
 use common::signed_distance::signed_distance;
 use geometry::Pose;
 use glam::{DQuat, DVec3};
@@ -15,13 +15,14 @@ use hrtc_core::contact::tool::{ToolMesh, capsule_mesh, cylinder_mesh};
 use simulator::Random;
 use spm::OperationFaces;
 
-/// Five times that of a tick of the product ([`common::guided_tool::TICK_BUDGET`]), so that every
-/// tick is complete; `tool_catches_up` tries the budgets of the product.
-const BUDGET: u32 = 1 << 18;
+const BUDGET: u32 = TICK_BUDGET;
+/// For the rough body: 3 of its 6004 ticks need more than a tick of the product has (measured:
+/// up to 53 791 of 49 152).
+const ROUGH_BUDGET: u32 = 1 << 18;
 
 /// One tick, after which no face of the tool meets the surface.
-fn lead(hand: &mut GuidedTool, front: &Front, pose: &Pose) {
-    let answer = hand.proxy.advance(front.surface(), pose, BUDGET);
+fn lead(hand: &mut GuidedTool, front: &Front, pose: &Pose, budget: u32) {
+    let answer = hand.proxy.advance(front.surface(), pose, budget);
     assert_eq!(answer.ending, Ending::Complete);
     assert!(!hand.meets(front), "{pose:?} {answer:?}");
 }
@@ -74,7 +75,7 @@ fn through_no_sheet_at_any_speed() {
                     };
                     let mut z = 0.02;
                     while z > -0.02 {
-                        lead(&mut hand, &front, &pose(z));
+                        lead(&mut hand, &front, &pose(z), BUDGET);
                         z -= speed;
                     }
                     let low = lowest(&hand);
@@ -118,7 +119,7 @@ fn through_no_sheet_by_rotation_alone() {
             };
             let mut angle = 0.0;
             while angle < 7.0 {
-                lead(&mut hand, &front, &pose(angle));
+                lead(&mut hand, &front, &pose(angle), BUDGET);
                 angle += rate;
                 assert!(lowest(&hand) > 0.0, "{rate} {angle}");
             }
@@ -127,12 +128,12 @@ fn through_no_sheet_by_rotation_alone() {
 }
 
 /// A hand that wanders about a body and through it; how it ends.
-fn wander(front: &Front, mesh: ToolMesh, seed: u64, ticks: u32) -> GuidedTool {
+fn wander(front: &Front, mesh: ToolMesh, seed: u64, ticks: u32, budget: u32) -> GuidedTool {
     let mut random = Random::new(seed);
     let (middle, size) = (0.5 * (front.lower + front.upper), front.diagonal());
     let mut hand = GuidedTool::new(mesh);
     let mut at = Pose::at(middle + DVec3::Z * size);
-    lead(&mut hand, front, &at);
+    lead(&mut hand, front, &at, budget);
     let mut pressed = 0;
     for k in 0..ticks {
         if k % 40 == 0 {
@@ -140,7 +141,7 @@ fn wander(front: &Front, mesh: ToolMesh, seed: u64, ticks: u32) -> GuidedTool {
         }
         let pull = (middle - at.position) * 0.01;
         at.position += (pull + random.vector() * 0.02 * size).clamp_length_max(0.01 * size);
-        lead(&mut hand, front, &at);
+        lead(&mut hand, front, &at, budget);
         let wrench = hand.proxy.wrench(
             &Coupling {
                 stiffness_n_per_m: 1.0,
@@ -160,8 +161,14 @@ fn wander(front: &Front, mesh: ToolMesh, seed: u64, ticks: u32) -> GuidedTool {
 fn over_a_sphere() {
     let front = Front::of_mesh(&capsule_mesh(0.5, 1.0, 40, 40));
     for seed in 0..3 {
-        wander(&front, capsule_mesh(0.05, 0.4, 12, 10), seed, 2000);
-        let hand = wander(&front, box_mesh(DVec3::new(0.2, 0.05, 0.1)), seed, 2000);
+        wander(&front, capsule_mesh(0.05, 0.4, 12, 10), seed, 2000, BUDGET);
+        let hand = wander(
+            &front,
+            box_mesh(DVec3::new(0.2, 0.05, 0.1)),
+            seed,
+            2000,
+            BUDGET,
+        );
         assert!(is_in_front(&hand, &front));
     }
 }
@@ -176,12 +183,14 @@ fn over_the_bunny() {
             capsule_mesh(0.015 * size, 0.1 * size, 12, 10),
             seed,
             1500,
+            ROUGH_BUDGET,
         );
         wander(
             &front,
             cylinder_mesh(0.015 * size, 0.1 * size, 240),
             seed,
             1500,
+            ROUGH_BUDGET,
         );
     }
 }
@@ -201,7 +210,7 @@ fn while_the_surface_is_refined_under_it() {
             orientation: DQuat::from_rotation_x(1.2),
         };
         for k in 0..500 {
-            lead(&mut hand, &front, &pose(k));
+            lead(&mut hand, &front, &pose(k), BUDGET);
         }
         let mut out = OperationFaces::new();
         let (mut ticks, mut met) = (500, 0);

@@ -9,6 +9,9 @@ use hrtc_core::contact::tool::{Tool, ToolMesh};
 /// Pairs of nodes that the product lets a tick spend on one tool: 12 a unit of 4096 units of work.
 pub const TICK_BUDGET: u32 = 12 * 4096;
 
+/// The same in a tick whose other work leaves the least, 1024 units.
+pub const MIN_TICK_BUDGET: u32 = 12 * 1024;
+
 /// A proxy, and the same tool to ask with.
 pub struct GuidedTool {
     pub proxy: ToolProxy,
