@@ -3,7 +3,7 @@
 //!
 //! The period of the loop is measured in a run of both processes; the delay of the force in virtual
 //! time, from the energy that a bounce off a wall leaks: K (T/2 + n T) times the integral of v² for
-//! n whole ticks of delay (facts of haptics, F2). Then walls of any stiffness are hit with the
+//! n whole ticks of delay (Gil 2009). Then walls of any stiffness are hit with the
 //! scene's own device, in nobody's hand, at that period: the stiffest one that never gives back
 //! more than the device damps is the limit, K = b / (T/2 + n T) in theory (Colgate and Schenkel
 //! 1997). The energy account is off for that; how far it reaches beyond is measured too.
