@@ -64,7 +64,7 @@ const NAMES: [(&str, &str); 17] = [
     ("take_off", "start"),
     ("land", "finish"),
     ("land_at_once", "finish"),
-    ("reverse_geomorphs", "reverse"),
+    ("send_home", "reverse"),
     ("ground", "cancel"),
     ("put_out", "depenetrate"),
     ("bound_for", "coupling target"),
