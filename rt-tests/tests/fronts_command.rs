@@ -77,8 +77,10 @@ fn json_and_table_have_the_fields_of_the_design() {
     assert!(said.contains(&table), "{said}");
     let shown = rt_tests(&["fronts".as_ref(), &mesh]);
     let [above, aside] = [shown.stdout, shown.stderr].map(|s| String::from_utf8(s).unwrap());
-    assert!(above.contains("at most") && above.contains("torus.obj"));
-    assert!(!aside.contains("at most"), "{aside}");
+    // Limits on costs are the machine's: their sentences may stand aside, the table may not.
+    let heading = table.lines().next().expect("the table has a heading");
+    assert!(above.contains(heading) && above.contains("torus.obj"));
+    assert!(!aside.contains(heading), "{aside}");
     assert!(out.join("fronts.json").is_file() && out.join("fronts.txt").is_file());
 
     let nowhere = folder.path().join("nowhere.obj");

@@ -40,7 +40,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         client: 7,
         incarnation: 1,
     };
-    let mut controller = Controller::new(&plan, identity, 10.0, 0.0);
+    // The scene has a tour by default, of one second here; the poses are our own.
+    let mut controller = Controller::new(&plan, identity, 10.0, 1.0);
     let mut outputs = TickOutputs::new(1);
     let mut inbox: Vec<InboxChunk> = Vec::new();
     let (mut contact_ticks, mut full_ticks) = (0, 0);
