@@ -380,7 +380,7 @@ mod tests {
         let model = open("relief:3000").unwrap_or_else(|error| panic!("{error}"));
         let measured = Measured::new(&model, 1, EVERY).unwrap_or_else(|error| panic!("{error}"));
         let mut rows = measured.rows;
-        assert_eq!(rows.len(), 4 + 4 + 2 * 5 + 3 + 3);
+        assert_eq!(rows.len(), 4 + 2 * 5 + 3 + 3);
         assert_eq!(wrong(&rows), [""; 0]);
         assert!(
             rows.iter()
