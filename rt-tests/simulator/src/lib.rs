@@ -9,10 +9,10 @@
 //! | [`client`] | [`Client`]: a controller, its inbox, its link and a hand for each probe |
 //! | [`link`] | [`Link`]: messages under way both ways; [`LinkModel`]: delay, faults, throughput |
 //! | [`hand`] | [`Hand`]: the simulated device, led along a path or held at a place |
-//! | [`recording`] | [`InputRecording`]: the inputs of every tick; [`Playback`] through a fresh
-//! controller | | [`summary`] | [`Summary`]: counts and extremes of a client's run | | [`front`] |
-//! the active front by ids of the file | | [`random`] | [`Random`]: a generator that names its seed
-//! when a test fails |
+//! | [`recording`] | [`InputRecording`]: the inputs of every tick; [`Playback`]: them, replayed |
+//! | [`summary`] | [`Summary`]: counts and extremes of a client's run |
+//! | [`front`] | the active front by ids of the file |
+//! | [`random`] | [`Random`]: a generator that names its seed when a test fails |
 //!
 //! A controller on a link that loses messages:
 //!
