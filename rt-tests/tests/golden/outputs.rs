@@ -17,6 +17,11 @@ use super::digest::Digest;
 use hrtc_core::record::CoreRecord;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::{Controller, TickOutputs};
+use serde::Serialize;
+use toml::{Table, Value};
+
+/// Lower bounds by scene.
+const LEAST: &str = include_str!("least.toml");
 
 /// The parts, in the order in which they stand in a line.
 pub const PARTS: [&str; 6] = [
@@ -174,12 +179,14 @@ fn counters(into: &mut Digest, record: &CoreRecord, probes: usize) {
 }
 
 /// What a scene was like: so that a hash of nothing is noticed. Ticks unless said.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Tally {
     /// A probe touches.
     pub contact: u64,
     /// All that touch do so at the full mesh.
     pub full: u64,
+    /// Not all that touch do so at the full mesh.
+    pub coarse: u64,
     /// All probes touch.
     pub all_touch: u64,
     /// A vertex is on its way.
@@ -223,6 +230,7 @@ impl Tally {
         let touching = outputs.contacts.iter().flatten().count();
         self.contact += u64::from(record.contact);
         self.full += u64::from(record.contact_full);
+        self.coarse += u64::from(record.contact && !record.contact_full);
         self.all_touch += u64::from(touching == outputs.contacts.len());
         self.flying += u64::from(record.geomorphing > 0);
         let torques = || outputs.wrenches.iter().map(|of| of.torque.length());
@@ -242,5 +250,19 @@ impl Tally {
         self.rejected += u64::from(record.rejected_sample);
         let forces = outputs.wrenches.iter().map(|of| of.force.length());
         self.force_n = forces.fold(self.force_n, f64::max);
+    }
+
+    /// What is not above its bound in `least.toml`, with that bound.
+    pub fn missing(&self, scene: &str) -> Vec<(String, Value)> {
+        let counted = Table::try_from(self).expect("a tally is a table");
+        let number = |value: &Value| value.as_float().or(value.as_integer().map(|i| i as f64));
+        let least: Table = LEAST.parse().expect("the bounds are TOML");
+        let bounds = ["every_scene", scene].map(|name| least[name].as_table().expect("a table"));
+        bounds
+            .into_iter()
+            .flatten()
+            .filter(|(field, bound)| number(&counted[*field]) <= number(bound))
+            .map(|(field, bound)| (field.clone(), bound.clone()))
+            .collect()
     }
 }

@@ -10,7 +10,7 @@ use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
 use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
 use protocol::{ContactReport, Request};
-use scene::{Overrides, ProbePlan, ScenePlan, TrajectoryPlan, parse};
+use scene::{Overrides, ProbePlan, ScenePlan, TrajectoryPlan, load};
 use scene_files::DiskFiles;
 use simulated_device::SimulatedDevice;
 use spm::SpmFile;
@@ -41,7 +41,7 @@ pub fn folder() -> &'static Path {
 }
 
 /// What a run is told before each of its ticks.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Orders {
     /// What the link does to what is posted now: probabilities of a loss, of a second copy, and of
     /// being overtaken.
@@ -65,37 +65,32 @@ pub struct Orders {
 pub struct Scene {
     /// Its name, and that of its file of hashes.
     pub name: &'static str,
-    /// Its text.
-    pub text: &'static str,
     /// Bytes that are flipped in the files that the station opens: model, place.
     pub flipped: &'static [(&'static str, usize)],
     /// What happens before a tick.
     pub before: fn(u64, &mut Orders),
 }
 
+impl Scene {
+    /// The scene of `NAME.toml`, with sound files and no orders.
+    pub fn new(name: &'static str) -> Self {
+        Self {
+            name,
+            flipped: &[],
+            before: |_, _| {},
+        }
+    }
+}
+
 /// What a run gave: the hashes of every tick so far after each tick, and what it was like.
 pub fn run(scene: &Scene) -> (Vec<[Digest; PARTS.len()]>, Tally) {
-    let plan = parse(
-        scene.text,
-        scene.name,
-        folder(),
-        &Overrides::default(),
-        &DiskFiles,
-    )
-    .expect("the scene is good");
+    let path = folder().join(format!("{}.toml", scene.name));
+    let plan = load(&path, &Overrides::default(), &DiskFiles).expect("the scene is good");
     let mut controller = Controller::new(&plan, IDENTITY, DEVICE_MAX_N, TOUR_S);
     let mut station = station(&plan, scene.flipped);
     let mut outputs = TickOutputs::new(plan.probes.len());
     let mut hands: Vec<Hand> = plan.probes.iter().map(|of| Hand::new(of, &plan)).collect();
-    let mut orders = Orders {
-        faults: [0.0; 3],
-        is_silent: false,
-        damaged_every: 0,
-        is_blind: false,
-        is_mad: false,
-        is_stopping: false,
-        tolerance_m: None,
-    };
+    let mut orders = Orders::default();
     let mut requests: Line<Request> = Line::new(1);
     let mut reports: Line<ContactReport> = Line::new(2);
     let mut chunks: Line<InboxChunk> = Line::new(3);

@@ -6,6 +6,7 @@ use glam::DVec3;
 use haptic_device::Sample;
 use hrtc_core::record::CoreRecord;
 use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind};
+use realtime::counting_allocator::CountingAllocator;
 use scene::{NoFiles, Overrides, ScenePlan, TrajectoryPlan, parse};
 use simulator::{Client, ClientOptions, LinkModel, STATION, Simulation, refined_front};
 use spm::{SpmFile, VspRecord, write_spm};
@@ -13,6 +14,10 @@ use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use station_core::station::{ServedModel, Station};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+
+/// Counts by thread: tests that run beside each other do not disturb each other.
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 pub mod fronts;
 pub mod guided_tool;

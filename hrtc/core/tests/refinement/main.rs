@@ -1,0 +1,13 @@
+//! Refinement: the front of an object, and the contact and the force while it changes.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod contact_is_at_full_resolution;
+mod front_is_independent_of_history;
+mod global_refinement_is_exact;
+mod imperceptible_changes_leave_the_force;
+mod known_pairs_are_complete;
+mod memory_pressure_coarsens;
+mod refinement_under_contact;
+mod small_cache;

@@ -1,0 +1,14 @@
+//! Whole scenes: both cores and a link, in virtual time.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod any_input;
+mod effects;
+mod faulty_link;
+mod moving_bodies;
+mod moving_objects;
+mod nothing_falls_through;
+mod replay;
+mod several_objects;
+mod tick_allocates_nothing;

@@ -1,0 +1,315 @@
+//! A tool in contact obeys mechanics: analytic forces and torques, rest without creep, at every
+//! scale.
+
+use crate::common::fronts::{Front, box_mesh, plate_mesh, scaled};
+use crate::common::guided_tool::TICK_BUDGET;
+use geometry::{Pose, Wrench};
+use glam::{DQuat, DVec3};
+use hrtc_core::contact::coupling::Coupling;
+use hrtc_core::contact::motion::Twist;
+use hrtc_core::contact::query::Ending;
+use hrtc_core::contact::rigid_proxy::{ToolAdvance, ToolProxy};
+use hrtc_core::contact::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
+use simulator::Random;
+use std::f64::consts::FRAC_PI_2;
+
+const STIFFNESS: f64 = 800.0;
+const SPRING: Coupling = Coupling {
+    stiffness_n_per_m: STIFFNESS,
+    damping_ns_per_m: 0.0,
+};
+
+fn proxy(mesh: &ToolMesh) -> ToolProxy {
+    ToolProxy::new(Tool::new(mesh).expect("it is a tool"), 1.0).expect("it has an extent")
+}
+
+/// One tick; nothing may be left out.
+fn tick(proxy: &mut ToolProxy, front: &Front, pose: &Pose) -> ToolAdvance {
+    let answer = proxy.advance(front.surface(), pose, TICK_BUDGET);
+    assert_eq!(answer.ending, Ending::Complete);
+    answer
+}
+
+fn wrench(proxy: &ToolProxy) -> Wrench {
+    proxy.wrench(&SPRING, 1.0, &Twist::default())
+}
+
+/// Moves from one pose to another in so many ticks, and stays there as long.
+fn move_to(
+    proxy: &mut ToolProxy,
+    front: &Front,
+    from: &Pose,
+    to: &Pose,
+    ticks: u32,
+) -> ToolAdvance {
+    let mut last = None;
+    for k in 1..=2 * ticks {
+        let share = (f64::from(k) / f64::from(ticks)).min(1.0);
+        let pose = Pose {
+            position: from.position.lerp(to.position, share),
+            orientation: from.orientation.slerp(to.orientation, share),
+        };
+        last = Some(tick(proxy, front, &pose));
+    }
+    last.expect("there are ticks")
+}
+
+fn lowest(mesh: &ToolMesh, turn: DQuat) -> f64 {
+    let heights = mesh.positions.iter().map(|&p| (turn * p).z);
+    heights.fold(f64::INFINITY, f64::min)
+}
+
+/// Flat on a plate: force = stiffness x depth, no torque, whatever the mesh of either.
+#[test]
+fn pressed_flat_the_force_is_the_depth_and_there_is_no_torque() {
+    for pieces in [1, 3, 24] {
+        let plate = Front::of_mesh(&plate_mesh(4.0, pieces));
+        for (name, mesh, turn) in [
+            ("box", box_mesh(DVec3::new(0.5, 0.3, 0.2)), DQuat::IDENTITY),
+            (
+                "cylinder upright",
+                cylinder_mesh(0.3, 1.0, 240),
+                DQuat::IDENTITY,
+            ),
+            (
+                "cylinder lying",
+                cylinder_mesh(0.3, 1.0, 240),
+                DQuat::from_rotation_y(FRAC_PI_2),
+            ),
+            (
+                "capsule lying",
+                capsule_mesh(0.3, 1.5, 24, 20),
+                DQuat::from_rotation_y(FRAC_PI_2),
+            ),
+        ] {
+            let mut proxy = proxy(&mesh);
+            let low = lowest(&mesh, turn);
+            let at = |depth: f64| Pose {
+                position: DVec3::new(0.11, 0.07, -low - depth),
+                orientation: turn,
+            };
+            let start = at(-0.5);
+            tick(&mut proxy, &plate, &start);
+            let depth = 0.05;
+            let answer = move_to(&mut proxy, &plate, &start, &at(depth), 50);
+            let measured = wrench(&proxy);
+            let expected = DVec3::Z * STIFFNESS * (depth + proxy.contact_offset());
+            let label = format!(
+                "{name} {pieces}: {measured:?} {} contacts",
+                answer.contacts().len()
+            );
+            assert!(
+                measured.force.distance(expected) < 1e-6 * expected.length(),
+                "{label}"
+            );
+            assert!(
+                measured.torque.length() < 1e-6 * expected.length(),
+                "{label}"
+            );
+            assert!(!answer.contacts().is_empty(), "{label}");
+        }
+    }
+}
+
+/// Tilted, the device is turned back towards lying flat, and is not pushed along the plate.
+#[test]
+fn a_tilted_cylinder_is_turned_towards_flat() {
+    let plate = Front::of_mesh(&plate_mesh(4.0, 24));
+    let mesh = cylinder_mesh(0.3, 1.0, 240);
+    for tilt in [0.02, 0.1, -0.3] {
+        let mut proxy = proxy(&mesh);
+        let start = Pose::at(DVec3::Z);
+        tick(&mut proxy, &plate, &start);
+        let end = Pose {
+            position: DVec3::Z * 0.4,
+            orientation: DQuat::from_rotation_y(tilt),
+        };
+        move_to(&mut proxy, &plate, &start, &end, 200);
+        let measured = wrench(&proxy);
+        let size = measured.force.length();
+        assert!(
+            measured.force.z > 0.0 && measured.force.truncate().length() < 1e-4 * size,
+            "{measured:?}"
+        );
+        assert!(measured.torque.y * tilt < 0.0, "{tilt} {measured:?}");
+        let aside = DVec3::new(measured.torque.x, 0.0, measured.torque.z).length();
+        assert!(aside < 1e-3 * measured.torque.length(), "{measured:?}");
+    }
+}
+
+/// Open squares that meet: a groove of two planes, or a corner of three.
+fn corner(planes: usize) -> Front {
+    let mut mesh = ToolMesh::default();
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+    for k in 0..planes {
+        let (u, v) = (axes[(k + 1) % 3] * 2.0, axes[(k + 2) % 3] * 2.0);
+        let first = mesh.positions.len() as u32;
+        let low = if planes == 2 { -DVec3::Z } else { DVec3::ZERO };
+        let at = |a: f64, b: f64| low + u * a + v * b;
+        mesh.positions
+            .extend([at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)]);
+        mesh.triangles.push([first, first + 1, first + 2]);
+        mesh.triangles.push([first, first + 2, first + 3]);
+    }
+    Front::of_mesh(&mesh)
+}
+
+/// A minute at 1 kHz in a groove and a corner: nothing creeps, and noise leaves nothing behind.
+#[test]
+fn a_tool_rests_in_grooves_and_corners() {
+    let capsule = capsule_mesh(0.1, 0.4, 12, 10);
+    for (planes, mesh, turn) in [
+        (2, &capsule, DQuat::from_rotation_y(0.1)),
+        (3, &capsule, DQuat::from_rotation_x(0.3)),
+        (
+            3,
+            &box_mesh(DVec3::new(0.1, 0.2, 0.15)),
+            DQuat::from_rotation_z(0.02),
+        ),
+    ] {
+        let front = corner(planes);
+        let mut proxy = proxy(mesh);
+        let start = Pose {
+            position: DVec3::splat(0.8),
+            orientation: turn,
+        };
+        tick(&mut proxy, &front, &start);
+        let end = Pose {
+            position: DVec3::splat(0.05),
+            orientation: turn,
+        };
+        move_to(&mut proxy, &front, &start, &end, 1000);
+        let settled = proxy.pose();
+        for _ in 0..60_000 {
+            tick(&mut proxy, &front, &end);
+        }
+        let rested = proxy.pose();
+        let limit = 1e-4 * proxy.contact_offset();
+        let crept = rested.position.distance(settled.position);
+        assert!(crept < limit, "{planes} planes: {crept:e}");
+        let mut random = Random::new(5);
+        for _ in 0..2000 {
+            let noisy = Pose {
+                position: end.position + random.vector() * 1e-4,
+                ..end
+            };
+            tick(&mut proxy, &front, &noisy);
+        }
+        for _ in 0..200 {
+            tick(&mut proxy, &front, &end);
+        }
+        let back = proxy.pose().position.distance(rested.position);
+        assert!(back < limit, "{planes} planes: {back:e}");
+    }
+}
+
+/// A path over a relief, from a seed: what each tick gives.
+fn rub(scale: f64, seed: u64) -> Vec<(Pose, Wrench)> {
+    let mut relief = plate_mesh(1.0, 16);
+    let mut random = Random::new(seed);
+    for p in &mut relief.positions {
+        p.z = f64::from((0.1 * random.unit()) as f32);
+    }
+    let front = Front::of_mesh(&scaled(&relief, scale));
+    let mut proxy = proxy(&scaled(&capsule_mesh(0.1, 0.5, 12, 10), scale));
+    let turn = DQuat::from_rotation_y(1.3);
+    (0..600)
+        .map(|k| {
+            let t = f64::from(k) / 600.0;
+            let at = DVec3::new(
+                t - 0.5,
+                0.2 * (9.0 * t).sin(),
+                0.5 - 0.5 * (3.0 * t).min(1.0),
+            );
+            let pose = Pose {
+                position: at * scale,
+                orientation: DQuat::from_rotation_z(2.0 * t) * turn,
+            };
+            let answer = proxy.advance(front.surface(), &pose, TICK_BUDGET);
+            assert_eq!(answer.ending, Ending::Complete);
+            (proxy.pose(), proxy.wrench(&SPRING, 1.0, &Twist::default()))
+        })
+        .collect()
+}
+
+#[test]
+fn the_same_scene_at_another_scale_gives_the_same_forces() {
+    let reference = rub(1.0, 3);
+    assert!(
+        reference
+            .iter()
+            .filter(|(_, w)| w.force.length() > 1.0)
+            .count()
+            > 300
+    );
+    assert_eq!(reference, rub(1.0, 3), "the same again");
+    // Powers of two keep every f32 of the surface as it is.
+    for exponent in [-13, -4, 4, 13] {
+        let scale = 2f64.powi(exponent);
+        for ((pose, wrench), (other, measured)) in reference.iter().zip(rub(scale, 3)) {
+            assert!((other.position / scale).distance(pose.position) < 1e-9);
+            assert!((measured.force / scale).distance(wrench.force) < 1e-9 * STIFFNESS);
+            assert!((measured.torque / (scale * scale)).distance(wrench.torque) < 1e-9 * STIFFNESS);
+        }
+    }
+}
+
+#[test]
+fn what_is_no_pose_is_counted_and_moves_nothing() {
+    let plate = Front::of_mesh(&plate_mesh(1.0, 4));
+    let mut proxy = proxy(&capsule_mesh(0.1, 0.5, 12, 10));
+    let good = Pose::at(DVec3::Z);
+    assert!(proxy.place(&good));
+    tick(&mut proxy, &plate, &good);
+    let none = DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0);
+    let bad = [
+        Pose::at(DVec3::splat(f64::NAN)),
+        Pose::at(DVec3::X * f64::INFINITY),
+        Pose {
+            orientation: none,
+            ..good
+        },
+        Pose {
+            orientation: DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0),
+            ..good
+        },
+    ];
+    for (k, pose) in (1u64..).zip(&bad) {
+        let answer = proxy.advance(plate.surface(), pose, TICK_BUDGET);
+        assert!(answer.rejected && proxy.rejected() == k);
+        assert_eq!(proxy.pose(), good);
+        assert!(wrench(&proxy).is_finite());
+    }
+    assert!(!proxy.place(&bad[0]));
+}
+
+/// With any budget the answer says whether it was enough, the node pairs stay within it, and the
+/// tool stays on its side.
+#[test]
+fn a_budget_is_kept_and_its_end_is_told() {
+    let plate = Front::of_mesh(&plate_mesh(1.0, 64));
+    let mesh = capsule_mesh(0.1, 0.5, 24, 20);
+    let mut unfinished = 0;
+    for budget in [0, 1, 10, 100, 1000, 10_000] {
+        let mut proxy = proxy(&mesh);
+        tick(&mut proxy, &plate, &Pose::at(DVec3::Z));
+        for k in 0..300 {
+            let pose = Pose::at(DVec3::new(
+                0.001 * f64::from(k),
+                0.0,
+                1.0 - 0.004 * f64::from(k),
+            ));
+            let answer = proxy.advance(plate.surface(), &pose, budget);
+            assert!(answer.work.node_pairs <= budget);
+            unfinished += usize::from(answer.ending != Ending::Complete);
+            let at = proxy.pose();
+            let low = mesh
+                .positions
+                .iter()
+                .map(|&p| at.transform_point(p).z)
+                .fold(f64::INFINITY, f64::min);
+            assert!(low > 0.0, "{budget} {low}");
+        }
+    }
+    assert!(unfinished > 300, "{unfinished}");
+}

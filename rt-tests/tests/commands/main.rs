@@ -1,0 +1,8 @@
+//! The commands that measure in virtual time or without a run, as a user types them.
+
+mod accuracy;
+mod compare;
+mod fronts;
+mod predictors;
+mod stability;
+mod typed;

@@ -1,0 +1,333 @@
+//! Both processes in real time, as a user starts them.
+
+#[path = "../commands/typed.rs"]
+mod typed;
+
+use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use typed::{json, number, refusal, rt_tests, said};
+
+fn scene() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/scenes/first-touch.toml")
+}
+
+/// Runs a scene file, with the results in a folder.
+fn run(scene: &Path, out: &Path, more: &[&str]) -> Output {
+    let mut command = rt_tests("run");
+    command.arg(scene).arg("--out").arg(out).args(more);
+    command.output().unwrap()
+}
+
+/// The bundled scene with one piece of its text exchanged, in a folder of its own.
+fn changed(folder: &Path, old: &str, new: &str) -> PathBuf {
+    let text = std::fs::read_to_string(scene()).unwrap();
+    assert!(text.contains(old), "the bundled scene has no {old}");
+    let path = folder.join("changed.toml");
+    std::fs::write(&path, text.replacen(old, new, 1)).unwrap();
+    path
+}
+
+#[test]
+fn bad_input_is_one_sentence_with_status_2_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let not_a_mesh = folder.path().join("noise.ply");
+    std::fs::write(&not_a_mesh, "this is no mesh\n").unwrap();
+    let nan = folder.path().join("nan.obj");
+    std::fs::write(&nan, "v nan nan nan\nv nan 0 0\nv 0 nan 0\nf 1 2 3\n").unwrap();
+    let broken = folder.path().join("broken.spm");
+    std::fs::write(&broken, [0x5a; 300]).unwrap();
+    let sentence = refusal(&run("nowhere.toml".as_ref(), &out, &["--json"]));
+    assert!(sentence.contains("nowhere.toml"), "{sentence}");
+    let cases = [
+        ("--model", "nowhere.spm", "nowhere.spm"),
+        ("--model", not_a_mesh.to_str().unwrap(), "noise.ply"),
+        ("--model", nan.to_str().unwrap(), "nan.obj"),
+        ("--model", broken.to_str().unwrap(), "broken.spm"),
+        ("--size", "-1", "--size"),
+        ("--speed", "nan", "--speed"),
+        ("--cache", "lots", "--cache"),
+        ("--tolerance", "-0.001", "--tolerance"),
+        ("--seconds", "0", "--seconds"),
+    ];
+    for (option, value, expected) in cases {
+        let sentence = refusal(&run(&scene(), &out, &["--json", option, value]));
+        assert!(sentence.contains(expected), "{expected}: {sentence}");
+    }
+    let files = || std::fs::read_dir(&out).map_or(0, |entries| entries.count());
+    assert_eq!(files(), 0, "nothing half-written");
+    let unknown = changed(folder.path(), "rate_hz", "rate_khz");
+    let sentence = refusal(&run(&unknown, &out, &[]));
+    assert!(
+        sentence.contains("rate_khz") && sentence.contains("line 5"),
+        "{sentence}"
+    );
+    let mut jitter = rt_tests("jitter");
+    jitter.args(["--seconds", "-3", "--out"]).arg(&out);
+    let sentence = refusal(&jitter.output().unwrap());
+    assert!(sentence.contains("--seconds"), "{sentence}");
+}
+
+#[test]
+fn a_cache_too_small_for_the_base_mesh_is_refused_by_name_with_the_size_it_needs() {
+    let out = tempfile::tempdir().unwrap();
+    let small = ["--json", "--cache=4KiB", "--seconds=5"];
+    let output = run(&scene(), out.path(), &small);
+    let sentence = refusal(&output);
+    assert!(
+        sentence.contains("cache") && sentence.contains("base mesh"),
+        "{sentence}"
+    );
+    assert_eq!(std::fs::read_dir(out.path()).unwrap().count(), 0);
+}
+
+/// Numbers that every run reports.
+const FIELDS: &str = "
+    faces seconds seed ticks missed missed_own_cpu contact_ticks contact_full_ticks
+    contact_unbounded_ticks refined_faces.p50 refined_faces.max force_step_n_max
+    clamped_ticks rejected_samples unfinished_ticks early_ticks energy_j vsps_received
+    vsplits geomorph_ticks deferred ecols regions_subscribed resubscribed bytes_received
+    bytes_to_first_touch bytes_full_mesh cache.bytes cache.high_water_bytes cache.vsps
+    cache.evicted hrtc_rss_bytes first_force_ready_ms replay_hash
+";
+/// Times, each with its quantiles.
+const TIMES: &str = "
+    period_us wake_us work_us work_wall_us stage_us.inbox stage_us.refine stage_us.refit
+    stage_us.query stage_us.force
+";
+
+#[test]
+fn a_short_run_touches_a_real_mesh_and_reports_every_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let output = run(&scene(), &out, &["--json", "--seconds=4"]);
+    let said = said(&output);
+    assert!(output.status.success(), "{said}");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(text.lines().count(), 1, "one object: {text}");
+    let result = json(&output);
+    let number = |path: &str| number(&result, path);
+    for path in FIELDS.split_whitespace() {
+        number(path);
+    }
+    for timing in TIMES.split_whitespace() {
+        let spread = ["p50", "p99", "p999", "max"].map(|q| number(&format!("{timing}.{q}")));
+        assert!(spread.is_sorted(), "{timing}: {spread:?}");
+    }
+    for quantity in ["certified_error_m", "measured_error_m", "force_n"] {
+        let spread = ["p50", "p99", "max"].map(|q| number(&format!("{quantity}.{q}")));
+        assert!(spread.is_sorted(), "{quantity}: {spread:?}");
+    }
+    assert!(result["scene"] == "first-touch" && result["model"].is_string());
+    assert!(!text.contains("null"));
+
+    assert!(number("contact_ticks") > 0.0, "{said}");
+    assert!(number("contact_full_ticks") > 0.0, "{said}");
+    assert_eq!(number("contact_unbounded_ticks"), 0.0, "{said}");
+    assert!(
+        number("force_n.max") > 0.0 && number("force_n.max") < 8.0,
+        "{said}"
+    );
+    // The slew limit of the scene, over the periods that a tick may have skipped.
+    assert!(
+        number("force_step_n_max") <= 2.0 * (1.0 + number("missed")),
+        "{said}"
+    );
+    assert!(number("regions_subscribed") > 0.0, "{said}");
+    assert!(number("vsplits") > 0.0 && number("ecols") > 0.0, "{said}");
+    assert!(
+        number("cache.high_water_bytes") <= number("cache.bytes"),
+        "{said}"
+    );
+    assert!(
+        number("refined_faces.max") < 0.5 * number("faces"),
+        "{said}"
+    );
+    assert!(number("first_force_ready_ms") > 0.0, "{said}");
+    assert_eq!(number("allocations"), 0.0, "{said}");
+
+    for file in "report.html force.svg timing.svg resolution.svg result.json".split(' ') {
+        assert!(out.join(file).is_file(), "{file}");
+    }
+    assert!(
+        said.contains("in contact") && said.contains("report.html"),
+        "{said}"
+    );
+}
+
+#[test]
+fn ctrl_c_ends_a_run_cleanly_with_its_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = rt_tests("run");
+    command
+        .arg(scene())
+        .args(["--json", "--seconds=600", "--out"]);
+    command.arg(folder.path());
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    // Long enough for a few ticks, after a mesh that may have to be built first.
+    let said = first_sign_of_ticking(&mut child);
+    interrupt(child.id());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{said}");
+    let result = json(&output);
+    assert!(result["ticks"].as_u64().unwrap() > 0);
+    assert!(result["seconds"].as_f64().unwrap() < 500.0);
+    assert!(folder.path().join("report.html").is_file());
+}
+
+/// Reads standard error until the controller met the station, then one second more.
+fn first_sign_of_ticking(child: &mut std::process::Child) -> String {
+    use std::io::{BufRead, BufReader};
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let mut said = String::new();
+    for line in lines.by_ref().map_while(Result::ok) {
+        said += &line;
+        if line.contains("station found") {
+            break;
+        }
+    }
+    // The rest is read and thrown away, so that the pipe never fills.
+    std::thread::spawn(move || lines.for_each(drop));
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    said
+}
+
+fn interrupt(process: u32) {
+    let status = Command::new("kill")
+        .args(["-INT", &process.to_string()])
+        .status()
+        .unwrap();
+    assert!(status.success());
+}
+
+#[test]
+fn the_scenes_shapes_are_the_generators() {
+    for shape in scene::SHAPES {
+        assert!(
+            shape.parse::<spm_builder::generate::Shape>().is_ok(),
+            "{shape} can be written in a scene, but not generated"
+        );
+    }
+}
+
+/// A recording of a short run of the bundled scene.
+fn recording(folder: &Path) -> PathBuf {
+    let file = folder.join("run.rec");
+    let record = ["--seconds=3", "--record", file.to_str().unwrap()];
+    let output = run(&scene(), &folder.join("out"), &record);
+    assert!(output.status.success(), "{}", said(&output));
+    file
+}
+
+fn replay(file: &Path) -> (Output, serde_json::Value) {
+    let output = rt_tests("replay").arg(file).arg("--json").output().unwrap();
+    let found = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    (output, found)
+}
+
+/// Where the recording holds the position of a sample in its second half, and that sample's tick.
+fn a_sample_late_in_the_run(bytes: &[u8]) -> (usize, u64) {
+    const TICK: u8 = 1;
+    const CHUNK: u8 = 2;
+    const TICK_BYTES: usize = 32 + 56 * scene::MAX_PROBES + 8;
+    const CHUNK_BYTES: usize = size_of::<ChunkHeader>() + CHUNK_SLOTS * size_of::<ChunkSlot>();
+    let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+    let mut at = 16 + usize::try_from(number(8)).unwrap();
+    loop {
+        let entry = at + 1;
+        match bytes[at] {
+            TICK if number(entry) > 1000 && bytes[entry + 24] == 1 => {
+                return (entry + 32 + 6, number(entry));
+            }
+            TICK => at = entry + TICK_BYTES,
+            CHUNK => at = entry + CHUNK_BYTES,
+            other => panic!("no sample after tick 1000, then an entry {other}"),
+        }
+    }
+}
+
+#[test]
+fn a_hundred_objects_under_three_probes_are_reported_and_replayed() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene().with_file_name("hundred-objects.toml");
+    let file = folder.path().join("run.rec");
+    let more = ["--seconds=4", "--json", "--record", file.to_str().unwrap()];
+    let output = run(&scene, &folder.path().join("out"), &more);
+    let said = said(&output);
+    assert!(output.status.success(), "{said}");
+    for sentence in ["probe 2: ", "100 objects, at most 7 of them awake"] {
+        assert!(said.contains(sentence), "{said}");
+    }
+    let result = json(&output);
+    let number = |name: &str| result[name].as_u64().unwrap();
+    assert_eq!((number("objects"), number("active_objects_max")), (100, 7));
+    let probes = result["probes"].as_array().unwrap();
+    assert_eq!(probes.len(), 3);
+    for probe in probes {
+        assert!(probe["contact_ticks"].as_u64().unwrap() > 100, "{probe}");
+        assert!(probe["force_n"]["max"].as_f64().unwrap() > 0.1, "{probe}");
+    }
+    assert_eq!(number("allocations"), 0);
+    assert!(number("contact_full_ticks") * 100 >= number("contact_ticks") * 95);
+    assert_eq!(replay(&file).1["equal"], true);
+}
+
+#[test]
+fn a_recorded_run_replays_bit_by_bit_and_a_changed_one_does_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = recording(folder.path());
+    let (output, found) = replay(&file);
+    assert!(output.status.success(), "{}", said(&output));
+    assert_eq!(found["equal"], true);
+    assert_eq!(found["whole"], true);
+    assert_eq!(found["first_difference"], -1);
+    assert!(found["ticks"].as_u64().unwrap() > 1000, "{found}");
+
+    let bytes = std::fs::read(&file).unwrap();
+    let changed = folder.path().join("changed.rec");
+    let end = bytes.len();
+    for at in [
+        0,
+        9,
+        20,
+        end / 3,
+        end / 2,
+        end * 2 / 3,
+        end * 9 / 10,
+        end - 5,
+    ] {
+        let mut flipped = bytes.clone();
+        flipped[at] ^= 0x10;
+        std::fs::write(&changed, flipped).unwrap();
+        let (output, found) = replay(&changed);
+        match output.status.code() {
+            // A byte that no output depends on, such as the padding of a chunk.
+            Some(0) => assert_eq!(found["equal"], true, "byte {at}"),
+            Some(1) => {
+                assert_eq!(found["equal"], false, "byte {at}");
+                assert!(found["first_difference"].as_i64().unwrap() >= 0);
+            }
+            _ => assert!(refusal(&output).contains("changed.rec"), "byte {at}"),
+        }
+    }
+    let mut flipped = bytes.clone();
+    let (at, tick) = a_sample_late_in_the_run(&bytes);
+    flipped[at] ^= 0x10;
+    std::fs::write(&changed, flipped).unwrap();
+    let (output, found) = replay(&changed);
+    assert_eq!(output.status.code(), Some(1), "another sample, other bits");
+    assert_eq!(found["equal"], false);
+    assert_eq!(found["first_difference"].as_u64(), Some(tick));
+    for cut in [0, 7, 300, end / 2, end - 1, end - 17] {
+        std::fs::write(&changed, &bytes[..cut]).unwrap();
+        let (output, found) = replay(&changed);
+        match output.status.code() {
+            Some(0) => assert_eq!(found["whole"], false, "cut at {cut}"),
+            _ => assert!(refusal(&output).contains("changed.rec")),
+        }
+    }
+    let (output, _) = replay(&folder.path().join("nowhere.rec"));
+    assert!(refusal(&output).contains("nowhere.rec"));
+}
