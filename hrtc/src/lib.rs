@@ -11,7 +11,6 @@
 //! | [`tick_record`] | numbers of one tick for the log |
 //! | [`result`] | result fields, series and histograms of a run |
 //! | [`recorder`] | recording of all inputs, and its replay |
-//! | [`logging`] | notes on standard error |
 //! | [`tuning`] | sizes of rings and stacks, waiting times |
 //!
 //! # Example
@@ -48,7 +47,6 @@
 
 pub mod devices;
 pub mod link;
-pub mod logging;
 pub mod recorder;
 pub mod result;
 pub mod run;

@@ -13,7 +13,7 @@ use hrtc_core::streaming::chunk::InboxChunk;
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{BackpressureStrategy, ipc};
+use iceoryx2::prelude::ipc;
 use protocol::{
     CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, HelloError, Request, Role,
 };
@@ -25,7 +25,7 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::Instant;
 use thiserror::Error;
-use transport::{Domain, MAX_QUEUED, TransportError};
+use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError};
 
 /// Called with every chunk in the order of arrival, before the tick can see it.
 pub type ChunkRecorder = Box<dyn FnMut(&InboxChunk) + Send>;
@@ -151,8 +151,7 @@ struct Ports {
     requests: Publisher<ipc::Service, Request, ()>,
     contacts: Publisher<ipc::Service, ContactReport, ()>,
     records: Subscriber<ipc::Service, [ChunkSlot], ChunkHeader>,
-    hello_in: Subscriber<ipc::Service, Hello, ()>,
-    hello_out: Publisher<ipc::Service, Hello, ()>,
+    hello: Heartbeats,
     // Last, so that it is dropped after its ports.
     node: Node<ipc::Service>,
 }
@@ -162,44 +161,15 @@ impl Ports {
         let domain = &options.domain;
         let node = domain.node()?;
         // The inbox before the first request, so that no answer is lost.
-        let records = domain
-            .records_service(&node, options.client)?
-            .subscriber_builder()
-            .buffer_size(MAX_QUEUED)
-            .create()
-            .map_err(|e| domain.error("receive records", e))?;
-        let requests = domain
-            .subscribe_service(&node)?
-            .publisher_builder()
-            .max_loaned_samples(1)
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|e| domain.error("send requests", e))?;
-        let contacts = domain
-            .pose_service(&node)?
-            .publisher_builder()
-            .max_loaned_samples(1)
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|e| domain.error("send contacts", e))?;
-        let hello = domain.hello_service(&node)?;
-        let hello_in = hello
-            .subscriber_builder()
-            .buffer_size(MAX_QUEUED)
-            .create()
-            .map_err(|e| domain.error("receive heartbeats", e))?;
-        let hello_out = hello
-            .publisher_builder()
-            .max_loaned_samples(1)
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|e| domain.error("send heartbeats", e))?;
+        let records = domain.records_service(&node, options.client)?;
+        let records = domain.subscriber(&records, "receive records")?;
+        let requests = domain.publisher(&domain.subscribe_service(&node)?, "send requests")?;
+        let contacts = domain.publisher(&domain.pose_service(&node)?, "send contacts")?;
         Ok(Self {
             requests,
             contacts,
             records,
-            hello_in,
-            hello_out,
+            hello: domain.heartbeats(&node)?,
             node,
         })
     }
@@ -245,7 +215,7 @@ impl Agent {
                     ..
                 } = self.options;
                 let hello = Hello::new(Role::Controller, incarnation, client);
-                if let Err(e) = self.ports.hello_out.send_copy(hello) {
+                if let Err(e) = self.ports.hello.outgoing.send_copy(hello) {
                     self.warn_port("send heartbeats", e);
                 }
             }
@@ -315,7 +285,7 @@ impl Agent {
     /// Receives heartbeats and publishes the station's incarnation to the tick.
     fn listen(&mut self, now: Instant) {
         for _ in 0..2 * MAX_QUEUED {
-            let read = match self.ports.hello_in.receive() {
+            let read = match self.ports.hello.incoming.receive() {
                 Ok(Some(hello)) => hello.payload().read(),
                 Ok(None) => break,
                 Err(e) => return self.warn_port("receive heartbeats", e),

@@ -53,7 +53,7 @@ struct RunOptions {
 
 fn main() -> ExitCode {
     let Command::Run(options) = Cli::parse().command;
-    hrtc::logging::start();
+    transport::logging::start();
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         if let Err(error) = signal_hook::flag::register(signal, Arc::clone(&stop)) {

@@ -4,7 +4,6 @@ use bytemuck::Zeroable;
 use hrtc::link::{Link, LinkEndpoints, LinkHandle, LinkOptions};
 use hrtc::tuning::INBOX_CAPACITY;
 use hrtc_core::streaming::chunk::InboxChunk;
-use iceoryx2::prelude::BackpressureStrategy;
 use protocol::{
     AnswerItem, AnswersReader, ChunkKind, ContactReport, HELLO_PERIOD_MS, Hello, RegionAction,
     RegionAsk, Request, RequestKind, Role,
@@ -320,13 +319,7 @@ fn another_protocol_version_is_told_to_the_tick() {
     let domain = domain("version");
     let tick = Tick::start(&domain);
     let node = domain.node().unwrap();
-    let publisher = domain
-        .hello_service(&node)
-        .unwrap()
-        .publisher_builder()
-        .backpressure_strategy(BackpressureStrategy::DiscardData)
-        .create()
-        .unwrap();
+    let publisher = domain.heartbeats(&node).unwrap().outgoing;
     until("the other version", || {
         publisher
             .send_copy(Hello::of_version(9, Role::Station, 1, 0))

@@ -10,6 +10,6 @@ static ALLOCATOR: realtime::counting_allocator::CountingAllocator =
 
 fn main() -> ExitCode {
     let arguments = rt_tests::arguments::Arguments::parse();
-    hrtc::logging::start();
+    transport::logging::start();
     rt_tests::execute(arguments)
 }

@@ -8,16 +8,17 @@
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, ipc};
+use iceoryx2::prelude::ipc;
 use protocol::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, HELLO_PERIOD_MS, Hello,
     HelloError, Request, Role,
 };
 use station_core::station::{Chunk, Message, Station};
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use transport::{Domain, MAX_QUEUED, TransportError};
+use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError};
 
 /// Time between two looks at the ports.
 const POLL: Duration = Duration::from_micros(200);
@@ -54,8 +55,7 @@ struct Ports {
     domain: Domain,
     requests: Subscriber<ipc::Service, Request, ()>,
     contacts: Subscriber<ipc::Service, ContactReport, ()>,
-    hello_in: Subscriber<ipc::Service, Hello, ()>,
-    hello_out: Publisher<ipc::Service, Hello, ()>,
+    hello: Heartbeats,
     records: BTreeMap<u64, Publisher<ipc::Service, [ChunkSlot], ChunkHeader>>,
     // Last, so that it goes last.
     node: Node<ipc::Service>,
@@ -64,36 +64,13 @@ struct Ports {
 impl Ports {
     fn open(domain: &Domain) -> Result<Self, TransportError> {
         let node = domain.node()?;
-        let requests = domain
-            .subscribe_service(&node)?
-            .subscriber_builder()
-            .buffer_size(MAX_QUEUED)
-            .create()
-            .map_err(|e| domain.error("receive requests", e))?;
-        let contacts = domain
-            .pose_service(&node)?
-            .subscriber_builder()
-            .buffer_size(MAX_QUEUED)
-            .create()
-            .map_err(|e| domain.error("receive contacts", e))?;
-        let hello = domain.hello_service(&node)?;
-        let hello_in = hello
-            .subscriber_builder()
-            .buffer_size(MAX_QUEUED)
-            .create()
-            .map_err(|e| domain.error("receive heartbeats", e))?;
-        let hello_out = hello
-            .publisher_builder()
-            .max_loaned_samples(1)
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|e| domain.error("send heartbeats", e))?;
+        let requests = domain.subscriber(&domain.subscribe_service(&node)?, "receive requests")?;
+        let contacts = domain.subscriber(&domain.pose_service(&node)?, "receive contacts")?;
         Ok(Self {
             domain: domain.clone(),
             requests,
             contacts,
-            hello_in,
-            hello_out,
+            hello: domain.heartbeats(&node)?,
             records: BTreeMap::new(),
             node,
         })
@@ -101,20 +78,10 @@ impl Ports {
 
     /// The topic of one client, opened when first needed.
     fn open_records(&mut self, client: u64) -> Result<(), TransportError> {
-        if self.records.contains_key(&client) {
-            return Ok(());
+        if let Entry::Vacant(records) = self.records.entry(client) {
+            let topic = self.domain.records_service(&self.node, client)?;
+            records.insert(self.domain.records_publisher(&topic)?);
         }
-        let publisher = self
-            .domain
-            .records_service(&self.node, client)?
-            .publisher_builder()
-            .initial_max_slice_len(CHUNK_SLOTS)
-            .allocation_strategy(AllocationStrategy::Static)
-            .max_loaned_samples(1)
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|e| self.domain.error("send records", e))?;
-        self.records.insert(client, publisher);
         Ok(())
     }
 
@@ -167,7 +134,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
             if now >= next_hello {
                 next_hello = now + HELLO;
                 let hello = Hello::new(Role::Station, self.station.incarnation(), 0);
-                if let Err(e) = self.ports.hello_out.send_copy(hello) {
+                if let Err(e) = self.ports.hello.outgoing.send_copy(hello) {
                     let error = self.ports.domain.error("send heartbeats", e);
                     self.warn_once(error.to_string());
                 }
@@ -188,7 +155,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
     /// sending.
     fn receive(&mut self, now: Instant) {
         for _ in 0..2 * MAX_QUEUED {
-            match self.ports.hello_in.receive() {
+            match self.ports.hello.incoming.receive() {
                 Ok(Some(hello)) => {
                     let read = hello.payload().read();
                     self.hear(read, now);

@@ -1,11 +1,10 @@
 //! The command `ve-station`: see `ve-station --help`.
 
 mod cli;
-mod logging;
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    logging::start();
+    transport::logging::start();
     cli::main()
 }

@@ -17,14 +17,18 @@
 //! `_`, so no prefix begins another one.
 
 use iceoryx2::config::Config;
-use iceoryx2::node::NodeBuilder;
+use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{
-    AllocationStrategy, BackpressureStrategy, FileName, LogLevel, Node, Path, SemanticString,
-    ServiceName, SignalHandlingMode, ipc, set_log_level_from_env_or,
+    AllocationStrategy, BackpressureStrategy, FileName, IceoryxSend, LogLevel, Path,
+    SemanticString, ServiceName, SignalHandlingMode, ZeroCopySend, ipc, set_log_level_from_env_or,
 };
+use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use protocol::MAX_CLIENTS;
-use protocol::{ChunkHeader, ChunkSlot, ContactReport, Hello, Request};
+use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
+use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, MAX_CLIENTS, Request};
+use std::fmt::Debug;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -41,10 +45,24 @@ const MAX_BORROWED: usize = 2;
 /// Longest name of a domain, bytes.
 const MAX_NAME_BYTES: usize = 32;
 
+/// An iceoryx2 node of this machine.
+pub type IpcNode = Node<ipc::Service>;
+/// An open topic: its payload, and the header beside it.
+pub type Topic<P, H = ()> = PortFactory<ipc::Service, P, H>;
+
 /// A named iceoryx2 domain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Domain {
     name: String,
+}
+
+/// Both ends of the topic of heartbeats.
+#[derive(Debug)]
+pub struct Heartbeats {
+    /// Receives what the peers send.
+    pub incoming: Subscriber<ipc::Service, Hello, ()>,
+    /// Sends this process's.
+    pub outgoing: Publisher<ipc::Service, Hello, ()>,
 }
 
 /// Errors of the transport, one sentence each.
@@ -124,7 +142,7 @@ impl Domain {
     ///
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
-    pub fn node(&self) -> Result<Node<ipc::Service>, TransportError> {
+    pub fn node(&self) -> Result<IpcNode, TransportError> {
         // iceoryx2's messages are for developers: errors only, unless IOX2_LOG_LEVEL is set.
         set_log_level_from_env_or(LogLevel::Error);
         let config = self.config()?;
@@ -158,22 +176,10 @@ impl Domain {
     ///
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
-    pub fn subscribe_service(
-        &self,
-        node: &Node<ipc::Service>,
-    ) -> Result<PortFactory<ipc::Service, Request, ()>, TransportError> {
+    pub fn subscribe_service(&self, node: &IpcNode) -> Result<Topic<Request>, TransportError> {
         let name = self.service_name("hrtc/v3/subscribe")?;
         self.retry("open the service hrtc/v3/subscribe", || {
-            node.service_builder(&name)
-                .publish_subscribe::<Request>()
-                .max_publishers(MAX_PORTS)
-                .max_subscribers(MAX_RECORD_PORTS)
-                .max_nodes(MAX_PORTS)
-                .subscriber_max_buffer_size(MAX_QUEUED)
-                .subscriber_max_borrowed_samples(MAX_BORROWED)
-                .history_size(0)
-                .enable_safe_overflow(false)
-                .open_or_create()
+            topic::<Request, ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
 
@@ -181,22 +187,10 @@ impl Domain {
     ///
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
-    pub fn pose_service(
-        &self,
-        node: &Node<ipc::Service>,
-    ) -> Result<PortFactory<ipc::Service, ContactReport, ()>, TransportError> {
+    pub fn pose_service(&self, node: &IpcNode) -> Result<Topic<ContactReport>, TransportError> {
         let name = self.service_name("hrtc/v3/pose")?;
         self.retry("open the service hrtc/v3/pose", || {
-            node.service_builder(&name)
-                .publish_subscribe::<ContactReport>()
-                .max_publishers(MAX_PORTS)
-                .max_subscribers(MAX_RECORD_PORTS)
-                .max_nodes(MAX_PORTS)
-                .subscriber_max_buffer_size(MAX_QUEUED)
-                .subscriber_max_borrowed_samples(MAX_BORROWED)
-                .history_size(0)
-                .enable_safe_overflow(false)
-                .open_or_create()
+            topic::<ContactReport, ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
 
@@ -207,21 +201,12 @@ impl Domain {
     /// When iceoryx2 refuses, after three tries.
     pub fn records_service(
         &self,
-        node: &Node<ipc::Service>,
+        node: &IpcNode,
         client: u64,
-    ) -> Result<PortFactory<ipc::Service, [ChunkSlot], ChunkHeader>, TransportError> {
+    ) -> Result<Topic<[ChunkSlot], ChunkHeader>, TransportError> {
         let name = self.service_name(&format!("hrtc/v3/records/{client:016x}"))?;
         self.retry("open a service hrtc/v3/records", || {
-            node.service_builder(&name)
-                .publish_subscribe::<[ChunkSlot]>()
-                .user_header::<ChunkHeader>()
-                .max_publishers(MAX_RECORD_PORTS)
-                .max_subscribers(MAX_RECORD_PORTS)
-                .max_nodes(MAX_PORTS)
-                .subscriber_max_buffer_size(MAX_QUEUED)
-                .subscriber_max_borrowed_samples(MAX_BORROWED)
-                .history_size(0)
-                .enable_safe_overflow(false)
+            topic::<[ChunkSlot], ChunkHeader>(node, &name, MAX_RECORD_PORTS, MAX_RECORD_PORTS)
                 .open_or_create()
         })
     }
@@ -230,28 +215,71 @@ impl Domain {
     ///
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
-    pub fn hello_service(
-        &self,
-        node: &Node<ipc::Service>,
-    ) -> Result<PortFactory<ipc::Service, Hello, ()>, TransportError> {
+    pub fn hello_service(&self, node: &IpcNode) -> Result<Topic<Hello>, TransportError> {
         let name = self.service_name("hrtc/hello")?;
         self.retry("open the service hrtc/hello", || {
-            node.service_builder(&name)
-                .publish_subscribe::<Hello>()
-                .max_publishers(MAX_PORTS)
-                .max_subscribers(MAX_PORTS)
-                .max_nodes(MAX_PORTS)
-                .subscriber_max_buffer_size(MAX_QUEUED)
-                .subscriber_max_borrowed_samples(MAX_BORROWED)
-                .history_size(0)
-                .enable_safe_overflow(false)
-                .open_or_create()
+            topic::<Hello, ()>(node, &name, MAX_PORTS, MAX_PORTS).open_or_create()
+        })
+    }
+
+    /// A receiver of a topic, with a queue of [`MAX_QUEUED`] messages; `what` it does is part of
+    /// the error.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses.
+    pub fn subscriber<P: Debug + IceoryxSend + ?Sized, H: Debug + ZeroCopySend>(
+        &self,
+        topic: &Topic<P, H>,
+        what: &'static str,
+    ) -> Result<Subscriber<ipc::Service, P, H>, TransportError> {
+        let port = topic.subscriber_builder().buffer_size(MAX_QUEUED).create();
+        port.map_err(|e| self.error(what, e))
+    }
+
+    /// A sender of a topic that lends one message at a time and discards when a queue is full;
+    /// `what` it does is part of the error.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses.
+    pub fn publisher<P: Debug + IceoryxSend, H: Debug + ZeroCopySend>(
+        &self,
+        topic: &Topic<P, H>,
+        what: &'static str,
+    ) -> Result<Publisher<ipc::Service, P, H>, TransportError> {
+        let port = sender(topic).create();
+        port.map_err(|e| self.error(what, e))
+    }
+
+    /// A sender of chunks: its memory is that of one chunk of [`CHUNK_SLOTS`] and does not grow.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses.
+    pub fn records_publisher(
+        &self,
+        topic: &Topic<[ChunkSlot], ChunkHeader>,
+    ) -> Result<Publisher<ipc::Service, [ChunkSlot], ChunkHeader>, TransportError> {
+        sender(topic)
+            .initial_max_slice_len(CHUNK_SLOTS)
+            .allocation_strategy(AllocationStrategy::Static)
+            .create()
+            .map_err(|e| self.error("send records", e))
+    }
+
+    /// Both ends of the heartbeats.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses.
+    pub fn heartbeats(&self, node: &IpcNode) -> Result<Heartbeats, TransportError> {
+        let topic = self.hello_service(node)?;
+        Ok(Heartbeats {
+            incoming: self.subscriber(&topic, "receive heartbeats")?,
+            outgoing: self.publisher(&topic, "send heartbeats")?,
         })
     }
 
     /// The error of a port or a service of this domain.
     #[must_use]
-    pub fn error(&self, what: &'static str, reason: impl std::fmt::Debug) -> TransportError {
+    pub fn error(&self, what: &'static str, reason: impl Debug) -> TransportError {
         TransportError::Iceoryx {
             what,
             domain: self.name.clone(),
@@ -265,7 +293,7 @@ impl Domain {
 
     /// Tries three times, 50 ms apart: a service that another process is removing is refused for a
     /// moment.
-    fn retry<T, E: std::fmt::Debug>(
+    fn retry<T, E: Debug>(
         &self,
         what: &'static str,
         mut open: impl FnMut() -> Result<T, E>,
@@ -278,6 +306,34 @@ impl Domain {
         }
         open().map_err(|e| self.error(what, e))
     }
+}
+
+/// A topic of a name with the common quality of service.
+fn topic<P: Debug + IceoryxSend + ?Sized, H: Debug + ZeroCopySend>(
+    node: &IpcNode,
+    name: &ServiceName,
+    max_publishers: usize,
+    max_subscribers: usize,
+) -> Builder<P, H, ipc::Service> {
+    node.service_builder(name)
+        .publish_subscribe::<P>()
+        .user_header::<H>()
+        .max_publishers(max_publishers)
+        .max_subscribers(max_subscribers)
+        .max_nodes(MAX_PORTS)
+        .subscriber_max_buffer_size(MAX_QUEUED)
+        .subscriber_max_borrowed_samples(MAX_BORROWED)
+        .history_size(0)
+        .enable_safe_overflow(false)
+}
+
+fn sender<P: Debug + IceoryxSend + ?Sized, H: Debug + ZeroCopySend>(
+    topic: &Topic<P, H>,
+) -> PortFactoryPublisher<'_, ipc::Service, P, H> {
+    topic
+        .publisher_builder()
+        .max_loaned_samples(1)
+        .backpressure_strategy(BackpressureStrategy::DiscardData)
 }
 
 #[cfg(test)]

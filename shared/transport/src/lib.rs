@@ -2,7 +2,8 @@
 //!
 //! | module | content |
 //! |---|---|
-//! | `domain` | named domains, their services and quality of service |
+//! | `domain` | named domains, their services, ports and quality of service |
+//! | [`logging`] | notes of either process on standard error |
 //!
 //! ```
 //! use transport::{Domain, TransportError};
@@ -15,5 +16,6 @@
 #![forbid(unsafe_code)]
 
 mod domain;
+pub mod logging;
 
-pub use domain::{Domain, MAX_PORTS, MAX_QUEUED, TransportError};
+pub use domain::{Domain, Heartbeats, IpcNode, MAX_PORTS, MAX_QUEUED, Topic, TransportError};

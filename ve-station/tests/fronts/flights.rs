@@ -2,9 +2,7 @@
 //! by others and land, the mesh is in the end that of the front, bit for bit; on the way its
 //! certified error holds.
 
-mod common;
-
-use common::{active_faces, build, load, made_meshes, real_meshes_where};
+use crate::common::{active_faces, build, load, made_meshes, real_meshes_where};
 use glam::DVec3;
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;

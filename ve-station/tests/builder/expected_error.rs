@@ -1,9 +1,7 @@
 //! The expected error E: it makes fronts, does not depend on the number of threads, and what is
 //! asked of a front {E > t} is what it gives (facts, progressive meshes 5).
 
-mod common;
-
-use common::{build, grid, load, made_meshes, open, real_meshes_where};
+use crate::common::{build, grid, load, made_meshes, open, real_meshes_where};
 use glam::DVec3;
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;

@@ -1,9 +1,7 @@
 //! Meshes as they come: cut, torn, in a thousand pieces. They build, what was done is counted, and
 //! what a cut may open on a coarse front is bounded.
 
-mod common;
-
-use common::{active_faces, build, grid, input_faces, load, random_front, refine};
+use crate::common::{active_faces, build, grid, input_faces, load, random_front, refine};
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, ErrorScale, SpmParts};

@@ -1,9 +1,7 @@
 //! Thesis, Theorem 4: any legal order of the same splits and collapses ends in the same mesh; and
 //! what makes it true: legality is a property of the front, and the front fixes the mesh.
 
-mod common;
-
-use common::{build, load, made_meshes, random_front, real_meshes_where};
+use crate::common::{build, load, made_meshes, random_front, real_meshes_where};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, Face, FrontWalk, OperationFaces, SpmParts};

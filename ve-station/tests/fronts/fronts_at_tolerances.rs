@@ -1,9 +1,7 @@
 //! What the station sends for any regions at any tolerances is a legal mesh, within its certified
 //! error.
 
-mod common;
-
-use common::{load, open};
+use crate::common::{load, open};
 use glam::{DVec3, UVec3, Vec3};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;

@@ -1,12 +1,10 @@
 //! The full refinement of every mesh is its cleaned input, bit for bit, and every front between is
 //! sound.
 
-mod common;
-
-use ab_tree::is_leaf_key;
-use common::{
+use crate::common::{
     active_faces, build, input_faces, load, made_meshes, open, random_front, real_meshes, refine,
 };
+use ab_tree::is_leaf_key;
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ErrorScale, NONE, OperationFaces, SpmParts};
@@ -48,7 +46,7 @@ fn check_refinement(name: &str, mesh: &spm_builder::SoupMesh, base_faces: Option
         let mut all: Vec<_> = (0..parts.header.faces)
             .map(|p| {
                 let corners = file.leaf_corners(p).unwrap();
-                common::face_bits(corners.map(|c| c.as_vec3().to_array()))
+                crate::common::face_bits(corners.map(|c| c.as_vec3().to_array()))
             })
             .collect();
         all.sort_unstable();

@@ -4,7 +4,7 @@
 use bytemuck::Zeroable;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{BackpressureStrategy, ipc};
+use iceoryx2::prelude::ipc;
 use protocol::{
     CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, Hello, RegionAction, Request, RequestKind, Role,
 };
@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
-use transport::{Domain, MAX_QUEUED};
+use transport::Domain;
 use ve_station::connection::Connection;
 
 const CLIENT: u64 = 0xC11E;
@@ -52,23 +52,10 @@ impl Client {
     fn open(domain: &Domain, node: &iceoryx2::node::Node<ipc::Service>, model: u64) -> Self {
         let records = domain.records_service(node, CLIENT).unwrap();
         let requests = domain.subscribe_service(node).unwrap();
-        let hello = domain.hello_service(node).unwrap();
         Self {
-            requests: requests
-                .publisher_builder()
-                .backpressure_strategy(BackpressureStrategy::DiscardData)
-                .create()
-                .unwrap(),
-            records: records
-                .subscriber_builder()
-                .buffer_size(MAX_QUEUED)
-                .create()
-                .unwrap(),
-            hello: hello
-                .subscriber_builder()
-                .buffer_size(MAX_QUEUED)
-                .create()
-                .unwrap(),
+            requests: domain.publisher(&requests, "send requests").unwrap(),
+            records: domain.subscriber(&records, "receive records").unwrap(),
+            hello: domain.heartbeats(node).unwrap().incoming,
             model,
             sent: 0,
             consumed: 0,

@@ -1,10 +1,8 @@
 //! What is exported is read back as what it was: the thesis's text formats and plain meshes, full
 //! and coarse.
 
-mod common;
-
-use common::{FaceBits, active_faces, build, face_bits, made_meshes, real_meshes_where};
-use common::{grid, input_faces, load, refine};
+use crate::common::{FaceBits, active_faces, build, face_bits, made_meshes, real_meshes_where};
+use crate::common::{grid, input_faces, load, refine};
 use spm::{OperationFaces, SpmParts};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_file, read_mesh, write_spm_file};

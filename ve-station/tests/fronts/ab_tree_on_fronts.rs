@@ -1,10 +1,8 @@
 //! After every split and collapse of a walk over fronts of real models, the boxes of the AB-tree
 //! are those of a fresh refit, bit for bit.
 
-mod common;
-
+use crate::common::{build, load, made_meshes, real_meshes_where};
 use ab_tree::AbTree;
-use common::{build, load, made_meshes, real_meshes_where};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{FrontWalk, SpmParts};

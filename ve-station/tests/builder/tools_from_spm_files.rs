@@ -1,8 +1,6 @@
 //! A tool of a scene is one level of detail of an SPM file: as many faces as fit, the shape of the
 //! mesh, at its size.
 
-mod common;
-
 use glam::DVec3;
 use scene::{Overrides, ProbeShape, parse};
 use scene_files::DiskFiles;

@@ -1,9 +1,7 @@
 //! A point changes sides exactly when the volume that a split or collapse sweeps holds it: the
 //! winding number of the whole closed front is the oracle.
 
-mod common;
-
-use common::{build, load};
+use crate::common::{build, load};
 use geometry::solid_angle;
 use glam::DVec3;
 use rand::{RngCore, SeedableRng};

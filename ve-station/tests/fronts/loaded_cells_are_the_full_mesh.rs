@@ -1,9 +1,7 @@
 //! Inside the cell of every loaded region the refined surface is the full mesh's, bit for bit,
 //! whatever else is loaded or refined.
 
-mod common;
-
-use common::{FaceBits, build, face_bits, load, made_meshes, open, real_meshes};
+use crate::common::{FaceBits, build, face_bits, load, made_meshes, open, real_meshes};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, OperationFaces, RegionGrid, RegionId, SpmFile, SpmParts};

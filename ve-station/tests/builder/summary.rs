@@ -1,8 +1,6 @@
 //! What the builder counts, cuts and bounds, on the meshes that decided its rules.
 
-mod common;
-
-use common::{build, grid, load, made_meshes, models_folder, real_meshes};
+use crate::common::{build, grid, load, made_meshes, models_folder, real_meshes};
 use spm::ModelHeader;
 use spm::{NONE, OperationFaces};
 use spm_builder::generate::{Shape, generate};
