@@ -29,9 +29,6 @@ pub struct Capabilities {
     pub max_speed_m_per_s: f64,
     /// Step of the measured position, metres. Motion within it does no work.
     pub position_resolution_m: f64,
-    /// Step of the measured orientation, radians. Carried but not used: unlike the position's step,
-    /// it has no effect on the controller.
-    pub angle_resolution_rad: f64,
 }
 
 impl Capabilities {
@@ -46,7 +43,6 @@ impl Capabilities {
             max_torque_nm: 0.0,
             max_speed_m_per_s: f64::INFINITY,
             position_resolution_m: 0.0,
-            angle_resolution_rad: 0.0,
         }
     }
 }

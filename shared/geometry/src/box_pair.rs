@@ -20,10 +20,6 @@ pub struct BoxQuery {
     axes: [Vec4; 3],
 }
 
-/// Factor that compensates the rounding of a squared distance in f32: the five roundings of a
-/// difference, its square and two sums are less than 4 units of 2^-23.
-const SHRINK: f32 = 1.0 - 4.0 * f32::EPSILON;
-
 impl BoxQuery {
     /// A stored box, exact.
     #[inline]
@@ -148,15 +144,6 @@ impl BoxPair {
         [within & 0b0101 == 0b0101, within & 0b1010 == 0b1010]
     }
 
-    /// Squared distances from a point or box, each at most the exact value.
-    #[inline]
-    #[must_use]
-    pub fn distances_squared(&self, query: &BoxQuery) -> [f32; 2] {
-        // Beyond the range of f32 the largest number, since infinity would exceed the exact value.
-        let squared = (self.squared(query) * SHRINK).min(Vec4::MAX);
-        [squared.x, squared.y]
-    }
-
     /// Which of the two are within a distance of a point or box; rounding excludes none.
     #[inline]
     #[must_use]
@@ -215,7 +202,8 @@ impl Within {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoxBound(f32);
 
-/// Compensates [`SHRINK`] and the rounding of the bound itself.
+/// Compensates the rounding of the bound itself and of a squared distance in f32: the five roundings
+/// of a difference, its square and two sums are less than 4 units of 2^-23.
 const GROW: f32 = 1.0 + 8.0 * f32::EPSILON;
 
 impl BoxBound {
@@ -307,24 +295,6 @@ mod tests {
         }
 
         #[test]
-        fn distances_are_close_to_the_truth_and_never_above_it(
-            a in some_box(), b in some_box(),
-            point in prop::array::uniform3(prop_oneof![-2.0..2.0f64, number().prop_map(f64::from)]),
-        ) {
-            let point = DVec3::from_array(point);
-            let found = BoxPair::new([a, b]).distances_squared(&BoxQuery::point(point));
-            for (found, of) in found.into_iter().zip([a, b]) {
-                let exact = of.distance_squared(point);
-                prop_assert!(f64::from(found) <= exact, "{} {}", found, exact);
-                // Near, in units of the numbers that the difference is taken of.
-                let size = point.abs().max_element().max(f64::from(of.upper.abs().max_element()));
-                let size = size.max(f64::from(of.lower.abs().max_element()));
-                let slack = 2e-6 * size * (exact.sqrt() + size) + 1e-37;
-                prop_assert!(f64::from(found) >= (exact - slack).min(f64::from(f32::MAX)), "{} {}", found, exact);
-            }
-        }
-
-        #[test]
         fn boxes_within_a_distance_are_found_and_hardly_any_others(
             a in some_box(), b in some_box(),
             point in prop::array::uniform3(prop_oneof![-2.0..2.0f64, number().prop_map(f64::from)]),
@@ -381,8 +351,8 @@ mod tests {
 
     #[test]
     fn an_empty_box_is_farther_than_any_other() {
-        let far = BoxPair::EMPTY.distances_squared(&BoxQuery::point(DVec3::ZERO));
-        assert_eq!(far, [f32::MAX; 2]);
+        let far = BoxPair::EMPTY.within(&BoxQuery::point(DVec3::ZERO), BoxBound::squared(1e38));
+        assert!(!far.first() && !far.second());
         assert!(BoxPair::EMPTY.get(0).is_empty());
         let all = BoxQuery::between(DVec3::splat(-1e30), DVec3::splat(1e30));
         assert_eq!(BoxPair::EMPTY.overlap(&all), [false; 2]);

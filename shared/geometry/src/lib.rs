@@ -39,15 +39,11 @@ pub use aabb::Aabb;
 pub use box_pair::{BoxBound, BoxPair, BoxQuery, Within};
 pub use pose::{Pose, Wrench};
 pub use predicates::{side_of_plane, triangle_is_degenerate};
-pub use segment::{
-    ClosestPair, closest_points_of_segment_and_triangle, closest_points_of_segments,
-};
+pub use segment::{ClosestPair, closest_points_of_segment_and_triangle};
 pub use similarity::{Similarity, widened};
 pub use triangle::{
     ClosestPoint, closest_point_on_segment, closest_point_on_triangle, solid_angle,
     triangle_overlaps_box,
 };
-pub use triangle_distance::{
-    capsule_triangle_distance, closest_points_of_triangles, distance_squared_bound_of_triangles,
-};
+pub use triangle_distance::closest_points_of_triangles;
 pub use triangle_pair::{Facet, TrianglePair, triangle_pair};

@@ -57,20 +57,6 @@ impl ClosestPair {
     }
 }
 
-/// The closest points of two segments; a segment of no length is a point.
-#[must_use]
-pub fn closest_points_of_segments(first: [DVec3; 2], second: [DVec3; 2]) -> ClosestPair {
-    let mut best = closest_inner_points(first, second).unwrap_or(ClosestPair::NONE);
-    let [p, q] = [first, second];
-    for end in p {
-        best.keep_nearer(ClosestPair::between(end, foot(q, end)));
-    }
-    for end in q {
-        best.keep_nearer(ClosestPair::between(foot(p, end), end));
-    }
-    best
-}
-
 /// The point of a segment closest to another.
 #[inline]
 pub(super) fn foot([a, b]: [DVec3; 2], point: DVec3) -> DVec3 {

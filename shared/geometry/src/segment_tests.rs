@@ -1,5 +1,5 @@
 use super::*;
-use crate::{capsule_triangle_distance, closest_point_on_triangle, closest_points_of_triangles};
+use crate::{closest_point_on_triangle, closest_points_of_triangles};
 use parry3d_f64::math::Pose;
 use parry3d_f64::query::ClosestPoints;
 use parry3d_f64::query::details::closest_points_segment_segment;
@@ -42,8 +42,16 @@ fn alternating(
     least
 }
 
-fn on_segment([a, b]: [DVec3; 2], p: DVec3) -> DVec3 {
-    a.lerp(b, closest_point_on_segment(a, b, p))
+/// The closest points of two segments: inner points, or an end and its foot.
+fn closest_points_of_segments(p: [DVec3; 2], q: [DVec3; 2]) -> ClosestPair {
+    let mut best = closest_inner_points(p, q).unwrap_or(ClosestPair::NONE);
+    for end in p {
+        best.keep_nearer(ClosestPair::between(end, foot(q, end)));
+    }
+    for end in q {
+        best.keep_nearer(ClosestPair::between(foot(p, end), end));
+    }
+    best
 }
 
 proptest! {
@@ -56,12 +64,12 @@ proptest! {
         let ours = closest_points_of_segments(p.map(|x| x * s), q.map(|x| x * s));
         let distance = ours.distance_squared.sqrt() / s;
         // The points lie on their segments and have the distance.
-        prop_assert!(on_segment(p, ours.points[0] / s).distance(ours.points[0] / s) < 1e-14);
-        prop_assert!(on_segment(q, ours.points[1] / s).distance(ours.points[1] / s) < 1e-14);
+        prop_assert!(foot(p, ours.points[0] / s).distance(ours.points[0] / s) < 1e-14);
+        prop_assert!(foot(q, ours.points[1] / s).distance(ours.points[1] / s) < 1e-14);
         prop_assert!((ours.points[0].distance(ours.points[1]) / s - distance).abs() < 1e-14);
         for k in 0..=20 {
             let sample = p[0].lerp(p[1], f64::from(k) / 20.0);
-            prop_assert!(distance <= on_segment(q, sample).distance(sample) + 1e-14);
+            prop_assert!(distance <= foot(q, sample).distance(sample) + 1e-14);
         }
         let swapped = closest_points_of_segments(q.map(|x| x * s), p.map(|x| x * s));
         prop_assert!((swapped.distance_squared.sqrt() / s - distance).abs() < 1e-14);
@@ -87,7 +95,7 @@ proptest! {
         let distance = closest_points_of_segments(p, q).distance_squared.sqrt();
         for k in 0..=50 {
             let sample = p[0].lerp(p[1], f64::from(k) / 50.0);
-            prop_assert!(distance <= on_segment(q, sample).distance(sample) + 1e-14);
+            prop_assert!(distance <= foot(q, sample).distance(sample) + 1e-14);
         }
     }
 
@@ -112,16 +120,14 @@ proptest! {
         let s = 10f64.powi(exponent);
         let ours = closest_points_of_segment_and_triangle(p.map(|x| x * s), t.map(|x| x * s));
         let distance = ours.distance_squared.sqrt() / s;
-        prop_assert!(on_segment(p, ours.points[0] / s).distance(ours.points[0] / s) < 1e-13);
+        prop_assert!(foot(p, ours.points[0] / s).distance(ours.points[0] / s) < 1e-13);
         let off = closest_point_on_triangle(t, ours.points[1] / s).distance_squared;
         prop_assert!(off.sqrt() < 1e-13);
         let nearest = |x: DVec3| closest_point_on_triangle(t, x).point;
         let starts = [p[0], p[1], t[0], t[1], t[2]];
-        let least = alternating(|x| on_segment(p, x), nearest, &starts);
+        let least = alternating(|x| foot(p, x), nearest, &starts);
         // Alternation comes down slowly where it ends in 0.
         prop_assert!(distance <= least + 1e-13 && least <= distance + 2e-2, "{} {}", distance, least);
-        let (signed, _) = capsule_triangle_distance(p, 0.3, t);
-        prop_assert!((signed - (distance - 0.3)).abs() < 1e-9);
     }
 
     #[test]
@@ -154,7 +160,7 @@ fn parry_issue_76() {
     let to_triangle = closest_point_on_triangle([a, b, b], p)
         .distance_squared
         .sqrt();
-    let to_segment = on_segment([a, b], p).distance(p);
+    let to_segment = foot([a, b], p).distance(p);
     assert_eq!(to_triangle, to_segment);
     // The thread's number is of f32.
     assert!((to_triangle - 0.17147861).abs() < 1e-6, "{to_triangle}");
@@ -208,7 +214,8 @@ fn jolt_issue_886() {
     .map(DVec3::from_array);
     let start = DVec3::new(14.8314590, 8.19055080, -4.30825043);
     let motion = DVec3::new(-0.0988006592, 5.96046448e-08, 0.000732421875);
-    let (distance, _) = capsule_triangle_distance([start, start + motion], 0.2, t);
+    let closest = closest_points_of_segment_and_triangle([start, start + motion], t);
+    let distance = closest.distance_squared.sqrt() - 0.2;
     assert!(distance > 2.2 - 0.01 && distance < 2.3, "{distance}");
 }
 
@@ -220,8 +227,9 @@ fn parry_issue_378() {
     for y in [-1.2391, -1.25, -1.26] {
         let at = DVec3::new(2.0373735, -y, 0.0);
         let axis = [at - DVec3::Y * 0.25, at + DVec3::Y * 0.25];
-        let (distance, closest) = capsule_triangle_distance(axis, 0.5, top);
-        let expected = (at.y - 0.25) - 0.5 - 0.5;
+        let closest = closest_points_of_segment_and_triangle(axis, top);
+        let distance = closest.distance_squared.sqrt();
+        let expected = (at.y - 0.25) - 0.5;
         assert!((distance - expected).abs() < 1e-12, "{distance} {expected}");
         assert!((closest.points[1].x - at.x).abs() < 1e-12);
     }

@@ -40,15 +40,6 @@ impl Similarity {
         (usable && similarity.is_finite()).then_some(similarity)
     }
 
-    /// The same for coordinates stored relative to an origin, in units of the inner frame.
-    #[must_use]
-    pub fn with_origin(self, origin: DVec3) -> Self {
-        Self {
-            translation: self.point(origin),
-            ..self
-        }
-    }
-
     /// From the frame of `b` to the frame of `a`, both given in the world. Their positions are
     /// subtracted first, so objects far from the world's origin lose no precision.
     #[must_use]
