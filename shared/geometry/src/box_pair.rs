@@ -202,8 +202,8 @@ impl Within {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoxBound(f32);
 
-/// Compensates the rounding of the bound itself and of a squared distance in f32: the five roundings
-/// of a difference, its square and two sums are less than 4 units of 2^-23.
+/// Compensates the rounding of the bound itself and of a squared distance in f32: the five
+/// roundings of a difference, its square and two sums are less than 4 units of 2^-23.
 const GROW: f32 = 1.0 + 8.0 * f32::EPSILON;
 
 impl BoxBound {

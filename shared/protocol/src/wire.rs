@@ -19,68 +19,59 @@ pub const REGIONS_PER_REQUEST: usize = 32;
 /// Silence after which a request is repeated, milliseconds.
 pub const ANSWER_TIMEOUT_MS: u64 = 200;
 
-/// Content of a chunk.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum ChunkKind {
-    /// [`ModelHeader`] in the first slots, then [`spm::BaseVertex`] four to a slot, then, from a
-    /// new slot on, [`spm::BaseFace`] two to a slot.
-    Model = 1,
-    /// Closures of regions and their missing records, packed: see [`super::AnswersReader`].
-    Answers = 2,
-    /// [`MeasuredError`]s, two to a slot.
-    Measured = 4,
-    /// [`TourPoint`]s, one to a slot.
-    Tour = 5,
-    /// The request cannot be served; `code` is the [`Refusal`].
-    Refused = 6,
+/// Enums that travel as numbers.
+macro_rules! codes {
+    ($($(#[$doc:meta])* pub enum $name:ident {
+        $($(#[$of_variant:meta])* $variant:ident = $code:literal,)*
+    })*) => {$(
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        #[repr(u32)]
+        pub enum $name {
+            $($(#[$of_variant])* $variant = $code,)*
+        }
+
+        impl $name {
+            /// The meaning of a received code; `None` for one of another version.
+            #[must_use]
+            pub fn from_code(code: u32) -> Option<Self> {
+                match code {
+                    $($code => Some(Self::$variant),)*
+                    _ => None,
+                }
+            }
+        }
+    )*};
 }
 
-impl ChunkKind {
-    /// The kind of a received code, `None` for one of another version.
-    #[must_use]
-    pub fn from_code(code: u32) -> Option<Self> {
-        [
-            Self::Model,
-            Self::Answers,
-            Self::Measured,
-            Self::Tour,
-            Self::Refused,
-        ]
-        .into_iter()
-        .find(|&kind| kind as u32 == code)
+codes! {
+    /// Content of a chunk.
+    pub enum ChunkKind {
+        /// [`ModelHeader`] in the first slots, then [`spm::BaseVertex`] four to a slot, then, from
+        /// a new slot on, [`spm::BaseFace`] two to a slot.
+        Model = 1,
+        /// Closures of regions and their missing records, packed: see [`super::AnswersReader`].
+        Answers = 2,
+        /// [`MeasuredError`]s, two to a slot.
+        Measured = 4,
+        /// [`TourPoint`]s, one to a slot.
+        Tour = 5,
+        /// The request cannot be served; `code` is the [`Refusal`].
+        Refused = 6,
     }
-}
 
-/// Reasons to refuse a request.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Refusal {
-    /// No object of that number, or another model than the client named.
-    UnknownModel = 1,
-    /// No cell of that number in the grid of the tolerance's level.
-    UnknownRegion = 2,
-    /// A needed block of the file fails its checksum.
-    DamagedBlock = 3,
-    /// The tolerance is negative or not a number.
-    Tolerance = 4,
-    /// Numbers of a scripted path that are not finite, not positive, or beyond the model.
-    Tour = 5,
-}
-
-impl Refusal {
-    /// The refusal of a received code.
-    #[must_use]
-    pub fn from_code(code: u32) -> Option<Self> {
-        [
-            Self::UnknownModel,
-            Self::UnknownRegion,
-            Self::DamagedBlock,
-            Self::Tolerance,
-            Self::Tour,
-        ]
-        .into_iter()
-        .find(|&refusal| refusal as u32 == code)
+    /// Reasons to refuse a request.
+    pub enum Refusal {
+        /// No object of that number, or another model than the client named.
+        UnknownModel = 1,
+        /// No cell of that number in the grid of the tolerance's level.
+        UnknownRegion = 2,
+        /// A needed block of the file fails its checksum.
+        DamagedBlock = 3,
+        /// The tolerance is negative or not a number.
+        Tolerance = 4,
+        /// Numbers of a scripted path that are not finite, not positive, or beyond the model.
+        Tour = 5,
     }
 }
 
@@ -155,59 +146,33 @@ pub struct TourPoint {
     pub orientation_wxyz: [f64; 4],
 }
 
-/// Subject of a request.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum RequestKind {
-    /// Only the credit.
-    Credit = 1,
-    /// The model of an object: header and base mesh.
-    Model = 2,
-    /// Regions to subscribe, declare resident, or release.
-    Regions = 3,
-    /// A scripted path over the object.
-    Tour = 4,
-    /// The object is no longer active at the client: the session ends.
-    Close = 5,
-}
-
-impl RequestKind {
-    /// The kind of a received code.
-    #[must_use]
-    pub fn from_code(code: u32) -> Option<Self> {
-        [
-            Self::Credit,
-            Self::Model,
-            Self::Regions,
-            Self::Tour,
-            Self::Close,
-        ]
-        .into_iter()
-        .find(|&kind| kind as u32 == code)
+codes! {
+    /// Subject of a request.
+    pub enum RequestKind {
+        /// Only the credit.
+        Credit = 1,
+        /// The model of an object: header and base mesh.
+        Model = 2,
+        /// Regions to subscribe, declare resident, or release.
+        Regions = 3,
+        /// A scripted path over the object.
+        Tour = 4,
+        /// The object is no longer active at the client: the session ends.
+        Close = 5,
     }
 }
 
-/// Action of a request on one region.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum RegionAction {
-    /// Send its closure and the missing records.
-    Subscribe = 1,
-    /// The region is resident at the client (declared at the start of an epoch).
-    Resident = 2,
-    /// The client has unloaded it.
-    Release = 3,
-    /// Like Subscribe, but with every record of the closure.
-    Resend = 4,
-}
-
-impl RegionAction {
-    /// The action of a received code.
-    #[must_use]
-    pub fn from_code(code: u32) -> Option<Self> {
-        [Self::Subscribe, Self::Resident, Self::Release, Self::Resend]
-            .into_iter()
-            .find(|&action| action as u32 == code)
+codes! {
+    /// Action of a request on one region.
+    pub enum RegionAction {
+        /// Send its closure and the missing records.
+        Subscribe = 1,
+        /// The region is resident at the client (declared at the start of an epoch).
+        Resident = 2,
+        /// The client has unloaded it.
+        Release = 3,
+        /// Like Subscribe, but with every record of the closure.
+        Resend = 4,
     }
 }
 

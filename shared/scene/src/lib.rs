@@ -4,7 +4,7 @@
 //! | module | content |
 //! |---|---|
 //! | `files` | access to the files that a scene names |
-//! | `source` | text, errors with line numbers, checks of single numbers |
+//! | `source` | text, errors with line numbers, reading of single numbers |
 //! | `limits` | limits and shared defaults of the numbers |
 //! | `typed` | the scene as typed, read by serde |
 //! | `plan` | the validated plan, SI units |

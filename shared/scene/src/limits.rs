@@ -1,6 +1,5 @@
 //! Limits of a scene's numbers, and the defaults of numbers that more than one place needs.
 
-use crate::source::Range;
 use std::ops::RangeInclusive;
 
 /// Lengths, metres: from below an atom to above the Earth, so no square overflows or vanishes.
@@ -11,6 +10,10 @@ const MIN_LENGTH_M: f64 = 1e-9;
 pub(crate) const MAX_LENGTH_M: f64 = 1e7;
 /// Largest coefficient in its own unit (N/m, N s/m, kg, N, N/s, s): far above any device.
 pub(crate) const MAX_COEFFICIENT: f64 = 1e9;
+/// A coefficient above 0.
+pub(crate) const POSITIVE: Range = Range::Positive(MAX_COEFFICIENT);
+/// A coefficient or none.
+pub(crate) const NOT_NEGATIVE: Range = Range::NotNegative(MAX_COEFFICIENT);
 /// Speed of a scripted path, m/s.
 pub(crate) const SPEED_M_PER_S: Range = Range::Within(1e-6, 1e3);
 
@@ -39,3 +42,56 @@ pub(crate) const GRAVITY_M_PER_S2: f64 = 9.80665;
 pub(crate) const MAX_PATH_POINTS: usize = 4096;
 /// Steepest slope of a texture (45 degrees).
 pub(crate) const MAX_TEXTURE_SLOPE: f64 = 1.0;
+
+/// Allowed values of a number.
+pub(crate) trait Limit<T> {
+    /// The number itself, or a sentence that names the key and the allowed values.
+    fn check(self, key: &str, number: T) -> Result<T, String>;
+}
+
+impl Limit<i64> for RangeInclusive<i64> {
+    fn check(self, key: &str, number: i64) -> Result<i64, String> {
+        if self.contains(&number) {
+            return Ok(number);
+        }
+        let (low, high) = (self.start(), self.end());
+        Err(format!(
+            "{key} is {number}; write a whole number from {low} to {high}"
+        ))
+    }
+}
+
+/// Allowed values of a fractional number.
+#[derive(Clone, Copy)]
+pub(crate) enum Range {
+    /// Above 0, at most this.
+    Positive(f64),
+    /// From 0 to this.
+    NotNegative(f64),
+    /// From the first to the second.
+    Within(f64, f64),
+}
+
+impl Limit<f64> for Range {
+    fn check(self, key: &str, number: f64) -> Result<f64, String> {
+        let (fits, wanted) = match self {
+            Self::Positive(max) => (
+                number > 0.0 && number <= max,
+                format!("a number above 0, at most {max}"),
+            ),
+            Self::NotNegative(max) => (
+                (0.0..=max).contains(&number),
+                format!("a number from 0 to {max}"),
+            ),
+            Self::Within(min, max) => (
+                (min..=max).contains(&number),
+                format!("a number from {min} to {max}"),
+            ),
+        };
+        if fits {
+            Ok(number)
+        } else {
+            Err(format!("{key} is {number}; write {wanted}"))
+        }
+    }
+}

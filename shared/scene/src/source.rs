@@ -1,6 +1,9 @@
-//! The text of a scene, its errors with line numbers, and checks of single numbers.
+//! The text of a scene, its errors with line numbers, and reading of single numbers.
 
 use crate::files::{Files, read_text};
+use crate::limits::{Limit, MAX_LENGTH_M};
+use crate::typed::Vector;
+use glam::DVec3;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -44,42 +47,58 @@ impl Source<'_> {
         SceneError(format!("{}: {sentence}", self.shown))
     }
 
-    /// A number of the scene, or its default.
-    pub(crate) fn number(
+    /// A number that the scene must give.
+    pub(crate) fn required<T: Copy>(
         &self,
-        value: Option<&Spanned<f64>>,
-        key: &str,
-        default: f64,
-        range: Range,
-    ) -> Result<f64, SceneError> {
-        let Some(value) = value else {
-            return Ok(default);
-        };
+        (key, typed): Keyed<Spanned<T>>,
+        range: impl Limit<T>,
+    ) -> Result<T, SceneError> {
         range
-            .check(key, *value.get_ref())
-            .map_err(|sentence| self.value(value, &sentence))
+            .check(key, *typed.get_ref())
+            .map_err(|sentence| self.value(typed, &sentence))
     }
 
-    /// A whole number of the scene, or its default.
-    pub(crate) fn whole_number(
+    /// A number that the scene may give.
+    pub(crate) fn optional<T: Copy>(
         &self,
-        value: Option<&Spanned<i64>>,
-        key: &str,
-        default: i64,
-        range: std::ops::RangeInclusive<i64>,
-    ) -> Result<i64, SceneError> {
-        let Some(value) = value else {
-            return Ok(default);
-        };
-        let number = *value.get_ref();
-        if range.contains(&number) {
-            return Ok(number);
+        (key, typed): Keyed<Option<Spanned<T>>>,
+        range: impl Limit<T>,
+    ) -> Result<Option<T>, SceneError> {
+        let required = |typed| self.required((key, typed), range);
+        typed.as_ref().map(required).transpose()
+    }
+
+    /// A number of the scene, or its default.
+    pub(crate) fn number<T: Copy>(
+        &self,
+        typed: Keyed<Option<Spanned<T>>>,
+        default: T,
+        range: impl Limit<T>,
+    ) -> Result<T, SceneError> {
+        Ok(self.optional(typed, range)?.unwrap_or(default))
+    }
+
+    /// A place or a velocity; `at` is where the scene gives it.
+    pub(crate) fn vector<T>(
+        &self,
+        (key, at): Keyed<Spanned<T>>,
+        typed: [f64; 3],
+    ) -> Result<DVec3, SceneError> {
+        let vector = DVec3::from_array(typed);
+        // NaN fails the comparison.
+        if vector.abs().cmple(DVec3::splat(MAX_LENGTH_M)).all() {
+            return Ok(vector);
         }
-        let (low, high) = (range.start(), range.end());
-        Err(self.value(
-            value,
-            &format!("{key} is {number}; write a whole number from {low} to {high}"),
-        ))
+        let sentence = format!("{key} needs three finite numbers, none larger than {MAX_LENGTH_M}");
+        Err(self.value(at, &sentence))
+    }
+
+    /// A place or a velocity, or zeros.
+    pub(crate) fn vector_or_zero(&self, (key, typed): Keyed<Vector>) -> Result<DVec3, SceneError> {
+        match typed {
+            None => Ok(DVec3::ZERO),
+            Some(typed) => self.vector((key, typed), *typed.get_ref()),
+        }
     }
 
     /// Path of a file that the scene names.
@@ -96,38 +115,13 @@ impl Source<'_> {
     }
 }
 
-/// Allowed values of a number.
-#[derive(Clone, Copy)]
-pub(crate) enum Range {
-    /// Above 0, at most this.
-    Positive(f64),
-    /// From 0 to this.
-    NotNegative(f64),
-    /// From the first to the second.
-    Within(f64, f64),
-}
+/// A field of a table with its key in the scene.
+pub(crate) type Keyed<'a, T> = (&'a str, &'a T);
 
-impl Range {
-    /// The number itself, or a sentence that names the key and the allowed values.
-    pub(crate) fn check(self, key: &str, number: f64) -> Result<f64, String> {
-        let (fits, wanted) = match self {
-            Self::Positive(max) => (
-                number > 0.0 && number <= max,
-                format!("a number above 0, at most {max}"),
-            ),
-            Self::NotNegative(max) => (
-                (0.0..=max).contains(&number),
-                format!("a number from 0 to {max}"),
-            ),
-            Self::Within(min, max) => (
-                (min..=max).contains(&number),
-                format!("a number from {min} to {max}"),
-            ),
-        };
-        if fits {
-            Ok(number)
-        } else {
-            Err(format!("{key} is {number}; write {wanted}"))
-        }
-    }
+/// A field with its name as its key: `key!(typed.rate_hz)`.
+macro_rules! key {
+    ($table:ident.$field:ident) => {
+        (stringify!($field), &$table.$field)
+    };
 }
+pub(crate) use key;

@@ -1,5 +1,19 @@
 //! The scene as typed: read by serde, unknown keys refused, only the types checked.
 
+/// Tables of a scene. Unknown keys are refused.
+macro_rules! tables {
+    ($($(#[$attribute:meta])* struct $name:ident {
+        $($(#[$of_field:meta])* $field:ident: $type:ty,)*
+    })*) => {$(
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        $(#[$attribute])*
+        pub(crate) struct $name {
+            $($(#[$of_field])* pub(crate) $field: $type,)*
+        }
+    )*};
+}
+
 mod device;
 mod effects;
 mod movable;
@@ -12,49 +26,127 @@ use crate::bytes::parse_bytes;
 use serde::Deserialize;
 use toml::Spanned;
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct SceneTyped {
-    #[serde(rename = "loop", default)]
-    pub(crate) loop_: LoopTyped,
-    #[serde(default)]
-    pub(crate) cache: CacheTyped,
-    #[serde(default)]
-    pub(crate) accuracy: AccuracyTyped,
-    #[serde(default)]
-    pub(crate) safety: SafetyTyped,
-    #[serde(default)]
-    pub(crate) effects: Vec<Spanned<EffectTyped>>,
-    #[serde(default)]
-    pub(crate) object: Vec<Spanned<ObjectTyped>>,
-    #[serde(default)]
-    pub(crate) probe: Vec<Spanned<ProbeTyped>>,
-}
+pub(crate) type Number = Option<Spanned<f64>>;
+pub(crate) type Whole = Option<Spanned<i64>>;
+pub(crate) type Vector = Option<Spanned<[f64; 3]>>;
 
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct LoopTyped {
-    pub(crate) rate_hz: Option<Spanned<f64>>,
-    pub(crate) core: Option<Spanned<i64>>,
-    pub(crate) priority: Option<Spanned<i64>>,
-    pub(crate) spin_us: Option<Spanned<i64>>,
-    pub(crate) require_realtime: Option<bool>,
-    pub(crate) operations: Option<Spanned<i64>>,
-}
+tables! {
+    struct SceneTyped {
+        #[serde(rename = "loop", default)]
+        loop_: LoopTyped,
+        #[serde(default)]
+        cache: CacheTyped,
+        #[serde(default)]
+        accuracy: AccuracyTyped,
+        #[serde(default)]
+        safety: SafetyTyped,
+        #[serde(default)]
+        effects: Vec<Spanned<EffectTyped>>,
+        #[serde(default)]
+        object: Vec<Spanned<ObjectTyped>>,
+        #[serde(default)]
+        probe: Vec<Spanned<ProbeTyped>>,
+    }
 
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct CacheTyped {
-    pub(crate) bytes: Option<Bytes>,
-}
+    #[derive(Default)]
+    struct LoopTyped {
+        rate_hz: Number,
+        core: Whole,
+        priority: Whole,
+        spin_us: Whole,
+        require_realtime: Option<bool>,
+        operations: Whole,
+    }
 
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct AccuracyTyped {
-    pub(crate) tolerance_m: Option<Spanned<f64>>,
-    pub(crate) refinement: Option<RefinementTyped>,
-    pub(crate) lod: Option<Spanned<i64>>,
-    pub(crate) geomorph: Option<bool>,
+    #[derive(Default)]
+    struct CacheTyped {
+        bytes: Option<Bytes>,
+    }
+
+    #[derive(Default)]
+    struct AccuracyTyped {
+        tolerance_m: Number,
+        refinement: Option<RefinementTyped>,
+        lod: Whole,
+        geomorph: Option<bool>,
+    }
+
+    #[derive(Default)]
+    struct SafetyTyped {
+        force_max_n: Number,
+        torque_max_nm: Number,
+        slew_n_per_s: Number,
+        ramp_s: Number,
+        passivity: Option<bool>,
+    }
+
+    struct ObjectTyped {
+        name: Option<Spanned<String>>,
+        model: Option<Spanned<String>>,
+        generate: Option<GenerateTyped>,
+        size_m: Number,
+        metres_per_unit: Number,
+        pose: Option<Spanned<PoseTyped>>,
+        grid: Option<GridTyped>,
+        #[serde(default)]
+        surface: SurfaceTyped,
+        #[serde(default)]
+        effects: Vec<Spanned<EffectTyped>>,
+        movable: Option<Spanned<MovableTyped>>,
+    }
+
+    struct GenerateTyped {
+        shape: Spanned<String>,
+        faces: Spanned<i64>,
+    }
+
+    #[derive(Default)]
+    struct PoseTyped {
+        position_m: Option<[f64; 3]>,
+        orientation_wxyz: Option<[f64; 4]>,
+    }
+
+    struct GridTyped {
+        counts: Spanned<[i64; 3]>,
+        spacing_m: Spanned<f64>,
+    }
+
+    #[derive(Default)]
+    struct SurfaceTyped {
+        stiffness_n_per_m: Number,
+        damping_ns_per_m: Number,
+    }
+
+    struct ProbeTyped {
+        shape: Option<ShapeTyped>,
+        device: Option<DeviceTyped>,
+        trajectory: Option<TrajectoryTyped>,
+    }
+
+    struct RodTyped {
+        radius_m: Spanned<f64>,
+        length_m: Spanned<f64>,
+        faces: Whole,
+    }
+
+    struct MeshTyped {
+        file: Spanned<String>,
+        size_m: Spanned<f64>,
+        faces: Whole,
+    }
+
+    struct SphereTyped {
+        radius_m: Number,
+    }
+
+    #[derive(Default)]
+    struct TourTyped {
+        /// An object's number or name.
+        object: Option<Spanned<toml::Value>>,
+        seed: Whole,
+        speed_m_per_s: Number,
+        depth_m: Number,
+    }
 }
 
 #[derive(Deserialize, Clone, Copy, PartialEq, Eq)]
@@ -62,69 +154,6 @@ pub(crate) struct AccuracyTyped {
 pub(crate) enum RefinementTyped {
     Local,
     Global,
-}
-
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct SafetyTyped {
-    pub(crate) force_max_n: Option<Spanned<f64>>,
-    pub(crate) torque_max_nm: Option<Spanned<f64>>,
-    pub(crate) slew_n_per_s: Option<Spanned<f64>>,
-    pub(crate) ramp_s: Option<Spanned<f64>>,
-    pub(crate) passivity: Option<bool>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ObjectTyped {
-    pub(crate) name: Option<Spanned<String>>,
-    pub(crate) model: Option<Spanned<String>>,
-    pub(crate) generate: Option<GenerateTyped>,
-    pub(crate) size_m: Option<Spanned<f64>>,
-    pub(crate) metres_per_unit: Option<Spanned<f64>>,
-    pub(crate) pose: Option<Spanned<PoseTyped>>,
-    pub(crate) grid: Option<GridTyped>,
-    #[serde(default)]
-    pub(crate) surface: SurfaceTyped,
-    #[serde(default)]
-    pub(crate) effects: Vec<Spanned<EffectTyped>>,
-    pub(crate) movable: Option<Spanned<MovableTyped>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct GenerateTyped {
-    pub(crate) shape: Spanned<String>,
-    pub(crate) faces: Spanned<i64>,
-}
-
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct PoseTyped {
-    pub(crate) position_m: Option<[f64; 3]>,
-    pub(crate) orientation_wxyz: Option<[f64; 4]>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct GridTyped {
-    pub(crate) counts: Spanned<[i64; 3]>,
-    pub(crate) spacing_m: Spanned<f64>,
-}
-
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct SurfaceTyped {
-    pub(crate) stiffness_n_per_m: Option<Spanned<f64>>,
-    pub(crate) damping_ns_per_m: Option<Spanned<f64>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ProbeTyped {
-    pub(crate) shape: Option<ShapeTyped>,
-    pub(crate) device: Option<DeviceTyped>,
-    pub(crate) trajectory: Option<TrajectoryTyped>,
 }
 
 #[derive(Deserialize)]
@@ -137,42 +166,10 @@ pub(crate) enum ShapeTyped {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RodTyped {
-    pub(crate) radius_m: Spanned<f64>,
-    pub(crate) length_m: Spanned<f64>,
-    pub(crate) faces: Option<Spanned<i64>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct MeshTyped {
-    pub(crate) file: Spanned<String>,
-    pub(crate) size_m: Spanned<f64>,
-    pub(crate) faces: Option<Spanned<i64>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct SphereTyped {
-    pub(crate) radius_m: Option<Spanned<f64>>,
-}
-
-#[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum TrajectoryTyped {
     Tour(TourTyped),
     Csv(Spanned<String>),
-}
-
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct TourTyped {
-    /// An object's number or name.
-    pub(crate) object: Option<Spanned<toml::Value>>,
-    pub(crate) seed: Option<Spanned<i64>>,
-    pub(crate) speed_m_per_s: Option<Spanned<f64>>,
-    pub(crate) depth_m: Option<Spanned<f64>>,
 }
 
 /// A size in bytes, typed as a number or with a unit.

@@ -1,5 +1,6 @@
 //! A probe's device, as typed.
 
+use super::Number;
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -11,19 +12,19 @@ pub(crate) enum DeviceTyped {
     Custom(Spanned<toml::Table>),
 }
 
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct SimulatedTyped {
-    pub(crate) mass_kg: Option<Spanned<f64>>,
-    pub(crate) damping_ns_per_m: Option<Spanned<f64>>,
-    pub(crate) encoder_m: Option<Spanned<f64>>,
-    #[serde(default)]
-    pub(crate) hand: HandTyped,
-}
+tables! {
+    #[derive(Default)]
+    struct SimulatedTyped {
+        mass_kg: Number,
+        damping_ns_per_m: Number,
+        encoder_m: Number,
+        #[serde(default)]
+        hand: HandTyped,
+    }
 
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct HandTyped {
-    pub(crate) stiffness_n_per_m: Option<Spanned<f64>>,
-    pub(crate) damping_ns_per_m: Option<Spanned<f64>>,
+    #[derive(Default)]
+    struct HandTyped {
+        stiffness_n_per_m: Number,
+        damping_ns_per_m: Number,
+    }
 }

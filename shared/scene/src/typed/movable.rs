@@ -1,5 +1,6 @@
 //! How an object moves, as typed.
 
+use super::{Number, Vector};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -12,52 +13,43 @@ pub(crate) enum MovableTyped {
     Driven(DrivenTyped),
 }
 
-pub(crate) type Number = Option<Spanned<f64>>;
-pub(crate) type Vector = Option<Spanned<[f64; 3]>>;
+tables! {
+    struct FreeTyped {
+        mass_kg: Spanned<f64>,
+        inertia_kgm2: Vector,
+        damping_ns_per_m: Number,
+        damping_nms_per_rad: Number,
+        spring_n_per_m: Number,
+        spring_nm_per_rad: Number,
+        gravity_m_per_s2: Vector,
+    }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct FreeTyped {
-    pub(crate) mass_kg: Spanned<f64>,
-    pub(crate) inertia_kgm2: Vector,
-    pub(crate) damping_ns_per_m: Number,
-    pub(crate) damping_nms_per_rad: Number,
-    pub(crate) spring_n_per_m: Number,
-    pub(crate) spring_nm_per_rad: Number,
-    pub(crate) gravity_m_per_s2: Vector,
-}
+    struct HingeTyped {
+        axis: Spanned<[f64; 3]>,
+        anchor_m: Vector,
+        mass_kg: Spanned<f64>,
+        inertia_kgm2: Vector,
+        damping_nms_per_rad: Number,
+        spring_nm_per_rad: Number,
+        limits_deg: Option<Spanned<[f64; 2]>>,
+        gravity_m_per_s2: Vector,
+    }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct HingeTyped {
-    pub(crate) axis: Spanned<[f64; 3]>,
-    pub(crate) anchor_m: Vector,
-    pub(crate) mass_kg: Spanned<f64>,
-    pub(crate) inertia_kgm2: Vector,
-    pub(crate) damping_nms_per_rad: Number,
-    pub(crate) spring_nm_per_rad: Number,
-    pub(crate) limits_deg: Option<Spanned<[f64; 2]>>,
-    pub(crate) gravity_m_per_s2: Vector,
-}
+    struct RailTyped {
+        axis: Spanned<[f64; 3]>,
+        mass_kg: Spanned<f64>,
+        damping_ns_per_m: Number,
+        spring_n_per_m: Number,
+        limits_m: Option<Spanned<[f64; 2]>>,
+        gravity_m_per_s2: Vector,
+    }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RailTyped {
-    pub(crate) axis: Spanned<[f64; 3]>,
-    pub(crate) mass_kg: Spanned<f64>,
-    pub(crate) damping_ns_per_m: Number,
-    pub(crate) spring_n_per_m: Number,
-    pub(crate) limits_m: Option<Spanned<[f64; 2]>>,
-    pub(crate) gravity_m_per_s2: Vector,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct DrivenTyped {
-    pub(crate) linear_m_per_s: Vector,
-    pub(crate) angular_rad_per_s: Vector,
-    pub(crate) anchor_m: Vector,
-    pub(crate) period_s: Number,
+    struct DrivenTyped {
+        linear_m_per_s: Vector,
+        angular_rad_per_s: Vector,
+        anchor_m: Vector,
+        period_s: Number,
+    }
 }
 
 impl MovableTyped {

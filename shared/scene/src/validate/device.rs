@@ -1,8 +1,8 @@
 //! The device of a probe.
 
-use crate::limits::MAX_COEFFICIENT;
+use crate::limits::{MAX_COEFFICIENT, NOT_NEGATIVE, Range};
 use crate::plan::{CustomDevicePlan, HandImpedance, SimulatedDevicePlan};
-use crate::source::{Range, SceneError, Source};
+use crate::source::{SceneError, Source, key};
 use crate::typed::{DeviceTyped, SimulatedTyped};
 use toml::Spanned;
 
@@ -36,30 +36,17 @@ fn custom(source: &Source, table: &Spanned<toml::Table>) -> Result<CustomDeviceP
 }
 
 fn simulated(source: &Source, typed: &SimulatedTyped) -> Result<SimulatedDevicePlan, SceneError> {
-    let coefficient = |value: &Option<Spanned<f64>>, key, default| {
-        let range = Range::NotNegative(MAX_COEFFICIENT);
-        source.number(value.as_ref(), key, default, range)
-    };
+    let hand = &typed.hand;
+    let hand_stiffness = ("hand's stiffness_n_per_m", &hand.stiffness_n_per_m);
+    let hand_damping = ("hand's damping_ns_per_m", &hand.damping_ns_per_m);
+    let mass_kg = Range::Within(1e-6, MAX_COEFFICIENT);
     Ok(SimulatedDevicePlan {
-        mass_kg: source.number(
-            typed.mass_kg.as_ref(),
-            "mass_kg",
-            0.1,
-            Range::Within(1e-6, MAX_COEFFICIENT),
-        )?,
-        damping_ns_per_m: coefficient(&typed.damping_ns_per_m, "damping_ns_per_m", 1.0)?,
-        encoder_m: coefficient(&typed.encoder_m, "encoder_m", 1e-5)?,
+        mass_kg: source.number(key!(typed.mass_kg), 0.1, mass_kg)?,
+        damping_ns_per_m: source.number(key!(typed.damping_ns_per_m), 1.0, NOT_NEGATIVE)?,
+        encoder_m: source.number(key!(typed.encoder_m), 1e-5, NOT_NEGATIVE)?,
         hand: HandImpedance {
-            stiffness_n_per_m: coefficient(
-                &typed.hand.stiffness_n_per_m,
-                "hand's stiffness_n_per_m",
-                200.0,
-            )?,
-            damping_ns_per_m: coefficient(
-                &typed.hand.damping_ns_per_m,
-                "hand's damping_ns_per_m",
-                2.0,
-            )?,
+            stiffness_n_per_m: source.number(hand_stiffness, 200.0, NOT_NEGATIVE)?,
+            damping_ns_per_m: source.number(hand_damping, 2.0, NOT_NEGATIVE)?,
         },
     })
 }

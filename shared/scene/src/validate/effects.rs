@@ -1,15 +1,15 @@
 //! The lists of effects: every number is checked against the limits of the loop and the devices.
 
 use crate::limits::{
-    GRAVITY_M_PER_S2, LENGTH_M, MAX_COEFFICIENT, MAX_FRICTION, MAX_LENGTH_M, MAX_PATH_POINTS,
-    MAX_TEXTURE_SLOPE,
+    GRAVITY_M_PER_S2, LENGTH_M, MAX_COEFFICIENT, MAX_FRICTION, MAX_PATH_POINTS, MAX_TEXTURE_SLOPE,
+    NOT_NEGATIVE, POSITIVE, Range,
 };
 use crate::plan::{
     BoundaryPlan, Effect, EffectPlan, FrictionPlan, GravityPlan, HeightMap, InertiaPlan,
     MagnetPlan, Pattern, ProbePlan, ScenePlan, ShadingPlan, SpringPlan, TexturePlan,
     TrajectoryPlan, VibrationPlan, Workspace,
 };
-use crate::source::{Range, SceneError, Source};
+use crate::source::{SceneError, Source, key};
 use crate::typed::*;
 use glam::DVec3;
 use std::f64::consts::TAU;
@@ -135,12 +135,8 @@ fn effect_plan(
 ) -> Result<EffectPlan, SceneError> {
     let effect = effect(source, entry, limits)?;
     let typed = entry.get_ref();
-    let seconds = |value: &Option<Spanned<f64>>, key, default, range| {
-        source.number(value.as_ref(), key, default, range)
-    };
-    let time = Range::NotNegative(MAX_COEFFICIENT);
-    let from_s = seconds(&typed.from_s, "from_s", 0.0, time)?;
-    let until_s = seconds(&typed.until_s, "until_s", f64::INFINITY, time)?;
+    let from_s = source.number(key!(typed.from_s), 0.0, NOT_NEGATIVE)?;
+    let until_s = source.number(key!(typed.until_s), f64::INFINITY, NOT_NEGATIVE)?;
     if let (Some(until), true) = (&typed.until_s, until_s <= from_s) {
         return Err(source.value(until, &format!("until_s is {until_s}, not after from_s, {from_s}; write a later second or leave the effect out")));
     }
@@ -148,7 +144,7 @@ fn effect_plan(
         effect,
         from_s,
         until_s,
-        fade_s: seconds(&typed.fade_s, "fade_s", 0.1, Range::Within(1e-3, 60.0))?,
+        fade_s: source.number(key!(typed.fade_s), 0.1, Range::Within(1e-3, 60.0))?,
     })
 }
 
@@ -159,41 +155,36 @@ fn effect(
     limits: &Limits,
 ) -> Result<Effect, SceneError> {
     let typed = entry.get_ref();
-    let mut effects = Vec::new();
-    if let Some(of) = &typed.friction {
-        effects.push(friction(source, of)?);
-    }
-    if let Some(of) = &typed.shading {
-        effects.push(shading(source, of)?);
-    }
-    if let Some(of) = &typed.texture {
-        effects.push(texture(source, of, entry, limits)?);
-    }
-    if let Some(of) = &typed.magnet {
-        effects.push(magnet(source, of, limits)?);
-    }
-    if let Some(of) = &typed.vibration {
-        effects.push(vibration(source, of, limits)?);
-    }
-    if let Some(of) = &typed.viscosity {
-        effects.push(Effect::Viscosity {
-            damping_ns_per_m: damping(source, &of.damping_ns_per_m, limits)?,
-        });
-    }
-    if let Some(of) = &typed.spring {
-        effects.push(spring(source, of, entry, limits)?);
-    }
-    if let Some(of) = &typed.gravity {
-        effects.push(gravity(source, of, limits)?);
-    }
-    if let Some(of) = &typed.inertia {
-        effects.push(inertia(source, of, limits)?);
-    }
-    if let Some(of) = &typed.boundary {
-        effects.push(boundary(source, of, entry)?);
-    }
-    if let (Some(effect), None) = (effects.pop(), effects.pop()) {
-        return Ok(effect);
+    let effects = [
+        typed.friction.as_ref().map(|of| friction(source, of)),
+        typed.shading.as_ref().map(|of| shading(source, of)),
+        typed
+            .texture
+            .as_ref()
+            .map(|of| texture(source, of, entry, limits)),
+        typed.magnet.as_ref().map(|of| magnet(source, of, limits)),
+        typed
+            .vibration
+            .as_ref()
+            .map(|of| vibration(source, of, limits)),
+        typed
+            .viscosity
+            .as_ref()
+            .map(|of| viscosity(source, of, limits)),
+        typed
+            .spring
+            .as_ref()
+            .map(|of| spring(source, of, entry, limits)),
+        typed.gravity.as_ref().map(|of| gravity(source, of, limits)),
+        typed.inertia.as_ref().map(|of| inertia(source, of, limits)),
+        typed
+            .boundary
+            .as_ref()
+            .map(|of| boundary(source, of, entry)),
+    ];
+    let mut given = effects.into_iter().flatten();
+    if let (Some(effect), None) = (given.next(), given.next()) {
+        return effect;
     }
     Err(source.value(
         entry,
@@ -206,8 +197,8 @@ fn effect(
 
 fn friction(source: &Source, typed: &FrictionTyped) -> Result<Effect, SceneError> {
     let range = Range::NotNegative(MAX_FRICTION);
-    let static_ = source.number(Some(&typed.static_), "static", 0.0, range)?;
-    let dynamic = source.number(typed.dynamic.as_ref(), "dynamic", static_, range)?;
+    let static_ = source.required(("static", &typed.static_), range)?;
+    let dynamic = source.number(key!(typed.dynamic), static_, range)?;
     if let (Some(at), true) = (&typed.dynamic, dynamic > static_) {
         return Err(source.value(at, &format!("dynamic is {dynamic}, more than static, {static_}: what slides would be held better than what sticks; write at most {static_}")));
     }
@@ -215,13 +206,8 @@ fn friction(source: &Source, typed: &FrictionTyped) -> Result<Effect, SceneError
 }
 
 fn shading(source: &Source, typed: &ShadingTyped) -> Result<Effect, SceneError> {
-    let radius_m = source.number(Some(&typed.radius_m), "radius_m", 0.0, LENGTH_M)?;
-    let turn = source.number(
-        typed.max_turn_deg.as_ref(),
-        "max_turn_deg",
-        45.0,
-        Range::Within(1.0, 85.0),
-    )?;
+    let radius_m = source.required(key!(typed.radius_m), LENGTH_M)?;
+    let turn = source.number(key!(typed.max_turn_deg), 45.0, Range::Within(1.0, 85.0))?;
     Ok(Effect::Shading(ShadingPlan {
         radius_m,
         max_turn: turn.to_radians(),
@@ -234,7 +220,7 @@ fn texture(
     entry: &Spanned<EffectTyped>,
     limits: &Limits,
 ) -> Result<Effect, SceneError> {
-    let amplitude_m = source.number(Some(&typed.amplitude_m), "amplitude_m", 0.0, LENGTH_M)?;
+    let amplitude_m = source.required(key!(typed.amplitude_m), LENGTH_M)?;
     let waves = |typed_length| {
         let length = wavelength(source, typed_length, limits)?;
         check_slope(source, &typed.amplitude_m, amplitude_m, length)?;
@@ -243,12 +229,12 @@ fn texture(
     let pattern = match (&typed.grating, &typed.noise, &typed.height_map) {
         (Some(grating), None, None) => Pattern::Grating {
             wavelength_m: waves(&grating.wavelength_m)?,
-            direction: direction(source, grating.direction.as_ref(), DVec3::X)?,
+            direction: direction(source, &grating.direction, DVec3::X)?,
         },
         (None, Some(noise), None) => Pattern::Noise {
             wavelength_m: waves(&noise.wavelength_m)?,
             seed: source
-                .whole_number(noise.seed.as_ref(), "seed", 1, 0..=i64::MAX)?
+                .number(key!(noise.seed), 1, 0..=i64::MAX)?
                 .unsigned_abs(),
         },
         (None, None, Some(of)) => height_map(source, of)?,
@@ -268,7 +254,7 @@ fn texture(
 /// A wavelength of a texture. Its frequency, speed over wavelength, must stay below half the rate
 /// of the loop (Nyquist).
 fn wavelength(source: &Source, typed: &Spanned<f64>, limits: &Limits) -> Result<f64, SceneError> {
-    let wavelength_m = source.number(Some(typed), "wavelength_m", 0.0, LENGTH_M)?;
+    let wavelength_m = source.required(("wavelength_m", typed), LENGTH_M)?;
     let finest = 2.0 * limits.speed_m_per_s / limits.rate_hz;
     if wavelength_m <= finest {
         return Err(source.value(typed, &format!(
@@ -304,15 +290,15 @@ fn height_map(source: &Source, typed: &HeightMapTyped) -> Result<Pattern, SceneE
     let map = HeightMap::read_png(Cursor::new(bytes)).map_err(|error| refused(&error))?;
     Ok(Pattern::HeightMap {
         map: Arc::new(map),
-        width_m: source.number(Some(&typed.width_m), "width_m", 0.0, LENGTH_M)?,
+        width_m: source.required(key!(typed.width_m), LENGTH_M)?,
         axis: typed.axis as usize,
     })
 }
 
 fn magnet(source: &Source, typed: &MagnetTyped, limits: &Limits) -> Result<Effect, SceneError> {
     let range = Range::Positive(limits.force_max_n);
-    let force_n = source.number(Some(&typed.force_n), "force_n", 0.0, range)?;
-    let reach_m = source.number(Some(&typed.reach_m), "reach_m", 0.0, LENGTH_M)?;
+    let force_n = source.required(key!(typed.force_n), range)?;
+    let reach_m = source.required(key!(typed.reach_m), LENGTH_M)?;
     // Largest decrease of the force per metre; it acts like a stiffness.
     let steepest = 4.0 * force_n / reach_m;
     let max = limits.stiffness(0.0);
@@ -332,15 +318,26 @@ fn vibration(
 ) -> Result<Effect, SceneError> {
     // At least four samples a wave.
     let frequency = Range::Within(1e-3, 0.25 * limits.rate_hz);
-    let frequency_hz = source.number(Some(&typed.frequency_hz), "frequency_hz", 0.0, frequency)?;
+    let frequency_hz = source.required(key!(typed.frequency_hz), frequency)?;
     // A larger amplitude would exceed the slew limit.
     let max_amplitude_n = limits.slew_n_per_s / (TAU * frequency_hz);
     let amplitude = Range::Positive(max_amplitude_n.min(limits.force_max_n));
     Ok(Effect::Vibration(VibrationPlan {
         frequency_hz,
-        amplitude_n: source.number(Some(&typed.amplitude_n), "amplitude_n", 0.0, amplitude)?,
-        direction: direction(source, typed.direction.as_ref(), DVec3::Z)?,
+        amplitude_n: source.required(key!(typed.amplitude_n), amplitude)?,
+        direction: direction(source, &typed.direction, DVec3::Z)?,
     }))
+}
+
+fn viscosity(
+    source: &Source,
+    typed: &ViscosityTyped,
+    limits: &Limits,
+) -> Result<Effect, SceneError> {
+    let range = Range::Positive(limits.damping());
+    Ok(Effect::Viscosity {
+        damping_ns_per_m: source.required(key!(typed.damping_ns_per_m), range)?,
+    })
 }
 
 fn spring(
@@ -350,11 +347,11 @@ fn spring(
     limits: &Limits,
 ) -> Result<Effect, SceneError> {
     let path_m = match (&typed.point_m, &typed.path_m) {
-        (Some(point), None) => vec![place(source, point, *point.get_ref())?],
+        (Some(point), None) => vec![source.vector(("point_m", point), *point.get_ref())?],
         (None, Some(path)) if (2..=MAX_PATH_POINTS).contains(&path.get_ref().len()) => path
             .get_ref()
             .iter()
-            .map(|&point| place(source, path, point))
+            .map(|&point| source.vector(("path_m", path), point))
             .collect::<Result<_, _>>()?,
         _ => {
             return Err(source.value(
@@ -363,61 +360,43 @@ fn spring(
             ));
         }
     };
-    let damping_ns_per_m = match &typed.damping_ns_per_m {
-        None => 0.0,
-        Some(typed) => damping(source, typed, limits)?,
-    };
+    let damping = Range::Positive(limits.damping());
+    let damping_ns_per_m = source.number(key!(typed.damping_ns_per_m), 0.0, damping)?;
+    let stiffness = Range::Positive(limits.stiffness(damping_ns_per_m));
+    let force_max_n = limits.force_max_n;
+    let force = Range::Positive(force_max_n);
     Ok(Effect::Spring(SpringPlan {
         path_m,
-        stiffness_n_per_m: stiffness(
-            source,
-            Some(&typed.stiffness_n_per_m),
-            0.0,
-            limits.stiffness(damping_ns_per_m),
-        )?,
+        stiffness_n_per_m: source.required(key!(typed.stiffness_n_per_m), stiffness)?,
         damping_ns_per_m,
-        force_max_n: source.number(
-            typed.force_max_n.as_ref(),
-            "force_max_n",
-            limits.force_max_n,
-            Range::Positive(limits.force_max_n),
-        )?,
+        force_max_n: source.number(key!(typed.force_max_n), force_max_n, force)?,
     }))
 }
 
 fn gravity(source: &Source, typed: &GravityTyped, limits: &Limits) -> Result<Effect, SceneError> {
     let range = Range::Positive(limits.force_max_n / GRAVITY_M_PER_S2);
     Ok(Effect::Gravity(GravityPlan {
-        mass_kg: source.number(Some(&typed.mass_kg), "mass_kg", 0.0, range)?,
-        direction: direction(source, typed.direction.as_ref(), DVec3::NEG_Z)?,
-        centre_m: match &typed.centre_m {
-            None => DVec3::ZERO,
-            Some(centre) => place(source, centre, *centre.get_ref())?,
-        },
+        mass_kg: source.required(key!(typed.mass_kg), range)?,
+        direction: direction(source, &typed.direction, DVec3::NEG_Z)?,
+        centre_m: source.vector_or_zero(key!(typed.centre_m))?,
     }))
 }
 
 fn inertia(source: &Source, typed: &InertiaTyped, limits: &Limits) -> Result<Effect, SceneError> {
-    let mass_kg = source.number(
-        Some(&typed.mass_kg),
-        "mass_kg",
-        0.0,
-        Range::Within(1e-6, MAX_COEFFICIENT),
-    )?;
+    let mass_kg = source.required(key!(typed.mass_kg), Range::Within(1e-6, MAX_COEFFICIENT))?;
     // The two masses oscillate against each other: the lighter one sets the limits.
     let limits = Limits {
         mass_kg: limits.mass_kg.min(mass_kg),
         ..*limits
     };
-    let damping_ns_per_m = match &typed.damping_ns_per_m {
-        None => (0.5f64).min(limits.damping()),
-        Some(typed) => damping(source, typed, &limits)?,
-    };
-    let max = limits.stiffness(damping_ns_per_m);
-    let typed = typed.stiffness_n_per_m.as_ref();
+    // Within the limits, the defaults are 0.5 N s/m and 200 N/m.
+    let at_most = |default: f64, max: f64| (default.min(max), Range::Positive(max));
+    let (default, range) = at_most(0.5, limits.damping());
+    let damping_ns_per_m = source.number(key!(typed.damping_ns_per_m), default, range)?;
+    let (default, range) = at_most(200.0, limits.stiffness(damping_ns_per_m));
     Ok(Effect::Inertia(InertiaPlan {
         mass_kg,
-        stiffness_n_per_m: stiffness(source, typed, (200.0f64).min(max), max)?,
+        stiffness_n_per_m: source.number(key!(typed.stiffness_n_per_m), default, range)?,
         damping_ns_per_m,
     }))
 }
@@ -429,15 +408,12 @@ fn boundary(
 ) -> Result<Effect, SceneError> {
     let shape = match (&typed.ball, &typed.box_) {
         (Some(ball), None) => Workspace::Ball {
-            centre: match &ball.centre_m {
-                None => DVec3::ZERO,
-                Some(centre) => place(source, centre, *centre.get_ref())?,
-            },
-            radius: source.number(Some(&ball.radius_m), "radius_m", 0.0, LENGTH_M)?,
+            centre: source.vector_or_zero(key!(ball.centre_m))?,
+            radius: source.required(key!(ball.radius_m), LENGTH_M)?,
         },
         (None, Some(of)) => {
-            let lower = place(source, &of.lower_m, *of.lower_m.get_ref())?;
-            let upper = place(source, &of.upper_m, *of.upper_m.get_ref())?;
+            let lower = source.vector(key!(of.lower_m), *of.lower_m.get_ref())?;
+            let upper = source.vector(key!(of.upper_m), *of.upper_m.get_ref())?;
             if !lower.cmplt(upper).all() {
                 return Err(source.value(
                     &of.upper_m,
@@ -456,12 +432,7 @@ fn boundary(
     Ok(Effect::Boundary(BoundaryPlan {
         shape,
         // Passivity control keeps it stable at any stiffness, like a surface.
-        stiffness_n_per_m: stiffness(
-            source,
-            typed.stiffness_n_per_m.as_ref(),
-            800.0,
-            MAX_COEFFICIENT,
-        )?,
+        stiffness_n_per_m: source.number(key!(typed.stiffness_n_per_m), 800.0, POSITIVE)?,
     }))
 }
 
@@ -498,26 +469,8 @@ impl Limits {
     }
 }
 
-fn stiffness(
-    source: &Source,
-    typed: Option<&Spanned<f64>>,
-    default: f64,
-    max: f64,
-) -> Result<f64, SceneError> {
-    source.number(typed, "stiffness_n_per_m", default, Range::Positive(max))
-}
-
-fn damping(source: &Source, typed: &Spanned<f64>, limits: &Limits) -> Result<f64, SceneError> {
-    let range = Range::Positive(limits.damping());
-    source.number(Some(typed), "damping_ns_per_m", 0.0, range)
-}
-
 /// A direction, made a unit vector.
-fn direction(
-    source: &Source,
-    typed: Option<&Spanned<[f64; 3]>>,
-    default: DVec3,
-) -> Result<DVec3, SceneError> {
+fn direction(source: &Source, typed: &Vector, default: DVec3) -> Result<DVec3, SceneError> {
     let Some(typed) = typed else {
         return Ok(default);
     };
@@ -530,15 +483,6 @@ fn direction(
             "direction needs three finite numbers that are not all zero",
         )
     })
-}
-
-/// A place in the world.
-fn place<T>(source: &Source, at: &Spanned<T>, typed: [f64; 3]) -> Result<DVec3, SceneError> {
-    let place = DVec3::from_array(typed);
-    if place.abs().max_element() <= MAX_LENGTH_M && place.is_finite() {
-        return Ok(place);
-    }
-    Err(source.value(at, "a place needs three finite numbers within 1e7 m"))
 }
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! Checks of the objects that move.
 
-use crate::limits::{MAX_COEFFICIENT, MAX_LENGTH_M, MAX_TICK_ROTATION_RAD};
+use crate::limits::{MAX_COEFFICIENT, MAX_TICK_ROTATION_RAD, NOT_NEGATIVE, POSITIVE, Range};
 use crate::plan::{
     DrivenPlan, FreePlan, HingePlan, MAX_MOVABLES, MassPlan, ModelScale, MovablePlan, ObjectPlan,
     RailPlan, ScenePlan, SpringDamperPlan, min_coupled_mass,
 };
-use crate::source::{Range, SceneError, Source};
+use crate::source::{Keyed, SceneError, Source, key};
 use crate::typed::{MovableTyped, Number, ObjectTyped, Vector};
 use glam::DVec3;
 use toml::Spanned;
@@ -19,44 +19,58 @@ pub(super) fn movable_plan(
         MovableTyped::Free(typed) => MovablePlan::Free(FreePlan {
             mass: mass(
                 source,
-                &typed.mass_kg,
+                key!(typed.mass_kg),
                 &typed.inertia_kgm2,
-                &typed.gravity_m_per_s2,
+                key!(typed.gravity_m_per_s2),
             )?,
-            linear: linear(source, &typed.spring_n_per_m, &typed.damping_ns_per_m)?,
-            angular: angular(source, &typed.spring_nm_per_rad, &typed.damping_nms_per_rad)?,
+            linear: spring_damper(
+                source,
+                key!(typed.spring_n_per_m),
+                key!(typed.damping_ns_per_m),
+            )?,
+            angular: spring_damper(
+                source,
+                key!(typed.spring_nm_per_rad),
+                key!(typed.damping_nms_per_rad),
+            )?,
         }),
         MovableTyped::Hinge(typed) => MovablePlan::Hinge(HingePlan {
             mass: mass(
                 source,
-                &typed.mass_kg,
+                key!(typed.mass_kg),
                 &typed.inertia_kgm2,
-                &typed.gravity_m_per_s2,
+                key!(typed.gravity_m_per_s2),
             )?,
             axis: axis(source, &typed.axis)?,
-            anchor_m: vector(source, &typed.anchor_m, "anchor_m")?,
-            angular: angular(source, &typed.spring_nm_per_rad, &typed.damping_nms_per_rad)?,
-            limits_rad: limits(source, &typed.limits_deg, "limits_deg")?
+            anchor_m: source.vector_or_zero(key!(typed.anchor_m))?,
+            angular: spring_damper(
+                source,
+                key!(typed.spring_nm_per_rad),
+                key!(typed.damping_nms_per_rad),
+            )?,
+            limits_rad: limits(source, key!(typed.limits_deg))?
                 .map(|limits| limits.map(f64::to_radians)),
         }),
         MovableTyped::Rail(typed) => MovablePlan::Rail(RailPlan {
-            mass: mass(source, &typed.mass_kg, &None, &typed.gravity_m_per_s2)?,
+            mass: mass(
+                source,
+                key!(typed.mass_kg),
+                &None,
+                key!(typed.gravity_m_per_s2),
+            )?,
             axis: axis(source, &typed.axis)?,
-            linear: linear(source, &typed.spring_n_per_m, &typed.damping_ns_per_m)?,
-            limits_m: limits(source, &typed.limits_m, "limits_m")?,
+            linear: spring_damper(
+                source,
+                key!(typed.spring_n_per_m),
+                key!(typed.damping_ns_per_m),
+            )?,
+            limits_m: limits(source, key!(typed.limits_m))?,
         }),
         MovableTyped::Driven(typed) => MovablePlan::Driven(DrivenPlan {
-            linear_m_per_s: vector(source, &typed.linear_m_per_s, "linear_m_per_s")?,
-            angular_rad_per_s: vector(source, &typed.angular_rad_per_s, "angular_rad_per_s")?,
-            anchor_m: vector(source, &typed.anchor_m, "anchor_m")?,
-            period_s: typed
-                .period_s
-                .as_ref()
-                .map(|period| {
-                    let range = Range::Positive(MAX_COEFFICIENT);
-                    source.number(Some(period), "period_s", 0.0, range)
-                })
-                .transpose()?,
+            linear_m_per_s: source.vector_or_zero(key!(typed.linear_m_per_s))?,
+            angular_rad_per_s: source.vector_or_zero(key!(typed.angular_rad_per_s))?,
+            anchor_m: source.vector_or_zero(key!(typed.anchor_m))?,
+            period_s: source.optional(key!(typed.period_s), POSITIVE)?,
         }),
     })
 }
@@ -170,19 +184,15 @@ fn check_mass(
 
 fn mass(
     source: &Source,
-    mass_kg: &Spanned<f64>,
+    mass_kg: Keyed<Spanned<f64>>,
     inertia: &Vector,
-    gravity: &Vector,
+    gravity: Keyed<Vector>,
 ) -> Result<MassPlan, SceneError> {
-    let inertia_kgm2 = match inertia {
-        None => None,
-        Some(typed) => Some(moments(source, typed)?),
-    };
-    let range = Range::Within(1e-9, MAX_COEFFICIENT);
+    let moments = |typed| moments(source, typed);
     Ok(MassPlan {
-        mass_kg: source.number(Some(mass_kg), "mass_kg", 0.0, range)?,
-        inertia_kgm2,
-        gravity_m_per_s2: vector(source, gravity, "gravity_m_per_s2")?,
+        inertia_kgm2: inertia.as_ref().map(moments).transpose()?,
+        mass_kg: source.required(mass_kg, Range::Within(1e-9, MAX_COEFFICIENT))?,
+        gravity_m_per_s2: source.vector_or_zero(gravity)?,
     })
 }
 
@@ -201,50 +211,15 @@ fn moments(source: &Source, typed: &Spanned<[f64; 3]>) -> Result<DVec3, SceneErr
     Ok(moments)
 }
 
-fn linear(
-    source: &Source,
-    spring: &Number,
-    damping: &Number,
-) -> Result<SpringDamperPlan, SceneError> {
-    let keys = ["spring_n_per_m", "damping_ns_per_m"];
-    spring_damper(source, [spring, damping], keys)
-}
-
-fn angular(
-    source: &Source,
-    spring: &Number,
-    damping: &Number,
-) -> Result<SpringDamperPlan, SceneError> {
-    let keys = ["spring_nm_per_rad", "damping_nms_per_rad"];
-    spring_damper(source, [spring, damping], keys)
-}
-
 fn spring_damper(
     source: &Source,
-    [spring, damping]: [&Number; 2],
-    keys: [&str; 2],
+    spring: Keyed<Number>,
+    damping: Keyed<Number>,
 ) -> Result<SpringDamperPlan, SceneError> {
-    let range = Range::NotNegative(MAX_COEFFICIENT);
-    let number = |typed: &Number, key| source.number(typed.as_ref(), key, 0.0, range);
-    let given = number(damping, keys[1])?;
     Ok(SpringDamperPlan {
-        spring: number(spring, keys[0])?,
-        damping: damping.as_ref().map(|_| given),
+        damping: source.optional(damping, NOT_NEGATIVE)?,
+        spring: source.number(spring, 0.0, NOT_NEGATIVE)?,
     })
-}
-
-fn vector(source: &Source, typed: &Vector, key: &str) -> Result<DVec3, SceneError> {
-    let Some(typed) = typed else {
-        return Ok(DVec3::ZERO);
-    };
-    let vector = DVec3::from_array(*typed.get_ref());
-    if vector.abs().cmple(DVec3::splat(MAX_LENGTH_M)).all() {
-        return Ok(vector);
-    }
-    Err(source.value(
-        typed,
-        &format!("{key} needs three numbers, none larger than {MAX_LENGTH_M}"),
-    ))
 }
 
 fn axis(source: &Source, typed: &Spanned<[f64; 3]>) -> Result<DVec3, SceneError> {
@@ -260,8 +235,7 @@ fn axis(source: &Source, typed: &Spanned<[f64; 3]>) -> Result<DVec3, SceneError>
 
 fn limits(
     source: &Source,
-    typed: &Option<Spanned<[f64; 2]>>,
-    key: &str,
+    (key, typed): Keyed<Option<Spanned<[f64; 2]>>>,
 ) -> Result<Option<[f64; 2]>, SceneError> {
     let Some(typed) = typed else {
         return Ok(None);

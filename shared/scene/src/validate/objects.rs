@@ -1,9 +1,9 @@
 //! The objects of a scene: tables, their names and their copies.
 
 use super::movable::movable_plan;
-use crate::limits::{GENERATED_FACES, LENGTH_M, MAX_COEFFICIENT, MAX_LENGTH_M};
+use crate::limits::{GENERATED_FACES, LENGTH_M, MAX_LENGTH_M, NOT_NEGATIVE, POSITIVE, Range};
 use crate::plan::{MAX_OBJECTS, ModelScale, ModelSource, ObjectPlan, SHAPES, SurfacePlan};
-use crate::source::{Range, SceneError, Source};
+use crate::source::{SceneError, Source, key};
 use crate::typed::{GenerateTyped, GridTyped, ObjectTyped};
 use geometry::Pose;
 use glam::DVec3;
@@ -98,7 +98,7 @@ fn copies(
     plan: &ObjectPlan,
     grid: &GridTyped,
 ) -> Result<Vec<ObjectPlan>, SceneError> {
-    let spacing = source.number(Some(&grid.spacing_m), "spacing_m", 0.0, LENGTH_M)?;
+    let spacing = source.required(key!(grid.spacing_m), LENGTH_M)?;
     let counts = *grid.counts.get_ref();
     let total = counts
         .iter()
@@ -128,23 +128,14 @@ fn object_plan(
     typed: &ObjectTyped,
     start: usize,
 ) -> Result<ObjectPlan, SceneError> {
+    let surface = &typed.surface;
     Ok(ObjectPlan {
         model: model_source(source, typed, start)?,
         scale: model_scale(source, typed, start)?,
         pose: pose(source, typed)?,
         surface: SurfacePlan {
-            stiffness_n_per_m: source.number(
-                typed.surface.stiffness_n_per_m.as_ref(),
-                "stiffness_n_per_m",
-                800.0,
-                Range::Positive(MAX_COEFFICIENT),
-            )?,
-            damping_ns_per_m: source.number(
-                typed.surface.damping_ns_per_m.as_ref(),
-                "damping_ns_per_m",
-                0.5,
-                Range::NotNegative(MAX_COEFFICIENT),
-            )?,
+            stiffness_n_per_m: source.number(key!(surface.stiffness_n_per_m), 800.0, POSITIVE)?,
+            damping_ns_per_m: source.number(key!(surface.damping_ns_per_m), 0.5, NOT_NEGATIVE)?,
         },
         // Checked last, since their limits depend on the loop and the probes.
         effects: Arc::new([]),
@@ -183,18 +174,15 @@ fn model_scale(
     start: usize,
 ) -> Result<ModelScale, SceneError> {
     match (&typed.size_m, &typed.metres_per_unit) {
-        (Some(size), None) => Ok(ModelScale::Size(source.number(
-            Some(size),
-            "size_m",
-            0.0,
-            LENGTH_M,
-        )?)),
-        (None, Some(unit)) => Ok(ModelScale::MetresPerUnit(source.number(
-            Some(unit),
-            "metres_per_unit",
-            0.0,
-            Range::Within(1e-12, 1e12),
-        )?)),
+        (Some(size), None) => {
+            let size = source.required(("size_m", size), LENGTH_M)?;
+            Ok(ModelScale::Size(size))
+        }
+        (None, Some(unit)) => {
+            let range = Range::Within(1e-12, 1e12);
+            let unit = source.required(("metres_per_unit", unit), range)?;
+            Ok(ModelScale::MetresPerUnit(unit))
+        }
         (Some(size), Some(_)) => Err(source.value(
             size,
             "give either size_m (its longest side) or metres_per_unit, not both",
@@ -234,7 +222,7 @@ fn generate_plan(source: &Source, typed: &GenerateTyped) -> Result<ModelSource, 
             ),
         ));
     }
-    let faces = source.whole_number(Some(&typed.faces), "faces", 0, GENERATED_FACES)?;
+    let faces = source.required(key!(typed.faces), GENERATED_FACES)?;
     Ok(ModelSource::Generate {
         shape: shape.clone(),
         faces: faces as u32,

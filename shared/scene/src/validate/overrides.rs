@@ -2,9 +2,8 @@
 
 use crate::bytes::parse_bytes;
 use crate::files::Files;
-use crate::limits::{LENGTH_M, MAX_COEFFICIENT, SPEED_M_PER_S};
+use crate::limits::{LENGTH_M, Limit, NOT_NEGATIVE, SPEED_M_PER_S};
 use crate::plan::{ModelScale, ModelSource, Overrides, RefinementPlan, ScenePlan, TrajectoryPlan};
-use crate::source::Range;
 
 /// Applies the overrides. Model and size replace those of the first `first_copies` objects: the
 /// first object table and its copies.
@@ -15,8 +14,7 @@ pub(super) fn apply(
     files: &dyn Files,
 ) -> Result<(), String> {
     if let Some(tolerance) = overrides.tolerance_m {
-        let range = Range::NotNegative(MAX_COEFFICIENT);
-        plan.accuracy.tolerance_m = range.check("--tolerance (metres)", tolerance)?;
+        plan.accuracy.tolerance_m = NOT_NEGATIVE.check("--tolerance (metres)", tolerance)?;
         if let RefinementPlan::Global { lod: lod @ Some(_) } = &mut plan.accuracy.refinement {
             // The command line outranks the count of the scene.
             *lod = None;

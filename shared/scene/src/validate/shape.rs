@@ -2,11 +2,10 @@
 
 use crate::limits::{DEFAULT_RADIUS_M, DEFAULT_TOOL_FACES, LENGTH_M, TOOL_FACES};
 use crate::plan::{ProbeShape, ToolMeshPlan};
-use crate::source::{SceneError, Source};
-use crate::typed::{MeshTyped, RodTyped, ShapeTyped};
+use crate::source::{Keyed, SceneError, Source, key};
+use crate::typed::{MeshTyped, RodTyped, ShapeTyped, Whole};
 use glam::DVec3;
 use spm::{FileError, SpmFile, prefix_mesh};
-use toml::Spanned;
 
 /// Checks a shape; a mesh is read.
 pub(super) fn probe_shape(
@@ -18,12 +17,7 @@ pub(super) fn probe_shape(
             radius_m: DEFAULT_RADIUS_M,
         }),
         Some(ShapeTyped::Sphere(sphere)) => Ok(ProbeShape::Sphere {
-            radius_m: source.number(
-                sphere.radius_m.as_ref(),
-                "radius_m",
-                DEFAULT_RADIUS_M,
-                LENGTH_M,
-            )?,
+            radius_m: source.number(key!(sphere.radius_m), DEFAULT_RADIUS_M, LENGTH_M)?,
         }),
         Some(ShapeTyped::Capsule(rod)) => {
             let (radius_m, length_m, faces) = rod_numbers(source, rod)?;
@@ -51,24 +45,24 @@ pub(super) fn probe_shape(
     }
 }
 
-fn faces(source: &Source, typed: Option<&Spanned<i64>>) -> Result<u32, SceneError> {
-    let faces = source.whole_number(typed, "faces", DEFAULT_TOOL_FACES, TOOL_FACES)?;
+fn faces(source: &Source, typed: Keyed<Whole>) -> Result<u32, SceneError> {
+    let faces = source.number(typed, DEFAULT_TOOL_FACES, TOOL_FACES)?;
     Ok(u32::try_from(faces).unwrap_or(u32::MAX))
 }
 
 fn rod_numbers(source: &Source, rod: &RodTyped) -> Result<(f64, f64, u32), SceneError> {
     Ok((
-        source.number(Some(&rod.radius_m), "radius_m", 0.0, LENGTH_M)?,
-        source.number(Some(&rod.length_m), "length_m", 0.0, LENGTH_M)?,
-        faces(source, rod.faces.as_ref())?,
+        source.required(key!(rod.radius_m), LENGTH_M)?,
+        source.required(key!(rod.length_m), LENGTH_M)?,
+        faces(source, key!(rod.faces))?,
     ))
 }
 
 /// Reads a tool at the finest level of detail within its number of faces, and scales it to its
 /// size.
 fn tool_mesh(source: &Source, mesh: &MeshTyped) -> Result<ToolMeshPlan, SceneError> {
-    let size = source.number(Some(&mesh.size_m), "size_m", 0.0, LENGTH_M)?;
-    let max_faces = faces(source, mesh.faces.as_ref())?;
+    let size = source.required(key!(mesh.size_m), LENGTH_M)?;
+    let max_faces = faces(source, key!(mesh.faces))?;
     let path = source.path(&mesh.file);
     let shown = path.display().to_string();
     let refused = |sentence: String| source.value(&mesh.file, &sentence);

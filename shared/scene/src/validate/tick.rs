@@ -1,20 +1,15 @@
 //! The loop, the accuracy and the safety of a scene.
 
-use crate::limits::MAX_COEFFICIENT;
+use crate::limits::{NOT_NEGATIVE, POSITIVE, Range};
 use crate::plan::{AccuracyPlan, LoopPlan, RefinementPlan, SafetyPlan};
-use crate::source::{Range, SceneError, Source};
+use crate::source::{SceneError, Source, key};
 use crate::typed::{AccuracyTyped, LoopTyped, RefinementTyped, SafetyTyped};
 
 pub(super) fn accuracy_plan(
     source: &Source,
     typed: &AccuracyTyped,
 ) -> Result<AccuracyPlan, SceneError> {
-    let tolerance_m = source.number(
-        typed.tolerance_m.as_ref(),
-        "tolerance_m",
-        0.0,
-        Range::NotNegative(MAX_COEFFICIENT),
-    )?;
+    let tolerance_m = source.number(key!(typed.tolerance_m), 0.0, NOT_NEGATIVE)?;
     let refinement = refinement_plan(source, typed)?;
     if let (RefinementPlan::Global { lod: Some(_) }, Some(tolerance)) =
         (refinement, &typed.tolerance_m)
@@ -35,10 +30,7 @@ pub(super) fn accuracy_plan(
 fn refinement_plan(source: &Source, typed: &AccuracyTyped) -> Result<RefinementPlan, SceneError> {
     match (typed.refinement, &typed.lod) {
         (Some(RefinementTyped::Global), lod) => {
-            let lod = lod
-                .as_ref()
-                .map(|lod| source.whole_number(Some(lod), "lod", 0, 0..=i64::from(u32::MAX - 1)))
-                .transpose()?;
+            let lod = source.optional(("lod", lod), 0..=i64::from(u32::MAX - 1))?;
             Ok(RefinementPlan::Global {
                 lod: lod.map(|lod| lod as u32),
             })
@@ -52,19 +44,13 @@ fn refinement_plan(source: &Source, typed: &AccuracyTyped) -> Result<RefinementP
 }
 
 pub(super) fn loop_plan(source: &Source, typed: &LoopTyped) -> Result<LoopPlan, SceneError> {
-    let rate_hz = source.number(
-        typed.rate_hz.as_ref(),
-        "rate_hz",
-        1000.0,
-        Range::Within(100.0, 10_000.0),
-    )?;
-    let core = source.whole_number(typed.core.as_ref(), "core (-1: any)", 1, -1..=1023)?;
-    let priority = source.whole_number(typed.priority.as_ref(), "priority", 80, 1..=99)?;
+    let rate_hz = source.number(key!(typed.rate_hz), 1000.0, Range::Within(100.0, 10_000.0))?;
+    let core = source.number(("core (-1: any)", &typed.core), 1, -1..=1023)?;
+    let priority = source.number(key!(typed.priority), 80, 1..=99)?;
     // Spinning longer than half a period would starve the rest of the core.
     let max_spin_us = (5e5 / rate_hz) as i64;
-    let spin = source.whole_number(typed.spin_us.as_ref(), "spin_us", 0, 0..=max_spin_us)?;
-    let operations =
-        source.whole_number(typed.operations.as_ref(), "operations", 96, 1..=100_000)?;
+    let spin = source.number(key!(typed.spin_us), 0, 0..=max_spin_us)?;
+    let operations = source.number(key!(typed.operations), 96, 1..=100_000)?;
     Ok(LoopPlan {
         rate_hz,
         core: usize::try_from(core).ok(),
@@ -77,30 +63,10 @@ pub(super) fn loop_plan(source: &Source, typed: &LoopTyped) -> Result<LoopPlan, 
 
 pub(super) fn safety_plan(source: &Source, typed: &SafetyTyped) -> Result<SafetyPlan, SceneError> {
     Ok(SafetyPlan {
-        force_max_n: source.number(
-            typed.force_max_n.as_ref(),
-            "force_max_n",
-            8.0,
-            Range::Positive(MAX_COEFFICIENT),
-        )?,
-        torque_max_nm: source.number(
-            typed.torque_max_nm.as_ref(),
-            "torque_max_nm",
-            0.3,
-            Range::Within(1e-6, 1e3),
-        )?,
-        slew_n_per_s: source.number(
-            typed.slew_n_per_s.as_ref(),
-            "slew_n_per_s",
-            2000.0,
-            Range::Positive(MAX_COEFFICIENT),
-        )?,
-        ramp_s: source.number(
-            typed.ramp_s.as_ref(),
-            "ramp_s",
-            0.2,
-            Range::NotNegative(60.0),
-        )?,
+        force_max_n: source.number(key!(typed.force_max_n), 8.0, POSITIVE)?,
+        torque_max_nm: source.number(key!(typed.torque_max_nm), 0.3, Range::Within(1e-6, 1e3))?,
+        slew_n_per_s: source.number(key!(typed.slew_n_per_s), 2000.0, POSITIVE)?,
+        ramp_s: source.number(key!(typed.ramp_s), 0.2, Range::NotNegative(60.0))?,
         passivity: typed.passivity.unwrap_or(true),
     })
 }

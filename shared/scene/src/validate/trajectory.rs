@@ -7,7 +7,7 @@
 use super::objects::Objects;
 use crate::limits::{LENGTH_M, SPEED_M_PER_S};
 use crate::plan::TrajectoryPlan;
-use crate::source::{SceneError, Source};
+use crate::source::{SceneError, Source, key};
 use crate::typed::{TourTyped, TrajectoryTyped};
 use geometry::Pose;
 use toml::Spanned;
@@ -36,17 +36,12 @@ fn tour_plan(
         None => 0,
         Some(object) => objects.index(source, object)?,
     };
-    let seed = source.whole_number(typed.seed.as_ref(), "seed", 1, 0..=i64::MAX)?;
+    let seed = source.number(key!(typed.seed), 1, 0..=i64::MAX)?;
     Ok(TrajectoryPlan::Tour {
         object,
         seed: seed.unsigned_abs(),
-        speed_m_per_s: source.number(
-            typed.speed_m_per_s.as_ref(),
-            "speed_m_per_s",
-            0.1,
-            SPEED_M_PER_S,
-        )?,
-        depth_m: source.number(typed.depth_m.as_ref(), "depth_m", 0.002, LENGTH_M)?,
+        speed_m_per_s: source.number(key!(typed.speed_m_per_s), 0.1, SPEED_M_PER_S)?,
+        depth_m: source.number(key!(typed.depth_m), 0.002, LENGTH_M)?,
     })
 }
 
