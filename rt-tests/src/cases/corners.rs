@@ -1,7 +1,7 @@
 //! Ridges, valleys, tips and corners: where several constraints hold at once, or change.
 
 use super::bench::{Bench, Fault, Setup, model};
-use super::found::{Found, Size};
+use super::found::{Found, Trial};
 use super::shapes;
 use crate::failure::Failure;
 use crate::models::surface::unit;
@@ -43,7 +43,13 @@ fn slide(
 
 /// Case 6: the change of the force in a tick over 2 F sin(turn / 2), the largest, where the probe
 /// slides over a ridge whose normals turn by 10 to 170 degrees.
-pub fn ridge(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
+pub fn ridge(
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for degrees in (10..=170).step_by(20) {
         let turn = f64::from(degrees).to_radians();
@@ -75,9 +81,11 @@ pub fn ridge(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
 /// Case 6, shaded: the change of the force in a tick over the force, the largest, where the probe
 /// slides over a ridge whose normals turn by 10 to 50 degrees, and the force is shaded over 5 mm.
 pub fn shaded_ridge(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for degrees in (10..=50).step_by(10) {
@@ -116,9 +124,11 @@ pub fn shaded_ridge(
 /// Case 7: how far the proxy is outside one of two planes of a valley, or moves farther than the
 /// device, over the numbers' size, the largest; angles of 1e-8 to 1 rad.
 pub fn valley(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for exponent in -8..=0 {
@@ -155,7 +165,13 @@ pub fn valley(
 
 /// Case 8: distance of the step from the exact projection, over the numbers' size, the largest,
 /// among 3 to 64 planes around a tip or pit.
-pub fn tip(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
+pub fn tip(
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for count in [3, 4, 5, 8, 16, 32, 64] {
         for _ in 0..size.of(20, 1000) {
@@ -227,9 +243,11 @@ fn on_three(a: &Plane, b: &Plane, c: &Plane) -> Option<DVec3> {
 /// Ten minutes in a corner of three planes under a noisy encoder: how far the proxy strays from
 /// where it belongs, in radii, the largest.
 pub fn rest_in_corner(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let setup = Setup::with(fault);
     let mesh = shapes::corner(fault == Fault::LostConstraint);

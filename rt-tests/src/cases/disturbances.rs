@@ -2,13 +2,12 @@
 //! what must not matter: the scale.
 
 use super::bench::{Bench, Fault, FreeMass, Response, Setup, model};
-use super::found::{Found, Size};
+use super::found::{Found, Trial};
 use super::shapes;
 use crate::failure::Failure;
 use crate::models::surface::unit;
 use geometry::Pose;
 use glam::{DQuat, DVec3};
-use rand_xoshiro::Xoshiro256PlusPlus;
 use spm_builder::generate::{Shape, generate};
 
 /// Limits of the force where a case needs them: newtons, newtons a second.
@@ -16,7 +15,13 @@ const FORCE_LIMITS: [f64; 2] = [8.0, 2000.0];
 
 /// Case 18: change of the force in a tick over what the slew limit allows, the largest: a start
 /// inside, jumps of 10 mm, and spikes of an encoder.
-pub fn jumps(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
+pub fn jumps(
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
     let setup = Setup {
         force_limits: Some(FORCE_LIMITS),
         ..Setup::with(fault)
@@ -54,7 +59,13 @@ pub fn jumps(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
 
 /// Case 23: outputs that are no numbers or beyond the limit, while samples are not numbers,
 /// infinite or missing.
-pub fn noise(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
+pub fn noise(
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
     let setup = Setup {
         force_limits: Some(FORCE_LIMITS),
         ..Setup::with(fault)
@@ -93,11 +104,7 @@ pub fn noise(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
 
 /// Case 15: change of the force, newtons, the largest, of a resting touch while the station is
 /// silent and comes back, beside the same touch with the station there.
-pub fn silent_station(
-    size: &Size,
-    _random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
-) -> Result<Found, Failure> {
+pub fn silent_station(Trial { size, fault, .. }: Trial<'_>) -> Result<Found, Failure> {
     let bytes = model(generate(Shape::Relief, 20_000, 1), false)?;
     let setup = Setup::with(fault);
     let press = |silent: bool| -> Result<Vec<DVec3>, Failure> {
@@ -133,9 +140,11 @@ pub fn silent_station(
 
 /// Case 24: ticks at which the same inputs gave other bits.
 pub fn repeat(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let bytes = model(generate(Shape::Relief, 20_000, 1), false)?;
     let seed = unit(random);
@@ -163,7 +172,13 @@ pub fn repeat(
 
 /// Case 9 and the sweep of units: a hand rubs over a rough body of 2e-5 to 2e3 m; how far force and
 /// path differ from those at 0.2 m once rescaled, relative to their largest.
-pub fn scale(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
+pub fn scale(
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
     let bytes = model(generate(Shape::Relief, 20_000, 1), false)?;
     let seed = unit(random);
     let run = |s: f64| -> Result<Vec<(DVec3, DVec3)>, Failure> {
@@ -211,7 +226,13 @@ pub fn scale(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
 
 /// Case 10 of collision in virtual time: a probe that rests on a plate for long at full depth: how
 /// far its force strays from K times the depth, relative, the largest.
-pub fn rest(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
+pub fn rest(
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
     let setup = Setup::with(fault);
     let mut bench = Bench::new(&model(shapes::plate(false), false)?, setup)?;
     bench.settle(DVec3::Z * 0.01)?;

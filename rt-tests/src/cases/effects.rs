@@ -2,14 +2,13 @@
 //! cannot render is gone, and what is switched, or not listed, is not felt.
 
 use super::bench::{Bench, DAMPING_NS_PER_M, Fault, FreeMass, Setup, model};
-use super::found::{Found, Size};
+use super::found::{Found, Trial};
 use super::shapes;
 use super::walls::wall;
 use crate::failure::Failure;
 use crate::models::surface::unit;
 use geometry::Pose;
 use glam::DVec3;
-use rand_xoshiro::Xoshiro256PlusPlus;
 use std::f64::consts::TAU;
 
 /// Coefficients of the friction of these cases.
@@ -47,9 +46,11 @@ fn along(bench: &mut Bench, path: impl Fn(f64) -> DVec3, ticks: u64) -> Way {
 /// Case 19: energy that friction puts out on a closed path along a plate over all work that was
 /// done, the largest, with the energy account: within its cone it is a spring, whose hold leaks.
 pub fn friction_loop(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let setup = Setup {
         passivity: true,
@@ -88,9 +89,11 @@ pub fn friction_loop(
 /// Case 19: how far the force of a probe that sticks strays from stiffness times displacement,
 /// relative, at the end of ten minutes under a noisy encoder.
 pub fn friction_stick(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let setup = Setup {
         effects: FRICTION,
@@ -116,9 +119,11 @@ pub fn friction_stick(
 /// Case 19: ticks at which a probe that sticks to a surface feels something else when another one
 /// slides there too.
 pub fn friction_apart(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let pressed = |setup: &Setup, x: f64| Some(Pose::at(DVec3::new(x, 0.0, setup.radius_m - 1e-3)));
     let ticks = size.of(2000, 100_000);
@@ -158,9 +163,11 @@ pub fn friction_apart(
 /// Case 20: energy that texture and shading put out on closed paths over an edge, over all work
 /// that was done, the largest, with the energy account.
 pub fn texture_loop(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(f64::NEG_INFINITY);
     for effects in [
@@ -201,9 +208,11 @@ pub fn texture_loop(
 /// probe, over stiffness times amplitude, the largest: how far the force is from that of the
 /// surface without it.
 pub fn texture_alias(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let (amplitude, wavelength) = (2e-5, 1e-3);
     let setup = Setup {
@@ -241,9 +250,11 @@ pub fn texture_alias(
 /// Energy that a magnet puts out on closed paths near its surface over K T / 2 times the integral
 /// of v², the largest.
 pub fn magnet_loop(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let setup = Setup {
         effects: "{ magnet = { force_n = 1.0, reach_m = 0.01 } }",
@@ -277,9 +288,11 @@ pub fn magnet_loop(
 /// The springs, drags and masses that are the most a scene may list on this device: how far it
 /// still swings at the end over how far at first, the largest.
 pub fn fields(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for effects in [
@@ -329,9 +342,11 @@ pub fn fields(
 /// Energy that the end of the workspace puts out when a device is thrown at it, less what the
 /// device damps, joules, the largest, at 1 to 10 kN/m.
 pub fn boundary(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(f64::NEG_INFINITY);
     for effects in [
@@ -380,9 +395,11 @@ pub fn boundary(
 /// Case 22: change of the force in a tick over the slew limit, the largest, while every effect
 /// comes and goes, some at once, under a pressing probe.
 pub fn toggled(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     const FORCE_LIMITS: [f64; 2] = [8.0, 100.0];
     let setup = Setup {
@@ -420,9 +437,11 @@ pub fn toggled(
 /// Case 22: ticks at which effects that are listed but do not act change a bit of the force, or are
 /// called.
 pub fn unlisted(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let ticks = size.of(2000, 50_000);
     let directions: Vec<f64> = (0..ticks).map(|_| unit(random)).collect();

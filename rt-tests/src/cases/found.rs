@@ -1,5 +1,8 @@
 //! The size of a run of a case, and its result.
 
+use super::bench::Fault;
+use rand_xoshiro::Xoshiro256PlusPlus;
+
 /// How much is run.
 #[derive(Debug, Clone, Copy)]
 pub struct Size {
@@ -13,6 +16,17 @@ impl Size {
     pub fn of(&self, quick: u64, full: u64) -> u64 {
         if self.full { full } else { quick }
     }
+}
+
+/// Everything that a run of a case is given.
+#[derive(Debug)]
+pub struct Trial<'a> {
+    /// How much is run.
+    pub size: &'a Size,
+    /// The source of all that is random.
+    pub random: &'a mut Xoshiro256PlusPlus,
+    /// The fault put in.
+    pub fault: Fault,
 }
 
 /// What a case came to.

@@ -2,7 +2,7 @@
 //! the unit.
 
 use super::bench::{Bench, Fault, Setup, model};
-use super::found::{Found, Size};
+use super::found::{Found, Trial};
 use super::shapes;
 use crate::failure::Failure;
 use crate::models::Model;
@@ -12,13 +12,18 @@ use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use hrtc_core::contact::query::{Surface, closest_point};
 use rand::RngCore;
-use rand_xoshiro::Xoshiro256PlusPlus;
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress};
 
 /// Case 14: points whose nearest face by the tree is not the nearest of all active faces, after
 /// each of many splits and collapses.
-pub fn refit(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
+pub fn refit(
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
     let mesh = generate(Shape::Relief, 4000, 1);
     let model = Model::build(
         "relief".to_string(),
@@ -64,7 +69,13 @@ pub fn refit(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
 
 /// The unit sweep of collision: difference of forces and places, relative, the largest, where the
 /// same object comes in a file of another unit, 1e-6 to 1e6 times as long.
-pub fn units(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
+pub fn units(
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
     let directions: Vec<DVec3> = (0..size.of(1500, 20_000))
         .map(|_| DVec3::new(unit(random), unit(random), unit(random)) - 0.5)
         .collect();

@@ -1,7 +1,7 @@
 //! Objects that move: driven onto a probe, and pushed by one.
 
 use super::bench::{Bench, DAMPING_NS_PER_M, Fault, FreeMass, MASS_KG, Setup, model};
-use super::found::{Found, Size};
+use super::found::{Found, Size, Trial};
 use super::shapes;
 use crate::failure::Failure;
 use crate::models::surface::unit;
@@ -68,9 +68,11 @@ impl Watch {
 /// plate that comes at 1 m/s or turns at 10 rad/s, or feels nothing for two ticks in a row, or
 /// nothing of a rough body that turns under it.
 pub fn moving_object(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     let hole = fault == Fault::LostConstraint;
@@ -282,9 +284,11 @@ fn each_push(
 /// Energy of a device without damping and of a body over that in the beginning, the largest;
 /// infinite where nothing was touched.
 pub fn pushed_energy(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     each_push(size, random, fault, |mut push| {
@@ -301,9 +305,11 @@ pub fn pushed_energy(
 /// Momentum of a device without damping and of a body: how far it strays from that in the
 /// beginning, relative, the largest; infinite where nothing was touched.
 pub fn pushed_momentum(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     each_push(size, random, fault, |mut push| {
@@ -321,9 +327,11 @@ pub fn pushed_momentum(
 /// and a spring at 64 times the rate: the difference relative to the latter, over the angle of
 /// their swing in a tick, the largest.
 pub fn pushed_reference(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let bytes = model(shapes::plate(false), true)?;
     let mut found = Found::new(0.0);
@@ -376,9 +384,11 @@ fn after_impact(mass_kg: f64, stiffness: f64, speed: f64, height: f64, rate_hz: 
 /// Bodies that were pushed and do not come to rest and sleep by themselves, or do not keep their
 /// bits in sleep.
 pub fn pushed_rest(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     let bytes = model(generate(Shape::Sphere, 4096, 1), true)?;

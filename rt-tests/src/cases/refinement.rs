@@ -1,7 +1,7 @@
 //! Splits and collapses under the probe cannot be felt.
 
 use super::bench::{Bench, Fault, Setup, model, parts, spm};
-use super::found::{Found, Size};
+use super::found::{Found, Size, Trial};
 use crate::failure::Failure;
 use crate::models::surface::unit;
 use geometry::closest_point_on_triangle;
@@ -75,9 +75,11 @@ fn press(bench: &mut Bench, up: DVec3, mut height: f64) -> f64 {
 /// and back; or it is pressed into the base mesh and the records come late. The largest change of
 /// force in a tick over what is not felt; infinite where the proxy is on the other side.
 pub fn under_contact(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let (bytes, setup) = ball(fault)?;
     under(&bytes, setup, size, random)
@@ -85,9 +87,11 @@ pub fn under_contact(
 
 /// The same under a tool that is pressed in upright.
 pub fn under_tool(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let (bytes, setup) = ball(fault)?;
     under(&bytes, with_tool(setup), size, random)
@@ -152,9 +156,11 @@ fn refined_and_back(
 /// the probe leaves the fine front, which goes coarse again. Without an account that is K p s + K
 /// s²/2, with one nothing.
 pub fn cycle_energy(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let (bytes, mut setup) = ball(fault)?;
     setup.passivity = true;
@@ -187,9 +193,11 @@ pub fn cycle_energy(
 /// is refined under a pressing probe: ticks in which a face at the contact is turned over. Splits
 /// that would are to be refused, and counted.
 pub fn fold_over(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let (bytes, setup) = folded_ball(fault)?;
     let mut found = Found::new(0.0);

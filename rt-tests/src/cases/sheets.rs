@@ -1,7 +1,7 @@
 //! Nothing is thin, sharp or broken enough to be passed.
 
 use super::bench::{Bench, Fault, Response, Setup, model};
-use super::found::{Found, Size};
+use super::found::{Found, Trial};
 use super::shapes;
 use crate::failure::Failure;
 use crate::models::surface::{Surface, unit};
@@ -37,9 +37,11 @@ fn aim(random: &mut Xoshiro256PlusPlus, radius: f64) -> (DVec3, DVec3) {
 /// Case 4: passes through a sheet of 0, 0.1 and 1 mm from either side at 0.05 to 2 m/s: those after
 /// which the proxy was beyond it at any tick.
 pub fn thin_sheet(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     let speeds = [0.05, 0.5, 1.0, 2.0];
@@ -84,9 +86,11 @@ pub fn thin_sheet(
 /// Case 5: passes straight at the edges and vertices of a closed body, turned at random and 1 km
 /// away: those after which the proxy was within.
 pub fn edges_and_vertices(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     let mut mesh = generate(Shape::Sphere, 400, 1);
@@ -151,9 +155,11 @@ fn targets(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<DVec3> {
 /// Case 11: passes through a plate with everything wrong that meshes have, but no hole: those after
 /// which the proxy was beyond it, and outputs that are no numbers.
 pub fn damaged_mesh(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     let setup = Setup::with(fault);
@@ -186,9 +192,11 @@ pub fn damaged_mesh(
 /// Case 16: true distance of the contact from the full mesh over its certified bound, the largest,
 /// where the probe comes at 1 to 2 m/s on a front that is coarse yet.
 pub fn prediction_miss(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let setup = Setup::with(fault);
     let mesh = generate(Shape::Relief, 50_000, 1);

@@ -1,12 +1,11 @@
 //! A wall: the energy that it puts out, how its force begins, and what an encoder makes of it.
 
-use super::bench::{Bench, DAMPING_NS_PER_M, Fault, FreeMass, MASS_KG, Setup, model};
-use super::found::{Found, Size};
+use super::bench::{Bench, DAMPING_NS_PER_M, FreeMass, MASS_KG, Setup, model};
+use super::found::{Found, Trial};
 use super::shapes;
 use crate::failure::Failure;
 use crate::models::surface::unit;
 use glam::DVec3;
-use rand_xoshiro::Xoshiro256PlusPlus;
 
 /// Ticks of a bounce at the most.
 const BOUNCE_TICKS: u32 = 4000;
@@ -71,9 +70,11 @@ pub fn wall(setup: Setup) -> Result<Bench, Failure> {
 /// Case 1: energy put out over K T / 2 times the integral of v², the largest; 1 is what a hold
 /// without delay costs.
 pub fn head_on(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for rate_hz in [500.0, 1000.0, 2000.0, 4000.0] {
@@ -96,9 +97,11 @@ pub fn head_on(
 /// Case 2: energy put out less what the device's damping takes, joules, the largest, at 0.9 of the
 /// stiffness that it can take: 2 b / T.
 pub fn net_passivity(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(f64::NEG_INFINITY);
     for rate_hz in [500.0, 1000.0, 2000.0, 4000.0] {
@@ -119,9 +122,11 @@ pub fn net_passivity(
 
 /// Case 2, any stiffness to 10 kN/m with the energy account: energy put out, joules, the largest.
 pub fn passivity(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(f64::NEG_INFINITY);
     for stiffness_n_per_m in [100.0, 1000.0, 3000.0, 10_000.0] {
@@ -143,9 +148,11 @@ pub fn passivity(
 /// Case 3: energy put out 20 ticks after a miss, joules, the largest, while a hand presses more and
 /// less and one period of a hundred is missed, or five in a row.
 pub fn missed_ticks(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let setup = Setup {
         force_limits: Some([8.0, 2000.0]),
@@ -186,7 +193,13 @@ pub fn missed_ticks(
 
 /// Case 10, the onset: the first force past the surface over K v T, the largest; none at all is
 /// infinite.
-pub fn onset(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
+pub fn onset(
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
     let setup = Setup::with(fault);
     let mut bench = wall(setup)?;
     let mut found = Found::new(0.0);
@@ -216,7 +229,13 @@ pub fn onset(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
 
 /// Case 10, the creep: force along a plate without friction over K times its size, the largest,
 /// while the probe creeps 1e-9 to 1e-6 m a tick.
-pub fn creep(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Result<Found, Failure> {
+pub fn creep(
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
     let setup = Setup::with(fault);
     let mut bench = wall(setup)?;
     let mut found = Found::new(0.0);
@@ -244,9 +263,11 @@ pub fn creep(size: &Size, random: &mut Xoshiro256PlusPlus, fault: Fault) -> Resu
 /// Case 21: amplitude of the force over K D, the largest, when a hand rests on a wall through an
 /// encoder of step D.
 pub fn encoder(
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-    fault: Fault,
+    Trial {
+        size,
+        random,
+        fault,
+    }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for step in [1e-6, 5e-6, 1e-5, 5e-5] {

@@ -288,10 +288,8 @@ fn cost(
 }
 
 fn table(found: &Effects) -> String {
-    let heads = [
-        "effect", "median", "p99", "max", "ticks", "felt in", "bytes",
-    ];
-    let mut table = Table::new(1, &heads);
+    let heads = "effect | median | p99 | max | ticks | felt in | bytes";
+    let mut table = Table::new(1, heads);
     for cost in &found.effects {
         table.row([
             cost.name.to_string(),

@@ -177,8 +177,7 @@ fn table(found: &Predictors) -> String {
         .into_iter()
         .chain(heads)
         .collect();
-    let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
-    let mut table = Table::new(1, &heads);
+    let mut table = Table::new(1, &heads.join(" | "));
     for (name, _) in VARIANTS {
         let runs = found.runs.iter().filter(|run| run.sources == name);
         let cells = runs.flat_map(|run| {

@@ -1,7 +1,7 @@
 //! `rt-tests stability`: the hard cases ([`crate::cases`]), each with its measure, limit and
 //! verdict.
 
-use crate::cases::{CASES, Fault, Size};
+use crate::cases::{CASES, Fault, Size, Trial};
 use crate::failure::Failure;
 use crate::report::output::{print, print_json, status_line};
 use crate::report::table::Table;
@@ -113,7 +113,11 @@ pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
         bar.set_message(format!("{}: {}", case.name, case.measure));
         let mut random = Xoshiro256PlusPlus::seed_from_u64(args.seed);
         let fault = if args.faults { case.fault } else { Fault::None };
-        let found = (case.run)(&size, &mut random, fault)?;
+        let found = (case.run)(Trial {
+            size: &size,
+            random: &mut random,
+            fault,
+        })?;
         cases.push(Verdict {
             name: case.name,
             measure: case.measure,
@@ -137,15 +141,8 @@ fn table(found: &Stability) -> String {
         x if x == x.trunc() && x.abs() < 1e9 => format!("{x}"),
         x => format!("{x:.3e}"),
     };
-    let heads = [
-        "case",
-        "measure, the worst",
-        "verdict",
-        "seen",
-        "limit",
-        "passes",
-    ];
-    let mut table = Table::new(3, &heads);
+    let heads = "case | measure, the worst | verdict | seen | limit | passes";
+    let mut table = Table::new(3, heads);
     for case in &found.cases {
         table.row([
             case.name.to_string(),

@@ -283,8 +283,8 @@ fn words(found: &Zwidth) -> String {
         },
         found.k_max_with_account
     );
-    let heads = ["damping\nN s/m", "measured\nN/m", "theory\nN/m"];
-    let mut table = Table::new(0, &heads);
+    let heads = "damping\nN s/m | measured\nN/m | theory\nN/m";
+    let mut table = Table::new(0, heads);
     for limit in &found.curve {
         table.row([
             limit.damping.to_string(),

@@ -65,7 +65,7 @@ pub fn run_pair(
     show: &mut dyn FnMut(Shown),
 ) -> Result<Outcome, Failure> {
     let domain = Domain::new(&unique_domain()).map_err(|error| Failure::Run(error.to_string()))?;
-    let outcome = Pair::start(args, domain.name()).and_then(|mut pair| {
+    let outcome = Processes::start(args, domain.name()).and_then(|mut pair| {
         let finished = pair.watch(args.seconds, stop, show);
         pair.station.terminate();
         pair.station.wait(ENDING);
@@ -85,7 +85,7 @@ pub enum Shown<'a> {
     Said(&'a str, &'a str),
 }
 
-struct Pair {
+struct Processes {
     station: Process,
     station_arguments: Vec<OsString>,
     core: Option<usize>,
@@ -96,7 +96,7 @@ struct Pair {
     notes: Vec<String>,
 }
 
-impl Pair {
+impl Processes {
     fn start(args: &PairArgs, domain: &str) -> Result<Self, Failure> {
         let (sender, events) = channel();
         let started = monotonic_ns();

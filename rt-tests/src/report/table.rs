@@ -18,14 +18,15 @@ pub struct Table {
 }
 
 impl Table {
-    /// A table whose first `texts` columns are text.
+    /// A table whose first `texts` columns are text; headings stand as in `"model | faces"`.
     #[must_use]
-    pub fn new(texts: usize, heads: &[&str]) -> Self {
-        let width = |head: &&str| head.lines().map(count).max().unwrap_or(0);
+    pub fn new(texts: usize, heads: &str) -> Self {
+        let heads: Vec<String> = heads.split(" | ").map(String::from).collect();
+        let width = |head: &String| head.lines().map(count).max().unwrap_or(0);
         Self {
-            heads: heads.iter().map(ToString::to_string).collect(),
-            texts,
             widths: heads.iter().map(width).collect(),
+            heads,
+            texts,
             gap: "  ",
             rows: Vec::new(),
         }
@@ -130,7 +131,7 @@ mod tests {
 
     #[test]
     fn columns_are_as_wide_as_their_widest_cell() {
-        let mut table = Table::new(1, &["model", "time\np50", "p99"]).at_least(&[0, 0, 5]);
+        let mut table = Table::new(1, "model | time\np50 | p99").at_least(&[0, 0, 5]);
         table.row(["a sphere", "1", "23"].map(String::from));
         let expected = "          time\nmodel      p50    p99\na sphere     1     23\n";
         assert_eq!(table.to_string(), expected);

@@ -1,11 +1,11 @@
 //! Golden hashes: every tick of ten scripted scenes gives the same bits as on the day when the
 //! hashes were written.
 //!
-//! `NAME.toml` is a scene, and `least.toml` says what must happen in it. `NAME.txt` holds a line a tick: three hexadecimal digits of each of
-//! [`outputs::PARTS`], in that order. A part is a hash of its numbers of *all* ticks so far, of
-//! which the upper 12 bits are shown: what differs once differs to the end, and the last line has
-//! all 64 bits of each. Which numbers, in which order: see [`outputs`]; how a number becomes a word
-//! and a word a hash: see [`digest`].
+//! `NAME.toml` is a scene, and `least.toml` says how often something must happen in it. `NAME.txt`
+//! holds a line a tick: three hexadecimal digits of each of [`outputs::PARTS`], in that order. A
+//! part is a hash of its numbers of *all* ticks so far, of which the upper 12 bits are shown: a
+//! difference in one tick stays to the end, and the last line has all 64 bits of each. The numbers
+//! and their order: see [`outputs`]; how a number becomes a word and a word a hash: see [`digest`].
 //!
 //! The SPM files beside this one are kept as they are: nothing here builds one, so that the builder
 //! may change. They are generated shapes (`ve-station generate`, `ve-station build`): `relief` of

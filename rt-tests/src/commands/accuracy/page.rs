@@ -437,16 +437,10 @@ fn costs(html: &mut String, groups: &[Group<'_>]) {
 fn bytes_table(html: &mut String, found: &Accuracy) {
     let mut table = Table::new(
         1,
-        &[
-            "model",
-            "vertices",
-            "faces",
-            "until the first touch: header and base mesh",
-            "until local full resolution at the first contact",
-            "whole tour at local full resolution",
-            "whole mesh as SPM records",
-            "whole mesh as plain triangles",
-        ],
+        "model | vertices | faces | until the first touch: header and base mesh | \
+            until local full resolution at the first contact | \
+            whole tour at local full resolution | whole mesh as SPM records | \
+            whole mesh as plain triangles",
     );
     for row in &found.bytes {
         table.row(bytes_row(row));
@@ -456,31 +450,15 @@ fn bytes_table(html: &mut String, found: &Accuracy) {
 }
 
 /// Headings of the table of all numbers of a model.
-const HEADS: [&str; 19] = [
-    "asked",
-    "true error, largest",
-    "median",
-    "certified, largest",
-    "measured by the station",
-    "force error, largest",
-    "median",
-    "normal error, largest",
-    "median",
-    "tick p50, µs",
-    "p99",
-    "p99.9",
-    "faces, median",
-    "received",
-    "memory",
-    "ticks of contact",
-    "of these full",
-    "faces in reach of a tool",
-    "time, µs",
-];
+const HEADS: &str = "asked | true error, largest | median | certified, largest | \
+    measured by the station | force error, largest | median | \
+    normal error, largest | median | tick p50, µs | p99 | p99.9 | faces, median | \
+    received | memory | ticks of contact | of these full | \
+    faces in reach of a tool | time, µs";
 
 fn tables(html: &mut String, groups: &[Group<'_>]) {
     for group in groups {
-        let mut table = Table::new(1, &HEADS);
+        let mut table = Table::new(1, HEADS);
         for knob in [Knob::Local, Knob::Global, Knob::Prefix] {
             for (index, p) in group.of(knob) {
                 let measured = if p.measured_m < 0.0 {
@@ -523,7 +501,7 @@ fn tables(html: &mut String, groups: &[Group<'_>]) {
 
 fn checks(html: &mut String, found: &Accuracy) {
     let held = found.checks.iter().filter(|check| check.pass).count();
-    let mut table = Table::new(2, &["check", "model", "worst", "at most", "verdict"]);
+    let mut table = Table::new(2, "check | model | worst | at most | verdict");
     for check in &found.checks {
         table.row([
             check.name.clone(),

@@ -32,22 +32,9 @@ pub fn bytes_row(row: &Bytes) -> [String; 8] {
 
 /// A row for each setting of a model; points of one model follow each other.
 fn settings(points: &[Point]) -> Table {
-    let heads = [
-        "knob",
-        "asked",
-        "true",
-        "median",
-        "certified",
-        "force",
-        "normal",
-        "tick p50",
-        "p99",
-        "p99.9",
-        "faces",
-        "received",
-        "memory",
-    ];
-    let mut table = Table::new(1, &heads);
+    let heads = "knob | asked | true | median | certified | force | normal | tick p50 | p99 | \
+        p99.9 | faces | received | memory";
+    let mut table = Table::new(1, heads);
     let mut last = None;
     for point in points {
         let first = last != Some(point.knob);
@@ -78,17 +65,9 @@ pub fn words(found: &Accuracy) -> String {
     for points in found.points.chunk_by(|a, b| a.model == b.model) {
         let _ = writeln!(text, "\n{}\n{}", points[0].model, settings(points));
     }
-    let heads = [
-        "bytes over the link",
-        "vertices",
-        "faces",
-        "first touch",
-        "local at full",
-        "whole tour",
-        "all records",
-        "plain mesh",
-    ];
-    let mut table = Table::new(1, &heads);
+    let heads = "bytes over the link | vertices | faces | first touch | local at full | \
+        whole tour | all records | plain mesh";
+    let mut table = Table::new(1, heads);
     for row in &found.bytes {
         table.row(bytes_row(row));
     }

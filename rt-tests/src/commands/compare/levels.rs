@@ -209,18 +209,9 @@ pub fn broken(growth: &[Level]) -> Vec<String> {
 
 /// The table of the terminal.
 pub fn words<'a>(levels: impl Iterator<Item = &'a Level>) -> String {
-    let heads = [
-        "probe against",
-        "front",
-        "faces",
-        "of front",
-        "p50 ns",
-        "p99 ns",
-        "node pairs",
-        "face pairs",
-        "rebuilt",
-    ];
-    let mut table = Table::new(2, &heads);
+    let heads = "probe against | front | faces | of front | p50 ns | p99 ns | node pairs | \
+        face pairs | rebuilt";
+    let mut table = Table::new(2, heads);
     for row in levels {
         table.row([
             row.model.clone(),

@@ -287,16 +287,8 @@ pub fn broken(markings: &[Marking], shares: &[UpdateShare]) -> Vec<String> {
 
 /// The tables of the terminal.
 pub fn words(markings: &[Marking], shares: &[UpdateShare]) -> String {
-    let heads = [
-        "update of",
-        "spread",
-        "leaves",
-        "deformed",
-        "marked",
-        "theorem 2",
-        "p50 ns",
-    ];
-    let mut updates = Table::new(2, &heads);
+    let heads = "update of | spread | leaves | deformed | marked | theorem 2 | p50 ns";
+    let mut updates = Table::new(2, heads);
     for row in markings {
         updates.row([
             row.model.clone(),
@@ -308,16 +300,8 @@ pub fn words(markings: &[Marking], shares: &[UpdateShare]) -> String {
             grouped(row.update_p50_ns.round() as u64),
         ]);
     }
-    let heads = [
-        "update beside query",
-        "task",
-        "faces",
-        "deformed",
-        "update ns",
-        "query ns",
-        "share",
-    ];
-    let mut beside = Table::new(2, &heads);
+    let heads = "update beside query | task | faces | deformed | update ns | query ns | share";
+    let mut beside = Table::new(2, heads);
     for row in shares {
         beside.row([
             row.model.clone(),

@@ -340,10 +340,8 @@ fn broken(rows: &[Row]) -> Vec<String> {
 
 /// The tables of the terminal.
 fn words(found: &Compare) -> String {
-    let heads = [
-        "task", "model", "who", "faces", "p50 ns", "p99 ns", "max ns", "differ", "memory",
-    ];
-    let mut table = Table::new(3, &heads);
+    let heads = "task | model | who | faces | p50 ns | p99 ns | max ns | differ | memory";
+    let mut table = Table::new(3, heads);
     for row in found.rows.iter().chain(&found.growth) {
         let has_bytes = row.bytes > 0;
         table.row([

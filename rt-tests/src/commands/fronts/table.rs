@@ -33,7 +33,7 @@ const COLUMNS: [(&str, usize); 20] = [
 ];
 
 fn columns() -> Table {
-    Table::new(1, &COLUMNS.map(|column| column.0))
+    Table::new(1, &COLUMNS.map(|column| column.0).join(" | "))
         .at_least(&COLUMNS.map(|column| column.1))
         .compact()
 }

@@ -465,8 +465,8 @@ fn words(result: &JitterResult, rights: &[Right], picture: &Path) -> String {
         let _ = writeln!(text, "right       {}", right_words(right));
     }
     let loops = [("controller", &result.ours), ("bare loop", &result.bare)];
-    let heads = ["loop", "µs", "p50", "p99", "p99.9", "p99.99", "max"];
-    let mut table = Table::new(2, &heads);
+    let heads = "loop | µs | p50 | p99 | p99.9 | p99.99 | max";
+    let mut table = Table::new(2, heads);
     for (name, side) in loops {
         for (what, tail) in [
             ("wake-up", &side.wake_us),
