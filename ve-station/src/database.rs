@@ -5,6 +5,7 @@
 //! the hash of the content and the versions of builder and format. Files appear there whole, by
 //! rename: two stations that build the same model at once both end with the same file.
 
+use crate::map::map;
 use memmap2::Mmap;
 use protocol::Request;
 use scene::{ModelSource, ScenePlan};
@@ -13,7 +14,7 @@ use spm_builder::generate::{self, Shape};
 use spm_builder::{BUILDER_VERSION, BuildError, BuildOptions, Progress};
 use station_core::station::{ServedModel, ServedObject};
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -160,7 +161,7 @@ fn open_mesh(
     cache: &Path,
     progress: &dyn Progress,
 ) -> Result<SpmFile<Mmap>, DatabaseError> {
-    let content = map(path)?;
+    let content = map_model(path)?;
     let mut hash = Xxh3Default::new();
     hash.update(&content);
     drop(content);
@@ -216,26 +217,17 @@ fn cache_error(path: &Path, error: io::Error) -> DatabaseError {
 /// # Errors
 /// When it cannot be opened, or is no sound SPM file.
 pub fn open_spm(path: &Path) -> Result<SpmFile<Mmap>, DatabaseError> {
-    SpmFile::open(map(path)?).map_err(|error| DatabaseError::File {
+    SpmFile::open(map_model(path)?).map_err(|error| DatabaseError::File {
         path: path.to_owned(),
         error,
     })
 }
 
-fn map(path: &Path) -> Result<Mmap, DatabaseError> {
-    let failed = |error| DatabaseError::Open {
+fn map_model(path: &Path) -> Result<Mmap, DatabaseError> {
+    map(path).map_err(|error| DatabaseError::Open {
         path: path.to_owned(),
         error,
-    };
-    let file = File::open(path).map_err(failed)?;
-    let metadata = file.metadata().map_err(failed)?;
-    if metadata.is_dir() {
-        return Err(failed(io::Error::from(io::ErrorKind::IsADirectory)));
-    }
-    // SAFETY: the bytes are only read, as plain numbers that are validated at every use, so a
-    // change by another program gives a wrong number at worst. Files are replaced by rename, never
-    // cut short.
-    unsafe { Mmap::map(&file) }.map_err(failed)
+    })
 }
 
 #[cfg(test)]

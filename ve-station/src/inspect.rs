@@ -5,12 +5,12 @@ mod tolerance_table;
 
 pub use tolerance_table::{ToleranceRow, tolerance_table};
 
+use crate::map::map;
 use memmap2::Mmap;
 use serde::Serialize;
 use spm::ModelHeader;
 use spm::{BuildSummary, ErrorScale, FileError, SpmFile};
 use std::fmt::Write as _;
-use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -55,21 +55,10 @@ pub enum InspectError {
 /// # Errors
 /// When the file cannot be opened or is refused; the file is named.
 pub fn open(path: &Path) -> Result<SpmFile<Mmap>, InspectError> {
-    let io = |error| InspectError::Io {
+    let map = map(path).map_err(|error| InspectError::Io {
         path: path.to_path_buf(),
         error,
-    };
-    let file = File::open(path).map_err(io)?;
-    if file.metadata().map_err(io)?.len() == 0 {
-        // An empty file cannot be mapped everywhere.
-        return Err(InspectError::File {
-            path: path.to_path_buf(),
-            error: FileError::NotSpm,
-        });
-    }
-    // SAFETY: the map is only read. Files are written to a temporary name and renamed, so what is
-    // mapped does not change under us unless another program truncates it on purpose.
-    let map = unsafe { Mmap::map(&file) }.map_err(io)?;
+    })?;
     SpmFile::open(map).map_err(|error| InspectError::File {
         path: path.to_path_buf(),
         error,
@@ -180,35 +169,31 @@ impl Facts {
     /// The summary as lines of text.
     #[must_use]
     pub fn to_text(&self) -> String {
+        let Self { read, dropped, .. } = self;
         let mut text = String::new();
         let mut line = |label: &str, value: String| {
             let _ = writeln!(text, "{label:<12} {value}");
         };
+        let mesh = |vertices: u64, faces: u32| format!("{vertices} vertices, {faces} faces");
         line(
             "read",
-            format!(
-                "{} vertices, {} triangles",
-                self.read.vertices, self.read.faces
-            ),
+            format!("{} vertices, {} triangles", read.vertices, read.faces),
         );
         let dropped = [
-            (self.dropped.not_finite_vertices, "vertices not finite"),
-            (self.dropped.not_finite_faces, "faces with such a corner"),
-            (self.dropped.out_of_range_faces, "faces that name no vertex"),
-            (self.dropped.zero_area_faces, "faces without area"),
-            (self.dropped.duplicate_faces, "copies of a face"),
-            (
-                self.dropped.unreferenced_vertices,
-                "vertices that no face uses",
-            ),
+            (dropped.not_finite_vertices, "vertices not finite"),
+            (dropped.not_finite_faces, "faces with such a corner"),
+            (dropped.out_of_range_faces, "faces that name no vertex"),
+            (dropped.zero_area_faces, "faces without area"),
+            (dropped.duplicate_faces, "copies of a face"),
+            (dropped.unreferenced_vertices, "vertices that no face uses"),
         ];
-        line("dropped", list(&dropped, "nothing"));
+        line("dropped", list(&dropped));
         let changed = [
             (self.stitched_vertices, "vertices stitched along seams"),
             (self.cut_vertices, "vertices added by cutting to a manifold"),
             (self.locked_vertices, "vertices locked beside cuts"),
         ];
-        line("changed", list(&changed, "nothing"));
+        line("changed", list(&changed));
         if self.cracks_max > 0.0 {
             line(
                 "cracks",
@@ -218,14 +203,9 @@ impl Facts {
                 ),
             );
         }
-        line(
-            "full mesh",
-            format!("{} vertices, {} faces", self.vertices, self.faces),
-        );
-        line(
-            "base mesh",
-            format!("{} vertices, {} faces", self.base_vertices, self.base_faces),
-        );
+        line("full mesh", mesh(self.vertices, self.faces));
+        let base_vertices = self.base_vertices.into();
+        line("base mesh", mesh(base_vertices, self.base_faces));
         line(
             "splits",
             format!(
@@ -252,14 +232,14 @@ impl Facts {
 }
 
 /// The counts that are not zero, in words.
-fn list(counts: &[(u64, &str)], nothing: &str) -> String {
+fn list(counts: &[(u64, &str)]) -> String {
     let parts: Vec<String> = counts
         .iter()
         .filter(|(count, _)| *count > 0)
         .map(|(count, what)| format!("{count} {what}"))
         .collect();
     if parts.is_empty() {
-        nothing.to_string()
+        "nothing".to_string()
     } else {
         parts.join(", ")
     }

@@ -11,4 +11,5 @@ pub mod connection;
 pub mod database;
 pub mod export;
 pub mod inspect;
+mod map;
 pub mod serve;

@@ -269,7 +269,7 @@ impl<'a> Work<'a> {
     /// Collapses an edge if nothing near was touched in this round and nothing forbids it.
     fn try_collapse(&mut self, candidate: Candidate) {
         let (face, corner) = (candidate.face(), candidate.corner());
-        // ProbeContact corners mean that the face may be gone or another one by now.
+        // Touched corners mean that the face may be gone or another one by now.
         let (a, b, _) = self.topology.side(face, corner);
         if !self.topology.is_alive(face) || self.is_touched(a) || self.is_touched(b) {
             return;

@@ -2,7 +2,7 @@
 
 mod mesh_file;
 
-pub use mesh_file::{MeshWriteError, write_mesh};
+pub use mesh_file::{MeshWriteError, write_mesh, write_ply};
 
 use spm::{SpmParts, write_spm};
 use std::io;

@@ -142,15 +142,12 @@ pub fn export(
     }
     let file = open(input)?;
     let front = Front::new(&file, detail, input)?;
-    let written = write_atomically(output, |out| {
-        let mut counted = Counted { out, bytes: 0 };
-        write_front(&front, format, &mut counted)?;
-        Ok(counted.bytes)
-    });
-    let file_bytes = written.map_err(|error| ExportError::Io {
+    let failed = |error| ExportError::Io {
         path: output.to_path_buf(),
         error,
-    })?;
+    };
+    write_atomically(output, |out| write_front(&front, format, out)).map_err(failed)?;
+    let file_bytes = std::fs::metadata(output).map_err(failed)?.len();
     Ok(Exported {
         vertices: front.header.base_vertices + front.splits.len() as u32,
         faces: front.faces,
@@ -288,23 +285,5 @@ impl Front {
             ranks[record.i as usize] = rank;
         }
         ranks
-    }
-}
-
-/// Counts what goes through.
-struct Counted<W> {
-    out: W,
-    bytes: u64,
-}
-
-impl<W: Write> Write for Counted<W> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = self.out.write(bytes)?;
-        self.bytes += written as u64;
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.out.flush()
     }
 }

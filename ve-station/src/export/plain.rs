@@ -70,29 +70,7 @@ impl Surface {
     }
 
     pub(super) fn write_ply(&self, out: &mut impl Write) -> io::Result<()> {
-        let scalar = if self.single { "float" } else { "double" };
-        write!(
-            out,
-            "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty {scalar} x\n\
-             property {scalar} y\nproperty {scalar} z\nelement face {}\n\
-             property list uchar uint vertex_indices\nend_header\n",
-            self.positions.len(),
-            self.triangles.len()
-        )?;
-        for x in self.positions.as_flattened() {
-            if self.single {
-                out.write_all(&(*x as f32).to_le_bytes())?;
-            } else {
-                out.write_all(&x.to_le_bytes())?;
-            }
-        }
-        for corners in &self.triangles {
-            out.write_all(&[3])?;
-            for corner in corners {
-                out.write_all(&corner.to_le_bytes())?;
-            }
-        }
-        Ok(())
+        spm_builder::write_ply(&self.positions, &self.triangles, self.single, out)
     }
 
     pub(super) fn write_stl(&self, out: &mut impl Write) -> io::Result<()> {

@@ -57,8 +57,9 @@ enum Ear {
     Any,
 }
 
-/// Meisters' two ears, with exact signs. Ears without area are left for last: a triangle that is
-/// dropped for having none would leave a corner in the middle of its neighbour's edge.
+/// Meisters' two ears, with exact signs. By hand: the crate `earcut` leaves out corners that lie on
+/// a line. Here ears without area are left for last: a triangle that is dropped for having none
+/// would leave a corner in the middle of its neighbour's edge.
 fn cut_ears(flat: &[Coord<f64>]) -> Vec<[usize; 3]> {
     let count = flat.len();
     let mut next: Vec<usize> = (1..=count).map(|k| k % count).collect();

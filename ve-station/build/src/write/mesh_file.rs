@@ -31,7 +31,9 @@ pub fn write_mesh(mesh: &SoupMesh, path: &Path) -> Result<(), MeshWriteError> {
     let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
     let written = match ending.to_ascii_lowercase().as_str() {
         "obj" => write_atomically(path, |out| write_obj(mesh, out)),
-        "ply" => write_atomically(path, |out| write_ply(mesh, out)),
+        "ply" => write_atomically(path, |out| {
+            write_ply(&mesh.positions, &mesh.triangles, true, out)
+        }),
         _ => return Err(MeshWriteError::UnknownFormat(path.to_path_buf())),
     };
     written.map_err(|error| MeshWriteError::Io {
@@ -51,20 +53,33 @@ fn write_obj(mesh: &SoupMesh, out: &mut impl Write) -> io::Result<()> {
     Ok(())
 }
 
-fn write_ply(mesh: &SoupMesh, out: &mut impl Write) -> io::Result<()> {
+/// Writes a little-endian binary PLY, its coordinates as f32 if `single`, else as f64.
+///
+/// # Errors
+/// When the output fails.
+pub fn write_ply(
+    positions: &[[f64; 3]],
+    triangles: &[[u32; 3]],
+    single: bool,
+    out: &mut impl Write,
+) -> io::Result<()> {
+    let scalar = if single { "float" } else { "double" };
     write!(
         out,
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\n\
-         property float z\nelement face {}\nproperty list uchar uint vertex_indices\nend_header\n",
-        mesh.positions.len(),
-        mesh.triangles.len()
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty {scalar} x\n\
+         property {scalar} y\nproperty {scalar} z\nelement face {}\n\
+         property list uchar uint vertex_indices\nend_header\n",
+        positions.len(),
+        triangles.len()
     )?;
-    for p in &mesh.positions {
-        for x in p {
+    for x in positions.as_flattened() {
+        if single {
             out.write_all(&(*x as f32).to_le_bytes())?;
+        } else {
+            out.write_all(&x.to_le_bytes())?;
         }
     }
-    for corners in &mesh.triangles {
+    for corners in triangles {
         out.write_all(&[3])?;
         for corner in corners {
             out.write_all(&corner.to_le_bytes())?;

@@ -32,15 +32,24 @@ fn open() -> SpmFile<Bytes> {
 }
 
 fn station(incarnation: u64) -> Station<Bytes> {
-    let served = ServedModel {
-        name: "torus".to_owned(),
-        file: open(),
-    };
+    station_of(incarnation, open(), 1)
+}
+
+/// A station of so many objects of one model.
+fn station_of<D: AsRef<[u8]>>(incarnation: u64, file: SpmFile<D>, objects: usize) -> Station<D> {
+    let name = "torus".to_owned();
     let object = ServedObject {
         model: 0,
-        name: Request::name_hash("torus"),
+        name: Request::name_hash(&name),
     };
-    Station::new(incarnation, vec![served], vec![object])
+    let served = ServedModel { name, file };
+    Station::new(incarnation, vec![served], vec![object; objects])
+}
+
+fn tell<D: AsRef<[u8]>>(server: &mut Station<D>, requests: impl IntoIterator<Item = Request>) {
+    for request in requests {
+        server.handle(Message::Request(&request));
+    }
 }
 
 /// What sessions ask for: occupied cells, one without faces (the axis of the torus), some at
@@ -92,8 +101,7 @@ fn ask(server: &mut Station<Bytes>, client: &mut Client, request: Request) -> Ve
         if burst == 0 {
             return chunks;
         }
-        let credit = client.request(RequestKind::Credit);
-        server.handle(Message::Request(&credit));
+        tell(server, [client.request(RequestKind::Credit)]);
     }
 }
 
@@ -154,19 +162,15 @@ fn without_credit_the_station_waits() {
         region: RegionId::PREFIX,
         tolerance_bits,
     });
-    for request in client.regions(RegionAction::Resend, &long) {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, client.regions(RegionAction::Resend, &long));
     let sent = std::iter::from_fn(|| server.poll(1)).count() as u64;
     assert_eq!(sent, CREDIT_CHUNKS);
     client.consumed = 5;
-    let credit = client.request(RequestKind::Credit);
-    server.handle(Message::Request(&credit));
+    tell(&mut server, [client.request(RequestKind::Credit)]);
     assert_eq!(std::iter::from_fn(|| server.poll(1)).count(), 5);
     // Who claims more than was sent is not believed, and gets nothing more in this epoch.
     client.consumed = 1000;
-    let lie = client.request(RequestKind::Credit);
-    server.handle(Message::Request(&lie));
+    tell(&mut server, [client.request(RequestKind::Credit)]);
     assert_eq!(server.poll(1), None);
     assert_eq!(server.counters().damaged, 1);
 }
@@ -220,22 +224,16 @@ fn what_cannot_be_served_is_refused_by_name() {
 fn after_a_gap_nothing_is_said_until_the_next_epoch() {
     let (mut server, mut client) = (station(1), Client::new(1));
     let [a, b] = [regions()[0], regions()[1]];
-    for request in client.subscribe(a) {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, client.subscribe(a));
     let _lost = client.request(RequestKind::Credit);
-    for request in client.subscribe(b) {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, client.subscribe(b));
     assert_eq!(
         server.poll(1),
         None,
         "what was asked before the gap is dropped too"
     );
     assert_eq!(server.counters().broken_epochs, 1);
-    for request in client.new_epoch() {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, client.new_epoch());
     let chunk = server.poll(1).unwrap();
     assert_eq!((chunk.0.epoch, chunk.0.sequence), (1, 0));
     assert_eq!(region_of(&parts(&[chunk]).0[0]), a);
@@ -248,9 +246,7 @@ fn a_release_cancels_the_answer_that_waits() {
     let mut requests = client.subscribe(a);
     requests.extend(client.subscribe(b));
     requests.extend(client.release(a));
-    for request in requests {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, requests);
     let chunks: Vec<Chunk> = std::iter::from_fn(|| server.poll(1)).collect();
     assert!(parts(&chunks).0.iter().all(|head| region_of(head) == b));
     assert!(
@@ -297,8 +293,7 @@ fn the_stalest_of_too_many_clients_makes_room() {
 #[test]
 fn contacts_come_back_with_their_distance_to_the_full_mesh() {
     let (mut server, mut client, file) = (station(1), Client::new(1), open());
-    let credit = client.request(RequestKind::Credit);
-    server.handle(Message::Request(&credit));
+    tell(&mut server, [client.request(RequestKind::Credit)]);
     let report = |tick: u64| {
         let mut report = ContactReport::zeroed();
         report.client = 1;
@@ -340,13 +335,9 @@ fn contacts_come_back_with_their_distance_to_the_full_mesh() {
 fn too_many_open_questions_end_the_epoch() {
     let (mut server, mut client) = (station(1), Client::new(1));
     client.model ^= 1;
+    let full = [RegionAt::full(RegionId(0)); REGIONS_PER_REQUEST];
     for _ in 0..=MAX_JOBS / REGIONS_PER_REQUEST {
-        for request in client.regions(
-            RegionAction::Subscribe,
-            &[RegionAt::full(RegionId(0)); REGIONS_PER_REQUEST],
-        ) {
-            server.handle(Message::Request(&request));
-        }
+        tell(&mut server, client.regions(RegionAction::Subscribe, &full));
     }
     assert_eq!(server.counters().broken_epochs, 1);
     assert_eq!(server.poll(1), None);

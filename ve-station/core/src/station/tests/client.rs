@@ -225,6 +225,13 @@ impl Wire {
         }
     }
 
+    /// All requests up, at most so many answers, and all that is under way down.
+    pub fn exchange(&mut self, station: &mut Station<Bytes>, client: &mut Client, most: usize) {
+        self.carry_up(station, usize::MAX);
+        self.pull(station, client.id, most);
+        self.carry_down(client, usize::MAX);
+    }
+
     pub fn carry_down(&mut self, client: &mut Client, most: usize) {
         for _ in 0..most {
             let Some(chunk) = self.down.pop_front() else {

@@ -29,8 +29,7 @@ fn an_answer_says_which_records_follow_and_a_repeated_one_sends_all() {
         let (_, ids, all) = asked(&mut server, RegionAction::Resend, full);
         assert_eq!((ids, all), (first.clone(), records.clone()));
     }
-    let release = client.regions(RegionAction::Release, &[full])[0];
-    server.handle(Message::Request(&release));
+    tell(&mut server, client.regions(RegionAction::Release, &[full]));
     let request = client.regions(RegionAction::Subscribe, &[full])[0];
     assert_eq!(parts(&ask(&mut server, &mut client, request)).1, first);
 }
@@ -39,14 +38,11 @@ fn an_answer_says_which_records_follow_and_a_repeated_one_sends_all() {
 fn regions_asked_for_together_share_chunks() {
     let (mut server, mut client) = (station(1), Client::new(1));
     let asked = regions();
-    for request in client.regions(RegionAction::Subscribe, &asked) {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, client.regions(RegionAction::Subscribe, &asked));
     let mut chunks = Vec::new();
     while let Some(chunk) = server.poll(1) {
         client.consumed += 1;
-        let credit = client.request(RequestKind::Credit);
-        server.handle(Message::Request(&credit));
+        tell(&mut server, [client.request(RequestKind::Credit)]);
         chunks.push(chunk);
     }
     let (heads, ids, records) = parts(&chunks);

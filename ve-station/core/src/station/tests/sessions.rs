@@ -153,18 +153,14 @@ proptest! {
                 wire.up.extend(client.subscribe(region));
             } else {
                 while !client.asked.is_empty() {
-                    wire.carry_up(&mut server, usize::MAX);
-                    wire.pull(&mut server, 7, most);
-                    wire.carry_down(&mut client, usize::MAX);
+                    wire.exchange(&mut server, &mut client, most);
                     wire.up.push_back(client.request(RequestKind::Credit));
                 }
                 wire.up.extend(client.release(region));
             }
         }
         while !client.asked.is_empty() {
-            wire.carry_up(&mut server, usize::MAX);
-            wire.pull(&mut server, 7, usize::MAX);
-            wire.carry_down(&mut client, usize::MAX);
+            wire.exchange(&mut server, &mut client, usize::MAX);
             wire.up.push_back(client.request(RequestKind::Credit));
         }
         prop_assert_eq!((client.epoch, client.incomplete), (0, 0));
@@ -202,9 +198,7 @@ proptest! {
             }
         }
         for _ in 0..600 {
-            wire.carry_up(&mut server, usize::MAX);
-            wire.pull(&mut server, 7, usize::MAX);
-            wire.carry_down(&mut client, usize::MAX);
+            wire.exchange(&mut server, &mut client, usize::MAX);
             if client.asked.is_empty() && wire.up.is_empty() {
                 break;
             }
@@ -234,26 +228,16 @@ fn records_dropped_under_an_answer_come_again_without_another_epoch() {
     let mut settle = |client: &mut Client, server: &mut Station<Bytes>| {
         for _ in 0..10 {
             wire.up.push_back(client.request(RequestKind::Credit));
-            wire.carry_up(server, usize::MAX);
-            wire.pull(server, 7, usize::MAX);
-            wire.carry_down(client, usize::MAX);
+            wire.exchange(server, client, usize::MAX);
         }
     };
-    for request in client.subscribe(a) {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, client.subscribe(a));
     settle(&mut client, &mut server);
-    for request in client.subscribe(b) {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, client.subscribe(b));
     let under_way: Vec<Chunk> = std::iter::from_fn(|| server.poll(7)).collect();
-    for request in client.release(a) {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, client.release(a));
     for chunk in &under_way {
-        for request in client.receive(chunk).unwrap() {
-            server.handle(Message::Request(&request));
-        }
+        tell(&mut server, client.receive(chunk).unwrap());
     }
     assert_eq!((client.incomplete, client.epoch), (1, 0));
     settle(&mut client, &mut server);
@@ -283,9 +267,7 @@ proptest! {
     fn sessions_of_two_objects_of_one_model_do_not_mix(
         steps in prop::collection::vec((0usize..40, 0..4u8, 0usize..2), 1..80),
     ) {
-        let served = ServedModel { name: "torus".to_owned(), file: open() };
-        let object = ServedObject { model: 0, name: Request::name_hash("torus") };
-        let mut server = Station::new(1, vec![served], vec![object; 2]);
+        let mut server = station_of(1, open(), 2);
         let regions = regions();
         let mut twins = [twin(0), twin(1)];
         for (k, step, which) in steps {
@@ -296,9 +278,7 @@ proptest! {
                 2 => client.release(region),
                 _ => client.new_epoch(),
             };
-            for request in said(*object, requests) {
-                server.handle(Message::Request(&request));
-            }
+            tell(&mut server, said(*object, requests));
             // All chunks of the client come on one topic.
             while let Some(chunk) = server.poll(1) {
                 let (client, object) = &mut twins[chunk.0.object as usize];
@@ -306,9 +286,7 @@ proptest! {
                 prop_assert!(requests.is_some(), "its numbers are its own");
                 let credit = vec![client.request(RequestKind::Credit)];
                 let requests = requests.unwrap_or_default();
-                for request in said(*object, requests).chain(said(*object, credit)) {
-                    server.handle(Message::Request(&request));
-                }
+                tell(&mut server, said(*object, requests).chain(said(*object, credit)));
             }
         }
         for (client, _) in &mut twins {
@@ -323,18 +301,13 @@ proptest! {
 fn a_closed_session_is_forgotten_and_begins_anew() {
     let (mut server, mut client) = (station(1), Client::new(1));
     let region = regions()[0];
-    for request in client.subscribe(region) {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, client.subscribe(region));
     let first: Vec<Chunk> = std::iter::from_fn(|| server.poll(1)).collect();
-    let close = client.request(RequestKind::Close);
-    server.handle(Message::Request(&close));
+    tell(&mut server, [client.request(RequestKind::Close)]);
     assert_eq!(server.clients().count(), 0);
     let mut anew = Client::new(1);
     anew.epoch = 1;
-    for request in anew.subscribe(region) {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, anew.subscribe(region));
     let again: Vec<Chunk> = std::iter::from_fn(|| server.poll(1)).collect();
     assert_eq!(again.len(), first.len());
     assert!(again.iter().all(|chunk| anew.receive(chunk).is_some()));
@@ -343,16 +316,8 @@ fn a_closed_session_is_forgotten_and_begins_anew() {
 
 #[test]
 fn the_sessions_of_a_client_are_bounded_and_each_has_its_own_credit() {
-    let served = ServedModel {
-        name: "torus".to_owned(),
-        file: open(),
-    };
-    let object = ServedObject {
-        model: 0,
-        name: Request::name_hash("torus"),
-    };
     let objects = 3 * MAX_SESSIONS;
-    let mut server = Station::new(1, vec![served], vec![object; objects]);
+    let mut server = station_of(1, open(), objects);
     for object in 0..objects as u32 {
         let mut request = Client::new(1).request(RequestKind::Model);
         request.object = object;

@@ -11,15 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// A station over bytes that are counted, and the count.
 fn counted_station() -> (Station<Counted>, Arc<AtomicU64>) {
     let (bytes, reads) = Counted::new(TORUS.to_vec());
-    let served = ServedModel {
-        name: "torus".to_owned(),
-        file: SpmFile::open(bytes).unwrap(),
-    };
-    let object = ServedObject {
-        model: 0,
-        name: Request::name_hash("torus"),
-    };
-    (Station::new(1, vec![served], vec![object]), reads)
+    (station_of(1, SpmFile::open(bytes).unwrap(), 1), reads)
 }
 
 fn tour_ask(seed: u64, seconds: f64) -> TourAsk {
@@ -53,8 +45,7 @@ fn take<D: AsRef<[u8]>>(
         &slots[..header.count as usize],
     ));
     client.consumed += 1;
-    let credit = client.request(RequestKind::Credit);
-    server.handle(Message::Request(&credit));
+    tell(server, [client.request(RequestKind::Credit)]);
     header.last == 1
 }
 
@@ -130,9 +121,7 @@ fn what_is_asked_while_a_tour_is_rolled_is_answered_between_two_steps() {
     assert_eq!(server.poll_within(1, &mut steps), None);
     assert_eq!(steps, 0, "it is not made in a hundred steps");
     let region = regions()[0];
-    for request in client.subscribe(region) {
-        server.handle(Message::Request(&request));
-    }
+    tell(&mut server, client.subscribe(region));
     let mut chunks = Vec::new();
     while let Some(chunk) = server.poll_within(1, &mut 0) {
         assert_eq!(client.receive(&chunk), Some(Vec::new()));
