@@ -33,7 +33,7 @@ impl Script {
             let point: &TourPoint = &points[k];
             // Tours are in the file's own frame: its origin is part of the position.
             let position = DVec3::from_array(point.position) - frame.origin;
-            // What is no orientation leaves the object's own axes.
+            // An invalid quaternion leaves the object's own axes.
             let own = Pose::from_wxyz([0.0; 3], point.orientation_wxyz).unwrap_or(Pose::IDENTITY);
             Pose {
                 position: frame.to_world(position),

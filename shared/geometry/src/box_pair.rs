@@ -307,7 +307,7 @@ mod tests {
                     let bound = BoxBound::squared(bound);
                     let found = pair.within(&query, bound);
                     let which = [found.first(), found.second()][index];
-                    // What is put off and looked at again is judged alike.
+                    // A box that is put off is judged alike when it is looked at again.
                     assert_eq!(which, bound.includes(found.squared()[index]));
                     which
                 };

@@ -140,7 +140,7 @@ fn check(a: Grid, b: Grid) -> Result<(), TestCaseError> {
         for (x, y) in orders(pa, pb) {
             let found = triangle_pair(x, y);
             prop_assert_eq!(case(&found), truth(a, b), "{:?} {:?} {:?}", a, b, found);
-            // What they share lies on both.
+            // Their common points lie on both.
             for end in ends(&found) {
                 for t in [x, y] {
                     let off = crate::closest_point_on_triangle(t, end).distance_squared;

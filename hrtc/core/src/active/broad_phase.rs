@@ -13,7 +13,7 @@ pub const MAX_NEAR: usize = 64;
 /// A ball around a probe, world, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ball {
-    /// Which probe.
+    /// Index of the probe.
     pub probe: usize,
     /// Its centre.
     pub centre: DVec3,
@@ -24,9 +24,9 @@ pub struct Ball {
 /// An object whose box meets a probe's ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Near {
-    /// Which object.
+    /// Index of the object.
     pub object: usize,
-    /// Which probe.
+    /// Index of the probe.
     pub probe: usize,
     /// Distance of the box from the centre of the ball, metres; 0 inside.
     pub distance: f64,
@@ -65,14 +65,14 @@ impl BroadPhase {
         }
     }
 
-    /// How far each object that moves may go in a tick, metres, from now on.
+    /// Sets the largest displacement of each movable object in a tick, metres.
     pub fn set_displacements(&mut self, displacements: impl Iterator<Item = (usize, f64)>) {
         self.displacements.clear();
         let room = self.displacements.capacity();
         self.displacements.extend(displacements.take(room));
     }
 
-    /// How far an object may go in a tick, metres.
+    /// Largest displacement of an object in a tick, metres.
     #[must_use]
     pub fn displacement(&self, object: usize) -> f64 {
         let found = self
@@ -102,7 +102,7 @@ impl BroadPhase {
                     });
                 }
             }
-            // What moves may come to meet it.
+            // A movable object may approach it.
             for k in 0..self.displacements.len() {
                 let (object, displacement) = self.displacements[k];
                 let squared = self.distances[object];
@@ -126,7 +126,7 @@ impl BroadPhase {
         &self.near
     }
 
-    /// What the last search found.
+    /// Result of the last search.
     #[must_use]
     pub fn near(&self) -> &[Near] {
         &self.near

@@ -5,7 +5,7 @@
 
 use spm::NONE;
 
-/// What a map may be asked for.
+/// Key of a map.
 pub trait Id: Copy + Eq {
     /// Marks a free place; no id.
     const NONE: Self;

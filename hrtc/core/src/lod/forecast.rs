@@ -26,7 +26,7 @@ pub struct Near {
     pub velocity: DVec3,
 }
 
-/// What was seen of a part when it was looked at last.
+/// Result of the last look at a part.
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     /// The face nearest to it; none when it was not looked at yet.
@@ -34,7 +34,7 @@ struct Seen {
     /// Where its middle was, then and when its distance was measured.
     centre: DVec3,
     measured: DVec3,
-    /// How far it was from the full mesh at least; negative where that may have met it.
+    /// Lower bound of its distance from the full mesh; negative where they may have met.
     clearance: f64,
 }
 

@@ -53,7 +53,7 @@ const SIDEWAYS: f64 = 0.25;
 /// A predicted region.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Predicted {
-    /// Which one.
+    /// The region.
     pub key: RegionKey,
     /// Ticks from now until the contact may be in its cell: what is due first comes first.
     pub ticks: f64,
@@ -61,7 +61,7 @@ pub struct Predicted {
     pub refine: bool,
 }
 
-/// What the prediction starts from; model frame and units.
+/// Start of a prediction; model frame and units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
     /// The probe's centre (the proxy, in contact).
@@ -83,7 +83,7 @@ pub enum Course {
     Fading,
 }
 
-/// What the balls are made from: each can be left out, to see what it buys.
+/// Sources of the balls: each can be left out, to measure its benefit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sources {
     /// Cells around those of the contact.
@@ -138,14 +138,14 @@ const RING_ROUND: [(Look, bool); 3] = [
 pub struct Predictor {
     history: [DVec3; 2 * SPANS[1] + 1],
     known: usize,
-    /// Which of [`SPANS`].
+    /// Index into [`SPANS`].
     span: usize,
     /// Average speed, model units a tick.
     mean_speed: f64,
     sources: Sources,
-    /// Which source of the finest ring is next.
+    /// Next source of the finest ring.
     turn: usize,
-    /// Which source of the coarser rings is next.
+    /// Next source of the coarser rings.
     ring_turn: usize,
     /// What lies ahead this turn, moved onto the front.
     landed: Option<DVec3>,

@@ -54,7 +54,7 @@ impl Predictions {
     pub(super) fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
         let Some(index) = cache.regions.index(p.key) else {
             // For each probe a tick looks at one ball of each of two rings, and at four of a tool.
-            // What comes twice is requested once.
+            // A region that comes twice is requested once.
             if self.unknown.len() < self.unknown.capacity() {
                 self.unknown.push(p);
                 self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());

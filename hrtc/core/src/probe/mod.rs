@@ -42,7 +42,7 @@ pub struct TourPath {
 pub struct Probe {
     /// Radius of the ball around its position that reaches as deep as its tip, metres.
     tip_m: f64,
-    /// How far its shape is from its position anywhere, at the most, metres.
+    /// Largest distance of its shape from its position, metres.
     pub reach_m: f64,
     /// The tour, if it is on one.
     pub tour: Option<TourPath>,
@@ -66,7 +66,7 @@ pub struct Probe {
     pub carried: [f64; 2],
     /// Whether the account limits the force.
     passivity: bool,
-    /// What the scene adds anywhere.
+    /// Effects of the scene that act anywhere.
     pub effects: SceneEffects,
     limiter: ForceLimiter,
     samples_missed: u32,

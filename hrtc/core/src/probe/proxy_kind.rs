@@ -42,12 +42,12 @@ pub struct ToolKind {
     spread: f64,
 }
 
-/// What a tick of it came to.
+/// Result of a tick.
 #[derive(Debug, Clone, Copy)]
 pub struct ProxyStep {
-    /// What holds it; `None` in free space.
+    /// The contact that holds it; `None` in free space.
     pub contact: Option<Contact>,
-    /// What it cost, in units.
+    /// Cost, in units.
     pub work: Work,
     /// Constraints that did not fit.
     pub dropped: u32,

@@ -27,7 +27,7 @@ pub struct Subject {
     pub name: u64,
 }
 
-/// What a received chunk is to this epoch.
+/// Standing of a received chunk in this epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reception {
     /// The next one: to be consumed.
@@ -171,7 +171,7 @@ impl Subscriber {
         self.last_progress = tick;
     }
 
-    /// What a chunk is to this epoch; a next one is to be consumed with [`Subscriber::consumed`].
+    /// Standing of a chunk in this epoch; consume a next one with [`Subscriber::consumed`].
     #[must_use]
     pub fn receive(&self, header: &ChunkHeader) -> Reception {
         let ours = header.client == self.identity.client
