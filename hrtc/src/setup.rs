@@ -1,7 +1,7 @@
 //! Values beside the scene that make a controller. A recording holds them, so that a replay makes
 //! the same controller.
 
-use haptic_device::{Capabilities, DegreesOfFreedom};
+use haptic_device::{Capabilities, DegreesOfFreedom, MotionLimits};
 use hrtc_core::Controller;
 use hrtc_core::streaming::subscriber::Identity;
 use scene::ScenePlan;
@@ -20,6 +20,9 @@ pub struct ControllerSetup {
     pub max_torque_nm: f64,
     /// Position resolution of each probe's device, metres.
     pub position_resolutions_m: Vec<f64>,
+    /// Limits of the motion of each probe's device: speed, m/s; acceleration, m/s²; angular speed,
+    /// rad/s.
+    pub motion_limits: Vec<[f64; 3]>,
     /// Length of a tour, seconds.
     pub tour_seconds: f64,
 }
@@ -43,7 +46,21 @@ impl ControllerSetup {
             // JSON has no infinity.
             max_force_n: forces.fold(f64::MAX, f64::min),
             max_torque_nm: torques.fold(f64::MAX, f64::min),
-            position_resolutions_m: devices.map(|device| device.position_resolution_m).collect(),
+            position_resolutions_m: devices
+                .clone()
+                .map(|device| device.position_resolution_m)
+                .collect(),
+            motion_limits: devices
+                .map(|device| {
+                    let of = device.motion;
+                    let limits = [
+                        of.speed_m_per_s,
+                        of.acceleration_m_per_s2,
+                        of.angular_speed_rad_per_s,
+                    ];
+                    limits.map(|limit| limit.min(f64::MAX))
+                })
+                .collect(),
             tour_seconds,
         }
     }
@@ -64,6 +81,17 @@ impl ControllerSetup {
         for (probe, &resolution_m) in plan.probes.iter_mut().zip(&self.position_resolutions_m) {
             probe.device.encoder_m = resolution_m;
         }
-        Controller::new(plan, self.identity(), self.max_force_n, self.tour_seconds)
+        let mut controller =
+            Controller::new(plan, self.identity(), self.max_force_n, self.tour_seconds);
+        for (probe, &[speed, acceleration, angular_speed]) in self.motion_limits.iter().enumerate()
+        {
+            let limits = MotionLimits {
+                speed_m_per_s: speed,
+                acceleration_m_per_s2: acceleration,
+                angular_speed_rad_per_s: angular_speed,
+            };
+            controller.set_motion_limits(probe, limits);
+        }
+        controller
     }
 }

@@ -7,6 +7,7 @@ use crate::lod::refine;
 use crate::probe::Probe;
 use crate::streaming::subscriber::Identity;
 use crate::streaming::tuning::max_ingest;
+use haptic_device::MotionLimits;
 use scene::{ProbePlan, ScenePlan};
 
 /// State of the controller; see [`crate`] for its parts, and [`Controller::tick`] for its
@@ -21,6 +22,7 @@ pub struct Controller {
     pub(crate) probes: Vec<Probe>,
     pub(crate) active: ActiveSet,
     pub(crate) movables: Movables,
+    pub(crate) last_tick: Option<u64>,
     pub(crate) replay_hash: u64,
 }
 
@@ -45,7 +47,16 @@ impl Controller {
             active: ActiveSet::new(plan, identity, movables.iter().count(), toured),
             movables,
             probes,
+            last_tick: None,
             replay_hash: 0,
+        }
+    }
+
+    /// Judges the samples of a probe by the limits of its device from now on; before, every pose
+    /// whose numbers are usable is believed.
+    pub fn set_motion_limits(&mut self, probe: usize, limits: MotionLimits) {
+        if let Some(probe) = self.probes.get_mut(probe) {
+            probe.set_motion_limits(limits);
         }
     }
 

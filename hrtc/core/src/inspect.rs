@@ -180,6 +180,12 @@ impl Controller {
         Some(active.frame?.to_world(position))
     }
 
+    /// Samples rejected so far, of all probes: no plausible motion led to them.
+    #[must_use]
+    pub fn rejected_samples(&self) -> u64 {
+        self.probes.iter().map(|probe| probe.rejected_samples).sum()
+    }
+
     /// Regions that the station refused so far, and the last one.
     #[must_use]
     pub fn refused(&self) -> (u64, u32) {

@@ -164,7 +164,8 @@ impl Controller {
         };
         outputs.clear();
 
-        self.sample(inputs);
+        let elapsed = self.begin(tick);
+        self.sample(inputs, elapsed);
         record.unserved = self.activate(inputs, &mut outputs.outbox);
         observer.ended(Stage::BroadPhase);
 
@@ -192,10 +193,16 @@ impl Controller {
         observer.ended(Stage::Force);
     }
 
-    /// Takes the devices' poses.
-    fn sample(&mut self, inputs: &TickInputs<'_>) {
+    /// Periods since the tick before: more than 1 where some were skipped.
+    fn begin(&mut self, tick: u64) -> u64 {
+        let last = self.last_tick.replace(tick);
+        last.map_or(1, |last| tick.saturating_sub(last).max(1))
+    }
+
+    /// Takes the devices' poses, `elapsed` periods after the tick before.
+    fn sample(&mut self, inputs: &TickInputs<'_>, elapsed: u64) {
         for (k, probe) in self.probes.iter_mut().enumerate() {
-            probe.sample(inputs.samples.get(k).copied().flatten());
+            probe.sample(inputs.samples.get(k).copied().flatten(), elapsed);
         }
     }
 

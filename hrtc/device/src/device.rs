@@ -11,6 +11,35 @@ pub enum DegreesOfFreedom {
     Six,
 }
 
+/// Limits of an end effector's motion. A sample to which no motion within them leads is no motion
+/// but a fault of the measurement: the controller rejects it. May be infinite.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotionLimits {
+    /// Limit of the speed, m/s.
+    pub speed_m_per_s: f64,
+    /// Limit of the acceleration, m/s².
+    pub acceleration_m_per_s2: f64,
+    /// Limit of the angular speed, rad/s.
+    pub angular_speed_rad_per_s: f64,
+}
+
+impl MotionLimits {
+    /// What no hand exceeds that holds a handle: 20 m/s is twice the speed of a thrown fist,
+    /// 2000 m/s² what 200 N do to a handle of 0.1 kg, 100 rad/s 16 turns a second.
+    pub const HAND: Self = Self {
+        speed_m_per_s: 20.0,
+        acceleration_m_per_s2: 2000.0,
+        angular_speed_rad_per_s: 100.0,
+    };
+
+    /// No limit: every pose whose numbers are usable is a motion.
+    pub const UNLIMITED: Self = Self {
+        speed_m_per_s: f64::INFINITY,
+        acceleration_m_per_s2: f64::INFINITY,
+        angular_speed_rad_per_s: f64::INFINITY,
+    };
+}
+
 /// Abilities and limits of a device. Limits may be infinite, resolutions may be 0; none is NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Capabilities {
@@ -24,15 +53,15 @@ pub struct Capabilities {
     pub max_force_n: f64,
     /// Limit of the continuous torque, newton metres.
     pub max_torque_nm: f64,
-    /// Limit of the end effector's speed, m/s. A sample that is farther from the last one than this
-    /// speed allows is dropped.
-    pub max_speed_m_per_s: f64,
+    /// Limits of the end effector's motion: a sample beyond them is not rendered.
+    pub motion: MotionLimits,
     /// Step of the measured position, metres. Motion within it does no work.
     pub position_resolution_m: f64,
 }
 
 impl Capabilities {
-    /// A device that senses and renders translation only, with no other limit.
+    /// A device that senses and renders translation only, with exact measurements and the motion of
+    /// a hand.
     #[must_use]
     pub fn translational(name: &str, max_force_n: f64) -> Self {
         Self {
@@ -41,7 +70,7 @@ impl Capabilities {
             rendered: DegreesOfFreedom::Three,
             max_force_n,
             max_torque_nm: 0.0,
-            max_speed_m_per_s: f64::INFINITY,
+            motion: MotionLimits::HAND,
             position_resolution_m: 0.0,
         }
     }

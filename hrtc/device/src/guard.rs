@@ -9,9 +9,6 @@ use glam::{DQuat, DVec3};
 pub struct GuardedDevice {
     device: Box<dyn Device>,
     capabilities: Capabilities,
-    /// Position (metres) and time (ns) of the last accepted sample.
-    last: Option<(DVec3, u64)>,
-    implausible: u64,
 }
 
 impl GuardedDevice {
@@ -21,8 +18,6 @@ impl GuardedDevice {
         Self {
             capabilities: device.capabilities(),
             device,
-            last: None,
-            implausible: 0,
         }
     }
 
@@ -32,29 +27,18 @@ impl GuardedDevice {
         &self.capabilities
     }
 
-    /// Samples dropped because no motion within the speed limit leads to them.
-    #[must_use]
-    pub fn implausible_samples(&self) -> u64 {
-        self.implausible
-    }
-
     /// Passes the scene's intent on.
     pub fn intend(&mut self, intent: Intent) {
         self.device.intend(intent);
     }
 
-    /// The device's sample. Its orientation is the identity where the device does not sense it;
-    /// `None` also for a position that the speed limit excludes.
+    /// The device's sample as it is; its orientation is the identity where the device does not
+    /// sense it. The controller judges whether it is plausible.
     pub fn read(&mut self, time: TickTime) -> Option<Sample> {
         let mut sample = self.device.read(time)?;
         if self.capabilities.sensed == DegreesOfFreedom::Three {
             sample.pose.orientation = DQuat::IDENTITY;
         }
-        if !self.is_plausible(&sample) {
-            self.implausible += 1;
-            return None;
-        }
-        self.last = Some((sample.pose.position, sample.time_ns));
         Some(sample)
     }
 
@@ -70,20 +54,6 @@ impl GuardedDevice {
     pub fn safe_off(&mut self) {
         self.device.safe_off();
     }
-
-    /// The allowed distance grows with the time since the last accepted sample, so a device that
-    /// did jump is accepted again. Positions that are not finite pass: the controller rejects and
-    /// counts them.
-    fn is_plausible(&self, sample: &Sample) -> bool {
-        let limit = self.capabilities.max_speed_m_per_s;
-        let Some((position, time_ns)) = self.last else {
-            return true;
-        };
-        let seconds = sample.time_ns.saturating_sub(time_ns) as f64 * 1e-9;
-        let distance = sample.pose.position.distance(position);
-        let reachable = limit * seconds + self.capabilities.position_resolution_m;
-        !(limit.is_finite() && distance > reachable)
-    }
 }
 
 impl Drop for GuardedDevice {
@@ -96,8 +66,6 @@ impl std::fmt::Debug for GuardedDevice {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("GuardedDevice")
             .field("capabilities", &self.capabilities)
-            .field("last", &self.last)
-            .field("implausible", &self.implausible)
             .finish_non_exhaustive()
     }
 }
@@ -212,31 +180,5 @@ mod tests {
             let sample = device.read(TickTime::default()).unwrap();
             assert_eq!(sample.pose.orientation, expected);
         }
-    }
-
-    #[test]
-    fn a_jump_beyond_the_speed_limit_is_dropped_until_it_could_be_true() {
-        let (mut device, _log) = guarded(Capabilities {
-            max_speed_m_per_s: 1.0,
-            ..six()
-        });
-        let mut read = |x: f64, ms: u64| {
-            device.intend(Intent {
-                pose: Pose::at(DVec3::X * x),
-                velocity: DVec3::ZERO,
-            });
-            let time = TickTime {
-                start_ns: ms * 1_000_000,
-                periods: 1,
-            };
-            device.read(time).is_some()
-        };
-        assert!(read(0.0, 1));
-        assert!(read(0.0009, 2), "0.9 m/s");
-        assert!(!read(0.5, 3), "a spike");
-        assert!(read(0.0009, 4), "back where it was");
-        assert!(!read(0.1, 5));
-        assert!(read(0.1, 104), "1 m/s since the last accepted sample");
-        assert_eq!(device.implausible_samples(), 2);
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`device`] | [`Device`]: the trait that a driver implements; [`Capabilities`] |
+//! | [`device`] | [`Device`]: the trait that a driver implements; [`Capabilities`], [`MotionLimits`] |
 //! | [`sample`] | values that cross it: [`Sample`], [`WrenchCommand`], [`TickTime`], [`Intent`] |
 //! | [`guard`] | [`GuardedDevice`]: honours the capabilities, switches the device off when dropped |
 //!
@@ -32,6 +32,9 @@
 //! **Safe-off.** [`Device::safe_off`] brings the device to zero force, at any time, any number of
 //! times, also before the first `write` and during a panic. The shell calls it at the end of a run,
 //! and [`GuardedDevice`] calls it when it is dropped.
+//!
+//! **Plausibility.** The controller rejects and counts samples that are no numbers, or to which no
+//! motion within [`MotionLimits`] leads; it holds the last plausible pose instead.
 //!
 //! **Panics.** A driver must not panic; a fault of the hardware is a `read` that returns `None`.
 //! The controller ramps the force down after a few of these.
@@ -78,7 +81,7 @@ pub mod device;
 pub mod guard;
 pub mod sample;
 
-pub use device::{Capabilities, DegreesOfFreedom, Device};
+pub use device::{Capabilities, DegreesOfFreedom, Device, MotionLimits};
 pub use geometry::{Pose, Wrench};
 pub use guard::GuardedDevice;
 pub use sample::{Intent, Sample, TickTime, WrenchCommand};

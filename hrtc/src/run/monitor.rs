@@ -170,10 +170,10 @@ impl Monitor<'_> {
         if dropped > 0 {
             eprintln!("hrtc: {dropped} tick records found the log full and are not in the figures");
         }
-        let implausible = end.implausible_samples;
-        if implausible > 0 {
+        let rejected = end.controller.rejected_samples();
+        if rejected > 0 {
             eprintln!(
-                "hrtc: {implausible} samples were dropped, since no motion within the device's speed limit leads to them"
+                "hrtc: {rejected} samples of the devices were rejected: they were no numbers, or no motion within the device's limits leads to them"
             );
         }
         let (refused, last) = end.controller.refused();

@@ -53,8 +53,6 @@ pub(super) struct TickThreadEnd {
     pub work_budget: u32,
     /// Size and high water of each ring.
     pub rings: Vec<Capacity>,
-    /// Samples that the devices' speed limits excluded.
-    pub implausible_samples: u64,
 }
 
 /// Wall time of each stage.
@@ -273,10 +271,8 @@ impl TickThread {
             device.device.safe_off();
         }
         self.shared.ended.store(true, Ordering::Release);
-        let devices = self.devices.iter();
         TickThreadEnd {
             work_budget: self.controller.work_budget(),
-            implausible_samples: devices.map(|d| d.device.implausible_samples()).sum(),
             controller: self.controller,
             rings: vec![
                 Capacity::new("chunks in the inbox", INBOX_CAPACITY, high_water.inbox),

@@ -3,4 +3,5 @@
 pub mod effects;
 pub mod limiter;
 pub mod passivity;
+pub mod positions;
 mod tuning;

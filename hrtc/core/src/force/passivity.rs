@@ -39,7 +39,8 @@
 //! between device and surface, so the work over the motion of the material ([`CarriedWork`]) is
 //! subtracted.
 
-use super::tuning::{MAX_VELOCITY_PERIODS, MOTION_ROUNDING};
+use super::positions::Positions;
+use super::tuning::MOTION_ROUNDING;
 use crate::perception::{STEP_N, STEP_SHARE};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
@@ -60,8 +61,8 @@ pub struct EnergyAccount {
     wrench: Wrench,
     /// Its limited part.
     limited: Wrench,
-    /// Positions, the newest first, metres; `None` before the first sample.
-    samples: Option<[DVec3; MAX_VELOCITY_PERIODS + 1]>,
+    /// `None` before the first sample.
+    positions: Option<Positions>,
     /// Newest position behind a dead band of one encoder step, metres.
     filtered: DVec3,
     /// Estimated motion in a period, metres: now, one and two periods ago.
@@ -142,7 +143,7 @@ impl EnergyAccount {
             paid: 1.0,
             wrench: Wrench::ZERO,
             limited: Wrench::ZERO,
-            samples: None,
+            positions: None,
             filtered: DVec3::ZERO,
             motion: [DVec3::ZERO; 3],
             orientation: DQuat::IDENTITY,
@@ -151,24 +152,31 @@ impl EnergyAccount {
     }
 
     /// Adds the work of the last wrench, from the pose of the device (world, metres) at the end of
-    /// its period. `carried` and `limited`: work over the motion of the material, joules, of the
+    /// its period. `elapsed`: periods since the last call; `periods`: those that the motion took,
+    /// more after calls with the same pose, while there was no sample. `carried` and
+    /// `limited`: work over the motion of the material, joules, of the
     /// whole wrench and of its limited part; both are subtracted.
-    pub fn moved_to(&mut self, pose: &Pose, [carried, limited]: [f64; 2]) {
+    pub fn moved_to(
+        &mut self,
+        pose: &Pose,
+        [elapsed, periods]: [u64; 2],
+        [carried, limited]: [f64; 2],
+    ) {
         let position = pose.position;
         let turn = pose.orientation * self.orientation.inverse();
         self.orientation = pose.orientation;
-        let Some(samples) = &mut self.samples else {
-            self.samples = Some([position; MAX_VELOCITY_PERIODS + 1]);
+        let Some(positions) = &mut self.positions else {
+            self.positions = Some(Positions::at(position));
             self.filtered = position;
             return;
         };
         let Wrench { force, torque } = self.wrench;
         // At most half a turn.
-        self.rotation = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
-        let work = force.dot(position - samples[0]) + torque.dot(self.rotation);
+        let turned = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
+        self.rotation = turned / periods as f64;
+        let work = force.dot(position - positions.newest()) + torque.dot(turned);
         self.joules += work - carried;
-        samples.copy_within(..MAX_VELOCITY_PERIODS, 1);
-        samples[0] = position;
+        positions.add(position, [elapsed, periods]);
         let beyond = position - self.filtered;
         let length = beyond.length();
         let motion = if length > self.encoder_m {
@@ -178,10 +186,17 @@ impl EnergyAccount {
         };
         self.filtered += motion;
         let Wrench { force, torque } = self.limited;
-        let work = force.dot(motion) + torque.dot(self.rotation);
+        let work = force.dot(motion) + torque.dot(turned);
         self.contact_joules += work - limited;
-        let velocity = velocity(samples, self.encoder_m);
-        self.motion = [velocity, self.motion[0], self.motion[1]];
+        let motion = positions.motion(self.encoder_m);
+        self.motion = [motion, self.motion[0], self.motion[1]];
+    }
+
+    /// The next pose is no motion: no work leads there. The sums stay.
+    pub fn go_to_new_place(&mut self) {
+        self.positions = None;
+        self.motion = [DVec3::ZERO; 3];
+        self.rotation = DVec3::ZERO;
     }
 
     /// Permitted share, 0 to 1, of a wanted passive wrench. It is called after [`Self::moved_to`]
@@ -240,7 +255,7 @@ impl EnergyAccount {
         if ahead == CarriedWork::default() {
             return 0.0;
         }
-        let place = self.samples.map_or(0.0, |samples| samples[0].length());
+        let place = self.positions.map_or(0.0, |of| of.newest().length());
         let terms = force * place + ahead.pushed_j.abs() + ahead.turned_j.abs();
         MOTION_ROUNDING * terms
     }
@@ -321,21 +336,6 @@ impl EnergyAccount {
     }
 }
 
-/// Motion per period, metres, by first-order adaptive windowing (Janabi-Sharifi 2000): over the
-/// longest window in which every sample is within one encoder step of the line between its ends.
-fn velocity(samples: &[DVec3; MAX_VELOCITY_PERIODS + 1], encoder_m: f64) -> DVec3 {
-    let [now, ..] = *samples;
-    let even = |periods: usize| {
-        let a_period = (samples[periods] - now) / periods as f64;
-        (1..periods).all(|k| (now + a_period * k as f64).distance(samples[k]) <= encoder_m)
-    };
-    let mut periods = 1;
-    while periods < MAX_VELOCITY_PERIODS && even(periods + 1) {
-        periods += 1;
-    }
-    (now - samples[periods]) / periods as f64
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -363,7 +363,7 @@ mod tests {
                 v += (force - damping * v) * dt / 0.1;
                 x += v * dt;
             }
-            account.moved_to(&Pose::at(DVec3::X * x), STANDING);
+            account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
             let depth = (-x).max(0.0);
             let wanted = push(stiffness_n_per_m * depth);
             let spring = CouplingSpring {
@@ -405,7 +405,7 @@ mod tests {
                     tick += 1;
                     x += if tick % 4 == 0 { -step } else { step };
                 }
-                account.moved_to(&Pose::at(DVec3::X * x), STANDING);
+                account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
                 let depth = (rise - x).max(0.0);
                 let wanted = push(stiffness_n_per_m * depth);
                 let spring = CouplingSpring {
@@ -440,13 +440,13 @@ mod tests {
                 orientation: DQuat::from_rotation_z(turned * k),
             };
             let turned = 1e-3;
-            account.moved_to(&at(0.0, turned), STANDING);
+            account.moved_to(&at(0.0, turned), [1; 2], STANDING);
             // Energy taken in first.
             account.set_output(push(newtons), push(newtons));
-            account.moved_to(&at(-100.0, turned), STANDING);
+            account.moved_to(&at(-100.0, turned), [1; 2], STANDING);
             for k in 1..4 {
                 account.set_output(push(newtons), push(newtons));
-                account.moved_to(&at(f64::from(k) - 100.0, turned), STANDING);
+                account.moved_to(&at(f64::from(k) - 100.0, turned), [1; 2], STANDING);
             }
             let torque = DVec3::Z * (-newtons * step * (1.0 - rest) / turned);
             let wanted = Wrench {
@@ -469,7 +469,7 @@ mod tests {
         let mut account = EnergyAccount::new(0.0);
         let mut x: f64 = 0.0;
         for tick in 0..=40 {
-            account.moved_to(&Pose::at(DVec3::X * x), STANDING);
+            account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
             let force = push(-k * x.max(0.0));
             account.set_output(force, force);
             x += if tick < 20 {
@@ -518,7 +518,7 @@ mod tests {
                 [0.0, 1e-5, 0.0, 0.0, 1e-5][tick as usize % 5]
             };
             let depth = press + noise;
-            account.moved_to(&Pose::at(DVec3::X * -depth), STANDING);
+            account.moved_to(&Pose::at(DVec3::X * -depth), [1; 2], STANDING);
             let wanted = push(stiffness_n_per_m * depth);
             let spring = CouplingSpring {
                 stiffness_n_per_m,
@@ -547,7 +547,7 @@ mod tests {
                 surface += PERIOD_S;
                 device = device.max(surface - 1e-3);
                 let work = if carried { force * PERIOD_S } else { 0.0 };
-                account.moved_to(&Pose::at(DVec3::X * device), [work; 2]);
+                account.moved_to(&Pose::at(DVec3::X * device), [1; 2], [work; 2]);
                 let depth = (surface - device).max(0.0);
                 let wanted = push(stiffness_n_per_m * depth);
                 let spring = CouplingSpring {

@@ -2,6 +2,7 @@
 
 pub(crate) mod contacts;
 pub(crate) mod pair;
+mod plausibility;
 pub(crate) mod proxy_kind;
 
 use crate::bodies::material_motion;
@@ -11,7 +12,8 @@ use crate::force::limiter::ForceLimiter;
 use crate::force::passivity::{CarriedWork, EnergyAccount};
 use crate::instance::ModelFrame;
 use geometry::{Pose, Wrench};
-use haptic_device::Sample;
+use haptic_device::{MotionLimits, Sample};
+use plausibility::Plausibility;
 use protocol::{TourAsk, TourPoint};
 use scene::{ProbePlan, ScenePlan, TrajectoryPlan};
 
@@ -54,8 +56,16 @@ pub struct Probe {
     pub speed: f64,
     /// Ways of the last ticks.
     moves: [f64; KEPT_UP],
-    /// Whether this tick's sample was refused.
+    /// Periods from the pose of the tick before to that of this tick: more than 1 where samples
+    /// were missing or periods were skipped.
+    periods: u64,
+    /// Periods since the tick before.
+    elapsed: u64,
+    plausibility: Plausibility,
+    /// Whether this tick's sample was rejected.
     pub rejected: bool,
+    /// Samples rejected so far.
+    pub rejected_samples: u64,
     /// Limited wrench of this tick.
     pub wrench: Wrench,
     /// Whether it was cut.
@@ -101,7 +111,15 @@ impl Probe {
             last: None,
             speed: 0.0,
             moves: [0.0; KEPT_UP],
+            periods: 1,
+            elapsed: 1,
+            plausibility: Plausibility::new(
+                MotionLimits::UNLIMITED,
+                probe.device.encoder_m,
+                1.0 / plan.loop_.rate_hz,
+            ),
             rejected: false,
+            rejected_samples: 0,
             wrench: Wrench::ZERO,
             clamped: false,
             energy: EnergyAccount::new(probe.device.encoder_m),
@@ -113,23 +131,35 @@ impl Probe {
         }
     }
 
-    /// Takes the sample of a tick if it is usable, else stays where it was.
-    pub fn sample(&mut self, given: Option<Sample>) {
-        self.rejected = false;
-        self.pose = match given {
-            Some(sample) if sample.pose.is_finite() => {
-                self.samples_missed = 0;
-                Some(sample.pose)
+    /// Judges the samples by these limits from now on.
+    pub fn set_motion_limits(&mut self, limits: MotionLimits) {
+        self.plausibility.set_limits(limits);
+    }
+
+    /// Takes the sample of a tick, `elapsed` periods after the tick before, if it is plausible,
+    /// else stays where it was.
+    pub fn sample(&mut self, given: Option<Sample>, elapsed: u64) {
+        let pose = given.map(|sample| sample.pose);
+        let is_free = self.limiter.is_closed();
+        let accepted = self.plausibility.judge(pose, elapsed, is_free);
+        self.rejected = given.is_some() && accepted.is_none();
+        self.rejected_samples += u64::from(self.rejected);
+        self.elapsed = elapsed;
+        self.periods = elapsed;
+        if let Some(accepted) = accepted {
+            self.samples_missed = 0;
+            self.pose = Some(accepted.pose);
+            self.periods = accepted.periods;
+            if accepted.is_new_place {
+                self.energy.go_to_new_place();
             }
-            Some(_) | None => {
-                self.rejected = given.is_some();
-                self.samples_missed = self.samples_missed.saturating_add(1);
-                self.last
-            }
-        };
+        } else {
+            self.samples_missed = self.samples_missed.saturating_add(1);
+            self.pose = self.last;
+        }
         let motion = self.motion();
         // No point of the shape moves farther.
-        let moved = motion.farthest(self.reach_m);
+        let moved = motion.farthest(self.reach_m) / self.periods as f64;
         self.moves.rotate_right(1);
         self.moves[0] = moved;
         let kept_up = self.moves.into_iter().fold(f64::INFINITY, f64::min);
@@ -144,17 +174,21 @@ impl Probe {
         }
     }
 
-    /// The same along the material of an object whose pose was another in the tick before.
-    pub fn motion_along(&self, before: Option<&Pose>, now: &Pose) -> Twist {
-        let motion = self.motion();
+    /// The same along the material of an object whose pose was another in the tick before; and the
+    /// periods that it took.
+    pub fn motion_along(&self, before: Option<&Pose>, now: &Pose) -> (Twist, f64) {
+        let (motion, periods) = (self.motion(), self.periods as f64);
         let (Some(before), Some(pose)) = (before, &self.pose) else {
-            return motion;
+            return (motion, periods);
         };
         let carried = material_motion(before, now, pose.position);
-        Twist {
-            linear: motion.linear - carried.linear,
-            angular: motion.angular - carried.angular,
-        }
+        // As far as it would have come in these periods.
+        let share = periods / self.elapsed as f64;
+        let along = Twist {
+            linear: motion.linear - carried.linear * share,
+            angular: motion.angular - carried.angular * share,
+        };
+        (along, periods)
     }
 
     /// Passes what all touches, and the scene, want through energy account and force limiter to the
@@ -169,8 +203,9 @@ impl Probe {
     ) -> [f64; 2] {
         if let Some(pose) = &self.pose {
             self.last = Some(*pose);
+            let carried = std::mem::take(&mut self.carried);
             self.energy
-                .moved_to(pose, std::mem::take(&mut self.carried));
+                .moved_to(pose, [self.elapsed, self.periods], carried);
             if !self.effects.is_empty() {
                 let velocity = self.energy.motion() / clock.period_s;
                 self.effects.render(clock, pose, velocity, &mut wanted);

@@ -157,10 +157,11 @@ impl ProbeObjectPair {
             return 0.0;
         };
         let to_model = frame.pose.orientation.conjugate();
-        let motion = probe.motion_along(before, &frame.pose);
+        let (motion, periods) = probe.motion_along(before, &frame.pose);
+        let seconds = periods * clock.period_s;
         let velocity = Twist {
-            linear: to_model * motion.linear / clock.period_s,
-            angular: to_model * motion.angular / clock.period_s,
+            linear: to_model * motion.linear / seconds,
+            angular: to_model * motion.angular / seconds,
         };
         let scale = frame.metres_per_unit;
         let (depth, wrench, spring) = self.proxy.render(&goal, scale, plan, &velocity);

@@ -98,7 +98,7 @@ impl Friction {
         let stored_j = 0.5 * stiffness_n_per_m * deflection.length_squared();
         let mut force = deflection * stiffness_n_per_m;
         if let Some(account) = &mut self.account {
-            account.moved_to(&Pose::at(at.device), [0.0; 2]);
+            account.moved_to(&Pose::at(at.device), [1; 2], [0.0; 2]);
             account.dissipate_beyond(stored_j);
             let next = account.next();
             let deflection = deflection - (next - normal * normal.dot(next));

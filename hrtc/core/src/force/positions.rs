@@ -1,0 +1,92 @@
+//! The last positions of a device, and its motion a period.
+
+use super::tuning::MAX_VELOCITY_PERIODS;
+use glam::DVec3;
+
+/// Positions at the ends of the last periods, metres, the newest first.
+#[derive(Debug, Clone, Copy)]
+pub struct Positions([DVec3; MAX_VELOCITY_PERIODS + 1]);
+
+impl Positions {
+    /// At rest.
+    #[must_use]
+    pub fn at(position: DVec3) -> Self {
+        Self([position; MAX_VELOCITY_PERIODS + 1])
+    }
+
+    /// The newest.
+    #[must_use]
+    pub fn newest(&self) -> DVec3 {
+        self.0[0]
+    }
+
+    /// Adds the newest, `elapsed` periods after the one before. In the `periods` of the motion to
+    /// it, of which some had no sample, the motion was even.
+    pub fn add(&mut self, position: DVec3, [elapsed, periods]: [u64; 2]) {
+        let before = self.0[0];
+        let shift = elapsed.clamp(1, MAX_VELOCITY_PERIODS as u64) as usize;
+        self.0.copy_within(..=MAX_VELOCITY_PERIODS - shift, shift);
+        let filled = periods.clamp(1, self.0.len() as u64) as usize;
+        let back = (before - position) / periods as f64;
+        self.0[0] = position;
+        for (k, sample) in self.0[..filled].iter_mut().enumerate().skip(1) {
+            *sample = position + back * k as f64;
+        }
+    }
+
+    /// Motion a period, metres, by first-order adaptive windowing (Janabi-Sharifi 2000): over the
+    /// longest window in which every position is within one encoder step of the line between its
+    /// ends.
+    #[must_use]
+    pub fn motion(&self, encoder_m: f64) -> DVec3 {
+        let now = self.newest();
+        let even = |periods: usize| {
+            let a_period = (self.0[periods] - now) / periods as f64;
+            (1..periods).all(|k| (now + a_period * k as f64).distance(self.0[k]) <= encoder_m)
+        };
+        let mut periods = 1;
+        while periods < MAX_VELOCITY_PERIODS && even(periods + 1) {
+            periods += 1;
+        }
+        (now - self.0[periods]) / periods as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn skipped_periods_and_missing_samples_leave_an_even_motion() {
+        let step = DVec3::new(3e-4, -1e-4, 2e-4);
+        let mut positions = Positions::at(DVec3::ZERO);
+        let (mut now, mut sampled) = (0u64, 0u64);
+        for (elapsed, is_sampled) in [
+            (1, true),
+            (18, true),
+            (1, false),
+            (1, false),
+            (1, true),
+            (300, true),
+            (4, false),
+        ]
+        .into_iter()
+        .cycle()
+        .take(700)
+        {
+            now += elapsed;
+            if is_sampled {
+                positions.add(step * now as f64, [elapsed, now - sampled]);
+                sampled = now;
+            } else {
+                positions.add(positions.newest(), [elapsed, elapsed]);
+                continue;
+            }
+            let motion = positions.motion(1e-9);
+            assert!(
+                motion.distance(step) < 1e-9 * step.length() * now as f64,
+                "{now}: {motion}"
+            );
+        }
+    }
+}

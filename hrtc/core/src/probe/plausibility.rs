@@ -1,0 +1,277 @@
+//! Plausibility of a device's samples: the only place that decides whether a sample is a motion.
+//!
+//! A sample is *unusable* when a number is not finite, when the position is so far that its square
+//! is not, or when the quaternion has no direction. A quaternion of another length than 1 is
+//! normalised. A usable sample is *plausible* when a motion within the device's [`MotionLimits`]
+//! leads there from the last accepted sample. With the velocity v and the pose x of that sample, n
+//! periods T ago, the acceleration a and the step h of the encoder:
+//!
+//! - speed: `|x' - x| <= v_max n T + h`;
+//! - acceleration: `|x' - x - v n T| <= a T² n (n + 1) / 2 + 2 h (n + 1)`, since v is the mean of a
+//!   period, as of half a period before x; each of the three samples is wrong by up to h;
+//! - turn: the angle between the orientations is at most `ω_max n T`.
+//!
+//! The limits widen with n, so a device that was silent may have moved; but a run of rejected or
+//! absent samples widens them only up to [`MAX_WIDENED_PERIODS`]: a stream of wild samples never
+//! makes one of them plausible. Elsewhere, a device is taken to be at a *new place* only after
+//! [`NEW_PLACE_SAMPLES`] samples that are plausible after one another, and when the force on it has
+//! ramped down, so that it begins anew from zero.
+
+use geometry::Pose;
+use glam::DVec3;
+use haptic_device::MotionLimits;
+
+/// Samples that must be plausible after one another for a new place to be true.
+pub const NEW_PLACE_SAMPLES: u32 = 20;
+/// Periods without an accepted sample by which the limits widen at the most, where no period was
+/// skipped: 8 ms at 1 kHz, in which a hand of [`MotionLimits::HAND`] may leave its course by 72 mm.
+pub const MAX_WIDENED_PERIODS: u64 = 8;
+/// Squared length by which a unit quaternion may be off by rounding: it is left as it is.
+const UNIT_ROUNDING: f64 = 16.0 * f64::EPSILON;
+
+/// An accepted sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Accepted {
+    /// Pose, with a unit quaternion.
+    pub pose: Pose,
+    /// Periods since the accepted sample before; 1 for the first.
+    pub periods: u64,
+    /// Whether no plausible motion leads there: the force on the device has ramped down.
+    pub is_new_place: bool,
+}
+
+/// Judge of the samples of one device.
+#[derive(Debug, Clone)]
+pub struct Plausibility {
+    limits: MotionLimits,
+    /// Step of the encoder, metres.
+    encoder_m: f64,
+    period_s: f64,
+    /// Course of the accepted samples.
+    course: Option<Course>,
+    /// Course of the last rejected ones, and their number.
+    rejected: Option<(Course, u32)>,
+}
+
+/// Samples that are plausible after one another.
+#[derive(Debug, Clone, Copy)]
+struct Course {
+    pose: Pose,
+    /// Motion in the period before the pose, metres.
+    motion: DVec3,
+    /// Periods since.
+    age: u64,
+}
+
+impl Course {
+    fn at(pose: Pose) -> Self {
+        Self {
+            pose,
+            motion: DVec3::ZERO,
+            age: 0,
+        }
+    }
+
+    fn go_on_to(&mut self, pose: Pose) {
+        let periods = self.age.max(1) as f64;
+        *self = Self {
+            motion: (pose.position - self.pose.position) / periods,
+            ..Self::at(pose)
+        };
+    }
+}
+
+impl Plausibility {
+    /// Before the first sample. `encoder_m`: step of the device's encoder, metres.
+    #[must_use]
+    pub fn new(limits: MotionLimits, encoder_m: f64, period_s: f64) -> Self {
+        Self {
+            limits,
+            encoder_m,
+            period_s,
+            course: None,
+            rejected: None,
+        }
+    }
+
+    /// Judges by other limits from now on.
+    pub fn set_limits(&mut self, limits: MotionLimits) {
+        self.limits = limits;
+    }
+
+    /// Judges the pose that a device gave in a tick, `elapsed` periods after the tick before;
+    /// `is_free`: no force acts on the device. `None` where there is none or it is rejected.
+    pub fn judge(&mut self, given: Option<Pose>, elapsed: u64, is_free: bool) -> Option<Accepted> {
+        let courses = self.course.iter_mut();
+        for course in courses.chain(self.rejected.as_mut().map(|(course, _)| course)) {
+            course.age = course.age.saturating_add(elapsed);
+        }
+        let pose = given.and_then(usable)?;
+        let Some(mut course) = self.course else {
+            self.course = Some(Course::at(pose));
+            return Some(Accepted {
+                pose,
+                periods: 1,
+                is_new_place: false,
+            });
+        };
+        let periods = course.age;
+        let is_new_place = if self.is_plausible(&course, &pose, elapsed) {
+            course.go_on_to(pose);
+            false
+        } else {
+            course = self.new_place(pose, elapsed, is_free)?;
+            true
+        };
+        self.course = Some(course);
+        self.rejected = None;
+        Some(Accepted {
+            pose,
+            periods,
+            is_new_place,
+        })
+    }
+
+    /// The course of the rejected samples, of which this is one, once it is believed.
+    fn new_place(&mut self, pose: Pose, elapsed: u64, is_free: bool) -> Option<Course> {
+        let before = self
+            .rejected
+            .filter(|(course, _)| self.is_plausible(course, &pose, elapsed));
+        let (course, count) = before.map_or((Course::at(pose), 1), |(mut course, count)| {
+            course.go_on_to(pose);
+            (course, count.saturating_add(1))
+        });
+        self.rejected = Some((course, count));
+        (count >= NEW_PLACE_SAMPLES && is_free).then_some(course)
+    }
+
+    fn is_plausible(&self, course: &Course, pose: &Pose, elapsed: u64) -> bool {
+        let MotionLimits {
+            speed_m_per_s,
+            acceleration_m_per_s2,
+            angular_speed_rad_per_s,
+        } = self.limits;
+        let periods = course.age.min(elapsed.max(MAX_WIDENED_PERIODS)) as f64;
+        let seconds = periods * self.period_s;
+        let moved = pose.position - course.pose.position;
+        let strays = moved - course.motion * periods;
+        let turned = course.pose.orientation.angle_between(pose.orientation);
+        let bend = 0.5 * periods * (periods + 1.0) * self.period_s * self.period_s;
+        let noise = 2.0 * self.encoder_m * (periods + 1.0);
+        moved.length() <= speed_m_per_s * seconds + self.encoder_m
+            && strays.length() <= acceleration_m_per_s2 * bend + noise
+            && turned <= angular_speed_rad_per_s * seconds
+    }
+}
+
+/// The pose with a unit quaternion; `None` for numbers that cannot be reckoned with.
+fn usable(pose: Pose) -> Option<Pose> {
+    if !pose.is_finite() || !pose.position.length_squared().is_finite() {
+        return None;
+    }
+    let squared = pose.orientation.length_squared();
+    if (squared - 1.0).abs() <= UNIT_ROUNDING {
+        return Some(pose);
+    }
+    squared.is_normal().then(|| Pose {
+        orientation: pose.orientation / squared.sqrt(),
+        ..pose
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    const PERIOD_S: f64 = 1e-3;
+
+    fn judge() -> Plausibility {
+        Plausibility::new(MotionLimits::HAND, 1e-5, PERIOD_S)
+    }
+
+    fn at(x: f64) -> Option<Pose> {
+        Some(Pose::at(DVec3::X * x))
+    }
+
+    /// Sine of 0.1 m at 3 Hz (35 m/s² at the most), rounded to the encoder's step.
+    fn hand(tick: u64) -> Option<Pose> {
+        let x = 0.1 * (6.0 * std::f64::consts::PI * tick as f64 * PERIOD_S).sin();
+        at((x / 1e-5).round() * 1e-5)
+    }
+
+    #[test]
+    fn every_sample_of_a_hand_is_accepted_also_after_silence_and_skipped_periods() {
+        let mut judge = judge();
+        let mut tick = 0;
+        for k in 0..5000u64 {
+            let elapsed = [1, 1, 1, 2, 5, 18, 300][(k * k % 7) as usize];
+            tick += elapsed;
+            let given = if k % 11 == 3 { None } else { hand(tick) };
+            let accepted = judge.judge(given, elapsed, false);
+            assert_eq!(accepted.is_some(), given.is_some(), "tick {tick}");
+            assert!(accepted.is_none_or(|of| !of.is_new_place));
+        }
+    }
+
+    #[test]
+    fn a_spike_is_rejected_and_the_motion_goes_on() {
+        for spike in [0.01, 1.0, 1e6, 1e150, 1e200, f64::MAX, f64::NAN] {
+            let mut judge = judge();
+            let mut accepted_before = 0;
+            for tick in 0..200 {
+                let is_spike = (100..106).contains(&tick);
+                let given = if is_spike { at(spike) } else { hand(tick) };
+                let accepted = judge.judge(given, 1, false);
+                assert_eq!(accepted.is_none(), is_spike, "{spike} at tick {tick}");
+                if let Some(of) = accepted {
+                    let periods = (tick - accepted_before).max(1);
+                    assert_eq!(of.periods, periods, "{spike} at tick {tick}");
+                    accepted_before = tick;
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_new_place_is_accepted_after_consistent_samples_and_without_force() {
+        let mut judge = judge();
+        judge.judge(at(0.0), 1, false);
+        for k in 0..100 {
+            assert_eq!(judge.judge(at(1.0), 1, false), None, "a force acts, {k}");
+        }
+        let accepted = judge.judge(at(1.0), 1, true);
+        assert!(accepted.is_some_and(|of| of.is_new_place));
+        // Elsewhere every time: nothing is believed, however long it lasts.
+        for k in 0..1000 {
+            let x = if k % 2 == 0 { -3.0 } else { 5.0 };
+            assert_eq!(judge.judge(at(x), 1, true), None, "sample {k}");
+        }
+        assert!(
+            judge
+                .judge(at(1.0), 1, true)
+                .is_some_and(|of| !of.is_new_place)
+        );
+    }
+
+    #[test]
+    fn a_quaternion_is_normalised_or_rejected_and_a_wild_turn_is_rejected() {
+        let turned = |w: f64, x: f64| {
+            Some(Pose {
+                position: DVec3::ZERO,
+                orientation: DQuat::from_xyzw(x, 0.0, 0.0, w),
+            })
+        };
+        let mut judge = judge();
+        for (w, x) in [(1.0, 0.0), (3.0, 0.0), (1e-3, 1e-6), (1e100, 0.0)] {
+            let pose = judge.judge(turned(w, x), 1, false).map(|of| of.pose);
+            let length = pose.map(|pose| pose.orientation.length());
+            assert!(length.is_some_and(|l| (l - 1.0).abs() < 1e-15), "{w} {x}");
+        }
+        for (w, x) in [(0.0, 0.0), (1e-200, 0.0), (f64::NAN, 0.0), (0.0, 1.0)] {
+            assert_eq!(judge.judge(turned(w, x), 1, false), None, "{w} {x}");
+        }
+        // The same orientation with the other sign.
+        assert!(judge.judge(turned(-1.0, 0.0), 1, false).is_some());
+    }
+}
