@@ -22,7 +22,10 @@ pub struct Controller {
     pub(crate) probes: Vec<Probe>,
     pub(crate) active: ActiveSet,
     pub(crate) movables: Movables,
+    /// Index of the last tick.
     pub(crate) last_tick: Option<u64>,
+    /// The same, but counting only ticks that were run: the time of every horizon.
+    pub(crate) own_tick: u64,
     pub(crate) replay_hash: u64,
 }
 
@@ -48,6 +51,7 @@ impl Controller {
             movables,
             probes,
             last_tick: None,
+            own_tick: 0,
             replay_hash: 0,
         }
     }

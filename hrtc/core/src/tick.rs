@@ -13,6 +13,11 @@
 //! | limit | energy account, limiter | |
 //! | record | counters, hash | |
 //!
+//! Skipped periods have passed for the world, but not for the controller: velocities, the energy
+//! account, bodies and phases of effects go by the tick's index; timeouts and horizons of session
+//! and front count only ticks that were run (`Controller::own_tick`), since nothing could arrive or
+//! be done in between.
+//!
 //! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's
 //! bytes are shared out in equal parts to the active objects
 //! ([`scene::ScenePlan::active_objects`]). All active objects draw on one budget of work, the
@@ -171,10 +176,10 @@ impl Controller {
 
         let mut budget = self.budget(waiting);
         outputs.chunks_consumed = self.receive(inputs, &mut budget, &mut record);
-        self.predict(tick, waiting, &mut outputs.outbox);
+        self.predict(waiting, &mut outputs.outbox);
         observer.ended(Stage::Inbox);
 
-        self.refine(tick, &mut budget, &mut record);
+        self.refine(&mut budget, &mut record);
         observer.ended(Stage::Refine);
         self.refit();
         observer.ended(Stage::Refit);
@@ -195,8 +200,18 @@ impl Controller {
 
     /// Periods since the tick before: more than 1 where some were skipped.
     fn begin(&mut self, tick: u64) -> u64 {
-        let last = self.last_tick.replace(tick);
-        last.map_or(1, |last| tick.saturating_sub(last).max(1))
+        let Some(last) = self.last_tick.replace(tick) else {
+            self.own_tick = tick;
+            return 1;
+        };
+        self.own_tick += 1;
+        let elapsed = tick.saturating_sub(last).max(1);
+        if elapsed > 1 {
+            for object in &mut self.active.objects {
+                object.front.skip_periods(elapsed - 1);
+            }
+        }
+        elapsed
     }
 
     /// Takes the devices' poses, `elapsed` periods after the tick before.
@@ -210,7 +225,7 @@ impl Controller {
     /// object that could touch though the object is not ready.
     fn activate(&mut self, inputs: &TickInputs<'_>, outbox: &mut Outbox) -> u32 {
         for object in &mut self.active.objects {
-            object.begin_tick(inputs.station, inputs.tick);
+            object.begin_tick(inputs.station, self.own_tick);
         }
         self.active.move_objects(&mut self.movables, inputs.tick);
         for (k, probe) in self.probes.iter_mut().enumerate() {
@@ -219,7 +234,7 @@ impl Controller {
                 *sum += work;
             }
         }
-        self.active.activate(&self.probes, inputs.tick, outbox)
+        self.active.activate(&self.probes, self.own_tick, outbox)
     }
 
     /// The work of a tick with so many chunks that wait.
@@ -245,24 +260,24 @@ impl Controller {
         record: &mut CoreRecord,
     ) -> usize {
         let before = budget.ingest;
-        let Self { active, probes, .. } = self;
-        let consumed = active.receive(inputs.chunks, probes, inputs.tick, budget);
+        let (active, probes) = (&mut self.active, &mut self.probes);
+        let consumed = active.receive(inputs.chunks, probes, self.own_tick, budget);
         record.work_units = before - budget.ingest;
         consumed
     }
 
     /// Predicts and requests regions.
-    fn predict(&mut self, tick: u64, waiting: usize, outbox: &mut Outbox) {
+    fn predict(&mut self, waiting: usize, outbox: &mut Outbox) {
         self.active.sort_by_clearance();
         for &(_, k) in &self.active.order {
-            self.active.objects[k].predict(&self.probes, tick, waiting, outbox);
+            self.active.objects[k].predict(&self.probes, self.own_tick, waiting, outbox);
         }
     }
 
     /// Splits, collapses and geomorphs.
-    fn refine(&mut self, tick: u64, budget: &mut Budget, record: &mut CoreRecord) {
+    fn refine(&mut self, budget: &mut Budget, record: &mut CoreRecord) {
         for &(_, k) in &self.active.order {
-            self.active.objects[k].refine(tick, budget);
+            self.active.objects[k].refine(self.own_tick, budget);
         }
         let unloads = MAX_UNLOADS - budget.unloads;
         record.work_units += unloads.div_ceil(lod_tuning::CHANGES_PER_UNIT);
@@ -371,7 +386,7 @@ impl Controller {
         if let Some(place) = outputs.contacts.get_mut(k) {
             *place = contact;
         }
-        if let (Some(pose), true) = (probe.pose, tick.is_multiple_of(REPORT_TICKS))
+        if let (Some(pose), true) = (probe.pose, self.own_tick.is_multiple_of(REPORT_TICKS))
             && outputs.reports.len() < outputs.reports.capacity()
         {
             outputs.reports.push(ContactReport {

@@ -244,6 +244,13 @@ impl Front {
         self.approaches[probe].begin();
     }
 
+    /// Periods were skipped since the last prediction.
+    pub fn skip_periods(&mut self, periods: u64) {
+        for approach in &mut self.approaches {
+            approach.predictor.skip_periods(periods);
+        }
+    }
+
     /// The answer to a requested region is complete: if the region is needed it need not wait for
     /// its next prediction.
     pub fn region_arrived(&mut self, index: usize, tick: u64) {

@@ -138,6 +138,8 @@ const RING_ROUND: [(Look, bool); 3] = [
 pub struct Predictor {
     history: [DVec3; 2 * SPANS[1] + 1],
     known: usize,
+    /// Periods that were skipped since the newest position.
+    skipped: u64,
     /// Index into [`SPANS`].
     span: usize,
     /// Average speed, model units a tick.
@@ -158,6 +160,7 @@ impl Predictor {
         Self {
             history: [DVec3::ZERO; 2 * SPANS[1] + 1],
             known: 0,
+            skipped: 0,
             span: SPANS[1],
             mean_speed: 0.0,
             sources: Sources::ALL,
@@ -245,6 +248,30 @@ impl Predictor {
         SPREAD[0] * displacement + (SPREAD[1] * bend).min(0.5 * displacement)
     }
 
+    /// Periods were skipped since the last prediction.
+    pub fn skip_periods(&mut self, periods: u64) {
+        self.skipped = self.skipped.saturating_add(periods);
+    }
+
+    /// Adds the newest position; the motion of skipped periods was even.
+    fn add(&mut self, device: DVec3) {
+        let periods = self.skipped.saturating_add(1);
+        self.skipped = 0;
+        let before = self.history[0];
+        let last = self.history.len() - 1;
+        let added = periods.min(last as u64) as usize;
+        self.history.copy_within(..=last - added, added);
+        self.history[0] = device;
+        if self.known > 0 && added > 1 {
+            let back = (before - device) / periods as f64;
+            for (k, place) in self.history[..added].iter_mut().enumerate().skip(1) {
+                *place = device + back * k as f64;
+            }
+        }
+        let known = if self.known > 0 { added } else { 1 };
+        self.known = (self.known + known).min(self.history.len());
+    }
+
     /// Takes the device's position of this tick and visits the regions of one source of the finest
     /// ring and, with `rings`, one of a coarser ring.
     pub fn predict(
@@ -255,9 +282,7 @@ impl Predictor {
         motion: Motion,
         mut visit: impl FnMut(Predicted),
     ) {
-        self.history.copy_within(0..2 * SPANS[1], 1);
-        self.history[0] = device;
-        self.known = (self.known + 1).min(self.history.len());
+        self.add(device);
         let slow = device.distance(self.history[SPANS[1]]) < motion.radius;
         self.span = SPANS[usize::from(slow)];
         self.mean_speed += (self.motion().0.length() - self.mean_speed) / MEAN_TICKS;
