@@ -6,7 +6,7 @@ use crate::bodies::Movables;
 use crate::lod::refine;
 use crate::probe::Probe;
 use crate::streaming::subscriber::Identity;
-use crate::streaming::tuning::max_ingest;
+use crate::tuning::streaming::max_ingest;
 use haptic_device::MotionLimits;
 use scene::{ProbePlan, ScenePlan};
 

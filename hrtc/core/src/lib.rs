@@ -22,11 +22,12 @@
 //! | [`contact`] | queries and proxies | Physics Engine |
 //! | [`force`], [`bodies`] | effects, energy account, limiter; movable objects | Physics Engine |
 //! | [`perception`] | just noticeable differences | |
+//! | `tuning` | every tuned number, by room | |
 //! | [`record`], [`script`] | numbers of a tick; intended motion of a simulated hand | |
 //!
 //! Rooms import only rooms to the right: `tick` → `controller` → `active` → `streaming` → `lod` →
-//! `probe` → `bodies` → `force` → `contact` → `perception`; `streaming` and `lod` import `cache`
-//! too.
+//! `probe` → `bodies` → `force` → `contact` → `perception` → `tuning`; `streaming` and `lod`
+//! import `cache` too.
 //!
 //! # Two walks
 //! - Device sample to force: `tick`, `probe/mod`, `active/object`, `probe/contacts`, `probe/pair`,
@@ -104,6 +105,7 @@ pub mod script;
 pub mod streaming;
 mod summary;
 mod tick;
+mod tuning;
 
 pub use active::object::ActiveObject;
 pub use capacity::Capacity;

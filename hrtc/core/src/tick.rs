@@ -29,26 +29,18 @@ use crate::contact::sphere_proxy::Contact;
 use crate::controller::Controller;
 use crate::force::effects::{Clock, Rendered};
 use crate::force::passivity::CarriedWork;
-use crate::lod::tuning as lod_tuning;
-use crate::lod::tuning::MAX_UNLOADS;
 use crate::record::CoreRecord;
 use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
-use crate::streaming::tuning::{ingest_for, max_ingest};
+use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, MAX_UNLOADS};
+use crate::tuning::streaming::{ingest_for, max_ingest};
+use crate::tuning::tick::{PROXY_WORK, PROXY_WORK_PER_OPERATION, REPORT_TICKS};
 use geometry::Wrench;
 use glam::DVec3;
 use haptic_device::Sample;
 use protocol::ContactReport;
 use scene::MAX_ACTIVE_OBJECTS;
 use spm::NONE;
-
-/// Ticks between two contact reports of a probe to the station.
-const REPORT_TICKS: u64 = 10;
-/// Nodes visited and faces tested by the steps of all proxies in a tick without splits and
-/// collapses.
-const PROXY_WORK: u32 = 4096;
-/// ... of which a split or collapse takes as much as it costs.
-const PROXY_WORK_PER_OPERATION: u32 = 32;
 
 /// Stages of a tick, reported to an observer when they end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -247,7 +239,7 @@ impl Controller {
                 ingest_for(waiting, self.operations)
             },
             operations: self.operations as u32,
-            entries: self.operations as u32 * lod_tuning::ENTRIES_PER_OPERATION,
+            entries: self.operations as u32 * ENTRIES_PER_OPERATION,
             unloads: MAX_UNLOADS,
         }
     }
@@ -280,7 +272,7 @@ impl Controller {
             self.active.objects[k].refine(self.own_tick, budget);
         }
         let unloads = MAX_UNLOADS - budget.unloads;
-        record.work_units += unloads.div_ceil(lod_tuning::CHANGES_PER_UNIT);
+        record.work_units += unloads.div_ceil(CHANGES_PER_UNIT);
     }
 
     /// Updates the AB-trees.

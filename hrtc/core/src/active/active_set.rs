@@ -16,25 +16,14 @@ use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
 use crate::streaming::session::TickContext;
 use crate::streaming::subscriber::Identity;
+use crate::tuning::active::{
+    NEARER, PLACED_A_TICK, REACH_RADII, REACH_TICKS, SLEEP_TICKS, TOUCH_TICKS,
+};
 use glam::DVec3;
 use protocol::{ANSWER_TIMEOUT_MS, CREDIT_CHUNKS, Request};
 use scene::ScenePlan;
 use std::sync::Arc;
 
-/// Reach of a probe at rest, in its radii.
-const REACH_RADII: f64 = 10.0;
-/// Ticks of its motion by which the reach is longer: the base mesh arrives within a few ticks, the
-/// regions ahead of the contact within sixty.
-const REACH_TICKS: f64 = 150.0;
-/// Ticks out of reach after which an object may lose its place, and a pair ends.
-const SLEEP_TICKS: u64 = 100;
-/// An object takes the place of another in reach when it is nearer by this factor, so that two do
-/// not alternate.
-const NEARER: f64 = 2.0;
-/// Ticks of motion within which a probe could touch.
-const TOUCH_TICKS: f64 = 2.0;
-/// Objects that are entered into the broad phase a tick at the most.
-const PLACED_A_TICK: usize = 64;
 /// Received chunks that are looked at in a tick: one for each bit of a set.
 const MAX_CHUNKS: u32 = u64::BITS;
 

@@ -6,10 +6,10 @@ use super::free::Free;
 use super::hinge::Hinge;
 use super::material::material_motion;
 use super::rail::Rail;
-use super::tuning::{
+use crate::force::passivity::CarriedWork;
+use crate::tuning::bodies::{
     DISPLACEMENT_DECAY, MAX_SIZES_PER_PERIOD, MAX_TURN_PER_PERIOD, STILL_S, STILL_SIZES_PER_S,
 };
-use crate::force::passivity::CarriedWork;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use scene::MovablePlan;

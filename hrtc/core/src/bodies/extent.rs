@@ -1,6 +1,6 @@
 //! Size and inertia of a model's box.
 
-use super::tuning::MIN_SIDE_RATIO;
+use crate::tuning::bodies::MIN_SIDE_RATIO;
 use glam::DVec3;
 use spm::ModelHeader;
 

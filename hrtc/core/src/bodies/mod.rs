@@ -26,7 +26,6 @@
 //! | `extent` | size and inertia of a model's box |
 //! | `material` | motion of the material at a place |
 //! | `report` | final poses and statistics |
-//! | `tuning` | the constants |
 
 mod body;
 mod driven;
@@ -37,8 +36,8 @@ mod material;
 mod rail;
 mod report;
 mod spring_damper;
-mod tuning;
 
+use crate::tuning::bodies::{MAX_EXTENTS_PER_TICK, MAX_STEP_PERIODS};
 pub use body::Body;
 pub use extent::Extent;
 pub use material::material_motion;
@@ -50,7 +49,6 @@ use glam::DVec3;
 use scene::{MAX_ACTIVE_OBJECTS, MAX_PROBES, ScenePlan};
 use spm::NONE;
 use std::collections::VecDeque;
-use tuning::{MAX_EXTENTS_PER_TICK, MAX_STEP_PERIODS};
 
 /// The wrench that a contact gave to a device in a tick.
 #[derive(Debug, Clone, Copy)]

@@ -2,7 +2,7 @@
 //!
 //! A step is implicit in both, so it is stable at any stiffness, damping and rate.
 
-use super::tuning::DEFAULT_DECAY_PER_S;
+use crate::tuning::bodies::DEFAULT_DECAY_PER_S;
 use scene::SpringDamperPlan;
 
 /// Inertia, spring and damper of one coordinate: of a displacement (kg, N/m, N s/m) or of an angle

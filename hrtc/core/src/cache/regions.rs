@@ -4,16 +4,13 @@
 use super::id_map::IdMap;
 use super::region::Region;
 use super::region_key::RegionKey;
+use crate::tuning::cache::{REFUSED_TICKS, REFUSED_WINDOW};
 use protocol::{CREDIT_CHUNKS, REGIONS_PER_REQUEST};
 use spm::NONE;
 
 /// Answers that may be outstanding: no more than the credit admits before the next message from
 /// here, so that the next request is still for what is needed most.
 pub const MAX_OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
-/// Ticks for which a refused region is not requested again: 2 s at 1 kHz.
-const REFUSED_TICKS: u64 = 2000;
-/// Places of the table that a tick searches for one whose refusal is that old.
-const REFUSED_WINDOW: usize = 4;
 /// Releases that may wait for the next request: half of its capacity.
 pub const MAX_RELEASES: usize = REGIONS_PER_REQUEST / 2;
 

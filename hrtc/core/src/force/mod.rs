@@ -4,4 +4,3 @@ pub mod effects;
 pub mod limiter;
 pub mod passivity;
 pub mod positions;
-mod tuning;

@@ -40,8 +40,8 @@
 //! subtracted.
 
 use super::positions::Positions;
-use super::tuning::MOTION_ROUNDING;
 use crate::perception::{STEP_N, STEP_SHARE};
+use crate::tuning::force::MOTION_ROUNDING;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 

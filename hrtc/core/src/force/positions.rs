@@ -1,6 +1,6 @@
 //! The last positions of a device, and its motion a period.
 
-use super::tuning::MAX_VELOCITY_PERIODS;
+use crate::tuning::force::MAX_VELOCITY_PERIODS;
 use glam::DVec3;
 
 /// Positions at the ends of the last periods, metres, the newest first.

@@ -2,17 +2,14 @@
 //! but in a cavity, or as the tool turns, another part of it comes to the surface, which is to be
 //! refined by then.
 
-use super::predict::{Motion, RADII_AROUND, REFINE_AHEAD};
+use super::predict::Motion;
 use crate::contact::query::{Surface, closest_point};
 use crate::contact::rigid_proxy::MAX_BALLS;
 use crate::probe::proxy_kind::ProxyKind;
+use crate::tuning::prediction::{A_TICK, RADII_AROUND, REFINE_AHEAD};
 use geometry::Pose;
 use glam::DVec3;
 use spm::{Handle, NONE};
-
-/// Parts that are looked at in a tick: so each comes again sooner than a region that was predicted
-/// once is let go of.
-const A_TICK: usize = 2;
 
 /// A place where a part of a tool may touch next.
 #[derive(Debug, Clone, Copy)]

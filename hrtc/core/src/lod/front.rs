@@ -11,9 +11,8 @@
 use super::approach::Approach;
 use super::lod_controller::LodController;
 use super::memory_pressure::MemoryPressure;
-use super::predict::{LEAD_TICKS, RADII_AROUND, Sources};
+use super::predict::Sources;
 use super::predictions::Predictions;
-use super::tuning::MAX_WANTED;
 use crate::cache::base_mesh_store::Model;
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::Surface;
@@ -21,6 +20,8 @@ use crate::contact::rigid_proxy::MAX_BALLS;
 use crate::contact::sphere_proxy::Contact;
 use crate::perception::PerceptionLimit;
 use crate::probe::contacts::Contacts;
+use crate::tuning::lod::MAX_WANTED;
+use crate::tuning::prediction::{LEAD_TICKS, RADII_AROUND};
 use scene::{RefinementPlan, ScenePlan};
 use spm::{NONE, OperationFaces, RegionId};
 

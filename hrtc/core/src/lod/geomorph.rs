@@ -2,13 +2,13 @@
 //! see [`crate::perception`].
 
 use super::front::Front;
-use super::tuning::{IMMEDIATE_SHARE, STEPS_PER_OPERATION};
 use crate::budget::Budget;
 use crate::perception::{
     AROUND, NEAR_FACTOR, PerceptionLimit, allowed_share, box_of, excess, is_perceptible,
     may_come_near, space_of, turns_over,
 };
 use crate::probe::contacts::Contacts;
+use crate::tuning::lod::{IMMEDIATE_SHARE, STEPS_PER_OPERATION};
 use spm::{Handle, Slot};
 
 /// How a split or collapse is to be performed.

@@ -1,6 +1,9 @@
 //! Memory pressure: the reaction to a cache that is too small for what is wanted.
 
 use super::lod_controller::MAX_RINGS;
+use crate::tuning::memory_pressure::{
+    EARLY, MAX_MISSES, MAX_WAIT_TICKS, PAUSE, SETTLE, STEPS_BEFORE_COARSER, WAIT_TICKS,
+};
 
 /// What is done without while the cache is too small for what is wanted.
 ///
@@ -23,21 +26,8 @@ pub struct MemoryPressure {
     misses: u32,
 }
 
-/// Ticks for which a step may take effect before the next.
-const SETTLE: u64 = 60;
-/// Ticks without want before the first step back, and the longest wait.
-const WAIT_TICKS: u64 = 1000;
-const MAX_WAIT_TICKS: u64 = 16_000;
-/// Ticks after a step back within which a want means that it was too early.
-const EARLY: u64 = 2000;
-/// Steps before the finest ring is raised: no loading ahead, no coarser rings.
-const STEPS_BEFORE_COARSER: u32 = 2;
 /// Most steps: these, then every ring.
 const MAX_STEPS: u32 = STEPS_BEFORE_COARSER + MAX_RINGS as u32;
-/// Ticks of contact over which it is judged whether the finest ring comes in time.
-const MAX_MISSES: u32 = 256;
-/// Ticks without any question after the cache was found full.
-const PAUSE: u64 = 20;
 
 impl MemoryPressure {
     /// Nothing is done without.

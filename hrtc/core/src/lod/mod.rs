@@ -11,4 +11,3 @@ mod prediction;
 mod predictions;
 pub(crate) mod refine;
 mod room;
-pub(crate) mod tuning;

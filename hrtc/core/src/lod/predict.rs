@@ -10,45 +10,15 @@
 
 use crate::cache::RegionKey;
 use crate::lod::lod_controller::{LodController, Ring};
+use crate::tuning::prediction::{
+    DRIFT_TICKS, FADING_TICKS, LOAD_AHEAD, MEAN_TICKS, RADII_AROUND, REFINE_AHEAD, REFINE_AROUND,
+    RING_AHEAD, SIDEWAYS, SPANS, SPREAD, WARM_TICKS,
+};
 use glam::{DVec3, UVec3};
 use spm::{RegionGrid, RegionId};
 
-/// Ticks over which velocity and acceleration are estimated: an encoder's step is averaged, a turn
-/// is not. A hand that moves less than the probe's radius over the longer span is slow enough for
-/// that one, and there a single step of the encoder must not look like a motion.
-const SPANS: [usize; 2] = [4, 16];
-/// Ticks over which a hand's acceleration fades: what of it is left after so many is a third. On a
-/// tour of a rough terrain at 1 m/s the point 25 ticks ahead is then missed by 6 mm at median; by
-/// 10 mm straight on over the same span, by 13 mm over 16 ticks.
-const FADING_TICKS: f64 = 18.0;
-/// Ticks over which the speed is averaged that the lod goes by.
-const MEAN_TICKS: f64 = 32.0;
-/// Ticks that it takes to have a loaded cell refined.
-const REFINE_AROUND: f64 = 12.0;
-/// Ticks ahead at which the refined set looks.
-pub const REFINE_AHEAD: f64 = 20.0;
-/// Radii of the probe around its centre that are refined at rest.
-pub const RADII_AROUND: f64 = 1.5;
-/// Ticks of motion by which the refined strip is wider on either side.
-pub const LEAD_TICKS: f64 = 2.0;
-/// Ticks ahead at which the loaded set looks: a round trip, the records and their splits.
-const LOAD_AHEAD: [f64; 3] = [30.0, 45.0, 60.0];
-/// Ticks ahead at which the coarser rings are refined, and loaded: they are what a turn of the hand
-/// lands on.
-const RING_AHEAD: [f64; 2] = [25.0, 60.0];
-/// Sideways error of a predicted point, as a share of its displacement, and as a share of what
-/// the present acceleration adds to it.
-const SPREAD: [f64; 2] = [0.05, 0.7];
-/// Ticks over a cell below which fewer neighbours are kept warm: they are gone before they could be
-/// used.
-const WARM_TICKS: f64 = 50.0;
 /// Turns of a round: in each tick one source of the finest ring is looked at.
 pub const TURNS: usize = 10;
-/// Ticks after which a region away from the motion is thought to be reached at rest, for each cell
-/// of distance.
-const DRIFT_TICKS: f64 = 200.0;
-/// Share of the speed with which the hand may come to a cell that does not lie ahead.
-const SIDEWAYS: f64 = 0.25;
 
 /// A predicted region.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,21 +2,16 @@
 //! whole model.
 
 use super::front::{Front, FrontModel};
-use super::predict::{LEAD_TICKS, Motion, Predicted, RADII_AROUND, predict_forecast};
+use super::predict::{Motion, Predicted, predict_forecast};
 use super::predictions::due;
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::closest_point;
 use crate::probe::contacts::Contacts;
+use crate::tuning::prediction::{
+    BLOCK_SHARE, LANDING_TICKS, LEAD_TICKS, MAX_WAITING, RADII_AROUND,
+};
 use scene::RefinementPlan;
 use spm::RegionId;
-
-/// Received chunks that wait for the tick, above which nothing is requested ahead of need.
-const MAX_WAITING: usize = 8;
-/// Ticks of motion, times [`RADII_AROUND`], within which a surface must be for a prediction to be
-/// moved onto it.
-const LANDING_TICKS: f64 = 60.0;
-/// Share of a block of splits that is still asked for after each step of memory pressure.
-const BLOCK_SHARE: f64 = 0.75;
 
 impl Front {
     /// Predicts the regions that the probes will need, and marks those that are known.

@@ -1,11 +1,9 @@
 //! Regions that the predictions of a tick name.
 
 use super::predict::{Predicted, TURNS};
-use super::tuning::MAX_WANTED;
 use crate::cache::Cache;
-
-/// Regions that may be kept to be requested in a tick, for each probe: the cells of six balls.
-const MAX_UNKNOWN: usize = 750;
+use crate::tuning::lod::MAX_WANTED;
+use crate::tuning::prediction::MAX_UNKNOWN;
 
 /// Regions that the predictions of a tick named.
 #[derive(Debug)]

@@ -4,13 +4,13 @@
 use super::front::Front;
 use super::geomorph::{CollapseOutcome, Transition};
 use super::predict::TURNS;
-use super::tuning::{
-    BEHIND_SHARE, CHANGES_PER_UNIT, COLLAPSE_TICKS, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT,
-    HYSTERESIS_TICKS, MAX_UNLOADS, MAX_WANTED, MIN_OPERATIONS,
-};
 use crate::budget::Budget;
 use crate::cache::Region;
 use crate::probe::contacts::Contacts;
+use crate::tuning::lod::{
+    BEHIND_SHARE, CHANGES_PER_UNIT, COLLAPSE_TICKS, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT,
+    HYSTERESIS_TICKS, MAX_UNLOADS, MAX_WANTED, MIN_OPERATIONS,
+};
 use spm::{DamagedRecord, Slot};
 
 /// The most work units that refinement may take a tick: operations, and closure entries gone

@@ -2,10 +2,10 @@
 
 use super::front::Front;
 use super::geomorph::CollapseOutcome;
-use super::tuning::{HYSTERESIS_TICKS, RELEASE_WINDOW, RELEASES_PER_TICK};
 use crate::budget::Budget;
 use crate::cache::{Region, RegionState};
 use crate::probe::contacts::Contacts;
+use crate::tuning::lod::{HYSTERESIS_TICKS, RELEASE_WINDOW, RELEASES_PER_TICK};
 use spm::RegionId;
 
 impl Front {

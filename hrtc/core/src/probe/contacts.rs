@@ -7,13 +7,11 @@ use crate::contact::sphere_proxy::Contact;
 use crate::force::effects::{Clock, SurfaceEffects};
 use crate::instance::{ModelFrame, ObjectInstance};
 use crate::perception::{ContactConditions, OF_PROXY, PerceptionLimit, STEP_N};
+use crate::tuning::probe::MIN_PROXY_WORK;
 use glam::DVec3;
 use scene::{EffectPlan, ProbePlan, ScenePlan};
 use spm::{ActiveMesh, OperationFaces};
 use std::sync::Arc;
-
-/// Work that every proxy may spend in any tick, in nodes visited and faces tested.
-const MIN_PROXY_WORK: u32 = 1024;
 
 /// Contact between the proxy of a probe and an object, before its accuracy is known.
 #[derive(Debug, Clone, Copy)]

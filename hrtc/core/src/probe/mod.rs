@@ -11,18 +11,12 @@ use crate::force::effects::{Clock, Rendered, SceneEffects};
 use crate::force::limiter::ForceLimiter;
 use crate::force::passivity::{CarriedWork, EnergyAccount};
 use crate::instance::ModelFrame;
+use crate::tuning::probe::{KEPT_UP, MAX_SAMPLES_MISSED, SPEED_FADES};
 use geometry::{Pose, Wrench};
 use haptic_device::{MotionLimits, Sample};
 use plausibility::Plausibility;
 use protocol::{TourAsk, TourPoint};
 use scene::{ProbePlan, ScenePlan, TrajectoryPlan};
-
-/// Ticks without a good sample after which the force ramps down.
-const MAX_SAMPLES_MISSED: u32 = 20;
-/// Share of the greatest speed that is left a tick later: a hand that stops may go on.
-const SPEED_FADES: f64 = 0.97;
-/// Ticks for which a speed must be kept up to count: one wild sample, there and back, is no motion.
-const KEPT_UP: usize = 3;
 
 /// The tour that a probe's hand is to be led along.
 #[derive(Debug, Clone)]

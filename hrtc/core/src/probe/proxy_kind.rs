@@ -8,14 +8,11 @@ use crate::contact::rigid_proxy::{Part, ToolContact, ToolProxy};
 use crate::contact::sphere_proxy::{Contact, MAX_PUSHING, Proxy};
 use crate::contact::tool::{Tool, ToolMesh};
 use crate::force::passivity::CouplingSpring;
+use crate::tuning::probe::PAIRS_A_UNIT;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use scene::{ProbeShape, SurfacePlan};
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
-
-/// Pairs of nodes of a tool and an object, or what costs as much, that a unit of work pays for:
-/// with all units of a tick it stays within a period of a millisecond (measured).
-const PAIRS_A_UNIT: u32 = 12;
 
 /// See the module.
 #[derive(Debug)]

@@ -2,10 +2,10 @@
 
 use super::chunk::InboxChunk;
 use super::session::{Receiver, Session, Taken, TickContext};
-use super::tuning::{IDS_AT_ONCE, MAX_WAIT_TICKS, UNITS_PER_ITEM};
 use crate::budget::Budget;
 use crate::cache::{Cache, LoadError};
 use crate::lod::front::Front;
+use crate::tuning::streaming::{IDS_AT_ONCE, MAX_WAIT_TICKS, UNITS_PER_ITEM};
 use protocol::{AnswerItem, AnswersReader, PartHead};
 use spm::VspRecord;
 

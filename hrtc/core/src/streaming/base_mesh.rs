@@ -3,16 +3,13 @@
 use super::Fault;
 use super::chunk::InboxChunk;
 use super::session::{Receiver, Session, Taken, TickContext};
-use super::tuning::UNITS_PER_ITEM;
 use crate::cache::Cache;
 use crate::cache::base_mesh_store::{Model, first_face_slot, model_slots};
 use crate::instance::ModelFrame;
 use crate::lod::lod_controller::triangle_area;
+use crate::tuning::streaming::{MIN_UNITS, UNITS_PER_ITEM};
 use protocol::{CHUNK_SLOTS, ChunkSlot, MODEL_HEADER_SLOTS};
 use spm::{BaseFace, BaseVertex, ModelHeader};
-
-/// Work units that must remain to take a slot.
-const MIN_UNITS: u32 = 4 * UNITS_PER_ITEM;
 
 impl Session {
     pub(super) fn take_model(

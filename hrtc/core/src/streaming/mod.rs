@@ -7,7 +7,6 @@ mod fault;
 mod outbox;
 pub(crate) mod session;
 pub mod subscriber;
-pub(crate) mod tuning;
 
 pub use fault::Fault;
-pub use outbox::{Outbox, REQUESTS_PER_TICK};
+pub use outbox::Outbox;

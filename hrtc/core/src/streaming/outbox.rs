@@ -1,9 +1,7 @@
 //! Requests of a tick, shared out among the sessions.
 
+use crate::tuning::streaming::REQUESTS_PER_TICK;
 use protocol::Request;
-
-/// Requests of a session in a tick at the most.
-pub const REQUESTS_PER_TICK: usize = 4;
 
 /// Requests of one tick; storage made once.
 #[derive(Debug, Clone)]

@@ -1,8 +1,8 @@
 //! The mesh subscriber: requests out, chunks in, epochs and credit (see `shared::protocol`).
 
 use super::outbox::Outbox;
-use super::tuning::CREDIT_STEP;
 use crate::cache::{Cache, MAX_OUTSTANDING, RegionKey, RegionTable};
+use crate::tuning::streaming::CREDIT_STEP;
 use protocol::{
     CREDIT_CHUNKS, ChunkHeader, REGIONS_PER_REQUEST, RegionAction, RegionAsk, Request, RequestKind,
     TourAsk,

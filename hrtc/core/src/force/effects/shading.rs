@@ -17,7 +17,7 @@
 
 use super::{ContactSample, Rendered};
 use crate::contact::query::{Work, faces_within};
-use crate::force::tuning::MAX_SHADING_FACES;
+use crate::tuning::force::MAX_SHADING_FACES;
 use glam::DVec3;
 use scene::ShadingPlan;
 

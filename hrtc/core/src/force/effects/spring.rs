@@ -4,7 +4,7 @@
 //! The nearest point on a path is tracked along it from the last one. Where another part of the
 //! path comes near, the force does not jump to it.
 
-use crate::force::tuning::MAX_PATH_STEPS;
+use crate::tuning::force::MAX_PATH_STEPS;
 use glam::DVec3;
 use scene::SpringPlan;
 

@@ -1,0 +1,251 @@
+//! Tuning constants of the core, a module a room. Times are in ticks of 1 ms unless the scene sets
+//! another rate, or the name says otherwise. Numbers that belong to one algorithm, such as the
+//! rounding bound of a test, stand beside it; the just noticeable differences are in
+//! [`crate::perception`].
+
+/// The tick as a whole: reports and the budget of the proxies.
+pub mod tick {
+    /// Ticks between two contact reports of a probe to the station.
+    pub const REPORT_TICKS: u64 = 10;
+    /// Nodes visited and faces tested by the steps of all proxies in a tick without splits and
+    /// collapses.
+    pub const PROXY_WORK: u32 = 4096;
+    /// Part of [`PROXY_WORK`] that a split or collapse uses up.
+    pub const PROXY_WORK_PER_OPERATION: u32 = 32;
+}
+
+/// Which objects are active.
+pub mod active {
+    /// Reach of a probe at rest, in its radii.
+    pub const REACH_RADII: f64 = 10.0;
+    /// Ticks of its motion by which the reach is longer: the base mesh arrives within a few ticks,
+    /// the regions ahead of the contact within sixty.
+    pub const REACH_TICKS: f64 = 150.0;
+    /// Ticks out of reach after which an object may lose its place, and a pair ends.
+    pub const SLEEP_TICKS: u64 = 100;
+    /// An object takes the place of another in reach when it is nearer by this factor, so that two
+    /// do not alternate.
+    pub const NEARER: f64 = 2.0;
+    /// Ticks of motion within which a probe could touch.
+    pub const TOUCH_TICKS: f64 = 2.0;
+    /// Objects that are entered into the broad phase a tick at the most.
+    pub const PLACED_A_TICK: usize = 64;
+}
+
+/// The session with the station.
+pub mod streaming {
+    /// Work units for received data a tick while few chunks wait: a record or base item is 4,
+    /// sixteen ids of a closure are 8, the head of a part 1.
+    pub const MIN_INGEST: u32 = 80;
+    /// Chunks that may wait at [`MIN_INGEST`]; for more the units grow in proportion, so that a
+    /// burst takes few ticks.
+    pub const WAITING_CHUNKS: usize = 2;
+    /// Work units of an item.
+    pub const UNITS_PER_ITEM: u32 = 4;
+    /// Work units for each split that a tick may do: a few more records than splits.
+    pub const INGEST_PER_OPERATION: u32 = 6;
+    /// Ids of a closure that are taken in one go.
+    pub const IDS_AT_ONCE: usize = 16;
+    /// Ticks for which a record may wait for room before its region is given up.
+    pub const MAX_WAIT_TICKS: u32 = 50;
+    /// The credit is told without another reason when this share of it is consumed: one in so many.
+    pub const CREDIT_STEP: u64 = 4;
+
+    /// The most work units for received data a tick.
+    #[must_use]
+    pub fn max_ingest(operations: usize) -> u32 {
+        (INGEST_PER_OPERATION * operations as u32).max(MIN_INGEST)
+    }
+
+    /// The work units for received data in a tick with so many chunks that wait.
+    #[must_use]
+    pub fn ingest_for(waiting: usize, operations: usize) -> u32 {
+        let waiting = waiting.div_ceil(WAITING_CHUNKS) as u32;
+        (MIN_INGEST * waiting).clamp(MIN_INGEST, max_ingest(operations))
+    }
+
+    /// Work units that must remain to take a slot.
+    pub const MIN_UNITS: u32 = 4 * UNITS_PER_ITEM;
+
+    /// Requests of a session in a tick at the most.
+    pub const REQUESTS_PER_TICK: usize = 4;
+}
+
+/// The cache.
+pub mod cache {
+    /// Ticks for which a refused region is not requested again: 2 s at 1 kHz.
+    pub const REFUSED_TICKS: u64 = 2000;
+    /// Places of the table that a tick searches for one whose refusal is that old.
+    pub const REFUSED_WINDOW: usize = 4;
+}
+
+/// Refinement.
+pub mod lod {
+    /// Ticks for which a region stays wanted after its last prediction, so that a probe at a cell's
+    /// wall does not make it flicker: four rounds of the predictor.
+    pub const HYSTERESIS_TICKS: u64 = 40;
+    /// Regions that may be wanted at once.
+    pub const MAX_WANTED: usize = 512;
+    /// Splits, and collapses, a tick where nothing is urgent.
+    pub const MIN_OPERATIONS: u32 = 6;
+    /// Ticks within which a backlog of collapses is worked off.
+    pub const COLLAPSE_TICKS: u32 = 48;
+    /// Closure entries that change set for one work unit.
+    pub const CHANGES_PER_UNIT: u32 = 4;
+    /// Closure entries unloaded a tick at the most: several cells, or a part of a whole model.
+    pub const MAX_UNLOADS: u32 = 4096;
+    /// Closure entries gone through a tick, for each operation allowed.
+    pub const ENTRIES_PER_OPERATION: u32 = 24;
+    /// Regions that one search for a region to release looks at.
+    pub const RELEASE_WINDOW: usize = 64;
+    /// Regions released a tick at the most, where nothing waits for their room.
+    pub const RELEASES_PER_TICK: u32 = 4;
+    /// One in so many of a tick's closure entries is for splits behind others that wait.
+    pub const BEHIND_SHARE: u32 = 4;
+    /// Closure entries that cost as much as finding that a split has to wait.
+    pub const ENTRIES_PER_WAIT: u32 = 16;
+    /// Steps of geomorphing vertices that cost as much as a split or collapse.
+    pub const STEPS_PER_OPERATION: u32 = 2;
+    /// Share of a perception limit that geomorphs which finish in the tick of their start may use
+    /// together. Where another geomorph moves under the probe they may use none.
+    pub const IMMEDIATE_SHARE: f64 = 0.5;
+}
+
+/// Prediction of the regions that a probe will need.
+pub mod prediction {
+    /// Received chunks that wait for the tick, above which nothing is requested ahead of need.
+    pub const MAX_WAITING: usize = 8;
+    /// Ticks of motion, times [`RADII_AROUND`], within which a surface must be for a prediction to
+    /// be moved onto it.
+    pub const LANDING_TICKS: f64 = 60.0;
+    /// Share of a block of splits that is still asked for after each step of memory pressure.
+    pub const BLOCK_SHARE: f64 = 0.75;
+
+    /// Regions that may be kept to be requested in a tick, for each probe: the cells of six balls.
+    pub const MAX_UNKNOWN: usize = 750;
+
+    /// Ticks over which velocity and acceleration are estimated: an encoder's step is averaged, a
+    /// turn is not. A hand that moves less than the probe's radius over the longer span is slow
+    /// enough for that one, and there a single step of the encoder must not look like a motion.
+    pub const SPANS: [usize; 2] = [4, 16];
+    /// Ticks over which a hand's acceleration fades: what of it is left after so many is a third.
+    /// On a tour of a rough terrain at 1 m/s the point 25 ticks ahead is then missed by 6 mm at
+    /// median; by 10 mm straight on over the same span, by 13 mm over 16 ticks.
+    pub const FADING_TICKS: f64 = 18.0;
+    /// Ticks over which the speed is averaged that the lod goes by.
+    pub const MEAN_TICKS: f64 = 32.0;
+    /// Ticks that it takes to have a loaded cell refined.
+    pub const REFINE_AROUND: f64 = 12.0;
+    /// Ticks ahead at which the refined set looks.
+    pub const REFINE_AHEAD: f64 = 20.0;
+    /// Radii of the probe around its centre that are refined at rest.
+    pub const RADII_AROUND: f64 = 1.5;
+    /// Ticks of motion by which the refined strip is wider on either side.
+    pub const LEAD_TICKS: f64 = 2.0;
+    /// Ticks ahead at which the loaded set looks: a round trip, the records and their splits.
+    pub const LOAD_AHEAD: [f64; 3] = [30.0, 45.0, 60.0];
+    /// Ticks ahead at which the coarser rings are refined, and loaded: they are what a turn of the
+    /// hand lands on.
+    pub const RING_AHEAD: [f64; 2] = [25.0, 60.0];
+    /// Sideways error of a predicted point, as a share of its displacement, and as a share of what
+    /// the present acceleration adds to it.
+    pub const SPREAD: [f64; 2] = [0.05, 0.7];
+    /// Ticks over a cell below which fewer neighbours are kept warm: they are gone before they
+    /// could be used.
+    pub const WARM_TICKS: f64 = 50.0;
+    /// Ticks after which a region away from the motion is thought to be reached at rest, for each
+    /// cell of distance.
+    pub const DRIFT_TICKS: f64 = 200.0;
+    /// Share of the speed with which the hand may come to a cell that does not lie ahead.
+    pub const SIDEWAYS: f64 = 0.25;
+
+    /// Parts that are looked at in a tick: so each comes again sooner than a region that was
+    /// predicted once is let go of.
+    pub const A_TICK: usize = 2;
+}
+
+/// Steps by which less is asked for while the cache is too small.
+pub mod memory_pressure {
+    /// Ticks for which a step may take effect before the next.
+    pub const SETTLE: u64 = 60;
+    /// Ticks without want before the first step back, and the longest wait.
+    pub const WAIT_TICKS: u64 = 1000;
+    pub const MAX_WAIT_TICKS: u64 = 16_000;
+    /// Ticks after a step back within which a want means that it was too early.
+    pub const EARLY: u64 = 2000;
+    /// Steps before the finest ring is raised: no loading ahead, no coarser rings.
+    pub const STEPS_BEFORE_COARSER: u32 = 2;
+    /// Ticks of contact over which it is judged whether the finest ring comes in time.
+    pub const MAX_MISSES: u32 = 256;
+    /// Ticks without any question after the cache was found full.
+    pub const PAUSE: u64 = 20;
+}
+
+/// Probes, and the work of their proxies.
+pub mod probe {
+    /// Ticks without a good sample after which the force ramps down.
+    pub const MAX_SAMPLES_MISSED: u32 = 20;
+    /// Share of the greatest speed that is left a tick later: a hand that stops may go on.
+    pub const SPEED_FADES: f64 = 0.97;
+    /// Ticks for which a speed must be kept up to count: one wild sample, there and back, is no
+    /// motion.
+    pub const KEPT_UP: usize = 3;
+
+    /// Work that every proxy may spend in any tick, in nodes visited and faces tested.
+    pub const MIN_PROXY_WORK: u32 = 1024;
+
+    /// Pairs of nodes of a tool and an object, or what costs as much, that a unit of work pays for:
+    /// with all units of a tick it stays within a period of a millisecond (measured).
+    pub const PAIRS_A_UNIT: u32 = 12;
+}
+
+/// The forces. The perception limits are in [`crate::perception`].
+pub mod force {
+    /// Longest window of the velocity estimate, periods: 16 ms at 1 kHz.
+    pub const MAX_VELOCITY_PERIODS: usize = 16;
+
+    /// Relative rounding error of the difference of two equal motions: 8 units in the last place.
+    pub const MOTION_ROUNDING: f64 = 8.0 * f64::EPSILON;
+
+    /// Most faces in the mean normal of force shading. The search visits the nearer part of the
+    /// tree first.
+    pub const MAX_SHADING_FACES: usize = 256;
+
+    /// Most segments of its path that a spring passes in one tick.
+    pub const MAX_PATH_STEPS: usize = 16;
+}
+
+/// The bodies. None of these numbers changes a force by itself.
+pub mod bodies {
+    /// Most periods that one step integrates after missed ticks, 20 ms at 1 kHz. It bounds the time
+    /// of a step; the motion of further missed periods is dropped.
+    pub const MAX_STEP_PERIODS: u64 = 20;
+
+    /// Most objects whose box is requested in one tick: half of [`scene::MAX_MOVABLES`].
+    pub const MAX_EXTENTS_PER_TICK: usize = 64;
+
+    /// Largest displacement of a body in one period, in longest sides of its box.
+    pub const MAX_SIZES_PER_PERIOD: f64 = 0.1;
+
+    /// Largest rotation of a body in one period, radians.
+    pub const MAX_TURN_PER_PERIOD: f64 = 0.1;
+
+    /// Largest speed of any point of the box of a still body, in longest sides of the box per
+    /// second.
+    pub const STILL_SIZES_PER_S: f64 = 1e-4;
+
+    /// Time for which a body without load has to be still before it sleeps, seconds.
+    pub const STILL_S: f64 = 0.5;
+
+    /// Decay of the displacement bound of a body, per tick: half of it is left after 23 ticks.
+    /// Probes use the same decay.
+    pub const DISPLACEMENT_DECAY: f64 = 0.97;
+
+    /// Shortest side that a box counts with, as a fraction of its longest. Without it a flat or
+    /// thin model would have a moment of inertia of 0 about some axis.
+    pub const MIN_SIDE_RATIO: f64 = 1e-2;
+
+    /// Decay rate of the speed where the scene gives no damping, 1/s: `v(t) = v(0) exp(-2 t)`, a
+    /// third after half a second.
+    pub const DEFAULT_DECAY_PER_S: f64 = 2.0;
+}
