@@ -71,8 +71,8 @@ impl Controller {
         max_ingest(self.operations) + refine::max_work(self.operations)
     }
 
-    /// Whether every model is known, so that any contact could be answered.
+    /// Whether every model is known that can be, so that any contact could be answered.
     pub(crate) fn is_ready(&self) -> bool {
-        self.active.store.is_complete()
+        self.active.is_complete()
     }
 }

@@ -134,12 +134,39 @@ impl Controller {
         Some((tour.object as usize, whole))
     }
 
-    /// The fault that keeps the controller from going on with a model, if any.
+    /// The fault that leaves nothing to do: no object can be touched, or no probe is led.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {
-        let fault = self.active.objects.iter().find_map(|of| of.session.fault)?;
-        Some(match fault {
-            // An active object knows its own share only.
+        let is_unled = || self.probes.iter().all(Probe::is_tour_refused);
+        let is_over = self.active.is_lost() || is_unled();
+        is_over
+            .then(|| self.faults().next())?
+            .map(|(_, fault)| fault)
+    }
+
+    /// Whether any object has a fault.
+    #[must_use]
+    pub fn has_faults(&self) -> bool {
+        self.active.has_fault() || self.probes.iter().any(Probe::is_tour_refused)
+    }
+
+    /// Faults of the objects of the scene: contact with the others goes on, and with these as far
+    /// as their meshes have come.
+    pub fn faults(&self) -> impl Iterator<Item = (usize, Fault)> {
+        let tours = self.probes.iter().filter_map(|probe| probe.tour.as_ref());
+        let refused = tours.filter(|tour| tour.is_refused);
+        let without_tour = refused.map(|tour| (tour.object as usize, Fault::NoTour));
+        let instances = self.active.instances.iter();
+        let of_models = instances.filter_map(|instance| {
+            let fault = self.active.fault_of(instance)?;
+            Some((instance.object as usize, self.of_all_objects(fault)))
+        });
+        of_models.chain(without_tour)
+    }
+
+    /// A fault as a person sees it: an active object knows its own share of the cache only.
+    fn of_all_objects(&self, fault: Fault) -> Fault {
+        match fault {
             Fault::Cache(CacheError::TooSmall {
                 needed, base_faces, ..
             }) => Fault::Cache(CacheError::TooSmall {
@@ -148,7 +175,7 @@ impl Controller {
                 base_faces,
             }),
             other => other,
-        })
+        }
     }
 
     /// The first probe's centre in the world as it was last sampled, metres; the origin before.

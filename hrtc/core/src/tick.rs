@@ -216,9 +216,7 @@ impl Controller {
     /// Moves the objects, and makes those near a probe active. Returns the pairs of a probe and an
     /// object that could touch though the object is not ready.
     fn activate(&mut self, inputs: &TickInputs<'_>, outbox: &mut Outbox) -> u32 {
-        for object in &mut self.active.objects {
-            object.begin_tick(inputs.station, self.own_tick);
-        }
+        self.active.begin_tick(inputs.station, self.own_tick);
         self.active.move_objects(&mut self.movables, inputs.tick);
         for (k, probe) in self.probes.iter_mut().enumerate() {
             let work = self.movables.take_carried_work(k);

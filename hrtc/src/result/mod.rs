@@ -192,6 +192,9 @@ pub struct RunResult {
     pub probes: Vec<ProbeResult>,
     /// Objects of the scene.
     pub objects: u64,
+    /// Faults at the end of the run, one sentence each: number in the scene, counted from 0, and
+    /// model of the object, and why it was not touched or not refined, or its probe not led.
+    pub faults: Vec<String>,
     /// Limit of objects that are active at once.
     pub active_objects_max: u64,
     /// Active objects.

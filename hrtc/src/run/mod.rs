@@ -34,7 +34,7 @@ use scene_files::DiskFiles;
 use shared::Shared;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32};
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
 use tick_thread::{TickRings, TickThread, TickThreadEnd};
 use transport::Domain;
@@ -120,7 +120,10 @@ pub fn run_with(
     let controller = Box::new(setup.controller(&mut plan));
     let (recorder, recording) = open_recording(args, &setup)?;
 
-    let shared = Arc::new(Shared::default());
+    let shared = Arc::new(Shared {
+        object_faults: Mutex::new(Vec::with_capacity(plan.objects.len() + plan.probes.len())),
+        ..Shared::default()
+    });
     let other_version = Arc::new(AtomicU32::new(0));
     let (rings, requests, contacts, inbox, log) = rings();
     let link = Link::spawn(

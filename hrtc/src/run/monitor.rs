@@ -7,6 +7,7 @@ use super::{OpenRecording, Output, RunArgs};
 use crate::result::{Accumulator, Finished, RunMeta, SupervisedLine};
 use crate::tick_record::TickRecord;
 use crate::tuning::{DRAIN_PERIOD, STATION_ABSENT_NS, STATUS_PERIOD_NS};
+use hrtc_core::Fault;
 use hrtc_core::contact::sphere_proxy::MAX_CONSTRAINTS;
 use realtime::rights::monotonic_ns;
 use rtrb::Consumer;
@@ -33,6 +34,8 @@ struct Printed {
     station_found: bool,
     station_absent: bool,
     other_version: u32,
+    /// Faults of objects.
+    faults: Vec<(usize, Fault)>,
 }
 
 impl Monitor<'_> {
@@ -101,8 +104,22 @@ impl Monitor<'_> {
                 "hrtc: a station here speaks protocol version {other}, this program another: install the same release on both sides"
             );
         }
+        self.check_objects(printed);
         self.check_station(printed);
         None
+    }
+
+    /// Prints the faults of objects, each once, while the run goes on.
+    fn check_objects(&self, printed: &mut Printed) {
+        let faults = self.shared.object_faults.lock();
+        let faults = faults.unwrap_or_else(|e| e.into_inner()).clone();
+        for &fault in faults
+            .iter()
+            .filter(|fault| !printed.faults.contains(fault))
+        {
+            eprintln!("hrtc: {}", outcome::object_fault(self.plan, fault));
+        }
+        printed.faults = faults;
     }
 
     /// Prints that the station has come, has gone, or has not come yet.
@@ -134,6 +151,9 @@ impl Monitor<'_> {
         let mut finished = run.finish(self.meta(end));
         finished.result.cache.high_water_bytes = controller.bytes_high_water() as u64;
         outcome::add_lod(&mut finished.result, controller, self.plan.loop_.rate_hz);
+        let faults = controller.faults();
+        let named = faults.map(|fault| outcome::object_fault(self.plan, fault));
+        finished.result.faults = named.collect();
         finished.result.capacities.extend_from_slice(&end.rings);
         self.print_losses(end);
         self.print_result(finished)

@@ -5,7 +5,7 @@ use crate::recorder::RecordingError;
 use crate::result::{Finished, Right, RunResult};
 use hrtc_core::{Controller, Fault};
 use realtime::rights::MissingRight;
-use scene::{LoopPlan, SceneError};
+use scene::{LoopPlan, SceneError, ScenePlan};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use thiserror::Error;
@@ -64,6 +64,13 @@ pub(super) fn add_lod(result: &mut RunResult, controller: &Controller, rate_hz: 
         result.rings_m = rings.map(|r| f64::from(r.tolerance) * scale).collect();
         result.greatest_speed_m_per_s = object.greatest_speed() * scale * rate_hz;
     }
+}
+
+/// The fault of an object in one sentence with its name; the run goes on.
+pub(super) fn object_fault(plan: &ScenePlan, (object, fault): (usize, Fault)) -> String {
+    let model = plan.objects.get(object).map(|of| of.model.name());
+    let model = model.unwrap_or_default();
+    format!("object {object} ({model}): {fault}")
 }
 
 /// Bytes of the whole mesh as the station would send it: base mesh and records.

@@ -21,8 +21,11 @@ pub(super) struct Shared {
     pub log_dropped: AtomicU64,
     /// Incarnation of the station; 0 for none.
     pub station: Arc<AtomicU64>,
-    /// The first fault of the controller.
+    /// The fault that leaves the controller nothing to do.
     pub fault: Mutex<Option<Fault>>,
+    /// Faults of objects, with their numbers, while the run goes on; room for all is made before
+    /// the first tick, which only tries the lock.
+    pub object_faults: Mutex<Vec<(usize, Fault)>>,
     /// Real-time rights that were refused.
     pub missing: Mutex<Vec<MissingRight>>,
 }

@@ -131,7 +131,7 @@ impl TickThread {
                 self.shared.log_dropped.fetch_add(1, Ordering::Relaxed);
             }
             high_water.log = (LOG_CAPACITY - self.rings.log.slots()).max(high_water.log);
-            self.report_fault();
+            self.report_faults();
             if stopping && self.controller.is_at_rest() {
                 break;
             }
@@ -257,8 +257,16 @@ impl TickThread {
         }
     }
 
-    /// Tells the main thread of a fault. The force has ended by then, so a lock costs no force.
-    fn report_fault(&self) {
+    /// Tells the main thread of faults. Nothing waits for a lock.
+    fn report_faults(&self) {
+        if !self.controller.has_faults() {
+            return;
+        }
+        if let Ok(mut told) = self.shared.object_faults.try_lock() {
+            let room = told.capacity();
+            told.clear();
+            told.extend(self.controller.faults().take(room));
+        }
         if let Some(found) = self.controller.fault()
             && let Ok(mut fault) = self.shared.fault.try_lock()
         {

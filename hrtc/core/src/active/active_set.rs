@@ -12,16 +12,17 @@ use crate::budget::Budget;
 use crate::cache::base_mesh_store::{BaseMeshStore, Model};
 use crate::instance::{ModelFrame, ObjectInstance};
 use crate::probe::Probe;
-use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
 use crate::streaming::session::TickContext;
 use crate::streaming::subscriber::Identity;
+use crate::streaming::{Fault, Outbox};
 use crate::tuning::active::{
     NEARER, PLACED_A_TICK, REACH_RADII, REACH_TICKS, SLEEP_TICKS, TOUCH_TICKS,
 };
 use glam::DVec3;
 use protocol::{ANSWER_TIMEOUT_MS, CREDIT_CHUNKS, Request};
 use scene::ScenePlan;
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Received chunks that are looked at in a tick: one for each bit of a set.
@@ -42,11 +43,17 @@ pub struct ActiveSet {
     broad_phase: BroadPhase,
     /// Objects whose box is not known yet, the next one last, in the order in which models are
     /// requested.
-    unplaced: Vec<u32>,
+    unplaced: VecDeque<u32>,
     /// Objects in the order in which their models are requested: those of scripted paths first.
     to_fetch: Vec<u32>,
     /// The first of them whose model may be unknown.
     next_fetch: usize,
+    /// Faults that ended the use of each model.
+    faults: Vec<Option<Fault>>,
+    /// Models that are not known and cannot be, for a fault.
+    lost: usize,
+    /// Incarnation of the last station that lived.
+    station: u64,
     /// The epoch in which the next session of each object begins.
     epochs: Vec<u32>,
     /// Received chunks that were taken out of turn, the oldest chunk at bit 0: an older one waits
@@ -93,12 +100,70 @@ impl ActiveSet {
             unplaced: to_fetch.iter().rev().copied().collect(),
             to_fetch,
             next_fetch: 0,
+            faults: vec![None; models],
+            lost: 0,
+            station: 0,
             epochs: vec![0; instances.len()],
             order: Vec::with_capacity(count),
             taken: 0,
             instances,
             objects,
         }
+    }
+
+    /// A tick begins; `station` is the incarnation of the living one. Another station may serve
+    /// what the last one could not.
+    pub fn begin_tick(&mut self, station: u64, tick: u64) {
+        for object in &mut self.objects {
+            object.begin_tick(station, tick);
+        }
+        if station != 0 && station != self.station {
+            self.station = station;
+            self.faults.fill(None);
+            self.lost = 0;
+        }
+    }
+
+    /// Whether every model is known that can be.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.store.known() + self.lost == self.faults.len()
+    }
+
+    /// Whether nothing of the scene can be touched: no model is known or can be.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        self.lost == self.faults.len()
+    }
+
+    /// Whether a fault ended the use of any model.
+    #[must_use]
+    pub fn has_fault(&self) -> bool {
+        self.faults.iter().any(Option::is_some)
+    }
+
+    /// The fault that ended the use of an object's model.
+    #[must_use]
+    pub fn fault_of(&self, instance: &ObjectInstance) -> Option<Fault> {
+        self.faults[instance.model]
+    }
+
+    /// Whether an object's model is not known and cannot be.
+    fn is_lost_object(&self, object: u32) -> bool {
+        let model = self.instances[object as usize].model;
+        self.faults[model].is_some() && self.store.model(model).is_none()
+    }
+
+    /// Takes the faults of the sessions over.
+    fn note_faults(&mut self) {
+        for object in self.objects.iter().filter(|of| of.session.is_ended()) {
+            if let Some(instance) = &object.instance {
+                self.faults[instance.model] = object.session.fault;
+            }
+        }
+        let faults = self.faults.iter().enumerate();
+        let lost = faults.filter(|&(k, of)| of.is_some() && self.store.model(k).is_none());
+        self.lost = lost.count();
     }
 
     /// The active object of the scene's number, if it is active.
@@ -168,6 +233,9 @@ impl ActiveSet {
                 break;
             }
         }
+        if self.objects.iter().any(|of| of.session.is_ended()) {
+            self.note_faults();
+        }
         let consumed = self.taken.trailing_ones();
         self.taken = self.taken.checked_shr(consumed).unwrap_or(0);
         consumed as usize
@@ -211,12 +279,16 @@ impl ActiveSet {
     /// Tells the broad phase where objects are whose models have become known.
     fn place_objects(&mut self) {
         for _ in 0..PLACED_A_TICK.min(self.unplaced.len()) {
-            let Some(object) = self.unplaced.pop() else {
+            let Some(object) = self.unplaced.pop_back() else {
                 return;
             };
+            if self.is_lost_object(object) {
+                self.unplaced.push_front(object);
+                continue;
+            }
             let instance = self.instances[object as usize];
             let Some(model) = self.store.model(instance.model) else {
-                self.unplaced.push(object);
+                self.unplaced.push_back(object);
                 return;
             };
             place(&mut self.broad_phase, &instance, model);
@@ -238,7 +310,8 @@ impl ActiveSet {
         for active in &mut self.objects {
             let object = active.object();
             let awaits = object.is_some_and(|o| probes.iter().any(|p| p.awaits_tour_of(o)));
-            active.is_pinned = object.is_some() && (!active.is_ready() || awaits);
+            let is_used = object.is_some() && !active.session.is_ended();
+            active.is_pinned = is_used && (!active.is_ready() || awaits);
             if active.contacts.any_contact() {
                 active.distance = 0.0;
             }
@@ -290,15 +363,17 @@ impl ActiveSet {
     /// scripted path is to be made, one in reach, one whose model is not known yet.
     fn next_to_activate(&mut self, probes: &[Probe]) -> Option<(u32, f64)> {
         let toured = probes.iter().find_map(|probe| {
-            let tour = probe.tour.as_ref().filter(|tour| !tour.is_whole)?;
-            (!self.is_active(tour.object)).then_some((tour.object, 0.0))
+            let tour = probe.tour.as_ref().filter(|tour| tour.is_awaited())?;
+            let is_needed = !self.is_active(tour.object) && !self.is_lost_object(tour.object);
+            is_needed.then_some((tour.object, 0.0))
         });
         if toured.is_some() {
             return toured;
         }
         let near = self.broad_phase.near().iter().find_map(|near| {
             let object = near.object as u32;
-            (!self.is_active(object)).then_some((object, near.distance))
+            let is_needed = !self.is_active(object) && !self.is_lost_object(object);
+            is_needed.then_some((object, near.distance))
         });
         near.or_else(|| {
             let object = self.next_to_fetch()?;
@@ -308,7 +383,7 @@ impl ActiveSet {
 
     /// An object whose model is neither known nor requested.
     fn next_to_fetch(&mut self) -> Option<u32> {
-        if self.store.is_complete() {
+        if self.is_complete() {
             return None;
         }
         let (instances, store) = (&self.instances, &self.store);
@@ -322,7 +397,8 @@ impl ActiveSet {
         rest.iter().copied().find(|&object| {
             let is_coming =
                 |of: &ActiveObject| of.instance.is_some_and(|p| p.model == model(object));
-            store.model(model(object)).is_none() && !self.objects.iter().any(is_coming)
+            let is_unknown = store.model(model(object)).is_none();
+            is_unknown && !self.is_lost_object(object) && !self.objects.iter().any(is_coming)
         })
     }
 
@@ -360,7 +436,7 @@ impl ActiveSet {
 
     /// Pairs of a probe and an object that could touch now though the object is not ready.
     fn count_unserved(&self, probes: &[Probe]) -> u32 {
-        if !self.store.is_complete() {
+        if !self.is_complete() {
             return 0;
         }
         let within = self.broad_phase.near().iter().filter(|near| {

@@ -82,10 +82,10 @@ impl BaseMeshStore {
         self.entries.iter().filter_map(|entry| entry.model.as_ref())
     }
 
-    /// Whether every model is known.
+    /// How many models are known.
     #[must_use]
-    pub fn is_complete(&self) -> bool {
-        self.known == self.entries.len()
+    pub fn known(&self) -> usize {
+        self.known
     }
 
     /// Bytes of the base meshes that are kept.

@@ -31,6 +31,15 @@ pub struct TourPath {
     pub points: Vec<TourPoint>,
     /// Whether all have.
     pub is_whole: bool,
+    /// Whether the station cannot make it.
+    pub is_refused: bool,
+}
+
+impl TourPath {
+    /// Whether it is still to come.
+    pub fn is_awaited(&self) -> bool {
+        !self.is_whole && !self.is_refused
+    }
 }
 
 /// See the module.
@@ -94,6 +103,7 @@ impl Probe {
                 seconds: tour_seconds,
                 points: Vec::with_capacity(path_capacity(tour_seconds)),
                 is_whole: false,
+                is_refused: false,
             }),
             TrajectoryPlan::Points(_) => None,
         };
@@ -255,10 +265,15 @@ impl Probe {
         })
     }
 
+    /// Whether the station cannot make its tour.
+    pub fn is_tour_refused(&self) -> bool {
+        self.tour.as_ref().is_some_and(|tour| tour.is_refused)
+    }
+
     /// Whether a tour of an object is still to come.
     pub fn awaits_tour_of(&self, object: u32) -> bool {
         let tour = self.tour.as_ref();
-        tour.is_some_and(|tour| tour.object == object && !tour.is_whole)
+        tour.is_some_and(|tour| tour.object == object && tour.is_awaited())
     }
 }
 

@@ -3,7 +3,8 @@
 use crate::cache::CacheError;
 use thiserror::Error;
 
-/// Fault that keeps the controller from going on with a model. It keeps ticking without that model.
+/// Fault that keeps the controller from going on with a model. Contact with other models goes on,
+/// and with this one as far as its mesh has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum Fault {
     /// The cache is too small.
@@ -23,6 +24,16 @@ pub enum Fault {
     )]
     NoTour,
     /// The station came back with another model under the same name.
-    #[error("the station now serves another model under the same name: restart the controller")]
+    #[error(
+        "the model was rebuilt: the station now serves another one under the same name, and contact goes on with the mesh that is here; restart the controller"
+    )]
     AnotherModel,
+}
+
+impl Fault {
+    /// Whether nothing more is asked of the station about the object.
+    #[must_use]
+    pub fn ends_session(self) -> bool {
+        self != Self::NoTour
+    }
 }

@@ -132,6 +132,7 @@ impl Session {
         self.progress = Progress::default();
         self.tour_probe = None;
         self.loading = None;
+        self.fault = None;
         let subject = Subject {
             object: instance.object,
             name: instance.name,
@@ -155,11 +156,23 @@ impl Session {
     }
 
     /// A tick begins; `station` is the incarnation of the living one. An epoch that ends takes an
-    /// unfinished scripted path with it.
+    /// unfinished scripted path with it. Another station may serve what the last one could not.
     pub fn begin_tick(&mut self, station: u64, tick: u64, front: &mut Front) {
         self.measured = None;
         self.is_stalled = false;
-        self.subscriber.observe(station, tick, &mut front.cache);
+        if self.is_ended() && self.subscriber.is_another(station) {
+            self.fault = None;
+            self.progress = Progress::default();
+        }
+        if !self.is_ended() {
+            self.subscriber.observe(station, tick, &mut front.cache);
+        }
+    }
+
+    /// Whether a fault keeps the session from going on.
+    #[must_use]
+    pub fn is_ended(&self) -> bool {
+        self.fault.is_some_and(Fault::ends_session)
     }
 
     /// The subscriber, for its totals.
@@ -181,6 +194,9 @@ impl Session {
 
     /// Writes the requests of a tick; `waiting`: received chunks that wait for the tick.
     pub fn request(&mut self, front: &mut Front, tick: u64, waiting: usize, outbox: &mut Outbox) {
+        if self.is_ended() {
+            return;
+        }
         let may_request = front.may_request(tick) && self.subscriber.may_ask(&front.cache);
         let (cache, wanted) = front.requests(may_request, tick, waiting);
         self.subscriber.requests(tick, cache, wanted, outbox);
@@ -193,6 +209,9 @@ impl Session {
         of: &mut Receiver<'_>,
         context: &mut TickContext<'_>,
     ) -> bool {
+        if self.is_ended() {
+            return true;
+        }
         if self.is_stalled {
             return false;
         }
@@ -259,7 +278,7 @@ impl Session {
                 }
             }
             Some(ChunkKind::Tour) => self.take_tour(chunk, of, context),
-            Some(ChunkKind::Refused) => self.take_refusal(chunk, of, context.tick),
+            Some(ChunkKind::Refused) => self.take_refusal(chunk, of, context),
             // A kind of a later version is skipped; the sequence numbers go on.
             None => {}
         }
@@ -303,18 +322,33 @@ impl Session {
         }
     }
 
-    fn take_refusal(&mut self, chunk: &InboxChunk, of: &mut Receiver<'_>, tick: u64) {
+    fn take_refusal(
+        &mut self,
+        chunk: &InboxChunk,
+        of: &mut Receiver<'_>,
+        context: &mut TickContext<'_>,
+    ) {
         let header = &chunk.header;
         match Refusal::from_code(header.code) {
+            // A station that knows the name, but not the model of the regions here.
+            Some(Refusal::UnknownModel) if of.front.model().is_some() => {
+                self.fault = Some(Fault::AnotherModel);
+            }
             Some(Refusal::UnknownModel) => self.fault = Some(Fault::UnknownModel),
             // Only a scripted path is refused without a region.
             _ if header.region == NONE && self.tour_probe.is_some() => {
                 self.fault = Some(Fault::NoTour);
+                let probe = self.tour_probe.map(|k| &mut context.probes[k]);
+                if let Some(tour) = probe.and_then(|probe| probe.tour.as_mut()) {
+                    tour.is_refused = true;
+                }
+                self.subscriber.tour_is_here();
+                self.request_next_tour(of, context.probes);
             }
             _ => {
                 let name = (header.region, header.tolerance_bits);
                 if let Some(region) = of.front.cache.requested(name) {
-                    self.refuse(region, of.front, tick);
+                    self.refuse(region, of.front, context.tick);
                 }
             }
         }

@@ -129,6 +129,12 @@ impl Subscriber {
         self.credit = chunks.clamp(1, CREDIT_CHUNKS);
     }
 
+    /// Whether a station lives that is not the one of this epoch.
+    #[must_use]
+    pub fn is_another(&self, station: u64) -> bool {
+        station != 0 && station != self.station
+    }
+
     /// Takes what the heartbeat says; a new incarnation ends the epoch.
     ///
     /// Returns whether the epoch ended.
@@ -137,7 +143,7 @@ impl Subscriber {
             || (self.model_asked && self.model == 0)
             || (self.tour_asked && self.tour.is_some());
         let silent = waiting && tick.saturating_sub(self.last_progress) > self.timeout_ticks;
-        let another = station != 0 && station != self.station;
+        let another = self.is_another(station);
         if another {
             self.station = station;
         }
@@ -206,7 +212,7 @@ impl Subscriber {
         self.tour_asked = false;
     }
 
-    /// The tour is complete.
+    /// The tour is complete, or there is none.
     pub fn tour_is_here(&mut self) {
         self.tour = None;
     }

@@ -1,8 +1,6 @@
 //! Samples that are no motion: rejected and counted, held gently, and forgotten.
 
-mod common;
-
-use common::{World, scene_plan, scene_world, spm};
+use crate::common::{World, scene_plan, scene_world, spm};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use haptic_device::{MotionLimits, Sample};

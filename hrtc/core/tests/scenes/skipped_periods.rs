@@ -1,8 +1,6 @@
 //! Periods that were skipped: the controller could not run, but the hand moved on.
 
-mod common;
-
-use common::{World, plan, scene_plan, scene_world, spm, world};
+use crate::common::{World, plan, scene_plan, scene_world, spm, world};
 use geometry::Pose;
 use glam::DVec3;
 use haptic_device::Sample;
@@ -95,10 +93,10 @@ fn a_long_stall_takes_waiting_chunks_first_and_ends_no_epoch() {
 fn a_stall_at_rest_leaves_the_front_as_it_is() {
     let model = spm(generate(Shape::Relief, 30_000, 1), &BuildOptions::default());
     let mut plan = plan("");
-    let inside = common::places_on_tour(&plan, &model, [2.0])[0];
+    let inside = crate::common::places_on_tour(&plan, &model, [2.0])[0];
     plan.probes[0].trajectory = TrajectoryPlan::Points(Vec::new());
     let mut world: World = world(&plan, &model, 0.0);
-    common::rest(&mut world, inside, 6000);
+    crate::common::rest(&mut world, inside, 6000);
     let faces = world.summary().last.active_faces;
     for periods in [50, 300, 5000] {
         world.skip(periods);

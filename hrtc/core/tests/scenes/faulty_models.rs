@@ -1,0 +1,188 @@
+//! A fault on one object: it is named, and the others are touched as before.
+
+use crate::common::{World, scene_plan, scene_station, scene_world, settle, spm};
+use glam::DVec3;
+use hrtc_core::Fault;
+use hrtc_core::streaming::chunk::InboxChunk;
+use protocol::{ChunkKind, Refusal};
+use scene::{ScenePlan, TrajectoryPlan};
+use spm::NONE;
+use spm_builder::BuildOptions;
+use spm_builder::generate::{Shape, generate};
+use std::sync::LazyLock;
+
+/// Radius of the balls and of the probes, metres.
+const BALL: f64 = 0.05;
+const PROBE: f64 = 0.001;
+const NAMES: [&str; 5] = ["a.spm", "b.spm", "c.spm", "d.spm", "e.spm"];
+/// The object with the fault.
+const BAD: u32 = 2;
+
+static SPHERE: LazyLock<Vec<u8>> =
+    LazyLock::new(|| spm(generate(Shape::Sphere, 3000, 1), &BuildOptions::default()));
+/// The same ball with other faces.
+static REBUILT: LazyLock<Vec<u8>> =
+    LazyLock::new(|| spm(generate(Shape::Sphere, 3500, 1), &BuildOptions::default()));
+
+fn centre(object: u32) -> DVec3 {
+    DVec3::X * (0.13 * f64::from(object))
+}
+
+fn above(object: u32, gap: f64) -> DVec3 {
+    centre(object) + DVec3::Z * (BALL + PROBE + gap)
+}
+
+/// A row of balls, each of a model of its own.
+fn row(cache_bytes: usize) -> (ScenePlan, World) {
+    let balls = (0u32..).zip(NAMES);
+    let balls: Vec<_> = balls
+        .map(|(k, name)| (name, 2.0 * BALL, centre(k)))
+        .collect();
+    let plan = scene_plan(&balls, 1, cache_bytes);
+    let world = scene_world(&plan, &NAMES.map(|name| (name, &SPHERE[..])), 0.0);
+    (plan, world)
+}
+
+/// The force of a press on an object, newtons.
+fn press(world: &mut World, object: u32) -> f64 {
+    for k in 0..900 {
+        // Down within a third of the time, from where the probe may come and go freely.
+        let down = (f64::from(k) / 300.0).min(1.0);
+        world.step_at(above(object, 0.02 - 0.021 * down));
+    }
+    let force = world.force().length();
+    for k in (0..300).rev() {
+        world.step_at(above(object, 0.02 - 0.021 * f64::from(k) / 300.0));
+    }
+    force
+}
+
+fn expect_all_but_the_bad_one(world: &mut World, fault: Fault) {
+    for _ in 0..1500 {
+        world.step_at(above(0, 0.02));
+    }
+    let faults: Vec<_> = world.controller().faults().collect();
+    assert_eq!(faults, [(BAD as usize, fault)]);
+    assert_eq!(world.controller().fault(), None, "the run goes on");
+    for object in 0..NAMES.len() as u32 {
+        let force = press(world, object);
+        println!("object {object}: {force} N");
+        assert_eq!(force > 0.5, object != BAD, "object {object}: {force} N");
+    }
+    let faults: Vec<_> = world.controller().faults().collect();
+    assert_eq!(faults, [(BAD as usize, fault)]);
+}
+
+type Damage = fn(&mut InboxChunk);
+
+fn zeroed(chunk: &mut InboxChunk) {
+    for slot in &mut chunk.slots {
+        slot.words.fill(0);
+    }
+}
+
+fn refused(chunk: &mut InboxChunk) {
+    chunk.header.kind = ChunkKind::Refused as u32;
+    chunk.header.code = Refusal::UnknownModel as u32;
+}
+
+#[test]
+fn a_faulty_model_leaves_the_others_touchable_and_a_repaired_one_is_touched() {
+    let faults: [(Fault, Damage); 2] = [
+        (Fault::DamagedModel, zeroed),
+        (Fault::UnknownModel, refused),
+    ];
+    for (fault, damage) in faults {
+        // Places take turns.
+        let (plan, mut world) = row(6 << 20);
+        assert_eq!(world.controller().active_objects().len(), 3);
+        println!("{fault:?}");
+        world.client_mut().link().tamper(move |chunk| {
+            let is_model = chunk.header.kind == ChunkKind::Model as u32;
+            if is_model && chunk.header.object == BAD {
+                damage(chunk);
+            }
+        });
+        expect_all_but_the_bad_one(&mut world, fault);
+        // A station that serves it well.
+        world.client_mut().link().stop_tampering();
+        let models = NAMES.map(|name| (name, &SPHERE[..]));
+        world.start_station(scene_station(&plan, &models, 101));
+        settle(&mut world, &[Some(above(BAD, 0.02))]);
+        assert_eq!(world.controller().faults().count(), 0);
+        let force = press(&mut world, BAD);
+        assert!(force > 0.5, "{force} N on the repaired object");
+    }
+}
+
+#[test]
+fn a_rebuilt_model_is_named_and_its_old_mesh_is_touched_on() {
+    let plan = scene_plan(&[("a.spm", 2.0 * BALL, DVec3::ZERO)], 1, 8 << 20);
+    let mut world = scene_world(&plan, &[("a.spm", &SPHERE)], 0.0);
+    let pressed = above(0, -1e-3);
+    settle(&mut world, &[Some(above(0, 0.02))]);
+    for k in 0..=300 {
+        world.step_at(above(0, 0.02).lerp(pressed, f64::from(k) / 300.0));
+    }
+    settle(&mut world, &[Some(pressed)]);
+    let force = world.force();
+    assert!(force.length() > 0.5, "{force}");
+    world.start_station(scene_station(&plan, &[("a.spm", &REBUILT)], 101));
+    for tick in 0..1000 {
+        world.step_at(pressed);
+        let differs = world.force().distance(force);
+        assert!(differs < 1e-6 * force.length(), "tick {tick}: {differs} N");
+    }
+    let faults: Vec<_> = world.controller().faults().collect();
+    assert_eq!(faults, [(0, Fault::AnotherModel)]);
+    assert!(Fault::AnotherModel.to_string().contains("rebuilt"));
+    assert_eq!(world.controller().fault(), None);
+    // The model of before comes back.
+    world.start_station(scene_station(&plan, &[("a.spm", &SPHERE)], 102));
+    settle(&mut world, &[Some(pressed)]);
+    assert_eq!(world.controller().faults().count(), 0);
+}
+
+#[test]
+fn a_tour_that_cannot_be_made_leaves_the_other_probe_its_force() {
+    let balls = [
+        ("a.spm", 2.0 * BALL, centre(0)),
+        ("b.spm", 2.0 * BALL, centre(1)),
+    ];
+    let mut plan = scene_plan(&balls, 2, 16 << 20);
+    plan.probes[0].trajectory = TrajectoryPlan::Tour {
+        object: 0,
+        seed: 1,
+        speed_m_per_s: 0.1,
+        depth_m: 1e-3,
+    };
+    let mut world = scene_world(&plan, &[("a.spm", &SPHERE), ("b.spm", &SPHERE)], 5.0);
+    world.client_mut().link().tamper(|chunk| {
+        if chunk.header.kind == ChunkKind::Tour as u32 {
+            chunk.header.kind = ChunkKind::Refused as u32;
+            chunk.header.code = Refusal::DamagedBlock as u32;
+            chunk.header.region = NONE;
+        }
+    });
+    for k in 0..2000 {
+        let down = (f64::from(k) / 1000.0).min(1.0);
+        world.step_places(&[None, Some(above(1, 0.02 - 0.021 * down))]);
+    }
+    let faults: Vec<_> = world.controller().faults().collect();
+    assert_eq!(faults, [(0, Fault::NoTour)]);
+    assert_eq!(world.controller().fault(), None);
+    let force = world.outputs().wrenches[1].force.length();
+    assert!(force > 0.5, "{force} N");
+}
+
+#[test]
+fn a_scene_of_which_nothing_can_be_touched_is_a_fault_of_the_run() {
+    let plan = scene_plan(&[("a.spm", 2.0 * BALL, DVec3::ZERO)], 1, 8 << 20);
+    let mut world = scene_world(&plan, &[("a.spm", &SPHERE)], 0.0);
+    world.client_mut().link().tamper(refused);
+    for _ in 0..200 {
+        world.step_at(above(0, -1e-3));
+    }
+    assert_eq!(world.controller().fault(), Some(Fault::UnknownModel));
+    assert_eq!(world.force(), DVec3::ZERO);
+}
