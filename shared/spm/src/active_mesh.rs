@@ -15,7 +15,9 @@
 //! collapse when no performed VSP depends on it. (`rt-tests fronts` compares with the adjacency
 //! tests of thesis 5.2.3: no mismatch in 3 million checks.) Vertices may be between two fronts
 //! ([`Geomorph`]). No operation allocates or recurses. A record that does not fit the mesh (a
-//! damaged file) is refused before anything changes.
+//! damaged file) is refused before anything changes; an operation on more faces than
+//! [`OperationFaces`] holds is too: it waits until other operations have made them fewer, and the
+//! front stays legal without it.
 
 mod adjacency;
 mod check;
@@ -83,10 +85,20 @@ struct State {
     performed: bool,
 }
 
-/// A record that does not fit its mesh.
+/// Why a split or collapse is not performed. Nothing has changed then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[error("vertex split record {0} does not fit the mesh: the file is damaged")]
-pub struct DamagedRecord(pub u32);
+pub enum OperationError {
+    /// The record does not fit its mesh.
+    #[error("vertex split record {0} does not fit the mesh: the file is damaged")]
+    Damaged(u32),
+    /// The record is sound, but the fan of its vertex on this front has more faces than an
+    /// operation may change. It waits: the fan shrinks when its ring is coarser.
+    #[error(
+        "vertex split {0} would change more than {limit} faces of this front: it has to wait",
+        limit = OperationFaces::MAX_FACES
+    )]
+    TooManyFaces(u32),
+}
 
 /// The mesh of a front.
 #[derive(Debug, Clone)]
@@ -436,11 +448,11 @@ impl ActiveMesh {
     /// Performs the split of a slot; legal splits only.
     ///
     /// # Errors
-    /// When the record does not fit the mesh; nothing has changed then.
-    pub fn split(&mut self, slot: Slot, out: &mut OperationFaces) -> Result<(), DamagedRecord> {
+    /// When the record does not fit the mesh, or its fan is too large; nothing has changed then.
+    pub fn split(&mut self, slot: Slot, out: &mut OperationFaces) -> Result<(), OperationError> {
         assert!(self.split_is_legal(slot), "an illegal split");
         let links = self.links[slot as usize];
-        let damaged = DamagedRecord(links.i);
+        let damaged = OperationError::Damaged(links.i);
         let [fn0, fn1, fn2, fn3] = links.fn_;
         let has_right = links.leaf_r != NONE;
         let vs = links.vs;
@@ -454,7 +466,7 @@ impl ActiveMesh {
         if vl == vr {
             return Err(damaged);
         }
-        self.collect(vs, links.fn_, out).ok_or(damaged)?;
+        self.patch(slot, out)?;
         out.from = [self.position(vs); 2];
         out.radius = self.radius(vs);
         self.cancel_geomorph(vs);
@@ -488,15 +500,17 @@ impl ActiveMesh {
     }
 
     /// Undoes the split of a slot; legal collapses only.
-    pub fn collapse(&mut self, slot: Slot, out: &mut OperationFaces) {
+    ///
+    /// # Errors
+    /// When its fans are too large; nothing has changed then.
+    pub fn collapse(&mut self, slot: Slot, out: &mut OperationFaces) -> Result<(), OperationError> {
         assert!(self.collapse_is_legal(slot), "an illegal collapse");
         let links = self.links[slot as usize];
         let [fn0, fn1, fn2, fn3] = links.fn_;
         let (vt, fl) = (self.vt(slot), self.fl(slot));
         let vu = vt + 1;
         debug_assert_eq!(self.faces[fl as usize].neighbours[..2], [fn1, fn0]);
-        let collected = self.patch(slot, out).is_some();
-        assert!(collected, "a performed split has whole fans");
+        self.patch(slot, out)?;
         out.moved = [links.vs; 2];
         out.from = [vt, vu].map(|vertex| self.position(vertex));
         self.cancel_geomorph(vt);
@@ -514,6 +528,7 @@ impl ActiveMesh {
         self.set_neighbour(fn2, links.vs, 1, fn3);
         self.set_neighbour(fn3, links.vs, 2, fn2);
         self.finish(slot, false, out);
+        Ok(())
     }
 
     /// Shared end of both operations: the pair of faces, the counters.

@@ -68,7 +68,9 @@ mod record;
 mod regions;
 
 pub use ab_tree::{Handle, NONE};
-pub use active_mesh::{ActiveMesh, DamagedRecord, Face, FrontWalk, Geomorph, OperationFaces, Slot};
+pub use active_mesh::{
+    ActiveMesh, Face, FrontWalk, Geomorph, OperationError, OperationFaces, Slot,
+};
 pub use error_code::ErrorScale;
 pub use file::{
     BLOCK_BYTES, BuildSummary, FORMAT_VERSION, FileError, FullFace, Section, SpmFile, SpmHeader,

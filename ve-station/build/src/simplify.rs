@@ -1,7 +1,9 @@
 //! Simplification: edge collapses by quadric error, in independent-set rounds.
 //!
 //! A round sorts the edges by cost and goes through the cheapest half, collapsing each whose
-//! one-ring no collapse of the round has touched. Greedy order instead makes dependency chains of
+//! one-ring no collapse of the round has touched. (The middle of a large fan may have been touched:
+//! it is no end of a collapse, and those of its rim share no face. Else a round would collapse one
+//! edge of a rim of thousands.) Greedy order instead makes dependency chains of
 //! thousands on flat parts; rounds keep them at about two dozen, and what would make too long a
 //! chain does not collapse.
 //!
@@ -127,6 +129,8 @@ struct Work<'a> {
     next_id: u32,
     /// What the round has done so far.
     made: Round,
+    /// Faces gone round for edges that were tried.
+    gone_round: u64,
     /// Reused: faces round the two ends, and their neighbours.
     fans: [Vec<u32>; 2],
     rings: [Vec<u32>; 2],
@@ -185,6 +189,7 @@ impl<'a> Work<'a> {
             longest_chain: limit_of_chains(mesh.positions.len(), target),
             next_id: mesh.positions.len() as u32,
             made: Round::default(),
+            gone_round: 0,
             fans: [Vec::new(), Vec::new()],
             rings: [Vec::new(), Vec::new()],
             scaled,
@@ -274,17 +279,23 @@ impl<'a> Work<'a> {
         if !self.topology.is_alive(face) || self.is_touched(a) || self.is_touched(b) {
             return;
         }
-        let Some(edge) = self
-            .topology
-            .collapsible(face, corner, &mut self.fans, &mut self.rings)
-        else {
+        let Self {
+            topology,
+            fans,
+            rings,
+            ..
+        } = self;
+        fans.iter_mut().for_each(Vec::clear);
+        let edge = topology.collapsible(face, corner, fans, rings);
+        self.gone_round += self.fans.iter().map(|fan| fan.len() as u64).sum::<u64>();
+        let Some(edge) = edge else {
             return;
         };
         let touched = self
             .rings
             .iter()
             .flatten()
-            .any(|&slot| self.touched[slot as usize] == self.round);
+            .any(|&slot| self.is_touched(slot) && !self.topology.has_large_fan(slot));
         let fits = self.result_fan(&edge) <= MAX_FACES_ROUND_A_VERTEX
             && self.chain_of(&edge) <= self.longest_chain;
         if touched || !fits {
@@ -434,6 +445,7 @@ mod tests {
     use crate::clean::clean;
     use crate::generate::{Shape, generate};
     use crate::manifold::cut_to_manifold;
+    use crate::mesh::SoupMesh;
     use crate::order;
 
     #[test]
@@ -453,6 +465,36 @@ mod tests {
         // Eight splits of a vertex make far fewer than all of them.
         assert_eq!(work.chain.iter().max(), Some(&9));
         assert!(collapses > 1000 && work.topology.alive > 20);
+    }
+
+    /// A disc of so many triangles round one vertex, raised to a cone.
+    fn cone(ring: u32) -> ManifoldMesh {
+        let mut soup = SoupMesh {
+            positions: vec![[0.0, 0.0, 0.3]],
+            triangles: Vec::new(),
+        };
+        for k in 0..ring {
+            let angle = std::f64::consts::TAU * f64::from(k) / f64::from(ring);
+            soup.positions.push([angle.cos(), angle.sin(), 0.0]);
+            soup.triangles.push([0, 1 + k, 1 + (k + 1) % ring]);
+        }
+        order::in_tree_order(cut_to_manifold(&clean(soup).unwrap()))
+    }
+
+    #[test]
+    fn what_a_round_looks_at_grows_with_the_faces_and_not_with_the_square_of_a_fan() {
+        let look = |ring: u32| {
+            let mesh = cone(ring);
+            let mut work = Work::new(&mesh, 50);
+            while work.topology.alive > 50 && !work.round(50, true).made.is_empty() {}
+            assert!(work.topology.alive < ring / 4, "{ring}: it gets coarser");
+            work.gone_round
+        };
+        let (one, two) = (look(1000), look(2000));
+        assert!(
+            two < 3 * one,
+            "{one} for a fan of 1000, {two} for twice that"
+        );
     }
 
     #[test]

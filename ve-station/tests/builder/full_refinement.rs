@@ -58,7 +58,7 @@ fn check_refinement(name: &str, mesh: &spm_builder::SoupMesh, base_faces: Option
     );
     let mut out = OperationFaces::new();
     for i in (0..parts.header.vsps).rev() {
-        active.collapse(i, &mut out);
+        active.collapse(i, &mut out).unwrap();
     }
     assert!(
         active_faces(&active) == base,

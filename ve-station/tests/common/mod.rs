@@ -187,7 +187,7 @@ pub fn random_front(
     }
     for i in (0..vsps).rev().filter(|_| down) {
         if active.collapse_is_legal(i) && random.next_u32() % 100 < chance {
-            active.collapse(i, &mut out);
+            active.collapse(i, &mut out).unwrap();
         }
     }
     active

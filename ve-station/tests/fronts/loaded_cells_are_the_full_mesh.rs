@@ -96,7 +96,7 @@ impl Model {
         self.mesh
             .for_each_active_face(|f| active.push(self.mesh.corners(f)));
         for &i in done.iter().rev() {
-            self.mesh.collapse(i, &mut out);
+            self.mesh.collapse(i, &mut out).unwrap();
         }
         by_cell(&self.parts.header.grid, active.into_iter())
     }

@@ -68,7 +68,7 @@ fn any_legal_order_of_the_splits_of_a_front_ends_in_the_same_mesh() {
                 foreign.retain(|&i| {
                     let legal = walk.mesh.collapse_is_legal(i);
                     if legal {
-                        walk.mesh.collapse(i, &mut walk.out);
+                        walk.mesh.collapse(i, &mut walk.out).unwrap();
                         collapses += 1;
                     }
                     !legal

@@ -1,7 +1,7 @@
 //! Splits and collapses of mesh and tree together.
 
 use super::{Cache, Cursor, PENDING};
-use spm::{DamagedRecord, NONE, OperationFaces, Slot};
+use spm::{NONE, OperationError, OperationFaces, Slot};
 
 impl Cache {
     /// The next split of a wanted region, skipping what is performed; marks the region refined at
@@ -76,9 +76,10 @@ impl Cache {
     /// Performs a split and updates the tree's structure and marks.
     ///
     /// # Errors
-    /// When the record does not fit the mesh; nothing has changed then.
-    pub fn split(&mut self, slot: Slot, out: &mut OperationFaces) -> Result<(), DamagedRecord> {
-        let damaged = DamagedRecord(self.mesh.id(slot));
+    /// When the record does not fit the mesh, or its fan is too large for now; nothing has changed
+    /// then.
+    pub fn split(&mut self, slot: Slot, out: &mut OperationFaces) -> Result<(), OperationError> {
+        let damaged = OperationError::Damaged(self.mesh.id(slot));
         if !self.mesh.split_is_legal(slot) {
             return Err(damaged);
         }
@@ -116,23 +117,33 @@ impl Cache {
     }
 
     /// Performs the collapse of a slot that nothing needs any more.
-    pub fn collapse(&mut self, slot: Slot, out: &mut OperationFaces) {
-        self.mesh.collapse(slot, out);
+    ///
+    /// # Errors
+    /// When its fans are too large for now; nothing has changed then.
+    pub fn collapse(&mut self, slot: Slot, out: &mut OperationFaces) -> Result<(), OperationError> {
+        self.mesh.collapse(slot, out)?;
         self.references[slot as usize].leaving = false;
         for &face in out.made_or_removed() {
             self.tree.remove(face);
         }
         self.mark_deformed(out);
         self.requeue_with_dependencies(slot);
+        Ok(())
     }
 
-    /// Performs the oldest collapse that is waiting; false when none is.
+    /// Performs the oldest collapse that is waiting and whose fans are small enough; false when
+    /// none is.
     pub fn collapse_oldest(&mut self, out: &mut OperationFaces) -> bool {
-        let oldest = self.oldest_collapse();
-        if let Some(slot) = oldest {
-            self.collapse(slot, out);
+        for _ in 0..self.to_collapse() {
+            let Some(slot) = self.oldest_collapse() else {
+                break;
+            };
+            if self.collapse(slot, out).is_ok() {
+                return true;
+            }
+            self.defer_collapse(slot);
         }
-        oldest.is_some()
+        false
     }
 
     pub(super) fn mark_deformed(&mut self, out: &OperationFaces) {

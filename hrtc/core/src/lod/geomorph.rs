@@ -9,7 +9,7 @@ use crate::perception::{
 };
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::{IMMEDIATE_SHARE, STEPS_PER_OPERATION};
-use spm::{Handle, Slot};
+use spm::{Handle, OperationError, Slot};
 
 /// How a split or collapse is to be performed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,7 +69,11 @@ impl Front {
             let arrived = geomorph.is_to_parent() && geomorph.done() >= 1.0;
             match creator.filter(|&slot| arrived && self.cache.mesh().has_reached_parent(slot)) {
                 Some(slot) if budget.operations > 0 => {
-                    self.collapse(slot, contacts);
+                    if !self.collapse(slot, contacts) {
+                        // The fans have become too large meanwhile: the pair parts again.
+                        self.cache.cancel_collapse(slot);
+                        index += 1;
+                    }
                     budget.operations -= 1;
                     self.stats.work_units += 1;
                 }
@@ -221,9 +225,14 @@ impl Front {
     fn transition(&mut self, slot: Slot, places: &[Handle], contacts: &mut Contacts) -> Transition {
         let Self { faces, reached, .. } = self;
         let mesh = self.cache.mesh();
-        // A record that does not fit is refused when it is performed.
-        if contacts.limits.is_empty() || mesh.patch(slot, faces).is_none() {
+        if contacts.limits.is_empty() {
             return Transition::Immediate;
+        }
+        match mesh.patch(slot, faces) {
+            Ok(()) => {}
+            Err(OperationError::TooManyFaces(_)) => return Transition::Deferred,
+            // A record that does not fit is refused when it is performed.
+            Err(OperationError::Damaged(_)) => return Transition::Immediate,
         }
         let space = space_of(mesh, faces, places);
         contacts.collect_reached(reached, space, NEAR_FACTOR * AROUND);
@@ -269,19 +278,24 @@ impl Front {
         self.stats.work_units += 1;
         let parent = self.cache.mesh().parent(slot);
         match self.transition(slot, &[parent], contacts) {
-            Transition::Immediate => {
-                self.collapse(slot, contacts);
+            Transition::Immediate if self.collapse(slot, contacts) => {
                 return CollapseOutcome::Done;
             }
+            // Its fans are too large on this front.
+            Transition::Immediate => self.cache.defer_collapse(slot),
             Transition::Geomorph => self.cache.start_collapse(slot),
             Transition::Deferred | Transition::Rejected => self.cache.defer_collapse(slot),
         }
         CollapseOutcome::Later
     }
 
-    fn collapse(&mut self, slot: Slot, contacts: &mut Contacts) {
-        self.cache.collapse(slot, &mut self.faces);
-        contacts.carry(self.cache.mesh(), &self.faces);
-        self.stats.ecols += 1;
+    /// Performs a collapse; false when its fans are too large on this front.
+    fn collapse(&mut self, slot: Slot, contacts: &mut Contacts) -> bool {
+        let is_done = self.cache.collapse(slot, &mut self.faces).is_ok();
+        if is_done {
+            contacts.carry(self.cache.mesh(), &self.faces);
+            self.stats.ecols += 1;
+        }
+        is_done
     }
 }

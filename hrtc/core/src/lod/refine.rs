@@ -11,7 +11,7 @@ use crate::tuning::lod::{
     BEHIND_SHARE, CHANGES_PER_UNIT, COLLAPSE_TICKS, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT,
     HYSTERESIS_TICKS, MAX_UNLOADS, MAX_WANTED, MIN_OPERATIONS,
 };
-use spm::{DamagedRecord, Slot};
+use spm::{OperationError, Slot};
 
 /// The most work units that refinement may take a tick: operations, and closure entries gone
 /// through, of which [`CHANGES_PER_UNIT`] count as one where they change set or are unloaded. A
@@ -97,19 +97,42 @@ impl Front {
                 let Some(slot) = self.cache.next_split(region, &mut budget.entries) else {
                     break;
                 };
-                let transition = self.transition_of_split(slot, contacts);
-                if matches!(transition, Transition::Deferred | Transition::Rejected) {
-                    self.cache.defer_split(region);
-                    budget.entries = budget.entries.saturating_sub(ENTRIES_PER_WAIT);
-                    self.split_behind(region, &mut entries_behind, budget, contacts);
-                    break;
-                }
-                if self.split(slot, transition, budget, contacts).is_err() {
-                    // The rest of the closure may depend on it: the region stays as it is.
-                    self.refuse(region, tick);
-                    break;
+                match self.try_split(slot, budget, contacts) {
+                    Ok(true) => {}
+                    Ok(false) => {
+                        self.cache.defer_split(region);
+                        budget.entries = budget.entries.saturating_sub(ENTRIES_PER_WAIT);
+                        self.split_behind(region, &mut entries_behind, budget, contacts);
+                        break;
+                    }
+                    Err(_) => {
+                        // The rest of the closure may depend on it: the region stays as it is.
+                        self.refuse(region, tick);
+                        break;
+                    }
                 }
             }
+        }
+    }
+
+    /// Performs a split, unless it has to wait; whether it is performed.
+    fn try_split(
+        &mut self,
+        slot: Slot,
+        budget: &mut Budget,
+        contacts: &mut Contacts,
+    ) -> Result<bool, OperationError> {
+        let transition = self.transition_of_split(slot, contacts);
+        if matches!(transition, Transition::Deferred | Transition::Rejected) {
+            return Ok(false);
+        }
+        match self.split(slot, transition, budget, contacts) {
+            Ok(()) => Ok(true),
+            Err(OperationError::TooManyFaces(_)) => {
+                self.stats.deferred += 1;
+                Ok(false)
+            }
+            Err(damaged) => Err(damaged),
         }
     }
 
@@ -120,7 +143,7 @@ impl Front {
         transition: Transition,
         budget: &mut Budget,
         contacts: &mut Contacts,
-    ) -> Result<(), DamagedRecord> {
+    ) -> Result<(), OperationError> {
         self.cache.split(slot, &mut self.faces)?;
         if transition == Transition::Geomorph {
             self.cache.start_geomorphs(&self.faces);
@@ -149,12 +172,11 @@ impl Front {
             let Some(slot) = self.cache.next_split_behind(region, &mut place, entries) else {
                 break;
             };
-            let transition = self.transition_of_split(slot, contacts);
-            if matches!(transition, Transition::Deferred | Transition::Rejected) {
-                *entries = entries.saturating_sub(ENTRIES_PER_WAIT);
-            } else if self.split(slot, transition, budget, contacts).is_err() {
+            match self.try_split(slot, budget, contacts) {
+                Ok(true) => {}
+                Ok(false) => *entries = entries.saturating_sub(ENTRIES_PER_WAIT),
                 // A damaged record is found when its turn comes.
-                break;
+                Err(_) => break,
             }
         }
         budget.entries = budget.entries.saturating_sub(before - *entries);

@@ -63,7 +63,7 @@ impl Front {
         let mut out = OperationFaces::new();
         for i in (0..vsps).rev() {
             if mesh.collapse_is_legal(i) && random.below(4) == 0 {
-                mesh.collapse(i, &mut out);
+                mesh.collapse(i, &mut out).expect("small fans");
                 out.made_or_removed().iter().for_each(|&f| tree.remove(f));
                 out.deformed().iter().for_each(|&f| tree.deform(f));
             }

@@ -76,7 +76,7 @@ impl Front {
 
     fn perform(&mut self, slot: Slot) {
         if self.mesh.is_performed(slot) {
-            self.mesh.collapse(slot, &mut self.out);
+            self.mesh.collapse(slot, &mut self.out).expect("small fans");
             for &face in self.out.made_or_removed() {
                 self.tree.remove(face);
             }

@@ -29,7 +29,7 @@ fn change(
                 assert!(tree.insert(face, leaf));
             }
         } else if mesh.collapse_is_legal(i) {
-            mesh.collapse(i, &mut out);
+            mesh.collapse(i, &mut out).expect("small fans");
             out.made_or_removed().iter().for_each(|&f| tree.remove(f));
         } else {
             continue;

@@ -125,7 +125,7 @@ impl<'a> Front<'a> {
         };
         let mut changed = Vec::new();
         for &k in undone.iter().rev() {
-            self.mesh.collapse(k, &mut self.out);
+            self.mesh.collapse(k, &mut self.out).expect("small fans");
             changed.extend(self.out.deformed());
             changed.extend(self.out.made_or_removed());
         }

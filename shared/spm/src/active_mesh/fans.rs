@@ -1,6 +1,7 @@
 //! The faces around a vertex: the fans that a split separates and a collapse joins.
 
-use super::{ActiveMesh, Handle, NONE, OperationFaces, Slot};
+use super::operation_faces::FanError;
+use super::{ActiveMesh, Handle, NONE, OperationError, OperationFaces, Slot};
 use glam::DVec3;
 
 impl ActiveMesh {
@@ -32,55 +33,62 @@ impl ActiveMesh {
 
     /// Collects the two fans of a split of `vs`, counterclockwise: fn0..fn2 go to vt, fn3..fn1 to
     /// vu.
-    pub(super) fn collect(
+    fn collect(
         &self,
         vs: Handle,
-        fn_: [Handle; 4],
+        [fn0, fn1, fn2, fn3]: [Handle; 4],
         out: &mut OperationFaces,
-    ) -> Option<()> {
-        let [fn0, fn1, fn2, fn3] = fn_;
+    ) -> Result<(), FanError> {
         out.count = 0;
         self.fan(vs, fn0, fn2, out)?;
         out.of_t = out.count;
         self.fan(vs, fn3, fn1, out)?;
-        // A damaged record could name a face in both fans.
-        let (t, u) = out.deformed().split_at(out.of_t);
-        let disjoint = t.iter().all(|f| !u.contains(f));
-        disjoint.then_some(())
+        // A damaged record could name a face in both fans. Each is one or two runs around the
+        // vertex, and where two runs meet, one holds an end of the other.
+        let (t, u) = out.fans();
+        let disjoint = ![fn0, fn2].iter().any(|end| u.contains(end))
+            && ![fn1, fn3].iter().any(|end| t.contains(end));
+        if disjoint {
+            Ok(())
+        } else {
+            Err(FanError::Broken)
+        }
     }
 
     /// Collects the faces around `vertex` counterclockwise from `first` to `last`. Where a boundary
     /// interrupts the fan, its second piece is walked clockwise from `last`.
-    pub(super) fn fan(
+    fn fan(
         &self,
         vertex: Handle,
         first: Handle,
         last: Handle,
         out: &mut OperationFaces,
-    ) -> Option<()> {
+    ) -> Result<(), FanError> {
+        let next = |face: Handle, step: usize| {
+            self.neighbour_at_corner(face, vertex, step)
+                .ok_or(FanError::Broken)
+        };
         let mut face = first;
         while face != NONE {
             out.push(face)?;
             if face == last {
-                return Some(());
+                return Ok(());
             }
-            let f = &self.faces[face as usize];
-            face = f.neighbours[(f.index_of(vertex)? + 1) % 3];
+            face = next(face, 1)?;
             if face == first {
                 // A full turn without `last`.
-                return None;
+                return Err(FanError::Broken);
             }
         }
         let mut face = last;
         while face != NONE {
             out.push(face)?;
-            let f = &self.faces[face as usize];
-            face = f.neighbours[(f.index_of(vertex)? + 2) % 3];
+            face = next(face, 2)?;
             if face == last {
-                return None;
+                return Err(FanError::Broken);
             }
         }
-        Some(())
+        Ok(())
     }
 
     /// Sets the neighbour of `face` opposite the corner `step` after `vertex`.
@@ -104,13 +112,28 @@ impl ActiveMesh {
     /// Collects the faces that the split of a loaded slot would deform, or its collapse if it is
     /// performed.
     ///
-    /// `None` when the record does not fit the mesh.
-    pub fn patch(&self, slot: Slot, out: &mut OperationFaces) -> Option<()> {
+    /// # Errors
+    /// When the record does not fit the mesh, or the faces are too many for one operation.
+    pub fn patch(&self, slot: Slot, out: &mut OperationFaces) -> Result<(), OperationError> {
         let links = self.links[slot as usize];
-        if !self.is_performed(slot) {
-            return self.collect(links.vs, links.fn_, out);
-        }
-        let [fn0, fn1, fn2, fn3] = links.fn_;
+        let collected = if self.is_performed(slot) {
+            self.collect_performed(slot, links.fn_, out)
+        } else {
+            self.collect(links.vs, links.fn_, out)
+        };
+        collected.map_err(|error| match error {
+            FanError::Broken => OperationError::Damaged(links.i),
+            FanError::TooLarge => OperationError::TooManyFaces(links.i),
+        })
+    }
+
+    /// Collects the two fans that the collapse of a performed slot joins.
+    fn collect_performed(
+        &self,
+        slot: Slot,
+        [fn0, fn1, fn2, fn3]: [Handle; 4],
+        out: &mut OperationFaces,
+    ) -> Result<(), FanError> {
         let vt = self.vt(slot);
         out.count = 0;
         self.fan(vt, fn0, fn2, out)?;
@@ -206,7 +229,7 @@ impl ActiveMesh {
         // Counterclockwise, a full turn or to the boundary; then the rest clockwise.
         for step in [1, 2] {
             while face != NONE {
-                out.push(face)?;
+                out.push(face).ok()?;
                 face = self.neighbour_at_corner(face, vertex, step)?;
                 if face == first {
                     return Some(());

@@ -3,6 +3,15 @@
 use super::{Handle, NONE};
 use glam::Vec3;
 
+/// Why the faces around a vertex are not collected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum FanError {
+    /// They are not what a record says.
+    Broken,
+    /// There are more than [`OperationFaces::MAX_FACES`].
+    TooLarge,
+}
+
 /// The faces that one operation changes, in storage that is allocated once.
 #[derive(Debug, Clone)]
 pub struct OperationFaces {
@@ -27,7 +36,9 @@ pub struct OperationFaces {
 }
 
 impl OperationFaces {
-    /// Largest number of deformed faces; the builder keeps fans far smaller.
+    /// Largest number of deformed faces. On the fronts of the builder's sequence fans are far
+    /// smaller; on others a vertex may have all the faces that it has in the full mesh. What would
+    /// change more waits, see [`super::OperationError::TooManyFaces`].
     pub const MAX_FACES: usize = 512;
 
     /// Empty storage.
@@ -65,10 +76,13 @@ impl OperationFaces {
         &self.pair[..self.pair_count]
     }
 
-    pub(super) fn push(&mut self, face: Handle) -> Option<()> {
-        *self.deformed.get_mut(self.count)? = face;
+    pub(super) fn push(&mut self, face: Handle) -> Result<(), FanError> {
+        *self
+            .deformed
+            .get_mut(self.count)
+            .ok_or(FanError::TooLarge)? = face;
         self.count += 1;
-        Some(())
+        Ok(())
     }
 }
 

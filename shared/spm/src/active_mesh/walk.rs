@@ -48,7 +48,7 @@ impl FrontWalk {
     /// Performs a random legal split that `wanted` accepts; `None` when there is none.
     ///
     /// # Panics
-    /// When a record does not fit the mesh.
+    /// When a record does not fit the mesh, or a fan is too large for one operation.
     pub fn split(
         &mut self,
         random: &mut impl FnMut() -> u32,
@@ -89,11 +89,12 @@ impl FrontWalk {
     /// Undoes a VSP whose collapse is legal.
     ///
     /// # Panics
-    /// When it is not performed, or not legal.
+    /// When it is not performed, not legal, or its fans are too large for one operation.
     pub fn undo(&mut self, slot: Slot) {
         let at = self.performed.iter().position(|&i| i == slot);
         self.performed.swap_remove(at.expect("it is performed"));
-        self.mesh.collapse(slot, &mut self.out);
+        let done = self.mesh.collapse(slot, &mut self.out);
+        assert!(done.is_ok(), "{done:?}");
         self.ready.push(slot);
     }
 
@@ -107,7 +108,7 @@ impl FrontWalk {
     /// depends on j.
     ///
     /// # Panics
-    /// When a record does not fit the mesh.
+    /// When a record does not fit the mesh, or a fan is too large for one operation.
     pub fn force(&mut self, slot: Slot) -> (bool, u32) {
         let mut missing = vec![slot];
         let mut next = 0;

@@ -4,7 +4,8 @@
 //! surface is smooth that ends at the nearest face in two or three steps. Then it makes sure, in a
 //! heap of boxes over the faces (they lie in AB-tree order, so it needs no links): from the box of
 //! the face that was found up to the root, looking into every sibling that is nearer than what it
-//! has. Exact.
+//! has. Exact, but for a point that more than [`MAX_FACES`] faces might be near to, as above the
+//! slivers round the tip of a cone: their boxes all hold it. Then it is an upper bound.
 //!
 //! Memory: 12 B a face (neighbours), 24 B a box, one box for one to two faces.
 
@@ -15,6 +16,9 @@ use spm::NONE;
 
 /// The most faces of a walk: beyond, boxes are faster.
 const MAX_STEPS: usize = 12;
+/// The most faces that a search looks at, so that none grows with a fan: three times what any search
+/// needs in `cargo test -p ve-station --test expected_error` (291, an uneven grid with holes).
+const MAX_FACES: u32 = 1024;
 
 /// The full mesh with boxes over it.
 pub struct FullSurface<'a> {
@@ -37,6 +41,15 @@ pub struct Found {
     pub distance_squared: f64,
     /// The face that is so near.
     pub face: u32,
+    /// Faces looked at for it after the walk.
+    looked_at: u32,
+}
+
+impl Found {
+    /// Whether the search may end: it is near enough, or enough was looked at.
+    fn suffices(&self, enough: f64) -> bool {
+        self.distance_squared <= enough || self.looked_at >= MAX_FACES
+    }
 }
 
 impl<'a> FullSurface<'a> {
@@ -94,7 +107,7 @@ impl<'a> FullSurface<'a> {
         }
         let mut node = self.lowest_box_of(found.face);
         self.look_into(point, node, enough, &mut found);
-        while node > 1 && found.distance_squared > enough {
+        while node > 1 && !found.suffices(enough) {
             if self.box_distance_squared(node ^ 1, point) < found.distance_squared {
                 self.look_into(point, node ^ 1, enough, &mut found);
             }
@@ -109,6 +122,7 @@ impl<'a> FullSurface<'a> {
         let mut found = Found {
             distance_squared: f64::INFINITY,
             face: from,
+            looked_at: 0,
         };
         let (mut face, mut before) = (from, NONE);
         for _ in 0..MAX_STEPS {
@@ -131,6 +145,7 @@ impl<'a> FullSurface<'a> {
     }
 
     fn look_at(&self, point: DVec3, face: u32, found: &mut Found) {
+        found.looked_at += 1;
         let corners = self.triangles[face as usize].map(|v| self.position(v));
         let lower = corners[0].min(corners[1]).min(corners[2]);
         let upper = corners[0].max(corners[1]).max(corners[2]);
@@ -139,10 +154,8 @@ impl<'a> FullSurface<'a> {
         }
         let distance_squared = distance(&corners, point).squared;
         if distance_squared < found.distance_squared {
-            *found = Found {
-                distance_squared,
-                face,
-            };
+            found.distance_squared = distance_squared;
+            found.face = face;
         }
     }
 
@@ -174,13 +187,13 @@ impl<'a> FullSurface<'a> {
             if node != 0 {
                 for face in self.faces_of(node) {
                     self.look_at(point, face, found);
-                    if found.distance_squared <= enough {
+                    if found.suffices(enough) {
                         return;
                     }
                 }
             }
             loop {
-                if count == 0 || found.distance_squared <= enough {
+                if count == 0 || found.suffices(enough) {
                     return;
                 }
                 count -= 1;

@@ -1,6 +1,11 @@
 //! Faces and their neighbours during simplification, and which edges may collapse.
 
+use crate::history::MAX_FACES_ROUND_A_VERTEX;
 use spm::NONE;
+
+/// Faces round an end of an edge beyond which its collapse makes too large a fan whatever the other
+/// end: that has two at least, and four go (at a boundary: one, and two).
+const MAX_FACES_ROUND_AN_END: u32 = MAX_FACES_ROUND_A_VERTEX as u32 + 2;
 
 /// Corners and neighbours by face, and one face by vertex slot.
 pub(super) struct Topology {
@@ -10,6 +15,8 @@ pub(super) struct Topology {
     pub neighbours: Vec<[u32; 3]>,
     /// By slot: some live face round it.
     face_of: Vec<u32>,
+    /// By slot: live faces round it.
+    faces_round: Vec<u32>,
     /// Faces that are left.
     pub alive: u32,
 }
@@ -30,10 +37,12 @@ impl Topology {
     pub fn new(triangles: &[[u32; 3]], vertices: usize) -> Self {
         let mut neighbours = vec![[NONE; 3]; triangles.len()];
         let mut face_of = vec![NONE; vertices];
+        let mut faces_round = vec![0; vertices];
         let mut edges: Vec<(u64, u32)> = Vec::with_capacity(triangles.len() * 3);
         for (face, corners) in (0u32..).zip(triangles) {
             for k in 0..3 {
                 face_of[corners[k] as usize] = face;
+                faces_round[corners[k] as usize] += 1;
                 let (a, b) = (corners[(k + 1) % 3], corners[(k + 2) % 3]);
                 edges.push((
                     u64::from(a.min(b)) << 32 | u64::from(a.max(b)),
@@ -53,12 +62,18 @@ impl Topology {
             corners: triangles.to_vec(),
             neighbours,
             face_of,
+            faces_round,
             alive: triangles.len() as u32,
         }
     }
 
     pub fn is_alive(&self, face: u32) -> bool {
         self.corners[face as usize][0] != NONE
+    }
+
+    /// Whether so many faces are round a slot that no edge to it may collapse.
+    pub fn has_large_fan(&self, slot: u32) -> bool {
+        self.faces_round[slot as usize] > MAX_FACES_ROUND_AN_END
     }
 
     /// The side of a face from corner k to the next: its two slots and the face across.
@@ -122,6 +137,8 @@ impl Topology {
     /// The edge at a side of a face, when collapsing it keeps the mesh a manifold: the link
     /// condition on the mesh closed with one more vertex behind all boundaries. Fills in fans and
     /// rings of both ends (vt, vu).
+    ///
+    /// `None` at once where an end has a large fan: every edge to it asks in every round.
     pub fn collapsible(
         &self,
         face: u32,
@@ -130,6 +147,9 @@ impl Topology {
         rings: &mut [Vec<u32>; 2],
     ) -> Option<Collapsible> {
         let (fl, (vt, vu, fr)) = (face, self.side(face, k));
+        if self.has_large_fan(vt) || self.has_large_fan(vu) {
+            return None;
+        }
         let vl = self.corners[face as usize][(k + 2) % 3];
         let vr = if fr == NONE {
             NONE
@@ -186,6 +206,12 @@ impl Topology {
 
     /// Removes the faces of the edge; vt's slot takes over the fan of vu.
     pub fn collapse(&mut self, edge: &Collapsible, fan_u: &[u32]) {
+        let removed = 1 + u32::from(edge.fr != NONE);
+        self.faces_round[edge.vt as usize] += self.faces_round[edge.vu as usize];
+        self.faces_round[edge.vt as usize] -= 2 * removed;
+        for third in [edge.vl, edge.vr].into_iter().take(removed as usize) {
+            self.faces_round[third as usize] -= 1;
+        }
         let [fn0, fn1, fn2, fn3] = edge.fn_;
         self.join(edge.fl, fn0, fn1);
         if edge.fr != NONE {
