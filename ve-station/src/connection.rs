@@ -2,8 +2,8 @@
 //!
 //! It polls: every fifth of a millisecond what came is handed to the core, and what the core has to
 //! say is sent. Nothing here blocks; what a full queue discards shows as a gap to the receiver, and
-//! epochs heal it. A tour, which takes long, is rolled between two looks at the ports, a little
-//! each time; its client is told in time that it is being rolled.
+//! epochs heal it. Between two looks at the ports each client has a turn of a few steps; who waits
+//! for long, as for a tour or the closure of a whole model, is told in time that it is being made.
 
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
@@ -11,7 +11,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use protocol::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, HELLO_PERIOD_MS, Hello,
-    HelloError, Request, Role,
+    HelloError, MAX_CLIENTS, Request, Role,
 };
 use station_core::station::{Chunk, Message, Station};
 use std::collections::btree_map::Entry;
@@ -24,16 +24,18 @@ use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError};
 const POLL: Duration = Duration::from_micros(200);
 /// Time between two heartbeats.
 const HELLO: Duration = Duration::from_millis(HELLO_PERIOD_MS);
-/// Steps of a client's tour between two looks at the ports: tenths of a millisecond, unless they
+/// Steps of a client's turn between two looks at the ports: tenths of a millisecond, unless they
 /// read a slow disk.
-const ROLLED: u64 = 8;
-/// Time after which a client whose tour is being rolled is told something: a part of what it would
+const STEPS: u64 = 8;
+/// Time after which a client that is being worked for is told something: a part of what it would
 /// wait.
 const TOLD: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS / 4);
 /// Time between two clean-ups of dead nodes.
 const CLEANUP: Duration = Duration::from_secs(1);
 /// A client silent for so long is forgotten, and its topic closed.
 const FORGET: Duration = Duration::from_secs(10);
+/// Time for which the topic of a client that was turned away stays open: it is repeated meanwhile.
+const TURNED_AWAY: Duration = Duration::from_secs(2);
 /// Sentences about peers at the most: a noisy domain must not fill memory.
 const MAX_SAID: usize = 64;
 
@@ -44,8 +46,10 @@ pub struct Connection<D> {
     ports: Ports,
     /// Last sign of life of each client.
     heard: BTreeMap<u64, Instant>,
-    /// Clients whose tour is being rolled, and when each was told something last.
-    touring: BTreeMap<u64, Instant>,
+    /// Clients that are being worked for, and when each was told something last.
+    waiting: BTreeMap<u64, Instant>,
+    /// Clients turned away, and when.
+    turned_away: BTreeMap<u64, Instant>,
     /// Sentences about peers already said.
     said: BTreeSet<String>,
 }
@@ -112,7 +116,8 @@ impl<D: AsRef<[u8]>> Connection<D> {
             station,
             ports: Ports::open(domain)?,
             heard: BTreeMap::new(),
-            touring: BTreeMap::new(),
+            waiting: BTreeMap::new(),
+            turned_away: BTreeMap::new(),
             said: BTreeSet::new(),
         })
     }
@@ -145,7 +150,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
                 // A peer that died leaves its files and queues to whoever looks.
                 let _ = self.ports.node.try_cleanup_dead_nodes();
             }
-            if self.touring.is_empty() {
+            if self.waiting.is_empty() {
                 std::thread::sleep(POLL);
             }
         }
@@ -166,9 +171,13 @@ impl<D: AsRef<[u8]>> Connection<D> {
         }
         for _ in 0..2 * MAX_QUEUED {
             match self.ports.requests.receive() {
-                Ok(Some(request)) => {
-                    self.heard.insert(request.client, now);
+                Ok(Some(sample)) => {
+                    // A copy: its sender could change it while it is looked at.
+                    let request: Request = *sample.payload();
                     self.station.handle(Message::Request(&request));
+                    if self.station.knows(request.client) {
+                        self.heard.insert(request.client, now);
+                    }
                 }
                 Ok(None) => break,
                 Err(e) => return self.complain("receive requests", e),
@@ -176,7 +185,10 @@ impl<D: AsRef<[u8]>> Connection<D> {
         }
         for _ in 0..2 * MAX_QUEUED {
             match self.ports.contacts.receive() {
-                Ok(Some(report)) => self.station.handle(Message::Contact(&report)),
+                Ok(Some(sample)) => {
+                    let report: ContactReport = *sample.payload();
+                    self.station.handle(Message::Contact(&report));
+                }
                 Ok(None) => break,
                 Err(e) => return self.complain("receive contacts", e),
             }
@@ -205,28 +217,43 @@ impl<D: AsRef<[u8]>> Connection<D> {
         }
     }
 
-    /// Sends what the core has to say, as far as credit goes and a few steps of a tour lead.
+    /// Sends what the core has to say, as far as credit goes and a few steps for each client lead.
     fn send(&mut self, now: Instant) {
         let clients: Vec<u64> = self.station.clients().collect();
+        self.turned_away
+            .retain(|_, &mut since| now.duration_since(since) < TURNED_AWAY);
+        let turned_away: Vec<(u64, Chunk)> = self.station.take_turned_away().collect();
+        for (client, chunk) in turned_away {
+            if self.turned_away.len() < MAX_CLIENTS || self.turned_away.contains_key(&client) {
+                self.turned_away.insert(client, now);
+                match self.ports.open_records(client) {
+                    Ok(()) => self.send_chunk(client, &chunk),
+                    Err(error) => self.warn_once(error.to_string()),
+                }
+            }
+        }
         // A client that the core forgot keeps no topic.
-        self.ports.records.retain(|id, _| clients.contains(id));
-        self.touring.retain(|id, _| clients.contains(id));
+        let turned_away = &self.turned_away;
+        self.ports
+            .records
+            .retain(|id, _| clients.contains(id) || turned_away.contains_key(id));
+        self.waiting.retain(|id, _| clients.contains(id));
         for client in clients {
             if let Err(error) = self.ports.open_records(client) {
                 self.warn_once(error.to_string());
                 continue;
             }
-            let mut steps = ROLLED;
+            let mut steps = STEPS;
             let mut told = false;
             while let Some(chunk) = self.station.poll_within(client, &mut steps) {
                 self.send_chunk(client, &chunk);
                 told = true;
             }
             if steps > 0 {
-                self.touring.remove(&client);
+                self.waiting.remove(&client);
                 continue;
             }
-            let last = self.touring.entry(client).or_insert(now);
+            let last = self.waiting.entry(client).or_insert(now);
             if told {
                 *last = now;
             } else if now.duration_since(*last) >= TOLD {

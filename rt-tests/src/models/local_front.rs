@@ -6,7 +6,7 @@ use crate::models::Model;
 use glam::DVec3;
 use hrtc_core::cache::{Cache, LoadError, RegionKey};
 use spm::{OperationFaces, RegionId};
-use station_core::collection::{Collection, RegionAt};
+use station_core::collection::{RegionAt, closure};
 use std::collections::BTreeSet;
 
 /// Cache bytes for each VSP of the model: enough for all of them, and for the lists of any block of
@@ -18,7 +18,6 @@ const MAX_BYTES: usize = 256 << 20;
 /// A cache with one model, and the collection that serves it.
 pub struct LocalFront<'a> {
     model: &'a Model,
-    collection: Collection,
     cache: Cache,
     wanted: BTreeSet<RegionKey>,
     out: OperationFaces,
@@ -59,7 +58,6 @@ impl<'a> LocalFront<'a> {
         cache.refit();
         Ok(Self {
             model,
-            collection: Collection::new(header.vsps),
             cache,
             wanted: BTreeSet::new(),
             out: OperationFaces::new(),
@@ -128,10 +126,7 @@ impl<'a> LocalFront<'a> {
                 self.model.name
             ))
         };
-        let closure = self
-            .collection
-            .closure(&self.model.file, asked)
-            .map_err(|error| failed(&error))?;
+        let closure = closure(&self.model.file, asked).map_err(|error| failed(&error))?;
         self.make_room(closure.len());
         let region = self.cache.regions.request(key);
         let region = region.ok_or_else(|| failed(&"the table is full"))?;

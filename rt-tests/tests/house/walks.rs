@@ -78,6 +78,7 @@ pub const PREDICTION_TO_FACE: [&[Step]; 4] = [
         ("hrtc/core/src/active/object.rs", "refine"),
         ("hrtc/core/src/lod/refine.rs", "refine"),
         ("hrtc/core/src/lod/refine.rs", "split_wanted"),
+        ("hrtc/core/src/lod/refine.rs", "try_split"),
         ("hrtc/core/src/lod/refine.rs", "split"),
         ("hrtc/core/src/cache/operations.rs", "split"),
         ("shared/spm/src/active_mesh.rs", "split"),

@@ -72,6 +72,8 @@ codes! {
         Tolerance = 4,
         /// Numbers of a scripted path that are not finite, not positive, or beyond the model.
         Tour = 5,
+        /// The station serves [`MAX_CLIENTS`] others.
+        NoPlace = 6,
     }
 }
 

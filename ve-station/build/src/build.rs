@@ -14,7 +14,7 @@ use spm::{ErrorScale, SpmParts};
 use std::path::Path;
 
 /// Counted up whenever the builder makes another file from the same mesh; part of a cache's key.
-pub const BUILDER_VERSION: u32 = 6;
+pub const BUILDER_VERSION: u32 = 7;
 
 /// What the user may set (thesis Table 4.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

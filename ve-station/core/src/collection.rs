@@ -11,9 +11,9 @@
 //! whose reach meets the cell grown by 2 t (contact points slide that far along coarse faces),
 //! found from the base mesh down.
 
+use crate::sparse::{IdSet, Sparse};
 use glam::DVec3;
 use protocol::Refusal;
-use spm::ModelHeader;
 use spm::{BoundsScale, ErrorScale, FileError, NONE, RegionId, Section, SpmFile, VspRecord};
 use std::collections::BTreeSet;
 use std::fmt;
@@ -103,6 +103,7 @@ impl CollectError {
 }
 
 /// Which VSPs a search takes from the hierarchy.
+#[derive(Debug)]
 struct Wanted {
     /// The largest code of an expected error that does not exceed the tolerance.
     floor: u16,
@@ -111,58 +112,56 @@ struct Wanted {
     within: Option<(DVec3, DVec3)>,
 }
 
-/// Finds closures. One per model; holds 4 bytes a VSP so that a search touches only what it visits.
+/// How far a search is.
 #[derive(Debug)]
-pub struct Collection {
-    /// The search that last visited each VSP; [n].
-    stamps: Vec<u32>,
-    /// The current search; 0 is none.
-    stamp: u32,
-    /// VSPs to look at, each with the vertex that it must split. Empty between searches.
-    candidates: Vec<(u32, u32)>,
+enum Phase {
+    /// The first VSPs of the sequence: nothing is searched.
+    Prefix(u32),
+    /// VSPs of the hierarchy, each with the vertex that it must split, are to be looked at.
+    Seeds(Wanted, Vec<(u32, u32)>),
+    /// Everything found is to be closed.
+    Closing,
+}
+
+/// The search for a closure, a bounded part at a time. Memory follows what is found.
+///
+/// | asked for | the smallest front that holds |
+/// |---|---|
+/// | a cell at tolerance 0 | what makes every face of the full mesh that it owns |
+/// | a cell at t > 0 | VSPs with E > t whose descendant bounds meet the cell grown by 2 t |
+/// | the whole at t > 0 | VSPs with expected error E > t |
+/// | the whole at tolerance 0 | every VSP |
+/// | a prefix | the first VSPs of the sequence, at most all |
+#[derive(Debug)]
+pub struct Search {
+    asked: RegionAt,
+    phase: Phase,
+    found: IdSet,
+    /// Found, but what it depends on is not.
+    open: Vec<u32>,
+    /// The least id that [`Search::next_id`] may give.
+    next: u32,
     looked_at: u64,
 }
 
-impl Collection {
-    /// For a model with so many VSPs.
-    #[must_use]
-    pub fn new(vsps: u32) -> Self {
-        Self {
-            stamps: vec![0; vsps as usize],
-            stamp: 0,
-            candidates: Vec::new(),
-            looked_at: 0,
-        }
-    }
-
-    /// Nodes of the hierarchy that searches have looked at so far: at most the base vertices and
-    /// two for each VSP taken, a search.
-    #[must_use]
-    pub fn looked_at(&self) -> u64 {
-        self.looked_at
-    }
-
-    /// The closure of what is asked for, ascending.
-    ///
-    /// | asked for | the smallest front that holds |
-    /// |---|---|
-    /// | a cell at tolerance 0 | what makes every face of the full mesh that it owns |
-    /// | a cell at t > 0 | VSPs with E > t whose descendant bounds meet the cell grown by 2 t |
-    /// | the whole at t > 0 | VSPs with expected error E > t |
-    /// | the whole at tolerance 0 | every VSP |
-    /// | a prefix | the first VSPs of the sequence, at most all |
+impl Search {
+    /// Begins a search.
     ///
     /// # Errors
-    /// When the grid has no such cell, the tolerance is none, or a block that the search needs is
-    /// damaged.
-    pub fn closure<D: AsRef<[u8]>>(
-        &mut self,
-        file: &SpmFile<D>,
-        asked: RegionAt,
-    ) -> Result<Vec<u32>, CollectError> {
+    /// When the grid has no such cell, the tolerance is none, or the index of regions is damaged.
+    pub fn new<D: AsRef<[u8]>>(file: &SpmFile<D>, asked: RegionAt) -> Result<Self, CollectError> {
         let header = file.model_header();
+        let mut search = Self {
+            asked,
+            phase: Phase::Closing,
+            found: IdSet::default(),
+            open: Vec::new(),
+            next: 0,
+            looked_at: 0,
+        };
         if asked.region == RegionId::PREFIX {
-            return Ok((0..asked.tolerance_bits.min(header.vsps)).collect());
+            search.phase = Phase::Prefix(asked.tolerance_bits.min(header.vsps));
+            return Ok(search);
         }
         let tolerance = f32::from_bits(asked.tolerance_bits);
         if !(tolerance >= 0.0 && tolerance.is_finite()) {
@@ -170,53 +169,26 @@ impl Collection {
         }
         let whole = asked.region == RegionId::WHOLE;
         if whole && tolerance == 0.0 {
-            return Ok((0..header.vsps).collect());
+            search.phase = Phase::Prefix(header.vsps);
+            return Ok(search);
         }
         let grid = header.grid_of(tolerance);
         if !whole && !grid.contains(asked.region) {
             return Err(CollectError::UnknownRegion(asked));
+        }
+        if tolerance == 0.0 {
+            let seeds = file.seeds(asked.region);
+            let seeds = seeds.map_err(|error| CollectError::Damaged { asked, error })?;
+            for &seed in seeds.unwrap_or_default() {
+                search.visit(seed, header.vsps);
+            }
+            return Ok(search);
         }
         let within = (!whole).then(|| {
             let (lower, upper) = grid.cell_box(asked.region);
             let grown = DVec3::splat(2.0 * f64::from(tolerance));
             (lower - grown, upper + grown)
         });
-        let found = if tolerance == 0.0 {
-            self.seeds_in_index(file, asked.region)
-        } else {
-            self.seeds_in_hierarchy(file, &header, tolerance, within)
-        };
-        let closed = found.and_then(|seeds| self.close(file, seeds));
-        self.candidates.clear();
-        closed.map_err(|error| CollectError::Damaged { asked, error })
-    }
-
-    /// The seeds of a region, each visited.
-    fn seeds_in_index<D: AsRef<[u8]>>(
-        &mut self,
-        file: &SpmFile<D>,
-        region: RegionId,
-    ) -> Result<Vec<u32>, FileError> {
-        self.begin();
-        let Some(seeds) = file.seeds(region)? else {
-            return Ok(Vec::new());
-        };
-        let mut found = Vec::with_capacity(2 * seeds.len());
-        for &seed in seeds {
-            self.visit(seed, &mut found);
-        }
-        Ok(found)
-    }
-
-    /// The VSPs that a tolerance and a box want, each visited. Stops below every VSP that is not
-    /// wanted: those that split its descendants are not wanted either (see `VspNode`).
-    fn seeds_in_hierarchy<D: AsRef<[u8]>>(
-        &mut self,
-        file: &SpmFile<D>,
-        header: &ModelHeader,
-        tolerance: f32,
-        within: Option<(DVec3, DVec3)>,
-    ) -> Result<Vec<u32>, FileError> {
         let scale = ErrorScale::for_diagonal(header.diagonal);
         let wanted = Wanted {
             // An unknown error is larger than any tolerance.
@@ -224,108 +196,169 @@ impl Collection {
             reach: BoundsScale::new(header.lower, header.upper),
             within,
         };
-        let sizes = header.sizes();
-        self.begin();
-        self.candidates.clear();
         let of_base = (0u32..).zip(file.base_splits());
-        self.candidates
-            .extend(of_base.filter_map(|(vertex, &i)| (i != NONE).then_some((i, vertex))));
-        let mut found = Vec::new();
-        while let Some((i, splits)) = self.candidates.pop() {
-            self.looked_at += 1;
-            let node = file.node(i)?;
-            let reached = wanted
-                .within
-                .is_none_or(|(lower, upper)| wanted.reach.meets(node.bounds, lower, upper));
-            if !reached {
-                continue;
-            }
-            let record = file.record(i)?;
-            if record.vs != splits {
-                return Err(FileError::Inconsistent(Section::Hierarchy));
-            }
-            if record.e <= wanted.floor {
-                continue;
-            }
-            self.visit(i, &mut found);
-            for (child, vertex) in node.children.into_iter().zip(sizes.vt(i)..) {
-                if child != NONE {
-                    self.candidates.push((child, vertex));
-                }
-            }
-        }
-        Ok(found)
+        let candidates = of_base.filter_map(|(vertex, &i)| (i != NONE).then_some((i, vertex)));
+        search.phase = Phase::Seeds(wanted, candidates.collect());
+        Ok(search)
     }
 
-    /// Adds to visited VSPs everything that they depend on; ascending.
-    fn close<D: AsRef<[u8]>>(
+    /// A search that is done.
+    ///
+    /// # Errors
+    /// As those of [`Search::new`] and [`Search::step`].
+    pub fn complete<D: AsRef<[u8]>>(
+        file: &SpmFile<D>,
+        asked: RegionAt,
+    ) -> Result<Self, CollectError> {
+        let mut search = Self::new(file, asked)?;
+        while !search.step(file, u32::MAX)? {}
+        Ok(search)
+    }
+
+    /// The closure, ascending; of a complete search.
+    #[must_use]
+    pub fn into_closure(mut self) -> Vec<u32> {
+        std::iter::from_fn(|| self.next_id()).collect()
+    }
+
+    /// What is searched for.
+    #[must_use]
+    pub fn asked(&self) -> RegionAt {
+        self.asked
+    }
+
+    /// Nodes of the hierarchy looked at so far: at most the base vertices and two for each VSP
+    /// found.
+    #[must_use]
+    pub fn looked_at(&self) -> u64 {
+        self.looked_at
+    }
+
+    /// Looks at so many VSPs at the most; whether the closure is complete.
+    ///
+    /// # Errors
+    /// When a block that the search needs is damaged.
+    pub fn step<D: AsRef<[u8]>>(
         &mut self,
         file: &SpmFile<D>,
-        mut closure: Vec<u32>,
-    ) -> Result<Vec<u32>, FileError> {
-        let sizes = file.model_header().sizes();
-        // `closure` is the queue of the search as well: what lies before `next` has its
-        // dependencies in it.
-        let mut next = 0;
-        while let Some(&i) = closure.get(next) {
-            next += 1;
-            for dependency in file.record(i)?.dependencies(sizes) {
-                self.visit(dependency, &mut closure);
+        vsps: u32,
+    ) -> Result<bool, CollectError> {
+        let asked = self.asked;
+        for _ in 0..vsps {
+            let more = self.look_at_one(file);
+            if !more.map_err(|error| CollectError::Damaged { asked, error })? {
+                return Ok(true);
             }
         }
-        closure.sort_unstable();
-        Ok(closure)
+        Ok(false)
     }
 
-    /// Appends a VSP that this search has not visited yet.
-    fn visit(&mut self, i: u32, closure: &mut Vec<u32>) {
-        if let Some(seen) = self.stamps.get_mut(i as usize)
-            && *seen != self.stamp
-        {
-            *seen = self.stamp;
-            closure.push(i);
+    /// Looks at one VSP; false when none is left.
+    fn look_at_one<D: AsRef<[u8]>>(&mut self, file: &SpmFile<D>) -> Result<bool, FileError> {
+        let header = file.model_header();
+        let sizes = header.sizes();
+        if let Phase::Seeds(wanted, candidates) = &mut self.phase {
+            if let Some((i, splits)) = candidates.pop() {
+                self.looked_at += 1;
+                if wants(wanted, file, i, splits)? {
+                    let children = file.node(i)?.children;
+                    let below = children.into_iter().zip(sizes.vt(i)..);
+                    candidates.extend(below.filter(|&(child, _)| child != NONE));
+                    self.visit(i, header.vsps);
+                }
+                return Ok(true);
+            }
+            self.phase = Phase::Closing;
+        }
+        let Some(i) = self.open.pop() else {
+            return Ok(false);
+        };
+        for dependency in file.record(i)?.dependencies(sizes) {
+            self.visit(dependency, header.vsps);
+        }
+        Ok(true)
+    }
+
+    /// Takes a VSP that was not found yet.
+    fn visit(&mut self, i: u32, vsps: u32) {
+        if i < vsps && self.found.insert(i) {
+            self.open.push(i);
         }
     }
 
-    /// Starts a search: nothing is visited.
-    fn begin(&mut self) {
-        if self.stamp == u32::MAX {
-            self.stamps.fill(0);
-            self.stamp = 0;
-        }
-        self.stamp += 1;
+    /// [`Search::next_id`] starts again.
+    pub fn rewind(&mut self) {
+        self.next = 0;
     }
+
+    /// The next VSP of the closure, ascending; for a complete one.
+    pub fn next_id(&mut self) -> Option<u32> {
+        let id = match self.phase {
+            Phase::Prefix(end) => (self.next < end).then_some(self.next),
+            _ => self.found.next(self.next),
+        };
+        self.next = id? + 1;
+        id
+    }
+}
+
+/// Whether a search takes a VSP, which must split the vertex `splits`. It stops below every VSP
+/// that is not wanted: those that split its descendants are not wanted either (see `VspNode`).
+fn wants<D: AsRef<[u8]>>(
+    wanted: &Wanted,
+    file: &SpmFile<D>,
+    i: u32,
+    splits: u32,
+) -> Result<bool, FileError> {
+    let node = file.node(i)?;
+    let reached = wanted
+        .within
+        .is_none_or(|(lower, upper)| wanted.reach.meets(node.bounds, lower, upper));
+    if !reached {
+        return Ok(false);
+    }
+    let record = file.record(i)?;
+    if record.vs != splits {
+        return Err(FileError::Inconsistent(Section::Hierarchy));
+    }
+    Ok(record.e > wanted.floor)
+}
+
+/// The closure of what is asked for, ascending.
+///
+/// # Errors
+/// When the grid has no such cell, the tolerance is none, or a block that the search needs is
+/// damaged.
+pub fn closure<D: AsRef<[u8]>>(
+    file: &SpmFile<D>,
+    asked: RegionAt,
+) -> Result<Vec<u32>, CollectError> {
+    Ok(Search::complete(file, asked)?.into_closure())
 }
 
 /// Marks a VSP of a closure that the client lacks; numbers of VSPs are below it.
 pub const MISSING: u32 = 1 << 31;
 
-/// What one client holds of one model.
+/// What one client holds of one model. Regions are taken in and given up VSP by VSP, so that it can
+/// be done a bounded part at a time. Memory follows what is held.
 #[derive(Debug, Default)]
 pub struct Residency {
-    /// Held regions that contain each VSP; [n], or empty before the first region.
-    counts: Vec<u32>,
-    /// Held regions with a closure that is not empty.
+    /// Held regions that contain each VSP.
+    counts: Sparse<u32>,
     regions: BTreeSet<RegionAt>,
 }
 
 impl Residency {
-    /// Takes a region in and marks with [`MISSING`] the VSPs of its closure that no region held
-    /// before.
-    ///
-    /// A region that is held already changes nothing and lacks nothing.
-    pub fn insert(&mut self, region: RegionAt, closure: &mut [u32], vsps: u32) {
-        if closure.is_empty() || !self.regions.insert(region) {
-            return;
-        }
-        self.counts.resize(vsps as usize, 0);
-        for i in closure {
-            let count = &mut self.counts[*i as usize];
-            *count += 1;
-            if *count == 1 {
-                *i |= MISSING;
-            }
-        }
+    /// Begins to take a region in; false when it is held already, which changes nothing.
+    pub fn hold(&mut self, region: RegionAt) -> bool {
+        self.regions.insert(region)
+    }
+
+    /// Takes a VSP of a region in; whether no region held it before.
+    pub fn add(&mut self, vsp: u32) -> bool {
+        let count = self.counts.get(vsp);
+        self.counts.set(vsp, count.saturating_add(1));
+        count == 0
     }
 
     /// Whether the region is held.
@@ -334,13 +367,27 @@ impl Residency {
         self.regions.contains(&region)
     }
 
-    /// Gives a region up; nothing happens when it is not held.
-    pub fn remove(&mut self, region: RegionAt, closure: &[u32]) {
-        if self.regions.remove(&region) {
-            for &i in closure {
-                self.counts[i as usize] -= 1;
-            }
-        }
+    /// Number of regions held.
+    #[must_use]
+    pub fn regions(&self) -> usize {
+        self.regions.len()
+    }
+
+    /// Begins to give a region up; false when it is not held.
+    pub fn release(&mut self, region: RegionAt) -> bool {
+        self.regions.remove(&region)
+    }
+
+    /// Gives a VSP of a region up.
+    pub fn subtract(&mut self, vsp: u32) {
+        let count = self.counts.get(vsp);
+        self.counts.set(vsp, count.saturating_sub(1));
+    }
+
+    /// Bytes kept.
+    #[cfg(test)]
+    pub fn bytes(&self) -> usize {
+        self.counts.bytes()
     }
 }
 

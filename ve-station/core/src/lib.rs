@@ -3,6 +3,7 @@
 //! | module | content |
 //! |---|---|
 //! | `collection` | mesh collection: the closure of a region, and residency at a client |
+//! | `sparse` | values by id, most of which are zero |
 //! | `station` | sessions: requests in, chunks out |
 //! | `tour` | scripted paths over any mesh, from a seed |
 //!
@@ -55,6 +56,7 @@
 #![forbid(unsafe_code)]
 
 pub mod collection;
+mod sparse;
 pub mod station;
 #[cfg(test)]
 mod testing;

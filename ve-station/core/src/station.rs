@@ -22,12 +22,17 @@
 //! The answer says of every VSP whether its record follows, so the client notices, and asks for
 //! that region again with every record ([`RegionAction::Resend`]).
 //!
+//! # Turns
+//! Closures, contacts and tours are worked on in steps, and [`Station::poll_within`] makes a few
+//! for one client: so each has its turn, whatever the others ask for, and the shell listens and
+//! sends heartbeats in between. Each session of a client begins in its turn too. While a client
+//! waits for long, [`Station::poll_unfinished`] tells it that it is not forgotten.
+//!
 //! # Tours
 //! A tour takes thousands of searches of the full mesh, seconds where that is dense. So it comes
-//! after everything else that a client asked for, and [`Station::poll_within`] makes a few steps of
-//! it at a time, between which the shell listens to others. What was rolled is kept, whatever
-//! becomes of the epoch: whoever asks for the same tour again gets it from the start, and it is
-//! rolled on from where it was.
+//! after everything else that a client asked for. What was rolled is kept, whatever becomes of the
+//! epoch: whoever asks for the same tour again gets it from the start, and it is rolled on from
+//! where it was. Of a closure the search is kept.
 //!
 //! # Memory
 //! Answers are made chunk by chunk under the credit window, as many to a chunk as there is room: of
@@ -36,23 +41,25 @@
 //! was rolled last the points are kept, eleven minutes of it at the most.
 
 mod answer;
+mod contacts;
 mod path_generator;
+mod residency_change;
 mod session;
 
 pub use session::MAX_JOBS;
 
-use crate::collection::{CollectError, Collection, RegionAt};
+use crate::collection::{CollectError, RegionAt};
 use answer::{Job, Progress};
-use glam::DVec3;
 use path_generator::PathGenerator;
 use protocol::MAX_CLIENTS;
 use protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MAX_SESSIONS, MeasuredError,
-    REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MAX_SESSIONS, REGIONS_PER_REQUEST, Refusal,
+    RegionAction, RegionAsk, Request, RequestKind,
 };
+use residency_change::ResidencyChange;
 use session::{Accepted, Session};
 use spm::{NONE, RegionId, SpmFile};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A chunk: header and slots.
 pub type Chunk = (ChunkHeader, [ChunkSlot; CHUNK_SLOTS]);
@@ -105,33 +112,27 @@ pub struct Counters {
     pub records: u64,
     /// Contacts measured.
     pub measured: u64,
-    /// Clients forgotten to make room.
-    pub forgotten: u64,
+    /// Contacts so far from the mesh that they were not measured.
+    pub unmeasured: u64,
+    /// Requests of clients turned away because others have every place.
+    pub turned_away: u64,
 }
 
-/// A model with its search.
-#[derive(Debug)]
-struct Model<D> {
-    served: ServedModel<D>,
-    collection: Collection,
-}
-
-impl<D: AsRef<[u8]>> Model<D> {
-    fn closure(&mut self, asked: RegionAt) -> Result<Vec<u32>, CollectError> {
-        self.collection.closure(&self.served.file, asked)
-    }
-}
+/// VSPs that a step of a search looks at, or takes over.
+const SEARCHED_A_STEP: u32 = 64;
 
 /// The station's core.
 #[derive(Debug)]
 pub struct Station<D> {
     incarnation: u64,
-    models: Vec<Model<D>>,
+    models: Vec<ServedModel<D>>,
     objects: Vec<ServedObject>,
     /// In the order in which they came.
     sessions: Vec<Session>,
-    /// Sessions served so far: whose turn it is.
-    turns: usize,
+    /// By client: the place of the session whose turn it is.
+    turns: BTreeMap<u64, usize>,
+    /// Refusals for clients that have no place; one each, and as many as there are places.
+    turned_away: BTreeMap<u64, Chunk>,
     counters: Counters,
     /// Messages handled; the order in which clients were heard.
     heard: u64,
@@ -150,19 +151,13 @@ impl<D: AsRef<[u8]>> Station<D> {
     /// Objects whose model index has no model are refused when asked for.
     #[must_use]
     pub fn new(incarnation: u64, models: Vec<ServedModel<D>>, objects: Vec<ServedObject>) -> Self {
-        let models = models
-            .into_iter()
-            .map(|served| Model {
-                collection: Collection::new(served.file.model_header().vsps),
-                served,
-            })
-            .collect();
         Self {
             incarnation,
             models,
             objects,
             sessions: Vec::new(),
-            turns: 0,
+            turns: BTreeMap::new(),
+            turned_away: BTreeMap::new(),
             counters: Counters::default(),
             heard: 0,
             notes: Vec::new(),
@@ -184,15 +179,20 @@ impl<D: AsRef<[u8]>> Station<D> {
 
     /// Ids of the clients it knows, in the order in which they came.
     pub fn clients(&self) -> impl Iterator<Item = u64> + '_ {
-        let sessions = self.sessions.iter().enumerate();
-        sessions
-            .filter(|&(at, session)| self.first_of(session.client) == Some(at))
-            .map(|(_, session)| session.client)
+        let mut seen = BTreeSet::new();
+        let all = self.sessions.iter().map(|session| session.client);
+        all.filter(move |&client| seen.insert(client))
     }
 
-    /// The place of a client's first session.
-    fn first_of(&self, client: u64) -> Option<usize> {
-        self.sessions.iter().position(|s| s.client == client)
+    /// Whether a client has a place.
+    #[must_use]
+    pub fn knows(&self, client: u64) -> bool {
+        self.sessions.iter().any(|s| s.client == client)
+    }
+
+    /// What is to be told to clients that have no place here.
+    pub fn take_turned_away(&mut self) -> impl Iterator<Item = (u64, Chunk)> {
+        std::mem::take(&mut self.turned_away).into_iter()
     }
 
     /// Sentences for people (regions refused, requests for unknown models), each said once.
@@ -204,6 +204,7 @@ impl<D: AsRef<[u8]>> Station<D> {
     /// epoch is incomplete here, so it starts another.
     pub fn remove_client(&mut self, client: u64) {
         self.sessions.retain(|s| s.client != client);
+        self.turns.remove(&client);
     }
 
     /// Takes a message in. Whatever it holds, the worst that happens is that it is counted and
@@ -216,24 +217,29 @@ impl<D: AsRef<[u8]>> Station<D> {
         }
     }
 
-    /// The next chunk for a client, `None` when there is nothing to say or no credit left. Rolls a
-    /// tour for as long as a chunk of it takes.
+    /// The next chunk for a client, `None` when there is nothing to say or no credit left. Works
+    /// for as long as a chunk takes.
     pub fn poll(&mut self, client: u64) -> Option<Chunk> {
         self.poll_within(client, &mut { u64::MAX })
     }
 
-    /// Like [`Station::poll`], but rolls a tour for so many steps at the most (each a search of the
-    /// full mesh), and counts them down. `None` with no steps left means that there may be more to
-    /// say: call again.
+    /// Like [`Station::poll`], but works for so many steps at the most, and counts them down: a
+    /// step of a tour is a search of the full mesh, one of a closure goes through
+    /// [`SEARCHED_A_STEP`] VSPs. `None` with no steps left means that there may be more to say:
+    /// call again.
     pub fn poll_within(&mut self, client: u64, steps: &mut u64) -> Option<Chunk> {
-        self.each_in_turn(client, |station, at| station.answer(at))
-            .or_else(|| self.each_in_turn(client, |station, at| station.roll(at, steps)))
+        self.measure_contacts(client, steps);
+        self.each_in_turn(client, steps, Self::answer)
+            .or_else(|| self.each_in_turn(client, steps, Self::roll))
     }
 
-    /// What there is of a tour that is being rolled for a client, perhaps no point at all: so that
-    /// it knows that it is not forgotten. `None` when there is no such tour, or no credit.
+    /// What there is of an answer or tour that is being made for a client, perhaps nothing at all:
+    /// so that it knows that it is not forgotten. `None` when there is none, or no credit.
     pub fn poll_unfinished(&mut self, client: u64) -> Option<Chunk> {
-        self.each_in_turn(client, |station, at| {
+        self.each_in_turn(client, &mut { u64::MAX }, |station, at, _| {
+            if let Some(chunk) = station.unfinished_answer(at) {
+                return Some(station.send(at, chunk));
+            }
             let generator = station.sessions[at].tours.pop_front()?;
             Some(station.hand_out(at, generator))
         })
@@ -244,29 +250,40 @@ impl<D: AsRef<[u8]>> Station<D> {
     fn each_in_turn(
         &mut self,
         client: u64,
-        mut give: impl FnMut(&mut Self, usize) -> Option<Chunk>,
+        steps: &mut u64,
+        mut give: impl FnMut(&mut Self, usize, &mut u64) -> Option<Chunk>,
     ) -> Option<Chunk> {
         let count = self.sessions.len();
-        let start = self.turns;
+        let start = self.turns.get(&client).copied().unwrap_or(0);
         (0..count).find_map(|k| {
             let at = (start + k) % count;
             let session = &self.sessions[at];
             if session.client != client || !session.has_credit() {
                 return None;
             }
-            let chunk = give(self, at)?;
-            self.turns = at + 1;
-            Some(chunk)
+            let had_steps = *steps > 0;
+            let chunk = give(self, at, steps);
+            if chunk.is_some() || (had_steps && *steps == 0) {
+                self.turns.insert(client, at + 1);
+            }
+            chunk
         })
     }
 
     /// The next chunk of a session but for tours.
-    fn answer(&mut self, at: usize) -> Option<Chunk> {
+    fn answer(&mut self, at: usize, steps: &mut u64) -> Option<Chunk> {
         if let Some(chunk) = self.sessions[at].measured_chunk() {
             return Some(self.send(at, chunk));
         }
+        if !self.apply_residency_changes(at, steps) {
+            return None;
+        }
         let mut job = self.sessions[at].jobs.pop_front()?;
-        match self.advance(at, &mut job) {
+        match self.advance(at, &mut job, steps) {
+            Progress::Working => {
+                self.sessions[at].jobs.push_front(job);
+                None
+            }
             Progress::Chunk(chunk) => {
                 self.sessions[at].jobs.push_front(job);
                 Some(self.send(at, chunk))
@@ -278,7 +295,7 @@ impl<D: AsRef<[u8]>> Station<D> {
     /// Rolls the tour that a session asked for first; a chunk when one is full.
     fn roll(&mut self, at: usize, steps: &mut u64) -> Option<Chunk> {
         let mut generator = self.sessions[at].tours.pop_front()?;
-        let served = &self.models[generator.model].served;
+        let served = &self.models[generator.model];
         match generator.roll(&served.file, steps) {
             Ok(true) => Some(self.hand_out(at, generator)),
             Ok(false) => {
@@ -318,7 +335,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             .objects
             .get(header.object as usize)
             .and_then(|o| self.models.get(o.model))
-            .map_or(0, |m| m.served.file.model_header().model);
+            .map_or(0, |m| m.file.model_header().model);
         session.sent += 1;
         self.counters.chunks += 1;
         (header, slots)
@@ -338,7 +355,10 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             _ => &[],
         };
-        let at = self.session_of(request);
+        let Some(at) = self.session_of(request) else {
+            self.turn_away(request);
+            return;
+        };
         match self.sessions[at].accept(request, self.heard) {
             Accepted::Yes => self.counters.requests += 1,
             Accepted::Stale => {
@@ -374,24 +394,35 @@ impl<D: AsRef<[u8]>> Station<D> {
         }
     }
 
-    /// The session of a request. Of too many clients the stalest makes room for a new one, of too
-    /// many sessions of one client its stalest.
-    fn session_of(&mut self, request: &Request) -> usize {
+    /// Notes the refusal for a client that has no place: others keep theirs until they end or fall
+    /// silent.
+    fn turn_away(&mut self, request: &Request) {
+        self.counters.turned_away += 1;
+        let (client, object) = (request.client, request.object);
+        if self.turned_away.len() == MAX_CLIENTS && !self.turned_away.contains_key(&client) {
+            return;
+        }
+        let (mut header, slots) = self.refused(object, None, Refusal::NoPlace);
+        header.station = self.incarnation;
+        header.client = client;
+        header.epoch = request.epoch;
+        self.turned_away.insert(client, (header, slots));
+        let note = format!(
+            "a controller more than the {MAX_CLIENTS} that this station serves is turned away: stop one, or start another station in a --domain of its own"
+        );
+        self.note((usize::MAX, NONE), note);
+    }
+
+    /// The session of a request; `None` for a new client when every place is taken. Of too many
+    /// sessions of one client the stalest makes room.
+    fn session_of(&mut self, request: &Request) -> Option<usize> {
         let (client, object) = (request.client, request.object);
         let is_of = |s: &Session| s.client == client && s.object == object;
         if let Some(at) = self.sessions.iter().position(is_of) {
-            return at;
+            return Some(at);
         }
-        let is_known = self.first_of(client).is_some();
-        if !is_known && self.clients().count() == MAX_CLIENTS {
-            let heard = |id: u64| self.sessions.iter().filter(move |s| s.client == id);
-            let stalest = self
-                .clients()
-                .min_by_key(|&id| heard(id).map(|s| s.last_heard).max());
-            if let Some(stalest) = stalest {
-                self.remove_client(stalest);
-            }
-            self.counters.forgotten += 1;
+        if !self.knows(client) && self.clients().count() == MAX_CLIENTS {
+            return None;
         }
         let own = || (0..self.sessions.len()).filter(|&at| self.sessions[at].client == client);
         if own().count() == MAX_SESSIONS
@@ -400,14 +431,14 @@ impl<D: AsRef<[u8]>> Station<D> {
             self.sessions.remove(stalest);
         }
         self.sessions.push(Session::new(request));
-        self.sessions.len() - 1
+        Some(self.sessions.len() - 1)
     }
 
     /// The model of a request's object, when both mean the same.
     fn model_of(&self, request: &Request, by_name: bool) -> Option<usize> {
         let object = self.objects.get(request.object as usize)?;
         let model = self.models.get(object.model)?;
-        let hash = model.served.file.model_header().model;
+        let hash = model.file.model_header().model;
         let same = if by_name {
             request.name == object.name && (request.model == 0 || request.model == hash)
         } else {
@@ -438,10 +469,10 @@ impl<D: AsRef<[u8]>> Station<D> {
             session.tours.push_back(rolled);
             return;
         }
-        match PathGenerator::new(&self.models[model].served.file, model, ask) {
+        match PathGenerator::new(&self.models[model].file, model, ask) {
             Ok(generator) => session.tours.push_back(generator),
             Err(error) => {
-                let name = &self.models[model].served.name;
+                let name = &self.models[model].name;
                 let note = format!("a tour of {name} is refused: {error}");
                 self.note((model, NONE), note);
                 self.sessions[at].jobs.push_back(Job::Refused {
@@ -484,81 +515,39 @@ impl<D: AsRef<[u8]>> Station<D> {
             return;
         };
         let region = region_at(ask);
-        let vsps = self.models[model].served.file.model_header().vsps;
         match action {
             RegionAction::Subscribe => self.sessions[at].subscribe(model, *ask, false),
             RegionAction::Resend => self.sessions[at].subscribe(model, *ask, true),
-            RegionAction::Resident => match self.models[model].closure(region) {
-                Ok(mut closure) => {
-                    self.sessions[at]
-                        .residency
-                        .insert(region, &mut closure, vsps);
-                }
-                Err(error) => {
-                    let job = refused(error.refusal());
-                    self.refuse_region(model, &error);
-                    self.sessions[at].jobs.push_back(job);
-                }
-            },
-            RegionAction::Release => {
-                self.sessions[at].cancel(region);
-                if !self.sessions[at].residency.holds(region) {
-                    return;
-                }
-                match self.models[model].closure(region) {
-                    Ok(closure) => self.sessions[at].residency.remove(region, &closure),
-                    // It was readable when it was taken in. Without it the belief cannot be kept.
-                    Err(_) => self.sessions[at].break_epoch(),
-                }
+            RegionAction::Resident => {
+                self.sessions[at]
+                    .residency_changes
+                    .push_back(ResidencyChange::Held {
+                        model,
+                        ask: *ask,
+                        change: None,
+                    })
             }
+            RegionAction::Release => self.sessions[at].release(model, region),
         }
     }
 
+    /// Answers that a region which a client says it holds has no closure here.
+    fn refuse_held(&mut self, at: usize, model: usize, ask: RegionAsk, error: &CollectError) {
+        self.refuse_region(model, error);
+        self.sessions[at].jobs.push_back(Job::Refused {
+            ask: Some(ask),
+            refusal: error.refusal(),
+        });
+    }
+
     fn refuse_region(&mut self, model: usize, error: &CollectError) {
-        let note = format!("{}: {error}", self.models[model].served.name);
+        let note = format!("{}: {error}", self.models[model].name);
         self.note((model, error.asked().region.0), note);
     }
 
     fn note(&mut self, key: (usize, u32), note: String) {
         if self.named.len() < MAX_NOTES && self.named.insert(key) {
             self.notes.push(note);
-        }
-    }
-
-    fn handle_contact(&mut self, report: &ContactReport) {
-        let mut sessions = self.sessions.iter_mut();
-        if report.object == NONE {
-            for session in sessions.filter(|s| s.client == report.client) {
-                session.flush_measured(report.probe);
-            }
-            return;
-        }
-        let is_of = |s: &&mut Session| s.client == report.client && s.object == report.object;
-        let Some(session) = sessions.find(is_of) else {
-            self.counters.stale += 1;
-            return;
-        };
-        let model = self
-            .objects
-            .get(report.object as usize)
-            .and_then(|o| self.models.get(o.model));
-        let found = model.map(|m| {
-            let contact = DVec3::from_array(report.contact);
-            m.served.file.closest_point(contact)
-        });
-        match found {
-            Some(Ok((_, closest))) => {
-                self.counters.measured += 1;
-                session.push_measured(
-                    report.probe,
-                    MeasuredError {
-                        tick: report.tick,
-                        distance: closest.distance_squared.sqrt(),
-                        reserved: [0; 2],
-                    },
-                );
-            }
-            _ => self.counters.damaged += 1,
         }
     }
 }

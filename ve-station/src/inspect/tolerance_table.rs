@@ -4,7 +4,7 @@
 use super::finite;
 use serde::Serialize;
 use spm::{ErrorScale, FileError, LEVELS, RegionId, SpmFile};
-use station_core::collection::{CollectError, Collection, RegionAt};
+use station_core::collection::{CollectError, RegionAt, Search};
 use std::collections::BTreeSet;
 
 /// Regions of a level whose closures are counted, at the most.
@@ -44,7 +44,6 @@ pub fn tolerance_table<D: AsRef<[u8]>>(
 ) -> Result<Vec<ToleranceRow>, FileError> {
     let header = file.model_header();
     let scale = ErrorScale::for_diagonal(header.diagonal);
-    let mut collection = Collection::new(header.vsps);
     let mut rows = Vec::new();
     for (level, tolerance) in (0..LEVELS as u32).zip(header.level_tolerances) {
         // Two levels of one tolerance are named by the coarser one.
@@ -62,16 +61,17 @@ pub fn tolerance_table<D: AsRef<[u8]>>(
             .map(|region| RegionId::of_cell(region.cell() >> level))
             .collect();
         let step = cells.len().div_ceil(SAMPLED_REGIONS).max(1);
-        let (mut sum, mut most, mut count) = (0, 0, 0u32);
-        let before = collection.looked_at();
+        let (mut sum, mut most, mut count, mut looked_at) = (0, 0, 0u32, 0);
         for &cell in cells.iter().step_by(step) {
             let asked = RegionAt::tolerance(cell, tolerance);
-            let closure = match collection.closure(file, asked) {
-                Ok(closure) => closure.len() as u64,
+            let search = match Search::complete(file, asked) {
+                Ok(search) => search,
                 Err(CollectError::Damaged { error, .. }) => return Err(error),
                 // The cells are the grid's own, the tolerance is the level's.
                 Err(_) => continue,
             };
+            looked_at += search.looked_at();
+            let closure = search.into_closure().len() as u64;
             sum += closure;
             most = most.max(closure);
             count += 1;
@@ -86,7 +86,7 @@ pub fn tolerance_table<D: AsRef<[u8]>>(
             regions: cells.len() as u64,
             closure_mean: mean(sum),
             closure_max: most,
-            looked_at_mean: mean(collection.looked_at() - before),
+            looked_at_mean: mean(looked_at),
         });
     }
     Ok(rows)

@@ -8,7 +8,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, OperationFaces, RegionId, SpmParts};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, build_model};
-use station_core::collection::{Collection, RegionAt};
+use station_core::collection::{RegionAt, closure};
 use std::collections::BTreeSet;
 
 /// The vertex of the front that a vertex of the full mesh has become.
@@ -70,7 +70,6 @@ fn any_union_of_closures_is_a_legal_mesh_within_its_certified_error() {
         let parts = build_model(generate(shape, faces, 2), &options, &NoProgress).unwrap();
         let file = open(&parts);
         let header = parts.header;
-        let mut collection = Collection::new(header.vsps);
         for _ in 0..12 {
             let mut front = BTreeSet::new();
             let mut asked_for = Vec::new();
@@ -99,7 +98,7 @@ fn any_union_of_closures_is_a_legal_mesh_within_its_certified_error() {
                 } else {
                     RegionAt::tolerance(region, tolerance)
                 };
-                front.extend(collection.closure(&file, asked).unwrap());
+                front.extend(closure(&file, asked).unwrap());
                 asked_for.push(asked.to_string());
             }
             let mut mesh = load(&parts);

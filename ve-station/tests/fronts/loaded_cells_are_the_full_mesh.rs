@@ -6,7 +6,7 @@ use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::{ActiveMesh, OperationFaces, RegionGrid, RegionId, SpmFile, SpmParts};
 use spm_builder::generate::{Shape, generate};
-use station_core::collection::{Collection, RegionAt};
+use station_core::collection::{RegionAt, closure};
 use std::collections::{BTreeMap, BTreeSet};
 
 type Faces = BTreeMap<RegionId, Vec<FaceBits>>;
@@ -16,7 +16,6 @@ struct Model {
     name: String,
     parts: SpmParts,
     file: SpmFile<Vec<u8>>,
-    collection: Collection,
     mesh: ActiveMesh,
     full: Faces,
 }
@@ -55,7 +54,6 @@ impl Model {
         Self {
             name: name.to_string(),
             file: open(&parts),
-            collection: Collection::new(parts.header.vsps),
             mesh: load(&parts),
             full,
             parts,
@@ -63,14 +61,10 @@ impl Model {
     }
 
     /// The VSPs of the closures of all the regions.
-    fn closures(&mut self, loaded: &BTreeSet<RegionId>) -> BTreeSet<u32> {
+    fn closures(&self, loaded: &BTreeSet<RegionId>) -> BTreeSet<u32> {
         let mut needed = BTreeSet::new();
         for &region in loaded {
-            needed.extend(
-                self.collection
-                    .closure(&self.file, RegionAt::full(region))
-                    .unwrap(),
-            );
+            needed.extend(closure(&self.file, RegionAt::full(region)).unwrap());
         }
         needed
     }

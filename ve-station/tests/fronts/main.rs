@@ -6,6 +6,7 @@ mod common;
 mod ab_tree_on_fronts;
 mod flights;
 mod fronts_at_tolerances;
+mod large_fans;
 mod loaded_cells_are_the_full_mesh;
 mod swept_over;
 mod theorem_4;

@@ -11,7 +11,7 @@ use glam::DVec3;
 use spm::{BLOCK_BYTES, FullFace, RegionId, SpmFile, SpmHeader, VspNode, VspRecord, write_spm};
 use spm::{BaseFace, BaseVertex};
 use spm_builder::generate::{Shape, generate};
-use station_core::collection::{Collection, RegionAt};
+use station_core::collection::{RegionAt, closure};
 use std::ops::Range;
 use ve_station::export::{Detail, export};
 use xxhash_rust::xxh3::xxh3_64;
@@ -96,7 +96,6 @@ fn check(bytes: &[u8]) -> bool {
         check_sentence(&error.to_string());
     }
     let (_, most) = most_bytes(|| {
-        let mut collection = Collection::new(header.vsps);
         let mut asked: Vec<RegionAt> = [0.0, 1e-3, 0.1, f32::INFINITY]
             .into_iter()
             .map(|share| RegionAt::tolerance(RegionId::WHOLE, share * header.diagonal as f32))
@@ -111,7 +110,7 @@ fn check(bytes: &[u8]) -> bool {
             asked.push(RegionAt::tolerance(region, header.level_tolerances[2]));
         }
         for asked in asked {
-            match collection.closure(&file, asked) {
+            match closure(&file, asked) {
                 Ok(closure) => {
                     assert!(closure.windows(2).all(|pair| pair[0] < pair[1]));
                     assert!(closure.last().is_none_or(|&last| last < header.vsps));

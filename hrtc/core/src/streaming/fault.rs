@@ -23,6 +23,12 @@ pub enum Fault {
         "the station cannot make a tour of this model (its own message says why): build the SPM file anew, or give the scene a path with trajectory = {{ csv = \"FILE\" }}"
     )]
     NoTour,
+    /// The station has no place for another controller.
+    #[error(
+        "the station serves as many controllers as it can ({}): stop one of them, or start another station in a --domain of its own",
+        protocol::MAX_CLIENTS
+    )]
+    NoPlace,
     /// The station came back with another model under the same name.
     #[error(
         "the model was rebuilt: the station now serves another one under the same name, and contact goes on with the mesh that is here; restart the controller"

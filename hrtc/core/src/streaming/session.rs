@@ -335,6 +335,7 @@ impl Session {
                 self.fault = Some(Fault::AnotherModel);
             }
             Some(Refusal::UnknownModel) => self.fault = Some(Fault::UnknownModel),
+            Some(Refusal::NoPlace) => self.fault = Some(Fault::NoPlace),
             // Only a scripted path is refused without a region.
             _ if header.region == NONE && self.tour_probe.is_some() => {
                 self.fault = Some(Fault::NoTour);

@@ -97,6 +97,20 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
     /// # Errors
     /// When the point is not finite, or a needed block is damaged.
     pub fn closest_point(&self, point: DVec3) -> Result<(u32, ClosestPoint), FileError> {
+        let found = self.closest_point_within(point, &mut { u32::MAX })?;
+        found.ok_or(FileError::Inconsistent(Section::FullFaces))
+    }
+
+    /// As [`SpmFile::closest_point`], but looks into so many boxes at the most, and counts them
+    /// down; `None` when they do not suffice.
+    ///
+    /// # Errors
+    /// When the point is not finite, or a needed block is damaged.
+    pub fn closest_point_within(
+        &self,
+        point: DVec3,
+        boxes: &mut u32,
+    ) -> Result<Option<(u32, ClosestPoint)>, FileError> {
         if !point.is_finite() {
             return Err(FileError::Query);
         }
@@ -111,6 +125,10 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
             if best.is_some_and(|(_, b)| distance >= b.distance_squared) {
                 continue;
             }
+            if *boxes == 0 {
+                return Ok(None);
+            }
+            *boxes -= 1;
             if ab_tree::depth(node) == leaf_depth {
                 for position in self.node_faces(node) {
                     let found = closest_point_on_triangle(self.leaf_corners(position)?, point);
@@ -131,6 +149,6 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
             stack[waiting + 1] = (near, near_distance);
             waiting += 2;
         }
-        best.ok_or(FileError::Inconsistent(Section::FullFaces))
+        Ok(best)
     }
 }

@@ -16,8 +16,8 @@ use spm::NONE;
 
 /// The most faces of a walk: beyond, boxes are faster.
 const MAX_STEPS: usize = 12;
-/// The most faces that a search looks at, so that none grows with a fan: three times what any search
-/// needs in `cargo test -p ve-station --test expected_error` (291, an uneven grid with holes).
+/// The most faces that a search looks at, so that none grows with a fan: three times what any
+/// search needed in `cargo test -p ve-station --test builder expected_error` (291, of 3050 faces).
 const MAX_FACES: u32 = 1024;
 
 /// The full mesh with boxes over it.

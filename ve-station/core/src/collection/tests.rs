@@ -3,6 +3,7 @@ use crate::testing::{model, model_bytes};
 use geometry::Aabb;
 use glam::UVec3;
 use proptest::prelude::*;
+use spm::ModelHeader;
 use spm_builder::generate::Shape;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
@@ -38,10 +39,9 @@ fn a_closure_is_the_least_front_that_holds_the_seeds_ascending() {
         (Shape::Torus, 1500),
     ] {
         let file = model(shape, faces, 8);
-        let mut collection = Collection::new(file.model_header().vsps);
         assert!(!file.regions().is_empty());
         for &region in file.regions() {
-            let closure = collection.closure(&file, RegionAt::full(region)).unwrap();
+            let closure = closure(&file, RegionAt::full(region)).unwrap();
             assert!(closure.windows(2).all(|w| w[0] < w[1]));
             assert_eq!(closure, fixpoint(&file, region), "{shape} {region:?}");
         }
@@ -51,16 +51,10 @@ fn a_closure_is_the_least_front_that_holds_the_seeds_ascending() {
 #[test]
 fn a_cell_without_faces_is_empty_and_a_cell_outside_of_the_grid_is_refused() {
     let file = model(Shape::Sphere, 2000, 8);
-    let mut collection = Collection::new(file.model_header().vsps);
     let middle = RegionId::of_cell(UVec3::splat(4));
-    assert_eq!(
-        collection.closure(&file, RegionAt::full(middle)),
-        Ok(Vec::new())
-    );
+    assert_eq!(closure(&file, RegionAt::full(middle)), Ok(Vec::new()));
     for foreign in [RegionId::of_cell(UVec3::new(8, 0, 0)), RegionId(u32::MAX)] {
-        let error = collection
-            .closure(&file, RegionAt::full(foreign))
-            .unwrap_err();
+        let error = closure(&file, RegionAt::full(foreign)).unwrap_err();
         assert_eq!(error, CollectError::UnknownRegion(RegionAt::full(foreign)));
         assert_eq!(error.refusal(), Refusal::UnknownRegion);
     }
@@ -80,11 +74,10 @@ fn a_damaged_block_refuses_the_regions_that_need_it_and_no_others() {
     let mut damaged = bytes;
     damaged[place + 40] ^= 1;
     let damaged = SpmFile::open(damaged).unwrap();
-    let mut collection = Collection::new(last + 1);
     let (mut refused, mut served) = (0, 0);
     for &region in sound.regions() {
-        let truth = collection.closure(&sound, RegionAt::full(region)).unwrap();
-        match collection.closure(&damaged, RegionAt::full(region)) {
+        let truth = closure(&sound, RegionAt::full(region)).unwrap();
+        match closure(&damaged, RegionAt::full(region)) {
             Ok(closure) => {
                 assert_eq!(closure, truth);
                 served += 1;
@@ -102,7 +95,53 @@ fn a_damaged_block_refuses_the_regions_that_need_it_and_no_others() {
     );
 }
 
+fn take_in(residency: &mut Residency, region: RegionAt, closure: &mut [u32]) {
+    if residency.hold(region) {
+        for i in closure {
+            if residency.add(*i) {
+                *i |= MISSING;
+            }
+        }
+    }
+}
+
+fn give_up(residency: &mut Residency, region: RegionAt, closure: &[u32]) {
+    if residency.release(region) {
+        closure.iter().for_each(|&i| residency.subtract(i));
+    }
+}
+
+/// A cell of a model of ten million VSPs costs what the cell costs.
+#[test]
+fn residency_takes_memory_for_what_is_held() {
+    let mut residency = Residency::default();
+    let region = RegionAt::full(RegionId(1));
+    let mut closure: Vec<u32> = (0..300).chain(9_000_000..9_001_000).collect();
+    take_in(&mut residency, region, &mut closure);
+    assert!(closure.iter().all(|i| i & MISSING != 0));
+    assert!(residency.bytes() < 16_384, "{}", residency.bytes());
+    let ids: Vec<u32> = closure.iter().map(|i| i & !MISSING).collect();
+    give_up(&mut residency, region, &ids);
+    assert_eq!(residency.bytes(), 0);
+}
+
 proptest! {
+    #[test]
+    fn a_search_in_parts_finds_what_one_in_a_piece_finds(
+        tolerance in 0.0..0.1f32, part in 1u32..200, which in 0usize..1000,
+    ) {
+        let file = &NAIVE[1].file;
+        let regions = file.regions();
+        for asked in [
+            RegionAt::tolerance(RegionId::WHOLE, tolerance),
+            RegionAt::full(regions[which % regions.len()]),
+        ] {
+            let mut search = Search::new(file, asked).unwrap();
+            while !search.step(file, part).unwrap() {}
+            prop_assert_eq!(search.into_closure(), closure(file, asked).unwrap());
+        }
+    }
+
     #[test]
     fn residency_lacks_exactly_what_no_held_region_contains(
         steps in prop::collection::vec((0usize..8, any::<bool>()), 1..60),
@@ -118,7 +157,7 @@ proptest! {
                 held.iter().flat_map(|&h: &usize| closures[h].clone()).collect();
             if insert {
                 let mut marked = closures[k].clone();
-                residency.insert(region, &mut marked, 40);
+                take_in(&mut residency, region, &mut marked);
                 let lacking: Vec<u32> =
                     marked.iter().filter(|&i| i & MISSING != 0).map(|i| i & !MISSING).collect();
                 let expected: Vec<u32> =
@@ -126,7 +165,7 @@ proptest! {
                 prop_assert_eq!(lacking, expected);
                 held.insert(k);
             } else {
-                residency.remove(region, &closures[k]);
+                give_up(&mut residency, region, &closures[k]);
                 held.remove(&k);
             }
             prop_assert_eq!(residency.holds(region), insert);
@@ -258,8 +297,7 @@ proptest! {
         let header = naive.file.model_header();
         let tolerance = tolerance_of(&header, kind, share);
         prop_assume!(tolerance > 0.0);
-        let mut collection = Collection::new(header.vsps);
-        let mut held = BTreeSet::new();
+            let mut held = BTreeSet::new();
         let whole = RegionAt::tolerance(RegionId::WHOLE, tolerance);
         let everywhere = naive.closure(whole);
         let most = f64::from(tolerance);
@@ -270,9 +308,9 @@ proptest! {
         });
         for region in cells.chain([RegionId::WHOLE]) {
             let asked = RegionAt::tolerance(region, tolerance);
-            let before = collection.looked_at();
-            let closure = collection.closure(&naive.file, asked).unwrap();
-            let looked_at = collection.looked_at() - before;
+            let search = Search::complete(&naive.file, asked).unwrap();
+            let looked_at = search.looked_at();
+            let closure = search.into_closure();
             prop_assert!(looked_at <= u64::from(header.base_vertices) + 2 * closure.len() as u64);
             prop_assert!(closure.windows(2).all(|w| w[0] < w[1]));
             let closure: BTreeSet<u32> = closure.into_iter().collect();
@@ -283,8 +321,7 @@ proptest! {
             held.extend(closure);
             prop_assert!(naive.is_front(&held), "a union of closures is a front");
         }
-        let coarser = collection
-            .closure(&naive.file, RegionAt::tolerance(RegionId::WHOLE, tolerance * 1.5))
+        let coarser = closure(&naive.file, RegionAt::tolerance(RegionId::WHOLE, tolerance * 1.5))
             .unwrap();
         prop_assert!(coarser.iter().all(|i| everywhere.contains(i)), "coarser is less");
     }
@@ -302,7 +339,7 @@ proptest! {
             let asked = RegionAt { region, tolerance_bits: bits };
             let tolerance = f32::from_bits(bits);
             let is_tolerance = tolerance >= 0.0 && tolerance.is_finite();
-            match Collection::new(header.vsps).closure(&naive.file, asked) {
+            match closure(&naive.file, asked) {
                 Ok(closure) => {
                     prop_assert!(region == RegionId::PREFIX || is_tolerance);
                     prop_assert!(closure.iter().all(|&i| i < header.vsps));
@@ -324,7 +361,6 @@ fn close_to_tolerance_0_nothing_is_missing_that_the_owned_faces_need() {
     for naive in NAIVE.iter() {
         let header = naive.file.model_header();
         let sizes = header.sizes();
-        let mut collection = Collection::new(header.vsps);
         let (mut full_sum, mut small_sum) = (0, 0);
         let mut needed: BTreeMap<RegionId, BTreeSet<u32>> = BTreeMap::new();
         for position in 0..header.faces {
@@ -339,16 +375,13 @@ fn close_to_tolerance_0_nothing_is_missing_that_the_owned_faces_need() {
         }
         for (region, needed) in needed {
             let small = RegionAt::tolerance(region, f32::MIN_POSITIVE);
-            let closure = collection.closure(&naive.file, small).unwrap();
+            let near = closure(&naive.file, small).unwrap();
             let has_error = |i: &&u32| naive.errors[**i as usize] > f64::from(f32::MIN_POSITIVE);
             for i in needed.iter().filter(has_error) {
-                assert!(closure.binary_search(i).is_ok(), "{small} lacks {i}");
+                assert!(near.binary_search(i).is_ok(), "{small} lacks {i}");
             }
-            small_sum += closure.len();
-            full_sum += collection
-                .closure(&naive.file, RegionAt::full(region))
-                .unwrap()
-                .len();
+            small_sum += near.len();
+            full_sum += closure(&naive.file, RegionAt::full(region)).unwrap().len();
         }
         println!(
             "closures at 0+ hold {:.2} of those at 0",
@@ -361,25 +394,18 @@ fn close_to_tolerance_0_nothing_is_missing_that_the_owned_faces_need() {
 fn prefixes_are_cut_at_the_whole_and_the_whole_at_0_is_everything() {
     let file = &NAIVE[1].file;
     let n = file.model_header().vsps;
-    let mut collection = Collection::new(n);
-    let mut prefix = |count| {
+    let prefix = |count| {
         let asked = RegionAt {
             region: RegionId::PREFIX,
             tolerance_bits: count,
         };
-        collection.closure(file, asked).unwrap()
+        closure(file, asked).unwrap()
     };
     for count in [0, 1, n - 1, n, n + 1, u32::MAX] {
         assert!(prefix(count).into_iter().eq(0..count.min(n)));
     }
     let whole = RegionAt::tolerance(RegionId::WHOLE, 0.0);
-    assert!(
-        collection
-            .closure(file, whole)
-            .unwrap()
-            .into_iter()
-            .eq(0..n)
-    );
+    assert!(closure(file, whole).unwrap().into_iter().eq(0..n));
     let coarsest = RegionAt::tolerance(RegionId::WHOLE, f32::MAX);
-    assert!(collection.closure(file, coarsest).unwrap().is_empty());
+    assert!(closure(file, coarsest).unwrap().is_empty());
 }

@@ -1,7 +1,9 @@
 //! Answers, made chunk by chunk.
 
+use super::SEARCHED_A_STEP;
+use super::residency_change::ResidencyChange;
 use super::{Chunk, Station, region_at};
-use crate::collection::{MISSING, RegionAt};
+use crate::collection::{CollectError, MISSING, RegionAt, Residency, Search};
 use bytemuck::Zeroable;
 use protocol::{
     AnswersWriter, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, MODEL_HEADER_SLOTS, Refusal,
@@ -14,6 +16,9 @@ use spm::{FileError, NONE, SpmFile};
 const VERTICES_PER_SLOT: usize = size_of::<ChunkSlot>() / size_of::<BaseVertex>();
 /// Base faces in one slot.
 const FACES_PER_SLOT: usize = size_of::<ChunkSlot>() / size_of::<BaseFace>();
+
+/// VSPs without a record that one chunk passes over, in a tenth of a millisecond.
+const MAX_PASSED: usize = 1 << 16;
 
 /// A question that waits or is being answered.
 #[derive(Debug)]
@@ -32,7 +37,7 @@ pub enum Job {
         ask: RegionAsk,
         /// With every record, whatever the client is believed to hold.
         whole: bool,
-        answer: Option<Answer>,
+        answer: Option<Box<Answer>>,
     },
 }
 
@@ -46,6 +51,12 @@ impl Job {
 /// How far the answer for a region is.
 #[derive(Debug)]
 pub struct Answer {
+    /// The search, until all that it found is in `closure`.
+    search: Option<Search>,
+    /// Whether the search is complete: what it found is taken over, id by id as they are written.
+    is_found: bool,
+    /// Whether this answer takes its region in: it was not held before.
+    takes_in: bool,
     /// The closure, marked with [`MISSING`] where a record is to be sent.
     closure: Vec<u32>,
     next_id: usize,
@@ -56,6 +67,8 @@ pub struct Answer {
 
 /// What came of working on a job.
 pub enum Progress {
+    /// No steps are left: there is more to do before there is a chunk.
+    Working,
     /// A chunk, and more to come.
     Chunk(Chunk),
     /// The last chunk.
@@ -82,20 +95,43 @@ pub fn blank(kind: ChunkKind, object: u32) -> Chunk {
 }
 
 impl<D: AsRef<[u8]>> Station<D> {
-    /// Makes the next chunk of an answer.
-    pub(super) fn advance(&mut self, at: usize, job: &mut Job) -> Progress {
+    /// Makes the next chunk of an answer, with so many steps at the most.
+    pub(super) fn advance(&mut self, at: usize, job: &mut Job, steps: &mut u64) -> Progress {
         let object = self.sessions[at].object;
         match job {
             Job::Refused { ask, refusal } => {
                 Progress::Last(self.refused(object, ask.as_ref(), *refusal))
             }
-            Job::Model { model, next_slot } => Progress::of(model_chunk(
-                &self.models[*model].served.file,
-                object,
-                next_slot,
-            )),
-            Job::Region { .. } => self.advance_regions(at, object, job),
+            Job::Model { model, next_slot } => {
+                Progress::of(model_chunk(&self.models[*model].file, object, next_slot))
+            }
+            Job::Region { .. } => self.advance_regions(at, object, job, steps),
         }
+    }
+
+    /// A part of an answer that is still searched for, without content: so that its client knows
+    /// that it is not forgotten.
+    pub(super) fn unfinished_answer(&mut self, at: usize) -> Option<Chunk> {
+        let session = &mut self.sessions[at];
+        let Some(Job::Region {
+            ask,
+            answer: Some(answer),
+            ..
+        }) = session.jobs.front_mut()
+        else {
+            return None;
+        };
+        if answer.is_found {
+            return None;
+        }
+        let mut writer = AnswersWriter::new();
+        writer.begin(ask.region, ask.tolerance_bits, !answer.started);
+        writer.end(false);
+        answer.started = true;
+        let (mut header, _) = blank(ChunkKind::Answers, session.object);
+        let (count, slots) = writer.finish();
+        header.count = count;
+        Some((header, slots))
     }
 
     pub(super) fn refused(
@@ -116,14 +152,28 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     /// Packs the answer to a region, and what waits behind it for other regions, into a chunk.
-    fn advance_regions(&mut self, at: usize, object: u32, first: &mut Job) -> Progress {
+    fn advance_regions(
+        &mut self,
+        at: usize,
+        object: u32,
+        first: &mut Job,
+        steps: &mut u64,
+    ) -> Progress {
         let mut writer = AnswersWriter::new();
         // The job being packed, once that is not the first any more.
         let mut later: Option<Job> = None;
         let mut whole = true;
         loop {
-            match self.pack(at, later.as_mut().unwrap_or(first), &mut writer) {
+            match self.pack(at, later.as_mut().unwrap_or(first), &mut writer, steps) {
                 Packed::Whole => {}
+                Packed::Nothing if writer.is_empty() => return Progress::Working,
+                // It goes on when what is packed is sent.
+                Packed::Nothing => {
+                    if let Some(job) = later.take() {
+                        self.sessions[at].jobs.push_front(job);
+                    }
+                    break;
+                }
                 Packed::Part => {
                     whole = false;
                     break;
@@ -162,7 +212,13 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     /// Packs as much of an answer as there is room for.
-    fn pack(&mut self, at: usize, job: &mut Job, writer: &mut AnswersWriter) -> Packed {
+    fn pack(
+        &mut self,
+        at: usize,
+        job: &mut Job,
+        writer: &mut AnswersWriter,
+        steps: &mut u64,
+    ) -> Packed {
         let Job::Region {
             model,
             ask,
@@ -174,17 +230,30 @@ impl<D: AsRef<[u8]>> Station<D> {
             return Packed::Whole;
         };
         let (model, region) = (*model, region_at(ask));
+        let file = &self.models[model].file;
+        let session = &mut self.sessions[at];
         let mut given = match answer.take() {
             Some(given) => given,
-            None => match self.models[model].closure(region) {
-                Ok(closure) => self.begin_answer(at, model, region, closure, *whole),
+            None => match session.begin_answer(file, model, region) {
+                Ok(started) => Box::new(started),
                 Err(error) => {
                     self.refuse_region(model, &error);
                     return Packed::Refused(*ask, error.refusal());
                 }
             },
         };
-        match given.pack(&self.models[model].served.file, ask, writer) {
+        match given.find(file, region, &mut session.residency, steps) {
+            Ok(true) => {}
+            Ok(false) => {
+                *answer = Some(given);
+                return Packed::Nothing;
+            }
+            Err(error) => {
+                self.refuse_region(model, &error);
+                return Packed::Refused(*ask, error.refusal());
+            }
+        }
+        match given.pack(file, (ask, *whole), &mut session.residency, writer) {
             Ok((records, done)) => {
                 self.counters.records += records;
                 self.counters.regions += u64::from(done);
@@ -196,33 +265,12 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             Err(_) => {
                 // Its blocks were sound a moment ago; still, no record is made up.
-                given.closure.iter_mut().for_each(|i| *i &= !MISSING);
-                let residency = &mut self.sessions[at].residency;
-                residency.remove(region, &given.closure);
+                session.residency.release(region);
+                session
+                    .residency_changes
+                    .push_back(ResidencyChange::Forget(given.ids()));
                 Packed::Refused(*ask, Refusal::DamagedBlock)
             }
-        }
-    }
-
-    fn begin_answer(
-        &mut self,
-        at: usize,
-        model: usize,
-        region: RegionAt,
-        mut closure: Vec<u32>,
-        whole: bool,
-    ) -> Answer {
-        let vsps = self.models[model].served.file.model_header().vsps;
-        let residency = &mut self.sessions[at].residency;
-        residency.insert(region, &mut closure, vsps);
-        if whole {
-            closure.iter_mut().for_each(|i| *i |= MISSING);
-        }
-        Answer {
-            closure,
-            next_id: 0,
-            next_record: 0,
-            started: false,
         }
     }
 }
@@ -233,29 +281,115 @@ enum Packed {
     Whole,
     /// The chunk is full.
     Part,
+    /// Its closure is not found yet, and no steps are left.
+    Nothing,
     /// There is no answer, or no more of it.
     Refused(RegionAsk, Refusal),
 }
 
 impl Answer {
+    pub(super) fn new(search: Search) -> Self {
+        Self {
+            search: Some(search),
+            is_found: false,
+            takes_in: false,
+            closure: Vec::new(),
+            next_id: 0,
+            next_record: 0,
+            started: false,
+        }
+    }
+
+    /// The search, as far as it is: for whoever asks again.
+    pub(super) fn into_search(self) -> Option<Search> {
+        let mut search = self.search?;
+        search.rewind();
+        Some(search)
+    }
+
+    /// What the client is believed to hold by it, to be given up: nothing where the region was held
+    /// before.
+    pub(super) fn taken_in(self) -> Option<Vec<u32>> {
+        self.takes_in.then(|| self.ids())
+    }
+
+    /// Its VSPs.
+    fn ids(self) -> Vec<u32> {
+        let mut ids = self.closure;
+        ids.iter_mut().for_each(|i| *i &= !MISSING);
+        ids
+    }
+
+    /// Writes the answer again from its start, with every record: who asks again lost it. What is
+    /// found stays found.
+    pub(super) fn again(&mut self) {
+        self.closure.iter_mut().for_each(|i| *i |= MISSING);
+        self.next_id = 0;
+        self.next_record = 0;
+        self.started = false;
+    }
+
+    /// Whether a part with content is written.
+    pub(super) fn has_started(&self) -> bool {
+        self.next_id > 0
+    }
+
+    /// Goes on with the search; whether the closure is found.
+    fn find<D: AsRef<[u8]>>(
+        &mut self,
+        file: &SpmFile<D>,
+        region: RegionAt,
+        residency: &mut Residency,
+        steps: &mut u64,
+    ) -> Result<bool, CollectError> {
+        while !self.is_found
+            && *steps > 0
+            && let Some(search) = &mut self.search
+        {
+            *steps -= 1;
+            if search.step(file, SEARCHED_A_STEP)? {
+                self.is_found = true;
+                self.takes_in = residency.hold(region);
+            }
+        }
+        Ok(self.is_found)
+    }
+
+    /// The next id to be written. Where all are that were taken over, the next that was found is:
+    /// from then on the client is believed to hold it.
+    fn id(&mut self, whole: bool, residency: &mut Residency) -> Option<u32> {
+        if self.next_id == self.closure.len() {
+            let Some(vsp) = self.search.as_mut()?.next_id() else {
+                self.search = None;
+                return None;
+            };
+            let lacks = self.takes_in && residency.add(vsp);
+            let mark = if lacks || whole { MISSING } else { 0 };
+            self.closure.push(vsp | mark);
+        }
+        self.closure.get(self.next_id).copied()
+    }
+
     /// Writes a part; the number of records in it, and whether the answer ends with it.
     fn pack<D: AsRef<[u8]>>(
         &mut self,
         file: &SpmFile<D>,
-        ask: &RegionAsk,
+        (ask, whole): (&RegionAsk, bool),
+        residency: &mut Residency,
         writer: &mut AnswersWriter,
     ) -> Result<(u64, bool), FileError> {
         writer.begin(ask.region, ask.tolerance_bits, !self.started);
         self.started = true;
-        while let Some(&i) = self.closure.get(self.next_id)
+        while let Some(i) = self.id(whole, residency)
             && writer.id(i & !MISSING, i & MISSING != 0)
         {
             self.next_id += 1;
         }
         let mut records = 0;
-        while self.next_id == self.closure.len()
-            && let Some(&i) = self.closure.get(self.next_record)
+        let end = self.closure.len().min(self.next_record + MAX_PASSED);
+        while self.search.is_none() && self.next_id == self.closure.len() && self.next_record < end
         {
+            let i = self.closure[self.next_record];
             if i & MISSING != 0 {
                 let record = match file.record(i & !MISSING) {
                     Ok(record) => record,
@@ -271,7 +405,7 @@ impl Answer {
             }
             self.next_record += 1;
         }
-        let done = self.next_record == self.closure.len();
+        let done = self.search.is_none() && self.next_record == self.closure.len();
         writer.end(done);
         Ok((records, done))
     }

@@ -1,15 +1,24 @@
 //! What the station knows of one session: a client and an object.
 
 use super::Chunk;
-use super::answer::{Job, blank};
+use super::answer::{Answer, Job, blank};
 use super::path_generator::PathGenerator;
 use super::region_at;
-use crate::collection::{RegionAt, Residency};
-use protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, MeasuredError, RegionAsk, Request};
+use super::residency_change::ResidencyChange;
+use crate::collection::{CollectError, RegionAt, Residency, Search};
+use protocol::{
+    CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, ContactReport, MeasuredError, RegionAsk, Request,
+};
+use spm::SpmFile;
 use std::collections::VecDeque;
 
-/// Questions of one session that may wait for an answer.
-pub const MAX_JOBS: usize = 1 << 14;
+/// Questions of one session that may wait for an answer: a controller has as many open as chunks
+/// may be under way, so this is thirty-two times that. A flood looks through no more for each.
+pub const MAX_JOBS: usize = 32 * CREDIT_CHUNKS as usize;
+/// Regions that a session may hold: many times what the region table of a controller has room for.
+const MAX_HELD: usize = 1 << 16;
+/// Reports of contacts that wait to be measured; more replace the oldest.
+const MAX_CONTACTS: usize = 64;
 /// Measured errors that fit into a chunk, and that wait for credit at the most; more replace the
 /// oldest.
 const MAX_MEASURED: usize = 2 * CHUNK_SLOTS;
@@ -52,12 +61,18 @@ pub struct Session {
     /// When it was last heard, in messages.
     pub last_heard: u64,
     pub jobs: VecDeque<Job>,
+    /// Changes of the residency that come before them.
+    pub residency_changes: VecDeque<ResidencyChange>,
+    /// The search that was under way when an epoch ended, and its model: the next epoch asks again.
+    kept: Option<(usize, Search)>,
     /// Tours asked for: rolled while nothing else is to be answered.
     pub tours: VecDeque<PathGenerator>,
     /// The tour rolled last, whole or in part: whoever lost its chunks asks for it again.
     pub rolled: Option<PathGenerator>,
     /// What of the object's model the client is believed to hold.
     pub residency: Residency,
+    /// Contacts that are to be measured, and where they ended.
+    pub contacts: VecDeque<ContactReport>,
     measured: VecDeque<MeasuredError>,
     /// The probe that touched last.
     measured_probe: u32,
@@ -80,6 +95,9 @@ impl Session {
             credit: 0,
             last_heard: 0,
             jobs: VecDeque::new(),
+            residency_changes: VecDeque::new(),
+            kept: None,
+            contacts: VecDeque::new(),
             tours: VecDeque::new(),
             rolled: None,
             residency: Residency::default(),
@@ -130,10 +148,23 @@ impl Session {
         self.consumed = 0;
     }
 
-    /// Clears queue and belief, and waits for the next epoch. Of a tour what is rolled is kept.
+    /// Clears queue and belief, and waits for the next epoch. Of a tour what is rolled is kept, of
+    /// an answer the search: else a closure that takes longer than a client's patience would never
+    /// be found.
     pub fn break_epoch(&mut self) {
         self.broken = true;
+        if let Some(Job::Region {
+            model,
+            answer: Some(answer),
+            ..
+        }) = self.jobs.pop_front()
+        {
+            let search = answer.into_search().map(|search| (model, search));
+            self.kept = search.or(self.kept.take());
+        }
         self.jobs.clear();
+        self.residency_changes.clear();
+        self.contacts.clear();
         self.rolled = self.tours.pop_front().or(self.rolled.take());
         self.tours.clear();
         self.residency = Residency::default();
@@ -144,6 +175,26 @@ impl Session {
     /// Whether more is asked for than may wait.
     pub fn asks_too_much(&self) -> bool {
         self.jobs.len() + self.tours.len() > MAX_JOBS
+            || self.residency_changes.len() > MAX_HELD
+            || self.residency.regions() > MAX_HELD
+    }
+
+    /// Begins the answer for a region, where a search for it was broken off from there.
+    ///
+    /// # Errors
+    /// As those of [`Search::new`].
+    pub fn begin_answer<D: AsRef<[u8]>>(
+        &mut self,
+        file: &SpmFile<D>,
+        model: usize,
+        region: RegionAt,
+    ) -> Result<Answer, CollectError> {
+        let is_kept = |(of, search): &mut (usize, Search)| *of == model && search.asked() == region;
+        let search = match self.kept.take_if(is_kept) {
+            Some((_, search)) => search,
+            None => Search::new(file, region)?,
+        };
+        Ok(Answer::new(search))
     }
 
     pub fn has_credit(&self) -> bool {
@@ -152,9 +203,9 @@ impl Session {
 
     /// Queues the question for a region, unless it waits already. `whole`: with every record.
     ///
-    /// An answer that has begun is broken off, and given anew with every record: who asks again
-    /// lost it.
-    pub fn subscribe(&mut self, model: usize, ask: RegionAsk, mut whole: bool) {
+    /// An answer that has begun is given anew with every record: who asks again lost it. What was
+    /// searched for it is not searched again.
+    pub fn subscribe(&mut self, model: usize, ask: RegionAsk, whole: bool) {
         let waiting = self.jobs.iter_mut().find(|j| j.is_of(region_at(&ask)));
         if let Some(Job::Region {
             answer,
@@ -162,12 +213,12 @@ impl Session {
             ..
         }) = waiting
         {
-            if answer.is_none() {
-                *waiting_whole |= whole;
-                return;
+            let has_started = answer.as_ref().is_some_and(|answer| answer.has_started());
+            *waiting_whole |= whole || has_started;
+            if let Some(answer) = answer.as_mut().filter(|_| *waiting_whole) {
+                answer.again();
             }
-            whole = true;
-            self.cancel(region_at(&ask));
+            return;
         }
         self.jobs.push_back(Job::Region {
             model,
@@ -177,9 +228,38 @@ impl Session {
         });
     }
 
-    /// Drops the question for a region, answered in part or not at all.
-    pub fn cancel(&mut self, region: RegionAt) {
-        self.jobs.retain(|j| !j.is_of(region));
+    /// Gives up a region, whether it is held, asked for, or answered in part.
+    pub fn release(&mut self, model: usize, region: RegionAt) {
+        let place = self.jobs.iter().position(|job| job.is_of(region));
+        let job = place.and_then(|place| self.jobs.remove(place));
+        if let Some(Job::Region {
+            answer: Some(answer),
+            ..
+        }) = job
+            && let Some(taken_in) = answer.taken_in()
+        {
+            // What it took in is known, and no more than that.
+            self.residency.release(region);
+            self.residency_changes
+                .push_back(ResidencyChange::Forget(taken_in));
+            return;
+        }
+        self.residency_changes.push_back(ResidencyChange::Released {
+            model,
+            region,
+            change: None,
+        });
+    }
+
+    /// Notes a contact that is to be measured, or that one ended.
+    pub fn push_contact(&mut self, report: &ContactReport) {
+        if self.broken {
+            return;
+        }
+        if self.contacts.len() == MAX_CONTACTS {
+            self.contacts.pop_front();
+        }
+        self.contacts.push_back(*report);
     }
 
     pub fn push_measured(&mut self, probe: u32, error: MeasuredError) {

@@ -1,12 +1,16 @@
 mod client;
+mod fairness;
 mod packing;
 mod sessions;
 mod tours;
 
 use super::*;
+use crate::collection::closure;
 use crate::testing::model;
 use bytemuck::Zeroable;
 use client::{Client, region_of};
+use glam::DVec3;
+use protocol::MeasuredError;
 use protocol::{AnswerItem, AnswersReader, CREDIT_CHUNKS, ChunkKind, MODEL_HEADER_SLOTS, PartHead};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
@@ -276,18 +280,31 @@ fn the_past_does_not_disturb_a_new_incarnation() {
 }
 
 #[test]
-fn the_stalest_of_too_many_clients_makes_room() {
+fn one_client_too_many_is_turned_away_and_told_so() {
     let mut server = station(1);
-    for id in 0..2 * MAX_CLIENTS as u64 {
-        let request = Client::new(id).request(RequestKind::Model);
+    let most = MAX_CLIENTS as u64;
+    for id in 0..4 * most {
+        let mut request = Client::new(id).request(RequestKind::Model);
+        request.epoch = 3;
         server.handle(Message::Request(&request));
     }
-    let known: Vec<u64> = server.clients().collect();
-    assert_eq!(
-        known,
-        (MAX_CLIENTS as u64..2 * MAX_CLIENTS as u64).collect::<Vec<_>>()
-    );
-    assert_eq!(server.counters().forgotten, MAX_CLIENTS as u64);
+    assert!(server.clients().eq(0..most));
+    assert_eq!(server.counters().turned_away, 3 * most);
+    let told: Vec<(u64, Chunk)> = server.take_turned_away().collect();
+    assert_eq!(told.len(), MAX_CLIENTS, "no more than there are places");
+    for (id, (header, _)) in told {
+        assert!(id >= most);
+        assert_eq!((header.client, header.epoch, header.sequence), (id, 3, 0));
+        assert_eq!(header.kind, ChunkKind::Refused as u32);
+        assert_eq!(Refusal::from_code(header.code), Some(Refusal::NoPlace));
+    }
+    assert_eq!(server.take_turned_away().count(), 0);
+    assert_eq!(server.take_notes().len(), 1);
+    // A place that is given up is there for the next one.
+    server.remove_client(5);
+    let request = Client::new(100).request(RequestKind::Model);
+    server.handle(Message::Request(&request));
+    assert!(server.knows(100));
 }
 
 #[test]

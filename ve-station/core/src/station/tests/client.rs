@@ -184,10 +184,9 @@ impl Client {
     /// Holds exactly the union of the closures of what it wants.
     pub fn check(&mut self) {
         let file = open();
-        let mut collection = Collection::new(file.model_header().vsps);
         let mut union = BTreeSet::new();
         for &region in &self.wanted {
-            let closure = collection.closure(&file, region).unwrap();
+            let closure = closure(&file, region).unwrap();
             assert_eq!(self.held.get(&region), Some(&closure), "{region}");
             union.extend(closure);
         }

@@ -215,12 +215,10 @@ fn records_dropped_under_an_answer_come_again_without_another_epoch() {
     let file = open();
     let (mut server, mut client, mut wire) = (station(1), Client::new(7), Wire::default());
     // Two regions that share VSPs: one is given up while the answer to the other counts on it.
-    let mut collection = Collection::new(file.model_header().vsps);
     let [a, b] = [regions()[0], regions()[1]];
-    let shared: BTreeSet<u32> = collection.closure(&file, a).unwrap().into_iter().collect();
+    let shared: BTreeSet<u32> = closure(&file, a).unwrap().into_iter().collect();
     assert!(
-        collection
-            .closure(&file, b)
+        closure(&file, b)
             .unwrap()
             .iter()
             .any(|i| shared.contains(i))

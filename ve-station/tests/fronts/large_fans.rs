@@ -1,8 +1,6 @@
 //! Vertices with hundreds and thousands of faces: caps of cylinders, tips of cones.
 
-mod common;
-
-use common::{active_faces, build, load, refine};
+use crate::common::{active_faces, build, load, refine};
 use spm::{ActiveMesh, Handle, OperationError, OperationFaces, Slot, SpmParts};
 use spm_builder::SoupMesh;
 use std::collections::BTreeMap;

@@ -1,0 +1,274 @@
+//! Turns: a controller gets its answers as soon as if it were alone, whatever others ask for.
+
+use super::client::Client;
+use super::*;
+use crate::testing::Counted;
+use proptest::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Steps of a turn.
+const STEPS: u64 = 4;
+
+/// A station over bytes that are counted, and the count.
+fn counted_station() -> (Station<Counted>, Arc<AtomicU64>) {
+    let (bytes, reads) = Counted::new(TORUS.to_vec());
+    let served = ServedModel {
+        name: "torus".to_owned(),
+        file: SpmFile::open(bytes).unwrap(),
+    };
+    let object = ServedObject {
+        model: 0,
+        name: Request::name_hash("torus"),
+    };
+    (Station::new(1, vec![served], vec![object]), reads)
+}
+
+/// A client's turn, as the shell gives it: chunks come in, and what is to be said goes out.
+fn turn<D: AsRef<[u8]>>(server: &mut Station<D>, client: &mut Client, steps: u64) -> usize {
+    let mut steps = steps;
+    let mut chunks = Vec::new();
+    while let Some(chunk) = server.poll_within(client.id, &mut steps) {
+        chunks.push(chunk);
+    }
+    for chunk in &chunks {
+        let said = client.receive(chunk).expect("no gap");
+        let credit = client.request(RequestKind::Credit);
+        for request in said.into_iter().chain([credit]) {
+            server.handle(Message::Request(&request));
+        }
+    }
+    chunks.len()
+}
+
+/// Turns until a client has all that it asked for.
+fn turns_until_held(
+    server: &mut Station<Counted>,
+    client: &mut Client,
+    mut others: impl FnMut(&mut Station<Counted>),
+) -> u32 {
+    let mut turns = 0;
+    while !client.asked.is_empty() {
+        others(server);
+        turn(server, client, STEPS);
+        turns += 1;
+        assert!(turns < 10_000, "it is never answered");
+    }
+    turns
+}
+
+/// The whole model at a tolerance that it takes many steps to search.
+fn whole() -> RegionAt {
+    RegionAt::tolerance(RegionId::WHOLE, f32::MIN_POSITIVE)
+}
+
+/// Something that a hostile client says: floods, whole models, contradictions, forged names.
+fn hostile_message(server: &mut Station<Counted>, id: u64, sequence: &mut u64, draw: [u32; 4]) {
+    let mut request = Client::new(id).request(RequestKind::Regions);
+    request.sequence = *sequence;
+    request.count = REGIONS_PER_REQUEST as u32;
+    let forged = draw[0].is_multiple_of(7);
+    if forged {
+        request.client = u64::from(draw[1]) << 8 | 0xF0;
+    } else {
+        *sequence += 1;
+    }
+    for (k, ask) in request.regions.iter_mut().enumerate() {
+        let region = match (draw[2] as usize + k) % 4 {
+            0 => whole(),
+            1 => RegionAt::full(RegionId::WHOLE),
+            2 => RegionAt::tolerance(RegionId::WHOLE, 1e-6 * (draw[3] % 1000) as f32),
+            _ => regions()[draw[3] as usize % 30],
+        };
+        *ask = RegionAsk {
+            region: region.region.0,
+            tolerance_bits: region.tolerance_bits,
+            action: (draw[1] >> (k % 16)) % 6,
+        };
+    }
+    server.handle(Message::Request(&request));
+    if draw[0].is_multiple_of(5) {
+        // So that a broken epoch is not the end of it.
+        *sequence = 0;
+        let mut request = Client::new(id).request(RequestKind::Credit);
+        request.incarnation = u64::from(draw[3]);
+        server.handle(Message::Request(&request));
+        *sequence += 1;
+    }
+    let mut report = ContactReport::zeroed();
+    report.client = id;
+    for _ in 0..draw[2] % 300 {
+        server.handle(Message::Contact(&report));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn a_hostile_client_delays_nobody(
+        wanted in prop::collection::vec(0usize..36, 1..12),
+        draws in prop::collection::vec(prop::array::uniform4(any::<u32>()), 50),
+    ) {
+        let regions = regions();
+        let ask = |server: &mut Station<Counted>| {
+            let mut client = Client::new(7);
+            for &k in &wanted {
+                for request in client.subscribe(regions[k % regions.len()]) {
+                    server.handle(Message::Request(&request));
+                }
+            }
+            client
+        };
+        let (mut server, _) = counted_station();
+        let mut client = ask(&mut server);
+        let alone = turns_until_held(&mut server, &mut client, |_| {});
+
+        let (mut server, _) = counted_station();
+        let (mut sequence, mut round) = (0, 0);
+        let mut client = ask(&mut server);
+        let beside = turns_until_held(&mut server, &mut client, |server| {
+            for _ in 0..3 {
+                hostile_message(server, 9, &mut sequence, draws[round % draws.len()]);
+                round += 1;
+            }
+            for id in server.clients().filter(|&id| id != 7).collect::<Vec<_>>() {
+                let mut steps = STEPS;
+                while server.poll_within(id, &mut steps).is_some() {}
+            }
+        });
+        prop_assert_eq!(beside, alone);
+        client.check();
+        prop_assert!(server.clients().count() <= MAX_CLIENTS);
+    }
+}
+
+#[test]
+fn a_turn_reads_a_bounded_part_of_the_model() {
+    let (mut server, reads) = counted_station();
+    let mut client = Client::new(7);
+    for request in client.subscribe(whole()) {
+        server.handle(Message::Request(&request));
+    }
+    let (mut largest, mut turns) = (0, 0);
+    while !client.asked.is_empty() {
+        let before = reads.load(Ordering::Relaxed);
+        let chunks = turn(&mut server, &mut client, 1) as u64;
+        let read = reads.load(Ordering::Relaxed) - before;
+        // A chunk holds 64 records at the most, and a record is a read or two.
+        largest = largest.max(read.saturating_sub(128 * chunks));
+        turns += 1;
+    }
+    assert!(turns > 20, "{turns} turns");
+    assert!(largest <= 8 * u64::from(SEARCHED_A_STEP), "{largest} reads");
+}
+
+#[test]
+fn a_closure_that_takes_longer_than_patience_is_found_all_the_same() {
+    let (mut server, reads) = counted_station();
+    let mut client = Client::new(7);
+    let requests = client.subscribe(whole());
+    requests
+        .iter()
+        .for_each(|r| server.handle(Message::Request(r)));
+    let mut epochs = 0;
+    let mut turns = 0;
+    let before = reads.load(Ordering::Relaxed);
+    while !client.held.contains_key(&whole()) {
+        // Silence: it asks anew, every third turn while nothing comes.
+        if turn(&mut server, &mut client, 1) == 0 && turns % 3 == 2 {
+            let requests = client.new_epoch();
+            requests
+                .iter()
+                .for_each(|r| server.handle(Message::Request(r)));
+            epochs += 1;
+        }
+        turns += 1;
+        assert!(turns < 10_000, "a livelock");
+    }
+    assert!(epochs > 5);
+    client.check();
+    // The work was done about once.
+    let read = reads.load(Ordering::Relaxed) - before;
+    let vsps = u64::from(open().model_header().vsps);
+    assert!(read < 12 * vsps, "{read} reads for {vsps} VSPs");
+}
+
+#[test]
+fn who_waits_for_a_closure_hears_that_it_is_being_found() {
+    let mut server = station(1);
+    let mut client = Client::new(7);
+    let requests = client.subscribe(whole());
+    requests
+        .iter()
+        .for_each(|r| server.handle(Message::Request(r)));
+    assert_eq!(turn(&mut server, &mut client, 1), 0);
+    let chunk = server.poll_unfinished(7).expect("a sign of life");
+    assert_eq!((chunk.0.last, chunk.0.sequence), (0, 0));
+    client.receive(&chunk).expect("it is the next chunk");
+    assert!(!client.held.contains_key(&whole()));
+    for _ in 0..10_000 {
+        turn(&mut server, &mut client, STEPS);
+    }
+    client.check();
+    assert_eq!(
+        server.poll_unfinished(7),
+        None,
+        "nothing is being made any more"
+    );
+}
+
+#[test]
+fn a_question_asked_again_while_its_closure_is_searched_does_not_begin_anew() {
+    let count = |again: bool| {
+        let (mut server, _) = counted_station();
+        let mut client = Client::new(7);
+        let requests = client.subscribe(whole());
+        requests
+            .iter()
+            .for_each(|r| server.handle(Message::Request(r)));
+        turns_until_held_asking(&mut server, &mut client, again)
+    };
+    assert_eq!(count(false), count(true));
+}
+
+/// Turns of one step until the first chunk.
+fn turns_until_held_asking(server: &mut Station<Counted>, client: &mut Client, again: bool) -> u32 {
+    for turns in 1..10_000 {
+        if turn(server, client, 1) > 0 {
+            return turns;
+        }
+        if again {
+            for request in client.regions(RegionAction::Subscribe, &[whole()]) {
+                server.handle(Message::Request(&request));
+            }
+        }
+    }
+    panic!("it is never answered");
+}
+
+#[test]
+fn a_contact_far_from_the_mesh_is_not_searched_without_end() {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    let credit = client.request(RequestKind::Credit);
+    server.handle(Message::Request(&credit));
+    let mut report = ContactReport::zeroed();
+    report.client = 1;
+    for _ in 0..200 {
+        server.handle(Message::Contact(&report));
+    }
+    let mut turns = 0;
+    loop {
+        let mut steps = 1;
+        while server.poll_within(1, &mut steps).is_some() {}
+        turns += 1;
+        if steps == 1 {
+            break;
+        }
+    }
+    assert!(turns > 30, "each is a step at least");
+    let counters = server.counters();
+    assert!(
+        counters.measured + counters.unmeasured <= 64,
+        "old reports make room"
+    );
+}
