@@ -3,8 +3,9 @@
 /// Converts errors in model units to u16 codes and back.
 ///
 /// Code 0 is exactly zero. Code c > 0 is `scale * 2^((c - 65535) / 2048)`: 32 octaves below the
-/// scale in steps of 0.034 %. The scale is twice the diagonal of the model's box, which no error
-/// exceeds.
+/// scale in steps of 0.034 %. The scale is twice the diagonal of the model's box. Hardly an error
+/// comes near it, but none is ruled out, since a collapse may put its vertex outside of the box:
+/// the largest code stands for whatever is beyond the others, and its value is infinite.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorScale(f64);
 
@@ -19,9 +20,12 @@ impl ErrorScale {
 
     /// The smallest code whose value is at least `error` (model units, not negative).
     ///
-    /// Saturates at the largest code, which stands for the scale itself.
+    /// The largest code where no other is enough, or `error` is no number.
     #[must_use]
     pub fn encode(self, error: f64) -> u16 {
+        if error.is_nan() {
+            return u16::MAX;
+        }
         if error <= 0.0 {
             return 0;
         }
@@ -46,11 +50,14 @@ impl ErrorScale {
         }
     }
 
-    /// The error of a code, model units.
+    /// The error of a code, model units; infinite for the largest.
     #[must_use]
     pub fn decode(self, code: u16) -> f64 {
         if code == 0 {
             return 0.0;
+        }
+        if code == u16::MAX {
+            return f64::INFINITY;
         }
         let steps = f64::from(code) - f64::from(u16::MAX);
         self.0 * (steps / Self::STEPS_PER_OCTAVE).exp2()
@@ -77,6 +84,21 @@ mod tests {
             prop_assert!(scale.decode(floor + 1) > error);
             prop_assert_eq!(scale.floor(scale.decode(floor)), floor);
         }
+    }
+
+    #[test]
+    fn what_is_beyond_the_scale_is_infinite_and_never_less_than_it_was() {
+        let scale = ErrorScale::for_diagonal(3.0);
+        for error in [5.9999, 6.0, 6.0001, 60.0, 1e300, f64::INFINITY] {
+            let decoded = scale.decode(scale.encode(error));
+            assert!(decoded >= error, "{error} became {decoded}");
+        }
+        assert_eq!(scale.decode(scale.encode(6.0001)), f64::INFINITY);
+        assert_eq!(scale.encode(f64::NAN), u16::MAX);
+        assert!(
+            scale.floor(1e300) < u16::MAX,
+            "no tolerance accepts the infinite"
+        );
     }
 
     #[test]

@@ -75,6 +75,22 @@ impl ModelHeader {
         self.grid.at_level(level).unwrap_or(self.grid)
     }
 
+    /// Whether the box is that of a surface of f32 positions: it extends along two axes at least,
+    /// by no less than two f32 numbers differ, and the diagonal is its own.
+    fn bounds_are_valid(&self) -> bool {
+        let sides: [f64; 3] = std::array::from_fn(|k| self.upper[k] - self.lower[k]);
+        let least = f64::from(f32::from_bits(1));
+        let extends = sides.iter().filter(|&&side| side >= least).count();
+        let norm = sides.iter().map(|side| side * side).sum::<f64>().sqrt();
+        // Sums of three squares in any order differ by a few units in the last place.
+        let rounding = 8.0 * f64::EPSILON * norm;
+        sides
+            .iter()
+            .all(|&side| side >= 0.0 && side <= 2.0 * f64::from(f32::MAX))
+            && extends >= 2
+            && (self.diagonal - norm).abs() <= rounding
+    }
+
     /// Whether the tolerances start at 0, do not decrease and end with the grid.
     fn level_tolerances_are_valid(&self) -> bool {
         self.level_tolerances[0] == 0.0
@@ -93,13 +109,10 @@ impl ModelHeader {
             .chain(&self.lower)
             .chain(&self.upper)
             .all(|x| x.is_finite());
-        let ordered = self.lower.iter().zip(&self.upper).all(|(l, u)| l <= u);
         let ids = u64::from(self.base_vertices.max(self.base_faces)) + 2 * u64::from(self.vsps);
         let max_faces = u64::from(self.base_faces) + 2 * u64::from(self.vsps);
         finite
-            && ordered
-            && self.diagonal.is_normal()
-            && self.diagonal > 0.0
+            && self.bounds_are_valid()
             && self.grid.is_valid()
             && self.level_tolerances_are_valid()
             && self.base_vertices >= 3
@@ -158,3 +171,43 @@ const _: () = {
     assert!(size_of::<BaseFace>() == 32 && offset_of!(BaseFace, leaf) == 12);
     assert!(offset_of!(BaseFace, neighbours) == 16 && offset_of!(BaseFace, reserved) == 28);
 };
+
+#[cfg(test)]
+mod tests {
+    use crate::SpmParts;
+
+    /// What a damaged byte may make of the box: the tick would divide by its sides.
+    #[test]
+    fn a_box_without_extent_or_with_another_diagonal_is_no_header() {
+        let sound = SpmParts::hexagon().header;
+        assert!(sound.is_valid());
+        let [lower, upper] = [sound.lower, sound.upper];
+        let line = [upper[0], lower[1], lower[2]];
+        for (low, high) in [
+            (lower, lower),
+            (upper, lower),
+            (lower, line),
+            ([f64::NAN, lower[1], lower[2]], upper),
+            (lower, [f64::INFINITY, upper[1], upper[2]]),
+            (lower, [1e300, upper[1], upper[2]]),
+            (lower.map(|x| x * 1e-300), upper.map(|x| x * 1e-300)),
+        ] {
+            let mut header = sound;
+            (header.lower, header.upper) = (low, high);
+            let squares = low.iter().zip(&high).map(|(l, h)| (h - l).powi(2));
+            header.diagonal = squares.sum::<f64>().sqrt();
+            assert!(!header.is_valid(), "{low:?} to {high:?}");
+        }
+        for diagonal in [
+            0.0,
+            -sound.diagonal,
+            2.0 * sound.diagonal,
+            f64::NAN,
+            f64::INFINITY,
+        ] {
+            let mut header = sound;
+            header.diagonal = diagonal;
+            assert!(!header.is_valid(), "{diagonal}");
+        }
+    }
+}
