@@ -64,6 +64,15 @@ impl Controller {
         }
     }
 
+    /// Call before a tick when the devices went to zero by themselves since the last one, because
+    /// their commands had expired: the force rises again from zero along the ramp. An input of the
+    /// tick as far as a replay is concerned.
+    pub fn force_was_cut(&mut self) {
+        for probe in &mut self.probes {
+            probe.force_was_cut();
+        }
+    }
+
     /// Work units that a tick may take at the most: the bound of
     /// [`crate::record::CoreRecord::work_units`].
     #[must_use]

@@ -107,6 +107,11 @@ impl ForceLimiter {
         }
     }
 
+    /// The device went to zero by itself: the next wrench starts there, at the start of the ramp.
+    pub fn close(&mut self) {
+        (self.ramp, self.last) = (0.0, Wrench::ZERO);
+    }
+
     /// Whether the ramp and the last wrench are zero.
     #[must_use]
     pub fn is_closed(&self) -> bool {

@@ -83,6 +83,8 @@ pub struct Probe {
     pub effects: SceneEffects,
     limiter: ForceLimiter,
     samples_missed: u32,
+    /// Whether the last sample that could tell said that a hand holds the device.
+    is_held: bool,
 }
 
 impl Probe {
@@ -132,6 +134,7 @@ impl Probe {
             effects: SceneEffects::new(&plan.effects),
             limiter: ForceLimiter::new(plan.safety, device_max_n, plan.loop_.rate_hz),
             samples_missed: 0,
+            is_held: true,
         }
     }
 
@@ -141,8 +144,11 @@ impl Probe {
     }
 
     /// Takes the sample of a tick, `elapsed` periods after the tick before, if it is plausible,
-    /// else stays where it was.
+    /// else stays where it was. Whether a hand holds the device is believed of any sample.
     pub fn sample(&mut self, given: Option<Sample>, elapsed: u64) {
+        if let Some(in_hand) = given.and_then(|sample| sample.in_hand) {
+            self.is_held = in_hand;
+        }
         let pose = given.map(|sample| sample.pose);
         let is_free = self.limiter.is_closed();
         let accepted = self.plausibility.judge(pose, elapsed, is_free);
@@ -221,7 +227,7 @@ impl Probe {
             given = self.energy.share(passive, wanted.spring, ahead);
             passive = passive * given;
         }
-        let open = is_open && self.samples_missed <= MAX_SAMPLES_MISSED;
+        let open = is_open && self.is_held && self.samples_missed <= MAX_SAMPLES_MISSED;
         let is_driven = wanted.active != Wrench::ZERO;
         let sum = if is_driven {
             passive + wanted.active
@@ -245,6 +251,13 @@ impl Probe {
         };
         self.energy.set_output(output.wrench, limited);
         [given * share, share]
+    }
+
+    /// Its device went to zero by itself: no wrench acts, and the next one rises from zero. What
+    /// the hand put into the contact is no credit any more.
+    pub fn force_was_cut(&mut self) {
+        self.limiter.close();
+        self.energy.set_output(Wrench::ZERO, Wrench::ZERO);
     }
 
     /// Whether its force has ramped down.
@@ -288,3 +301,6 @@ fn placement(pose: &Pose) -> Placement {
 fn path_capacity(seconds: f64) -> usize {
     (seconds * 400.0).clamp(0.0, 4e6) as usize + 1024
 }
+
+#[cfg(test)]
+mod tests;
