@@ -3,7 +3,7 @@
 use clap::{Args, Parser, Subcommand};
 use scene_args::OverrideArgs;
 use serde::Serialize;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use spm_builder::generate::{self, Shape};
 use spm_builder::{BuildOptions, TerminalProgress};
 use std::error::Error;
@@ -19,6 +19,8 @@ use ve_station::serve::{ServeArgs, serve};
 
 /// Status for a bad file, option or scene.
 const BAD_INPUT: u8 = 2;
+/// Status after a second signal: 128 and the number of SIGINT.
+const INTERRUPTED: i32 = 130;
 
 #[derive(Debug, Parser)]
 #[command(
@@ -267,7 +269,10 @@ fn export_file(
 
 fn serve_until_signal(options: ServeOptions) -> Result<(), Box<dyn Error>> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        // The second signal ends at once.
+        let again = Arc::clone(&stop);
+        signal_hook::flag::register_conditional_shutdown(signal, INTERRUPTED, again)?;
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     serve(&options.into(), &stop)?;

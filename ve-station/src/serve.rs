@@ -2,16 +2,25 @@
 
 use crate::connection::Connection;
 use crate::database::{Database, DatabaseError};
-use scene::{self, Overrides, SceneError};
+use scene::{self, Overrides, SceneError, ScenePlan};
 use scene_files::DiskFiles;
 use serde::Serialize;
 use spm_builder::{Progress, TerminalProgress};
 use station_core::station::{Counters, Station};
+use std::io::Write;
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::thread;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use thiserror::Error;
 use transport::{Domain, TransportError};
+
+/// Time between two looks for a request to stop while models are built.
+const STOP_POLL: Duration = Duration::from_millis(20);
+
+/// Stack of the thread that builds models, bytes: what a main thread usually has.
+const BUILD_STACK_BYTES: usize = 8 << 20;
 
 /// What `ve-station serve` was told.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +47,17 @@ pub enum ServeError {
     /// The transport.
     #[error("{0}")]
     Transport(#[from] TransportError),
+    /// The operating system gave no thread.
+    #[error("cannot start the thread that opens the models: {0}")]
+    Thread(std::io::Error),
+    /// The thread that opens the models panicked.
+    #[error(
+        "the models cannot be opened by a defect in ve-station; please report what it printed above"
+    )]
+    Panicked,
+    /// Asked to stop before anything was served.
+    #[error("stopped before the models were ready")]
+    Stopped,
 }
 
 /// What `--json` prints when the service ends.
@@ -57,15 +77,12 @@ pub struct ServeReport {
 /// Tells on standard error what is served and, with the line `ready`, that requests are heard.
 ///
 /// # Errors
-/// When the scene, a model or the domain cannot be used; nothing is served then.
+/// When the scene, a model or the domain cannot be used, or `stop` was set before the models were
+/// ready; nothing is served then.
 pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeError> {
     let domain = Domain::new(&args.domain)?;
     let plan = scene::load(&args.scene, &args.overrides, &DiskFiles)?;
-    let progress = TerminalProgress::new();
-    progress.phase("opening models", 0);
-    let database = Database::open(&plan, &progress);
-    progress.finish();
-    let database = database?;
+    let database = open_models(&plan, stop)?;
     for (index, model) in database.models.iter().enumerate() {
         let head = model.file.model_header();
         let objects = database.objects.iter().filter(|o| o.model == index);
@@ -73,17 +90,17 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
             0 | 1 => String::new(),
             count => format!("{count} objects: "),
         };
-        eprintln!(
+        note(&format!(
             "{of}{}, {} faces, {} regions, base mesh of {} faces",
             model.name,
             head.faces,
             model.file.regions().len(),
             head.base_faces
-        );
+        ));
     }
     let station = Station::new(incarnation(), database.models, database.objects);
     let mut connection = Connection::open(&domain, station)?;
-    eprintln!("ready");
+    note("ready");
     connection.run(stop);
     let report = ServeReport {
         scene: plan.name,
@@ -93,9 +110,43 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
     if args.json
         && let Ok(text) = serde_json::to_string(&report)
     {
-        println!("{text}");
+        // Nobody may be left to read it.
+        let _ = writeln!(std::io::stdout(), "{text}");
     }
     Ok(report)
+}
+
+/// Prints a line on standard error; nobody may be left to read it.
+fn note(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Opens the models on a thread of its own, so that a request to stop is heard while one is built.
+/// The thread of a stopped service is left to end with the process.
+fn open_models(plan: &ScenePlan, stop: &AtomicBool) -> Result<Database, ServeError> {
+    let (opened, wait) = sync_channel(1);
+    let plan = plan.clone();
+    let open = move || {
+        let progress = TerminalProgress::new();
+        progress.phase("opening models", 0);
+        let database = Database::open(&plan, &progress);
+        progress.finish();
+        // Nobody waits after a stop.
+        let _ = opened.send(database);
+    };
+    let thread = thread::Builder::new().name("models".to_owned());
+    let thread = thread.stack_size(BUILD_STACK_BYTES);
+    thread.spawn(open).map_err(ServeError::Thread)?;
+    loop {
+        match wait.recv_timeout(STOP_POLL) {
+            Ok(database) => return Ok(database?),
+            Err(RecvTimeoutError::Disconnected) => return Err(ServeError::Panicked),
+            Err(RecvTimeoutError::Timeout) if stop.load(Ordering::Relaxed) => {
+                return Err(ServeError::Stopped);
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+    }
 }
 
 /// A number that no other start has: the time, with the process mixed in. Never 0, which means

@@ -253,3 +253,38 @@ fn damaged_spm_files_are_one_sentence_each() {
     let text = refused(at, &["inspect", "torus.spm", "--size", "0"]);
     assert!(text.contains("--size 0"), "{text}");
 }
+
+#[test]
+fn a_signal_ends_serve_also_while_it_builds_a_model() {
+    for signal in ["-INT", "-TERM", "-HUP"] {
+        let folder = tempfile::tempdir().unwrap();
+        // Minutes of work for a test build.
+        let scene = "[[object]]\ngenerate = { shape = \"terrain\", faces = 4000000 }\nsize_m = 0.1\n[[probe]]\n";
+        std::fs::write(folder.path().join("large.toml"), scene).unwrap();
+        let child = Command::new(env!("CARGO_BIN_EXE_ve-station"))
+            .current_dir(folder.path())
+            .args(["serve", "large.toml", "--domain", "stopped-while-building"])
+            .env("HRTC_CACHE", folder.path().join("cache"))
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        // The folder is made just before the build; the handlers stand long before.
+        while !folder.path().join("cache").exists() {
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        let id = child.id().to_string();
+        assert!(
+            Command::new("kill")
+                .args([signal, &id])
+                .status()
+                .unwrap()
+                .success()
+        );
+        let output = child.wait_with_output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{signal}: {said}");
+        assert!(said.contains("stopped before the models"), "{said}");
+        let left = std::fs::read_dir(folder.path().join("cache")).unwrap();
+        assert_eq!(left.count(), 0, "nothing half-written");
+    }
+}
