@@ -47,6 +47,7 @@
 
 pub mod devices;
 pub mod link;
+mod message;
 pub mod recorder;
 pub mod result;
 pub mod run;

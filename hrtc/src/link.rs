@@ -6,8 +6,8 @@
 //! bounds the number of waiting chunks.
 
 use crate::tuning::{
-    CLEANUP_PERIOD, HELLO_PERIOD, INBOX_CAPACITY, LINK_POLL_PERIOD, LINK_STACK_BYTES,
-    MAX_LOGGED_SENTENCES, STATION_TIMEOUT,
+    CLEANUP_PERIOD, HELLO_PERIOD, INBOX_CAPACITY, LINK_END_TIMEOUT, LINK_POLL_PERIOD,
+    LINK_STACK_BYTES, MAX_LOGGED_SENTENCES, STATION_TIMEOUT,
 };
 use hrtc_core::streaming::chunk::InboxChunk;
 use iceoryx2::node::Node;
@@ -129,15 +129,28 @@ impl Link {
 }
 
 impl LinkHandle {
-    /// Sends what the tick left, closes the ports and waits for the thread.
+    /// Whether the thread has ended without having been asked to.
     #[must_use]
-    pub fn stop(mut self) -> LinkReport {
-        self.join().unwrap_or_default()
+    pub fn has_ended(&self) -> bool {
+        !self.stop.load(Ordering::Relaxed) && self.thread.as_ref().is_some_and(|t| t.is_finished())
+    }
+
+    /// Sends what the tick left, closes the ports and waits for the thread, at most for
+    /// [`LINK_END_TIMEOUT`]: `None` when it has panicked or hangs.
+    #[must_use]
+    pub fn stop(mut self) -> Option<LinkReport> {
+        self.join()
     }
 
     fn join(&mut self) -> Option<LinkReport> {
         self.stop.store(true, Ordering::Relaxed);
-        self.thread.take().and_then(|thread| thread.join().ok())
+        let thread = self.thread.take()?;
+        let asked = Instant::now();
+        while !thread.is_finished() && asked.elapsed() < LINK_END_TIMEOUT {
+            thread::sleep(LINK_POLL_PERIOD);
+        }
+        // A thread that hangs would keep the process from its end.
+        thread.is_finished().then(|| thread.join().ok()).flatten()
     }
 }
 

@@ -1,13 +1,23 @@
 //! `hrtc`: the controller alone.
 
 use clap::{Args, Parser, Subcommand};
-use hrtc::run::{Output, RunArgs, run};
+use hrtc::devices::DeviceRegistry;
+use hrtc::run::{Output, RunArgs, StopFlags, run_until};
+use hrtc::tuning::SIGNALS_STACK_BYTES;
 use scene_args::OverrideArgs;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Exit status after a third signal: 128 and the number of SIGINT.
+const INTERRUPTED: i32 = 130;
+
+/// The first signal ends the run with its ramp, the second one at once.
+static WITH_RAMP: AtomicBool = AtomicBool::new(false);
+static AT_ONCE: AtomicBool = AtomicBool::new(false);
 
 #[global_allocator]
 static ALLOCATOR: realtime::counting_allocator::CountingAllocator =
@@ -54,12 +64,8 @@ struct RunOptions {
 fn main() -> ExitCode {
     let Command::Run(options) = Cli::parse().command;
     transport::logging::start();
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        if let Err(error) = signal_hook::flag::register(signal, Arc::clone(&stop)) {
-            eprintln!("hrtc: cannot listen to signals: {error}");
-            return ExitCode::from(1);
-        }
+    if let Err(error) = listen() {
+        return failure(&format_args!("cannot listen to signals: {error}"));
     }
     let output = match (options.json, options.supervised) {
         (_, true) => Output::Supervised,
@@ -75,11 +81,36 @@ fn main() -> ExitCode {
         started_ns: None,
         record: options.record,
     };
-    match run(&args, &stop) {
+    let stop = StopFlags {
+        with_ramp: &WITH_RAMP,
+        at_once: &AT_ONCE,
+    };
+    match run_until(&DeviceRegistry::new(), &args, stop) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("hrtc: {error}");
-            ExitCode::from(2)
-        }
+        Err(error) => failure(&error),
     }
+}
+
+/// Says a sentence; nobody may be left to read it.
+fn failure(sentence: &dyn std::fmt::Display) -> ExitCode {
+    let _ = writeln!(std::io::stderr(), "hrtc: {sentence}");
+    ExitCode::from(2)
+}
+
+/// Hears SIGINT, SIGTERM and SIGHUP (a closed terminal) on a thread of its own.
+fn listen() -> std::io::Result<()> {
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    let hear = move || {
+        for _ in signals.forever() {
+            if AT_ONCE.load(Ordering::Relaxed) {
+                std::process::exit(INTERRUPTED);
+            }
+            if WITH_RAMP.swap(true, Ordering::Relaxed) {
+                AT_ONCE.store(true, Ordering::Relaxed);
+            }
+        }
+    };
+    let thread = std::thread::Builder::new().name("hrtc-signals".to_owned());
+    thread.stack_size(SIGNALS_STACK_BYTES).spawn(hear)?;
+    Ok(())
 }

@@ -2,7 +2,7 @@
 
 use geometry::{Pose, Wrench};
 use hrtc_core::record::CoreRecord;
-use realtime::pacer::MissClass;
+use realtime::pacer::Miss;
 use scene::MAX_PROBES;
 
 /// Stages of a tick, as indices of [`TickRecord::stage_ns`].
@@ -15,8 +15,8 @@ pub struct TickRecord {
     pub tick: u64,
     /// Periods skipped just before this tick.
     pub skipped: u32,
-    /// Reason of the skipped periods.
-    pub miss: MissClass,
+    /// Reasons of the skipped periods.
+    pub misses: [Miss; 2],
     /// Delay of the wake-up after the deadline, ns.
     pub wake_ns: u32,
     /// Time since the start of the last tick, ns.
@@ -38,6 +38,10 @@ pub struct TickRecord {
     pub station: u64,
     /// Pose of each device, metres; `None` without a sample.
     pub samples: [Option<Pose>; MAX_PROBES],
+    /// Whether the force rose from zero again in this tick, since its wrench had expired.
+    pub force_cut: bool,
+    /// Whether each device's sample said that a hand holds it; `None` when it did not say.
+    pub in_hand: [Option<bool>; MAX_PROBES],
     /// Wrench written to each device, newtons and newton metres.
     pub wrenches: [Wrench; MAX_PROBES],
     /// The core's own record.

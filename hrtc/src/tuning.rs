@@ -28,6 +28,13 @@ pub const LINK_STACK_BYTES: usize = if cfg!(debug_assertions) {
     512 << 10
 };
 
+/// Stack of the watchdog's thread, bytes: it holds a few words and what a driver's stop needs.
+/// Locked memory commits it whole.
+pub const WATCHDOG_STACK_BYTES: usize = 128 << 10;
+
+/// Stack of the thread that hears signals, bytes: it sets flags only.
+pub const SIGNALS_STACK_BYTES: usize = 128 << 10;
+
 /// Time between two looks of the main thread at the log.
 pub const DRAIN_PERIOD: Duration = Duration::from_millis(10);
 /// Time between two status lines of a supervised run, ns: 5 a second.
@@ -37,9 +44,22 @@ pub const STATION_ABSENT_NS: u64 = 1_500_000_000;
 /// Length of a tour when the run has no end of its own, seconds.
 pub const TOUR_SECONDS: f64 = 600.0;
 
-/// Validity of a wrench command, ns. Longer than the stalls of a busy machine (tens of
-/// milliseconds), shorter than the soft end of a force (0.2 s).
-pub const COMMAND_VALIDITY_NS: u64 = 100_000_000;
+/// Validity of a wrench, periods of the loop from its write: 30 ms at 1 kHz. Longer than the
+/// stalls measured on a busy virtual machine (8, 18, 28 periods); a hand moves a few millimetres
+/// in it.
+pub const COMMAND_VALIDITY_PERIODS: u64 = 30;
+/// Length of the ramp to zero after a panic, periods: a third of the validity, so that the ramp
+/// ends before the watchdog would, also after a stall of the same length. 8 N fall by 0.8 N a step,
+/// below the 2 N that the default slew limit of 2000 N/s allows.
+pub const PANIC_RAMP_PERIODS: u32 = (COMMAND_VALIDITY_PERIODS / 3) as u32;
+/// Time for which a second signal waits for the tick thread to switch its devices off before the
+/// process ends without it: 20 looks at the log.
+pub const OFF_TIMEOUT: Duration = Duration::from_millis(200);
+/// Time for which the end of a run waits for the thread of the link to close its ports.
+pub const LINK_END_TIMEOUT: Duration = Duration::from_secs(2);
+/// Chunks between link and recording: eight times the credit window of the protocol, about 1 MiB.
+/// Locked memory commits them all.
+pub const CHUNK_LOG_CAPACITY: usize = 256;
 
 /// Time between two looks of the link at its ports: well below a period of 1 ms.
 pub const LINK_POLL_PERIOD: Duration = Duration::from_micros(150);

@@ -1,7 +1,7 @@
 //! The two connection agents over real iceoryx2, in one process, each test in a domain of its own.
 
 use bytemuck::Zeroable;
-use hrtc::link::{Link, LinkEndpoints, LinkHandle, LinkOptions};
+use hrtc::link::{ChunkRecorder, Link, LinkEndpoints, LinkHandle, LinkOptions};
 use hrtc::tuning::INBOX_CAPACITY;
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{
@@ -100,13 +100,24 @@ struct Tick {
 
 impl Tick {
     fn start(domain: &Domain) -> Self {
+        let recorded = Arc::new(Mutex::new(Vec::new()));
+        let record = Arc::clone(&recorded);
+        let recorder: ChunkRecorder = Box::new(move |chunk| {
+            record.lock().unwrap().push(chunk.header.sequence);
+        });
+        Self::with_recorder(domain, recorder, recorded)
+    }
+
+    fn with_recorder(
+        domain: &Domain,
+        recorder: ChunkRecorder,
+        recorded: Arc<Mutex<Vec<u64>>>,
+    ) -> Self {
         let (requests, requests_out) = RingBuffer::new(64);
         let (contacts, contacts_out) = RingBuffer::new(64);
         let (inbox_in, inbox) = RingBuffer::new(INBOX_CAPACITY);
         let station = Arc::new(AtomicU64::new(0));
         let other_version = Arc::new(AtomicU32::new(0));
-        let recorded = Arc::new(Mutex::new(Vec::new()));
-        let record = Arc::clone(&recorded);
         let link = Link::spawn(
             LinkOptions {
                 domain: domain.clone(),
@@ -119,9 +130,7 @@ impl Tick {
                 inbox: inbox_in,
                 station: Arc::clone(&station),
                 other_version: Arc::clone(&other_version),
-                recorder: Some(Box::new(move |chunk| {
-                    record.lock().unwrap().push(chunk.header.sequence);
-                })),
+                recorder: Some(recorder),
             },
         )
         .unwrap();
@@ -184,6 +193,20 @@ fn until(what: &str, mut came: impl FnMut() -> bool) {
         );
         thread::sleep(Duration::from_micros(200));
     }
+}
+
+#[test]
+fn a_link_that_died_is_noticed_and_can_be_stopped() {
+    let (domain, bytes) = (domain("died"), torus());
+    let served = Served::start(&domain, 78, bytes);
+    let recorder: ChunkRecorder = Box::new(|_| panic!("made on purpose in the link"));
+    let mut tick = Tick::with_recorder(&domain, recorder, Arc::default());
+    tick.wait_for_station(78);
+    assert!(!tick.link.has_ended());
+    tick.request(RequestKind::Model, |_| {});
+    until("the end", || tick.link.has_ended());
+    assert_eq!(tick.link.stop(), None);
+    served.stop();
 }
 
 #[test]
@@ -253,7 +276,7 @@ fn a_model_a_region_and_a_measured_contact_cross_real_shared_memory() {
         recorded.iter().copied().eq(0..tick.consumed),
         "recorded in order of arrival"
     );
-    let report = tick.link.stop();
+    let report = tick.link.stop().unwrap();
     assert_eq!((report.undelivered, report.foreign), (0, 0));
     assert_eq!(report.chunks, tick.consumed);
     let counters = served.stop();

@@ -76,6 +76,14 @@ impl Capabilities {
     }
 }
 
+/// Zero force from outside the tick thread, when the tick does not answer any more.
+pub trait SafeStop: Send {
+    /// Brings the device to zero force until the next [`Device::write`]. Called from any one
+    /// thread, any number of times, while the tick thread may be in any call of the driver, also in
+    /// one that never ends; so it waits for no lock that such a call holds. Must not panic.
+    fn stop(&self);
+}
+
 /// A force-feedback device. The contract of every method is on the page of the crate.
 pub trait Device: Send {
     /// Abilities and limits. Called at start, off the tick; must not change.
@@ -90,6 +98,12 @@ pub trait Device: Send {
     /// Brings the device to zero force. Callable at any time, any number of times, also from `Drop`
     /// while a panic unwinds; must not panic.
     fn safe_off(&mut self);
+
+    /// A handle that brings the device to zero force from another thread; `None` when the driver
+    /// has none, and relies on the validity of its commands alone. Called once, at start.
+    fn safe_stop(&self) -> Option<Box<dyn SafeStop>> {
+        None
+    }
 
     /// Takes the motion that the scene's path asks for, before each `read`. For devices that a
     /// program moves; a device in a real hand ignores it.

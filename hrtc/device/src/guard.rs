@@ -1,14 +1,17 @@
 //! A device whose capabilities are honoured and that is switched off when it is dropped.
 
-use crate::device::{Capabilities, DegreesOfFreedom, Device};
+use crate::device::{Capabilities, DegreesOfFreedom, Device, SafeStop};
 use crate::sample::{Intent, Sample, TickTime, WrenchCommand};
 use glam::{DQuat, DVec3};
 
-/// Owner of a device: checks what goes in and out against its [`Capabilities`], and calls
-/// [`Device::safe_off`] when it is dropped.
+/// Owner of a device: checks what goes in and out against its [`Capabilities`], ends a command at
+/// the end of its validity, and calls [`Device::safe_off`] when it is dropped.
 pub struct GuardedDevice {
     device: Box<dyn Device>,
     capabilities: Capabilities,
+    /// End of the last command's validity, ns; `None` when none stands.
+    valid_until_ns: Option<u64>,
+    expired: u64,
 }
 
 impl GuardedDevice {
@@ -18,6 +21,8 @@ impl GuardedDevice {
         Self {
             capabilities: device.capabilities(),
             device,
+            valid_until_ns: None,
+            expired: 0,
         }
     }
 
@@ -27,15 +32,32 @@ impl GuardedDevice {
         &self.capabilities
     }
 
+    /// Commands that expired before the next one came.
+    #[must_use]
+    pub fn expired_commands(&self) -> u64 {
+        self.expired
+    }
+
+    /// The device's handle for another thread, if it has one.
+    #[must_use]
+    pub fn safe_stop(&self) -> Option<Box<dyn SafeStop>> {
+        self.device.safe_stop()
+    }
+
     /// Passes the scene's intent on.
     pub fn intend(&mut self, intent: Intent) {
         self.device.intend(intent);
     }
 
     /// The device's sample as it is; its orientation is the identity where the device does not
-    /// sense it. The controller judges whether it is plausible.
+    /// sense it. The controller judges whether it is plausible. A command that has expired by then
+    /// is ended.
     pub fn read(&mut self, time: TickTime) -> Option<Sample> {
-        let mut sample = self.device.read(time)?;
+        // Not before the read: a simulated device needs the command for the periods in which it
+        // was still valid.
+        let sample = self.device.read(time);
+        self.end_expired(time.start_ns);
+        let mut sample = sample?;
         if self.capabilities.sensed == DegreesOfFreedom::Three {
             sample.pose.orientation = DQuat::IDENTITY;
         }
@@ -47,12 +69,25 @@ impl GuardedDevice {
         if self.capabilities.rendered == DegreesOfFreedom::Three {
             command.wrench.torque = DVec3::ZERO;
         }
+        self.valid_until_ns = Some(command.valid_until_ns);
         self.device.write(command);
     }
 
     /// Brings the device to zero force.
     pub fn safe_off(&mut self) {
+        self.valid_until_ns = None;
         self.device.safe_off();
+    }
+
+    /// Turns the device off when its last command ceased to be valid before `now_ns`
+    /// (CLOCK_MONOTONIC). Whether it did.
+    pub fn end_expired(&mut self, now_ns: u64) -> bool {
+        let has_expired = self.valid_until_ns.is_some_and(|until| until <= now_ns);
+        if has_expired {
+            self.expired += 1;
+            self.safe_off();
+        }
+        has_expired
     }
 }
 
@@ -66,6 +101,8 @@ impl std::fmt::Debug for GuardedDevice {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("GuardedDevice")
             .field("capabilities", &self.capabilities)
+            .field("valid_until_ns", &self.valid_until_ns)
+            .field("expired", &self.expired)
             .finish_non_exhaustive()
     }
 }
@@ -145,6 +182,30 @@ mod tests {
         });
         assert!(thread.join().is_err());
         assert_eq!(log.lock().unwrap().safe_offs, 1);
+    }
+
+    #[test]
+    fn an_expired_command_is_ended_once_before_the_next_sample() {
+        let (mut device, log) = guarded(six());
+        let read = |device: &mut GuardedDevice, start_ns: u64| {
+            let time = TickTime {
+                start_ns,
+                periods: 1,
+            };
+            assert!(device.read(time).is_some());
+        };
+        read(&mut device, 1_000_000);
+        device.write(WrenchCommand {
+            wrench: WRENCH,
+            valid_until_ns: 31_000_000,
+        });
+        read(&mut device, 30_999_999);
+        assert_eq!(log.lock().unwrap().safe_offs, 0, "still valid");
+        read(&mut device, 31_000_000);
+        read(&mut device, 32_000_000);
+        assert_eq!(log.lock().unwrap().safe_offs, 1);
+        assert_eq!(device.expired_commands(), 1);
+        assert!(!device.end_expired(u64::MAX), "none stands");
     }
 
     #[test]

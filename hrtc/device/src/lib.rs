@@ -6,13 +6,14 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`device`] | [`Device`]: the trait that a driver implements; [`Capabilities`], [`MotionLimits`] |
+//! | [`device`] | [`Device`]: the trait that a driver implements; [`Capabilities`], [`MotionLimits`], [`SafeStop`] |
 //! | [`sample`] | values that cross it: [`Sample`], [`WrenchCommand`], [`TickTime`], [`Intent`] |
 //! | [`guard`] | [`GuardedDevice`]: honours the capabilities, switches the device off when dropped |
 //!
 //! # The contract
 //! **Threads.** A driver is made on the main thread and moved to the tick thread (`Send`). From
-//! then on every call comes from the tick thread, one at a time. A driver whose hardware needs a
+//! then on every call comes from the tick thread, one at a time, except [`SafeStop::stop`], which
+//! the shell's watchdog calls when the tick thread is stuck. A driver whose hardware needs a
 //! thread of its own (USB, a network) starts one and exchanges the newest values with it without a
 //! lock, for example through atomics or a triple buffer.
 //!
@@ -26,8 +27,13 @@
 //!
 //! **Time.** Nanoseconds on `CLOCK_MONOTONIC`, as `u64`.
 //!
+//! **Deadman.** A device that senses its hand says so in [`Sample::in_hand`]: its force ramps to
+//! zero when no hand holds it, and rises softly when one does again.
+//!
 //! **Validity.** A [`WrenchCommand`] is valid until a stated time. A driver whose hardware keeps
 //! the last command must go to zero by itself at that time: the controller may have died.
+//! [`GuardedDevice`] sees to it where the process still runs: it turns the device off at the read
+//! that finds the last command expired.
 //!
 //! **Safe-off.** [`Device::safe_off`] brings the device to zero force, at any time, any number of
 //! times, also before the first `write` and during a panic. The shell calls it at the end of a run,
@@ -81,7 +87,7 @@ pub mod device;
 pub mod guard;
 pub mod sample;
 
-pub use device::{Capabilities, DegreesOfFreedom, Device, MotionLimits};
+pub use device::{Capabilities, DegreesOfFreedom, Device, MotionLimits, SafeStop};
 pub use geometry::{Pose, Wrench};
 pub use guard::GuardedDevice;
 pub use sample::{Intent, Sample, TickTime, WrenchCommand};

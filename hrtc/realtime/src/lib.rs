@@ -5,6 +5,7 @@
 //! |---|---|
 //! | [`pacer`] | [`Pacer`](pacer::Pacer): absolute deadlines, skipped periods and their reasons |
 //! | [`rights`] | priority, locked memory, core and wake-up latency; clocks and counters |
+//! | [`core_claim`] | a core that two loops must not share |
 //! | [`counting_allocator`] | allocations and frees of a thread, counted |
 //!
 //! # Example
@@ -26,6 +27,7 @@
 //! assert!(next_tick >= 3);
 //! ```
 
+pub mod core_claim;
 pub mod counting_allocator;
 pub mod pacer;
 pub mod rights;

@@ -21,7 +21,7 @@ use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-const MAGIC: &[u8; 8] = b"HRTCREC4";
+const MAGIC: &[u8; 8] = b"HRTCREC5";
 const TICK: u8 = 1;
 const CHUNK: u8 = 2;
 const END: u8 = 3;
@@ -115,6 +115,12 @@ struct RecordedTick {
     has_sample: u32,
     /// 1 while the run is stopping.
     stopping: u32,
+    /// Bit k: probe k's sample said that a hand holds the device.
+    is_held: u32,
+    /// Bit k: probe k's sample said that no hand holds it.
+    is_released: u32,
+    /// 1 in a tick whose force rose from zero again.
+    force_cut: u64,
     /// Metres.
     positions: [[f64; 3]; MAX_PROBES],
     orientations_xyzw: [[f64; 4]; MAX_PROBES],
@@ -170,6 +176,11 @@ impl Recording {
     pub fn tick(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
         let samples = record.samples;
         let bits = (0..).zip(samples).map(|(k, s)| u32::from(s.is_some()) << k);
+        let in_hand = |told: bool| {
+            let bits = (0..).zip(record.in_hand);
+            let bits = bits.map(|(k, held)| u32::from(held == Some(told)) << k);
+            bits.fold(0, |all, bit: u32| all | bit)
+        };
         let poses = samples.map(|sample| sample.unwrap_or(Pose::IDENTITY));
         let tick = RecordedTick {
             tick: record.tick,
@@ -177,6 +188,9 @@ impl Recording {
             chunks_arrived: record.chunks_arrived,
             has_sample: bits.fold(0, |all, bit| all | bit),
             stopping: u32::from(record.core.stopping),
+            is_held: in_hand(true),
+            is_released: in_hand(false),
+            force_cut: u64::from(record.force_cut),
             positions: poses.map(|pose| pose.position.to_array()),
             orientations_xyzw: poses.map(|pose| pose.orientation.to_array()),
             replay_hash: record.core.replay_hash,
@@ -315,8 +329,16 @@ fn run(
                 position: recorded.positions[k].into(),
                 orientation: glam::DQuat::from_array(recorded.orientations_xyzw[k]),
             };
-            (recorded.has_sample >> k & 1 == 1).then_some(Sample::at(pose))
+            let is_set = |bits: u32| bits >> k & 1 == 1;
+            let told = is_set(recorded.is_held) || is_set(recorded.is_released);
+            is_set(recorded.has_sample).then_some(Sample {
+                in_hand: told.then_some(is_set(recorded.is_held)),
+                ..Sample::at(pose)
+            })
         });
+        if recorded.force_cut != 0 {
+            controller.force_was_cut();
+        }
         let inputs = TickInputs {
             tick: recorded.tick,
             samples: &samples[..probes],

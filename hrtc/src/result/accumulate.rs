@@ -283,9 +283,10 @@ impl Accumulator {
     fn push_timing(&mut self, record: &TickRecord) {
         let result = &mut self.result;
         result.ticks += 1;
-        let skipped = u64::from(record.skipped);
-        result.missed += skipped;
-        result.misses.count(record.miss, skipped);
+        result.missed += u64::from(record.skipped);
+        for miss in record.misses {
+            result.misses.count(miss.class, u64::from(miss.periods));
+        }
         result.page_faults += u64::from(record.page_faults);
         result.allocations += u64::from(record.allocations);
         if self.first_tick.is_none() {
@@ -346,7 +347,7 @@ impl Accumulator {
             faces: meta.faces,
             seconds: finite(seconds),
             seed: meta.seed,
-            missed_own_cpu: self.result.misses.own_cpu,
+            missed_own_cpu: self.result.misses.ours(),
             period_us: self.period.spread(),
             wake_us: self.wake.spread(),
             work_us: self.work_cpu.spread(),
@@ -377,6 +378,7 @@ impl Accumulator {
             hrtc_rss_bytes: meta.rss_bytes,
             first_force_ready_ms: finite(ready_ms),
             operations_budget: meta.operations_budget,
+            safety: meta.safety,
             ..self.result
         };
         Finished {

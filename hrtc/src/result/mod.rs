@@ -86,15 +86,19 @@ pub struct ProbeResult {
     pub energy_j: f64,
 }
 
-/// Skipped periods by reason.
+/// Skipped periods by reason; see [`MissClass`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Misses {
-    /// The tick's own processor time exceeded the period.
+    /// The tick's own processor time did not fit into the period.
     pub own_cpu: u64,
-    /// The timer fired, but the kernel ran something else on the core.
+    /// The tick's own waiting, for a lock for example, did not fit into the period.
+    pub own_wait: u64,
+    /// The thread was ready, but the kernel ran something else on the core.
     pub run_queue: u64,
     /// The timer itself was late.
     pub late_timer: u64,
+    /// The process was stopped.
+    pub stopped: u64,
     /// Processor time was taken away during the work.
     pub stolen: u64,
     /// No measured reason.
@@ -102,17 +106,30 @@ pub struct Misses {
 }
 
 impl Misses {
+    /// Skipped periods that are our own fault.
+    #[must_use]
+    pub fn ours(&self) -> u64 {
+        self.own_cpu + self.own_wait
+    }
+
     /// Skipped periods for any reason.
     #[must_use]
     pub fn total(&self) -> u64 {
-        self.own_cpu + self.run_queue + self.late_timer + self.stolen + self.unexplained
+        self.ours()
+            + self.run_queue
+            + self.late_timer
+            + self.stopped
+            + self.stolen
+            + self.unexplained
     }
 
     /// Adds the misses of another run.
     pub fn add(&mut self, other: &Self) {
         self.own_cpu += other.own_cpu;
+        self.own_wait += other.own_wait;
         self.run_queue += other.run_queue;
         self.late_timer += other.late_timer;
+        self.stopped += other.stopped;
         self.stolen += other.stolen;
         self.unexplained += other.unexplained;
     }
@@ -120,12 +137,32 @@ impl Misses {
     fn count(&mut self, class: MissClass, periods: u64) {
         *match class {
             MissClass::OwnCpu => &mut self.own_cpu,
+            MissClass::OwnWait => &mut self.own_wait,
             MissClass::RunQueue => &mut self.run_queue,
             MissClass::LateTimer => &mut self.late_timer,
+            MissClass::Stopped => &mut self.stopped,
             MissClass::Stolen => &mut self.stolen,
             MissClass::None | MissClass::Unexplained => &mut self.unexplained,
         } += periods;
     }
+}
+
+/// What the chain of safety did in a run; all 0 in a sound one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct SafetyEvents {
+    /// Times that the watchdog brought the devices to zero, since the tick wrote no wrench for
+    /// longer than one is valid.
+    pub watchdog_stops: u64,
+    /// Ticks after which the force had to rise from zero again, since its wrench had expired.
+    pub force_cuts: u64,
+    /// Panics of the tick: 0, or 1 in its last one.
+    pub tick_panics: u64,
+    /// Errors that ended the recording: 0 or 1.
+    pub recording_errors: u64,
+    /// Requests to the station that found their ring full; the next epoch asks again.
+    pub requests_lost: u64,
+    /// Contact reports to the station that found their ring full.
+    pub contacts_lost: u64,
 }
 
 /// The result fields of a run. Every number is finite; a quantity without a measurement is 0.
@@ -145,7 +182,7 @@ pub struct RunResult {
     pub ticks: u64,
     /// Periods skipped.
     pub missed: u64,
-    /// Of these, because a tick's own processor time exceeded the period.
+    /// Of these, our own: a tick's own time, its waiting included, did not fit into the period.
     pub missed_own_cpu: u64,
     /// Skipped periods by reason.
     pub misses: Misses,
@@ -269,6 +306,8 @@ pub struct RunResult {
     pub page_faults: u64,
     /// Allocations and frees within ticks.
     pub allocations: u64,
+    /// What the chain of safety did.
+    pub safety: SafetyEvents,
     /// Hash over every tick's outputs, folded to 53 bits: integers that every JSON reader keeps.
     pub replay_hash: u64,
 }
@@ -299,6 +338,8 @@ pub struct RunMeta {
     pub start_to_first_tick_ms: f64,
     /// Limit of the work units in a tick.
     pub operations_budget: u64,
+    /// What the chain of safety did.
+    pub safety: SafetyEvents,
     /// Real-time rights that were asked for.
     pub rights: Vec<Right>,
 }

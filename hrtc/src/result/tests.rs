@@ -3,13 +3,14 @@ use crate::tick_record::{STAGES, TickRecord};
 use geometry::Wrench;
 use glam::DVec3;
 use hrtc_core::record::{CoreRecord, ProbeRecord};
+use realtime::pacer::{Miss, MissClass};
 use scene::MAX_PROBES;
 
 fn record(tick: u64) -> TickRecord {
     TickRecord {
         tick,
         skipped: 0,
-        miss: MissClass::None,
+        misses: [Miss::default(); 2],
         wake_ns: 10_000,
         period_ns: 1_000_000,
         work_cpu_ns: 20_000,
@@ -20,6 +21,8 @@ fn record(tick: u64) -> TickRecord {
         chunks_arrived: 0,
         station: 1,
         samples: [None; MAX_PROBES],
+        force_cut: false,
+        in_hand: [None; MAX_PROBES],
         wrenches: [Wrench::ZERO; MAX_PROBES],
         core: CoreRecord {
             measured_error_m: -1.0,
@@ -79,30 +82,42 @@ fn percentiles_equal_the_sorted_values_within_the_histograms_resolution() {
 #[test]
 fn missed_periods_are_counted_once_and_by_their_reason() {
     let mut run = accumulator();
-    let classes = [
-        (MissClass::None, 0),
-        (MissClass::OwnCpu, 2),
-        (MissClass::RunQueue, 3),
-        (MissClass::LateTimer, 5),
-        (MissClass::Stolen, 7),
-        (MissClass::Unexplained, 11),
+    let miss = |class, periods| Miss { class, periods };
+    // What the work used up, then what the sleep lost: neither stands in for the other.
+    let misses = [
+        [Miss::default(), Miss::default()],
+        [miss(MissClass::OwnCpu, 2), miss(MissClass::RunQueue, 3)],
+        [miss(MissClass::OwnWait, 13), miss(MissClass::LateTimer, 5)],
+        [miss(MissClass::Stolen, 7), miss(MissClass::Stopped, 17)],
+        [miss(MissClass::Unexplained, 11), Miss::default()],
     ];
     let mut tick = 0;
-    for (miss, skipped) in classes {
+    for misses in misses {
+        let skipped = misses[0].periods + misses[1].periods;
         tick += u64::from(skipped);
         run.push(&TickRecord {
-            miss,
+            misses,
             skipped,
             ..record(tick)
         });
         tick += 1;
     }
     let result = run.finish(RunMeta::default()).result;
-    assert_eq!((result.ticks, result.missed), (6, 28));
+    assert_eq!((result.ticks, result.missed), (5, 58));
     assert_eq!(result.misses.total(), result.missed);
-    assert_eq!(result.missed_own_cpu, 2);
-    assert_eq!(result.misses.unexplained, 11);
-    assert!((result.seconds - 0.034).abs() < 1e-12, "{}", result.seconds);
+    let Misses {
+        own_cpu,
+        own_wait,
+        run_queue,
+        late_timer,
+        stopped,
+        stolen,
+        unexplained,
+    } = result.misses;
+    assert_eq!((own_cpu, own_wait, result.missed_own_cpu), (2, 13, 15));
+    assert_eq!((run_queue, late_timer, stopped), (3, 5, 17));
+    assert_eq!((stolen, unexplained), (7, 11));
+    assert!((result.seconds - 0.063).abs() < 1e-12, "{}", result.seconds);
 }
 
 #[test]

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `hrtc-tick` | the loop: devices, core, rings |
 //! | `hrtc-link` | every iceoryx2 port |
+//! | `hrtc-watchdog` | zero force when the tick does not write any more |
 //! | the caller's | log, recording, messages, result |
 //!
 //! The threads meet in bounded rings.
@@ -13,38 +14,47 @@ mod outcome;
 mod probe_device;
 mod shared;
 mod tick_thread;
+mod watchdog;
 
 pub use outcome::RunError;
 
 use crate::devices::DeviceRegistry;
 use crate::link::{ChunkRecorder, Link, LinkEndpoints, LinkHandle, LinkOptions};
+use crate::message::note;
 use crate::recorder::{Recording, RecordingHead};
+use crate::result::Accumulator;
 use crate::setup::ControllerSetup;
 use crate::tick_record::TickRecord;
-use crate::tuning::{INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, TICK_STACK_BYTES, TOUR_SECONDS};
+use crate::tuning::{
+    CHUNK_LOG_CAPACITY, INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, TICK_STACK_BYTES, TOUR_SECONDS,
+    WATCHDOG_STACK_BYTES,
+};
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
-use monitor::Monitor;
+use monitor::{Drained, Monitor};
 use probe_device::ProbeDevice;
 use protocol::{ContactReport, Request};
+use realtime::core_claim::CoreClaim;
 use realtime::rights::monotonic_ns;
 use rtrb::{Consumer, RingBuffer};
 use scene::{Overrides, ScenePlan};
 use scene_files::DiskFiles;
 use shared::Shared;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU32};
-use std::sync::{Arc, Mutex, mpsc};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use tick_thread::{TickRings, TickThread, TickThreadEnd};
+use tick_thread::{TickRings, TickThread, TickThreadEnd, validity_ns};
 use transport::Domain;
+use watchdog::Watchdog;
 
 /// Bytes of the rings and of the tick's stack: memory of a controller's process beside its cache,
 /// whatever the model.
 pub const FIXED_BYTES: usize = LOG_CAPACITY * size_of::<TickRecord>()
     + INBOX_CAPACITY * size_of::<InboxChunk>()
     + OUT_CAPACITY * (size_of::<Request>() + size_of::<ContactReport>())
-    + TICK_STACK_BYTES;
+    + TICK_STACK_BYTES
+    + WATCHDOG_STACK_BYTES;
 
 /// Form of the result on standard output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,15 +110,40 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Result<(), RunError> {
     run_with(&DeviceRegistry::new(), args, stop)
 }
 
+/// Requests to end a run, from any thread.
+#[derive(Debug, Clone, Copy)]
+pub struct StopFlags<'a> {
+    /// End with the ramp.
+    pub with_ramp: &'a AtomicBool,
+    /// Switch the devices off without a ramp, and end without a result.
+    pub at_once: &'a AtomicBool,
+}
+
 /// Runs with the devices that the scene names, until the time is over or `stop` is set.
 ///
 /// # Errors
-/// One sentence: a bad scene, an unknown device, a domain that cannot be used, a missing right that
-/// the scene requires, a model that cannot be rendered.
+/// See [`run_until`].
 pub fn run_with(
     devices: &DeviceRegistry,
     args: &RunArgs,
     stop: &AtomicBool,
+) -> Result<(), RunError> {
+    let stop = StopFlags {
+        with_ramp: stop,
+        at_once: &AtomicBool::new(false),
+    };
+    run_until(devices, args, stop)
+}
+
+/// Runs with the devices that the scene names, until the time is over or it is asked to end.
+///
+/// # Errors
+/// One sentence: a bad scene, an unknown device, a domain that cannot be used, a missing right that
+/// the scene requires, a model that cannot be rendered, a panic of the tick or of the link.
+pub fn run_until(
+    devices: &DeviceRegistry,
+    args: &RunArgs,
+    stop: StopFlags<'_>,
 ) -> Result<(), RunError> {
     let started_ns = args.started_ns.unwrap_or_else(monotonic_ns);
     let mut plan = scene::load(&args.scene, &args.overrides, &DiskFiles)?;
@@ -118,12 +153,14 @@ pub fn run_with(
     let tour_seconds = args.seconds.unwrap_or(TOUR_SECONDS);
     let setup = ControllerSetup::new(new_identity(), capabilities, tour_seconds);
     let controller = Box::new(setup.controller(&mut plan));
-    let (recorder, recording) = open_recording(args, &setup)?;
+    let period_ns = (1e9 / plan.loop_.rate_hz).round() as u64;
+    let run = Accumulator::new(period_ns, plan.probes.len()).ok_or(RunError::Histogram)?;
 
     let shared = Arc::new(Shared {
         object_faults: Mutex::new(Vec::with_capacity(plan.objects.len() + plan.probes.len())),
         ..Shared::default()
     });
+    let (recorder, recording) = open_recording(args, &setup, &shared)?;
     let other_version = Arc::new(AtomicU32::new(0));
     let (rings, requests, contacts, inbox, log) = rings();
     let link = Link::spawn(
@@ -141,7 +178,9 @@ pub fn run_with(
             recorder,
         },
     )?;
-    let thread = spawn_tick(TickThread {
+    let _core = claim_core(&plan);
+    let watchdog = watch(&devices, &shared, &plan)?;
+    let tick = Ticking::spawn(TickThread {
         controller,
         devices,
         rings,
@@ -155,12 +194,79 @@ pub fn run_with(
         shared: &shared,
         other_version: &other_version,
         started_ns,
+        link: &link,
+        watchdog: &watchdog,
     };
-    let drained = monitor.drain(log, recording, stop);
-    let end = thread.join();
+    let drained = monitor.drain(run, log, recording, stop);
+    let end = tick.join(&drained);
+    let ended = monitor.conclude(drained, end);
     stop_link(link);
-    let end = end.map_err(|_| RunError::TickPanicked)?;
-    monitor.finish(drained?, &end)
+    ended
+}
+
+/// The tick thread. Dropping it, by an early return or a panic of the main thread, ends it with its
+/// ramp.
+struct Ticking {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<TickThreadEnd>>,
+}
+
+impl Ticking {
+    fn spawn(tick: TickThread) -> Result<Self, RunError> {
+        let shared = Arc::clone(&tick.shared);
+        let thread = std::thread::Builder::new()
+            .name("hrtc-tick".to_string())
+            .stack_size(TICK_STACK_BYTES)
+            .spawn(move || tick.run())
+            .map_err(RunError::Thread)?;
+        Ok(Self {
+            shared,
+            thread: Some(thread),
+        })
+    }
+
+    /// The thread's end; `None` for a thread that hangs, which ends with the process.
+    fn join(mut self, drained: &Drained) -> Option<TickThreadEnd> {
+        let thread = self.thread.take()?;
+        if matches!(drained.error, Some(RunError::TickHangs)) {
+            return None;
+        }
+        Some(thread.join().unwrap_or_else(TickThreadEnd::lost))
+    }
+}
+
+impl Drop for Ticking {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The watchdog of the devices that have a safe stop.
+fn watch(
+    devices: &[ProbeDevice],
+    shared: &Arc<Shared>,
+    plan: &ScenePlan,
+) -> Result<Watchdog, RunError> {
+    let stops = devices.iter().filter_map(|probe| probe.device.safe_stop());
+    let validity = validity_ns(&plan.loop_);
+    let shared = Arc::clone(shared);
+    Watchdog::spawn(stops.collect(), shared, plan.loop_.priority, validity)
+        .map_err(RunError::Thread)
+}
+
+/// Claims the core of the tick as long as the claim lives; says when another controller has it.
+fn claim_core(plan: &ScenePlan) -> Option<CoreClaim> {
+    let core = plan.loop_.core?;
+    let claim = CoreClaim::take(core);
+    if claim.is_none() {
+        note!(
+            "another controller ticks on core {core} too, so both will miss periods; give one of them a core of its own ([loop] core)"
+        );
+    }
+    claim
 }
 
 fn make_devices(
@@ -178,20 +284,25 @@ fn make_devices(
 }
 
 /// The file of a recording, and the chunks that the link sends to it.
-type OpenRecording = (Recording, mpsc::Receiver<InboxChunk>);
+type OpenRecording = (Recording, Consumer<InboxChunk>);
 
 fn open_recording(
     args: &RunArgs,
     setup: &ControllerSetup,
+    shared: &Arc<Shared>,
 ) -> Result<(Option<ChunkRecorder>, Option<OpenRecording>), RunError> {
     let Some(path) = &args.record else {
         return Ok((None, None));
     };
     let head = RecordingHead::new(&args.scene, &args.overrides, setup)?;
-    let (to_file, from_link) = mpsc::channel();
+    // Bounded: a full disk must not fill the locked memory.
+    let (mut to_file, from_link) = RingBuffer::new(CHUNK_LOG_CAPACITY);
+    let shared = Arc::clone(shared);
     let recorder: ChunkRecorder = Box::new(move |chunk| {
-        // The receiver is gone only after the run.
-        let _ = to_file.send(*chunk);
+        // Once the recording has been given up, nobody takes them out any more.
+        if to_file.push(*chunk).is_err() {
+            shared.chunks_unrecorded.fetch_add(1, Ordering::Relaxed);
+        }
     });
     let recording = Recording::create(path, &head)?;
     Ok((Some(recorder), Some((recording, from_link))))
@@ -218,14 +329,6 @@ fn rings() -> RingEnds {
         log: log_in,
     };
     (tick, requests_out, contacts_out, inbox_in, log_out)
-}
-
-fn spawn_tick(tick: TickThread) -> Result<JoinHandle<TickThreadEnd>, RunError> {
-    std::thread::Builder::new()
-        .name("hrtc-tick".to_string())
-        .stack_size(TICK_STACK_BYTES)
-        .spawn(move || tick.run())
-        .map_err(RunError::Thread)
 }
 
 fn stop_link(link: LinkHandle) {

@@ -1,19 +1,28 @@
 //! The main thread of a run: drains the log, reports what happens, prints the result.
+//!
+//! No error here may leave the tick alone with a force on the hand: the loop ends only when the
+//! tick has ended. A recording that cannot be written is given up with a message; an output that
+//! cannot be written ends the run with its ramp.
 
 use super::outcome::{self, RunError, rights};
 use super::shared::Shared;
 use super::tick_thread::TickThreadEnd;
-use super::{OpenRecording, Output, RunArgs};
+use super::watchdog::Watchdog;
+use super::{OpenRecording, Output, RunArgs, StopFlags};
+use crate::link::LinkHandle;
+use crate::message::note;
+use crate::recorder::{Recording, RecordingError};
 use crate::result::{Accumulator, Finished, RunMeta, SupervisedLine};
 use crate::tick_record::TickRecord;
-use crate::tuning::{DRAIN_PERIOD, STATION_ABSENT_NS, STATUS_PERIOD_NS};
-use hrtc_core::Fault;
+use crate::tuning::{DRAIN_PERIOD, OFF_TIMEOUT, STATION_ABSENT_NS, STATUS_PERIOD_NS};
 use hrtc_core::contact::sphere_proxy::MAX_CONSTRAINTS;
+use hrtc_core::{Controller, Fault};
 use realtime::rights::monotonic_ns;
 use rtrb::Consumer;
 use scene::{ScenePlan, TrajectoryPlan};
 use std::io::Write;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Instant;
 
 /// The main thread's view of a run.
 pub(super) struct Monitor<'a> {
@@ -25,6 +34,16 @@ pub(super) struct Monitor<'a> {
     pub other_version: &'a AtomicU32,
     /// Start of both processes on CLOCK_MONOTONIC, ns.
     pub started_ns: u64,
+    pub link: &'a LinkHandle,
+    pub watchdog: &'a Watchdog,
+}
+
+/// What the main thread has gathered when the tick has ended.
+pub(super) struct Drained {
+    pub run: Accumulator,
+    pub recording_errors: u64,
+    /// The first error that ended the run.
+    pub error: Option<RunError>,
 }
 
 /// Messages that were printed already.
@@ -36,48 +55,87 @@ struct Printed {
     other_version: u32,
     /// Faults of objects.
     faults: Vec<(usize, Fault)>,
+    watchdog_stops: u64,
+    requests_lost: u64,
 }
 
 impl Monitor<'_> {
-    /// Drains the log until the tick has ended.
+    /// Drains the log until the tick has ended, or does not answer a second request to stop.
     pub fn drain(
         &self,
+        run: Accumulator,
         mut log: Consumer<TickRecord>,
         mut recording: Option<OpenRecording>,
-        stop: &AtomicBool,
-    ) -> Result<Accumulator, RunError> {
-        let period_ns = (1e9 / self.plan.loop_.rate_hz).round() as u64;
-        let mut run =
-            Accumulator::new(period_ns, self.plan.probes.len()).ok_or(RunError::Histogram)?;
+        stop: StopFlags<'_>,
+    ) -> Drained {
+        let mut drained = Drained {
+            run,
+            recording_errors: 0,
+            error: None,
+        };
         let mut next_status = 0;
         let mut printed = Printed::default();
-        let mut error = None;
+        let mut off_since = None;
         loop {
             // Read before the log, so that no record comes after the last look.
             let ended = self.shared.ended.load(Ordering::Acquire);
-            drain_once(&mut log, &mut recording, &mut run)?;
+            self.drain_once(&mut log, &mut recording, &mut drained);
             if ended {
                 break;
             }
-            error = error.or_else(|| self.check(&mut printed));
-            if error.is_some() || stop.load(Ordering::Relaxed) {
+            let error = self.check(&mut printed);
+            drained.error = drained.error.or(error);
+            if drained.error.is_some() || stop.with_ramp.load(Ordering::Relaxed) {
                 self.shared.stop.store(true, Ordering::Relaxed);
+            }
+            if stop.at_once.load(Ordering::Relaxed) {
+                drained.error.get_or_insert(RunError::SwitchedOff);
+                let since = *off_since.get_or_insert_with(|| self.switch_off());
+                if since.elapsed() > OFF_TIMEOUT {
+                    drained.error = Some(RunError::TickHangs);
+                    return drained;
+                }
             }
             let now = monotonic_ns();
             if self.args.output == Output::Supervised && now >= next_status {
                 next_status = now + STATUS_PERIOD_NS;
-                let mut status = run.status();
+                let mut status = drained.run.status();
                 status.station = self.shared.station.load(Ordering::Relaxed) != 0;
-                print_line(&SupervisedLine::Status { status })?;
+                let printed = print_line(&SupervisedLine::Status { status });
+                drained.error = drained.error.or(printed.err());
             }
             std::thread::sleep(DRAIN_PERIOD);
         }
-        if let Some((file, _)) = recording {
-            file.finish()?;
+        if let Some(Err(error)) = recording.map(|(file, _)| file.finish()) {
+            drained.give_up_recording(&error.to_string());
         }
-        match error {
-            Some(error) => Err(error),
-            None => Ok(run),
+        drained
+    }
+
+    /// Has tick and watchdog switch the devices off.
+    fn switch_off(&self) -> Instant {
+        self.shared.off.store(true, Ordering::Release);
+        self.watchdog.wake();
+        Instant::now()
+    }
+
+    /// Takes all waiting records and chunks.
+    fn drain_once(
+        &self,
+        log: &mut Consumer<TickRecord>,
+        recording: &mut Option<OpenRecording>,
+        drained: &mut Drained,
+    ) {
+        let lost = self.shared.chunks_unrecorded.load(Ordering::Relaxed);
+        if lost > 0 && recording.take().is_some() {
+            drained.give_up_recording("the disk is slower than the station's chunks arrive");
+        }
+        while let Ok(record) = log.pop() {
+            drained.run.push(&record);
+            drained.record(recording, |file| file.tick(&record));
+        }
+        while let Some(chunk) = recording.as_mut().and_then(|(_, chunks)| chunks.pop().ok()) {
+            drained.record(recording, |file| file.chunk(&chunk));
         }
     }
 
@@ -94,19 +152,36 @@ impl Monitor<'_> {
                 return Some(RunError::Right(first.to_string()));
             }
             for right in missing.iter() {
-                eprintln!("hrtc: {right}");
+                note!("{right}");
             }
         }
         let other = self.other_version.load(Ordering::Relaxed);
         if other != 0 && other != printed.other_version {
             printed.other_version = other;
-            eprintln!(
-                "hrtc: a station here speaks protocol version {other}, this program another: install the same release on both sides"
+            note!(
+                "a station here speaks protocol version {other}, this program another: install the same release on both sides"
             );
         }
         self.check_objects(printed);
         self.check_station(printed);
-        None
+        self.check_safety(printed);
+        self.link.has_ended().then_some(RunError::LinkEnded)
+    }
+
+    /// Prints what the chain of safety did.
+    fn check_safety(&self, printed: &mut Printed) {
+        let stops = self.shared.watchdog_stops.load(Ordering::Relaxed);
+        if stops > printed.watchdog_stops {
+            printed.watchdog_stops = stops;
+            note!(
+                "no wrench was written for longer than one is valid: the watchdog brought the devices to zero; the force will rise from there ({stops} times so far)"
+            );
+        }
+        let lost = self.shared.requests_lost.load(Ordering::Relaxed);
+        if lost > 0 && printed.requests_lost == 0 {
+            printed.requests_lost = lost;
+            note!("the ring of requests to the link is full; what was lost is asked for again");
+        }
     }
 
     /// Prints the faults of objects, each once, while the run goes on.
@@ -117,7 +192,7 @@ impl Monitor<'_> {
             .iter()
             .filter(|fault| !printed.faults.contains(fault))
         {
-            eprintln!("hrtc: {}", outcome::object_fault(self.plan, fault));
+            note!("{}", outcome::object_fault(self.plan, fault));
         }
         printed.faults = faults;
     }
@@ -128,39 +203,62 @@ impl Monitor<'_> {
         let is_alive = self.shared.station.load(Ordering::Relaxed) != 0;
         if is_alive && !printed.station_found {
             printed.station_found = true;
-            eprintln!("hrtc: station found in domain {domain}");
+            note!("station found in domain {domain}");
         } else if !is_alive && printed.station_found {
             printed.station_found = false;
             printed.station_absent = true;
-            eprintln!("hrtc: the station is gone; contact continues with the loaded mesh");
+            note!("the station is gone; contact continues with the loaded mesh");
         } else if !is_alive
             && !printed.station_absent
             && monotonic_ns() > self.started_ns + STATION_ABSENT_NS
         {
             printed.station_absent = true;
-            eprintln!(
-                "hrtc: no station in domain {domain} yet: ticking without a model until one starts (ve-station serve {})",
+            note!(
+                "no station in domain {domain} yet: ticking without a model until one starts (ve-station serve {})",
                 self.args.scene.display()
             );
         }
     }
 
-    /// Prints the result.
-    pub fn finish(&self, run: Accumulator, end: &TickThreadEnd) -> Result<(), RunError> {
-        let controller = &end.controller;
-        let mut finished = run.finish(self.meta(end));
-        finished.result.cache.high_water_bytes = controller.bytes_high_water() as u64;
-        outcome::add_lod(&mut finished.result, controller, self.plan.loop_.rate_hz);
-        let faults = controller.faults();
-        let named = faults.map(|fault| outcome::object_fault(self.plan, fault));
-        finished.result.faults = named.collect();
-        finished.result.capacities.extend_from_slice(&end.rings);
+    /// Prints the result, as far as it is known, unless the run ended by an error that leaves none.
+    pub fn conclude(
+        &self,
+        mut drained: Drained,
+        end: Option<TickThreadEnd>,
+    ) -> Result<(), RunError> {
+        use RunError::{Fault, Right, SwitchedOff, TickHangs};
+        let error = drained.error.take();
+        let has_result = !matches!(error, Some(Fault(_) | Right(_) | SwitchedOff | TickHangs));
+        let Some(end) = end.filter(|end| has_result || end.panic.is_some()) else {
+            return error.map_or(Ok(()), Err);
+        };
+        let printed = self.finish(drained, &end);
+        let panicked = end.panic.map(RunError::TickPanicked);
+        match panicked.or(error) {
+            Some(error) => Err(error),
+            None => printed,
+        }
+    }
+
+    fn finish(&self, drained: Drained, end: &TickThreadEnd) -> Result<(), RunError> {
+        let mut finished = drained.run.finish(self.meta(end));
+        let result = &mut finished.result;
+        result.safety.tick_panics = u64::from(end.panic.is_some());
+        result.safety.recording_errors = drained.recording_errors;
+        if let Some(controller) = &end.controller {
+            result.cache.high_water_bytes = controller.bytes_high_water() as u64;
+            outcome::add_lod(result, controller, self.plan.loop_.rate_hz);
+            let faults = controller.faults();
+            let named = faults.map(|fault| outcome::object_fault(self.plan, fault));
+            result.faults = named.collect();
+        }
+        result.capacities.extend_from_slice(&end.rings);
         self.print_losses(end);
         self.print_result(finished)
     }
 
     fn meta(&self, end: &TickThreadEnd) -> RunMeta {
-        let controller = &end.controller;
+        let controller = end.controller.as_deref();
         let first = self.shared.first_tick_ns.load(Ordering::Relaxed);
         let seed = match &self.plan.probes[0].trajectory {
             TrajectoryPlan::Tour { seed, .. } => *seed,
@@ -168,18 +266,21 @@ impl Monitor<'_> {
         };
         let missing = self.shared.missing.lock();
         let missing = missing.unwrap_or_else(|e| e.into_inner());
+        let header = controller.and_then(Controller::header);
+        let headers = controller.into_iter().flat_map(Controller::headers);
         RunMeta {
             scene: self.plan.name.clone(),
             model: self.plan.objects[0].model.name(),
-            faces: controller.header().map_or(0, |h| u64::from(h.faces)),
+            faces: header.map_or(0, |h| u64::from(h.faces)),
             seed,
             cache_bytes: self.plan.cache_bytes as u64,
-            bytes_full_mesh: controller.headers().map(outcome::bytes_full_mesh).sum(),
+            bytes_full_mesh: headers.map(outcome::bytes_full_mesh).sum(),
             objects: self.plan.objects.len() as u64,
             active_objects_max: self.plan.active_objects() as u64,
             rss_bytes: outcome::resident_bytes(),
             start_to_first_tick_ms: first.saturating_sub(self.started_ns) as f64 / 1e6,
             operations_budget: u64::from(end.work_budget),
+            safety: self.shared.events(),
             rights: rights(&self.plan.loop_, &missing),
         }
     }
@@ -188,24 +289,27 @@ impl Monitor<'_> {
     fn print_losses(&self, end: &TickThreadEnd) {
         let dropped = self.shared.log_dropped.load(Ordering::Relaxed);
         if dropped > 0 {
-            eprintln!("hrtc: {dropped} tick records found the log full and are not in the figures");
+            note!("{dropped} tick records found the log full and are not in the figures");
         }
-        let rejected = end.controller.rejected_samples();
+        let Some(controller) = &end.controller else {
+            return;
+        };
+        let rejected = controller.rejected_samples();
         if rejected > 0 {
-            eprintln!(
-                "hrtc: {rejected} samples of the devices were rejected: they were no numbers, or no motion within the device's limits leads to them"
+            note!(
+                "{rejected} samples of the devices were rejected: they were no numbers, or no motion within the device's limits leads to them"
             );
         }
-        let (refused, last) = end.controller.refused();
+        let (refused, last) = controller.refused();
         if refused > 0 {
-            eprintln!(
-                "hrtc: {refused} regions were refused or did not fit the mesh, the last one {last:#x}; they stayed coarse"
+            note!(
+                "{refused} regions were refused or did not fit the mesh, the last one {last:#x}; they stayed coarse"
             );
         }
-        let constraints = end.controller.dropped_constraints();
+        let constraints = controller.dropped_constraints();
         if constraints > 0 {
-            eprintln!(
-                "hrtc: {constraints} times a face at the contact found no room beside {MAX_CONSTRAINTS} deeper ones; the probe was swept against it instead"
+            note!(
+                "{constraints} times a face at the contact found no room beside {MAX_CONSTRAINTS} deeper ones; the probe was swept against it instead"
             );
         }
     }
@@ -214,32 +318,32 @@ impl Monitor<'_> {
         match self.args.output {
             Output::Supervised => print_line(&SupervisedLine::Finished(Box::new(finished))),
             Output::Json => print_line(&finished.result),
-            Output::Text => {
-                outcome::print_text(&finished);
-                Ok(())
-            }
+            Output::Text => outcome::print_text(&finished).map_err(RunError::Print),
         }
     }
 }
 
-/// Takes all waiting records and chunks.
-fn drain_once(
-    log: &mut Consumer<TickRecord>,
-    recording: &mut Option<OpenRecording>,
-    run: &mut Accumulator,
-) -> Result<(), RunError> {
-    while let Ok(record) = log.pop() {
-        run.push(&record);
-        if let Some((file, _)) = recording {
-            file.tick(&record)?;
+impl Drained {
+    /// Writes to the recording; gives it up when it cannot be written.
+    fn record(
+        &mut self,
+        recording: &mut Option<OpenRecording>,
+        write: impl FnOnce(&mut Recording) -> Result<(), RecordingError>,
+    ) {
+        let Some((file, _)) = recording else {
+            return;
+        };
+        if let Err(error) = write(file) {
+            *recording = None;
+            self.give_up_recording(&error.to_string());
         }
     }
-    if let Some((file, chunks)) = recording {
-        for chunk in chunks.try_iter() {
-            file.chunk(&chunk)?;
-        }
+
+    /// A recording is evidence, not part of the loop: the run goes on without it.
+    fn give_up_recording(&mut self, reason: &str) {
+        self.recording_errors += 1;
+        note!("the recording ends here, the run goes on: {reason}");
     }
-    Ok(())
 }
 
 fn print_line(value: &impl serde::Serialize) -> Result<(), RunError> {

@@ -8,6 +8,7 @@ use realtime::rights::MissingRight;
 use scene::{LoopPlan, SceneError, ScenePlan};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
+use std::io::Write;
 use thiserror::Error;
 use transport::TransportError;
 
@@ -35,11 +36,24 @@ pub enum RunError {
     /// The operating system gave no thread.
     #[error("cannot start the thread of the tick: {0}")]
     Thread(std::io::Error),
-    /// The tick thread panicked: a defect of hrtc.
+    /// The tick thread panicked: a defect of hrtc, or of a device's driver.
     #[error(
-        "the thread of the tick ended by a defect in hrtc; please report what it printed above"
+        "the thread of the tick ended by a defect in hrtc or in a device's driver ({0}); the force was ramped down and the devices are off; please report what it printed above"
     )]
-    TickPanicked,
+    TickPanicked(String),
+    /// The thread of the link ended by itself: a defect of hrtc.
+    #[error(
+        "the thread of the link to the station ended by a defect in hrtc; the run ended with a ramp; please report what it printed above"
+    )]
+    LinkEnded,
+    /// A second signal came.
+    #[error("switched off at once by a second signal, without a ramp and without a result")]
+    SwitchedOff,
+    /// A second signal came, and the tick thread did not answer.
+    #[error(
+        "ended at once by a second signal, though the thread of the tick hangs; devices without a safe stop go to zero when their last wrench expires"
+    )]
+    TickHangs,
     /// No histogram for this period.
     #[error("the loop's rate leaves no histogram; use 100 to 10000 ticks a second")]
     Histogram,
@@ -108,17 +122,21 @@ pub(super) fn rights(plan: &LoopPlan, missing: &[MissingRight]) -> Vec<Right> {
 }
 
 /// Closing lines of `hrtc run`; the full report is that of `rt-tests run`.
-pub(super) fn print_text(finished: &Finished) {
+pub(super) fn print_text(finished: &Finished) -> std::io::Result<()> {
     let r = &finished.result;
-    println!(
+    let mut out = std::io::stdout().lock();
+    writeln!(
+        out,
         "{}: {} ticks in {:.1} s, {} periods missed ({} by own work)",
         r.scene, r.ticks, r.seconds, r.missed, r.missed_own_cpu
-    );
-    println!(
+    )?;
+    writeln!(
+        out,
         "touched for {} ticks, {} of them at full resolution, {} coarser than asked for; force p50 {:.2} N, max {:.2} N",
         r.contact_ticks, r.contact_full_ticks, r.coarser_ticks, r.force_n.p50, r.force_n.max
-    );
-    println!(
+    )?;
+    writeln!(
+        out,
         "work p50 {:.0} us, p99 {:.0} us (thread CPU); cache {} of {} KiB; {} splits, {} collapses",
         r.work_us.p50,
         r.work_us.p99,
@@ -126,9 +144,14 @@ pub(super) fn print_text(finished: &Finished) {
         r.cache.bytes / 1024,
         r.vsplits,
         r.ecols
-    );
-    println!("highest fill of everything that was sized at start:");
+    )?;
+    writeln!(out, "highest fill of everything that was sized at start:")?;
     for c in &r.capacities {
-        println!("  {:<28} {:>9} of {:>9}", c.name, c.high_water, c.capacity);
+        writeln!(
+            out,
+            "  {:<28} {:>9} of {:>9}",
+            c.name, c.high_water, c.capacity
+        )?;
     }
+    out.flush()
 }

@@ -1,8 +1,10 @@
 //! State that the threads of a run share.
 
+use super::watchdog::Lease;
+use crate::result::SafetyEvents;
 use hrtc_core::Fault;
 use realtime::rights::MissingRight;
-use std::sync::atomic::{AtomicBool, AtomicU64};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// Flags and rare values between the tick thread and the main thread. The tick writes atomics only;
@@ -11,8 +13,24 @@ use std::sync::{Arc, Mutex};
 pub(super) struct Shared {
     /// Request of the main thread: ramp the force down and end.
     pub stop: AtomicBool,
-    /// The tick thread has ended.
+    /// Request of the main thread: switch the devices off without a ramp and end.
+    pub off: AtomicBool,
+    /// The tick thread has ended, and its devices are off.
     pub ended: AtomicBool,
+    /// Request of the main thread: the watchdog ends.
+    pub unwatched: AtomicBool,
+    /// Validity of the wrenches that stand.
+    pub lease: Lease,
+    /// Times that the watchdog brought the devices to zero.
+    pub watchdog_stops: AtomicU64,
+    /// Ticks after which the force had to rise from zero again, since its wrench had expired.
+    pub force_cuts: AtomicU64,
+    /// Requests to the station that found the ring full.
+    pub requests_lost: AtomicU64,
+    /// Contact reports to the station that found the ring full.
+    pub contacts_lost: AtomicU64,
+    /// Chunks that found no room on their way to the recording.
+    pub chunks_unrecorded: AtomicU64,
     /// The tick thread has asked for its rights and ticks.
     pub ticking: AtomicBool,
     /// CLOCK_MONOTONIC of the first tick, ns; 0 before it.
@@ -28,4 +46,18 @@ pub(super) struct Shared {
     pub object_faults: Mutex<Vec<(usize, Fault)>>,
     /// Real-time rights that were refused.
     pub missing: Mutex<Vec<MissingRight>>,
+}
+
+impl Shared {
+    /// Counts of what the chain of safety did.
+    pub fn events(&self) -> SafetyEvents {
+        let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        SafetyEvents {
+            watchdog_stops: count(&self.watchdog_stops),
+            force_cuts: count(&self.force_cuts),
+            requests_lost: count(&self.requests_lost),
+            contacts_lost: count(&self.contacts_lost),
+            ..SafetyEvents::default()
+        }
+    }
 }

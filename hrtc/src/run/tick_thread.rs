@@ -1,9 +1,15 @@
 //! The thread that ticks.
+//!
+//! A panic in it, of the core or of a driver, ends the run: the devices' last wrenches ramp down to
+//! zero in a few periods without the core, then the devices are switched off. Whatever the way out,
+//! [`EndMark`] tells the main thread when the devices are off.
 
 use super::probe_device::ProbeDevice;
 use super::shared::Shared;
 use crate::tick_record::{STAGES, TickRecord};
-use crate::tuning::{COMMAND_VALIDITY_NS, INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY};
+use crate::tuning::{
+    COMMAND_VALIDITY_PERIODS, INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, PANIC_RAMP_PERIODS,
+};
 use geometry::Wrench;
 use haptic_device::{Sample, TickTime, WrenchCommand};
 use hrtc_core::streaming::chunk::InboxChunk;
@@ -14,6 +20,8 @@ use realtime::pacer::{Pacer, Wake, Worked};
 use realtime::rights::{LatencyHold, monotonic_ns, obtain};
 use rtrb::{Consumer, Producer};
 use scene::{LoopPlan, MAX_PROBES};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -47,8 +55,12 @@ pub(super) struct TickThread {
 }
 
 /// Results of the thread beside its tick records.
+#[derive(Default)]
 pub(super) struct TickThreadEnd {
-    pub controller: Box<Controller>,
+    /// `None` after a panic, which may have left it in any state.
+    pub controller: Option<Box<Controller>>,
+    /// Message of the panic that ended the thread.
+    pub panic: Option<String>,
     /// Limit of a tick's work units.
     pub work_budget: u32,
     /// Size and high water of each ring.
@@ -74,6 +86,8 @@ impl StageClock {
 
 impl StageObserver for StageClock {
     fn ended(&mut self, stage: Stage) {
+        #[cfg(test)]
+        tests::panic_in_core(stage);
         let now = monotonic_ns();
         self.stages[stage as usize] = u32::try_from(now - self.last).unwrap_or(u32::MAX);
         self.last = now;
@@ -87,6 +101,26 @@ struct Arrivals {
     waiting: usize,
 }
 
+/// What lasts from tick to tick beside the core.
+struct Lasting {
+    outputs: TickOutputs,
+    arrivals: Arrivals,
+    high_water: HighWater,
+    /// Wrenches that the devices render.
+    written: [Wrench; MAX_PROBES],
+    /// Whether the last wrenches were zero because those before had expired.
+    was_cut: bool,
+}
+
+/// Tells the main thread that the tick thread has ended, by being dropped, also by a panic.
+struct EndMark(Arc<Shared>);
+
+impl Drop for EndMark {
+    fn drop(&mut self) {
+        self.0.ended.store(true, Ordering::Release);
+    }
+}
+
 /// Results of one tick without its timing.
 struct Ticked {
     /// Incarnation of the station; 0 for none.
@@ -96,21 +130,43 @@ struct Ticked {
     allocations: u32,
     samples: [Option<Sample>; MAX_PROBES],
     wrenches: [Wrench; MAX_PROBES],
+    force_cut: bool,
 }
 
 impl TickThread {
-    /// Ticks until the force has ramped down after a request to stop.
-    pub fn run(mut self) -> TickThreadEnd {
-        let _latency = self.obtain_rights();
+    /// Ticks until the force has ramped down after a request to stop, or until a panic.
+    pub fn run(self) -> TickThreadEnd {
+        // Dropped last, when the devices have been.
+        let _mark = EndMark(Arc::clone(&self.shared));
+        let mut thread = self;
+        let _latency = thread.obtain_rights();
+        let mut pacer = Pacer::new(thread.plan.rate_hz, thread.plan.spin_us);
+        let mut lasting = Lasting {
+            outputs: TickOutputs::new(thread.devices.len()),
+            arrivals: Arrivals::default(),
+            high_water: HighWater::default(),
+            written: [Wrench::ZERO; MAX_PROBES],
+            was_cut: false,
+        };
+        thread.shared.ticking.store(true, Ordering::Release);
+        let ticking = AssertUnwindSafe(|| thread.tick_until_stopped(&mut pacer, &mut lasting));
+        let panic = catch_unwind(ticking).err().map(message);
+        if panic.is_some() {
+            counting_allocator::arm(false);
+            thread.ramp_down(&mut pacer, &lasting.written);
+        }
+        for device in &mut thread.devices {
+            survives(|| device.device.safe_off());
+        }
+        thread.shared.lease.release();
+        thread.end(&lasting.high_water, panic)
+    }
+
+    fn tick_until_stopped(&mut self, pacer: &mut Pacer, lasting: &mut Lasting) {
         let last_tick = self
             .seconds
             .map(|seconds| (seconds * self.plan.rate_hz).ceil() as u64);
-        let mut outputs = TickOutputs::new(self.devices.len());
-        let mut pacer = Pacer::new(self.plan.rate_hz, self.plan.spin_us);
-        let mut arrivals = Arrivals::default();
-        let mut high_water = HighWater::default();
-        self.shared.ticking.store(true, Ordering::Release);
-        loop {
+        while !self.shared.off.load(Ordering::Acquire) {
             let wake = pacer.wait();
             if wake.tick == 0 || self.shared.first_tick_ns.load(Ordering::Relaxed) == 0 {
                 let first = &self.shared.first_tick_ns;
@@ -118,25 +174,51 @@ impl TickThread {
             }
             let stopping = self.shared.stop.load(Ordering::Relaxed)
                 || last_tick.is_some_and(|last| wake.tick >= last);
-            let ticked = self.tick(
-                &wake,
-                stopping,
-                &mut outputs,
-                &mut arrivals,
-                &mut high_water,
-            );
+            let ticked = self.tick(&wake, stopping, lasting);
             let worked = pacer.done();
-            let record = record(&wake, &worked, &ticked, &outputs, arrivals.arrived);
+            let record = record(&wake, &worked, &ticked, lasting);
             if self.rings.log.push(record).is_err() {
                 self.shared.log_dropped.fetch_add(1, Ordering::Relaxed);
             }
+            let high_water = &mut lasting.high_water;
             high_water.log = (LOG_CAPACITY - self.rings.log.slots()).max(high_water.log);
             self.report_faults();
             if stopping && self.controller.is_at_rest() {
                 break;
             }
         }
-        self.end(&high_water)
+    }
+
+    /// Brings the devices from their last wrenches to zero in equal steps, one a period, without
+    /// the core. Ends early when those wrenches have expired: the devices are at zero then.
+    fn ramp_down(&mut self, pacer: &mut Pacer, from: &[Wrench; MAX_PROBES]) {
+        let mut answers = [true; MAX_PROBES];
+        for left in (0..PANIC_RAMP_PERIODS).rev() {
+            let share = f64::from(left) / f64::from(PANIC_RAMP_PERIODS);
+            let Some(valid_until_ns) = self.extend_lease() else {
+                return;
+            };
+            let devices = self.devices.iter_mut().zip(from).zip(&mut answers);
+            for ((device, &wrench), answers) in devices.filter(|(_, answers)| **answers) {
+                let command = WrenchCommand {
+                    wrench: wrench * share,
+                    valid_until_ns,
+                };
+                *answers = survives(|| device.device.write(command));
+                if !*answers {
+                    survives(|| device.device.safe_off());
+                }
+            }
+            pacer.wait();
+        }
+    }
+
+    /// Takes the lease for the wrenches that are about to be written. Time until which they are
+    /// valid, ns; `None` when the last ones have expired.
+    fn extend_lease(&self) -> Option<u64> {
+        let now = monotonic_ns();
+        let until = now + validity_ns(&self.plan);
+        self.shared.lease.extend(now, until).then_some(until)
     }
 
     /// Asks for the real-time rights; deep sleep is kept away as long as the result lives.
@@ -149,16 +231,19 @@ impl TickThread {
     }
 
     /// Samples, computes, renders and sends: the part of the period that allocates nothing.
-    fn tick(
-        &mut self,
-        wake: &Wake,
-        stopping: bool,
-        outputs: &mut TickOutputs,
-        arrivals: &mut Arrivals,
-        high_water: &mut HighWater,
-    ) -> Ticked {
+    fn tick(&mut self, wake: &Wake, stopping: bool, lasting: &mut Lasting) -> Ticked {
         let calls = counting_allocator::calls();
         counting_allocator::arm(true);
+        let force_cut = std::mem::take(&mut lasting.was_cut);
+        if force_cut {
+            self.controller.force_was_cut();
+        }
+        let Lasting {
+            outputs,
+            arrivals,
+            high_water,
+            ..
+        } = &mut *lasting;
         let samples = self.sample(wake);
         let station = self.shared.station.load(Ordering::Relaxed);
         let slots = self.rings.inbox.slots();
@@ -174,8 +259,9 @@ impl TickThread {
         };
         let consumed = self.compute(inputs, slots, outputs, &mut clock);
         arrivals.waiting = slots - consumed;
-        let wrenches = self.render(wake, outputs);
         self.send(outputs);
+        self.render(lasting);
+        let high_water = &mut lasting.high_water;
         high_water.requests = (OUT_CAPACITY - self.rings.requests.slots()).max(high_water.requests);
         counting_allocator::arm(false);
         Ticked {
@@ -183,7 +269,8 @@ impl TickThread {
             stages: clock.stages,
             allocations: (counting_allocator::calls() - calls) as u32,
             samples,
-            wrenches,
+            wrenches: lasting.written,
+            force_cut,
         }
     }
 
@@ -228,32 +315,46 @@ impl TickThread {
         outputs.chunks_consumed
     }
 
-    /// Sends each device its wrench.
-    fn render(&mut self, wake: &Wake, outputs: &TickOutputs) -> [Wrench; MAX_PROBES] {
-        let mut wrenches = [Wrench::ZERO; MAX_PROBES];
-        for ((device, &wanted), wrench) in self
+    /// Sends each device its wrench; zero when the wrench before has expired, since the device is
+    /// at zero then. The force rises from there in the next tick.
+    fn render(&mut self, lasting: &mut Lasting) {
+        let lease = self.extend_lease();
+        lasting.was_cut = lease.is_none();
+        if lasting.was_cut {
+            self.shared.force_cuts.fetch_add(1, Ordering::Relaxed);
+        }
+        // A zero wrench does not expire.
+        let valid_until_ns = lease.unwrap_or(u64::MAX);
+        for ((device, &wanted), written) in self
             .devices
             .iter_mut()
-            .zip(&outputs.wrenches)
-            .zip(&mut wrenches)
+            .zip(&lasting.outputs.wrenches)
+            .zip(&mut lasting.written)
         {
-            *wrench = wanted;
+            *written = if lasting.was_cut {
+                Wrench::ZERO
+            } else {
+                wanted
+            };
             device.device.write(WrenchCommand {
-                wrench: wanted,
-                valid_until_ns: wake.start_ns + COMMAND_VALIDITY_NS,
+                wrench: *written,
+                valid_until_ns,
             });
         }
-        wrenches
     }
 
     /// Hands requests and contacts to the link. A full ring loses a request; the gap in the request
     /// numbers ends the epoch, and the next epoch asks again.
     fn send(&mut self, outputs: &TickOutputs) {
         for request in outputs.outbox.requests() {
-            let _ = self.rings.requests.push(*request);
+            if self.rings.requests.push(*request).is_err() {
+                self.shared.requests_lost.fetch_add(1, Ordering::Relaxed);
+            }
         }
         for &report in &outputs.reports {
-            let _ = self.rings.contacts.push(report);
+            if self.rings.contacts.push(report).is_err() {
+                self.shared.contacts_lost.fetch_add(1, Ordering::Relaxed);
+            }
         }
     }
 
@@ -274,14 +375,11 @@ impl TickThread {
         }
     }
 
-    fn end(mut self, high_water: &HighWater) -> TickThreadEnd {
-        for device in &mut self.devices {
-            device.device.safe_off();
-        }
-        self.shared.ended.store(true, Ordering::Release);
+    fn end(self, high_water: &HighWater, panic: Option<String>) -> TickThreadEnd {
         TickThreadEnd {
             work_budget: self.controller.work_budget(),
-            controller: self.controller,
+            controller: panic.is_none().then_some(self.controller),
+            panic,
             rings: vec![
                 Capacity::new("chunks in the inbox", INBOX_CAPACITY, high_water.inbox),
                 Capacity::new("requests to the link", OUT_CAPACITY, high_water.requests),
@@ -291,18 +389,43 @@ impl TickThread {
     }
 }
 
+impl TickThreadEnd {
+    /// The end of a thread that panicked outside its loop.
+    pub fn lost(payload: Box<dyn Any + Send>) -> Self {
+        Self {
+            panic: Some(message(payload)),
+            ..Self::default()
+        }
+    }
+}
+
+/// Time for which a wrench is valid, ns.
+pub(super) fn validity_ns(plan: &LoopPlan) -> u64 {
+    (COMMAND_VALIDITY_PERIODS as f64 * 1e9 / plan.rate_hz) as u64
+}
+
+/// Whether some work ended without a panic.
+fn survives(work: impl FnOnce()) -> bool {
+    catch_unwind(AssertUnwindSafe(work)).is_ok()
+}
+
+/// The message of a panic.
+fn message(payload: Box<dyn Any + Send>) -> String {
+    let text = payload
+        .downcast_ref::<&str>()
+        .map(|text| (*text).to_owned());
+    let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
+    // Another payload's drop may panic again.
+    Box::leak(payload);
+    text.unwrap_or_else(|| "a panic without a message".to_owned())
+}
+
 /// The log's record of a tick.
-fn record(
-    wake: &Wake,
-    worked: &Worked,
-    ticked: &Ticked,
-    outputs: &TickOutputs,
-    chunks_arrived: u64,
-) -> TickRecord {
+fn record(wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &Lasting) -> TickRecord {
     TickRecord {
         tick: wake.tick,
         skipped: wake.skipped,
-        miss: wake.miss,
+        misses: wake.misses,
         wake_ns: wake.wake_ns,
         period_ns: wake.period_ns,
         work_cpu_ns: worked.cpu_ns,
@@ -310,12 +433,17 @@ fn record(
         stage_ns: ticked.stages,
         page_faults: worked.page_faults,
         allocations: ticked.allocations,
-        chunks_arrived,
+        chunks_arrived: lasting.arrivals.arrived,
         station: ticked.station,
         samples: ticked
             .samples
             .map(|sample| sample.map(|sample| sample.pose)),
+        in_hand: ticked.samples.map(|sample| sample?.in_hand),
+        force_cut: ticked.force_cut,
         wrenches: ticked.wrenches,
-        core: outputs.record,
+        core: lasting.outputs.record,
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -129,7 +129,7 @@ fn record(&(wake, worked): &(Wake, Worked)) -> TickRecord {
     TickRecord {
         tick: wake.tick,
         skipped: wake.skipped,
-        miss: wake.miss,
+        misses: wake.misses,
         wake_ns: wake.wake_ns,
         period_ns: wake.period_ns,
         work_cpu_ns: worked.cpu_ns,
@@ -140,6 +140,8 @@ fn record(&(wake, worked): &(Wake, Worked)) -> TickRecord {
         chunks_arrived: 0,
         station: 0,
         samples: [None; MAX_PROBES],
+        force_cut: false,
+        in_hand: [None; MAX_PROBES],
         wrenches: [Wrench::ZERO; MAX_PROBES],
         core: CoreRecord {
             measured_error_m: -1.0,

@@ -231,7 +231,7 @@ fn replay(file: &Path) -> (Output, serde_json::Value) {
 fn a_sample_late_in_the_run(bytes: &[u8]) -> (usize, u64) {
     const TICK: u8 = 1;
     const CHUNK: u8 = 2;
-    const TICK_BYTES: usize = 32 + 56 * scene::MAX_PROBES + 8;
+    const TICK_BYTES: usize = 48 + 56 * scene::MAX_PROBES + 8;
     const CHUNK_BYTES: usize = size_of::<ChunkHeader>() + CHUNK_SLOTS * size_of::<ChunkSlot>();
     let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
     let mut at = 16 + usize::try_from(number(8)).unwrap();
@@ -239,7 +239,7 @@ fn a_sample_late_in_the_run(bytes: &[u8]) -> (usize, u64) {
         let entry = at + 1;
         match bytes[at] {
             TICK if number(entry) > 1000 && bytes[entry + 24] == 1 => {
-                return (entry + 32 + 6, number(entry));
+                return (entry + 48 + 6, number(entry));
             }
             TICK => at = entry + TICK_BYTES,
             CHUNK => at = entry + CHUNK_BYTES,

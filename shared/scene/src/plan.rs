@@ -114,7 +114,7 @@ pub struct SafetyPlan {
     /// Largest change of the force, newtons a second; a torque changes by the same share of its
     /// limit.
     pub slew_n_per_s: f64,
-    /// Soft start and end, seconds.
+    /// Soft start and end, seconds; not 0 in a scene.
     pub ramp_s: f64,
     /// Whether a contact returns no more energy than it received.
     pub passivity: bool,

@@ -484,12 +484,14 @@ fn words(result: &JitterResult, rights: &[Right], picture: &Path) -> String {
         let m = &side.misses;
         let _ = writeln!(
             text,
-            "{name:<11} {} ticks, {} missed: {} own work, {} run queue, {} late timer, {} stolen, {} unexplained; {} page faults, {} allocations, {} ticks of steal",
+            "{name:<11} {} ticks, {} missed: {} own work, {} own wait, {} run queue, {} late timer, {} stopped, {} stolen, {} unexplained; {} page faults, {} allocations, {} ticks of steal",
             side.ticks,
             side.missed,
             m.own_cpu,
+            m.own_wait,
             m.run_queue,
             m.late_timer,
+            m.stopped,
             m.stolen,
             m.unexplained,
             side.page_faults,

@@ -114,6 +114,8 @@ fn every_bad_number_is_refused_with_its_key_and_line() {
         ("torque_max_nm = 0.3", "torque_max_nm = -0.3"),
         ("slew_n_per_s = 2000.0", "slew_n_per_s = inf"),
         ("ramp_s = 0.2", "ramp_s = -0.1"),
+        // No ramp: the force would begin and end by a jump.
+        ("ramp_s = 0.2", "ramp_s = 0"),
         ("faces = 100000", "faces = 3"),
         ("size_m = 0.15", "size_m = 0.0"),
         ("stiffness_n_per_m = 800.0", "stiffness_n_per_m = -800.0"),

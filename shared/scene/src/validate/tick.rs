@@ -1,6 +1,6 @@
 //! The loop, the accuracy and the safety of a scene.
 
-use crate::limits::{NOT_NEGATIVE, POSITIVE, Range};
+use crate::limits::{NOT_NEGATIVE, POSITIVE, RAMP_S, Range};
 use crate::plan::{AccuracyPlan, LoopPlan, RefinementPlan, SafetyPlan};
 use crate::source::{SceneError, Source, key};
 use crate::typed::{AccuracyTyped, LoopTyped, RefinementTyped, SafetyTyped};
@@ -66,7 +66,7 @@ pub(super) fn safety_plan(source: &Source, typed: &SafetyTyped) -> Result<Safety
         force_max_n: source.number(key!(typed.force_max_n), 8.0, POSITIVE)?,
         torque_max_nm: source.number(key!(typed.torque_max_nm), 0.3, Range::Within(1e-6, 1e3))?,
         slew_n_per_s: source.number(key!(typed.slew_n_per_s), 2000.0, POSITIVE)?,
-        ramp_s: source.number(key!(typed.ramp_s), 0.2, Range::NotNegative(60.0))?,
+        ramp_s: source.number(key!(typed.ramp_s), 0.2, RAMP_S)?,
         passivity: typed.passivity.unwrap_or(true),
     })
 }

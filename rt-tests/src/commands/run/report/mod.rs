@@ -374,12 +374,14 @@ impl Report<'_> {
         } else {
             let m = &r.misses;
             format!(
-                "{} period(s) missed beside {} ticks: {} by our own work, {} while the kernel ran something else, {} by a late timer, {} with the processor taken away, {} unexplained",
+                "{} period(s) missed beside {} ticks: {} by our own work, {} by waiting of our own, {} while the kernel ran something else, {} by a late timer, {} while the process was stopped, {} with the processor taken away, {} unexplained",
                 grouped(r.missed),
                 grouped(r.ticks),
                 m.own_cpu,
+                m.own_wait,
                 m.run_queue,
                 m.late_timer,
+                m.stopped,
                 m.stolen,
                 m.unexplained
             )

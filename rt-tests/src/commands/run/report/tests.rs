@@ -7,7 +7,7 @@ use hrtc::result::{Accumulator, RunMeta};
 use hrtc::tick_record::{STAGES, TickRecord};
 use hrtc_core::Capacity;
 use hrtc_core::record::CoreRecord;
-use realtime::pacer::MissClass;
+use realtime::pacer::Miss;
 use scene::{MAX_PROBES, NoFiles, Overrides, parse};
 use std::path::Path;
 
@@ -20,7 +20,7 @@ fn finished(contact: bool) -> Finished {
         run.push(&TickRecord {
             tick,
             skipped: 0,
-            miss: MissClass::None,
+            misses: [Miss::default(); 2],
             wake_ns: 9_000,
             period_ns: 1_000_000,
             work_cpu_ns: 20_000,
@@ -31,6 +31,8 @@ fn finished(contact: bool) -> Finished {
             chunks_arrived: 0,
             station: 1,
             samples: [None; MAX_PROBES],
+            force_cut: false,
+            in_hand: [None; MAX_PROBES],
             wrenches,
             core: CoreRecord {
                 contact: touches,

@@ -1,0 +1,185 @@
+//! Ways out of the tick thread, on the thread of the test.
+
+use super::*;
+use crate::setup::ControllerSetup;
+use crate::tuning::PANIC_RAMP_PERIODS;
+use geometry::Pose;
+use haptic_device::{Capabilities, Device, GuardedDevice};
+use hrtc_core::streaming::subscriber::Identity;
+use rtrb::RingBuffer;
+use scene::{NoFiles, Overrides, parse};
+use std::cell::Cell;
+use std::path::Path;
+use std::sync::Mutex;
+
+thread_local! {
+    /// Ticks of this thread until its core panics in the middle of one; never at 0.
+    static PANICS_IN: Cell<u32> = const { Cell::new(0) };
+}
+
+/// Called by the stage clock within the core.
+pub(super) fn panic_in_core(stage: Stage) {
+    let left = PANICS_IN.get();
+    if stage == Stage::Query && left > 0 {
+        PANICS_IN.set(left - 1);
+        assert!(left > 1, "made on purpose in the core");
+    }
+}
+
+/// What the device was told, in order: the size of each force, then the offs.
+#[derive(Default)]
+struct Told {
+    forces: Vec<f64>,
+    offs: usize,
+    ended_before_off: bool,
+}
+
+struct Panics {
+    read_in: u32,
+    write_in: u32,
+    told: Arc<Mutex<Told>>,
+    shared: Arc<Shared>,
+}
+
+impl Device for Panics {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities::translational("panics", 5.0)
+    }
+    fn read(&mut self, _time: TickTime) -> Option<Sample> {
+        self.read_in = self.read_in.wrapping_sub(1);
+        assert!(self.read_in != 0, "made on purpose in read");
+        Some(Sample::at(Pose::IDENTITY))
+    }
+    fn write(&mut self, command: WrenchCommand) {
+        self.write_in = self.write_in.wrapping_sub(1);
+        assert!(self.write_in != 0, "made on purpose in write");
+        let force = command.wrench.force.length();
+        self.told.lock().unwrap().forces.push(force);
+    }
+    fn safe_off(&mut self) {
+        let mut told = self.told.lock().unwrap();
+        told.offs += 1;
+        told.ended_before_off |= self.shared.ended.load(Ordering::Relaxed);
+    }
+}
+
+/// A thread that ticks without a station, and what its device is told.
+fn thread(read_in: u32, write_in: u32) -> (TickThread, Arc<Mutex<Told>>) {
+    let text = "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[loop]\ncore = -1\npriority = 1\n[[probe]]\n";
+    let overrides = Overrides::default();
+    let mut plan = parse(text, "ends", Path::new(""), &overrides, &NoFiles).unwrap();
+    let shared = Arc::new(Shared::default());
+    let told = Arc::new(Mutex::new(Told::default()));
+    let device = GuardedDevice::new(Box::new(Panics {
+        read_in,
+        write_in,
+        told: Arc::clone(&told),
+        shared: Arc::clone(&shared),
+    }));
+    let identity = Identity {
+        client: 1,
+        incarnation: 1,
+    };
+    let setup = ControllerSetup::new(identity, [device.capabilities()].into_iter(), 1.0);
+    let controller = Box::new(setup.controller(&mut plan));
+    let device = ProbeDevice::new(device, &plan.probes[0]);
+    let rings = TickRings {
+        requests: RingBuffer::new(OUT_CAPACITY).0,
+        contacts: RingBuffer::new(OUT_CAPACITY).0,
+        inbox: RingBuffer::new(INBOX_CAPACITY).1,
+        log: RingBuffer::new(LOG_CAPACITY).0,
+    };
+    let thread = TickThread {
+        controller,
+        devices: vec![device],
+        rings,
+        shared,
+        plan: plan.loop_,
+        seconds: Some(1.0),
+    };
+    (thread, told)
+}
+
+/// Runs until a panic; its message, and what the device was told.
+fn panicked(read_in: u32, write_in: u32) -> (String, Arc<Mutex<Told>>) {
+    let (thread, told) = thread(read_in, write_in);
+    let shared = Arc::clone(&thread.shared);
+    let end = thread.run();
+    assert!(shared.ended.load(Ordering::Relaxed));
+    assert!(end.controller.is_none(), "it may be in any state");
+    {
+        let told = told.lock().unwrap();
+        assert!(told.offs >= 1);
+        assert!(!told.ended_before_off, "the end is told when it is off");
+    }
+    (end.panic.unwrap(), told)
+}
+
+#[test]
+fn a_panic_of_a_read_ends_with_zero_force_and_its_message() {
+    let (message, told) = panicked(100, 0);
+    assert!(message.contains("made on purpose in read"), "{message}");
+    let told = told.lock().unwrap();
+    assert!(told.forces.len() > 99, "the ramp is written");
+    assert_eq!(*told.forces.last().unwrap(), 0.0);
+}
+
+#[test]
+fn a_panic_of_a_write_ends_the_same_way() {
+    let (message, _) = panicked(0, 100);
+    assert!(message.contains("made on purpose in write"), "{message}");
+}
+
+#[test]
+fn a_panic_in_the_core_ends_the_same_way() {
+    PANICS_IN.set(100);
+    let (message, told) = panicked(0, 0);
+    assert!(message.contains("made on purpose in the core"), "{message}");
+    assert_eq!(*told.lock().unwrap().forces.last().unwrap(), 0.0);
+}
+
+#[test]
+fn the_ramp_after_a_panic_falls_in_equal_steps_to_zero() {
+    let (mut thread, told) = thread(0, 0);
+    let mut from = [Wrench::ZERO; MAX_PROBES];
+    from[0].force = glam::DVec3::X * 4.0;
+    let mut pacer = Pacer::new(thread.plan.rate_hz, 0);
+    thread.ramp_down(&mut pacer, &from);
+    let steps = f64::from(PANIC_RAMP_PERIODS);
+    let told = told.lock().unwrap();
+    assert!(!told.forces.is_empty());
+    for (k, force) in (1..).zip(&told.forces) {
+        assert!((force - 4.0 * (1.0 - f64::from(k) / steps)).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn a_ramp_ends_at_once_when_the_wrench_has_expired() {
+    let (mut thread, told) = thread(0, 0);
+    assert!(thread.shared.lease.extend(0, 1_000));
+    let mut pacer = Pacer::new(thread.plan.rate_hz, 0);
+    let mut from = [Wrench::ZERO; MAX_PROBES];
+    from[0].force = glam::DVec3::X;
+    thread.ramp_down(&mut pacer, &from);
+    assert!(told.lock().unwrap().forces.is_empty(), "no jump back up");
+}
+
+#[test]
+fn a_run_that_is_switched_off_ends_without_a_ramp() {
+    let (thread, told) = thread(0, 0);
+    thread.shared.off.store(true, Ordering::Relaxed);
+    let end = thread.run();
+    assert!(end.panic.is_none() && end.controller.is_some());
+    assert!(told.lock().unwrap().offs >= 1);
+}
+
+#[test]
+fn a_full_ring_to_the_link_is_counted() {
+    let (mut thread, _) = thread(0, 0);
+    let mut outputs = TickOutputs::new(1);
+    outputs.reports.push(bytemuck::Zeroable::zeroed());
+    for _ in 0..OUT_CAPACITY + 2 {
+        thread.send(&outputs);
+    }
+    assert_eq!(thread.shared.contacts_lost.load(Ordering::Relaxed), 2);
+}

@@ -1,0 +1,121 @@
+//! The real process: its signals, and outputs that nobody takes.
+
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+
+/// A run without a station or an end, in a domain of its own.
+struct Run {
+    child: Child,
+    domain: String,
+    _folder: tempfile::TempDir,
+}
+
+impl Run {
+    fn start(name: &str, arguments: &[&str]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("alone.toml");
+        let text = "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[loop]\ncore = -1\n[[probe]]\n";
+        std::fs::write(&scene, text).unwrap();
+        let domain = format!("process-{name}-{}", std::process::id());
+        let child = Command::new(env!("CARGO_BIN_EXE_hrtc"))
+            .arg("run")
+            .arg(&scene)
+            .args(["--domain", &domain])
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        Self {
+            child,
+            domain,
+            _folder: folder,
+        }
+    }
+
+    fn signal(&self, name: &str) {
+        let id = self.child.id().to_string();
+        let sent = Command::new("kill").args([name, &id]).status().unwrap();
+        assert!(sent.success());
+    }
+
+    /// Reads standard error up to a line that contains this.
+    fn wait_for(&mut self, text: &str) {
+        let mut said = Vec::new();
+        let mut lines = BufReader::new(self.child.stderr.as_mut().unwrap()).lines();
+        for line in lines.by_ref().map_while(Result::ok) {
+            if line.contains(text) {
+                return;
+            }
+            said.push(line);
+        }
+        panic!("never said {text:?}: {said:?}");
+    }
+
+    /// Its status, and the object that it printed.
+    fn result(mut self) -> (ExitStatus, serde_json::Value) {
+        let mut text = String::new();
+        let output = self.child.stdout.as_mut().unwrap();
+        output.read_to_string(&mut text).unwrap();
+        let status = self.child.wait().unwrap();
+        (status, serde_json::from_str(&text).unwrap_or_default())
+    }
+}
+
+impl Drop for Run {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        transport::Domain::new(&self.domain).unwrap().remove_files();
+    }
+}
+
+/// Said once the tick runs: no station is there.
+const TICKING: &str = "no station in domain";
+
+#[test]
+fn every_signal_ends_the_run_with_its_report() {
+    for signal in ["-INT", "-TERM", "-HUP"] {
+        let mut run = Run::start("signal", &["--json"]);
+        run.wait_for(TICKING);
+        run.signal(signal);
+        let (status, result) = run.result();
+        assert_eq!(status.code(), Some(0), "{signal}: {status}");
+        assert!(result["ticks"].as_u64().unwrap() > 0, "{signal}");
+    }
+}
+
+#[test]
+fn a_full_disk_costs_the_recording_and_not_the_run() {
+    if !Path::new("/dev/full").exists() {
+        println!("skipped: no /dev/full");
+        return;
+    }
+    let mut run = Run::start("full", &["--json", "--record", "/dev/full"]);
+    run.wait_for("the recording ends here");
+    run.signal("-INT");
+    let (status, result) = run.result();
+    assert_eq!(status.code(), Some(0), "{status}");
+    assert_eq!(result["safety"]["recording_errors"], 1);
+    assert!(result["ticks"].as_u64().unwrap() > 0);
+}
+
+#[test]
+fn a_closed_standard_output_ends_the_run_gently() {
+    let mut run = Run::start("closed", &["--supervised"]);
+    drop(run.child.stdout.take());
+    run.wait_for("cannot print the result");
+    assert_eq!(run.child.wait().unwrap().code(), Some(2));
+}
+
+#[test]
+fn a_terminal_that_is_gone_ends_the_run_without_a_panic() {
+    let mut run = Run::start("gone", &["--json"]);
+    run.wait_for(TICKING);
+    drop(run.child.stdout.take());
+    drop(run.child.stderr.take());
+    run.signal("-HUP");
+    assert_eq!(run.child.wait().unwrap().code(), Some(2), "no result");
+}
