@@ -1,12 +1,11 @@
-//! Database agent: every model of a scene as a mapped SPM file.
+//! Database agent: every model of a scene as an open SPM file.
 //!
-//! An SPM file is mapped as it is. A mesh file and a generated shape are built once into the user's
+//! An SPM file is opened as it is. A mesh file and a generated shape are built once into the user's
 //! cache folder (`$HRTC_CACHE`, else `hrtc/models` in the user's cache), under a name that holds
 //! the hash of the content and the versions of builder and format. Files appear there whole, by
-//! rename: two stations that build the same model at once both end with the same file.
+//! rename, and one builds at a time: of two stations that need the same model the second waits.
 
-use crate::map::map;
-use memmap2::Mmap;
+use crate::file_bytes::FileBytes;
 use protocol::Request;
 use scene::{ModelSource, ScenePlan};
 use spm::{FORMAT_VERSION, FileError, SpmFile};
@@ -14,7 +13,7 @@ use spm_builder::generate::{self, Shape};
 use spm_builder::{BUILDER_VERSION, BuildError, BuildOptions, Progress};
 use station_core::station::{ServedModel, ServedObject};
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -61,11 +60,11 @@ pub enum DatabaseError {
     },
 }
 
-/// The models of a scene, each mapped once, and which object has which.
+/// The models of a scene, each opened once, and which object has which.
 #[derive(Debug)]
 pub struct Database {
     /// Models.
-    pub models: Vec<ServedModel<Mmap>>,
+    pub models: Vec<ServedModel<FileBytes>>,
     /// Objects in the scene's order.
     pub objects: Vec<ServedObject>,
 }
@@ -76,7 +75,7 @@ impl Database {
     /// # Errors
     /// One sentence on the first model that cannot be served.
     pub fn open(plan: &ScenePlan, progress: &dyn Progress) -> Result<Self, DatabaseError> {
-        let mut models: Vec<ServedModel<Mmap>> = Vec::new();
+        let mut models: Vec<ServedModel<FileBytes>> = Vec::new();
         let mut objects = Vec::new();
         let mut opened: BTreeMap<String, usize> = BTreeMap::new();
         for object in &plan.objects {
@@ -128,7 +127,7 @@ fn open_source(
     source: &ModelSource,
     folder: &Path,
     progress: &dyn Progress,
-) -> Result<SpmFile<Mmap>, DatabaseError> {
+) -> Result<SpmFile<FileBytes>, DatabaseError> {
     match source {
         ModelSource::File(path) => {
             let path = folder.join(path);
@@ -140,8 +139,8 @@ fn open_source(
         }
         ModelSource::Generate { shape, faces } => {
             let parsed: Shape = shape.parse()?;
-            let key = format!("{shape}-{faces}-{GENERATE_SEED}-{}", versions());
-            open_cached(&cache_folder()?, &key, &|output| {
+            let content = format!("{shape}-{faces}-{GENERATE_SEED}");
+            open_cached(&cache_folder()?, &content, progress, &|output| {
                 progress.phase("generating", 0);
                 let mesh = generate::generate(parsed, *faces, GENERATE_SEED);
                 build_into(mesh, output, progress)
@@ -160,17 +159,17 @@ fn open_mesh(
     path: &Path,
     cache: &Path,
     progress: &dyn Progress,
-) -> Result<SpmFile<Mmap>, DatabaseError> {
-    let content = map_model(path)?;
+) -> Result<SpmFile<FileBytes>, DatabaseError> {
+    let content = read_model(path)?;
     let mut hash = Xxh3Default::new();
-    hash.update(&content);
+    hash.update(content.as_ref());
     drop(content);
     // The ending decides how the bytes are read.
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
     hash.update(ending.as_encoded_bytes());
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let key = format!("{stem}-{:016x}-{}", hash.digest(), versions());
-    open_cached(cache, &key, &|output| {
+    let content = format!("{stem}-{:016x}", hash.digest());
+    open_cached(cache, &content, progress, &|output| {
         let mesh = spm_builder::read_mesh(path).map_err(|e| e.in_file(path))?;
         build_into(mesh, output, progress).map_err(|e| match e {
             DatabaseError::Build(error) => error.in_file(path).into(),
@@ -190,19 +189,61 @@ fn build_into(
         .map_err(|error| cache_error(output, error))
 }
 
-/// Opens a file of the cache; makes it when it is not there or no longer sound.
+/// Opens a file of the cache; makes it when it is not there or no longer sound, block by block.
+///
+/// One builds at a time: who comes meanwhile waits, and finds what was built. What killed builds
+/// and other versions of the builder left behind is removed first.
 fn open_cached(
     cache: &Path,
-    key: &str,
+    content: &str,
+    progress: &dyn Progress,
     make: &dyn Fn(&Path) -> Result<(), DatabaseError>,
-) -> Result<SpmFile<Mmap>, DatabaseError> {
-    let path = cache.join(format!("{key}.spm"));
-    if let Ok(file) = open_spm(&path) {
+) -> Result<SpmFile<FileBytes>, DatabaseError> {
+    let path = cache.join(format!("{content}-{}.spm", versions()));
+    let sound = || {
+        let file = open_spm(&path).ok()?;
+        file.check_all().ok().map(|()| file)
+    };
+    if let Some(file) = sound() {
         return Ok(file);
     }
-    fs::create_dir_all(cache).map_err(|error| cache_error(&path, error))?;
+    let failed = |error| cache_error(&path, error);
+    fs::create_dir_all(cache).map_err(failed)?;
+    let lock = File::create(cache.join(LOCK)).map_err(failed)?;
+    if lock.try_lock().is_err() {
+        progress.phase("waiting for another build", 0);
+        lock.lock().map_err(failed)?;
+    }
+    if let Some(file) = sound() {
+        return Ok(file);
+    }
+    remove_remains(cache, content, &path).map_err(failed)?;
     make(&path)?;
     open_spm(&path)
+}
+
+/// The file whose lock a builder holds.
+const LOCK: &str = ".lock";
+
+/// Removes temporary files of builds that were killed (none runs: the lock is held), and what
+/// another version made of the same content.
+fn remove_remains(cache: &Path, content: &str, keep: &Path) -> io::Result<()> {
+    let is_version = |text: &str| {
+        let numbers = text.strip_prefix('b').and_then(|t| t.split_once('f'));
+        numbers.is_some_and(|(b, f)| b.parse::<u32>().is_ok() && f.parse::<u32>().is_ok())
+    };
+    for entry in fs::read_dir(cache)? {
+        let path = entry?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let version = name
+            .strip_prefix(content)
+            .and_then(|rest| rest.strip_prefix('-')?.strip_suffix(".spm"));
+        let is_old = version.is_some_and(is_version) && path != keep;
+        if is_old || name.starts_with(spm_builder::TEMPORARY_PREFIX) {
+            fs::remove_file(&path)?;
+        }
+    }
+    Ok(())
 }
 
 fn cache_error(path: &Path, error: io::Error) -> DatabaseError {
@@ -212,19 +253,19 @@ fn cache_error(path: &Path, error: io::Error) -> DatabaseError {
     }
 }
 
-/// Maps an SPM file and checks what is checked on open.
+/// Reads an SPM file and checks what is checked on open.
 ///
 /// # Errors
 /// When it cannot be opened, or is no sound SPM file.
-pub fn open_spm(path: &Path) -> Result<SpmFile<Mmap>, DatabaseError> {
-    SpmFile::open(map_model(path)?).map_err(|error| DatabaseError::File {
+pub fn open_spm(path: &Path) -> Result<SpmFile<FileBytes>, DatabaseError> {
+    SpmFile::open(read_model(path)?).map_err(|error| DatabaseError::File {
         path: path.to_owned(),
         error,
     })
 }
 
-fn map_model(path: &Path) -> Result<Mmap, DatabaseError> {
-    map(path).map_err(|error| DatabaseError::Open {
+fn read_model(path: &Path) -> Result<FileBytes, DatabaseError> {
+    FileBytes::open(path).map_err(|error| DatabaseError::Open {
         path: path.to_owned(),
         error,
     })

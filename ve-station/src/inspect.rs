@@ -5,8 +5,7 @@ mod tolerance_table;
 
 pub use tolerance_table::{ToleranceRow, tolerance_table};
 
-use crate::map::map;
-use memmap2::Mmap;
+use crate::file_bytes::FileBytes;
 use serde::Serialize;
 use spm::ModelHeader;
 use spm::{BuildSummary, ErrorScale, FileError, SpmFile};
@@ -50,16 +49,16 @@ pub enum InspectError {
     Size(f64),
 }
 
-/// Opens an SPM file as a memory map.
+/// Opens an SPM file.
 ///
 /// # Errors
 /// When the file cannot be opened or is refused; the file is named.
-pub fn open(path: &Path) -> Result<SpmFile<Mmap>, InspectError> {
-    let map = map(path).map_err(|error| InspectError::Io {
+pub fn open(path: &Path) -> Result<SpmFile<FileBytes>, InspectError> {
+    let bytes = FileBytes::open(path).map_err(|error| InspectError::Io {
         path: path.to_path_buf(),
         error,
     })?;
-    SpmFile::open(map).map_err(|error| InspectError::File {
+    SpmFile::open(bytes).map_err(|error| InspectError::File {
         path: path.to_path_buf(),
         error,
     })

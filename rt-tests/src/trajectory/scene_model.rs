@@ -7,7 +7,6 @@ use crate::scenes::{BUNDLED_SCENE, prepare_models};
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use hrtc_core::Controller;
-use memmap2::Mmap;
 use protocol::{Request, TourAsk, TourPoint};
 use scene::{NoFiles, Overrides, ScenePlan, TrajectoryPlan, parse};
 use simulator::{Client, ClientOptions, STATION, Simulation};
@@ -17,6 +16,7 @@ use station_core::station::{ServedModel, ServedObject, Station};
 use station_core::tour::make_tour;
 use std::collections::BTreeMap;
 use std::path::Path;
+use ve_station::FileBytes;
 
 /// Longest side of every model, metres.
 pub const SIZE_M: f64 = 0.15;
@@ -29,7 +29,7 @@ const DEVICE_MAX_N: f64 = 10.0;
 #[derive(Debug)]
 pub struct SceneModel {
     /// The model; positions relative to the file's origin.
-    pub mesh: Model<Mmap>,
+    pub mesh: Model<FileBytes>,
     /// The scene: one object, one probe, tolerance 0, no trajectory of its own.
     pub plan: ScenePlan,
     /// Metres a model unit.
@@ -133,7 +133,7 @@ impl SceneModel {
     ///
     /// # Errors
     /// One sentence when the file has gone since.
-    pub fn simulation(&self, plan: &ScenePlan) -> Result<Simulation<Mmap>, Failure> {
+    pub fn simulation(&self, plan: &ScenePlan) -> Result<Simulation<FileBytes>, Failure> {
         let served = open(plan)?;
         Ok(simulation(plan, served))
     }
@@ -173,7 +173,7 @@ impl SceneModel {
 }
 
 /// The full mesh with its vertices numbered as the faces first name them, in the file's units.
-fn full_soup(model: &Model<Mmap>) -> SoupMesh {
+fn full_soup(model: &Model<FileBytes>) -> SoupMesh {
     let origin = DVec3::from_array(model.file.model_header().origin);
     let mut places = BTreeMap::new();
     let mut mesh = SoupMesh::default();
@@ -190,7 +190,7 @@ fn full_soup(model: &Model<Mmap>) -> SoupMesh {
     mesh
 }
 
-fn open(plan: &ScenePlan) -> Result<ServedModel<Mmap>, Failure> {
+fn open(plan: &ScenePlan) -> Result<ServedModel<FileBytes>, Failure> {
     let mut models = prepare_models(plan)?.models;
     models
         .pop()

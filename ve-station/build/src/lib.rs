@@ -42,4 +42,6 @@ pub use import::{MeshFormat, is_mesh_file, read_mesh, read_mesh_bytes};
 pub use manifold::{ManifoldMesh, cut_to_manifold};
 pub use mesh::SoupMesh;
 pub use progress::{NoProgress, Progress, TerminalProgress};
-pub use write::{MeshWriteError, write_atomically, write_mesh, write_ply, write_spm_file};
+pub use write::{
+    MeshWriteError, TEMPORARY_PREFIX, write_atomically, write_mesh, write_ply, write_spm_file,
+};

@@ -16,6 +16,9 @@ pub fn write_spm_file(parts: &SpmParts, output: &Path) -> io::Result<u64> {
     write_atomically(output, |out| write_spm(parts, out))
 }
 
+/// How the names of temporary files begin; one that is left belongs to a build that was killed.
+pub const TEMPORARY_PREFIX: &str = ".ve-station-";
+
 /// Writes a file through a temporary one in the same folder, renamed when whole.
 pub fn write_atomically<T>(
     output: &Path,
@@ -26,7 +29,7 @@ pub fn write_atomically<T>(
         _ => Path::new("."),
     };
     let temporary = tempfile::Builder::new()
-        .prefix(".ve-station-")
+        .prefix(TEMPORARY_PREFIX)
         .permissions(readable_by_all())
         .tempfile_in(folder)?;
     let mut out = io::BufWriter::new(temporary.as_file());

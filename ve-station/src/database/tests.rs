@@ -13,6 +13,7 @@ fn built(cache: &Path) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = fs::read_dir(cache)
         .unwrap()
         .map(|e| e.unwrap().path())
+        .filter(|path| !path.ends_with(LOCK))
         .collect();
     files.sort();
     files
@@ -75,6 +76,71 @@ fn a_damaged_file_of_the_cache_is_built_again() {
             .model_header(),
         sound
     );
+}
+
+#[test]
+fn a_damaged_block_in_the_middle_of_a_cached_file_is_built_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("cache");
+    let path = mesh_file(folder.path(), "m.obj", Shape::Terrain);
+    open_mesh(&path, &cache, &NoProgress).unwrap();
+    let cached = built(&cache).remove(0);
+    let sound = fs::read(&cached).unwrap();
+    let mut damaged = sound.clone();
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 1;
+    fs::write(&cached, damaged).unwrap();
+    open_mesh(&path, &cache, &NoProgress)
+        .unwrap()
+        .check_all()
+        .unwrap();
+    assert_eq!(fs::read(&cached).unwrap(), sound);
+}
+
+#[test]
+fn what_killed_builds_and_other_versions_left_is_removed_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("cache");
+    let path = mesh_file(folder.path(), "m.obj", Shape::Sphere);
+    open_mesh(&path, &cache, &NoProgress).unwrap();
+    let cached = built(&cache).remove(0);
+    let name = cached.file_name().unwrap().to_string_lossy().into_owned();
+    let old = name.replace(&versions(), "b1f1");
+    let kept = [
+        "sphere-600-1-b1f1.spm",
+        "notes.txt",
+        &name.replace(&versions(), "bright"),
+    ];
+    for file in kept.iter().copied().chain([".ve-station-killed", &old]) {
+        fs::write(cache.join(file), b"left").unwrap();
+    }
+    fs::remove_file(&cached).unwrap();
+    open_mesh(&path, &cache, &NoProgress).unwrap();
+    let mut expected: Vec<PathBuf> = kept.iter().map(|file| cache.join(file)).collect();
+    expected.push(cached);
+    expected.sort();
+    assert_eq!(built(&cache), expected);
+}
+
+#[test]
+fn of_several_that_need_a_model_one_builds_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("cache");
+    let path = mesh_file(folder.path(), "m.obj", Shape::Torus);
+    let alone = Phases::default();
+    open_mesh(&path, &folder.path().join("another"), &alone).unwrap();
+    let phases: Vec<Phases> = (0..4).map(|_| Phases::default()).collect();
+    std::thread::scope(|scope| {
+        for phases in &phases {
+            scope.spawn(|| open_mesh(&path, &cache, phases).unwrap());
+        }
+    });
+    let whole = alone.0.into_inner();
+    // The others go through one phase at the most: they wait.
+    let builds = phases
+        .iter()
+        .filter(|phases| phases.0.load(Ordering::Relaxed) >= whole);
+    assert_eq!(builds.count(), 1);
 }
 
 #[test]

@@ -1,0 +1,104 @@
+//! The bytes of a file, for reading.
+//!
+//! A file that is overwritten in place, or whose disk fails, kills whoever touches a page of its
+//! map (SIGBUS). So files are read into memory, up to a size; what changes on the disk later
+//! changes nothing here. Only larger ones, of which the map saves more than it risks, are mapped,
+//! and that is said.
+
+use memmap2::Mmap;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+/// The largest file that is read into memory: 1 GiB, a model of twelve million faces.
+const MAX_READ_BYTES: u64 = 1 << 30;
+
+/// All bytes of a file.
+#[derive(Debug)]
+pub enum FileBytes {
+    /// Read; in words, since the records of a model are looked at where they are.
+    Read(Vec<u64>, usize),
+    /// Mapped: too large to be read.
+    Mapped(Mmap),
+}
+
+impl FileBytes {
+    /// Reads or maps a whole file; a folder is an error.
+    ///
+    /// # Errors
+    /// When the operating system says no, or the file changes its length while it is read.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        Self::open_below(path, MAX_READ_BYTES)
+    }
+
+    fn open_below(path: &Path, largest: u64) -> io::Result<Self> {
+        let mut file = File::open(path)?;
+        let metadata = file.metadata()?;
+        if metadata.is_dir() {
+            return Err(io::ErrorKind::IsADirectory.into());
+        }
+        if metadata.len() <= largest {
+            let length = metadata.len() as usize;
+            let mut words = vec![0u64; length.div_ceil(8)];
+            file.read_exact(&mut bytemuck::cast_slice_mut(&mut words)[..length])?;
+            return Ok(Self::Read(words, length));
+        }
+        tracing::warn!(
+            "{} is too large to be read and is mapped: replace it by renaming another file, never overwrite it",
+            path.display()
+        );
+        // SAFETY: the bytes are only read, as plain numbers that are validated at every use, so a
+        // change by another program gives a wrong number. A file cut short ends this process: the
+        // warning says so.
+        Ok(Self::Mapped(unsafe { Mmap::map(&file) }?))
+    }
+}
+
+impl AsRef<[u8]> for FileBytes {
+    fn as_ref(&self) -> &[u8] {
+        match self {
+            Self::Read(words, length) => &bytemuck::cast_slice(words)[..*length],
+            Self::Mapped(map) => map,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_is_cut_short_or_overwritten_stays_what_it_was_when_it_was_opened() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model");
+        let content: Vec<u8> = (0..100_001u32).map(|k| k as u8).collect();
+        std::fs::write(&path, &content).unwrap();
+        let bytes = FileBytes::open(&path).unwrap();
+        File::options()
+            .write(true)
+            .open(&path)
+            .unwrap()
+            .set_len(0)
+            .unwrap();
+        // A map would end the test here: its pages are gone.
+        assert_eq!(bytes.as_ref(), content);
+        std::fs::write(&path, vec![7; content.len()]).unwrap();
+        assert_eq!(bytes.as_ref(), content);
+    }
+
+    #[test]
+    fn read_and_mapped_files_are_the_same_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model");
+        for length in [1usize, 7, 8, 4097] {
+            std::fs::write(&path, vec![3; length]).unwrap();
+            let (read, mapped) = (
+                FileBytes::open(&path).unwrap(),
+                FileBytes::open_below(&path, 0).unwrap(),
+            );
+            assert!(matches!(mapped, FileBytes::Mapped(_)));
+            assert_eq!(read.as_ref(), mapped.as_ref());
+        }
+        assert!(FileBytes::open(folder.path()).is_err());
+    }
+}
