@@ -13,9 +13,15 @@ struct Run {
 
 impl Run {
     fn start(name: &str, arguments: &[&str]) -> Self {
+        Self::start_on_core(-1, name, arguments)
+    }
+
+    fn start_on_core(core: i32, name: &str, arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let scene = folder.path().join("alone.toml");
-        let text = "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[loop]\ncore = -1\n[[probe]]\n";
+        let text = format!(
+            "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[loop]\ncore = {core}\n[[probe]]\n"
+        );
         std::fs::write(&scene, text).unwrap();
         let domain = format!("process-{name}-{}", std::process::id());
         let child = Command::new(env!("CARGO_BIN_EXE_hrtc"))
@@ -118,4 +124,28 @@ fn a_terminal_that_is_gone_ends_the_run_without_a_panic() {
     drop(run.child.stderr.take());
     run.signal("-HUP");
     assert_eq!(run.child.wait().unwrap().code(), Some(2), "no result");
+}
+
+#[test]
+fn a_process_that_was_stopped_comes_back_from_zero_force_and_reports_it() {
+    let mut run = Run::start("stopped", &["--json"]);
+    run.wait_for(TICKING);
+    run.signal("-STOP");
+    // Far longer than a wrench is valid.
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    run.signal("-CONT");
+    std::thread::sleep(std::time::Duration::from_millis(100));
+    run.signal("-INT");
+    let (status, result) = run.result();
+    assert_eq!(status.code(), Some(0), "{status}");
+    assert!(result["safety"]["force_cuts"].as_u64().unwrap() >= 1);
+    assert!(result["missed"].as_u64().unwrap() >= 100);
+}
+
+#[test]
+fn a_second_controller_on_a_core_is_reported() {
+    let mut first = Run::start_on_core(0, "first", &[]);
+    first.wait_for(TICKING);
+    let mut second = Run::start_on_core(0, "second", &[]);
+    second.wait_for("another controller ticks on core 0");
 }

@@ -1,6 +1,7 @@
-//! The flag that Ctrl-C and SIGTERM set.
+//! The flag that Ctrl-C, SIGTERM and a closed terminal set.
 
 use crate::failure::Failure;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -13,7 +14,7 @@ const INTERRUPTED: i32 = 130;
 /// When the handlers cannot be installed.
 pub fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     let flag = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
         let install = || -> std::io::Result<()> {
             signal_hook::flag::register_conditional_shutdown(
                 signal,
