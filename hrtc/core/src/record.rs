@@ -9,6 +9,8 @@ pub struct ProbeRecord {
     pub contact: bool,
     /// Whether every face that holds the probe is a face of the full mesh.
     pub contact_full: bool,
+    /// Whether every face that holds the probe is one of the front's and has a certified bound.
+    pub contact_bounded: bool,
     /// Whether the contact is as accurate as was asked for.
     pub contact_asked: bool,
     /// Expected error of the front at the contact, metres; see [`CoreRecord::contact_tolerance_m`].
@@ -25,6 +27,12 @@ pub struct ProbeRecord {
     pub rejected_sample: bool,
     /// Energy put out by the rendering, joules, total.
     pub energy_j: f64,
+}
+
+/// The larger number; not a number where one of them is none, unlike [`f64::max`].
+#[must_use]
+pub fn max_or_nan(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
 }
 
 /// Numbers of one tick. Counters are of this tick unless called total.
@@ -116,7 +124,7 @@ impl CoreRecord {
         self.clamped = self.probes.iter().any(|probe| probe.clamped);
         self.rejected_sample = self.probes.iter().any(|probe| probe.rejected_sample);
         let touching = || self.probes.iter().filter(|probe| probe.contact);
-        let most = |of: fn(&ProbeRecord) -> f64| touching().map(of).fold(0.0, f64::max);
+        let most = |of: fn(&ProbeRecord) -> f64| touching().map(of).fold(0.0, max_or_nan);
         let is_touching = touching().next().is_some();
         let is_full = is_touching && touching().all(|probe| probe.contact_full);
         let is_asked = is_touching && touching().all(|probe| probe.contact_asked);
@@ -129,7 +137,6 @@ impl CoreRecord {
         self.contact = is_touching;
         self.contact_full = is_full;
         self.contact_asked = is_asked;
-        // Every front has a bound, whatever its resolution.
-        self.contact_bounded = is_touching;
+        self.contact_bounded = is_touching && touching().all(|probe| probe.contact_bounded);
     }
 }

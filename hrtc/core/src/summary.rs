@@ -2,12 +2,13 @@
 
 use crate::controller::Controller;
 use crate::probe::pair::ContactState;
-use crate::record::{CoreRecord, ProbeRecord};
+use crate::record::{CoreRecord, ProbeRecord, max_or_nan};
+use crate::tick::TickOutputs;
 use geometry::Wrench;
 
 impl Controller {
     /// Fills in the record of a tick.
-    pub(crate) fn record(&mut self, record: &mut CoreRecord) {
+    pub(crate) fn record(&mut self, outputs: &TickOutputs, record: &mut CoreRecord) {
         record.sum_probes();
         let mut measured: f64 = -1.0;
         let mut finest: f64 = 0.0;
@@ -45,12 +46,12 @@ impl Controller {
         record.moving = self.movables.awake() as u32;
         record.ready = self.is_ready();
         record.measured_error_m = measured;
-        self.mix(record);
+        self.mix(outputs, record);
         record.replay_hash = self.replay_hash;
     }
 
     /// Takes a tick's outputs into the hash.
-    fn mix(&mut self, record: &CoreRecord) {
+    fn mix(&mut self, outputs: &TickOutputs, record: &CoreRecord) {
         let mut hash = self.replay_hash;
         let mut mix = |word: u64| {
             // One round of splitmix64 a word.
@@ -73,6 +74,21 @@ impl Controller {
         for number in self.movables.numbers() {
             mix(number.to_bits());
         }
+        for contact in outputs.contacts.iter().flatten() {
+            mix(u64::from(contact.object) << 32 | u64::from(contact.contact.face));
+            for value in contact.contact.point.to_array() {
+                mix(value.to_bits());
+            }
+        }
+        let requests: &[u8] = bytemuck::cast_slice(outputs.outbox.requests());
+        let reports: &[u8] = bytemuck::cast_slice(&outputs.reports);
+        for words in [requests, reports].map(|bytes| bytes.chunks(size_of::<u64>())) {
+            for bytes in words {
+                let mut word = [0; size_of::<u64>()];
+                word[..bytes.len()].copy_from_slice(bytes);
+                mix(u64::from_le_bytes(word));
+            }
+        }
         self.replay_hash = hash;
     }
 }
@@ -84,6 +100,8 @@ impl ProbeRecord {
         let is_first = !self.contact;
         self.contact = true;
         self.contact_full = (is_first || self.contact_full) && state.certified == 0.0;
+        let is_bounded = state.certified.is_finite();
+        self.contact_bounded = (is_first || self.contact_bounded) && is_bounded;
         self.contact_asked = (is_first || self.contact_asked) && state.is_as_asked;
         let unknown = self.contact_tolerance_m < 0.0 || state.tolerance_m < 0.0;
         self.contact_tolerance_m = if unknown {
@@ -92,10 +110,10 @@ impl ProbeRecord {
             self.contact_tolerance_m.max(state.tolerance_m)
         };
         let certified = f64::from(state.certified) * metres_per_unit;
-        self.certified_error_m = self.certified_error_m.max(certified);
+        self.certified_error_m = max_or_nan(self.certified_error_m, certified);
         self.finest_tolerance_m = self
             .finest_tolerance_m
             .max(f64::from(finest) * metres_per_unit);
-        self.depth_m = self.depth_m.max(state.depth_m);
+        self.depth_m = max_or_nan(self.depth_m, state.depth_m);
     }
 }

@@ -185,7 +185,7 @@ impl Controller {
             self.limit(probe, tick, is_open, &rendered);
             self.report(probe, tick, &rendered, outputs, &mut record);
         }
-        self.record(&mut record);
+        self.record(outputs, &mut record);
         outputs.record = record;
         observer.ended(Stage::Force);
     }

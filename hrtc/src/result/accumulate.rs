@@ -8,7 +8,7 @@ use super::{
 use crate::tick_record::{STAGES, TickRecord};
 use glam::DVec3;
 use hdrhistogram::Histogram;
-use hrtc_core::record::{CoreRecord, ProbeRecord};
+use hrtc_core::record::{CoreRecord, ProbeRecord, max_or_nan};
 use scene::MAX_PROBES;
 
 /// A histogram with a fixed range, three significant digits and an exact maximum. Counts of 32 bits
@@ -19,6 +19,8 @@ struct Fixed {
     scale: f64,
     /// Largest value, in the unit of the quantity.
     max: f64,
+    /// Whether every value was finite; the others are not in the table.
+    is_finite: bool,
 }
 
 impl Fixed {
@@ -30,15 +32,16 @@ impl Fixed {
                 histogram,
                 scale,
                 max: 0.0,
+                is_finite: true,
             })
     }
 
     fn push(&mut self, value: f64) {
-        let value = if value.is_finite() {
-            value.max(0.0)
-        } else {
-            0.0
-        };
+        if !value.is_finite() {
+            self.is_finite = false;
+            return;
+        }
+        let value = value.max(0.0);
         self.max = self.max.max(value);
         // `as` saturates; so does the histogram at its upper bound.
         self.histogram
@@ -71,6 +74,7 @@ impl Fixed {
         // Both have the same range, so every count finds its place.
         let _ = self.histogram.add(&other.histogram);
         self.max = self.max.max(other.max);
+        self.is_finite &= other.is_finite;
         self
     }
 
@@ -173,9 +177,7 @@ impl Accumulator {
         for (k, probe) in result.probes.iter_mut().enumerate() {
             let force = record.wrenches[k].force;
             let step = (force - self.last_forces[k]).length();
-            if step.is_finite() {
-                result.force_step_n_max = result.force_step_n_max.max(step);
-            }
+            result.force_step_n_max = max_or_nan(result.force_step_n_max, step);
             self.last_forces[k] = force;
             if core.probes[k].contact {
                 self.forces[k].push(force.length());
@@ -200,16 +202,15 @@ impl Accumulator {
             }
             result.coarser_ticks += u64::from(!core.contact_asked);
             self.finest.push(core.finest_tolerance_m);
-            self.expected.push(if core.contact_tolerance_m >= 0.0 {
-                core.contact_tolerance_m
-            } else {
+            self.expected.push(if core.contact_tolerance_m < 0.0 {
                 core.certified_error_m
+            } else {
+                core.contact_tolerance_m
             });
-            if core.depth_m.is_finite() {
-                result.depth_m_max = result.depth_m_max.max(core.depth_m);
-            }
+            result.depth_m_max = max_or_nan(result.depth_m_max, core.depth_m);
         }
-        if core.measured_error_m >= 0.0 {
+        // Negative: none arrived.
+        if core.measured_error_m >= 0.0 || core.measured_error_m.is_nan() {
             result.measured_errors += 1;
             self.measured.push(core.measured_error_m);
         }
@@ -228,7 +229,8 @@ impl Accumulator {
             self.faces.push(f64::from(core.active_faces));
         }
         result.clamped_ticks += u64::from(core.clamped);
-        result.energy_j = core.energy_j;
+        result.energy_j = last_or_nan(result.energy_j, core.energy_j);
+        result.energy_j_max = max_or_nan(result.energy_j_max, core.energy_j);
         result.vsplits += u64::from(core.vsplits);
         result.ecols += u64::from(core.ecols);
         result.geomorph_ticks += u64::from(core.geomorphing > 0);
@@ -322,9 +324,54 @@ impl Accumulator {
         self.period_ns as f64 * 1e-9
     }
 
+    /// Names of the figures of which a value was not finite.
+    fn non_finite(&self) -> Vec<String> {
+        let result = &self.result;
+        let tables = [
+            ("certified_error_m", &self.certified),
+            ("finest_tolerance_m", &self.finest),
+            ("expected_error_m", &self.expected),
+            ("measured_error_m", &self.measured),
+        ];
+        let tables = tables.map(|(name, of)| (name.to_string(), of.is_finite));
+        let forces = (
+            "force_n".to_string(),
+            self.forces.iter().all(|of| of.is_finite),
+        );
+        let numbers = [
+            ("force_step_n_max", result.force_step_n_max),
+            ("depth_m_max", result.depth_m_max),
+            ("energy_j", result.energy_j),
+            ("energy_j_max", result.energy_j_max),
+        ];
+        let numbers = numbers.map(|(name, of)| (name.to_string(), of.is_finite()));
+        let probes = result.probes.iter().zip(&self.forces).enumerate();
+        let probes = probes.flat_map(|(k, (probe, force))| {
+            let of_probe = [
+                ("force_n", force.is_finite),
+                ("energy_j", probe.energy_j.is_finite()),
+                (
+                    "certified_error_m_max",
+                    probe.certified_error_m_max.is_finite(),
+                ),
+                ("depth_m_max", probe.depth_m_max.is_finite()),
+            ];
+            of_probe.map(|(name, is_finite)| (format!("probes/{k}/{name}"), is_finite))
+        });
+        let all = tables
+            .into_iter()
+            .chain([forces])
+            .chain(numbers)
+            .chain(probes);
+        all.filter(|(_, is_finite)| !is_finite)
+            .map(|(name, _)| name)
+            .collect()
+    }
+
     /// The figures of the whole run.
     #[must_use]
     pub fn finish(mut self, meta: RunMeta) -> Finished {
+        let non_finite = self.non_finite();
         let seconds = self.seconds();
         let period_s = self.period_s();
         let series = self.series.finish(period_s);
@@ -337,7 +384,6 @@ impl Accumulator {
         let broad_phase = self.stages.last().map(Fixed::spread).unwrap_or_default();
         for (probe, force) in self.result.probes.iter_mut().zip(&self.forces) {
             probe.force_n = force.short();
-            probe.energy_j = finite(probe.energy_j);
         }
         let force = self.forces.into_iter().reduce(Fixed::together);
         let awake = self.awake.spread();
@@ -345,7 +391,7 @@ impl Accumulator {
             scene: meta.scene,
             model: meta.model,
             faces: meta.faces,
-            seconds: finite(seconds),
+            seconds,
             seed: meta.seed,
             missed_own_cpu: self.result.misses.ours(),
             period_us: self.period.spread(),
@@ -369,16 +415,16 @@ impl Accumulator {
             },
             idle_us: broad_phase,
             force_n: force.as_ref().map(Fixed::short).unwrap_or_default(),
-            energy_j: finite(self.result.energy_j),
             bytes_full_mesh: meta.bytes_full_mesh,
             cache: CacheResult {
                 bytes: meta.cache_bytes,
                 ..self.result.cache
             },
             hrtc_rss_bytes: meta.rss_bytes,
-            first_force_ready_ms: finite(ready_ms),
+            first_force_ready_ms: ready_ms,
             operations_budget: meta.operations_budget,
             safety: meta.safety,
+            non_finite,
             ..self.result
         };
         Finished {
@@ -400,15 +446,14 @@ impl ProbeResult {
     fn add(&mut self, record: &ProbeRecord) {
         self.clamped_ticks += u64::from(record.clamped);
         self.rejected_samples += u64::from(record.rejected_sample);
-        self.energy_j = record.energy_j;
+        self.energy_j = last_or_nan(self.energy_j, record.energy_j);
         if record.contact {
             self.contact_ticks += 1;
             self.contact_full_ticks += u64::from(record.contact_full);
             self.coarser_ticks += u64::from(!record.contact_asked);
-            self.certified_error_m_max = self
-                .certified_error_m_max
-                .max(finite(record.certified_error_m));
-            self.depth_m_max = self.depth_m_max.max(finite(record.depth_m));
+            let certified = record.certified_error_m;
+            self.certified_error_m_max = max_or_nan(self.certified_error_m_max, certified);
+            self.depth_m_max = max_or_nan(self.depth_m_max, record.depth_m);
         }
     }
 }
@@ -417,7 +462,16 @@ fn push_ns(table: &mut Fixed, ns: u32) {
     table.push(f64::from(ns) / NANOSECONDS_IN_US);
 }
 
-/// JSON has no NaN: a value that is not finite becomes 0.
+/// The newest value; not a number once one was none.
+fn last_or_nan(before: f64, value: f64) -> f64 {
+    if before.is_nan() || !value.is_finite() {
+        f64::NAN
+    } else {
+        value
+    }
+}
+
+/// For the line of a moment, which has no place for a missing value: 0. The result names it.
 fn finite(value: f64) -> f64 {
     if value.is_finite() { value } else { 0.0 }
 }

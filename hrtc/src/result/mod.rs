@@ -8,7 +8,9 @@
 use hrtc_core::Capacity;
 use hrtc_core::bodies::MovedObject;
 use realtime::pacer::MissClass;
-use serde::{Deserialize, Serialize};
+use serde::ser::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::Value;
 use std::collections::BTreeMap;
 
 mod accumulate;
@@ -65,6 +67,7 @@ pub struct CacheResult {
 
 /// Contact of one probe over a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
 pub struct ProbeResult {
     /// Ticks in contact.
     pub contact_ticks: u64,
@@ -165,8 +168,10 @@ pub struct SafetyEvents {
     pub contacts_lost: u64,
 }
 
-/// The result fields of a run. Every number is finite; a quantity without a measurement is 0.
+/// The result fields of a run. A quantity without a measurement is 0; one of which a value was not
+/// finite is left out of the JSON and named in `non_finite`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(remote = "Self", default)]
 pub struct RunResult {
     /// Name of the scene.
     pub scene: String,
@@ -262,6 +267,10 @@ pub struct RunResult {
     /// Energy of the rendering, joules, without its work over the motion of movable objects; above
     /// 0 it gave energy to the devices.
     pub energy_j: f64,
+    /// Its largest value after a tick, joules.
+    pub energy_j_max: f64,
+    /// Names of the quantities of which a value was not finite: a defect, and the run has failed.
+    pub non_finite: Vec<String>,
     /// Records received.
     pub vsps_received: u64,
     /// Splits performed.
@@ -310,6 +319,34 @@ pub struct RunResult {
     pub safety: SafetyEvents,
     /// Hash over every tick's outputs, folded to 53 bits: integers that every JSON reader keeps.
     pub replay_hash: u64,
+}
+
+impl Serialize for RunResult {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if self.non_finite.is_empty() {
+            return Self::serialize(self, serializer);
+        }
+        let value = Self::serialize(self, serde_json::value::Serializer);
+        let mut value = value.map_err(S::Error::custom)?;
+        for name in &self.non_finite {
+            let (parent, field) = name.rsplit_once('/').unwrap_or(("", name));
+            let parent = if parent.is_empty() {
+                Some(&mut value)
+            } else {
+                value.pointer_mut(&format!("/{parent}"))
+            };
+            parent
+                .and_then(Value::as_object_mut)
+                .map(|fields| fields.remove(field));
+        }
+        value.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for RunResult {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Self::deserialize(deserializer)
+    }
 }
 
 /// Figures of a run beside its ticks.

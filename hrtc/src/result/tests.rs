@@ -212,7 +212,7 @@ fn a_series_of_any_length_stays_bounded_and_loses_no_tick() {
 }
 
 #[test]
-fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
+fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
     let mut run = accumulator();
     for tick in [0, 1, 1 << 40] {
         let mut record = record(tick);
@@ -230,11 +230,35 @@ fn the_json_has_the_contracts_names_and_only_numbers_even_after_nan() {
             certified_error_m: f64::NAN,
             measured_error_m: f64::INFINITY,
             depth_m: f64::NAN,
-            energy_j: f64::NEG_INFINITY,
+            energy_j: f64::NAN,
             ..record.core
         };
         run.push(&record);
     }
+    let line = SupervisedLine::Finished(Box::new(run.finish(RunMeta::default())));
+    let text = serde_json::to_string(&line).unwrap();
+    assert!(!text.contains("null") && !text.contains("NaN"), "{text}");
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let result = json["result"].as_object().unwrap();
+    for name in [
+        "certified_error_m",
+        "measured_error_m",
+        "force_n",
+        "force_step_n_max",
+        "depth_m_max",
+        "energy_j",
+        "energy_j_max",
+    ] {
+        assert!(!result.contains_key(name), "{name} is no figure");
+        let named = result["non_finite"].as_array().unwrap();
+        assert!(named.iter().any(|of| of == name), "{name}: {named:?}");
+    }
+    assert!(result["probes"][0].get("energy_j").is_none());
+    let again: SupervisedLine = serde_json::from_str(&text).unwrap();
+    assert_eq!(serde_json::to_string(&again).unwrap(), text);
+
+    let mut run = accumulator();
+    run.push(&record(0));
     let line = SupervisedLine::Finished(Box::new(run.finish(RunMeta::default())));
     let text = serde_json::to_string(&line).unwrap();
     assert!(!text.contains("null") && !text.contains("NaN"), "{text}");

@@ -254,7 +254,13 @@ impl Monitor<'_> {
         }
         result.capacities.extend_from_slice(&end.rings);
         self.print_losses(end);
-        self.print_result(finished)
+        let non_finite = finished.result.non_finite.join(", ");
+        self.print_result(finished)?;
+        if non_finite.is_empty() {
+            Ok(())
+        } else {
+            Err(RunError::NonFinite(non_finite))
+        }
     }
 
     fn meta(&self, end: &TickThreadEnd) -> RunMeta {

@@ -30,6 +30,11 @@ pub enum RunError {
     /// The controller found a fault in the model.
     #[error("{0}")]
     Fault(Fault),
+    /// Figures that are no numbers: a defect of hrtc.
+    #[error(
+        "values that are not finite were met, by a defect in hrtc; the result leaves them out: {0}"
+    )]
+    NonFinite(String),
     /// The scene requires a right that is missing.
     #[error("the scene says require_realtime = true, but {0}")]
     Right(String),

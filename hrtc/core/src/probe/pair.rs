@@ -17,7 +17,8 @@ use spm::{Handle, NONE};
 pub struct ContactState {
     /// Contact of the proxy, model units.
     pub contact: Contact,
-    /// Certified error of the faces that hold it, model units; 0 at full resolution.
+    /// Certified error of the faces that hold it, model units; 0 at full resolution, not a number
+    /// without a bound.
     pub certified: f32,
     /// Expected error of the front there, metres; negative where not even the coarsest ring is
     /// done.
@@ -134,12 +135,19 @@ impl ProbeObjectPair {
         Some(step)
     }
 
-    /// The largest certified error of the faces that hold the probe, model units.
+    /// The largest certified error of the faces that hold the probe, model units; not a number
+    /// where there is no bound: no face holds it, or one that is not of the front.
     pub fn certified(surface: Surface<'_>, contact: &Contact) -> f32 {
         let faces = contact.faces.iter().filter(|&&face| face != NONE);
-        faces.fold(0.0f32, |most, &face| {
-            most.max(surface.mesh.certified_error(face))
-        })
+        let bounds = faces.map(|&face| {
+            let bound = surface
+                .mesh
+                .is_active(face)
+                .then(|| surface.mesh.certified_error(face));
+            bound.filter(|bound| bound.is_finite()).unwrap_or(f32::NAN)
+        });
+        let most = |a: f32, b: f32| if a.is_nan() || a > b { a } else { b };
+        bounds.reduce(most).unwrap_or(f32::NAN)
     }
 
     /// Renders stiffness and damping of the surface at the contact, then its effects. Returns the
