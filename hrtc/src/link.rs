@@ -79,6 +79,8 @@ pub struct LinkReport {
     pub chunks: u64,
     /// Chunks dropped: of another length than this version's.
     pub foreign: u64,
+    /// Chunks dropped: changed on their way. The gap that each leaves ends the epoch.
+    pub damaged: u64,
     /// Receives that found the inbox full.
     pub inbox_full: u64,
 }
@@ -266,6 +268,14 @@ impl Agent {
                 slots,
             };
             drop(sample);
+            // The copy is checked: its sender could change the sample still.
+            if !chunk.header.is_sound(&chunk.slots) {
+                self.report.damaged += 1;
+                self.warn_once(
+                    "a chunk of the station arrived damaged; it is asked for again".to_owned(),
+                );
+                continue;
+            }
             if let Some(record) = &mut self.ends.recorder {
                 record(&chunk);
             }

@@ -5,8 +5,8 @@ use hrtc::link::{ChunkRecorder, Link, LinkEndpoints, LinkHandle, LinkOptions};
 use hrtc::tuning::INBOX_CAPACITY;
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{
-    AnswerItem, AnswersReader, ChunkKind, ContactReport, HELLO_PERIOD_MS, Hello, RegionAction,
-    RegionAsk, Request, RequestKind, Role,
+    AnswerItem, AnswersReader, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, ContactReport,
+    HELLO_PERIOD_MS, Hello, RegionAction, RegionAsk, Request, RequestKind, Role,
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 use spm::{SpmFile, write_spm};
@@ -281,6 +281,37 @@ fn a_model_a_region_and_a_measured_contact_cross_real_shared_memory() {
     assert_eq!(report.chunks, tick.consumed);
     let counters = served.stop();
     assert_eq!(counters.records, records.len() as u64);
+}
+
+#[test]
+fn a_chunk_that_was_changed_on_its_way_is_dropped_and_counted() {
+    let domain = domain("damaged");
+    let mut tick = Tick::start(&domain);
+    let node = domain.node().unwrap();
+    let topic = domain.records_service(&node, CLIENT).unwrap();
+    let publisher = domain.records_publisher(&topic).unwrap();
+    for sequence in 0..3 {
+        let mut slots = [ChunkSlot::zeroed(); CHUNK_SLOTS];
+        slots[5].words[3] = 1.5f32.to_bits();
+        let mut header = ChunkHeader::zeroed();
+        header.sequence = sequence;
+        header.seal(&slots);
+        if sequence == 1 {
+            // A coordinate that is a number still.
+            slots[5].words[3] = 1.25f32.to_bits();
+        }
+        let mut sample = publisher.loan_slice_uninit(CHUNK_SLOTS).unwrap();
+        *sample.user_header_mut() = header;
+        sample.write_from_slice(&slots).send().unwrap();
+    }
+    let mut arrived = Vec::new();
+    until("two sound chunks", || {
+        arrived.extend(tick.inbox.pop().map(|chunk| chunk.header.sequence));
+        arrived.len() == 2
+    });
+    assert_eq!(arrived, [0, 2]);
+    let report = tick.link.stop().unwrap();
+    assert_eq!((report.chunks, report.damaged), (2, 1));
 }
 
 #[test]

@@ -21,7 +21,7 @@ use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-const MAGIC: &[u8; 8] = b"HRTCREC5";
+const MAGIC: &[u8; 8] = b"HRTCREC6";
 const TICK: u8 = 1;
 const CHUNK: u8 = 2;
 const END: u8 = 3;

@@ -5,7 +5,7 @@ use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
 use thiserror::Error;
 
 /// Version of the protocol; part of every service name but the heartbeat's.
-pub const PROTOCOL_VERSION: u32 = 3;
+pub const PROTOCOL_VERSION: u32 = 4;
 /// Time between two heartbeats, milliseconds.
 pub const HELLO_PERIOD_MS: u64 = 100;
 

@@ -8,9 +8,9 @@
 //!
 //! | service | direction | payload |
 //! |---|---|---|
-//! | `hrtc/v3/subscribe` | controller to station | [`Request`] |
-//! | `hrtc/v3/records/CLIENT` | station to one controller | [`ChunkHeader`] and 64 [`ChunkSlot`]s |
-//! | `hrtc/v3/pose` | controller to station | [`ContactReport`] |
+//! | `hrtc/v4/subscribe` | controller to station | [`Request`] |
+//! | `hrtc/v4/records/CLIENT` | station to one controller | [`ChunkHeader`] and 64 [`ChunkSlot`]s |
+//! | `hrtc/v4/pose` | controller to station | [`ContactReport`] |
 //! | `hrtc/hello` | both ways | [`Hello`], whose first bytes never change |
 //!
 //! **A session** is the exchange of a client and a station about one object. Each session has its

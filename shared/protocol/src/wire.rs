@@ -80,7 +80,7 @@ codes! {
 /// The user header of a chunk.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ChunkHeader.v3")]
+#[type_name("hrtc.ChunkHeader.v4")]
 pub struct ChunkHeader {
     /// Incarnation of the sending station.
     pub station: u64,
@@ -107,13 +107,38 @@ pub struct ChunkHeader {
     pub last: u32,
     /// [`Refusal`] as a number; elsewhere the index of the chunk's first slot in its answer.
     pub code: u32,
+    /// XXH3 of the slots, seeded with that of the fields above; see [`ChunkHeader::seal`].
+    pub checksum: u64,
+}
+
+impl ChunkHeader {
+    /// Sets the checksum, when everything else is set.
+    pub fn seal(&mut self, slots: &[ChunkSlot; CHUNK_SLOTS]) {
+        self.checksum = self.checksum_with(slots);
+    }
+
+    /// Whether header and slots are as they were sealed: a coordinate that was changed on the way
+    /// is finite still, and would be rendered.
+    #[must_use]
+    pub fn is_sound(&self, slots: &[ChunkSlot; CHUNK_SLOTS]) -> bool {
+        self.checksum == self.checksum_with(slots)
+    }
+
+    fn checksum_with(&self, slots: &[ChunkSlot; CHUNK_SLOTS]) -> u64 {
+        let plain = Self {
+            checksum: 0,
+            ..*self
+        };
+        let seed = xxhash_rust::xxh3::xxh3_64(bytemuck::bytes_of(&plain));
+        xxhash_rust::xxh3::xxh3_64_with_seed(bytemuck::cast_slice(slots), seed)
+    }
 }
 
 /// Sixty-four bytes of a chunk.
 #[repr(C)]
 #[repr(align(8))]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ChunkSlot.v3")]
+#[type_name("hrtc.ChunkSlot.v4")]
 pub struct ChunkSlot {
     /// Raw words; cast with `bytemuck`.
     pub words: [u32; 16],
@@ -181,7 +206,7 @@ codes! {
 /// One region of a request.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.RegionAsk.v3")]
+#[type_name("hrtc.RegionAsk.v4")]
 pub struct RegionAsk {
     /// [`spm::RegionId`] as a number.
     pub region: u32,
@@ -195,7 +220,7 @@ pub struct RegionAsk {
 /// Parameters of a scripted path.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.TourAsk.v3")]
+#[type_name("hrtc.TourAsk.v4")]
 pub struct TourAsk {
     /// Seed of its random choices.
     pub seed: u64,
@@ -212,7 +237,7 @@ pub struct TourAsk {
 /// A message of the controller.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.Request.v3")]
+#[type_name("hrtc.Request.v4")]
 pub struct Request {
     /// The client.
     pub client: u64,
@@ -256,7 +281,7 @@ impl Request {
 /// Pose and contact of one tick, for the measured error and the view. Sent decimated.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ContactReport.v3")]
+#[type_name("hrtc.ContactReport.v4")]
 pub struct ContactReport {
     /// The client.
     pub client: u64,
@@ -274,4 +299,32 @@ pub struct ContactReport {
     pub contact: [f64; 3],
     /// Force on the device, newtons.
     pub force: [f64; 3],
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_changed_bit_anywhere_in_a_chunk_is_noticed(
+            content in prop::collection::vec(any::<u8>(), CHUNK_SLOTS * size_of::<ChunkSlot>()),
+            head in prop::array::uniform32(any::<u8>()),
+            bit in 0..8 * (size_of::<ChunkHeader>() + CHUNK_SLOTS * size_of::<ChunkSlot>()),
+        ) {
+            let mut slots = [ChunkSlot::zeroed(); CHUNK_SLOTS];
+            bytemuck::cast_slice_mut(&mut slots).copy_from_slice(&content);
+            let mut header = ChunkHeader::zeroed();
+            bytemuck::bytes_of_mut(&mut header)[..head.len()].copy_from_slice(&head);
+            header.seal(&slots);
+            prop_assert!(header.is_sound(&slots));
+            let (byte, mask) = (bit / 8, 1 << (bit % 8));
+            match byte.checked_sub(size_of::<ChunkHeader>()) {
+                None => bytemuck::bytes_of_mut(&mut header)[byte] ^= mask,
+                Some(byte) => bytemuck::cast_slice_mut::<_, u8>(&mut slots)[byte] ^= mask,
+            }
+            prop_assert!(!header.is_sound(&slots));
+        }
+    }
 }

@@ -3,9 +3,9 @@
 //!
 //! | service | publishers | subscribers | payload |
 //! |---|---|---|---|
-//! | `hrtc/v3/subscribe` | controllers | station | [`Request`] |
-//! | `hrtc/v3/pose` | controllers | station | [`ContactReport`] |
-//! | `hrtc/v3/records/CLIENT` | station | one controller | 64 [`ChunkSlot`]s, [`ChunkHeader`] |
+//! | `hrtc/v4/subscribe` | controllers | station | [`Request`] |
+//! | `hrtc/v4/pose` | controllers | station | [`ContactReport`] |
+//! | `hrtc/v4/records/CLIENT` | station | one controller | 64 [`ChunkSlot`]s, [`ChunkHeader`] |
 //! | `hrtc/hello` | all | all | [`Hello`] |
 //!
 //! All topics have the same quality of service, because a tunnel between machines creates its
@@ -177,8 +177,8 @@ impl Domain {
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
     pub fn subscribe_service(&self, node: &IpcNode) -> Result<Topic<Request>, TransportError> {
-        let name = self.service_name("hrtc/v3/subscribe")?;
-        self.retry("open the service hrtc/v3/subscribe", || {
+        let name = self.service_name("hrtc/v4/subscribe")?;
+        self.retry("open the service hrtc/v4/subscribe", || {
             topic::<Request, ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
@@ -188,8 +188,8 @@ impl Domain {
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
     pub fn pose_service(&self, node: &IpcNode) -> Result<Topic<ContactReport>, TransportError> {
-        let name = self.service_name("hrtc/v3/pose")?;
-        self.retry("open the service hrtc/v3/pose", || {
+        let name = self.service_name("hrtc/v4/pose")?;
+        self.retry("open the service hrtc/v4/pose", || {
             topic::<ContactReport, ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
@@ -204,8 +204,8 @@ impl Domain {
         node: &IpcNode,
         client: u64,
     ) -> Result<Topic<[ChunkSlot], ChunkHeader>, TransportError> {
-        let name = self.service_name(&format!("hrtc/v3/records/{client:016x}"))?;
-        self.retry("open a service hrtc/v3/records", || {
+        let name = self.service_name(&format!("hrtc/v4/records/{client:016x}"))?;
+        self.retry("open a service hrtc/v4/records", || {
             topic::<[ChunkSlot], ChunkHeader>(node, &name, MAX_RECORD_PORTS, MAX_RECORD_PORTS)
                 .open_or_create()
         })

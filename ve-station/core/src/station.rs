@@ -336,6 +336,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             .get(header.object as usize)
             .and_then(|o| self.models.get(o.model))
             .map_or(0, |m| m.file.model_header().model);
+        header.seal(&slots);
         session.sent += 1;
         self.counters.chunks += 1;
         (header, slots)
@@ -406,6 +407,7 @@ impl<D: AsRef<[u8]>> Station<D> {
         header.station = self.incarnation;
         header.client = client;
         header.epoch = request.epoch;
+        header.seal(&slots);
         self.turned_away.insert(client, (header, slots));
         let note = format!(
             "a controller more than the {MAX_CLIENTS} that this station serves is turned away: stop one, or start another station in a --domain of its own"
