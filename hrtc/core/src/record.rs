@@ -140,3 +140,28 @@ impl CoreRecord {
         self.contact_bounded = is_touching && touching().all(|probe| probe.contact_bounded);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_contact_without_a_bound_leaves_all_without_and_no_number_is_kept() {
+        let touching = |certified_error_m: f64| ProbeRecord {
+            contact: true,
+            contact_bounded: certified_error_m.is_finite(),
+            certified_error_m,
+            ..ProbeRecord::default()
+        };
+        for (errors, is_bounded) in [([1e-3, 2e-3], true), ([f64::NAN, 2e-3], false)] {
+            for errors in [errors, [errors[1], errors[0]]] {
+                let mut record = CoreRecord::default();
+                record.probes[0] = touching(errors[0]);
+                record.probes[1] = touching(errors[1]);
+                record.sum_probes();
+                assert_eq!(record.contact_bounded, is_bounded, "{errors:?}");
+                assert_eq!(record.certified_error_m.is_finite(), is_bounded);
+            }
+        }
+    }
+}

@@ -183,8 +183,8 @@ pub mod memory_pressure {
 
 /// Probes, and the work of their proxies.
 pub mod probe {
-    /// Ticks without a good sample after which the force ramps down.
-    pub const MAX_SAMPLES_MISSED: u32 = 20;
+    /// Time without an accepted sample after which the force ramps down, seconds.
+    pub const MAX_SILENCE_S: f64 = 0.02;
     /// Share of the greatest speed that is left a tick later: a hand that stops may go on.
     pub const SPEED_FADES: f64 = 0.97;
     /// Ticks for which a speed must be kept up to count: one wild sample, there and back, is no

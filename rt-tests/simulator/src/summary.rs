@@ -2,7 +2,7 @@
 
 use geometry::Wrench;
 use glam::DVec3;
-use hrtc_core::record::CoreRecord;
+use hrtc_core::record::{CoreRecord, max_or_nan};
 
 /// Counts and extremes over the ticks of a client; forces are those of its first probe.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -57,16 +57,16 @@ impl Summary {
         self.ticks += 1;
         self.contact += u64::from(record.contact);
         self.full += u64::from(record.contact_full);
-        self.force_max = self.force_max.max(force.length());
-        self.force_step_max = self.force_step_max.max(force.distance(self.last_force));
+        self.force_max = max_or_nan(self.force_max, force.length());
+        self.force_step_max = max_or_nan(self.force_step_max, force.distance(self.last_force));
         self.last_force = force;
         self.faces_max = self.faces_max.max(record.active_faces);
         self.faces_sum += u64::from(record.active_faces);
         self.vsplits += u64::from(record.vsplits);
         self.ecols += u64::from(record.ecols);
         self.work_max = self.work_max.max(record.work_units);
-        self.certified_max = self.certified_max.max(record.certified_error_m);
-        self.measured_max = self.measured_max.max(record.measured_error_m);
+        self.certified_max = max_or_nan(self.certified_max, record.certified_error_m);
+        self.measured_max = max_or_nan(self.measured_max, record.measured_error_m);
         self.cache_max = self.cache_max.max(record.cache_bytes);
         self.last = *record;
     }

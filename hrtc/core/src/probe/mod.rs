@@ -11,7 +11,7 @@ use crate::force::effects::{Clock, Rendered, SceneEffects};
 use crate::force::limiter::ForceLimiter;
 use crate::force::passivity::{CarriedWork, EnergyAccount};
 use crate::instance::ModelFrame;
-use crate::tuning::probe::{KEPT_UP, MAX_SAMPLES_MISSED, SPEED_FADES};
+use crate::tuning::probe::{KEPT_UP, MAX_SILENCE_S, SPEED_FADES};
 use geometry::{Pose, Wrench};
 use haptic_device::{MotionLimits, Sample};
 use plausibility::Plausibility;
@@ -83,6 +83,8 @@ pub struct Probe {
     pub effects: SceneEffects,
     limiter: ForceLimiter,
     samples_missed: u32,
+    /// Of these so many do not end the force.
+    max_samples_missed: u32,
     /// Whether the last sample that could tell said that a hand holds the device.
     is_held: bool,
 }
@@ -134,6 +136,7 @@ impl Probe {
             effects: SceneEffects::new(&plan.effects),
             limiter: ForceLimiter::new(plan.safety, device_max_n, plan.loop_.rate_hz),
             samples_missed: 0,
+            max_samples_missed: (MAX_SILENCE_S * plan.loop_.rate_hz).round() as u32,
             is_held: true,
         }
     }
@@ -227,7 +230,7 @@ impl Probe {
             given = self.energy.share(passive, wanted.spring, ahead);
             passive = passive * given;
         }
-        let open = is_open && self.is_held && self.samples_missed <= MAX_SAMPLES_MISSED;
+        let open = is_open && self.is_held && self.samples_missed <= self.max_samples_missed;
         let is_driven = wanted.active != Wrench::ZERO;
         let sum = if is_driven {
             passive + wanted.active

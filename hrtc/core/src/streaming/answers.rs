@@ -128,6 +128,8 @@ impl Session {
     /// Gives up a requested region for lack of room; the station is told if possible.
     fn give_up(&mut self, region: usize, front: &mut Front, budget: &mut Budget, tick: u64) {
         self.subscriber.answered();
+        // The next region waits its own time.
+        self.progress.waited = 0;
         if front.may_unload(budget) {
             front.unload(region, budget);
         } else {

@@ -1,7 +1,7 @@
 //! The inputs of a run give its outputs again, bit by bit, tick by tick.
 
 use crate::common::{faulty, plan, spm, station, world};
-use hrtc_core::{Controller, NoObserver};
+use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
 use scene::ScenePlan;
 use simulator::{ClientOptions, InputRecording, Playback, Summary};
 use spm_builder::BuildOptions;
@@ -54,6 +54,30 @@ fn the_recorded_inputs_give_every_tick_again() {
         assert_eq!(playback.step(&mut NoObserver), Some(true), "tick {tick}");
     }
     assert_eq!(playback.step(&mut NoObserver), None);
+}
+
+#[test]
+fn the_hash_covers_the_requests() {
+    let plan = plan("");
+    let of_client = |client: u64| {
+        let mut identity = ClientOptions::default().identity;
+        identity.client = client;
+        let mut controller = Controller::new(&plan, identity, 10.0, 5.0);
+        let mut outputs = TickOutputs::new(1);
+        let inputs = TickInputs {
+            tick: 0,
+            samples: &[None],
+            station: 100,
+            chunks: [&[], &[]],
+            stopping: false,
+        };
+        controller.tick(&inputs, &mut outputs, &mut NoObserver);
+        assert_eq!(outputs.outbox.requests().len(), 1, "it asks for its model");
+        controller.replay_hash()
+    };
+    // Nothing else differs.
+    assert_ne!(of_client(1), of_client(2));
+    assert_eq!(of_client(1), of_client(1));
 }
 
 #[test]
