@@ -5,6 +5,7 @@ use super::result::{Check, Point};
 use crate::failure::Failure;
 use crate::trajectory::reference::Reference;
 use crate::trajectory::scene_model::SceneModel;
+use hrtc_core::record::max_or_nan;
 
 /// At tolerance 0 contacts and forces equal the full mesh's to this share of the diagonal and of
 /// the greatest force.
@@ -23,7 +24,7 @@ pub fn checks(model: &SceneModel, reference: &Reference, points: &[Point]) -> Ve
             limit,
         });
     };
-    let most = |of: &dyn Fn(&Point) -> f64| points.iter().map(of).fold(0.0, f64::max);
+    let most = |of: &dyn Fn(&Point) -> f64| points.iter().map(of).fold(0.0, max_or_nan);
     check(
         "contacts with a true error beyond the certified one".to_string(),
         most(&|p| p.over_certified_ticks as f64),

@@ -9,6 +9,7 @@ use glam::DVec3;
 use hrtc::run::FIXED_BYTES;
 use hrtc_core::Controller;
 use hrtc_core::contact::query::{Surface, faces_within};
+use hrtc_core::record::max_or_nan;
 use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
 use simulator::InputRecording;
@@ -79,7 +80,7 @@ pub fn measure(
         let (record, force) = (outputs.record, outputs.wrenches[0].force);
         let contact = outputs.contact();
         let mesh_bytes = simulation.client().mesh_bytes();
-        point.measured_m = point.measured_m.max(record.measured_error_m);
+        point.measured_m = max_or_nan(point.measured_m, record.measured_error_m);
         if contact.is_some() || exact.contact.is_some() {
             all.forces.push(force.distance(exact.force));
             all.faces.push(f64::from(record.active_faces));
@@ -110,7 +111,7 @@ pub fn measure(
         if let (Some(ours), Some(theirs)) = (contact, exact.contact) {
             point.common_ticks += 1;
             let apart = ours.point.distance(theirs) * scale;
-            point.contact_apart_m = point.contact_apart_m.max(apart);
+            point.contact_apart_m = max_or_nan(point.contact_apart_m, apart);
             let lengths = force.length() * exact.force.length();
             if lengths > 0.0 {
                 // The angle of two nearly equal directions is lost in a cosine.
@@ -187,7 +188,7 @@ fn brute(model: &SceneModel, points: &[DVec3]) -> Result<f64, FileError> {
     for &point in points.iter().step_by(every) {
         let (_, closest) = model.mesh.file.closest_point(point)?;
         let brute = model.brute_distance(point);
-        apart = apart.max((closest.distance_squared.sqrt() - brute).abs());
+        apart = max_or_nan(apart, (closest.distance_squared.sqrt() - brute).abs());
     }
     Ok(apart * model.metres_per_unit)
 }
