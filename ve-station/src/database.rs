@@ -209,7 +209,8 @@ fn open_cached(
     }
     let failed = |error| cache_error(&path, error);
     fs::create_dir_all(cache).map_err(failed)?;
-    let lock = File::create(cache.join(LOCK)).map_err(failed)?;
+    // The folder itself, so that no file is left.
+    let lock = File::open(cache).map_err(failed)?;
     if lock.try_lock().is_err() {
         progress.phase("waiting for another build", 0);
         lock.lock().map_err(failed)?;
@@ -221,9 +222,6 @@ fn open_cached(
     make(&path)?;
     open_spm(&path)
 }
-
-/// The file whose lock a builder holds.
-const LOCK: &str = ".lock";
 
 /// Removes temporary files of builds that were killed (none runs: the lock is held), and what
 /// another version made of the same content.

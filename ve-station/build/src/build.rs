@@ -104,3 +104,51 @@ pub fn build_file(
         write_spm_file(&parts, output).map_err(|e| BuildError::Io(e).in_file(output))?;
     Ok(BuildReport { parts, file_bytes })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::NoProgress;
+
+    /// A relief of whole numbers over a square, and a fan: no function of a library decides a bit.
+    fn mesh() -> SoupMesh {
+        const SIDE: u32 = 40;
+        let mut mesh = SoupMesh::default();
+        for j in 0..SIDE {
+            for i in 0..SIDE {
+                let height = (i * i * 7 + j * j * 13 + i * j) % 17;
+                mesh.positions
+                    .push([f64::from(i), f64::from(j), f64::from(height) / 8.0]);
+                if i > 0 && j > 0 {
+                    let [a, b] = [(j - 1) * SIDE + i - 1, (j - 1) * SIDE + i];
+                    let [c, d] = [a + SIDE, b + SIDE];
+                    mesh.triangles.extend([[a, b, d], [a, d, c]]);
+                }
+            }
+        }
+        // A fan around a vertex beside it.
+        let tip = mesh.positions.len() as u32;
+        mesh.positions.push([100.0, 0.0, 5.0]);
+        for k in 0..100 {
+            let along = f64::from(k);
+            mesh.positions
+                .push([50.0 + along, along * (100.0 - along) / 50.0 - 60.0, 0.0]);
+        }
+        mesh.triangles
+            .extend((1..100).map(|k| [tip, tip + k, tip + k + 1]));
+        mesh
+    }
+
+    /// A cache keeps what another builder made under its version: whoever changes what is built
+    /// raises [`BUILDER_VERSION`], and notes here what it makes now.
+    #[test]
+    fn what_is_built_belongs_to_this_version_of_the_builder() {
+        let options = BuildOptions {
+            base_faces: Some(60),
+            regions: Some(8),
+        };
+        let parts = build_model(mesh(), &options, &NoProgress).unwrap();
+        let made = (BUILDER_VERSION, format!("{:016x}", parts.header.model));
+        assert_eq!(made, (7, "0ef9c911aef38e25".to_owned()));
+    }
+}

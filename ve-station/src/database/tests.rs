@@ -13,7 +13,6 @@ fn built(cache: &Path) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = fs::read_dir(cache)
         .unwrap()
         .map(|e| e.unwrap().path())
-        .filter(|path| !path.ends_with(LOCK))
         .collect();
     files.sort();
     files
