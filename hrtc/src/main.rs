@@ -54,7 +54,8 @@ struct RunOptions {
     /// Print JSON lines for a supervisor: status, then the result
     #[arg(long)]
     supervised: bool,
-    /// Record every input of every tick, for rt-tests replay
+    /// First file of the recording, or "off" [default: the scene's, else a file in the user's state
+    /// folder]
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]

@@ -1,18 +1,24 @@
 //! Record of one tick: plain numbers that the tick pushes into a ring for the log thread.
 
-use geometry::{Pose, Wrench};
+use geometry::Wrench;
+use haptic_device::Sample;
+use hrtc_core::ProbeContact;
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::Miss;
 use scene::MAX_PROBES;
+use serde::{Deserialize, Serialize};
 
 /// Stages of a tick, as indices of [`TickRecord::stage_ns`].
 pub const STAGES: [&str; 6] = ["inbox", "refine", "refit", "query", "force", "broad_phase"];
 
-/// Record of one tick.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Record of one tick: all its inputs but the chunks, all its outputs but requests and reports, and
+/// its times.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct TickRecord {
     /// Index of the tick; counts skipped periods too.
     pub tick: u64,
+    /// Start on CLOCK_MONOTONIC, ns.
+    pub start_ns: u64,
     /// Periods skipped just before this tick.
     pub skipped: u32,
     /// Reasons of the skipped periods.
@@ -36,14 +42,20 @@ pub struct TickRecord {
     pub chunks_arrived: u64,
     /// Incarnation of the station as this tick saw it; 0 for none.
     pub station: u64,
-    /// Pose of each device, metres; `None` without a sample.
-    pub samples: [Option<Pose>; MAX_PROBES],
+    /// Sample of each device; `None` when it gave none.
+    pub samples: [Option<Sample>; MAX_PROBES],
     /// Whether the force rose from zero again in this tick, since its wrench had expired.
     pub force_cut: bool,
-    /// Whether each device's sample said that a hand holds it; `None` when it did not say.
-    pub in_hand: [Option<bool>; MAX_PROBES],
     /// Wrench written to each device, newtons and newton metres.
     pub wrenches: [Wrench; MAX_PROBES],
+    /// Contact of each probe; `None` in free space.
+    pub contacts: [Option<ProbeContact>; MAX_PROBES],
+    /// Chunks that the tick was done with.
+    pub chunks_consumed: u32,
+    /// Requests that the tick made.
+    pub requests: u32,
+    /// Contact reports that the tick made.
+    pub reports: u32,
     /// The core's own record.
     pub core: CoreRecord,
 }

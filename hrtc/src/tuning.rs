@@ -57,9 +57,6 @@ pub const PANIC_RAMP_PERIODS: u32 = (COMMAND_VALIDITY_PERIODS / 3) as u32;
 pub const OFF_TIMEOUT: Duration = Duration::from_millis(200);
 /// Time for which the end of a run waits for the thread of the link to close its ports.
 pub const LINK_END_TIMEOUT: Duration = Duration::from_secs(2);
-/// Chunks between link and recording: eight times the credit window of the protocol, about 1 MiB.
-/// Locked memory commits them all.
-pub const CHUNK_LOG_CAPACITY: usize = 256;
 
 /// Time between two looks of the link at its ports: well below a period of 1 ms.
 pub const LINK_POLL_PERIOD: Duration = Duration::from_micros(150);
@@ -72,5 +69,28 @@ pub const CLEANUP_PERIOD: Duration = Duration::from_secs(1);
 /// Different sentences about peers that the link logs, at most.
 pub const MAX_LOGGED_SENTENCES: usize = 64;
 
-/// Longest head of a recording that is read, bytes: far above any scene.
-pub const MAX_RECORDING_HEAD_BYTES: u64 = 16 << 20;
+/// Tick records between main thread and recorder: about four seconds at 1 kHz, 8 MiB.
+pub const RECORDED_TICKS: usize = 4096;
+/// Chunks between link and recorder: eight credit windows, 1 MiB.
+pub const RECORDED_CHUNKS: usize = 256;
+/// Requests, and contact reports, between tick and recorder: a second of a tick's few.
+pub const RECORDED_OUTPUTS: usize = 1024;
+/// Stack of the recorder's thread, bytes: it ticks too.
+pub const RECORDER_STACK_BYTES: usize = TICK_STACK_BYTES;
+/// Stack for reading a keyframe, bytes: several times the 2 MiB that a debug build overflows.
+pub const KEYFRAME_STACK_BYTES: usize = 16 << 20;
+/// Stack of the thread that writes the recording's files, bytes.
+pub const DISK_STACK_BYTES: usize = 256 << 10;
+/// Ticks between two messages of the slow channels for people: 100 a second at 1 kHz, more than a
+/// plot shows.
+pub const SHOWN_EVERY: u64 = 10;
+/// Bytes that wait for the disk at the most: about eight seconds of a run.
+pub const RECORDING_QUEUE_BYTES: usize = 16 << 20;
+/// Pieces that wait for the disk at the most: one each [`DRAIN_PERIOD`] for those eight seconds.
+pub const RECORDING_JOBS: usize = 1024;
+/// Time between two tries of a disk that refused, ns.
+pub const RECORDING_RETRY_NS: u64 = 2_000_000_000;
+/// How long the end of a run waits for the disk.
+pub const RECORDING_TIMEOUT: Duration = Duration::from_secs(5);
+/// Time before a fault that is kept in a file of its own, ns.
+pub const BLACK_BOX_NS: u64 = 10_000_000_000;

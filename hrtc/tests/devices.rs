@@ -54,6 +54,7 @@ fn scene(folder: &Path, device: &str) -> RunArgs {
     std::fs::write(&path, text).unwrap();
     RunArgs {
         seconds: Some(0.3),
+        record: Some("off".into()),
         ..RunArgs::new(&path, &format!("devices-{}", std::process::id()))
     }
 }

@@ -169,6 +169,7 @@ fn run_with_fault(name: &str, fault: Fault) -> (Result<(), RunError>, f64, Vec<E
         })
     };
     let mut args = RunArgs::new(&scene, &domain);
+    args.record = Some("off".into());
     // Far longer than it takes.
     args.seconds = Some(60.0);
     let stop = AtomicBool::new(false);

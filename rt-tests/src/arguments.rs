@@ -3,6 +3,7 @@
 use crate::commands::accuracy::AccuracyArgs;
 use crate::commands::compare::CompareArgs;
 use crate::commands::effects::EffectsArgs;
+use crate::commands::export::ExportArgs;
 use crate::commands::fronts::FrontsArgs;
 use crate::commands::jitter::JitterArgs;
 use crate::commands::predictors::PredictorsArgs;
@@ -32,9 +33,10 @@ pub enum Command {
     Run(RunArgs),
     /// Measure the loop's timing beside a bare loop; status 0 only for the verdict "pass"
     Jitter(JitterArgs),
-    /// Put a recording (run --record FILE) through the controller again; status 1 when a tick
-    /// differs
+    /// Put a recording of a run through the controller again; status 1 when a tick differs
     Replay(ReplayArgs),
+    /// Write the ticks of a recording as CSV tables
+    Export(ExportArgs),
     /// Show on any mesh that fronts are legal, certified and cheap; status 1 when a limit is broken
     Fronts(FrontsArgs),
     /// Show what accuracy costs: the same touch from the base mesh to the full mesh; status 1 when

@@ -48,6 +48,7 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Run(args) => commands::run::run(&args),
         Command::Jitter(args) => commands::jitter::jitter(&args),
         Command::Replay(args) => commands::replay::replay(&args),
+        Command::Export(args) => commands::export::export(&args),
         Command::Fronts(args) => commands::fronts::fronts(&args),
         Command::Accuracy(args) => commands::accuracy::accuracy(&args),
         Command::Compare(args) => commands::compare::compare(&args),

@@ -12,7 +12,7 @@ use scene::{ProbePlan, ScenePlan};
 
 /// State of the controller; see [`crate`] for its parts, and [`Controller::tick`] for its
 /// algorithm.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct Controller {
     pub(crate) identity: Identity,
     pub(crate) operations: usize,

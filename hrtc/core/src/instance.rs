@@ -7,7 +7,7 @@ use scene::{ModelScale, SurfacePlan};
 use spm::ModelHeader;
 
 /// An object of the scene, without its model's name.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct ObjectInstance {
     /// Object of the scene.
     pub object: u32,
@@ -35,7 +35,7 @@ pub fn in_axes_of(object: &Pose, world: Pose) -> Pose {
 }
 
 /// The frame of an object: between the world and the model's stored coordinates.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ModelFrame {
     /// Pose of the model's own frame in the world.
     pub pose: Pose,

@@ -42,7 +42,7 @@ const TRIES: usize = 4;
 const SMALLER: f64 = 1.125;
 
 /// The limits of a probe in a tick; frame and units of the model unless stated.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PerceptionLimit {
     centre: DVec3,
     reach: f64,
@@ -58,7 +58,7 @@ pub struct PerceptionLimit {
 
 /// Limit of a proxy's motion in a tick beyond the device's, model units. It lasts while the surface
 /// under the proxy moves and until the proxy has caught up.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StepLimit {
     max_step: f64,
     is_set: bool,

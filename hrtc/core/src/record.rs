@@ -1,9 +1,10 @@
 //! Numbers of one tick.
 
 use scene::MAX_PROBES;
+use serde::{Deserialize, Serialize};
 
 /// Contact of one probe in a tick; of several objects the worst.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct ProbeRecord {
     /// Whether the probe touches.
     pub contact: bool,
@@ -36,7 +37,7 @@ pub fn max_or_nan(a: f64, b: f64) -> f64 {
 }
 
 /// Numbers of one tick. Counters are of this tick unless called total.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct CoreRecord {
     /// Contacts of the probes; the next fields are of all of them, the worst of those that touch.
     pub probes: [ProbeRecord; MAX_PROBES],

@@ -40,6 +40,7 @@ use glam::DVec3;
 use haptic_device::Sample;
 use protocol::ContactReport;
 use scene::MAX_ACTIVE_OBJECTS;
+use serde::{Deserialize, Serialize};
 use spm::NONE;
 
 /// Stages of a tick, reported to an observer when they end.
@@ -137,7 +138,7 @@ impl TickOutputs {
 }
 
 /// A contact of a probe.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ProbeContact {
     /// Object of the scene.
     pub object: u32,

@@ -13,7 +13,7 @@ pub enum DegreesOfFreedom {
 
 /// Limits of an end effector's motion. A sample to which no motion within them leads is no motion
 /// but a fault of the measurement: the controller rejects it. May be infinite.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MotionLimits {
     /// Limit of the speed, m/s.
     pub speed_m_per_s: f64,

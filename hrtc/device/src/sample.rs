@@ -2,6 +2,7 @@
 
 use geometry::{Pose, Wrench};
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 /// Time of a read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,7 +24,7 @@ impl Default for TickTime {
 }
 
 /// One measurement of a device.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sample {
     /// Time of the measurement on CLOCK_MONOTONIC, ns; of the tick's start for a device without a
     /// clock.

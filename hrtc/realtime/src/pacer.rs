@@ -15,7 +15,7 @@ const WAKE_PART: u64 = 20;
 /// the tick's own time, from its wake-up to the end of all its work and with every wait in it, does
 /// not fit into the period beside an ordinary wake-up. Otherwise it has the class of the largest
 /// part of the time that was taken from it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub enum MissClass {
     /// Not missed.
     #[default]
@@ -39,7 +39,7 @@ pub enum MissClass {
 }
 
 /// Periods missed for one reason.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Miss {
     /// The reason.
     pub class: MissClass,

@@ -1,30 +1,58 @@
-//! Recording every input of every tick, and replaying it through the pure core.
+//! The flight recorder: every input and every output of every tick in files that robotics' tools
+//! open, and their replay through the pure core.
 //!
-//! A recording holds the text of the scene, the samples, the station's incarnation, the chunks in
-//! the order of arrival, and the number of arrived chunks at each tick. These are all inputs of a
-//! tick, so a replay by the same build on the same architecture gives the same bits.
+//! A recording is a run of [MCAP](https://mcap.dev) files. Each holds the scene with every file
+//! that it read, the samples, the station's incarnation, the chunks in the order of arrival and the
+//! number of those that had arrived at each tick: all inputs of a tick. So a replay by the same
+//! build on the same architecture, from one such file alone, gives the same bits.
+//!
+//! ```text
+//! tick ── log ring ──> main thread ── ring ──┐
+//! tick ── requests, reports ── rings ────────┤
+//! link ── chunks ── ring ────────────────────┴─> hrtc-recorder ── queue ──> hrtc-disk ──> files
+//!                                                 └ twin (a second controller)
+//! ```
+//!
+//! All of them are bounded. What finds its ring or the queue full is lost and marked as a [`Hole`]:
+//! a slow or full disk costs records, never a tick. Messages are not gathered in chunks, so a file
+//! that ends anywhere, by a kill for example, opens up to its last whole message. Each later file
+//! begins with a keyframe, the state of the twin, and replays without those before it.
 
-use crate::setup::ControllerSetup;
+mod black_box;
+mod disk;
+mod encoder;
+mod format;
+mod head;
+mod reader;
+mod replay;
+mod shown;
+mod twin;
+mod worker;
+
+pub use black_box::write_black_box;
+pub use disk::RecordingPlace;
+pub use format::Hole;
+pub use head::RecordingHead;
+pub use reader::{Entry, RecordingReader};
+pub use replay::{Replay, replay};
+pub use twin::{Gap, Twin};
+
+use crate::link::ChunkRecorder;
 use crate::tick_record::TickRecord;
-use crate::tuning::MAX_RECORDING_HEAD_BYTES;
-use bytemuck::{Pod, Zeroable};
-use geometry::Pose;
-use haptic_device::Sample;
-use hrtc_core::streaming::chunk::InboxChunk;
-use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
-use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot};
-use scene::{self, MAX_PROBES, Overrides, SceneError};
-use scene_files::DiskFiles;
-use serde::{Deserialize, Serialize};
-use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Write};
-use std::path::{Path, PathBuf};
+use crate::tuning::{RECORDED_CHUNKS, RECORDED_OUTPUTS, RECORDED_TICKS, RECORDER_STACK_BYTES};
+use hrtc_core::TickOutputs;
+use protocol::{ContactReport, Request};
+use rtrb::{Producer, RingBuffer};
+use scene::SceneError;
+use scene_files::KeptFiles;
+use shown::Level;
+use std::io;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::thread::JoinHandle;
 use thiserror::Error;
-
-const MAGIC: &[u8; 8] = b"HRTCREC6";
-const TICK: u8 = 1;
-const CHUNK: u8 = 2;
-const END: u8 = 3;
+use worker::{Ending, RecordedRings, Worker};
 
 /// Reasons of a recording that cannot be written or read.
 #[derive(Debug, Error)]
@@ -38,319 +66,157 @@ pub enum RecordingError {
     /// The scene in the recording is refused.
     #[error("the scene in the recording is refused: {0}")]
     Scene(#[from] SceneError),
+    /// A message cannot be encoded or read.
+    #[error("a message of the recording cannot be used: {0}")]
+    Message(#[from] postcard::Error),
+    /// The container cannot be encoded.
+    #[error("the recording cannot be encoded: {0}")]
+    Container(#[from] mcap::McapError),
+    /// The head cannot be encoded.
+    #[error("the head of the recording cannot be encoded: {0}")]
+    Head(String),
+    /// The operating system gave no thread.
+    #[error("cannot start a thread of the recorder: {0}")]
+    Thread(io::Error),
 }
 
-/// The head of a recording: the scene as typed, and the controller's setup.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct RecordingHead {
-    scene_name: String,
-    scene_folder: PathBuf,
-    scene_text: String,
-    model: Option<PathBuf>,
-    size_m: Option<f64>,
-    speed_m_per_s: Option<f64>,
-    seed: Option<u64>,
-    cache: Option<String>,
-    tolerance_m: Option<f64>,
-    setup: ControllerSetup,
+/// The tick's end of the recorder, for what is not in its [`TickRecord`].
+pub struct OutputTap {
+    requests: Producer<(u64, Request)>,
+    reports: Producer<(u64, ContactReport)>,
 }
 
-impl RecordingHead {
-    /// A head with the text of the scene file.
-    ///
-    /// # Errors
-    /// When the scene cannot be read.
-    pub fn new(
-        scene: &Path,
-        overrides: &Overrides,
-        setup: &ControllerSetup,
-    ) -> Result<Self, RecordingError> {
-        let scene_text = std::fs::read_to_string(scene)
-            .map_err(|e| RecordingError::File(scene.display().to_string(), e))?;
-        let stem = scene.file_stem().unwrap_or_default();
-        Ok(Self {
-            scene_name: stem.to_string_lossy().into_owned(),
-            scene_folder: scene.parent().unwrap_or(Path::new("")).to_path_buf(),
-            scene_text,
-            model: overrides.model.clone(),
-            size_m: overrides.size_m,
-            speed_m_per_s: overrides.speed_m_per_s,
-            seed: overrides.seed,
-            cache: overrides.cache.clone(),
-            tolerance_m: overrides.tolerance_m,
-            setup: setup.clone(),
-        })
-    }
-
-    /// The controller of the recording, and its number of probes.
-    fn controller(&self) -> Result<(Controller, usize), RecordingError> {
-        let overrides = Overrides {
-            model: self.model.clone(),
-            size_m: self.size_m,
-            speed_m_per_s: self.speed_m_per_s,
-            seed: self.seed,
-            cache: self.cache.clone(),
-            tolerance_m: self.tolerance_m,
-        };
-        let mut plan = scene::parse(
-            &self.scene_text,
-            &self.scene_name,
-            &self.scene_folder,
-            &overrides,
-            &DiskFiles,
-        )?;
-        let controller = self.setup.controller(&mut plan);
-        Ok((controller, plan.probes.len()))
-    }
-}
-
-/// A tick's inputs, and the hash of all outputs up to it.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct RecordedTick {
-    tick: u64,
-    station: u64,
-    chunks_arrived: u64,
-    /// Bit k: probe k gave a sample.
-    has_sample: u32,
-    /// 1 while the run is stopping.
-    stopping: u32,
-    /// Bit k: probe k's sample said that a hand holds the device.
-    is_held: u32,
-    /// Bit k: probe k's sample said that no hand holds it.
-    is_released: u32,
-    /// 1 in a tick whose force rose from zero again.
-    force_cut: u64,
-    /// Metres.
-    positions: [[f64; 3]; MAX_PROBES],
-    orientations_xyzw: [[f64; 4]; MAX_PROBES],
-    replay_hash: u64,
-}
-
-/// Totals at the end of a recording; they reveal a truncated file.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
-struct RecordedEnd {
-    ticks: u64,
-    replay_hash: u64,
-}
-
-/// A recording being written; not from the tick's thread.
-#[derive(Debug)]
-pub struct Recording {
-    file: BufWriter<File>,
-    path: String,
-    end: RecordedEnd,
-}
-
-impl Recording {
-    /// Creates the file and writes its head.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn create(path: &Path, head: &RecordingHead) -> Result<Self, RecordingError> {
-        let name = path.display().to_string();
-        let file = File::create(path).map_err(|e| RecordingError::File(name.clone(), e))?;
-        let mut recording = Self {
-            file: BufWriter::new(file),
-            path: name,
-            end: RecordedEnd::zeroed(),
-        };
-        let head = serde_json::to_vec(head).unwrap_or_default();
-        recording.write(MAGIC)?;
-        recording.write(&(head.len() as u64).to_le_bytes())?;
-        recording.write(&head)?;
-        Ok(recording)
-    }
-
-    fn write(&mut self, bytes: &[u8]) -> Result<(), RecordingError> {
-        self.file
-            .write_all(bytes)
-            .map_err(|e| RecordingError::File(self.path.clone(), e))
-    }
-
-    /// Adds a tick.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn tick(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
-        let samples = record.samples;
-        let bits = (0..).zip(samples).map(|(k, s)| u32::from(s.is_some()) << k);
-        let in_hand = |told: bool| {
-            let bits = (0..).zip(record.in_hand);
-            let bits = bits.map(|(k, held)| u32::from(held == Some(told)) << k);
-            bits.fold(0, |all, bit: u32| all | bit)
-        };
-        let poses = samples.map(|sample| sample.unwrap_or(Pose::IDENTITY));
-        let tick = RecordedTick {
-            tick: record.tick,
-            station: record.station,
-            chunks_arrived: record.chunks_arrived,
-            has_sample: bits.fold(0, |all, bit| all | bit),
-            stopping: u32::from(record.core.stopping),
-            is_held: in_hand(true),
-            is_released: in_hand(false),
-            force_cut: u64::from(record.force_cut),
-            positions: poses.map(|pose| pose.position.to_array()),
-            orientations_xyzw: poses.map(|pose| pose.orientation.to_array()),
-            replay_hash: record.core.replay_hash,
-        };
-        self.end.ticks += 1;
-        self.end.replay_hash = tick.replay_hash;
-        self.write(&[TICK])?;
-        self.write(bytemuck::bytes_of(&tick))
-    }
-
-    /// Adds a chunk, in the order of arrival.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn chunk(&mut self, chunk: &InboxChunk) -> Result<(), RecordingError> {
-        self.write(&[CHUNK])?;
-        self.write(bytemuck::bytes_of(&chunk.header))?;
-        self.write(bytemuck::cast_slice(&chunk.slots))
-    }
-
-    /// Ends the file with its end mark.
-    ///
-    /// # Errors
-    /// When the rest cannot be written.
-    pub fn finish(mut self) -> Result<(), RecordingError> {
-        self.write(&[END])?;
-        let end = self.end;
-        self.write(bytemuck::bytes_of(&end))?;
-        self.file
-            .flush()
-            .map_err(|e| RecordingError::File(self.path, e))
-    }
-}
-
-/// Outcome of a replay.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct Replay {
-    /// Ticks replayed.
-    pub ticks: u64,
-    /// Whether every tick gave the recorded outputs.
-    pub equal: bool,
-    /// Whether the recording has its end. A truncated one, after a crash for example, is replayed
-    /// to its last tick.
-    pub whole: bool,
-    /// Index of the first tick with other outputs; -1 for none.
-    pub first_difference: i64,
-}
-
-/// Runs a recording through the core and compares every tick's hash.
-///
-/// # Errors
-/// When the file cannot be read or is not a recording.
-pub fn replay(path: &Path) -> Result<Replay, RecordingError> {
-    let name = path.display().to_string();
-    let foreign = || RecordingError::NotARecording(name.clone());
-    let file = File::open(path).map_err(|e| RecordingError::File(name.clone(), e))?;
-    let mut file = BufReader::new(file);
-    let mut start = [0u8; 16];
-    file.read_exact(&mut start).map_err(|_| foreign())?;
-    let (magic, length) = start.split_at(8);
-    let length = u64::from_le_bytes(length.try_into().map_err(|_| foreign())?);
-    if magic != MAGIC || length > MAX_RECORDING_HEAD_BYTES {
-        return Err(foreign());
-    }
-    let mut head = vec![0u8; length as usize];
-    file.read_exact(&mut head).map_err(|_| foreign())?;
-    let head: RecordingHead = serde_json::from_slice(&head).map_err(|_| foreign())?;
-    let mut ticks: Vec<RecordedTick> = Vec::new();
-    let mut chunks: Vec<InboxChunk> = Vec::new();
-    let mut end = None;
-    while end.is_none() {
-        let mut tag = [0u8];
-        match file.read_exact(&mut tag) {
-            Ok(()) => {}
-            Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => break,
-            Err(e) => return Err(RecordingError::File(name.clone(), e)),
+impl OutputTap {
+    /// Hands over the requests and reports of a tick; those without room are lost, which the tick's
+    /// record reveals.
+    pub fn push(&mut self, tick: u64, outputs: &TickOutputs) {
+        for request in outputs.outbox.requests() {
+            let _ = self.requests.push((tick, *request));
         }
-        match tag[0] {
-            TICK => {
-                let mut tick = RecordedTick::zeroed();
-                file.read_exact(bytemuck::bytes_of_mut(&mut tick))
-                    .map_err(|_| foreign())?;
-                ticks.push(tick);
-            }
-            CHUNK => {
-                let mut chunk = InboxChunk {
-                    header: ChunkHeader::zeroed(),
-                    slots: [ChunkSlot::zeroed(); CHUNK_SLOTS],
-                };
-                file.read_exact(bytemuck::bytes_of_mut(&mut chunk.header))
-                    .and_then(|()| file.read_exact(bytemuck::cast_slice_mut(&mut chunk.slots)))
-                    .map_err(|_| foreign())?;
-                chunks.push(chunk);
-            }
-            END => {
-                let mut mark = RecordedEnd::zeroed();
-                file.read_exact(bytemuck::bytes_of_mut(&mut mark))
-                    .map_err(|_| foreign())?;
-                let last = RecordedEnd {
-                    ticks: ticks.len() as u64,
-                    replay_hash: ticks.last().map_or(0, |tick| tick.replay_hash),
-                };
-                if mark != last {
-                    return Err(foreign());
+        for report in &outputs.reports {
+            let _ = self.reports.push((tick, *report));
+        }
+    }
+}
+
+/// A recording under way.
+pub struct Recorder {
+    ticks: Producer<TickRecord>,
+    ending: Arc<OnceLock<Ending>>,
+    has_lost: Arc<AtomicBool>,
+    /// `None` once it is joined.
+    thread: Option<JoinHandle<Vec<PathBuf>>>,
+}
+
+/// The ends of the recorder's rings that other threads own.
+pub struct Taps {
+    /// The tick's.
+    pub outputs: OutputTap,
+    /// The link's.
+    pub chunks: ChunkRecorder,
+}
+
+impl Recorder {
+    /// Starts the recorder's threads, with the first file created.
+    ///
+    /// # Errors
+    /// When the first file cannot be created or there is no thread.
+    pub fn start(
+        head: RecordingHead,
+        files: KeptFiles,
+        place: RecordingPlace,
+    ) -> Result<(Self, Taps), RecordingError> {
+        let (ticks, ticks_out) = RingBuffer::new(RECORDED_TICKS);
+        let (mut chunks, chunks_out) = RingBuffer::new(RECORDED_CHUNKS);
+        let (requests, requests_out) = RingBuffer::new(RECORDED_OUTPUTS);
+        let (reports, reports_out) = RingBuffer::new(RECORDED_OUTPUTS);
+        let rings = RecordedRings {
+            ticks: ticks_out,
+            chunks: chunks_out,
+            requests: requests_out,
+            reports: reports_out,
+        };
+        let ending = Arc::new(OnceLock::new());
+        let until = Arc::clone(&ending);
+        let has_lost = Arc::new(AtomicBool::new(false));
+        let lost = Arc::clone(&has_lost);
+        let (started, wait) = std::sync::mpsc::sync_channel(1);
+        let thread = std::thread::Builder::new()
+            .name("hrtc-recorder".to_owned())
+            .stack_size(RECORDER_STACK_BYTES)
+            .spawn(move || match Worker::new(rings, head, files, place, lost) {
+                Ok(worker) => {
+                    let _ = started.send(Ok(()));
+                    worker.run(&until)
                 }
-                end = Some(mark);
-            }
-            _ => return Err(foreign()),
-        }
+                Err(error) => {
+                    let _ = started.send(Err(error));
+                    Vec::new()
+                }
+            })
+            .map_err(RecordingError::Thread)?;
+        let ended = || RecordingError::Thread(io::Error::other("it ended before it began"));
+        wait.recv().map_err(|_| ended())??;
+        let mut index = 0;
+        let chunks: ChunkRecorder = Box::new(move |chunk| {
+            // A full ring loses the chunk; the next one's number reveals it.
+            let _ = chunks.push((index, *chunk));
+            index += 1;
+        });
+        let outputs = OutputTap { requests, reports };
+        let recorder = Self {
+            ticks,
+            ending,
+            has_lost,
+            thread: Some(thread),
+        };
+        Ok((recorder, Taps { outputs, chunks }))
     }
-    let (controller, probes) = head.controller()?;
-    let first_difference = run(controller, probes, &ticks, &chunks);
-    Ok(Replay {
-        ticks: ticks.len() as u64,
-        equal: first_difference < 0,
-        whole: end.is_some(),
-        first_difference,
-    })
+
+    /// Hands over a tick; one without room is lost, which the next one reveals. Not from the tick's
+    /// thread: the main thread passes on what it finds in the log.
+    pub fn push(&mut self, record: &TickRecord) {
+        let _ = self.ticks.push(*record);
+    }
+
+    /// Whether the disk refused records.
+    #[must_use]
+    pub fn has_lost(&self) -> bool {
+        self.has_lost.load(Ordering::Relaxed)
+    }
+
+    /// Ends the recording; the files that are kept, the oldest first. `fault` is what ended the
+    /// run, when that was not its time or a request.
+    #[must_use]
+    pub fn finish(mut self, fault: Option<&str>) -> Vec<PathBuf> {
+        let ending = match fault {
+            Some(fault) => Ending {
+                level: Level::Fatal,
+                sentence: format!("the run ended by a fault: {fault}"),
+            },
+            None => Ending {
+                level: Level::Info,
+                sentence: "the run ended".to_owned(),
+            },
+        };
+        let _ = self.ending.set(ending);
+        let thread = self.thread.take().map(JoinHandle::join);
+        thread.and_then(Result::ok).unwrap_or_default()
+    }
 }
 
-/// The first tick with other outputs than recorded; -1 for none.
-fn run(
-    mut controller: Controller,
-    probes: usize,
-    ticks: &[RecordedTick],
-    chunks: &[InboxChunk],
-) -> i64 {
-    let mut outputs = TickOutputs::new(probes);
-    let mut done = 0;
-    for recorded in ticks {
-        let arrived = usize::try_from(recorded.chunks_arrived)
-            .unwrap_or(usize::MAX)
-            .min(chunks.len());
-        let samples: [Option<Sample>; MAX_PROBES] = std::array::from_fn(|k| {
-            let pose = Pose {
-                position: recorded.positions[k].into(),
-                orientation: glam::DQuat::from_array(recorded.orientations_xyzw[k]),
-            };
-            let is_set = |bits: u32| bits >> k & 1 == 1;
-            let told = is_set(recorded.is_held) || is_set(recorded.is_released);
-            is_set(recorded.has_sample).then_some(Sample {
-                in_hand: told.then_some(is_set(recorded.is_held)),
-                ..Sample::at(pose)
-            })
+impl Drop for Recorder {
+    /// Ends the thread of a recording that was not finished, without waiting for it.
+    fn drop(&mut self) {
+        let _ = self.ending.set(Ending {
+            level: Level::Warning,
+            sentence: "the run did not begin".to_owned(),
         });
-        if recorded.force_cut != 0 {
-            controller.force_was_cut();
-        }
-        let inputs = TickInputs {
-            tick: recorded.tick,
-            samples: &samples[..probes],
-            station: recorded.station,
-            chunks: [chunks.get(done..arrived).unwrap_or_default(), &[]],
-            stopping: recorded.stopping != 0,
-        };
-        controller.tick(&inputs, &mut outputs, &mut NoObserver);
-        done += outputs.chunks_consumed;
-        if controller.replay_hash() != recorded.replay_hash {
-            return i64::try_from(recorded.tick).unwrap_or(i64::MAX);
-        }
     }
-    -1
+}
+
+impl std::fmt::Debug for Recorder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Recorder").finish_non_exhaustive()
+    }
 }

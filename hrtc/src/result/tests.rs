@@ -1,10 +1,8 @@
 use super::*;
 use crate::tick_record::{STAGES, TickRecord};
-use geometry::Wrench;
 use glam::DVec3;
 use hrtc_core::record::{CoreRecord, ProbeRecord};
 use realtime::pacer::{Miss, MissClass};
-use scene::MAX_PROBES;
 
 fn record(tick: u64) -> TickRecord {
     TickRecord {
@@ -20,14 +18,11 @@ fn record(tick: u64) -> TickRecord {
         allocations: 0,
         chunks_arrived: 0,
         station: 1,
-        samples: [None; MAX_PROBES],
-        force_cut: false,
-        in_hand: [None; MAX_PROBES],
-        wrenches: [Wrench::ZERO; MAX_PROBES],
         core: CoreRecord {
             measured_error_m: -1.0,
             ..CoreRecord::default()
         },
+        ..TickRecord::default()
     }
 }
 

@@ -5,13 +5,15 @@
 //! | `hrtc-tick` | the loop: devices, core, rings |
 //! | `hrtc-link` | every iceoryx2 port |
 //! | `hrtc-watchdog` | zero force when the tick does not write any more |
-//! | the caller's | log, recording, messages, result |
+//! | `hrtc-recorder`, `hrtc-disk` | the recording, see [`crate::recorder`] |
+//! | the caller's | log, messages, result |
 //!
 //! The threads meet in bounded rings.
 
 mod monitor;
 mod outcome;
 mod probe_device;
+mod recording;
 mod shared;
 mod tick_thread;
 mod watchdog;
@@ -19,14 +21,14 @@ mod watchdog;
 pub use outcome::RunError;
 
 use crate::devices::DeviceRegistry;
-use crate::link::{ChunkRecorder, Link, LinkEndpoints, LinkHandle, LinkOptions};
+use crate::link::{Link, LinkEndpoints, LinkHandle, LinkOptions};
 use crate::message::note;
-use crate::recorder::{Recording, RecordingHead};
+use crate::recorder::OutputTap;
 use crate::result::Accumulator;
 use crate::setup::ControllerSetup;
 use crate::tick_record::TickRecord;
 use crate::tuning::{
-    CHUNK_LOG_CAPACITY, INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, TICK_STACK_BYTES, TOUR_SECONDS,
+    INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, TICK_STACK_BYTES, TOUR_SECONDS,
     WATCHDOG_STACK_BYTES,
 };
 use hrtc_core::streaming::chunk::InboxChunk;
@@ -36,9 +38,10 @@ use probe_device::ProbeDevice;
 use protocol::{ContactReport, Request};
 use realtime::core_claim::CoreClaim;
 use realtime::rights::monotonic_ns;
+use recording::RunRecording;
 use rtrb::{Consumer, RingBuffer};
 use scene::{Overrides, ScenePlan};
-use scene_files::DiskFiles;
+use scene_files::NotingFiles;
 use shared::Shared;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -82,7 +85,8 @@ pub struct RunArgs {
     pub output: Output,
     /// Start of both processes on CLOCK_MONOTONIC, ns; this process's own when absent.
     pub started_ns: Option<u64>,
-    /// File for a recording of every input of every tick.
+    /// First file of the recording; `off` records nothing, and without a path it is the scene's or
+    /// one in the user's state folder.
     pub record: Option<PathBuf>,
 }
 
@@ -146,7 +150,8 @@ pub fn run_until(
     stop: StopFlags<'_>,
 ) -> Result<(), RunError> {
     let started_ns = args.started_ns.unwrap_or_else(monotonic_ns);
-    let mut plan = scene::load(&args.scene, &args.overrides, &DiskFiles)?;
+    let files = NotingFiles::default();
+    let mut plan = scene::load(&args.scene, &args.overrides, &files)?;
     let domain = Domain::new(&args.domain)?;
     let devices = make_devices(devices, args, &plan)?;
     let capabilities = devices.iter().map(|probe| probe.device.capabilities());
@@ -160,9 +165,10 @@ pub fn run_until(
         object_faults: Mutex::new(Vec::with_capacity(plan.objects.len() + plan.probes.len())),
         ..Shared::default()
     });
-    let (recorder, recording) = open_recording(args, &setup, &shared)?;
+    let (mut recording, taps) = RunRecording::start(args, &plan, &setup, files.into_kept())?;
+    let (recorded_outputs, recorded_chunks) = taps.map(|of| (of.outputs, of.chunks)).unzip();
     let other_version = Arc::new(AtomicU32::new(0));
-    let (rings, requests, contacts, inbox, log) = rings();
+    let (rings, requests, contacts, inbox, log) = rings(recorded_outputs);
     let link = Link::spawn(
         LinkOptions {
             domain,
@@ -175,7 +181,7 @@ pub fn run_until(
             inbox,
             station: Arc::clone(&shared.station),
             other_version: Arc::clone(&other_version),
-            recorder,
+            recorder: recorded_chunks,
         },
     )?;
     let _core = claim_core(&plan);
@@ -197,10 +203,13 @@ pub fn run_until(
         link: &link,
         watchdog: &watchdog,
     };
-    let drained = monitor.drain(run, log, recording, stop);
+    let drained = monitor.drain(run, log, recording.as_mut(), stop);
     let end = tick.join(&drained);
     let ended = monitor.conclude(drained, end);
     stop_link(link);
+    if let Some(recording) = recording {
+        recording.finish(ended.as_ref().err().map(ToString::to_string));
+    }
     ended
 }
 
@@ -283,31 +292,6 @@ fn make_devices(
     plan.probes.iter().enumerate().map(make).collect()
 }
 
-/// The file of a recording, and the chunks that the link sends to it.
-type OpenRecording = (Recording, Consumer<InboxChunk>);
-
-fn open_recording(
-    args: &RunArgs,
-    setup: &ControllerSetup,
-    shared: &Arc<Shared>,
-) -> Result<(Option<ChunkRecorder>, Option<OpenRecording>), RunError> {
-    let Some(path) = &args.record else {
-        return Ok((None, None));
-    };
-    let head = RecordingHead::new(&args.scene, &args.overrides, setup)?;
-    // Bounded: a full disk must not fill the locked memory.
-    let (mut to_file, from_link) = RingBuffer::new(CHUNK_LOG_CAPACITY);
-    let shared = Arc::clone(shared);
-    let recorder: ChunkRecorder = Box::new(move |chunk| {
-        // Once the recording has been given up, nobody takes them out any more.
-        if to_file.push(*chunk).is_err() {
-            shared.chunks_unrecorded.fetch_add(1, Ordering::Relaxed);
-        }
-    });
-    let recording = Recording::create(path, &head)?;
-    Ok((Some(recorder), Some((recording, from_link))))
-}
-
 type RingEnds = (
     TickRings,
     Consumer<Request>,
@@ -317,7 +301,7 @@ type RingEnds = (
 );
 
 /// The rings: the tick's ends, then the link's, then the log.
-fn rings() -> RingEnds {
+fn rings(recorded: Option<OutputTap>) -> RingEnds {
     let (requests_in, requests_out) = RingBuffer::new(OUT_CAPACITY);
     let (contacts_in, contacts_out) = RingBuffer::new(OUT_CAPACITY);
     let (inbox_in, inbox_out) = RingBuffer::new(INBOX_CAPACITY);
@@ -327,6 +311,7 @@ fn rings() -> RingEnds {
         contacts: contacts_in,
         inbox: inbox_out,
         log: log_in,
+        recorded,
     };
     (tick, requests_out, contacts_out, inbox_in, log_out)
 }

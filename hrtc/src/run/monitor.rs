@@ -1,17 +1,17 @@
 //! The main thread of a run: drains the log, reports what happens, prints the result.
 //!
 //! No error here may leave the tick alone with a force on the hand: the loop ends only when the
-//! tick has ended. A recording that cannot be written is given up with a message; an output that
+//! tick has ended. A recording that cannot be written loses records with a message; an output that
 //! cannot be written ends the run with its ramp.
 
 use super::outcome::{self, RunError, rights};
+use super::recording::RunRecording;
 use super::shared::Shared;
 use super::tick_thread::TickThreadEnd;
 use super::watchdog::Watchdog;
-use super::{OpenRecording, Output, RunArgs, StopFlags};
+use super::{Output, RunArgs, StopFlags};
 use crate::link::LinkHandle;
 use crate::message::note;
-use crate::recorder::{Recording, RecordingError};
 use crate::result::{Accumulator, Finished, RunMeta, SupervisedLine};
 use crate::tick_record::TickRecord;
 use crate::tuning::{DRAIN_PERIOD, OFF_TIMEOUT, STATION_ABSENT_NS, STATUS_PERIOD_NS};
@@ -65,7 +65,7 @@ impl Monitor<'_> {
         &self,
         run: Accumulator,
         mut log: Consumer<TickRecord>,
-        mut recording: Option<OpenRecording>,
+        mut recording: Option<&mut RunRecording>,
         stop: StopFlags<'_>,
     ) -> Drained {
         let mut drained = Drained {
@@ -79,7 +79,7 @@ impl Monitor<'_> {
         loop {
             // Read before the log, so that no record comes after the last look.
             let ended = self.shared.ended.load(Ordering::Acquire);
-            self.drain_once(&mut log, &mut recording, &mut drained);
+            drain_once(&mut log, recording.as_deref_mut(), &mut drained.run);
             if ended {
                 break;
             }
@@ -106,9 +106,7 @@ impl Monitor<'_> {
             }
             std::thread::sleep(DRAIN_PERIOD);
         }
-        if let Some(Err(error)) = recording.map(|(file, _)| file.finish()) {
-            drained.give_up_recording(&error.to_string());
-        }
+        drained.recording_errors = recording.map_or(0, |of| u64::from(of.has_lost()));
         drained
     }
 
@@ -117,26 +115,6 @@ impl Monitor<'_> {
         self.shared.off.store(true, Ordering::Release);
         self.watchdog.wake();
         Instant::now()
-    }
-
-    /// Takes all waiting records and chunks.
-    fn drain_once(
-        &self,
-        log: &mut Consumer<TickRecord>,
-        recording: &mut Option<OpenRecording>,
-        drained: &mut Drained,
-    ) {
-        let lost = self.shared.chunks_unrecorded.load(Ordering::Relaxed);
-        if lost > 0 && recording.take().is_some() {
-            drained.give_up_recording("the disk is slower than the station's chunks arrive");
-        }
-        while let Ok(record) = log.pop() {
-            drained.run.push(&record);
-            drained.record(recording, |file| file.tick(&record));
-        }
-        while let Some(chunk) = recording.as_mut().and_then(|(_, chunks)| chunks.pop().ok()) {
-            drained.record(recording, |file| file.chunk(&chunk));
-        }
     }
 
     /// Prints news; returns an error that ends the run.
@@ -329,26 +307,17 @@ impl Monitor<'_> {
     }
 }
 
-impl Drained {
-    /// Writes to the recording; gives it up when it cannot be written.
-    fn record(
-        &mut self,
-        recording: &mut Option<OpenRecording>,
-        write: impl FnOnce(&mut Recording) -> Result<(), RecordingError>,
-    ) {
-        let Some((file, _)) = recording else {
-            return;
-        };
-        if let Err(error) = write(file) {
-            *recording = None;
-            self.give_up_recording(&error.to_string());
+/// Takes all waiting records.
+fn drain_once(
+    log: &mut Consumer<TickRecord>,
+    mut recording: Option<&mut RunRecording>,
+    run: &mut Accumulator,
+) {
+    while let Ok(record) = log.pop() {
+        run.push(&record);
+        if let Some(recording) = &mut recording {
+            recording.push(&record);
         }
-    }
-
-    /// A recording is evidence, not part of the loop: the run goes on without it.
-    fn give_up_recording(&mut self, reason: &str) {
-        self.recording_errors += 1;
-        note!("the recording ends here, the run goes on: {reason}");
     }
 }
 

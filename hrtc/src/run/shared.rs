@@ -29,8 +29,6 @@ pub(super) struct Shared {
     pub requests_lost: AtomicU64,
     /// Contact reports to the station that found the ring full.
     pub contacts_lost: AtomicU64,
-    /// Chunks that found no room on their way to the recording.
-    pub chunks_unrecorded: AtomicU64,
     /// The tick thread has asked for its rights and ticks.
     pub ticking: AtomicBool,
     /// CLOCK_MONOTONIC of the first tick, ns; 0 before it.

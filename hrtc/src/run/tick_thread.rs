@@ -6,6 +6,7 @@
 
 use super::probe_device::ProbeDevice;
 use super::shared::Shared;
+use crate::recorder::OutputTap;
 use crate::tick_record::{STAGES, TickRecord};
 use crate::tuning::{
     COMMAND_VALIDITY_PERIODS, INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, PANIC_RAMP_PERIODS,
@@ -31,6 +32,8 @@ pub(super) struct TickRings {
     pub contacts: Producer<ContactReport>,
     pub inbox: Consumer<InboxChunk>,
     pub log: Producer<TickRecord>,
+    /// `None` without a recording.
+    pub recorded: Option<OutputTap>,
 }
 
 /// Largest number of entries in each ring.
@@ -259,7 +262,7 @@ impl TickThread {
         };
         let consumed = self.compute(inputs, slots, outputs, &mut clock);
         arrivals.waiting = slots - consumed;
-        self.send(outputs);
+        self.send(wake.tick, outputs);
         self.render(lasting);
         let high_water = &mut lasting.high_water;
         high_water.requests = (OUT_CAPACITY - self.rings.requests.slots()).max(high_water.requests);
@@ -345,7 +348,10 @@ impl TickThread {
 
     /// Hands requests and contacts to the link. A full ring loses a request; the gap in the request
     /// numbers ends the epoch, and the next epoch asks again.
-    fn send(&mut self, outputs: &TickOutputs) {
+    fn send(&mut self, tick: u64, outputs: &TickOutputs) {
+        if let Some(recorded) = &mut self.rings.recorded {
+            recorded.push(tick, outputs);
+        }
         for request in outputs.outbox.requests() {
             if self.rings.requests.push(*request).is_err() {
                 self.shared.requests_lost.fetch_add(1, Ordering::Relaxed);
@@ -422,8 +428,10 @@ fn message(payload: Box<dyn Any + Send>) -> String {
 
 /// The log's record of a tick.
 fn record(wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &Lasting) -> TickRecord {
+    let outputs = &lasting.outputs;
     TickRecord {
         tick: wake.tick,
+        start_ns: wake.start_ns,
         skipped: wake.skipped,
         misses: wake.misses,
         wake_ns: wake.wake_ns,
@@ -435,13 +443,14 @@ fn record(wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &Lasting) -> T
         allocations: ticked.allocations,
         chunks_arrived: lasting.arrivals.arrived,
         station: ticked.station,
-        samples: ticked
-            .samples
-            .map(|sample| sample.map(|sample| sample.pose)),
-        in_hand: ticked.samples.map(|sample| sample?.in_hand),
+        samples: ticked.samples,
         force_cut: ticked.force_cut,
         wrenches: ticked.wrenches,
-        core: lasting.outputs.record,
+        contacts: std::array::from_fn(|k| outputs.contacts.get(k).copied().flatten()),
+        chunks_consumed: outputs.chunks_consumed as u32,
+        requests: outputs.outbox.requests().len() as u32,
+        reports: outputs.reports.len() as u32,
+        core: outputs.record,
     }
 }
 

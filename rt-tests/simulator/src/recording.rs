@@ -44,6 +44,28 @@ impl InputRecording {
         self.ticks.iter().map(|tick| tick.replay_hash)
     }
 
+    /// The inputs of a tick (an index of the recording): those of [`TickInputs`] without chunks,
+    /// and how many chunks had arrived.
+    #[must_use]
+    pub fn inputs(&self, index: usize) -> Option<(TickInputs<'_>, usize)> {
+        let tick = self.ticks.get(index)?;
+        let before = index.checked_sub(1).map_or(0, |k| self.ticks[k].samples);
+        let inputs = TickInputs {
+            tick: tick.tick,
+            samples: &self.samples[before..tick.samples],
+            station: tick.station,
+            chunks: [&[], &[]],
+            stopping: tick.is_stopping,
+        };
+        Some((inputs, tick.chunks))
+    }
+
+    /// All chunks, in the order in which ticks took them.
+    #[must_use]
+    pub fn chunks(&self) -> &[InboxChunk] {
+        &self.chunks
+    }
+
     /// Adds a chunk that arrives behind all others.
     pub(crate) fn add_chunk(&mut self, chunk: InboxChunk) {
         self.chunks.push(chunk);

@@ -5,6 +5,7 @@
 //! | [`run`] | both processes on a scene, with a closing report |
 //! | [`jitter`] | the timing of the loop beside a bare loop |
 //! | [`replay`] | a recording through the controller again |
+//! | [`export`] | a recording as tables |
 //! | [`fronts`] | fronts are legal, certified and cheap, on any mesh |
 //! | [`accuracy`] | the cost of accuracy, from the base mesh to the full mesh |
 //! | [`compare`] | a query and an update beside those of parry |
@@ -16,6 +17,7 @@
 pub mod accuracy;
 pub mod compare;
 pub mod effects;
+pub mod export;
 pub mod fronts;
 pub mod jitter;
 pub mod predictors;

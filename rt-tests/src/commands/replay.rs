@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Arguments of `rt-tests replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// What rt-tests run --record FILE wrote
+    /// A file of a recording; rt-tests run and hrtc run write one
     pub file: PathBuf,
     /// Print one JSON object with the result on standard output
     #[arg(long)]
@@ -26,17 +26,25 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     if args.json {
         print_json(&found)?;
     } else if found.equal {
-        let cut = if found.whole {
-            ""
-        } else {
-            "; the recording has no end: it was cut short"
-        };
         print(&format!(
-            "all {} ticks gave the recorded outputs, bit by bit{cut}\n",
-            grouped(found.ticks)
+            "all {} ticks gave the recorded outputs, bit by bit{}\n",
+            grouped(found.ticks),
+            shortened(&found)
         ))?;
     }
     judge(&found, &args.file.display().to_string())
+}
+
+/// What the recording lacks.
+fn shortened(found: &Replay) -> String {
+    match found.holes.first() {
+        Some(hole) => format!(
+            "; ticks {} to {} are not in the recording: {}",
+            hole.first, hole.last, hole.reason
+        ),
+        None if found.whole => String::new(),
+        None => "; the recording has no end: it was cut short".to_string(),
+    }
 }
 
 fn judge(found: &Replay, name: &str) -> Result<(), Failure> {
@@ -44,7 +52,7 @@ fn judge(found: &Replay, name: &str) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::Run(format!(
-        "{name}: tick {} of this recording gives other outputs than were recorded; it was made by another build, or changed since",
-        found.first_difference
+        "{name}: tick {} of this recording gives another {}; it was made by another build, or changed since",
+        found.first_difference, found.field
     )))
 }

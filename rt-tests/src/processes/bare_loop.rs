@@ -6,13 +6,11 @@ use super::stop::is_set;
 use crate::failure::Failure;
 use crate::report::output::print_json;
 use clap::Args;
-use geometry::Wrench;
 use hrtc::result::{Accumulator, Finished, Right, RunMeta, SupervisedLine};
 use hrtc::tick_record::{STAGES, TickRecord};
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::{Pacer, Wake, Worked};
 use realtime::rights::{obtain, thread_cpu_ns};
-use scene::MAX_PROBES;
 use std::sync::atomic::AtomicBool;
 
 /// What the bare loop's role is told.
@@ -139,14 +137,11 @@ fn record(&(wake, worked): &(Wake, Worked)) -> TickRecord {
         allocations: 0,
         chunks_arrived: 0,
         station: 0,
-        samples: [None; MAX_PROBES],
-        force_cut: false,
-        in_hand: [None; MAX_PROBES],
-        wrenches: [Wrench::ZERO; MAX_PROBES],
         core: CoreRecord {
             measured_error_m: -1.0,
             ..CoreRecord::default()
         },
+        ..TickRecord::default()
     }
 }
 

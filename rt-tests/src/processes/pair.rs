@@ -33,7 +33,8 @@ pub struct PairArgs<'a> {
     pub seconds: f64,
     /// Over the scene.
     pub overrides: &'a OverrideArgs,
-    /// Where the controller records its inputs.
+    /// First file of the recording, or "off"; without one the run is recorded all the same, as a
+    /// user's would be, and the files are removed after it.
     pub record: Option<&'a Path>,
 }
 
@@ -65,7 +66,12 @@ pub fn run_pair(
     show: &mut dyn FnMut(Shown),
 ) -> Result<Outcome, Failure> {
     let domain = Domain::new(&unique_domain()).map_err(|error| Failure::Run(error.to_string()))?;
-    let outcome = Processes::start(args, domain.name()).and_then(|mut pair| {
+    let unkept = tempfile::tempdir()
+        .map_err(|error| Failure::Run(format!("no folder for the recording: {error}")))?;
+    let unkept_file = unkept.path().join("recording.mcap");
+    let is_recorded = args.plan.record.keep_bytes.is_some();
+    let record = args.record.or(is_recorded.then_some(unkept_file.as_path()));
+    let outcome = Processes::start(args, record, domain.name()).and_then(|mut pair| {
         let finished = pair.watch(args.seconds, stop, show);
         pair.station.terminate();
         pair.station.wait(ENDING);
@@ -97,7 +103,7 @@ struct Processes {
 }
 
 impl Processes {
-    fn start(args: &PairArgs, domain: &str) -> Result<Self, Failure> {
+    fn start(args: &PairArgs, record: Option<&Path>, domain: &str) -> Result<Self, Failure> {
         let (sender, events) = channel();
         let started = monotonic_ns();
         let core = other_core(args.plan);
@@ -113,7 +119,7 @@ impl Processes {
         let mut controller_arguments = role("role-hrtc");
         controller_arguments.push(format!("--seconds={}", args.seconds).into());
         controller_arguments.push(format!("--started-ns={started}").into());
-        if let Some(record) = args.record {
+        if let Some(record) = record {
             controller_arguments.push("--record".into());
             controller_arguments.push(record.into());
         }

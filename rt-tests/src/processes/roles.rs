@@ -33,7 +33,7 @@ pub struct ControllerArgs {
     /// Start of both processes on CLOCK_MONOTONIC, nanoseconds.
     #[arg(long)]
     pub started_ns: u64,
-    /// File that every input of every tick is recorded to.
+    /// First file of the recording, or "off".
     #[arg(long)]
     pub record: Option<PathBuf>,
     /// Over the scene.

@@ -66,10 +66,18 @@ fn read_crate(folder: PathBuf) -> Crate {
             .to_string(),
         dependencies: dependencies
             .into_iter()
-            .flat_map(|table| table.keys().cloned())
+            .flatten()
+            .filter(|(_, typed)| !is_optional(typed))
+            .map(|(name, _)| name.clone())
             .collect(),
         folder,
     }
+}
+
+/// Whether a dependency comes with a feature only, which no reader of a file turns on.
+fn is_optional(typed: &toml::Value) -> bool {
+    let optional = typed.get("optional").and_then(toml::Value::as_bool);
+    optional.unwrap_or(false)
 }
 
 /// All Rust files below a folder, but not what a build leaves there.

@@ -18,6 +18,7 @@ pub type NodeId = u32;
 
 /// A child of a node, or the root: a node or an active face.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Child {
     /// An inner node.
     Node(NodeId),
@@ -48,6 +49,7 @@ impl Child {
 /// An inner node: 64 bytes.
 #[repr(C, align(64))]
 #[derive(Debug, Clone, Copy)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Node {
     boxes: BoxPair,
     children: [u32; 2],
@@ -83,6 +85,7 @@ impl Node {
 /// An AABB tree over the active faces of one object. Sized once; no operation allocates or
 /// recurses.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AbTree {
     /// Faces of the full mesh, which define the shape.
     full_faces: u32,

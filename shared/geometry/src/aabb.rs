@@ -6,6 +6,7 @@ use glam::{DVec3, Vec3};
 /// An axis-aligned box in the model's frame and units. An empty box has `lower > upper`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Aabb {
     /// Smallest corner.
     pub lower: Vec3,

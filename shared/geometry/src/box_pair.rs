@@ -10,12 +10,14 @@ use glam::{BVec4A, DVec3, Vec3, Vec3A, Vec4, Vec4Swizzles};
 /// Two boxes; each may be empty.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BoxPair {
     axes: [Vec4; 3],
 }
 
 /// A point or a box to compare a [`BoxPair`] with, rounded outwards to f32.
 #[derive(Debug, Clone, Copy)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BoxQuery {
     axes: [Vec4; 3],
 }

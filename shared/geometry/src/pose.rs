@@ -4,6 +4,7 @@ use glam::{DQuat, DVec3};
 
 /// Position and orientation of a rigid frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pose {
     /// Position, metres.
     pub position: DVec3,
@@ -70,6 +71,7 @@ impl Pose {
 
 /// Force and torque at a pose's position, in the world's axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wrench {
     /// Newtons.
     pub force: DVec3,

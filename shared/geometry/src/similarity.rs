@@ -5,6 +5,7 @@ use glam::{DMat3, DVec3, Vec3A};
 
 /// Rotation, uniform scale and translation, from one frame to another.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Similarity {
     /// Rotation times scale.
     linear: DMat3,

@@ -27,7 +27,9 @@ const MAX_ID_BYTES: usize = 5;
 
 /// The head of a part.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, serde::Serialize, serde::Deserialize,
+)]
 pub struct PartHead {
     /// [`spm::RegionId`] as a number, as requested.
     pub region: u32,
@@ -211,7 +213,7 @@ pub enum AnswerItem {
 /// Reads a chunk of answers item by item; a copy marks a position to return to.
 ///
 /// For any bytes it stays within them and ends after at most one item a byte.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AnswersReader {
     at: usize,
     end: usize,

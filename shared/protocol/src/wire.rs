@@ -137,7 +137,18 @@ impl ChunkHeader {
 /// Sixty-four bytes of a chunk.
 #[repr(C)]
 #[repr(align(8))]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Pod,
+    Zeroable,
+    ZeroCopySend,
+    serde::Serialize,
+    serde::Deserialize,
+)]
 #[type_name("hrtc.ChunkSlot.v4")]
 pub struct ChunkSlot {
     /// Raw words; cast with `bytemuck`.
@@ -163,7 +174,7 @@ pub struct MeasuredError {
 
 /// One point of a scripted path, 64 bytes.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, serde::Serialize, serde::Deserialize)]
 pub struct TourPoint {
     /// Seconds from the start.
     pub t: f64,
@@ -219,7 +230,9 @@ pub struct RegionAsk {
 
 /// Parameters of a scripted path.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, serde::Serialize, serde::Deserialize,
+)]
 #[type_name("hrtc.TourAsk.v4")]
 pub struct TourAsk {
     /// Seed of its random choices.

@@ -12,9 +12,14 @@
 //! assert_eq!(plan.name, "touch");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+//!
+//! [`NotingFiles`] keeps what it read, so that [`KeptFiles`] can serve the same scene without a
+//! disk.
 
 #![forbid(unsafe_code)]
 
+use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -29,5 +34,85 @@ impl scene::Files for DiskFiles {
 
     fn absolute(&self, path: &Path) -> io::Result<PathBuf> {
         std::path::absolute(path)
+    }
+}
+
+/// Files by their content: what a scene read once, to be read again on any machine.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct KeptFiles {
+    /// Content by the path that was asked for.
+    pub contents: BTreeMap<PathBuf, Vec<u8>>,
+    /// Paths from the root by the path that was asked for.
+    pub absolute: BTreeMap<PathBuf, PathBuf>,
+}
+
+impl scene::Files for KeptFiles {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        let content = self.contents.get(path).cloned();
+        content.ok_or_else(|| io::ErrorKind::NotFound.into())
+    }
+
+    fn absolute(&self, path: &Path) -> io::Result<PathBuf> {
+        let absolute = self.absolute.get(path).cloned();
+        absolute.ok_or_else(|| io::ErrorKind::NotFound.into())
+    }
+}
+
+/// Files of this machine, of which everything that was read is kept.
+#[derive(Debug, Default)]
+pub struct NotingFiles {
+    kept: RefCell<KeptFiles>,
+}
+
+impl NotingFiles {
+    /// Everything that was read so far.
+    #[must_use]
+    pub fn into_kept(self) -> KeptFiles {
+        self.kept.into_inner()
+    }
+}
+
+impl scene::Files for NotingFiles {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        let bytes = DiskFiles.read(path)?;
+        let mut kept = self.kept.borrow_mut();
+        kept.contents.insert(path.to_path_buf(), bytes.clone());
+        Ok(bytes)
+    }
+
+    fn absolute(&self, path: &Path) -> io::Result<PathBuf> {
+        let absolute = DiskFiles.absolute(path)?;
+        let mut kept = self.kept.borrow_mut();
+        kept.absolute.insert(path.to_path_buf(), absolute.clone());
+        Ok(absolute)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scene::Overrides;
+
+    #[test]
+    fn a_scene_is_the_same_from_the_files_that_it_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("touch.toml");
+        let text = "[[object]]\nmodel = \"m.spm\"\nsize_m = 0.1\n[[probe]]\n\
+                    trajectory = { csv = \"path.csv\" }\n";
+        std::fs::write(&path, text).unwrap();
+        let points = "0,0,0,0.1,1,0,0,0\n1,0,0,0.2,1,0,0,0\n";
+        std::fs::write(folder.path().join("path.csv"), points).unwrap();
+        let overrides = Overrides {
+            model: Some("other.spm".into()),
+            ..Overrides::default()
+        };
+        let noting = NotingFiles::default();
+        let plan = scene::load(&path, &overrides, &noting).unwrap();
+        let kept = noting.into_kept();
+        drop(folder);
+        assert_eq!(kept.contents.len(), 2);
+        assert_eq!(scene::load(&path, &overrides, &kept), Ok(plan));
+        let nothing = KeptFiles::default();
+        assert!(scene::load(&path, &overrides, &nothing).is_err());
     }
 }

@@ -45,6 +45,10 @@ pub(crate) const GRAVITY_M_PER_S2: f64 = 9.80665;
 pub(crate) const MAX_PATH_POINTS: usize = 4096;
 /// Steepest slope of a texture (45 degrees).
 pub(crate) const MAX_TEXTURE_SLOPE: f64 = 1.0;
+/// Bytes of a recording's files together: four minutes of a run, at the 2 MB/s of one probe.
+pub(crate) const DEFAULT_KEEP_BYTES: u64 = 512 << 20;
+/// Least bytes of a recording's files together: four files with the state of a small cache each.
+pub(crate) const MIN_KEEP_BYTES: u64 = 1 << 20;
 
 /// Allowed values of a number.
 pub(crate) trait Limit<T> {

@@ -18,6 +18,7 @@ pub use movable::{
 
 use geometry::Pose;
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -46,6 +47,8 @@ pub struct ScenePlan {
     pub accuracy: AccuracyPlan,
     /// Limits of every output force.
     pub safety: SafetyPlan,
+    /// The recording of a run.
+    pub record: RecordPlan,
     /// Objects, at least one and at most [`MAX_OBJECTS`].
     pub objects: Vec<ObjectPlan>,
     /// Probes, at least one and at most [`MAX_PROBES`].
@@ -61,6 +64,15 @@ impl ScenePlan {
     pub fn active_objects(&self) -> usize {
         self.objects.len().min(2 * self.probes.len() + 1)
     }
+}
+
+/// The recording of a run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordPlan {
+    /// Bytes that its files may have together; `None` records nothing.
+    pub keep_bytes: Option<u64>,
+    /// Its first file; `None` leaves it to the program.
+    pub path: Option<PathBuf>,
 }
 
 /// The loop and its thread.
@@ -92,7 +104,7 @@ pub struct AccuracyPlan {
 }
 
 /// Where the mesh is refined.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub enum RefinementPlan {
     /// Around the contact and its predicted path, coarser with distance (thesis chapter 5).
     #[default]
@@ -146,7 +158,7 @@ impl ModelSource {
 }
 
 /// Size of a model in the world.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum ModelScale {
     /// Length of the longest side, metres.
     Size(f64),
@@ -184,7 +196,7 @@ pub struct ObjectPlan {
 }
 
 /// Stiffness and damping of a surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SurfacePlan {
     /// N/m.
     pub stiffness_n_per_m: f64,
@@ -311,7 +323,7 @@ pub enum TrajectoryPlan {
 }
 
 /// Values of the command line, which replace those of the scene.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Overrides {
     /// Another model for the first object and its copies (relative to the current folder).
     pub model: Option<PathBuf>,

@@ -41,6 +41,8 @@ tables! {
         #[serde(default)]
         safety: SafetyTyped,
         #[serde(default)]
+        record: RecordTyped,
+        #[serde(default)]
         effects: Vec<Spanned<EffectTyped>>,
         #[serde(default)]
         object: Vec<Spanned<ObjectTyped>>,
@@ -56,6 +58,13 @@ tables! {
         spin_us: Whole,
         require_realtime: Option<bool>,
         operations: Whole,
+    }
+
+    #[derive(Default)]
+    struct RecordTyped {
+        /// A size, or "off".
+        keep: Option<Spanned<String>>,
+        path: Option<Spanned<String>>,
     }
 
     #[derive(Default)]

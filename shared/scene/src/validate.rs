@@ -6,6 +6,7 @@ mod effects;
 mod movable;
 mod objects;
 mod overrides;
+mod record;
 mod shape;
 mod tick;
 mod trajectory;
@@ -17,6 +18,7 @@ use crate::source::{SceneError, Source};
 use crate::typed::{ProbeTyped, SceneTyped};
 use device::device_plan;
 use objects::Objects;
+use record::record_plan;
 use shape::probe_shape;
 use std::path::Path;
 use tick::{accuracy_plan, loop_plan, safety_plan};
@@ -91,6 +93,7 @@ fn plan(source: &Source, name: &str, overrides: &Overrides) -> Result<ScenePlan,
             .map_or(DEFAULT_CACHE_BYTES, |bytes| bytes.0),
         accuracy: accuracy_plan(source, &typed.accuracy)?,
         safety: safety_plan(source, &typed.safety)?,
+        record: record_plan(source, &typed.record)?,
         objects: objects.plans,
         probes,
         effects: Vec::new(),

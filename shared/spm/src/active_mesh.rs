@@ -42,6 +42,7 @@ pub type Slot = u32;
 
 /// A face: corners counterclockwise, and the neighbour across the edge opposite each corner.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Face {
     /// Corners, vertex handles.
     pub corners: [Handle; 3],
@@ -62,6 +63,7 @@ impl Face {
 
 /// Position and certified radius of a vertex.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Vertex {
     position: Vec3,
     radius: f32,
@@ -69,6 +71,7 @@ struct Vertex {
 
 /// A record in handles instead of ids.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Links {
     i: u32,
     vs: Handle,
@@ -78,6 +81,7 @@ struct Links {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct State {
     /// Performed VSPs that depend on this one, counted with repetition.
     dependents: u16,
@@ -102,6 +106,7 @@ pub enum OperationError {
 
 /// The mesh of a front.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ActiveMesh {
     base_vertices: u32,
     base_faces: u32,
@@ -109,6 +114,7 @@ pub struct ActiveMesh {
     faces: Vec<Face>,
     links: Vec<Links>,
     states: Vec<State>,
+    #[cfg_attr(feature = "serde", serde(with = "crate::reserved"))]
     geomorphs: Vec<Geomorph>,
     active_faces: u32,
     performed: u32,

@@ -7,6 +7,7 @@
 /// comes near it, but none is ruled out, since a collapse may put its vertex outside of the box:
 /// the largest code stands for whatever is beyond the others, and its value is infinite.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ErrorScale(f64);
 
 impl ErrorScale {

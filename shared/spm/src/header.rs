@@ -6,6 +6,7 @@ use bytemuck::{Pod, Zeroable};
 /// The header of a model: everything that a controller needs before its first record.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ModelHeader {
     /// Content hash.
     pub model: u64,

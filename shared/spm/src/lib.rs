@@ -66,6 +66,8 @@ mod hierarchy;
 mod prefix_mesh;
 mod record;
 mod regions;
+#[cfg(feature = "serde")]
+pub mod reserved;
 
 pub use ab_tree::{Handle, NONE};
 pub use active_mesh::{

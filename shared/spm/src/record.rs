@@ -48,6 +48,7 @@ const _: () = {
 
 /// Sizes of a model, which define its implicit ids.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Sizes {
     /// V0, vertices of the base mesh.
     pub base_vertices: u32,

@@ -13,6 +13,7 @@ pub const LEVELS: usize = 10;
 /// ([`crate::ModelHeader::level_of`]).
 #[repr(transparent)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Pod, Zeroable)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RegionId(pub u32);
 
 impl RegionId {
@@ -45,6 +46,7 @@ impl RegionId {
 /// distance in every direction, and flat models do not get flat cells.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RegionGrid {
     /// Smallest corner of the bounding box, model units.
     pub lower: [f64; 3],

@@ -29,7 +29,7 @@ use std::sync::Arc;
 const MAX_CHUNKS: u32 = u64::BITS;
 
 /// All objects of a scene, and those that are active.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct ActiveSet {
     /// All objects of the scene.
     pub instances: Vec<ObjectInstance>,

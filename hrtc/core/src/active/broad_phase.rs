@@ -11,7 +11,7 @@ use glam::DVec3;
 pub const MAX_NEAR: usize = 64;
 
 /// A ball around a probe, world, metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Ball {
     /// Index of the probe.
     pub probe: usize,
@@ -22,7 +22,7 @@ pub struct Ball {
 }
 
 /// An object whose box meets a probe's ball.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Near {
     /// Index of the object.
     pub object: usize,
@@ -33,11 +33,12 @@ pub struct Near {
 }
 
 /// The boxes of all objects, in the world.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct BroadPhase {
     lower: [Vec<f64>; 3],
     upper: [Vec<f64>; 3],
     /// Objects that move, and how far each may go in a tick, metres.
+    #[serde(with = "spm::reserved")]
     displacements: Vec<(usize, f64)>,
     /// Squared distances of one ball.
     distances: Vec<f64>,

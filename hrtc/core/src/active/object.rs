@@ -20,7 +20,7 @@ use scene::{EffectPlan, ScenePlan};
 use std::sync::Arc;
 
 /// An active object, or a place for one.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct ActiveObject {
     pub(crate) instance: Option<ObjectInstance>,
     pub(crate) frame: Option<ModelFrame>,

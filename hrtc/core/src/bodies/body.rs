@@ -15,7 +15,7 @@ use glam::DVec3;
 use scene::MovablePlan;
 
 /// Length of a step, and its speed limits.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Step {
     /// Seconds.
     pub period_s: f64,
@@ -25,7 +25,7 @@ pub struct Step {
     pub fastest_turn: f64,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum Kind {
     /// At rest until its box is known.
     Unknown,
@@ -36,7 +36,7 @@ enum Kind {
 }
 
 /// A body of a scene.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Body {
     plan: MovablePlan,
     /// Pose in the scene.

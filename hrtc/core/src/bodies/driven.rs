@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3};
 use scene::DrivenPlan;
 use std::f64::consts::TAU;
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Driven {
     home: Pose,
     /// Centre of the rotation at time 0, world, metres.

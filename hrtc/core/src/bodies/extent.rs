@@ -5,7 +5,7 @@ use glam::DVec3;
 use spm::ModelHeader;
 
 /// Bounding box of a model in the axes of its object, relative to the object's position, metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Extent {
     /// Middle of the box.
     pub middle: DVec3,

@@ -10,7 +10,7 @@ use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::FreePlan;
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Free {
     linear: SpringDamper,
     /// About each of the body's axes.

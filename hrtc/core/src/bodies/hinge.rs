@@ -7,7 +7,7 @@ use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::HingePlan;
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Hinge {
     home: Pose,
     /// Unit vector, world.

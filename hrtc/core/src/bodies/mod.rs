@@ -51,7 +51,7 @@ use spm::NONE;
 use std::collections::VecDeque;
 
 /// The wrench that a contact gave to a device in a tick.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Push {
     /// Index into the bodies.
     body: usize,
@@ -63,7 +63,7 @@ struct Push {
 }
 
 /// The bodies of a scene. It does not allocate after [`Movables::new`].
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Movables {
     /// In the order of the scene.
     bodies: Vec<Body>,
@@ -76,6 +76,7 @@ pub struct Movables {
     /// Bodies that the last step moved or stopped.
     moved: Vec<usize>,
     /// Wrenches of this tick; their work is known after the next step.
+    #[serde(with = "spm::reserved")]
     pushes: Vec<Push>,
     /// Work of each probe's wrenches over the motion of the material since it was last taken,
     /// joules: the whole, and the limited part.

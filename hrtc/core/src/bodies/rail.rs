@@ -6,7 +6,7 @@ use geometry::{Pose, Wrench};
 use glam::DVec3;
 use scene::RailPlan;
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Rail {
     home: Pose,
     /// Unit vector, world.

@@ -7,7 +7,7 @@ use scene::SpringDamperPlan;
 
 /// Inertia, spring and damper of one coordinate: of a displacement (kg, N/m, N s/m) or of an angle
 /// (kg m², N m/rad, N m s/rad).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SpringDamper {
     pub inertia: f64,
     spring: f64,
@@ -37,7 +37,7 @@ impl SpringDamper {
 }
 
 /// A coordinate that a force moves: a displacement in metres or an angle in radians.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Coordinate {
     /// Value now, 0 in the scene.
     pub at: f64,

@@ -12,7 +12,7 @@ const BYTES_PER_MODEL: usize = 36 << 10;
 const MAX_SHARE: usize = 4;
 
 /// A model whose base mesh is known.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Model {
     /// Its header.
     pub header: ModelHeader,
@@ -22,7 +22,7 @@ pub struct Model {
     pub area: f64,
 }
 
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 struct Entry {
     model: Option<Model>,
     /// First of its slots and their number, once they are set aside.
@@ -30,7 +30,7 @@ struct Entry {
 }
 
 /// See the module.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct BaseMeshStore {
     entries: Vec<Entry>,
     slots: Vec<ChunkSlot>,

@@ -23,7 +23,7 @@ impl Id for u32 {
 }
 
 /// Ids to values.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct IdMap<I> {
     /// Pairs of id and value; the id is [`Id::NONE`] where free. The length is a power of two.
     entries: Vec<(I, u32)>,

@@ -4,14 +4,14 @@ use spm::NONE;
 
 const ITEMS: usize = 15;
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Block {
     items: [u32; ITEMS],
     next: u32,
 }
 
 /// A list in the pool.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct List {
     head: u32,
     tail: u32,
@@ -34,7 +34,7 @@ impl List {
 }
 
 /// A place in a list.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Cursor {
     block: u32,
     index: u32,
@@ -52,7 +52,7 @@ impl Cursor {
 }
 
 /// A pool of blocks of fixed size.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct ListPool {
     blocks: Vec<Block>,
     /// First free block, chained through `next`; blocks from `fresh` on were never used.

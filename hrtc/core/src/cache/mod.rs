@@ -61,7 +61,7 @@ pub struct CacheHighWater {
 }
 
 /// The cache cannot hold what it must.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error, serde::Serialize, serde::Deserialize)]
 pub enum CacheError {
     /// The base mesh and one closure need more than there is.
     #[error(
@@ -88,7 +88,7 @@ pub enum LoadError {
     Damaged,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 enum Queue {
     #[default]
     None,
@@ -96,7 +96,7 @@ enum Queue {
     Evictions,
 }
 
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 struct References {
     held: u16,
     wanted: u16,
@@ -108,7 +108,7 @@ struct References {
     next: u32,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Ends {
     first: u32,
     last: u32,
@@ -116,7 +116,7 @@ struct Ends {
 }
 
 /// See the module.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct Cache {
     bytes: usize,
     mesh: ActiveMesh,

@@ -18,7 +18,7 @@ use super::lists::{Cursor, List};
 use super::region_key::RegionKey;
 
 /// State of a region.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum RegionState {
     /// Requested; its closure or records are to come.
     Requested,
@@ -35,7 +35,7 @@ pub enum RegionState {
 }
 
 /// A region in the table.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Region {
     /// Its name.
     pub key: RegionKey,

@@ -4,7 +4,9 @@ use super::id_map::Id;
 use spm::RegionId;
 
 /// Name of a region: a cell in the grid of its tolerance's level, or one of the special ids.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
+)]
 pub struct RegionKey {
     /// The cell, or [`RegionId::WHOLE`] or [`RegionId::PREFIX`].
     pub id: RegionId,

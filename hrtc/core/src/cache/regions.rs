@@ -15,7 +15,7 @@ pub const MAX_OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
 pub const MAX_RELEASES: usize = REGIONS_PER_REQUEST / 2;
 
 /// Neighbours in the order of use.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Links {
     earlier: u32,
     later: u32,
@@ -23,7 +23,7 @@ struct Links {
 
 /// A table of fixed capacity, whose regions stand in the order in which they were last used as
 /// well.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct RegionTable {
     regions: Vec<Option<Region>>,
     links: Vec<Links>,

@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 
 /// A translation of the centre and a rotation about it: a screw in exponential coordinates.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Twist {
     /// Displacement of the centre, model units.
     pub linear: DVec3,
@@ -54,7 +54,7 @@ impl Twist {
 }
 
 /// Placement of a tool: its centre and its axes in the model.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Placement {
     /// Centre, model units.
     pub centre: DVec3,

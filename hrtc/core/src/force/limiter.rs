@@ -8,7 +8,7 @@ use glam::DVec3;
 use scene::SafetyPlan;
 
 /// Limits of one device, the ramp, and the last wrench.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct ForceLimiter {
     force: Limit,
     torque: Limit,
@@ -20,7 +20,7 @@ pub struct ForceLimiter {
 }
 
 /// Maximum of a force (N) or a torque (N m), and of its change in a tick.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Limit {
     most: f64,
     step: f64,

@@ -46,7 +46,7 @@ use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 
 /// Observes the energy that the rendering puts out, and limits the passive wrench by it.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct EnergyAccount {
     /// Step of the encoder, metres; 0 for none. Motion within it is noise and does no work on the
     /// limited part.
@@ -102,7 +102,7 @@ impl std::ops::Add for CarriedWork {
 }
 
 /// The springs between the device and its proxies, as a sum.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct CouplingSpring {
     /// Stiffness, N/m.
     pub stiffness_n_per_m: f64,

@@ -4,7 +4,7 @@ use crate::tuning::force::MAX_VELOCITY_PERIODS;
 use glam::DVec3;
 
 /// Positions at the ends of the last periods, metres, the newest first.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Positions([DVec3; MAX_VELOCITY_PERIODS + 1]);
 
 impl Positions {

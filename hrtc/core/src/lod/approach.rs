@@ -4,7 +4,7 @@ use super::forecast::ContactForecast;
 use super::predict::Predictor;
 
 /// Prediction of one probe towards one object.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct Approach {
     /// Where the probe goes.
     pub predictor: Predictor,

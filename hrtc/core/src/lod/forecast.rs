@@ -12,7 +12,7 @@ use glam::DVec3;
 use spm::{Handle, NONE};
 
 /// A place where a part of a tool may touch next.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Near {
     /// On the part, model units: between there and what is known of the surface the full mesh may
     /// be.
@@ -24,7 +24,7 @@ pub struct Near {
 }
 
 /// Result of the last look at a part.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Seen {
     /// The face nearest to it; none when it was not looked at yet.
     face: Handle,
@@ -45,7 +45,7 @@ impl Seen {
 }
 
 /// See the module.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct ContactForecast {
     seen: [Seen; MAX_BALLS],
     next: usize,

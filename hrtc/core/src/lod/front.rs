@@ -26,7 +26,7 @@ use scene::{RefinementPlan, ScenePlan};
 use spm::{NONE, OperationFaces, RegionId};
 
 /// The model that the front approximates.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct FrontModel {
     /// Header, largest R and area.
     pub model: Model,
@@ -37,7 +37,7 @@ pub struct FrontModel {
 }
 
 /// Work of a front in a tick.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 pub struct FrontStats {
     /// Splits performed.
     pub vsplits: u32,
@@ -61,7 +61,7 @@ pub struct Accuracy {
 }
 
 /// See the module.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct Front {
     /// The loaded and the refined front.
     pub cache: Cache,

@@ -21,7 +21,7 @@ use spm::{LEVELS, RegionGrid};
 pub const MAX_RINGS: usize = LEVELS + 1;
 
 /// Regions of one tolerance around the contact.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Ring {
     /// Tolerance of its regions, model units; 0 is the full mesh.
     pub tolerance: f32,
@@ -32,7 +32,7 @@ pub struct Ring {
 }
 
 /// The rings of a model, finest first, and the first of them that is asked for.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct LodController {
     rings: [Ring; MAX_RINGS],
     count: usize,

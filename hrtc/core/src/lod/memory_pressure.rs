@@ -11,7 +11,7 @@ use crate::tuning::memory_pressure::{
 /// of need, then the coarser rings around the finest go, then the finest ring itself comes coarser.
 /// Back it goes one step at a time, after a wait that doubles whenever the step back turned out to
 /// be too early.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct MemoryPressure {
     steps: u32,
     /// Tick of the last change.

@@ -21,7 +21,7 @@ use spm::{RegionGrid, RegionId};
 pub const TURNS: usize = 10;
 
 /// A predicted region.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Predicted {
     /// The region.
     pub key: RegionKey,
@@ -32,7 +32,7 @@ pub struct Predicted {
 }
 
 /// Start of a prediction; model frame and units.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Motion {
     /// The probe's centre (the proxy, in contact).
     pub position: DVec3,
@@ -43,7 +43,7 @@ pub struct Motion {
 }
 
 /// How the motion goes on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Course {
     /// Straight on.
     Linear,
@@ -54,7 +54,7 @@ pub enum Course {
 }
 
 /// Sources of the balls: each can be left out, to measure its benefit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Sources {
     /// Cells around those of the contact.
     pub neighbours: bool,
@@ -104,8 +104,9 @@ const RING_ROUND: [(Look, bool); 3] = [
 ];
 
 /// The predictor: a short history of the device.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Predictor {
+    #[serde(with = "serde_big_array::BigArray")]
     history: [DVec3; 2 * SPANS[1] + 1],
     known: usize,
     /// Periods that were skipped since the newest position.

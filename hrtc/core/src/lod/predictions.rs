@@ -6,11 +6,12 @@ use crate::tuning::lod::MAX_WANTED;
 use crate::tuning::prediction::MAX_UNKNOWN;
 
 /// Regions that the predictions of a tick named.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct Predictions {
     /// Indices of resident regions that become wanted in this tick.
     pub(super) arrivals: Vec<usize>,
     /// Regions that are not in the table.
+    #[serde(with = "spm::reserved")]
     pub(super) unknown: Vec<Predicted>,
     unknown_high_water: usize,
 }

@@ -25,7 +25,7 @@ pub struct Touch {
 }
 
 /// Contacts of an active object.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct Contacts {
     /// One for each probe.
     pub pairs: Vec<ProbeObjectPair>,

@@ -19,7 +19,7 @@ use protocol::{TourAsk, TourPoint};
 use scene::{ProbePlan, ScenePlan, TrajectoryPlan};
 
 /// The tour that a probe's hand is to be led along.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct TourPath {
     /// Object of the scene.
     pub object: u32,
@@ -28,6 +28,7 @@ pub struct TourPath {
     depth_m: f64,
     seconds: f64,
     /// Its points in the file's own frame and units, as far as they have arrived.
+    #[serde(with = "spm::reserved")]
     pub points: Vec<TourPoint>,
     /// Whether all have.
     pub is_whole: bool,
@@ -43,7 +44,7 @@ impl TourPath {
 }
 
 /// See the module.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct Probe {
     /// Radius of the ball around its position that reaches as deep as its tip, metres.
     tip_m: f64,

@@ -13,7 +13,7 @@ use scene::{ProbeShape, SurfacePlan};
 use spm::{Handle, NONE};
 
 /// Contact state of a pair in a tick.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ContactState {
     /// Contact of the proxy, model units.
     pub contact: Contact,
@@ -30,7 +30,7 @@ pub struct ContactState {
 }
 
 /// One probe and one object.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct ProbeObjectPair {
     /// Radius of the ball, or of what a tool's tip touches at once, metres.
     pub patch_m: f64,

@@ -41,7 +41,7 @@ pub struct Accepted {
 }
 
 /// Judge of the samples of one device.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Plausibility {
     limits: MotionLimits,
     /// Step of the encoder, metres.
@@ -54,7 +54,7 @@ pub struct Plausibility {
 }
 
 /// Samples that are plausible after one another.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Course {
     pose: Pose,
     /// Motion in the period before the pose, metres.

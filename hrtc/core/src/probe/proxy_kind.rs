@@ -15,7 +15,7 @@ use scene::{ProbeShape, SurfacePlan};
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
 /// See the module.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub enum ProxyKind {
     /// Of a ball.
     Ball(Box<SphereKind>),
@@ -24,11 +24,11 @@ pub enum ProxyKind {
 }
 
 /// The proxy of a ball; none until it begins.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct SphereKind(Option<Proxy>);
 
 /// The proxy of a tool, in metres until it begins, and where it touches.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct ToolKind {
     proxy: ToolProxy,
     has_room: bool,

@@ -5,7 +5,7 @@ use thiserror::Error;
 
 /// Fault that keeps the controller from going on with a model. Contact with other models goes on,
 /// and with this one as far as its mesh has come.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error, serde::Serialize, serde::Deserialize)]
 pub enum Fault {
     /// The cache is too small.
     #[error(transparent)]

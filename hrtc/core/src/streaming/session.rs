@@ -48,7 +48,7 @@ pub struct Receiver<'a> {
 }
 
 /// Progress within the oldest chunk and the base mesh.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct Progress {
     /// Items of the oldest chunk that are done.
     pub done: usize,
@@ -82,7 +82,7 @@ pub(super) enum Taken {
 }
 
 /// Session of an active object with the station.
-#[derive(Debug)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct Session {
     pub(super) subscriber: Subscriber,
     pub(super) progress: Progress,

@@ -10,7 +10,7 @@ use protocol::{
 use spm::NONE;
 
 /// Who this client is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Identity {
     /// The client.
     pub client: u64,
@@ -19,7 +19,7 @@ pub struct Identity {
 }
 
 /// Subject of a session with the station.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Subject {
     /// Object of the scene.
     pub object: u32,
@@ -39,7 +39,7 @@ pub enum Reception {
 }
 
 /// The subscriber's state.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Subscriber {
     identity: Identity,
     subject: Subject,

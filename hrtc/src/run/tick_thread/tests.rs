@@ -88,6 +88,7 @@ fn thread(read_in: u32, write_in: u32) -> (TickThread, Arc<Mutex<Told>>) {
         contacts: RingBuffer::new(OUT_CAPACITY).0,
         inbox: RingBuffer::new(INBOX_CAPACITY).1,
         log: RingBuffer::new(LOG_CAPACITY).0,
+        recorded: None,
     };
     let thread = TickThread {
         controller,
@@ -179,7 +180,7 @@ fn a_full_ring_to_the_link_is_counted() {
     let mut outputs = TickOutputs::new(1);
     outputs.reports.push(bytemuck::Zeroable::zeroed());
     for _ in 0..OUT_CAPACITY + 2 {
-        thread.send(&outputs);
+        thread.send(0, &outputs);
     }
     assert_eq!(thread.shared.contacts_lost.load(Ordering::Relaxed), 2);
 }

@@ -16,7 +16,7 @@ use hrtc::result::Status;
 use indicatif::ProgressBar;
 use scene::{ModelSource, ScenePlan, load};
 use scene_files::DiskFiles;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `rt-tests run`.
 #[derive(Debug, Args)]
@@ -40,7 +40,8 @@ pub struct RunArgs {
     /// Folder of the report [default: reports/SCENE-MODEL]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Record every input of every tick, for a replay
+    /// First file of the recording, or "off" [default: the scene's, else recording.mcap in the
+    /// report's folder]
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
 }
@@ -59,12 +60,13 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     prepare_models(&plan)?;
     let stop = stop_flag()?;
     let line = LiveLine::new(args.seconds);
+    let record = recording(args, &plan, &out);
     let pair = PairArgs {
         scene: &args.scene,
         plan: &plan,
         seconds: args.seconds,
         overrides: &args.overrides,
-        record: args.record.as_deref(),
+        record: Some(&record),
     };
     let outcome = run_pair(&pair, &stop, &mut |shown| line.show(shown));
     line.bar.finish_and_clear();
@@ -84,6 +86,16 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         out.join("report.html").display()
     );
     print_either(args.json, &words, &outcome.finished.result)
+}
+
+/// Where the recording goes: as typed, as the scene says, or into the report's folder.
+fn recording(args: &RunArgs, plan: &ScenePlan, out: &Path) -> PathBuf {
+    let of_scene = match (&plan.record.path, plan.record.keep_bytes) {
+        (_, None) => PathBuf::from("off"),
+        (Some(path), _) => path.clone(),
+        (None, _) => out.join("recording.mcap"),
+    };
+    args.record.clone().unwrap_or(of_scene)
 }
 
 /// A short name of the first object's model, fit for a folder.

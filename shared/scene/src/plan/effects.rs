@@ -8,7 +8,7 @@ use glam::DVec3;
 use std::sync::Arc;
 
 /// An effect and the time during which it acts.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct EffectPlan {
     /// The effect.
     pub effect: Effect,
@@ -21,7 +21,7 @@ pub struct EffectPlan {
 }
 
 /// An effect with its parameters.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Effect {
     /// Dry friction of a surface.
     Friction(FrictionPlan),
@@ -97,7 +97,7 @@ impl Effect {
 }
 
 /// Coefficients of dry friction.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FrictionPlan {
     /// Largest tangential force over the normal force while sticking; 0 to 3, not below `dynamic`.
     pub static_: f64,
@@ -106,7 +106,7 @@ pub struct FrictionPlan {
 }
 
 /// Averaging of the force direction over the surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ShadingPlan {
     /// Radius of the average, metres.
     pub radius_m: f64,
@@ -115,7 +115,7 @@ pub struct ShadingPlan {
 }
 
 /// A texture: its height over the surface.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct TexturePlan {
     /// Largest height, and depth, metres.
     pub amplitude_m: f64,
@@ -124,7 +124,7 @@ pub struct TexturePlan {
 }
 
 /// The pattern of a texture, in the object's own axes, metres.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Pattern {
     /// Waves along a direction.
     Grating {
@@ -152,7 +152,7 @@ pub enum Pattern {
 }
 
 /// An attracting surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MagnetPlan {
     /// Largest force, newtons.
     pub force_n: f64,
@@ -161,7 +161,7 @@ pub struct MagnetPlan {
 }
 
 /// A vibration.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct VibrationPlan {
     /// Hz, at most a quarter of the loop's rate.
     pub frequency_hz: f64,
@@ -172,7 +172,7 @@ pub struct VibrationPlan {
 }
 
 /// A spring that holds the probe.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SpringPlan {
     /// Its anchor in the world, metres: a point, or a path of straight segments.
     pub path_m: Vec<DVec3>,
@@ -185,7 +185,7 @@ pub struct SpringPlan {
 }
 
 /// The weight of a tool.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct GravityPlan {
     /// kg.
     pub mass_kg: f64,
@@ -196,7 +196,7 @@ pub struct GravityPlan {
 }
 
 /// A mass coupled to the device by a spring and damper.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct InertiaPlan {
     /// kg.
     pub mass_kg: f64,
@@ -207,7 +207,7 @@ pub struct InertiaPlan {
 }
 
 /// The boundary of the workspace: outside, a spring pushes back.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct BoundaryPlan {
     /// Its shape.
     pub shape: Workspace,
@@ -216,7 +216,7 @@ pub struct BoundaryPlan {
 }
 
 /// Volume for a probe's position, world, metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Workspace {
     /// A ball.
     Ball {

@@ -10,12 +10,12 @@ const MAX_PIXELS: u64 = 1 << 24;
 /// Heights from -1 (black) to 1 (white) on a periodic grid. Each level has half as many samples a
 /// side as the one before, down to a single sample. A coarser level leaves out detail that the loop
 /// cannot render.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HeightMap {
     levels: Vec<Level>,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 struct Level {
     width: usize,
     height: usize,

@@ -17,7 +17,7 @@ const MAX_MOBILITY: f64 = 7.0;
 
 /// Motion of an object. Axes and points are in the axes of the object's pose, relative to its
 /// position, metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum MovablePlan {
     /// In six degrees of freedom.
     Free(FreePlan),
@@ -30,7 +30,7 @@ pub enum MovablePlan {
 }
 
 /// Mass of a body that forces move.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MassPlan {
     /// kg, above 0.
     pub mass_kg: f64,
@@ -42,7 +42,7 @@ pub struct MassPlan {
 }
 
 /// Spring and damper of a coordinate: N/m and N s/m, or N m/rad and N m s/rad.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SpringDamperPlan {
     /// Stiffness towards the start; 0 for none.
     pub spring: f64,
@@ -52,7 +52,7 @@ pub struct SpringDamperPlan {
 }
 
 /// A free body.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FreePlan {
     /// Its mass.
     pub mass: MassPlan,
@@ -63,7 +63,7 @@ pub struct FreePlan {
 }
 
 /// A body on a hinge.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HingePlan {
     /// Its mass.
     pub mass: MassPlan,
@@ -78,7 +78,7 @@ pub struct HingePlan {
 }
 
 /// A body on a rail.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct RailPlan {
     /// Its mass.
     pub mass: MassPlan,
@@ -91,7 +91,7 @@ pub struct RailPlan {
 }
 
 /// An object that moves by itself from the first tick on.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct DrivenPlan {
     /// Velocity, m/s; with a period the largest.
     pub linear_m_per_s: DVec3,

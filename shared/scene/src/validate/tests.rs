@@ -59,6 +59,31 @@ fn line_of(text: &str, needle: &str) -> usize {
 }
 
 #[test]
+fn a_recording_has_a_size_or_is_off() {
+    let plan = |record: &str| {
+        let text = format!("{record}\n[[object]]\nmodel = \"m.spm\"\nsize_m = 0.1\n[[probe]]\n");
+        parse(&text, "s", Path::new("in"), &Overrides::default(), &NoFiles)
+    };
+    assert_eq!(plan("").unwrap().record.keep_bytes, Some(512 << 20));
+    let named = plan("[record]\nkeep = \"64MiB\"\npath = \"a.mcap\"")
+        .unwrap()
+        .record;
+    assert_eq!(named.keep_bytes, Some(64 << 20));
+    assert_eq!(named.path.as_deref(), Some(Path::new("in/a.mcap")));
+    assert_eq!(
+        plan("[record]\nkeep = \"off\"").unwrap().record.keep_bytes,
+        None
+    );
+    for (typed, said) in [("1KiB", "at least 1MiB"), ("lots", "or \"off\"")] {
+        let error = plan(&format!("[record]\nkeep = \"{typed}\"")).unwrap_err();
+        assert!(
+            error.0.contains("line 2") && error.0.contains(said),
+            "{error}"
+        );
+    }
+}
+
+#[test]
 fn the_bundled_scene_equals_the_defaults() {
     let bundled = plain(BUNDLED).unwrap();
     let short = plain(

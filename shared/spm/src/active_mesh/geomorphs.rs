@@ -14,6 +14,7 @@ use glam::{DVec3, Vec3};
 
 /// The geomorph of one vertex.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Geomorph {
     vertex: Handle,
     /// Position and R of the file.

@@ -14,6 +14,7 @@ pub(super) enum FanError {
 
 /// The faces that one operation changes, in storage that is allocated once.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OperationFaces {
     /// Faces created (split) or removed (collapse): fl, then fr where there is one.
     pub pair: [Handle; 2],
@@ -21,6 +22,7 @@ pub struct OperationFaces {
     pub pair_count: usize,
     /// Leaf codes of the pair.
     pub leaves: [u32; 2],
+    #[cfg_attr(feature = "serde", serde(with = "serde_big_array::BigArray"))]
     pub(super) deformed: [Handle; Self::MAX_FACES],
     /// Number of deformed faces in the fan of vt; all of them for a step.
     pub(super) of_t: usize,

@@ -19,7 +19,7 @@ pub const MAX_FACES: usize = 192;
 const STAYED: f64 = 0.25;
 
 /// A face of the ball.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct NearFace {
     /// The face.
     pub face: Handle,
@@ -54,10 +54,11 @@ impl NearFace {
 }
 
 /// A ball and all faces that intersect it.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct NearFaces {
     centre: DVec3,
     radius: f64,
+    #[serde(with = "serde_big_array::BigArray")]
     faces: [NearFace; MAX_FACES],
     count: usize,
     high_water: usize,

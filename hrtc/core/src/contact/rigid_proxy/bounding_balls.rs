@@ -13,7 +13,7 @@ pub const MAX_BALLS: usize = 1 << HALVINGS;
 const MAX_PIECES: usize = 1 << 16;
 
 /// A ball around a part of the tool's surface; the tool's own frame and units.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Ball {
     pub centre: DVec3,
     pub radius: f64,

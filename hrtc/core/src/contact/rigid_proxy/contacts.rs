@@ -27,7 +27,7 @@ pub(super) const PASSED: u32 = 2;
 const MAX_AROUND: usize = 128;
 
 /// A contact of tool and surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ToolContact {
     /// The face of the surface.
     pub face: Handle,
@@ -70,7 +70,7 @@ impl ToolContact {
 }
 
 /// The contacts of one placement.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Contacts {
     all: Vec<ToolContact>,
     /// Pairs examined.

@@ -8,7 +8,7 @@ use crate::contact::motion::{Placement, Twist};
 const HALVINGS: i32 = 6;
 
 /// A path from a start, with a margin. Model units.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct LookAheadTube {
     start: Placement,
     path: Twist,

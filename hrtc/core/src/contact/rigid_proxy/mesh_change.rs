@@ -16,7 +16,7 @@ const SHORT_ESCAPES: i32 = 4;
 const MAX_LISTED: usize = 512;
 
 /// Changes of the surface near the tool.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MeshChange {
     is_there: bool,
     may_have_met: bool,
@@ -26,6 +26,7 @@ pub struct MeshChange {
     push: f64,
     /// Changed faces near the tool, some of them inactive by now. If `count` is larger than the
     /// array, some are missing.
+    #[serde(with = "serde_big_array::BigArray")]
     faces: [Handle; MAX_LISTED],
     count: usize,
 }

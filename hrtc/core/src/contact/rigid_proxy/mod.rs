@@ -91,7 +91,7 @@ pub struct Part {
 }
 
 /// State of the proxy with respect to the surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 enum State {
     /// Not placed yet.
     Nowhere,
@@ -105,7 +105,7 @@ enum State {
 
 /// The proxy of a tool, in the frame and units of the model. Nothing allocates after
 /// [`ToolProxy::new`].
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct ToolProxy {
     tool: Tool,
     scale: f64,

@@ -25,7 +25,7 @@ pub const MAX_PAIRS: usize = 4096;
 pub const MAX_SURFACE_FACES: usize = 2048;
 
 /// A face of the surface.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct SurfaceFace {
     pub face: Handle,
     pub vertices: [Handle; 3],
@@ -81,7 +81,7 @@ impl SurfaceFace {
 }
 
 /// A candidate pair.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct NearPair {
     pub tool: u32,
     /// Index of the face of the surface.
@@ -90,7 +90,7 @@ pub(super) struct NearPair {
 }
 
 /// Unit direction from the surface to the tool that separates two faces.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) enum Direction {
     /// Fixed in the model, as is the extent `height` of the surface face along it: for the normal
     /// of a surface face.
@@ -114,7 +114,7 @@ pub(super) fn reach_along(direction: DVec3, corners: [DVec3; 3]) -> f64 {
 }
 
 /// A hash table from handles to indices, by open addressing; at most half full.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 struct Places {
     entries: Vec<(Handle, u32)>,
     /// Entries in use; only these are cleared.
@@ -165,7 +165,7 @@ impl Places {
 }
 
 /// All pairs within the margin of the look-ahead tube.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Neighbourhood {
     pub(super) pairs: Vec<NearPair>,
     pub(super) faces: Vec<SurfaceFace>,

@@ -13,7 +13,7 @@
 pub type Vector6 = [f64; 6];
 
 /// The half-space `row . y >= offset`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HalfSpace {
     /// Normal, of any length.
     pub row: Vector6,

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 pub(super) const FLAT: f64 = 1e-9;
 
 /// An edge of a face, opposite the corner of the same index.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct ToolEdge {
     /// The corner beyond it; [`NONE`] at a boundary.
     pub beyond: u32,
@@ -21,7 +21,7 @@ pub(super) struct ToolEdge {
 }
 
 /// A face of the tool.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct ToolFace {
     pub vertices: [u32; 3],
     /// Unit normal in the tool's axes; zero without area.
@@ -32,7 +32,7 @@ pub(super) struct ToolFace {
 }
 
 /// The mesh about its centre, in units of the model.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct ToolShape {
     /// Vertices about the centre.
     pub(super) points: Vec<DVec3>,

@@ -46,7 +46,7 @@ pub struct Swept {
 }
 
 /// A pair that its direction does not separate on the whole motion.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Open {
     /// The share up to which it does.
     until: f64,

@@ -18,7 +18,7 @@ use spm::{Handle, NONE};
 pub const MAX_CONSTRAINTS: usize = 64;
 
 /// A face in reach.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Candidate {
     near: NearFace,
     plane: Plane,
@@ -30,13 +30,16 @@ struct Candidate {
 }
 
 /// Half-spaces of displacements from the proxy.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Constraints {
+    #[serde(with = "serde_big_array::BigArray")]
     candidates: [Candidate; MAX_FACES],
     candidate_count: usize,
     features: Features,
+    #[serde(with = "serde_big_array::BigArray")]
     planes: [Plane; MAX_CONSTRAINTS],
     /// The candidate of each plane.
+    #[serde(with = "serde_big_array::BigArray")]
     sources: [usize; MAX_CONSTRAINTS],
     count: usize,
     high_water: usize,

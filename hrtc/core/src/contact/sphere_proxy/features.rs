@@ -11,9 +11,11 @@ const FEWEST_PLACES: usize = 64;
 const EMPTY: u64 = u64::MAX;
 
 /// A hash table of vertices and edges, by open addressing.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Features {
+    #[serde(with = "serde_big_array::BigArray")]
     keys: [u64; MAX_PLACES],
+    #[serde(with = "serde_big_array::BigArray")]
     least: [f64; MAX_PLACES],
     /// Entries in use now, a power of two.
     places: usize,

@@ -26,6 +26,7 @@ use constraints::Constraints;
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use projection::project;
+use serde::{Deserialize, Serialize};
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
 /// Reduction of the sweep's radius, as a fraction of the probe's radius.
@@ -47,7 +48,7 @@ const BEYOND: f64 = 1e-3;
 pub const MAX_PUSHING: usize = 6;
 
 /// The proxy of a sphere, in the frame and units of the model.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Proxy {
     radius: f64,
     position: DVec3,
@@ -61,7 +62,7 @@ pub struct Proxy {
 }
 
 /// The contact at the end of a tick.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Contact {
     /// The face with the largest multiplier.
     pub face: Handle,

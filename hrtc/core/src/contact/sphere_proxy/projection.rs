@@ -9,7 +9,7 @@
 use glam::DVec3;
 
 /// The half-space `normal . x >= offset`, x a displacement from the proxy.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Plane {
     /// Unit normal, out of the object.
     pub normal: DVec3,

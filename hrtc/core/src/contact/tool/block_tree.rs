@@ -13,7 +13,7 @@ pub(crate) const WIDTH: usize = 8;
 const ROUNDING: f64 = 64.0 * f32::EPSILON as f64;
 
 /// Eight boxes: lower and upper bounds per axis, in two halves.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Block {
     lower: [[Vec4; 2]; 3],
     upper: [[Vec4; 2]; 3],
@@ -45,7 +45,7 @@ impl Block {
 }
 
 /// The corners of eight faces: coordinates per corner, in two halves.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Corners([[[Vec4; 2]; 3]; 3]);
 
 impl Corners {
@@ -184,7 +184,7 @@ impl Slab {
 }
 
 /// The tree over a tool's faces.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Blocks {
     /// Faces in the order of the tool's tree.
     order: Vec<u32>,
@@ -209,7 +209,7 @@ const WAITING: usize = MAX_BLOCKS + 8 * WIDTH;
 
 /// Blocks of a tool that contain everything near a box: a traversal of the other body's tree
 /// carries them down.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(crate) struct BlockSet {
     /// Level and index in one number.
     blocks: [u32; MAX_BLOCKS],

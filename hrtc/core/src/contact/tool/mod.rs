@@ -53,7 +53,7 @@ pub enum ToolError {
 }
 
 /// A vertex in the query's frame.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Moved {
     position: DVec3,
     /// The same, rounded to f32.
@@ -61,14 +61,14 @@ struct Moved {
 }
 
 /// A node: 64 bytes, boxes in the query's frame.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct ToolNode {
     boxes: BoxPair,
     children: [Child; 2],
 }
 
 /// A mesh that moves as a whole. Nothing allocates after [`Tool::new`].
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Tool {
     local_vertices: Vec<DVec3>,
     faces: Vec<[u32; 3]>,

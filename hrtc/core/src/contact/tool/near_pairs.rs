@@ -16,7 +16,7 @@ use std::ops::ControlFlow;
 
 /// The front's motion relative to the tool, first and last placement. In f32 relative to a point of
 /// the path, so that rounding is small compared with the distances.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(crate) struct RelativePath {
     origin: DVec3,
     /// The same, exact in f32.
@@ -93,7 +93,7 @@ impl RelativePath {
 }
 
 /// A subtree or face of the front, and the blocks of the tool that may be near.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Entry {
     child: Child,
     near: BlockSet,
@@ -137,7 +137,7 @@ fn slabs([[a, b, c], ends]: [[Vec3A; 3]; 2], distance: &Distance, size: f32) -> 
 
 /// The point at which a search continues: everything before it in tree order was examined. It
 /// remains valid while the tree changes, except for the changes themselves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Resume(u32);
 
 impl Resume {

@@ -6,7 +6,7 @@ use glam::DVec3;
 use scene::{BoundaryPlan, Workspace};
 
 /// Boundary of a workspace.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Boundary {
     plan: BoundaryPlan,
 }

@@ -18,7 +18,7 @@ use glam::DVec3;
 use scene::FrictionPlan;
 
 /// Friction of one surface on one probe.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Friction {
     plan: FrictionPlan,
     anchor: Option<Anchor>,
@@ -26,7 +26,7 @@ pub struct Friction {
     account: Option<EnergyAccount>,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Anchor {
     /// Pose of the proxy in the last tick.
     proxy: Pose,

@@ -8,7 +8,7 @@ use scene::GravityPlan;
 const GRAVITY: f64 = 9.80665;
 
 /// Weight of a tool.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Gravity {
     /// World, newtons.
     weight: DVec3,

@@ -5,7 +5,7 @@ use glam::DVec3;
 use scene::InertiaPlan;
 
 /// A mass on a virtual coupling.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Inertia {
     plan: InertiaPlan,
     /// Position (metres) and velocity (m/s) of the mass, world; `None` before the first tick.

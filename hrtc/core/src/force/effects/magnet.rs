@@ -9,7 +9,7 @@ use glam::DVec3;
 use scene::MagnetPlan;
 
 /// Attraction of a surface.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Magnet {
     plan: MagnetPlan,
 }

@@ -81,7 +81,7 @@ pub struct ContactSample<'a> {
 }
 
 /// The wrench so far, passive and active.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Rendered {
     /// Passive wrench; the energy account limits it.
     pub passive: Wrench,
@@ -137,7 +137,7 @@ impl std::ops::Add for Rendered {
 }
 
 /// Time during which an effect acts, and its fades, seconds.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 struct Switch {
     /// Start of the fade-in; 0 for no fade-in.
     from: f64,
@@ -163,7 +163,7 @@ impl Switch {
 }
 
 /// An effect of a scene.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 struct Listed<E> {
     effect: E,
     kind: usize,
@@ -219,6 +219,7 @@ fn add_usage<E>(listed: &[Listed<E>], usage: &mut UsageByKind) {
     clippy::large_enum_variant,
     reason = "a box would be allocated in the tick that activates an object"
 )]
+#[derive(serde::Serialize, serde::Deserialize)]
 enum SurfaceEffect {
     Friction(friction::Friction),
     Shading(shading::Shading),
@@ -228,8 +229,9 @@ enum SurfaceEffect {
 }
 
 /// Effects of a surface on one probe, in the order of their application.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub struct SurfaceEffects {
+    #[serde(with = "spm::reserved")]
     listed: Vec<Listed<SurfaceEffect>>,
     /// Step of the device's encoder, metres; `None` without an energy limit.
     encoder_m: Option<f64>,
@@ -326,7 +328,7 @@ impl SurfaceEffects {
     }
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 enum SceneEffect {
     Vibration(vibration::Vibration),
     Viscosity(viscosity::Viscosity),
@@ -337,7 +339,7 @@ enum SceneEffect {
 }
 
 /// Effects of a scene on one probe.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub struct SceneEffects(Vec<Listed<SceneEffect>>);
 
 impl SceneEffects {

@@ -22,7 +22,7 @@ use glam::DVec3;
 use scene::ShadingPlan;
 
 /// Shading of one surface for one probe.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Shading {
     plan: ShadingPlan,
     /// Direction of the last tick, unit vector in the object's axes; `None` before a contact.

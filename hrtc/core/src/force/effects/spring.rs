@@ -9,7 +9,7 @@ use glam::DVec3;
 use scene::SpringPlan;
 
 /// A spring and its place on the path.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Spring {
     plan: SpringPlan,
     /// Segment of the path with the last nearest point; `None` before the first tick.

@@ -15,7 +15,7 @@ use scene::{Pattern, TexturePlan};
 use std::f64::consts::TAU;
 
 /// Relief of one surface.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Texture {
     plan: TexturePlan,
 }

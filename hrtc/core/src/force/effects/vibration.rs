@@ -6,7 +6,7 @@ use glam::DVec3;
 use scene::VibrationPlan;
 
 /// A sine force.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Vibration {
     plan: VibrationPlan,
 }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 /// Drag in the whole scene.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Viscosity {
     damping_ns_per_m: f64,
 }

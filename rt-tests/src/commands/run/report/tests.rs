@@ -30,9 +30,6 @@ fn finished(contact: bool) -> Finished {
             allocations: 0,
             chunks_arrived: 0,
             station: 1,
-            samples: [None; MAX_PROBES],
-            force_cut: false,
-            in_hand: [None; MAX_PROBES],
             wrenches,
             core: CoreRecord {
                 contact: touches,
@@ -41,6 +38,7 @@ fn finished(contact: bool) -> Finished {
                 ready: true,
                 ..CoreRecord::default()
             },
+            ..TickRecord::default()
         });
     }
     let mut finished = run.finish(RunMeta {

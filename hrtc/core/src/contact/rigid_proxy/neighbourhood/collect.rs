@@ -14,7 +14,7 @@ use std::ops::ControlFlow;
 const HALVINGS: usize = 6;
 
 /// A collection that the budget interrupted.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct PartialCollection {
     pub(super) tube: LookAheadTube,
     /// Margin around the straight lines.

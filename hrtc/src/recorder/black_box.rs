@@ -1,0 +1,172 @@
+//! The black box: the last seconds of a run that ended by a fault, cut out of its recording.
+
+use super::encoder::Encoder;
+use super::reader::{Entry, RecordingReader};
+use super::shown::Level;
+use super::twin::Twin;
+use super::{RecordingError, RecordingHead};
+use crate::tick_record::TickRecord;
+use crate::tuning::BLACK_BOX_NS;
+use protocol::{ContactReport, Request};
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Writes the last ten seconds of a recording, given by its files, the oldest first, into one
+/// file that replays by itself.
+///
+/// # Errors
+/// When there is no recording or a file cannot be used.
+pub fn write_black_box(files: &[PathBuf], fault: &str, out: &Path) -> Result<(), RecordingError> {
+    let failed = |e| RecordingError::File(out.display().to_string(), e);
+    let Some(last) = files.last() else {
+        return Err(failed(std::io::ErrorKind::NotFound.into()));
+    };
+    let last_ns = ticks_ns(last)?.last().unwrap_or_default();
+    let from_ns = last_ns.saturating_sub(BLACK_BOX_NS);
+    let mut start = files.len() - 1;
+    while start > 0
+        && ticks_ns(&files[start])?
+            .next()
+            .is_none_or(|first| first > from_ns)
+    {
+        start -= 1;
+    }
+    let mut copy = Copy::new(from_ns);
+    let mut file = File::create(out).map_err(failed)?;
+    for path in &files[start..] {
+        let mut reader = RecordingReader::open(path)?;
+        copy.open(&reader)?;
+        while let Some(entry) = reader.next() {
+            copy.take(entry, &reader)?;
+            file.write_all(&copy.bytes()).map_err(failed)?;
+        }
+    }
+    file.write_all(&copy.finish(fault)?).map_err(failed)
+}
+
+/// Starts of a file's ticks, ns.
+fn ticks_ns(path: &Path) -> Result<impl Iterator<Item = u64>, RecordingError> {
+    let entries = RecordingReader::open(path)?;
+    Ok(entries.filter_map(|entry| match entry {
+        Entry::Tick(record) => Some(record.start_ns),
+        _ => None,
+    }))
+}
+
+/// Copies entries from a time on, with a keyframe before them.
+struct Copy {
+    from_ns: u64,
+    twin: Option<Twin>,
+    requests: Vec<Request>,
+    reports: Vec<ContactReport>,
+    encoder: Option<Encoder>,
+}
+
+impl Copy {
+    fn new(from_ns: u64) -> Self {
+        Self {
+            from_ns,
+            twin: None,
+            requests: Vec::new(),
+            reports: Vec::new(),
+            encoder: None,
+        }
+    }
+
+    fn open(&mut self, reader: &RecordingReader) -> Result<(), RecordingError> {
+        if reader.head().segment == 0 {
+            let controller = reader.head().controller(reader.files())?;
+            self.twin = Some(Twin::new(controller));
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, entry: Entry, reader: &RecordingReader) -> Result<(), RecordingError> {
+        match entry {
+            Entry::Keyframe(state) => {
+                if self.twin.is_none() {
+                    self.twin = Some(Twin::from_bytes(&state)?);
+                }
+            }
+            Entry::Chunk(index, chunk) => {
+                if let Some(twin) = &mut self.twin {
+                    // A gap shows at the tick.
+                    let _ = twin.arrive(index, &chunk);
+                }
+                if let Some(encoder) = &mut self.encoder {
+                    encoder.chunk(index, &chunk)?;
+                }
+            }
+            Entry::Request(_, request) => self.requests.push(*request),
+            Entry::Report(_, report) => self.reports.push(*report),
+            Entry::Hole(hole) => {
+                if let Some(encoder) = &mut self.encoder {
+                    encoder.hole(&hole)?;
+                }
+            }
+            Entry::Damaged(_) => self.twin = None,
+            Entry::Tick(record) => self.tick(&record, reader)?,
+        }
+        Ok(())
+    }
+
+    fn tick(
+        &mut self,
+        record: &TickRecord,
+        reader: &RecordingReader,
+    ) -> Result<(), RecordingError> {
+        let requests = std::mem::take(&mut self.requests);
+        let reports = std::mem::take(&mut self.reports);
+        if self.encoder.is_none() && record.start_ns >= self.from_ns {
+            self.encoder = Some(self.begin(record, reader)?);
+        }
+        if self
+            .twin
+            .as_mut()
+            .is_some_and(|twin| twin.tick(record).is_err())
+        {
+            self.twin = None;
+        }
+        let Some(encoder) = &mut self.encoder else {
+            return Ok(());
+        };
+        for request in &requests {
+            encoder.request(record.tick, request)?;
+        }
+        for report in &reports {
+            encoder.report(record.tick, report)?;
+        }
+        encoder.tick(record, self.twin.as_ref().map(Twin::controller))
+    }
+
+    fn begin(
+        &self,
+        record: &TickRecord,
+        reader: &RecordingReader,
+    ) -> Result<Encoder, RecordingError> {
+        let head = RecordingHead {
+            // Not the first: it begins with its keyframe.
+            segment: reader.head().segment.max(1),
+            ..reader.head().clone()
+        };
+        let probes = head.setup.position_resolutions_m.len();
+        let mut encoder = Encoder::new(&head, reader.files(), probes, record.start_ns)?;
+        if let Some(twin) = &self.twin {
+            encoder.keyframe(twin.to_bytes()?)?;
+        }
+        Ok(encoder)
+    }
+
+    fn bytes(&self) -> Vec<u8> {
+        self.encoder.as_ref().map(Encoder::take).unwrap_or_default()
+    }
+
+    fn finish(self, fault: &str) -> Result<Vec<u8>, RecordingError> {
+        let Some(mut encoder) = self.encoder else {
+            return Ok(Vec::new());
+        };
+        encoder.event(Level::Fatal, &format!("the run ended by a fault: {fault}"))?;
+        encoder.finish()
+    }
+}

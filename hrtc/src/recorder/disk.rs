@@ -1,0 +1,280 @@
+//! The thread that writes a recording's files, so that a disk that stalls holds up nothing else.
+
+use super::RecordingError;
+use crate::tuning::{DISK_STACK_BYTES, RECORDING_JOBS, RECORDING_QUEUE_BYTES, RECORDING_TIMEOUT};
+use std::collections::VecDeque;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// Where a run's recording lies, and how much may.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordingPlace {
+    /// The first file; later ones have a number before the extension.
+    pub first: PathBuf,
+    /// Bytes that all files may have together.
+    pub keep_bytes: u64,
+    /// Whether the folder is hrtc's own, so that recordings of earlier runs in it count and are
+    /// deleted too.
+    pub owns_folder: bool,
+}
+
+impl RecordingPlace {
+    /// Bytes after which a file ends: four of them fit, with room for the end of each.
+    #[must_use]
+    pub fn file_bytes(&self) -> u64 {
+        self.keep_bytes / 4 - self.keep_bytes / 64
+    }
+
+    /// Bytes to keep that give files of so many bytes, rounded up to whole MiB.
+    pub(super) fn keep_for(file_bytes: u64) -> u64 {
+        // The inverse of `file_bytes`: a file has 15 of 64 parts.
+        (file_bytes * 64).div_ceil(15 << 20) << 20
+    }
+
+    /// Path of a file of the run, from 0.
+    #[must_use]
+    pub fn path(&self, number: u32) -> PathBuf {
+        if number == 0 {
+            return self.first.clone();
+        }
+        let stem = self.first.file_stem().unwrap_or_default();
+        let mut name = stem.to_os_string();
+        name.push(format!("-{number:04}"));
+        if let Some(extension) = self.first.extension() {
+            name.push(".");
+            name.push(extension);
+        }
+        self.first.with_file_name(name)
+    }
+}
+
+/// Work of the thread.
+enum Job {
+    /// Begin the file of this number.
+    Begin(u32),
+    /// Add bytes to it.
+    Bytes(Vec<u8>),
+}
+
+/// News of the thread.
+#[derive(Debug, Default)]
+struct News {
+    /// Bytes that wait.
+    queued: AtomicUsize,
+    /// Whether the present file takes no more bytes.
+    failed: AtomicBool,
+    /// Why.
+    reason: Mutex<String>,
+}
+
+/// The recorder's end of the thread.
+pub(super) struct Disk {
+    jobs: SyncSender<Job>,
+    news: Arc<News>,
+    done: Receiver<Vec<PathBuf>>,
+}
+
+impl Disk {
+    /// Starts the thread with the first file, which is opened here so that a bad path is told.
+    ///
+    /// # Errors
+    /// When the first file cannot be created or there is no thread.
+    pub(super) fn start(place: RecordingPlace) -> Result<Self, RecordingError> {
+        let (jobs, work) = sync_channel(RECORDING_JOBS);
+        let (report, done) = sync_channel(1);
+        let news = Arc::new(News::default());
+        let mut files = Files::new(place, Arc::clone(&news));
+        let first = files.place.path(0);
+        files
+            .begin(0)
+            .map_err(|e| RecordingError::File(first.display().to_string(), e))?;
+        std::thread::Builder::new()
+            .name("hrtc-disk".to_owned())
+            .stack_size(DISK_STACK_BYTES)
+            .spawn(move || {
+                for job in work {
+                    files.take(job);
+                }
+                drop(files.file.take());
+                let _ = report.send(files.own.into_iter().map(|(path, _)| path).collect());
+            })
+            .map_err(RecordingError::Thread)?;
+        Ok(Self { jobs, news, done })
+    }
+
+    /// Begins another file.
+    pub(super) fn begin(&self, number: u32) -> bool {
+        self.jobs.try_send(Job::Begin(number)).is_ok()
+    }
+
+    /// Hands bytes over; `false` when they are lost, since the disk is slow or refuses.
+    pub(super) fn write(&self, bytes: Vec<u8>) -> bool {
+        let length = bytes.len();
+        let queued = self.news.queued.load(Ordering::Acquire);
+        let has_room = queued == 0 || queued + length <= RECORDING_QUEUE_BYTES;
+        if !has_room || self.news.failed.load(Ordering::Acquire) {
+            return false;
+        }
+        self.news.queued.fetch_add(length, Ordering::AcqRel);
+        let sent = self.jobs.try_send(Job::Bytes(bytes)).is_ok();
+        if !sent {
+            self.news.queued.fetch_sub(length, Ordering::AcqRel);
+        }
+        sent
+    }
+
+    /// Whether nothing waits.
+    pub(super) fn is_idle(&self) -> bool {
+        self.news.queued.load(Ordering::Acquire) == 0
+    }
+
+    /// Why the present file takes no more bytes.
+    pub(super) fn failure(&self) -> Option<String> {
+        let failed = self.news.failed.load(Ordering::Acquire);
+        let reason = || self.news.reason.lock().map(|of| of.clone());
+        failed.then(|| reason().unwrap_or_default())
+    }
+
+    /// Waits for the last byte; the files that are kept, oldest first. A disk that hangs is left
+    /// behind after [`RECORDING_TIMEOUT`]: `None`.
+    pub(super) fn finish(self) -> Option<Vec<PathBuf>> {
+        drop(self.jobs);
+        self.done.recv_timeout(RECORDING_TIMEOUT).ok()
+    }
+
+    /// Waits until the queue has room again, [`RECORDING_TIMEOUT`] at the most.
+    pub(super) fn wait_for_room(&self) {
+        const STEP: Duration = Duration::from_millis(5);
+        let mut waited = Duration::ZERO;
+        while !self.is_idle() && self.failure().is_none() && waited < RECORDING_TIMEOUT {
+            std::thread::sleep(STEP);
+            waited += STEP;
+        }
+    }
+}
+
+/// The files of the thread.
+struct Files {
+    place: RecordingPlace,
+    news: Arc<News>,
+    file: Option<File>,
+    /// Files of this run that are kept, and their bytes; the last one is being written.
+    own: VecDeque<(PathBuf, u64)>,
+}
+
+impl Files {
+    fn new(place: RecordingPlace, news: Arc<News>) -> Self {
+        Self {
+            place,
+            news,
+            file: None,
+            own: VecDeque::new(),
+        }
+    }
+
+    fn take(&mut self, job: Job) {
+        let done = match &job {
+            Job::Begin(number) => self.begin(*number),
+            Job::Bytes(bytes) => self.write(bytes),
+        };
+        if let Err(error) = done {
+            self.fail(&error);
+        }
+        if let Job::Bytes(bytes) = job {
+            self.news.queued.fetch_sub(bytes.len(), Ordering::AcqRel);
+        }
+    }
+
+    fn begin(&mut self, number: u32) -> io::Result<()> {
+        self.file = None;
+        self.make_room()?;
+        let path = self.place.path(number);
+        let mut options = OpenOptions::new();
+        let file = options
+            .create(true)
+            .write(true)
+            .truncate(true)
+            .open(&path)?;
+        // Another run of hrtc must not delete it; where there are no locks, it may.
+        let _ = file.try_lock_shared();
+        self.own.push_back((path, 0));
+        self.file = Some(file);
+        self.news.failed.store(false, Ordering::Release);
+        Ok(())
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let (Some(file), Some((_, written))) = (&mut self.file, self.own.back_mut()) else {
+            return Ok(());
+        };
+        file.write_all(bytes)?;
+        *written += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// No more bytes into this file; one without any is removed.
+    fn fail(&mut self, error: &io::Error) {
+        let was_open = self.file.take().is_some();
+        if let Some((path, 0)) = self.own.back()
+            && was_open
+        {
+            remove(path);
+            self.own.pop_back();
+        }
+        if let Ok(mut reason) = self.news.reason.lock() {
+            *reason = error.to_string();
+        }
+        self.news.failed.store(true, Ordering::Release);
+    }
+
+    /// Deletes the oldest files until another one fits.
+    fn make_room(&mut self) -> io::Result<()> {
+        let room = self.place.keep_bytes - self.place.file_bytes();
+        let mut others = VecDeque::new();
+        if self.place.owns_folder {
+            others = earlier_runs(&self.place.first)?;
+        }
+        let used = |files: &VecDeque<(PathBuf, u64)>| files.iter().map(|of| of.1).sum::<u64>();
+        while used(&self.own) + used(&others) > room {
+            let oldest = others.pop_front().or_else(|| self.own.pop_front());
+            let Some((path, _)) = oldest else { break };
+            remove(&path);
+        }
+        Ok(())
+    }
+}
+
+/// Removes a file of ours; never a device such as /dev/full.
+fn remove(path: &Path) {
+    if std::fs::symlink_metadata(path).is_ok_and(|of| of.is_file()) {
+        let _ = std::fs::remove_file(path);
+    }
+}
+
+/// Recordings beside this one that no running process holds, the oldest first.
+fn earlier_runs(first: &Path) -> io::Result<VecDeque<(PathBuf, u64)>> {
+    let Some(folder) = first.parent() else {
+        return Ok(VecDeque::new());
+    };
+    std::fs::create_dir_all(folder)?;
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        let (path, metadata) = (entry.path(), entry.metadata()?);
+        let is_recording = path.extension().is_some_and(|of| of == "mcap");
+        if !is_recording || !metadata.is_file() {
+            continue;
+        }
+        let is_free = File::open(&path).is_ok_and(|file| file.try_lock().is_ok());
+        if is_free {
+            found.push((metadata.modified()?, path, metadata.len()));
+        }
+    }
+    found.sort();
+    Ok(found.into_iter().map(|of| (of.1, of.2)).collect())
+}

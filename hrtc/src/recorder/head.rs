@@ -1,0 +1,75 @@
+//! The head of a recording: everything that makes the controller.
+
+use super::RecordingError;
+use crate::setup::ControllerSetup;
+use hrtc_core::Controller;
+use scene::{Overrides, ScenePlan};
+use scene_files::KeptFiles;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Scene, options and devices of a run; the scene's files are in [`KeptFiles`] beside it.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct RecordingHead {
+    /// Version of hrtc.
+    pub version: String,
+    /// Architecture: floating point differs between them.
+    pub architecture: String,
+    /// Path of the scene file.
+    pub scene: PathBuf,
+    /// Options of the command line.
+    pub overrides: Overrides,
+    /// Identity and devices.
+    pub setup: ControllerSetup,
+    /// Paths from the root, by the path that the scene asked for.
+    pub absolute: Vec<(PathBuf, PathBuf)>,
+    /// CLOCK_REALTIME less CLOCK_MONOTONIC at the start, ns: times of messages are of the former.
+    pub realtime_offset_ns: u64,
+    /// Number of this file among those of the run, from 0.
+    pub segment: u32,
+}
+
+impl RecordingHead {
+    /// Head of a run's first file.
+    #[must_use]
+    pub fn new(
+        scene: &Path,
+        overrides: &Overrides,
+        setup: &ControllerSetup,
+        files: &KeptFiles,
+        realtime_offset_ns: u64,
+    ) -> Self {
+        let absolute = files.absolute.iter();
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            architecture: std::env::consts::ARCH.to_owned(),
+            scene: scene.to_path_buf(),
+            overrides: overrides.clone(),
+            setup: setup.clone(),
+            absolute: absolute.map(|(a, b)| (a.clone(), b.clone())).collect(),
+            realtime_offset_ns,
+            segment: 0,
+        }
+    }
+
+    /// The scene of the recording, from the files in it.
+    ///
+    /// # Errors
+    /// When the scene is refused: a file of it is missing or changed.
+    pub fn plan(&self, files: &KeptFiles) -> Result<ScenePlan, RecordingError> {
+        let files = KeptFiles {
+            contents: files.contents.clone(),
+            absolute: self.absolute.iter().cloned().collect(),
+        };
+        Ok(scene::load(&self.scene, &self.overrides, &files)?)
+    }
+
+    /// The controller of the recording before its first tick.
+    ///
+    /// # Errors
+    /// As [`RecordingHead::plan`].
+    pub fn controller(&self, files: &KeptFiles) -> Result<Box<Controller>, RecordingError> {
+        let mut plan = self.plan(files)?;
+        Ok(Box::new(self.setup.controller(&mut plan)))
+    }
+}

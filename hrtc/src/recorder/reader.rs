@@ -1,0 +1,216 @@
+//! Reads a recording, whole or cut at any byte.
+
+use super::format::{Channel, FILES, HEAD, Hole, PROFILE, PlainChunk, PlainReport, PlainRequest};
+use super::{RecordingError, RecordingHead, format};
+use crate::tick_record::TickRecord;
+use hrtc_core::streaming::chunk::InboxChunk;
+use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use protocol::{ContactReport, Request};
+use scene_files::KeptFiles;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// A message of a recording.
+#[derive(Debug)]
+pub enum Entry {
+    /// State of the controller after all entries before this one.
+    Keyframe(Vec<u8>),
+    /// A chunk, by its number in the order of arrival.
+    Chunk(u64, Box<InboxChunk>),
+    /// A request of the tick of this index, whose record follows.
+    Request(u64, Box<Request>),
+    /// A contact report of the tick of this index, whose record follows.
+    Report(u64, Box<ContactReport>),
+    /// A tick.
+    Tick(Box<TickRecord>),
+    /// Ticks that are missing.
+    Hole(Hole),
+    /// A message that is not as it was written: its topic.
+    Damaged(String),
+}
+
+/// Entries of a file, in the order in which they were recorded.
+pub struct RecordingReader {
+    source: Source,
+    head: RecordingHead,
+    files: KeptFiles,
+    /// Replay channels by their ids.
+    channels: BTreeMap<u16, Channel>,
+    /// Read while looking for the head's end.
+    first: Option<Entry>,
+    is_whole: bool,
+}
+
+impl RecordingReader {
+    /// Opens a recording and reads its head.
+    ///
+    /// # Errors
+    /// When the file cannot be read or its head is not there.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let name = path.display().to_string();
+        let foreign = || RecordingError::NotARecording(name.clone());
+        let file = File::open(path).map_err(|e| RecordingError::File(name.clone(), e))?;
+        let length = file.metadata().map_or(0, |of| of.len());
+        let options = LinearReaderOptions::default()
+            .with_record_length_limit(usize::try_from(length).map_err(|_| foreign())?);
+        let mut source = Source {
+            file,
+            reader: LinearReader::new_with_options(options),
+        };
+        let mut head = None;
+        let mut files = KeptFiles::default();
+        let mut channels = BTreeMap::new();
+        let mut first = None;
+        let mut is_whole = false;
+        while first.is_none() && !is_whole {
+            let Some(record) = source.next() else { break };
+            match record {
+                Record::Header(header) if header.profile != PROFILE => return Err(foreign()),
+                Record::Attachment { header, data, .. } if header.name == HEAD => {
+                    head = serde_json::from_slice::<RecordingHead>(&data).ok();
+                }
+                Record::Attachment { header, data, .. } => {
+                    if let Some(path) = header.name.strip_prefix(FILES) {
+                        files.contents.insert(PathBuf::from(path), data.into());
+                    }
+                }
+                Record::Channel(channel) => {
+                    let mut all = Channel::ALL.into_iter();
+                    let found = all.find(|of| of.topic() == channel.topic);
+                    channels.extend(found.map(|found| (channel.id, found)));
+                }
+                Record::Message { header, data } => {
+                    let channel = channels.get(&header.channel_id);
+                    first = channel.map(|&channel| entry(channel, &data));
+                }
+                Record::Footer(_) => is_whole = true,
+                _ => {}
+            }
+        }
+        // They come last: all of the head is there.
+        let has_channels = channels.len() == Channel::ALL.len();
+        Ok(Self {
+            source,
+            head: head.filter(|_| has_channels).ok_or_else(foreign)?,
+            files,
+            channels,
+            first,
+            is_whole,
+        })
+    }
+
+    /// The head.
+    #[must_use]
+    pub fn head(&self) -> &RecordingHead {
+        &self.head
+    }
+
+    /// The scene's files.
+    #[must_use]
+    pub fn files(&self) -> &KeptFiles {
+        &self.files
+    }
+
+    /// Whether the file's own end was reached.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.is_whole
+    }
+}
+
+impl Iterator for RecordingReader {
+    type Item = Entry;
+
+    /// `None` at the end, whether it is the file's own or a cut.
+    fn next(&mut self) -> Option<Entry> {
+        if let Some(first) = self.first.take() {
+            return Some(first);
+        }
+        while !self.is_whole {
+            match self.source.next()? {
+                Record::Message { header, data } => {
+                    if let Some(&channel) = self.channels.get(&header.channel_id) {
+                        return Some(entry(channel, &data));
+                    }
+                }
+                Record::Footer(_) => self.is_whole = true,
+                _ => {}
+            }
+        }
+        None
+    }
+}
+
+/// Records of a file up to its end, or to the first byte that is not of one.
+struct Source {
+    file: File,
+    reader: LinearReader,
+}
+
+impl Source {
+    fn next(&mut self) -> Option<Record<'static>> {
+        loop {
+            match self.reader.next_event()?.ok()? {
+                LinearReadEvent::ReadRequest(wanted) => {
+                    let read = self.file.read(self.reader.insert(wanted)).ok()?;
+                    self.reader.notify_read(read);
+                }
+                LinearReadEvent::Record { data, opcode } => {
+                    if opcode == op::ATTACHMENT && !is_attachment(data) {
+                        return None;
+                    }
+                    let record = mcap::parse_record(opcode, data).ok()?;
+                    return Some(record.into_owned());
+                }
+            }
+        }
+    }
+}
+
+/// Whether the lengths in an attachment fit it: `parse_record` relies on them.
+fn is_attachment(data: &[u8]) -> bool {
+    const TIMES: usize = 16;
+    const CRC: u64 = 4;
+    let length_at = |at: usize| {
+        let bytes = data.get(at..at.checked_add(4)?)?;
+        Some(u32::from_le_bytes(bytes.try_into().ok()?) as usize)
+    };
+    let after = |at: usize| at.checked_add(4)?.checked_add(length_at(at)?);
+    let Some(at) = after(TIMES).and_then(after) else {
+        return false;
+    };
+    let Some(bytes) = at.checked_add(8).and_then(|end| data.get(at..end)) else {
+        return false;
+    };
+    let length = <[u8; 8]>::try_from(bytes).map_or(u64::MAX, u64::from_le_bytes);
+    length.checked_add(at as u64 + 8 + CRC) == Some(data.len() as u64)
+}
+
+/// A message as an entry.
+fn entry(channel: Channel, data: &[u8]) -> Entry {
+    let read = format::unsealed(data).and_then(|bytes| read(channel, bytes));
+    read.unwrap_or_else(|| Entry::Damaged(channel.topic().to_owned()))
+}
+
+fn read(channel: Channel, bytes: &[u8]) -> Option<Entry> {
+    Some(match channel {
+        Channel::Keyframe => Entry::Keyframe(bytes.to_vec()),
+        Channel::Chunk => {
+            let plain: PlainChunk = bytemuck::try_pod_read_unaligned(bytes).ok()?;
+            Entry::Chunk(plain.index, Box::new(plain.chunk()))
+        }
+        Channel::Request => {
+            let plain: PlainRequest = bytemuck::try_pod_read_unaligned(bytes).ok()?;
+            Entry::Request(plain.tick, Box::new(plain.request))
+        }
+        Channel::Report => {
+            let plain: PlainReport = bytemuck::try_pod_read_unaligned(bytes).ok()?;
+            Entry::Report(plain.tick, Box::new(plain.report))
+        }
+        Channel::Tick => Entry::Tick(Box::new(postcard::from_bytes(bytes).ok()?)),
+        Channel::Hole => Entry::Hole(postcard::from_bytes(bytes).ok()?),
+    })
+}

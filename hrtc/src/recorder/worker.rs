@@ -1,0 +1,359 @@
+//! The recorder's thread: takes what the rings hold, keeps the twin abreast, encodes.
+
+use super::disk::{Disk, RecordingPlace};
+use super::encoder::Encoder;
+use super::shown::Level;
+use super::twin::Twin;
+use super::{Hole, RecordingError, RecordingHead};
+use crate::message::note;
+use crate::tick_record::TickRecord;
+use crate::tuning::{DRAIN_PERIOD, RECORDING_RETRY_NS};
+use hrtc_core::streaming::chunk::InboxChunk;
+use protocol::{ContactReport, Request};
+use realtime::rights::monotonic_ns;
+use rtrb::Consumer;
+use scene_files::KeptFiles;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+
+/// The recorder's ends of the rings.
+pub(super) struct RecordedRings {
+    pub ticks: Consumer<TickRecord>,
+    /// By their numbers in the order of arrival.
+    pub chunks: Consumer<(u64, InboxChunk)>,
+    /// By their ticks.
+    pub requests: Consumer<(u64, Request)>,
+    /// By their ticks.
+    pub reports: Consumer<(u64, ContactReport)>,
+}
+
+/// How a run ended.
+#[derive(Debug)]
+pub(super) struct Ending {
+    pub level: Level,
+    pub sentence: String,
+}
+
+/// Messages of a tick.
+#[derive(Default)]
+struct Outgoing {
+    requests: Vec<Request>,
+    reports: Vec<ContactReport>,
+}
+
+/// State of the thread.
+pub(super) struct Worker {
+    rings: RecordedRings,
+    head: RecordingHead,
+    files: KeptFiles,
+    probes: usize,
+    file_bytes: u64,
+    disk: Disk,
+    /// `None` while nothing can be written.
+    encoder: Option<Encoder>,
+    /// `None` once an input was lost: no more keyframes.
+    twin: Option<Twin>,
+    /// Bytes of the present file.
+    written: u64,
+    /// First tick whose bytes the disk does not have yet.
+    pending_tick: u64,
+    /// The tick that comes next when no period is skipped.
+    next_tick: u64,
+    /// Chunks seen so far.
+    next_chunk: u64,
+    /// Ticks that are lost and not yet marked so.
+    hole: Option<Hole>,
+    retry_ns: u64,
+    has_warned: bool,
+    /// Whether the disk refused records, for the main thread.
+    has_lost: Arc<AtomicBool>,
+}
+
+impl Worker {
+    /// A worker with the first file started.
+    ///
+    /// # Errors
+    /// When the scene's files are not enough for a replay, or the file cannot be created.
+    pub(super) fn new(
+        rings: RecordedRings,
+        head: RecordingHead,
+        files: KeptFiles,
+        place: RecordingPlace,
+        has_lost: Arc<AtomicBool>,
+    ) -> Result<Self, RecordingError> {
+        let controller = head.controller(&files)?;
+        let probes = controller.probes();
+        Ok(Self {
+            rings,
+            probes,
+            file_bytes: place.file_bytes(),
+            encoder: Some(Encoder::new(&head, &files, probes, monotonic_ns())?),
+            disk: Disk::start(place)?,
+            head,
+            files,
+            twin: Some(Twin::new(controller)),
+            written: 0,
+            pending_tick: 0,
+            next_tick: 0,
+            next_chunk: 0,
+            hole: None,
+            retry_ns: 0,
+            has_warned: false,
+            has_lost,
+        })
+    }
+
+    /// Records until the run has ended; the files that are kept, oldest first.
+    pub(super) fn run(mut self, ending: &OnceLock<Ending>) -> Vec<PathBuf> {
+        loop {
+            // Read before the rings, so that nothing comes after the last look.
+            let ending = ending.get();
+            while let Ok(record) = self.rings.ticks.pop() {
+                let recorded = self.tick(&record).and_then(|()| self.rotate());
+                self.heed(recorded);
+            }
+            self.flush();
+            self.resume();
+            if let Some(ending) = ending {
+                return self.finish(ending);
+            }
+            std::thread::sleep(DRAIN_PERIOD);
+        }
+    }
+
+    /// Takes a tick with all that belongs to it.
+    fn tick(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
+        let expected = self.next_tick + u64::from(record.skipped);
+        if record.tick != expected {
+            let last = record.tick.saturating_sub(1 + u64::from(record.skipped));
+            self.lose(self.next_tick, last, "the recorder had no time for them")?;
+        }
+        self.next_tick = record.tick + 1;
+        self.chunks(record)?;
+        let outgoing = self.outgoing(record)?;
+        if let Some(twin) = &mut self.twin {
+            let is_same = twin.tick(record).is_ok()
+                && twin.outputs().record.replay_hash == record.core.replay_hash;
+            if !is_same {
+                self.twin = None;
+                self.note("the recorder's controller differs from the run's from here on")?;
+            }
+        }
+        let Some(encoder) = &mut self.encoder else {
+            self.extend_hole(record.tick);
+            return Ok(());
+        };
+        for request in &outgoing.requests {
+            encoder.request(record.tick, request)?;
+        }
+        for report in &outgoing.reports {
+            encoder.report(record.tick, report)?;
+        }
+        encoder.tick(record, self.twin.as_ref().map(Twin::controller))
+    }
+
+    /// Takes the chunks that had arrived before a tick.
+    fn chunks(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
+        while self
+            .rings
+            .chunks
+            .peek()
+            .is_ok_and(|of| of.0 < record.chunks_arrived)
+        {
+            let Ok((index, chunk)) = self.rings.chunks.pop() else {
+                break;
+            };
+            if index != self.next_chunk {
+                self.lose(record.tick, record.tick, "chunks before them were lost")?;
+            }
+            self.next_chunk = index + 1;
+            if let Some(twin) = &mut self.twin {
+                // A gap shows at the tick.
+                let _ = twin.arrive(index, &chunk);
+            }
+            if let Some(encoder) = &mut self.encoder {
+                encoder.chunk(index, &chunk)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the requests and reports of a tick; those of lost ticks are passed over.
+    fn outgoing(&mut self, record: &TickRecord) -> Result<Outgoing, RecordingError> {
+        let outgoing = Outgoing {
+            requests: of_tick(&mut self.rings.requests, record.tick),
+            reports: of_tick(&mut self.rings.reports, record.tick),
+        };
+        let found = (outgoing.requests.len(), outgoing.reports.len());
+        if found != (record.requests as usize, record.reports as usize)
+            && let Some(encoder) = &mut self.encoder
+        {
+            encoder.hole(&Hole {
+                first: record.tick,
+                last: record.tick,
+                reason: "its requests or reports were lost".to_owned(),
+            })?;
+        }
+        Ok(outgoing)
+    }
+
+    /// Marks ticks whose inputs are lost. The twin cannot go on without them.
+    fn lose(&mut self, first: u64, last: u64, reason: &str) -> Result<(), RecordingError> {
+        self.twin = None;
+        let hole = Hole {
+            first,
+            last,
+            reason: reason.to_owned(),
+        };
+        match &mut self.encoder {
+            Some(encoder) => encoder.hole(&hole),
+            None => {
+                self.extend_hole(last);
+                Ok(())
+            }
+        }
+    }
+
+    fn extend_hole(&mut self, tick: u64) {
+        if let Some(hole) = &mut self.hole {
+            hole.last = tick;
+        }
+    }
+
+    fn note(&mut self, sentence: &str) -> Result<(), RecordingError> {
+        let encoder = self.encoder.as_mut();
+        encoder.map_or(Ok(()), |encoder| encoder.event(Level::Warning, sentence))
+    }
+
+    /// Hands the encoded bytes to the disk.
+    fn flush(&mut self) {
+        let Some(encoder) = &self.encoder else {
+            return;
+        };
+        let bytes = encoder.take();
+        self.written += bytes.len() as u64;
+        if !bytes.is_empty() && !self.disk.write(bytes) {
+            let reason = self.disk.failure();
+            return self.stop(reason.unwrap_or_else(|| "the disk is slow".to_owned()));
+        }
+        self.pending_tick = self.next_tick;
+    }
+
+    /// Ends the present file where the disk has it; the run goes on.
+    fn stop(&mut self, reason: String) {
+        if !self.has_warned {
+            self.has_warned = true;
+            self.has_lost.store(true, Ordering::Relaxed);
+            note!("ticks are not recorded for now, the run goes on: {reason}");
+        }
+        self.hole = Some(Hole {
+            first: self.pending_tick,
+            last: self.next_tick.saturating_sub(1).max(self.pending_tick),
+            reason,
+        });
+        self.encoder = None;
+        self.retry_ns = monotonic_ns() + RECORDING_RETRY_NS;
+    }
+
+    /// Begins a new file after a hole, once the disk has room again.
+    fn resume(&mut self) {
+        if self.encoder.is_none() && self.disk.is_idle() && monotonic_ns() >= self.retry_ns {
+            let started = self.begin();
+            self.heed(started);
+        }
+    }
+
+    /// Begins a new file when the present one is long enough.
+    fn rotate(&mut self) -> Result<(), RecordingError> {
+        let Some(encoder) = &self.encoder else {
+            return Ok(());
+        };
+        if self.written + encoder.pending() < self.file_bytes {
+            return Ok(());
+        }
+        if let Some(encoder) = self.encoder.take() {
+            let bytes = encoder.finish()?;
+            if !self.disk.write(bytes) {
+                self.stop("the disk is slow".to_owned());
+                return Ok(());
+            }
+            self.pending_tick = self.next_tick;
+        }
+        self.begin()
+    }
+
+    /// Begins the next file with a keyframe.
+    fn begin(&mut self) -> Result<(), RecordingError> {
+        self.head.segment += 1;
+        if !self.disk.begin(self.head.segment) {
+            self.stop("the disk is slow".to_owned());
+            return Ok(());
+        }
+        let now_ns = monotonic_ns();
+        let mut encoder = Encoder::new(&self.head, &self.files, self.probes, now_ns)?;
+        if let Some(hole) = self.hole.take() {
+            encoder.hole(&hole)?;
+        }
+        if let Some(twin) = &self.twin {
+            self.keyframe(&mut encoder, twin.to_bytes()?)?;
+        }
+        self.written = 0;
+        self.pending_tick = self.next_tick;
+        self.encoder = Some(encoder);
+        Ok(())
+    }
+
+    /// Adds a keyframe, unless it leaves too little of a file for ticks.
+    fn keyframe(&self, encoder: &mut Encoder, state: Vec<u8>) -> Result<(), RecordingError> {
+        let bytes = state.len() as u64;
+        if 2 * bytes <= self.file_bytes {
+            return encoder.keyframe(state);
+        }
+        let needed = RecordingPlace::keep_for(2 * bytes) >> 20;
+        let sentence = format!(
+            "only the first file of this recording replays: the state is too large for the others; write keep = \"{needed}MiB\" or more into [record] of the scene"
+        );
+        if self.head.segment == 1 {
+            note!("{sentence}");
+        }
+        encoder.event(Level::Warning, &sentence)
+    }
+
+    /// An error of the encoder: a defect, but not one that ends a run.
+    fn heed(&mut self, done: Result<(), RecordingError>) {
+        if let Err(error) = done {
+            self.stop(error.to_string());
+        }
+    }
+
+    fn finish(mut self, ending: &Ending) -> Vec<PathBuf> {
+        self.disk.wait_for_room();
+        self.resume();
+        if let Some(mut encoder) = self.encoder.take() {
+            let last = encoder
+                .event(ending.level, &ending.sentence)
+                .and_then(|()| encoder.finish());
+            let written = last.map(|bytes| self.disk.write(bytes));
+            match written {
+                Ok(true) => {}
+                Ok(false) => self.stop("the disk is slow".to_owned()),
+                Err(error) => self.stop(error.to_string()),
+            }
+        }
+        self.disk.finish().unwrap_or_default()
+    }
+}
+
+/// Takes the entries of a tick; those of earlier ticks are dropped.
+fn of_tick<T>(ring: &mut Consumer<(u64, T)>, tick: u64) -> Vec<T> {
+    let mut found = Vec::new();
+    while ring.peek().is_ok_and(|of| of.0 <= tick) {
+        if let Ok((of, entry)) = ring.pop()
+            && of == tick
+        {
+            found.push(entry);
+        }
+    }
+    found
+}

@@ -1,0 +1,123 @@
+//! The recording of `hrtc run`: where it lies, and what is kept when a fault ends the run.
+
+use super::RunArgs;
+use crate::message::note;
+use crate::recorder::{
+    Recorder, RecordingError, RecordingHead, RecordingPlace, Taps, write_black_box,
+};
+use crate::setup::ControllerSetup;
+use crate::tick_record::TickRecord;
+use realtime::rights::monotonic_ns;
+use scene::ScenePlan;
+use scene_files::KeptFiles;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Bytes of the recording when `--record FILE` turns on what the scene has off: as the scene's
+/// default.
+const KEEP_BYTES: u64 = 512 << 20;
+
+/// The recording of a run.
+#[derive(Debug)]
+pub(super) struct RunRecording {
+    recorder: Recorder,
+    /// Where the last seconds before a fault go.
+    black_box: PathBuf,
+}
+
+impl RunRecording {
+    /// Starts the recording, unless it is off. A default place that cannot be used costs the
+    /// recording only; one that was named, the run.
+    ///
+    /// # Errors
+    /// When the named file cannot be created.
+    pub(super) fn start(
+        args: &RunArgs,
+        plan: &ScenePlan,
+        setup: &ControllerSetup,
+        files: KeptFiles,
+    ) -> Result<(Option<Self>, Option<Taps>), RecordingError> {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH);
+        let realtime_ns = now.map_or(0, |since| since.as_nanos() as u64);
+        let Some(place) = place(args, plan, realtime_ns) else {
+            return Ok((None, None));
+        };
+        let offset_ns = realtime_ns.saturating_sub(monotonic_ns());
+        let head = RecordingHead::new(&args.scene, &args.overrides, setup, &files, offset_ns);
+        let black_box = beside(&place.first, "fault");
+        let is_default = place.owns_folder;
+        if is_default && let Some(folder) = place.first.parent() {
+            // A folder that cannot be made shows when the file is.
+            let _ = std::fs::create_dir_all(folder);
+        }
+        match Recorder::start(head, files, place) {
+            Ok((recorder, taps)) => {
+                let recording = Self {
+                    recorder,
+                    black_box,
+                };
+                Ok((Some(recording), Some(taps)))
+            }
+            Err(error) if is_default => {
+                note!("this run is not recorded: {error}; name a file with --record");
+                Ok((None, None))
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Hands over a tick.
+    pub(super) fn push(&mut self, record: &TickRecord) {
+        self.recorder.push(record);
+    }
+
+    /// Whether the disk refused records.
+    pub(super) fn has_lost(&self) -> bool {
+        self.recorder.has_lost()
+    }
+
+    /// Ends the recording; after a fault the last seconds are kept in a file of their own.
+    pub(super) fn finish(self, fault: Option<String>) {
+        let files = self.recorder.finish(fault.as_deref());
+        let Some(fault) = fault else { return };
+        match write_black_box(&files, &fault, &self.black_box) {
+            Ok(()) => note!(
+                "the last seconds before the fault are in {}",
+                self.black_box.display()
+            ),
+            Err(error) => note!("there is no black box: {error}"),
+        }
+    }
+}
+
+/// Where a run's recording goes; `None` when it is off.
+fn place(args: &RunArgs, plan: &ScenePlan, realtime_ns: u64) -> Option<RecordingPlace> {
+    let named = match &args.record {
+        Some(path) if path.as_os_str() == "off" => return None,
+        Some(path) => Some((path, plan.record.keep_bytes.unwrap_or(KEEP_BYTES))),
+        None => plan.record.path.as_ref().zip(plan.record.keep_bytes),
+    };
+    if let Some((path, keep_bytes)) = named {
+        return Some(RecordingPlace {
+            first: path.clone(),
+            keep_bytes,
+            owns_folder: false,
+        });
+    }
+    let keep_bytes = plan.record.keep_bytes?;
+    let state = dirs::state_dir().or_else(dirs::data_local_dir)?;
+    let seconds = realtime_ns / 1_000_000_000;
+    let name = format!("{}-{seconds}-{}.mcap", plan.name, std::process::id());
+    Some(RecordingPlace {
+        first: state.join("hrtc").join("recordings").join(name),
+        keep_bytes,
+        owns_folder: true,
+    })
+}
+
+/// A path beside another, with a word behind its stem.
+fn beside(path: &Path, word: &str) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or_default().to_os_string();
+    name.push(format!("-{word}.mcap"));
+    path.with_file_name(name)
+}

@@ -1,0 +1,130 @@
+//! `rt-tests export`: a recording as tables.
+
+use crate::failure::Failure;
+use crate::report::output::{make_folder, print};
+use clap::Args;
+use hrtc::recorder::{Entry, RecordingReader};
+use hrtc::tick_record::{STAGES, TickRecord};
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Arguments of `rt-tests export`.
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// A file of a recording
+    pub file: PathBuf,
+    /// Write CSV tables into this folder [default: beside the file]
+    #[arg(long, value_name = "DIR", num_args = 0..=1, required = true)]
+    pub csv: Option<Option<PathBuf>>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence, with its status.
+pub fn export(args: &ExportArgs) -> Result<(), Failure> {
+    let reader =
+        RecordingReader::open(&args.file).map_err(|error| Failure::Input(error.to_string()))?;
+    let beside = args.file.with_extension("csv");
+    let folder = args.csv.clone().flatten().unwrap_or(beside);
+    make_folder(&folder)?;
+    let probes = reader.head().setup.position_resolutions_m.len();
+    let written = write(reader, &folder, probes);
+    let ticks = written.map_err(|e| Failure::Run(format!("{}: {e}", folder.display())))?;
+    print(&format!("{ticks} ticks in {}\n", folder.display()))
+}
+
+/// Writes one table of the run's ticks and one of each probe; the number of ticks.
+fn write(reader: RecordingReader, folder: &Path, probes: usize) -> io::Result<u64> {
+    let create = |name: String| File::create(folder.join(name)).map(BufWriter::new);
+    let mut run = create("ticks.csv".to_string())?;
+    let stages = STAGES.map(|stage| format!("{stage}_ns")).join(",");
+    writeln!(
+        run,
+        "tick,start_ns,skipped,wake_ns,work_cpu_ns,work_wall_ns,{stages},work_units,query_work,\
+         vsplits,ecols,active_faces,cache_bytes,bytes_received,requests"
+    )?;
+    let tables = (0..probes).map(|k| create(format!("probe-{k}.csv")));
+    let mut tables = tables.collect::<io::Result<Vec<_>>>()?;
+    for table in &mut tables {
+        writeln!(
+            table,
+            "tick,x_m,y_m,z_m,qw,qx,qy,qz,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,object,face,depth_m,\
+             contact_full,energy_j"
+        )?;
+    }
+    let mut ticks = 0;
+    for entry in reader {
+        let Entry::Tick(record) = entry else { continue };
+        writeln!(run, "{}", run_row(&record))?;
+        for (k, table) in tables.iter_mut().enumerate() {
+            writeln!(table, "{}", probe_row(&record, k))?;
+        }
+        ticks += 1;
+    }
+    for table in tables.iter_mut().chain([&mut run]) {
+        table.flush()?;
+    }
+    Ok(ticks)
+}
+
+fn run_row(record: &TickRecord) -> String {
+    let core = &record.core;
+    let mut row = format!(
+        "{},{},{},{},{},{}",
+        record.tick,
+        record.start_ns,
+        record.skipped,
+        record.wake_ns,
+        record.work_cpu_ns,
+        record.work_wall_ns
+    );
+    for number in record.stage_ns {
+        let _ = write!(row, ",{number}");
+    }
+    for number in [
+        core.work_units,
+        core.query_work,
+        core.vsplits,
+        core.ecols,
+        core.active_faces,
+    ] {
+        let _ = write!(row, ",{number}");
+    }
+    for number in [
+        core.cache_bytes,
+        core.bytes_received,
+        record.requests.into(),
+    ] {
+        let _ = write!(row, ",{number}");
+    }
+    row
+}
+
+/// A probe's row; cells of what there was not are empty.
+fn probe_row(record: &TickRecord, k: usize) -> String {
+    let mut row = record.tick.to_string();
+    match record.samples[k] {
+        Some(sample) => {
+            let at = sample.pose.position.to_array();
+            for number in at.into_iter().chain(sample.pose.wxyz()) {
+                let _ = write!(row, ",{number}");
+            }
+        }
+        None => row.push_str(",,,,,,,"),
+    }
+    let wrench = record.wrenches[k];
+    for number in [wrench.force, wrench.torque].map(|v| v.to_array()).concat() {
+        let _ = write!(row, ",{number}");
+    }
+    let core = &record.core.probes[k];
+    let _ = match record.contacts[k] {
+        Some(of) => write!(row, ",{},{}", of.object, of.contact.face),
+        None => write!(row, ",,"),
+    };
+    let full = u8::from(core.contact_full);
+    let _ = write!(row, ",{},{full},{}", core.depth_m, core.energy_j);
+    row
+}
