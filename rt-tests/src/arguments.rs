@@ -9,6 +9,7 @@ use crate::commands::jitter::JitterArgs;
 use crate::commands::predictors::PredictorsArgs;
 use crate::commands::replay::ReplayArgs;
 use crate::commands::run::RunArgs;
+use crate::commands::simulate::SimulateArgs;
 use crate::commands::stability::StabilityArgs;
 use crate::commands::zwidth::ZwidthArgs;
 use crate::processes::bare_loop::BareArgs;
@@ -49,6 +50,9 @@ pub enum Command {
     Predictors(PredictorsArgs),
     /// Run the hard cases, each with its measure, limit and verdict; status 1 when one fails
     Stability(StabilityArgs),
+    /// Run both cores through random faults in virtual time, with checks after every tick; status 1
+    /// when one fails
+    Simulate(SimulateArgs),
     /// Show what each effect of a scene costs a tick, and that one that is not listed costs nothing
     Effects(EffectsArgs),
     /// Measure how stiff a wall this machine can render: its period, the delay of its force, and

@@ -54,6 +54,7 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Compare(args) => commands::compare::compare(&args),
         Command::Predictors(args) => commands::predictors::predictors(&args),
         Command::Stability(args) => commands::stability::stability(&args),
+        Command::Simulate(args) => commands::simulate::simulate(&args),
         Command::Effects(args) => commands::effects::effects(&args),
         Command::Zwidth(args) => commands::zwidth::zwidth(&args),
         Command::RoleStation(args) => roles::station(args),

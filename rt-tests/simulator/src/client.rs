@@ -3,6 +3,7 @@
 use crate::hand::Hand;
 use crate::link::{Link, LinkModel, Upward};
 use crate::recording::InputRecording;
+use crate::samples::{SampleFaults, SampleModel};
 use crate::summary::Summary;
 use haptic_device::Sample;
 use hrtc_core::streaming::chunk::InboxChunk;
@@ -61,6 +62,7 @@ pub struct Client {
     identity: Identity,
     link: Link,
     hands: Vec<Hand>,
+    sample_faults: SampleFaults,
     inbox: Vec<InboxChunk>,
     samples: Vec<Option<Sample>>,
     outputs: TickOutputs,
@@ -96,6 +98,7 @@ impl Client {
             identity,
             link: Link::new(link, link_seed),
             hands: hands.collect(),
+            sample_faults: SampleFaults::new(plan.probes.len()),
             inbox: Vec::with_capacity(INBOX_CHUNKS),
             samples: Vec::with_capacity(plan.probes.len()),
             outputs: TickOutputs::new(plan.probes.len()),
@@ -133,6 +136,23 @@ impl Client {
     /// The hand of a probe.
     pub fn hand(&mut self, probe: usize) -> &mut Hand {
         &mut self.hands[probe]
+    }
+
+    /// Disturbs the samples of the hands from now on; the seed decides how.
+    pub fn disturb_samples(&mut self, model: SampleModel, seed: u64) {
+        self.sample_faults.disturb(model, seed);
+    }
+
+    /// What was done to the samples of the hands.
+    #[must_use]
+    pub fn sample_faults(&self) -> &SampleFaults {
+        &self.sample_faults
+    }
+
+    /// The samples of the last tick.
+    #[must_use]
+    pub fn samples(&self) -> &[Option<Sample>] {
+        &self.samples
     }
 
     /// The outputs of the last tick.
@@ -253,7 +273,7 @@ impl Client {
                     hand.follow(tick, &self.controller, probe);
                     let mut sample = None;
                     self.allocations += count(|| sample = hand.read(periods));
-                    self.samples.push(sample);
+                    self.samples.push(self.sample_faults.pass(probe, sample));
                 }
             }
         }

@@ -9,6 +9,7 @@
 //! | [`client`] | [`Client`]: a controller, its inbox, its link and a hand for each probe |
 //! | [`link`] | [`Link`]: messages under way both ways; [`LinkModel`]: delay, faults, throughput |
 //! | [`hand`] | [`Hand`]: the simulated device, led along a path or held at a place |
+//! | [`samples`] | [`SampleModel`]: noise, spikes, nonsense and silence of a device |
 //! | [`recording`] | [`InputRecording`]: the inputs of every tick; [`Playback`]: them, replayed |
 //! | [`summary`] | [`Summary`]: counts and extremes of a client's run |
 //! | [`front`] | the active front by ids of the file |
@@ -61,14 +62,16 @@ pub mod hand;
 pub mod link;
 pub mod random;
 pub mod recording;
+pub mod samples;
 pub mod simulation;
 pub mod summary;
 
 pub use client::{Client, ClientOptions, Drive, INBOX_CHUNKS};
 pub use front::{front_faces, refined_front};
 pub use hand::Hand;
-pub use link::{Link, LinkModel};
+pub use link::{Link, LinkCounts, LinkModel, MESSAGES};
 pub use random::Random;
 pub use recording::{InputRecording, Playback};
+pub use samples::{SampleFaults, SampleModel};
 pub use simulation::{STATION, Simulation, station};
 pub use summary::Summary;

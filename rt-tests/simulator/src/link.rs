@@ -2,7 +2,7 @@
 
 use crate::random::Random;
 use hrtc_core::streaming::chunk::InboxChunk;
-use protocol::{ContactReport, Request};
+use protocol::{ChunkKind, ContactReport, Request, RequestKind};
 use std::collections::VecDeque;
 use std::fmt;
 
@@ -40,6 +40,54 @@ impl Default for LinkModel {
     }
 }
 
+/// Kinds of messages, in the order of [`LinkCounts`].
+pub const MESSAGES: [&str; 11] = [
+    "credit",
+    "ask for a model",
+    "ask for regions",
+    "ask for a tour",
+    "close",
+    "contact report",
+    "model",
+    "answers",
+    "measured errors",
+    "tour",
+    "refusal",
+];
+
+/// What a link did to the messages of each kind of [`MESSAGES`].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LinkCounts {
+    /// Sent.
+    pub sent: [u64; MESSAGES.len()],
+    /// Lost on the way, or by a link that was cut.
+    pub lost: [u64; MESSAGES.len()],
+    /// Sent twice.
+    pub doubled: [u64; MESSAGES.len()],
+    /// Overtook the one before it.
+    pub overtook: [u64; MESSAGES.len()],
+    /// Damaged.
+    pub damaged: [u64; MESSAGES.len()],
+}
+
+impl LinkCounts {
+    /// Adds the counts of another link.
+    pub fn add(&mut self, other: &Self) {
+        let pairs = [
+            (&mut self.sent, &other.sent),
+            (&mut self.lost, &other.lost),
+            (&mut self.doubled, &other.doubled),
+            (&mut self.overtook, &other.overtook),
+            (&mut self.damaged, &other.damaged),
+        ];
+        for (sums, counts) in pairs {
+            for (sum, count) in sums.iter_mut().zip(counts) {
+                *sum += count;
+            }
+        }
+    }
+}
+
 /// A message of a client to the station.
 #[derive(Debug, Clone, Copy)]
 #[expect(clippy::large_enum_variant, reason = "most messages are requests")]
@@ -52,6 +100,8 @@ pub(crate) enum Upward {
 pub(crate) trait Payload: Copy {
     /// Its size.
     fn bytes(&self) -> usize;
+    /// Its index in [`MESSAGES`].
+    fn kind(&self) -> usize;
     /// Flips a random bit, where a link may damage such a message.
     fn flip_bit(&mut self, random: &mut Random);
 }
@@ -64,12 +114,35 @@ impl Payload for Upward {
         }
     }
 
+    fn kind(&self) -> usize {
+        match self {
+            Self::Request(request) => match RequestKind::from_code(request.kind) {
+                Some(RequestKind::Model) => 1,
+                Some(RequestKind::Regions) => 2,
+                Some(RequestKind::Tour) => 3,
+                Some(RequestKind::Close) => 4,
+                Some(RequestKind::Credit) | None => 0,
+            },
+            Self::Report(_) => 5,
+        }
+    }
+
     fn flip_bit(&mut self, _: &mut Random) {}
 }
 
 impl Payload for InboxChunk {
     fn bytes(&self) -> usize {
         size_of::<Self>()
+    }
+
+    fn kind(&self) -> usize {
+        match ChunkKind::from_code(self.header.kind) {
+            Some(ChunkKind::Model) => 6,
+            Some(ChunkKind::Answers) | None => 7,
+            Some(ChunkKind::Measured) => 8,
+            Some(ChunkKind::Tour) => 9,
+            Some(ChunkKind::Refused) => 10,
+        }
     }
 
     fn flip_bit(&mut self, random: &mut Random) {
@@ -87,6 +160,7 @@ pub(crate) struct DelayLine<T> {
     under_way: VecDeque<(u64, T)>,
     /// Time at which all that was sent is on the wire, ticks.
     free_at: f64,
+    counts: LinkCounts,
 }
 
 impl<T> Default for DelayLine<T> {
@@ -94,6 +168,7 @@ impl<T> Default for DelayLine<T> {
         Self {
             under_way: VecDeque::new(),
             free_at: 0.0,
+            counts: LinkCounts::default(),
         }
     }
 }
@@ -103,11 +178,15 @@ impl<T: Payload> DelayLine<T> {
     pub fn send(&mut self, tick: u64, mut message: T, model: &LinkModel, random: &mut Random) {
         let start = self.free_at.max(tick as f64);
         self.free_at = start + message.bytes() as f64 / model.bytes_per_tick;
+        let kind = message.kind();
+        self.counts.sent[kind] += 1;
         if random.happens(model.loss) {
+            self.counts.lost[kind] += 1;
             return;
         }
         if random.happens(model.damage) {
             message.flip_bit(random);
+            self.counts.damaged[kind] += 1;
         }
         let mut due = self.free_at.floor() as u64 + model.delay_ticks;
         if model.jitter_ticks > 0 {
@@ -115,6 +194,7 @@ impl<T: Payload> DelayLine<T> {
         }
         due = self.under_way.back().map_or(due, |last| due.max(last.0));
         let copies = if random.happens(model.duplicates) {
+            self.counts.doubled[kind] += 1;
             2
         } else {
             1
@@ -125,6 +205,7 @@ impl<T: Payload> DelayLine<T> {
         let last = self.under_way.len() - 1;
         if last > 0 && random.happens(model.reordering) {
             self.under_way.swap(last, last - 1);
+            self.counts.overtook[kind] += 1;
             self.under_way[last - 1].0 = due;
             self.under_way[last].0 = due;
         }
@@ -141,12 +222,16 @@ impl<T: Payload> DelayLine<T> {
 
     /// Loses the messages that are due at a tick.
     pub fn lose_due(&mut self, tick: u64) {
-        while self.receive(tick).is_some() {}
+        while let Some(message) = self.receive(tick) {
+            self.counts.lost[message.kind()] += 1;
+        }
     }
 
     /// Loses everything under way.
     pub fn clear(&mut self) {
-        self.under_way.clear();
+        for (_, message) in self.under_way.drain(..) {
+            self.counts.lost[message.kind()] += 1;
+        }
         self.free_at = 0.0;
     }
 }
@@ -199,6 +284,14 @@ impl Link {
     /// Cuts it, or mends it.
     pub fn cut(&mut self, is_cut: bool) {
         self.is_cut = is_cut;
+    }
+
+    /// What it did to the messages of both directions so far.
+    #[must_use]
+    pub fn counts(&self) -> LinkCounts {
+        let mut counts = self.upward.counts;
+        counts.add(&self.downward.counts);
+        counts
     }
 
     /// Whether nothing crosses.
@@ -263,6 +356,10 @@ mod tests {
     impl Payload for char {
         fn bytes(&self) -> usize {
             10
+        }
+
+        fn kind(&self) -> usize {
+            0
         }
 
         fn flip_bit(&mut self, _: &mut Random) {
@@ -330,6 +427,28 @@ mod tests {
         };
         // The first message is overtaken by all others, and arrives with the last.
         assert_eq!(letters(&received("abc", mixed, 1)), "bca");
+    }
+
+    #[test]
+    fn what_was_done_to_the_messages_is_counted() {
+        let model = LinkModel {
+            loss: 0.5,
+            duplicates: 1.0,
+            ..LinkModel::default()
+        };
+        let (mut line, mut random) = (DelayLine::default(), Random::new(1));
+        for tick in 0..100 {
+            line.send(tick, 'a', &model, &mut random);
+        }
+        let [sent, lost, doubled] = [
+            line.counts.sent[0],
+            line.counts.lost[0],
+            line.counts.doubled[0],
+        ];
+        assert_eq!((sent, lost + doubled), (100, 100));
+        assert!(lost > 20 && doubled > 20, "{lost} {doubled}");
+        line.clear();
+        assert_eq!(line.counts.lost[0], lost + 2 * doubled);
     }
 
     #[test]

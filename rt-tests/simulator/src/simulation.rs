@@ -87,6 +87,12 @@ impl<D: AsRef<[u8]>> Simulation<D> {
         &mut self.clients
     }
 
+    /// The clients alone.
+    #[must_use]
+    pub fn into_clients(self) -> Vec<Client> {
+        self.clients
+    }
+
     /// The controller of the first client.
     #[must_use]
     pub fn controller(&self) -> &Controller {

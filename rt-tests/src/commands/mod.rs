@@ -11,6 +11,7 @@
 //! | [`compare`] | a query and an update beside those of parry |
 //! | [`predictors`] | the gain of each source of the prediction |
 //! | [`stability`] | the hard cases |
+//! | [`simulate`] | random faults on both cores in virtual time |
 //! | [`effects`] | the cost of each effect |
 //! | [`zwidth`] | the stiffest wall that can be rendered |
 
@@ -23,5 +24,6 @@ pub mod jitter;
 pub mod predictors;
 pub mod replay;
 pub mod run;
+pub mod simulate;
 pub mod stability;
 pub mod zwidth;

@@ -1,0 +1,196 @@
+//! Where a hand goes: presses, slides, hovers, leaves and holds on the surface of an object, in the
+//! object's own frame, so that it follows one that moves.
+
+use super::library::Version;
+use geometry::Pose;
+use glam::{DQuat, DVec3};
+use hrtc_core::ModelFrame;
+use simulator::Random;
+
+/// Ticks between two knots of a path.
+const KNOT_TICKS: u64 = 20;
+/// How far a hand goes up to leave, metres.
+const LEAVE_M: f64 = 0.03;
+/// How far it hovers before it comes back after the faults, metres.
+pub const HOVER_M: f64 = 0.012;
+/// Ticks in which it goes to that height, at which it stays, and in which it comes down again.
+pub const LIFT_TICKS: u64 = 400;
+/// See [`LIFT_TICKS`].
+pub const HOVER_TICKS: u64 = 600;
+/// See [`LIFT_TICKS`].
+pub const PRESS_TICKS: u64 = 300;
+
+/// A place of a path.
+#[derive(Debug, Clone, Copy)]
+struct Knot {
+    /// On the full surface, stored coordinates.
+    point: DVec3,
+    /// Outward, unit.
+    normal: DVec3,
+    /// Height of the tip above the surface, metres; negative is pressed in.
+    height_m: f64,
+}
+
+/// The path of a hand.
+#[derive(Debug, Clone)]
+pub struct HandPath {
+    /// Object of the scene.
+    pub object: usize,
+    /// How deep it wants to press, metres.
+    pub depth_m: f64,
+    knots: Vec<Knot>,
+}
+
+/// Outward normal of a triangle; up where it has none.
+fn normal_of(version: &Version, triangle: u32) -> DVec3 {
+    let [a, b, c] = version.full.triangles()[triangle as usize];
+    (b - a).cross(c - a).try_normalize().unwrap_or(DVec3::Z)
+}
+
+/// Draws a path; what it stands on and how far it has come.
+struct Walk<'a> {
+    version: &'a Version,
+    random: &'a mut Random,
+    triangle: u32,
+    now: Knot,
+    knots: Vec<Knot>,
+}
+
+impl Walk<'_> {
+    /// So many knots at the same place, the height going there.
+    fn go_to_height(&mut self, height_m: f64, knots: u64) {
+        let from = self.now.height_m;
+        for k in 1..=knots {
+            let share = k as f64 / knots as f64;
+            // Slow at both ends.
+            let eased = share * share * (3.0 - 2.0 * share);
+            self.now.height_m = from + (height_m - from) * eased;
+            self.knots.push(self.now);
+        }
+    }
+
+    /// Along the surface towards a place, in so many knots.
+    fn slide(&mut self, to: DVec3, knots: u64) {
+        let from = self.now.point;
+        let to = self.version.within_rim(to);
+        for k in 1..=knots {
+            let along = from.lerp(to, k as f64 / knots as f64);
+            let near = self.version.full.nearest(along, self.triangle);
+            self.triangle = near.triangle;
+            self.now.point = near.point;
+            // The hand turns with the surface, but not at once at an edge.
+            let normal = self.now.normal * 2.0 + normal_of(self.version, near.triangle);
+            self.now.normal = normal.try_normalize().unwrap_or(self.now.normal);
+            self.knots.push(self.now);
+        }
+    }
+
+    /// One of the things that hands do.
+    fn act(&mut self, depth_m: f64, diagonal: f64) {
+        let pressed = -depth_m * (0.3 + 0.7 * self.random.unit());
+        match self.random.below(12) {
+            0..=2 => {
+                self.go_to_height(pressed, 6);
+                let knots = 10 + self.random.below(20);
+                self.go_to_height(pressed, knots);
+            }
+            3..=7 => {
+                self.go_to_height(pressed, 4);
+                let to = self.now.point + self.random.vector() * 0.25 * diagonal;
+                let knots = 10 + self.random.below(40);
+                self.slide(to, knots);
+            }
+            8..=9 => {
+                let knots = 5 + self.random.below(30);
+                self.go_to_height(self.now.height_m, knots);
+            }
+            10 => {
+                let knots = 3 + self.random.below(6);
+                let height_m = 1e-3 + 4e-3 * self.random.unit();
+                self.go_to_height(height_m, knots);
+            }
+            _ => {
+                self.go_to_height(LEAVE_M, 8);
+                let to = self.now.point + self.random.vector() * 0.1 * diagonal;
+                self.slide(to, 3);
+                self.go_to_height(0.5 * pressed, 8);
+            }
+        }
+    }
+}
+
+impl HandPath {
+    /// A path over an object for so many ticks, which then goes up and presses once more. The depth
+    /// is in metres.
+    #[must_use]
+    pub fn draw(
+        object: usize,
+        version: &Version,
+        depth_m: f64,
+        ticks: u64,
+        random: &mut Random,
+    ) -> Self {
+        let triangles = version.full.triangles();
+        let middle_of = |triangle: u32| {
+            let [a, b, c] = triangles[triangle as usize];
+            (a + b + c) / 3.0
+        };
+        let triangle = loop {
+            let triangle = random.below(triangles.len() as u64) as u32;
+            if version.within_rim(middle_of(triangle)) == middle_of(triangle) {
+                break triangle;
+            }
+        };
+        let mut walk = Walk {
+            version,
+            triangle,
+            now: Knot {
+                point: middle_of(triangle),
+                normal: normal_of(version, triangle),
+                height_m: 6e-3,
+            },
+            knots: Vec::new(),
+            random,
+        };
+        walk.knots.push(walk.now);
+        walk.go_to_height(-0.5 * depth_m, 10);
+        let diagonal = version.model.file.model_header().diagonal;
+        let faulty = (ticks / KNOT_TICKS) as usize;
+        while walk.knots.len() <= faulty {
+            walk.act(depth_m, diagonal);
+        }
+        walk.knots.truncate(faulty + 1);
+        walk.now = walk.knots[faulty];
+        walk.go_to_height(HOVER_M, LIFT_TICKS / KNOT_TICKS);
+        walk.go_to_height(HOVER_M, HOVER_TICKS / KNOT_TICKS);
+        walk.go_to_height(-0.5 * depth_m, PRESS_TICKS / KNOT_TICKS);
+        Self {
+            object,
+            depth_m,
+            knots: walk.knots,
+        }
+    }
+
+    /// The pose of the device at a tick, world, metres. `tip_m`: depth of the probe's tip below the
+    /// device's position, and by how much higher the hand stays; `turns`: whether the device turns
+    /// with the surface.
+    #[must_use]
+    pub fn pose(&self, tick: u64, frame: &ModelFrame, tip_m: f64, turns: bool) -> Pose {
+        let last = self.knots.len() - 1;
+        let k = ((tick / KNOT_TICKS) as usize).min(last);
+        let (one, next) = (self.knots[k], self.knots[(k + 1).min(last)]);
+        let share = (tick % KNOT_TICKS) as f64 / KNOT_TICKS as f64;
+        let point = frame.to_world(one.point.lerp(next.point, share));
+        let normal = one.normal.lerp(next.normal, share);
+        let normal = frame.vector_to_world(normal).normalize_or(DVec3::Z);
+        let height = one.height_m + (next.height_m - one.height_m) * share;
+        Pose {
+            position: point + normal * (tip_m + height),
+            orientation: if turns {
+                DQuat::from_rotation_arc(DVec3::Z, normal)
+            } else {
+                DQuat::IDENTITY
+            },
+        }
+    }
+}

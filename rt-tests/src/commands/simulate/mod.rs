@@ -1,0 +1,245 @@
+//! `rt-tests simulate`: both pure cores on a simulated clock with every fault that a link, a
+//! process or a device may have, and checks after every tick.
+//!
+//! A seed draws a scene of small generated models, hands, and which kinds of faults are on and how
+//! heavy ([`kind`], [`scenario`]). The faults last 3.2 to 4 s of virtual time; then everything is
+//! sound, the hands go up, come down once more and hold.
+//!
+//! | checked | when | module |
+//! |---|---|---|
+//! | force and torque finite, within the plan's limits and its slew; zero after a fault | every tick | [`checks`] |
+//! | a contact puts out no more energy than it took in, up to what is stated there | every tick | [`checks`] |
+//! | work budget, bytes of the cache, inbox, no allocation | every tick | [`checks`] |
+//! | every invariant of the caches, front legal split by split, boxes of the tree exact, certified errors true, proxies outside | every 100th tick and at the end | [`deep`] |
+//! | resynchronised, full resolution, force as of a fresh controller with the same samples | at the end | [`quiet`] |
+//! | touched for half of the time | at the end | [`run`] |
+//!
+//! What is not claimed: a link that flips bits may change a position into another one, since
+//! messages have no checksum; until the controller is started again, only the checks of every tick
+//! and the invariants hold then.
+//!
+//! A seed that fails is made smaller ([`shrink`]): cut behind the failing tick, without the kinds
+//! that it does not need, lighter; the smallest is printed with its trace and the command that runs
+//! it again. [`coverage`] counts what was reached in contact.
+
+pub mod checks;
+pub mod coverage;
+pub mod deep;
+pub mod hands;
+pub mod kind;
+pub mod library;
+pub mod quiet;
+pub mod run;
+pub mod scenario;
+pub mod scenes;
+pub mod shrink;
+pub mod trace;
+
+use crate::failure::Failure;
+use crate::report::output::{print_either, status_bar};
+use crate::report::units::grouped;
+use clap::Args;
+use coverage::Coverage;
+use kind::Kind;
+use library::Library;
+use rayon::prelude::*;
+use scenario::Reduction;
+use serde::Serialize;
+use shrink::{Failed, run_seed, shrink};
+use simulator::MESSAGES;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::ops::Range;
+use trace::Violation;
+
+/// Failing seeds that are made smaller; of the others only the check is told.
+const SHRUNK: usize = 3;
+
+/// Seeds that are to reach everything together.
+const MANY_SEEDS: u64 = 200;
+
+/// Arguments of `rt-tests simulate`.
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    /// Run these seeds, the last not included
+    #[arg(long, value_name = "A..B", value_parser = seeds, default_value = "0..100")]
+    pub seeds: Range<u64>,
+    /// Leave out every other kind of fault and of scene
+    #[arg(long, value_name = "KIND,...", value_delimiter = ',', num_args = 0..)]
+    pub only: Option<Vec<Kind>>,
+    /// Make every fault rarer and shorter by this factor, 0 to 1
+    #[arg(long, value_name = "W", default_value_t = 1.0)]
+    pub weight: f64,
+    /// End each run after so many ticks, without the checks of a whole run
+    #[arg(long, value_name = "N")]
+    pub ticks: Option<u64>,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn seeds(text: &str) -> Result<Range<u64>, String> {
+    let (from, to) = text.split_once("..").ok_or("write A..B, such as 0..1000")?;
+    let number = |text: &str| text.parse::<u64>().map_err(|error| error.to_string());
+    let range = number(from)?..number(to)?;
+    if range.is_empty() {
+        return Err("A is to be less than B".to_string());
+    }
+    Ok(range)
+}
+
+/// What is printed as JSON.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Simulated {
+    /// Seeds that ran.
+    pub seeds: u64,
+    /// Ticks of all controllers.
+    pub ticks: u64,
+    /// Virtual time of the shortest run, ticks.
+    pub ticks_min: u64,
+    /// Share of the ticks in contact, over all seeds.
+    pub contact_share: f64,
+    /// The least of a seed.
+    pub contact_share_min: f64,
+    /// Largest work of the queries of a tick, nodes and faces.
+    pub query_work_max: u32,
+    /// How often each kind happened in contact.
+    pub in_contact: BTreeMap<Kind, u64>,
+    /// Messages lost, by kind.
+    pub lost: BTreeMap<&'static str, u64>,
+    /// What no seed reached.
+    pub not_reached: Vec<String>,
+    /// The seeds that failed.
+    pub violations: Vec<SeedFailed>,
+}
+
+/// A seed that failed.
+#[derive(Debug, Clone, Serialize)]
+pub struct SeedFailed {
+    /// The seed.
+    pub seed: u64,
+    /// What did not hold.
+    pub violation: Violation,
+    /// The kinds that were on.
+    pub kinds: Vec<Kind>,
+    /// What runs it again.
+    pub command: String,
+    /// To be read.
+    #[serde(skip)]
+    pub text: String,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence: status 1 when a seed fails.
+pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
+    let found = run_seeds(args, &Library::build()?);
+    print_either(args.json, &words(&found), &found)?;
+    if found.violations.is_empty() {
+        return Ok(());
+    }
+    let seeds: Vec<String> = found
+        .violations
+        .iter()
+        .map(|failed| failed.seed.to_string())
+        .collect();
+    Err(Failure::Run(format!("failed: seeds {}", seeds.join(", "))))
+}
+
+/// What is left of each seed, as the command line says.
+#[must_use]
+pub fn reduction(args: &SimulateArgs) -> Reduction {
+    Reduction {
+        only: args
+            .only
+            .as_ref()
+            .map(|kinds| kinds.iter().copied().collect()),
+        weight: args.weight.clamp(0.0, 1.0),
+        ticks: args.ticks,
+    }
+}
+
+/// Runs the seeds on all cores.
+#[must_use]
+pub fn run_seeds(args: &SimulateArgs, library: &Library) -> Simulated {
+    let reduction = reduction(args);
+    let bar = status_bar(args.seeds.end - args.seeds.start);
+    let seeds: Vec<u64> = args.seeds.clone().collect();
+    let runs = seeds.into_par_iter().map(|seed| {
+        let run = run_seed(seed, &reduction, library);
+        bar.inc(1);
+        run
+    });
+    let runs: Vec<_> = runs.collect();
+    bar.finish_and_clear();
+    let mut found = Simulated {
+        ticks_min: u64::MAX,
+        contact_share_min: f64::MAX,
+        ..Simulated::default()
+    };
+    let (mut coverage, mut contact, mut failed) = (Coverage::default(), 0, Vec::new());
+    for run in runs {
+        found.seeds += 1;
+        match run {
+            Ok(run) => {
+                found.ticks += run.ticks;
+                contact += run.contact;
+                found.ticks_min = found.ticks_min.min(run.length);
+                let share = run.contact as f64 / run.ticks.max(1) as f64;
+                found.contact_share_min = found.contact_share_min.min(share);
+                found.query_work_max = found.query_work_max.max(run.query_work_max);
+                coverage.add(&run.coverage);
+            }
+            Err(run) => failed.push(run),
+        }
+    }
+    if found.ticks == 0 {
+        (found.ticks_min, found.contact_share_min) = (0, 0.0);
+    }
+    found.contact_share = contact as f64 / found.ticks.max(1) as f64;
+    found.not_reached = coverage.missing();
+    found.lost = MESSAGES.into_iter().zip(coverage.link.lost).collect();
+    found.in_contact = coverage.in_contact;
+    let shrunk = failed.into_par_iter().enumerate().map(|(k, failed)| {
+        let least = if k < SHRUNK {
+            shrink(failed, library)
+        } else {
+            failed
+        };
+        shown(&least)
+    });
+    found.violations = shrunk.collect();
+    found
+}
+
+fn shown(failed: &Failed) -> SeedFailed {
+    SeedFailed {
+        seed: failed.seed,
+        violation: failed.violation.clone(),
+        kinds: failed.kinds.iter().copied().collect(),
+        command: failed.command(),
+        text: failed.text(),
+    }
+}
+
+fn words(found: &Simulated) -> String {
+    let mut text = String::new();
+    for failed in &found.violations {
+        let _ = writeln!(text, "{}", failed.text);
+    }
+    let _ = writeln!(
+        text,
+        "{} seeds, {} failed; {} ticks of controllers, the shortest run {} ticks; in contact {:.1} % of the time, of a seed at least {:.1} %",
+        found.seeds,
+        found.violations.len(),
+        grouped(found.ticks),
+        found.ticks_min,
+        100.0 * found.contact_share,
+        100.0 * found.contact_share_min,
+    );
+    if found.seeds >= MANY_SEEDS && !found.not_reached.is_empty() {
+        let _ = writeln!(text, "not reached: {}", found.not_reached.join(", "));
+    }
+    text
+}

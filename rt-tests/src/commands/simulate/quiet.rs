@@ -1,0 +1,108 @@
+//! After the faults: everything converges. A controller that went through all of them ends like a
+//! fresh one that gets the same samples.
+
+use super::hands::LIFT_TICKS;
+use super::kind::Kind;
+use super::run::{Run, Side, new_client, new_station};
+use super::trace::{Checked, Trace, ensure};
+use simulator::{Client, STATION, Simulation};
+
+/// Largest difference of the forces, as a share of the force: half of what a hand can tell (Weber
+/// fraction 7 %, `hrtc_core::perception`).
+const FORCE_SHARE: f64 = 0.035;
+/// The same for small forces, newtons.
+const FORCE_N: f64 = 0.02;
+
+/// Compares each controller at its end with a fresh one.
+///
+/// # Errors
+/// The first check that does not hold.
+pub fn check(run: &mut Run<'_>, trace: &mut Trace) -> Checked {
+    for k in 0..run.sides.len() {
+        trace.client = k;
+        let client = &run.simulation.clients()[k];
+        is_resynchronised(client, run.scenario.has(Kind::SmallCache))?;
+        // Bodies that were pushed stand elsewhere.
+        if !run.scenario.has(Kind::Movables) {
+            let fresh = fresh(run, k)?;
+            is_as(client, &fresh, run)?;
+        }
+        run.coverage.reached("converged", 1);
+    }
+    Ok(())
+}
+
+fn is_resynchronised(client: &Client, has_small_cache: bool) -> Checked {
+    let record = &client.outputs().record;
+    let fault = client.controller().fault();
+    ensure(
+        record.ready && fault.is_none() && record.unserved == 0,
+        "resynchronised",
+        || {
+            format!(
+                "ready {}, {fault:?}, {} unserved",
+                record.ready, record.unserved
+            )
+        },
+    )?;
+    ensure(
+        has_small_cache || !record.contact || record.contact_full,
+        "full resolution at the contact",
+        || {
+            format!(
+                "expected error {} m, certified {} m",
+                record.contact_tolerance_m, record.certified_error_m
+            )
+        },
+    )
+}
+
+/// A fresh controller after the samples since the hand left the surface.
+fn fresh(run: &Run<'_>, k: usize) -> Result<Client, (&'static str, String)> {
+    let failed = |failure: crate::failure::Failure| ("set-up", failure.to_string());
+    let station = new_station(run.scenario, run.library, run.is_rebuilt, STATION + 1_000);
+    let client = new_client(run.scenario, k, 1);
+    let mut simulation = Simulation::new(station.map_err(failed)?, client);
+    let Side { samples, .. } = &run.sides[k];
+    let samples = &samples[LIFT_TICKS as usize..];
+    // Effects go by the tick's index.
+    simulation.skip(run.simulation.tick() - samples.len() as u64);
+    for samples in samples {
+        simulation.step_each(samples);
+    }
+    simulation
+        .into_clients()
+        .pop()
+        .ok_or(("set-up", "no controller".to_string()))
+}
+
+fn is_as(client: &Client, fresh: &Client, run: &Run<'_>) -> Checked {
+    let stiffness = run
+        .scenario
+        .plan
+        .objects
+        .iter()
+        .map(|object| object.surface.stiffness_n_per_m)
+        .fold(0.0, f64::max);
+    let (one, other) = (client.outputs(), fresh.outputs());
+    let certified = one.record.certified_error_m + other.record.certified_error_m;
+    for (k, (now, expected)) in one.wrenches.iter().zip(&other.wrenches).enumerate() {
+        let (force, as_fresh) = (now.force, expected.force);
+        let tolerance = FORCE_N.max(FORCE_SHARE * as_fresh.length()) + stiffness * certified;
+        ensure(
+            force.distance(as_fresh) <= tolerance,
+            "force of a fresh controller",
+            || {
+                format!(
+                    "probe {k}: {force} N instead of {as_fresh} N, {:.3} N apart, {tolerance:.3} N tolerated (faces {} and {}, full {} and {})",
+                    force.distance(as_fresh),
+                    one.record.active_faces,
+                    other.record.active_faces,
+                    one.record.contact_full,
+                    other.record.contact_full,
+                )
+            },
+        )?;
+    }
+    Ok(())
+}

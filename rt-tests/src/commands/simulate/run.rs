@@ -1,0 +1,536 @@
+//! One seed's run: the cores, the faults as they were drawn, and the checks.
+
+use super::checks::Watch;
+use super::coverage::Coverage;
+use super::deep::{self, Belief};
+use super::hands::HOVER_M;
+use super::kind::Kind;
+use super::library::{Bytes, Library};
+use super::quiet;
+use super::scenario::{Event, Scenario};
+use super::trace::{Checked, Trace, ensure};
+use crate::failure::Failure;
+use haptic_device::{MotionLimits, Sample};
+use hrtc_core::streaming::subscriber::Identity;
+use hrtc_core::{ModelFrame, NoObserver};
+use protocol::{Hello, Role};
+use simulator::{
+    Client, ClientOptions, Drive, LinkModel, Random, STATION, SampleModel, Simulation, station,
+};
+use station_core::station::Station;
+
+/// Largest force of the devices, newtons.
+pub const DEVICE_MAX_N: f64 = 10.0;
+/// Ticks between two looks at everything.
+const DEEP_TICKS: u64 = 100;
+/// Length of the tours that are asked for, seconds.
+const TOUR_S: f64 = 1.0;
+/// Way of a hand in a tick to where it touches, once the object is there, metres.
+const DESCENT_M: f64 = 1e-4;
+/// Number of the first controller at the station.
+const FIRST_CLIENT: u64 = 7;
+/// Ticks by which a last press may be held longer, so that contact is half of the run.
+const LONGER_TICKS: u64 = 4_000;
+/// Least share of a run in contact.
+const LEAST_CONTACT: f64 = 0.5;
+
+/// A controller with what is known about it.
+#[derive(Debug)]
+pub struct Side {
+    /// Checks of every tick.
+    pub watch: Watch,
+    /// What may be believed of it.
+    pub belief: Belief,
+    /// Starts so far.
+    pub incarnation: u64,
+    /// Ticks, and those in contact.
+    pub ticks: [u64; 2],
+    /// The tick before which it stalls.
+    stalls_until: u64,
+    last_tick: Option<u64>,
+    /// Whether it touched after its last tick.
+    is_touching: bool,
+    /// By how much each hand stays higher than its path, metres: until the object can be touched.
+    raised_m: Vec<f64>,
+    /// What its samples had gone through before this tick.
+    samples_before: [u64; 4],
+    /// Its samples of the quiet end, by tick.
+    pub samples: Vec<Vec<Option<Sample>>>,
+}
+
+/// See the module.
+pub struct Run<'a> {
+    /// The run, drawn.
+    pub scenario: &'a Scenario,
+    /// Models.
+    pub library: &'a Library,
+    /// Both cores.
+    pub simulation: Simulation<Bytes>,
+    /// The controllers.
+    pub sides: Vec<Side>,
+    /// What was reached.
+    pub coverage: Coverage,
+    /// Whether the station serves rebuilt models.
+    pub is_rebuilt: bool,
+    random: Random,
+    incarnation: u64,
+    /// Ends of what lasts: the events that are on.
+    lasting: Vec<Event>,
+    is_quiet: bool,
+}
+
+/// What a run was like.
+#[derive(Debug, Clone, Default)]
+pub struct Outcome {
+    /// Ticks of all controllers.
+    pub ticks: u64,
+    /// Of them in contact.
+    pub contact: u64,
+    /// Virtual time, ticks.
+    pub length: u64,
+    /// Largest work of the queries of a tick.
+    pub query_work_max: u32,
+    /// Hash over all outputs.
+    pub hash: u64,
+    /// What was reached.
+    pub coverage: Coverage,
+}
+
+fn failed(failure: &Failure) -> (&'static str, String) {
+    ("set-up", failure.to_string())
+}
+
+/// The station of a scenario.
+///
+/// # Errors
+/// When a model is not served.
+pub fn new_station(
+    scenario: &Scenario,
+    library: &Library,
+    is_rebuilt: bool,
+    incarnation: u64,
+) -> Result<Station<Bytes>, Failure> {
+    let served = library.served(&scenario.plan, is_rebuilt)?;
+    station(&scenario.plan, served, incarnation)
+        .ok_or_else(|| Failure::Run("the station does not serve every model".to_string()))
+}
+
+/// A controller of a scenario.
+#[must_use]
+pub fn new_client(scenario: &Scenario, k: usize, incarnation: u64) -> Client {
+    let options = ClientOptions {
+        identity: Identity {
+            client: FIRST_CLIENT + k as u64,
+            incarnation,
+        },
+        device_max_n: DEVICE_MAX_N,
+        tour_s: TOUR_S,
+        link: LinkModel::default(),
+        link_seed: scenario.seed ^ (k as u64) << 32 ^ incarnation << 40,
+    };
+    let mut client = Client::new(&scenario.plan, options);
+    for probe in 0..scenario.plan.probes.len() {
+        client
+            .controller_mut()
+            .set_motion_limits(probe, MotionLimits::HAND);
+    }
+    client
+}
+
+impl<'a> Run<'a> {
+    /// Before the first tick.
+    ///
+    /// # Errors
+    /// When the scene cannot be served.
+    pub fn new(scenario: &'a Scenario, library: &'a Library) -> Result<Self, Failure> {
+        let plan = &scenario.plan;
+        let has_accounts = [Kind::Effects, Kind::Movables, Kind::Tools]
+            .iter()
+            .all(|kind| !scenario.has(*kind));
+        let side = |_| Side {
+            watch: Watch::new(plan, DEVICE_MAX_N, scenario.samples.noise_m, has_accounts),
+            belief: Belief {
+                is_true: !scenario.has(Kind::Damage),
+            },
+            incarnation: 1,
+            ticks: [0, 0],
+            stalls_until: 0,
+            last_tick: None,
+            is_touching: false,
+            raised_m: vec![HOVER_M; plan.probes.len()],
+            samples_before: [0; 4],
+            samples: Vec::new(),
+        };
+        let count = scenario.hands.len();
+        let station = new_station(scenario, library, false, STATION)?;
+        let mut simulation = Simulation::new(station, new_client(scenario, 0, 1));
+        for k in 1..count {
+            simulation = simulation.with(new_client(scenario, k, 1));
+        }
+        Ok(Self {
+            scenario,
+            library,
+            simulation,
+            sides: (0..count).map(side).collect(),
+            coverage: Coverage::default(),
+            is_rebuilt: false,
+            random: Random::new(scenario.seed ^ 0xDEEB),
+            incarnation: STATION,
+            lasting: Vec::new(),
+            is_quiet: false,
+        })
+    }
+
+    /// The whole run.
+    ///
+    /// # Errors
+    /// The first check that does not hold.
+    ///
+    /// # Panics
+    /// When an invariant of the cores does not hold.
+    pub fn all(&mut self, trace: &mut Trace) -> Result<Outcome, (&'static str, String)> {
+        let mut end = self.scenario.ticks;
+        let is_whole = end > self.scenario.faulty[1];
+        loop {
+            let tick = self.simulation.tick();
+            if tick >= end {
+                let may_go_on = is_whole && end < self.scenario.ticks + LONGER_TICKS;
+                if !may_go_on || self.contact_share() >= LEAST_CONTACT + 0.01 {
+                    break;
+                }
+                end += DEEP_TICKS;
+            }
+            trace.tick = tick;
+            self.change(tick, trace)?;
+            self.tick(tick, trace)?;
+        }
+        if is_whole {
+            self.look(trace)?;
+            quiet::check(self, trace)?;
+            let share = self.contact_share();
+            ensure(share >= LEAST_CONTACT, "contact half of the time", || {
+                format!("in contact {:.1} % of the time", 100.0 * share)
+            })?;
+        }
+        Ok(self.outcome())
+    }
+
+    fn contact_share(&self) -> f64 {
+        let [ticks, contact] = self.sum();
+        contact as f64 / ticks.max(1) as f64
+    }
+
+    fn sum(&self) -> [u64; 2] {
+        let sum = |k: usize| self.sides.iter().map(|side| side.ticks[k]).sum();
+        [sum(0), sum(1)]
+    }
+
+    fn outcome(&mut self) -> Outcome {
+        for client in self.simulation.clients_mut() {
+            self.coverage.link.add(&client.link().counts());
+        }
+        let [ticks, contact] = self.sum();
+        let work = self.sides.iter().map(|side| side.watch.query_work_max);
+        Outcome {
+            ticks,
+            contact,
+            length: self.simulation.tick(),
+            query_work_max: work.max().unwrap_or(0),
+            hash: self.simulation.hash(),
+            coverage: self.coverage.clone(),
+        }
+    }
+
+    // --- what happens --------------------------------------------------------------------------
+
+    /// What begins and ends at a tick.
+    fn change(&mut self, tick: u64, trace: &mut Trace) -> Checked {
+        let scenario = self.scenario;
+        let [from, to] = scenario.faulty;
+        if tick == from {
+            self.disturb(scenario.link, scenario.samples);
+            trace.event(format!(
+                "faults on: {:?}; {:?}",
+                scenario.link, scenario.samples
+            ));
+        }
+        let ended = |event: &Event| event.to <= tick;
+        let over: Vec<Event> = self.lasting.iter().copied().filter(ended).collect();
+        self.lasting.retain(|event| event.to > tick);
+        for event in over {
+            self.end(event, trace)?;
+        }
+        if tick == to {
+            self.be_quiet(trace)?;
+        }
+        let begins = |event: &&Event| event.from == tick;
+        let starts: Vec<Event> = scenario.events.iter().filter(begins).copied().collect();
+        for event in starts {
+            self.begin(event, trace)?;
+        }
+        Ok(())
+    }
+
+    fn disturb(&mut self, link: LinkModel, samples: SampleModel) {
+        for (k, client) in (0u64..).zip(self.simulation.clients_mut()) {
+            let seed = self.random.bits() ^ k;
+            client.link().disturb(link, seed);
+            client.disturb_samples(samples, seed);
+        }
+    }
+
+    fn begin(&mut self, event: Event, trace: &mut Trace) -> Checked {
+        let Event { kind, client, .. } = event;
+        trace.event(format!(
+            "{} of controller {client}, until {}",
+            kind.name(),
+            event.to
+        ));
+        let is_of_one = matches!(kind, Kind::Cut | Kind::ControllerRestart | Kind::Stalls);
+        let touching = self.sides.iter().enumerate();
+        let met = touching.filter(|(k, side)| side.is_touching && (*k == client || !is_of_one));
+        self.coverage.met(kind, met.count() as u64);
+        match kind {
+            Kind::Cut => self.simulation.clients_mut()[client].link().cut(true),
+            Kind::StationSilent => self.simulation.mute_station(true),
+            Kind::StationRestart => self.start_station()?,
+            Kind::StationDown => drop(self.simulation.stop_station()),
+            Kind::OtherVersion => {
+                self.simulation.stop_station();
+                let hello = Hello::of_version(u32::MAX, Role::Station, self.incarnation, 0);
+                ensure(hello.read().is_err(), "hello of another version", || {
+                    format!("{hello:?} is believed")
+                })?;
+            }
+            Kind::Rebuilt => {
+                self.is_rebuilt = !self.is_rebuilt;
+                self.start_station()?;
+            }
+            Kind::ControllerRestart => self.restart_client(client),
+            Kind::Stalls => self.sides[client].stalls_until = event.to,
+            Kind::Tolerance => {
+                let tolerance_m = 1e-4 * self.random.unit();
+                for client in self.simulation.clients_mut() {
+                    client.controller_mut().set_tolerance(tolerance_m);
+                }
+            }
+            _ => {}
+        }
+        if event.to > event.from + 1 {
+            self.lasting.push(event);
+        }
+        Ok(())
+    }
+
+    fn end(&mut self, event: Event, trace: &mut Trace) -> Checked {
+        trace.event(format!(
+            "{} of controller {} ends",
+            event.kind.name(),
+            event.client
+        ));
+        let is_on = |kind| self.lasting.iter().any(|other| other.kind == kind);
+        match event.kind {
+            Kind::Cut => self.simulation.clients_mut()[event.client]
+                .link()
+                .cut(false),
+            Kind::StationSilent => self.simulation.mute_station(is_on(Kind::StationSilent)),
+            Kind::StationDown | Kind::OtherVersion
+                if !is_on(Kind::StationDown) && !is_on(Kind::OtherVersion) =>
+            {
+                self.start_station()?;
+            }
+            Kind::Tolerance => self.ask_for_what_the_scene_asks(),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn ask_for_what_the_scene_asks(&mut self) {
+        let tolerance_m = self.scenario.plan.accuracy.tolerance_m;
+        for client in self.simulation.clients_mut() {
+            client.controller_mut().set_tolerance(tolerance_m);
+        }
+    }
+
+    fn start_station(&mut self) -> Checked {
+        self.incarnation += 1;
+        let new = new_station(
+            self.scenario,
+            self.library,
+            self.is_rebuilt,
+            self.incarnation,
+        );
+        self.simulation
+            .start_station(new.map_err(|failure| failed(&failure))?);
+        Ok(())
+    }
+
+    fn restart_client(&mut self, k: usize) {
+        let side = &mut self.sides[k];
+        side.incarnation += 1;
+        side.watch.restart();
+        // Nobody can tell on which side of a surface a hand is that begins inside: its user lets it
+        // begin in free space.
+        side.raised_m.fill(HOVER_M);
+        side.samples_before = [0; 4];
+        let mut client = new_client(self.scenario, k, side.incarnation);
+        let old = &mut self.simulation.clients_mut()[k];
+        self.coverage.link.add(&old.link().counts());
+        if !self.is_quiet && self.simulation.tick() >= self.scenario.faulty[0] {
+            let seed = self.random.bits();
+            client.link().disturb(self.scenario.link, seed);
+            client.disturb_samples(self.scenario.samples, seed);
+        }
+        let is_cut = self.simulation.clients_mut()[k].link().is_cut();
+        client.link().cut(is_cut);
+        self.simulation.clients_mut()[k] = client;
+    }
+
+    /// The faults end. A controller that met another model is started again, as its message says.
+    fn be_quiet(&mut self, trace: &mut Trace) -> Checked {
+        for event in std::mem::take(&mut self.lasting) {
+            self.end(event, trace)?;
+        }
+        if self.simulation.station().is_none() {
+            self.start_station()?;
+        }
+        self.is_quiet = true;
+        self.disturb(LinkModel::default(), SampleModel::default());
+        self.ask_for_what_the_scene_asks();
+        for k in 0..self.sides.len() {
+            self.sides[k].stalls_until = 0;
+            let fault = self.simulation.clients()[k].controller().fault();
+            let by_right = self.scenario.has(Kind::Rebuilt) || self.scenario.has(Kind::Damage);
+            if by_right {
+                let is_found = fault == Some(hrtc_core::Fault::AnotherModel);
+                self.coverage
+                    .reached("models of another version found", u64::from(is_found));
+                trace.event(format!(
+                    "controller {k} is started again, its fault: {fault:?}"
+                ));
+                self.restart_client(k);
+                self.sides[k].belief.is_true = true;
+            } else {
+                ensure(fault.is_none(), "no fault of its own", || {
+                    format!("{fault:?}")
+                })?;
+            }
+        }
+        trace.event("the faults end".to_string());
+        Ok(())
+    }
+
+    // --- a tick --------------------------------------------------------------------------------
+
+    fn tick(&mut self, tick: u64, trace: &mut Trace) -> Checked {
+        let drives: Vec<Option<Drive<'_>>> = self
+            .sides
+            .iter()
+            .map(|side| (side.stalls_until <= tick).then_some(Drive::Hands))
+            .collect();
+        for k in 0..self.sides.len() {
+            self.lead(tick, k);
+        }
+        self.simulation.advance_each(&drives, &mut NoObserver);
+        for k in (0..self.sides.len()).filter(|&k| drives[k].is_some()) {
+            trace.client = k;
+            trace.tick_of(k, &self.simulation.clients()[k], self.sides.len());
+            self.check(tick, k)?;
+            if tick.is_multiple_of(DEEP_TICKS) {
+                self.look_at(k)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Moves the hands of a controller on.
+    fn lead(&mut self, tick: u64, k: usize) {
+        let plan = &self.scenario.plan;
+        let client = &mut self.simulation.clients_mut()[k];
+        for (probe, path) in self.scenario.hands[k].iter().enumerate() {
+            let object = path.object;
+            let known = client.controller().frame_of(object);
+            let frame = known.unwrap_or_else(|| {
+                let of = &plan.objects[object];
+                let version = self.library.version(self.scenario.models[object], false);
+                ModelFrame::new(of.pose, of.scale, &version.model.file.model_header())
+            });
+            let raised_m = &mut self.sides[k].raised_m[probe];
+            let active = client.controller().active_object(object);
+            if active.is_some_and(|of| of.is_ready()) {
+                *raised_m = (*raised_m - DESCENT_M).max(0.0);
+            }
+            let height_m = plan.probes[probe].shape.tip_m() + *raised_m;
+            let turns = self.scenario.has(Kind::Tools);
+            let pose = path.pose(tick, &frame, height_m, turns);
+            client.hand(probe).hold_at(Some(pose));
+        }
+    }
+
+    /// The checks of every tick, and what was reached.
+    fn check(&mut self, tick: u64, k: usize) -> Checked {
+        let (side, client) = (&mut self.sides[k], &mut self.simulation.clients_mut()[k]);
+        let periods = side.last_tick.map_or(1, |last| tick - last);
+        side.last_tick = Some(tick);
+        let probes = 0..self.scenario.plan.probes.len();
+        let places: Vec<_> = probes.map(|probe| client.hand(probe).state().0).collect();
+        side.watch.moved(&places, periods)?;
+        side.watch.check(client)?;
+        let record = client.outputs().record;
+        side.is_touching = record.contact;
+        side.ticks[0] += 1;
+        side.ticks[1] += u64::from(record.contact);
+        if self.is_quiet {
+            side.samples.push(client.samples().to_vec());
+        }
+        self.cover(k);
+        Ok(())
+    }
+
+    fn cover(&mut self, k: usize) {
+        let (side, client) = (&mut self.sides[k], &self.simulation.clients()[k]);
+        let record = &client.outputs().record;
+        let coverage = &mut self.coverage;
+        let faults = client.sample_faults();
+        let samples = [faults.noisy, faults.spikes, faults.nonsense, faults.missing];
+        let kinds = [Kind::Noise, Kind::Spikes, Kind::Nonsense, Kind::Missing];
+        if record.contact {
+            for ((kind, now), before) in kinds.into_iter().zip(samples).zip(side.samples_before) {
+                coverage.met(kind, now - before);
+            }
+            let lasting = |kind: &Kind| {
+                kind.is_of_scene()
+                    || (!self.is_quiet && *kind <= Kind::Bandwidth)
+                    || (!self.is_quiet && *kind == Kind::Early)
+            };
+            for &kind in self.scenario.kinds.iter().filter(|kind| lasting(kind)) {
+                coverage.met(kind, 1);
+            }
+            coverage.reached("contact at full resolution", u64::from(record.contact_full));
+            coverage.reached("geomorphs in contact", u64::from(record.geomorphing > 0));
+            coverage.reached(
+                "steps left for later",
+                u64::from(record.unfinished + record.early),
+            );
+        }
+        side.samples_before = samples;
+        coverage.reached("epochs ended", record.resubscribed);
+        coverage.reached("records evicted", record.evicted);
+        coverage.reached("samples rejected", u64::from(record.rejected_sample));
+        coverage.reached("forces clamped", u64::from(record.clamped));
+    }
+
+    fn look_at(&mut self, k: usize) -> Checked {
+        let client = &self.simulation.clients()[k];
+        let (plan, belief) = (&self.scenario.plan, self.sides[k].belief);
+        deep::check(client, plan, self.library, belief, &mut self.random)
+    }
+
+    fn look(&mut self, trace: &mut Trace) -> Checked {
+        for k in 0..self.sides.len() {
+            trace.client = k;
+            self.look_at(k)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,131 @@
+//! The simulator's seeds: those that once failed pass, the generator reaches what it claims to, and
+//! a run is a function of its seed.
+
+use rt_tests::commands::simulate::coverage::Coverage;
+use rt_tests::commands::simulate::kind::Kind;
+use rt_tests::commands::simulate::library::Library;
+use rt_tests::commands::simulate::scenario::{Reduction, Scenario};
+use rt_tests::commands::simulate::shrink::{run_seed, shrink};
+use rt_tests::commands::simulate::trace::Violation;
+use std::collections::BTreeSet;
+use std::sync::OnceLock;
+
+fn library() -> &'static Library {
+    static LIBRARY: OnceLock<Library> = OnceLock::new();
+    LIBRARY.get_or_init(|| Library::build().expect("the models are built"))
+}
+
+#[test]
+fn seeds_that_once_failed_pass() {
+    let text = include_str!("seeds.txt");
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let mut failed = Vec::new();
+    let mut runs = 0;
+    for line in lines {
+        let seed = line
+            .split_whitespace()
+            .next()
+            .and_then(|of| of.parse().ok());
+        let seed = seed.unwrap_or_else(|| panic!("\"{line}\" begins with no seed"));
+        runs += 1;
+        if let Err(found) = run_seed(seed, &Reduction::default(), library()) {
+            failed.push(found.text());
+        }
+    }
+    assert!(runs > 0);
+    assert!(failed.is_empty(), "{}", failed.join("\n"));
+}
+
+#[test]
+fn a_run_is_a_function_of_its_seed() {
+    let run = |seed| run_seed(seed, &Reduction::default(), library()).map(|of| of.hash);
+    let (one, again, other) = (run(19), run(19), run(41));
+    let [one, again, other] = [one, again, other].map(|run| run.expect("the seed passes"));
+    assert_eq!(one, again);
+    assert_ne!(one, other);
+}
+
+#[test]
+fn dropping_a_kind_leaves_the_others_as_they_were() {
+    let draw = |reduction: &Reduction| {
+        Scenario::draw(41, reduction, library()).expect("the scene is good")
+    };
+    let whole = draw(&Reduction::default());
+    assert!(whole.has(Kind::Loss) && whole.has(Kind::Cut));
+    let mut only: BTreeSet<Kind> = whole.kinds.clone();
+    only.remove(&Kind::Loss);
+    let less = draw(&Reduction {
+        only: Some(only.clone()),
+        ..Reduction::default()
+    });
+    assert_eq!(less.kinds, only);
+    assert_eq!(
+        (less.link.loss, less.link.duplicates),
+        (0.0, whole.link.duplicates)
+    );
+    assert_eq!(less.events, whole.events);
+}
+
+/// Every kind is on in one seed of a few; with what runs reach it is counted by `rt-tests simulate`
+/// over its own seeds.
+#[test]
+fn every_kind_is_drawn_alone_and_beside_others() {
+    let mut seen = BTreeSet::new();
+    let (mut least, mut most) = (usize::MAX, 0);
+    for seed in 0..60 {
+        let scenario = Scenario::draw(seed, &Reduction::default(), library());
+        let kinds = scenario.expect("the scene is good").kinds;
+        least = least.min(kinds.len());
+        most = most.max(kinds.len());
+        seen.extend(kinds);
+    }
+    let missing: Vec<_> = Kind::all()
+        .iter()
+        .filter(|kind| !seen.contains(kind))
+        .collect();
+    assert!(missing.is_empty(), "never drawn: {missing:?}");
+    assert!(
+        least <= 2 && most >= 12,
+        "from {least} to {most} kinds at once"
+    );
+}
+
+#[test]
+fn nothing_reached_is_said_to_be_missing() {
+    let mut coverage = Coverage::default();
+    let all = coverage.missing().len();
+    coverage.met(Kind::Loss, 1);
+    coverage.link.lost[0] = 1;
+    assert_eq!(coverage.missing().len(), all - 2);
+}
+
+/// A run that ends before it has touched fails the check of contact; shrunk, it fails the same one.
+#[test]
+fn a_failure_is_made_smaller_and_says_how_to_run_it_again() {
+    let reduction = Reduction::default();
+    let failed = rt_tests::commands::simulate::shrink::Failed {
+        seed: 41,
+        kinds: Scenario::draw(41, &reduction, library())
+            .expect("the scene is good")
+            .kinds,
+        reduction,
+        violation: Violation {
+            check: "a check that always holds".to_string(),
+            tick: 50,
+            client: 0,
+            found: String::new(),
+        },
+        trace: String::new(),
+    };
+    let kinds = failed.kinds.clone();
+    let least = shrink(Box::new(failed), library());
+    assert_eq!(
+        least.kinds, kinds,
+        "nothing fails without what it was on with"
+    );
+    let text = least.text();
+    assert!(
+        text.contains("--seeds 41..42") && text.contains("a check that always holds"),
+        "{text}"
+    );
+}
