@@ -38,6 +38,7 @@ use crate::tuning::tick::{PROXY_WORK, PROXY_WORK_PER_OPERATION, REPORT_TICKS};
 use geometry::Wrench;
 use glam::DVec3;
 use haptic_device::Sample;
+use mutants::{Mutant, is};
 use protocol::ContactReport;
 use scene::MAX_ACTIVE_OBJECTS;
 use serde::{Deserialize, Serialize};
@@ -180,7 +181,8 @@ impl Controller {
         self.contact(tick, &mut record);
         observer.ended(Stage::Query);
 
-        let is_open = !inputs.stopping && self.is_ready() && self.fault().is_none();
+        let is_open =
+            !inputs.stopping && self.is_ready() && (is(Mutant::Fault) || self.fault().is_none());
         for probe in 0..self.probes.len() {
             let rendered = self.render(probe, &mut record);
             self.limit(probe, tick, is_open, &rendered);
@@ -237,7 +239,7 @@ impl Controller {
             } else {
                 ingest_for(waiting, self.operations)
             },
-            operations: self.operations as u32,
+            operations: self.operations as u32 * if is(Mutant::Budget) { 4 } else { 1 },
             entries: self.operations as u32 * ENTRIES_PER_OPERATION,
             unloads: MAX_UNLOADS,
         }

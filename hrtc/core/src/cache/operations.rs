@@ -1,6 +1,7 @@
 //! Splits and collapses of mesh and tree together.
 
 use super::{Cache, Cursor, PENDING};
+use mutants::{Mutant, is};
 use spm::{NONE, OperationError, OperationFaces, Slot};
 
 impl Cache {
@@ -123,7 +124,11 @@ impl Cache {
     pub fn collapse(&mut self, slot: Slot, out: &mut OperationFaces) -> Result<(), OperationError> {
         self.mesh.collapse(slot, out)?;
         self.references[slot as usize].leaving = false;
-        for &face in out.made_or_removed() {
+        for &face in out
+            .made_or_removed()
+            .iter()
+            .filter(|_| !is(Mutant::TreeFace))
+        {
             self.tree.remove(face);
         }
         self.mark_deformed(out);
@@ -147,7 +152,7 @@ impl Cache {
     }
 
     pub(super) fn mark_deformed(&mut self, out: &OperationFaces) {
-        for &face in out.deformed() {
+        for &face in out.deformed().iter().filter(|_| !is(Mutant::Box)) {
             self.tree.deform(face);
         }
     }

@@ -1,6 +1,7 @@
 //! Free slots, and the queues of what may be collapsed and evicted.
 
 use super::{Cache, Queue, References};
+use mutants::{Mutant, is};
 use spm::{NONE, Slot};
 
 impl Cache {
@@ -42,7 +43,9 @@ impl Cache {
     fn evict(&mut self, slot: Slot) {
         self.unqueue(slot);
         let dependencies = self.mesh.dependencies(slot);
-        self.ids.remove(self.mesh.id(slot));
+        if !is(Mutant::StaleId) {
+            self.ids.remove(self.mesh.id(slot));
+        }
         self.mesh.unload(slot);
         for dependency in dependencies {
             self.references[dependency as usize].loaded_dependents -= 1;
@@ -67,7 +70,9 @@ impl Cache {
         let queue = if performed {
             let may = self.may_collapse(slot) && !references.leaving;
             if may { Queue::Collapses } else { Queue::None }
-        } else if references.held == 0 && references.loaded_dependents == 0 {
+        } else if references.held == 0
+            && (references.loaded_dependents == 0 || is(Mutant::Dependency))
+        {
             Queue::Evictions
         } else {
             Queue::None

@@ -5,6 +5,7 @@
 
 use geometry::Wrench;
 use glam::DVec3;
+use mutants::{Mutant, is};
 use scene::SafetyPlan;
 
 /// Limits of one device, the ramp, and the last wrench.
@@ -30,25 +31,22 @@ impl Limit {
     /// The wanted vector, clamped, scaled by `share` (0 to 1), and within one step of the last; and
     /// whether it was clamped.
     fn pass(&self, wanted: DVec3, share: f64, last: DVec3) -> (DVec3, bool) {
+        let most = self.most * if is(Mutant::Clamp) { 2.0 } else { 1.0 };
         let size = wanted.length();
-        let cut = size > self.most;
-        let limited = if cut {
-            wanted * (self.most / size)
-        } else {
-            wanted
-        };
+        let cut = size > most;
+        let limited = if cut { wanted * (most / size) } else { wanted };
         let target = limited * share;
         let step = target - last;
         let length = step.length();
-        let mut passed = if length > self.step {
+        let mut passed = if length > self.step && !is(Mutant::Slew) {
             last + step * (self.step / length)
         } else {
             target
         };
         // The ball of the maximum is convex, so only rounding can lead outside.
         let size = passed.length();
-        if size > self.most {
-            passed *= self.most / size * (1.0 - f64::EPSILON);
+        if size > most {
+            passed *= most / size * (1.0 - f64::EPSILON);
         }
         (passed, cut)
     }

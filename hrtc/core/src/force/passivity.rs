@@ -44,6 +44,7 @@ use crate::perception::{STEP_N, STEP_SHARE};
 use crate::tuning::force::MOTION_ROUNDING;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
+use mutants::{Mutant, is};
 
 /// Observes the energy that the rendering puts out, and limits the passive wrench by it.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
@@ -204,6 +205,9 @@ impl EnergyAccount {
     /// the coming period.
     #[must_use]
     pub fn share(&mut self, wanted: Wrench, spring: CouplingSpring, ahead: CarriedWork) -> f64 {
+        if is(Mutant::Passivity) {
+            return 1.0;
+        }
         let next = self.next();
         let pushed = wanted.force.dot(next) - ahead.pushed_j;
         let work = pushed + (wanted.torque.dot(self.rotation) - ahead.turned_j);

@@ -9,6 +9,7 @@ use crate::probe::Probe;
 use crate::probe::proxy_kind::{ProxyKind, ProxyStep};
 use geometry::{Pose, Wrench};
 use glam::DVec3;
+use mutants::{Mutant, is};
 use scene::{ProbeShape, SurfacePlan};
 use spm::{Handle, NONE};
 
@@ -173,7 +174,8 @@ impl ProbeObjectPair {
         };
         let scale = frame.metres_per_unit;
         let (depth, wrench, spring) = self.proxy.render(&goal, scale, plan, &velocity);
-        let mut rendered = Rendered::new(wrench, spring);
+        let sign = if is(Mutant::Sign) { -1.0 } else { 1.0 };
+        let mut rendered = Rendered::new(wrench * sign, spring);
         if !self.effects.is_empty()
             && let Some(proxy) = self.proxy.pose()
         {

@@ -3,6 +3,7 @@
 use super::outbox::Outbox;
 use crate::cache::{Cache, MAX_OUTSTANDING, RegionKey, RegionTable};
 use crate::tuning::streaming::CREDIT_STEP;
+use mutants::{Mutant, is};
 use protocol::{
     CREDIT_CHUNKS, ChunkHeader, REGIONS_PER_REQUEST, RegionAction, RegionAsk, Request, RequestKind,
     TourAsk,
@@ -142,12 +143,14 @@ impl Subscriber {
         let waiting = self.outstanding > 0
             || (self.model_asked && self.model == 0)
             || (self.tour_asked && self.tour.is_some());
-        let silent = waiting && tick.saturating_sub(self.last_progress) > self.timeout_ticks;
+        let silent = waiting
+            && !is(Mutant::Timeout)
+            && tick.saturating_sub(self.last_progress) > self.timeout_ticks;
         let another = self.is_another(station);
         if another {
             self.station = station;
         }
-        if another || (silent && station != 0) {
+        if (another && !is(Mutant::NewStation)) || (silent && station != 0) {
             self.end_epoch(tick, cache);
             return true;
         }
@@ -186,7 +189,7 @@ impl Subscriber {
             && header.epoch == self.epoch;
         if !ours || header.sequence < self.next_chunk {
             Reception::Stale
-        } else if header.sequence > self.next_chunk {
+        } else if header.sequence > self.next_chunk && !is(Mutant::Gap) {
             Reception::Gap
         } else {
             Reception::Next

@@ -28,6 +28,7 @@ pub mod deep;
 pub mod hands;
 pub mod kind;
 pub mod library;
+pub mod mutants;
 pub mod quiet;
 pub mod run;
 pub mod scenario;
@@ -36,7 +37,8 @@ pub mod shrink;
 pub mod trace;
 
 use crate::failure::Failure;
-use crate::report::output::{print_either, status_bar};
+use crate::report::output::{print_either, status_bar, status_line};
+use crate::report::table::Table;
 use crate::report::units::grouped;
 use clap::Args;
 use coverage::Coverage;
@@ -73,6 +75,10 @@ pub struct SimulateArgs {
     /// End each run after so many ticks, without the checks of a whole run
     #[arg(long, value_name = "N")]
     pub ticks: Option<u64>,
+    /// Put each named fault into the product in turn, until a seed of 200 finds it (a build with
+    /// --features mutants); status 1 when one is not found
+    #[arg(long, conflicts_with_all = ["seeds", "only", "weight", "ticks"])]
+    pub mutants: bool,
     /// Print one JSON object with the result on standard output
     #[arg(long)]
     pub json: bool,
@@ -134,6 +140,9 @@ pub struct SeedFailed {
 /// # Errors
 /// One sentence: status 1 when a seed fails.
 pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
+    if args.mutants {
+        return find_mutants(args.json);
+    }
     let found = run_seeds(args, &Library::build()?);
     print_either(args.json, &words(&found), &found)?;
     if found.violations.is_empty() {
@@ -145,6 +154,38 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
         .map(|failed| failed.seed.to_string())
         .collect();
     Err(Failure::Run(format!("failed: seeds {}", seeds.join(", "))))
+}
+
+/// What found a mutant.
+#[derive(Debug, Clone, Serialize)]
+pub struct MutantFound {
+    /// Its name.
+    pub mutant: String,
+    /// Seeds that were needed, from 0 on; `None` where none of 200 found it.
+    pub seeds: Option<u64>,
+    /// The check that did not hold.
+    pub check: String,
+}
+
+fn find_mutants(json: bool) -> Result<(), Failure> {
+    let bar = status_line();
+    let found = mutants::run(&Library::build()?, |name| bar.set_message(name.to_string()))?;
+    bar.finish_and_clear();
+    let mut table = Table::new(2, "mutant | found by | seeds");
+    for of in &found {
+        let seeds = of
+            .seeds
+            .map_or("not found".to_string(), |seeds| seeds.to_string());
+        table.row([of.mutant.clone(), of.check.clone(), seeds]);
+    }
+    print_either(json, &table.to_string(), &found)?;
+    let missed = found.iter().filter(|of| of.seeds.is_none());
+    let missed: Vec<&str> = missed.map(|of| of.mutant.as_str()).collect();
+    if missed.is_empty() {
+        return Ok(());
+    }
+    let names = missed.join(", ");
+    Err(Failure::Run(format!("not found: mutants {names}")))
 }
 
 /// What is left of each seed, as the command line says.

@@ -6,6 +6,7 @@ use super::path_generator::PathGenerator;
 use super::region_at;
 use super::residency_change::ResidencyChange;
 use crate::collection::{CollectError, RegionAt, Residency, Search};
+use mutants::{Mutant, is};
 use protocol::{
     CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, ContactReport, MeasuredError, RegionAsk, Request,
 };
@@ -125,7 +126,7 @@ impl Session {
         if self.broken || request.sequence < self.next {
             return Accepted::Stale;
         }
-        if request.sequence > self.next {
+        if request.sequence > self.next && !is(Mutant::LostRequest) {
             self.break_epoch();
             return Accepted::Broken;
         }

@@ -12,6 +12,7 @@ use crate::contact::sphere_proxy::features::Features;
 use crate::contact::sphere_proxy::projection::Plane;
 use geometry::ClosestPoint;
 use glam::DVec3;
+use mutants::{Mutant, is};
 use spm::{Handle, NONE};
 
 /// Capacity for half-spaces; the deepest are kept, the others counted.
@@ -126,7 +127,7 @@ impl Constraints {
             } = self.candidates[k];
             let has_plane = self.features.least(feature) >= distance;
             self.candidates[k].has_plane = has_plane;
-            if has_plane {
+            if has_plane && (k > 0 || !is(Mutant::Constraint)) {
                 self.add(k);
             }
         }
