@@ -4,6 +4,7 @@ use crate::commands::accuracy::AccuracyArgs;
 use crate::commands::compare::CompareArgs;
 use crate::commands::effects::EffectsArgs;
 use crate::commands::export::ExportArgs;
+use crate::commands::faults::FaultsArgs;
 use crate::commands::fronts::FrontsArgs;
 use crate::commands::jitter::JitterArgs;
 use crate::commands::predictors::PredictorsArgs;
@@ -13,6 +14,7 @@ use crate::commands::simulate::SimulateArgs;
 use crate::commands::stability::StabilityArgs;
 use crate::commands::zwidth::ZwidthArgs;
 use crate::processes::bare_loop::BareArgs;
+use crate::processes::device_page::DeviceArgs;
 use crate::processes::load::LoadArgs;
 use crate::processes::roles::{ControllerArgs, StationArgs};
 use clap::{Parser, Subcommand};
@@ -58,12 +60,17 @@ pub enum Command {
     /// Measure how stiff a wall this machine can render: its period, the delay of its force, and
     /// theory beside it
     Zwidth(ZwidthArgs),
+    /// Kill, stop, replace and starve real processes in contact; status 1 when a case fails
+    Faults(FaultsArgs),
     /// The station of a run.
     #[command(hide = true)]
     RoleStation(StationArgs),
     /// The controller of a run.
     #[command(hide = true)]
     RoleHrtc(ControllerArgs),
+    /// A device in a process of its own.
+    #[command(hide = true)]
+    RoleDevice(DeviceArgs),
     /// A loop with an empty body, or with fixed arithmetic.
     #[command(hide = true)]
     RoleBare(BareArgs),

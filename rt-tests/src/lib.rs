@@ -28,7 +28,7 @@ pub mod trajectory;
 use arguments::{Arguments, Command};
 use failure::Failure;
 use processes::stop::stop_flag;
-use processes::{bare_loop, load, roles};
+use processes::{bare_loop, device_page, load, roles};
 use std::process::ExitCode;
 
 /// Runs a command; says in one sentence on standard error why it failed.
@@ -57,8 +57,10 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Simulate(args) => commands::simulate::simulate(&args),
         Command::Effects(args) => commands::effects::effects(&args),
         Command::Zwidth(args) => commands::zwidth::zwidth(&args),
+        Command::Faults(args) => commands::faults::faults(&args),
         Command::RoleStation(args) => roles::station(args),
         Command::RoleHrtc(args) => roles::controller(args),
+        Command::RoleDevice(args) => device_page::device(&args, &*stop_flag()?),
         Command::RoleBare(args) => bare_loop::bare(&args, &*stop_flag()?),
         Command::RoleLoad(args) => {
             load::load(&args, &*stop_flag()?);

@@ -10,6 +10,7 @@ use crate::instance::ModelFrame;
 use crate::lod::predict::Sources;
 use crate::probe::Probe;
 use crate::streaming::Fault;
+use crate::summary::mixed;
 use glam::DVec3;
 use protocol::TourPoint;
 use spm::ModelHeader;
@@ -256,6 +257,20 @@ impl Controller {
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.probes.iter().all(Probe::is_at_rest)
+    }
+
+    /// Hash over the fronts: the ids of the performed splits of each active object. At rest it is a
+    /// function of place and tolerance, whatever came before. Not for a tick: it allocates.
+    #[must_use]
+    pub fn front_hash(&self) -> u64 {
+        self.active.objects.iter().fold(0, |hash, active| {
+            let (cache, mesh) = (active.cache(), active.cache().mesh());
+            let performed = (0..cache.slots()).filter(|&slot| mesh.is_performed(slot));
+            let mut ids: Vec<u32> = performed.map(|slot| mesh.id(slot)).collect();
+            ids.sort_unstable();
+            let ids = ids.into_iter().map(u64::from);
+            ids.fold(mixed(hash, u64::MAX), mixed)
+        })
     }
 
     /// Hash over the outputs of every tick so far.

@@ -111,6 +111,9 @@ pub struct CoreRecord {
     pub energy_j: f64,
     /// Whether every model is known, so that any contact could be answered.
     pub ready: bool,
+    /// Whether the newest station has answered everything that it was asked, about every active
+    /// object, and knows what is held.
+    pub synchronised: bool,
     /// Newest measured error, metres, and its tick; negative when none arrived this tick.
     pub measured_error_m: f64,
     /// Whether the force was asked to ramp down.

@@ -45,6 +45,11 @@ impl Controller {
         record.energy_j = self.probes.iter().map(|probe| probe.energy.joules()).sum();
         record.moving = self.movables.awake() as u32;
         record.ready = self.is_ready();
+        record.synchronised = record.active_objects > 0
+            && self.active.objects.iter().all(|active| {
+                let subscriber = active.session.subscriber();
+                !active.is_ready() || subscriber.is_synchronised(&active.front.cache)
+            });
         record.measured_error_m = measured;
         self.mix(outputs, record);
         record.replay_hash = self.replay_hash;
@@ -53,13 +58,7 @@ impl Controller {
     /// Takes a tick's outputs into the hash.
     fn mix(&mut self, outputs: &TickOutputs, record: &CoreRecord) {
         let mut hash = self.replay_hash;
-        let mut mix = |word: u64| {
-            // One round of splitmix64 a word.
-            let mut z = (hash ^ word).wrapping_add(0x9E37_79B9_7F4A_7C15);
-            z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-            z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-            hash = z ^ z >> 31;
-        };
+        let mut mix = |word: u64| hash = mixed(hash, word);
         for probe in &self.probes {
             let Wrench { force, torque } = probe.wrench;
             for value in force.to_array().into_iter().chain(torque.to_array()) {
@@ -91,6 +90,14 @@ impl Controller {
         }
         self.replay_hash = hash;
     }
+}
+
+/// A hash with one more word in it: a round of splitmix64.
+pub(crate) fn mixed(hash: u64, word: u64) -> u64 {
+    let mut z = (hash ^ word).wrapping_add(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ z >> 31
 }
 
 impl ProbeRecord {

@@ -2,8 +2,8 @@
 
 use super::series::Series;
 use super::{
-    Buckets, CacheResult, Finished, Histograms, MedianMax, ProbeResult, RunMeta, RunResult,
-    SeriesBucket, ShortSpread, Spread, Status,
+    Buckets, CacheResult, Finished, Histograms, MAX_STATIONS, MedianMax, ProbeResult, RunMeta,
+    RunResult, SeriesBucket, ShortSpread, Spread, StationHeard, Status, folded,
 };
 use crate::tick_record::{STAGES, TickRecord};
 use glam::DVec3;
@@ -101,6 +101,10 @@ pub struct Accumulator {
     last_forces: [DVec3; MAX_PROBES],
     /// First tick that could render a contact.
     ready_tick: Option<u64>,
+    /// Incarnation of the station in the last tick; 0 for none.
+    last_station: u64,
+    /// First tick of each station, and the first in which it was synchronised.
+    stations: Vec<(u64, Option<u64>)>,
     status: Status,
     // Microseconds.
     wake: Fixed,
@@ -140,6 +144,8 @@ impl Accumulator {
             last_tick: 0,
             last_forces: [DVec3::ZERO; MAX_PROBES],
             ready_tick: None,
+            last_station: 0,
+            stations: Vec::with_capacity(MAX_STATIONS),
             status: Status {
                 measured_error_m: -1.0,
                 ..Status::default()
@@ -166,6 +172,7 @@ impl Accumulator {
         self.push_contact(&record.core);
         self.push_refinement(&record.core);
         self.push_totals(&record.core);
+        self.push_station(record);
         self.status = self.status_at(record);
         self.series.push(record.tick, SeriesBucket::of(record));
     }
@@ -252,7 +259,23 @@ impl Accumulator {
         cache.evicted = cache.evicted.max(core.evicted);
         cache.high_water_bytes = cache.high_water_bytes.max(core.cache_bytes);
         cache.vsps = cache.vsps.max(u64::from(core.vsps_loaded));
-        result.replay_hash = (core.replay_hash ^ (core.replay_hash >> 53)) & ((1 << 53) - 1);
+        result.replay_hash = folded(core.replay_hash);
+    }
+
+    /// Stations that come and go.
+    fn push_station(&mut self, record: &TickRecord) {
+        let came = record.station != 0 && record.station != self.last_station;
+        if came && self.stations.len() < MAX_STATIONS {
+            self.stations.push((record.tick, None));
+        }
+        self.last_station = record.station;
+        let last = self.stations.last_mut();
+        if let Some((_, synchronised @ None)) = last
+            && record.station != 0
+            && record.core.synchronised
+        {
+            *synchronised = Some(record.tick);
+        }
     }
 
     fn status_at(&self, record: &TickRecord) -> Status {
@@ -368,16 +391,25 @@ impl Accumulator {
             .collect()
     }
 
+    /// Stations with their times; `ms_at`: the time of a tick.
+    fn stations_heard(&self, ms_at: impl Fn(u64) -> f64) -> Vec<StationHeard> {
+        let heard = |&(first, synchronised): &(u64, Option<u64>)| StationHeard {
+            heard_ms: ms_at(first),
+            synchronised_ms: synchronised.map_or(-1.0, &ms_at),
+        };
+        self.stations.iter().map(heard).collect()
+    }
+
     /// The figures of the whole run.
     #[must_use]
     pub fn finish(mut self, meta: RunMeta) -> Finished {
         let non_finite = self.non_finite();
         let seconds = self.seconds();
         let period_s = self.period_s();
+        let ms_at = |tick: u64| meta.start_to_first_tick_ms + tick as f64 * period_s * 1e3;
+        let ready_ms = self.ready_tick.map_or(0.0, ms_at);
+        let stations = self.stations_heard(ms_at);
         let series = self.series.finish(period_s);
-        let ready_ms = self.ready_tick.map_or(0.0, |tick| {
-            meta.start_to_first_tick_ms + tick as f64 * period_s * 1e3
-        });
         let named = |(name, stage): (&&str, &Fixed)| ((*name).to_string(), stage.spread());
         let stage_us = STAGES.iter().zip(&self.stages).map(named).collect();
         let faces = self.faces.spread();
@@ -437,6 +469,7 @@ impl Accumulator {
                 period_ns: self.period.buckets(),
             },
             rights: meta.rights,
+            stations,
         }
     }
 }

@@ -319,6 +319,8 @@ pub struct RunResult {
     pub safety: SafetyEvents,
     /// Hash over every tick's outputs, folded to 53 bits: integers that every JSON reader keeps.
     pub replay_hash: u64,
+    /// Hash over the splits that the fronts hold at the end, folded likewise.
+    pub front_hash: u64,
 }
 
 impl Serialize for RunResult {
@@ -408,6 +410,25 @@ pub struct Histograms {
     pub period_ns: Buckets,
 }
 
+/// Largest number of stations that a result lists.
+pub const MAX_STATIONS: usize = 256;
+
+/// A station that came, or came back, in a run. Times are milliseconds since the start of both
+/// processes.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct StationHeard {
+    /// Time of the first tick that knew of it.
+    pub heard_ms: f64,
+    /// Time of the first tick in which it knew what is held and owed no answer; negative without
+    /// one.
+    pub synchronised_ms: f64,
+}
+
+/// A hash in 53 bits: an integer that every JSON reader keeps.
+pub(crate) fn folded(hash: u64) -> u64 {
+    (hash ^ (hash >> 53)) & ((1 << 53) - 1)
+}
+
 /// A finished run: the last line of the supervised mode.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Finished {
@@ -419,6 +440,8 @@ pub struct Finished {
     pub histograms: Histograms,
     /// Real-time rights.
     pub rights: Vec<Right>,
+    /// The first [`MAX_STATIONS`] stations that were heard.
+    pub stations: Vec<StationHeard>,
 }
 
 /// State of a run, for the live line.

@@ -331,3 +331,23 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
         status
     );
 }
+
+#[test]
+fn a_station_is_heard_when_it_comes_or_comes_back_and_synchronised_when_it_owes_nothing() {
+    let mut run = accumulator();
+    let stations = [0, 7, 7, 7, 0, 7, 9, 9];
+    let synchronised = [1, 0, 0, 1, 1, 1, 0, 0];
+    for (tick, (station, synchronised)) in (0..).zip(stations.into_iter().zip(synchronised)) {
+        let mut record = record(tick);
+        record.station = station;
+        record.core.synchronised = synchronised == 1;
+        run.push(&record);
+    }
+    let finished = run.finish(RunMeta {
+        start_to_first_tick_ms: 100.0,
+        ..RunMeta::default()
+    });
+    let heard = finished.stations.iter();
+    let times: Vec<_> = heard.map(|s| (s.heard_ms, s.synchronised_ms)).collect();
+    assert_eq!(times, [(101.0, 103.0), (105.0, 105.0), (106.0, -1.0)]);
+}

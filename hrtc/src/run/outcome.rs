@@ -2,7 +2,7 @@
 
 use crate::link::LinkError;
 use crate::recorder::RecordingError;
-use crate::result::{Finished, Right, RunResult};
+use crate::result::{Finished, Right, RunResult, folded};
 use hrtc_core::{Controller, Fault};
 use realtime::rights::MissingRight;
 use scene::{LoopPlan, SceneError, ScenePlan};
@@ -73,6 +73,7 @@ pub(super) fn add_lod(result: &mut RunResult, controller: &Controller, rate_hz: 
     result.tolerance_m = controller.tolerance_m();
     result.capacities = controller.capacities();
     result.moved = controller.movables().report();
+    result.front_hash = folded(controller.front_hash());
     let first = controller
         .active_objects()
         .iter()

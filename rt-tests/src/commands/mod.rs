@@ -12,6 +12,7 @@
 //! | [`predictors`] | the gain of each source of the prediction |
 //! | [`stability`] | the hard cases |
 //! | [`simulate`] | random faults on both cores in virtual time |
+//! | [`faults`] | real processes killed, stopped, replaced and starved in contact |
 //! | [`effects`] | the cost of each effect |
 //! | [`zwidth`] | the stiffest wall that can be rendered |
 
@@ -19,6 +20,7 @@ pub mod accuracy;
 pub mod compare;
 pub mod effects;
 pub mod export;
+pub mod faults;
 pub mod fronts;
 pub mod jitter;
 pub mod predictors;

@@ -7,11 +7,15 @@
 //! | [`roles`] | the station's and the controller's role |
 //! | [`bare_loop`] | the role of the loop that the controller is compared with |
 //! | [`load`] | the role of load on the other core |
+//! | [`surroundings`] | core and environment of a process, and what is taken from it on purpose |
+//! | [`device_page`] | a device in a process of its own, and its driver |
 //! | [`stop`] | the flag that ends a role or a command |
 
 pub mod bare_loop;
+pub mod device_page;
 pub mod load;
 pub mod pair;
 pub mod process;
 pub mod roles;
 pub mod stop;
+pub mod surroundings;

@@ -5,6 +5,7 @@
 //! the supervisor) and ends with it: a supervisor that is killed leaves a SIGTERM, on which the
 //! controller ramps its force down and both clean up.
 
+use super::surroundings::Surroundings;
 use crate::failure::Failure;
 use realtime::rights::{monotonic_ns, pin_to_core};
 use std::collections::VecDeque;
@@ -50,6 +51,23 @@ impl Process {
         core: Option<usize>,
         events: &Sender<Event>,
     ) -> Result<Self, Failure> {
+        let around = Surroundings {
+            core,
+            ..Surroundings::default()
+        };
+        Self::start_in(name, arguments, around, events)
+    }
+
+    /// Starts this program with these arguments, in these surroundings.
+    ///
+    /// # Errors
+    /// When the system refuses to start it, or one of the surroundings.
+    pub fn start_in(
+        name: &'static str,
+        arguments: &[OsString],
+        around: Surroundings,
+        events: &Sender<Event>,
+    ) -> Result<Self, Failure> {
         let failed = |error: &dyn std::fmt::Display| {
             Failure::Run(format!("the {name} could not be started ({error})"))
         };
@@ -60,12 +78,14 @@ impl Process {
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
-            .process_group(0);
+            .process_group(0)
+            .envs(around.variables.iter().map(|(name, value)| (name, value)));
         let parent = std::process::id();
         // SAFETY: between fork and exec only async-signal-safe system calls are made (prctl,
-        // getppid, sched_setaffinity), on values that live in this closure; nothing is allocated.
+        // getppid, sched_setaffinity, setrlimit, unshare, mount), on values that live in this
+        // closure; nothing is allocated.
         unsafe {
-            command.pre_exec(move || prepare_child(parent, core));
+            command.pre_exec(move || prepare_child(parent, &around));
         }
         let mut child = command.spawn().map_err(|error| failed(&error))?;
         let said = Arc::new(Mutex::new(VecDeque::with_capacity(KEPT_LINES + 1)));
@@ -109,8 +129,13 @@ impl Process {
 
     /// Asks it to end (SIGTERM).
     pub fn terminate(&mut self) {
+        self.signal(libc::SIGTERM);
+    }
+
+    /// Sends it a signal, unless it has ended.
+    pub fn signal(&mut self, number: libc::c_int) {
         if self.ended().is_none() {
-            signal(self.child.id(), libc::SIGTERM);
+            signal(self.child.id(), number);
         }
     }
 
@@ -190,7 +215,7 @@ fn signal(process: u32, number: libc::c_int) {
 }
 
 /// In the child, before it becomes the role.
-fn prepare_child(parent: u32, core: Option<usize>) -> std::io::Result<()> {
+fn prepare_child(parent: u32, around: &Surroundings) -> std::io::Result<()> {
     // SAFETY: prctl with PR_SET_PDEATHSIG takes a signal number and touches no memory of ours.
     if unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM) } != 0 {
         return Err(std::io::Error::last_os_error());
@@ -201,7 +226,9 @@ fn prepare_child(parent: u32, core: Option<usize>) -> std::io::Result<()> {
         // The parent died before the signal was set.
         return Err(std::io::Error::from_raw_os_error(libc::ESRCH));
     }
-    if let Some(core) = core {
+    around.take_rights()?;
+    around.mount_small_disk()?;
+    if let Some(core) = around.core {
         // Best effort: without the core the run is still right, only noisier.
         let _ = pin_to_core(core);
     }

@@ -1,5 +1,6 @@
 //! The station and the controller as roles of this program.
 
+use super::device_page::registry;
 use super::stop::stop_flag;
 use crate::failure::Failure;
 use clap::Args;
@@ -73,5 +74,5 @@ pub fn controller(args: ControllerArgs) -> Result<(), Failure> {
         started_ns: Some(args.started_ns),
         record: args.record,
     };
-    hrtc::run::run(&run, &stop).map_err(|error| Failure::Input(error.to_string()))
+    hrtc::run::run_with(&registry(), &run, &stop).map_err(|error| Failure::Input(error.to_string()))
 }

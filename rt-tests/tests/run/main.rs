@@ -1,5 +1,6 @@
 //! Both processes in real time, as a user starts them.
 
+mod faults;
 #[path = "../commands/typed.rs"]
 mod typed;
 

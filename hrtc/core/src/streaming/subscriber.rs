@@ -225,6 +225,13 @@ impl Subscriber {
         self.outstanding = self.outstanding.saturating_sub(1);
     }
 
+    /// Whether the station has answered in this epoch, knows every region that is held, and owes no
+    /// answer.
+    #[must_use]
+    pub fn is_synchronised(&self, cache: &Cache) -> bool {
+        self.next_chunk > 0 && self.outstanding == 0 && self.declared >= cache.regions.capacity()
+    }
+
     /// Answers outstanding at once, at the most, and how many there may be.
     #[must_use]
     pub fn high_water(&self) -> (usize, usize) {

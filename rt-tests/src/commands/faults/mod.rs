@@ -1,0 +1,233 @@
+//! `rt-tests faults`: real processes that are killed, stopped, replaced and starved while a surface
+//! is touched, and a device in a process of its own that outlives its controller.
+//!
+//! | module | holds |
+//! |---|---|
+//! | `bench` | the folder with model and scenes |
+//! | `watched` | a process and what it said |
+//! | `touch` | a station and a controller in contact, and what is asked of every run |
+//! | `station`, `controller`, `device` | the cases |
+//! | `verdict` | what all cases came to |
+
+mod bench;
+mod controller;
+mod device;
+mod station;
+mod touch;
+mod verdict;
+mod watched;
+
+use self::bench::{Bench, MAX_SLOTS};
+use self::touch::{Touch, Undisturbed};
+use self::verdict::{Answer, Faults, Times, Verdicts};
+use crate::failure::Failure;
+use crate::processes::stop::{is_set, stop_flag};
+use crate::report::output::{print, print_json, status_line};
+use crate::report::quantile::median;
+use crate::report::table::Table;
+use clap::Args;
+use std::fmt::Write as _;
+
+/// Undisturbed runs that the others are compared with.
+const UNDISTURBED: usize = 3;
+/// Kills at the most: hours of them; more is a typing error.
+const MAX_KILLS: u64 = 1000;
+
+/// Arguments of `rt-tests faults`.
+#[derive(Debug, Args)]
+pub struct FaultsArgs {
+    /// Kills in contact: of the station, of the controller, and of the controller of a device in a
+    /// process of its own
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub kills: u64,
+    /// Run these cases only, by name
+    #[arg(value_name = "CASE")]
+    pub cases: Vec<String>,
+    /// Step the clock of the whole machine by an hour and back, for the case clock-stepped
+    #[arg(long)]
+    pub step_clock: bool,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A case: its name, and how it is run with so many kills; what cannot be run says why in `Skip`.
+struct Row {
+    name: &'static str,
+    run: fn(&Bench, u64, &mut Verdicts) -> Answer,
+    needs: fn(&FaultsArgs) -> Result<(), String>,
+}
+
+fn nothing(_: &FaultsArgs) -> Result<(), String> {
+    Ok(())
+}
+
+const fn row(name: &'static str, run: fn(&Bench, u64, &mut Verdicts) -> Answer) -> Row {
+    Row {
+        name,
+        run,
+        needs: nothing,
+    }
+}
+
+/// All cases, in their order.
+const ROWS: [Row; 15] = [
+    row("station-killed", station::killed),
+    row("station-stopped", station::stopped),
+    row("station-restarted", station::restarted),
+    row("station-other-version", station::other_version),
+    row("file-overwritten", station::file_overwritten),
+    row("folder-removed", station::folder_removed),
+    row("two-stations", station::two_stations),
+    row("controller-killed", controller::killed),
+    row("seventeen-controllers", controller::seventeen),
+    row("no-rights", controller::no_rights),
+    Row {
+        name: "disk-full",
+        run: controller::disk_full,
+        needs: controller::can_mount,
+    },
+    Row {
+        name: "clock-stepped",
+        run: controller::clock_stepped,
+        needs: controller::can_step_clock,
+    },
+    row("device-panic", device::panics),
+    row("device-sigkill", device::killed),
+    row("device-sigstop", device::stopped),
+];
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence: status 2 for a name that is no case, 1 when a case fails.
+pub fn faults(args: &FaultsArgs) -> Result<(), Failure> {
+    check(args)?;
+    let stop = stop_flag()?;
+    let bar = status_line();
+    let slots = usize::try_from(args.kills).map_or(MAX_SLOTS, |kills| kills.min(MAX_SLOTS));
+    let bench = Bench::new(slots, &stop, bar)?;
+    let mut verdicts = Verdicts::default();
+    verdicts.faults.fronts_equal = true;
+    verdicts.undisturbed = undisturbed(&bench).map_err(Failure::Run)?;
+    verdicts.faults.force_step_undisturbed_n = verdicts.undisturbed.step_n;
+    for row in ROWS.iter().filter(|row| is_chosen(args, row.name)) {
+        bench.bar.set_message(row.name);
+        match (row.needs)(args) {
+            Ok(()) => {
+                let answer = (row.run)(&bench, args.kills, &mut verdicts);
+                verdicts.add(row.name, answer);
+            }
+            Err(why) => verdicts.skip(row.name, &why),
+        }
+        if is_set(&stop) {
+            return Err(Failure::Run("ended early on request".to_string()));
+        }
+    }
+    bench.bar.finish_and_clear();
+    let found = verdicts.finish();
+    if args.json {
+        print_json(&found)?;
+    } else {
+        print(&words(&found))?;
+    }
+    judge(&found)
+}
+
+fn check(args: &FaultsArgs) -> Result<(), Failure> {
+    if !(1..=MAX_KILLS).contains(&args.kills) {
+        let kills = args.kills;
+        return Err(Failure::Input(format!(
+            "--kills is {kills}; write a number from 1 to {MAX_KILLS}"
+        )));
+    }
+    let known = |name: &&String| ROWS.iter().any(|row| row.name == name.as_str());
+    if let Some(unknown) = args.cases.iter().find(|name| !known(name)) {
+        let names: Vec<&str> = ROWS.iter().map(|row| row.name).collect();
+        return Err(Failure::Input(format!(
+            "\"{unknown}\" is no case; choose of {}",
+            names.join(", ")
+        )));
+    }
+    Ok(())
+}
+
+fn is_chosen(args: &FaultsArgs, name: &str) -> bool {
+    args.cases.is_empty() || args.cases.iter().any(|chosen| chosen == name)
+}
+
+/// Runs without a disturbance.
+fn undisturbed(bench: &Bench) -> Result<Undisturbed, String> {
+    let mut steps = Vec::new();
+    let mut fronts = Vec::new();
+    for run in 1..=UNDISTURBED {
+        bench
+            .bar
+            .set_message(format!("undisturbed, {run} of {UNDISTURBED}"));
+        let touched = Touch::usual(bench)?.finish()?;
+        let result = &touched.finished.result;
+        steps.push(result.force_step_n_max);
+        fronts.push(result.front_hash);
+    }
+    let is_one = fronts.iter().all(|&front| front == fronts[0]);
+    Ok(Undisturbed {
+        step_n: median(&steps),
+        front: is_one.then_some(fronts[0]),
+    })
+}
+
+fn words(found: &Faults) -> String {
+    let mut table = Table::new(3, "case | verdict | seen");
+    for case in &found.cases {
+        let verdict = match (case.skipped, case.pass) {
+            (true, _) => "skipped",
+            (_, true) => "pass",
+            (_, false) => "FAIL",
+        };
+        table.row([case.name, verdict, &case.what].map(String::from));
+    }
+    let mut text = format!("{table}\n");
+    let _ = writeln!(
+        text,
+        "killed      station {} times, controller {} times",
+        found.kills.station, found.kills.controller
+    );
+    let _ = writeln!(
+        text,
+        "force step  {:.2} N at most; undisturbed {:.2} N",
+        found.force_step_n_max, found.force_step_undisturbed_n
+    );
+    let spread = |of: &Times| format!("p50 {:.1}, p99 {:.1}, max {:.1} ms", of.p50, of.p99, of.max);
+    let _ = writeln!(text, "resync      {}", spread(&found.resync_ms));
+    let _ = writeln!(
+        text,
+        "device      zero {} after its wrench ceased to be valid; {} after the fault",
+        spread(&found.device_late_ms),
+        spread(&found.device_zero_ms)
+    );
+    let equal = if found.fronts_equal {
+        "equal"
+    } else {
+        "NOT equal"
+    };
+    let _ = writeln!(
+        text,
+        "at the end  fronts {equal} to a fresh start's; {} own misses; {} files left",
+        found.missed_own_cpu, found.leaked
+    );
+    text
+}
+
+fn judge(found: &Faults) -> Result<(), Failure> {
+    let failed = found
+        .cases
+        .iter()
+        .filter(|case| !case.pass && !case.skipped);
+    let failed: Vec<String> = failed
+        .map(|case| format!("{} ({})", case.name, case.what))
+        .collect();
+    if failed.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Run(format!("failed: {}", failed.join(", "))))
+}

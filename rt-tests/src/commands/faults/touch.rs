@@ -1,0 +1,395 @@
+//! A touch of real processes in a domain of its own, and what is asked of every one: no own miss,
+//! no step of the force, the same front at rest, nothing left.
+
+use super::bench::{Bench, SLOT_S, files_below};
+use super::watched::{PATIENCE, Watched, pause};
+use crate::processes::process::unique_domain;
+use crate::processes::surroundings::Surroundings;
+use hrtc::result::Finished;
+use realtime::rights::monotonic_ns;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+use transport::Domain;
+
+/// Step of the force that is never too large, newtons: what a hand does not tell from the edge of a
+/// facet.
+const STEP_N: f64 = 0.3;
+/// Step of the force of a disturbed run over that of an undisturbed one.
+const STEP_RATIO: f64 = 1.5;
+/// Time in which a station that is ready again must be synchronised, milliseconds.
+pub const RESYNC_MS: f64 = 1000.0;
+
+/// Ending of the one segment that iceoryx2 keeps of a domain, with or without processes: it is made
+/// once and never removed, so it does not grow.
+const KEPT_OF_DOMAIN: &str = ".global_mgmt";
+
+/// A domain of a case; its files go with it.
+pub struct OwnDomain(Domain);
+
+impl OwnDomain {
+    /// A new domain.
+    ///
+    /// # Errors
+    /// When there is none of that name.
+    pub fn new() -> Result<Rc<Self>, String> {
+        let domain = Domain::new(&unique_domain()).map_err(|error| error.to_string())?;
+        Ok(Rc::new(Self(domain)))
+    }
+
+    /// Files of the domain without processes, and files where none of the processes may leave one.
+    #[must_use]
+    pub fn left(&self, bench: &Bench) -> Vec<PathBuf> {
+        let prefix = format!("hrtc_{}_", self.name());
+        let memory = std::fs::read_dir("/dev/shm");
+        let memory = memory.into_iter().flatten().flatten();
+        let memory = memory.filter(|of| {
+            let name = of.file_name().to_string_lossy().into_owned();
+            name.starts_with(&prefix) && !name.ends_with(KEPT_OF_DOMAIN)
+        });
+        let mut left: Vec<PathBuf> = memory.map(|of| of.path()).collect();
+        left.extend(files_below(&self.folder()));
+        left.extend(bench.leftovers());
+        left
+    }
+
+    /// Its folder.
+    #[must_use]
+    pub fn folder(&self) -> PathBuf {
+        format!("/tmp/hrtc-{}", self.name()).into()
+    }
+}
+
+impl std::ops::Deref for OwnDomain {
+    type Target = Domain;
+
+    fn deref(&self) -> &Domain {
+        &self.0
+    }
+}
+
+impl Drop for OwnDomain {
+    fn drop(&mut self) {
+        self.0.remove_files();
+    }
+}
+
+/// A station and a controller in a domain.
+pub struct Touch<'a> {
+    /// The bench.
+    pub bench: &'a Bench<'a>,
+    /// The station that is to be heard.
+    pub station: Watched,
+    /// The controller.
+    pub controller: Watched,
+    /// When the station came back, on CLOCK_MONOTONIC, ns.
+    pub returns_ns: Vec<u64>,
+    started_ns: u64,
+    touched: Instant,
+    /// The domain; last, so that its processes are gone before its files.
+    pub domain: Rc<OwnDomain>,
+}
+
+/// What became of it.
+pub struct Touched {
+    /// The controller's result.
+    pub finished: Box<Finished>,
+    /// Time from each return of the station to its synchronisation, milliseconds; negative without
+    /// one.
+    pub resync_ms: Vec<f64>,
+    /// Files that were left.
+    pub left: Vec<PathBuf>,
+}
+
+/// Arguments of a role.
+fn arguments(role: &str, domain: &Domain, scene: &Path, more: &[String]) -> Vec<OsString> {
+    let mut typed: Vec<OsString> = vec![role.into(), "--domain".into(), domain.name().into()];
+    typed.extend(more.iter().map(OsString::from));
+    typed.push(scene.into());
+    typed
+}
+
+/// Starts a station and waits until it is ready.
+///
+/// # Errors
+/// When it is not.
+pub fn start_station(bench: &Bench, domain: &Domain) -> Result<Watched, String> {
+    let scene = bench.path("touch.toml");
+    let typed = arguments("role-station", domain, &scene, &[]);
+    let mut station = Watched::start("station", &typed, bench.around())?;
+    station.wait_for("the start", bench, |of| of.ready_ns.is_some())?;
+    Ok(station)
+}
+
+/// How a controller is started.
+pub struct Start<'a> {
+    /// Name of the scene in the bench.
+    pub scene: &'a str,
+    /// Length, seconds.
+    pub seconds: f64,
+    /// Arguments beside.
+    pub more: Vec<String>,
+    /// Surroundings.
+    pub around: Surroundings,
+}
+
+impl<'a> Start<'a> {
+    /// A run of the bench's length.
+    #[must_use]
+    pub fn usual(bench: &Bench) -> Self {
+        Self {
+            scene: "touch.toml",
+            seconds: bench.seconds(),
+            more: Vec::new(),
+            around: bench.around(),
+        }
+    }
+}
+
+/// Starts a controller; the time of it on CLOCK_MONOTONIC, ns.
+///
+/// # Errors
+/// When the system refuses.
+pub fn start_controller(
+    bench: &Bench,
+    domain: &Domain,
+    start: Start,
+) -> Result<(Watched, u64), String> {
+    let started_ns = monotonic_ns();
+    let mut more = start.more;
+    more.push(format!("--seconds={}", start.seconds));
+    more.push(format!("--started-ns={started_ns}"));
+    let scene = bench.path(start.scene);
+    let typed = arguments("role-hrtc", domain, &scene, &more);
+    Ok((
+        Watched::start("controller", &typed, start.around)?,
+        started_ns,
+    ))
+}
+
+impl<'a> Touch<'a> {
+    /// Starts both in a domain and waits for the touch.
+    ///
+    /// # Errors
+    /// When a process does not start, or nothing is touched.
+    pub fn begin(
+        bench: &'a Bench<'a>,
+        domain: Rc<OwnDomain>,
+        start: Start,
+    ) -> Result<Self, String> {
+        let station = start_station(bench, &domain)?;
+        let (mut controller, started_ns) = start_controller(bench, &domain, start)?;
+        controller.wait_for("the first touch", bench, Watched::is_touching)?;
+        Ok(Self {
+            bench,
+            station,
+            controller,
+            returns_ns: Vec::new(),
+            started_ns,
+            touched: Instant::now(),
+            domain,
+        })
+    }
+
+    /// Starts both for a run of the usual length in a domain of its own, and waits for the touch.
+    ///
+    /// # Errors
+    /// See [`Touch::begin`].
+    pub fn usual(bench: &'a Bench<'a>) -> Result<Self, String> {
+        Self::begin(bench, OwnDomain::new()?, Start::usual(bench))
+    }
+
+    /// Starts a controller for a run of the usual length in place of one that has ended, and waits
+    /// for the touch.
+    ///
+    /// # Errors
+    /// When it does not start, or touches nothing.
+    pub fn replace_controller(&mut self) -> Result<(), String> {
+        let start = Start::usual(self.bench);
+        let (controller, started_ns) = start_controller(self.bench, &self.domain, start)?;
+        self.controller = controller;
+        self.started_ns = started_ns;
+        self.returns_ns.clear();
+        let (of, bench) = (&mut self.controller, self.bench);
+        of.wait_for("the first touch", bench, Watched::is_touching)?;
+        self.touched = Instant::now();
+        Ok(())
+    }
+
+    /// Whether a disturbance that begins now can be mended before the rest.
+    #[must_use]
+    pub fn has_room(&self) -> bool {
+        let end = (self.bench.slots as f64 - 0.7) * SLOT_S;
+        self.touched.elapsed().as_secs_f64() < end
+    }
+
+    /// Starts a station in place of the last one.
+    ///
+    /// # Errors
+    /// When it does not start.
+    pub fn restart_station(&mut self) -> Result<(), String> {
+        self.station = start_station(self.bench, &self.domain)?;
+        let now = monotonic_ns();
+        self.returns_ns.push(self.station.ready_ns.unwrap_or(now));
+        Ok(())
+    }
+
+    /// Waits so that a slot is over that began then.
+    pub fn end_slot(&mut self, began: Instant) {
+        pause(SLOT_S - began.elapsed().as_secs_f64(), self.bench);
+        self.controller.listen();
+    }
+
+    /// Waits for the end of the controller, ends the station, looks for what is left.
+    ///
+    /// # Errors
+    /// When one of them does not end well.
+    pub fn finish(mut self) -> Result<Touched, String> {
+        let longest = PATIENCE + Duration::from_secs_f64(self.bench.seconds());
+        let ended = self.controller.wait_for_end(longest);
+        let station = self.station.end();
+        let left = self.domain.left(self.bench);
+        ended?;
+        station?;
+        let finished = self.controller.finished.take();
+        let finished = finished.ok_or("the controller ended without a result")?;
+        let ms = |ns: u64| ns.saturating_sub(self.started_ns) as f64 / 1e6;
+        let returns = self.returns_ns.iter().map(|&ns| ms(ns));
+        Ok(Touched {
+            resync_ms: returns.map(|back| resync_ms(back, &finished)).collect(),
+            finished,
+            left,
+        })
+    }
+}
+
+/// Time from a return of the station to its synchronisation, milliseconds; negative without one.
+fn resync_ms(back_ms: f64, finished: &Finished) -> f64 {
+    let times = finished.stations.iter().map(|of| of.synchronised_ms);
+    times
+        .map(|time| time - back_ms)
+        .find(|&after| after >= 0.0)
+        .unwrap_or(-1.0)
+}
+
+/// What undisturbed runs of the same length came to.
+#[derive(Debug, Clone, Default)]
+pub struct Undisturbed {
+    /// Median of their largest steps of the force, newtons.
+    pub step_n: f64,
+    /// The front that each of them ended with; `None` when they differ.
+    pub front: Option<u64>,
+}
+
+impl Undisturbed {
+    /// The largest step that a disturbed run may have, newtons.
+    #[must_use]
+    pub fn limit_n(&self) -> f64 {
+        STEP_N.max(STEP_RATIO * self.step_n)
+    }
+
+    /// What is wrong with a run, in words; nothing with a good one.
+    #[must_use]
+    pub fn complaints(&self, touched: &Touched) -> Vec<String> {
+        let result = &touched.finished.result;
+        let mut wrong = Vec::new();
+        if result.missed_own_cpu > 0 {
+            wrong.push(format!(
+                "{} periods missed by own work",
+                result.missed_own_cpu
+            ));
+        }
+        let (step, limit) = (result.force_step_n_max, self.limit_n());
+        if step > limit {
+            wrong.push(format!("a force step of {step:.2} N, above {limit:.2} N"));
+        }
+        if result.contact_ticks == 0 {
+            wrong.push("nothing was touched".to_string());
+        }
+        if self.front != Some(result.front_hash) {
+            wrong.push("another front at rest than a fresh start's".to_string());
+        }
+        for &ms in &touched.resync_ms {
+            if ms < 0.0 {
+                wrong.push("the station was not synchronised again".to_string());
+            } else if ms > RESYNC_MS {
+                wrong.push(format!("synchronised only after {ms:.0} ms"));
+            }
+        }
+        if let Some(first) = touched.left.first() {
+            let (count, first) = (touched.left.len(), first.display());
+            wrong.push(format!("{count} files left, {first} among them"));
+        }
+        wrong
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hrtc::result::{RunResult, StationHeard};
+
+    fn good() -> Touched {
+        Touched {
+            finished: Box::new(Finished {
+                result: RunResult {
+                    contact_ticks: 1,
+                    front_hash: 5,
+                    force_step_n_max: 0.29,
+                    ..RunResult::default()
+                },
+                ..Finished::default()
+            }),
+            resync_ms: vec![900.0],
+            left: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn each_rule_alone_fails_a_run() {
+        let undisturbed = Undisturbed {
+            step_n: 0.1,
+            front: Some(5),
+        };
+        assert_eq!(undisturbed.complaints(&good()), Vec::<String>::new());
+        let spoil: [fn(&mut Touched); 7] = [
+            |of| of.finished.result.missed_own_cpu = 1,
+            |of| of.finished.result.force_step_n_max = 0.31,
+            |of| of.finished.result.contact_ticks = 0,
+            |of| of.finished.result.front_hash = 6,
+            |of| of.resync_ms.push(1001.0),
+            |of| of.resync_ms.push(-1.0),
+            |of| of.left.push("x".into()),
+        ];
+        for spoil in spoil {
+            let mut run = good();
+            spoil(&mut run);
+            assert_eq!(undisturbed.complaints(&run).len(), 1);
+        }
+        let rough = Undisturbed {
+            step_n: 0.4,
+            front: None,
+        };
+        assert_eq!(rough.limit_n(), STEP_RATIO * 0.4);
+        assert_eq!(
+            rough.complaints(&good()).len(),
+            1,
+            "no front to compare with"
+        );
+    }
+
+    #[test]
+    fn a_return_is_matched_with_the_first_synchronisation_after_it() {
+        let heard = |heard_ms: f64, synchronised_ms: f64| StationHeard {
+            heard_ms,
+            synchronised_ms,
+        };
+        let finished = Finished {
+            stations: vec![heard(1.0, 9.0), heard(50.0, -1.0), heard(70.0, 80.0)],
+            ..Finished::default()
+        };
+        assert_eq!(resync_ms(40.0, &finished), 40.0);
+        assert_eq!(resync_ms(90.0, &finished), -1.0);
+    }
+}

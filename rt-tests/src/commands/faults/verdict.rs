@@ -1,0 +1,153 @@
+//! What all cases came to.
+
+use super::touch::{Touched, Undisturbed};
+use crate::report::quantile::quantile;
+use serde::Serialize;
+
+/// How often real processes were killed.
+#[derive(Debug, Default, Serialize)]
+pub struct Kills {
+    /// Of the station, in contact.
+    pub station: u64,
+    /// Of the controller, in contact.
+    pub controller: u64,
+}
+
+/// Times, milliseconds.
+#[derive(Debug, Default, PartialEq, Serialize)]
+pub struct Times {
+    /// Median.
+    pub p50: f64,
+    /// 99 % are not above it.
+    pub p99: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+impl Times {
+    /// Of times in any order.
+    #[must_use]
+    pub fn of(times: &[f64]) -> Self {
+        let mut ascending = times.to_vec();
+        ascending.sort_unstable_by(f64::total_cmp);
+        let at = |share: f64| quantile(&ascending, share);
+        Self {
+            p50: at(0.5),
+            p99: at(0.99),
+            max: at(1.0),
+        }
+    }
+}
+
+/// One case.
+#[derive(Debug, PartialEq, Eq, Serialize)]
+pub struct Case {
+    /// Its name.
+    pub name: &'static str,
+    /// Whether all was as it must be; not so when it was skipped.
+    pub pass: bool,
+    /// Whether this machine or user cannot run it.
+    pub skipped: bool,
+    /// What was seen, or what was wrong.
+    pub what: String,
+}
+
+/// What is printed as JSON.
+#[derive(Debug, Default, Serialize)]
+pub struct Faults {
+    /// Kills.
+    pub kills: Kills,
+    /// Periods missed by own work, of all runs.
+    pub missed_own_cpu: u64,
+    /// Largest step of the force in a disturbed run, newtons.
+    pub force_step_n_max: f64,
+    /// Median of the largest steps of three undisturbed runs, newtons.
+    pub force_step_undisturbed_n: f64,
+    /// From a station's readiness to its synchronisation.
+    pub resync_ms: Times,
+    /// Whether every disturbed run ended with the front of an undisturbed one.
+    pub fronts_equal: bool,
+    /// Files left by processes that had ended.
+    pub leaked: u64,
+    /// From the end of the last wrench's validity to zero force of a device in a process of its
+    /// own.
+    pub device_late_ms: Times,
+    /// From the fault to zero force of that device.
+    pub device_zero_ms: Times,
+    /// The cases.
+    pub cases: Vec<Case>,
+}
+
+/// A case's answer: what was seen, or what was wrong.
+pub type Answer = Result<String, String>;
+
+/// Adds up the cases.
+#[derive(Default)]
+pub struct Verdicts {
+    /// What is printed.
+    pub faults: Faults,
+    /// What disturbed runs are compared with.
+    pub undisturbed: Undisturbed,
+    resync_ms: Vec<f64>,
+    /// Of the device's cases, milliseconds.
+    pub late_ms: Vec<f64>,
+    /// Of the device's cases, milliseconds.
+    pub zero_ms: Vec<f64>,
+}
+
+impl Verdicts {
+    /// Counts a disturbed run and judges it.
+    ///
+    /// # Errors
+    /// What is wrong with it, in words.
+    pub fn judge(&mut self, touched: &Touched) -> Answer {
+        let result = &touched.finished.result;
+        let faults = &mut self.faults;
+        faults.missed_own_cpu += result.missed_own_cpu;
+        faults.force_step_n_max = faults.force_step_n_max.max(result.force_step_n_max);
+        faults.leaked += touched.left.len() as u64;
+        faults.fronts_equal &= self.undisturbed.front == Some(result.front_hash);
+        let heard = touched.resync_ms.iter().filter(|&&ms| ms >= 0.0);
+        self.resync_ms.extend(heard);
+        let wrong = self.undisturbed.complaints(touched);
+        if !wrong.is_empty() {
+            return Err(wrong.join("; "));
+        }
+        let mut seen = format!("force step {:.2} N", result.force_step_n_max);
+        if let Some(slowest) = touched.resync_ms.iter().copied().reduce(f64::max) {
+            seen += &format!(", synchronised within {slowest:.0} ms");
+        }
+        Ok(seen)
+    }
+
+    /// Adds a case.
+    pub fn add(&mut self, name: &'static str, answer: Answer) {
+        let pass = answer.is_ok();
+        let (Ok(what) | Err(what)) = answer;
+        self.faults.cases.push(Case {
+            name,
+            pass,
+            skipped: false,
+            what,
+        });
+    }
+
+    /// Adds a case that cannot be run here.
+    pub fn skip(&mut self, name: &'static str, why: &str) {
+        self.faults.cases.push(Case {
+            name,
+            pass: false,
+            skipped: true,
+            what: why.to_string(),
+        });
+    }
+
+    /// The whole.
+    #[must_use]
+    pub fn finish(mut self) -> Faults {
+        self.faults.resync_ms = Times::of(&self.resync_ms);
+        self.faults.device_late_ms = Times::of(&self.late_ms);
+        self.faults.device_zero_ms = Times::of(&self.zero_ms);
+        self.faults
+    }
+}
