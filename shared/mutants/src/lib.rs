@@ -35,7 +35,7 @@ pub enum Mutant {
     Box,
     /// The face of a collapse stays in the tree.
     TreeFace,
-    /// Certified errors of loaded records are half as large.
+    /// Certified errors of loaded records are 0.
     Certified,
     /// Silence of the station never ends an epoch.
     Timeout,

@@ -460,7 +460,7 @@ impl Cache {
         for (place, &face) in fn_.iter_mut().zip(&record.fn_) {
             *place = handle(face, base_faces)?;
         }
-        let scale = if is(Mutant::Certified) { 0.5 } else { 1.0 };
+        let scale = if is(Mutant::Certified) { 0.0 } else { 1.0 };
         let radii = [record.r_t, record.r_u].map(|code| scale * self.radius_of_code(code));
         let slot = self.take_slot().ok_or(LoadError::NoRoom)?;
         self.mesh.load(slot, record, vs, fn_, radii);

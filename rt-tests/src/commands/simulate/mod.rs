@@ -11,7 +11,7 @@
 //! | a contact puts out no more energy than it took in, up to what is stated there | every tick | [`checks`] |
 //! | work budget, bytes of the cache, inbox, no allocation | every tick | [`checks`] |
 //! | every invariant of the caches, front legal split by split, boxes of the tree exact, certified errors true, proxies outside | every 100th tick and at the end | [`deep`] |
-//! | resynchronised, full resolution, force as of a fresh controller with the same samples | at the end | [`quiet`] |
+//! | resynchronised, full resolution, force that of the spring between device and proxy, and as of a fresh controller with the same samples | at the end | [`quiet`] |
 //! | touched for half of the time | at the end | [`run`] |
 //!
 //! What is not claimed: a link that flips bits may change a position into another one, since

@@ -3,7 +3,7 @@
 
 use super::hands::LIFT_TICKS;
 use super::kind::Kind;
-use super::run::{Run, Side, new_client, new_station};
+use super::run::{DEVICE_MAX_N, Run, Side, new_client, new_station};
 use super::trace::{Checked, Trace, ensure};
 use simulator::{Client, STATION, Simulation};
 
@@ -24,6 +24,7 @@ pub fn check(run: &mut Run<'_>, trace: &mut Trace) -> Checked {
         is_resynchronised(client, run.scenario.has(Kind::SmallCache))?;
         // Bodies that were pushed stand elsewhere.
         if !run.scenario.has(Kind::Movables) {
+            is_spring(client, run)?;
             let fresh = fresh(run, k)?;
             is_as(client, &fresh, run)?;
         }
@@ -55,6 +56,37 @@ fn is_resynchronised(client: &Client, has_small_cache: bool) -> Checked {
             )
         },
     )
+}
+
+/// The force on a ball at rest is that of the spring between device and proxy: it points outward.
+fn is_spring(client: &Client, run: &Run<'_>) -> Checked {
+    let scenario = run.scenario;
+    if scenario.has(Kind::Effects) || scenario.has(Kind::Tools) {
+        return Ok(());
+    }
+    let most = scenario.plan.safety.force_max_n.min(DEVICE_MAX_N);
+    let outputs = client.outputs();
+    for (k, contact) in outputs.contacts.iter().enumerate() {
+        let Some(object) = contact.map(|of| of.object as usize) else {
+            continue;
+        };
+        let (Some(proxy), Some(Some(sample))) = (
+            client.controller().proxy_of(k, object),
+            client.samples().get(k),
+        ) else {
+            continue;
+        };
+        let stiffness = scenario.plan.objects[object].surface.stiffness_n_per_m;
+        let spring = ((proxy - sample.pose.position) * stiffness).clamp_length_max(most);
+        let force = outputs.wrenches[k].force;
+        let tolerance = FORCE_N.max(FORCE_SHARE * spring.length());
+        ensure(
+            force.distance(spring) <= tolerance,
+            "force of the spring",
+            || format!("probe {k}: {force} N instead of {spring} N"),
+        )?;
+    }
+    Ok(())
 }
 
 /// A fresh controller after the samples since the hand left the surface.
