@@ -121,7 +121,8 @@ fn a_panic_of_a_read_ends_with_zero_force_and_its_message() {
     let (message, told) = panicked(100, 0);
     assert!(message.contains("made on purpose in read"), "{message}");
     let told = told.lock().unwrap();
-    assert!(told.forces.len() > 99, "the ramp is written");
+    // The ramp follows, unless the last wrench expired on a machine that stood still.
+    assert!(told.forces.len() >= 99, "every tick before it wrote");
     assert_eq!(*told.forces.last().unwrap(), 0.0);
 }
 

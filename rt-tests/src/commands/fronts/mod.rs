@@ -133,12 +133,14 @@ pub fn fronts(args: &FrontsArgs) -> Result<(), Failure> {
     let options = BuildOptions::default();
     let mut take = |model: Result<Model, Failure>| {
         let shown = judge_model(&model?, args.seed, &line)?;
+        if found.models.is_empty() {
+            line.say(&table::head())?;
+        }
         line.say(&table::row(&shown))?;
         found.broken.extend(limits::broken(&shown));
         found.models.push(shown);
         Ok::<(), Failure>(())
     };
-    line.say(&table::head())?;
     if args.models.is_empty() {
         for (name, make) in HARD_MESHES {
             line.at(name, "building");
