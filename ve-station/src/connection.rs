@@ -32,6 +32,8 @@ const STEPS: u64 = 8;
 const TOLD: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS / 4);
 /// Time between two clean-ups of dead nodes.
 const CLEANUP: Duration = Duration::from_secs(1);
+/// A client silent for so long gives up its place where another waits for one: ten heartbeats.
+const MAKE_ROOM: Duration = Duration::from_millis(10 * HELLO_PERIOD_MS);
 /// A client silent for so long is forgotten, and its topic closed.
 const FORGET: Duration = Duration::from_secs(10);
 /// Time for which the topic of a client that was turned away stays open: it is repeated meanwhile.
@@ -276,8 +278,13 @@ impl<D: AsRef<[u8]>> Connection<D> {
 
     fn forget_silent(&mut self, now: Instant) {
         let station = &mut self.station;
+        let patience = if self.turned_away.is_empty() {
+            FORGET
+        } else {
+            MAKE_ROOM
+        };
         self.heard.retain(|&client, &mut last| {
-            let keep = now.duration_since(last) < FORGET;
+            let keep = now.duration_since(last) < patience;
             if !keep {
                 station.remove_client(client);
             }

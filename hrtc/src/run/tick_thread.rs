@@ -22,9 +22,10 @@ use realtime::rights::{LatencyHold, monotonic_ns, obtain};
 use rtrb::{Consumer, Producer};
 use scene::{LoopPlan, MAX_PROBES};
 use std::any::Any;
+use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Once};
 
 /// The tick's ends of the rings.
 pub(super) struct TickRings {
@@ -141,6 +142,7 @@ impl TickThread {
     pub fn run(self) -> TickThreadEnd {
         // Dropped last, when the devices have been.
         let _mark = EndMark(Arc::clone(&self.shared));
+        let _quiet = QuietPanics::begin();
         let mut thread = self;
         let _latency = thread.obtain_rights();
         let mut pacer = Pacer::new(thread.plan.rate_hz, thread.plan.spin_us);
@@ -415,7 +417,42 @@ fn survives(work: impl FnOnce()) -> bool {
     catch_unwind(AssertUnwindSafe(work)).is_ok()
 }
 
-/// The message of a panic.
+thread_local! {
+    /// Whether panics of this thread are kept for [`message`] instead of being printed.
+    static IS_QUIET: Cell<bool> = const { Cell::new(false) };
+    /// Place of the last quiet panic in the code.
+    static PANICKED_AT: RefCell<Option<String>> = const { RefCell::new(None) };
+}
+
+/// Keeps panics of this thread from being printed as long as it lives: with a backtrace that takes
+/// longer than the wrenches are valid. The run's error tells message and place instead.
+struct QuietPanics;
+
+impl QuietPanics {
+    fn begin() -> Self {
+        static HOOK: Once = Once::new();
+        HOOK.call_once(|| {
+            let print = std::panic::take_hook();
+            std::panic::set_hook(Box::new(move |panic| {
+                if IS_QUIET.get() {
+                    PANICKED_AT.set(panic.location().map(ToString::to_string));
+                } else {
+                    print(panic);
+                }
+            }));
+        });
+        IS_QUIET.set(true);
+        Self
+    }
+}
+
+impl Drop for QuietPanics {
+    fn drop(&mut self) {
+        IS_QUIET.set(false);
+    }
+}
+
+/// The message of a panic and its place in the code.
 fn message(payload: Box<dyn Any + Send>) -> String {
     let text = payload
         .downcast_ref::<&str>()
@@ -423,7 +460,11 @@ fn message(payload: Box<dyn Any + Send>) -> String {
     let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
     // Another payload's drop may panic again.
     Box::leak(payload);
-    text.unwrap_or_else(|| "a panic without a message".to_owned())
+    let text = text.unwrap_or_else(|| "a panic without a message".to_owned());
+    match PANICKED_AT.take() {
+        Some(place) => format!("{text} (at {place})"),
+        None => text,
+    }
 }
 
 /// The log's record of a tick.

@@ -120,6 +120,7 @@ fn panicked(read_in: u32, write_in: u32) -> (String, Arc<Mutex<Told>>) {
 fn a_panic_of_a_read_ends_with_zero_force_and_its_message() {
     let (message, told) = panicked(100, 0);
     assert!(message.contains("made on purpose in read"), "{message}");
+    assert!(message.contains(file!()), "with its place: {message}");
     let told = told.lock().unwrap();
     // The ramp follows, unless the last wrench expired on a machine that stood still.
     assert!(told.forces.len() >= 99, "every tick before it wrote");
