@@ -1,0 +1,280 @@
+//! The account over known motions.
+
+use super::*;
+
+const PERIOD_S: f64 = 1e-3;
+/// Work over the motion of a surface at rest.
+const STANDING: [f64; 2] = [0.0; 2];
+
+/// A force along x, newtons.
+fn push(newtons: f64) -> Wrench {
+    Wrench {
+        force: DVec3::X * newtons,
+        torque: DVec3::ZERO,
+    }
+}
+
+/// Energy, joules, that a wall puts out while a free mass of 0.1 kg hits it at a speed (m/s)
+/// and leaves again. `damping` in N s/m; `phase`: part of a period at the impact.
+fn bounce(stiffness_n_per_m: f64, damping: f64, speed: f64, phase: f64, limited: bool) -> f64 {
+    let mut account = EnergyAccount::new(0.0);
+    let (mut x, mut v, mut force) = (speed * PERIOD_S * (1.0 + phase), -speed, 0.0);
+    for _ in 0..4000 {
+        for _ in 0..16 {
+            let dt = PERIOD_S / 16.0;
+            v += (force - damping * v) * dt / 0.1;
+            x += v * dt;
+        }
+        account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
+        let depth = (-x).max(0.0);
+        let wanted = push(stiffness_n_per_m * depth);
+        let spring = CouplingSpring {
+            stiffness_n_per_m,
+            stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+        };
+        let share = if limited {
+            account.share(wanted, spring, CarriedWork::default())
+        } else {
+            1.0
+        };
+        force = wanted.force.x * share;
+        account.set_output(push(force), push(force));
+        if x > 0.0 && v > 0.0 {
+            break;
+        }
+    }
+    account.joules()
+}
+
+/// The device presses in, the surface rises as far again, and the device leaves with one step
+/// back in four. Most of the unpaid force fades before the account cuts it, and no increase is
+/// above the perception limit.
+#[test]
+fn an_unpaid_force_fades_below_the_perception_limit() {
+    let (stiffness_n_per_m, pressed, raised) = (1000.0, 2e-3, 2e-3);
+    for step in [1e-5, 5e-5, 1e-4] {
+        let mut account = EnergyAccount::new(0.0);
+        let (mut x, mut rise, mut tick, mut before): (f64, f64, u32, f64) = (0.0, 0.0, 0, 0.0);
+        let (mut whole, mut fall, mut excess): (f64, f64, f64) = (0.0, 0.0, 0.0);
+        while x <= 0.0 {
+            let is_leaving = rise >= raised;
+            if rise == 0.0 && x > -pressed {
+                x -= step;
+            } else if !is_leaving {
+                rise += 1e-5;
+            } else {
+                // One step back in four.
+                tick += 1;
+                x += if tick % 4 == 0 { -step } else { step };
+            }
+            account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
+            let depth = (rise - x).max(0.0);
+            let wanted = push(stiffness_n_per_m * depth);
+            let spring = CouplingSpring {
+                stiffness_n_per_m,
+                stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+            };
+            let force = wanted.force.x * account.share(wanted, spring, CarriedWork::default());
+            if is_leaving {
+                let imperceptible = STEP_N.max(STEP_SHARE * before) + stiffness_n_per_m * step;
+                excess = excess.max((force - before) / imperceptible);
+                fall = fall.max(before - force);
+            } else {
+                whole = force;
+            }
+            account.set_output(push(force), push(force));
+            before = force;
+        }
+        let share = fall / whole;
+        println!("{step} m per tick: falls by {share}, rises by {excess} of the limit");
+        assert!(share < 0.8 && excess <= 1.0, "{step}: {share}, {excess}");
+    }
+}
+
+/// A tool rolls on the surface: force and torque do nearly opposite work.
+#[test]
+fn opposite_work_of_force_and_torque_leaves_the_share() {
+    let (stiffness_n_per_m, newtons, step) = (1000.0, 0.5, 1e-5);
+    for rest in [1.0, 1e-3, 1e-6] {
+        let mut account = EnergyAccount::new(0.0);
+        let at = |k: f64, turned: f64| Pose {
+            position: DVec3::X * (step * k),
+            orientation: DQuat::from_rotation_z(turned * k),
+        };
+        let turned = 1e-3;
+        account.moved_to(&at(0.0, turned), [1; 2], STANDING);
+        // Energy taken in first.
+        account.set_output(push(newtons), push(newtons));
+        account.moved_to(&at(-100.0, turned), [1; 2], STANDING);
+        for k in 1..4 {
+            account.set_output(push(newtons), push(newtons));
+            account.moved_to(&at(f64::from(k) - 100.0, turned), [1; 2], STANDING);
+        }
+        let torque = DVec3::Z * (-newtons * step * (1.0 - rest) / turned);
+        let wanted = Wrench {
+            torque,
+            ..push(newtons)
+        };
+        let spring = CouplingSpring {
+            stiffness_n_per_m,
+            stored_j: 0.5 * newtons * newtons / stiffness_n_per_m,
+        };
+        let share = account.share(wanted, spring, CarriedWork::default());
+        assert!(share > 0.95, "share {share} with {rest} of the work left");
+    }
+}
+
+#[test]
+fn a_sampled_spring_puts_out_the_energy_of_colgate_1994() {
+    // Into a wall of stiffness K at speed v and out again: K T / 2 ∫ v² dt.
+    let (k, v) = (1000.0, 0.1);
+    let mut account = EnergyAccount::new(0.0);
+    let mut x: f64 = 0.0;
+    for tick in 0..=40 {
+        account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
+        let force = push(-k * x.max(0.0));
+        account.set_output(force, force);
+        x += if tick < 20 {
+            v * PERIOD_S
+        } else {
+            -v * PERIOD_S
+        };
+    }
+    let leak = k * PERIOD_S / 2.0 * v * v * (40.0 * PERIOD_S);
+    assert!(
+        (account.joules() - leak).abs() < 1e-9,
+        "{}",
+        account.joules()
+    );
+}
+
+#[test]
+fn a_limited_wall_returns_no_more_energy_than_it_received() {
+    for stiffness in [100.0, 1000.0, 3000.0, 10_000.0] {
+        for damping in [0.0, 0.1, 1.0] {
+            for k in 0..40 {
+                let (speed, phase) = (0.05 + 0.0125 * f64::from(k), f64::from(k * 7 % 40) / 40.0);
+                let without = bounce(stiffness, damping, speed, phase, false);
+                let with = bounce(stiffness, damping, speed, phase, true);
+                assert!(without > 0.0, "{stiffness} {damping} {speed}: {without}");
+                assert!(
+                    with <= 1e-6 * without,
+                    "{stiffness} {damping} {speed}: {with} of {without}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn encoder_noise_does_not_reduce_the_force_at_rest() {
+    let mut account = EnergyAccount::new(1e-5);
+    let stiffness_n_per_m = 1000.0;
+    for tick in 0..600_000u32 {
+        // Pressed in without noise, then ten minutes at rest with noise of one step.
+        let press = (f64::from(tick) * 1e-5).min(2e-3);
+        let noise = if press < 2e-3 {
+            0.0
+        } else {
+            [0.0, 1e-5, 0.0, 0.0, 1e-5][tick as usize % 5]
+        };
+        let depth = press + noise;
+        account.moved_to(&Pose::at(DVec3::X * -depth), [1; 2], STANDING);
+        let wanted = push(stiffness_n_per_m * depth);
+        let spring = CouplingSpring {
+            stiffness_n_per_m,
+            stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+        };
+        let share = account.share(wanted, spring, CarriedWork::default());
+        // At most the force of the noise itself.
+        assert!(
+            wanted.force.x * (1.0 - share) <= stiffness_n_per_m * 1e-5,
+            "tick {tick}: {share}"
+        );
+        let given = push(wanted.force.x * share);
+        account.set_output(given, given);
+    }
+}
+
+#[test]
+fn the_excess_of_an_earlier_contact_does_not_mute_a_later_one() {
+    let stiffness_n_per_m = 1000.0;
+    let mut account = EnergyAccount::new(0.0);
+    let move_to = |account: &mut EnergyAccount, x: f64| {
+        account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
+    };
+    // A device that was silent inside the surface is pushed out: 10 mJ that nobody put in.
+    move_to(&mut account, -5e-3);
+    account.set_output(push(2.0), push(2.0));
+    move_to(&mut account, 0.0);
+    account.set_output(Wrench::ZERO, Wrench::ZERO);
+    assert!(account.contact_joules > 9e-3);
+    // Half a second above the surface, then a press of 2 mm with a tremor of 20 um
+    // at 10 Hz.
+    for _ in 0..500 {
+        move_to(&mut account, 0.0);
+        account.set_output(Wrench::ZERO, Wrench::ZERO);
+    }
+    let mut least = f64::INFINITY;
+    for tick in 0..400 {
+        let tremor = 1e-5 * (std::f64::consts::TAU * 0.01 * f64::from(tick)).sin();
+        let depth = (f64::from(tick) * 1e-5).min(2e-3) + tremor;
+        move_to(&mut account, -depth);
+        let wanted = push(stiffness_n_per_m * depth.max(0.0));
+        let spring = CouplingSpring {
+            stiffness_n_per_m,
+            stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+        };
+        let share = account.share(wanted, spring, CarriedWork::default());
+        if tick > 300 {
+            least = least.min(share);
+        }
+        let force = push(wanted.force.x * share);
+        account.set_output(force, force);
+    }
+    assert!(least > 0.9, "{least}");
+}
+
+#[test]
+fn a_surface_that_carries_the_device_keeps_its_force() {
+    // A surface meets a device at 1 m/s and carries it along, one millimetre deep.
+    let stiffness_n_per_m = 1000.0;
+    for carried in [true, false] {
+        let mut account = EnergyAccount::new(0.0);
+        let (mut surface, mut device, mut force) = (0.0f64, 1e-3f64, 0.0f64);
+        let mut least = f64::INFINITY;
+        for tick in 0..2000 {
+            surface += PERIOD_S;
+            device = device.max(surface - 1e-3);
+            let work = if carried { force * PERIOD_S } else { 0.0 };
+            account.moved_to(&Pose::at(DVec3::X * device), [1; 2], [work; 2]);
+            let depth = (surface - device).max(0.0);
+            let wanted = push(stiffness_n_per_m * depth);
+            let spring = CouplingSpring {
+                stiffness_n_per_m,
+                stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+            };
+            let ahead = CarriedWork {
+                pushed_j: if carried {
+                    wanted.force.x * PERIOD_S
+                } else {
+                    0.0
+                },
+                turned_j: 0.0,
+            };
+            let share = account.share(wanted, spring, ahead);
+            if tick > 10 {
+                least = least.min(share);
+            }
+            force = wanted.force.x * share;
+            account.set_output(push(force), push(force));
+        }
+        if carried {
+            assert!(least > 0.999, "{least}");
+            assert!(account.joules() < 1e-12, "{}", account.joules());
+        } else {
+            // Without the carried work no surface could push a device.
+            assert!(least < 0.1, "{least}");
+        }
+    }
+}
