@@ -278,13 +278,13 @@ impl<D: AsRef<[u8]>> Connection<D> {
 
     fn forget_silent(&mut self, now: Instant) {
         let station = &mut self.station;
-        let patience = if self.turned_away.is_empty() {
+        let timeout = if self.turned_away.is_empty() {
             FORGET
         } else {
             MAKE_ROOM
         };
         self.heard.retain(|&client, &mut last| {
-            let keep = now.duration_since(last) < patience;
+            let keep = now.duration_since(last) < timeout;
             if !keep {
                 station.remove_client(client);
             }
