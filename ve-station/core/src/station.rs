@@ -225,7 +225,7 @@ impl<D: AsRef<[u8]>> Station<D> {
 
     /// Like [`Station::poll`], but works for so many steps at the most, and counts them down: a
     /// step of a tour is a search of the full mesh, one of a closure goes through
-    /// [`SEARCHED_A_STEP`] VSPs. `None` with no steps left means that there may be more to say:
+    /// `SEARCHED_A_STEP` VSPs. `None` with no steps left means that there may be more to say:
     /// call again.
     pub fn poll_within(&mut self, client: u64, steps: &mut u64) -> Option<Chunk> {
         self.measure_contacts(client, steps);

@@ -33,7 +33,7 @@ impl Outbox {
         self.limit = 0;
     }
 
-    /// The quota of another session begins: [`REQUESTS_PER_TICK`] requests.
+    /// The quota of another session begins: `REQUESTS_PER_TICK` requests.
     pub fn begin_quota(&mut self) {
         let limit = self.requests.len() + REQUESTS_PER_TICK;
         self.limit = limit.min(self.requests.capacity());
