@@ -19,8 +19,8 @@
 //! and the invariants hold then.
 //!
 //! A seed that fails is made smaller ([`mod@shrink`]): cut behind the failing tick, without the
-//! kinds that it does not need, lighter; the smallest is printed with its trace and the command that runs
-//! it again. [`coverage`] counts what was reached in contact.
+//! kinds that it does not need, lighter; the smallest is printed with its trace and the command
+//! that runs it again. [`coverage`] counts what was reached in contact.
 
 pub mod checks;
 pub mod coverage;
