@@ -3,7 +3,7 @@
 use geometry::Wrench;
 use haptic_device::Sample;
 use hrtc_core::ProbeContact;
-use hrtc_core::record::CoreRecord;
+use hrtc_core::record::{CoreRecord, max_or_nan};
 use realtime::pacer::Miss;
 use scene::MAX_PROBES;
 use serde::{Deserialize, Serialize};
@@ -17,6 +17,10 @@ pub const STAGES: [&str; 6] = ["inbox", "refine", "refit", "query", "force", "br
 pub struct TickRecord {
     /// Index of the tick; counts skipped periods too.
     pub tick: u64,
+    /// Deadline of the sleep before it on CLOCK_MONOTONIC, ns; see [`Wake::planned_ns`].
+    ///
+    /// [`Wake::planned_ns`]: realtime::pacer::Wake::planned_ns
+    pub planned_ns: u64,
     /// Start on CLOCK_MONOTONIC, ns.
     pub start_ns: u64,
     /// Periods skipped just before this tick.
@@ -27,6 +31,10 @@ pub struct TickRecord {
     pub wake_ns: u32,
     /// Time since the start of the last tick, ns.
     pub period_ns: u32,
+    /// Part of the wait before the tick that was spun, ns.
+    pub spun_ns: u32,
+    /// Voluntary context switches since the wake-up before, without that of the sleep.
+    pub extra_switches: u32,
     /// Processor time of the work, ns.
     pub work_cpu_ns: u32,
     /// Wall time of the work, ns.
@@ -61,10 +69,10 @@ pub struct TickRecord {
 }
 
 impl TickRecord {
-    /// The largest force of a probe, newtons; a force that is not finite counts as 0.
+    /// The largest force of a probe, newtons; not a number where one of them is none.
     #[must_use]
     pub fn largest_force(&self) -> f64 {
         let forces = self.wrenches.iter().map(|wrench| wrench.force.length());
-        forces.filter(|force| force.is_finite()).fold(0.0, f64::max)
+        forces.fold(0.0, max_or_nan)
     }
 }

@@ -1,6 +1,6 @@
 //! The real process: its signals, and outputs that nobody takes.
 
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 
@@ -97,7 +97,7 @@ fn every_signal_ends_the_run_with_its_report() {
 #[test]
 fn a_full_disk_costs_the_recording_and_not_the_run() {
     if !Path::new("/dev/full").exists() {
-        println!("skipped: no /dev/full");
+        let _ = writeln!(std::io::stderr(), "skipped: no /dev/full");
         return;
     }
     let mut run = Run::start("full", &["--json", "--record", "/dev/full"]);

@@ -6,7 +6,9 @@ use crate::bodies::Movables;
 use crate::lod::refine;
 use crate::probe::Probe;
 use crate::streaming::subscriber::Identity;
+use crate::tuning::probe::MIN_PROXY_WORK;
 use crate::tuning::streaming::max_ingest;
+use crate::tuning::tick::PROXY_WORK;
 use haptic_device::MotionLimits;
 use scene::{ProbePlan, ScenePlan};
 
@@ -78,6 +80,16 @@ impl Controller {
     #[must_use]
     pub fn work_budget(&self) -> u32 {
         max_ingest(self.operations) + refine::max_work(self.operations)
+    }
+
+    /// Nodes and faces that the queries of a tick should not exceed
+    /// ([`crate::record::CoreRecord::query_work`]): no step of a proxy begins beyond
+    /// [`PROXY_WORK`], but each further pair of a probe and an active object has
+    /// [`MIN_PROXY_WORK`] in any case.
+    #[must_use]
+    pub fn query_budget(&self) -> u32 {
+        let pairs = (self.probes.len() * self.active.objects.len()) as u32;
+        PROXY_WORK + MIN_PROXY_WORK * pairs.saturating_sub(1)
     }
 
     /// Whether every model is known that can be, so that any contact could be answered.

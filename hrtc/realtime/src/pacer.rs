@@ -52,6 +52,9 @@ pub struct Miss {
 pub struct Wake {
     /// Index of the tick; skipped periods count.
     pub tick: u64,
+    /// Deadline of the sleep before it on CLOCK_MONOTONIC, ns: tick k is planned for t0 + k T, less
+    /// the periods that the sleep then lost.
+    pub planned_ns: u64,
     /// Start on CLOCK_MONOTONIC, ns.
     pub start_ns: u64,
     /// Periods skipped since the last tick.
@@ -63,6 +66,11 @@ pub struct Wake {
     pub wake_ns: u32,
     /// Time since the start of the last tick, ns.
     pub period_ns: u32,
+    /// Part of the wait that was spun instead of slept, ns.
+    pub spun_ns: u32,
+    /// Voluntary context switches since the last wake-up, without the one of a sleep: of the last
+    /// tick's work (a lock, a blocking call), and of a sleep that was interrupted.
+    pub extra_switches: u32,
 }
 
 /// Cost of a tick's work.
@@ -208,23 +216,25 @@ impl Pacer {
         let delay = self.delay();
         let in_work = self.end_work(&slept_from, delay);
         self.delay_before = delay;
-        sleep_until_ns(self.next - self.spin);
-        while monotonic_ns() < self.next {
-            std::hint::spin_loop();
-        }
-        let start = monotonic_ns();
+        let planned = self.next;
+        let (start, spun) = self.sleep();
         let usage = thread_usage();
-        let late = start - self.next;
+        let late = start - planned;
         let switches = usage.voluntary_switches - slept_from.usage.voluntary_switches;
         let in_sleep = self.end_sleep(late, switches);
         self.late = late % self.period;
+        let before = self.work.map_or(slept_from.usage, |work| work.usage);
+        let in_work_switches = slept_from.usage.voluntary_switches - before.voluntary_switches;
         let wake = Wake {
             tick: self.tick,
+            planned_ns: planned,
             start_ns: start,
             skipped: in_work.periods.saturating_add(in_sleep.periods),
             misses: [in_work, in_sleep],
             wake_ns: narrow(late),
             period_ns: narrow(start - self.last_start),
+            spun_ns: narrow(spun),
+            extra_switches: narrow(in_work_switches + switches.saturating_sub(1)),
         };
         self.last_start = start;
         self.work = Some(Moment {
@@ -233,6 +243,19 @@ impl Pacer {
             usage,
         });
         wake
+    }
+
+    /// Sleeps until the next deadline and spins the last part; its end, and for how long it spun,
+    /// ns.
+    fn sleep(&self) -> (u64, u64) {
+        sleep_until_ns(self.next - self.spin);
+        let slept_until = monotonic_ns();
+        let mut now = slept_until;
+        while now < self.next {
+            std::hint::spin_loop();
+            now = monotonic_ns();
+        }
+        (now, now - slept_until)
     }
 
     /// The tick's work so far. It ends with the next [`Self::wait`].
@@ -357,5 +380,34 @@ mod tests {
         assert!(ticks.iter().any(|wake| wake.skipped >= 2));
         // Tick k is due at t0 + k T after any number of skipped periods.
         assert_eq!(pacer.next, start + pacer.tick * pacer.period);
+        for wake in &ticks {
+            let lost = u64::from(wake.misses[1].periods);
+            assert_eq!(wake.planned_ns, start + (wake.tick - lost) * pacer.period);
+            let due = start + wake.tick * pacer.period;
+            assert!((due..due + pacer.period).contains(&wake.start_ns));
+        }
+    }
+
+    #[test]
+    fn a_wait_in_a_ticks_work_is_a_switch_too_many_and_a_spun_wait_is_none() {
+        for spin_us in [0, 400] {
+            let mut pacer = Pacer::new(1000.0, spin_us);
+            for k in 0..20 {
+                let wake = pacer.wait();
+                assert_eq!(
+                    wake.extra_switches,
+                    u32::from(k == 11),
+                    "tick {k}: {wake:?}"
+                );
+                assert!(spin_us > 0 || wake.spun_ns == 0, "{wake:?}");
+                assert!(u64::from(wake.spun_ns) <= spin_us * 1000 + u64::from(wake.wake_ns));
+                let switches = || thread_usage().voluntary_switches;
+                let before = switches();
+                while k == 10 && switches() == before {
+                    sleep_until_ns(monotonic_ns() + 100_000);
+                }
+                pacer.done();
+            }
+        }
     }
 }

@@ -353,7 +353,10 @@ mod tests {
     fn the_run_delay_never_falls() {
         // A kernel may be built without it.
         let Ok(delay) = RunDelay::open() else {
-            println!("skipped: this kernel keeps no /proc/thread-self/schedstat");
+            let _ = writeln!(
+                std::io::stderr(),
+                "skipped: this kernel keeps no /proc/thread-self/schedstat"
+            );
             return;
         };
         let before = delay.ns().unwrap();

@@ -97,6 +97,10 @@ pub struct Accumulator {
     series: Series,
     first_tick: Option<u64>,
     last_tick: u64,
+    /// t0: where tick 0 was planned by the first record, CLOCK_MONOTONIC, ns.
+    phase_ns: u64,
+    /// Spun so far, ns.
+    spun_ns: u64,
     /// Force of each probe in the last tick, newtons.
     last_forces: [DVec3; MAX_PROBES],
     /// First tick that could render a contact.
@@ -142,6 +146,8 @@ impl Accumulator {
             series: Series::new(),
             first_tick: None,
             last_tick: 0,
+            phase_ns: 0,
+            spun_ns: 0,
             last_forces: [DVec3::ZERO; MAX_PROBES],
             ready_tick: None,
             last_station: 0,
@@ -186,6 +192,8 @@ impl Accumulator {
             let step = (force - self.last_forces[k]).length();
             result.force_step_n_max = max_or_nan(result.force_step_n_max, step);
             self.last_forces[k] = force;
+            let torque = record.wrenches[k].torque.length();
+            result.torque_nm_max = max_or_nan(result.torque_nm_max, torque);
             if core.probes[k].contact {
                 self.forces[k].push(force.length());
             }
@@ -245,6 +253,7 @@ impl Accumulator {
         result.deferred += u64::from(core.deferred);
         result.rejected_folds += u64::from(core.rejected_folds);
         result.operations_max = result.operations_max.max(u64::from(core.work_units));
+        result.query_work_max = result.query_work_max.max(u64::from(core.query_work));
     }
 
     /// Totals of the core: the largest values, so that a restart of the core does not lower them.
@@ -289,13 +298,13 @@ impl Accumulator {
             awake: u64::from(core.active_objects),
             contact_ticks: result.contact_ticks,
             force_n: record.largest_force(),
-            certified_error_m: finite(core.certified_error_m),
-            measured_error_m: if core.measured_error_m >= 0.0 {
-                finite(core.measured_error_m)
-            } else {
+            certified_error_m: core.certified_error_m,
+            measured_error_m: if core.measured_error_m < 0.0 {
                 self.status.measured_error_m
+            } else {
+                core.measured_error_m
             },
-            finest_tolerance_m: finite(core.finest_tolerance_m),
+            finest_tolerance_m: core.finest_tolerance_m,
             refined_faces: u64::from(core.active_faces),
             cache_bytes: core.cache_bytes,
             vsps: u64::from(core.vsps_loaded),
@@ -314,19 +323,45 @@ impl Accumulator {
         }
         result.page_faults += u64::from(record.page_faults);
         result.allocations += u64::from(record.allocations);
+        result.extra_switches += u64::from(record.extra_switches);
         if self.first_tick.is_none() {
             self.first_tick = Some(record.tick);
+            self.phase_ns = record
+                .planned_ns
+                .wrapping_sub(self.planned_periods_ns(record));
         } else {
             // The first tick has none before it.
             push_ns(&mut self.period, record.period_ns);
         }
+        let drift = self.drift_ns(record);
+        let result = &mut self.result;
+        result.drift_ns_max = result.drift_ns_max.max(drift);
+        result.unaccounted_periods = record.tick as i64 + 1 - (result.ticks + result.missed) as i64;
         self.last_tick = record.tick;
+        self.spun_ns += u64::from(record.spun_ns);
         push_ns(&mut self.wake, record.wake_ns);
         push_ns(&mut self.work_cpu, record.work_cpu_ns);
         push_ns(&mut self.work_wall, record.work_wall_ns);
         for (stage, &ns) in self.stages.iter_mut().zip(&record.stage_ns) {
             push_ns(stage, ns);
         }
+    }
+
+    /// From t0 to the planned wake-up before a tick, ns: the sleep may have lost periods.
+    fn planned_periods_ns(&self, record: &TickRecord) -> u64 {
+        let lost = u64::from(record.misses[1].periods);
+        record.tick.saturating_sub(lost) * self.period_ns
+    }
+
+    /// Deviation of a tick from t0 + k T, ns: of its planned wake-up, and of its start where that
+    /// is not in its own period. t0 is that of the first tick.
+    fn drift_ns(&self, record: &TickRecord) -> u64 {
+        let planned = self.phase_ns.wrapping_add(self.planned_periods_ns(record));
+        let due = self.phase_ns.wrapping_add(record.tick * self.period_ns);
+        let early = due.saturating_sub(record.start_ns);
+        let last = due.saturating_add(self.period_ns.saturating_sub(1));
+        let late = record.start_ns.saturating_sub(last);
+        planned.abs_diff(record.planned_ns).max(early).max(late)
     }
 
     /// State of the run after the last tick.
@@ -363,6 +398,7 @@ impl Accumulator {
         );
         let numbers = [
             ("force_step_n_max", result.force_step_n_max),
+            ("torque_nm_max", result.torque_nm_max),
             ("depth_m_max", result.depth_m_max),
             ("energy_j", result.energy_j),
             ("energy_j_max", result.energy_j_max),
@@ -400,6 +436,15 @@ impl Accumulator {
         self.stations.iter().map(heard).collect()
     }
 
+    fn histograms(&self) -> Histograms {
+        Histograms {
+            wake_ns: self.wake.buckets(),
+            work_cpu_ns: self.work_cpu.buckets(),
+            work_wall_ns: self.work_wall.buckets(),
+            period_ns: self.period.buckets(),
+        }
+    }
+
     /// The figures of the whole run.
     #[must_use]
     pub fn finish(mut self, meta: RunMeta) -> Finished {
@@ -409,6 +454,7 @@ impl Accumulator {
         let ms_at = |tick: u64| meta.start_to_first_tick_ms + tick as f64 * period_s * 1e3;
         let ready_ms = self.ready_tick.map_or(0.0, ms_at);
         let stations = self.stations_heard(ms_at);
+        let histograms = self.histograms();
         let series = self.series.finish(period_s);
         let named = |(name, stage): (&&str, &Fixed)| ((*name).to_string(), stage.spread());
         let stage_us = STAGES.iter().zip(&self.stages).map(named).collect();
@@ -427,6 +473,8 @@ impl Accumulator {
             seed: meta.seed,
             missed_own_cpu: self.result.misses.ours(),
             period_us: self.period.spread(),
+            spun_us_mean: self.spun_ns as f64
+                / (NANOSECONDS_IN_US * self.result.ticks.max(1) as f64),
             wake_us: self.wake.spread(),
             work_us: self.work_cpu.spread(),
             work_wall_us: self.work_wall.spread(),
@@ -455,6 +503,7 @@ impl Accumulator {
             hrtc_rss_bytes: meta.rss_bytes,
             first_force_ready_ms: ready_ms,
             operations_budget: meta.operations_budget,
+            query_work_budget: meta.query_work_budget,
             safety: meta.safety,
             non_finite,
             ..self.result
@@ -462,12 +511,7 @@ impl Accumulator {
         Finished {
             result,
             series,
-            histograms: Histograms {
-                wake_ns: self.wake.buckets(),
-                work_cpu_ns: self.work_cpu.buckets(),
-                work_wall_ns: self.work_wall.buckets(),
-                period_ns: self.period.buckets(),
-            },
+            histograms,
             rights: meta.rights,
             stations,
         }
@@ -502,9 +546,4 @@ fn last_or_nan(before: f64, value: f64) -> f64 {
     } else {
         value
     }
-}
-
-/// For the line of a moment, which has no place for a missing value: 0. The result names it.
-fn finite(value: f64) -> f64 {
-    if value.is_finite() { value } else { 0.0 }
 }

@@ -15,6 +15,7 @@ use std::collections::BTreeMap;
 
 mod accumulate;
 mod series;
+mod words;
 
 pub use accumulate::Accumulator;
 pub use series::{SERIES_BUCKETS, SeriesBucket};
@@ -195,6 +196,15 @@ pub struct RunResult {
     pub period_us: Spread,
     /// Delay of the wake-up after the deadline, microseconds.
     pub wake_us: Spread,
+    /// Mean of the part of the wait before a tick that was spun instead of slept, microseconds.
+    pub spun_us_mean: f64,
+    /// Voluntary context switches of the tick's thread beyond its waits for the timer.
+    pub extra_switches: u64,
+    /// The largest deviation of a tick from t0 + k T, ns: of its planned wake-up, or of its start
+    /// from its own period.
+    pub drift_ns_max: u64,
+    /// Periods up to the last tick that were neither run nor counted as skipped: lost records.
+    pub unaccounted_periods: i64,
     /// Processor time of a tick's work, microseconds.
     pub work_us: Spread,
     /// Wall time of a tick's work, microseconds.
@@ -258,6 +268,8 @@ pub struct RunResult {
     pub force_n: ShortSpread,
     /// Largest change of the force between two ticks, newtons.
     pub force_step_n_max: f64,
+    /// Largest torque of a probe, newton metres.
+    pub torque_nm_max: f64,
     /// Largest depth of the device behind the proxy, metres.
     pub depth_m_max: f64,
     /// Ticks whose force was clamped.
@@ -311,6 +323,10 @@ pub struct RunResult {
     pub operations_max: u64,
     /// Limit of the work units in a tick.
     pub operations_budget: u64,
+    /// Largest work of the queries in a tick, nodes visited and faces tested.
+    pub query_work_max: u64,
+    /// Limit of that work.
+    pub query_work_budget: u64,
     /// Page faults within ticks.
     pub page_faults: u64,
     /// Allocations and frees within ticks.
@@ -377,6 +393,8 @@ pub struct RunMeta {
     pub start_to_first_tick_ms: f64,
     /// Limit of the work units in a tick.
     pub operations_budget: u64,
+    /// Limit of the work of the queries in a tick.
+    pub query_work_budget: u64,
     /// What the chain of safety did.
     pub safety: SafetyEvents,
     /// Real-time rights that were asked for.
@@ -460,12 +478,16 @@ pub struct Status {
     /// Ticks in contact so far.
     pub contact_ticks: u64,
     /// Largest force of a probe, newtons.
+    #[serde(with = "words")]
     pub force_n: f64,
     /// Certified error at the contact, metres.
+    #[serde(with = "words")]
     pub certified_error_m: f64,
     /// Newest measured error, metres; negative before the first.
+    #[serde(with = "words")]
     pub measured_error_m: f64,
     /// Finest expected error that is asked for now, metres.
+    #[serde(with = "words")]
     pub finest_tolerance_m: f64,
     /// Active faces.
     pub refined_faces: u64,

@@ -1,12 +1,13 @@
 //! A run over time in a bounded number of pieces. When they are used up, neighbours are merged.
 
 use crate::tick_record::TickRecord;
+use hrtc_core::record::max_or_nan;
 use serde::{Deserialize, Serialize};
 
 /// Limit of the pieces of a series; even.
 pub const SERIES_BUCKETS: usize = 2000;
 
-/// Figures of one piece of a run.
+/// Figures of one piece of a run. One of which a value was not finite is left out of the JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct SeriesBucket {
     /// Start, seconds from tick 0.
@@ -20,6 +21,7 @@ pub struct SeriesBucket {
     /// Of these, at full resolution.
     pub contact_full_ticks: u64,
     /// Largest force, newtons.
+    #[serde(skip_serializing_if = "is_not_finite", default = "not_a_number")]
     pub force_n: f64,
     /// Largest processor time of a tick's work, microseconds.
     pub work_us: f64,
@@ -28,11 +30,25 @@ pub struct SeriesBucket {
     /// Largest number of active faces.
     pub refined_faces: u64,
     /// Largest certified error at the contact, metres.
+    #[serde(skip_serializing_if = "is_not_finite", default = "not_a_number")]
     pub certified_error_m: f64,
     /// Largest measured error that arrived, metres; negative when none did.
+    #[serde(skip_serializing_if = "is_not_finite", default = "not_a_number")]
     pub measured_error_m: f64,
     /// Largest number of bytes of the cache in use.
     pub cache_bytes: u64,
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "the form that serde calls"
+)]
+fn is_not_finite(value: &f64) -> bool {
+    !value.is_finite()
+}
+
+fn not_a_number() -> f64 {
+    f64::NAN
 }
 
 impl SeriesBucket {
@@ -40,7 +56,6 @@ impl SeriesBucket {
     #[must_use]
     pub fn of(record: &TickRecord) -> Self {
         let core = &record.core;
-        let finite = |value: f64| if value.is_finite() { value } else { 0.0 };
         Self {
             seconds: 0.0,
             ticks: 1,
@@ -52,15 +67,11 @@ impl SeriesBucket {
             wake_us: f64::from(record.wake_ns) / 1e3,
             refined_faces: u64::from(core.active_faces),
             certified_error_m: if core.contact && core.contact_bounded {
-                finite(core.certified_error_m)
+                core.certified_error_m
             } else {
                 0.0
             },
-            measured_error_m: if core.measured_error_m.is_finite() {
-                core.measured_error_m
-            } else {
-                -1.0
-            },
+            measured_error_m: core.measured_error_m,
             cache_bytes: core.cache_bytes,
         }
     }
@@ -79,12 +90,12 @@ impl SeriesBucket {
         self.missed += other.missed;
         self.contact_ticks += other.contact_ticks;
         self.contact_full_ticks += other.contact_full_ticks;
-        self.force_n = self.force_n.max(other.force_n);
+        self.force_n = max_or_nan(self.force_n, other.force_n);
         self.work_us = self.work_us.max(other.work_us);
         self.wake_us = self.wake_us.max(other.wake_us);
         self.refined_faces = self.refined_faces.max(other.refined_faces);
-        self.certified_error_m = self.certified_error_m.max(other.certified_error_m);
-        self.measured_error_m = self.measured_error_m.max(other.measured_error_m);
+        self.certified_error_m = max_or_nan(self.certified_error_m, other.certified_error_m);
+        self.measured_error_m = max_or_nan(self.measured_error_m, other.measured_error_m);
         self.cache_bytes = self.cache_bytes.max(other.cache_bytes);
     }
 }

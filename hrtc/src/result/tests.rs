@@ -7,6 +7,8 @@ use realtime::pacer::{Miss, MissClass};
 fn record(tick: u64) -> TickRecord {
     TickRecord {
         tick,
+        planned_ns: 5_000_000 + 1_000_000 * tick,
+        start_ns: 5_010_000 + 1_000_000 * tick,
         skipped: 0,
         misses: [Miss::default(); 2],
         wake_ns: 10_000,
@@ -93,11 +95,13 @@ fn missed_periods_are_counted_once_and_by_their_reason() {
         run.push(&TickRecord {
             misses,
             skipped,
+            planned_ns: record(tick - u64::from(misses[1].periods)).planned_ns,
             ..record(tick)
         });
         tick += 1;
     }
     let result = run.finish(RunMeta::default()).result;
+    assert_eq!((result.drift_ns_max, result.unaccounted_periods), (0, 0));
     assert_eq!((result.ticks, result.missed), (5, 58));
     assert_eq!(result.misses.total(), result.missed);
     let Misses {
@@ -113,6 +117,72 @@ fn missed_periods_are_counted_once_and_by_their_reason() {
     assert_eq!((run_queue, late_timer, stopped), (3, 5, 17));
     assert_eq!((stolen, unexplained), (7, 11));
     assert!((result.seconds - 0.063).abs() < 1e-12, "{}", result.seconds);
+}
+
+#[test]
+fn a_tick_off_its_phase_and_a_lost_record_are_seen() {
+    // Planned late by so much, or begun in the period before or after.
+    let mut late = record(7);
+    late.planned_ns += 3;
+    let mut early = record(7);
+    early.start_ns = early.planned_ns - 4;
+    let mut next = record(7);
+    next.start_ns = next.planned_ns + 1_000_005;
+    for (odd, drift) in [(late, 3), (early, 4), (next, 6)] {
+        let mut run = accumulator();
+        for tick in 0..10 {
+            run.push(&if tick == 7 { odd } else { record(tick) });
+        }
+        let result = run.finish(RunMeta::default()).result;
+        assert_eq!(
+            (result.drift_ns_max, result.unaccounted_periods),
+            (drift, 0)
+        );
+    }
+    let mut run = accumulator();
+    for tick in (0..10).filter(|&tick| tick != 4) {
+        run.push(&record(tick));
+    }
+    let result = run.finish(RunMeta::default()).result;
+    assert_eq!((result.drift_ns_max, result.unaccounted_periods), (0, 1));
+}
+
+#[test]
+fn waits_beside_the_timer_and_the_work_of_queries_are_added_up() {
+    let mut run = accumulator();
+    for (tick, (extra_switches, query_work)) in (0..).zip([(0, 3), (2, 900), (1, 20)]) {
+        let mut record = TickRecord {
+            extra_switches,
+            spun_ns: 40_000,
+            ..record(tick)
+        };
+        record.core.query_work = query_work;
+        run.push(&record);
+    }
+    let result = run.finish(RunMeta::default()).result;
+    assert_eq!((result.extra_switches, result.query_work_max), (3, 900));
+    assert_eq!(result.spun_us_mean, 40.0);
+}
+
+#[test]
+fn the_live_status_says_what_is_not_finite() {
+    let mut run = accumulator();
+    let mut record = record(0);
+    record.wrenches[1].force = DVec3::new(0.0, f64::NAN, 0.0);
+    record.wrenches[0].force = DVec3::X;
+    record.core.certified_error_m = f64::INFINITY;
+    record.core.measured_error_m = f64::NAN;
+    run.push(&record);
+    let status = run.status();
+    assert!(status.force_n.is_nan() && status.measured_error_m.is_nan());
+    assert_eq!(status.certified_error_m, f64::INFINITY);
+    let text = serde_json::to_string(&SupervisedLine::Status { status }).unwrap();
+    assert!(text.contains("\"force_n\":\"NaN\""), "{text}");
+    let SupervisedLine::Status { status: again } = serde_json::from_str(&text).unwrap() else {
+        panic!("{text}");
+    };
+    assert!(again.force_n.is_nan());
+    assert_eq!(again.certified_error_m, f64::INFINITY);
 }
 
 #[test]
@@ -212,6 +282,7 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
     for tick in [0, 1, 1 << 40] {
         let mut record = record(tick);
         record.wrenches[0].force = DVec3::new(f64::NAN, f64::INFINITY, 0.0);
+        record.wrenches[1].torque = DVec3::new(0.0, f64::NAN, 0.0);
         record.core.probes[0] = ProbeRecord {
             contact: true,
             certified_error_m: f64::NAN,
@@ -240,6 +311,7 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
         "measured_error_m",
         "force_n",
         "force_step_n_max",
+        "torque_nm_max",
         "depth_m_max",
         "energy_j",
         "energy_j_max",
@@ -249,6 +321,9 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
         assert!(named.iter().any(|of| of == name), "{name}: {named:?}");
     }
     assert!(result["probes"][0].get("energy_j").is_none());
+    for name in ["force_n", "certified_error_m", "measured_error_m"] {
+        assert!(json["series"][0].get(name).is_none(), "{name}");
+    }
     let again: SupervisedLine = serde_json::from_str(&text).unwrap();
     assert_eq!(serde_json::to_string(&again).unwrap(), text);
 

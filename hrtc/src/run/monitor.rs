@@ -264,6 +264,7 @@ impl Monitor<'_> {
             rss_bytes: outcome::resident_bytes(),
             start_to_first_tick_ms: first.saturating_sub(self.started_ns) as f64 / 1e6,
             operations_budget: u64::from(end.work_budget),
+            query_work_budget: u64::from(end.query_budget),
             safety: self.shared.events(),
             rights: rights(&self.plan.loop_, &missing),
         }

@@ -67,6 +67,8 @@ pub(super) struct TickThreadEnd {
     pub panic: Option<String>,
     /// Limit of a tick's work units.
     pub work_budget: u32,
+    /// Limit of the work of a tick's queries.
+    pub query_budget: u32,
     /// Size and high water of each ring.
     pub rings: Vec<Capacity>,
 }
@@ -386,6 +388,7 @@ impl TickThread {
     fn end(self, high_water: &HighWater, panic: Option<String>) -> TickThreadEnd {
         TickThreadEnd {
             work_budget: self.controller.work_budget(),
+            query_budget: self.controller.query_budget(),
             controller: panic.is_none().then_some(self.controller),
             panic,
             rings: vec![
@@ -472,11 +475,14 @@ fn record(wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &Lasting) -> T
     let outputs = &lasting.outputs;
     TickRecord {
         tick: wake.tick,
+        planned_ns: wake.planned_ns,
         start_ns: wake.start_ns,
         skipped: wake.skipped,
         misses: wake.misses,
         wake_ns: wake.wake_ns,
         period_ns: wake.period_ns,
+        spun_ns: wake.spun_ns,
+        extra_switches: wake.extra_switches,
         work_cpu_ns: worked.cpu_ns,
         work_wall_ns: worked.wall_ns,
         stage_ns: ticked.stages,

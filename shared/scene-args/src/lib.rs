@@ -55,6 +55,7 @@ impl OverrideArgs {
             seed: self.seed,
             cache: self.cache.clone(),
             tolerance_m: self.tolerance,
+            ..Overrides::default()
         }
     }
 

@@ -17,6 +17,8 @@ pub(crate) const NOT_NEGATIVE: Range = Range::NotNegative(MAX_COEFFICIENT);
 /// Soft start and end, seconds. Without a ramp a force begins and ends by a jump: at least more
 /// than the 4 ms in which the default slew limit of 2000 N/s lets the default 8 N rise.
 pub(crate) const RAMP_S: Range = Range::Within(0.01, 60.0);
+/// Ticks a second.
+pub(crate) const RATE_HZ: Range = Range::Within(100.0, 10_000.0);
 /// Speed of a scripted path, m/s.
 pub(crate) const SPEED_M_PER_S: Range = Range::Within(1e-6, 1e3);
 

@@ -337,4 +337,8 @@ pub struct Overrides {
     pub cache: Option<String>,
     /// Wanted error at the contact, metres.
     pub tolerance_m: Option<f64>,
+    /// Ticks a second.
+    pub rate_hz: Option<f64>,
+    /// Busy waiting before a deadline, microseconds.
+    pub spin_us: Option<u64>,
 }

@@ -1,5 +1,6 @@
 //! The command line's values, laid over the plan.
 
+use super::tick;
 use crate::bytes::parse_bytes;
 use crate::files::Files;
 use crate::limits::{LENGTH_M, Limit, NOT_NEGATIVE, SPEED_M_PER_S};
@@ -35,6 +36,7 @@ pub(super) fn apply(
             object.scale = ModelScale::Size(LENGTH_M.check("--size (metres)", size)?);
         }
     }
+    tick::override_loop(&mut plan.loop_, overrides)?;
     apply_to_path(plan, overrides)
 }
 

@@ -318,6 +318,8 @@ fn the_command_line_replaces_values_of_the_scene() {
         seed: Some(u64::MAX),
         cache: Some("1MiB".to_string()),
         tolerance_m: Some(1e-4),
+        rate_hz: Some(5000.0),
+        spin_us: Some(100),
     };
     let files = OneFile {
         path: "",
@@ -331,6 +333,7 @@ fn the_command_line_replaces_values_of_the_scene() {
     assert_eq!(plan.objects[0].scale, ModelScale::Size(0.3));
     assert_eq!(plan.cache_bytes, 1 << 20);
     assert_eq!(plan.accuracy.tolerance_m, 1e-4);
+    assert_eq!((plan.loop_.rate_hz, plan.loop_.spin_us), (5000.0, 100));
     assert_eq!(
         plan.probes[0].trajectory,
         TrajectoryPlan::Tour {

@@ -1,7 +1,7 @@
 //! The loop, the accuracy and the safety of a scene.
 
-use crate::limits::{NOT_NEGATIVE, POSITIVE, RAMP_S, Range};
-use crate::plan::{AccuracyPlan, LoopPlan, RefinementPlan, SafetyPlan};
+use crate::limits::{Limit, NOT_NEGATIVE, POSITIVE, RAMP_S, RATE_HZ, Range};
+use crate::plan::{AccuracyPlan, LoopPlan, Overrides, RefinementPlan, SafetyPlan};
 use crate::source::{SceneError, Source, key};
 use crate::typed::{AccuracyTyped, LoopTyped, RefinementTyped, SafetyTyped};
 
@@ -44,12 +44,10 @@ fn refinement_plan(source: &Source, typed: &AccuracyTyped) -> Result<RefinementP
 }
 
 pub(super) fn loop_plan(source: &Source, typed: &LoopTyped) -> Result<LoopPlan, SceneError> {
-    let rate_hz = source.number(key!(typed.rate_hz), 1000.0, Range::Within(100.0, 10_000.0))?;
+    let rate_hz = source.number(key!(typed.rate_hz), 1000.0, RATE_HZ)?;
     let core = source.number(("core (-1: any)", &typed.core), 1, -1..=1023)?;
     let priority = source.number(key!(typed.priority), 80, 1..=99)?;
-    // Spinning longer than half a period would starve the rest of the core.
-    let max_spin_us = (5e5 / rate_hz) as i64;
-    let spin = source.number(key!(typed.spin_us), 0, 0..=max_spin_us)?;
+    let spin = source.number(key!(typed.spin_us), 0, 0..=max_spin_us(rate_hz))?;
     let operations = source.number(key!(typed.operations), 96, 1..=100_000)?;
     Ok(LoopPlan {
         rate_hz,
@@ -61,6 +59,28 @@ pub(super) fn loop_plan(source: &Source, typed: &LoopTyped) -> Result<LoopPlan, 
     })
 }
 
+/// Longest busy waiting before a deadline, microseconds: more than half a period would starve the
+/// rest of the core.
+fn max_spin_us(rate_hz: f64) -> i64 {
+    (5e5 / rate_hz) as i64
+}
+
+/// Lays the command line's values over the loop.
+pub(super) fn override_loop(plan: &mut LoopPlan, overrides: &Overrides) -> Result<(), String> {
+    if let Some(rate_hz) = overrides.rate_hz {
+        plan.rate_hz = RATE_HZ.check("--rate (ticks a second)", rate_hz)?;
+    }
+    plan.spin_us = overrides.spin_us.unwrap_or(plan.spin_us);
+    let most = max_spin_us(plan.rate_hz);
+    if i64::try_from(plan.spin_us).is_ok_and(|spin| spin <= most) {
+        return Ok(());
+    }
+    Err(format!(
+        "at {} ticks a second at most {most} µs, half a period, may be spun before a deadline, not {}; lower spin_us",
+        plan.rate_hz, plan.spin_us
+    ))
+}
+
 pub(super) fn safety_plan(source: &Source, typed: &SafetyTyped) -> Result<SafetyPlan, SceneError> {
     Ok(SafetyPlan {
         force_max_n: source.number(key!(typed.force_max_n), 8.0, POSITIVE)?,
@@ -69,4 +89,38 @@ pub(super) fn safety_plan(source: &Source, typed: &SafetyTyped) -> Result<Safety
         ramp_s: source.number(key!(typed.ramp_s), 0.2, RAMP_S)?,
         passivity: typed.passivity.unwrap_or(true),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rate_and_a_spin_of_the_command_line_keep_to_the_scenes_limits() {
+        let with = |rate_hz: Option<f64>, spin_us: Option<u64>| {
+            let mut plan = LoopPlan {
+                rate_hz: 1000.0,
+                core: None,
+                priority: 80,
+                spin_us: 200,
+                require_realtime: false,
+                operations: 96,
+            };
+            let overrides = Overrides {
+                rate_hz,
+                spin_us,
+                ..Overrides::default()
+            };
+            override_loop(&mut plan, &overrides).map(|()| (plan.rate_hz, plan.spin_us))
+        };
+        assert_eq!(with(None, None), Ok((1000.0, 200)));
+        assert_eq!(with(Some(5000.0), Some(100)), Ok((5000.0, 100)));
+        for rate in [99.0, 10_001.0, f64::NAN] {
+            assert!(with(Some(rate), Some(0)).unwrap_err().contains("--rate"));
+        }
+        for (rate, spin) in [(Some(5000.0), Some(101)), (Some(5000.0), None)] {
+            let refused = with(rate, spin).unwrap_err();
+            assert!(refused.contains("at most 100 µs"), "{refused}");
+        }
+    }
 }
