@@ -57,8 +57,8 @@ pub enum Command {
     Simulate(SimulateArgs),
     /// Show what each effect of a scene costs a tick, and that one that is not listed costs nothing
     Effects(EffectsArgs),
-    /// Measure how stiff a wall this machine can render: its period, the delay of its force, and
-    /// theory beside it
+    /// Find how stiff a wall a loop with this machine's period can render: simulated bounces, and
+    /// theory beside them
     Zwidth(ZwidthArgs),
     /// Kill, stop, replace and starve real processes in contact; status 1 when a case fails
     Faults(FaultsArgs),

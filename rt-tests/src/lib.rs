@@ -62,9 +62,6 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::RoleHrtc(args) => roles::controller(args),
         Command::RoleDevice(args) => device_page::device(&args, &*stop_flag()?),
         Command::RoleBare(args) => bare_loop::bare(&args, &*stop_flag()?),
-        Command::RoleLoad(args) => {
-            load::load(&args, &*stop_flag()?);
-            Ok(())
-        }
+        Command::RoleLoad(args) => load::load(&args, &*stop_flag()?),
     }
 }

@@ -1,17 +1,19 @@
-//! `rt-tests zwidth`: the stiffest wall that this machine can render without putting energy into
-//! the hand.
+//! `rt-tests zwidth`: the stiffest wall that a loop with the period of this machine can render
+//! without putting energy into the hand, by simulated bounces and in theory.
 //!
 //! The period of the loop is measured in a run of both processes; the delay of the force in virtual
 //! time, from the energy that a bounce off a wall leaks: K (T/2 + n T) times the integral of v² for
-//! n whole ticks of delay (Gil 2009). Then walls of any stiffness are hit with the
-//! scene's own device, in nobody's hand, at that period: the stiffest one that never gives back
-//! more than the device damps is the limit, K = b / (T/2 + n T) in theory (Colgate and Schenkel
-//! 1997). The energy account is off for that; how far it reaches beyond is measured too.
+//! n whole ticks of delay (Gil 2009). Then walls of any stiffness are hit with the scene's own
+//! device, in nobody's hand, at that period: the stiffest one that never gives back more than the
+//! device damps is the limit, K = b / (T/2 + n T) in theory (Colgate and Schenkel 1997). The energy
+//! account is off for that; how far it reaches beyond is simulated too. Theory holds for any motion
+//! of the hand, the bounces are single ones: their limit may lie above it.
 
 use crate::cases::bench::{Fault, Setup};
 use crate::cases::walls::{bounce_of, wall};
 use crate::failure::Failure;
 use crate::processes::pair::{PairArgs, Shown, run_pair};
+use crate::processes::roles::LoopArgs;
 use crate::processes::stop::stop_flag;
 use crate::report::chart::{
     Axis, COLORS, Chart, Curve, GREY, Ground, Names, Stroke, Unit, grid, xs, ys,
@@ -118,6 +120,7 @@ pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
         plan: &plan,
         seconds: args.seconds,
         overrides: &args.overrides,
+        loop_: LoopArgs::default(),
         record: None,
     };
     let mut show = |shown: Shown| {
@@ -125,7 +128,9 @@ pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
             eprintln!("{who}: {line}");
         }
     };
-    let run = run_pair(&pair, &stop, &mut show)?.finished.result;
+    let outcome = run_pair(&pair, &stop, &mut show)?;
+    outcome.check_finite()?;
+    let run = outcome.finished.result;
     let period_s = run.period_us.p50 * 1e-6;
     let device = plan.probes[0].device;
     let found = measure(
@@ -150,13 +155,13 @@ pub struct Loop {
     pub period_s: f64,
     /// The longest.
     pub longest_period_s: f64,
-    /// Periods missed, and run.
+    /// Periods missed.
     pub missed: u64,
-    /// ...
+    /// Ticks run.
     pub ticks: u64,
 }
 
-/// Measures the limit of a loop and a device of a mass, kg, and a damping, N s/m.
+/// Finds the limit of a loop and a device of a mass, kg, and a damping, N s/m.
 ///
 /// # Errors
 /// When the wall cannot be served.
@@ -270,7 +275,7 @@ fn words(found: &Zwidth) -> String {
     );
     let _ = writeln!(
         text,
-        "device      {} kg, {} N s/m, in nobody's hand\nstiffest    {:.0} N/m put no energy out; theory says {:.0} N/m\n            at the longest period theory says {:.0} N/m\n            with the energy account {}{:.0} N/m",
+        "device      {} kg, {} N s/m, in nobody's hand\nstiffest    {:.0} N/m put no energy out in simulated bounces; theory says {:.0} N/m\n            at the longest period theory says {:.0} N/m\n            with the energy account {}{:.0} N/m",
         found.mass_kg,
         found.damping,
         found.k_max_measured,
@@ -283,7 +288,7 @@ fn words(found: &Zwidth) -> String {
         },
         found.k_max_with_account
     );
-    let heads = "damping\nN s/m | measured\nN/m | theory\nN/m";
+    let heads = "damping\nN s/m | simulated\nN/m | theory\nN/m";
     let mut table = Table::new(0, heads);
     for limit in &found.curve {
         table.row([
@@ -307,7 +312,7 @@ fn draw(found: &Zwidth) -> String {
         curve("theory: b / (T/2 + n T)", GREY, Stroke::Line, |limit| {
             limit.k_max_theory
         }),
-        curve("measured", COLORS[0], Stroke::Dots, |limit| {
+        curve("simulated bounces", COLORS[0], Stroke::Dots, |limit| {
             limit.k_max_measured
         }),
         Curve::new("this device", COLORS[1], Stroke::Dots, here),

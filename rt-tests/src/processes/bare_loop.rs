@@ -126,10 +126,14 @@ fn calibrate(work_ns: u64) -> u64 {
 fn record(&(wake, worked): &(Wake, Worked)) -> TickRecord {
     TickRecord {
         tick: wake.tick,
+        planned_ns: wake.planned_ns,
+        start_ns: wake.start_ns,
         skipped: wake.skipped,
         misses: wake.misses,
         wake_ns: wake.wake_ns,
         period_ns: wake.period_ns,
+        spun_ns: wake.spun_ns,
+        extra_switches: wake.extra_switches,
         work_cpu_ns: worked.cpu_ns,
         work_wall_ns: worked.wall_ns,
         stage_ns: [0; STAGES.len()],

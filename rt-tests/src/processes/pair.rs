@@ -1,6 +1,7 @@
 //! One run of both processes: started together, watched, ended together.
 
 use super::process::{Event, Process, unique_domain};
+use super::roles::LoopArgs;
 use super::stop::is_set;
 use crate::failure::Failure;
 use crate::machine::cores;
@@ -33,6 +34,8 @@ pub struct PairArgs<'a> {
     pub seconds: f64,
     /// Over the scene.
     pub overrides: &'a OverrideArgs,
+    /// Over the scene's loop.
+    pub loop_: LoopArgs,
     /// First file of the recording, or "off"; without one the run is recorded all the same, as a
     /// user's would be, and the files are removed after it.
     pub record: Option<&'a Path>,
@@ -45,6 +48,22 @@ pub struct Outcome {
     pub finished: Finished,
     /// What the supervisor saw, a sentence each.
     pub notes: Vec<String>,
+}
+
+impl Outcome {
+    /// Fails with the figures of which a value was not finite.
+    ///
+    /// # Errors
+    /// When there are some.
+    pub fn check_finite(&self) -> Result<(), Failure> {
+        match &self.finished.result.non_finite[..] {
+            [] => Ok(()),
+            names => Err(Failure::Run(format!(
+                "values were not finite, so these figures are left out: {}",
+                names.join(", ")
+            ))),
+        }
+    }
 }
 
 /// The core of everything but the tick, when there are two: the tick's thread binds itself to its
@@ -110,6 +129,7 @@ impl Processes {
         let role = |role: &str| -> Vec<OsString> {
             let mut typed = vec![role.into(), "--domain".into(), domain.into()];
             typed.extend(args.overrides.typed());
+            typed.extend(args.loop_.typed());
             typed
         };
         // "--" lets a scene's name begin with a hyphen.
@@ -160,7 +180,8 @@ impl Processes {
                     take(event, &mut finished, show);
                 }
                 return match finished {
-                    Some(finished) if status.success() => Ok(finished),
+                    // What was not finite is named in its result: the caller fails with that.
+                    Some(finished) if status.success() || is_not_finite(&finished) => Ok(finished),
                     _ => Err(self.controller.failure(Some(status))),
                 };
             }
@@ -204,6 +225,10 @@ impl Processes {
         self.station = Process::start("station", &self.station_arguments, self.core, &self.sender)?;
         Ok(())
     }
+}
+
+fn is_not_finite(finished: &Finished) -> bool {
+    !finished.result.non_finite.is_empty()
 }
 
 fn take(event: Event, finished: &mut Option<Finished>, show: &mut dyn FnMut(Shown)) {

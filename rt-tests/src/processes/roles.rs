@@ -4,8 +4,41 @@ use super::device_page::registry;
 use super::stop::stop_flag;
 use crate::failure::Failure;
 use clap::Args;
+use scene::Overrides;
 use scene_args::OverrideArgs;
+use std::ffi::OsString;
 use std::path::PathBuf;
+
+/// Loop of a scene as a command has it.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct LoopArgs {
+    /// Ticks a second.
+    #[arg(long)]
+    pub rate: Option<f64>,
+    /// Microseconds before a deadline that are spun.
+    #[arg(long)]
+    pub spin_us: Option<u64>,
+}
+
+impl LoopArgs {
+    /// As the scene takes them, with other values.
+    #[must_use]
+    pub fn with(self, others: &OverrideArgs) -> Overrides {
+        Overrides {
+            rate_hz: self.rate,
+            spin_us: self.spin_us,
+            ..others.overrides()
+        }
+    }
+
+    /// As arguments of another process.
+    #[must_use]
+    pub fn typed(self) -> Vec<OsString> {
+        let rate = self.rate.map(|rate| format!("--rate={rate}"));
+        let spin = self.spin_us.map(|spin| format!("--spin-us={spin}"));
+        rate.into_iter().chain(spin).map(OsString::from).collect()
+    }
+}
 
 /// Arguments of the station's role.
 #[derive(Debug, Args)]
@@ -18,6 +51,9 @@ pub struct StationArgs {
     /// Over the scene.
     #[command(flatten)]
     pub overrides: OverrideArgs,
+    /// Over the scene's loop.
+    #[command(flatten)]
+    pub loop_: LoopArgs,
 }
 
 /// Arguments of the controller's role.
@@ -40,6 +76,9 @@ pub struct ControllerArgs {
     /// Over the scene.
     #[command(flatten)]
     pub overrides: OverrideArgs,
+    /// Over the scene's loop.
+    #[command(flatten)]
+    pub loop_: LoopArgs,
 }
 
 /// The station of a run.
@@ -51,7 +90,7 @@ pub fn station(args: StationArgs) -> Result<(), Failure> {
     let serve = ve_station::serve::ServeArgs {
         scene: args.scene,
         domain: args.domain,
-        overrides: args.overrides.overrides(),
+        overrides: args.loop_.with(&args.overrides),
         json: false,
     };
     ve_station::serve::serve(&serve, &stop)
@@ -69,7 +108,7 @@ pub fn controller(args: ControllerArgs) -> Result<(), Failure> {
         scene: args.scene,
         domain: args.domain,
         seconds: Some(args.seconds),
-        overrides: args.overrides.overrides(),
+        overrides: args.loop_.with(&args.overrides),
         output: hrtc::run::Output::Supervised,
         started_ns: Some(args.started_ns),
         record: args.record,

@@ -8,8 +8,9 @@ use self::report::Report;
 use crate::failure::Failure;
 use crate::machine::Machine;
 use crate::processes::pair::{PairArgs, Shown, run_pair};
+use crate::processes::roles::LoopArgs;
 use crate::processes::stop::stop_flag;
-use crate::report::output::{make_folder, print_either, status_bar};
+use crate::report::output::{make_folder, print_either, print_json, status_bar};
 use crate::report::units::{bytes, grouped, length};
 use clap::Args;
 use hrtc::result::Status;
@@ -66,11 +67,19 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         plan: &plan,
         seconds: args.seconds,
         overrides: &args.overrides,
+        loop_: LoopArgs::default(),
         record: Some(&record),
     };
     let outcome = run_pair(&pair, &stop, &mut |shown| line.show(shown));
     line.bar.finish_and_clear();
     let outcome = outcome?;
+    if let Err(failure) = outcome.check_finite() {
+        // A report has no place for figures that are left out.
+        if args.json {
+            print_json(&outcome.finished.result)?;
+        }
+        return Err(failure);
+    }
     let machine = Machine::read();
     let report = Report {
         plan: &plan,
@@ -175,5 +184,28 @@ fn errors(status: &Status) -> String {
         certified
     } else {
         format!("{certified}, measured {}", length(status.measured_error_m))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_live_line_says_what_is_no_number() {
+        let status = Status {
+            contact: true,
+            ready: true,
+            station: true,
+            force_n: f64::NAN,
+            certified_error_m: f64::INFINITY,
+            measured_error_m: f64::NAN,
+            ..Status::default()
+        };
+        let line = worded(&status);
+        assert!(
+            line.contains("NaN N, error at most inf m, measured NaN m"),
+            "{line}"
+        );
     }
 }
