@@ -2,6 +2,13 @@
 
 use serde::Serialize;
 
+/// Sorts numbers so that they ascend; what is no number comes last, whatever its sign, so that it
+/// is the maximum.
+pub fn sort(numbers: &mut [f64]) {
+    let key = |number: f64| if number.is_nan() { f64::NAN } else { number };
+    numbers.sort_unstable_by(|&a, &b| key(a).total_cmp(&key(b)));
+}
+
 /// The smallest of ascending numbers that a share of them (0 to 1) does not exceed; 0 of none.
 #[must_use]
 pub fn quantile(ascending: &[f64], share: f64) -> f64 {
@@ -17,7 +24,7 @@ pub fn quantile(ascending: &[f64], share: f64) -> f64 {
 #[must_use]
 pub fn median(values: &[f64]) -> f64 {
     let mut ascending = values.to_vec();
-    ascending.sort_by(f64::total_cmp);
+    sort(&mut ascending);
     let last = ascending.len().saturating_sub(1);
     let at = |place: usize| ascending.get(place).copied().unwrap_or(0.0);
     0.5 * (at(last / 2) + at(last.div_ceil(2)))
@@ -40,7 +47,7 @@ impl Quantiles {
     /// Of numbers in any order, which are sorted.
     #[must_use]
     pub fn of(numbers: &mut [f64]) -> Self {
-        numbers.sort_unstable_by(f64::total_cmp);
+        sort(numbers);
         Self {
             p50: quantile(numbers, 0.5),
             p99: quantile(numbers, 0.99),
@@ -62,6 +69,14 @@ mod tests {
         assert_eq!(quantile(&numbers, 1.0), 100.0);
         assert_eq!(quantile(&numbers, 0.0), 1.0);
         assert_eq!(quantile(&[], 0.5), 0.0);
+    }
+
+    #[test]
+    fn what_is_no_number_is_the_maximum_whatever_its_sign() {
+        for nan in [f64::NAN, -f64::NAN] {
+            let found = Quantiles::of(&mut [3.0, nan, 1.0, f64::INFINITY]);
+            assert!(found.max.is_nan() && found.p50 == 3.0, "{found:?}");
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ use super::scene_model::SceneModel;
 use crate::failure::Failure;
 use glam::DVec3;
 use haptic_device::Sample;
+use hrtc_core::record::max_or_nan;
 use simulator::{Hand, Simulation};
 
 /// Quiet ticks after which a front that is at rest is taken to be complete.
@@ -75,7 +76,7 @@ impl Reference {
     #[must_use]
     pub fn force_max(&self) -> f64 {
         let forces = self.ticks.iter().map(|tick| tick.force.length());
-        forces.fold(0.0, f64::max)
+        forces.fold(0.0, max_or_nan)
     }
 }
 

@@ -26,6 +26,16 @@ pub fn checks(model: &SceneModel, reference: &Reference, points: &[Point]) -> Ve
     };
     let most = |of: &dyn Fn(&Point) -> f64| points.iter().map(of).fold(0.0, max_or_nan);
     check(
+        "settings without a contact that the full mesh has too".to_string(),
+        points.iter().filter(|p| p.common_ticks == 0).count() as f64,
+        0.0,
+    );
+    check(
+        "settings with an error, an angle or a force that is no number".to_string(),
+        points.iter().filter(|p| has_no_number(p)).count() as f64,
+        0.0,
+    );
+    check(
         "contacts with a true error beyond the certified one".to_string(),
         most(&|p| p.over_certified_ticks as f64),
         0.0,
@@ -70,6 +80,19 @@ pub fn checks(model: &SceneModel, reference: &Reference, points: &[Point]) -> Ve
         );
     }
     checks
+}
+
+/// Whether one of the figures of a setting is no number: a maximum is none then.
+fn has_no_number(point: &Point) -> bool {
+    let figures = [
+        point.certified_m,
+        point.true_m,
+        point.measured_m,
+        point.normal_deg,
+        point.force_n,
+        point.contact_apart_m,
+    ];
+    !figures.iter().all(|figure| figure.is_finite())
 }
 
 /// The first check that failed, in words.

@@ -95,7 +95,9 @@ pub fn measure(
             point.contact_ticks += 1;
             point.contact_full_ticks += u64::from(record.contact_full);
             point.unbounded_ticks += u64::from(!record.contact_bounded);
-            point.over_certified_ticks += u64::from(error > record.certified_error_m + rounding);
+            // What is no number is within nothing.
+            let is_certified = error <= record.certified_error_m + rounding;
+            point.over_certified_ticks += u64::from(!is_certified);
             all.errors.push(error);
             all.certified.push(record.certified_error_m);
             all.points.push(contact.point);
@@ -113,7 +115,7 @@ pub fn measure(
             let apart = ours.point.distance(theirs) * scale;
             point.contact_apart_m = max_or_nan(point.contact_apart_m, apart);
             let lengths = force.length() * exact.force.length();
-            if lengths > 0.0 {
+            if lengths != 0.0 {
                 // The angle of two nearly equal directions is lost in a cosine.
                 let sine = force.cross(exact.force).length();
                 all.normals

@@ -169,7 +169,7 @@ fn settings(model: &SceneModel) -> Vec<(Point, ScenePlan)> {
         let accuracy = AccuracyPlan {
             tolerance_m,
             refinement,
-            geomorph: false,
+            geomorph: true,
         };
         let (mut point, plan) = setting(knob, tolerance_m, accuracy);
         point.full_mesh = tolerance_m == 0.0;
@@ -191,7 +191,7 @@ fn settings(model: &SceneModel) -> Vec<(Point, ScenePlan)> {
         let accuracy = AccuracyPlan {
             tolerance_m: 0.0,
             refinement: RefinementPlan::Global { lod: Some(lod) },
-            geomorph: false,
+            geomorph: true,
         };
         let (mut point, plan) = setting(Knob::Prefix, f64::from(lod), accuracy);
         point.full_mesh = share == 1;

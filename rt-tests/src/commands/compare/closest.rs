@@ -1,7 +1,7 @@
 //! Closest points along a path over the surface: what a tick asks first.
 
 use super::full_front::FullFront;
-use super::timing::{Timed, time};
+use super::timing::{ONCE, ROUNDS, Timed, time};
 use super::{Row, Who};
 use crate::failure::Failure;
 use crate::models::Model;
@@ -79,7 +79,11 @@ pub fn rows(
     };
     let mut single = |k: usize| f32.distance(tips[k]);
     let mut double = |k: usize| f64.distance(tips[k]);
-    let mut timed = time(tips.len(), &mut [&mut ours, &mut single, &mut double]);
+    let mut timed = time(
+        tips.len(),
+        ROUNDS,
+        &mut [&mut ours, &mut single, &mut double],
+    );
     let expected: Vec<f64> = {
         let mut near = 0;
         let mut search = |&tip: &DVec3| {
@@ -126,7 +130,7 @@ fn local(model: &Model, tips: &[DVec3]) -> Result<Timed, Failure> {
             hint = nearest.map(|nearest| nearest.face);
             nearest.map_or(f64::NAN, |nearest| nearest.closest.distance_squared.sqrt())
         };
-        let timed = time(stretch.len(), &mut [&mut query]);
+        let timed = time(stretch.len(), ONCE, &mut [&mut query]);
         timed.into_iter().for_each(|timed| all.extend(timed));
     }
     Ok(all)

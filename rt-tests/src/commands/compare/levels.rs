@@ -7,13 +7,13 @@
 
 use super::closest::touches;
 use super::full_front::FullFront;
-use super::timing::{Timed, time};
+use super::timing::{ONCE, Timed, time};
 use super::tools::{MAX_PAIRS, Touch, new_tool, ours, refine};
 use crate::failure::Failure;
 use crate::models::local_front::LocalFront;
 use crate::models::surface::Surface as Full;
 use crate::models::{Model, active_triangles};
-use crate::report::quantile::quantile;
+use crate::report::quantile::{quantile, sort};
 use crate::report::table::Table;
 use crate::report::units::grouped;
 use hrtc_core::contact::query::{FacePair, PairWork, Surface, all_pairs};
@@ -73,7 +73,7 @@ struct Sums {
 impl Sums {
     fn level(self, model: &Model, front: &'static str) -> Level {
         let mut ns = self.timed.ns;
-        ns.sort_unstable_by(f64::total_cmp);
+        sort(&mut ns);
         Level {
             model: model.name.clone(),
             faces: model.file.model_header().faces,
@@ -97,7 +97,7 @@ impl Sums {
     ) {
         let mut out = vec![FacePair::NONE; MAX_PAIRS];
         let mut query = |k: usize| ours(surface, probe, &poses[k].to_query, &mut out);
-        let timed = time(poses.len(), &mut [&mut query]);
+        let timed = time(poses.len(), ONCE, &mut [&mut query]);
         timed.into_iter().for_each(|timed| self.timed.extend(timed));
         for touch in poses {
             probe.place(&touch.to_query);

@@ -4,7 +4,7 @@
 use super::EVERY;
 use super::closest::touches;
 use super::full_front::FullFront;
-use super::timing::time;
+use super::timing::{Clocks, ONCE, time};
 use super::tools::{
     MAX_PAIRS, STRETCH, TOOLS, Touch, capsule, new_tool, ours, refine, refined_reach,
 };
@@ -13,7 +13,7 @@ use crate::failure::Failure;
 use crate::models::Model;
 use crate::models::local_front::LocalFront;
 use crate::models::surface::{Surface as Full, unit};
-use crate::report::quantile::quantile;
+use crate::report::quantile::{quantile, sort};
 use crate::report::table::Table;
 use crate::report::units::grouped;
 use ab_tree::AbTree;
@@ -22,7 +22,6 @@ use hrtc_core::contact::tool::Tool;
 use rand::Rng;
 use serde::Serialize;
 use spm::{ActiveMesh, Handle};
-use std::time::Instant;
 
 /// Times that so many faces are deformed: more often where it is soon done.
 const MAX_UPDATES: usize = 200;
@@ -120,6 +119,7 @@ pub fn markings(model: &Model, front: &FullFront, random: &mut impl Rng) -> Vec<
         .map(|full| full.face)
         .collect();
     let mut tree = front.surface().tree.clone();
+    let clocks = Clocks::new();
     let n = order.len() as u32;
     let counts = (0..)
         .map(|power| 4u32.saturating_pow(power))
@@ -131,9 +131,9 @@ pub fn markings(model: &Model, front: &FullFront, random: &mut impl Rng) -> Vec<
             let (mut marked_max, mut ns) = (0, Vec::new());
             for _ in 0..times {
                 let faces = chosen(front, &order, k, spread, random);
-                ns.push(once(|| {
-                    marked_max = marked_max.max(update(&mut tree, front.mesh(), &faces));
-                }));
+                let (taken, marked) = clocks.time(|| update(&mut tree, front.mesh(), &faces));
+                marked_max = marked_max.max(marked);
+                ns.push(taken);
             }
             rows.push(Marking {
                 model: model.name.clone(),
@@ -218,7 +218,11 @@ fn shares_of(
         let count = f64::from(mesh.active_faces());
         faces.push(count);
         let mut query = |k: usize| ours(surface, tool, &stretch[k].to_query, &mut out);
-        queries.extend(time(stretch.len(), &mut [&mut query]).swap_remove(0).ns);
+        queries.extend(
+            time(stretch.len(), ONCE, &mut [&mut query])
+                .swap_remove(0)
+                .ns,
+        );
         let mut deformed = tree.clone();
         for (ns, share) in updates.iter_mut().zip(SHARES) {
             let around = |touch: &Touch| {
@@ -229,7 +233,11 @@ fn shares_of(
             };
             let patches: Vec<_> = stretch.iter().map(around).collect();
             let mut update = |k: usize| f64::from(update(&mut deformed, mesh, &patches[k]));
-            ns.extend(time(stretch.len(), &mut [&mut update]).swap_remove(0).ns);
+            ns.extend(
+                time(stretch.len(), ONCE, &mut [&mut update])
+                    .swap_remove(0)
+                    .ns,
+            );
         }
     }
     let row = |(ns, share): (Vec<f64>, f64)| {
@@ -248,15 +256,8 @@ fn shares_of(
 }
 
 fn median(mut of: Vec<f64>) -> f64 {
-    of.sort_unstable_by(f64::total_cmp);
+    sort(&mut of);
     quantile(&of, 0.5)
-}
-
-/// Nanoseconds, the first time that it is done.
-fn once<T>(mut what: impl FnMut() -> T) -> f64 {
-    let start = Instant::now();
-    std::hint::black_box(what());
-    start.elapsed().as_nanos() as f64
 }
 
 /// What is beyond its limit, in words.

@@ -10,7 +10,7 @@
 //! | `levels` | a probe against the coarse, the locally refined and the full mesh |
 //! | `full_front` | ours over a prefix of the sequence, mostly the full mesh: no local refinement has a part in it |
 //! | `picture` | all of it as pictures |
-//! | `timing` | single queries, in turn, with interruptions taken out |
+//! | `timing` | single queries, in turn, without the time of other processes |
 //!
 //! Ours is measured twice: on the front as the controller forms it, refined around the tip and
 //! coarse elsewhere, and on the full mesh. Every answer is checked against an exact search in f64
@@ -31,7 +31,7 @@ use crate::models::source::{open, typed_or};
 use crate::models::surface::Surface;
 use crate::peers::parry::Mesh;
 use crate::report::output::{make_folder, print_either, write_json, write_whole};
-use crate::report::quantile::quantile;
+use crate::report::quantile::{quantile, sort};
 use crate::report::table::Table;
 use crate::report::units::{bytes, grouped};
 use clap::Args;
@@ -130,11 +130,11 @@ pub struct Row {
     pub faces: u32,
     /// Who.
     pub who: Who,
-    /// Median, nanoseconds.
+    /// Median of the single queries, nanoseconds.
     pub p50_ns: f64,
     /// 99th of 100, nanoseconds.
     pub p99_ns: f64,
-    /// The longest, nanoseconds.
+    /// The longest single one, nanoseconds.
     pub max_ns: f64,
     /// Answers that differ from the exact ones by more than rounding.
     pub answers_differ: u64,
@@ -150,7 +150,7 @@ impl Row {
         mut ns: Vec<f64>,
         answers_differ: u64,
     ) -> Self {
-        ns.sort_unstable_by(f64::total_cmp);
+        sort(&mut ns);
         Self {
             task,
             model: model.name.clone(),
@@ -219,10 +219,10 @@ pub fn compare(args: &CompareArgs) -> Result<(), Failure> {
         let model = open(&format!("relief:{faces}"))?;
         eprintln!("relief of {} faces: measuring", grouped(faces.into()));
         let measured = Measured::new(&model, args.seed, EVERY_OF_GROWTH)?;
+        found.broken.extend(broken(&measured.rows));
         found.growth.extend(measured.rows);
         found.growth_levels.extend(measured.levels);
     }
-    found.broken.extend(wrong(&found.growth));
     found
         .broken
         .extend(marking::broken(&found.marking, &found.update_share));

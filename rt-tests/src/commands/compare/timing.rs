@@ -1,10 +1,12 @@
-//! Times of single queries: nanoseconds each, of which interruptions are taken out by repetition.
+//! Times of single queries, nanoseconds each.
 
-use std::time::Instant;
+use realtime::rights::{monotonic_ns, thread_cpu_ns};
 
-/// Times that every query is repeated, of which the median counts: an interruption hits one of
-/// them.
-const ROUNDS: usize = 5;
+/// Times that every query is put where a round goes through so many that none finds in the caches
+/// what the same query left there.
+pub const ROUNDS: usize = 5;
+/// Where it goes through few, each is put once.
+pub const ONCE: usize = 1;
 
 /// A contender: answers query `k` with a number that is the same for all who are right.
 pub type Query<'a> = dyn FnMut(usize) -> f64 + 'a;
@@ -12,7 +14,7 @@ pub type Query<'a> = dyn FnMut(usize) -> f64 + 'a;
 /// What one contender took and answered.
 #[derive(Debug, Clone, Default)]
 pub struct Timed {
-    /// Nanoseconds of each query: the median of its rounds, less what reading the clock takes.
+    /// Nanoseconds of each single query of every round, less what reading the clocks takes.
     pub ns: Vec<f64>,
     /// Its answers.
     pub answers: Vec<f64>,
@@ -35,43 +37,67 @@ impl Timed {
     }
 }
 
-/// Puts `count` queries to each contender in turn, all of them [`ROUNDS`] times. A round goes
-/// through all queries, so that none finds in the caches what the same query left there.
-pub fn time(count: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
-    let mut rounds = vec![vec![Vec::with_capacity(ROUNDS); count]; contenders.len()];
-    let mut answers = vec![vec![0.0; count]; contenders.len()];
-    for _ in 0..ROUNDS {
-        for (who, query) in contenders.iter_mut().enumerate() {
+/// Puts `count` queries to each contender in turn, all of them so many times.
+pub fn time(count: usize, rounds: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
+    let new = |_: &_| Timed {
+        ns: Vec::with_capacity(count * rounds),
+        answers: vec![0.0; count],
+    };
+    let mut all: Vec<Timed> = contenders.iter().map(new).collect();
+    let clocks = Clocks::new();
+    for _ in 0..rounds {
+        for (query, timed) in contenders.iter_mut().zip(&mut all) {
             for k in 0..count {
-                let start = Instant::now();
-                let answer = query(k);
-                rounds[who][k].push(start.elapsed().as_nanos() as f64);
-                answers[who][k] = answer;
+                let (ns, answer) = clocks.time(|| query(k));
+                timed.ns.push(ns);
+                timed.answers[k] = answer;
             }
         }
     }
-    let clock = clock_ns();
-    let median = |mut of: Vec<f64>| {
-        of.sort_unstable_by(f64::total_cmp);
-        (of[ROUNDS / 2] - clock).max(0.0)
-    };
-    rounds
-        .into_iter()
-        .zip(answers)
-        .map(|(rounds, answers)| Timed {
-            ns: rounds.into_iter().map(median).collect(),
-            answers,
-        })
-        .collect()
+    all
 }
 
-/// What reading the clock twice takes.
-fn clock_ns() -> f64 {
-    let mut taken: Vec<f64> = (0..1001)
-        .map(|_| Instant::now().elapsed().as_nanos() as f64)
-        .collect();
-    taken.sort_unstable_by(f64::total_cmp);
-    taken[500]
+/// Two clocks: wall time has the time of other processes in it, processor time takes long to be
+/// read. A query took no more than the smaller of the two.
+#[derive(Debug, Clone, Copy)]
+pub struct Clocks {
+    /// What reading each takes, wall and processor, nanoseconds.
+    costs: [u64; 2],
+}
+
+impl Clocks {
+    /// Measures what reading the clocks takes.
+    #[must_use]
+    pub fn new() -> Self {
+        let mut taken = [const { Vec::new() }; 2];
+        for _ in 0..1001 {
+            let (times, ()) = both(|| ());
+            for (taken, ns) in taken.iter_mut().zip(times) {
+                taken.push(ns);
+            }
+        }
+        let costs = taken.map(|mut taken| {
+            taken.sort_unstable();
+            taken[taken.len() / 2]
+        });
+        Self { costs }
+    }
+
+    /// Nanoseconds of a piece of work, and its result.
+    pub fn time<T>(self, what: impl FnOnce() -> T) -> (f64, T) {
+        let (times, result) = both(what);
+        let [wall, cpu] = [0, 1].map(|k| times[k].saturating_sub(self.costs[k]));
+        (wall.min(cpu) as f64, result)
+    }
+}
+
+/// Wall and processor time of a piece of work with the reading of the clocks, and its result.
+fn both<T>(what: impl FnOnce() -> T) -> ([u64; 2], T) {
+    let cpu = thread_cpu_ns();
+    let wall = monotonic_ns();
+    let result = what();
+    let wall = monotonic_ns() - wall;
+    ([wall, thread_cpu_ns() - cpu], result)
 }
 
 #[cfg(test)]
@@ -90,7 +116,7 @@ mod tests {
             *second += 1;
             if k == 3 { f64::NAN } else { k as f64 + 0.1 }
         };
-        let timed = time(10, &mut [&mut right, &mut wrong]);
+        let timed = time(10, ROUNDS, &mut [&mut right, &mut wrong]);
         assert_eq!(calls, [10 * ROUNDS; 2]);
         let expected: Vec<f64> = (0..10).map(f64::from).collect();
         assert_eq!(timed[0].differ(&expected, 0.0), 0);
@@ -99,7 +125,17 @@ mod tests {
         assert!(
             timed
                 .iter()
-                .all(|t| t.ns.len() == 10 && t.ns.iter().all(|ns| *ns >= 0.0))
+                .all(|t| t.ns.len() == 10 * ROUNDS && t.ns.iter().all(|ns| *ns >= 0.0))
         );
+    }
+
+    #[test]
+    fn single_slow_queries_are_not_averaged_away() {
+        let work = |steps: u64| (0..steps).fold(0, |x, k| std::hint::black_box(x ^ k)) as f64;
+        let mut query = |k: usize| work(if k % 50 == 7 { 2_000_000 } else { 10 });
+        let mut ns = time(200, ONCE, &mut [&mut query]).swap_remove(0).ns;
+        crate::report::quantile::sort(&mut ns);
+        // Four of them, of thousands of times the work.
+        assert!(ns[197] > 10.0 * ns[100], "{:?}", &ns[190..]);
     }
 }

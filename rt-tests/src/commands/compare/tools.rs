@@ -2,7 +2,7 @@
 
 use super::closest::touches;
 use super::full_front::FullFront;
-use super::timing::{Timed, time};
+use super::timing::{ONCE, ROUNDS, Timed, time};
 use super::{Row, Who};
 use crate::failure::Failure;
 use crate::models::local_front::LocalFront;
@@ -127,6 +127,7 @@ pub fn rows(
         let of_double = |k: usize, how| theirs(&mut **double.borrow_mut(), &poses[k].pose, how);
         let mut timed = time(
             poses.len(),
+            ROUNDS,
             &mut [
                 &mut ours,
                 &mut of_single,
@@ -176,7 +177,7 @@ fn local(model: &Model, mesh: &ToolMesh, poses: &[Touch]) -> Result<(Timed, Vec<
             expected.push(by_search(&faces, &tool));
         }
         let mut query = |k: usize| ours(surface, &mut tool, &stretch[k].to_query, &mut out);
-        let timed = time(stretch.len(), &mut [&mut query]);
+        let timed = time(stretch.len(), ONCE, &mut [&mut query]);
         timed.into_iter().for_each(|timed| all.extend(timed));
     }
     Ok((all, expected))

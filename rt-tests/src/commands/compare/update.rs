@@ -2,7 +2,7 @@
 //! same faces.
 
 use super::full_front::FullFront;
-use super::timing::time;
+use super::timing::{ROUNDS, time};
 use super::{Row, Who};
 use crate::models::Model;
 use crate::models::surface::unit;
@@ -94,6 +94,7 @@ pub fn rows(
     let mut of_double = |k: usize| double.update(&of_parry[k / 2], &prepared[k]);
     let timed = time(
         2 * PATCHES,
+        ROUNDS,
         &mut [&mut ours, &mut of_single, &mut of_double],
     );
     let expected = timed[2].answers.clone();

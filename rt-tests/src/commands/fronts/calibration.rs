@@ -28,12 +28,13 @@ use crate::models::local_front::LocalFront;
 use crate::models::path::path;
 use crate::models::surface::Surface;
 use crate::models::{Model, active_triangles};
-use crate::report::quantile::quantile;
+use crate::report::quantile::{quantile, sort};
 use glam::DVec3;
 use hrtc_core::cache::RegionKey;
 use hrtc_core::contact::query;
 use hrtc_core::lod::lod_controller::LodController as Rings;
 use hrtc_core::lod::predict::{Motion, Predictor, TURNS};
+use hrtc_core::record::max_or_nan;
 use rand::Rng;
 use serde::Serialize;
 use spm::{ErrorScale, VspRecord};
@@ -181,8 +182,8 @@ pub fn calibration(
     let base = LocalFront::new(model)?;
     let of_base = points
         .iter()
-        .map(|&(point, triangle)| touch(&base, full, point, triangle).error)
-        .collect();
+        .map(|&(point, triangle)| Ok(touch(&base, model, full, (point, triangle))?.error))
+        .collect::<Result<_, Failure>>()?;
     let contacts = Contacts {
         points,
         of_base,
@@ -242,12 +243,12 @@ fn case(
         let base = &contacts.of_base[k * CONTACTS..];
         let both = |(touch, &error): (&Touch, &f64)| touch.coarse && error > asked;
         if stretch.iter().zip(base).any(both) {
-            let most = stretch.iter().map(|t| t.error).fold(0.0, f64::max);
-            if most > plane {
+            let most = stretch.iter().map(|t| t.error).fold(0.0, max_or_nan);
+            if most <= plane {
+                exact_stretches += 1;
+            } else {
                 ratios.of_front.push(asked / most);
                 counted.push(k);
-            } else {
-                exact_stretches += 1;
             }
         }
     }
@@ -284,8 +285,11 @@ fn case(
         coarsest_vsps,
         contacts: touches.len(),
         coarse_contacts: touches.iter().filter(|t| t.coarse).count(),
-        exceeded: touches.iter().filter(|t| t.error > asked).count(),
-        worst: touches.iter().map(|t| t.error / asked).fold(0.0, f64::max),
+        exceeded: touches.len() - touches.iter().filter(|t| t.error <= asked).count(),
+        worst: touches
+            .iter()
+            .map(|t| t.error / asked)
+            .fold(0.0, max_or_nan),
         faces_mean,
     };
     Ok((case, ratios))
@@ -329,7 +333,7 @@ fn touches(
             let keys: Vec<RegionKey> = needed.keys().copied().collect();
             front.want(&keys)?;
             front.settle()?;
-            touches.push(touch(&front, full, point, triangle));
+            touches.push(touch(&front, model, full, (point, triangle))?);
             faces += f64::from(front.cache().mesh().active_faces());
         }
     }
@@ -345,30 +349,38 @@ fn largest_error(surface: &Surface, full: &Surface, stretch: &[(DVec3, u32)]) ->
         hint = near.triangle;
         full.nearest(near.point, triangle).distance
     });
-    errors.fold(0.0, f64::max)
+    errors.fold(0.0, max_or_nan)
 }
 
 fn sorted_quantile(mut values: Vec<f64>, part: f64) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
+    sort(&mut values);
     quantile(&values, part)
 }
 
 /// The point of the front nearest to a point of the full mesh, and how far from the full mesh it
 /// is.
-fn touch(front: &LocalFront<'_>, full: &Surface, point: DVec3, triangle: u32) -> Touch {
+///
+/// # Errors
+/// When the front has none: that is no touch without an error.
+fn touch(
+    front: &LocalFront<'_>,
+    model: &Model,
+    full: &Surface,
+    (point, triangle): (DVec3, u32),
+) -> Result<Touch, Failure> {
     let surface = query::Surface {
         mesh: front.cache().mesh(),
         tree: front.cache().tree(),
     };
     let (nearest, _) = query::closest_point(surface, point, None);
-    nearest.map_or(
-        Touch {
-            error: 0.0,
-            coarse: false,
-        },
-        |nearest| Touch {
-            error: full.nearest(nearest.closest.point, triangle).distance,
-            coarse: surface.mesh.certified_error(nearest.face) > 0.0,
-        },
-    )
+    let nearest = nearest.ok_or_else(|| {
+        Failure::Run(format!(
+            "{}: no face of the front is nearest to {point}",
+            model.name
+        ))
+    })?;
+    Ok(Touch {
+        error: full.nearest(nearest.closest.point, triangle).distance,
+        coarse: surface.mesh.certified_error(nearest.face) > 0.0,
+    })
 }

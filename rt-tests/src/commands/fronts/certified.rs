@@ -5,6 +5,8 @@ use crate::failure::Failure;
 use crate::models::local_front::LocalFront;
 use crate::models::surface::{Surface, inside};
 use crate::models::{Model, active_triangles};
+use crate::report::quantile::sort;
+use hrtc_core::record::max_or_nan;
 use rand::Rng;
 use spm::{ActiveMesh, OperationFaces};
 
@@ -69,7 +71,7 @@ pub fn certified(
         perform(&mut mesh, &local.performed());
         sample(model, full, &mesh, &mut found, random);
     }
-    found.ratios.sort_unstable_by(f64::total_cmp);
+    sort(&mut found.ratios);
     Ok(found)
 }
 
@@ -117,7 +119,9 @@ fn sample(
     let (handles, triangles) = active_triangles(mesh);
     let mut judge = |distance: f64, bound: f64| {
         found.samples += 1;
-        found.violations += u64::from(distance > bound * (1.0 + 1e-12) + ROUNDING * diagonal);
+        // What is no number is within nothing.
+        let is_within = distance <= bound * (1.0 + 1e-12) + ROUNDING * diagonal;
+        found.violations += u64::from(!is_within);
     };
     // From the front to the full mesh. Faces of the full mesh (R = 0) are taken too: they must lie
     // on it.
@@ -134,7 +138,7 @@ fn sample(
             };
             let near = full.nearest(point, hint);
             hint = near.triangle;
-            most = most.max(near.distance);
+            most = max_or_nan(most, near.distance);
             judge(near.distance, bound);
         }
         if most > PLANE * diagonal {

@@ -8,7 +8,7 @@ use crate::models::Model;
 pub const MAX_CHAIN: u32 = 40;
 /// Beyond a million faces: so many times the doublings from base mesh to full mesh.
 const CHAIN_A_DOUBLING: f64 = 4.0;
-/// Limits of the cost, ns an operation: median and 99 of 100 batches.
+/// Limits of the cost, ns an operation: median and 99 of 100, of single operations and of batches.
 pub const MAX_NS: Percentiles = Percentiles {
     p50: 1000.0,
     p99: 5000.0,
@@ -22,8 +22,8 @@ pub const MAX_NS: Percentiles = Percentiles {
 pub const MAX_TOO_FINE: f64 = 0.25;
 /// The most contacts that may exceed what was asked.
 pub const MAX_EXCEEDED: f64 = 1e-3;
-/// Fewer batches say nothing about the slowest in a hundred.
-const FEWEST_BATCHES: usize = 100;
+/// Fewer times say nothing about the slowest in a hundred.
+const FEWEST_TIMES: usize = 100;
 
 /// The longest chain that the issue of the model's size allows.
 #[must_use]
@@ -43,7 +43,9 @@ pub fn chain(model: &Model) -> u32 {
 pub fn broken(m: &ModelFronts) -> Vec<String> {
     let mut broken = Vec::new();
     let mut limit = |name: &str, value: f64, most: f64| {
-        if value > most {
+        // What is no number is beyond every limit.
+        let is_within = value <= most;
+        if !is_within {
             broken.push(format!(
                 "{}: {name} is {value:.6}, at most {most} is allowed",
                 m.model
@@ -81,16 +83,26 @@ pub fn broken(m: &ModelFronts) -> Vec<String> {
         );
         limit(&reason, m.dial.asked_over_true_p50, ASKED_OVER_TRUE);
     }
-    for (name, ns, batches) in [
-        ("split_ns", m.split_ns, m.batches),
-        ("collapse_ns", m.collapse_ns, m.collapse_batches),
-    ] {
-        limit(&format!("{name}.p50"), ns.p50, MAX_NS.p50);
-        if batches >= FEWEST_BATCHES {
-            limit(&format!("{name}.p99"), ns.p99, MAX_NS.p99);
+    let single = is_timed_singly(m).then_some(("", m.single));
+    for (of, costs) in single.into_iter().chain([("batch.", m.batch)]) {
+        for (name, ns, times) in [
+            ("split_ns", costs.split_ns, costs.timed_splits),
+            ("collapse_ns", costs.collapse_ns, costs.timed_collapses),
+        ] {
+            limit(&format!("{of}{name}.p50"), ns.p50, MAX_NS.p50);
+            if times >= FEWEST_TIMES {
+                limit(&format!("{of}{name}.p99"), ns.p99, MAX_NS.p99);
+            }
         }
     }
     broken
+}
+
+/// Whether single operations are long enough for the clock.
+#[must_use]
+pub fn is_timed_singly(m: &ModelFronts) -> bool {
+    let shortest = m.single.split_ns.p50.min(m.single.collapse_ns.p50);
+    shortest >= m.clock_ns as f64
 }
 
 /// Whether any tolerance counts.
@@ -101,19 +113,23 @@ fn counts(calibration: &Calibration) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::commands::fronts::Costs;
     use crate::commands::fronts::calibration::Case;
 
-    fn slow(batches: usize, collapse_batches: usize) -> ModelFronts {
+    fn slow(timed_splits: usize, timed_collapses: usize) -> ModelFronts {
         let ns = Percentiles {
             p50: 2000.0,
             p99: 9000.0,
         };
         ModelFronts {
             model: "slow".to_string(),
-            split_ns: ns,
-            collapse_ns: ns,
-            batches,
-            collapse_batches,
+            single: Costs {
+                split_ns: ns,
+                collapse_ns: ns,
+                timed_splits,
+                timed_collapses,
+            },
+            clock_ns: 200,
             ..ModelFronts::default()
         }
     }
@@ -127,14 +143,25 @@ mod tests {
     }
 
     #[test]
-    fn the_median_cost_is_judged_over_however_few_batches_and_the_slowest_over_a_hundred() {
+    fn the_median_cost_is_judged_over_however_few_times_and_the_slowest_over_a_hundred() {
         let medians = ["split_ns.p50", "collapse_ns.p50"];
         assert_eq!(names(&slow(1, 1)), medians);
         assert_eq!(names(&slow(99, 99)), medians);
-        // Each by its own batches.
+        // Each by its own times.
         let of_splits = ["split_ns.p50", "split_ns.p99", "collapse_ns.p50"];
         assert_eq!(names(&slow(100, 99)), of_splits);
         assert_eq!(names(&slow(100, 100)).len(), 4);
+        // Shorter than the clock takes: the batches are judged alone, and they are in any case.
+        let batched = ModelFronts {
+            batch: slow(1, 1).single,
+            ..slow(1, 1)
+        };
+        assert_eq!(names(&batched).len(), 4);
+        let short = ModelFronts {
+            clock_ns: 3000,
+            ..batched
+        };
+        assert_eq!(names(&short), medians.map(|name| format!("batch.{name}")));
         assert_eq!(names(&ModelFronts::default()), [""; 0]);
     }
 
@@ -165,5 +192,12 @@ mod tests {
         beyond.dial.asked_over_true_within_reach_p50 = 3.6;
         let median = ["dial.asked_over_true_within_reach_p50"];
         assert_eq!(names(&beyond), median);
+    }
+
+    #[test]
+    fn what_is_no_number_is_beyond_its_limit() {
+        let mut m = ModelFronts::default();
+        m.batch.split_ns.p50 = f64::NAN;
+        assert_eq!(names(&m), ["batch.split_ns.p50"]);
     }
 }

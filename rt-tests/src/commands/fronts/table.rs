@@ -1,7 +1,7 @@
 //! The table of the terminal, at most 160 columns wide.
 
 use super::calibration::ASKED_OVER_TRUE;
-use super::limits::{MAX_CHAIN, MAX_EXCEEDED, MAX_NS, MAX_TOO_FINE, broken};
+use super::limits::{MAX_CHAIN, MAX_EXCEEDED, MAX_NS, MAX_TOO_FINE, broken, is_timed_singly};
 use super::{Fronts, ModelFronts};
 use crate::report::table::Table;
 use std::fmt::Write;
@@ -92,10 +92,10 @@ pub fn row(m: &ModelFronts) -> String {
         format!("{:.2}", m.dial.asked_over_true_within_reach_p50),
         format!("{:.1}%", 100.0 * m.dial.too_fine_share),
         format!("{:.3}%", 100.0 * m.dial.exceeded_share),
-        format!("{:.0}", m.split_ns.p50),
-        format!("{:.0}", m.split_ns.p99),
-        format!("{:.0}", m.collapse_ns.p50),
-        format!("{:.0}", m.collapse_ns.p99),
+        format!("{:.0}", m.single.split_ns.p50),
+        format!("{:.0}", m.single.split_ns.p99),
+        format!("{:.0}", m.single.collapse_ns.p50),
+        format!("{:.0}", m.single.collapse_ns.p99),
     ])
 }
 
@@ -108,6 +108,31 @@ pub fn foot(models: &[ModelFronts]) -> String {
          reach: where best is at most 3.5; \
          too fine: stretches where asked/true is beyond 3.5, and beyond best\n",
     );
+    for m in models {
+        let (single, batch) = (m.single, m.batch);
+        let _ = writeln!(
+            text,
+            "{}: of {} splits and {} collapses timed singly; means of {} and {} batches (of {:.0} splits): split p50 {:.0}, \
+             p99 {:.0}, undo p50 {:.0}, p99 {:.0} ns",
+            m.model,
+            single.timed_splits,
+            single.timed_collapses,
+            batch.timed_splits,
+            batch.timed_collapses,
+            m.batch_splits_mean,
+            batch.split_ns.p50,
+            batch.split_ns.p99,
+            batch.collapse_ns.p50,
+            batch.collapse_ns.p99,
+        );
+        if single.timed_splits > 0 && !is_timed_singly(m) {
+            let _ = writeln!(
+                text,
+                "{}: one takes less than reading the clock ({} ns): only the batches are judged",
+                m.model, m.clock_ns
+            );
+        }
+    }
     for broken in models.iter().flat_map(broken) {
         let _ = writeln!(text, "beyond its limit: {broken}");
     }
@@ -125,7 +150,7 @@ pub fn table(found: &Fronts) -> String {
 mod tests {
     use super::*;
     use crate::commands::fronts::calibration::Calibration;
-    use crate::commands::fronts::{Percentiles, Ratio};
+    use crate::commands::fronts::{Costs, Percentiles, Ratio};
 
     #[test]
     fn lines_are_of_equal_length_and_not_too_long_and_name_the_limits() {
@@ -148,8 +173,11 @@ mod tests {
                 too_fine_share: 0.99,
                 ..Calibration::default()
             },
-            split_ns: ns,
-            collapse_ns: ns,
+            single: Costs {
+                split_ns: ns,
+                collapse_ns: ns,
+                ..Costs::default()
+            },
             ..ModelFronts::default()
         };
         let shown = head() + &row(&model);
