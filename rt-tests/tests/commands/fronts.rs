@@ -6,6 +6,7 @@ use spm_builder::generate::{Shape, generate};
 use spm_builder::{
     BuildOptions, NoProgress, SoupMesh, build_model, read_mesh, write_mesh, write_spm_file,
 };
+use std::io::Write as _;
 use std::path::Path;
 use std::process::Output;
 
@@ -130,6 +131,10 @@ fn errors_stored_twice_too_large_are_told_from_a_mesh_without_finer_choices() {
     }
     assert!(counted > 0);
     if !skipped.is_empty() {
-        println!("skipped, not there: {}", skipped.join(", "));
+        let _ = writeln!(
+            std::io::stderr(),
+            "skipped, not there: {}",
+            skipped.join(", ")
+        );
     }
 }

@@ -9,6 +9,7 @@ use rt_tests::commands::fronts::legality::{OPERATIONS, chain, walk};
 use rt_tests::models::Model;
 use rt_tests::models::hard_meshes::HARD_MESHES;
 use spm_builder::{BuildOptions, NoProgress, is_mesh_file};
+use std::io::Write as _;
 use std::path::Path;
 
 fn check(model: &Model) {
@@ -38,7 +39,8 @@ fn fronts_of_generated_worst_cases_hold() {
 fn fronts_of_small_real_meshes_hold() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/models");
     let Ok(entries) = std::fs::read_dir(&folder) else {
-        println!(
+        let _ = writeln!(
+            std::io::stderr(),
             "skipped: no mesh was walked, {} is not there",
             folder.display()
         );

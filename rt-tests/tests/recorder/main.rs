@@ -7,6 +7,7 @@ use hrtc::recorder::{
 };
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use world::{SCENES, World};
 
@@ -242,7 +243,7 @@ fn a_full_disk_costs_the_recording_and_not_the_run() {
         owns_folder: false,
     };
     if !full.first.exists() {
-        eprintln!("skipped: there is no /dev/full");
+        let _ = writeln!(std::io::stderr(), "skipped: there is no /dev/full");
         return;
     }
     let _ = world.record(full.clone(), None);

@@ -4,6 +4,7 @@ mod faults;
 #[path = "../commands/typed.rs"]
 mod typed;
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use typed::{json, number, refusal, rt_tests, said};
@@ -305,7 +306,10 @@ fn python_lists_the_channels(file: &Path) {
         print(*sorted(c.topic for c in summary.channels.values()))";
     let has_mcap = Command::new("python3").args(["-c", "import mcap"]).output();
     if !has_mcap.is_ok_and(|output| output.status.success()) {
-        eprintln!("skipped: python3 with the package mcap is not there (pip install mcap)");
+        let _ = writeln!(
+            std::io::stderr(),
+            "skipped: python3 with the package mcap is not there (pip install mcap)"
+        );
         return;
     }
     let listed = Command::new("python3")

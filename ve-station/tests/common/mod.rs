@@ -9,6 +9,7 @@ use spm_builder::generate::{Shape, generate};
 use spm_builder::{
     BuildOptions, NoProgress, SoupMesh, build_model, clean, is_mesh_file, read_mesh,
 };
+use std::io::Write as _;
 use std::path::PathBuf;
 
 /// The folder of real meshes beside the checkout; `None`, said aloud, when it is not there.
@@ -17,7 +18,11 @@ pub fn models_folder() -> Option<PathBuf> {
     if folder.is_dir() {
         return Some(folder);
     }
-    println!("skipped: {} is not there", folder.display());
+    let _ = writeln!(
+        std::io::stderr(),
+        "skipped: {} is not there",
+        folder.display()
+    );
     None
 }
 

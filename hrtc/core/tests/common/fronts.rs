@@ -1,7 +1,7 @@
 //! Fronts and meshes for the tests of queries, each with all of its faces to look at.
 #![allow(dead_code, reason = "every test file uses another part")]
 
-use super::real_model;
+use super::{model_or, real_model};
 use ab_tree::{AbTree, leaf_key};
 use geometry::{Pose, Similarity};
 use glam::{DQuat, DVec3, Vec3};
@@ -250,7 +250,7 @@ pub fn models(faces: u32) -> Vec<(String, SpmParts)> {
 /// The full mesh of a real model, corners rounded to f32. Where its file is not there, which a
 /// line then says, a generated relief of about `faces` faces stands in.
 pub fn full_mesh(name: &str, faces: u32) -> ToolMesh {
-    let soup = match real_model(name) {
+    let soup = match model_or(name, "on a relief instead") {
         Some(path) => read_mesh(&path).expect("the model is read"),
         None => generate(Shape::Relief, faces, 3),
     };

@@ -93,6 +93,11 @@ pub fn scene_plan(objects: &[(&str, f64, DVec3)], probes: usize, cache_bytes: us
 
 /// A file of the models beside the repository, or `None` with a line that says so.
 pub fn real_model(name: &str) -> Option<PathBuf> {
+    model_or(name, "skipped")
+}
+
+/// The same; the line says what the test does without it.
+pub fn model_or(name: &str, otherwise: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/models");
     let path = folder.join(name);
     if path.exists() {
@@ -102,7 +107,7 @@ pub fn real_model(name: &str) -> Option<PathBuf> {
     let test = thread.name().unwrap_or("a test");
     // Written past the capture of the test runner, which shows nothing of a test that passes.
     let line = format!(
-        "skipped: {test} with {name}, {} is not there\n",
+        "{otherwise}: {test} with {name}, {} is not there\n",
         path.display()
     );
     let _ = std::io::stderr().write_all(line.as_bytes());

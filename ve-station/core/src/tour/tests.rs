@@ -3,6 +3,7 @@ use crate::testing::{Counted, model, model_bytes};
 use spm::write_spm;
 use spm_builder::generate::Shape;
 use spm_builder::{BuildOptions, NoProgress, build_model, read_mesh};
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
@@ -289,7 +290,11 @@ fn real_scans_are_toured_with_most_of_the_time_in_contact() {
     for name in ["stanford-bunny.obj", "terrain257.obj", "dragon25k.obj"] {
         let path = folder.join(name);
         if !path.exists() {
-            println!("skipped: {} is not there", path.display());
+            let _ = writeln!(
+                std::io::stderr(),
+                "skipped: {} is not there",
+                path.display()
+            );
             continue;
         }
         let mesh = read_mesh(&path).unwrap();
