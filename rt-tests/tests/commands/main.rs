@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod compare;
+mod effects;
 mod fronts;
 mod predictors;
 mod stability;
