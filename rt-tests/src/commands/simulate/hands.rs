@@ -38,7 +38,8 @@ pub struct HandPath {
     pub object: usize,
     /// How deep it wants to press, metres.
     pub depth_m: f64,
-    knots: Vec<Knot>,
+    /// On each version of the model: a hand goes by what it feels.
+    knots: [Vec<Knot>; 2],
 }
 
 /// Outward normal of a triangle; up where it has none.
@@ -119,13 +120,30 @@ impl Walk<'_> {
     }
 }
 
+/// The same path over another version: beside the same places, as high over its surface.
+fn moved_over(knots: &[Knot], from: &Version, to: &Version) -> Vec<Knot> {
+    let origin_of = |of: &Version| DVec3::from_array(of.model.file.model_header().origin);
+    let offset = origin_of(from) - origin_of(to);
+    let mut hint = 0;
+    let moved = knots.iter().map(|knot| {
+        let near = to.full.nearest(to.within_rim(knot.point + offset), hint);
+        hint = near.triangle;
+        Knot {
+            point: near.point,
+            normal: normal_of(to, near.triangle),
+            height_m: knot.height_m,
+        }
+    });
+    moved.collect()
+}
+
 impl HandPath {
     /// A path over an object for so many ticks, which then goes up and presses once more. The depth
-    /// is in metres.
+    /// is in metres. It is drawn over the first version of the object's model.
     #[must_use]
     pub fn draw(
         object: usize,
-        version: &Version,
+        [version, rebuilt]: [&Version; 2],
         depth_m: f64,
         ticks: u64,
         random: &mut Random,
@@ -164,21 +182,30 @@ impl HandPath {
         walk.go_to_height(HOVER_M, LIFT_TICKS / KNOT_TICKS);
         walk.go_to_height(HOVER_M, HOVER_TICKS / KNOT_TICKS);
         walk.go_to_height(-0.5 * depth_m, PRESS_TICKS / KNOT_TICKS);
+        let over_rebuilt = moved_over(&walk.knots, version, rebuilt);
         Self {
             object,
             depth_m,
-            knots: walk.knots,
+            knots: [walk.knots, over_rebuilt],
         }
     }
 
     /// The pose of the device at a tick, world, metres. `tip_m`: depth of the probe's tip below the
     /// device's position, and by how much higher the hand stays; `turns`: whether the device turns
-    /// with the surface.
+    /// with the surface; `is_rebuilt`: whether it is over the second version of the model, in whose
+    /// frame it goes then.
     #[must_use]
-    pub fn pose(&self, tick: u64, frame: &ModelFrame, tip_m: f64, turns: bool) -> Pose {
-        let last = self.knots.len() - 1;
+    pub fn pose(
+        &self,
+        tick: u64,
+        (frame, is_rebuilt): (&ModelFrame, bool),
+        tip_m: f64,
+        turns: bool,
+    ) -> Pose {
+        let knots = &self.knots[usize::from(is_rebuilt)];
+        let last = knots.len() - 1;
         let k = ((tick / KNOT_TICKS) as usize).min(last);
-        let (one, next) = (self.knots[k], self.knots[(k + 1).min(last)]);
+        let (one, next) = (knots[k], knots[(k + 1).min(last)]);
         let share = (tick % KNOT_TICKS) as f64 / KNOT_TICKS as f64;
         let point = frame.to_world(one.point.lerp(next.point, share));
         let normal = one.normal.lerp(next.normal, share);

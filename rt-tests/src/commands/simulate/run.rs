@@ -7,7 +7,7 @@ use super::hands::HOVER_M;
 use super::kind::Kind;
 use super::library::{Bytes, Library};
 use super::quiet;
-use super::scenario::{Event, Scenario};
+use super::scenario::{BEFORE_HOLD_TICKS, Event, HOLD_TICKS, Scenario};
 use super::trace::{Checked, Trace, ensure};
 use crate::failure::Failure;
 use haptic_device::{MotionLimits, Sample};
@@ -29,8 +29,9 @@ const TOUR_S: f64 = 1.0;
 const DESCENT_M: f64 = 1e-4;
 /// Number of the first controller at the station.
 const FIRST_CLIENT: u64 = 7;
-/// Ticks by which a last press may be held longer, so that contact is half of the run.
-const LONGER_TICKS: u64 = 4_000;
+/// Ticks by which a last press may be held longer, so that contact is half of the run: also where
+/// a fault from the first tick on lets no hand touch before it.
+const LONGER_TICKS: u64 = BEFORE_HOLD_TICKS + BEFORE_HOLD_TICKS / 10 - HOLD_TICKS;
 /// Least share of a run in contact.
 const LEAST_CONTACT: f64 = 0.5;
 
@@ -449,10 +450,15 @@ impl<'a> Run<'a> {
         let client = &mut self.simulation.clients_mut()[k];
         for (probe, path) in self.scenario.hands[k].iter().enumerate() {
             let object = path.object;
+            let model = self.scenario.models[object];
+            // Before it is felt, the hand waits over what will be.
+            let held = client.controller().header_of(object).map(|of| of.model);
+            let rebuilt = self.library.version(model, true).hash();
+            let is_rebuilt = held.map_or(self.is_rebuilt, |held| held == rebuilt);
             let known = client.controller().frame_of(object);
             let frame = known.unwrap_or_else(|| {
                 let of = &plan.objects[object];
-                let version = self.library.version(self.scenario.models[object], false);
+                let version = self.library.version(model, is_rebuilt);
                 ModelFrame::new(of.pose, of.scale, &version.model.file.model_header())
             });
             let raised_m = &mut self.sides[k].raised_m[probe];
@@ -462,7 +468,7 @@ impl<'a> Run<'a> {
             }
             let height_m = plan.probes[probe].shape.tip_m() + *raised_m;
             let turns = self.scenario.has(Kind::Tools);
-            let pose = path.pose(tick, &frame, height_m, turns);
+            let pose = path.pose(tick, (&frame, is_rebuilt), height_m, turns);
             client.hand(probe).hold_at(Some(pose));
         }
     }

@@ -21,6 +21,9 @@ const MIN_FAULTY_TICKS: u64 = 3_200;
 const FAULTY_TICKS_RANGE: u64 = 800;
 /// Ticks for which the last press is held.
 pub const HOLD_TICKS: u64 = 700;
+/// Ticks before the last press is held, at the most.
+pub const BEFORE_HOLD_TICKS: u64 =
+    MIN_FAULTY_TICKS + FAULTY_TICKS_RANGE + LIFT_TICKS + HOVER_TICKS + PRESS_TICKS;
 /// Share of the seeds that draw a kind, where nothing else is said.
 const SHARE: f64 = 0.2;
 
@@ -110,9 +113,9 @@ impl Scenario {
             let probes = 0..scene.plan.probes.len();
             let paths = probes.map(|k| {
                 let object = k % objects;
-                let version = library.version(scene.models[object], false);
+                let versions = [false, true].map(|of| library.version(scene.models[object], of));
                 let depth_m = 1e-3 + 7e-3 * hand.unit();
-                HandPath::draw(object, version, depth_m, length, &mut hand)
+                HandPath::draw(object, versions, depth_m, length, &mut hand)
             });
             paths.collect()
         });
