@@ -52,8 +52,10 @@ pub struct TickRecord {
     pub station: u64,
     /// Sample of each device; `None` when it gave none.
     pub samples: [Option<Sample>; MAX_PROBES],
-    /// Whether the force rose from zero again in this tick, since its wrench had expired.
+    /// Whether the wrenches are zero instead of the core's, since those before had expired.
     pub force_cut: bool,
+    /// Whether those of the tick before were: the core's force rises from zero again.
+    pub rises_again: bool,
     /// Wrench written to each device, newtons and newton metres.
     pub wrenches: [Wrench; MAX_PROBES],
     /// Contact of each probe; `None` in free space.

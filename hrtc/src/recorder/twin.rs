@@ -8,6 +8,7 @@ use super::RecordingError;
 use crate::tick_record::TickRecord;
 use crate::tuning::KEYFRAME_STACK_BYTES;
 use bytemuck::Zeroable;
+use geometry::Wrench;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Request};
@@ -136,7 +137,7 @@ impl Twin {
             chunks: [chunks, &[]],
             stopping: record.core.stopping,
         };
-        if record.force_cut {
+        if record.rises_again {
             self.controller.force_was_cut();
         }
         let outputs = &mut self.outputs;
@@ -173,7 +174,10 @@ impl Twin {
     pub fn difference_of_state(&self, record: &TickRecord) -> Option<String> {
         let outputs = &self.outputs;
         let pairs = record.wrenches.iter().zip(&outputs.wrenches).enumerate();
-        let mut wrenches = pairs.map(|(k, (a, b))| field(&format!("wrenches[{k}]"), a, b));
+        let mut wrenches = pairs.map(|(k, (a, &b))| {
+            let b = if record.force_cut { Wrench::ZERO } else { b };
+            field(&format!("wrenches[{k}]"), a, &b)
+        });
         let pairs = record.contacts.iter().zip(&outputs.contacts).enumerate();
         let mut contacts = pairs.map(|(k, (a, b))| field(&format!("contacts[{k}]"), a, b));
         let counts = [

@@ -114,8 +114,8 @@ struct Lasting {
     high_water: HighWater,
     /// Wrenches that the devices render.
     written: [Wrench; MAX_PROBES],
-    /// Whether the last wrenches were zero because those before had expired.
-    was_cut: bool,
+    /// Whether the last wrenches are zero because those before had expired.
+    force_cut: bool,
 }
 
 /// Tells the main thread that the tick thread has ended, by being dropped, also by a panic.
@@ -136,7 +136,7 @@ struct Ticked {
     allocations: u32,
     samples: [Option<Sample>; MAX_PROBES],
     wrenches: [Wrench; MAX_PROBES],
-    force_cut: bool,
+    rises_again: bool,
 }
 
 impl TickThread {
@@ -153,7 +153,7 @@ impl TickThread {
             arrivals: Arrivals::default(),
             high_water: HighWater::default(),
             written: [Wrench::ZERO; MAX_PROBES],
-            was_cut: false,
+            force_cut: false,
         };
         thread.shared.ticking.store(true, Ordering::Release);
         let ticking = AssertUnwindSafe(|| thread.tick_until_stopped(&mut pacer, &mut lasting));
@@ -241,8 +241,8 @@ impl TickThread {
     fn tick(&mut self, wake: &Wake, stopping: bool, lasting: &mut Lasting) -> Ticked {
         let calls = counting_allocator::calls();
         counting_allocator::arm(true);
-        let force_cut = std::mem::take(&mut lasting.was_cut);
-        if force_cut {
+        let rises_again = lasting.force_cut;
+        if rises_again {
             self.controller.force_was_cut();
         }
         let Lasting {
@@ -277,7 +277,7 @@ impl TickThread {
             allocations: (counting_allocator::calls() - calls) as u32,
             samples,
             wrenches: lasting.written,
-            force_cut,
+            rises_again,
         }
     }
 
@@ -326,8 +326,8 @@ impl TickThread {
     /// at zero then. The force rises from there in the next tick.
     fn render(&mut self, lasting: &mut Lasting) {
         let lease = self.extend_lease();
-        lasting.was_cut = lease.is_none();
-        if lasting.was_cut {
+        lasting.force_cut = lease.is_none();
+        if lasting.force_cut {
             self.shared.force_cuts.fetch_add(1, Ordering::Relaxed);
         }
         // A zero wrench does not expire.
@@ -338,7 +338,7 @@ impl TickThread {
             .zip(&lasting.outputs.wrenches)
             .zip(&mut lasting.written)
         {
-            *written = if lasting.was_cut {
+            *written = if lasting.force_cut {
                 Wrench::ZERO
             } else {
                 wanted
@@ -491,7 +491,8 @@ fn record(wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &Lasting) -> T
         chunks_arrived: lasting.arrivals.arrived,
         station: ticked.station,
         samples: ticked.samples,
-        force_cut: ticked.force_cut,
+        force_cut: lasting.force_cut,
+        rises_again: ticked.rises_again,
         wrenches: ticked.wrenches,
         contacts: std::array::from_fn(|k| outputs.contacts.get(k).copied().flatten()),
         chunks_consumed: outputs.chunks_consumed as u32,

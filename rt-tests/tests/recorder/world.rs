@@ -14,6 +14,9 @@ use spm_builder::{BuildOptions, NoProgress, build_model};
 use station_core::station::{ServedModel, Station};
 use std::path::{Path, PathBuf};
 
+/// Ticks from one cut of the force to the next: a run that was stopped for longer than its wrenches
+/// are valid writes zero in place of the core's.
+const CUT_TICKS: usize = 170;
 /// Length of the tours, seconds.
 const TOUR_S: f64 = 2.0;
 const PERIOD_NS: u64 = 1_000_000;
@@ -110,14 +113,24 @@ impl World {
         let mut controller = self.controller();
         let mut outputs = TickOutputs::new(controller.probes());
         let (mut consumed, mut seen) = (0, 0);
+        let mut was_cut = false;
         for index in 0..self.recording.len() {
             let (inputs, arrived) = self.recording.inputs(index).unwrap();
             let all = self.recording.chunks();
             let chunks = [&all[consumed..arrived], &[]];
             let inputs = TickInputs { chunks, ..inputs };
+            if was_cut {
+                controller.force_was_cut();
+            }
             controller.tick(&inputs, &mut outputs, &mut NoObserver);
             consumed += outputs.chunks_consumed;
-            let record = record(&inputs, arrived, &outputs);
+            let mut record = record(&inputs, arrived, &outputs);
+            record.rises_again = was_cut;
+            record.force_cut = index % CUT_TICKS == CUT_TICKS - 1;
+            if record.force_cut {
+                record.wrenches = Default::default();
+            }
+            was_cut = record.force_cut;
             take(&record, &outputs, &all[seen..arrived]);
             seen = arrived;
         }
