@@ -3,7 +3,8 @@
 use super::format::{
     Channel, FILES, HEAD, Hole, PROFILE, PlainChunk, PlainReport, PlainRequest, sealed,
 };
-use super::shown::{self, Level, Shown};
+use super::schema::Schemas;
+use super::shown::{Display, Level, Shown};
 use super::{RecordingError, RecordingHead};
 use crate::tick_record::TickRecord;
 use crate::tuning::SHOWN_EVERY;
@@ -14,7 +15,6 @@ use mcap::write::NoSeek;
 use mcap::{Attachment, WriteOptions, Writer};
 use protocol::{ContactReport, Request};
 use scene_files::KeptFiles;
-use serde_json::Value;
 use std::borrow::Cow;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -46,6 +46,7 @@ pub(super) struct Encoder {
     of_probe: Vec<[u16; Shown::OF_PROBE.len()]>,
     /// Ids of [`Shown::OF_RUN`].
     of_run: [u16; Shown::OF_RUN.len()],
+    schemas: Schemas,
     realtime_offset_ns: u64,
     /// Start of the last tick, CLOCK_REALTIME, ns.
     now_ns: u64,
@@ -92,18 +93,20 @@ impl Encoder {
             let (topic, encoding) = (channel.topic(), channel.encoding());
             *id = writer.add_channel(0, topic, encoding, &BTreeMap::new())?;
         }
+        let schemas = Schemas::new()?;
         let mut of_probe = Vec::with_capacity(probes);
         for k in 0..probes {
             let folder = format!("/probe/{k}/");
-            of_probe.push(add_shown(&mut writer, &folder, Shown::OF_PROBE)?);
+            of_probe.push(add_shown(&mut writer, &schemas, &folder, Shown::OF_PROBE)?);
         }
-        let of_run = add_shown(&mut writer, "/", Shown::OF_RUN)?;
+        let of_run = add_shown(&mut writer, &schemas, "/", Shown::OF_RUN)?;
         Ok(Self {
             writer,
             pending,
             replay,
             of_probe,
             of_run,
+            schemas,
             realtime_offset_ns: head.realtime_offset_ns,
             now_ns,
             tick: 0,
@@ -141,11 +144,20 @@ impl Encoder {
         self.message(self.replay[channel as usize], &sealed(bytes))
     }
 
-    fn show(&mut self, id: u16, value: Option<Value>) -> Result<(), RecordingError> {
-        let Some(value) = value else {
-            return Ok(());
+    /// Writes a message for people, if there is one.
+    fn show(
+        &mut self,
+        id: u16,
+        message: impl FnOnce(&Display<'_>) -> Result<Option<Vec<u8>>, RecordingError>,
+    ) -> Result<(), RecordingError> {
+        let display = Display {
+            schemas: &self.schemas,
+            now_ns: self.now_ns,
         };
-        self.message(id, value.to_string().as_bytes())
+        match message(&display)? {
+            Some(bytes) => self.message(id, &bytes),
+            None => Ok(()),
+        }
     }
 
     pub(super) fn keyframe(&mut self, state: Vec<u8>) -> Result<(), RecordingError> {
@@ -191,8 +203,7 @@ impl Encoder {
 
     pub(super) fn event(&mut self, level: Level, sentence: &str) -> Result<(), RecordingError> {
         let last = Shown::OF_RUN.len() - 1;
-        let value = shown::event(self.now_ns, level, sentence);
-        self.show(self.of_run[last], Some(value))
+        self.show(self.of_run[last], |display| display.event(level, sentence))
     }
 
     /// A tick: for the replay in full, for people the wrench and a miss at every tick, the rest of
@@ -209,13 +220,13 @@ impl Encoder {
         for k in 0..self.of_probe.len() {
             for (channel, id) in Shown::OF_PROBE.into_iter().zip(self.of_probe[k]) {
                 if is_shown || channel == Shown::Wrench {
-                    self.show(id, shown::of_probe(channel, k, self.now_ns, record, twin))?;
+                    self.show(id, |display| display.of_probe(channel, k, record, twin))?;
                 }
             }
         }
         for (channel, id) in Shown::OF_RUN.into_iter().zip(self.of_run) {
             if is_shown || channel == Shown::Miss {
-                self.show(id, shown::of_run(channel, record))?;
+                self.show(id, |display| display.of_run(channel, record))?;
             }
         }
         Ok(())
@@ -240,15 +251,16 @@ fn attach(
 
 fn add_shown<const N: usize>(
     writer: &mut Writer<NoSeek<Pending>>,
+    schemas: &Schemas,
     folder: &str,
     channels: [Shown; N],
 ) -> Result<[u16; N], RecordingError> {
     let mut ids = [0; N];
     for (id, channel) in ids.iter_mut().zip(channels) {
-        let schema = channel.schema().to_string();
-        let schema = writer.add_schema(channel.schema_name(), "jsonschema", schema.as_bytes())?;
+        let (name, description) = (channel.schema_name(), &schemas.description);
+        let schema = writer.add_schema(name, "protobuf", description)?;
         let topic = format!("{folder}{}", channel.topic());
-        *id = writer.add_channel(schema, &topic, "json", &BTreeMap::new())?;
+        *id = writer.add_channel(schema, &topic, "protobuf", &BTreeMap::new())?;
     }
     Ok(ids)
 }

@@ -1,6 +1,6 @@
 //! The form of a recording: its channels, and how a message for a replay is sealed.
 //!
-//! Channels for people (`/probe/0/wrench`) are JSON with the schema of each message in the file.
+//! Channels for people (`/probe/0/wrench`) are protobuf, described in the file.
 //! Channels for a replay (`/replay/tick`) are binary: postcard for a tick, plain records for what
 //! crossed the link. Each of their messages ends with the hash of its bytes, so that a change is
 //! found wherever it is.

@@ -25,6 +25,7 @@ mod format;
 mod head;
 mod reader;
 mod replay;
+mod schema;
 mod shown;
 mod twin;
 mod worker;
@@ -72,6 +73,9 @@ pub enum RecordingError {
     /// The container cannot be encoded.
     #[error("the recording cannot be encoded: {0}")]
     Container(#[from] mcap::McapError),
+    /// A message for people is not as its description says: a defect.
+    #[error("what the recording shows cannot be described: {0}")]
+    Schema(String),
     /// The head cannot be encoded.
     #[error("the head of the recording cannot be encoded: {0}")]
     Head(String),

@@ -1,11 +1,13 @@
-//! What a recording shows to people: JSON messages with their schemas, the names those that
-//! Foxglove and rerun know wherever they have one.
+//! What a recording shows to people of a tick.
 
-use crate::tick_record::{STAGES, TickRecord};
+use super::RecordingError;
+use super::schema::Schemas;
+use crate::tick_record::TickRecord;
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use hrtc_core::Controller;
-use serde_json::{Value, json};
+use prost_reflect::prost::Message as _;
+use prost_reflect::{DynamicMessage, Value};
 
 /// A channel for people, one for each probe or one for the run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,7 +68,7 @@ impl Shown {
         }
     }
 
-    /// Name of the message's schema.
+    /// Full name of the message's schema.
     pub(super) const fn schema_name(self) -> &'static str {
         match self {
             Self::Device | Self::Proxy => "foxglove.PoseInFrame",
@@ -80,171 +82,6 @@ impl Shown {
             Self::Miss => "hrtc.Miss",
         }
     }
-
-    /// The schema, as JSON Schema.
-    pub(super) fn schema(self) -> Value {
-        let properties = match self {
-            Self::Device | Self::Proxy => json!({
-                "timestamp": time_schema(),
-                "frame_id": {"type": "string"},
-                "pose": {"title": "foxglove.Pose", "type": "object", "properties": {
-                    "position": vector_schema(),
-                    "orientation": {"title": "foxglove.Quaternion", "type": "object",
-                        "properties": numbers(&["x", "y", "z", "w"])},
-                }},
-            }),
-            Self::Wrench => json!({
-                "timestamp": time_schema(), "force": vector_schema(), "torque": vector_schema(),
-            }),
-            Self::Contact => json!({
-                "timestamp": time_schema(),
-                "object": {"type": "integer"},
-                "face": {"type": "integer"},
-                "point": vector_schema(),
-                "depth_m": {"type": "number"},
-                "full": {"type": "boolean"},
-            }),
-            Self::Energy => numbers(&["energy_j"]),
-            Self::Resolution => numbers(&RESOLUTION),
-            Self::Budget => numbers(&BUDGET),
-            Self::StageTimes => numbers(&STAGE_TIMES),
-            Self::Miss => json!({
-                "tick": {"type": "integer"}, "skipped": {"type": "integer"},
-                "class": {"type": "string"}, "wake_ns": {"type": "integer"},
-            }),
-            Self::Event => json!({
-                "timestamp": time_schema(), "level": {"type": "integer"},
-                "message": {"type": "string"}, "name": {"type": "string"},
-                "file": {"type": "string"}, "line": {"type": "integer"},
-            }),
-        };
-        json!({"title": self.schema_name(), "type": "object", "properties": properties})
-    }
-}
-
-const RESOLUTION: [&str; 6] = [
-    "contact_tolerance_m",
-    "finest_tolerance_m",
-    "certified_error_m",
-    "measured_error_m",
-    "active_faces",
-    "vsps_loaded",
-];
-const BUDGET: [&str; 6] = [
-    "work_units",
-    "query_work",
-    "vsplits",
-    "ecols",
-    "cache_bytes",
-    "bytes_received",
-];
-const STAGE_TIMES: [&str; 9] = [
-    STAGES[0], STAGES[1], STAGES[2], STAGES[3], STAGES[4], STAGES[5], "cpu", "wall", "wake",
-];
-
-fn numbers(names: &[&str]) -> Value {
-    let properties = names
-        .iter()
-        .map(|name| ((*name).to_owned(), json!({"type": "number"})));
-    Value::Object(properties.collect())
-}
-
-fn vector_schema() -> Value {
-    json!({"title": "foxglove.Vector3", "type": "object", "properties": numbers(&["x", "y", "z"])})
-}
-
-fn time_schema() -> Value {
-    json!({"title": "time", "type": "object", "properties": {
-        "sec": {"type": "integer", "minimum": 0},
-        "nsec": {"type": "integer", "minimum": 0, "maximum": 999_999_999},
-    }})
-}
-
-fn time(ns: u64) -> Value {
-    json!({"sec": ns / 1_000_000_000, "nsec": ns % 1_000_000_000})
-}
-
-fn vector(v: DVec3) -> Value {
-    json!({"x": v.x, "y": v.y, "z": v.z})
-}
-
-fn pose(ns: u64, pose: &Pose) -> Value {
-    let DQuat { x, y, z, w } = pose.orientation;
-    json!({
-        "timestamp": time(ns), "frame_id": "world",
-        "pose": {"position": vector(pose.position), "orientation": {"x": x, "y": y, "z": z, "w": w}},
-    })
-}
-
-/// A message of a probe's channel; `None` when there is nothing to show. The twin's controller
-/// gives what the tick does not put out.
-pub(super) fn of_probe(
-    shown: Shown,
-    k: usize,
-    ns: u64,
-    record: &TickRecord,
-    twin: Option<&Controller>,
-) -> Option<Value> {
-    let contact = record.contacts[k];
-    let core = &record.core.probes[k];
-    match shown {
-        Shown::Device => record.samples[k].map(|sample| pose(ns, &sample.pose)),
-        Shown::Proxy => {
-            let position = twin?.proxy_of(k, contact?.object as usize)?;
-            let orientation = record.samples[k]?.pose.orientation;
-            let at = Pose {
-                position,
-                orientation,
-            };
-            Some(pose(ns, &at))
-        }
-        Shown::Wrench => Some(json!({
-            "timestamp": time(ns),
-            "force": vector(record.wrenches[k].force), "torque": vector(record.wrenches[k].torque),
-        })),
-        Shown::Contact => contact.map(|of| {
-            json!({
-                "timestamp": time(ns), "object": of.object, "face": of.contact.face,
-                "point": vector(of.contact.point), "depth_m": core.depth_m,
-                "full": core.contact_full,
-            })
-        }),
-        Shown::Energy => Some(json!({"energy_j": core.energy_j})),
-        _ => None,
-    }
-}
-
-/// A message of a channel of the run; `None` when there is nothing to show.
-pub(super) fn of_run(shown: Shown, record: &TickRecord) -> Option<Value> {
-    let core = &record.core;
-    match shown {
-        Shown::Resolution => Some(json!({
-            "contact_tolerance_m": core.contact_tolerance_m,
-            "finest_tolerance_m": core.finest_tolerance_m,
-            "certified_error_m": core.certified_error_m,
-            "measured_error_m": core.measured_error_m,
-            "active_faces": core.active_faces, "vsps_loaded": core.vsps_loaded,
-        })),
-        Shown::Budget => Some(json!({
-            "work_units": core.work_units, "query_work": core.query_work,
-            "vsplits": core.vsplits, "ecols": core.ecols,
-            "cache_bytes": core.cache_bytes, "bytes_received": core.bytes_received,
-        })),
-        Shown::StageTimes => {
-            let of_all = [record.work_cpu_ns, record.work_wall_ns, record.wake_ns];
-            let times = record.stage_ns.iter().chain(&of_all);
-            let named = STAGE_TIMES.iter().zip(times);
-            let fields = named.map(|(name, &ns)| ((*name).to_owned(), json!(ns)));
-            Some(Value::Object(fields.collect()))
-        }
-        Shown::Miss => (record.skipped > 0).then(|| {
-            json!({
-                "tick": record.tick, "skipped": record.skipped,
-                "class": format!("{:?}", record.misses[0].class), "wake_ns": record.wake_ns,
-            })
-        }),
-        _ => None,
-    }
 }
 
 /// Levels of `foxglove.Log`.
@@ -255,10 +92,174 @@ pub(super) enum Level {
     Fatal = 5,
 }
 
-/// An event.
-pub(super) fn event(ns: u64, level: Level, sentence: &str) -> Value {
-    json!({
-        "timestamp": time(ns), "level": level as u8, "message": sentence, "name": "hrtc",
-        "file": "", "line": 0,
+/// Encodes what is shown of one tick.
+pub(super) struct Display<'a> {
+    pub schemas: &'a Schemas,
+    /// CLOCK_REALTIME, ns.
+    pub now_ns: u64,
+}
+
+/// The bytes of a message; `None` when there is nothing to show.
+type Encoded = Result<Option<Vec<u8>>, RecordingError>;
+
+impl Display<'_> {
+    /// A message of a probe's channel. The twin's controller gives what the tick does not put out.
+    pub(super) fn of_probe(
+        &self,
+        shown: Shown,
+        k: usize,
+        record: &TickRecord,
+        twin: Option<&Controller>,
+    ) -> Encoded {
+        let message = match shown {
+            Shown::Device => record.samples[k].map(|sample| self.pose(&sample.pose)),
+            Shown::Proxy => proxy(k, record, twin).map(|at| self.pose(&at)),
+            Shown::Wrench => Some(self.wrench(k, record)),
+            Shown::Contact => self.contact(k, record),
+            Shown::Energy => {
+                let energy_j = record.core.probes[k].energy_j;
+                Some(self.message(shown, [Value::F64(energy_j)]))
+            }
+            _ => None,
+        };
+        encoded(message)
+    }
+
+    /// A message of a channel of the run.
+    pub(super) fn of_run(&self, shown: Shown, record: &TickRecord) -> Encoded {
+        let core = &record.core;
+        let message = match shown {
+            Shown::Resolution => Some(self.message(
+                shown,
+                [
+                    Value::F64(core.contact_tolerance_m),
+                    Value::F64(core.finest_tolerance_m),
+                    Value::F64(core.certified_error_m),
+                    Value::F64(core.measured_error_m),
+                    Value::U64(core.active_faces.into()),
+                    Value::U64(core.vsps_loaded.into()),
+                ],
+            )),
+            Shown::Budget => Some(self.message(
+                shown,
+                [
+                    Value::U64(core.work_units.into()),
+                    Value::U64(core.query_work.into()),
+                    Value::U64(core.vsplits.into()),
+                    Value::U64(core.ecols.into()),
+                    Value::U64(core.cache_bytes),
+                    Value::U64(core.bytes_received),
+                ],
+            )),
+            Shown::StageTimes => {
+                let [a, b, c, d, e, f] = record.stage_ns;
+                let (cpu, wall) = (record.work_cpu_ns, record.work_wall_ns);
+                let times = [a, b, c, d, e, f, cpu, wall, record.wake_ns];
+                Some(self.message(shown, times.map(|ns| Value::U64(ns.into()))))
+            }
+            Shown::Miss => (record.skipped > 0).then(|| {
+                let fields = [
+                    Value::U64(record.tick),
+                    Value::U64(record.skipped.into()),
+                    Value::String(format!("{:?}", record.misses[0].class)),
+                    Value::U64(record.wake_ns.into()),
+                ];
+                self.message(shown, fields)
+            }),
+            _ => None,
+        };
+        encoded(message)
+    }
+
+    /// An event.
+    pub(super) fn event(&self, level: Level, sentence: &str) -> Encoded {
+        let fields = [
+            self.time()?,
+            Value::EnumNumber(level as i32),
+            Value::String(sentence.to_owned()),
+            Value::String("hrtc".to_owned()),
+            Value::String(String::new()),
+            Value::U32(0),
+        ];
+        encoded(Some(self.message(Shown::Event, fields)))
+    }
+
+    fn message<const N: usize>(
+        &self,
+        shown: Shown,
+        fields: [Value; N],
+    ) -> Result<DynamicMessage, RecordingError> {
+        self.schemas.message(shown.schema_name(), fields)
+    }
+
+    fn part<const N: usize>(
+        &self,
+        name: &str,
+        fields: [Value; N],
+    ) -> Result<Value, RecordingError> {
+        Ok(Value::Message(self.schemas.message(name, fields)?))
+    }
+
+    fn time(&self) -> Result<Value, RecordingError> {
+        const SECOND_NS: u64 = 1_000_000_000;
+        let (seconds, nanos) = (self.now_ns / SECOND_NS, self.now_ns % SECOND_NS);
+        // Both fit: 64 bits of nanoseconds are 585 years.
+        let fields = [Value::I64(seconds as i64), Value::I32(nanos as i32)];
+        self.part("google.protobuf.Timestamp", fields)
+    }
+
+    fn vector(&self, v: DVec3) -> Result<Value, RecordingError> {
+        self.part("foxglove.Vector3", v.to_array().map(Value::F64))
+    }
+
+    fn pose(&self, pose: &Pose) -> Result<DynamicMessage, RecordingError> {
+        let DQuat { x, y, z, w } = pose.orientation;
+        let orientation = self.part("foxglove.Quaternion", [x, y, z, w].map(Value::F64))?;
+        let pose = self.part("foxglove.Pose", [self.vector(pose.position)?, orientation])?;
+        self.message(
+            Shown::Device,
+            [self.time()?, Value::String("world".to_owned()), pose],
+        )
+    }
+
+    fn wrench(&self, k: usize, record: &TickRecord) -> Result<DynamicMessage, RecordingError> {
+        let wrench = &record.wrenches[k];
+        let (force, torque) = (self.vector(wrench.force)?, self.vector(wrench.torque)?);
+        self.message(Shown::Wrench, [self.time()?, force, torque])
+    }
+
+    fn contact(
+        &self,
+        k: usize,
+        record: &TickRecord,
+    ) -> Option<Result<DynamicMessage, RecordingError>> {
+        let of = record.contacts[k]?;
+        let core = &record.core.probes[k];
+        let fields = || {
+            Ok([
+                self.time()?,
+                Value::U64(of.object.into()),
+                Value::U64(of.contact.face.into()),
+                self.vector(of.contact.point)?,
+                Value::F64(core.depth_m),
+                Value::Bool(core.contact_full),
+            ])
+        };
+        Some(fields().and_then(|fields| self.message(Shown::Contact, fields)))
+    }
+}
+
+/// Pose of a probe's proxy at the object that it touches.
+fn proxy(k: usize, record: &TickRecord, twin: Option<&Controller>) -> Option<Pose> {
+    Some(Pose {
+        position: twin?.proxy_of(k, record.contacts[k]?.object as usize)?,
+        orientation: record.samples[k]?.pose.orientation,
     })
 }
+
+fn encoded(message: Option<Result<DynamicMessage, RecordingError>>) -> Encoded {
+    Ok(message.transpose()?.map(|of| of.encode_to_vec()))
+}
+
+#[cfg(test)]
+mod tests;
