@@ -158,8 +158,8 @@ impl Copy {
         Ok(encoder)
     }
 
-    fn bytes(&self) -> Vec<u8> {
-        self.encoder.as_ref().map(Encoder::take).unwrap_or_default()
+    fn bytes(&mut self) -> Vec<u8> {
+        self.encoder.as_mut().map(Encoder::take).unwrap_or_default()
     }
 
     fn finish(self, fault: &str) -> Result<Vec<u8>, RecordingError> {

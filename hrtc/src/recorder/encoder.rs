@@ -7,7 +7,7 @@ use super::schema::Schemas;
 use super::shown::{Display, Level, Shown};
 use super::{RecordingError, RecordingHead};
 use crate::tick_record::TickRecord;
-use crate::tuning::SHOWN_EVERY;
+use crate::tuning::{MAX_FRAME_BYTES, SHOWN_EVERY};
 use hrtc_core::Controller;
 use hrtc_core::streaming::chunk::InboxChunk;
 use mcap::records::MessageHeader;
@@ -47,6 +47,8 @@ pub(super) struct Encoder {
     /// Ids of [`Shown::OF_RUN`].
     of_run: [u16; Shown::OF_RUN.len()],
     schemas: Schemas,
+    /// Bytes of messages that no one has taken yet.
+    size: u64,
     realtime_offset_ns: u64,
     /// Start of the last tick, CLOCK_REALTIME, ns.
     now_ns: u64,
@@ -66,7 +68,7 @@ impl Encoder {
             .profile(PROFILE)
             .library(concat!("hrtc ", env!("CARGO_PKG_VERSION")))
             .compression(None)
-            .use_chunks(false)
+            .chunk_size(Some(MAX_FRAME_BYTES))
             .disable_seeking(true);
         let mut writer = options.create(NoSeek::new(pending.clone()))?;
         let now_ns = now_ns + head.realtime_offset_ns;
@@ -107,20 +109,28 @@ impl Encoder {
             of_probe,
             of_run,
             schemas,
+            size: 0,
             realtime_offset_ns: head.realtime_offset_ns,
             now_ns,
             tick: 0,
         })
     }
 
-    /// The bytes since the last call.
-    pub(super) fn take(&self) -> Vec<u8> {
+    /// The bytes of all whole frames since the last call.
+    pub(super) fn take(&mut self) -> Vec<u8> {
+        self.size = 0;
         self.pending.0.take()
     }
 
-    /// Bytes since the last call of [`Encoder::take`].
-    pub(super) fn pending(&self) -> u64 {
-        self.pending.0.borrow().len() as u64
+    /// Ends the frame under way; the bytes since the last call of [`Encoder::take`].
+    pub(super) fn flush(&mut self) -> Result<Vec<u8>, RecordingError> {
+        self.writer.flush()?;
+        Ok(self.take())
+    }
+
+    /// Bytes of the messages since the last call of [`Encoder::take`].
+    pub(super) fn size(&self) -> u64 {
+        self.size
     }
 
     /// Ends the file; the last bytes.
@@ -137,6 +147,7 @@ impl Encoder {
             log_time: self.now_ns,
             publish_time: self.now_ns,
         };
+        self.size += bytes.len() as u64;
         Ok(self.writer.write_to_known_channel(&header, bytes)?)
     }
 

@@ -14,8 +14,9 @@
 //! ```
 //!
 //! All of them are bounded. What finds its ring or the queue full is lost and marked as a [`Hole`]:
-//! a slow or full disk costs records, never a tick. Messages are not gathered in chunks, so a file
-//! that ends anywhere, by a kill for example, opens up to its last whole message. Each later file
+//! a slow or full disk costs records, never a tick. Messages are gathered in short frames, MCAP's
+//! chunks, without which rerun reads nothing; a file that ends anywhere, by a kill for example,
+//! opens up to its last whole message. Each later file
 //! begins with a keyframe, the state of the twin, and replays without those before it.
 
 mod black_box;

@@ -64,7 +64,8 @@ impl RecordingReader {
         let mut files = KeptFiles::default();
         let mut channels = BTreeMap::new();
         let mut first = None;
-        let mut is_whole = false;
+        // All of the head comes before the first message.
+        let (mut has_message, mut is_whole) = (false, false);
         while first.is_none() && !is_whole {
             let Some(record) = source.next() else { break };
             match record {
@@ -77,12 +78,9 @@ impl RecordingReader {
                         files.contents.insert(PathBuf::from(path), data.into());
                     }
                 }
-                Record::Channel(channel) => {
-                    let mut all = Channel::ALL.into_iter();
-                    let found = all.find(|of| of.topic() == channel.topic);
-                    channels.extend(found.map(|found| (channel.id, found)));
-                }
+                Record::Channel(channel) => channels.extend(for_replay(&channel)),
                 Record::Message { header, data } => {
+                    has_message = true;
                     let channel = channels.get(&header.channel_id);
                     first = channel.map(|&channel| entry(channel, &data));
                 }
@@ -90,11 +88,11 @@ impl RecordingReader {
                 _ => {}
             }
         }
-        // They come last: all of the head is there.
-        let has_channels = channels.len() == Channel::ALL.len();
         Ok(Self {
             source,
-            head: head.filter(|_| has_channels).ok_or_else(foreign)?,
+            head: head
+                .filter(|_| has_message || is_whole)
+                .ok_or_else(foreign)?,
             files,
             channels,
             first,
@@ -136,6 +134,7 @@ impl Iterator for RecordingReader {
                         return Some(entry(channel, &data));
                     }
                 }
+                Record::Channel(channel) => self.channels.extend(for_replay(&channel)),
                 Record::Footer(_) => self.is_whole = true,
                 _ => {}
             }
@@ -187,6 +186,13 @@ fn is_attachment(data: &[u8]) -> bool {
     };
     let length = <[u8; 8]>::try_from(bytes).map_or(u64::MAX, u64::from_le_bytes);
     length.checked_add(at as u64 + 8 + CRC) == Some(data.len() as u64)
+}
+
+/// A channel for a replay with its id; `None` for another.
+fn for_replay(channel: &mcap::records::Channel) -> Option<(u16, Channel)> {
+    let mut all = Channel::ALL.into_iter();
+    let found = all.find(|of| of.topic() == channel.topic)?;
+    Some((channel.id, found))
 }
 
 /// A message as an entry.

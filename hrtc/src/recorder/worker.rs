@@ -7,7 +7,7 @@ use super::twin::Twin;
 use super::{Hole, RecordingError, RecordingHead};
 use crate::message::note;
 use crate::tick_record::TickRecord;
-use crate::tuning::{DRAIN_PERIOD, RECORDING_RETRY_NS};
+use crate::tuning::{DRAIN_PERIOD, FRAME_NS, RECORDING_RETRY_NS};
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{ContactReport, Request};
 use realtime::rights::monotonic_ns;
@@ -65,6 +65,8 @@ pub(super) struct Worker {
     /// Ticks that are lost and not yet marked so.
     hole: Option<Hole>,
     retry_ns: u64,
+    /// Time of the last frame's end, ns.
+    flushed_ns: u64,
     has_warned: bool,
     /// Whether the disk refused records, for the main thread.
     has_lost: Arc<AtomicBool>,
@@ -99,6 +101,7 @@ impl Worker {
             next_chunk: 0,
             hole: None,
             retry_ns: 0,
+            flushed_ns: 0,
             has_warned: false,
             has_lost,
         })
@@ -226,12 +229,20 @@ impl Worker {
         encoder.map_or(Ok(()), |encoder| encoder.event(Level::Warning, sentence))
     }
 
-    /// Hands the encoded bytes to the disk.
+    /// Hands a frame to the disk, once it is long enough.
     fn flush(&mut self) {
-        let Some(encoder) = &self.encoder else {
+        let Some(encoder) = &mut self.encoder else {
             return;
         };
-        let bytes = encoder.take();
+        let now_ns = monotonic_ns();
+        if now_ns < self.flushed_ns + FRAME_NS {
+            return;
+        }
+        self.flushed_ns = now_ns;
+        let bytes = match encoder.flush() {
+            Ok(bytes) => bytes,
+            Err(error) => return self.stop(error.to_string()),
+        };
         self.written += bytes.len() as u64;
         if !bytes.is_empty() && !self.disk.write(bytes) {
             let reason = self.disk.failure();
@@ -269,7 +280,7 @@ impl Worker {
         let Some(encoder) = &self.encoder else {
             return Ok(());
         };
-        if self.written + encoder.pending() < self.file_bytes {
+        if self.written + encoder.size() < self.file_bytes {
             return Ok(());
         }
         if let Some(encoder) = self.encoder.take() {
