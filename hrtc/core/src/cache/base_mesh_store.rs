@@ -106,19 +106,31 @@ impl BaseMeshStore {
         (self.used, self.slots.len())
     }
 
-    /// A model's answer begins: its slots are set aside if there is room.
+    /// A model's answer begins: its slots are set aside if there is room. An answer that began
+    /// before, perhaps of another model under the same name, gives its slots to this one; a model
+    /// that is known keeps them.
     pub fn begin(&mut self, model: usize, header: &ModelHeader) {
         let count = model_slots(header);
         let entry = &mut self.entries[model];
-        if entry.slots.is_none() && count <= self.slots.len() - self.used {
-            entry.slots = Some((self.used, count));
-            self.used += count;
+        if entry.model.is_some() {
+            return;
         }
+        entry.slots = match entry.slots {
+            Some((first, room)) if count <= room => Some((first, count)),
+            _ if count <= self.slots.len() - self.used => {
+                let first = self.used;
+                self.used += count;
+                Some((first, count))
+            }
+            _ => None,
+        };
     }
 
-    /// Keeps a slot of a model's answer.
+    /// Keeps a slot of a model's answer; those of a model that is known stay as they are.
     pub fn keep(&mut self, model: usize, place: usize, slot: &ChunkSlot) {
-        if let Some((first, count)) = self.entries[model].slots
+        let entry = &self.entries[model];
+        if let Some((first, count)) = entry.slots
+            && entry.model.is_none()
             && place < count
         {
             self.slots[first + place] = *slot;

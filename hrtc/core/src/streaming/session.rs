@@ -156,13 +156,22 @@ impl Session {
     }
 
     /// A tick begins; `station` is the incarnation of the living one. An epoch that ends takes an
-    /// unfinished scripted path with it. Another station may serve what the last one could not.
+    /// unfinished scripted path with it. Another station may serve what the last one could not, or
+    /// another model: then a base mesh that is not whole begins anew.
     pub fn begin_tick(&mut self, station: u64, tick: u64, front: &mut Front) {
         self.measured = None;
         self.is_stalled = false;
-        if self.is_ended() && self.subscriber.is_another(station) {
-            self.fault = None;
-            self.progress = Progress::default();
+        if self.subscriber.is_another(station) {
+            let is_partial = self.progress.header.is_some() && front.model().is_none();
+            if is_partial {
+                front.reset();
+            }
+            if is_partial || self.is_ended() {
+                self.progress = Progress::default();
+            }
+            if self.is_ended() {
+                self.fault = None;
+            }
         }
         if !self.is_ended() {
             self.subscriber.observe(station, tick, &mut front.cache);

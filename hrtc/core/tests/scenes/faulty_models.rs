@@ -6,6 +6,7 @@ use hrtc_core::Fault;
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{ChunkKind, Refusal};
 use scene::{ScenePlan, TrajectoryPlan};
+use simulator::LinkModel;
 use spm::NONE;
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
@@ -141,6 +142,55 @@ fn a_rebuilt_model_is_named_and_its_old_mesh_is_touched_on() {
     world.start_station(scene_station(&plan, &[("a.spm", &SPHERE)], 102));
     settle(&mut world, &[Some(pressed)]);
     assert_eq!(world.controller().faults().count(), 0);
+}
+
+/// A base mesh arrives slowly, and its station comes back with another model under the same name:
+/// once when there is a fault already, and once without.
+#[test]
+fn a_model_that_is_rebuilt_while_its_base_mesh_arrives_is_touched() {
+    let rebuilt: [(&str, &[u8]); 2] = [("a.spm", &REBUILT), ("b.spm", &REBUILT)];
+    for is_damaged in [false, true] {
+        let balls = [
+            ("a.spm", 2.0 * BALL, centre(0)),
+            ("b.spm", 2.0 * BALL, centre(1)),
+        ];
+        let plan = scene_plan(&balls, 1, 16 << 20);
+        let mut world = scene_world(&plan, &[("a.spm", &SPHERE), ("b.spm", &SPHERE)], 0.0);
+        let link = world.client_mut().link();
+        link.set_model(LinkModel {
+            bytes_per_tick: 500.0,
+            ..LinkModel::default()
+        });
+        if is_damaged {
+            link.tamper(|chunk| {
+                let is_later = chunk.header.code > 0;
+                if is_later && chunk.header.kind == ChunkKind::Model as u32 {
+                    for slot in &mut chunk.slots {
+                        slot.words.fill(u32::MAX);
+                    }
+                }
+            });
+        }
+        // Two chunks of three.
+        for _ in 0..30 {
+            world.step_at(above(0, 0.02));
+        }
+        assert!(!world.controller().active_objects()[0].is_ready());
+        assert_eq!(world.controller().has_faults(), is_damaged);
+        let link = world.client_mut().link();
+        link.stop_tampering();
+        link.set_model(LinkModel::default());
+        world.start_station(scene_station(&plan, &rebuilt, 101));
+        settle(&mut world, &[Some(above(0, 0.02))]);
+        let faults: Vec<_> = world.controller().faults().collect();
+        assert_eq!(faults, []);
+        for object in 0..2 {
+            let force = press(&mut world, object);
+            assert!(force > 0.5, "object {object}: {force} N");
+        }
+        assert_eq!(world.client().allocations(), 0);
+        world.controller().cache().check();
+    }
 }
 
 #[test]
