@@ -207,9 +207,9 @@ pub mod force {
     /// Relative rounding error of the difference of two equal motions: 8 units in the last place.
     pub const MOTION_ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-    /// Share of an earlier contact's excess energy that is left after a tick without force: a third
-    /// after 33 ms. That is longer than a period of a buzz (above 30 Hz) and shorter than a lift.
-    pub const EXCESS_LEFT: f64 = 0.967;
+    /// Time in which the excess energy of a contact that is over falls to a third, seconds. That is
+    /// longer than a period of a buzz (above 30 Hz) and shorter than a lift.
+    pub const EXCESS_FADES_S: f64 = 0.03;
 
     /// Most faces in the mean normal of force shading. The search visits the nearer part of the
     /// tree first.

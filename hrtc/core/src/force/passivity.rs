@@ -27,6 +27,11 @@
 //!
 //! The force is never reversed, so a surface does not stick.
 //!
+//! A contact lasts for as long as a passive wrench is wanted, whatever its share. Within it nothing
+//! that was put out is forgotten. Afterwards an excess fades with [`EXCESS_FADES_S`]: kept for
+//! ever, it would mute the next contacts after a device was silent inside a surface; dropped at
+//! once, a buzz of short contacts could go on, each with an excess.
+//!
 //! # Fading
 //!
 //! Where U is above the energy A taken in, the force fades towards `√(A / U)` of itself while the
@@ -41,7 +46,7 @@
 
 use super::positions::Positions;
 use crate::perception::{STEP_N, STEP_SHARE};
-use crate::tuning::force::{EXCESS_LEFT, MOTION_ROUNDING};
+use crate::tuning::force::{EXCESS_FADES_S, MOTION_ROUNDING};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use mutants::{Mutant, is};
@@ -54,8 +59,11 @@ pub struct EnergyAccount {
     encoder_m: f64,
     /// Energy put out by the whole wrench, joules.
     joules: f64,
-    /// Energy put out by the limited part since the contact began, joules.
+    /// Energy put out by the limited part since the contact began, joules; after it, what is left
+    /// of the excess.
     contact_joules: f64,
+    /// Whether no passive wrench is wanted in this period: the contact is over.
+    is_apart: bool,
     /// Share of the force that the energy taken in allows, 0 to 1; it fades.
     paid: f64,
     /// Wrench on the device in this period.
@@ -141,6 +149,7 @@ impl EnergyAccount {
             encoder_m,
             joules: 0.0,
             contact_joules: 0.0,
+            is_apart: false,
             paid: 1.0,
             wrench: Wrench::ZERO,
             limited: Wrench::ZERO,
@@ -193,6 +202,14 @@ impl EnergyAccount {
         self.motion = [motion, self.motion[0], self.motion[1]];
     }
 
+    /// So much time has passed, seconds: the excess of a contact that is over fades.
+    pub fn pass_time(&mut self, seconds: f64) {
+        if self.is_apart {
+            // Exponential decay by the implicit Euler method: stable for any time.
+            self.contact_joules *= EXCESS_FADES_S / (EXCESS_FADES_S + seconds);
+        }
+    }
+
     /// The next pose is no motion: no work leads there. The sums stay.
     pub fn go_to_new_place(&mut self) {
         self.positions = None;
@@ -208,13 +225,14 @@ impl EnergyAccount {
         if is(Mutant::Passivity) {
             return 1.0;
         }
+        self.is_apart = wanted == Wrench::ZERO;
         let next = self.next();
         let pushed = wanted.force.dot(next) - ahead.pushed_j;
         let work = pushed + (wanted.torque.dot(self.rotation) - ahead.turned_j);
         let size = wanted.force.length();
         let taken_in = 0.0 - self.contact_joules;
         let moves_away = work > self.rounding(size, ahead);
-        let due = if moves_away && spring.stored_j > taken_in {
+        let due = if moves_away && spring.stored_j > taken_in.max(0.0) {
             (taken_in.max(0.0) / spring.stored_j).sqrt()
         } else {
             1.0
@@ -274,10 +292,9 @@ impl EnergyAccount {
     /// Sets the wrench on the device for the coming period, and its `limited` part, which has
     /// passed [`Self::share`].
     pub fn set_output(&mut self, wrench: Wrench, limited: Wrench) {
-        // A contact begins without credit, but the excess of an earlier one stays for a while. For
-        // ever, it would mute the next contacts after a device was silent inside a surface.
+        // A contact begins without credit.
         if self.limited == Wrench::ZERO {
-            self.contact_joules = self.contact_joules.max(0.0) * EXCESS_LEFT;
+            self.contact_joules = self.contact_joules.max(0.0);
         }
         self.wrench = wrench;
         self.limited = limited;

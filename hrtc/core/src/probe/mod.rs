@@ -220,6 +220,8 @@ impl Probe {
             let carried = std::mem::take(&mut self.carried);
             self.energy
                 .moved_to(pose, [self.elapsed, self.periods], carried);
+            let seconds = self.elapsed as f64 * clock.period_s;
+            self.energy.pass_time(seconds);
             if !self.effects.is_empty() {
                 let velocity = self.energy.motion() / clock.period_s;
                 self.effects.render(clock, pose, velocity, &mut wanted);

@@ -213,6 +213,13 @@ fn the_excess_of_an_earlier_contact_does_not_mute_a_later_one() {
     // at 10 Hz.
     for _ in 0..500 {
         move_to(&mut account, 0.0);
+        account.pass_time(PERIOD_S);
+        let share = account.share(
+            Wrench::ZERO,
+            CouplingSpring::default(),
+            CarriedWork::default(),
+        );
+        assert!((0.0..=1.0).contains(&share), "{share}");
         account.set_output(Wrench::ZERO, Wrench::ZERO);
     }
     let mut least = f64::INFINITY;
@@ -233,6 +240,88 @@ fn the_excess_of_an_earlier_contact_does_not_mute_a_later_one() {
         account.set_output(force, force);
     }
     assert!(least > 0.9, "{least}");
+}
+
+/// The account of a device that was pushed out of a surface by 2 N over 5 mm, and is on it still:
+/// 10 mJ that nobody put in.
+fn account_with_an_excess() -> EnergyAccount {
+    let mut account = EnergyAccount::new(0.0);
+    for (x, force) in [(-6e-3, 2.0), (-1e-3, 0.0)] {
+        account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
+        account.set_output(push(force), push(force));
+    }
+    assert!(account.contact_joules > 9e-3);
+    account
+}
+
+/// Lets periods of so many seconds go by, in each of which a spring wants to push a resting device
+/// with some newtons, and gets nothing.
+fn wait(account: &mut EnergyAccount, newtons: f64, period_s: f64, periods: u32) {
+    let stiffness_n_per_m = 1000.0;
+    let spring = CouplingSpring {
+        stiffness_n_per_m,
+        stored_j: 0.5 * newtons * newtons / stiffness_n_per_m,
+    };
+    for _ in 0..periods {
+        account.moved_to(&Pose::at(DVec3::X * -1e-3), [1; 2], STANDING);
+        account.pass_time(period_s);
+        let share = account.share(push(newtons), spring, CarriedWork::default());
+        assert!((0.0..=1.0).contains(&share), "{share}");
+        account.set_output(Wrench::ZERO, Wrench::ZERO);
+    }
+}
+
+/// A damping torque may act where the spring of the contact holds nothing, after an excess.
+#[test]
+fn a_share_is_between_0_and_1_where_the_spring_holds_nothing() {
+    for (turned, newtons) in [(1e-3, 0.0), (1e-3, 1.0), (-1e-3, 0.0), (0.0, 1.0)] {
+        let mut account = account_with_an_excess();
+        let wanted = Wrench {
+            torque: DVec3::Z * 1e-4,
+            ..Wrench::ZERO
+        };
+        for k in 1..4 {
+            let pose = Pose {
+                position: DVec3::X * -1e-3,
+                orientation: DQuat::from_rotation_z(turned * f64::from(k)),
+            };
+            account.moved_to(&pose, [1; 2], STANDING);
+            let nothing = CouplingSpring::default();
+            let share = account.share(wanted, nothing, CarriedWork::default());
+            assert!((0.0..=1.0).contains(&share), "{share}");
+            account.set_output(wanted * share, wanted * share);
+        }
+        // The next contact has a force again.
+        wait(&mut account, newtons, PERIOD_S, 100);
+        assert!((0.0..=1.0).contains(&account.paid), "{}", account.paid);
+    }
+}
+
+#[test]
+fn a_contact_without_a_share_forgets_nothing_that_it_put_out() {
+    let mut account = account_with_an_excess();
+    let excess = account.contact_joules;
+    wait(&mut account, 1.0, PERIOD_S, 1000);
+    assert_eq!(account.contact_joules, excess);
+}
+
+#[test]
+fn the_excess_of_a_contact_that_is_over_fades_in_seconds_whatever_the_rate() {
+    let left = |rate_hz: u32| {
+        let mut account = account_with_an_excess();
+        // The first period begins in contact.
+        wait(&mut account, 0.0, 0.0, 1);
+        let before = account.contact_joules;
+        wait(&mut account, 0.0, 1.0 / f64::from(rate_hz), rate_hz / 20);
+        account.contact_joules / before
+    };
+    let exact = (-0.05_f64 / EXCESS_FADES_S).exp();
+    for rate_hz in [500, 1000, 4000] {
+        let left = left(rate_hz);
+        let off = left / exact - 1.0;
+        println!("{rate_hz} Hz: {left} left after 50 ms, {off} off the exponential");
+        assert!(off.abs() < 0.1, "{rate_hz} Hz: {left} instead of {exact}");
+    }
 }
 
 #[test]
