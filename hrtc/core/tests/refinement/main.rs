@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod a_ball_in_a_convex_edge_slides_on;
 mod contact_is_at_full_resolution;
 mod front_is_independent_of_history;
 mod global_refinement_is_exact;

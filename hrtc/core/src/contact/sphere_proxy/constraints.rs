@@ -97,11 +97,15 @@ impl Constraints {
     }
 
     /// Linearises every face within radius + `reach` of `position`; that ball must be covered.
+    ///
+    /// Half-spaces have the local minima of the distance, and every face nearer than `inside`, in
+    /// which a split may have left the ball: it would stop any sweep towards it at once, and the
+    /// ball would stick.
     pub fn linearise(
         &mut self,
         near: &NearFaces,
         position: DVec3,
-        radius: f64,
+        [radius, inside]: [f64; 2],
         reach: f64,
     ) -> Work {
         self.count = 0;
@@ -125,7 +129,7 @@ impl Constraints {
             let Candidate {
                 feature, distance, ..
             } = self.candidates[k];
-            let has_plane = self.features.least(feature) >= distance;
+            let has_plane = self.features.least(feature) >= distance || distance < inside;
             self.candidates[k].has_plane = has_plane;
             if has_plane && (k > 0 || !is(Mutant::Constraint)) {
                 self.add(k);

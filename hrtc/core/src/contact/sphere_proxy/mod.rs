@@ -211,7 +211,9 @@ impl Proxy {
             let reach = reach.min(length + 1e-3 * self.radius);
             self.collect_near(surface, reach, &mut work);
             let constraints = &mut self.constraints;
-            work.add(constraints.linearise(&self.near, self.position, self.radius, reach));
+            // Half of the skin: not a face at which the ball rests, but each that stops the sweep.
+            let radii = [self.radius, 0.5 * (self.radius + skin_radius)];
+            work.add(constraints.linearise(&self.near, self.position, radii, reach));
             dropped = dropped.max(constraints.dropped());
             let step = project(wanted, self.constraints.planes());
             contact = self.strongest(step.active()).or(contact);
