@@ -11,10 +11,12 @@
 //! | [`models`] | meshes, fronts on them, and exact distances |
 //! | [`peers`] | other libraries, for comparison only |
 //! | [`report`] | numbers in words, tables, pictures, pages and files |
+//! | [`clocks`] | times of single pieces of work |
 //! | [`machine`], [`failure`] | where it was measured; how a command fails |
 
 pub mod arguments;
 pub mod cases;
+pub mod clocks;
 pub mod commands;
 pub mod failure;
 pub mod machine;

@@ -15,6 +15,26 @@ const BYTES_A_VSP: usize = 700;
 /// The most of it, for models of millions of faces.
 const MAX_BYTES: usize = 256 << 20;
 
+/// A part of a batch of splits or collapses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BatchPart {
+    /// One split or collapse.
+    Operation,
+    /// The update of the tree for all of them.
+    Refit,
+}
+
+/// Told of the parts of a batch, to time them.
+pub trait BatchObserver {
+    /// A part may begin; it ends, or another one begins.
+    fn begins(&mut self) {}
+    /// The part that began last has ended.
+    fn ended(&mut self, _: BatchPart) {}
+}
+
+/// Observes nothing.
+impl BatchObserver for () {}
+
 /// A cache with one model, and the collection that serves it.
 pub struct LocalFront<'a> {
     model: &'a Model,
@@ -178,12 +198,25 @@ impl<'a> LocalFront<'a> {
     /// # Errors
     /// When a record does not fit the mesh.
     pub fn split_some(&mut self, most: u32) -> Result<u32, Failure> {
+        self.split_observed(most, &mut ())
+    }
+
+    /// The same, observed.
+    ///
+    /// # Errors
+    /// When a record does not fit the mesh.
+    pub fn split_observed(
+        &mut self,
+        most: u32,
+        observer: &mut impl BatchObserver,
+    ) -> Result<u32, Failure> {
         let mut done = 0;
         for &key in &self.wanted {
             let Some(region) = self.cache.regions.index(key) else {
                 continue;
             };
             while done < most {
+                observer.begins();
                 let mut entries = u32::MAX;
                 let Some(slot) = self.cache.next_split(region, &mut entries) else {
                     break;
@@ -191,24 +224,39 @@ impl<'a> LocalFront<'a> {
                 self.cache
                     .split(slot, &mut self.out)
                     .map_err(|error| Failure::Run(format!("{}: {error}", self.model.name)))?;
+                observer.ended(BatchPart::Operation);
                 done += 1;
             }
         }
-        if done > 0 {
-            self.cache.refit();
-        }
+        self.refit(done, observer);
         Ok(done)
+    }
+
+    fn refit(&mut self, done: u32, observer: &mut impl BatchObserver) {
+        if done > 0 {
+            observer.begins();
+            self.cache.refit();
+            observer.ended(BatchPart::Refit);
+        }
     }
 
     /// Undoes up to `most` splits that no wanted region needs, and refits; how many there were.
     pub fn collapse_some(&mut self, most: u32) -> u32 {
+        self.collapse_observed(most, &mut ())
+    }
+
+    /// The same, observed.
+    pub fn collapse_observed(&mut self, most: u32, observer: &mut impl BatchObserver) -> u32 {
         let mut done = 0;
-        while done < most && self.cache.collapse_oldest(&mut self.out) {
+        while done < most {
+            observer.begins();
+            if !self.cache.collapse_oldest(&mut self.out) {
+                break;
+            }
+            observer.ended(BatchPart::Operation);
             done += 1;
         }
-        if done > 0 {
-            self.cache.refit();
-        }
+        self.refit(done, observer);
         done
     }
 

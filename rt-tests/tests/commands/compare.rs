@@ -29,6 +29,8 @@ fn every_contender_answers_alike_and_the_result_is_whole() {
             assert!(is_there, "{list} {task}");
         }
     }
+    assert!(of("rows").iter().all(|row| row["is_judged"] == true));
+    assert!(of("growth").iter().all(|row| row["is_judged"] == false));
     for who in "ours_local ours_full parry_f32 parry_f64 parry_f64_moved".split(' ') {
         assert!(rows.iter().any(|row| row["who"] == who), "{who}");
     }

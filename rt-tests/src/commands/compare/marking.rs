@@ -4,11 +4,12 @@
 use super::EVERY;
 use super::closest::touches;
 use super::full_front::FullFront;
-use super::timing::{Clocks, ONCE, time};
+use super::timing::{ONCE, time};
 use super::tools::{
     MAX_PAIRS, STRETCH, TOOLS, Touch, capsule, new_tool, ours, refine, refined_reach,
 };
 use super::update::patch;
+use crate::clocks::Clocks;
 use crate::failure::Failure;
 use crate::models::Model;
 use crate::models::local_front::LocalFront;

@@ -140,6 +140,9 @@ pub struct Row {
     pub answers_differ: u64,
     /// Bytes of mesh and tree together, for the task `build`; else 0.
     pub bytes: u64,
+    /// Whether its times are held to limits: those of the shapes of growing size are not, only
+    /// their answers.
+    pub is_judged: bool,
 }
 
 impl Row {
@@ -161,6 +164,7 @@ impl Row {
             max_ns: quantile(&ns, 1.0),
             answers_differ,
             bytes: 0,
+            is_judged: true,
         }
     }
 }
@@ -219,10 +223,15 @@ pub fn compare(args: &CompareArgs) -> Result<(), Failure> {
         let model = open(&format!("relief:{faces}"))?;
         eprintln!("relief of {} faces: measuring", grouped(faces.into()));
         let measured = Measured::new(&model, args.seed, EVERY_OF_GROWTH)?;
-        found.broken.extend(broken(&measured.rows));
-        found.growth.extend(measured.rows);
+        found
+            .growth
+            .extend(measured.rows.into_iter().map(|row| Row {
+                is_judged: false,
+                ..row
+            }));
         found.growth_levels.extend(measured.levels);
     }
+    found.broken.extend(wrong(&found.growth));
     found
         .broken
         .extend(marking::broken(&found.marking, &found.update_share));
@@ -340,7 +349,7 @@ fn broken(rows: &[Row]) -> Vec<String> {
 
 /// The tables of the terminal.
 fn words(found: &Compare) -> String {
-    let heads = "task | model | who | faces | p50 ns | p99 ns | max ns | differ | memory";
+    let heads = "task | model | who | faces | p50 ns | p99 ns | max ns | differ | memory | judged";
     let mut table = Table::new(3, heads);
     for row in found.rows.iter().chain(&found.growth) {
         let has_bytes = row.bytes > 0;
@@ -358,6 +367,7 @@ fn words(found: &Compare) -> String {
             } else {
                 String::new()
             },
+            if row.is_judged { "" } else { "not" }.to_string(),
         ]);
     }
     let mut text = table.to_string();

@@ -1,6 +1,6 @@
 //! Times of single queries, nanoseconds each.
 
-use realtime::rights::{monotonic_ns, thread_cpu_ns};
+use crate::clocks::Clocks;
 
 /// Times that every query is put where a round goes through so many that none finds in the caches
 /// what the same query left there.
@@ -55,49 +55,6 @@ pub fn time(count: usize, rounds: usize, contenders: &mut [&mut Query<'_>]) -> V
         }
     }
     all
-}
-
-/// Two clocks: wall time has the time of other processes in it, processor time takes long to be
-/// read. A query took no more than the smaller of the two.
-#[derive(Debug, Clone, Copy)]
-pub struct Clocks {
-    /// What reading each takes, wall and processor, nanoseconds.
-    costs: [u64; 2],
-}
-
-impl Clocks {
-    /// Measures what reading the clocks takes.
-    #[must_use]
-    pub fn new() -> Self {
-        let mut taken = [const { Vec::new() }; 2];
-        for _ in 0..1001 {
-            let (times, ()) = both(|| ());
-            for (taken, ns) in taken.iter_mut().zip(times) {
-                taken.push(ns);
-            }
-        }
-        let costs = taken.map(|mut taken| {
-            taken.sort_unstable();
-            taken[taken.len() / 2]
-        });
-        Self { costs }
-    }
-
-    /// Nanoseconds of a piece of work, and its result.
-    pub fn time<T>(self, what: impl FnOnce() -> T) -> (f64, T) {
-        let (times, result) = both(what);
-        let [wall, cpu] = [0, 1].map(|k| times[k].saturating_sub(self.costs[k]));
-        (wall.min(cpu) as f64, result)
-    }
-}
-
-/// Wall and processor time of a piece of work with the reading of the clocks, and its result.
-fn both<T>(what: impl FnOnce() -> T) -> ([u64; 2], T) {
-    let cpu = thread_cpu_ns();
-    let wall = monotonic_ns();
-    let result = what();
-    let wall = monotonic_ns() - wall;
-    ([wall, thread_cpu_ns() - cpu], result)
 }
 
 #[cfg(test)]

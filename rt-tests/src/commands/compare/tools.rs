@@ -164,7 +164,8 @@ fn local(model: &Model, mesh: &ToolMesh, poses: &[Touch]) -> Result<(Timed, Vec<
     let mut front = LocalFront::new(model)?;
     let reach = refined_reach(model);
     let (mut all, mut expected) = (Timed::default(), Vec::new());
-    for stretch in poses.chunks(STRETCH) {
+    for start in (0..poses.len()).step_by(STRETCH) {
+        let stretch = &poses[start..(start + STRETCH).min(poses.len())];
         refine(stretch, reach, &mut front)?;
         let surface = Surface {
             mesh: front.cache().mesh(),
@@ -176,8 +177,10 @@ fn local(model: &Model, mesh: &ToolMesh, poses: &[Touch]) -> Result<(Timed, Vec<
             tool.place(&touch.to_query);
             expected.push(by_search(&faces, &tool));
         }
-        let mut query = |k: usize| ours(surface, &mut tool, &stretch[k].to_query, &mut out);
-        let timed = time(stretch.len(), ONCE, &mut [&mut query]);
+        let mut ask = |touch: &Touch| ours(surface, &mut tool, &touch.to_query, &mut out);
+        // As for the others, the query before was for the pose before.
+        ask(&poses[start.saturating_sub(1)]);
+        let timed = time(stretch.len(), ONCE, &mut [&mut |k| ask(&stretch[k])]);
         timed.into_iter().for_each(|timed| all.extend(timed));
     }
     Ok((all, expected))

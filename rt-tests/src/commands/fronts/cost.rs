@@ -1,14 +1,14 @@
-//! What a split and a collapse cost with the update of the AB-tree: single ones, and batches as a
-//! tick does them, whose mean hides the slow ones.
+//! What a split and a collapse cost with the update of the AB-tree, in batches as a tick does them:
+//! each single one, and the means of the batches, which hide the slow ones.
 
+use crate::clocks::{Clocks, Reading};
 use crate::failure::Failure;
 use crate::models::Model;
-use crate::models::local_front::LocalFront;
+use crate::models::local_front::{BatchObserver, BatchPart, LocalFront};
 use crate::models::path::path;
 use crate::models::surface::Surface;
 use crate::report::quantile::sort;
 use rand::Rng;
-use realtime::rights::thread_cpu_ns;
 
 /// Splits, or collapses, of a batch: K of the loop's default.
 const BATCH: u32 = 32;
@@ -20,60 +20,74 @@ pub const OBJECT_M: f64 = 0.15;
 /// Cells within this distance of the contact are refined: a probe of 1 mm and what lies before it.
 const REFINED_M: f64 = 2.5e-3;
 
-/// Nanoseconds an operation, ascending: of each that was timed, or the mean of each batch.
+/// Nanoseconds an operation, ascending: of each single one with its share of its batch's update of
+/// the tree, and the means of the batches.
 #[derive(Debug, Clone, Default)]
-pub struct Timed {
-    /// Of splits.
-    pub split_ns: Vec<f64>,
-    /// Of collapses.
-    pub collapse_ns: Vec<f64>,
-    /// Splits in all entries.
-    pub splits: u64,
-}
-
-impl Timed {
-    /// Splits and collapses, up to so many at a time, until the front is that of the wanted cells.
-    fn time(&mut self, front: &mut LocalFront<'_>, most: u32, clock: u64) -> Result<(), Failure> {
-        self.splits += each(&mut self.split_ns, clock, &mut || front.split_some(most))?;
-        each(&mut self.collapse_ns, clock, &mut || {
-            Ok(front.collapse_some(most))
-        })?;
-        Ok(())
-    }
-}
-
-/// Times some operations until none is left; how many there were.
-fn each(
-    ns: &mut Vec<f64>,
-    clock: u64,
-    some: &mut dyn FnMut() -> Result<u32, Failure>,
-) -> Result<u64, Failure> {
-    let mut all = 0;
-    loop {
-        let start = thread_cpu_ns();
-        let done = some()?;
-        let taken = (thread_cpu_ns() - start).saturating_sub(clock);
-        if done == 0 {
-            return Ok(all);
-        }
-        ns.push(taken as f64 / f64::from(done));
-        all += u64::from(done);
-    }
+pub struct Times {
+    /// Of each.
+    pub single_ns: Vec<f64>,
+    /// Of each batch, the mean.
+    pub batch_ns: Vec<f64>,
 }
 
 /// What was timed.
 #[derive(Debug, Clone, Default)]
 pub struct Cost {
-    /// One at a time, each with its own update of the tree.
-    pub single: Timed,
-    /// Up to [`BATCH`] with one update.
-    pub batch: Timed,
-    /// What reading the clock twice takes, nanoseconds; it is taken off.
+    /// Splits.
+    pub splits: Times,
+    /// Collapses.
+    pub collapses: Times,
+    /// What reading the clock takes, nanoseconds; it is taken off.
     pub clock_ns: u64,
 }
 
-/// Moves a contact over the model at full resolution and times single operations at every other
-/// point, batches at the others, in processor time of this thread.
+/// Times the parts of a batch.
+struct BatchClock {
+    clocks: Clocks,
+    start: Reading,
+    /// Of each operation.
+    operations: Vec<f64>,
+    refit: f64,
+}
+
+impl BatchObserver for BatchClock {
+    fn begins(&mut self) {
+        self.start = Clocks::start();
+    }
+
+    fn ended(&mut self, part: BatchPart) {
+        let ns = self.clocks.since(self.start);
+        match part {
+            BatchPart::Operation => self.operations.push(ns),
+            BatchPart::Refit => self.refit = ns,
+        }
+    }
+}
+
+impl Times {
+    /// Times batches until nothing is left to do.
+    fn add(
+        &mut self,
+        clock: &mut BatchClock,
+        mut batch: impl FnMut(&mut BatchClock) -> Result<u32, Failure>,
+    ) -> Result<(), Failure> {
+        loop {
+            clock.operations.clear();
+            let done = f64::from(batch(clock)?);
+            if done == 0.0 {
+                return Ok(());
+            }
+            let share = clock.refit / done;
+            let single = clock.operations.iter().map(|ns| ns + share);
+            self.single_ns.extend(single);
+            let sum: f64 = clock.operations.iter().sum();
+            self.batch_ns.push(sum / done + share);
+        }
+    }
+}
+
+/// Moves a contact over the model at full resolution and times every operation and every update of
+/// the tree.
 ///
 /// # Errors
 /// When a region cannot be loaded.
@@ -82,26 +96,31 @@ pub fn cost(model: &Model, full: &Surface, random: &mut impl Rng) -> Result<Cost
     let header = model.file.model_header();
     let metre = longest_side(model) / OBJECT_M;
     let mut front = LocalFront::new(model)?;
-    found.clock_ns = clock_cost();
+    let clocks = Clocks::new();
+    let mut clock = BatchClock {
+        clocks,
+        start: Clocks::start(),
+        operations: Vec::with_capacity(BATCH as usize),
+        refit: 0.0,
+    };
+    found.clock_ns = clocks.cost_ns();
     if header.vsps == 0 {
         return Ok(found);
     }
-    for (k, near) in path(full, STEP_M * metre, STEPS, random)
-        .into_iter()
-        .enumerate()
-    {
+    for near in path(full, STEP_M * metre, STEPS, random) {
         let cells = front.cells_near(near.point, 0.0, REFINED_M * metre);
         front.want(&cells)?;
-        let (timed, most) = if k.is_multiple_of(2) {
-            (&mut found.single, 1)
-        } else {
-            (&mut found.batch, BATCH)
-        };
-        timed.time(&mut front, most, found.clock_ns)?;
+        found
+            .splits
+            .add(&mut clock, |clock| front.split_observed(BATCH, clock))?;
+        found.collapses.add(
+            &mut clock,
+            |clock| Ok(front.collapse_observed(BATCH, clock)),
+        )?;
     }
-    for timed in [&mut found.single, &mut found.batch] {
-        sort(&mut timed.split_ns);
-        sort(&mut timed.collapse_ns);
+    for times in [&mut found.splits, &mut found.collapses] {
+        sort(&mut times.single_ns);
+        sort(&mut times.batch_ns);
     }
     Ok(found)
 }
@@ -110,16 +129,4 @@ pub fn cost(model: &Model, full: &Surface, random: &mut impl Rng) -> Result<Cost
 #[must_use]
 pub fn longest_side(model: &Model) -> f64 {
     ve_station::inspect::longest_side(&model.file.model_header())
-}
-
-/// What reading the clock twice takes, nanoseconds.
-fn clock_cost() -> u64 {
-    let mut taken: Vec<u64> = (0..201)
-        .map(|_| {
-            let start = thread_cpu_ns();
-            thread_cpu_ns() - start
-        })
-        .collect();
-    taken.sort_unstable();
-    taken[100]
 }

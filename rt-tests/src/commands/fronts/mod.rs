@@ -104,10 +104,10 @@ pub struct ModelFronts {
     pub certified_violations: u64,
     /// What is asked for beside what the touch gets.
     pub dial: calibration::Calibration,
-    /// Single operations, each with its own update of the tree.
+    /// Single operations, each with its share of its batch's update of the tree.
     #[serde(flatten)]
     pub single: Costs,
-    /// The mean operation of batches that share an update, as in a tick.
+    /// The mean operation of each batch.
     pub batch: Costs,
     /// Splits in a batch, mean.
     pub batch_splits_mean: f64,
@@ -130,12 +130,12 @@ pub struct Costs {
 }
 
 impl Costs {
-    fn of(timed: &cost::Timed) -> Self {
+    fn of([splits, collapses]: [&[f64]; 2]) -> Self {
         Self {
-            split_ns: percentiles(&timed.split_ns),
-            collapse_ns: percentiles(&timed.collapse_ns),
-            timed_splits: timed.split_ns.len(),
-            timed_collapses: timed.collapse_ns.len(),
+            split_ns: percentiles(splits),
+            collapse_ns: percentiles(collapses),
+            timed_splits: splits.len(),
+            timed_collapses: collapses.len(),
         }
     }
 }
@@ -225,9 +225,10 @@ fn judge_model(model: &Model, seed: u64, line: &Line) -> Result<ModelFronts, Fai
         certified_samples: certified.samples,
         certified_violations: certified.violations,
         dial: calibration,
-        single: Costs::of(&cost.single),
-        batch: Costs::of(&cost.batch),
-        batch_splits_mean: cost.batch.splits as f64 / cost.batch.split_ns.len().max(1) as f64,
+        single: Costs::of([&cost.splits.single_ns, &cost.collapses.single_ns]),
+        batch: Costs::of([&cost.splits.batch_ns, &cost.collapses.batch_ns]),
+        batch_splits_mean: cost.splits.single_ns.len() as f64
+            / cost.splits.batch_ns.len().max(1) as f64,
         clock_ns: cost.clock_ns,
     })
 }
