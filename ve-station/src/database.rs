@@ -183,6 +183,7 @@ fn build_into(
     output: &Path,
     progress: &dyn Progress,
 ) -> Result<(), DatabaseError> {
+    spm_builder::check_room(output, mesh.triangles.len() as u64)?;
     let parts = spm_builder::build_model(mesh, &BuildOptions::default(), progress)?;
     spm_builder::write_spm_file(&parts, output)
         .map(|_| ())

@@ -101,6 +101,8 @@ pub struct Facts {
     pub read: Read,
     /// Dropped by cleaning.
     pub dropped: Dropped,
+    /// Faces added where an edge took in the corner of a face without area.
+    pub split_faces: u64,
     /// Vertices that became one along seams.
     pub stitched_vertices: u64,
     /// Vertices added by the cut.
@@ -134,6 +136,11 @@ impl Facts {
     /// Collects the fields; `regions` counts all, empty ones too.
     #[must_use]
     pub fn new(header: &ModelHeader, summary: &BuildSummary, regions: usize) -> Self {
+        let dropped_faces = summary.out_of_range_faces
+            + summary.not_finite_faces
+            + summary.zero_area_faces
+            + summary.duplicate_faces;
+        let kept_faces = summary.read_faces.saturating_sub(dropped_faces);
         Self {
             vertices: summary.vertices,
             faces: header.faces,
@@ -149,6 +156,7 @@ impl Facts {
                 duplicate_faces: summary.duplicate_faces,
                 unreferenced_vertices: summary.unreferenced_vertices,
             },
+            split_faces: u64::from(header.faces).saturating_sub(kept_faces),
             stitched_vertices: summary.stitched_vertices,
             cut_vertices: summary.cut_vertices,
             locked_vertices: summary.locked_vertices,
@@ -188,6 +196,7 @@ impl Facts {
         ];
         line("dropped", list(&dropped));
         let changed = [
+            (self.split_faces, "faces added beside faces without area"),
             (self.stitched_vertices, "vertices stitched along seams"),
             (self.cut_vertices, "vertices added by cutting to a manifold"),
             (self.locked_vertices, "vertices locked beside cuts"),

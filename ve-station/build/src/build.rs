@@ -9,12 +9,12 @@ use crate::mesh::SoupMesh;
 use crate::order;
 use crate::progress::Progress;
 use crate::simplify;
-use crate::write::write_spm_file;
+use crate::write::{check_room, write_spm_file};
 use spm::{ErrorScale, SpmParts};
 use std::path::Path;
 
 /// Counted up whenever the builder makes another file from the same mesh; part of a cache's key.
-pub const BUILDER_VERSION: u32 = 7;
+pub const BUILDER_VERSION: u32 = 8;
 
 /// What the user may set (thesis Table 4.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -87,7 +87,8 @@ pub fn build_model(
 /// Builds an SPM file from a mesh file. The file appears whole or not at all.
 ///
 /// # Errors
-/// When the mesh cannot be read or built, or the file cannot be written; the file is named.
+/// When the mesh cannot be read or built, or there is no room for the file, or it cannot be
+/// written; the file is named.
 pub fn build_file(
     input: &Path,
     output: &Path,
@@ -98,6 +99,7 @@ pub fn build_file(
     let in_input = |e: BuildError| e.in_file(input);
     progress.phase("reading", 0);
     let mesh = read_mesh(input).map_err(in_input)?;
+    check_room(output, mesh.triangles.len() as u64)?;
     let parts = build_model(mesh, options, progress).map_err(in_input)?;
     progress.phase("writing", 0);
     let file_bytes =
@@ -149,6 +151,6 @@ mod tests {
         };
         let parts = build_model(mesh(), &options, &NoProgress).unwrap();
         let made = (BUILDER_VERSION, format!("{:016x}", parts.header.model));
-        assert_eq!(made, (7, "0ef9c911aef38e25".to_owned()));
+        assert_eq!(made, (8, "0ef9c911aef38e25".to_owned()));
     }
 }

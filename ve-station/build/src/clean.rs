@@ -2,6 +2,7 @@
 
 use crate::error::BuildError;
 use crate::mesh::SoupMesh;
+use crate::t_junctions::{self, Places};
 use geometry::triangle_is_degenerate;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -59,14 +60,26 @@ pub fn clean(soup: SoupMesh) -> Result<CleanMesh, BuildError> {
     summary.not_finite_faces = dropped(&mut triangles, |t| t.iter().all(|&v| finite(v)));
 
     let at = |v: u32| Vec3::from_array(positions[v as usize]).as_dvec3();
-    let flat: Vec<bool> = triangles
+    let is_flat: Vec<bool> = triangles
         .par_iter()
         .map(|&[a, b, c]| triangle_is_degenerate(at(a), at(b), at(c)))
         .collect();
-    let mut flat = flat.into_iter();
-    summary.zero_area_faces = dropped(&mut triangles, |_| flat.next() == Some(false));
+    let mut flat = Vec::new();
+    let mut is_flat = is_flat.into_iter();
+    summary.zero_area_faces = dropped(&mut triangles, |&triangle| {
+        let keep = is_flat.next() == Some(false);
+        if !keep {
+            flat.push(triangle);
+        }
+        keep
+    });
 
     let same_position = group_by_position(&positions);
+    let places = Places {
+        positions: &positions,
+        same_position: &same_position,
+    };
+    triangles = t_junctions::close(triangles, &flat, places);
     summary.duplicate_faces = drop_duplicates(&mut triangles, &same_position);
 
     let mut used = vec![false; positions.len()];

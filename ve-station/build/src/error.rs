@@ -50,6 +50,21 @@ pub enum BuildError {
         "this mesh has {0} triangles, more than the {MAX_FACES} that an SPM can hold: split it"
     )]
     TooLarge(u64),
+    /// The disk is too full.
+    #[error(
+        "a model of {faces} faces may need {needed} bytes in {}, where only {free} are free: make room there, or choose another folder (-o of build, HRTC_CACHE of a scene)",
+        folder.display()
+    )]
+    NoRoom {
+        /// The folder of the file.
+        folder: PathBuf,
+        /// Faces of the mesh.
+        faces: u64,
+        /// Bytes that are needed at the most.
+        needed: u64,
+        /// Bytes that are free.
+        free: u64,
+    },
     /// An option out of range.
     #[error("{0}")]
     Option(String),

@@ -3,7 +3,8 @@
 //! | step | module | does |
 //! |---|---|---|
 //! | 1 | `import` | reads OBJ, PLY, STL, OFF with positions in f64: [`SoupMesh`] |
-//! | 2 | `clean` | drops degenerate and duplicate faces, counts them; origin; f32 positions |
+//! | 2 | `clean` | drops flat and duplicate faces, counts them; origin; f32 positions |
+//! | | `t_junctions` | gives the faces beside flat ones their corners |
 //! | 3 | `manifold` | stitches seams, cuts what is not manifold; geometry unchanged |
 //! | 4 | `order` | faces in AB-tree order |
 //! | 5 | `simplify` | quadric collapses in independent-set rounds: the `history` |
@@ -18,6 +19,7 @@
 
 mod assemble;
 mod build;
+mod classes;
 mod clean;
 mod cracks;
 mod error;
@@ -26,6 +28,7 @@ mod hierarchy;
 mod history;
 mod ids;
 mod import;
+mod locks;
 mod manifold;
 mod mesh;
 mod model_error;
@@ -33,6 +36,7 @@ mod order;
 mod progress;
 mod regions;
 mod simplify;
+mod t_junctions;
 mod write;
 
 pub use build::{BUILDER_VERSION, BuildOptions, BuildReport, build_file, build_model};
@@ -43,5 +47,6 @@ pub use manifold::{ManifoldMesh, cut_to_manifold};
 pub use mesh::SoupMesh;
 pub use progress::{NoProgress, Progress, TerminalProgress};
 pub use write::{
-    MeshWriteError, TEMPORARY_PREFIX, write_atomically, write_mesh, write_ply, write_spm_file,
+    MeshWriteError, TEMPORARY_PREFIX, check_room, max_spm_bytes, write_atomically, write_mesh,
+    write_ply, write_spm_file,
 };

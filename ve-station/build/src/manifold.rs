@@ -6,18 +6,15 @@
 //! edge, those of opposite directions that go on most nearly straight are taken for one surface, as
 //! of two sheets that cross, or of the two sides of one. Everything else is cut: at a bow-tie, at
 //! an edge of three faces, the fans get vertices of their own. Copies of a cut vertex are locked,
-//! so that no coarser mesh opens a crack there; but where there are more than [`MAX_LOCKED`], which
-//! would all be in every base mesh, they collapse like others, and the widest crack is reported
-//! (see `cracks`).
+//! so that no coarser mesh opens a crack there, unless there are thousands (see `locks`). Those
+//! that are not locked collapse like others, and the widest crack is reported (see `cracks`).
 
+use crate::classes::{join, root};
 use crate::clean::CleanMesh;
+use crate::locks;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::BuildSummary;
-
-/// The most copies of cut vertices that are locked: some 8000 faces of a base mesh, half a mebibyte
-/// of the controller's cache.
-pub const MAX_LOCKED: usize = 4096;
 
 /// A mesh in which every edge has one or two faces, two in opposite directions, and every vertex
 /// one fan.
@@ -152,16 +149,6 @@ fn straightest_pairs(
     pairs
 }
 
-/// Root of a corner's class, halving paths.
-fn root(parent: &mut [u32], mut corner: u32) -> u32 {
-    while parent[corner as usize] != corner {
-        let above = parent[parent[corner as usize] as usize];
-        parent[corner as usize] = above;
-        corner = above;
-    }
-    corner
-}
-
 /// Classes of corners joined across the pairs, `alone` corners kept out: for every corner its
 /// class, numbered in order of first use, and how many there are. A pair with such a corner is an
 /// edge no longer, so its other end is not joined across it either: the vertex there would have two
@@ -169,16 +156,11 @@ fn root(parent: &mut [u32], mut corner: u32) -> u32 {
 fn classes(pairs: &[(Side, Side)], alone: &[bool]) -> (Vec<u32>, u32) {
     let corners = alone.len();
     let mut parent: Vec<u32> = (0..corners as u32).collect();
-    let mut join = |a: u32, b: u32| {
-        let (a, b) = (root(&mut parent, a), root(&mut parent, b));
-        // The lower one is the root, so that the result does not depend on the order of pairs.
-        parent[a.max(b) as usize] = a.min(b);
-    };
     for &(first, second) in pairs {
         let corners = [first, next_side(first), second, next_side(second)];
         if !corners.iter().any(|&corner| alone[corner as usize]) {
-            join(first, next_side(second));
-            join(next_side(first), second);
+            join(&mut parent, first, next_side(second));
+            join(&mut parent, next_side(first), second);
         }
     }
     let mut class = vec![0; corners];
@@ -274,12 +256,7 @@ fn finish(mesh: &CleanMesh, class: Vec<u32>, vertices: u32, boundaries: &[Side])
     mark_touching_boundaries(mesh, &class, boundaries, &mut copies);
 
     let pairs = number_and_class.len() as u64;
-    let count = copies.iter().filter(|&&copy| copy).count();
-    let locked = if count <= MAX_LOCKED {
-        copies.clone()
-    } else {
-        vec![false; vertices as usize]
-    };
+    let locked = locks::of_copies(&copies, &positions);
     let summary = BuildSummary {
         vertices: vertices.into(),
         stitched_vertices: pairs - u64::from(vertices),

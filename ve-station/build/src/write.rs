@@ -4,9 +4,55 @@ mod mesh_file;
 
 pub use mesh_file::{MeshWriteError, write_mesh, write_ply};
 
+use crate::error::BuildError;
 use spm::{SpmParts, write_spm};
 use std::io;
 use std::path::Path;
+
+/// Bytes of an SPM file for each face of its mesh at the most, with the regions of the default.
+/// Closed surfaces need 70 to 82, strips and separate triangles more: the test
+/// `no_file_is_longer_than_its_bound` prints what it measures. (Only slivers that cross many cells
+/// each need more, 177 of a cylinder with 12 000 faces round each cap's middle; of those a full
+/// disk is told when they are written.)
+const MAX_BYTES_A_FACE: u64 = 160;
+/// Bytes of an SPM file beside that at the most: header, and whole blocks.
+const MAX_BYTES_BESIDE: u64 = 16 << 10;
+
+/// Bytes of the SPM file of a mesh at the most.
+#[must_use]
+pub fn max_spm_bytes(faces: u64) -> u64 {
+    faces * MAX_BYTES_A_FACE + MAX_BYTES_BESIDE
+}
+
+/// Checks that the file system of an SPM file has room for it, before it is built.
+///
+/// # Errors
+/// When it has not. A folder that says nothing of its room is no error: writing will tell.
+pub fn check_room(output: &Path, faces: u64) -> Result<(), BuildError> {
+    let folder = folder_of(output);
+    let Ok(system) = rustix::fs::statvfs(folder) else {
+        return Ok(());
+    };
+    let free = system.f_bavail.saturating_mul(system.f_frsize);
+    let needed = max_spm_bytes(faces);
+    if needed <= free {
+        return Ok(());
+    }
+    Err(BuildError::NoRoom {
+        folder: folder.to_path_buf(),
+        faces,
+        needed,
+        free,
+    })
+}
+
+/// The folder that a file is in.
+fn folder_of(file: &Path) -> &Path {
+    match file.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
 
 /// Writes an SPM file: to a temporary file beside it, renamed when whole. Returns its length.
 ///
@@ -24,14 +70,10 @@ pub fn write_atomically<T>(
     output: &Path,
     write: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> io::Result<T>,
 ) -> io::Result<T> {
-    let folder = match output.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
     let temporary = tempfile::Builder::new()
         .prefix(TEMPORARY_PREFIX)
         .permissions(readable_by_all())
-        .tempfile_in(folder)?;
+        .tempfile_in(folder_of(output))?;
     let mut out = io::BufWriter::new(temporary.as_file());
     let written = write(&mut out)?;
     io::Write::flush(&mut out)?;
@@ -44,4 +86,56 @@ pub fn write_atomically<T>(
 /// What a plain new file gets before the umask: a temporary one would be private.
 fn readable_by_all() -> std::fs::Permissions {
     std::os::unix::fs::PermissionsExt::from_mode(0o666)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::{Shape, generate};
+    use crate::{BuildOptions, NoProgress, SoupMesh, build_model};
+
+    /// A strip of triangles, each of which shares an edge with the next.
+    fn strip(faces: u32) -> SoupMesh {
+        let bend = |k: u32| f64::from(k % 97) * f64::from(k % 89) * 1e-4;
+        SoupMesh {
+            positions: (0..faces + 2)
+                .map(|k| [f64::from(k), f64::from(k % 2), bend(k)])
+                .collect(),
+            triangles: (0..faces)
+                .map(|k| [k, k + 1 + k % 2, k + 2 - k % 2])
+                .collect(),
+        }
+    }
+
+    /// Triangles that share nothing.
+    fn separate(faces: u32) -> SoupMesh {
+        let at = |k: u32| f64::from(k % 40) * 2.0;
+        let corners = |k: u32| {
+            let (x, y, z) = (at(k), at(k / 40), at(k / 1600));
+            [[x, y, z], [x + 1.0, y, z], [x, y + 1.0, z]]
+        };
+        SoupMesh {
+            positions: (0..faces).flat_map(corners).collect(),
+            triangles: (0..faces).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect(),
+        }
+    }
+
+    #[test]
+    fn no_file_is_longer_than_its_bound() {
+        let shapes = [Shape::Sphere, Shape::Terrain, Shape::Plate, Shape::Relief];
+        let shapes = shapes.map(|shape| (format!("{shape}"), generate(shape, 20_000, 1)));
+        let soups = [("strip", strip(20_000)), ("separate", separate(20_000))];
+        let soups = soups.map(|(name, mesh)| (name.to_owned(), mesh));
+        let small = [10, 100, 1000].map(|faces| {
+            let mesh = generate(Shape::Sphere, faces, 1);
+            (format!("sphere of {faces}"), mesh)
+        });
+        for (name, mesh) in shapes.into_iter().chain(soups).chain(small) {
+            let faces = mesh.triangles.len() as u64;
+            let parts = build_model(mesh, &BuildOptions::default(), &NoProgress).unwrap();
+            let bytes = write_spm(&parts, &mut io::sink()).unwrap();
+            println!("{name}: {bytes} bytes, {} a face", bytes / faces);
+            assert!(bytes <= max_spm_bytes(faces), "{name}: {bytes} bytes");
+        }
+    }
 }

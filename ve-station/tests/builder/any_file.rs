@@ -126,14 +126,20 @@ fn cuts_open_no_crack_or_one_no_wider_than_reported() {
     println!("seed {seed}");
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
     let few = grid(30, 30, |i, j| (i / 3 + j / 3) % 2 == 0);
-    for (name, mesh, locked) in [("few cuts", few, true), ("rooms", rooms(5, 6), false)] {
+    // All copies locked, some of them, none.
+    let meshes = [
+        ("few cuts", few, true, false),
+        ("rooms", rooms(5, 6), true, true),
+        ("many rooms", rooms(8, 3), false, true),
+    ];
+    for (name, mesh, some_locked, some_cracks) in meshes {
         let parts = build(&mesh, Some(300));
         check_refinement(name, &mesh, &parts);
         let copies = copies(&parts);
         let summary = parts.summary;
         assert!(copies.len() > 50, "{name}: nothing was cut");
-        assert_eq!(summary.locked_vertices > 0, locked, "{name}");
-        assert_eq!(summary.cracks_max == 0.0, locked, "{name}");
+        assert_eq!(summary.locked_vertices > 0, some_locked, "{name}");
+        assert_eq!(summary.cracks_max > 0.0, some_cracks, "{name}");
         let mut widest = 0.0f64;
         for (chance, down) in [(0, false), (70, false), (97, false), (30, true), (90, true)] {
             let front = random_front(&parts, &mut random, chance, down);
@@ -151,7 +157,7 @@ fn cuts_open_no_crack_or_one_no_wider_than_reported() {
             parts.header.diagonal
         );
         // The bound says something: random fronts come near it.
-        assert!(locked || widest * 10.0 > summary.cracks_max);
+        assert!(!some_cracks || widest * 10.0 > summary.cracks_max);
         // Nor is it beyond what is certified: both lips within the largest R.
         let scale = ErrorScale::for_diagonal(parts.header.diagonal);
         let radii = parts.base_vertices.iter().map(|v| scale.decode(v.r as u16));
@@ -161,18 +167,25 @@ fn cuts_open_no_crack_or_one_no_wider_than_reported() {
 
 #[test]
 fn a_third_of_the_edges_not_manifold_leaves_a_small_base_mesh() {
-    // Of 13 608 faces; the sheets that cross stay whole, so that they simplify.
-    let mesh = rooms(6, 3);
+    // Too many copies to lock one; the sheets that cross stay whole, so that they simplify.
+    let mesh = rooms(8, 3);
     let parts = build(&mesh, Some(500));
     check_refinement("rooms", &mesh, &parts);
     println!("{:?}", parts.summary);
-    assert!(parts.summary.cut_vertices > 2000);
+    assert!(parts.summary.cut_vertices > 4000);
     assert!(
         parts.header.base_faces <= 600,
         "{} left",
         parts.header.base_faces
     );
     assert!(parts.header.dependency_depth <= 40);
+    // Half as many are locked in part: two faces for each, and what the others leave.
+    let parts = build(&rooms(6, 3), Some(500));
+    let (faces, locked) = (parts.header.base_faces, parts.summary.locked_vertices);
+    assert!(
+        locked > 0 && u64::from(faces) <= 600 + 2 * locked,
+        "{faces} left"
+    );
 }
 
 #[test]

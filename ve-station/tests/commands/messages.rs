@@ -165,6 +165,56 @@ fn bad_meshes_are_one_sentence_each() {
     assert!(text.contains(".obj or .ply"), "{text}");
 }
 
+/// Runs a command in a folder on a file system of so many KiB that only it sees; `None` where that
+/// cannot be mounted.
+fn station_on_small_disk(kib: u32, prepare: &str, arguments: &[&str]) -> Option<Output> {
+    let folder = tempfile::tempdir().unwrap();
+    let script = format!(
+        "mount -t tmpfs -o size={kib}k tmpfs \"$1\" || exit 77; cd \"$1\"; {prepare}; shift; exec \"$@\""
+    );
+    let output = Command::new("unshare")
+        .args(["--mount", "sh", "-c", &script, "sh"])
+        .arg(folder.path())
+        .arg(env!("CARGO_BIN_EXE_ve-station"))
+        .args(arguments)
+        .env("HRTC_CACHE", folder.path().join("cache"))
+        .output()
+        .ok()?;
+    let is_mounted = !matches!(output.status.code(), Some(1 | 77));
+    is_mounted.then_some(output)
+}
+
+#[test]
+fn a_disk_without_room_is_named_before_anything_is_built() {
+    let scene = "printf '[[object]]\\ngenerate = { shape = \"sphere\", faces = 20000 }\\nsize_m = 0.1\\n[[probe]]\\n' > scene.toml";
+    let mesh = format!(
+        "{} generate sphere --faces 2000 -o m.ply",
+        env!("CARGO_BIN_EXE_ve-station")
+    );
+    let runs: [(u32, &str, &[&str]); 2] = [
+        (256, scene, &["serve", "scene.toml", "--domain", "no-room"]),
+        (200, &mesh, &["build", "m.ply", "-o", "m.spm"]),
+    ];
+    for (kib, prepare, arguments) in runs {
+        let Some(output) = station_on_small_disk(kib, prepare, arguments) else {
+            println!("skipped: no small disk can be mounted here");
+            return;
+        };
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        let sentence = text.lines().last().unwrap();
+        assert!(sentence.contains("free: make room"), "{text}");
+        // The folder, what is needed and what is free.
+        let is_bytes = |word: &str| word.parse::<u64>().is_ok_and(|bytes| bytes > 10_000);
+        let numbers = sentence.split_whitespace().filter(|word| is_bytes(word));
+        assert!(numbers.count() >= 2, "{sentence}");
+    }
+    // With room it is built.
+    let arguments = ["build", "m.ply", "-o", "m.spm"];
+    let output = station_on_small_disk(2048, &mesh, &arguments).unwrap();
+    assert!(output.status.success(), "{output:?}");
+}
+
 #[test]
 fn export_writes_what_build_reads() {
     let folder = tempfile::tempdir().unwrap();
