@@ -9,23 +9,25 @@ use crate::tuning::{
     CLEANUP_PERIOD, HELLO_PERIOD, INBOX_CAPACITY, LINK_END_TIMEOUT, LINK_POLL_PERIOD,
     LINK_STACK_BYTES, MAX_LOGGED_SENTENCES, STATION_TIMEOUT,
 };
+use bytemuck::Zeroable;
 use hrtc_core::streaming::chunk::InboxChunk;
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, HelloError, Request, Role,
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, HelloError, Request, RequestKind,
+    Role,
 };
 use rtrb::{Consumer, Producer};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::Instant;
 use thiserror::Error;
-use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError};
+use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError, receive_in_turn};
 
 /// Called with every chunk in the order of arrival, before the tick can see it.
 pub type ChunkRecorder = Box<dyn FnMut(&InboxChunk) + Send>;
@@ -137,8 +139,8 @@ impl LinkHandle {
         !self.stop.load(Ordering::Relaxed) && self.thread.as_ref().is_some_and(|t| t.is_finished())
     }
 
-    /// Sends what the tick left, closes the ports and waits for the thread, at most for
-    /// [`LINK_END_TIMEOUT`]: `None` when it has panicked or hangs.
+    /// Sends what the tick left, closes its sessions and the ports, and waits for the thread, at
+    /// most for [`LINK_END_TIMEOUT`]: `None` when it has panicked or hangs.
     #[must_use]
     pub fn stop(mut self) -> Option<LinkReport> {
         self.join()
@@ -198,6 +200,8 @@ struct Agent {
     report: LinkReport,
     /// Incarnation of the station, and time of its last heartbeat.
     station: Option<(u64, Instant)>,
+    /// Newest epoch of each session that was requested and not closed, by object.
+    open_sessions: BTreeMap<u32, u32>,
     /// Sentences that were logged.
     warned: BTreeSet<String>,
 }
@@ -210,6 +214,7 @@ impl Agent {
             ends,
             report: LinkReport::default(),
             station: None,
+            open_sessions: BTreeMap::new(),
             warned: BTreeSet::new(),
         }
     }
@@ -240,6 +245,7 @@ impl Agent {
                 let _ = self.ports.node.try_cleanup_dead_nodes();
             }
             if ending {
+                self.close_sessions();
                 self.ends.station.store(0, Ordering::Release);
                 return self.report;
             }
@@ -288,6 +294,11 @@ impl Agent {
     fn send(&mut self) {
         while let Ok(request) = self.ends.requests.pop() {
             self.report.requests += 1;
+            if request.kind == RequestKind::Close as u32 {
+                self.open_sessions.remove(&request.object);
+            } else {
+                self.open_sessions.insert(request.object, request.epoch);
+            }
             match self.ports.requests.send_copy(request) {
                 Ok(0) => self.report.undelivered += 1,
                 Ok(_) => {}
@@ -305,14 +316,33 @@ impl Agent {
         }
     }
 
+    /// Gives the place at the station back at once; else it is kept until this client was silent
+    /// for long. A request in a new epoch is taken whatever became of the old one.
+    fn close_sessions(&mut self) {
+        for (object, epoch) in std::mem::take(&mut self.open_sessions) {
+            let close = Request {
+                client: self.options.client,
+                incarnation: self.options.incarnation,
+                object,
+                epoch: epoch.saturating_add(1),
+                kind: RequestKind::Close as u32,
+                ..Request::zeroed()
+            };
+            if let Err(e) = self.ports.requests.send_copy(close) {
+                self.warn_port("send requests", e);
+            }
+        }
+    }
+
     /// Receives heartbeats and publishes the station's incarnation to the tick.
     fn listen(&mut self, now: Instant) {
-        for _ in 0..2 * MAX_QUEUED {
-            let read = match self.ports.hello.incoming.receive() {
-                Ok(Some(hello)) => hello.payload().read(),
-                Ok(None) => break,
-                Err(e) => return self.warn_port("receive heartbeats", e),
-            };
+        let mut hellos = Vec::new();
+        let incoming = &self.ports.hello.incoming;
+        let received = receive_in_turn(incoming, 2 * MAX_QUEUED, |hello| hellos.push(hello.read()));
+        if let Err(e) = received {
+            self.warn_port("receive heartbeats", e);
+        }
+        for read in hellos {
             match read {
                 Ok((Role::Station, incarnation, _)) => self.hear_station(incarnation, now),
                 Ok((Role::Controller, ..)) => {}

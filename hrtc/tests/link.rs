@@ -6,7 +6,8 @@ use hrtc::tuning::INBOX_CAPACITY;
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{
     AnswerItem, AnswersReader, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, ContactReport,
-    HELLO_PERIOD_MS, Hello, RegionAction, RegionAsk, Request, RequestKind, Role,
+    HELLO_PERIOD_MS, Hello, MAX_CLIENTS, Refusal, RegionAction, RegionAsk, Request, RequestKind,
+    Role,
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 use spm::{SpmFile, write_spm};
@@ -96,19 +97,25 @@ struct Tick {
     link: LinkHandle,
     next: u64,
     consumed: u64,
+    client: u64,
 }
 
 impl Tick {
     fn start(domain: &Domain) -> Self {
+        Self::start_as(CLIENT, domain)
+    }
+
+    fn start_as(client: u64, domain: &Domain) -> Self {
         let recorded = Arc::new(Mutex::new(Vec::new()));
         let record = Arc::clone(&recorded);
         let recorder: ChunkRecorder = Box::new(move |chunk| {
             record.lock().unwrap().push(chunk.header.sequence);
         });
-        Self::with_recorder(domain, recorder, recorded)
+        Self::with_recorder(client, domain, recorder, recorded)
     }
 
     fn with_recorder(
+        client: u64,
         domain: &Domain,
         recorder: ChunkRecorder,
         recorded: Arc<Mutex<Vec<u64>>>,
@@ -121,7 +128,7 @@ impl Tick {
         let link = Link::spawn(
             LinkOptions {
                 domain: domain.clone(),
-                client: CLIENT,
+                client,
                 incarnation: 1,
             },
             LinkEndpoints {
@@ -144,12 +151,13 @@ impl Tick {
             link,
             next: 0,
             consumed: 0,
+            client,
         }
     }
 
     fn request(&mut self, kind: RequestKind, change: impl Fn(&mut Request)) {
         let mut request = Request::zeroed();
-        request.client = CLIENT;
+        request.client = self.client;
         request.incarnation = 1;
         request.sequence = self.next;
         request.consumed = self.consumed;
@@ -200,7 +208,7 @@ fn a_link_that_died_is_noticed_and_can_be_stopped() {
     let (domain, bytes) = (domain("died"), torus());
     let served = Served::start(&domain, 78, bytes);
     let recorder: ChunkRecorder = Box::new(|_| panic!("made on purpose in the link"));
-    let mut tick = Tick::with_recorder(&domain, recorder, Arc::default());
+    let mut tick = Tick::with_recorder(CLIENT, &domain, recorder, Arc::default());
     tick.wait_for_station(78);
     assert!(!tick.link.has_ended());
     tick.request(RequestKind::Model, |_| {});
@@ -369,6 +377,74 @@ fn a_station_that_comes_late_or_again_is_seen_and_one_that_leaves_is_missed() {
 }
 
 #[test]
+fn places_of_controllers_that_ended_are_free_at_once() {
+    let domain = domain("ended");
+    let served = Served::start(&domain, 21, torus());
+    let mut next = Tick::start_as(CLIENT, &domain);
+    let others = (1..=MAX_CLIENTS as u64).map(|k| Tick::start_as(CLIENT + k, &domain));
+    let mut others: Vec<Tick> = others.collect();
+    for other in &mut others {
+        other.wait_for_station(21);
+        other.request(RequestKind::Model, |_| {});
+        other.answer();
+    }
+    // A lost request: the station hears no more of this epoch.
+    others[3].next += 1;
+    others[3].request(RequestKind::Credit, |_| {});
+    for other in others {
+        assert!(other.link.stop().is_some());
+    }
+    next.request(RequestKind::Model, |_| {});
+    let chunks = next.answer();
+    assert_eq!(chunks[0].header.kind, ChunkKind::Model as u32);
+    drop(next);
+    assert_eq!(served.stop().turned_away, 0);
+}
+
+#[test]
+fn the_place_of_a_controller_that_died_is_free_when_it_was_silent() {
+    let domain = domain("silent");
+    let served = Served::start(&domain, 22, torus());
+    let mut next = Tick::start_as(CLIENT, &domain);
+    next.wait_for_station(22);
+    let node = domain.node().unwrap();
+    let topic = domain.subscribe_service(&node).unwrap();
+    let requests = domain.publisher(&topic, "send requests").unwrap();
+    let last = CLIENT + MAX_CLIENTS as u64;
+    let records = domain.records_service(&node, last).unwrap();
+    let records = domain.subscriber(&records, "receive records").unwrap();
+    for client in CLIENT + 1..=last {
+        let mut request = Request::zeroed();
+        request.client = client;
+        request.credit = 1;
+        request.name = Request::name_hash("torus");
+        request.kind = RequestKind::Model as u32;
+        requests.send_copy(request).unwrap();
+    }
+    until("an answer to the last", || {
+        records.receive().unwrap().is_some()
+    });
+    let (mut epoch, mut turned_away) = (0, 0);
+    until("the model", || {
+        (next.next, next.consumed) = (0, 0);
+        epoch += 1;
+        next.request(RequestKind::Model, |request| request.epoch = epoch);
+        let chunks = next.answer();
+        let header = chunks[0].header;
+        if header.kind == ChunkKind::Model as u32 {
+            return true;
+        }
+        assert_eq!(Refusal::from_code(header.code), Some(Refusal::NoPlace));
+        turned_away += 1;
+        thread::sleep(Duration::from_millis(HELLO_PERIOD_MS));
+        false
+    });
+    drop(next);
+    assert!(turned_away > 0);
+    assert_eq!(served.stop().turned_away, turned_away);
+}
+
+#[test]
 fn another_protocol_version_is_told_to_the_tick() {
     let domain = domain("version");
     let tick = Tick::start(&domain);
@@ -390,7 +466,7 @@ fn another_protocol_version_is_told_to_the_tick() {
 #[test]
 fn a_domain_that_cannot_be_used_is_named_in_one_sentence() {
     let domain = domain("blocked");
-    let root = format!("/tmp/hrtc-{}", domain.name());
+    let root = domain.root();
     // A file where the domain's folder should be.
     std::fs::write(&root, "").unwrap();
     let error = Connection::open(&domain, Station::<Vec<u8>>::new(1, vec![], vec![])).unwrap_err();

@@ -18,7 +18,7 @@ use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError};
+use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError, receive_in_turn};
 
 /// Time between two looks at the ports.
 const POLL: Duration = Duration::from_micros(200);
@@ -82,13 +82,26 @@ impl Ports {
         })
     }
 
-    /// The topic of one client, opened when first needed.
-    fn open_records(&mut self, client: u64) -> Result<(), TransportError> {
+    /// The topic of one client, opened when first needed; whether it is open. It takes files and
+    /// shared memory, so that a crowd of new clients would keep all others waiting: only one is
+    /// opened where `may_open` says so, which it does no more after that.
+    fn open_records(&mut self, client: u64, may_open: &mut bool) -> Result<bool, TransportError> {
         if let Entry::Vacant(records) = self.records.entry(client) {
+            if !std::mem::take(may_open) {
+                return Ok(false);
+            }
             let topic = self.domain.records_service(&self.node, client)?;
             records.insert(self.domain.records_publisher(&topic)?);
         }
-        Ok(())
+        Ok(true)
+    }
+
+    /// Closes the topic of one client that is not kept, if there is such a one.
+    fn close_records(&mut self, is_kept: impl Fn(u64) -> bool) {
+        let gone = self.records.keys().find(|&&client| !is_kept(client));
+        if let Some(&gone) = gone {
+            self.records.remove(&gone);
+        }
     }
 
     fn send(&self, client: u64, (header, slots): &Chunk) -> Result<(), TransportError> {
@@ -159,42 +172,31 @@ impl<D: AsRef<[u8]>> Connection<D> {
     }
 
     /// Takes in what came. Each port at most twice its buffer, so that a flood cannot stop the
-    /// sending.
+    /// sending, and each sender in its turn, so that it cannot silence the others.
     fn receive(&mut self, now: Instant) {
-        for _ in 0..2 * MAX_QUEUED {
-            match self.ports.hello.incoming.receive() {
-                Ok(Some(hello)) => {
-                    let read = hello.payload().read();
-                    self.hear(read, now);
-                }
-                Ok(None) => break,
-                Err(e) => return self.complain("receive heartbeats", e),
-            }
+        let most = 2 * MAX_QUEUED;
+        let mut hellos = Vec::new();
+        let incoming = &self.ports.hello.incoming;
+        let received = receive_in_turn(incoming, most, |hello| hellos.push(hello.read()));
+        self.check("receive heartbeats", received);
+        for hello in hellos {
+            self.hear(hello, now);
         }
-        for _ in 0..2 * MAX_QUEUED {
-            match self.ports.requests.receive() {
-                Ok(Some(sample)) => {
-                    // A copy: its sender could change it while it is looked at.
-                    let request: Request = *sample.payload();
-                    self.station.handle(Message::Request(&request));
-                    if self.station.knows(request.client) {
-                        self.heard.insert(request.client, now);
-                    }
-                }
-                Ok(None) => break,
-                Err(e) => return self.complain("receive requests", e),
+        let (station, heard) = (&mut self.station, &mut self.heard);
+        let received = receive_in_turn(&self.ports.requests, most, |request| {
+            station.handle(Message::Request(&request));
+            if station.knows(request.client) {
+                heard.insert(request.client, now);
+            } else {
+                heard.remove(&request.client);
             }
-        }
-        for _ in 0..2 * MAX_QUEUED {
-            match self.ports.contacts.receive() {
-                Ok(Some(sample)) => {
-                    let report: ContactReport = *sample.payload();
-                    self.station.handle(Message::Contact(&report));
-                }
-                Ok(None) => break,
-                Err(e) => return self.complain("receive contacts", e),
-            }
-        }
+        });
+        self.check("receive requests", received);
+        let station = &mut self.station;
+        let received = receive_in_turn(&self.ports.contacts, most, |report| {
+            station.handle(Message::Contact(&report));
+        });
+        self.check("receive contacts", received);
         for note in self.station.take_notes() {
             tracing::warn!("{note}");
         }
@@ -222,14 +224,17 @@ impl<D: AsRef<[u8]>> Connection<D> {
     /// Sends what the core has to say, as far as credit goes and a few steps for each client lead.
     fn send(&mut self, now: Instant) {
         let clients: Vec<u64> = self.station.clients().collect();
+        let mut may_open = true;
         self.turned_away
             .retain(|_, &mut since| now.duration_since(since) < TURNED_AWAY);
         let turned_away: Vec<(u64, Chunk)> = self.station.take_turned_away().collect();
         for (client, chunk) in turned_away {
             if self.turned_away.len() < MAX_CLIENTS || self.turned_away.contains_key(&client) {
                 self.turned_away.insert(client, now);
-                match self.ports.open_records(client) {
-                    Ok(()) => self.send_chunk(client, &chunk),
+                match self.ports.open_records(client, &mut may_open) {
+                    Ok(true) => self.send_chunk(client, &chunk),
+                    // It asks again, and is told then.
+                    Ok(false) => {}
                     Err(error) => self.warn_once(error.to_string()),
                 }
             }
@@ -237,13 +242,16 @@ impl<D: AsRef<[u8]>> Connection<D> {
         // A client that the core forgot keeps no topic.
         let turned_away = &self.turned_away;
         self.ports
-            .records
-            .retain(|id, _| clients.contains(id) || turned_away.contains_key(id));
+            .close_records(|id| clients.contains(&id) || turned_away.contains_key(&id));
         self.waiting.retain(|id, _| clients.contains(id));
         for client in clients {
-            if let Err(error) = self.ports.open_records(client) {
-                self.warn_once(error.to_string());
-                continue;
+            match self.ports.open_records(client, &mut may_open) {
+                Ok(true) => {}
+                Ok(false) => continue,
+                Err(error) => {
+                    self.warn_once(error.to_string());
+                    continue;
+                }
             }
             let mut steps = STEPS;
             let mut told = false;
@@ -292,9 +300,11 @@ impl<D: AsRef<[u8]>> Connection<D> {
         });
     }
 
-    fn complain(&mut self, what: &'static str, reason: impl std::fmt::Debug) {
-        let error = self.ports.domain.error(what, reason);
-        self.warn_once(error.to_string());
+    fn check(&mut self, what: &'static str, done: Result<(), impl std::fmt::Debug>) {
+        if let Err(reason) = done {
+            let error = self.ports.domain.error(what, reason);
+            self.warn_once(error.to_string());
+        }
     }
 
     /// Logs a warning the first time it occurs.

@@ -192,7 +192,7 @@ impl Monitor<'_> {
         {
             printed.station_absent = true;
             note!(
-                "no station in domain {domain} yet: ticking without a model until one starts (ve-station serve {})",
+                "no station in domain {domain} yet: ticking without a model until one of the same user starts (ve-station serve {})",
                 self.args.scene.display()
             );
         }

@@ -13,8 +13,9 @@
 //! [`MAX_QUEUED`] messages, no history, no overflow, full queues discard the newest. Nothing
 //! blocks, and discarded messages show as a gap.
 //!
-//! A domain is a root folder and a file prefix: two domains do not see each other. No name contains
-//! `_`, so no prefix begins another one.
+//! A domain is a root folder and a file prefix: two domains do not see each other. Both hold the
+//! user's number, so that users of one machine do not meet in a domain that none of them can use:
+//! both processes run as the same user. No name contains `_`, so no prefix begins another one.
 
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
@@ -29,6 +30,10 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, MAX_CLIENTS, Request};
 use std::fmt::Debug;
+use std::fs::DirBuilder;
+use std::io::ErrorKind;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::path::PathBuf;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -75,7 +80,7 @@ pub enum TransportError {
     DomainName(String),
     /// iceoryx2 refused.
     #[error(
-        "cannot {what} in the iceoryx2 domain \"{domain}\" ({reason}): when another user or release uses this domain, choose another with --domain, or stop it and remove /tmp/hrtc-{domain} together with /dev/shm/hrtc_{domain}_*"
+        "cannot {what} in the iceoryx2 domain \"{domain}\" ({reason}): when another release uses this domain, choose another with --domain, or stop it and remove {files}"
     )]
     Iceoryx {
         /// The attempted action.
@@ -83,6 +88,21 @@ pub enum TransportError {
         /// The domain.
         domain: String,
         /// iceoryx2's reason.
+        reason: String,
+        /// All of its files.
+        files: String,
+    },
+    /// The place of the root folder is taken.
+    #[error(
+        "the iceoryx2 domain \"{domain}\" cannot be used: its folder {} {reason}; choose another with --domain, or have that removed",
+        root.display()
+    )]
+    Root {
+        /// The domain.
+        domain: String,
+        /// The root folder.
+        root: PathBuf,
+        /// What is wrong with it.
         reason: String,
     },
 }
@@ -103,10 +123,43 @@ impl Domain {
         })
     }
 
+    /// All domains of which this user has a root folder.
+    #[must_use]
+    pub fn all_of_user() -> Vec<Self> {
+        let begins = format!("hrtc-{}-", user());
+        let entries = std::fs::read_dir("/tmp").into_iter().flatten().flatten();
+        entries
+            .filter_map(|entry| {
+                let name = entry.file_name();
+                Self::new(name.to_str()?.strip_prefix(&begins)?).ok()
+            })
+            .collect()
+    }
+
     /// Its name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// The root folder.
+    #[must_use]
+    pub fn root(&self) -> PathBuf {
+        self.root_of(user())
+    }
+
+    /// How the names of its files in `/dev/shm` begin.
+    #[must_use]
+    pub fn prefix(&self) -> String {
+        self.prefix_of(user())
+    }
+
+    fn root_of(&self, user: u32) -> PathBuf {
+        format!("/tmp/hrtc-{user}-{}", self.name).into()
+    }
+
+    fn prefix_of(&self, user: u32) -> String {
+        format!("hrtc_{user}-{}_", self.name)
     }
 
     /// The configuration of every node of the domain. No file is read: the defaults are embedded.
@@ -114,9 +167,13 @@ impl Domain {
     /// # Errors
     /// When iceoryx2 refuses the paths.
     pub fn config(&self) -> Result<Config, TransportError> {
-        let root = Path::new(format!("/tmp/hrtc-{}/", self.name).as_bytes())
+        self.config_of(user())
+    }
+
+    fn config_of(&self, user: u32) -> Result<Config, TransportError> {
+        let root = Path::new(format!("{}/", self.root_of(user).display()).as_bytes())
             .map_err(|e| self.error("name the root folder", e))?;
-        let prefix = FileName::new(format!("hrtc_{}_", self.name).as_bytes())
+        let prefix = FileName::new(self.prefix_of(user).as_bytes())
             .map_err(|e| self.error("name the prefix", e))?;
         let mut config = Config::default();
         config.global.set_root_path(&root);
@@ -141,8 +198,9 @@ impl Domain {
     /// A node of this domain. Create it, and every port of it, on the thread that uses them.
     ///
     /// # Errors
-    /// When iceoryx2 refuses, after three tries.
+    /// When the root folder is not this user's, or iceoryx2 refuses, after three tries.
     pub fn node(&self) -> Result<IpcNode, TransportError> {
+        self.take_root()?;
         // iceoryx2's messages are for developers: errors only, unless IOX2_LOG_LEVEL is set.
         set_log_level_from_env_or(LogLevel::Error);
         let config = self.config()?;
@@ -154,12 +212,43 @@ impl Domain {
         })
     }
 
+    /// Makes the root folder, for this user only. Everybody may write to `/tmp`, so what is there
+    /// already may be another's, or lead elsewhere.
+    ///
+    /// # Errors
+    /// When it cannot be made, or what is there is no folder of this user.
+    pub fn take_root(&self) -> Result<(), TransportError> {
+        let root = self.root();
+        let wrong = |reason: String| TransportError::Root {
+            domain: self.name.clone(),
+            root: root.clone(),
+            reason,
+        };
+        match DirBuilder::new().mode(0o700).create(&root) {
+            Err(error) if error.kind() != ErrorKind::AlreadyExists => {
+                return Err(wrong(format!("cannot be made ({error})")));
+            }
+            _ => {}
+        }
+        let found = std::fs::symlink_metadata(&root);
+        let found = found.map_err(|error| wrong(format!("cannot be looked at ({error})")))?;
+        if !found.is_dir() {
+            return Err(wrong("is no folder".to_owned()));
+        }
+        let (owner, own) = (found.uid(), user());
+        if owner != own {
+            let reason = format!("belongs to the user {owner}, while you are {own}");
+            return Err(wrong(reason));
+        }
+        Ok(())
+    }
+
     /// Removes the files of a domain made for a single run, after all of its processes have ended.
     ///
     /// Both folders are cleared, because iceoryx2 takes one without the other for a damaged domain.
     /// Files that cannot be removed stay.
     pub fn remove_files(&self) {
-        let prefix = format!("hrtc_{}_", self.name);
+        let prefix = self.prefix();
         let shared_memory = std::fs::read_dir("/dev/shm")
             .into_iter()
             .flatten()
@@ -169,7 +258,7 @@ impl Domain {
                 let _ = std::fs::remove_file(entry.path());
             }
         }
-        let _ = std::fs::remove_dir_all(format!("/tmp/hrtc-{}", self.name));
+        let _ = std::fs::remove_dir_all(self.root());
     }
 
     /// The topic of requests.
@@ -284,6 +373,11 @@ impl Domain {
             what,
             domain: self.name.clone(),
             reason: format!("{reason:?}"),
+            files: format!(
+                "{} together with /dev/shm/{}*",
+                self.root().display(),
+                self.prefix()
+            ),
         }
     }
 
@@ -306,6 +400,11 @@ impl Domain {
         }
         open().map_err(|e| self.error(what, e))
     }
+}
+
+/// The number of the user.
+fn user() -> u32 {
+    rustix::process::geteuid().as_raw()
 }
 
 /// A topic of a name with the common quality of service.
@@ -346,15 +445,56 @@ mod tests {
             assert!(Domain::new(bad).is_err(), "{bad}");
         }
         let domain = Domain::new("test-1-a").unwrap();
-        let config = domain.config().unwrap();
-        assert_eq!(config.global.root_path().to_string(), "/tmp/hrtc-test-1-a/");
-        assert_eq!(config.global.prefix.to_string(), "hrtc_test-1-a_");
+        let config = domain.config_of(1000).unwrap();
+        let root = config.global.root_path().to_string();
+        assert_eq!(root, "/tmp/hrtc-1000-test-1-a/");
+        assert_eq!(config.global.prefix.to_string(), "hrtc_1000-test-1-a_");
+    }
+
+    #[test]
+    fn domains_of_two_users_share_no_file() {
+        let domain = Domain::new(&"x".repeat(MAX_NAME_BYTES)).unwrap();
+        let [one, other] = [0, u32::MAX].map(|user| domain.config_of(user).unwrap().global);
+        assert_ne!(one.root_path(), other.root_path());
+        let [one, other] = [one, other].map(|global| global.prefix.to_string());
+        assert!(!one.starts_with(&other) && !other.starts_with(&one));
+    }
+
+    #[test]
+    fn a_root_that_is_not_the_users_own_is_refused_in_a_sentence() {
+        let domain = Domain::new(&format!("root-{}", std::process::id())).unwrap();
+        let root = domain.root();
+        let refused = |what: &str| {
+            let sentence = domain.node().unwrap_err().to_string();
+            assert!(sentence.contains(what), "{sentence}");
+            assert!(sentence.contains("--domain"), "{sentence}");
+            assert!(sentence.contains(&root.display().to_string()), "{sentence}");
+        };
+        std::fs::write(&root, "").unwrap();
+        refused("is no folder");
+        std::fs::remove_file(&root).unwrap();
+        let elsewhere = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink(elsewhere.path(), &root).unwrap();
+        refused("is no folder");
+        std::fs::remove_file(&root).unwrap();
+        std::fs::create_dir(&root).unwrap();
+        if std::os::unix::fs::chown(&root, Some(user() + 1), None).is_ok() {
+            refused("belongs to the user");
+        } else {
+            println!("skipped: only root gives a folder away");
+        }
+        std::fs::remove_dir(&root).unwrap();
+        drop(domain.node().unwrap());
+        let mode = std::fs::symlink_metadata(&root).unwrap().mode();
+        assert_eq!(mode & 0o077, 0, "others may look in");
+        domain.remove_files();
     }
 
     #[test]
     fn the_file_for_tunnels_equals_the_embedded_configuration() {
         let text = include_str!("../../../config/iceoryx2.toml");
         let file: Config = toml::from_str(text).expect("config/iceoryx2.toml is a configuration");
-        assert_eq!(file, Domain::new("hrtc").unwrap().config().unwrap());
+        let domain = Domain::new("hrtc").unwrap();
+        assert_eq!(file, domain.config_of(1000).unwrap());
     }
 }

@@ -3,13 +3,14 @@
 //! | module | content |
 //! |---|---|
 //! | `domain` | named domains, their services, ports and quality of service |
+//! | `turns` | receiving from many senders, each in its turn |
 //! | [`logging`] | notes of either process on standard error |
 //!
 //! ```
 //! use transport::{Domain, TransportError};
 //!
 //! let domain = Domain::new("lab-1").unwrap();
-//! assert_eq!(domain.config().unwrap().global.root_path().to_string(), "/tmp/hrtc-lab-1/");
+//! assert!(domain.root().to_string_lossy().ends_with("-lab-1"));
 //! assert!(matches!(Domain::new("a/b"), Err(TransportError::DomainName(_))));
 //! ```
 
@@ -17,5 +18,7 @@
 
 mod domain;
 pub mod logging;
+mod turns;
 
 pub use domain::{Domain, Heartbeats, IpcNode, MAX_PORTS, MAX_QUEUED, Topic, TransportError};
+pub use turns::receive_in_turn;

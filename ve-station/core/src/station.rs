@@ -356,9 +356,16 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             _ => &[],
         };
-        let Some(at) = self.session_of(request) else {
-            self.turn_away(request);
-            return;
+        let at = match self.known_session(request) {
+            Some(at) => at,
+            None if kind == RequestKind::Close => {
+                self.counters.stale += 1;
+                return;
+            }
+            None => match self.new_session(request) {
+                Some(at) => at,
+                None => return self.turn_away(request),
+            },
         };
         match self.sessions[at].accept(request, self.heard) {
             Accepted::Yes => self.counters.requests += 1,
@@ -415,14 +422,17 @@ impl<D: AsRef<[u8]>> Station<D> {
         self.note((usize::MAX, NONE), note);
     }
 
-    /// The session of a request; `None` for a new client when every place is taken. Of too many
-    /// sessions of one client the stalest makes room.
-    fn session_of(&mut self, request: &Request) -> Option<usize> {
+    /// The session of a request, if there is one.
+    fn known_session(&self, request: &Request) -> Option<usize> {
         let (client, object) = (request.client, request.object);
         let is_of = |s: &Session| s.client == client && s.object == object;
-        if let Some(at) = self.sessions.iter().position(is_of) {
-            return Some(at);
-        }
+        self.sessions.iter().position(is_of)
+    }
+
+    /// A session for a request; `None` for a new client when every place is taken. Of too many
+    /// sessions of one client the stalest makes room.
+    fn new_session(&mut self, request: &Request) -> Option<usize> {
+        let client = request.client;
         if !self.knows(client) && self.clients().count() == MAX_CLIENTS {
             return None;
         }

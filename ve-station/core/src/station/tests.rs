@@ -288,6 +288,10 @@ fn one_client_too_many_is_turned_away_and_told_so() {
         request.epoch = 3;
         server.handle(Message::Request(&request));
     }
+    // Who ends without a place is told nothing.
+    let request = Client::new(99).request(RequestKind::Close);
+    server.handle(Message::Request(&request));
+    assert_eq!(server.counters().stale, 1);
     assert!(server.clients().eq(0..most));
     assert_eq!(server.counters().turned_away, 3 * most);
     let told: Vec<(u64, Chunk)> = server.take_turned_away().collect();
