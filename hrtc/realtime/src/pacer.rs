@@ -38,6 +38,14 @@ pub enum MissClass {
     Unexplained,
 }
 
+impl MissClass {
+    /// Whether the tick itself is the reason.
+    #[must_use]
+    pub fn is_ours(self) -> bool {
+        matches!(self, Self::OwnCpu | Self::OwnWait)
+    }
+}
+
 /// Periods missed for one reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Miss {

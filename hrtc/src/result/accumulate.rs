@@ -101,6 +101,8 @@ pub struct Accumulator {
     phase_ns: u64,
     /// Spun so far, ns.
     spun_ns: u64,
+    /// Page faults within the last tick.
+    last_page_faults: u32,
     /// Force of each probe in the last tick, newtons.
     last_forces: [DVec3; MAX_PROBES],
     /// First tick that could render a contact.
@@ -145,6 +147,7 @@ impl Accumulator {
             },
             series: Series::new(),
             first_tick: None,
+            last_page_faults: 0,
             last_tick: 0,
             phase_ns: 0,
             spun_ns: 0,
@@ -322,6 +325,11 @@ impl Accumulator {
             result.misses.count(miss.class, u64::from(miss.periods));
         }
         result.page_faults += u64::from(record.page_faults);
+        // A tick that used up its period is told with the next one.
+        if record.misses[0].class.is_ours() {
+            result.page_faults_missed += u64::from(self.last_page_faults);
+        }
+        self.last_page_faults = record.page_faults;
         result.allocations += u64::from(record.allocations);
         result.extra_switches += u64::from(record.extra_switches);
         if self.first_tick.is_none() {

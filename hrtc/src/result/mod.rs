@@ -329,6 +329,8 @@ pub struct RunResult {
     pub query_work_budget: u64,
     /// Page faults within ticks.
     pub page_faults: u64,
+    /// Of these, in ticks that used up their period by their own work.
+    pub page_faults_missed: u64,
     /// Allocations and frees within ticks.
     pub allocations: u64,
     /// What the chain of safety did.

@@ -426,3 +426,27 @@ fn a_station_is_heard_when_it_comes_or_comes_back_and_synchronised_when_it_owes_
     let times: Vec<_> = heard.map(|s| (s.heard_ms, s.synchronised_ms)).collect();
     assert_eq!(times, [(101.0, 103.0), (105.0, 105.0), (106.0, -1.0)]);
 }
+
+#[test]
+fn page_faults_of_a_tick_that_missed_are_told_apart() {
+    let mut run = accumulator();
+    let missed = |class| [Miss { class, periods: 2 }, Miss::default()];
+    let faults = [1, 10, 100, 1000, 0];
+    // What a tick used up of its period is told with the next one.
+    let classes = [
+        MissClass::None,
+        MissClass::OwnCpu,
+        MissClass::RunQueue,
+        MissClass::OwnWait,
+        MissClass::None,
+    ];
+    for ((tick, page_faults), class) in (0..).zip(faults).zip(classes) {
+        run.push(&TickRecord {
+            page_faults,
+            misses: missed(class),
+            ..record(tick)
+        });
+    }
+    let result = run.finish(RunMeta::default()).result;
+    assert_eq!((result.page_faults, result.page_faults_missed), (1111, 101));
+}

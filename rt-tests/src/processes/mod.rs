@@ -3,6 +3,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`process`] | one process in a role |
+//! | [`own_domain`] | the domain of one run, and what killed ones left |
 //! | [`pair`] | the station and the controller of a run |
 //! | [`roles`] | the station's and the controller's role |
 //! | [`bare_loop`] | the role of the loop that the controller is compared with |
@@ -14,6 +15,7 @@
 pub mod bare_loop;
 pub mod device_page;
 pub mod load;
+pub mod own_domain;
 pub mod pair;
 pub mod process;
 pub mod roles;

@@ -1,6 +1,7 @@
 //! One run of both processes: started together, watched, ended together.
 
-use super::process::{Event, Process, unique_domain};
+use super::own_domain::OwnDomain;
+use super::process::{Event, Process};
 use super::roles::LoopArgs;
 use super::stop::is_set;
 use crate::failure::Failure;
@@ -14,7 +15,6 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
-use transport::Domain;
 
 /// Restarts of a station in one run at the most.
 const MAX_RESTARTS: usize = 3;
@@ -84,21 +84,19 @@ pub fn run_pair(
     stop: &AtomicBool,
     show: &mut dyn FnMut(Shown),
 ) -> Result<Outcome, Failure> {
-    let domain = Domain::new(&unique_domain()).map_err(|error| Failure::Run(error.to_string()))?;
+    let domain = OwnDomain::new().map_err(|error| Failure::Run(error.to_string()))?;
     let unkept = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("no folder for the recording: {error}")))?;
     let unkept_file = unkept.path().join("recording.mcap");
     let is_recorded = args.plan.record.keep_bytes.is_some();
     let record = args.record.or(is_recorded.then_some(unkept_file.as_path()));
-    let outcome = Processes::start(args, record, domain.name()).and_then(|mut pair| {
+    Processes::start(args, record, domain.name()).and_then(|mut pair| {
         let finished = pair.watch(args.seconds, stop, show);
         pair.station.terminate();
         pair.station.wait(ENDING);
         let notes = std::mem::take(&mut pair.notes);
         finished.map(|finished| Outcome { finished, notes })
-    });
-    domain.remove_files();
-    outcome
+    })
 }
 
 /// For the live line.

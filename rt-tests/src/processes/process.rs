@@ -7,7 +7,7 @@
 
 use super::surroundings::Surroundings;
 use crate::failure::Failure;
-use realtime::rights::{monotonic_ns, pin_to_core};
+use realtime::rights::pin_to_core;
 use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read};
@@ -194,14 +194,6 @@ impl Drop for Process {
             let _ = self.child.wait();
         }
     }
-}
-
-/// A name for a domain that no other run of this machine has.
-#[must_use]
-pub fn unique_domain() -> String {
-    // 20 bits of the clock tell runs apart whose process ids were given again.
-    let time = (monotonic_ns() >> 20) & 0xF_FFFF;
-    format!("run-{}-{time:x}", std::process::id())
 }
 
 fn signal(process: u32, number: libc::c_int) {

@@ -1,6 +1,7 @@
 //! The station and the controller as roles of this program.
 
 use super::device_page::registry;
+use super::own_domain::Hold;
 use super::stop::stop_flag;
 use crate::failure::Failure;
 use clap::Args;
@@ -8,6 +9,7 @@ use scene::Overrides;
 use scene_args::OverrideArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
+use transport::Domain;
 
 /// Loop of a scene as a command has it.
 #[derive(Debug, Clone, Copy, Default, Args)]
@@ -81,12 +83,20 @@ pub struct ControllerArgs {
     pub loop_: LoopArgs,
 }
 
+/// Holds the domain's files: the command that started this role may end before it.
+fn hold(domain: &str) -> Result<Hold, Failure> {
+    Domain::new(domain)
+        .and_then(|domain| Hold::on(&domain))
+        .map_err(|error| Failure::Input(error.to_string()))
+}
+
 /// The station of a run.
 ///
 /// # Errors
 /// One sentence, with its status.
 pub fn station(args: StationArgs) -> Result<(), Failure> {
     let stop = stop_flag()?;
+    let _hold = hold(&args.domain)?;
     let serve = ve_station::serve::ServeArgs {
         scene: args.scene,
         domain: args.domain,
@@ -104,6 +114,7 @@ pub fn station(args: StationArgs) -> Result<(), Failure> {
 /// One sentence, with its status.
 pub fn controller(args: ControllerArgs) -> Result<(), Failure> {
     let stop = stop_flag()?;
+    let _hold = hold(&args.domain)?;
     let run = hrtc::run::RunArgs {
         scene: args.scene,
         domain: args.domain,

@@ -32,6 +32,9 @@ const REST_S: f64 = 2.2;
 /// Radius of the slide, metres, and the time of one round, seconds: 28 mm/s.
 const RADIUS_M: f64 = 0.008;
 const ROUND_S: f64 = 1.8;
+/// Rounds of the slide over the large model, in disturbances: long enough for three controllers to
+/// start and to slide together.
+const LARGE_SLOTS: usize = 12;
 /// Depth of the hand below the surface, metres: 1.6 N through the hand's stiffness of 200 N/m.
 const HAND_DEPTH_M: f64 = 0.008;
 /// Depth of the stiff device below the surface, metres: 2.4 N at 800 N/m.
@@ -45,6 +48,8 @@ pub struct Bench<'a> {
     pub model_bytes: Vec<u8>,
     /// Disturbances in one run.
     pub slots: usize,
+    /// Faces of the large model.
+    pub large_faces: u32,
     /// Asks for an early end.
     pub stop: &'a AtomicBool,
     /// Says what is going on.
@@ -56,7 +61,12 @@ impl<'a> Bench<'a> {
     ///
     /// # Errors
     /// When the folder cannot be made or written.
-    pub fn new(slots: usize, stop: &'a AtomicBool, bar: ProgressBar) -> Result<Self, Failure> {
+    pub fn new(
+        slots: usize,
+        large_faces: u32,
+        stop: &'a AtomicBool,
+        bar: ProgressBar,
+    ) -> Result<Self, Failure> {
         let folder = tempfile::tempdir()
             .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
         bar.set_message("building the model");
@@ -68,7 +78,7 @@ impl<'a> Bench<'a> {
             std::fs::create_dir(at(name)).map_err(|error| Failure::write(&at(name), &error))?;
         }
         let mesh = generate(Shape::Relief, FACES, 1);
-        let top = top_m(&mesh);
+        let top = top_m(&mesh, SIZE_M);
         let parts = build_model(mesh, &BuildOptions::default(), &NoProgress)
             .map_err(|error| Failure::Run(error.to_string()))?;
         let model = at("model.spm");
@@ -80,26 +90,54 @@ impl<'a> Bench<'a> {
         write("slide.csv", &slide(top, slots))?;
         write("press.csv", &press(top))?;
         let simulated = "trajectory = { csv = \"slide.csv\" }";
-        write("touch.toml", &scene("", simulated))?;
-        // Sixteen loops at 1 kHz are more than two cores have; the messages are the same.
-        write(
-            "slow.toml",
-            &scene("[loop]\nrate_hz = 100\ncore = -1\n", simulated),
-        )?;
+        write("touch.toml", &scene("", "model", SIZE_M, simulated))?;
+        write("slow.toml", &scene(SLOW, "model", SIZE_M, simulated))?;
         let page = page.display();
         let device = format!(
             "device = {{ custom = {{ name = \"{NAME}\", file = \"{page}\" }} }}\ntrajectory = {{ csv = \"press.csv\" }}"
         );
-        write("device.toml", &scene("", &device))?;
+        write("device.toml", &scene("", "model", SIZE_M, &device))?;
         let plan = scene::load(&at("touch.toml"), &Overrides::default(), &DiskFiles)?;
         Ok(Self {
             folder,
             plan,
             model_bytes,
             slots,
+            large_faces,
             stop,
             bar,
         })
+    }
+
+    /// Makes `large.toml`: a model of [`Bench::large_faces`], as dense to the probe as the other,
+    /// and a slide over it. The length of a run, seconds.
+    ///
+    /// # Errors
+    /// When it cannot be built or written.
+    pub fn add_large(&self) -> Result<f64, String> {
+        let faces = self.large_faces;
+        let words = |error: &dyn std::fmt::Display| error.to_string();
+        self.bar
+            .set_message(format!("building a model of {faces} faces"));
+        let size_m = SIZE_M * (f64::from(faces) / f64::from(FACES)).sqrt();
+        let mesh = generate(Shape::Relief, faces, 1);
+        let top = top_m(&mesh, size_m);
+        let parts = build_model(mesh, &BuildOptions::default(), &NoProgress);
+        let parts = parts.map_err(|error| words(&error))?;
+        write_spm_file(&parts, &self.path("large.spm")).map_err(|error| words(&error))?;
+        let scene = scene(
+            SLOW,
+            "large",
+            size_m,
+            "trajectory = { csv = \"large.csv\" }",
+        );
+        for (name, text) in [
+            ("large.csv", slide(top, LARGE_SLOTS)),
+            ("large.toml", scene),
+        ] {
+            std::fs::write(self.path(name), text).map_err(|error| words(&error))?;
+        }
+        Ok(seconds(LARGE_SLOTS))
     }
 
     /// A file of the folder.
@@ -111,7 +149,7 @@ impl<'a> Bench<'a> {
     /// Length of a run, seconds.
     #[must_use]
     pub fn seconds(&self) -> f64 {
-        APPROACH_S + self.slots as f64 * SLOT_S + REST_S
+        seconds(self.slots)
     }
 
     /// Surroundings of a process that writes nowhere else, on the core of everything but the tick.
@@ -164,18 +202,27 @@ pub fn files_below(folder: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
-fn scene(head: &str, probe: &str) -> String {
-    format!("{head}[[object]]\nmodel = \"model.spm\"\nsize_m = {SIZE_M}\n[[probe]]\n{probe}\n")
+/// Head of the scenes of several controllers: loops at 1 kHz are more than two cores have; the
+/// messages are the same.
+const SLOW: &str = "[loop]\nrate_hz = 100\ncore = -1\n";
+
+fn scene(head: &str, model: &str, size_m: f64, probe: &str) -> String {
+    format!("{head}[[object]]\nmodel = \"{model}.spm\"\nsize_m = {size_m}\n[[probe]]\n{probe}\n")
 }
 
-/// Height of the surface over the origin when the object has its size, metres.
-fn top_m(mesh: &SoupMesh) -> f64 {
+/// Length of a run with a slide over so many disturbances, seconds.
+fn seconds(slots: usize) -> f64 {
+    APPROACH_S + slots as f64 * SLOT_S + REST_S
+}
+
+/// Height of the surface over the origin when the object has this size, metres.
+fn top_m(mesh: &SoupMesh, size_m: f64) -> f64 {
     let side = |axis: usize| {
         let values = mesh.positions.iter().map(|at| at[axis]);
         let least = values.clone().fold(f64::INFINITY, f64::min);
         values.fold(f64::NEG_INFINITY, f64::max) - least
     };
-    let scale = SIZE_M / (0..3).map(side).fold(0.0, f64::max);
+    let scale = size_m / (0..3).map(side).fold(0.0, f64::max);
     let upper = mesh.positions.iter().filter(|at| at[2] > 0.0);
     let distance = |at: &&[f64; 3]| at[0].hypot(at[1]);
     let nearest = upper.min_by(|a, b| distance(a).total_cmp(&distance(b)));

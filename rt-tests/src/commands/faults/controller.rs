@@ -2,7 +2,7 @@
 
 use super::FaultsArgs;
 use super::bench::Bench;
-use super::touch::{OwnDomain, Start, Touch, start_controller};
+use super::touch::{Start, Touch, own_domain, start_controller};
 use super::verdict::{Answer, Verdicts};
 use super::watched::{Watched, pause};
 use crate::processes::surroundings::{SmallDisk, Surroundings};
@@ -132,7 +132,7 @@ pub fn seventeen(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer 
 }
 
 /// Neither locked memory nor a real-time priority: it says so and touches all the same.
-pub fn no_rights(bench: &Bench, _kills: u64, _verdicts: &mut Verdicts) -> Answer {
+pub fn no_rights(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer {
     let start = Start {
         around: Surroundings {
             without_rights: true,
@@ -140,7 +140,7 @@ pub fn no_rights(bench: &Bench, _kills: u64, _verdicts: &mut Verdicts) -> Answer
         },
         ..Start::usual(bench)
     };
-    let touched = Touch::begin(bench, OwnDomain::new()?, start)?.finish()?;
+    let touched = Touch::begin(bench, own_domain()?, start)?.finish()?;
     let missing = touched
         .finished
         .rights
@@ -151,6 +151,7 @@ pub fn no_rights(bench: &Bench, _kills: u64, _verdicts: &mut Verdicts) -> Answer
         return Err("the rights were taken, but the result does not say so".to_string());
     }
     let result = &touched.finished.result;
+    verdicts.faults.missed_own_cpu += result.missed_own_cpu;
     if result.contact_ticks == 0 || result.missed_own_cpu > 0 || !touched.left.is_empty() {
         return Err(format!(
             "{} ticks in contact, {} own misses, {} files left",
@@ -179,7 +180,7 @@ pub fn disk_full(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer 
         },
         ..Start::usual(bench)
     };
-    let mut touch = Touch::begin(bench, OwnDomain::new()?, start)?;
+    let mut touch = Touch::begin(bench, own_domain()?, start)?;
     pause(bench.seconds(), bench);
     touch.controller.listen();
     let told = touch.controller.said.iter().any(|line| {

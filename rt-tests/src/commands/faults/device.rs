@@ -2,10 +2,11 @@
 //! after its last wrench ceased to be valid.
 
 use super::bench::Bench;
-use super::touch::{OwnDomain, Start, start_controller, start_station};
+use super::touch::{Start, own_domain, start_controller, start_station};
 use super::verdict::{Answer, Verdicts};
 use super::watched::{PATIENCE, Watched, pause};
 use crate::processes::device_page::DevicePage;
+use crate::processes::own_domain::OwnDomain;
 use realtime::rights::monotonic_ns;
 use std::rc::Rc;
 use std::time::Instant;
@@ -45,7 +46,7 @@ impl<'a> Rig<'a> {
         let mut device = Watched::start("device", &typed, bench.around())?;
         let before = monotonic_ns();
         device.wait_for("the first look", bench, |_| page.looked_ns() > before)?;
-        let domain = OwnDomain::new()?;
+        let domain = own_domain()?;
         Ok(Self {
             bench,
             station: start_station(bench, &domain)?,

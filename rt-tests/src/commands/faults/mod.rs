@@ -6,12 +6,13 @@
 //! | `bench` | the folder with model and scenes |
 //! | `watched` | a process and what it said |
 //! | `touch` | a station and a controller in contact, and what is asked of every run |
-//! | `station`, `controller`, `device` | the cases |
+//! | `station`, `controller`, `hostile`, `device` | the cases |
 //! | `verdict` | what all cases came to |
 
 mod bench;
 mod controller;
 mod device;
+mod hostile;
 mod station;
 mod touch;
 mod verdict;
@@ -30,6 +31,9 @@ use std::fmt::Write as _;
 
 /// Undisturbed runs that the others are compared with.
 const UNDISTURBED: usize = 3;
+/// Faces of the hostile client's model: regions to slide over, and what 24 GB of memory can build.
+const MIN_HOSTILE_FACES: u32 = 10_000;
+const MAX_HOSTILE_FACES: u32 = 100_000_000;
 /// Kills at the most: hours of them; more is a typing error.
 const MAX_KILLS: u64 = 1000;
 
@@ -43,6 +47,9 @@ pub struct FaultsArgs {
     /// Run these cases only, by name
     #[arg(value_name = "CASE")]
     pub cases: Vec<String>,
+    /// Faces of the model of the case hostile-controller; 10000000 takes minutes and 3 GB to build
+    #[arg(long, value_name = "N", default_value_t = 200_000)]
+    pub hostile_faces: u32,
     /// Step the clock of the whole machine by an hour and back, for the case clock-stepped
     #[arg(long)]
     pub step_clock: bool,
@@ -71,7 +78,7 @@ const fn row(name: &'static str, run: fn(&Bench, u64, &mut Verdicts) -> Answer) 
 }
 
 /// All cases, in their order.
-const ROWS: [Row; 15] = [
+const ROWS: [Row; 16] = [
     row("station-killed", station::killed),
     row("station-stopped", station::stopped),
     row("station-restarted", station::restarted),
@@ -81,6 +88,7 @@ const ROWS: [Row; 15] = [
     row("two-stations", station::two_stations),
     row("controller-killed", controller::killed),
     row("seventeen-controllers", controller::seventeen),
+    row("hostile-controller", hostile::hostile),
     row("no-rights", controller::no_rights),
     Row {
         name: "disk-full",
@@ -106,7 +114,7 @@ pub fn faults(args: &FaultsArgs) -> Result<(), Failure> {
     let stop = stop_flag()?;
     let bar = status_line();
     let slots = usize::try_from(args.kills).map_or(MAX_SLOTS, |kills| kills.min(MAX_SLOTS));
-    let bench = Bench::new(slots, &stop, bar)?;
+    let bench = Bench::new(slots, args.hostile_faces, &stop, bar)?;
     let mut verdicts = Verdicts::default();
     verdicts.faults.fronts_equal = true;
     verdicts.undisturbed = undisturbed(&bench).map_err(Failure::Run)?;
@@ -141,6 +149,12 @@ fn check(args: &FaultsArgs) -> Result<(), Failure> {
             "--kills is {kills}; write a number from 1 to {MAX_KILLS}"
         )));
     }
+    if !(MIN_HOSTILE_FACES..=MAX_HOSTILE_FACES).contains(&args.hostile_faces) {
+        return Err(Failure::Input(format!(
+            "--hostile-faces is {}; write a number from {MIN_HOSTILE_FACES} to {MAX_HOSTILE_FACES}",
+            args.hostile_faces
+        )));
+    }
     let known = |name: &&String| ROWS.iter().any(|row| row.name == name.as_str());
     if let Some(unknown) = args.cases.iter().find(|name| !known(name)) {
         let names: Vec<&str> = ROWS.iter().map(|row| row.name).collect();
@@ -160,6 +174,7 @@ fn is_chosen(args: &FaultsArgs, name: &str) -> bool {
 fn undisturbed(bench: &Bench) -> Result<Undisturbed, String> {
     let mut steps = Vec::new();
     let mut fronts = Vec::new();
+    let mut missed_own_cpu = 0;
     for run in 1..=UNDISTURBED {
         bench
             .bar
@@ -168,23 +183,32 @@ fn undisturbed(bench: &Bench) -> Result<Undisturbed, String> {
         let result = &touched.finished.result;
         steps.push(result.force_step_n_max);
         fronts.push(result.front_hash);
+        missed_own_cpu = result.missed_own_cpu.max(missed_own_cpu);
     }
     let is_one = fronts.iter().all(|&front| front == fronts[0]);
     Ok(Undisturbed {
         step_n: median(&steps),
         front: is_one.then_some(fronts[0]),
+        missed_own_cpu,
     })
 }
 
 fn words(found: &Faults) -> String {
-    let mut table = Table::new(3, "case | verdict | seen");
+    let mut table = Table::new(5, "case | verdict | own misses | undisturbed | seen");
     for case in &found.cases {
         let verdict = match (case.skipped, case.pass) {
             (true, _) => "skipped",
             (_, true) => "pass",
             (_, false) => "FAIL",
         };
-        table.row([case.name, verdict, &case.what].map(String::from));
+        let [own, undisturbed] = [case.missed_own_cpu, case.missed_own_cpu_undisturbed];
+        table.row([
+            case.name.to_string(),
+            verdict.to_string(),
+            own.to_string(),
+            undisturbed.to_string(),
+            case.what.clone(),
+        ]);
     }
     let mut text = format!("{table}\n");
     let _ = writeln!(

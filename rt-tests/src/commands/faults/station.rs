@@ -1,7 +1,7 @@
 //! Cases of the station: whatever becomes of it, the touch goes on.
 
 use super::bench::Bench;
-use super::touch::{OwnDomain, RESYNC_MS, Start, Touch, start_station};
+use super::touch::{RESYNC_MS, Start, Touch, own_domain, start_station};
 use super::verdict::{Answer, Verdicts};
 use super::watched::{Watched, pause};
 use protocol::{HELLO_PERIOD_MS, Hello, PROTOCOL_VERSION, Role};
@@ -147,9 +147,9 @@ pub fn file_overwritten(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> 
 
 /// The domain's folder is removed: the touch goes on, and the next start of both is not blocked.
 pub fn folder_removed(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer {
-    let domain = OwnDomain::new()?;
+    let domain = own_domain()?;
     let mut touch = Touch::begin(bench, Rc::clone(&domain), Start::usual(bench))?;
-    let folder = domain.folder();
+    let folder = domain.root();
     let removed = std::fs::remove_dir_all(&folder);
     removed.map_err(|error| format!("{}: {error}", folder.display()))?;
     pause(AWAY_S, bench);

@@ -3,7 +3,7 @@
 
 use super::bench::{Bench, SLOT_S, files_below};
 use super::watched::{PATIENCE, Watched, pause};
-use crate::processes::process::unique_domain;
+use crate::processes::own_domain::OwnDomain;
 use crate::processes::surroundings::Surroundings;
 use hrtc::result::Finished;
 use realtime::rights::monotonic_ns;
@@ -25,54 +25,29 @@ pub const RESYNC_MS: f64 = 1000.0;
 /// once and never removed, so it does not grow.
 const KEPT_OF_DOMAIN: &str = ".global_mgmt";
 
-/// A domain of a case; its files go with it.
-pub struct OwnDomain(Domain);
-
-impl OwnDomain {
-    /// A new domain.
-    ///
-    /// # Errors
-    /// When there is none of that name.
-    pub fn new() -> Result<Rc<Self>, String> {
-        let domain = Domain::new(&unique_domain()).map_err(|error| error.to_string())?;
-        Ok(Rc::new(Self(domain)))
-    }
-
-    /// Files of the domain without processes, and files where none of the processes may leave one.
-    #[must_use]
-    pub fn left(&self, bench: &Bench) -> Vec<PathBuf> {
-        let prefix = format!("hrtc_{}_", self.name());
-        let memory = std::fs::read_dir("/dev/shm");
-        let memory = memory.into_iter().flatten().flatten();
-        let memory = memory.filter(|of| {
-            let name = of.file_name().to_string_lossy().into_owned();
-            name.starts_with(&prefix) && !name.ends_with(KEPT_OF_DOMAIN)
-        });
-        let mut left: Vec<PathBuf> = memory.map(|of| of.path()).collect();
-        left.extend(files_below(&self.folder()));
-        left.extend(bench.leftovers());
-        left
-    }
-
-    /// Its folder.
-    #[must_use]
-    pub fn folder(&self) -> PathBuf {
-        format!("/tmp/hrtc-{}", self.name()).into()
-    }
+/// Files of a domain without processes, and files where none of the processes may leave one.
+fn left(domain: &Domain, bench: &Bench) -> Vec<PathBuf> {
+    let prefix = domain.prefix();
+    let memory = std::fs::read_dir("/dev/shm");
+    let memory = memory.into_iter().flatten().flatten();
+    let memory = memory.filter(|of| {
+        let name = of.file_name().to_string_lossy().into_owned();
+        name.starts_with(&prefix) && !name.ends_with(KEPT_OF_DOMAIN)
+    });
+    let mut left: Vec<PathBuf> = memory.map(|of| of.path()).collect();
+    left.extend(files_below(&domain.root()));
+    left.extend(bench.leftovers());
+    left
 }
 
-impl std::ops::Deref for OwnDomain {
-    type Target = Domain;
-
-    fn deref(&self) -> &Domain {
-        &self.0
-    }
-}
-
-impl Drop for OwnDomain {
-    fn drop(&mut self) {
-        self.0.remove_files();
-    }
+/// A domain of a case.
+///
+/// # Errors
+/// When its folder cannot be made.
+pub fn own_domain() -> Result<Rc<OwnDomain>, String> {
+    OwnDomain::new()
+        .map(Rc::new)
+        .map_err(|error| error.to_string())
 }
 
 /// A station and a controller in a domain.
@@ -115,7 +90,15 @@ fn arguments(role: &str, domain: &Domain, scene: &Path, more: &[String]) -> Vec<
 /// # Errors
 /// When it is not.
 pub fn start_station(bench: &Bench, domain: &Domain) -> Result<Watched, String> {
-    let scene = bench.path("touch.toml");
+    start_station_for(bench, domain, "touch.toml")
+}
+
+/// Starts a station for a scene of the bench and waits until it is ready.
+///
+/// # Errors
+/// When it is not.
+pub fn start_station_for(bench: &Bench, domain: &Domain, scene: &str) -> Result<Watched, String> {
+    let scene = bench.path(scene);
     let typed = arguments("role-station", domain, &scene, &[]);
     let mut station = Watched::start("station", &typed, bench.around())?;
     station.wait_for("the start", bench, |of| of.ready_ns.is_some())?;
@@ -197,7 +180,7 @@ impl<'a> Touch<'a> {
     /// # Errors
     /// See [`Touch::begin`].
     pub fn usual(bench: &'a Bench<'a>) -> Result<Self, String> {
-        Self::begin(bench, OwnDomain::new()?, Start::usual(bench))
+        Self::begin(bench, own_domain()?, Start::usual(bench))
     }
 
     /// Starts a controller for a run of the usual length in place of one that has ended, and waits
@@ -249,7 +232,7 @@ impl<'a> Touch<'a> {
         let longest = PATIENCE + Duration::from_secs_f64(self.bench.seconds());
         let ended = self.controller.wait_for_end(longest);
         let station = self.station.end();
-        let left = self.domain.left(self.bench);
+        let left = left(&self.domain, self.bench);
         ended?;
         station?;
         let finished = self.controller.finished.take();
@@ -280,6 +263,8 @@ pub struct Undisturbed {
     pub step_n: f64,
     /// The front that each of them ended with; `None` when they differ.
     pub front: Option<u64>,
+    /// Largest number of periods that one of them missed by own work.
+    pub missed_own_cpu: u64,
 }
 
 impl Undisturbed {
@@ -296,8 +281,8 @@ impl Undisturbed {
         let mut wrong = Vec::new();
         if result.missed_own_cpu > 0 {
             wrong.push(format!(
-                "{} periods missed by own work",
-                result.missed_own_cpu
+                "{} periods missed by own work, {} page faults in those ticks",
+                result.missed_own_cpu, result.page_faults_missed
             ));
         }
         let (step, limit) = (result.force_step_n_max, self.limit_n());
@@ -351,6 +336,8 @@ mod tests {
         let undisturbed = Undisturbed {
             step_n: 0.1,
             front: Some(5),
+            // It excuses none of a disturbed run.
+            missed_own_cpu: 4,
         };
         assert_eq!(undisturbed.complaints(&good()), Vec::<String>::new());
         let spoil: [fn(&mut Touched); 7] = [
@@ -369,7 +356,7 @@ mod tests {
         }
         let rough = Undisturbed {
             step_n: 0.4,
-            front: None,
+            ..Undisturbed::default()
         };
         assert_eq!(rough.limit_n(), STEP_RATIO * 0.4);
         assert_eq!(

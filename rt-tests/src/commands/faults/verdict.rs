@@ -48,6 +48,10 @@ pub struct Case {
     pub pass: bool,
     /// Whether this machine or user cannot run it.
     pub skipped: bool,
+    /// Periods missed by own work in its runs.
+    pub missed_own_cpu: u64,
+    /// The same in an undisturbed run of the same length and seed: the worst of three.
+    pub missed_own_cpu_undisturbed: u64,
     /// What was seen, or what was wrong.
     pub what: String,
 }
@@ -89,6 +93,8 @@ pub struct Verdicts {
     /// What disturbed runs are compared with.
     pub undisturbed: Undisturbed,
     resync_ms: Vec<f64>,
+    /// Own misses of the cases so far.
+    missed_before: u64,
     /// Of the device's cases, milliseconds.
     pub late_ms: Vec<f64>,
     /// Of the device's cases, milliseconds.
@@ -124,22 +130,25 @@ impl Verdicts {
     pub fn add(&mut self, name: &'static str, answer: Answer) {
         let pass = answer.is_ok();
         let (Ok(what) | Err(what)) = answer;
-        self.faults.cases.push(Case {
-            name,
-            pass,
-            skipped: false,
-            what,
-        });
+        self.push(name, pass, false, what);
     }
 
     /// Adds a case that cannot be run here.
     pub fn skip(&mut self, name: &'static str, why: &str) {
+        self.push(name, false, true, why.to_string());
+    }
+
+    fn push(&mut self, name: &'static str, pass: bool, skipped: bool, what: String) {
+        let missed = self.faults.missed_own_cpu;
         self.faults.cases.push(Case {
             name,
-            pass: false,
-            skipped: true,
-            what: why.to_string(),
+            pass,
+            skipped,
+            missed_own_cpu: missed - self.missed_before,
+            missed_own_cpu_undisturbed: self.undisturbed.missed_own_cpu,
+            what,
         });
+        self.missed_before = missed;
     }
 
     /// The whole.

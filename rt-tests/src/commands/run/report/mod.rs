@@ -394,8 +394,8 @@ impl Report<'_> {
             ));
         }
         lines.push(format!(
-            "{} page fault(s) and {} allocation(s) within ticks",
-            r.page_faults, r.allocations
+            "{} page fault(s) and {} allocation(s) within ticks; {} of the page faults in ticks that missed by own work",
+            r.page_faults, r.allocations, r.page_faults_missed
         ));
         lines.push(format!("replay hash {:014x}", r.replay_hash));
         lines
