@@ -9,6 +9,7 @@ pub struct Budget {
     pub operations: u32,
     /// Closure entries to go through for refinement.
     pub entries: u32,
-    /// Closure entries to unload.
-    pub unloads: u32,
+    /// Entries of closures, region tables and caches to go through for what is not needed any more
+    /// or is here already.
+    pub upkeep: u32,
 }

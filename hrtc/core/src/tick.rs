@@ -32,7 +32,7 @@ use crate::force::passivity::CarriedWork;
 use crate::record::CoreRecord;
 use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
-use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, MAX_UNLOADS};
+use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, MAX_UPKEEP};
 use crate::tuning::streaming::{ingest_for, max_ingest};
 use crate::tuning::tick::{PROXY_WORK, PROXY_WORK_PER_OPERATION, REPORT_TICKS};
 use geometry::Wrench;
@@ -165,10 +165,11 @@ impl Controller {
 
         let elapsed = self.begin(tick);
         self.sample(inputs, elapsed);
-        record.unserved = self.activate(inputs, &mut outputs.outbox);
+        let mut budget = self.budget();
+        record.unserved = self.activate(inputs, &mut budget, &mut outputs.outbox);
         observer.ended(Stage::BroadPhase);
 
-        let mut budget = self.budget(waiting);
+        budget.ingest = self.ingest_units(waiting);
         outputs.chunks_consumed = self.receive(inputs, &mut budget, &mut record);
         self.predict(waiting, &mut outputs.outbox);
         observer.ended(Stage::Inbox);
@@ -218,7 +219,12 @@ impl Controller {
 
     /// Moves the objects, and makes those near a probe active. Returns the pairs of a probe and an
     /// object that could touch though the object is not ready.
-    fn activate(&mut self, inputs: &TickInputs<'_>, outbox: &mut Outbox) -> u32 {
+    fn activate(
+        &mut self,
+        inputs: &TickInputs<'_>,
+        budget: &mut Budget,
+        outbox: &mut Outbox,
+    ) -> u32 {
         self.active.begin_tick(inputs.station, self.own_tick);
         self.active.move_objects(&mut self.movables, inputs.tick);
         for (k, probe) in self.probes.iter_mut().enumerate() {
@@ -227,21 +233,27 @@ impl Controller {
                 *sum += work;
             }
         }
-        self.active.activate(&self.probes, self.own_tick, outbox)
+        let own_tick = self.own_tick;
+        self.active.activate(&self.probes, own_tick, budget, outbox)
     }
 
-    /// The work of a tick with so many chunks that wait.
-    fn budget(&self, waiting: usize) -> Budget {
-        let is_loading = self.active.objects.iter().any(|of| of.session.is_loading());
+    /// The work of a tick, but for received data.
+    fn budget(&self) -> Budget {
         Budget {
-            ingest: if is_loading {
-                max_ingest(self.operations)
-            } else {
-                ingest_for(waiting, self.operations)
-            },
+            ingest: 0,
             operations: self.operations as u32 * if is(Mutant::Budget) { 4 } else { 1 },
             entries: self.operations as u32 * ENTRIES_PER_OPERATION,
-            unloads: MAX_UNLOADS,
+            upkeep: MAX_UPKEEP,
+        }
+    }
+
+    /// The work for received data in a tick with so many chunks that wait.
+    fn ingest_units(&self, waiting: usize) -> u32 {
+        let is_loading = self.active.objects.iter().any(|of| of.session.is_loading());
+        if is_loading {
+            max_ingest(self.operations)
+        } else {
+            ingest_for(waiting, self.operations)
         }
     }
 
@@ -272,8 +284,8 @@ impl Controller {
         for &(_, k) in &self.active.order {
             self.active.objects[k].refine(self.own_tick, budget);
         }
-        let unloads = MAX_UNLOADS - budget.unloads;
-        record.work_units += unloads.div_ceil(CHANGES_PER_UNIT);
+        let upkeep = MAX_UPKEEP - budget.upkeep;
+        record.work_units += upkeep.div_ceil(CHANGES_PER_UNIT);
     }
 
     /// Updates the AB-trees.

@@ -92,8 +92,11 @@ pub mod lod {
     pub const COLLAPSE_TICKS: u32 = 48;
     /// Closure entries that change set for one work unit.
     pub const CHANGES_PER_UNIT: u32 = 4;
-    /// Closure entries unloaded a tick at the most: several cells, or a part of a whole model.
-    pub const MAX_UNLOADS: u32 = 4096;
+    /// Entries of closures, region tables and caches that a tick goes through at the most to unload,
+    /// forget or pass over them: several cells, or a part of a whole model.
+    pub const MAX_UPKEEP: u32 = 4096;
+    /// Of these at the most for places that have changed hands, so that rooms in use get theirs.
+    pub const MAX_FORGOTTEN: u32 = MAX_UPKEEP / 2;
     /// Closure entries gone through a tick, for each operation allowed.
     pub const ENTRIES_PER_OPERATION: u32 = 24;
     /// Regions that one search for a region to release looks at.

@@ -4,7 +4,7 @@
 use crate::failure::Failure;
 use crate::models::Model;
 use glam::DVec3;
-use hrtc_core::cache::{Cache, LoadError, RegionKey};
+use hrtc_core::cache::{AfterUnload, Cache, LoadError, RegionKey};
 use spm::{OperationFaces, RegionId};
 use station_core::collection::{RegionAt, closure};
 use std::collections::BTreeSet;
@@ -157,12 +157,13 @@ impl<'a> LocalFront<'a> {
             }
             for &i in &closure {
                 let record = &self.model.records[i as usize];
-                let mut loaded = self.cache.load(region, record);
+                let load = |cache: &mut Cache| cache.load(region, record, &mut { u32::MAX });
+                let mut loaded = load(&mut self.cache);
                 // What is performed and wanted no more makes room, one at a time, as in the
                 // controller.
                 while loaded == Err(LoadError::NoRoom) && self.cache.collapse_oldest(&mut self.out)
                 {
-                    loaded = self.cache.load(region, record);
+                    loaded = load(&mut self.cache);
                 }
                 loaded?;
             }
@@ -188,9 +189,9 @@ impl<'a> LocalFront<'a> {
             })
             .collect();
         for region in idle {
-            self.cache.unload(region, u32::MAX);
-            self.cache.regions.remove(region);
+            self.cache.begin_unload(region, AfterUnload::Forget, 0);
         }
+        self.cache.go_on_unloading(&mut { u32::MAX });
     }
 
     /// Performs up to `most` splits of wanted regions, and refits; how many there were.

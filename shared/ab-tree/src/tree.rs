@@ -12,6 +12,7 @@
 use super::key::{depth, is_leaf_key, lowest_common_ancestor};
 use super::{Handle, NONE};
 use geometry::{Aabb, BoxPair};
+use std::ops::Range;
 
 /// Index of a node; [`NONE`] for none.
 pub type NodeId = u32;
@@ -134,17 +135,21 @@ impl AbTree {
         }
     }
 
-    /// Empties the tree, so that [`AbTree::preconstruct`] may follow. `faces` is the number of
-    /// handles used so far, from the first on. Nothing is freed or allocated.
-    pub fn clear(&mut self, faces: u32) {
-        self.face_key[..faces as usize].fill(0);
-        self.deformed[..self.fresh as usize].fill(0);
+    /// Empties the tree at once for every query. [`AbTree::forget_faces`] of all handles that were
+    /// in use must follow, in as many steps as the caller likes, before a face is inserted. Nothing
+    /// is freed or allocated.
+    pub fn begin_clear(&mut self) {
         self.root = None;
         self.free = NONE;
         self.fresh = 0;
         self.faces = 0;
         self.root_box = Aabb::EMPTY;
         self.root_face_deformed = false;
+    }
+
+    /// Makes handles unused, after [`AbTree::begin_clear`].
+    pub fn forget_faces(&mut self, faces: Range<Handle>) {
+        self.face_key[faces.start as usize..faces.end as usize].fill(0);
     }
 
     /// Defines the shape by the number of faces of the full mesh (ACTIVE-PRECONSTRUCT); the tree

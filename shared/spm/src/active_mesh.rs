@@ -35,6 +35,7 @@ use super::record::VspRecord;
 use ab_tree::{Handle, NONE};
 use geometry::Aabb;
 use glam::{DVec3, Vec3};
+use std::ops::Range;
 use thiserror::Error;
 
 /// Storage place of a loaded VSP.
@@ -157,16 +158,30 @@ impl ActiveMesh {
         }
     }
 
-    /// Empties the mesh, so that [`ActiveMesh::reshape`] may follow. `slots` is the number of slots
-    /// used so far, from the first on. Nothing is freed or allocated.
-    pub fn clear(&mut self, slots: u32) {
-        self.states[..slots as usize].fill(State::default());
+    /// Empties the mesh as a whole: no face is active. [`ActiveMesh::forget_slots`] and
+    /// [`ActiveMesh::forget_base_faces`] of all that were in use must follow, in as many steps as
+    /// the caller likes, before [`ActiveMesh::reshape`]. Nothing is freed or allocated.
+    pub fn begin_clear(&mut self) {
         self.geomorphs.clear();
         self.active_faces = 0;
         self.performed = 0;
     }
 
-    /// Divides the storage for another model; the mesh must be empty.
+    /// Makes slots unused, after [`ActiveMesh::begin_clear`]. Returns their faces.
+    pub fn forget_slots(&mut self, slots: Range<Slot>) -> Range<Handle> {
+        self.states[slots.start as usize..slots.end as usize].fill(State::default());
+        let faces = self.base_faces + 2 * slots.start..self.base_faces + 2 * slots.end;
+        self.faces[faces.start as usize..faces.end as usize].fill(Face::UNUSED);
+        faces
+    }
+
+    /// Makes base faces unused, after [`ActiveMesh::begin_clear`].
+    pub fn forget_base_faces(&mut self, faces: Range<Handle>) {
+        self.faces[faces.start as usize..faces.end as usize].fill(Face::UNUSED);
+    }
+
+    /// Divides the storage for another model; the mesh must be empty, so that base faces which have
+    /// not arrived yet are marked as unused.
     ///
     /// Returns the number of slots, `None` when the base mesh alone does not fit.
     pub fn reshape(&mut self, base_vertices: u32, base_faces: u32) -> Option<u32> {
@@ -180,8 +195,6 @@ impl ActiveMesh {
             self.active_faces == 0 && self.performed == 0,
             "storage is divided while it is empty"
         );
-        // Marks the base faces that have not arrived yet; a split sets its own faces.
-        self.faces[..base_faces as usize].fill(Face::UNUSED);
         Some(slots as u32)
     }
 

@@ -219,25 +219,39 @@ impl ActiveSet {
         for object in &mut self.objects {
             object.load_stored(&mut context);
         }
-        let [first, second] = chunks;
-        for (k, chunk) in (0..MAX_CHUNKS).zip(first.iter().chain(second)) {
-            if self.taken >> k & 1 == 1 {
-                continue;
-            }
-            let number = Some(chunk.header.object);
-            let object = self.objects.iter_mut().find(|of| of.object() == number);
-            // Chunks of an object that is not active are dropped.
-            let is_done = object.is_none_or(|object| object.receive(chunk, &mut context));
-            self.taken |= u64::from(is_done) << k;
-            if context.budget.ingest == 0 {
-                break;
-            }
+        let consumed = Self::take_chunks(&mut self.objects, &mut self.taken, chunks, &mut context);
+        for object in &mut self.objects {
+            object.go_on_unloading(budget);
         }
         if self.objects.iter().any(|of| of.session.is_ended()) {
             self.note_faults();
         }
-        let consumed = self.taken.trailing_ones();
-        self.taken = self.taken.checked_shr(consumed).unwrap_or(0);
+        consumed
+    }
+
+    /// Gives the chunks to their objects. Returns how many, from the oldest on, are done with.
+    fn take_chunks(
+        objects: &mut [ActiveObject],
+        taken: &mut u64,
+        chunks: [&[InboxChunk]; 2],
+        context: &mut TickContext<'_>,
+    ) -> usize {
+        let [first, second] = chunks;
+        for (k, chunk) in (0..MAX_CHUNKS).zip(first.iter().chain(second)) {
+            if *taken >> k & 1 == 1 {
+                continue;
+            }
+            let number = Some(chunk.header.object);
+            let object = objects.iter_mut().find(|of| of.object() == number);
+            // Chunks of an object that is not active are dropped.
+            let is_done = object.is_none_or(|object| object.receive(chunk, context));
+            *taken |= u64::from(is_done) << k;
+            if context.budget.ingest == 0 {
+                break;
+            }
+        }
+        let consumed = taken.trailing_ones();
+        *taken = taken.checked_shr(consumed).unwrap_or(0);
         consumed as usize
     }
 
@@ -255,7 +269,13 @@ impl ActiveSet {
 
     /// Finds the objects near a probe, and makes the one that needs it most active. Returns the
     /// pairs of a probe and an object that could touch now though the object is not ready.
-    pub fn activate(&mut self, probes: &[Probe], tick: u64, outbox: &mut Outbox) -> u32 {
+    pub fn activate(
+        &mut self,
+        probes: &[Probe],
+        tick: u64,
+        budget: &mut Budget,
+        outbox: &mut Outbox,
+    ) -> u32 {
         if self.instances.len() == 1 {
             return 0;
         }
@@ -270,7 +290,7 @@ impl ActiveSet {
         self.broad_phase.find(balls, REACH_TICKS);
         self.note_needs(probes, tick);
         if self.objects.len() < self.instances.len() {
-            self.activate_one(probes, tick, outbox);
+            self.activate_one(probes, tick, budget, outbox);
         }
         self.share_credit(tick);
         self.count_unserved(probes)
@@ -329,8 +349,15 @@ impl ActiveSet {
         }
     }
 
-    /// Makes the object active that needs it most.
-    fn activate_one(&mut self, probes: &[Probe], tick: u64, outbox: &mut Outbox) {
+    /// Makes the object active that needs it most. A place that changes hands forgets the object
+    /// before first, over as many ticks as that takes.
+    fn activate_one(
+        &mut self,
+        probes: &[Probe],
+        tick: u64,
+        budget: &mut Budget,
+        outbox: &mut Outbox,
+    ) {
         let Some((object, distance)) = self.next_to_activate(probes) else {
             return;
         };
@@ -341,6 +368,10 @@ impl ActiveSet {
         if let Some(before) = active.object() {
             let epoch = active.session.close(outbox, tick);
             self.epochs[before as usize] = epoch.wrapping_add(1);
+            active.vacate(tick);
+        }
+        if !active.is_vacant(budget) {
+            return;
         }
         let instance = self.instances[object as usize];
         let is_stored = self.store.slots(instance.model).is_some();

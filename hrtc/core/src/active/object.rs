@@ -15,6 +15,7 @@ use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
 use crate::streaming::session::{Receiver, Session, TickContext};
 use crate::streaming::subscriber::Identity;
+use crate::tuning::lod::MAX_FORGOTTEN;
 use geometry::Pose;
 use scene::{EffectPlan, ScenePlan};
 use std::sync::Arc;
@@ -102,8 +103,41 @@ impl ActiveObject {
         self.front.greatest_speed(widths.fold(0.0, f64::max))
     }
 
-    /// Makes an object active: its session goes on from an epoch. A `stored` base mesh is loaded
-    /// from the store, else it is requested. Nothing is freed or allocated.
+    /// The object gives its place up: nothing of it can be touched any more. Its session is closed
+    /// already.
+    pub(crate) fn vacate(&mut self, tick: u64) {
+        self.instance = None;
+        self.frame = None;
+        self.contacts.end();
+        self.session.end(tick);
+        self.front.begin_clear();
+        self.is_pinned = false;
+        self.distance = f64::INFINITY;
+    }
+
+    /// Goes on to forget the object that had this place, if any. Returns whether another object may
+    /// have it.
+    pub(crate) fn is_vacant(&mut self, budget: &mut Budget) -> bool {
+        if self.instance.is_some() {
+            return false;
+        }
+        let most = budget.upkeep.min(MAX_FORGOTTEN);
+        let mut entries = most;
+        self.front.cache.go_on_unloading(&mut entries);
+        budget.upkeep -= most - entries;
+        !self.front.cache.is_clearing()
+    }
+
+    /// Goes on to unload what is not needed any more, so that what waits for it can be requested in
+    /// this tick.
+    pub(crate) fn go_on_unloading(&mut self, budget: &mut Budget) {
+        if self.instance.is_some() {
+            self.front.cache.go_on_unloading(&mut budget.upkeep);
+        }
+    }
+
+    /// Makes an object active in a vacant place: its session goes on from an epoch. A `stored` base
+    /// mesh is loaded from the store, else it is requested. Nothing is freed or allocated.
     pub(crate) fn assign(
         &mut self,
         instance: ObjectInstance,
@@ -111,8 +145,6 @@ impl ActiveObject {
         stored: Option<&Model>,
         tick: u64,
     ) {
-        self.front.reset();
-        self.frame = None;
         self.contacts.assign(instance.object);
         self.session
             .begin(&instance, epoch, stored, &mut self.front, tick);

@@ -34,7 +34,10 @@ impl Cache {
             }
             assert_eq!(pending, region.pending, "records to come");
         }
-        let mut free = vec![false; slots];
+        // Slots that were never in use are free too.
+        let mut free: Vec<bool> = (0..slots)
+            .map(|slot| slot >= self.slots_used as usize)
+            .collect();
         for &slot in &self.free {
             free[slot as usize] = true;
         }
@@ -63,6 +66,6 @@ impl Cache {
             );
             assert_eq!(geomorphs(vt), geomorphs(vt + 1), "both go to their parent");
         }
-        assert_eq!(self.free.len() as u32 + self.loaded, self.slots, "slots");
+        assert_eq!(self.free_slots() + self.loaded, self.slots, "slots");
     }
 }

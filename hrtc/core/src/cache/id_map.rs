@@ -44,12 +44,6 @@ impl<I: Id> IdMap<I> {
         }
     }
 
-    /// Removes every entry.
-    pub fn clear(&mut self) {
-        self.entries.fill((I::NONE, 0));
-        self.count = 0;
-    }
-
     fn home(&self, id: I) -> usize {
         // Fibonacci hashing: ids are dense, neighbours must not cluster.
         let hash = id.bits().wrapping_mul(0x9E37_79B9_7F4A_7C15);

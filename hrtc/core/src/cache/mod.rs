@@ -29,7 +29,7 @@ mod unload;
 
 pub use geomorphs::MAX_GEOMORPHS;
 pub use lists::{Cursor, List};
-pub use region::{Region, RegionState};
+pub use region::{AfterUnload, Region, RegionState};
 pub use region_key::RegionKey;
 pub use regions::{MAX_OUTSTANDING, RegionTable};
 
@@ -87,6 +87,8 @@ pub enum LoadError {
     Gap,
     /// It cannot belong to this model.
     Damaged,
+    /// More loaded entries lie before it than may be gone through now: load it again later.
+    Unfinished,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -136,9 +138,11 @@ pub struct Cache {
     loaded_high_water: u32,
     faces_high_water: u32,
     slots: u32,
-    /// Slots that were ever in use for this model, from the first on.
+    /// Slots that were ever in use for this model, from the first on; `free` holds those of them
+    /// that came back.
     slots_used: u32,
     evicted: u64,
+    is_clearing: bool,
 }
 
 const NO_MODEL: Sizes = Sizes {
@@ -208,6 +212,7 @@ impl Cache {
             slots: 0,
             slots_used: 0,
             evicted: 0,
+            is_clearing: false,
         }
     }
 
@@ -295,26 +300,58 @@ impl Cache {
 
     // --- the base mesh -------------------------------------------------------------------------
 
-    /// Forgets the model and everything of it; counts and high-water marks stay. Nothing is freed
-    /// or allocated, and only what was in use is gone through.
-    pub fn reset(&mut self) {
-        // Slots are handed out from the first on, and again when they come back.
-        let used = self.slots_used;
-        self.mesh.clear(used);
-        self.tree.clear(self.sizes.base_faces + 2 * used);
-        self.ids.clear();
+    /// Begins to forget the model and everything of it: no face is active any more.
+    /// [`Cache::go_on_unloading`] does the rest. Counts and high-water marks stay; nothing is freed
+    /// or allocated.
+    pub fn begin_clear(&mut self) {
+        self.is_clearing = true;
+        self.mesh.begin_clear();
+        self.tree.begin_clear();
         self.free.clear();
         self.collapses = EMPTY_QUEUE;
         self.evictions = EMPTY_QUEUE;
-        self.lists.clear();
-        self.regions.clear();
-        self.sizes = NO_MODEL;
         self.loaded = 0;
         self.slots = 0;
-        self.slots_used = 0;
+        self.regions.begin_clear();
     }
 
-    /// Shares the storage out to a model; once, and again after every [`Cache::reset`].
+    /// Whether a model is being forgotten: [`Cache::begin_model`] has to wait.
+    #[must_use]
+    pub fn is_clearing(&self) -> bool {
+        self.is_clearing
+    }
+
+    /// Goes on to forget the model after [`Cache::begin_clear`]: regions, slots, then base faces,
+    /// of which two count as one of the `entries` that may be gone through.
+    fn go_on_clearing(&mut self, entries: &mut u32) {
+        self.regions.go_on_clearing(entries);
+        // Slots are handed out from the first on, and again when they come back.
+        let count = self.slots_used.min(*entries);
+        let slots = self.slots_used - count..self.slots_used;
+        for slot in slots.clone() {
+            let id = self.mesh.id(slot);
+            if self.ids.get(id) == Some(slot) {
+                self.ids.remove(id);
+            }
+        }
+        self.tree.forget_faces(self.mesh.forget_slots(slots));
+        self.slots_used -= count;
+        *entries -= count;
+        let count = self.sizes.base_faces.div_ceil(2).min(*entries);
+        let left = self.sizes.base_faces.saturating_sub(2 * count);
+        let faces = left..self.sizes.base_faces;
+        self.mesh.forget_base_faces(faces.clone());
+        self.tree.forget_faces(faces);
+        self.sizes.base_faces = left;
+        *entries -= count;
+        if self.slots_used == 0 && left == 0 && self.regions.known() == 0 {
+            self.lists.clear();
+            self.sizes = NO_MODEL;
+            self.is_clearing = false;
+        }
+    }
+
+    /// Shares the storage out to a model; once, and again when another one is forgotten.
     ///
     /// # Errors
     /// When the base mesh and the model's largest closure do not fit.
@@ -327,7 +364,6 @@ impl Cache {
                 self.sizes = header.sizes();
                 self.scale = ErrorScale::for_diagonal(header.diagonal);
                 self.slots = slots;
-                self.free.extend((0..slots).rev());
                 self.tree.preconstruct(header.faces);
                 Ok(())
             }
@@ -415,11 +451,17 @@ impl Cache {
         Ok(())
     }
 
-    /// Loads the next record that an asked region waits for.
+    /// Loads the next record that an asked region waits for. `entries`: loaded entries of its
+    /// closure that may be gone through on the way to it.
     ///
     /// # Errors
     /// See [`LoadError`]; nothing has changed then.
-    pub fn load(&mut self, region: usize, record: &VspRecord) -> Result<(), LoadError> {
+    pub fn load(
+        &mut self,
+        region: usize,
+        record: &VspRecord,
+        entries: &mut u32,
+    ) -> Result<(), LoadError> {
         if record.i >= self.sizes.vsps {
             return Err(LoadError::Damaged);
         }
@@ -428,16 +470,8 @@ impl Cache {
         if self.ids.get(record.i).is_some() {
             return Ok(());
         }
-        let entry = *self.regions.at(region);
-        let mut cursor = entry.cursor;
-        // Entries that were loaded already lie between the pending ones.
-        let expected = loop {
-            match self.lists.get(&entry.closure, cursor) {
-                Some(item) if item & PENDING != 0 => break item & !PENDING,
-                Some(_) => cursor = self.lists.next(cursor),
-                None => return Err(LoadError::Gap),
-            }
-        };
+        let expected = self.next_pending(region, entries)?;
+        let cursor = self.regions.at(region).cursor;
         if record.i != expected {
             return Err(LoadError::Gap);
         }
@@ -474,12 +508,28 @@ impl Cache {
         }
         self.loaded += 1;
         self.loaded_high_water = self.loaded_high_water.max(self.loaded);
-        self.slots_used = self.slots_used.max(slot + 1);
         self.lists.set(cursor, slot);
         let entry = self.regions.at_mut(region);
         entry.cursor = self.lists.next(cursor);
         entry.pending -= 1;
         Ok(())
+    }
+
+    /// The id of the next record that an asked region waits for; its cursor is there then. Entries
+    /// that were loaded already lie between the pending ones.
+    fn next_pending(&mut self, region: usize, entries: &mut u32) -> Result<u32, LoadError> {
+        let entry = self.regions.at_mut(region);
+        loop {
+            match self.lists.get(&entry.closure, entry.cursor) {
+                Some(item) if item & PENDING != 0 => return Ok(item & !PENDING),
+                Some(_) if *entries == 0 => return Err(LoadError::Unfinished),
+                Some(_) => {
+                    *entries -= 1;
+                    entry.cursor = self.lists.next(entry.cursor);
+                }
+                None => return Err(LoadError::Gap),
+            }
+        }
     }
 
     /// Puts a held region into the set to be performed, or takes it out: at most `most` entries of

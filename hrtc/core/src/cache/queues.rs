@@ -6,20 +6,28 @@ use spm::{NONE, Slot};
 
 impl Cache {
     pub(super) fn take_slot(&mut self) -> Option<Slot> {
-        if self.free.is_empty() {
+        if self.free_slots() == 0 {
             let slot = self.evictions.first;
             if slot == NONE {
                 return None;
             }
             self.evict(slot);
         }
-        self.free.pop()
+        self.free.pop().or_else(|| {
+            self.slots_used += 1;
+            Some(self.slots_used - 1)
+        })
+    }
+
+    /// Slots without a record.
+    pub(super) fn free_slots(&self) -> u32 {
+        self.free.len() as u32 + (self.slots - self.slots_used)
     }
 
     /// Slots that a record could go to now, free or to be evicted: at least this many.
     #[must_use]
     pub fn has_slot(&self) -> bool {
-        !self.free.is_empty() || self.evictions.first != NONE
+        self.free_slots() > 0 || self.evictions.first != NONE
     }
 
     /// Performed splits that nothing needs any more and that may be collapsed now.
@@ -35,7 +43,7 @@ impl Cache {
     /// hand is what lets a fast probe load without waiting for room.
     #[must_use]
     pub fn is_nearly_full(&self) -> bool {
-        let free = self.free.len() as u32 + self.evictions.count;
+        let free = self.free_slots() + self.evictions.count;
         let slots = free < self.slots / 8;
         slots || self.lists.is_nearly_full() || self.regions.is_nearly_full()
     }

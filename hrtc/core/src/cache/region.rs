@@ -3,13 +3,15 @@
 //! ```text
 //!             request            end_answer            want(true/false)
 //!  (unknown) ---------> Requested ---------> Resident <----------------> (wanted)
-//!                        ^  |  |                |
-//!             request    |  |  | refuse         | begin_unload   refuse (damaged records)
-//!             _again     |  |  v                v
-//!        ToRequestAgain <+--+ Refused        Unloading
-//!                                               | release
-//!                                               v
-//!                                            ToRelease ---> (unknown, once the station is told)
+//!                        ^  |                   |
+//!             request    |  | begin_unload      | begin_unload
+//!             _again     |  v                   v
+//!                        |  Unwanting ---> Unloading ---> as its AfterUnload says:
+//!                        |                                RequestAgain: ToRequestAgain
+//!        ToRequestAgain -+                                Refuse: Refused
+//!                                                         Release: ToRelease ---> (unknown,
+//!                                                         once the station is told)
+//!                                                         Forget: (unknown)
 //! ```
 //!
 //! The station counts a region as subscribed from the request until it is told of the release.
@@ -24,6 +26,8 @@ pub enum RegionState {
     Requested,
     /// Its closure is loaded.
     Resident,
+    /// It is taken out of the set to be performed, some entries a tick, to be unloaded then.
+    Unwanting,
     /// Its closure is being unloaded, some entries a tick.
     Unloading,
     /// Unloaded; the station is still to be told.
@@ -32,6 +36,19 @@ pub enum RegionState {
     ToRequestAgain,
     /// Refused by the station, or its records do not fit the mesh: not requested again for a while.
     Refused,
+}
+
+/// What becomes of a region when its closure is unloaded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum AfterUnload {
+    /// The station is told that it is held no more.
+    Release,
+    /// It is forgotten without a word to the station.
+    Forget,
+    /// It is requested again, with every record.
+    RequestAgain,
+    /// It is not requested for a while.
+    Refuse,
 }
 
 /// A region in the table.
@@ -46,9 +63,11 @@ pub struct Region {
     pub changing: u32,
     /// Whether all of it is performed; while wanted.
     pub refined: bool,
+    /// What becomes of it; while it is unloaded.
+    after_unload: AfterUnload,
     /// Whether the first part of its answer has arrived; while requested.
     has_answer: bool,
-    /// Tick of the refusal; while refused.
+    /// Tick when its unloading began; while refused that of the refusal.
     refused_at: u64,
     /// Its closure: slots, or ids of records that are still to come.
     pub closure: List,
@@ -76,6 +95,7 @@ impl Region {
             wanted: false,
             changing: 0,
             refined: false,
+            after_unload: AfterUnload::Forget,
             has_answer: false,
             refused_at: 0,
             closure: List::EMPTY,
@@ -100,6 +120,17 @@ impl Region {
         self.state == RegionState::Resident
     }
 
+    /// Whether it is being unloaded.
+    #[must_use]
+    pub fn is_unloading(&self) -> bool {
+        matches!(self.state, RegionState::Unwanting | RegionState::Unloading)
+    }
+
+    /// What becomes of it when it is unloaded; while it is.
+    pub(super) fn after_unload(&self) -> AfterUnload {
+        self.after_unload
+    }
+
     /// Whether records of its answer are awaited: it is requested, and the first part has arrived.
     #[must_use]
     pub fn is_receiving(&self) -> bool {
@@ -118,7 +149,7 @@ impl Region {
         self.state == RegionState::Refused && tick > self.refused_at + ticks
     }
 
-    /// The first part of its answer arrives; what an earlier answer loaded is unloaded already.
+    /// The first part of its answer arrives; nothing of an earlier answer is loaded.
     pub(super) fn begin_answer(&mut self) {
         debug_assert_eq!(self.state, RegionState::Requested);
         self.has_answer = true;
@@ -141,27 +172,33 @@ impl Region {
         self.cursor = Cursor::start(&self.closure);
     }
 
-    /// Every entry of its closure is to be given up.
-    pub(super) fn begin_unload(&mut self) {
+    /// Its closure is to be unloaded, in this tick or in later ones.
+    pub(super) fn begin_unload(&mut self, then: AfterUnload, tick: u64) {
+        if !self.is_unloading() {
+            self.state = RegionState::Unwanting;
+        }
+        self.after_unload = then;
+        self.refused_at = tick;
+    }
+
+    /// It is not wanted any more: every entry of its closure is to be given up.
+    pub(super) fn give_up(&mut self) {
+        debug_assert!(!self.wanted && self.changing == 0);
+        self.state = RegionState::Unloading;
         self.pending = 0;
         self.changing = self.closure.length();
         self.cursor = Cursor::start(&self.closure);
     }
 
-    /// Some entries of its closure are left for later ticks.
-    pub(super) fn go_on_unloading(&mut self) {
-        self.state = RegionState::Unloading;
-    }
-
     /// Its closure is unloaded: the station is to be told.
     pub(super) fn release(&mut self) {
-        debug_assert!(self.changing == 0);
+        debug_assert!(self.state == RegionState::Unloading && self.changing == 0);
         self.state = RegionState::ToRelease;
     }
 
     /// It is to be requested with every record.
     pub(super) fn ask_again(&mut self) {
-        debug_assert_eq!(self.state, RegionState::Requested);
+        debug_assert!(self.state == RegionState::Unloading && self.changing == 0);
         self.state = RegionState::ToRequestAgain;
         self.has_answer = false;
     }
@@ -171,11 +208,9 @@ impl Region {
         self.state = RegionState::Requested;
     }
 
-    /// It cannot be had. Returns whether an answer was outstanding.
-    pub(super) fn refuse(&mut self, tick: u64) -> bool {
-        let was_requested = self.state == RegionState::Requested;
+    /// It cannot be had.
+    pub(super) fn refuse(&mut self) {
+        debug_assert!(self.state == RegionState::Unloading && self.changing == 0);
         self.state = RegionState::Refused;
-        self.refused_at = tick;
-        was_requested
     }
 }

@@ -2,7 +2,7 @@
 //! get.
 
 use super::id_map::IdMap;
-use super::region::Region;
+use super::region::{AfterUnload, Region, RegionState};
 use super::region_key::RegionKey;
 use crate::tuning::cache::{REFUSED_TICKS, REFUSED_WINDOW};
 use protocol::{CREDIT_CHUNKS, REGIONS_PER_REQUEST};
@@ -14,21 +14,30 @@ pub const MAX_OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
 /// Releases that may wait for the next request: half of its capacity.
 pub const MAX_RELEASES: usize = REGIONS_PER_REQUEST / 2;
 
-/// Neighbours in the order of use.
+/// Neighbours in an order, or its ends; [`NONE`] where there is none.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Links {
     earlier: u32,
     later: u32,
 }
 
-/// A table of fixed capacity, whose regions stand in the order in which they were last used as
-/// well.
+impl Links {
+    const NONE: Self = Self {
+        earlier: NONE,
+        later: NONE,
+    };
+}
+
+/// A table of fixed capacity. Its regions stand in one of two orders as well: that in which they
+/// were last used, or that in which they are unloaded.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct RegionTable {
     regions: Vec<Option<Region>>,
     links: Vec<Links>,
-    /// Used least, and most, recently; [`NONE`] in an empty table.
-    ends: Links,
+    /// Used least, and most, recently.
+    used: Links,
+    /// Unloaded first, and last.
+    unloading: Links,
     by_key: IdMap<RegionKey>,
     free: Vec<u32>,
     high_water: usize,
@@ -39,6 +48,8 @@ pub struct RegionTable {
     /// Regions to be requested again.
     repeats: [u32; MAX_OUTSTANDING as usize],
     repeat_count: usize,
+    /// Places gone through since the epoch began.
+    settled: usize,
     /// Place where the search for old refusals goes on.
     next_refused: usize,
 }
@@ -55,17 +66,9 @@ impl RegionTable {
     pub fn new(capacity: usize) -> Self {
         Self {
             regions: vec![None; capacity],
-            links: vec![
-                Links {
-                    earlier: NONE,
-                    later: NONE
-                };
-                capacity
-            ],
-            ends: Links {
-                earlier: NONE,
-                later: NONE,
-            },
+            links: vec![Links::NONE; capacity],
+            used: Links::NONE,
+            unloading: Links::NONE,
             by_key: IdMap::new(capacity),
             free: (0..capacity as u32).rev().collect(),
             high_water: 0,
@@ -74,21 +77,25 @@ impl RegionTable {
             releases_high_water: 0,
             repeats: [0; MAX_OUTSTANDING as usize],
             repeat_count: 0,
+            settled: capacity,
             next_refused: 0,
         }
     }
 
-    /// Forgets every region.
-    pub fn clear(&mut self) {
-        self.regions.fill(None);
-        self.ends = Links {
-            earlier: NONE,
-            later: NONE,
-        };
-        self.by_key.clear();
-        self.free.clear();
-        self.free.extend((0..self.regions.len() as u32).rev());
+    /// Begins to forget every region: nothing about them is to be told any more.
+    pub fn begin_clear(&mut self) {
         self.forget_messages();
+        self.settled = self.regions.len();
+    }
+
+    /// Goes on to forget every region, as many as the `entries` that may be gone through.
+    pub fn go_on_clearing(&mut self, entries: &mut u32) {
+        while *entries > 0
+            && let Some(region) = self.first_unloading().or_else(|| self.oldest())
+        {
+            self.remove(region);
+            *entries -= 1;
+        }
     }
 
     /// Number of regions known.
@@ -142,10 +149,70 @@ impl RegionTable {
         Some(index as usize)
     }
 
-    /// The station refused a region, or its records do not fit. Returns whether an answer was
-    /// outstanding.
-    pub(super) fn refuse(&mut self, index: usize, tick: u64) -> bool {
-        self.at_mut(index).refuse(tick)
+    /// The region that is unloaded first.
+    #[must_use]
+    pub fn first_unloading(&self) -> Option<usize> {
+        (self.unloading.earlier != NONE).then_some(self.unloading.earlier as usize)
+    }
+
+    /// A region is to be unloaded, and then what is said.
+    pub(super) fn begin_unload(&mut self, index: usize, then: AfterUnload, tick: u64) {
+        self.unlink(index as u32);
+        self.at_mut(index).begin_unload(then, tick);
+        self.append(index as u32);
+    }
+
+    /// A region is unloaded. Returns false if what follows has to wait: the station cannot be told
+    /// yet.
+    pub(super) fn end_unload(&mut self, index: usize) -> bool {
+        let then = self.at(index).after_unload();
+        if then == AfterUnload::Release && !self.may_release() {
+            return false;
+        }
+        if then == AfterUnload::Forget {
+            self.remove(index);
+            return true;
+        }
+        self.unlink(index as u32);
+        match then {
+            AfterUnload::Release => self.release(index),
+            AfterUnload::RequestAgain => self.ask_again(index),
+            AfterUnload::Refuse | AfterUnload::Forget => self.at_mut(index).refuse(),
+        }
+        self.append(index as u32);
+        true
+    }
+
+    /// The epoch ends: see [`RegionTable::settle_epoch`].
+    pub(super) fn end_epoch(&mut self) {
+        self.forget_messages();
+        self.settled = 0;
+    }
+
+    /// Goes on through the places of the table after the end of an epoch: what the station was to
+    /// answer or to be told is forgotten. One of the `entries` pays for a place, here and where it
+    /// is declared. Returns whether all places are gone through.
+    pub(super) fn settle_epoch(&mut self, entries: &mut u32) -> bool {
+        while self.settled < self.regions.len() {
+            if *entries == 0 {
+                return false;
+            }
+            *entries -= 1;
+            let place = self.settled;
+            match self.get(place).map(Region::state) {
+                Some(RegionState::ToRelease) => self.remove(place),
+                Some(RegionState::Resident | RegionState::Refused) | None => {}
+                Some(_) => self.begin_unload(place, AfterUnload::Forget, 0),
+            }
+            self.settled += 1;
+        }
+        true
+    }
+
+    /// Places gone through since the epoch began.
+    #[must_use]
+    pub fn settled(&self) -> usize {
+        self.settled
     }
 
     /// Forgets one region that was refused long ago, so that it may be requested again.
@@ -169,7 +236,7 @@ impl RegionTable {
     }
 
     /// A region is unloaded: the station is to be told; only while [`RegionTable::may_release`].
-    pub fn release(&mut self, index: usize) {
+    fn release(&mut self, index: usize) {
         self.at_mut(index).release();
         self.releases[self.release_count] = index as u32;
         self.release_count += 1;
@@ -188,7 +255,7 @@ impl RegionTable {
 
     /// A requested region is to be requested again with every record. Its answer stays outstanding,
     /// so there is room for it.
-    pub(super) fn ask_again(&mut self, index: usize) {
+    fn ask_again(&mut self, index: usize) {
         self.at_mut(index).ask_again();
         if self.repeat_count < self.repeats.len() {
             self.repeats[self.repeat_count] = index as u32;
@@ -205,7 +272,7 @@ impl RegionTable {
     }
 
     /// Forgets the messages that the station was still to get: the epoch ends.
-    pub(super) fn forget_messages(&mut self) {
+    fn forget_messages(&mut self) {
         self.release_count = 0;
         self.repeat_count = 0;
     }
@@ -218,15 +285,18 @@ impl RegionTable {
 
     /// Notes that a region is used at a tick: it is the last one then that should go.
     pub fn mark_used(&mut self, index: usize, tick: u64) {
-        self.at_mut(index).used_at = tick;
-        self.unlink(index as u32);
-        self.append(index as u32);
+        let region = self.at_mut(index);
+        region.used_at = tick;
+        if !region.is_unloading() {
+            self.unlink(index as u32);
+            self.append(index as u32);
+        }
     }
 
     /// The region that was not used for longest.
     #[must_use]
     pub fn oldest(&self) -> Option<usize> {
-        (self.ends.earlier != NONE).then_some(self.ends.earlier as usize)
+        (self.used.earlier != NONE).then_some(self.used.earlier as usize)
     }
 
     /// The one that was used next after a known one.
@@ -236,10 +306,20 @@ impl RegionTable {
         (later != NONE).then_some(later as usize)
     }
 
+    /// The ends of the order that a known region stands in.
+    fn ends_of(&mut self, index: u32) -> &mut Links {
+        if self.at(index as usize).is_unloading() {
+            &mut self.unloading
+        } else {
+            &mut self.used
+        }
+    }
+
     fn append(&mut self, index: u32) {
-        let last = std::mem::replace(&mut self.ends.later, index);
+        let ends = self.ends_of(index);
+        let last = std::mem::replace(&mut ends.later, index);
         if last == NONE {
-            self.ends.earlier = index;
+            ends.earlier = index;
         } else {
             self.links[last as usize].later = index;
         }
@@ -252,12 +332,12 @@ impl RegionTable {
     fn unlink(&mut self, index: u32) {
         let Links { earlier, later } = self.links[index as usize];
         if earlier == NONE {
-            self.ends.earlier = later;
+            self.ends_of(index).earlier = later;
         } else {
             self.links[earlier as usize].later = later;
         }
         if later == NONE {
-            self.ends.later = earlier;
+            self.ends_of(index).later = earlier;
         } else {
             self.links[later as usize].earlier = earlier;
         }
@@ -265,11 +345,13 @@ impl RegionTable {
 
     /// Forgets a region.
     pub fn remove(&mut self, index: usize) {
-        if let Some(region) = self.regions[index].take() {
-            self.by_key.remove(region.key);
-            self.unlink(index as u32);
-            self.free.push(index as u32);
-        }
+        let Some(key) = self.get(index).map(|region| region.key) else {
+            return;
+        };
+        self.by_key.remove(key);
+        self.unlink(index as u32);
+        self.regions[index] = None;
+        self.free.push(index as u32);
     }
 
     /// Indices of all regions, ascending.

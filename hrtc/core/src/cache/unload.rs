@@ -1,8 +1,8 @@
 //! The steps in a region's life that load or unload its closure; see [`RegionState`] for all of
-//! them.
+//! them. A closure may be that of a whole model: it is unloaded some entries a tick.
 
 use super::lists::Cursor;
-use super::{Cache, LoadError, PENDING, RegionKey, RegionState};
+use super::{AfterUnload, Cache, LoadError, PENDING, RegionKey, RegionState};
 use spm::RegionId;
 
 impl Cache {
@@ -17,11 +17,17 @@ impl Cache {
         (self.regions.at(index).state() == RegionState::Requested).then_some(index)
     }
 
-    /// The first part of the answer to a requested region arrives. A station that was asked again
-    /// begins again: what came before is unloaded.
-    pub fn begin_answer(&mut self, region: usize) {
-        self.unload(region, u32::MAX);
-        self.regions.at_mut(region).begin_answer();
+    /// The first part of the answer to a requested region arrives.
+    ///
+    /// # Errors
+    /// `Gap` when a part of an answer is here already: it is not known what belongs to which.
+    pub fn begin_answer(&mut self, region: usize) -> Result<(), LoadError> {
+        let entry = self.regions.at_mut(region);
+        if entry.closure.length() > 0 {
+            return Err(LoadError::Gap);
+        }
+        entry.begin_answer();
+        Ok(())
     }
 
     /// Ends the answer to a requested region.
@@ -37,59 +43,55 @@ impl Cache {
         Ok(())
     }
 
-    /// The answer to a requested region builds on evicted records: it is to be requested with every
-    /// record.
-    pub fn ask_again(&mut self, region: usize) {
-        self.unload(region, u32::MAX);
-        self.regions.ask_again(region);
-    }
-
-    /// A region cannot be used; after a while it may be requested again. Returns whether its answer
-    /// was outstanding.
-    pub fn refuse(&mut self, region: usize, tick: u64) -> bool {
-        self.unload(region, u32::MAX);
-        self.regions.refuse(region, tick)
-    }
-
-    /// Unloads a region and forgets it without a word to the station, which goes on counting it as
-    /// subscribed: should it be requested again, the answer lacks records, and is requested once
-    /// more.
-    pub fn remove_region(&mut self, region: usize) {
-        self.unload(region, u32::MAX);
-        self.regions.remove(region);
+    /// A region is to be unloaded, by [`Cache::go_on_unloading`], and then what is said. Returns
+    /// whether its answer was outstanding.
+    pub fn begin_unload(&mut self, region: usize, then: AfterUnload, tick: u64) -> bool {
+        let was_requested = self.regions.at(region).state() == RegionState::Requested;
+        self.regions.begin_unload(region, then, tick);
+        was_requested
     }
 
     /// The epoch ends: answers under way are lost, and releases need not be told, since the station
-    /// begins anew.
+    /// begins anew. [`Cache::go_on_unloading`] goes through the regions.
     pub fn end_epoch(&mut self) {
-        self.regions.forget_messages();
-        for place in 0..self.regions.capacity() {
-            match self.regions.get(place).map(|region| region.state()) {
-                Some(RegionState::Requested | RegionState::ToRequestAgain) => {
-                    self.remove_region(place)
-                }
-                Some(RegionState::ToRelease) => self.regions.remove(place),
-                _ => {}
+        self.regions.end_epoch();
+    }
+
+    /// Goes on with what takes several ticks: a model to forget; or regions of the last epoch, then
+    /// the closures to unload, the oldest first. `entries`: slots, places of the table and entries
+    /// of closures that may be gone through.
+    pub fn go_on_unloading(&mut self, entries: &mut u32) {
+        if self.is_clearing {
+            return self.go_on_clearing(entries);
+        }
+        if !self.regions.settle_epoch(entries) {
+            return;
+        }
+        while let Some(region) = self.regions.first_unloading() {
+            let is_done = *entries > 0 && self.unload_some(region, entries);
+            if !is_done || !self.regions.end_unload(region) {
+                return;
             }
+            *entries = entries.saturating_sub(1);
         }
     }
 
-    /// Unloads a region's closure, at most `max_entries` entries of it; the rest when it is called
-    /// again. The region stays in the table; its next state is for the caller to choose.
-    ///
-    /// Returns whether all of it is unloaded, and the number of entries gone through.
-    pub fn unload(&mut self, region: usize, max_entries: u32) -> (bool, u32) {
-        if self.regions.at(region).state() != RegionState::Unloading {
-            // A change that has begun is finished; only a damaged region is unloaded while it is
-            // wanted.
-            let wanted = self.regions.at(region).wanted;
-            self.set_wanted(region, wanted, u32::MAX);
-            self.set_wanted(region, false, u32::MAX);
-            self.regions.at_mut(region).begin_unload();
+    /// Unloads a region as far as the entries go; whether all of it is unloaded.
+    fn unload_some(&mut self, region: usize, entries: &mut u32) -> bool {
+        while self.regions.at(region).state() == RegionState::Unwanting {
+            let entry = self.regions.at_mut(region);
+            if entry.changing == 0 && !entry.wanted {
+                entry.give_up();
+            } else if *entries == 0 {
+                return false;
+            } else {
+                // A change that has begun is finished first: it may be one into the set.
+                *entries -= self.set_wanted(region, false, *entries);
+            }
         }
         let entry = *self.regions.at(region);
         let mut cursor = entry.cursor;
-        let count = max_entries.min(entry.changing);
+        let count = entry.changing.min(*entries);
         for _ in 0..count {
             if let Some(item) = self.lists.get(&entry.closure, cursor)
                 && item & PENDING == 0
@@ -102,18 +104,18 @@ impl Cache {
             }
             cursor = self.lists.next(cursor);
         }
+        *entries -= count;
         let entry = self.regions.at_mut(region);
         entry.changing -= count;
         entry.cursor = cursor;
         if entry.changing > 0 {
-            entry.go_on_unloading();
-            return (false, count);
+            return false;
         }
         let mut list = entry.closure;
         self.lists.free(&mut list);
         let entry = self.regions.at_mut(region);
         entry.closure = list;
         entry.cursor = Cursor::start(&list);
-        (true, count)
+        true
     }
 }

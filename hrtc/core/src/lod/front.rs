@@ -14,7 +14,7 @@ use super::memory_pressure::MemoryPressure;
 use super::predict::Sources;
 use super::predictions::Predictions;
 use crate::cache::base_mesh_store::Model;
-use crate::cache::{Cache, RegionKey};
+use crate::cache::{AfterUnload, Cache, RegionKey};
 use crate::contact::query::Surface;
 use crate::contact::rigid_proxy::MAX_BALLS;
 use crate::contact::sphere_proxy::Contact;
@@ -84,8 +84,6 @@ pub struct Front {
     /// Share of each probe's limit that is used up in this tick.
     pub(super) used: Vec<f64>,
     pub(super) pressure: MemoryPressure,
-    /// A region that is unloaded over several ticks.
-    pub(super) unloading: Option<usize>,
     /// The block of the whole model that was done last.
     pub(super) last_block: Option<RegionKey>,
     /// Work of this tick.
@@ -117,7 +115,6 @@ impl Front {
             reached: Vec::with_capacity(probes * MAX_BALLS),
             used: vec![0.0; probes],
             pressure: MemoryPressure::new(),
-            unloading: None,
             last_block: None,
             stats: FrontStats::default(),
             refused_regions: 0,
@@ -126,15 +123,15 @@ impl Front {
         }
     }
 
-    /// Forgets the model; totals and high-water marks stay. Nothing is freed or allocated.
-    pub fn reset(&mut self) {
-        self.cache.reset();
+    /// Forgets the model, the cache over several ticks ([`Cache::go_on_clearing`]); totals and
+    /// high-water marks stay. Nothing is freed or allocated.
+    pub fn begin_clear(&mut self) {
+        self.cache.begin_clear();
         self.model = None;
         self.wanted.clear();
         self.queue.clear();
         self.predictions.clear();
         self.pressure = MemoryPressure::new();
-        self.unloading = None;
         self.last_block = None;
     }
 
@@ -261,7 +258,7 @@ impl Front {
     /// Gives up a region that cannot be used; after a while it may be requested again. Returns
     /// whether its answer was outstanding.
     pub fn refuse(&mut self, region: usize, tick: u64) -> bool {
-        let was_outstanding = self.cache.refuse(region, tick);
+        let was_outstanding = self.cache.begin_unload(region, AfterUnload::Refuse, tick);
         self.last_refused = self.cache.regions.at(region).key.id.0;
         self.refused_regions += 1;
         was_outstanding

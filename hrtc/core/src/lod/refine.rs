@@ -9,16 +9,16 @@ use crate::cache::Region;
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::{
     BEHIND_SHARE, CHANGES_PER_UNIT, COLLAPSE_TICKS, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT,
-    HYSTERESIS_TICKS, MAX_UNLOADS, MAX_WANTED, MIN_OPERATIONS,
+    HYSTERESIS_TICKS, MAX_UPKEEP, MAX_WANTED, MIN_OPERATIONS,
 };
 use spm::{OperationError, Slot};
 
 /// The most work units that refinement may take a tick: operations, and closure entries gone
-/// through, of which [`CHANGES_PER_UNIT`] count as one where they change set or are unloaded. A
-/// longer closure, as that of a whole model, takes several ticks.
+/// through, of which [`CHANGES_PER_UNIT`] count as one where they change set, are unloaded or
+/// forgotten. A longer closure, as that of a whole model, takes several ticks.
 #[must_use]
 pub fn max_work(operations: usize) -> u32 {
-    operations as u32 * (ENTRIES_PER_OPERATION + 1) + MAX_UNLOADS / CHANGES_PER_UNIT
+    operations as u32 * (ENTRIES_PER_OPERATION + 1) + MAX_UPKEEP / CHANGES_PER_UNIT
 }
 
 /// Ticks for which a region stays wanted after its last prediction: in the finest ring the time
@@ -59,16 +59,18 @@ impl Front {
     /// table for the session to release them.
     pub fn refine(&mut self, tick: u64, budget: &mut Budget, contacts: &mut Contacts) {
         self.used.fill(0.0);
+        // Regions that are unloaded leave the set in their own time.
+        let cache = &self.cache;
+        let is_kept = |region: &usize| cache.regions.get(*region).is_some_and(Region::is_resident);
+        self.wanted.retain(is_kept);
         let spent = self.update_wanted(tick, contacts, &mut budget.entries);
         self.step_geomorphs(tick, budget, contacts);
         let allowed_entries = budget.entries;
         self.split_wanted(tick, budget, contacts);
         let cache = &self.cache;
         self.wanted.retain(|&region| {
-            cache
-                .regions
-                .get(region)
-                .is_some_and(|r| r.wanted || r.changing > 0)
+            let region = cache.regions.get(region);
+            region.is_some_and(|r| r.is_resident() && (r.wanted || r.changing > 0))
         });
         self.stats.work_units += spent + allowed_entries - budget.entries + self.stats.vsplits;
         let backlog = self.cache.to_collapse() / COLLAPSE_TICKS;
@@ -80,7 +82,7 @@ impl Front {
             }
             budget.operations -= 1;
         }
-        self.go_on_unloading(budget);
+        self.cache.go_on_unloading(&mut budget.upkeep);
         self.keep_some_room(tick, budget);
     }
 
@@ -108,6 +110,7 @@ impl Front {
                     Err(_) => {
                         // The rest of the closure may depend on it: the region stays as it is.
                         self.refuse(region, tick);
+                        self.cache.go_on_unloading(&mut budget.upkeep);
                         break;
                     }
                 }

@@ -3,44 +3,22 @@
 use super::front::Front;
 use super::geomorph::CollapseOutcome;
 use crate::budget::Budget;
-use crate::cache::{Region, RegionState};
+use crate::cache::{AfterUnload, Region, RegionState};
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::{HYSTERESIS_TICKS, RELEASE_WINDOW, RELEASES_PER_TICK};
 use spm::RegionId;
 
 impl Front {
-    /// Unloads a region, some of its closure in each tick; then the station is to be told. One at a
-    /// time, see [`Front::may_unload`].
-    pub fn unload(&mut self, index: usize, budget: &mut Budget) {
-        self.unloading = Some(index);
-        self.go_on_unloading(budget);
-    }
-
-    /// Whether another region may be unloaded now: its closure is gone through entry by entry.
-    #[must_use]
-    pub fn may_unload(&self, budget: &Budget) -> bool {
-        budget.unloads > 0 && self.cache.regions.may_release() && !self.is_unloading()
+    /// Unloads a region, some of its closure in each tick; then the station is to be told.
+    pub fn unload(&mut self, index: usize, tick: u64, budget: &mut Budget) {
+        self.cache.begin_unload(index, AfterUnload::Release, tick);
+        self.cache.go_on_unloading(&mut budget.upkeep);
     }
 
     /// Whether a region is still being unloaded.
     #[must_use]
     pub fn is_unloading(&self) -> bool {
-        self.unloading.is_some()
-    }
-
-    pub(super) fn go_on_unloading(&mut self, budget: &mut Budget) {
-        let Some(index) = self.unloading else {
-            return;
-        };
-        if !self.cache.regions.may_release() || budget.unloads == 0 {
-            return;
-        }
-        let (is_unloaded, entries) = self.cache.unload(index, budget.unloads);
-        budget.unloads -= entries;
-        if is_unloaded {
-            self.cache.regions.release(index);
-            self.unloading = None;
-        }
+        self.cache.regions.first_unloading().is_some()
     }
 
     /// Releases regions while the cache is nearly full, so that a fast probe need not wait for
@@ -96,7 +74,8 @@ impl Front {
     /// is due at `asking` needs the room, of those that are only loaded ahead the one that is due
     /// last. The window bounds the cost of a tick.
     fn release_one(&mut self, asking: Option<u64>, tick: u64, budget: &mut Budget) -> bool {
-        if !self.may_unload(budget) {
+        // One after the other: each makes room for the next to be judged by.
+        if budget.upkeep == 0 || !self.cache.regions.may_release() || self.is_unloading() {
             return false;
         }
         let mut victim: Option<(usize, u64)> = None;
@@ -130,7 +109,7 @@ impl Front {
         let Some((index, _)) = victim else {
             return false;
         };
-        self.unload(index, budget);
+        self.unload(index, tick, budget);
         true
     }
 }

@@ -70,11 +70,16 @@ impl Contacts {
 
     /// The object is assigned: no probe is near, and the effects are those of its surface.
     pub fn assign(&mut self, object: u32) {
-        self.limits.clear();
+        self.end();
         for pair in &mut self.pairs {
-            pair.end();
             pair.effects.assign(&self.effects[object as usize]);
         }
+    }
+
+    /// No probe is near any more.
+    pub fn end(&mut self) {
+        self.limits.clear();
+        self.pairs.iter_mut().for_each(ProbeObjectPair::end);
     }
 
     /// A tick begins.

@@ -3,7 +3,7 @@
 use super::chunk::InboxChunk;
 use super::session::{Receiver, Session, Taken, TickContext};
 use crate::budget::Budget;
-use crate::cache::{Cache, LoadError};
+use crate::cache::{AfterUnload, Cache, LoadError};
 use crate::lod::front::Front;
 use crate::tuning::streaming::{IDS_AT_ONCE, MAX_WAIT_TICKS, UNITS_PER_ITEM};
 use protocol::{AnswerItem, AnswersReader, PartHead};
@@ -53,7 +53,7 @@ impl Session {
             if let AnswerItem::Part(head) = item {
                 budget.ingest -= cost;
                 self.progress.done += 1;
-                begin_answer(&head, &mut of.front.cache);
+                begin_answer(&head, &mut of.front.cache, tick);
                 continue;
             }
             let Some(region) = receiving(&of.front.cache, reader.head()) else {
@@ -67,7 +67,7 @@ impl Session {
                 if self.progress.waited < MAX_WAIT_TICKS {
                     return Taken::Part;
                 }
-                self.give_up(region, of.front, budget, tick);
+                self.give_up(region, of.front, (tick, budget));
                 continue;
             }
             budget.ingest -= cost;
@@ -75,12 +75,16 @@ impl Session {
             match (taken, item) {
                 (Ok(()), _) => self.progress.done += 1,
                 (Err(LoadError::NoRoom), AnswerItem::Record(_)) => return Taken::Part,
-                (Err(LoadError::NoRoom), _) => self.give_up(region, of.front, budget, tick),
-                (Err(LoadError::Gap), _) => {
-                    of.front.cache.ask_again(region);
+                (Err(LoadError::NoRoom), _) => self.give_up(region, of.front, (tick, budget)),
+                (Err(LoadError::Unfinished), _) => {
+                    budget.ingest = 0;
+                    return Taken::Part;
                 }
+                (Err(LoadError::Gap), _) => ask_again(region, &mut of.front.cache, tick),
                 (Err(LoadError::Damaged), _) => self.refuse(region, of.front, tick),
             }
+            // What was given up makes room for what follows.
+            of.front.cache.go_on_unloading(&mut budget.upkeep);
         }
     }
 
@@ -98,9 +102,7 @@ impl Session {
             AnswerItem::Id { id, record_follows } => {
                 take_ids(cache, chunk, region, (*id, *record_follows), reader)
             }
-            AnswerItem::Record(record) => {
-                self.take_record(cache, region, record, &mut budget.operations)
-            }
+            AnswerItem::Record(record) => self.take_record(cache, region, record, budget),
             AnswerItem::End(head) if head.is_last() => {
                 cache.end_answer(region)?;
                 self.subscriber.answered();
@@ -116,35 +118,40 @@ impl Session {
         cache: &mut Cache,
         region: usize,
         record: &VspRecord,
-        operations: &mut u32,
+        budget: &mut Budget,
     ) -> Result<(), LoadError> {
-        cache.load(region, record)?;
+        cache.load(region, record, &mut budget.upkeep)?;
         self.vsps_received += 1;
         // A record costs about half an operation: one budget for both keeps ticks even.
-        *operations = operations.saturating_sub((self.progress.done % 2) as u32);
+        let cost = (self.progress.done % 2) as u32;
+        budget.operations = budget.operations.saturating_sub(cost);
         Ok(())
     }
 
-    /// Gives up a requested region for lack of room; the station is told if possible.
-    fn give_up(&mut self, region: usize, front: &mut Front, budget: &mut Budget, tick: u64) {
+    /// Gives up a requested region for lack of room.
+    fn give_up(&mut self, region: usize, front: &mut Front, (tick, budget): (u64, &mut Budget)) {
         self.subscriber.answered();
         // The next region waits its own time.
         self.progress.waited = 0;
-        if front.may_unload(budget) {
-            front.unload(region, budget);
-        } else {
-            front.cache.remove_region(region);
-        }
+        front.unload(region, tick, budget);
         front.starve(tick);
     }
 }
 
 /// A part begins, and with it the answer, if it is the first part.
-fn begin_answer(head: &PartHead, cache: &mut Cache) {
+fn begin_answer(head: &PartHead, cache: &mut Cache, tick: u64) {
     let region = cache.requested((head.region, head.tolerance_bits));
-    if let (true, Some(region)) = (head.is_first(), region) {
-        cache.begin_answer(region);
+    if let (true, Some(region)) = (head.is_first(), region)
+        && cache.begin_answer(region).is_err()
+    {
+        ask_again(region, cache, tick);
     }
+}
+
+/// The answer to a requested region builds on evicted records, or has a gap: it is to be requested
+/// with every record.
+fn ask_again(region: usize, cache: &mut Cache, tick: u64) {
+    cache.begin_unload(region, AfterUnload::RequestAgain, tick);
 }
 
 /// Takes an id of a closure, and those that come right after it.

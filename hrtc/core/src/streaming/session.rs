@@ -120,7 +120,7 @@ impl Session {
     }
 
     /// Begins a session about an object, in an epoch after all of its earlier sessions. A `stored`
-    /// base mesh is loaded from the store, else it is requested. The front is reset already.
+    /// base mesh is loaded from the store, else it is requested. The front is clear already.
     pub fn begin(
         &mut self,
         instance: &ObjectInstance,
@@ -129,10 +129,6 @@ impl Session {
         front: &mut Front,
         tick: u64,
     ) {
-        self.progress = Progress::default();
-        self.tour_probe = None;
-        self.loading = None;
-        self.fault = None;
         let subject = Subject {
             object: instance.object,
             name: instance.name,
@@ -155,6 +151,15 @@ impl Session {
         self.subscriber.close(outbox, tick)
     }
 
+    /// Forgets everything of the session; it is about no object until the next one begins.
+    pub fn end(&mut self, tick: u64) {
+        self.progress = Progress::default();
+        self.tour_probe = None;
+        self.loading = None;
+        self.fault = None;
+        self.subscriber.end_session(tick);
+    }
+
     /// A tick begins; `station` is the incarnation of the living one. An epoch that ends takes an
     /// unfinished scripted path with it. Another station may serve what the last one could not, or
     /// another model: then a base mesh that is not whole begins anew.
@@ -163,11 +168,13 @@ impl Session {
         self.is_stalled = false;
         if self.subscriber.is_another(station) {
             let is_partial = self.progress.header.is_some() && front.model().is_none();
-            if is_partial {
-                front.reset();
-            }
             if is_partial || self.is_ended() {
                 self.progress = Progress::default();
+                if front.model().is_none() {
+                    front.begin_clear();
+                    self.loading = None;
+                    self.subscriber.model_is(0);
+                }
             }
             if self.is_ended() {
                 self.fault = None;
@@ -203,7 +210,7 @@ impl Session {
 
     /// Writes the requests of a tick; `waiting`: received chunks that wait for the tick.
     pub fn request(&mut self, front: &mut Front, tick: u64, waiting: usize, outbox: &mut Outbox) {
-        if self.is_ended() {
+        if self.is_ended() || front.cache.is_clearing() {
             return;
         }
         let may_request = front.may_request(tick) && self.subscriber.may_ask(&front.cache);

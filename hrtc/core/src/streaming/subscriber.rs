@@ -28,6 +28,14 @@ pub struct Subject {
     pub name: u64,
 }
 
+impl Subject {
+    /// No object.
+    const NONE: Self = Self {
+        object: NONE,
+        name: 0,
+    };
+}
+
 /// Standing of a received chunk in this epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reception {
@@ -79,10 +87,7 @@ impl Subscriber {
     pub fn new(identity: Identity, timeout_ticks: u64) -> Self {
         Self {
             identity,
-            subject: Subject {
-                object: NONE,
-                name: 0,
-            },
+            subject: Subject::NONE,
             credit: CREDIT_CHUNKS,
             station: 0,
             epoch: 0,
@@ -108,8 +113,14 @@ impl Subscriber {
     /// Begins a session about an object, in an epoch that no session about it has had; its totals
     /// go on.
     pub fn begin_session(&mut self, subject: Subject, epoch: u32, tick: u64) {
+        self.end_session(tick);
         self.subject = subject;
         self.epoch = epoch;
+    }
+
+    /// The session ends: nothing is wanted or awaited any more.
+    pub fn end_session(&mut self, tick: u64) {
+        self.subject = Subject::NONE;
         self.model = 0;
         self.tour = None;
         self.start(tick);
@@ -312,11 +323,10 @@ impl Subscriber {
 
     /// Tells a new epoch which regions are held.
     fn declare(&mut self, tick: u64, cache: &Cache, outbox: &mut Outbox) {
-        while self.declared < cache.regions.capacity() && outbox.has_room() {
+        let settled = cache.regions.settled();
+        while self.declared < settled && outbox.has_room() {
             let mut request = self.request(RequestKind::Regions);
-            while self.declared < cache.regions.capacity()
-                && (request.count as usize) < REGIONS_PER_REQUEST
-            {
+            while self.declared < settled && (request.count as usize) < REGIONS_PER_REQUEST {
                 if let Some(region) = cache.regions.get(self.declared)
                     && region.is_resident()
                 {

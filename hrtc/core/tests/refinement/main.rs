@@ -12,3 +12,4 @@ mod known_pairs_are_complete;
 mod memory_pressure_coarsens;
 mod refinement_under_contact;
 mod small_cache;
+mod upkeep_is_bounded;

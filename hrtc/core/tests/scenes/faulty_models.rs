@@ -4,7 +4,7 @@ use crate::common::{World, scene_plan, scene_station, scene_world, settle, spm};
 use glam::DVec3;
 use hrtc_core::Fault;
 use hrtc_core::streaming::chunk::InboxChunk;
-use protocol::{ChunkKind, Refusal};
+use protocol::{AnswerItem, AnswersReader, ChunkKind, MODEL_HEADER_SLOTS, Refusal};
 use scene::{ScenePlan, TrajectoryPlan};
 use simulator::LinkModel;
 use spm::NONE;
@@ -87,11 +87,36 @@ fn refused(chunk: &mut InboxChunk) {
     chunk.header.code = Refusal::UnknownModel as u32;
 }
 
+/// The header is sound, but not what follows it.
+fn changed_base_mesh(chunk: &mut InboxChunk) {
+    let first = if chunk.header.code == 0 {
+        MODEL_HEADER_SLOTS
+    } else {
+        0
+    };
+    for slot in &mut chunk.slots[first..] {
+        slot.words.fill(u32::MAX);
+    }
+}
+
+/// Another model from the second chunk on.
+fn rebuilt_meanwhile(chunk: &mut InboxChunk) {
+    chunk.header.model ^= u64::from(chunk.header.code > 0);
+}
+
+fn no_place(chunk: &mut InboxChunk) {
+    refused(chunk);
+    chunk.header.code = Refusal::NoPlace as u32;
+}
+
 #[test]
 fn a_faulty_model_leaves_the_others_touchable_and_a_repaired_one_is_touched() {
-    let faults: [(Fault, Damage); 2] = [
+    let faults: [(Fault, Damage); 5] = [
         (Fault::DamagedModel, zeroed),
+        (Fault::DamagedModel, changed_base_mesh),
         (Fault::UnknownModel, refused),
+        (Fault::NoPlace, no_place),
+        (Fault::AnotherModel, rebuilt_meanwhile),
     ];
     for (fault, damage) in faults {
         // Places take turns.
@@ -113,6 +138,58 @@ fn a_faulty_model_leaves_the_others_touchable_and_a_repaired_one_is_touched() {
         assert_eq!(world.controller().faults().count(), 0);
         let force = press(&mut world, BAD);
         assert!(force > 0.5, "{force} N on the repaired object");
+    }
+}
+
+#[test]
+fn a_model_that_does_not_fit_leaves_the_others_touchable() {
+    let (plan, _) = row(6 << 20);
+    let options = BuildOptions {
+        base_faces: Some(15_000),
+        ..BuildOptions::default()
+    };
+    let large = spm(generate(Shape::Sphere, 20_000, 1), &options);
+    let mut models = NAMES.map(|name| (name, &SPHERE[..]));
+    models[BAD as usize].1 = &large;
+    let mut world = scene_world(&plan, &models, 0.0);
+    for _ in 0..1500 {
+        world.step_at(above(0, 0.02));
+    }
+    let Some((object, fault)) = world.controller().faults().next() else {
+        panic!("it does not fit");
+    };
+    assert_eq!(object, BAD as usize);
+    assert!(matches!(fault, Fault::Cache(_)), "{fault}");
+    expect_all_but_the_bad_one(&mut world, fault);
+}
+
+#[test]
+fn refused_regions_leave_the_base_mesh_and_the_others_touchable() {
+    for refusal in [
+        Refusal::UnknownModel,
+        Refusal::UnknownRegion,
+        Refusal::DamagedBlock,
+        Refusal::Tolerance,
+    ] {
+        let (_, mut world) = row(6 << 20);
+        world.client_mut().link().tamper(move |chunk| {
+            let is_answer = chunk.header.kind == ChunkKind::Answers as u32;
+            if is_answer && chunk.header.object == BAD {
+                let head = AnswersReader::new(chunk.header.count).next(&chunk.slots);
+                let Ok(Some(AnswerItem::Part(head))) = head else {
+                    panic!("answers begin with a part");
+                };
+                chunk.header.kind = ChunkKind::Refused as u32;
+                chunk.header.code = refusal as u32;
+                chunk.header.region = head.region;
+                chunk.header.tolerance_bits = head.tolerance_bits;
+            }
+        });
+        for object in 0..NAMES.len() as u32 {
+            let force = press(&mut world, object);
+            assert!(force > 0.3, "{refusal:?}, object {object}: {force} N");
+        }
+        assert_eq!(world.controller().fault(), None);
     }
 }
 
