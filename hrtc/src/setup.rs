@@ -20,6 +20,9 @@ pub struct ControllerSetup {
     pub max_torque_nm: f64,
     /// Position resolution of each probe's device, metres.
     pub position_resolutions_m: Vec<f64>,
+    /// Whether each probe's device renders torque; in a recording without this list, all do.
+    #[serde(default)]
+    pub renders_torque: Vec<bool>,
     /// Limits of the motion of each probe's device: speed, m/s; acceleration, m/s²; angular speed,
     /// rad/s.
     pub motion_limits: Vec<[f64; 3]>,
@@ -49,6 +52,10 @@ impl ControllerSetup {
             position_resolutions_m: devices
                 .clone()
                 .map(|device| device.position_resolution_m)
+                .collect(),
+            renders_torque: devices
+                .clone()
+                .map(|device| device.rendered == DegreesOfFreedom::Six)
                 .collect(),
             motion_limits: devices
                 .map(|device| {
@@ -91,6 +98,14 @@ impl ControllerSetup {
                 angular_speed_rad_per_s: angular_speed,
             };
             controller.set_motion_limits(probe, limits);
+        }
+        for (probe, &renders_torque) in self.renders_torque.iter().enumerate() {
+            let rendered = if renders_torque {
+                DegreesOfFreedom::Six
+            } else {
+                DegreesOfFreedom::Three
+            };
+            controller.set_rendered(probe, rendered);
         }
         controller
     }

@@ -9,7 +9,7 @@ use crate::streaming::subscriber::Identity;
 use crate::tuning::probe::MIN_PROXY_WORK;
 use crate::tuning::streaming::max_ingest;
 use crate::tuning::tick::PROXY_WORK;
-use haptic_device::MotionLimits;
+use haptic_device::{DegreesOfFreedom, MotionLimits};
 use scene::{ProbePlan, ScenePlan};
 
 /// State of the controller; see [`crate`] for its parts, and [`Controller::tick`] for its
@@ -63,6 +63,14 @@ impl Controller {
     pub fn set_motion_limits(&mut self, probe: usize, limits: MotionLimits) {
         if let Some(probe) = self.probes.get_mut(probe) {
             probe.set_motion_limits(limits);
+        }
+    }
+
+    /// Says which directions the device of a probe renders; before, force and torque. What it does
+    /// not render does no work in the probe's energy account.
+    pub fn set_rendered(&mut self, probe: usize, rendered: DegreesOfFreedom) {
+        if let Some(probe) = self.probes.get_mut(probe) {
+            probe.renders_torque = rendered == DegreesOfFreedom::Six;
         }
     }
 

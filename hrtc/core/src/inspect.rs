@@ -155,7 +155,7 @@ impl Controller {
     /// as their meshes have come.
     pub fn faults(&self) -> impl Iterator<Item = (usize, Fault)> {
         let tours = self.probes.iter().filter_map(|probe| probe.tour.as_ref());
-        let refused = tours.filter(|tour| tour.is_refused);
+        let refused = tours.filter(|tour| tour.is_refused());
         let without_tour = refused.map(|tour| (tour.object as usize, Fault::NoTour));
         let instances = self.active.instances.iter();
         let of_models = instances.filter_map(|instance| {

@@ -225,9 +225,10 @@ impl Controller {
         budget: &mut Budget,
         outbox: &mut Outbox,
     ) -> u32 {
-        self.active.begin_tick(inputs.station, self.own_tick);
+        let is_another = self.active.begin_tick(inputs.station, self.own_tick);
         self.active.move_objects(&mut self.movables, inputs.tick);
         for (k, probe) in self.probes.iter_mut().enumerate() {
+            probe.retry_tour(self.own_tick, is_another);
             let work = self.movables.take_carried_work(k);
             for (sum, work) in probe.carried.iter_mut().zip(work) {
                 *sum += work;
@@ -358,6 +359,7 @@ impl Controller {
         };
         let probe = &mut self.probes[k];
         let shares = probe.limit(clock, forces.sum, forces.ahead, is_open);
+        let renders_torque = probe.renders_torque;
         if self.movables.is_empty() {
             return;
         }
@@ -365,7 +367,7 @@ impl Controller {
             let rendered = &active.contacts.pairs[k].rendered;
             if let (Some(object), Some(rendered)) = (active.object(), rendered) {
                 let given = [rendered.passive * shares[0], rendered.active * shares[1]];
-                self.movables.push(object, k, given, at);
+                self.movables.push(object, (k, renders_torque), given, at);
             }
         }
     }

@@ -92,8 +92,8 @@ pub mod lod {
     pub const COLLAPSE_TICKS: u32 = 48;
     /// Closure entries that change set for one work unit.
     pub const CHANGES_PER_UNIT: u32 = 4;
-    /// Entries of closures, region tables and caches that a tick goes through at the most to unload,
-    /// forget or pass over them: several cells, or a part of a whole model.
+    /// Entries of closures, region tables and caches that a tick goes through at the most to
+    /// unload, forget or pass over them: several cells, or a part of a whole model.
     pub const MAX_UPKEEP: u32 = 4096;
     /// Of these at the most for places that have changed hands, so that rooms in use get theirs.
     pub const MAX_FORGOTTEN: u32 = MAX_UPKEEP / 2;
@@ -188,6 +188,8 @@ pub mod memory_pressure {
 pub mod probe {
     /// Time without an accepted sample after which the force ramps down, seconds.
     pub const MAX_SILENCE_S: f64 = 0.02;
+    /// Time after which a refused tour is requested again, seconds.
+    pub const TOUR_RETRY_S: f64 = 2.0;
     /// Share of the greatest speed that is left a tick later: a hand that stops may go on.
     pub const SPEED_FADES: f64 = 0.97;
     /// Ticks for which a speed must be kept up to count: one wild sample, there and back, is no

@@ -64,6 +64,7 @@ pub const PREDICTION_TO_FACE: [&[Step]; 4] = [
         ("hrtc/core/src/tick.rs", "tick"),
         ("hrtc/core/src/tick.rs", "receive"),
         ("hrtc/core/src/active/active_set.rs", "receive"),
+        ("hrtc/core/src/active/active_set.rs", "take_chunks"),
         ("hrtc/core/src/active/object.rs", "receive"),
         ("hrtc/core/src/streaming/session.rs", "receive"),
         ("hrtc/core/src/streaming/session.rs", "take"),

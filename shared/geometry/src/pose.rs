@@ -86,6 +86,15 @@ impl Wrench {
         torque: DVec3::ZERO,
     };
 
+    /// Its force alone.
+    #[must_use]
+    pub fn without_torque(self) -> Self {
+        Self {
+            torque: DVec3::ZERO,
+            ..self
+        }
+    }
+
     /// Whether every number is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {

@@ -111,17 +111,19 @@ impl ActiveSet {
         }
     }
 
-    /// A tick begins; `station` is the incarnation of the living one. Another station may serve
-    /// what the last one could not.
-    pub fn begin_tick(&mut self, station: u64, tick: u64) {
+    /// A tick begins; `station` is the incarnation of the living one. Returns whether that is
+    /// another one, which may serve what the last one could not.
+    pub fn begin_tick(&mut self, station: u64, tick: u64) -> bool {
         for object in &mut self.objects {
             object.begin_tick(station, tick);
         }
-        if station != 0 && station != self.station {
+        let is_another = station != 0 && station != self.station;
+        if is_another {
             self.station = station;
             self.faults.fill(None);
             self.lost = 0;
         }
+        is_another
     }
 
     /// Whether every model is known that can be.
@@ -218,6 +220,7 @@ impl ActiveSet {
         };
         for object in &mut self.objects {
             object.load_stored(&mut context);
+            object.retry_tour(context.probes);
         }
         let consumed = Self::take_chunks(&mut self.objects, &mut self.taken, chunks, &mut context);
         for object in &mut self.objects {

@@ -195,6 +195,13 @@ impl ActiveObject {
         }
     }
 
+    /// Requests a scripted path that was refused and is awaited again.
+    pub(crate) fn retry_tour(&mut self, probes: &[Probe]) {
+        if let Some((session, of)) = self.receiver() {
+            session.retry_tour(&of, probes);
+        }
+    }
+
     /// Takes a chunk of the object as far as budget and room go. Returns whether it is done with.
     pub(crate) fn receive(&mut self, chunk: &InboxChunk, context: &mut TickContext<'_>) -> bool {
         self.receiver()

@@ -219,8 +219,14 @@ impl Movables {
 
     /// Records the wrenches that an object gave in this tick to a probe's device at a place (world,
     /// metres), and loads its body with the reaction. `limited` passed the energy account, `rest`
-    /// is the active wrench.
-    pub fn push(&mut self, object: u32, probe: usize, [limited, rest]: [Wrench; 2], at: DVec3) {
+    /// is the active wrench. A device that does not render torque gets no work from it.
+    pub fn push(
+        &mut self,
+        object: u32,
+        (probe, renders_torque): (usize, bool),
+        [limited, rest]: [Wrench; 2],
+        at: DVec3,
+    ) {
         let Some(&body) = self.of_object.get(object as usize) else {
             return;
         };
@@ -234,11 +240,18 @@ impl Movables {
         if body.is_awake() && !was_awake {
             self.awake.push(k);
         }
+        let rendered = |wrench: Wrench| {
+            if renders_torque {
+                wrench
+            } else {
+                wrench.without_torque()
+            }
+        };
         if self.pushes.len() < self.pushes.capacity() {
             self.pushes.push(Push {
                 body: k,
                 probe,
-                wrenches: [wrench, limited],
+                wrenches: [wrench, limited].map(rendered),
                 at,
             });
         }

@@ -11,7 +11,7 @@ use crate::force::effects::{Clock, Rendered, SceneEffects};
 use crate::force::limiter::ForceLimiter;
 use crate::force::passivity::{CarriedWork, EnergyAccount};
 use crate::instance::ModelFrame;
-use crate::tuning::probe::{KEPT_UP, MAX_SILENCE_S, SPEED_FADES};
+use crate::tuning::probe::{KEPT_UP, MAX_SILENCE_S, SPEED_FADES, TOUR_RETRY_S};
 use geometry::{Pose, Wrench};
 use haptic_device::{MotionLimits, Sample};
 use plausibility::Plausibility;
@@ -32,14 +32,20 @@ pub struct TourPath {
     pub points: Vec<TourPoint>,
     /// Whether all have.
     pub is_whole: bool,
-    /// Whether the station cannot make it.
-    pub is_refused: bool,
+    /// Tick when the station refused it, if it did: it is requested again after
+    /// [`TOUR_RETRY_S`], or of another station.
+    pub refused_at: Option<u64>,
 }
 
 impl TourPath {
     /// Whether it is still to come.
     pub fn is_awaited(&self) -> bool {
-        !self.is_whole && !self.is_refused
+        !self.is_whole && !self.is_refused()
+    }
+
+    /// Whether the station cannot make it.
+    pub fn is_refused(&self) -> bool {
+        self.refused_at.is_some()
     }
 }
 
@@ -83,6 +89,10 @@ pub struct Probe {
     /// Effects of the scene that act anywhere.
     pub effects: SceneEffects,
     limiter: ForceLimiter,
+    /// Whether its device renders torque.
+    pub renders_torque: bool,
+    /// Ticks after which a refused tour is requested again.
+    tour_retry_ticks: u64,
     samples_missed: u32,
     /// Of these so many do not end the force.
     max_samples_missed: u32,
@@ -108,7 +118,7 @@ impl Probe {
                 seconds: tour_seconds,
                 points: Vec::with_capacity(path_capacity(tour_seconds)),
                 is_whole: false,
-                is_refused: false,
+                refused_at: None,
             }),
             TrajectoryPlan::Points(_) => None,
         };
@@ -136,6 +146,8 @@ impl Probe {
             passivity: plan.safety.passivity,
             effects: SceneEffects::new(&plan.effects),
             limiter: ForceLimiter::new(plan.safety, device_max_n, plan.loop_.rate_hz),
+            renders_torque: true,
+            tour_retry_ticks: (TOUR_RETRY_S * plan.loop_.rate_hz).ceil() as u64,
             samples_missed: 0,
             max_samples_missed: (MAX_SILENCE_S * plan.loop_.rate_hz).round() as u32,
             is_held: true,
@@ -212,7 +224,7 @@ impl Probe {
         &mut self,
         clock: Clock,
         mut wanted: Rendered,
-        ahead: CarriedWork,
+        mut ahead: CarriedWork,
         is_open: bool,
     ) -> [f64; 2] {
         if let Some(pose) = &self.pose {
@@ -224,8 +236,15 @@ impl Probe {
             self.energy.pass_time(seconds);
             if !self.effects.is_empty() {
                 let velocity = self.energy.motion() / clock.period_s;
-                self.effects.render(clock, pose, velocity, &mut wanted);
+                let motion = (velocity, self.elapsed);
+                self.effects.render(clock, pose, motion, &mut wanted);
             }
+        }
+        if !self.renders_torque {
+            // It does no work then.
+            wanted.passive = wanted.passive.without_torque();
+            wanted.active = wanted.active.without_torque();
+            ahead.turned_j = 0.0;
         }
         let mut passive = wanted.passive;
         let mut given = 1.0;
@@ -286,7 +305,16 @@ impl Probe {
 
     /// Whether the station cannot make its tour.
     pub fn is_tour_refused(&self) -> bool {
-        self.tour.as_ref().is_some_and(|tour| tour.is_refused)
+        self.tour.as_ref().is_some_and(TourPath::is_refused)
+    }
+
+    /// Requests a refused tour again after a while, or of another station.
+    pub fn retry_tour(&mut self, tick: u64, is_another_station: bool) {
+        let Some(tour) = &mut self.tour else {
+            return;
+        };
+        let waits = |at: u64| !is_another_station && tick < at + self.tour_retry_ticks;
+        tour.refused_at = tour.refused_at.filter(|&at| waits(at));
     }
 
     /// Whether a tour of an object is still to come.

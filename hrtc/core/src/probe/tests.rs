@@ -1,7 +1,8 @@
 //! A probe whose contact wants the same force in every tick.
 
 use super::*;
-use glam::DVec3;
+use crate::force::passivity::CouplingSpring;
+use glam::{DQuat, DVec3};
 use scene::{NoFiles, Overrides, parse};
 use std::path::Path;
 
@@ -17,8 +18,16 @@ struct Held {
 
 impl Held {
     fn new() -> Self {
-        let text = "[[object]]\ngenerate = { shape = \"plate\", faces = 1000 }\nsize_m = 0.2\n[safety]\nramp_s = 0.2\npassivity = false\n[[probe]]\n";
-        let plan = parse(text, "held", Path::new(""), &Overrides::default(), &NoFiles).unwrap();
+        Self::with(false)
+    }
+
+    fn with(passivity: bool) -> Self {
+        let text = format!(
+            "[[object]]\ngenerate = {{ shape = \"plate\", faces = 1000 }}\nsize_m = 0.2\n\
+             [safety]\nramp_s = 0.2\npassivity = {passivity}\n[[probe]]\n"
+        );
+        let path = Path::new("");
+        let plan = parse(&text, "held", path, &Overrides::default(), &NoFiles).unwrap();
         Self {
             probe: Probe::new(&plan, &plan.probes[0], 10.0, 1.0),
             tick: 0,
@@ -93,4 +102,48 @@ fn a_force_that_was_cut_rises_from_zero_along_the_ramp() {
     assert!(is_gentle(first), "{first}");
     let (change, force) = held.steps(RAMP, None);
     assert!(is_gentle(change) && force > 0.99 * WANTED);
+}
+
+/// The device turns with a torque at one place, which would put energy out.
+#[test]
+fn torque_that_the_device_does_not_render_does_no_work() {
+    let turned = |renders_torque: bool| {
+        let Held { mut probe, .. } = Held::with(true);
+        probe.renders_torque = renders_torque;
+        let wanted = Rendered {
+            passive: Wrench {
+                force: DVec3::Z * WANTED,
+                torque: DVec3::Z * 0.1,
+            },
+            spring: CouplingSpring {
+                stiffness_n_per_m: 1000.0,
+                stored_j: 0.5 * WANTED * WANTED / 1000.0,
+            },
+            ..Rendered::default()
+        };
+        for tick in 0..2 * RAMP {
+            let orientation = DQuat::from_rotation_z(1e-3 * tick as f64);
+            let pose = Pose {
+                position: DVec3::ZERO,
+                orientation,
+            };
+            probe.sample(Some(Sample::at(pose)), 1);
+            let clock = Clock {
+                tick,
+                period_s: 1e-3,
+            };
+            probe.limit(clock, wanted, CarriedWork::default(), true);
+        }
+        (probe.energy.joules(), probe.wrench)
+    };
+    let (joules, wrench) = turned(false);
+    assert_eq!(joules, 0.0);
+    assert_eq!(wrench.torque, DVec3::ZERO);
+    assert!((wrench.force.length() - WANTED).abs() < 1e-9, "{wrench:?}");
+    // Where it is rendered, the account sees it and limits it.
+    let (joules, wrench) = turned(true);
+    assert!(
+        joules > 0.0 && wrench.force.length() < 0.9 * WANTED,
+        "{joules} J, {wrench:?}"
+    );
 }

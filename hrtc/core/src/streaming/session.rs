@@ -320,9 +320,17 @@ impl Session {
         }
         if chunk.header.last == 1 {
             tour.is_whole = true;
+            self.fault = self.fault.filter(|&fault| fault != Fault::NoTour);
             self.subscriber.tour_is_here();
             self.subscriber.answered();
             self.request_next_tour(of, context.probes);
+        }
+    }
+
+    /// Requests a scripted path that was refused and is awaited again.
+    pub fn retry_tour(&mut self, of: &Receiver<'_>, probes: &[Probe]) {
+        if self.tour_probe.is_none() && !self.is_ended() {
+            self.request_next_tour(of, probes);
         }
     }
 
@@ -357,7 +365,7 @@ impl Session {
                 self.fault = Some(Fault::NoTour);
                 let probe = self.tour_probe.map(|k| &mut context.probes[k]);
                 if let Some(tour) = probe.and_then(|probe| probe.tour.as_mut()) {
-                    tour.is_refused = true;
+                    tour.refused_at = Some(context.tick);
                 }
                 self.subscriber.tour_is_here();
                 self.request_next_tour(of, context.probes);

@@ -303,6 +303,55 @@ fn a_tour_that_cannot_be_made_leaves_the_other_probe_its_force() {
 }
 
 #[test]
+fn a_refused_tour_is_asked_for_again_after_a_while_and_of_another_station() {
+    let balls = [
+        ("a.spm", 2.0 * BALL, centre(0)),
+        ("b.spm", 2.0 * BALL, centre(1)),
+    ];
+    let mut plan = scene_plan(&balls, 2, 16 << 20);
+    plan.probes[0].trajectory = TrajectoryPlan::Tour {
+        object: 0,
+        seed: 1,
+        speed_m_per_s: 0.1,
+        depth_m: 1e-3,
+    };
+    for is_another_station in [false, true] {
+        let models = [("a.spm", &SPHERE[..]), ("b.spm", &SPHERE[..])];
+        let mut world = scene_world(&plan, &models, 5.0);
+        world.client_mut().link().tamper(|chunk| {
+            if chunk.header.kind == ChunkKind::Tour as u32 {
+                chunk.header.kind = ChunkKind::Refused as u32;
+                chunk.header.code = Refusal::Tour as u32;
+                chunk.header.region = NONE;
+            }
+        });
+        let places = [None, Some(above(1, 0.02))];
+        while world.controller().faults().count() == 0 {
+            world.step_places(&places);
+            assert!(world.tick() < 2000, "it is refused");
+        }
+        assert!(world.controller().tour_of(0).is_none());
+        world.client_mut().link().stop_tampering();
+        if is_another_station {
+            world.start_station(scene_station(&plan, &models, 101));
+        }
+        let from = world.tick();
+        while world.controller().tour_of(0).is_none() {
+            world.step_places(&places);
+            assert!(
+                world.tick() < from + 4000,
+                "another station: {is_another_station}"
+            );
+        }
+        println!(
+            "another station: {is_another_station}: after {} ticks",
+            world.tick() - from
+        );
+        assert_eq!(world.controller().faults().count(), 0);
+    }
+}
+
+#[test]
 fn a_scene_of_which_nothing_can_be_touched_is_a_fault_of_the_run() {
     let plan = scene_plan(&[("a.spm", 2.0 * BALL, DVec3::ZERO)], 1, 8 << 20);
     let mut world = scene_world(&plan, &[("a.spm", &SPHERE)], 0.0);

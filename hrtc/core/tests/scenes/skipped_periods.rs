@@ -4,7 +4,7 @@ use crate::common::{World, plan, scene_plan, scene_world, spm, world};
 use geometry::Pose;
 use glam::DVec3;
 use haptic_device::Sample;
-use scene::TrajectoryPlan;
+use scene::{Effect, EffectPlan, InertiaPlan, TrajectoryPlan};
 use simulator::Random;
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
@@ -55,6 +55,58 @@ fn damping_is_that_of_the_speed_whatever_was_skipped() {
         }
         println!("steps of {periods} periods: {compared} forces compared");
         assert!(compared > 3, "{periods}");
+    }
+}
+
+#[test]
+fn the_mass_of_an_inertia_moves_through_skipped_periods() {
+    let forces = |periods: u64| {
+        let mut plan = scene_plan(&[("ball.spm", 0.1, DVec3::ZERO)], 1, 8 << 20);
+        plan.effects = vec![EffectPlan {
+            effect: Effect::Inertia(InertiaPlan {
+                mass_kg: 0.2,
+                stiffness_n_per_m: 400.0,
+                damping_ns_per_m: 4.0,
+            }),
+            from_s: 0.0,
+            until_s: f64::INFINITY,
+            fade_s: 0.1,
+        }];
+        let model = spm(generate(Shape::Sphere, 1500, 1), &BuildOptions::default());
+        let mut world = scene_world(&plan, &[("ball.spm", &model)], 0.0);
+        let start = DVec3::Z * 0.1;
+        for _ in 0..SETTLE {
+            world.step_at(start);
+        }
+        let first = world.tick();
+        let mut forces = Vec::new();
+        while world.tick() < first + 900 {
+            // The period of every force is as long as any other.
+            let stall = if world.tick() == first + 400 {
+                periods - 1
+            } else {
+                0
+            };
+            world.skip(stall);
+            let tick = world.tick();
+            world.step_at(start + DVec3::X * (1e-4 * (tick - first + 1) as f64));
+            forces.push((tick - first, world.force()));
+        }
+        forces
+    };
+    let smooth = forces(1);
+    for periods in [2, 19] {
+        for (tick, force) in forces(periods) {
+            let expected = smooth.iter().find(|(of, _)| *of == tick);
+            let Some((_, expected)) = expected else {
+                continue;
+            };
+            // At an even speed the mass pulls ever less.
+            assert!(
+                force.distance(*expected) < 0.02,
+                "{periods} periods, tick {tick}: {force}, {expected}"
+            );
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Inertia: a simulated mass, coupled to the device by a spring and damper (Colgate 1995). No
 //! acceleration is measured, so its noise cannot shake the device.
 
+use crate::tuning::bodies::MAX_STEP_PERIODS;
 use glam::DVec3;
 use scene::InertiaPlan;
 
@@ -8,8 +9,19 @@ use scene::InertiaPlan;
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Inertia {
     plan: InertiaPlan,
-    /// Position (metres) and velocity (m/s) of the mass, world; `None` before the first tick.
-    mass: Option<(DVec3, DVec3)>,
+    /// The mass; `None` before the first tick.
+    mass: Option<Mass>,
+}
+
+/// State of the mass, world.
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+struct Mass {
+    /// Its position, metres.
+    place: DVec3,
+    /// Its velocity, m/s.
+    speed: DVec3,
+    /// Position of the device, metres.
+    device: DVec3,
 }
 
 impl Inertia {
@@ -20,13 +32,32 @@ impl Inertia {
     }
 
     /// Force (newtons) on a device at a position (metres) with a velocity (m/s), world. It advances
-    /// the mass by one period (symplectic Euler).
-    pub fn force(&mut self, position: DVec3, velocity: DVec3, period_s: f64) -> DVec3 {
-        let (place, speed) = self.mass.unwrap_or((position, DVec3::ZERO));
-        let force = (place - position) * self.plan.stiffness_n_per_m
-            + (speed - velocity) * self.plan.damping_ns_per_m;
-        let speed = speed - force * (period_s / self.plan.mass_kg);
-        self.mass = Some((place + speed * period_s, speed));
+    /// the mass by the periods since the last call (symplectic Euler), in which the device moved
+    /// evenly. Over a longer stall than a body makes up for, the mass is carried along.
+    pub fn force(
+        &mut self,
+        position: DVec3,
+        velocity: DVec3,
+        (elapsed, period_s): (u64, f64),
+    ) -> DVec3 {
+        let mut mass = self.mass.unwrap_or(Mass {
+            place: position,
+            speed: DVec3::ZERO,
+            device: position,
+        });
+        let motion = position - mass.device;
+        let steps = elapsed.clamp(1, MAX_STEP_PERIODS);
+        let share = |periods: u64| periods as f64 / elapsed.max(1) as f64;
+        mass.place += motion * share(elapsed.saturating_sub(steps));
+        let mut force = DVec3::ZERO;
+        for left in (0..steps).rev() {
+            mass.device = position - motion * share(left);
+            force = (mass.place - mass.device) * self.plan.stiffness_n_per_m
+                + (mass.speed - velocity) * self.plan.damping_ns_per_m;
+            mass.speed -= force * (period_s / self.plan.mass_kg);
+            mass.place += mass.speed * period_s;
+        }
+        self.mass = Some(mass);
         force
     }
 }
@@ -47,12 +78,12 @@ mod tests {
         for tick in 0..5000 {
             let t = period * f64::from(tick);
             let (place, speed) = (DVec3::X * (0.5 * a * t * t), DVec3::X * (a * t));
-            force = inertia.force(place, speed, period);
+            force = inertia.force(place, speed, (1, period));
         }
         assert!(force.distance(DVec3::NEG_X * mass_kg * a) < 1e-3, "{force}");
         // With the device at rest the mass comes to rest.
         for _ in 0..5000 {
-            force = inertia.force(DVec3::ZERO, DVec3::ZERO, period);
+            force = inertia.force(DVec3::ZERO, DVec3::ZERO, (1, period));
         }
         assert!(force.length() < 1e-6, "{force}");
     }

@@ -369,8 +369,15 @@ impl SceneEffects {
         self.0.is_empty()
     }
 
-    /// Adds the effects on a probe at a pose (world, metres) with a velocity (world, m/s).
-    pub fn render(&mut self, clock: Clock, pose: &Pose, velocity: DVec3, out: &mut Rendered) {
+    /// Adds the effects on a probe at a pose (world, metres) with a velocity (world, m/s), so many
+    /// periods after the last call.
+    pub fn render(
+        &mut self,
+        clock: Clock,
+        pose: &Pose,
+        (velocity, elapsed): (DVec3, u64),
+        out: &mut Rendered,
+    ) {
         for listed in &mut self.0 {
             let Some((effect, amount)) = listed.called(clock) else {
                 continue;
@@ -388,7 +395,8 @@ impl SceneEffects {
                     out.active.torque += weight.torque * amount;
                 }
                 SceneEffect::Inertia(of) => {
-                    out.active.force += of.force(position, velocity, clock.period_s) * amount;
+                    let periods = (elapsed, clock.period_s);
+                    out.active.force += of.force(position, velocity, periods) * amount;
                 }
                 SceneEffect::Boundary(of) => {
                     let (force, spring) = of.force(position);
