@@ -260,6 +260,72 @@ fn a_hundred_objects_under_three_probes_are_reported_and_replayed() {
     assert_eq!(replay(&file).1["equal"], true);
 }
 
+/// A mesh tool on a height map, both from files beside the scene.
+const FROM_FILES: &str = r#"
+[[object]]
+generate = { shape = "relief", faces = 20000 }
+size_m = 0.15
+effects = [{ texture = { amplitude_m = 2e-5, height_map = { file = "bumps.png", width_m = 0.01 } } }]
+[[probe]]
+shape = { mesh = { file = "torus.spm", size_m = 0.03, faces = 480 } }
+trajectory = { tour = { seed = 1, speed_m_per_s = 0.1, depth_m = 0.002 } }
+"#;
+
+#[test]
+fn a_run_with_a_mesh_tool_and_a_height_map_replays_without_their_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let beside = tempfile::tempdir().unwrap();
+    let scene = beside.path().join("files.toml");
+    std::fs::write(&scene, FROM_FILES).unwrap();
+    let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests");
+    for (from, name) in [("run", "bumps.png"), ("golden", "torus.spm")] {
+        std::fs::copy(here.join(from).join(name), beside.path().join(name)).unwrap();
+    }
+    let file = folder.path().join("run.mcap");
+    let more = ["--seconds=3", "--json", "--record", file.to_str().unwrap()];
+    let output = run(&scene, &folder.path().join("out"), &more);
+    assert!(output.status.success(), "{}", said(&output));
+    let result = json(&output);
+    assert!(number(&result, "contact_ticks") > 100.0, "{result}");
+    assert!(number(&result, "torque_nm_max") > 0.0, "{result}");
+    drop(beside);
+    let (output, found) = replay(&file);
+    assert!(output.status.success(), "{}", said(&output));
+    assert_eq!(
+        (&found["equal"], &found["whole"]),
+        (&true.into(), &true.into())
+    );
+}
+
+#[test]
+fn the_memory_of_the_controller_does_not_grow_with_the_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let run_on = |faces: &str| {
+        let old = "faces = 100000";
+        let scene = changed(folder.path(), old, &format!("faces = {faces}"));
+        let more = ["--seconds=2", "--json", "--record", "off"];
+        let output = run(&scene, &folder.path().join("out"), &more);
+        assert!(output.status.success(), "{}", said(&output));
+        json(&output)
+    };
+    let (small, large) = (run_on("5000"), run_on("300000"));
+    let of = |result: &serde_json::Value, field: &str| number(result, field);
+    assert!(of(&large, "faces") > 50.0 * of(&small, "faces"));
+    let grown = of(&large, "hrtc_rss_bytes") - of(&small, "hrtc_rss_bytes");
+    // Pages of the same program that this run has touched and the other not.
+    assert!(grown < 1e6, "{grown} bytes more");
+    let cache = of(&large, "cache.bytes");
+    assert!(
+        of(&large, "hrtc_rss_bytes") > cache,
+        "the cache is resident"
+    );
+    for result in [small, large] {
+        assert!(of(&result, "contact_ticks") > 0.0);
+        assert!(of(&result, "query_work_max") <= of(&result, "query_work_budget"));
+        assert!(of(&result, "operations_max") <= of(&result, "operations_budget"));
+    }
+}
+
 #[test]
 fn a_recorded_run_replays_bit_by_bit_and_is_exported() {
     let folder = tempfile::tempdir().unwrap();
