@@ -87,8 +87,8 @@ pub const SHOWN_EVERY: u64 = 10;
 /// Time after which a recording's frame goes to the disk, ns: a kill costs no more than that. rerun
 /// makes one piece of each frame and channel: shorter ones slow it down.
 pub const FRAME_NS: u64 = 50_000_000;
-/// Bytes after which a frame ends before that, about those of a second: only for what is copied faster
-/// than it was recorded.
+/// Bytes after which a frame ends before that, about those of a second: only for what is copied
+/// faster than it was recorded.
 pub const MAX_FRAME_BYTES: u64 = 1 << 20;
 /// Bytes that wait for the disk at the most: about eight seconds of a run.
 pub const RECORDING_QUEUE_BYTES: usize = 16 << 20;

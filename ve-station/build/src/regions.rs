@@ -47,19 +47,36 @@ const FACES_A_TASK: usize = 1 << 14;
 /// touches (the dragon with 156 took twice the splits a tick that it takes with 42).
 const FACES_A_REGION: f64 = 140.0;
 
-/// The coarsest grid whose occupied regions own no more than that at median, or the finest there
-/// is.
+/// The most cells that a face may overlap at mean: many times the two of scans and shapes of even
+/// triangles. Where all are long slivers, as those round the middle of a cylinder's cap, cells half
+/// as large own half as many faces, but each face is in twice as many cells: what they own together
+/// would grow with the square of the fan.
+const CELLS_A_FACE: usize = 32;
+
+/// The coarsest grid whose occupied regions own no more than that at median, or the finest whose
+/// faces are not scattered over too many.
 pub fn default_grid(lower: DVec3, upper: DVec3, mesh: &ManifoldMesh) -> Option<RegionGrid> {
     let mut divisions = 1;
+    let mut coarser = None;
     loop {
         let grid = RegionGrid::new(lower, upper, divisions)?;
         let finest = divisions == RegionGrid::MAX_DIVISIONS;
         let cells: f64 = grid.cells.map(f64::from).iter().product();
         // Not counted while even the mean of all cells is far beyond.
         let crowded = mesh.triangles.len() as f64 > SURELY_TOO_MANY * FACES_A_REGION * cells;
-        if finest || (!crowded && median_faces(&grid, mesh) <= FACES_A_REGION) {
+        if !crowded {
+            let owned = Owned::count(&grid, mesh);
+            if owned.pairs > CELLS_A_FACE * mesh.triangles.len() && coarser.is_some() {
+                return coarser;
+            }
+            if owned.median <= FACES_A_REGION {
+                return Some(grid);
+            }
+        }
+        if finest {
             return Some(grid);
         }
+        coarser = Some(grid);
         divisions *= 2;
     }
 }
@@ -67,21 +84,34 @@ pub fn default_grid(lower: DVec3, upper: DVec3, mesh: &ManifoldMesh) -> Option<R
 /// A mean that is so many times the wanted median belongs to no grid that comes near it.
 const SURELY_TOO_MANY: f64 = 64.0;
 
-fn median_faces(grid: &RegionGrid, mesh: &ManifoldMesh) -> f64 {
-    let owners_of = |faces: &[[u32; 3]]| {
-        let mut owners = Vec::with_capacity(faces.len() * 3 / 2);
-        for t in faces {
-            grid.for_each_owner(mesh.corners(t), |region| owners.push(region.0));
+/// What the regions of a grid own.
+struct Owned {
+    /// Pairs of a face and a region that owns it.
+    pairs: usize,
+    /// Faces of an occupied region at median.
+    median: f64,
+}
+
+impl Owned {
+    fn count(grid: &RegionGrid, mesh: &ManifoldMesh) -> Self {
+        let owners_of = |faces: &[[u32; 3]]| {
+            let mut owners = Vec::with_capacity(faces.len() * 3 / 2);
+            for t in faces {
+                grid.for_each_owner(mesh.corners(t), |region| owners.push(region.0));
+            }
+            owners
+        };
+        let chunks = mesh.triangles.par_chunks(FACES_A_TASK);
+        let mut owners: Vec<u32> = chunks.flat_map_iter(owners_of).collect();
+        owners.par_sort_unstable();
+        let mut counts: Vec<usize> = owners.chunk_by(|a, b| a == b).map(<[u32]>::len).collect();
+        let middle = counts.len() / 2;
+        counts.select_nth_unstable(middle);
+        Self {
+            pairs: owners.len(),
+            median: counts[middle] as f64,
         }
-        owners
-    };
-    let chunks = mesh.triangles.par_chunks(FACES_A_TASK);
-    let mut owners: Vec<u32> = chunks.flat_map_iter(owners_of).collect();
-    owners.par_sort_unstable();
-    let mut counts: Vec<usize> = owners.chunk_by(|a, b| a == b).map(<[u32]>::len).collect();
-    let middle = counts.len() / 2;
-    counts.select_nth_unstable(middle);
-    counts[middle] as f64
+    }
 }
 
 /// The region index and what is counted of it.
@@ -468,6 +498,10 @@ fn bounds_miss_box(boxes: [Aabb; 3], lower: DVec3, upper: DVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clean::clean;
+    use crate::manifold::cut_to_manifold;
+    use crate::mesh::SoupMesh;
+    use crate::order;
     use proptest::prelude::*;
 
     fn vector() -> impl Strategy<Value = DVec3> {
@@ -504,6 +538,47 @@ mod tests {
                 }
             }
             prop_assert!(missed > 0);
+        }
+    }
+
+    /// A cylinder with a fan of so many faces on each cap.
+    fn cylinder(ring: u32) -> ManifoldMesh {
+        let mut mesh = SoupMesh {
+            positions: vec![[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]],
+            triangles: Vec::new(),
+        };
+        for k in 0..ring {
+            let angle = std::f64::consts::TAU * f64::from(k) / f64::from(ring);
+            let (sin, cos) = angle.sin_cos();
+            mesh.positions.extend([-0.5, 0.5].map(|z| [cos, sin, z]));
+            let (a, b) = (2 + 2 * k, 2 + 2 * ((k + 1) % ring));
+            let sides = [
+                [0, b, a],
+                [1, a + 1, b + 1],
+                [a, b, a + 1],
+                [b, b + 1, a + 1],
+            ];
+            mesh.triangles.extend(sides);
+        }
+        order::in_tree_order(cut_to_manifold(&clean(mesh).unwrap()))
+    }
+
+    #[test]
+    fn what_regions_own_grows_with_the_faces_of_a_fan_and_not_with_their_square() {
+        for ring in [500, 1000, 2000, 4000, 8000, 16_000] {
+            let mesh = cylinder(ring);
+            let bounds = crate::assemble::bounds_of(&mesh);
+            let (lower, upper) = (bounds.lower.as_dvec3(), bounds.upper.as_dvec3());
+            let grid = default_grid(lower, upper, &mesh).unwrap();
+            let Owned { pairs, median } = Owned::count(&grid, &mesh);
+            println!(
+                "{ring}: {} divisions, {pairs} pairs, median {median}",
+                grid.divisions
+            );
+            assert!(
+                pairs <= CELLS_A_FACE * mesh.triangles.len(),
+                "{ring}: {pairs}"
+            );
         }
     }
 }

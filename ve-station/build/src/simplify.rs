@@ -490,11 +490,13 @@ mod tests {
             assert!(work.topology.alive < ring / 4, "{ring}: it gets coarser");
             work.gone_round
         };
-        let (one, two) = (look(1000), look(2000));
-        assert!(
-            two < 3 * one,
-            "{one} for a fan of 1000, {two} for twice that"
-        );
+        let looks = [500, 1000, 2000, 4000].map(look);
+        for pair in looks.windows(2) {
+            assert!(
+                pair[1] < 3 * pair[0],
+                "{looks:?} for 500, twice that, and so on"
+            );
+        }
     }
 
     #[test]
