@@ -301,7 +301,9 @@ pub type Step<'a> = (Geomorph, &'a OperationFaces);
 /// Largest motion and rise of the surface within reach by a step of a vertex: the displacement
 /// along the normals of the faces around it, before and after the step, times the vertex's weight
 /// at the points within reach. A face that sweeps through the reach counts, wherever it starts and
-/// ends. `place`: positions of vertices before the step.
+/// ends. Where the surface turns back at a ridge, or a face turns over in the step, the ridge may
+/// come at the probe edge on: there the whole displacement counts. `place`: positions of vertices
+/// before the step.
 fn height(
     mesh: &ActiveMesh,
     (geomorph, around): &Step<'_>,
@@ -310,6 +312,8 @@ fn height(
     limit: &PerceptionLimit,
 ) -> (f64, f64) {
     let (mut moved, mut raised) = (0.0f64, 0.0f64);
+    // Normals before and after the step of the first face within reach, and of the one before.
+    let mut others: [Option<[DVec3; 2]>; 2] = [None; 2];
     for &face in around.deformed() {
         let corners = mesh.face(face).corners;
         let Some(k) = corners.iter().position(|&c| c == geomorph.vertex()) else {
@@ -319,9 +323,12 @@ fn height(
         if !limit.is_within([at, b, c, at + step]) {
             continue;
         }
-        for at in [at, at + step] {
+        let places = [at, at + step];
+        let normals = places.map(|at| (b - at).cross(c - at));
+        let turns_over = normals[0].dot(normals[1]) < 0.0;
+        for k in 0..2 {
             // A face without area is an edge, which other faces share.
-            let Some(normal) = (b - at).cross(c - at).try_normalize() else {
+            let Some(normal) = normals[k].try_normalize() else {
                 continue;
             };
             // A point moves by the vertex's weight in it: its height over the edge bc, divided by
@@ -329,7 +336,13 @@ fn height(
             let inwards = normal.cross(c - b);
             let height = |p: DVec3| (p - b).dot(inwards);
             let farthest = height(limit.centre) + limit.reach * inwards.length();
-            let share = (farthest / height(at)).clamp(0.0, 1.0);
+            let share = (farthest / height(places[k])).clamp(0.0, 1.0);
+            let turns_back = |other: &[DVec3; 2]| other[k].dot(normal) < 0.0;
+            if turns_over || others.iter().flatten().any(turns_back) {
+                moved = moved.max(share * step.length());
+                raised = raised.max(share * step.length());
+                continue;
+            }
             let along = share * step.dot(normal);
             moved = moved.max(along.abs());
             let towards = normal.dot(limit.up);
@@ -340,6 +353,7 @@ fn height(
             };
             raised = raised.max(rise);
         }
+        others = [others[0].or(Some(normals)), Some(normals)];
     }
     (moved, raised)
 }

@@ -77,6 +77,8 @@ pub struct CoreRecord {
     pub deferred: u32,
     /// Perceptible splits that wait since they would turn a face over.
     pub rejected_folds: u32,
+    /// Of these, the ones performed in the tick after all: no other split comes first.
+    pub passed_folds: u32,
     /// Operations of the tick in work units (splits, collapses, nodes, records) for the budget.
     pub work_units: u32,
     /// Nodes visited and faces tested by the queries.

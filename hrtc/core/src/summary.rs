@@ -20,6 +20,7 @@ impl Controller {
             record.geomorphing += front.cache.mesh().geomorphs().len() as u32;
             record.deferred += front.stats.deferred;
             record.rejected_folds += front.stats.rejected;
+            record.passed_folds += front.stats.passed;
             record.work_units += front.stats.work_units;
             record.active_faces += front.cache.mesh().active_faces();
             record.vsps_received += session.vsps_received;

@@ -49,6 +49,8 @@ pub struct FrontStats {
     pub deferred: u32,
     /// Perceptible splits that would turn a face over.
     pub rejected: u32,
+    /// Of these, the ones performed after all.
+    pub passed: u32,
 }
 
 /// Accuracy of the front at a contact.

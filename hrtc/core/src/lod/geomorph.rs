@@ -20,9 +20,25 @@ pub enum Transition {
     Geomorph,
     /// Not in this tick: faces around it still move, or there is no room.
     Deferred,
-    /// Not while a probe perceives it and the faces around it stay as they are: a face would be
-    /// turned over.
+    /// Not while another split may come first: a face near a probe would be turned over.
     Rejected,
+}
+
+impl Transition {
+    /// Whether it is performed in this tick.
+    #[must_use]
+    pub fn is_performed(self) -> bool {
+        matches!(self, Self::Immediate | Self::Geomorph)
+    }
+}
+
+/// What happens to a split or collapse that would turn a face over near a probe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Folds {
+    /// It waits: others around it may take the fold away.
+    Wait,
+    /// It is performed like any other: a face may turn over, as slowly as the surface may move.
+    Pass,
 }
 
 /// Outcome for the collapse that has waited longest.
@@ -208,10 +224,11 @@ impl Front {
     pub(super) fn transition_of_split(
         &mut self,
         slot: Slot,
+        folds: Folds,
         contacts: &mut Contacts,
     ) -> Transition {
         let places = self.cache.mesh().children(slot);
-        let transition = self.transition(slot, &places, contacts);
+        let transition = self.transition(slot, &places, folds, contacts);
         self.stats.rejected += u32::from(transition == Transition::Rejected);
         self.stats.deferred += u32::from(transition == Transition::Deferred);
         transition
@@ -221,8 +238,14 @@ impl Front {
     /// corners.
     ///
     /// A geomorph begins only where the faces around it are at rest: then every face turns steadily
-    /// from how it was to how it will be, and not over.
-    fn transition(&mut self, slot: Slot, places: &[Handle], contacts: &mut Contacts) -> Transition {
+    /// from how it was to how it will be, and over only where [`Folds::Pass`] lets it.
+    fn transition(
+        &mut self,
+        slot: Slot,
+        places: &[Handle],
+        folds: Folds,
+        contacts: &mut Contacts,
+    ) -> Transition {
         let Self { faces, reached, .. } = self;
         let mesh = self.cache.mesh();
         if contacts.limits.is_empty() {
@@ -244,9 +267,10 @@ impl Front {
         if !is_perceptible(mesh, slot, faces, places, reached) {
             // The probe may come to where a face would be turned over, or the face to the probe.
             contacts.collect_reached(reached, space, NEAR_FACTOR * AROUND);
-            let folds =
-                turns_over(mesh, slot, faces) && may_come_near(mesh, faces, places, reached);
-            return if folds {
+            let waits = (folds == Folds::Wait || mesh.any_geomorphing(faces.deformed()))
+                && turns_over(mesh, slot, faces)
+                && may_come_near(mesh, faces, places, reached);
+            return if waits {
                 Transition::Rejected
             } else {
                 Transition::Immediate
@@ -257,7 +281,7 @@ impl Front {
         let has_room = mesh.can_start_geomorph() && count + 2 <= self.operations.max(2);
         if !has_room || mesh.any_geomorphing(faces.deformed()) {
             Transition::Deferred
-        } else if turns_over(mesh, slot, faces) {
+        } else if folds == Folds::Wait && turns_over(mesh, slot, faces) {
             Transition::Rejected
         } else {
             for (probe, limit) in reached {
@@ -277,7 +301,7 @@ impl Front {
         };
         self.stats.work_units += 1;
         let parent = self.cache.mesh().parent(slot);
-        match self.transition(slot, &[parent], contacts) {
+        match self.transition(slot, &[parent], Folds::Wait, contacts) {
             Transition::Immediate if self.collapse(slot, contacts) => {
                 return CollapseOutcome::Done;
             }

@@ -2,7 +2,7 @@
 //! reaches first, at most K operations a tick.
 
 use super::front::Front;
-use super::geomorph::{CollapseOutcome, Transition};
+use super::geomorph::{CollapseOutcome, Folds, Transition};
 use super::predict::TURNS;
 use crate::budget::Budget;
 use crate::cache::Region;
@@ -99,41 +99,51 @@ impl Front {
                 let Some(slot) = self.cache.next_split(region, &mut budget.entries) else {
                     break;
                 };
-                match self.try_split(slot, budget, contacts) {
-                    Ok(true) => {}
-                    Ok(false) => {
-                        self.cache.defer_split(region);
-                        budget.entries = budget.entries.saturating_sub(ENTRIES_PER_WAIT);
+                let mut tried = self.try_split(slot, Folds::Wait, budget, contacts);
+                let has_to_wait = tried.as_ref().is_ok_and(|of| !of.is_performed());
+                if has_to_wait {
+                    self.cache.defer_split(region);
+                    budget.entries = budget.entries.saturating_sub(ENTRIES_PER_WAIT);
+                    let is_looked_for = entries_behind > 0;
+                    let none_comes =
                         self.split_behind(region, &mut entries_behind, budget, contacts);
-                        break;
+                    // No order of splits goes without the fold.
+                    let is_left = tried == Ok(Transition::Rejected) && is_looked_for && none_comes;
+                    if is_left && contacts.may_pass_folds() {
+                        tried = self.try_split(slot, Folds::Pass, budget, contacts);
+                        let is_passed = tried.as_ref().is_ok_and(|of| of.is_performed());
+                        self.stats.passed += u32::from(is_passed);
                     }
-                    Err(_) => {
-                        // The rest of the closure may depend on it: the region stays as it is.
-                        self.refuse(region, tick);
-                        self.cache.go_on_unloading(&mut budget.upkeep);
-                        break;
-                    }
+                }
+                if tried.is_err() {
+                    // The rest of the closure may depend on it: the region stays as it is.
+                    self.refuse(region, tick);
+                    self.cache.go_on_unloading(&mut budget.upkeep);
+                }
+                if has_to_wait || tried.is_err() {
+                    break;
                 }
             }
         }
     }
 
-    /// Performs a split, unless it has to wait; whether it is performed.
+    /// Performs a split, unless it has to wait: how, or why not.
     fn try_split(
         &mut self,
         slot: Slot,
+        folds: Folds,
         budget: &mut Budget,
         contacts: &mut Contacts,
-    ) -> Result<bool, OperationError> {
-        let transition = self.transition_of_split(slot, contacts);
-        if matches!(transition, Transition::Deferred | Transition::Rejected) {
-            return Ok(false);
+    ) -> Result<Transition, OperationError> {
+        let transition = self.transition_of_split(slot, folds, contacts);
+        if !transition.is_performed() {
+            return Ok(transition);
         }
         match self.split(slot, transition, budget, contacts) {
-            Ok(()) => Ok(true),
+            Ok(()) => Ok(transition),
             Err(OperationError::TooManyFaces(_)) => {
                 self.stats.deferred += 1;
-                Ok(false)
+                Ok(Transition::Deferred)
             }
             Err(damaged) => Err(damaged),
         }
@@ -161,28 +171,35 @@ impl Front {
     }
 
     /// Performs splits of a region behind one that has to wait: they are not perceived more than
-    /// others. `entries`: closure entries that may be gone through for that in this tick.
+    /// others. `entries`: closure entries that may be gone through for that in this tick. Whether
+    /// there is none that is performed or will be once the faces around it are at rest.
     fn split_behind(
         &mut self,
         region: usize,
         entries: &mut u32,
         budget: &mut Budget,
         contacts: &mut Contacts,
-    ) {
+    ) -> bool {
         let before = *entries;
-        let mut place = None;
+        let (mut place, mut none_comes) = (None, true);
         while budget.operations > 0 {
             let Some(slot) = self.cache.next_split_behind(region, &mut place, entries) else {
                 break;
             };
-            match self.try_split(slot, budget, contacts) {
-                Ok(true) => {}
-                Ok(false) => *entries = entries.saturating_sub(ENTRIES_PER_WAIT),
+            let Ok(tried) = self.try_split(slot, Folds::Wait, budget, contacts) else {
                 // A damaged record is found when its turn comes.
-                Err(_) => break,
+                break;
+            };
+            if !tried.is_performed() {
+                *entries = entries.saturating_sub(ENTRIES_PER_WAIT);
             }
+            // Where nothing moves, what is deferred does not come of itself.
+            let is_moving = !self.cache.mesh().geomorphs().is_empty();
+            none_comes &=
+                tried == Transition::Rejected || (tried == Transition::Deferred && !is_moving);
         }
         budget.entries = budget.entries.saturating_sub(before - *entries);
+        none_comes
     }
 
     /// Sorts the regions to be refined by urgency. Returns the splits that this tick must do for

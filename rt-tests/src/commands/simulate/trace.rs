@@ -92,7 +92,7 @@ impl Trace {
             let of = &line.record;
             let _ = writeln!(
                 text,
-                "  {:>6}  force {:.3} N, depth {:.2} mm, faces {}, {}{}splits {}, collapses {}, geomorphs {}, deferred {}, folds {}, loaded {}, work {}, queries {}, epochs ended {}, inbox {}",
+                "  {:>6}  force {:.3} N, depth {:.2} mm, faces {}, {}{}splits {}, collapses {}, geomorphs {}, deferred {}, folds {} passed {}, loaded {}, work {}, queries {}, epochs ended {}, inbox {}",
                 line.tick,
                 line.force_n,
                 of.depth_m * 1e3,
@@ -104,6 +104,7 @@ impl Trace {
                 of.geomorphing,
                 of.deferred,
                 of.rejected_folds,
+                of.passed_folds,
                 of.vsps_loaded,
                 of.work_units,
                 of.query_work,
