@@ -2,6 +2,7 @@
 //! object's own frame, so that it follows one that moves.
 
 use super::library::Version;
+use super::scenes::SIZE_M;
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use hrtc_core::ModelFrame;
@@ -11,6 +12,10 @@ use simulator::Random;
 const KNOT_TICKS: u64 = 20;
 /// How far a hand goes up to leave, metres.
 const LEAVE_M: f64 = 0.03;
+/// Places on the way down to where a path begins that are looked at.
+const WAYPOINTS: u32 = 6;
+/// Height at which a path begins, metres.
+const START_M: f64 = 6e-3;
 /// How far it hovers before it comes back after the faults, metres.
 pub const HOVER_M: f64 = 0.012;
 /// Ticks in which it goes to that height, at which it stays, and in which it comes down again.
@@ -46,6 +51,21 @@ pub struct HandPath {
 fn normal_of(version: &Version, triangle: u32) -> DVec3 {
     let [a, b, c] = version.full.triangles()[triangle as usize];
     (b - a).cross(c - a).try_normalize().unwrap_or(DVec3::Z)
+}
+
+/// Whether a hand may begin over a place: all the way from where it waits for its object down to
+/// the place nothing else of the surface is nearer than half of its height.
+fn is_open(version: &Version, triangle: u32, place: DVec3) -> bool {
+    let header = version.model.file.model_header();
+    let [lower, upper] = [header.lower, header.upper].map(DVec3::from_array);
+    let metres_per_unit = SIZE_M / (upper - lower).max_element();
+    let normal = normal_of(version, triangle);
+    (1..=WAYPOINTS).all(|k| {
+        let share = f64::from(k) / f64::from(WAYPOINTS);
+        let height = share * (START_M + HOVER_M) / metres_per_unit;
+        let near = version.full.nearest(place + height * normal, triangle);
+        near.distance >= 0.5 * height
+    })
 }
 
 /// Draws a path; what it stands on and how far it has come.
@@ -155,7 +175,8 @@ impl HandPath {
         };
         let triangle = loop {
             let triangle = random.below(triangles.len() as u64) as u32;
-            if version.within_rim(middle_of(triangle)) == middle_of(triangle) {
+            let middle = middle_of(triangle);
+            if version.within_rim(middle) == middle && is_open(version, triangle, middle) {
                 break triangle;
             }
         };
@@ -165,7 +186,7 @@ impl HandPath {
             now: Knot {
                 point: middle_of(triangle),
                 normal: normal_of(version, triangle),
-                height_m: 6e-3,
+                height_m: START_M,
             },
             knots: Vec::new(),
             random,

@@ -13,6 +13,8 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
 
+/// Longest side of every object, metres.
+pub const SIZE_M: f64 = 0.12;
 /// Distance of one object from the next, metres: none touches another.
 const SPACING_M: f64 = 0.4;
 /// Bytes beside the caches for the base meshes of all models: each has a hundred faces or so.
@@ -86,7 +88,7 @@ pub fn draw(kinds: &BTreeSet<Kind>, bits: u64, library: &Library) -> Result<Scen
         let at = SPACING_M * k as f64;
         let _ = writeln!(
             text,
-            "[[object]]\nmodel = \"{name}\"\nsize_m = 0.12\n\
+            "[[object]]\nmodel = \"{name}\"\nsize_m = {SIZE_M}\n\
              pose = {{ position_m = [{at}, 0, 0] }}\n\
              surface = {{ stiffness_n_per_m = {stiffness}, damping_ns_per_m = 0.5 }}"
         );
