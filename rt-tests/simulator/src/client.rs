@@ -9,7 +9,7 @@ use haptic_device::Sample;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
 use hrtc_core::{Controller, StageObserver, TickInputs, TickOutputs};
-use protocol::ChunkKind;
+use protocol::{ChunkHeader, ChunkKind};
 use realtime::counting_allocator::count;
 use scene::{ScenePlan, TrajectoryPlan};
 
@@ -64,6 +64,8 @@ pub struct Client {
     hands: Vec<Hand>,
     sample_faults: SampleFaults,
     inbox: Vec<InboxChunk>,
+    arrived: Vec<ChunkHeader>,
+    station: u64,
     samples: Vec<Option<Sample>>,
     outputs: TickOutputs,
     summary: Summary,
@@ -100,6 +102,8 @@ impl Client {
             hands: hands.collect(),
             sample_faults: SampleFaults::new(plan.probes.len()),
             inbox: Vec::with_capacity(INBOX_CHUNKS),
+            arrived: Vec::new(),
+            station: 0,
             samples: Vec::with_capacity(plan.probes.len()),
             outputs: TickOutputs::new(plan.probes.len()),
             summary: Summary::default(),
@@ -186,6 +190,18 @@ impl Client {
         self.inbox.len()
     }
 
+    /// Headers of the chunks that came into the inbox in the last tick, in their order.
+    #[must_use]
+    pub fn arrived(&self) -> &[ChunkHeader] {
+        &self.arrived
+    }
+
+    /// Incarnation of the last station that it saw; 0 before the first.
+    #[must_use]
+    pub fn station(&self) -> u64 {
+        self.station
+    }
+
     /// Lets the forces ramp down from the next tick on, or ends that.
     pub fn stop(&mut self, is_stopping: bool) {
         self.is_stopping = is_stopping;
@@ -217,6 +233,9 @@ impl Client {
         drive: Drive<'_>,
         observer: &mut impl StageObserver,
     ) {
+        if station != 0 {
+            self.station = station;
+        }
         self.receive(tick);
         self.sample(tick, drive);
         let inputs = TickInputs {
@@ -248,12 +267,14 @@ impl Client {
 
     /// Moves what is due from the link into the inbox.
     fn receive(&mut self, tick: u64) {
+        self.arrived.clear();
         while self.inbox.len() < INBOX_CHUNKS
             && let Some(chunk) = self.link.downward.receive(tick)
         {
             if let Some(recording) = &mut self.recording {
                 recording.add_chunk(chunk);
             }
+            self.arrived.push(chunk.header);
             if chunk.header.kind != ChunkKind::Measured as u32 {
                 self.mesh_bytes += size_of::<InboxChunk>() as u64;
             }

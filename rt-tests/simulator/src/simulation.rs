@@ -9,7 +9,7 @@ use haptic_device::Sample;
 use hrtc_core::record::CoreRecord;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::{Controller, NoObserver, StageObserver, TickOutputs};
-use protocol::Request;
+use protocol::{ChunkHeader, Request};
 use scene::ScenePlan;
 use station_core::station::{Message, ServedModel, ServedObject, Station};
 
@@ -44,6 +44,8 @@ pub struct Simulation<D> {
     station: Option<Station<D>>,
     is_mute: bool,
     tick: u64,
+    asked: Vec<Request>,
+    said: Vec<ChunkHeader>,
 }
 
 impl<D: AsRef<[u8]>> Simulation<D> {
@@ -55,6 +57,8 @@ impl<D: AsRef<[u8]>> Simulation<D> {
             station: Some(station),
             is_mute: false,
             tick: 0,
+            asked: Vec::new(),
+            said: Vec::new(),
         }
     }
 
@@ -126,6 +130,19 @@ impl<D: AsRef<[u8]>> Simulation<D> {
     #[must_use]
     pub fn station(&self) -> Option<&Station<D>> {
         self.station.as_ref()
+    }
+
+    /// Requests that came to the station in the last period, those of a client in their order.
+    #[must_use]
+    pub fn asked(&self) -> &[Request] {
+        &self.asked
+    }
+
+    /// Headers of the chunks that the station sent in the last period, after it had heard what
+    /// that client asked.
+    #[must_use]
+    pub fn said(&self) -> &[ChunkHeader] {
+        &self.said
     }
 
     /// Index of the next tick.
@@ -261,6 +278,8 @@ impl<D: AsRef<[u8]>> Simulation<D> {
     /// Gives the station what is due, and the links what it sends.
     fn exchange(&mut self) {
         let tick = self.tick;
+        self.asked.clear();
+        self.said.clear();
         let mut station = self.station.as_mut().filter(|_| !self.is_mute);
         for client in &mut self.clients {
             let Some(station) = station.as_mut().filter(|_| !client.link().is_cut()) else {
@@ -272,8 +291,12 @@ impl<D: AsRef<[u8]>> Simulation<D> {
                     Upward::Request(request) => Message::Request(request),
                     Upward::Report(report) => Message::Contact(report),
                 });
+                if let Upward::Request(request) = message {
+                    self.asked.push(request);
+                }
             }
             while let Some((header, slots)) = station.poll(client.identity().client) {
+                self.said.push(header);
                 client.link().send_down(tick, InboxChunk { header, slots });
             }
         }

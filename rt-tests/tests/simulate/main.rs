@@ -7,6 +7,7 @@ use rt_tests::commands::simulate::library::Library;
 use rt_tests::commands::simulate::scenario::{Reduction, Scenario};
 use rt_tests::commands::simulate::shrink::{run_seed, shrink};
 use rt_tests::commands::simulate::trace::Violation;
+use rt_tests::commands::simulate::{SimulateArgs, Simulated, is_covered};
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
 
@@ -97,6 +98,33 @@ fn nothing_reached_is_said_to_be_missing() {
     coverage.met(Kind::Loss, 1);
     coverage.link.lost[0] = 1;
     assert_eq!(coverage.missing().len(), all - 2);
+}
+
+/// What many whole seeds never reach is a failure that names it.
+#[test]
+fn many_whole_seeds_are_to_reach_everything() {
+    let args = |ticks| SimulateArgs {
+        seeds: 0..200,
+        only: None,
+        weight: 1.0,
+        ticks,
+        mutants: false,
+        json: true,
+    };
+    let found = |seeds, not_reached: &[&str]| Simulated {
+        seeds,
+        not_reached: not_reached.iter().map(|of| (*of).to_string()).collect(),
+        ..Simulated::default()
+    };
+    let missing = ["cut in contact", "close lost"];
+    let failed = is_covered(&args(None), &found(200, &missing));
+    let failed = failed.expect_err("two things were not reached");
+    let text = failed.to_string();
+    assert!(missing.iter().all(|of| text.contains(of)), "{text}");
+    assert!(is_covered(&args(None), &found(200, &[])).is_ok());
+    // Few seeds, or runs that are cut, need not.
+    assert!(is_covered(&args(None), &found(199, &missing)).is_ok());
+    assert!(is_covered(&args(Some(100)), &found(200, &missing)).is_ok());
 }
 
 /// A run that ends before it has touched fails the check of contact; shrunk, it fails the same one.

@@ -41,6 +41,7 @@ impl Cache {
         for &slot in &self.free {
             free[slot as usize] = true;
         }
+        let dependents = self.dependents(&free);
         for slot in 0..self.slots {
             let references = &self.references[slot as usize];
             if free[slot as usize] {
@@ -50,6 +51,14 @@ impl Cache {
             assert_eq!(self.ids.get(self.mesh.id(slot)), Some(slot), "id of a slot");
             assert_eq!(references.held, held[slot as usize], "holders");
             assert_eq!(references.wanted, wanted[slot as usize], "wanters");
+            let dependents = dependents[slot as usize];
+            assert_eq!(references.loaded_dependents, dependents, "dependents");
+            let is_unused = !self.mesh.is_performed(slot) && references.held == 0;
+            assert_eq!(
+                references.queue == Queue::Evictions,
+                is_unused && dependents == 0,
+                "only what no record stands on may be evicted"
+            );
             let idle = self.may_collapse(slot) && !references.leaving;
             assert_eq!(references.queue == Queue::Collapses, idle);
             let vt = self.mesh.vt(slot);
@@ -67,5 +76,16 @@ impl Cache {
             assert_eq!(geomorphs(vt), geomorphs(vt + 1), "both go to their parent");
         }
         assert_eq!(self.free_slots() + self.loaded, self.slots, "slots");
+    }
+
+    /// Loaded records that stand on each slot.
+    fn dependents(&self, free: &[bool]) -> Vec<u16> {
+        let mut dependents = vec![0u16; free.len()];
+        for slot in (0..self.slots).filter(|&slot| !free[slot as usize]) {
+            for dependency in self.mesh.dependencies(slot) {
+                dependents[dependency as usize] += 1;
+            }
+        }
+        dependents
     }
 }

@@ -107,6 +107,15 @@ impl Plausibility {
         for course in courses.chain(self.rejected.as_mut().map(|(course, _)| course)) {
             course.age = course.age.saturating_add(elapsed);
         }
+        if is(Mutant::NotFinite)
+            && let Some(pose) = given.filter(|pose| !pose.is_finite())
+        {
+            return Some(Accepted {
+                pose,
+                periods: 1,
+                is_new_place: false,
+            });
+        }
         let pose = given.and_then(usable)?;
         let Some(mut course) = self.course else {
             self.course = Some(Course::at(pose));
@@ -167,9 +176,6 @@ impl Plausibility {
 
 /// The pose with a unit quaternion; `None` for numbers that cannot be reckoned with.
 fn usable(pose: Pose) -> Option<Pose> {
-    if is(Mutant::NotFinite) {
-        return Some(pose);
-    }
     if !pose.is_finite() || !pose.position.length_squared().is_finite() {
         return None;
     }

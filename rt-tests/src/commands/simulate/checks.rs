@@ -4,7 +4,7 @@ use super::trace::{Checked, ensure};
 use geometry::Wrench;
 use glam::DVec3;
 use hrtc_core::record::CoreRecord;
-use scene::{SafetyPlan, ScenePlan};
+use scene::{ProbePlan, ProbeShape, SafetyPlan, ScenePlan};
 use simulator::{Client, INBOX_CHUNKS};
 
 /// Relative rounding error of a limited change of the force.
@@ -17,6 +17,9 @@ pub struct Watch {
     device_max_n: f64,
     period_s: f64,
     cache_bytes: usize,
+    operations: u32,
+    /// Whether each probe is a ball.
+    is_ball: Vec<bool>,
     last: Vec<Wrench>,
     accounts: Option<Vec<Account>>,
     allocations: u64,
@@ -30,13 +33,15 @@ impl Watch {
     /// Of a controller before its first tick. `has_accounts`: whether the energy is checked.
     #[must_use]
     pub fn new(plan: &ScenePlan, device_max_n: f64, noise_m: f64, has_accounts: bool) -> Self {
-        let account =
-            |probe: &scene::ProbePlan| Account::new(plan, probe.device.encoder_m + noise_m);
+        let account = |probe: &ProbePlan| Account::new(plan, probe.device.encoder_m + noise_m);
+        let is_ball = |probe: &ProbePlan| matches!(probe.shape, ProbeShape::Sphere { .. });
         Self {
             safety: plan.safety,
             device_max_n,
             period_s: 1.0 / plan.loop_.rate_hz,
             cache_bytes: plan.cache_bytes,
+            operations: plan.loop_.operations as u32,
+            is_ball: plan.probes.iter().map(is_ball).collect(),
             last: vec![Wrench::ZERO; plan.probes.len()],
             accounts: has_accounts.then(|| plan.probes.iter().map(account).collect()),
             allocations: 0,
@@ -82,6 +87,10 @@ impl Watch {
         ensure(record.work_units <= budget, "work budget", || {
             format!("{} work units of {budget}", record.work_units)
         })?;
+        let done = record.vsplits + record.ecols;
+        ensure(done <= self.operations, "operations of a tick", || {
+            format!("{done} splits and collapses of {}", self.operations)
+        })?;
         let bytes = record.cache_bytes.max(controller.bytes_high_water() as u64);
         ensure(bytes <= self.cache_bytes as u64, "memory", || {
             format!("{bytes} bytes of {}", self.cache_bytes)
@@ -101,8 +110,11 @@ impl Watch {
         let wrenches = &client.outputs().wrenches;
         let records = &client.outputs().record.probes;
         let samples = client.samples().iter().zip(records);
-        let is_seen: Vec<bool> = samples
-            .map(|(sample, of)| sample.is_some() && !of.rejected_sample)
+        let believed: Vec<Option<DVec3>> = samples
+            .map(|(sample, of)| {
+                let sample = sample.filter(|_| !of.rejected_sample)?;
+                Some(sample.pose.position)
+            })
             .collect();
         let force_max = self.safety.force_max_n.min(self.device_max_n);
         let slew = self.safety.slew_n_per_s * self.period_s;
@@ -128,20 +140,30 @@ impl Watch {
             )?;
             *last = *now;
             if let Some(accounts) = &mut self.accounts {
-                let account = &mut accounts[k];
-                account.force = now.force;
-                account.blind = if is_seen[k] { 0 } else { account.blind + 1 };
+                accounts[k].output(now.force, believed[k]);
             }
         }
         Ok(())
     }
 
+    /// A contact without a certified bound has no number for it, and says so; only a tool, which
+    /// may wait at faces that are gone until a tick can decide, has such contacts.
     fn check_record(&self, record: &CoreRecord) -> Checked {
-        let lengths = [
-            record.certified_error_m,
-            record.depth_m,
-            record.finest_tolerance_m,
-        ];
+        for ((k, probe), is_ball) in record.probes.iter().enumerate().zip(&self.is_ball) {
+            let certified_m = probe.certified_error_m;
+            let is_bounded = !probe.contact || probe.contact_bounded;
+            ensure(
+                is_bounded == certified_m.is_finite() && (is_bounded || !is_ball),
+                "bound of a contact",
+                || format!("probe {k}: {certified_m} m certified, bounded {is_bounded}"),
+            )?;
+        }
+        let certified_m = if record.contact && !record.contact_bounded {
+            0.0
+        } else {
+            record.certified_error_m
+        };
+        let lengths = [certified_m, record.depth_m, record.finest_tolerance_m];
         let numbers = [
             record.energy_j,
             record.contact_tolerance_m,
@@ -175,10 +197,11 @@ impl Watch {
 /// The energy that a probe's forces put out in a contact, over the device's exact motion.
 ///
 /// A contact may put out no more than it took in, up to what no sampled controller knows in time.
-/// With the largest force F and speed v of the contact, the step h of the encoder with the noise, n
+/// With the largest force F and speed v of the contact, the largest error h of a position that was
+/// believed (the step of the encoder with the noise, or a spike that a hand could have made), n
 /// periods for which the motion was not known at the longest (a sample that did not come or was
 /// rejected, a stall), and the slew limit s:
-/// - two steps of the encoder in the balance, `2 F h` (that much the account tolerates);
+/// - two errors of a position in the balance, `2 F h` (of the encoder, the account tolerates it);
 /// - the motion of the periods under way, `F v (n + 1) T`, which is known only afterwards;
 /// - the force falls from F to 0 in `F / s` at best, on average with half of it: `F² v / (2 s)`.
 #[derive(Debug)]
@@ -196,6 +219,9 @@ struct Account {
     held_max: u64,
     /// Periods since the last sample that was believed.
     blind: u64,
+    /// Its error, metres; and the largest error in this contact.
+    error_m: f64,
+    error_max_m: f64,
 }
 
 impl Account {
@@ -211,6 +237,21 @@ impl Account {
             speed_max: 0.0,
             held_max: 1,
             blind: 0,
+            error_m: 0.0,
+            error_max_m: 0.0,
+        }
+    }
+
+    /// The force of the coming period, and where the device was believed to be, if it was seen.
+    fn output(&mut self, force: DVec3, believed: Option<DVec3>) {
+        self.force = force;
+        self.blind = if believed.is_some() {
+            0
+        } else {
+            self.blind + 1
+        };
+        if let (Some(believed), Some(place)) = (believed, self.last) {
+            self.error_m = believed.distance(place);
         }
     }
 
@@ -225,6 +266,7 @@ impl Account {
         self.force_max = 0.0;
         self.speed_max = 0.0;
         self.held_max = 1;
+        self.error_max_m = 0.0;
     }
 
     fn moved_to(&mut self, place: DVec3, periods: u64) -> Checked {
@@ -240,12 +282,14 @@ impl Account {
         self.joules += self.force.dot(motion);
         self.force_max = self.force_max.max(size);
         self.held_max = self.held_max.max(self.blind + periods);
+        self.error_max_m = self.error_max_m.max(self.error_m);
         let speed = motion.length() / (periods as f64 * self.period_s);
         self.speed_max = self.speed_max.max(speed);
         let (force, speed) = (self.force_max, self.speed_max);
+        let error_m = self.step_m.max(self.error_max_m);
         let under_way = speed * (self.held_max + 1) as f64 * self.period_s;
         let tolerance =
-            force * (2.0 * self.step_m + under_way + speed * force / (2.0 * self.slew_n_per_s));
+            force * (2.0 * error_m + under_way + speed * force / (2.0 * self.slew_n_per_s));
         ensure(self.joules <= tolerance, "energy of a contact", || {
             let mj = 1e3;
             format!(

@@ -17,14 +17,15 @@ pub struct Coverage {
 }
 
 /// What controllers are to come to.
-pub const STATES: [&str; 9] = [
+pub const STATES: [&str; 10] = [
     "contact at full resolution",
     "geomorphs in contact",
     "epochs ended",
     "records evicted",
     "samples rejected",
     "forces clamped",
-    "models of another version found",
+    "models of another version found in contact",
+    "models of another scene found",
     "steps left for later",
     "converged",
 ];

@@ -61,6 +61,8 @@ pub enum Kind {
     Effects,
     /// Tools: capsules, cylinders and meshes
     Tools,
+    /// A station of another scene runs for a while, and a controller is started again meanwhile
+    OtherScene,
 }
 
 impl Kind {
@@ -81,6 +83,7 @@ impl Kind {
     /// device, and ends with the faults.
     #[must_use]
     pub fn is_of_scene(self) -> bool {
-        self >= Self::SmallCache && self != Self::Tolerance && self != Self::Early
+        self >= Self::SmallCache
+            && ![Self::Tolerance, Self::Early, Self::OtherScene].contains(&self)
     }
 }

@@ -9,20 +9,23 @@
 //! |---|---|---|
 //! | force and torque finite, within the plan's limits and its slew; zero after a fault | every tick | [`checks`] |
 //! | a contact puts out no more energy than it took in, up to what is stated there | every tick | [`checks`] |
-//! | work budget, bytes of the cache, inbox, no allocation | every tick | [`checks`] |
+//! | work budget, operations, bytes of the cache, inbox, no allocation | every tick | [`checks`] |
+//! | numbers of requests and chunks: epochs, order, silence after a loss | every tick | [`conversation`] |
 //! | every invariant of the caches, front legal split by split, boxes of the tree exact, certified errors true, proxies outside | every 100th tick and at the end | [`deep`] |
 //! | resynchronised, full resolution, force that of the spring between device and proxy, and as of a fresh controller with the same samples | at the end | [`quiet`] |
 //! | touched for half of the time | at the end | [`run`] |
 //!
-//! What is not claimed: a link that flips bits may change a position into another one, since
-//! messages have no checksum; until the controller is started again, only the checks of every tick
-//! and the invariants hold then.
+//! What is not claimed: the bits that a link flips are those that no checksum finds, so a position
+//! may become another one; until the controller is started again, only the checks of every tick and
+//! the invariants hold then.
 //!
 //! A seed that fails is made smaller ([`mod@shrink`]): cut behind the failing tick, without the
 //! kinds that it does not need, lighter; the smallest is printed with its trace and the command
-//! that runs it again. [`coverage`] counts what was reached in contact.
+//! that runs it again. [`coverage`] counts what was reached in contact; over many seeds whole runs
+//! must reach everything.
 
 pub mod checks;
+pub mod conversation;
 pub mod coverage;
 pub mod deep;
 pub mod hands;
@@ -113,7 +116,13 @@ pub struct Simulated {
     pub in_contact: BTreeMap<Kind, u64>,
     /// Messages lost, by kind.
     pub lost: BTreeMap<&'static str, u64>,
-    /// What no seed reached.
+    /// Messages that arrived twice, by kind.
+    pub doubled: BTreeMap<&'static str, u64>,
+    /// Messages that overtook others, by kind.
+    pub overtook: BTreeMap<&'static str, u64>,
+    /// How often controllers came to each state.
+    pub states: BTreeMap<&'static str, u64>,
+    /// What no seed reached; a failure where many seeds ran whole.
     pub not_reached: Vec<String>,
     /// The seeds that failed.
     pub violations: Vec<SeedFailed>,
@@ -146,7 +155,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
     let found = run_seeds(args, &Library::build()?);
     print_either(args.json, &words(&found), &found)?;
     if found.violations.is_empty() {
-        return Ok(());
+        return is_covered(args, &found);
     }
     let seeds: Vec<String> = found
         .violations
@@ -154,6 +163,21 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
         .map(|failed| failed.seed.to_string())
         .collect();
     Err(Failure::Run(format!("failed: seeds {}", seeds.join(", "))))
+}
+
+/// Many whole runs reach everything: what never happens tests nothing.
+///
+/// # Errors
+/// One sentence that names what was not reached.
+pub fn is_covered(args: &SimulateArgs, found: &Simulated) -> Result<(), Failure> {
+    let is_whole = reduction(args) == Reduction::default();
+    if !is_whole || found.seeds < MANY_SEEDS || found.not_reached.is_empty() {
+        return Ok(());
+    }
+    let (seeds, missing) = (found.seeds, found.not_reached.join(", "));
+    Err(Failure::Run(format!(
+        "never reached in {seeds} seeds: {missing}"
+    )))
 }
 
 /// What found a mutant.
@@ -240,7 +264,11 @@ pub fn run_seeds(args: &SimulateArgs, library: &Library) -> Simulated {
     }
     found.contact_share = contact as f64 / found.ticks.max(1) as f64;
     found.not_reached = coverage.missing();
-    found.lost = MESSAGES.into_iter().zip(coverage.link.lost).collect();
+    let by_message = |counts| MESSAGES.into_iter().zip(counts).collect();
+    found.lost = by_message(coverage.link.lost);
+    found.doubled = by_message(coverage.link.doubled);
+    found.overtook = by_message(coverage.link.overtook);
+    found.states = coverage.states;
     found.in_contact = coverage.in_contact;
     let shrunk = failed.into_par_iter().enumerate().map(|(k, failed)| {
         let least = if k < SHRUNK {
@@ -279,8 +307,5 @@ fn words(found: &Simulated) -> String {
         100.0 * found.contact_share,
         100.0 * found.contact_share_min,
     );
-    if found.seeds >= MANY_SEEDS && !found.not_reached.is_empty() {
-        let _ = writeln!(text, "not reached: {}", found.not_reached.join(", "));
-    }
     text
 }

@@ -1,6 +1,7 @@
 //! One seed's run: the cores, the faults as they were drawn, and the checks.
 
 use super::checks::Watch;
+use super::conversation::Conversation;
 use super::coverage::Coverage;
 use super::deep::{self, Belief};
 use super::hands::HOVER_M;
@@ -12,7 +13,7 @@ use super::trace::{Checked, Trace, ensure};
 use crate::failure::Failure;
 use haptic_device::{MotionLimits, Sample};
 use hrtc_core::streaming::subscriber::Identity;
-use hrtc_core::{ModelFrame, NoObserver};
+use hrtc_core::{Fault, ModelFrame, NoObserver};
 use protocol::{Hello, Role};
 use simulator::{
     Client, ClientOptions, Drive, LinkModel, Random, STATION, SampleModel, Simulation, station,
@@ -73,6 +74,7 @@ pub struct Run<'a> {
     pub coverage: Coverage,
     /// Whether the station serves rebuilt models.
     pub is_rebuilt: bool,
+    conversation: Conversation,
     random: Random,
     incarnation: u64,
     /// Ends of what lasts: the events that are on.
@@ -175,6 +177,7 @@ impl<'a> Run<'a> {
             sides: (0..count).map(side).collect(),
             coverage: Coverage::default(),
             is_rebuilt: false,
+            conversation: Conversation::default(),
             random: Random::new(scenario.seed ^ 0xDEEB),
             incarnation: STATION,
             lasting: Vec::new(),
@@ -191,7 +194,7 @@ impl<'a> Run<'a> {
     /// When an invariant of the cores does not hold.
     pub fn all(&mut self, trace: &mut Trace) -> Result<Outcome, (&'static str, String)> {
         let mut end = self.scenario.ticks;
-        let is_whole = end > self.scenario.faulty[1];
+        let is_whole = self.scenario.is_whole;
         loop {
             let tick = self.simulation.tick();
             if tick >= end {
@@ -287,7 +290,10 @@ impl<'a> Run<'a> {
             kind.name(),
             event.to
         ));
-        let is_of_one = matches!(kind, Kind::Cut | Kind::ControllerRestart | Kind::Stalls);
+        let is_of_one = matches!(
+            kind,
+            Kind::Cut | Kind::ControllerRestart | Kind::Stalls | Kind::OtherScene
+        );
         let touching = self.sides.iter().enumerate();
         let met = touching.filter(|(k, side)| side.is_touching && (*k == client || !is_of_one));
         self.coverage.met(kind, met.count() as u64);
@@ -296,6 +302,12 @@ impl<'a> Run<'a> {
             Kind::StationSilent => self.simulation.mute_station(true),
             Kind::StationRestart => self.start_station()?,
             Kind::StationDown => drop(self.simulation.stop_station()),
+            Kind::OtherScene => {
+                self.incarnation += 1;
+                let other = Station::new(self.incarnation, Vec::new(), Vec::new());
+                self.place_station(other);
+                self.restart_client(client);
+            }
             Kind::OtherVersion => {
                 self.simulation.stop_station();
                 let hello = Hello::of_version(u32::MAX, Role::Station, self.incarnation, 0);
@@ -330,14 +342,13 @@ impl<'a> Run<'a> {
             event.client
         ));
         let is_on = |kind| self.lasting.iter().any(|other| other.kind == kind);
+        let away = [Kind::StationDown, Kind::OtherVersion, Kind::OtherScene];
         match event.kind {
             Kind::Cut => self.simulation.clients_mut()[event.client]
                 .link()
                 .cut(false),
             Kind::StationSilent => self.simulation.mute_station(is_on(Kind::StationSilent)),
-            Kind::StationDown | Kind::OtherVersion
-                if !is_on(Kind::StationDown) && !is_on(Kind::OtherVersion) =>
-            {
+            kind if away.contains(&kind) && !away.into_iter().any(is_on) => {
                 self.start_station()?;
             }
             Kind::Tolerance => self.ask_for_what_the_scene_asks(),
@@ -361,9 +372,13 @@ impl<'a> Run<'a> {
             self.is_rebuilt,
             self.incarnation,
         );
-        self.simulation
-            .start_station(new.map_err(|failure| failed(&failure))?);
+        self.place_station(new.map_err(|failure| failed(&failure))?);
         Ok(())
+    }
+
+    fn place_station(&mut self, station: Station<Bytes>) {
+        self.simulation.start_station(station);
+        self.conversation.restart_station();
     }
 
     fn restart_client(&mut self, k: usize) {
@@ -375,6 +390,7 @@ impl<'a> Run<'a> {
         side.raised_m.fill(HOVER_M);
         side.samples_before = [0; 4];
         let mut client = new_client(self.scenario, k, side.incarnation);
+        self.conversation.restart_client(client.identity().client);
         let old = &mut self.simulation.clients_mut()[k];
         self.coverage.link.add(&old.link().counts());
         if !self.is_quiet && self.simulation.tick() >= self.scenario.faulty[0] {
@@ -403,16 +419,14 @@ impl<'a> Run<'a> {
             let fault = self.simulation.clients()[k].controller().fault();
             let by_right = self.scenario.has(Kind::Rebuilt) || self.scenario.has(Kind::Damage);
             if by_right {
-                let is_found = fault == Some(hrtc_core::Fault::AnotherModel);
-                self.coverage
-                    .reached("models of another version found", u64::from(is_found));
-                trace.event(format!(
-                    "controller {k} is started again, its fault: {fault:?}"
-                ));
+                trace.event(format!("controller {k} is started again"));
                 self.restart_client(k);
                 self.sides[k].belief.is_true = true;
             } else {
-                ensure(fault.is_none(), "no fault of its own", || {
+                // A station of another scene has only just been replaced.
+                let is_over =
+                    fault == Some(Fault::UnknownModel) && self.scenario.has(Kind::OtherScene);
+                ensure(fault.is_none() || is_over, "no fault of its own", || {
                     format!("{fault:?}")
                 })?;
             }
@@ -433,6 +447,7 @@ impl<'a> Run<'a> {
             self.lead(tick, k);
         }
         self.simulation.advance_each(&drives, &mut NoObserver);
+        self.conversation.check_station(&self.simulation)?;
         for k in (0..self.sides.len()).filter(|&k| drives[k].is_some()) {
             trace.client = k;
             trace.tick_of(k, &self.simulation.clients()[k], self.sides.len());
@@ -459,7 +474,10 @@ impl<'a> Run<'a> {
             let frame = known.unwrap_or_else(|| {
                 let of = &plan.objects[object];
                 let version = self.library.version(model, is_rebuilt);
-                ModelFrame::new(of.pose, of.scale, &version.model.file.model_header())
+                // An object that moves does so before its model is known.
+                let body = client.controller().movables().body(object as u32);
+                let pose = body.map_or(of.pose, |body| body.pose());
+                ModelFrame::new(pose, of.scale, &version.model.file.model_header())
             });
             let raised_m = &mut self.sides[k].raised_m[probe];
             let active = client.controller().active_object(object);
@@ -482,6 +500,7 @@ impl<'a> Run<'a> {
         let places: Vec<_> = probes.map(|probe| client.hand(probe).state().0).collect();
         side.watch.moved(&places, periods)?;
         side.watch.check(client)?;
+        self.conversation.check_client(client)?;
         let record = client.outputs().record;
         side.is_touching = record.contact;
         side.ticks[0] += 1;
@@ -520,6 +539,17 @@ impl<'a> Run<'a> {
             );
         }
         side.samples_before = samples;
+        let controller = client.controller();
+        if controller.has_faults() {
+            let mut faults = controller.faults();
+            let is_other = faults.any(|(_, fault)| fault == Fault::AnotherModel) && record.contact;
+            coverage.reached(
+                "models of another version found in contact",
+                u64::from(is_other),
+            );
+            let is_lost = controller.fault() == Some(Fault::UnknownModel);
+            coverage.reached("models of another scene found", u64::from(is_lost));
+        }
         coverage.reached("epochs ended", record.resubscribed);
         coverage.reached("records evicted", record.evicted);
         coverage.reached("samples rejected", u64::from(record.rejected_sample));

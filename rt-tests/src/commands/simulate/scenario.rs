@@ -84,6 +84,8 @@ pub struct Scenario {
     pub faulty: [u64; 2],
     /// Ticks, unless contact is too short by then.
     pub ticks: u64,
+    /// Whether it comes to its end, where everything is to have converged.
+    pub is_whole: bool,
 }
 
 impl Scenario {
@@ -138,6 +140,7 @@ impl Scenario {
             events: faults.events(),
             faulty: [start, length],
             ticks: reduction.ticks.map_or(end, |ticks| ticks.min(end)),
+            is_whole: reduction.ticks.is_none_or(|ticks| ticks >= end),
             kinds,
         })
     }
@@ -249,6 +252,7 @@ impl Faults<'_> {
             (Kind::ControllerRestart, 2, 1),
             (Kind::Stalls, 12, 120),
             (Kind::Tolerance, 4, 400),
+            (Kind::OtherScene, 1, 300),
         ];
         let mut events = Vec::new();
         for (kind, most, longest) in kinds {
