@@ -109,7 +109,7 @@ impl Front {
                         self.split_behind(region, &mut entries_behind, budget, contacts);
                     // No order of splits goes without the fold.
                     let is_left = tried == Ok(Transition::Rejected) && is_looked_for && none_comes;
-                    if is_left && contacts.may_pass_folds() {
+                    if is_left {
                         tried = self.try_split(slot, Folds::Pass, budget, contacts);
                         let is_passed = tried.as_ref().is_ok_and(|of| of.is_performed());
                         self.stats.passed += u32::from(is_passed);

@@ -2,7 +2,6 @@
 
 use super::Probe;
 use super::pair::ProbeObjectPair;
-use super::proxy_kind::ProxyKind;
 use crate::contact::query::{Surface, Work};
 use crate::contact::sphere_proxy::Contact;
 use crate::force::effects::{Clock, SurfaceEffects};
@@ -146,15 +145,6 @@ impl Contacts {
     #[must_use]
     pub fn may_reach(&self, probe: usize, space: [DVec3; 2], around: f64) -> bool {
         self.pairs[probe].proxy.may_reach(space, around)
-    }
-
-    /// Whether the surface may fold over near the probes: a ball stays out of every sheet, while a
-    /// tool may be caught between two.
-    #[must_use]
-    pub fn may_pass_folds(&self) -> bool {
-        let near = self.pairs.iter().filter(|pair| pair.is_near);
-        near.map(|pair| &pair.proxy)
-            .all(|proxy| matches!(proxy, ProxyKind::Ball(_)))
     }
 
     /// Collects the limits of the probes that an operation within a box may reach.
