@@ -92,8 +92,8 @@ impl Controller {
 
     /// Nodes and faces that the queries of a tick should not exceed
     /// ([`crate::record::CoreRecord::query_work`]): no step of a proxy begins beyond
-    /// [`PROXY_WORK`], but each further pair of a probe and an active object has
-    /// [`MIN_PROXY_WORK`] in any case.
+    /// `PROXY_WORK`, but each further pair of a probe and an active object has
+    /// `MIN_PROXY_WORK` in any case.
     #[must_use]
     pub fn query_budget(&self) -> u32 {
         let pairs = (self.probes.len() * self.active.objects.len()) as u32;

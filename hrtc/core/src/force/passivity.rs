@@ -28,7 +28,7 @@
 //! The force is never reversed, so a surface does not stick.
 //!
 //! A contact lasts for as long as a passive wrench is wanted, whatever its share. Within it nothing
-//! that was put out is forgotten. Afterwards an excess fades with [`EXCESS_FADES_S`]: kept for
+//! that was put out is forgotten. Afterwards an excess fades with `EXCESS_FADES_S`: kept for
 //! ever, it would mute the next contacts after a device was silent inside a surface; dropped at
 //! once, a buzz of short contacts could go on, each with an excess.
 //!

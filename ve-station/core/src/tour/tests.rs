@@ -286,7 +286,10 @@ fn any_speed_ends() {
 
 #[test]
 fn real_scans_are_toured_with_most_of_the_time_in_contact() {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/models"));
+    let folder = Path::new(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../../shared/models"
+    ));
     for name in ["stanford-bunny.obj", "terrain257.obj", "dragon25k.obj"] {
         let path = folder.join(name);
         if !path.exists() {
