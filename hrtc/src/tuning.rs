@@ -92,7 +92,8 @@ pub const FRAME_NS: u64 = 50_000_000;
 pub const MAX_FRAME_BYTES: u64 = 1 << 20;
 /// Bytes that wait for the disk at the most: about eight seconds of a run.
 pub const RECORDING_QUEUE_BYTES: usize = 16 << 20;
-/// Pieces that wait for the disk at the most: one each [`DRAIN_PERIOD`] for those eight seconds.
+/// Pieces that wait for the disk at the most: several times those of eight seconds, one each
+/// [`FRAME_NS`], and more where files are short.
 pub const RECORDING_JOBS: usize = 1024;
 /// Time between two tries of a disk that refused, ns.
 pub const RECORDING_RETRY_NS: u64 = 2_000_000_000;
