@@ -19,6 +19,8 @@ pub enum Right {
     Core(usize),
     /// The processor kept out of deep sleep.
     Latency,
+    /// Precedence of a helping thread among those without real-time priority: its nice value.
+    Nice(i32),
 }
 
 /// A right that was refused.
@@ -40,6 +42,7 @@ impl Right {
             Self::LockedMemory => "locked memory".to_owned(),
             Self::Core(core) => format!("pinned to core {core}"),
             Self::Latency => "no deep sleep (cpu_dma_latency)".to_owned(),
+            Self::Nice(value) => format!("recorder at nice {value}"),
         }
     }
 
@@ -51,6 +54,9 @@ impl Right {
             Self::LockedMemory => "memory is not locked".to_owned(),
             Self::Core(core) => format!("the thread is not pinned to core {core}"),
             Self::Latency => "the processor may sleep deeply (/dev/cpu_dma_latency)".to_owned(),
+            Self::Nice(value) => format!(
+                "the recorder has no precedence (nice {value}), so it loses ticks on a machine that is busy enough"
+            ),
         }
     }
 
@@ -62,7 +68,14 @@ impl Right {
             Self::LockedMemory => "put \"@realtime - memlock unlimited\" into /etc/security/limits.d/realtime.conf, join the group realtime and log in again".to_owned(),
             Self::Core(_) => "name a core that this machine has and this process may use (see taskset -p $$)".to_owned(),
             Self::Latency => "let a udev rule give the group realtime write access: KERNEL==\"cpu_dma_latency\", GROUP=\"realtime\", MODE=\"0660\"".to_owned(),
+            Self::Nice(value) => format!("put \"@realtime - nice {value}\" into /etc/security/limits.d/realtime.conf, join the group realtime and log in again"),
         }
+    }
+
+    /// Whether the loop itself needs it; the others are of threads that help.
+    #[must_use]
+    pub fn is_of_loop(self) -> bool {
+        !matches!(self, Self::Nice(_))
     }
 
     fn refused(self) -> MissingRight {
@@ -87,6 +100,20 @@ pub fn set_fifo(priority: i32) -> Result<(), MissingRight> {
         Ok(())
     } else {
         Err(Right::Fifo(priority).refused())
+    }
+}
+
+/// Gives the calling thread, and those that it starts later, a nice value of -20 to 19.
+///
+/// # Errors
+/// When the kernel refuses.
+pub fn set_nice(value: i32) -> Result<(), MissingRight> {
+    // SAFETY: takes no pointers; on Linux 0 is the calling thread, not its process.
+    let code = unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, value) };
+    if code == 0 {
+        Ok(())
+    } else {
+        Err(Right::Nice(value).refused())
     }
 }
 
@@ -318,6 +345,27 @@ mod tests {
         );
         let missing = set_fifo(1000).unwrap_err().to_string();
         assert!(missing.contains("rtprio"), "{missing}");
+    }
+
+    #[test]
+    fn a_nice_value_is_of_one_thread_and_those_it_starts() {
+        // SAFETY: takes no pointers; 0 is the calling thread.
+        let nice = || unsafe { libc::getpriority(libc::PRIO_PROCESS, 0) };
+        let before = nice();
+        let inner = std::thread::spawn(move || {
+            // Upwards needs no right.
+            set_nice(before + 1).unwrap();
+            (nice(), std::thread::spawn(nice).join().unwrap())
+        });
+        assert_eq!(inner.join().unwrap(), (before + 1, before + 1));
+        assert_eq!(nice(), before);
+        let missing = MissingRight {
+            right: Right::Nice(-10),
+            error: io::Error::from_raw_os_error(libc::EACCES),
+        };
+        let sentence = missing.to_string();
+        assert!(sentence.contains("@realtime - nice -10"), "{sentence}");
+        assert!(!missing.right.is_of_loop());
     }
 
     #[test]

@@ -41,9 +41,12 @@ pub use twin::{Gap, Twin};
 
 use crate::link::ChunkRecorder;
 use crate::tick_record::TickRecord;
-use crate::tuning::{RECORDED_CHUNKS, RECORDED_OUTPUTS, RECORDED_TICKS, RECORDER_STACK_BYTES};
+use crate::tuning::{
+    RECORDED_CHUNKS, RECORDED_OUTPUTS, RECORDED_TICKS, RECORDER_NICE, RECORDER_STACK_BYTES,
+};
 use hrtc_core::TickOutputs;
 use protocol::{ContactReport, Request};
+use realtime::rights::{MissingRight, set_nice};
 use rtrb::{Producer, RingBuffer};
 use scene::SceneError;
 use scene_files::KeptFiles;
@@ -109,6 +112,7 @@ pub struct Recorder {
     ticks: Producer<TickRecord>,
     ending: Arc<OnceLock<Ending>>,
     has_lost: Arc<AtomicBool>,
+    missing: Option<MissingRight>,
     /// `None` once it is joined.
     thread: Option<JoinHandle<Vec<PathBuf>>>,
 }
@@ -149,19 +153,23 @@ impl Recorder {
         let thread = std::thread::Builder::new()
             .name("hrtc-recorder".to_owned())
             .stack_size(RECORDER_STACK_BYTES)
-            .spawn(move || match Worker::new(rings, head, files, place, lost) {
-                Ok(worker) => {
-                    let _ = started.send(Ok(()));
-                    worker.run(&until)
-                }
-                Err(error) => {
-                    let _ = started.send(Err(error));
-                    Vec::new()
+            .spawn(move || {
+                // Before the thread of the disk starts, which takes it over.
+                let missing = set_nice(RECORDER_NICE).err();
+                match Worker::new(rings, head, files, place, lost) {
+                    Ok(worker) => {
+                        let _ = started.send(Ok(missing));
+                        worker.run(&until)
+                    }
+                    Err(error) => {
+                        let _ = started.send(Err(error));
+                        Vec::new()
+                    }
                 }
             })
             .map_err(RecordingError::Thread)?;
         let ended = || RecordingError::Thread(io::Error::other("it ended before it began"));
-        wait.recv().map_err(|_| ended())??;
+        let missing = wait.recv().map_err(|_| ended())??;
         let mut index = 0;
         let chunks: ChunkRecorder = Box::new(move |chunk| {
             // A full ring loses the chunk; the next one's number reveals it.
@@ -173,6 +181,7 @@ impl Recorder {
             ticks,
             ending,
             has_lost,
+            missing,
             thread: Some(thread),
         };
         Ok((recorder, Taps { outputs, chunks }))
@@ -182,6 +191,12 @@ impl Recorder {
     /// thread: the main thread passes on what it finds in the log.
     pub fn push(&mut self, record: &TickRecord) {
         let _ = self.ticks.push(*record);
+    }
+
+    /// The right that the recorder's threads were refused, once.
+    #[must_use]
+    pub fn take_missing(&mut self) -> Option<MissingRight> {
+        self.missing.take()
     }
 
     /// Whether the disk refused records.

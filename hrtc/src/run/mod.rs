@@ -184,6 +184,8 @@ pub fn run_until(
             recorder: recorded_chunks,
         },
     )?;
+    let refused = recording.as_mut().and_then(RunRecording::take_missing);
+    shared.refused(refused);
     let _core = claim_core(&plan);
     let watchdog = watch(&devices, &shared, &plan)?;
     let tick = Ticking::spawn(TickThread {
@@ -200,6 +202,7 @@ pub fn run_until(
         shared: &shared,
         other_version: &other_version,
         started_ns,
+        is_recorded: recording.is_some(),
         link: &link,
         watchdog: &watchdog,
     };

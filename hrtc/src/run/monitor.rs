@@ -34,6 +34,7 @@ pub(super) struct Monitor<'a> {
     pub other_version: &'a AtomicU32,
     /// Start of both processes on CLOCK_MONOTONIC, ns.
     pub started_ns: u64,
+    pub is_recorded: bool,
     pub link: &'a LinkHandle,
     pub watchdog: &'a Watchdog,
 }
@@ -126,7 +127,8 @@ impl Monitor<'_> {
             printed.rights = true;
             let missing = self.shared.missing.lock();
             let missing = missing.unwrap_or_else(|e| e.into_inner());
-            if let (Some(first), true) = (missing.first(), self.plan.loop_.require_realtime) {
+            let first = missing.iter().find(|of| of.right.is_of_loop());
+            if let (Some(first), true) = (first, self.plan.loop_.require_realtime) {
                 return Some(RunError::Right(first.to_string()));
             }
             for right in missing.iter() {
@@ -266,7 +268,7 @@ impl Monitor<'_> {
             operations_budget: u64::from(end.work_budget),
             query_work_budget: u64::from(end.query_budget),
             safety: self.shared.events(),
-            rights: rights(&self.plan.loop_, &missing),
+            rights: rights(&self.plan.loop_, self.is_recorded, &missing),
         }
     }
 

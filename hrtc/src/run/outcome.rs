@@ -3,6 +3,7 @@
 use crate::link::LinkError;
 use crate::recorder::RecordingError;
 use crate::result::{Finished, Right, RunResult, folded};
+use crate::tuning::RECORDER_NICE;
 use hrtc_core::{Controller, Fault};
 use realtime::rights::MissingRight;
 use scene::{LoopPlan, SceneError, ScenePlan};
@@ -108,12 +109,13 @@ pub(super) fn resident_bytes() -> u64 {
     kib.unwrap_or(0) * 1024
 }
 
-/// Every right that the tick thread asks for, with its outcome.
-pub(super) fn rights(plan: &LoopPlan, missing: &[MissingRight]) -> Vec<Right> {
+/// Every right that the tick thread and the recorder ask for, with its outcome.
+pub(super) fn rights(plan: &LoopPlan, is_recorded: bool, missing: &[MissingRight]) -> Vec<Right> {
     use realtime::rights::Right as Kind;
     let mut asked = vec![Kind::LockedMemory];
     asked.extend(plan.core.map(Kind::Core));
     asked.extend([Kind::Latency, Kind::Fifo(plan.priority)]);
+    asked.extend(is_recorded.then_some(Kind::Nice(RECORDER_NICE)));
     asked
         .into_iter()
         .map(|kind| {

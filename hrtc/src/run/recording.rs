@@ -7,7 +7,7 @@ use crate::recorder::{
 };
 use crate::setup::ControllerSetup;
 use crate::tick_record::TickRecord;
-use realtime::rights::monotonic_ns;
+use realtime::rights::{MissingRight, monotonic_ns};
 use scene::ScenePlan;
 use scene_files::KeptFiles;
 use std::path::{Path, PathBuf};
@@ -69,6 +69,11 @@ impl RunRecording {
     /// Hands over a tick.
     pub(super) fn push(&mut self, record: &TickRecord) {
         self.recorder.push(record);
+    }
+
+    /// The right that the recorder was refused, once.
+    pub(super) fn take_missing(&mut self) -> Option<MissingRight> {
+        self.recorder.take_missing()
     }
 
     /// Whether the disk refused records.

@@ -47,6 +47,12 @@ pub(super) struct Shared {
 }
 
 impl Shared {
+    /// Notes rights that were refused.
+    pub fn refused(&self, missing: impl IntoIterator<Item = MissingRight>) {
+        let all = self.missing.lock();
+        all.unwrap_or_else(|e| e.into_inner()).extend(missing);
+    }
+
     /// Counts of what the chain of safety did.
     pub fn events(&self) -> SafetyEvents {
         let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);

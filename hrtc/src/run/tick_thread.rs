@@ -231,9 +231,7 @@ impl TickThread {
     /// Asks for the real-time rights; deep sleep is kept away as long as the result lives.
     fn obtain_rights(&self) -> Option<LatencyHold> {
         let obtained = obtain(self.plan.core, self.plan.priority);
-        if let Ok(mut missing) = self.shared.missing.lock() {
-            *missing = obtained.missing;
-        }
+        self.shared.refused(obtained.missing);
         obtained.latency
     }
 
