@@ -53,13 +53,12 @@ fn normal_of(version: &Version, triangle: u32) -> DVec3 {
     (b - a).cross(c - a).try_normalize().unwrap_or(DVec3::Z)
 }
 
-/// Whether a hand may begin over a place: all the way from where it waits for its object down to
-/// the place nothing else of the surface is nearer than half of its height.
-fn is_open(version: &Version, triangle: u32, place: DVec3) -> bool {
+/// Whether a hand may come down from free space: all the way from where it waits for its object
+/// down to the place nothing else of the surface is nearer than half of its height.
+fn is_open(version: &Version, triangle: u32, [place, normal]: [DVec3; 2]) -> bool {
     let header = version.model.file.model_header();
     let [lower, upper] = [header.lower, header.upper].map(DVec3::from_array);
     let metres_per_unit = SIZE_M / (upper - lower).max_element();
-    let normal = normal_of(version, triangle);
     (1..=WAYPOINTS).all(|k| {
         let share = f64::from(k) / f64::from(WAYPOINTS);
         let height = share * (START_M + HOVER_M) / metres_per_unit;
@@ -104,6 +103,42 @@ impl Walk<'_> {
             self.now.normal = normal.try_normalize().unwrap_or(self.now.normal);
             self.knots.push(self.now);
         }
+    }
+
+    /// Begins over an open place, and does so many knots of what hands do.
+    fn touch(&mut self, depth_m: f64, count: usize) {
+        let triangles = self.version.full.triangles();
+        self.triangle = loop {
+            let triangle = self.random.below(triangles.len() as u64) as u32;
+            let [a, b, c] = triangles[triangle as usize];
+            let middle = (a + b + c) / 3.0;
+            let normal = normal_of(self.version, triangle);
+            let is_inner = self.version.within_rim(middle) == middle;
+            if is_inner && is_open(self.version, triangle, [middle, normal]) {
+                self.now = Knot {
+                    point: middle,
+                    normal,
+                    height_m: START_M,
+                };
+                break triangle;
+            }
+        };
+        self.knots.clear();
+        self.knots.push(self.now);
+        self.go_to_height(-0.5 * depth_m, 10);
+        let diagonal = self.version.model.file.model_header().diagonal;
+        while self.knots.len() <= count {
+            self.act(depth_m, diagonal);
+        }
+        self.knots.truncate(count + 1);
+        self.now = self.knots[count];
+    }
+
+    /// Goes up, waits there and presses once more.
+    fn press_again(&mut self, depth_m: f64) {
+        self.go_to_height(HOVER_M, LIFT_TICKS / KNOT_TICKS);
+        self.go_to_height(HOVER_M, HOVER_TICKS / KNOT_TICKS);
+        self.go_to_height(-0.5 * depth_m, PRESS_TICKS / KNOT_TICKS);
     }
 
     /// One of the things that hands do.
@@ -168,46 +203,40 @@ impl HandPath {
         ticks: u64,
         random: &mut Random,
     ) -> Self {
-        let triangles = version.full.triangles();
-        let middle_of = |triangle: u32| {
-            let [a, b, c] = triangles[triangle as usize];
-            (a + b + c) / 3.0
-        };
-        let triangle = loop {
-            let triangle = random.below(triangles.len() as u64) as u32;
-            let middle = middle_of(triangle);
-            if version.within_rim(middle) == middle && is_open(version, triangle, middle) {
-                break triangle;
-            }
-        };
         let mut walk = Walk {
             version,
-            triangle,
+            triangle: 0,
             now: Knot {
-                point: middle_of(triangle),
-                normal: normal_of(version, triangle),
+                point: DVec3::ZERO,
+                normal: DVec3::Z,
                 height_m: START_M,
             },
             knots: Vec::new(),
             random,
         };
-        walk.knots.push(walk.now);
-        walk.go_to_height(-0.5 * depth_m, 10);
-        let diagonal = version.model.file.model_header().diagonal;
-        let faulty = (ticks / KNOT_TICKS) as usize;
-        while walk.knots.len() <= faulty {
-            walk.act(depth_m, diagonal);
-        }
-        walk.knots.truncate(faulty + 1);
-        walk.now = walk.knots[faulty];
-        walk.go_to_height(HOVER_M, LIFT_TICKS / KNOT_TICKS);
-        walk.go_to_height(HOVER_M, HOVER_TICKS / KNOT_TICKS);
-        walk.go_to_height(-0.5 * depth_m, PRESS_TICKS / KNOT_TICKS);
-        let over_rebuilt = moved_over(&walk.knots, version, rebuilt);
+        // The last press too comes from free space: a hand that would wait inside the object for it
+        // says nothing about a controller that begins then.
+        let knots = loop {
+            walk.touch(depth_m, (ticks / KNOT_TICKS) as usize);
+            let over_rebuilt = moved_over(&walk.knots, version, rebuilt);
+            let versions = [
+                (version, walk.now),
+                (rebuilt, over_rebuilt[walk.knots.len() - 1]),
+            ];
+            let may_leave = versions.iter().all(|(version, now)| {
+                let near = version.full.nearest(now.point, 0);
+                is_open(version, near.triangle, [now.point, now.normal])
+            });
+            if may_leave {
+                walk.press_again(depth_m);
+                let over_rebuilt = moved_over(&walk.knots, version, rebuilt);
+                break [walk.knots, over_rebuilt];
+            }
+        };
         Self {
             object,
             depth_m,
-            knots: [walk.knots, over_rebuilt],
+            knots,
         }
     }
 

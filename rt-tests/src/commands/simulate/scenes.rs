@@ -30,8 +30,10 @@ const SCENE_EFFECTS: [&str; 6] = [
     "{ vibration = { frequency_hz = 120.0, amplitude_n = 0.03, direction = [0, 0, 1] } }",
     "{ gravity = { mass_kg = 0.01, direction = [0, 0, -1], centre_m = [0, 0, 0.03] }, from_s = 1.0, until_s = 2.0, fade_s = 0.2 }",
     "{ inertia = { mass_kg = 0.05 } }",
-    "{ boundary = { ball = { radius_m = 0.075 }, stiffness_n_per_m = 800.0 } }",
+    "{ boundary = { ball = { radius_m = BOUNDARY }, stiffness_n_per_m = 800.0 } }",
 ];
+/// How far the boundary is beyond the middle of the last object, metres: a hand works inside.
+const BOUNDARY_M: f64 = 0.075;
 const SURFACE_EFFECTS: [&str; 5] = [
     "{ friction = { static = 0.4, dynamic = 0.3 } }",
     "{ shading = { radius_m = 0.001, max_turn_deg = 45 } }",
@@ -81,7 +83,9 @@ pub fn draw(kinds: &BTreeSet<Kind>, bits: u64, library: &Library) -> Result<Scen
     let (mut effects, mut motions) = (of(Kind::Effects), of(Kind::Movables));
     let mut text = String::new();
     if let Some(random) = &mut effects {
-        let _ = writeln!(text, "effects = [{}]", some_of(&SCENE_EFFECTS, random));
+        let boundary_m = BOUNDARY_M + SPACING_M * (objects - 1) as f64;
+        let effects = some_of(&SCENE_EFFECTS, random).replace("BOUNDARY", &boundary_m.to_string());
+        let _ = writeln!(text, "effects = [{effects}]");
     }
     for (k, &model) in models.iter().enumerate() {
         let name = Library::name(model);
