@@ -5,41 +5,23 @@
 //! epochs heal it. Between two looks at the ports each client has a turn of a few steps; who waits
 //! for long, as for a tour or the closure of a whole model, is told in time that it is being made.
 
+use crate::tuning::link::{
+    CLEANUP, FORGET, HELLO, MAKE_ROOM, MAX_SAID, POLL, STEPS_A_TURN, TOLD, TURNED_AWAY,
+};
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use protocol::{
-    ANSWER_TIMEOUT_MS, CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, HELLO_PERIOD_MS, Hello,
-    HelloError, MAX_CLIENTS, Request, Role,
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, HelloError, MAX_CLIENTS, Request,
+    Role,
 };
 use station_core::station::{Chunk, Message, Station};
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError, receive_in_turn};
-
-/// Time between two looks at the ports.
-const POLL: Duration = Duration::from_micros(200);
-/// Time between two heartbeats.
-const HELLO: Duration = Duration::from_millis(HELLO_PERIOD_MS);
-/// Steps of a client's turn between two looks at the ports: tenths of a millisecond, unless they
-/// read a slow disk.
-const STEPS: u64 = 8;
-/// Time after which a client that is being worked for is told something: a part of what it would
-/// wait.
-const TOLD: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS / 4);
-/// Time between two clean-ups of dead nodes.
-const CLEANUP: Duration = Duration::from_secs(1);
-/// A client silent for so long gives up its place where another waits for one: ten heartbeats.
-const MAKE_ROOM: Duration = Duration::from_millis(10 * HELLO_PERIOD_MS);
-/// A client silent for so long is forgotten, and its topic closed.
-const FORGET: Duration = Duration::from_secs(10);
-/// Time for which the topic of a client that was turned away stays open: it is repeated meanwhile.
-const TURNED_AWAY: Duration = Duration::from_secs(2);
-/// Sentences about peers at the most: a noisy domain must not fill memory.
-const MAX_SAID: usize = 64;
 
 /// A station on its topics. Create it on the thread that runs it.
 #[derive(Debug)]
@@ -253,7 +235,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
                     continue;
                 }
             }
-            let mut steps = STEPS;
+            let mut steps = STEPS_A_TURN;
             let mut told = false;
             while let Some(chunk) = self.station.poll_within(client, &mut steps) {
                 self.send_chunk(client, &chunk);

@@ -5,13 +5,11 @@
 //! changes nothing here. Only larger ones, of which the map saves more than it risks, are mapped,
 //! and that is said.
 
+use crate::tuning::models::MAX_READ_BYTES;
 use memmap2::Mmap;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
-
-/// The largest file that is read into memory: 1 GiB, a model of twelve million faces.
-const MAX_READ_BYTES: u64 = 1 << 30;
 
 /// All bytes of a file.
 #[derive(Debug)]

@@ -6,6 +6,8 @@ mod tolerance_table;
 pub use tolerance_table::{ToleranceRow, tolerance_table};
 
 use crate::file_bytes::FileBytes;
+use crate::tuning::inspect::{ERROR_SHARES, MAX_AREAS};
+pub use crate::tuning::inspect::{LEAD_M, OPERATIONS_A_TICK, PERIOD_S, PROBE_RADIUS_M};
 use serde::Serialize;
 use spm::ModelHeader;
 use spm::{BuildSummary, ErrorScale, FileError, SpmFile};
@@ -13,17 +15,6 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-
-/// Mesh operations a tick in the figure for the greatest speed: K of the loop's default.
-pub const OPERATIONS_A_TICK: f64 = 96.0;
-/// Period of the tick in that figure, seconds.
-pub const PERIOD_S: f64 = 1e-3;
-/// Radius of the probe in that figure, metres.
-pub const PROBE_RADIUS_M: f64 = 1e-3;
-/// How far before a contact refinement starts in that figure, metres.
-pub const LEAD_M: f64 = 2e-3;
-/// Certified errors of the table, shares of the diagonal.
-const ERROR_SHARES: [f64; 6] = [0.1, 0.05, 0.02, 0.01, 0.005, 0.002];
 
 /// Why a file could not be inspected.
 #[derive(Debug, Error)]
@@ -338,10 +329,6 @@ pub fn longest_side(header: &ModelHeader) -> f64 {
         .map(|k| header.upper[k] - header.lower[k])
         .fold(0.0, f64::max)
 }
-
-/// Faces whose areas are added up at the most: beyond, the answer is an estimate to about 0.3 %,
-/// for a few milliseconds instead of seconds.
-const MAX_AREAS: u32 = 1 << 17;
 
 /// Area of the full mesh, square model units; of large meshes from some faces, evenly spread in
 /// tree order.

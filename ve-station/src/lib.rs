@@ -14,5 +14,6 @@ pub mod export;
 mod file_bytes;
 pub mod inspect;
 pub mod serve;
+mod tuning;
 
 pub use file_bytes::FileBytes;

@@ -2,6 +2,7 @@
 
 use crate::connection::Connection;
 use crate::database::{Database, DatabaseError};
+use crate::tuning::models::{BUILD_STACK_BYTES, STOP_POLL};
 use scene::{self, Overrides, SceneError, ScenePlan};
 use scene_files::DiskFiles;
 use serde::Serialize;
@@ -12,15 +13,9 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 use thiserror::Error;
 use transport::{Domain, TransportError};
-
-/// Time between two looks for a request to stop while models are built.
-const STOP_POLL: Duration = Duration::from_millis(20);
-
-/// Stack of the thread that builds models, bytes: what a main thread usually has.
-const BUILD_STACK_BYTES: usize = 8 << 20;
 
 /// What `ve-station serve` was told.
 #[derive(Debug, Clone, PartialEq)]

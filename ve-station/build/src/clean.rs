@@ -3,14 +3,11 @@
 use crate::error::BuildError;
 use crate::mesh::SoupMesh;
 use crate::t_junctions::{self, Places};
+use crate::tuning::input::FAR_DIAGONALS;
 use geometry::triangle_is_degenerate;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::BuildSummary;
-
-/// A model whose centre lies farther from its own origin than this many of its diagonals gets
-/// another origin: six of the 24 bits of an f32 would be lost to the distance.
-const FAR: f64 = 64.0;
 
 /// What is left of a soup.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,7 +118,7 @@ fn choose_origin(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> DVec3 {
         }
     }
     let centre = lower * 0.5 + upper * 0.5;
-    if centre.is_finite() && centre.length() > FAR * (upper - lower).length() {
+    if centre.is_finite() && centre.length() > FAR_DIAGONALS * (upper - lower).length() {
         centre
     } else {
         DVec3::ZERO

@@ -1,7 +1,6 @@
 //! How a mesh was simplified: collapses, rounds and what they left.
 
-/// The most faces round a vertex that a collapse makes: bounds the work of a split.
-pub const MAX_FACES_ROUND_A_VERTEX: usize = 24;
+pub use crate::tuning::simplify::MAX_FACES_ROUND_A_VERTEX;
 
 /// One collapse, in ids of the history: vertices and faces of the full mesh keep their numbers, and
 /// collapse k makes vertex `full_vertices + k`.

@@ -37,6 +37,7 @@ mod progress;
 mod regions;
 mod simplify;
 mod t_junctions;
+mod tuning;
 mod write;
 
 pub use build::{BUILDER_VERSION, BuildOptions, BuildReport, build_file, build_model};

@@ -4,9 +4,7 @@
 //! where there are more copies, the more there are the fewer are locked, spread over all cuts, and
 //! of twice that number none.
 
-/// The most copies of cut vertices that are locked: some 8000 faces of a base mesh, half a mebibyte
-/// of the controller's cache.
-const MAX_LOCKED: usize = 4096;
+use crate::tuning::input::MAX_LOCKED;
 
 /// Which copies are locked: all, or of more than [`MAX_LOCKED`] one fewer for each of those beyond,
 /// an even choice, in the file's order, of the places where they are. All copies of a place are

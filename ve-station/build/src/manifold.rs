@@ -12,6 +12,7 @@
 use crate::classes::{join, root};
 use crate::clean::CleanMesh;
 use crate::locks;
+use crate::tuning::input::MAX_MATCHED;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::BuildSummary;
@@ -109,9 +110,6 @@ fn manifold_pair(group: &[Side], corner_vertex: &[u32]) -> Option<(Side, Side)> 
     let start = |side: Side| corner_vertex[side as usize];
     (start(first) != start(second)).then_some((first, second))
 }
-
-/// Sides at one edge that are matched; more than so many are all cut.
-const MAX_MATCHED: usize = 32;
 
 /// The pairs of sides in which surfaces go on across an edge of more than two faces: best first,
 /// the straightest. Faces with the same third corner are two sides of a sheet, not neighbours.

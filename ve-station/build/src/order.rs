@@ -5,12 +5,10 @@
 //! simplification, error sampling and regions all walk over neighbours.
 
 use crate::manifold::ManifoldMesh;
+use crate::tuning::regions::FACES_A_BRANCH;
 use geometry::Aabb;
 use glam::{DVec3, Vec3};
 use spm::NONE;
-
-/// Sets of faces below this size are split without another task.
-const FACES_A_TASK: usize = 1 << 14;
 
 /// The same mesh with its faces in AB-tree order and its vertices in the order in which the faces
 /// first use them.
@@ -92,7 +90,7 @@ fn sort(mut set: &mut [Placed]) {
             along.then(a.face.cmp(&b.face))
         });
         let (left, right) = set.split_at_mut(half);
-        if left.len() < FACES_A_TASK {
+        if left.len() < FACES_A_BRANCH {
             sort(left);
         } else {
             rayon::join(|| sort(left), || sort(&mut *right));

@@ -33,25 +33,16 @@
 use crate::ids::Ids;
 use crate::manifold::ManifoldMesh;
 use crate::progress::Progress;
+use crate::tuning::regions::{
+    CELLS_A_FACE, FACES_A_REGION, FACES_A_TASK, MAX_SEARCHES, REGIONS_A_BATCH, REGIONS_A_TURN,
+    SURELY_TOO_MANY,
+};
 use geometry::Aabb;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::{BaseFace, BaseVertex};
 use spm::{NONE, RegionGrid, RegionId, VspRecord};
 use std::sync::atomic::{AtomicUsize, Ordering};
-
-/// Faces that one task puts into regions.
-const FACES_A_TASK: usize = 1 << 14;
-/// The most faces that an occupied region should own at median: about 128. Halving the cells
-/// divides it by three to four, so 40 to 140 come out; larger regions refine what the probe never
-/// touches (the dragon with 156 took twice the splits a tick that it takes with 42).
-const FACES_A_REGION: f64 = 140.0;
-
-/// The most cells that a face may overlap at mean: many times the two of scans and shapes of even
-/// triangles. Where all are long slivers, as those round the middle of a cylinder's cap, cells half
-/// as large own half as many faces, but each face is in twice as many cells: what they own together
-/// would grow with the square of the fan.
-const CELLS_A_FACE: usize = 32;
 
 /// The coarsest grid whose occupied regions own no more than that at median, or the finest whose
 /// faces are not scattered over too many.
@@ -80,9 +71,6 @@ pub fn default_grid(lower: DVec3, upper: DVec3, mesh: &ManifoldMesh) -> Option<R
         divisions *= 2;
     }
 }
-
-/// A mean that is so many times the wanted median belongs to no grid that comes near it.
-const SURELY_TOO_MANY: f64 = 64.0;
 
 /// What the regions of a grid own.
 struct Owned {
@@ -185,13 +173,6 @@ pub fn regions_of(model: &Model<'_>, progress: &dyn Progress) -> Regions {
     found.closure_mean = sum as f64 / owning.max(1) as f64;
     found
 }
-
-/// Regions that are searched between two reports of progress.
-const REGIONS_A_BATCH: usize = 4096;
-/// Regions that a search takes at a time.
-const REGIONS_A_TURN: usize = 32;
-/// The most searches at once: each has 8 B a VSP of its own.
-const MAX_SEARCHES: usize = 8;
 
 /// A region with all its seeds.
 struct Extended {

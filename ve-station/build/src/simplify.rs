@@ -17,29 +17,15 @@ use crate::history::{Collapse, FanFace, History, LeftFace, MAX_FACES_ROUND_A_VER
 use crate::manifold::ManifoldMesh;
 use crate::model_error::ExpectedErrors;
 use crate::progress::Progress;
+use crate::tuning::simplify::{
+    BOUNDARY_WEIGHT, CHAIN_A_HALVING, FACES_A_TASK, LENGTH_COST, MIN_AREA_SHARE, MIN_TURN_COSINE,
+    SHORTEST_LIMIT_OF_CHAINS,
+};
 use glam::{DVec3, Vec3};
 use quadric::Quadric;
 use rayon::prelude::*;
 use spm::{ErrorScale, NONE};
 use topology::{Collapsible, Topology};
-
-/// A face may not turn by more than this, as a cosine.
-const MIN_TURN_COSINE: f64 = 0.2;
-/// A face may not shrink below this share of its area.
-const MIN_AREA_SHARE: f64 = 1e-14;
-/// Weight of the planes that hold boundaries in place, against that of a face as large as its edge
-/// squared.
-const BOUNDARY_WEIGHT: f64 = 100.0;
-/// Cost of length squared, which orders edges on planes; in the frame in which the diagonal is one.
-const LENGTH_COST: f64 = 1e-12;
-
-/// Faces whose edges one task weighs.
-const FACES_A_TASK: usize = 4096;
-/// The longest chain of collapses that depend on each other, at least.
-const SHORTEST_LIMIT_OF_CHAINS: f64 = 40.0;
-/// And for each halving of the vertices. (Rounds make 3 to 3.5; a lake that loses more than its
-/// share makes more, and keeps some vertices for it.)
-const CHAIN_A_HALVING: f64 = 4.0;
 
 /// The longest chain that a mesh may get.
 fn limit_of_chains(vertices: usize, target: u32) -> u8 {

@@ -5,18 +5,10 @@ mod mesh_file;
 pub use mesh_file::{MeshWriteError, write_mesh, write_ply};
 
 use crate::error::BuildError;
+use crate::tuning::write::{MAX_BYTES_A_FACE, MAX_BYTES_BESIDE};
 use spm::{SpmParts, write_spm};
 use std::io;
 use std::path::Path;
-
-/// Bytes of an SPM file for each face of its mesh at the most, with the regions of the default.
-/// Closed surfaces need 70 to 82, strips and separate triangles more: the test
-/// `no_file_is_longer_than_its_bound` prints what it measures. (Only slivers that cross many cells
-/// each need more, 177 of a cylinder with 12 000 faces round each cap's middle; of those a full
-/// disk is told when they are written.)
-const MAX_BYTES_A_FACE: u64 = 160;
-/// Bytes of an SPM file beside that at the most: header, and whole blocks.
-const MAX_BYTES_BESIDE: u64 = 16 << 10;
 
 /// Bytes of the SPM file of a mesh at the most.
 #[must_use]

@@ -61,3 +61,4 @@ pub mod station;
 #[cfg(test)]
 mod testing;
 pub mod tour;
+mod tuning;

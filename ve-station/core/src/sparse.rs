@@ -1,8 +1,7 @@
 //! Values by id, most of which are zero: only pages with another value are kept, so that what a
 //! client holds costs memory by what it holds and not by the model.
 
-/// Values of a page: two to four KiB.
-const PAGE: usize = 512;
+use crate::tuning::service::PAGE;
 
 #[derive(Debug, Clone)]
 struct Page<T> {

@@ -49,6 +49,7 @@ mod session;
 pub use session::MAX_JOBS;
 
 use crate::collection::{CollectError, RegionAt};
+use crate::tuning::service::{MAX_NOTES, SEARCHED_A_STEP};
 use answer::{Job, Progress};
 use path_generator::PathGenerator;
 use protocol::MAX_CLIENTS;
@@ -118,9 +119,6 @@ pub struct Counters {
     pub turned_away: u64,
 }
 
-/// VSPs that a step of a search looks at, or takes over.
-const SEARCHED_A_STEP: u32 = 64;
-
 /// The station's core.
 #[derive(Debug)]
 pub struct Station<D> {
@@ -141,9 +139,6 @@ pub struct Station<D> {
     /// Refusals already put into words: (model, region).
     named: BTreeSet<(usize, u32)>,
 }
-
-/// Sentences kept until the shell takes them, and refusals worded at the most.
-const MAX_NOTES: usize = 256;
 
 impl<D: AsRef<[u8]>> Station<D> {
     /// A station of this incarnation that serves these objects.

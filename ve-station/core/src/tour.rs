@@ -17,6 +17,10 @@ mod path;
 mod roll;
 mod touch;
 
+use crate::tuning::tour::{
+    FASTEST_SIDES_PER_S, HOVER_SIDES, LONGEST_S, MAX_DAMAGED, MAX_MOVED_RADII, MIN_BALL_SIDES,
+    PERIOD_S,
+};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use path::{Leg, Resampler, Sample};
@@ -27,22 +31,6 @@ use roll::{Ball, Slide};
 use spm::{FileError, SpmFile};
 use thiserror::Error;
 use touch::{Choice, End, Leave, Place, Space};
-
-/// Seconds between two points.
-const PERIOD: f64 = 0.005;
-/// The longest tour, seconds.
-const LONGEST: f64 = 86_400.0;
-/// Height above the surface for moves between touches, as a share of the longest side.
-const HOVER: f64 = 0.12;
-/// The ball's radius at least, as a share of the longest side.
-const MIN_BALL: f64 = 0.004;
-/// The ball is moved at once by the way between two points, but by no more than this share of its
-/// radius: moved by the whole radius it could get through the surface.
-const MAX_MOVED: f64 = 0.75;
-/// Touches given up for damage of the file before the tour is refused.
-const MAX_DAMAGED: u32 = 1024;
-/// The highest speed, longest sides a second: beyond it a period passes whole touches.
-const FASTEST: f64 = 20.0;
 
 /// Why there is no tour.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -174,16 +162,16 @@ impl Tour {
             ..
         } = ask;
         let good = seconds > 0.0
-            && seconds <= LONGEST
+            && seconds <= LONGEST_S
             && speed.is_normal()
             && speed > 0.0
-            && speed <= FASTEST * size
+            && speed <= FASTEST_SIDES_PER_S * size
             && (0.0..=size).contains(&depth)
             && (0.0..=size).contains(&radius);
         if !good {
             return Err(TourError::Numbers);
         }
-        let ball_radius = radius.max(MIN_BALL * size);
+        let ball_radius = radius.max(MIN_BALL_SIDES * size);
         let diagonal = (upper - lower).length();
         Ok(Self {
             ask,
@@ -191,21 +179,21 @@ impl Tour {
             space: Space {
                 ball: Ball {
                     radius: ball_radius,
-                    step: (speed * PERIOD).min(MAX_MOVED * ball_radius),
+                    step: (speed * PERIOD_S).min(MAX_MOVED_RADII * ball_radius),
                     lower,
                     upper,
                 },
                 centre: (lower + upper) * 0.5,
                 size,
                 outside: 0.51 * diagonal + 2.0 * ball_radius,
-                hover: HOVER * size,
+                hover: HOVER_SIDES * size,
             },
-            resampler: Resampler::new(speed * PERIOD),
+            resampler: Resampler::new(speed * PERIOD_S),
             making: None,
             damaged: 0,
             last: None,
             given: 0,
-            total: (seconds / PERIOD).ceil() as u64 + 1,
+            total: (seconds / PERIOD_S).ceil() as u64 + 1,
             before: DVec3::ZERO,
             turn: DQuat::IDENTITY,
         })
@@ -258,10 +246,10 @@ impl Tour {
 
     /// The point at a place of the path.
     fn give<D: AsRef<[u8]>>(&mut self, file: &SpmFile<D>, sample: Sample) -> TourPoint {
-        let full = self.given as f64 * PERIOD;
+        let full = self.given as f64 * PERIOD_S;
         let t = full.min(self.ask.seconds);
         // The last period may be cut short: so is its way.
-        let share = (1.0 - (full - t) / PERIOD).clamp(0.0, 1.0);
+        let share = (1.0 - (full - t) / PERIOD_S).clamp(0.0, 1.0);
         let position = if self.given == 0 {
             sample.position
         } else {
@@ -288,7 +276,7 @@ impl Tour {
     /// The most that the ball need roll for the points that are left: their way, and half as much
     /// for a slide whose intent, inside of a bend, gets less far than the ball.
     fn remaining_length(&self) -> f64 {
-        1.5 * (self.total - self.given) as f64 * PERIOD * self.ask.speed
+        1.5 * (self.total - self.given) as f64 * PERIOD_S * self.ask.speed
     }
 
     /// Takes the touch in the making a step further. An error gives it up.

@@ -8,12 +8,10 @@
 //! parent's) all seventeen.
 
 use super::Front;
+use crate::tuning::inspect::DIVISIONS;
 use ab_tree::depth;
 use spm::{ActiveMesh, NONE, OperationFaces, Sizes, VspRecord};
 use std::io::{self, Write};
-
-/// Cells along each side of the box, as in the thesis's example.
-const DIVISIONS: usize = 8;
 
 pub(super) fn write_cdpm(front: &Front, out: &mut impl Write) -> io::Result<()> {
     let mut replay = Replay::new(front);

@@ -2,13 +2,11 @@
 //! VSPs, and the closures of its regions.
 
 use super::finite;
+use crate::tuning::inspect::SAMPLED_REGIONS;
 use serde::Serialize;
 use spm::{ErrorScale, FileError, LEVELS, RegionId, SpmFile};
 use station_core::collection::{CollectError, RegionAt, Search};
 use std::collections::BTreeSet;
-
-/// Regions of a level whose closures are counted, at the most.
-const SAMPLED_REGIONS: usize = 256;
 
 /// A tolerance level.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -1,10 +1,7 @@
 //! Polygons into triangles: a fan where the first corner sees all others, else ears are cut off.
 
+use crate::tuning::input::MAX_CORNERS;
 use robust::{Coord, orient2d};
-
-/// Polygons of more corners that are no fan stay a fan all the same: cutting ears takes time in the
-/// square.
-const MAX_CORNERS: usize = 4096;
 
 /// The corners of the triangles of a polygon, as places in it: two fewer than it has corners.
 ///

@@ -23,13 +23,11 @@
 use super::full_surface::FullSurface;
 use super::triangle::distance;
 use crate::history::{Collapse, FanFace, MAX_FACES_ROUND_A_VERTEX, Round};
+use crate::tuning::error::STEPS;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::{ErrorScale, NONE};
 use std::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
-
-/// Steps of a grid: at least, at most, and for each square root of vertices that hang on the face.
-const STEPS: (f64, f64, f64) = (4.0, 64.0, 2.0);
 
 /// Expected errors of the collapses so far.
 pub struct ExpectedErrors<'a> {

@@ -10,15 +10,10 @@
 //! Memory: 12 B a face (neighbours), 24 B a box, one box for one to two faces.
 
 use super::triangle::distance;
+use crate::tuning::error::{MAX_FACES, MAX_STEPS};
 use geometry::Aabb;
 use glam::{DVec3, Vec3};
 use spm::NONE;
-
-/// The most faces of a walk: beyond, boxes are faster.
-const MAX_STEPS: usize = 12;
-/// The most faces that a search looks at, so that none grows with a fan: three times what any
-/// search needed in `cargo test -p ve-station --test builder expected_error` (291, of 3050 faces).
-const MAX_FACES: u32 = 1024;
 
 /// The full mesh with boxes over it.
 pub struct FullSurface<'a> {

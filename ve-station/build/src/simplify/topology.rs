@@ -1,11 +1,7 @@
 //! Faces and their neighbours during simplification, and which edges may collapse.
 
-use crate::history::MAX_FACES_ROUND_A_VERTEX;
+use crate::tuning::simplify::MAX_FACES_ROUND_AN_END;
 use spm::NONE;
-
-/// Faces round an end of an edge beyond which its collapse makes too large a fan whatever the other
-/// end: that has two at least, and four go (at a boundary: one, and two).
-const MAX_FACES_ROUND_AN_END: u32 = MAX_FACES_ROUND_A_VERTEX as u32 + 2;
 
 /// Corners and neighbours by face, and one face by vertex slot.
 pub(super) struct Topology {

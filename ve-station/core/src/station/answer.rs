@@ -4,6 +4,7 @@ use super::SEARCHED_A_STEP;
 use super::residency_change::ResidencyChange;
 use super::{Chunk, Station, region_at};
 use crate::collection::{CollectError, MISSING, RegionAt, Residency, Search};
+use crate::tuning::service::MAX_PASSED;
 use bytemuck::Zeroable;
 use protocol::{
     AnswersWriter, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, MODEL_HEADER_SLOTS, Refusal,
@@ -16,9 +17,6 @@ use spm::{FileError, NONE, SpmFile};
 const VERTICES_PER_SLOT: usize = size_of::<ChunkSlot>() / size_of::<BaseVertex>();
 /// Base faces in one slot.
 const FACES_PER_SLOT: usize = size_of::<ChunkSlot>() / size_of::<BaseFace>();
-
-/// VSPs without a record that one chunk passes over, in a tenth of a millisecond.
-const MAX_PASSED: usize = 1 << 16;
 
 /// A question that waits or is being answered.
 #[derive(Debug)]

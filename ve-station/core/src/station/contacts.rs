@@ -2,16 +2,10 @@
 
 use super::Station;
 use super::session::Session;
+use crate::tuning::service::{MAX_VISITS, VISITS_A_STEP};
 use glam::DVec3;
 use protocol::{ContactReport, MeasuredError};
 use spm::NONE;
-
-/// Boxes and leaves that a contact may be searched in. (A contact lies within the certified error
-/// of the mesh, where a search looks at a few dozen; from the middle of a sphere it would look at
-/// all.)
-const MAX_VISITS: u32 = 4096;
-/// Of them, so many are a step.
-const VISITS_A_STEP: u32 = 64;
 
 impl<D: AsRef<[u8]>> Station<D> {
     pub(super) fn handle_contact(&mut self, report: &ContactReport) {

@@ -4,12 +4,9 @@
 use super::Chunk;
 use super::answer::blank;
 use crate::tour::{Step, Tour, TourError};
+use crate::tuning::tour::MAX_KEPT_POINTS;
 use protocol::{CHUNK_SLOTS, ChunkKind, TourAsk, TourPoint};
 use spm::{FileError, SpmFile};
-
-/// Points of a tour that are kept: 8 MiB, eleven minutes. Of a longer one those handed out are
-/// forgotten.
-const MAX_KEPT: usize = 1 << 17;
 
 /// A tour in the making, and its points.
 #[derive(Debug)]
@@ -83,7 +80,7 @@ impl PathGenerator {
         }
         self.given += header.count as usize;
         header.last = u32::from(self.tour.is_over() && self.given == self.points.len());
-        if self.points.len() > MAX_KEPT {
+        if self.points.len() > MAX_KEPT_POINTS {
             self.points.drain(..self.given);
             self.forgotten += self.given;
             self.given = 0;

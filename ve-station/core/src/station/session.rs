@@ -6,27 +6,14 @@ use super::path_generator::PathGenerator;
 use super::region_at;
 use super::residency_change::ResidencyChange;
 use crate::collection::{CollectError, RegionAt, Residency, Search};
-use mutants::{Mutant, is};
-use protocol::{
-    CHUNK_SLOTS, CREDIT_CHUNKS, ChunkKind, ContactReport, MeasuredError, RegionAsk, Request,
+pub use crate::tuning::service::MAX_JOBS;
+use crate::tuning::service::{
+    MAX_CONTACTS, MAX_HELD, MAX_MEASURED, MEASURED_BATCH, MEASURED_TICKS,
 };
+use mutants::{Mutant, is};
+use protocol::{CREDIT_CHUNKS, ChunkKind, ContactReport, MeasuredError, RegionAsk, Request};
 use spm::SpmFile;
 use std::collections::VecDeque;
-
-/// Questions of one session that may wait for an answer: a controller has as many open as chunks
-/// may be under way, so this is thirty-two times that. A flood looks through no more for each.
-pub const MAX_JOBS: usize = 32 * CREDIT_CHUNKS as usize;
-/// Regions that a session may hold: many times what the region table of a controller has room for.
-const MAX_HELD: usize = 1 << 16;
-/// Reports of contacts that wait to be measured; more replace the oldest.
-const MAX_CONTACTS: usize = 64;
-/// Measured errors that fit into a chunk, and that wait for credit at the most; more replace the
-/// oldest.
-const MAX_MEASURED: usize = 2 * CHUNK_SLOTS;
-/// So many measured errors are sent at once ...
-const MEASURED_BATCH: usize = 16;
-/// ... or those of so many ticks.
-const MEASURED_TICKS: u64 = 50;
 
 /// What becomes of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

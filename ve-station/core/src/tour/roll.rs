@@ -2,6 +2,9 @@
 //! one at a time.
 
 use super::Draw;
+use crate::tuning::tour::{
+    JUMP_STEPS, MAX_LINE_STEPS, MAX_TURNS, OVERHANG_COSINE, TURN_LENGTH_RADII, TURNED_OVER_COSINE,
+};
 use glam::{DQuat, DVec3};
 use spm::{FileError, SpmFile};
 use std::f64::consts::{PI, TAU};
@@ -32,19 +35,6 @@ pub struct Ball {
     /// Largest corner of the mesh's box.
     pub upper: DVec3,
 }
-
-/// Steps of a search along a line before it counts as blocked.
-const MAX_LINE_STEPS: usize = 4000;
-/// Turns in a row before a slide gives up.
-const MAX_TURNS: u32 = 16;
-/// A contact that moves by more steps than this went to another sheet.
-const JUMP: f64 = 3.0;
-/// A contact less upright than this hangs over a rim: about 80 degrees.
-const OVERHANG: f64 = 0.17;
-/// The normal turned over, when its cosine with an earlier one is below this ...
-const TURNED_OVER: f64 = -0.2;
-/// ... and the centre moved less than so many radii since.
-const TURN_LENGTH: f64 = 2.2;
 
 impl Ball {
     /// The ball moved from a point straight to the closest face (or out to its radius above it):
@@ -171,7 +161,7 @@ impl Slide {
             turns: 0,
             since_turn: 0,
             steps,
-            lookback: (TURN_LENGTH * ball.radius / ball.step).ceil() as usize,
+            lookback: (TURN_LENGTH_RADII * ball.radius / ball.step).ceil() as usize,
             left: 2 * steps,
         }
     }
@@ -204,13 +194,13 @@ impl Slide {
         let next = ball
             .touch(file, here.centre + self.heading * ball.step)
             .unwrap_or(None);
-        let jumped = next.is_none_or(|n| n.surface.distance(here.surface) > JUMP * ball.step);
+        let jumped = next.is_none_or(|n| n.surface.distance(here.surface) > JUMP_STEPS * ball.step);
         let back = self.path.len().saturating_sub(self.lookback);
         let turned_over = next.is_some_and(|n| {
-            n.upright < OVERHANG
+            n.upright < OVERHANG_COSINE
                 || self.path[back..]
                     .iter()
-                    .any(|p| p.normal.dot(n.normal) < TURNED_OVER)
+                    .any(|p| p.normal.dot(n.normal) < TURNED_OVER_COSINE)
         });
         if turned_over {
             self.path.truncate(back.max(1));

@@ -94,7 +94,7 @@ fn a_tour_is_as_long_as_asked_and_no_faster() {
             assert_eq!(points.last().unwrap().t, seconds);
             for pair in points.windows(2) {
                 let time = pair[1].t - pair[0].t;
-                assert!(time > 0.0 && time <= PERIOD * 1.000_001);
+                assert!(time > 0.0 && time <= PERIOD_S * 1.000_001);
                 let [a, b] = [0, 1].map(|k| DVec3::from_array(pair[k].position));
                 assert!(
                     a.distance(b) <= ask.speed * time * 1.000_001,
@@ -132,7 +132,7 @@ fn free_ways_never_come_near_the_mesh() {
     for (shape, file) in shapes() {
         for seed in 0..3 {
             let ask = ask(&file, seed, 30.0);
-            let ball = ask.radius.max(MIN_BALL * 150.0 * ask.radius);
+            let ball = ask.radius.max(MIN_BALL_SIDES * 150.0 * ask.radius);
             let points = walk(&file, ask);
             assert!(points.iter().any(|(_, leg)| *leg == Leg::Free));
             for pair in points.windows(2) {

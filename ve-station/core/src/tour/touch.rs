@@ -3,15 +3,9 @@
 
 use super::Draw;
 use super::roll::{Ball, Contact, Line};
+use crate::tuning::tour::{AREA_DRAWS, MAX_DIRECTIONS, NEAR_TRIES};
 use glam::DVec3;
 use spm::{FileError, SpmFile};
-
-/// Places looked at for the next touch before one far away is taken.
-const NEAR_TRIES: usize = 24;
-/// Faces drawn for the first touch, of which one is kept in proportion to its area.
-const AREA_DRAWS: usize = 64;
-/// Directions up that are tried from a contact: its normal, the hint, and some nearby.
-const MAX_DIRECTIONS: u32 = 8;
 
 /// Where a path ends: the contact that was left, and the way up from it.
 #[derive(Debug, Clone, Copy)]

@@ -1,0 +1,62 @@
+//! Tuning constants of the station's shell: waiting times, sizes, samples.
+
+/// The topics of the station.
+pub mod link {
+    use protocol::{ANSWER_TIMEOUT_MS, HELLO_PERIOD_MS};
+    use std::time::Duration;
+
+    /// Time between two looks at the ports.
+    pub const POLL: Duration = Duration::from_micros(200);
+    /// Time between two heartbeats.
+    pub const HELLO: Duration = Duration::from_millis(HELLO_PERIOD_MS);
+    /// Steps of a client's turn between two looks at the ports: tenths of a millisecond, unless
+    /// they read a slow disk.
+    pub const STEPS_A_TURN: u64 = 8;
+    /// Time after which a client that is being worked for is told something: a part of what it
+    /// would wait.
+    pub const TOLD: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS / 4);
+    /// Time between two clean-ups of dead nodes.
+    pub const CLEANUP: Duration = Duration::from_secs(1);
+    /// A client silent for so long gives up its place where another waits for one: ten heartbeats.
+    pub const MAKE_ROOM: Duration = Duration::from_millis(10 * HELLO_PERIOD_MS);
+    /// A client silent for so long is forgotten, and its topic closed.
+    pub const FORGET: Duration = Duration::from_secs(10);
+    /// Time for which the topic of a client that was turned away stays open: it is repeated
+    /// meanwhile.
+    pub const TURNED_AWAY: Duration = Duration::from_secs(2);
+    /// Sentences about peers at the most: a noisy domain must not fill memory.
+    pub const MAX_SAID: usize = 64;
+}
+
+/// Opening and building models.
+pub mod models {
+    use std::time::Duration;
+
+    /// Time between two looks for a request to stop while models are built.
+    pub const STOP_POLL: Duration = Duration::from_millis(20);
+    /// Stack of the thread that builds models, bytes: what a main thread usually has.
+    pub const BUILD_STACK_BYTES: usize = 8 << 20;
+    /// The largest file that is read into memory: 1 GiB, a model of twelve million faces.
+    pub const MAX_READ_BYTES: u64 = 1 << 30;
+}
+
+/// `ve-station inspect`.
+pub mod inspect {
+    /// Mesh operations a tick in the figure for the greatest speed: K of the loop's default.
+    pub const OPERATIONS_A_TICK: f64 = 96.0;
+    /// Period of the tick in that figure, seconds.
+    pub const PERIOD_S: f64 = 1e-3;
+    /// Radius of the probe in that figure, metres.
+    pub const PROBE_RADIUS_M: f64 = 1e-3;
+    /// How far before a contact refinement starts in that figure, metres.
+    pub const LEAD_M: f64 = 2e-3;
+    /// Certified errors of the table, shares of the diagonal.
+    pub const ERROR_SHARES: [f64; 6] = [0.1, 0.05, 0.02, 0.01, 0.005, 0.002];
+    /// Faces whose areas are added up at the most: beyond, the answer is an estimate to about 0.3
+    /// %, for a few milliseconds instead of seconds.
+    pub const MAX_AREAS: u32 = 1 << 17;
+    /// Regions of a level whose closures are counted, at the most.
+    pub const SAMPLED_REGIONS: usize = 256;
+    /// Cells along each side of the box, as in the thesis's example.
+    pub const DIVISIONS: usize = 8;
+}
