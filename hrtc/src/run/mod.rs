@@ -184,8 +184,7 @@ pub fn run_until(
             recorder: recorded_chunks,
         },
     )?;
-    let refused = recording.as_mut().and_then(RunRecording::take_missing);
-    shared.refused(refused);
+    shared.refused(recording.as_mut().and_then(RunRecording::take_missing));
     let _core = claim_core(&plan);
     let watchdog = watch(&devices, &shared, &plan)?;
     let tick = Ticking::spawn(TickThread {
