@@ -13,15 +13,15 @@ struct Run {
 
 impl Run {
     fn start(name: &str, arguments: &[&str]) -> Self {
-        Self::start_on_core(-1, name, arguments)
+        Self::start_with("core = -1", name, arguments)
     }
 
-    fn start_on_core(core: i32, name: &str, arguments: &[&str]) -> Self {
+    /// With these lines in `[loop]`.
+    fn start_with(lines: &str, name: &str, arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let scene = folder.path().join("alone.toml");
-        let text = format!(
-            "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[loop]\ncore = {core}\n[[probe]]\n"
-        );
+        let text =
+            format!("[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[loop]\n{lines}\n[[probe]]\n");
         std::fs::write(&scene, text).unwrap();
         let domain = format!("process-{name}-{}", std::process::id());
         let child = Command::new(env!("CARGO_BIN_EXE_hrtc"))
@@ -110,6 +110,40 @@ fn a_full_disk_costs_the_recording_and_not_the_run() {
 }
 
 #[test]
+fn a_slow_disk_costs_records_and_never_a_tick() {
+    let folder = tempfile::tempdir().unwrap();
+    // Whoever writes into a pipe waits for a reader.
+    let pipe = folder.path().join("run.mcap");
+    assert!(
+        Command::new("mkfifo")
+            .arg(&pipe)
+            .status()
+            .unwrap()
+            .success()
+    );
+    let (release, released) = std::sync::mpsc::channel::<()>();
+    let reader = std::thread::spawn({
+        let pipe = pipe.clone();
+        move || {
+            let mut file = std::fs::File::open(pipe).unwrap();
+            let _ = released.recv();
+            std::io::copy(&mut file, &mut std::io::sink()).unwrap()
+        }
+    });
+    // Fast, so that what waits for the disk is soon too much.
+    let arguments = ["--json", "--record", pipe.to_str().unwrap()];
+    let mut run = Run::start_with("core = -1\nrate_hz = 4000", "slow", &arguments);
+    run.wait_for("ticks are not recorded for now, the run goes on: the disk is slow");
+    drop(release);
+    run.signal("-INT");
+    let (status, result) = run.result();
+    assert_eq!(status.code(), Some(0), "{status}");
+    assert_eq!(result["safety"]["recording_errors"], 1);
+    assert_eq!(result["unaccounted_periods"], 0, "a tick was lost");
+    assert!(reader.join().unwrap() > 0);
+}
+
+#[test]
 fn a_closed_standard_output_ends_the_run_gently() {
     let mut run = Run::start("closed", &["--supervised"]);
     drop(run.child.stdout.take());
@@ -145,8 +179,8 @@ fn a_process_that_was_stopped_comes_back_from_zero_force_and_reports_it() {
 
 #[test]
 fn a_second_controller_on_a_core_is_reported() {
-    let mut first = Run::start_on_core(0, "first", &[]);
+    let mut first = Run::start_with("core = 0", "first", &[]);
     first.wait_for(TICKING);
-    let mut second = Run::start_on_core(0, "second", &[]);
+    let mut second = Run::start_with("core = 0", "second", &[]);
     second.wait_for("another controller ticks on core 0");
 }

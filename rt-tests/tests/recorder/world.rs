@@ -137,8 +137,20 @@ impl World {
         }
     }
 
-    /// Records the run into files; those that are kept.
+    /// Records the run into files at the pace of real time; those that are kept.
     pub fn record(&self, place: RecordingPlace, fault: Option<&str>) -> Vec<PathBuf> {
+        self.record_at(10, place, fault, |_, _| {})
+    }
+
+    /// As [`World::record`], with so many ticks between two rests of 12 ms; gives every tick to
+    /// `each`.
+    pub fn record_at(
+        &self,
+        pace: usize,
+        place: RecordingPlace,
+        fault: Option<&str>,
+        mut each: impl FnMut(&Recorder, u64),
+    ) -> Vec<PathBuf> {
         let (head, files) = (self.head.clone(), self.files.clone());
         let (mut recorder, taps) = Recorder::start(head, files, place).unwrap();
         let Taps {
@@ -152,9 +164,10 @@ impl World {
             }
             outputs.push(record.tick, made);
             recorder.push(record);
+            each(&recorder, record.tick);
             ticks += 1;
             // The recorder gets the time that a run in real time gives it.
-            if ticks % 10 == 0 {
+            if ticks % pace == 0 {
                 std::thread::sleep(std::time::Duration::from_millis(12));
             }
         });
