@@ -4,6 +4,7 @@
 use glam::DVec3;
 use haptic_device::{Capabilities, Device, Pose, SafeStop, Sample, TickTime, WrenchCommand};
 use hrtc::devices::DeviceRegistry;
+use hrtc::recorder::replay;
 use hrtc::run::{RunArgs, RunError, StopFlags, run_until};
 use hrtc::tuning::COMMAND_VALIDITY_PERIODS;
 use realtime::rights::monotonic_ns;
@@ -144,6 +145,20 @@ fn ball(folder: &Path) {
 
 /// A run with a fault; how it ended, the force before the fault, and all events after it.
 fn run_with_fault(name: &str, fault: Fault) -> (Result<(), RunError>, f64, Vec<Event>) {
+    let (ended, events) = record_with_fault(name, fault, "off".as_ref());
+    let at = events.iter().position(|event| *event == Event::Fault);
+    let at = at.expect("the ball never pushed");
+    let before = events[..at].iter().rev().find_map(force).unwrap();
+    assert!(before > PUSHED);
+    (ended, before, events[at + 1..].to_vec())
+}
+
+/// A run with a fault and its recording; how it ended, and all events.
+fn record_with_fault(
+    name: &str,
+    fault: Fault,
+    record: &Path,
+) -> (Result<(), RunError>, Vec<Event>) {
     let folder = tempfile::tempdir().unwrap();
     ball(folder.path());
     let scene = folder.path().join("tap.toml");
@@ -169,7 +184,7 @@ fn run_with_fault(name: &str, fault: Fault) -> (Result<(), RunError>, f64, Vec<E
         })
     };
     let mut args = RunArgs::new(&scene, &domain);
-    args.record = Some("off".into());
+    args.record = Some(record.into());
     // Far longer than it takes.
     args.seconds = Some(60.0);
     let stop = AtomicBool::new(false);
@@ -187,11 +202,7 @@ fn run_with_fault(name: &str, fault: Fault) -> (Result<(), RunError>, f64, Vec<E
     told.is_over.store(true, Ordering::Release);
     transport::Domain::new(&domain).unwrap().remove_files();
     assert!(!told.too_long.load(Ordering::Relaxed), "valid for too long");
-    let at = events.iter().position(|event| *event == Event::Fault);
-    let at = at.expect("the ball never pushed");
-    let before = events[..at].iter().rev().find_map(force).unwrap();
-    assert!(before > PUSHED);
-    (ended, before, events[at + 1..].to_vec())
+    (ended, events)
 }
 
 fn force(event: &Event) -> Option<f64> {
@@ -219,6 +230,25 @@ fn a_panic_under_force_ramps_down_switches_off_and_names_itself() {
     let is_stopped = after.contains(&Event::Stopped);
     assert!(is_stopped || forces.last() == Some(&0.0), "{forces:?}");
     assert_eq!(after.last(), Some(&Event::Off));
+}
+
+#[test]
+fn a_panic_leaves_a_black_box_up_to_its_tick_that_names_it_and_replays() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.mcap");
+    let (ended, events) = record_with_fault("black-box", Fault::Panics, &file);
+    let message = ended.unwrap_err().to_string();
+    let black_box = folder.path().join("run-fault.mcap");
+    let found = replay(&black_box).unwrap();
+    assert!(found.equal && found.whole, "{found:?}");
+    // The run is shorter than ten seconds, so every tick that wrote before the fault is in it.
+    let fault = events.iter().position(|event| *event == Event::Fault);
+    let written = events[..fault.unwrap()].iter().filter_map(force).count();
+    assert_eq!(found.ticks, written as u64);
+    let told = format!("the run ended by a fault: {message}");
+    let bytes = std::fs::read(&black_box).unwrap();
+    let mut places = bytes.windows(told.len());
+    assert!(places.any(|at| at == told.as_bytes()), "{told}");
 }
 
 #[test]

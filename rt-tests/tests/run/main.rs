@@ -87,6 +87,20 @@ fn a_cache_too_small_for_the_base_mesh_is_refused_by_name_with_the_size_it_needs
         let name = name.to_string_lossy();
         assert!(name.ends_with(".mcap"), "{name}");
     }
+    let black_box = out.path().join("recording-fault.mcap");
+    let (output, found) = replay(&black_box);
+    assert!(output.status.success(), "{}", said(&output));
+    assert_eq!(
+        (&found["equal"], &found["whole"]),
+        (&true.into(), &true.into())
+    );
+    let ticks = found["ticks"].as_u64().unwrap();
+    let tables = out.path().join("tables");
+    let mut export = rt_tests("export");
+    let exported = export.arg(&black_box).arg("--csv").arg(&tables).output();
+    assert!(exported.unwrap().status.success());
+    let text = std::fs::read_to_string(tables.join("ticks.csv")).unwrap();
+    assert_eq!(text.lines().count() as u64, 1 + ticks);
 }
 
 /// Numbers that every run reports.
