@@ -41,6 +41,8 @@ pub struct TickRecord {
     pub work_wall_ns: u32,
     /// Wall time of each of [`STAGES`], ns.
     pub stage_ns: [u32; STAGES.len()],
+    /// Wall time in which the tick before handed over its record, requests and reports, ns.
+    pub record_ns: u32,
     /// Page faults of the thread during the tick.
     pub page_faults: u32,
     /// Allocations and frees of the thread during the tick.

@@ -118,6 +118,7 @@ pub struct Accumulator {
     work_wall: Fixed,
     period: Fixed,
     stages: Vec<Fixed>,
+    record: Fixed,
     /// Active faces.
     faces: Fixed,
     // Errors at the contact, metres.
@@ -164,6 +165,7 @@ impl Accumulator {
             work_wall: timing()?,
             period: timing()?,
             stages: STAGES.iter().map(|_| timing()).collect::<Option<_>>()?,
+            record: timing()?,
             faces: Fixed::new(1.0, 32)?,
             certified: picometres()?,
             finest: picometres()?,
@@ -340,6 +342,7 @@ impl Accumulator {
         } else {
             // The first tick has none before it.
             push_ns(&mut self.period, record.period_ns);
+            push_ns(&mut self.record, record.record_ns);
         }
         let drift = self.drift_ns(record);
         let result = &mut self.result;
@@ -487,6 +490,7 @@ impl Accumulator {
             work_us: self.work_cpu.spread(),
             work_wall_us: self.work_wall.spread(),
             stage_us,
+            record_us: self.record.spread(),
             refined_faces: MedianMax {
                 p50: faces.p50,
                 max: faces.max,

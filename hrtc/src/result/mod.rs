@@ -211,6 +211,8 @@ pub struct RunResult {
     pub work_wall_us: Spread,
     /// Wall time by stage, microseconds.
     pub stage_us: BTreeMap<String, Spread>,
+    /// Wall time in which a tick hands its record to log and recorder, microseconds.
+    pub record_us: Spread,
     /// Ticks in contact, of any probe.
     pub contact_ticks: u64,
     /// Of these, with every probe in contact at full resolution.

@@ -376,7 +376,14 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
         assert!(result[name].is_number(), "{name}");
     }
     let four = ["p50", "p99", "p999", "max"];
-    for name in ["period_us", "wake_us", "work_us", "work_wall_us", "idle_us"] {
+    for name in [
+        "period_us",
+        "wake_us",
+        "work_us",
+        "work_wall_us",
+        "idle_us",
+        "record_us",
+    ] {
         assert!(four.iter().all(|q| result[name][*q].is_number()), "{name}");
     }
     for stage in STAGES {

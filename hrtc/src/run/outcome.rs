@@ -145,9 +145,11 @@ pub(super) fn print_text(finished: &Finished) -> std::io::Result<()> {
     )?;
     writeln!(
         out,
-        "work p50 {:.0} us, p99 {:.0} us (thread CPU); cache {} of {} KiB; {} splits, {} collapses",
+        "work p50 {:.0} us, p99 {:.0} us (thread CPU); its record p50 {:.2} us, p99 {:.2} us; cache {} of {} KiB; {} splits, {} collapses",
         r.work_us.p50,
         r.work_us.p99,
+        r.record_us.p50,
+        r.record_us.p99,
         r.cache.high_water_bytes / 1024,
         r.cache.bytes / 1024,
         r.vsplits,

@@ -116,6 +116,8 @@ struct Lasting {
     written: [Wrench; MAX_PROBES],
     /// Whether the last wrenches are zero because those before had expired.
     force_cut: bool,
+    /// Wall time of handing over the last tick, ns.
+    record_ns: u32,
 }
 
 /// Tells the main thread that the tick thread has ended, by being dropped, also by a panic.
@@ -154,6 +156,7 @@ impl TickThread {
             high_water: HighWater::default(),
             written: [Wrench::ZERO; MAX_PROBES],
             force_cut: false,
+            record_ns: 0,
         };
         thread.shared.ticking.store(true, Ordering::Release);
         let ticking = AssertUnwindSafe(|| thread.tick_until_stopped(&mut pacer, &mut lasting));
@@ -183,12 +186,7 @@ impl TickThread {
                 || last_tick.is_some_and(|last| wake.tick >= last);
             let ticked = self.tick(&wake, stopping, lasting);
             let worked = pacer.done();
-            let record = record(&wake, &worked, &ticked, lasting);
-            if self.rings.log.push(record).is_err() {
-                self.shared.log_dropped.fetch_add(1, Ordering::Relaxed);
-            }
-            let high_water = &mut lasting.high_water;
-            high_water.log = (LOG_CAPACITY - self.rings.log.slots()).max(high_water.log);
+            self.hand_over(&wake, &worked, &ticked, lasting);
             self.report_faults();
             if stopping && self.controller.is_at_rest() {
                 break;
@@ -264,7 +262,7 @@ impl TickThread {
         };
         let consumed = self.compute(inputs, slots, outputs, &mut clock);
         arrivals.waiting = slots - consumed;
-        self.send(wake.tick, outputs);
+        self.send(outputs);
         self.render(lasting);
         let high_water = &mut lasting.high_water;
         high_water.requests = (OUT_CAPACITY - self.rings.requests.slots()).max(high_water.requests);
@@ -350,10 +348,7 @@ impl TickThread {
 
     /// Hands requests and contacts to the link. A full ring loses a request; the gap in the request
     /// numbers ends the epoch, and the next epoch asks again.
-    fn send(&mut self, tick: u64, outputs: &TickOutputs) {
-        if let Some(recorded) = &mut self.rings.recorded {
-            recorded.push(tick, outputs);
-        }
+    fn send(&mut self, outputs: &TickOutputs) {
         for request in outputs.outbox.requests() {
             if self.rings.requests.push(*request).is_err() {
                 self.shared.requests_lost.fetch_add(1, Ordering::Relaxed);
@@ -364,6 +359,24 @@ impl TickThread {
                 self.shared.contacts_lost.fetch_add(1, Ordering::Relaxed);
             }
         }
+    }
+
+    /// Hands a tick to log and recorder, and notes for the next one how long that took.
+    fn hand_over(&mut self, wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &mut Lasting) {
+        counting_allocator::arm(true);
+        let before = monotonic_ns();
+        if let Some(recorded) = &mut self.rings.recorded {
+            recorded.push(wake.tick, &lasting.outputs);
+        }
+        let record = record(wake, worked, ticked, lasting);
+        if self.rings.log.push(record).is_err() {
+            self.shared.log_dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        let taken = monotonic_ns() - before;
+        counting_allocator::arm(false);
+        lasting.record_ns = u32::try_from(taken).unwrap_or(u32::MAX);
+        let high_water = &mut lasting.high_water;
+        high_water.log = (LOG_CAPACITY - self.rings.log.slots()).max(high_water.log);
     }
 
     /// Tells the main thread of faults. Nothing waits for a lock.
@@ -484,6 +497,7 @@ fn record(wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &Lasting) -> T
         work_cpu_ns: worked.cpu_ns,
         work_wall_ns: worked.wall_ns,
         stage_ns: ticked.stages,
+        record_ns: lasting.record_ns,
         page_faults: worked.page_faults,
         allocations: ticked.allocations,
         chunks_arrived: lasting.arrivals.arrived,

@@ -43,7 +43,7 @@ fn write(reader: RecordingReader, folder: &Path, probes: usize) -> io::Result<u6
     let stages = STAGES.map(|stage| format!("{stage}_ns")).join(",");
     writeln!(
         run,
-        "tick,start_ns,skipped,wake_ns,work_cpu_ns,work_wall_ns,{stages},work_units,query_work,\
+        "tick,start_ns,skipped,wake_ns,work_cpu_ns,work_wall_ns,{stages},record_ns,work_units,query_work,\
          vsplits,ecols,active_faces,cache_bytes,bytes_received,requests"
     )?;
     let tables = (0..probes).map(|k| create(format!("probe-{k}.csv")));
@@ -81,7 +81,7 @@ fn run_row(record: &TickRecord) -> String {
         record.work_cpu_ns,
         record.work_wall_ns
     );
-    for number in record.stage_ns {
+    for number in record.stage_ns.into_iter().chain([record.record_ns]) {
         let _ = write!(row, ",{number}");
     }
     for number in [

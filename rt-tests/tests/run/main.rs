@@ -115,7 +115,7 @@ const FIELDS: &str = "
 /// Times, each with its quantiles.
 const TIMES: &str = "
     period_us wake_us work_us work_wall_us stage_us.inbox stage_us.refine stage_us.refit
-    stage_us.query stage_us.force
+    stage_us.query stage_us.force record_us
 ";
 
 #[test]

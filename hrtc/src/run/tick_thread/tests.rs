@@ -182,7 +182,7 @@ fn a_full_ring_to_the_link_is_counted() {
     let mut outputs = TickOutputs::new(1);
     outputs.reports.push(bytemuck::Zeroable::zeroed());
     for _ in 0..OUT_CAPACITY + 2 {
-        thread.send(0, &outputs);
+        thread.send(&outputs);
     }
     assert_eq!(thread.shared.contacts_lost.load(Ordering::Relaxed), 2);
 }

@@ -366,6 +366,10 @@ impl Report<'_> {
         };
         let mut lines = vec![
             format!("work of a tick (thread CPU): {}", spread(&r.work_us)),
+            format!(
+                "recording of a tick, on its thread: {}",
+                spread(&r.record_us)
+            ),
             format!("wake-up after the deadline: {}", spread(&r.wake_us)),
             format!("period: {}", spread(&r.period_us)),
         ];
