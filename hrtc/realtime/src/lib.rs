@@ -5,6 +5,7 @@
 //! |---|---|
 //! | [`pacer`] | [`Pacer`](pacer::Pacer): absolute deadlines, skipped periods and their reasons |
 //! | [`rights`] | priority, locked memory, core and wake-up latency; clocks and counters |
+//! | [`interrupts`] | devices that interrupt the core of a loop |
 //! | [`core_claim`] | a core that two loops must not share |
 //! | [`counting_allocator`] | allocations and frees of a thread, counted |
 //!
@@ -29,5 +30,6 @@
 
 pub mod core_claim;
 pub mod counting_allocator;
+pub mod interrupts;
 pub mod pacer;
 pub mod rights;

@@ -37,6 +37,7 @@ use monitor::{Drained, Monitor};
 use probe_device::ProbeDevice;
 use protocol::{ContactReport, Request};
 use realtime::core_claim::CoreClaim;
+use realtime::interrupts::InterruptedCore;
 use realtime::rights::monotonic_ns;
 use recording::RunRecording;
 use rtrb::{Consumer, RingBuffer};
@@ -268,7 +269,8 @@ fn watch(
         .map_err(RunError::Thread)
 }
 
-/// Claims the core of the tick as long as the claim lives; says when another controller has it.
+/// Claims the core of the tick as long as the claim lives; says when another controller has it, or
+/// devices interrupt it.
 fn claim_core(plan: &ScenePlan) -> Option<CoreClaim> {
     let core = plan.loop_.core?;
     let claim = CoreClaim::take(core);
@@ -276,6 +278,9 @@ fn claim_core(plan: &ScenePlan) -> Option<CoreClaim> {
         note!(
             "another controller ticks on core {core} too, so both will miss periods; give one of them a core of its own ([loop] core)"
         );
+    }
+    if let Some(interrupted) = InterruptedCore::look(core) {
+        note!("{interrupted}");
     }
     claim
 }
