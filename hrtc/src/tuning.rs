@@ -69,12 +69,17 @@ pub const CLEANUP_PERIOD: Duration = Duration::from_secs(1);
 /// Different sentences about peers that the link logs, at most.
 pub const MAX_LOGGED_SENTENCES: usize = 64;
 
-/// Tick records between main thread and recorder: about four seconds at 1 kHz, 8 MiB.
+/// Tick records between main thread and recorder: about four seconds at 1 kHz, 2 KiB each, 8 MiB.
+/// That bridges every stall of the recorder's thread but a lasting lack of processor time: a
+/// keyframe takes tenths of a second, and beside a hundred busy threads on its core it waits 0.3 s
+/// for its turn, with slices of 3 ms.
 pub const RECORDED_TICKS: usize = 4096;
-/// Chunks between link and recorder: eight credit windows, 1 MiB.
-pub const RECORDED_CHUNKS: usize = 256;
-/// Requests, and contact reports, between tick and recorder: a second of a tick's few.
-pub const RECORDED_OUTPUTS: usize = 1024;
+/// Chunks between link and recorder, 4 KiB each, 8 MiB: those of the same four seconds. A hundred
+/// objects under three probes give at most 344 a second (`config/scenes/hundred-objects.toml`).
+pub const RECORDED_CHUNKS: usize = 2048;
+/// Requests, and contact reports, between tick and recorder, together 1.4 MiB: those of the same
+/// four seconds; three probes make at most 300 of each a second.
+pub const RECORDED_OUTPUTS: usize = 2048;
 /// Nice value of the recorder's threads: the kernel weighs it 9548 against the 1024 of an ordinary
 /// thread, so that beside six busy ones on its core it has 61 % of that core instead of 14 %.
 pub const RECORDER_NICE: i32 = -10;

@@ -25,11 +25,7 @@ pub fn write_black_box(files: &[PathBuf], fault: &str, out: &Path) -> Result<(),
     let last_ns = ticks_ns(last)?.last().unwrap_or_default();
     let from_ns = last_ns.saturating_sub(BLACK_BOX_NS);
     let mut start = files.len() - 1;
-    while start > 0
-        && ticks_ns(&files[start])?
-            .next()
-            .is_none_or(|first| first > from_ns)
-    {
+    while start > 0 && !(begins_before(&files[start], from_ns)? && stands_alone(&files[start])?) {
         start -= 1;
     }
     let mut copy = Copy::new(from_ns);
@@ -43,6 +39,21 @@ pub fn write_black_box(files: &[PathBuf], fault: &str, out: &Path) -> Result<(),
         }
     }
     file.write_all(&copy.finish(fault)?).map_err(failed)
+}
+
+/// Whether a file has a tick from before a time.
+fn begins_before(path: &Path, ns: u64) -> Result<bool, RecordingError> {
+    Ok(ticks_ns(path)?.next().is_some_and(|first| first <= ns))
+}
+
+/// Whether a file replays without those before it: it is the first, or begins with a keyframe.
+fn stands_alone(path: &Path) -> Result<bool, RecordingError> {
+    let mut entries = RecordingReader::open(path)?;
+    if entries.head().segment == 0 {
+        return Ok(true);
+    }
+    let first = entries.find(|of| matches!(of, Entry::Keyframe(_) | Entry::Tick(_)));
+    Ok(matches!(first, Some(Entry::Keyframe(_))))
 }
 
 /// Starts of a file's ticks, ns.

@@ -17,7 +17,9 @@
 //! a slow or full disk costs records, never a tick. Messages are gathered in short frames, MCAP's
 //! chunks, without which rerun reads nothing; a file that ends anywhere, by a kill for example,
 //! opens up to its last whole message. Each later file
-//! begins with a keyframe, the state of the twin, and replays without those before it.
+//! begins with a keyframe, the state of the twin, and replays without those before it. A recorder
+//! that gets too little time gives up the twin before it loses a tick; once an input of a tick is
+//! lost there is no twin either, since nothing may copy the state of the tick's own controller.
 
 mod black_box;
 mod disk;
@@ -44,7 +46,7 @@ use crate::tick_record::TickRecord;
 use crate::tuning::{
     RECORDED_CHUNKS, RECORDED_OUTPUTS, RECORDED_TICKS, RECORDER_NICE, RECORDER_STACK_BYTES,
 };
-use hrtc_core::TickOutputs;
+use hrtc_core::{Capacity, TickOutputs};
 use protocol::{ContactReport, Request};
 use realtime::rights::{MissingRight, set_nice};
 use rtrb::{Producer, RingBuffer};
@@ -53,7 +55,7 @@ use scene_files::KeptFiles;
 use shown::Level;
 use std::io;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use thiserror::Error;
@@ -111,10 +113,49 @@ impl OutputTap {
 pub struct Recorder {
     ticks: Producer<TickRecord>,
     ending: Arc<OnceLock<Ending>>,
-    has_lost: Arc<AtomicBool>,
+    progress: Arc<Progress>,
     missing: Option<MissingRight>,
     /// `None` once it is joined.
     thread: Option<JoinHandle<Vec<PathBuf>>>,
+}
+
+/// The recorder's rings, in the order of [`RecordedRings::fill`], with their sizes.
+const RINGS: [(&str, usize); 4] = [
+    ("tick records for the recorder", RECORDED_TICKS),
+    ("chunks for the recorder", RECORDED_CHUNKS),
+    ("requests for the recorder", RECORDED_OUTPUTS),
+    ("reports for the recorder", RECORDED_OUTPUTS),
+];
+
+/// What the recorder's thread tells the main thread.
+#[derive(Debug, Default)]
+struct Progress {
+    /// Whether the disk refused records.
+    has_lost: AtomicBool,
+    /// The most entries in each of [`RINGS`].
+    high_water: [AtomicUsize; RINGS.len()],
+}
+
+/// The rings: the main thread's end, those of tick and link, the recorder's.
+fn rings() -> (Producer<TickRecord>, Taps, RecordedRings) {
+    let (ticks, ticks_out) = RingBuffer::new(RECORDED_TICKS);
+    let (mut chunks, chunks_out) = RingBuffer::new(RECORDED_CHUNKS);
+    let (requests, requests_out) = RingBuffer::new(RECORDED_OUTPUTS);
+    let (reports, reports_out) = RingBuffer::new(RECORDED_OUTPUTS);
+    let mut index = 0;
+    let chunks: ChunkRecorder = Box::new(move |chunk| {
+        // A full ring loses the chunk; the next one's number reveals it.
+        let _ = chunks.push((index, *chunk));
+        index += 1;
+    });
+    let outputs = OutputTap { requests, reports };
+    let recorded = RecordedRings {
+        ticks: ticks_out,
+        chunks: chunks_out,
+        requests: requests_out,
+        reports: reports_out,
+    };
+    (ticks, Taps { outputs, chunks }, recorded)
 }
 
 /// The ends of the recorder's rings that other threads own.
@@ -135,20 +176,11 @@ impl Recorder {
         files: KeptFiles,
         place: RecordingPlace,
     ) -> Result<(Self, Taps), RecordingError> {
-        let (ticks, ticks_out) = RingBuffer::new(RECORDED_TICKS);
-        let (mut chunks, chunks_out) = RingBuffer::new(RECORDED_CHUNKS);
-        let (requests, requests_out) = RingBuffer::new(RECORDED_OUTPUTS);
-        let (reports, reports_out) = RingBuffer::new(RECORDED_OUTPUTS);
-        let rings = RecordedRings {
-            ticks: ticks_out,
-            chunks: chunks_out,
-            requests: requests_out,
-            reports: reports_out,
-        };
+        let (ticks, taps, rings) = rings();
         let ending = Arc::new(OnceLock::new());
         let until = Arc::clone(&ending);
-        let has_lost = Arc::new(AtomicBool::new(false));
-        let lost = Arc::clone(&has_lost);
+        let progress = Arc::new(Progress::default());
+        let told = Arc::clone(&progress);
         let (started, wait) = std::sync::mpsc::sync_channel(1);
         let thread = std::thread::Builder::new()
             .name("hrtc-recorder".to_owned())
@@ -156,7 +188,7 @@ impl Recorder {
             .spawn(move || {
                 // Before the thread of the disk starts, which takes it over.
                 let missing = set_nice(RECORDER_NICE).err();
-                match Worker::new(rings, head, files, place, lost) {
+                match Worker::new(rings, head, files, place, told) {
                     Ok(worker) => {
                         let _ = started.send(Ok(missing));
                         worker.run(&until)
@@ -170,21 +202,14 @@ impl Recorder {
             .map_err(RecordingError::Thread)?;
         let ended = || RecordingError::Thread(io::Error::other("it ended before it began"));
         let missing = wait.recv().map_err(|_| ended())??;
-        let mut index = 0;
-        let chunks: ChunkRecorder = Box::new(move |chunk| {
-            // A full ring loses the chunk; the next one's number reveals it.
-            let _ = chunks.push((index, *chunk));
-            index += 1;
-        });
-        let outputs = OutputTap { requests, reports };
         let recorder = Self {
             ticks,
             ending,
-            has_lost,
+            progress,
             missing,
             thread: Some(thread),
         };
-        Ok((recorder, Taps { outputs, chunks }))
+        Ok((recorder, taps))
     }
 
     /// Hands over a tick; one without room is lost, which the next one reveals. Not from the tick's
@@ -202,7 +227,17 @@ impl Recorder {
     /// Whether the disk refused records.
     #[must_use]
     pub fn has_lost(&self) -> bool {
-        self.has_lost.load(Ordering::Relaxed)
+        self.progress.has_lost.load(Ordering::Relaxed)
+    }
+
+    /// Size and high water of each ring.
+    #[must_use]
+    pub fn capacities(&self) -> Vec<Capacity> {
+        let all = RINGS.iter().zip(&self.progress.high_water);
+        let of = |(&(name, room), most): (&(_, _), &AtomicUsize)| {
+            Capacity::new(name, room, most.load(Ordering::Relaxed))
+        };
+        all.map(of).collect()
     }
 
     /// Ends the recording; the files that are kept, the oldest first. `fault` is what ended the

@@ -4,17 +4,17 @@ use super::disk::{Disk, RecordingPlace};
 use super::encoder::Encoder;
 use super::shown::Level;
 use super::twin::Twin;
-use super::{Hole, RecordingError, RecordingHead};
+use super::{Hole, Progress, RecordingError, RecordingHead};
 use crate::message::note;
 use crate::tick_record::TickRecord;
-use crate::tuning::{DRAIN_PERIOD, FRAME_NS, RECORDING_RETRY_NS};
+use crate::tuning::{DRAIN_PERIOD, FRAME_NS, RECORDED_TICKS, RECORDING_RETRY_NS};
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{ContactReport, Request};
 use realtime::rights::monotonic_ns;
 use rtrb::Consumer;
 use scene_files::KeptFiles;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, OnceLock};
 
 /// The recorder's ends of the rings.
@@ -26,6 +26,18 @@ pub(super) struct RecordedRings {
     pub requests: Consumer<(u64, Request)>,
     /// By their ticks.
     pub reports: Consumer<(u64, ContactReport)>,
+}
+
+impl RecordedRings {
+    /// Entries that wait in each.
+    fn fill(&self) -> [usize; 4] {
+        [
+            self.ticks.slots(),
+            self.chunks.slots(),
+            self.requests.slots(),
+            self.reports.slots(),
+        ]
+    }
 }
 
 /// How a run ended.
@@ -68,8 +80,8 @@ pub(super) struct Worker {
     /// Time of the last frame's end, ns.
     flushed_ns: u64,
     has_warned: bool,
-    /// Whether the disk refused records, for the main thread.
-    has_lost: Arc<AtomicBool>,
+    /// For the main thread.
+    progress: Arc<Progress>,
 }
 
 impl Worker {
@@ -82,7 +94,7 @@ impl Worker {
         head: RecordingHead,
         files: KeptFiles,
         place: RecordingPlace,
-        has_lost: Arc<AtomicBool>,
+        progress: Arc<Progress>,
     ) -> Result<Self, RecordingError> {
         let controller = head.controller(&files)?;
         let probes = controller.probes();
@@ -103,7 +115,7 @@ impl Worker {
             retry_ns: 0,
             flushed_ns: 0,
             has_warned: false,
-            has_lost,
+            progress,
         })
     }
 
@@ -113,8 +125,11 @@ impl Worker {
             // Read before the rings, so that nothing comes after the last look.
             let ending = ending.get();
             while let Ok(record) = self.rings.ticks.pop() {
+                self.note_fill();
                 let recorded = self.tick(&record).and_then(|()| self.rotate());
                 self.heed(recorded);
+                // Here too: who is late does not come out of this loop.
+                self.flush();
             }
             self.flush();
             self.resume();
@@ -122,6 +137,13 @@ impl Worker {
                 return self.finish(ending);
             }
             std::thread::sleep(DRAIN_PERIOD);
+        }
+    }
+
+    /// Notes how full the rings are.
+    fn note_fill(&self) {
+        for (most, fill) in self.progress.high_water.iter().zip(self.rings.fill()) {
+            most.fetch_max(fill, Ordering::Relaxed);
         }
     }
 
@@ -135,14 +157,7 @@ impl Worker {
         self.next_tick = record.tick + 1;
         self.chunks(record)?;
         let outgoing = self.outgoing(record)?;
-        if let Some(twin) = &mut self.twin {
-            let is_same = twin.tick(record).is_ok()
-                && twin.outputs().record.replay_hash == record.core.replay_hash;
-            if !is_same {
-                self.twin = None;
-                self.note("the recorder's controller differs from the run's from here on")?;
-            }
-        }
+        self.follow(record)?;
         let Some(encoder) = &mut self.encoder else {
             self.extend_hole(record.tick);
             return Ok(());
@@ -154,6 +169,30 @@ impl Worker {
             encoder.report(record.tick, report)?;
         }
         encoder.tick(record, self.twin.as_ref().map(Twin::controller))
+    }
+
+    /// Runs a tick of the twin, unless the recorder is so late that ticks would be lost for it:
+    /// without it later files begin without a keyframe, but what is lost replays nowhere.
+    fn follow(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
+        let is_late = self.rings.ticks.slots() > RECORDED_TICKS / 8 * 7;
+        let Some(twin) = &mut self.twin else {
+            return Ok(());
+        };
+        if is_late {
+            self.twin = None;
+            note!(
+                "the recorder is late and makes no more keyframes: every tick is recorded still, but later files of this recording do not replay by themselves"
+            );
+            return self.note("the recorder is late and makes no keyframes from here on");
+        }
+        if twin.tick(record).is_err() {
+            return self.lose(record.tick, record.tick, "chunks before them were lost");
+        }
+        if twin.outputs().record.replay_hash != record.core.replay_hash {
+            self.twin = None;
+            return self.note("the recorder's controller differs from the run's from here on");
+        }
+        Ok(())
     }
 
     /// Takes the chunks that had arrived before a tick.
@@ -255,7 +294,7 @@ impl Worker {
     fn stop(&mut self, reason: String) {
         if !self.has_warned {
             self.has_warned = true;
-            self.has_lost.store(true, Ordering::Relaxed);
+            self.progress.has_lost.store(true, Ordering::Relaxed);
             note!("ticks are not recorded for now, the run goes on: {reason}");
         }
         self.hole = Some(Hole {
@@ -368,3 +407,6 @@ fn of_tick<T>(ring: &mut Consumer<(u64, T)>, tick: u64) -> Vec<T> {
     }
     found
 }
+
+#[cfg(test)]
+mod tests;

@@ -53,7 +53,7 @@ use transport::Domain;
 use watchdog::Watchdog;
 
 /// Bytes of the rings and of the tick's stack: memory of a controller's process beside its cache,
-/// whatever the model.
+/// whatever the model; without those of a recording.
 pub const FIXED_BYTES: usize = LOG_CAPACITY * size_of::<TickRecord>()
     + INBOX_CAPACITY * size_of::<InboxChunk>()
     + OUT_CAPACITY * (size_of::<Request>() + size_of::<ContactReport>())

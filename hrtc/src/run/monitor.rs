@@ -16,7 +16,7 @@ use crate::result::{Accumulator, Finished, RunMeta, SupervisedLine};
 use crate::tick_record::TickRecord;
 use crate::tuning::{DRAIN_PERIOD, OFF_TIMEOUT, STATION_ABSENT_NS, STATUS_PERIOD_NS};
 use hrtc_core::contact::sphere_proxy::MAX_CONSTRAINTS;
-use hrtc_core::{Controller, Fault};
+use hrtc_core::{Capacity, Controller, Fault};
 use realtime::rights::monotonic_ns;
 use rtrb::Consumer;
 use scene::{ScenePlan, TrajectoryPlan};
@@ -43,6 +43,8 @@ pub(super) struct Monitor<'a> {
 pub(super) struct Drained {
     pub run: Accumulator,
     pub recording_errors: u64,
+    /// Rings of the recorder; none without one.
+    pub recorder_rings: Vec<Capacity>,
     /// The first error that ended the run.
     pub error: Option<RunError>,
 }
@@ -72,6 +74,7 @@ impl Monitor<'_> {
         let mut drained = Drained {
             run,
             recording_errors: 0,
+            recorder_rings: Vec::new(),
             error: None,
         };
         let mut next_status = 0;
@@ -107,7 +110,10 @@ impl Monitor<'_> {
             }
             std::thread::sleep(DRAIN_PERIOD);
         }
-        drained.recording_errors = recording.map_or(0, |of| u64::from(of.has_lost()));
+        if let Some(recording) = recording {
+            drained.recording_errors = u64::from(recording.has_lost());
+            drained.recorder_rings = recording.capacities();
+        }
         drained
     }
 
@@ -233,6 +239,7 @@ impl Monitor<'_> {
             result.faults = named.collect();
         }
         result.capacities.extend_from_slice(&end.rings);
+        result.capacities.extend(drained.recorder_rings);
         self.print_losses(end);
         let non_finite = finished.result.non_finite.join(", ");
         self.print_result(finished)?;

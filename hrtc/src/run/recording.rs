@@ -7,6 +7,7 @@ use crate::recorder::{
 };
 use crate::setup::ControllerSetup;
 use crate::tick_record::TickRecord;
+use hrtc_core::Capacity;
 use realtime::rights::{MissingRight, monotonic_ns};
 use scene::ScenePlan;
 use scene_files::KeptFiles;
@@ -79,6 +80,11 @@ impl RunRecording {
     /// Whether the disk refused records.
     pub(super) fn has_lost(&self) -> bool {
         self.recorder.has_lost()
+    }
+
+    /// Size and high water of the recorder's rings.
+    pub(super) fn capacities(&self) -> Vec<Capacity> {
+        self.recorder.capacities()
     }
 
     /// Ends the recording; after a fault the last seconds are kept in a file of their own.

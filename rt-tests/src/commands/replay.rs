@@ -25,7 +25,7 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     let found = replay_file(&args.file).map_err(|error| Failure::Input(error.to_string()))?;
     if args.json {
         print_json(&found)?;
-    } else if found.equal {
+    } else if found.equal && found.ticks > 0 {
         print(&format!(
             "all {} ticks gave the recorded outputs, bit by bit{}\n",
             grouped(found.ticks),
@@ -48,6 +48,12 @@ fn shortened(found: &Replay) -> String {
 }
 
 fn judge(found: &Replay, name: &str) -> Result<(), Failure> {
+    if found.equal && found.ticks == 0 {
+        return Err(Failure::Input(format!(
+            "{name}: no tick of it replays by itself, since it has no keyframe{}",
+            shortened(found)
+        )));
+    }
     if found.equal {
         return Ok(());
     }
