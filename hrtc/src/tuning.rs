@@ -98,7 +98,8 @@ pub const FRAME_NS: u64 = 50_000_000;
 /// Bytes after which a frame ends before that, about those of a second: only for what is copied
 /// faster than it was recorded.
 pub const MAX_FRAME_BYTES: u64 = 1 << 20;
-/// Bytes that wait for the disk at the most: about eight seconds of a run.
+/// Bytes that wait for the disk at the most before those that come on top, a keyframe for example:
+/// about eight seconds of a run.
 pub const RECORDING_QUEUE_BYTES: usize = 16 << 20;
 /// Pieces that wait for the disk at the most: several times those of eight seconds, one each
 /// [`FRAME_NS`], and more where files are short.

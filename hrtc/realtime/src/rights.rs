@@ -55,7 +55,7 @@ impl Right {
             Self::Core(core) => format!("the thread is not pinned to core {core}"),
             Self::Latency => "the processor may sleep deeply (/dev/cpu_dma_latency)".to_owned(),
             Self::Nice(value) => format!(
-                "the recorder has no precedence (nice {value}), so it loses ticks on a machine that is busy enough"
+                "the recorder has no precedence (nice {value}), so it falls behind on a busy machine"
             ),
         }
     }

@@ -116,8 +116,8 @@ impl Disk {
     pub(super) fn write(&self, bytes: Vec<u8>) -> bool {
         let length = bytes.len();
         let queued = self.news.queued.load(Ordering::Acquire);
-        let has_room = queued == 0 || queued + length <= RECORDING_QUEUE_BYTES;
-        if !has_room || self.news.failed.load(Ordering::Acquire) {
+        // Not the length added: a keyframe may be longer than all that may wait before it.
+        if queued > RECORDING_QUEUE_BYTES || self.news.failed.load(Ordering::Acquire) {
             return false;
         }
         self.news.queued.fetch_add(length, Ordering::AcqRel);
@@ -277,4 +277,43 @@ fn earlier_runs(first: &Path) -> io::Result<VecDeque<(PathBuf, u64)>> {
     }
     found.sort();
     Ok(found.into_iter().map(|of| (of.1, of.2)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Read;
+    use std::process::Command;
+
+    #[test]
+    fn a_keyframe_longer_than_the_queue_waits_behind_other_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = folder.path().join("run.mcap");
+        // Whoever writes into a pipe waits for its reader.
+        let made = Command::new("mkfifo").arg(&first).status();
+        assert!(made.unwrap().success());
+        let (release, released) = sync_channel::<()>(0);
+        let pipe = first.clone();
+        let reader = std::thread::spawn(move || {
+            let mut file = File::open(pipe).unwrap();
+            let _ = released.recv();
+            let mut bytes = Vec::new();
+            file.read_to_end(&mut bytes).unwrap();
+            bytes.len()
+        });
+        let disk = Disk::start(RecordingPlace {
+            first: first.clone(),
+            keep_bytes: 1 << 30,
+            owns_folder: false,
+        });
+        let disk = disk.unwrap();
+        // More than the pipe holds, so it stays in the queue.
+        let (frame, keyframe) = (1 << 20, RECORDING_QUEUE_BYTES + 1);
+        assert!(disk.write(vec![0; frame]));
+        assert!(disk.write(vec![0; keyframe]));
+        assert!(!disk.write(vec![0]), "the queue is full");
+        drop(release);
+        assert_eq!(disk.finish(), Some(vec![first]));
+        assert_eq!(reader.join().unwrap(), frame + keyframe);
+    }
 }
