@@ -1,5 +1,7 @@
 //! `hrtc`: the controller alone.
 
+mod station_link;
+
 use clap::{Args, Parser, Subcommand};
 use hrtc::devices::DeviceRegistry;
 use hrtc::run::{Output, RunArgs, StopFlags, run_until};
@@ -36,6 +38,10 @@ enum Command {
     /// Tick on a scene until the time is over or Ctrl-C; a contact needs a station (ve-station
     /// serve)
     Run(RunOptions),
+    /// The process of a link, started by `run --station`
+    #[cfg(feature = "tunnel")]
+    #[command(hide = true)]
+    Tunnel(tunnel::TunnelArgs),
 }
 
 #[derive(Debug, Args)]
@@ -45,9 +51,15 @@ struct RunOptions {
     /// Length of the run, seconds; until Ctrl-C when absent
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
-    /// iceoryx2 domain of the station
+    /// iceoryx2 domain of the station; with --station, of this machine alone
     #[arg(long, value_name = "NAME", default_value = "hrtc")]
     domain: String,
+    /// Calls a station on another machine (ve-station serve --listen): tls/HOST:7447
+    #[arg(long, value_name = "ADDRESS")]
+    station: Option<String>,
+    /// Folder of the controller's keys [default: hrtc/keys in the user's folder of settings]
+    #[arg(long, value_name = "DIR", requires = "station")]
+    keys: Option<PathBuf>,
     /// Print the result as one JSON object
     #[arg(long, conflicts_with = "supervised")]
     json: bool,
@@ -63,11 +75,23 @@ struct RunOptions {
 }
 
 fn main() -> ExitCode {
-    let Command::Run(options) = Cli::parse().command;
+    match Cli::parse().command {
+        Command::Run(options) => run(options),
+        #[cfg(feature = "tunnel")]
+        Command::Tunnel(args) => tunnel::run(&args),
+    }
+}
+
+fn run(options: RunOptions) -> ExitCode {
     transport::logging::start();
     if let Err(error) = listen() {
         return failure(&format_args!("cannot listen to signals: {error}"));
     }
+    let address = options.station.as_deref();
+    let _link = match station_link::call(&options.domain, address, options.keys.as_deref()) {
+        Ok(link) => link,
+        Err(error) => return failure(&error),
+    };
     let output = match (options.json, options.supervised) {
         (_, true) => Output::Supervised,
         (true, false) => Output::Json,

@@ -79,6 +79,30 @@ impl Drop for Run {
     }
 }
 
+#[test]
+fn a_station_that_cannot_be_called_is_one_sentence() {
+    let refused = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_hrtc"));
+        let output = command.args(["run", "scene.toml"]).args(more).output();
+        let output = output.unwrap();
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert_eq!(text.trim_end().lines().count(), 1, "{text}");
+        text
+    };
+    let encrypted = ["--station", "tls/127.0.0.1", "--keys", "/nowhere"];
+    let sentence = refused(&encrypted);
+    if cfg!(feature = "tunnel") {
+        assert!(sentence.contains("/nowhere/authority.pem"), "{sentence}");
+        let sentence = refused(&["--station", "tcp/192.168.1.10"]);
+        assert!(sentence.contains("ve-station keys DIR"), "{sentence}");
+        let sentence = refused(&["--station", "tls/0.0.0.0"]);
+        assert!(sentence.contains("names no machine"), "{sentence}");
+    } else {
+        assert!(sentence.contains("--features tunnel"), "{sentence}");
+    }
+}
+
 /// Said once the tick runs: no station is there.
 const TICKING: &str = "no station in domain";
 

@@ -1,5 +1,6 @@
 //! The command line: what was typed, and which library function answers it.
 
+use crate::link;
 use clap::{Args, Parser, Subcommand};
 use scene_args::OverrideArgs;
 use serde::Serialize;
@@ -103,6 +104,23 @@ enum Command {
     },
     /// Serves the models of a scene until Ctrl-C
     Serve(ServeOptions),
+    /// Makes the keys of a link to controllers on other machines, and says how to copy them
+    Keys {
+        /// A new folder for them
+        folder: PathBuf,
+        /// Name or address by which controllers call the station; several times for several
+        /// [default: this machine's]
+        #[arg(long, value_name = "HOST")]
+        host: Vec<String>,
+        /// Days for which they are valid
+        #[arg(long, value_name = "N", default_value_t = 365,
+            value_parser = clap::value_parser!(u32).range(1..))]
+        days: u32,
+    },
+    /// The process of a link, started by `serve --listen`
+    #[cfg(feature = "tunnel")]
+    #[command(hide = true)]
+    Tunnel(tunnel::TunnelArgs),
 }
 
 #[derive(Debug, Args)]
@@ -112,6 +130,12 @@ struct ServeOptions {
     /// Name of the iceoryx2 domain that both processes join
     #[arg(long, value_name = "NAME", default_value = "hrtc")]
     domain: String,
+    /// Serves controllers on other machines too, which call this address: tls/0.0.0.0:7447
+    #[arg(long, value_name = "ADDRESS")]
+    listen: Option<String>,
+    /// Folder of the station's keys [default: hrtc/keys in the user's folder of settings]
+    #[arg(long, value_name = "DIR", requires = "listen")]
+    keys: Option<PathBuf>,
     #[command(flatten)]
     overrides: OverrideArgs,
     /// Prints one JSON object at the end
@@ -142,7 +166,14 @@ struct BuildResult {
 
 /// Runs the command; says in one sentence on standard error why it could not.
 pub fn main() -> ExitCode {
-    match run(Cli::parse().command) {
+    let command = Cli::parse().command;
+    // It has a log of its own.
+    #[cfg(feature = "tunnel")]
+    if let Command::Tunnel(args) = &command {
+        return tunnel::run(args);
+    }
+    transport::logging::start();
+    match run(command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // Nobody may be left to read it.
@@ -190,6 +221,9 @@ fn run(command: Command) -> Result<(), Box<dyn Error>> {
             export_file(&file, &output, format, detail, json)
         }
         Command::Serve(options) => serve_until_signal(options),
+        Command::Keys { folder, host, days } => print(&link::make_keys(&folder, &host, days)?),
+        #[cfg(feature = "tunnel")]
+        Command::Tunnel(_) => Ok(()),
     }
 }
 
@@ -275,6 +309,8 @@ fn serve_until_signal(options: ServeOptions) -> Result<(), Box<dyn Error>> {
         signal_hook::flag::register_conditional_shutdown(signal, INTERRUPTED, again)?;
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
+    let listen = options.listen.as_deref();
+    let _link = link::listen(&options.domain, listen, options.keys.as_deref())?;
     serve(&options.into(), &stop)?;
     Ok(())
 }

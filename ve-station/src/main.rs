@@ -1,10 +1,10 @@
 //! The command `ve-station`: see `ve-station --help`.
 
 mod cli;
+mod link;
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    transport::logging::start();
     cli::main()
 }

@@ -45,6 +45,14 @@ pub const MAX_PORTS: usize = MAX_CLIENTS + 3;
 /// Largest number of subscribers of a records topic: its client, its restart before the dead one is
 /// removed, a tunnel, a recorder.
 const MAX_RECORD_PORTS: usize = 4;
+/// The topics that a tunnel carries to another machine, `*` for any client: all of the protocol,
+/// and no other name. A wake-up event among them would be carried too, and stall a tunnel.
+pub const CARRIED_TOPICS: [&str; 4] = [
+    "hrtc/hello",
+    "hrtc/v4/subscribe",
+    "hrtc/v4/pose",
+    "hrtc/v4/records/*",
+];
 /// Largest number of samples that a subscriber borrows at the same time.
 const MAX_BORROWED: usize = 2;
 /// Longest name of a domain, bytes.
@@ -438,6 +446,8 @@ fn sender<P: Debug + IceoryxSend + ?Sized, H: Debug + ZeroCopySend>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use iceoryx2::prelude::CallbackProgression;
+    use iceoryx2::service::Service;
 
     #[test]
     fn names_that_are_no_single_path_entry_are_refused() {
@@ -487,6 +497,32 @@ mod tests {
         drop(domain.node().unwrap());
         let mode = std::fs::symlink_metadata(&root).unwrap().mode();
         assert_eq!(mode & 0o077, 0, "others may look in");
+        domain.remove_files();
+    }
+
+    #[test]
+    fn a_tunnel_carries_every_topic() {
+        let domain = Domain::new(&format!("carried-{}", std::process::id())).unwrap();
+        let node = domain.node().unwrap();
+        let _open = (
+            domain.hello_service(&node).unwrap(),
+            domain.subscribe_service(&node).unwrap(),
+            domain.pose_service(&node).unwrap(),
+            domain.records_service(&node, 7).unwrap(),
+        );
+        let mut names = Vec::new();
+        let listed = <ipc::Service as Service>::list(&domain.config().unwrap(), |service| {
+            names.push(service.static_details.name().to_string());
+            CallbackProgression::Continue
+        });
+        listed.unwrap();
+        assert_eq!(names.len(), CARRIED_TOPICS.len(), "{names:?}");
+        for topic in CARRIED_TOPICS {
+            let begin = topic.trim_end_matches('*');
+            let of_topic = |name: &String| name.starts_with(begin);
+            assert_eq!(names.iter().filter(|&name| of_topic(name)).count(), 1);
+        }
+        drop((_open, node));
         domain.remove_files();
     }
 

@@ -20,5 +20,7 @@ mod domain;
 pub mod logging;
 mod turns;
 
-pub use domain::{Domain, Heartbeats, IpcNode, MAX_PORTS, MAX_QUEUED, Topic, TransportError};
+pub use domain::{
+    CARRIED_TOPICS, Domain, Heartbeats, IpcNode, MAX_PORTS, MAX_QUEUED, Topic, TransportError,
+};
 pub use turns::receive_in_turn;

@@ -101,6 +101,35 @@ fn generate_build_and_inspect_agree() {
 }
 
 #[test]
+fn a_link_that_cannot_be_is_one_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let serve = |more: &[&str]| {
+        let typed = [&["serve", "scene.toml", "--domain", "no-link"], more].concat();
+        refused(at, &typed)
+    };
+    if cfg!(feature = "tunnel") {
+        let sentence = serve(&["--listen", "tcp/0.0.0.0:7447"]);
+        assert!(sentence.contains("ve-station keys DIR"), "{sentence}");
+        let sentence = serve(&["--listen", "7447"]);
+        assert!(sentence.contains("tls/192.168.1.10:7447"), "{sentence}");
+        let nowhere = ["--listen", "tls/127.0.0.1:7447", "--keys", "nowhere"];
+        let sentence = serve(&nowhere);
+        assert!(sentence.contains("nowhere/authority.pem"), "{sentence}");
+        let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let taken = format!("tcp/{}", other.local_addr().unwrap());
+        let sentence = serve(&["--listen", &taken]);
+        assert!(sentence.contains(&taken), "{sentence}");
+    } else {
+        let sentence = serve(&["--listen", "tls/0.0.0.0:7447"]);
+        assert!(sentence.contains("--features tunnel"), "{sentence}");
+        let sentence = refused(at, &["keys", "keys"]);
+        assert!(sentence.contains("--features tunnel"), "{sentence}");
+    }
+    transport::Domain::new("no-link").unwrap().remove_files();
+}
+
+#[test]
 fn bad_meshes_are_one_sentence_each() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

@@ -1,0 +1,207 @@
+//! Keys made: an authority of its own for each link, and a certificate of it for each side.
+
+use crate::key_files::{KeyFiles, NotText, Role};
+use rcgen::{
+    BasicConstraints, CertificateParams, CertifiedIssuer, DnType, ExtendedKeyUsagePurpose, IsCa,
+    KeyPair, KeyUsagePurpose,
+};
+use rustls_pki_types::ServerName;
+use std::fs::{DirBuilder, OpenOptions};
+use std::io::{ErrorKind, Write};
+use std::net::UdpSocket;
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+use time::{Duration, OffsetDateTime};
+
+/// How far the clocks of the two machines may be apart.
+const CLOCK_TOLERANCE: Duration = Duration::DAY;
+/// Names by which every machine calls itself.
+const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
+
+/// Keys that were made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MadeKeys {
+    /// Folder of the station's.
+    pub station: PathBuf,
+    /// Folder of the controllers'.
+    pub controller: PathBuf,
+    /// What the station may be called by: hosts' names and addresses.
+    pub names: Vec<String>,
+    /// Their last day.
+    pub expires: String,
+}
+
+/// Why no keys were made: one sentence each.
+#[derive(Debug, Error)]
+pub enum MakeKeysError {
+    /// The folder is there.
+    #[error("{} is there already: name a new folder, so that no key is lost", .0.display())]
+    Exists(PathBuf),
+    /// A folder or file.
+    #[error("cannot write {} ({reason})", path.display())]
+    Write {
+        /// The path.
+        path: PathBuf,
+        /// Why.
+        reason: std::io::Error,
+    },
+    /// The folder's name.
+    #[error("{0}")]
+    Folder(#[from] NotText),
+    /// A name that a certificate cannot hold.
+    #[error("\"{0}\" is no host: write a host's name or address, without tls/ and port")]
+    Name(String),
+    /// A date beyond the calendar.
+    #[error("certificates cannot be valid for {0} days: choose fewer")]
+    Days(u32),
+    /// The cryptography.
+    #[error("cannot make a certificate ({0})")]
+    Certificate(#[from] rcgen::Error),
+}
+
+/// Makes an authority and the keys of both sides in a new folder, valid for so many days.
+/// Controllers call the station by one of `hosts`, names and addresses; without any by this
+/// machine's.
+///
+/// The private key of the authority is not kept: nobody can make another certificate of it.
+///
+/// # Errors
+/// When the folder is there already or cannot be written, or a host is none.
+pub fn make_keys(folder: &Path, hosts: &[String], days: u32) -> Result<MadeKeys, MakeKeysError> {
+    let mut names = hosts.to_vec();
+    if names.is_empty() {
+        names = names_of_this_machine();
+    }
+    names.extend(LOOPBACK.map(str::to_owned));
+    if let Some(bad) = names.iter().find(|&name| !is_host(name)) {
+        return Err(MakeKeysError::Name(bad.clone()));
+    }
+    let now = OffsetDateTime::UNIX_EPOCH + since_1970();
+    let last = now.checked_add(Duration::days(days.into()));
+    let last = last.filter(|last| last.year() < 9999);
+    let validity = (
+        now - CLOCK_TOLERANCE,
+        last.ok_or(MakeKeysError::Days(days))?,
+    );
+    let authority = authority(validity)?;
+    if folder.exists() {
+        return Err(MakeKeysError::Exists(folder.to_path_buf()));
+    }
+    make_folder(folder)?;
+    let side = |role: Role, names: &[String]| {
+        let own = folder.join(role.name());
+        let files = KeyFiles::in_folder(&own)?;
+        let key = KeyPair::generate()?;
+        let certificate = of_side(role, names, validity)?.signed_by(&key, &authority)?;
+        make_folder(&own)?;
+        write(&files.authority, &authority.pem())?;
+        write(&files.certificate, &certificate.pem())?;
+        write(&files.private_key, &key.serialize_pem())?;
+        Ok::<_, MakeKeysError>(own)
+    };
+    Ok(MadeKeys {
+        station: side(Role::Station, &names)?,
+        controller: side(Role::Controller, &[])?,
+        names,
+        expires: validity.1.date().to_string(),
+    })
+}
+
+fn since_1970() -> std::time::Duration {
+    let now = std::time::SystemTime::now();
+    now.duration_since(std::time::UNIX_EPOCH)
+        .unwrap_or_default()
+}
+
+/// The host's name, and the address that it has towards others.
+fn names_of_this_machine() -> Vec<String> {
+    let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let host = host.trim().to_ascii_lowercase();
+    // No packet is sent: the system only chooses the address that it would send from.
+    let address = UdpSocket::bind("0.0.0.0:0").and_then(|socket| {
+        socket.connect("192.0.2.1:9")?;
+        socket.local_addr()
+    });
+    let names = [
+        Some(host).filter(|host| is_host(host)),
+        address.ok().map(|own| own.ip().to_string()),
+    ];
+    names.into_iter().flatten().collect()
+}
+
+fn is_host(name: &str) -> bool {
+    ServerName::try_from(name).is_ok()
+}
+
+type Validity = (OffsetDateTime, OffsetDateTime);
+
+fn authority(validity: Validity) -> Result<CertifiedIssuer<'static, KeyPair>, rcgen::Error> {
+    let key = KeyPair::generate()?;
+    // A name of its own, so that a certificate of another one is named as such.
+    let own: String = key
+        .public_key_raw()
+        .iter()
+        .rev()
+        .take(8)
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
+    let mut params = named(&format!("hrtc-authority-{own}"), validity);
+    params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+    params.key_usages = vec![
+        KeyUsagePurpose::KeyCertSign,
+        KeyUsagePurpose::DigitalSignature,
+    ];
+    CertifiedIssuer::self_signed(params, key)
+}
+
+fn of_side(
+    role: Role,
+    names: &[String],
+    validity: Validity,
+) -> Result<CertificateParams, rcgen::Error> {
+    let mut params = named(role.common_name(), validity);
+    params.subject_alt_names = CertificateParams::new(names)?.subject_alt_names;
+    params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+    params.extended_key_usages = vec![
+        ExtendedKeyUsagePurpose::ServerAuth,
+        ExtendedKeyUsagePurpose::ClientAuth,
+    ];
+    params.use_authority_key_identifier_extension = true;
+    Ok(params)
+}
+
+fn named(common_name: &str, (first, last): Validity) -> CertificateParams {
+    let mut params = CertificateParams::default();
+    params.distinguished_name = rcgen::DistinguishedName::new();
+    params
+        .distinguished_name
+        .push(DnType::CommonName, common_name);
+    (params.not_before, params.not_after) = (first, last);
+    params
+}
+
+fn make_folder(path: &Path) -> Result<(), MakeKeysError> {
+    let made = DirBuilder::new().mode(0o700).create(path);
+    made.map_err(|reason| match reason.kind() {
+        ErrorKind::AlreadyExists => MakeKeysError::Exists(path.to_path_buf()),
+        _ => MakeKeysError::Write {
+            path: path.to_path_buf(),
+            reason,
+        },
+    })
+}
+
+/// Writes a new file that only its owner reads.
+fn write(path: &str, text: &str) -> Result<(), MakeKeysError> {
+    let file = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .mode(0o600)
+        .open(path);
+    file.and_then(|mut file| file.write_all(text.as_bytes()))
+        .map_err(|reason| MakeKeysError::Write {
+            path: path.into(),
+            reason,
+        })
+}

@@ -1,0 +1,157 @@
+//! The process of a tunnel: iceoryx2's link between a domain of this machine and zenoh.
+//!
+//! It looks at both sides every millisecond and whenever something arrives. Its mirrors of the
+//! other machine's topics are made from the domain's own settings, so that the programs can open
+//! them whoever comes first.
+
+use crate::address::AddressError;
+use crate::arguments::TunnelArgs;
+use crate::key_files::NotText;
+use crate::keys::{self, KeysError};
+use crate::notes::Notes;
+use crate::settings::{End, zenoh_settings};
+use iceoryx2::prelude::{CallbackProgression, ServiceName, WaitSetBuilder, ipc};
+use iceoryx2_integrations_zenoh_link_carrier::ZenohCarrier;
+use iceoryx2_link::Link;
+use iceoryx2_link_backend::AllowList;
+use std::io::Read;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use thiserror::Error;
+use transport::{CARRIED_TOPICS, Domain, TransportError};
+use zenoh::{Session, Wait};
+
+/// Time between two looks at both sides; what arrives from zenoh wakes it earlier.
+const POLL: Duration = Duration::from_millis(1);
+/// Time between two looks for new topics: a part of a heartbeat's period.
+const DISCOVERY: Duration = Duration::from_millis(10);
+/// Time for which the last words of the programs are carried still.
+const LAST_WORDS: Duration = Duration::from_millis(50);
+/// Time after which an end that hangs is cut short.
+const END_TIMEOUT: Duration = Duration::from_secs(2);
+/// Status of a process that could not carry anything.
+const FAILED: u8 = 2;
+
+type ZenohTunnel = Link<ipc::Service, iceoryx2_link_tunnel::Tunnel<ZenohCarrier>>;
+
+/// Why nothing is carried: one sentence each.
+#[derive(Debug, Error)]
+enum CarryError {
+    #[error("{0}")]
+    Address(#[from] AddressError),
+    #[error("{0}")]
+    Folder(#[from] NotText),
+    #[error("{0}")]
+    Keys(#[from] KeysError),
+    #[error("{0}")]
+    Transport(#[from] TransportError),
+    #[error("cannot listen on {address} ({reason}): stop who uses it, or choose another port")]
+    Listen { address: String, reason: String },
+    #[error("the tunnel cannot {what}: {reason}")]
+    Engine { what: &'static str, reason: String },
+}
+
+fn engine<E: std::fmt::Display>(what: &'static str) -> impl FnOnce(E) -> CarryError {
+    move |error| CarryError::Engine {
+        what,
+        reason: error.to_string(),
+    }
+}
+
+/// Carries the topics of a domain until standard input ends: what the hidden subcommand of a
+/// program does.
+#[must_use]
+pub fn run(args: &TunnelArgs) -> ExitCode {
+    let notes = Notes::default();
+    match args.end().map_err(CarryError::from).and_then(|end| {
+        notes.listen_to_logs(&end);
+        carry(args, &end, &notes)
+    }) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            notes.failed(&error.to_string());
+            ExitCode::from(FAILED)
+        }
+    }
+}
+
+fn carry(args: &TunnelArgs, end: &End, notes: &Notes) -> Result<(), CarryError> {
+    let domain = Domain::new(&args.domain)?;
+    let keys = keys::needed_for(end, args.keys.as_deref())?;
+    let settings = zenoh_settings(end, keys.as_ref()).to_string();
+    let node = domain.node()?;
+    let stop = stop_at_end_of_input();
+    let session = open_session(end, &settings)?;
+    notes.listen_to_links(&session, end);
+    let carrier = ZenohCarrier::open(session.clone()).map_err(engine("find the other side"))?;
+    let tunnel = iceoryx2_link_tunnel::Tunnel::new(carrier, &domain.config()?);
+    let allowed = AllowList::new(&CARRIED_TOPICS);
+    let mut tunnel = Link::new(node, tunnel)
+        .with_filter(move |name: &ServiceName| allowed.admits(name.as_str()));
+    notes.ready();
+    let carried = spin(&mut tunnel, &stop, notes);
+    drop(tunnel);
+    let closed = session.close().wait();
+    carried?;
+    closed.map_err(engine("close its session"))
+}
+
+fn open_session(end: &End, settings: &str) -> Result<Session, CarryError> {
+    let config = zenoh::Config::from_json5(settings).map_err(engine("read its settings"))?;
+    zenoh::open(config).wait().map_err(|error| match end {
+        End::Listen(address) => CarryError::Listen {
+            address: address.to_string(),
+            reason: error.to_string(),
+        },
+        End::Call(_) => engine("open its session")(error),
+    })
+}
+
+/// Moves what there is, until it is asked to stop.
+fn spin(tunnel: &mut ZenohTunnel, stop: &AtomicBool, notes: &Notes) -> Result<(), CarryError> {
+    let arrivals = tunnel.listener().map_err(engine("be woken"))?;
+    let wait = WaitSetBuilder::new().create::<ipc::Service>();
+    let wait = wait.map_err(engine("wait"))?;
+    let _poll = wait.attach_interval(POLL).map_err(engine("poll"))?;
+    let _woken = wait
+        .attach_notification(&arrivals)
+        .map_err(engine("wait for arrivals"))?;
+    let (mut next_discovery, mut last) = (Instant::now(), None);
+    let step = |_| {
+        // A wake-up that is not taken would wake again.
+        let _ = arrivals.try_wait(|_| {});
+        let now = Instant::now();
+        if now >= next_discovery {
+            next_discovery = now + DISCOVERY;
+            if let Err(error) = tunnel.discover() {
+                notes.once(&format!("looking for topics failed ({error})"));
+            }
+        }
+        if let Err(error) = tunnel.propagate() {
+            notes.once(&format!("carrying topics failed ({error})"));
+        }
+        if stop.load(Ordering::Relaxed) && now >= *last.get_or_insert(now + LAST_WORDS) {
+            return CallbackProgression::Stop;
+        }
+        CallbackProgression::Continue
+    };
+    wait.wait_and_process(step).map_err(engine("wait"))?;
+    Ok(())
+}
+
+/// Set when standard input ends, which its owner holds open. An end that hangs is cut short.
+fn stop_at_end_of_input() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    std::thread::spawn(move || {
+        let mut input = std::io::stdin().lock();
+        let mut bytes = [0; 64];
+        while input.read(&mut bytes).is_ok_and(|count| count > 0) {}
+        flag.store(true, Ordering::Relaxed);
+        std::thread::sleep(END_TIMEOUT);
+        std::process::exit(i32::from(FAILED));
+    });
+    stop
+}
