@@ -12,9 +12,15 @@ pub struct Coverage {
     pub in_contact: BTreeMap<Kind, u64>,
     /// What links did.
     pub link: LinkCounts,
+    /// Probes whose last press was compared with a fresh controller's, and all.
+    pub compared: [u64; 2],
     /// What controllers came to.
     pub states: BTreeMap<&'static str, u64>,
 }
+
+/// Share of the probes that are to be compared with a fresh controller at least: the others have
+/// gone through a thin part (3 % of seeds 0 to 1000).
+const MIN_COMPARED: f64 = 0.9;
 
 /// What controllers are to come to.
 pub const STATES: [&str; 10] = [
@@ -45,8 +51,15 @@ impl Coverage {
         }
     }
 
+    /// So many probes were compared with a fresh controller, of so many.
+    pub fn compared(&mut self, [compared, all]: [u64; 2]) {
+        self.compared[0] += compared;
+        self.compared[1] += all;
+    }
+
     /// Adds those of another run.
     pub fn add(&mut self, other: &Self) {
+        self.compared(other.compared);
         self.link.add(&other.link);
         for (&kind, &times) in &other.in_contact {
             self.met(kind, times);
@@ -69,6 +82,12 @@ impl Coverage {
             .iter()
             .filter(|state| !self.states.contains_key(*state));
         missing.extend(states.map(|state| (*state).to_string()));
+        let [compared, all] = self.compared;
+        if (compared as f64) < MIN_COMPARED * all as f64 || all == 0 {
+            missing.push(format!(
+                "{compared} of {all} probes compared with a fresh controller"
+            ));
+        }
         let done = [
             ("lost", &self.link.lost),
             ("sent twice", &self.link.doubled),

@@ -45,6 +45,8 @@ pub struct HandPath {
     pub depth_m: f64,
     /// On each version of the model: a hand goes by what it feels.
     knots: [Vec<Knot>; 2],
+    /// Numbers of the knots that can be come down to from free space, on both versions; ascending.
+    open: Vec<u64>,
 }
 
 /// Outward normal of a triangle; up where it has none.
@@ -53,16 +55,16 @@ fn normal_of(version: &Version, triangle: u32) -> DVec3 {
     (b - a).cross(c - a).try_normalize().unwrap_or(DVec3::Z)
 }
 
-/// Whether a hand may come down from free space: all the way from where it waits for its object
-/// down to the place nothing else of the surface is nearer than half of its height.
-fn is_open(version: &Version, triangle: u32, [place, normal]: [DVec3; 2]) -> bool {
+/// Whether a hand may come down to a knot from free space: all the way from where it waits for its
+/// object down to the surface nothing else of it is nearer than half of the height.
+fn is_open(version: &Version, knot: &Knot) -> bool {
     let header = version.model.file.model_header();
     let [lower, upper] = [header.lower, header.upper].map(DVec3::from_array);
     let metres_per_unit = SIZE_M / (upper - lower).max_element();
     (1..=WAYPOINTS).all(|k| {
         let share = f64::from(k) / f64::from(WAYPOINTS);
         let height = share * (START_M + HOVER_M) / metres_per_unit;
-        let near = version.full.nearest(place + height * normal, triangle);
+        let near = version.full.nearest(knot.point + height * knot.normal, 0);
         near.distance >= 0.5 * height
     })
 }
@@ -112,14 +114,12 @@ impl Walk<'_> {
             let triangle = self.random.below(triangles.len() as u64) as u32;
             let [a, b, c] = triangles[triangle as usize];
             let middle = (a + b + c) / 3.0;
-            let normal = normal_of(self.version, triangle);
-            let is_inner = self.version.within_rim(middle) == middle;
-            if is_inner && is_open(self.version, triangle, [middle, normal]) {
-                self.now = Knot {
-                    point: middle,
-                    normal,
-                    height_m: START_M,
-                };
+            self.now = Knot {
+                point: middle,
+                normal: normal_of(self.version, triangle),
+                height_m: START_M,
+            };
+            if self.version.within_rim(middle) == middle && is_open(self.version, &self.now) {
                 break triangle;
             }
         };
@@ -216,28 +216,34 @@ impl HandPath {
         };
         // The last press too comes from free space: a hand that would wait inside the object for it
         // says nothing about a controller that begins then.
-        let knots = loop {
+        loop {
             walk.touch(depth_m, (ticks / KNOT_TICKS) as usize);
+            let last = walk.knots.len() - 1;
             let over_rebuilt = moved_over(&walk.knots, version, rebuilt);
-            let versions = [
-                (version, walk.now),
-                (rebuilt, over_rebuilt[walk.knots.len() - 1]),
-            ];
-            let may_leave = versions.iter().all(|(version, now)| {
-                let near = version.full.nearest(now.point, 0);
-                is_open(version, near.triangle, [now.point, now.normal])
-            });
-            if may_leave {
-                walk.press_again(depth_m);
-                let over_rebuilt = moved_over(&walk.knots, version, rebuilt);
-                break [walk.knots, over_rebuilt];
+            let may_come_down =
+                |k: usize| is_open(version, &walk.knots[k]) && is_open(rebuilt, &over_rebuilt[k]);
+            if !may_come_down(last) {
+                continue;
             }
-        };
-        Self {
-            object,
-            depth_m,
-            knots,
+            let open = (0..=last).filter(|&k| may_come_down(k));
+            let open = open.map(|k| k as u64).collect();
+            walk.press_again(depth_m);
+            let over_rebuilt = moved_over(&walk.knots, version, rebuilt);
+            return Self {
+                object,
+                depth_m,
+                knots: [walk.knots, over_rebuilt],
+                open,
+            };
         }
+    }
+
+    /// The tick, this one or a later one, of the next knot that can be come down to from free
+    /// space; of this tick itself after the last.
+    #[must_use]
+    pub fn next_open(&self, tick: u64) -> u64 {
+        let next = self.open.partition_point(|&knot| knot * KNOT_TICKS < tick);
+        self.open.get(next).map_or(tick, |knot| knot * KNOT_TICKS)
     }
 
     /// The pose of the device at a tick, world, metres. `tip_m`: depth of the probe's tip below the

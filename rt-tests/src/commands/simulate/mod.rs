@@ -37,6 +37,7 @@ pub mod run;
 pub mod scenario;
 pub mod scenes;
 pub mod shrink;
+pub mod side;
 pub mod trace;
 
 use crate::failure::Failure;

@@ -3,8 +3,11 @@
 
 use super::hands::LIFT_TICKS;
 use super::kind::Kind;
-use super::run::{DEVICE_MAX_N, Run, Side, new_client, new_station};
+use super::run::{DEVICE_MAX_N, Run, forces_of, new_client, new_station};
+use super::side::Side;
 use super::trace::{Checked, Trace, ensure};
+use glam::DVec3;
+use scene::Effect;
 use simulator::{Client, STATION, Simulation};
 
 /// Largest difference of the forces, as a share of the force: half of what a hand can tell (Weber
@@ -12,6 +15,8 @@ use simulator::{Client, STATION, Simulation};
 const FORCE_SHARE: f64 = 0.035;
 /// The same for small forces, newtons.
 const FORCE_N: f64 = 0.02;
+/// Ticks at the end over which forces are averaged.
+const MEAN_TICKS: usize = 50;
 
 /// Compares each controller at its end with a fresh one.
 ///
@@ -24,9 +29,9 @@ pub fn check(run: &mut Run<'_>, trace: &mut Trace) -> Checked {
         is_resynchronised(client, run.scenario.has(Kind::SmallCache))?;
         // Bodies that were pushed stand elsewhere.
         if !run.scenario.has(Kind::Movables) {
-            is_spring(client, run)?;
-            let fresh = fresh(run, k)?;
-            is_as(client, &fresh, run)?;
+            is_spring(client, &run.sides[k], run)?;
+            let compared = is_as(client, &fresh(run, k)?, &run.sides[k], run)?;
+            run.coverage.compared(compared);
         }
         run.coverage.reached("converged", 1);
     }
@@ -59,14 +64,16 @@ fn is_resynchronised(client: &Client, has_small_cache: bool) -> Checked {
 }
 
 /// The force on a ball at rest is that of the spring between device and proxy: it points outward.
-fn is_spring(client: &Client, run: &Run<'_>) -> Checked {
+/// (A contact that has lasted since before the quiet end may still have energy to pay.)
+fn is_spring(client: &Client, side: &Side, run: &Run<'_>) -> Checked {
     let scenario = run.scenario;
     if scenario.has(Kind::Effects) || scenario.has(Kind::Tools) {
         return Ok(());
     }
     let most = scenario.plan.safety.force_max_n.min(DEVICE_MAX_N);
     let outputs = client.outputs();
-    for (k, contact) in outputs.contacts.iter().enumerate() {
+    let contacts = outputs.contacts.iter().enumerate();
+    for (k, contact) in contacts.filter(|&(k, _)| !side.held[k]) {
         let Some(object) = contact.map(|of| of.object as usize) else {
             continue;
         };
@@ -89,8 +96,8 @@ fn is_spring(client: &Client, run: &Run<'_>) -> Checked {
     Ok(())
 }
 
-/// A fresh controller after the samples since the hand left the surface.
-fn fresh(run: &Run<'_>, k: usize) -> Result<Client, (&'static str, String)> {
+/// A fresh controller after the samples since the hand left the surface, and its forces.
+fn fresh(run: &Run<'_>, k: usize) -> Result<Fresh, (&'static str, String)> {
     let failed = |failure: crate::failure::Failure| ("set-up", failure.to_string());
     let station = new_station(run.scenario, run.library, run.is_rebuilt, STATION + 1_000);
     let client = new_client(run.scenario, k, 1);
@@ -99,16 +106,38 @@ fn fresh(run: &Run<'_>, k: usize) -> Result<Client, (&'static str, String)> {
     let samples = &samples[LIFT_TICKS as usize..];
     // Effects go by the tick's index.
     simulation.skip(run.simulation.tick() - samples.len() as u64);
+    let mut forces = Vec::new();
     for samples in samples {
         simulation.step_each(samples);
+        forces.push(forces_of(&simulation.clients()[0]));
     }
-    simulation
-        .into_clients()
-        .pop()
-        .ok_or(("set-up", "no controller".to_string()))
+    let client = simulation.into_clients().pop();
+    let client = client.ok_or(("set-up", "no controller".to_string()))?;
+    Ok(Fresh { client, forces })
 }
 
-fn is_as(client: &Client, fresh: &Client, run: &Run<'_>) -> Checked {
+/// See [`fresh`].
+struct Fresh {
+    client: Client,
+    forces: Vec<Vec<DVec3>>,
+}
+
+/// The mean force on a probe in the last ticks.
+fn mean_force(forces: &[Vec<DVec3>], probe: usize) -> DVec3 {
+    let last = forces.len().saturating_sub(MEAN_TICKS);
+    let last = &forces[last..];
+    last.iter().map(|of| of[probe]).sum::<DVec3>() / last.len() as f64
+}
+
+/// Compares the forces of all probes that the last press found free, as a fresh controller begins:
+/// means, since a step of the encoder may turn a contact to and fro. Returns how many are compared,
+/// and how many there are.
+fn is_as(
+    client: &Client,
+    fresh: &Fresh,
+    side: &Side,
+    run: &Run<'_>,
+) -> Result<[u64; 2], (&'static str, String)> {
     let stiffness = run
         .scenario
         .plan
@@ -116,11 +145,16 @@ fn is_as(client: &Client, fresh: &Client, run: &Run<'_>) -> Checked {
         .iter()
         .map(|object| object.surface.stiffness_n_per_m)
         .fold(0.0, f64::max);
-    let (one, other) = (client.outputs(), fresh.outputs());
+    let (one, other) = (client.outputs(), fresh.client.outputs());
     let certified = one.record.certified_error_m + other.record.certified_error_m;
-    for (k, (now, expected)) in one.wrenches.iter().zip(&other.wrenches).enumerate() {
-        let (force, as_fresh) = (now.force, expected.force);
-        let tolerance = FORCE_N.max(FORCE_SHARE * as_fresh.length()) + stiffness * certified;
+    let sticking = 2.0 * most_friction_of_tools(run);
+    let mut compared = [0, side.held.len() as u64];
+    let free = side.held.iter().enumerate().filter(|(_, held)| !**held);
+    for (k, _) in free {
+        compared[0] += 1;
+        let (force, as_fresh) = (mean_force(&side.forces, k), mean_force(&fresh.forces, k));
+        let tolerance = FORCE_N.max((FORCE_SHARE + sticking) * as_fresh.length());
+        let tolerance = tolerance + stiffness * certified;
         ensure(
             force.distance(as_fresh) <= tolerance,
             "force of a fresh controller",
@@ -136,5 +170,20 @@ fn is_as(client: &Client, fresh: &Client, run: &Run<'_>) -> Checked {
             },
         )?;
     }
-    Ok(())
+    Ok(compared)
+}
+
+/// The largest coefficient of static friction, where the probes are tools. They stick where they
+/// touched first, and the fresh one may touch a coarser front there; two that stick differ by up to
+/// twice the friction.
+fn most_friction_of_tools(run: &Run<'_>) -> f64 {
+    if !run.scenario.has(Kind::Tools) {
+        return 0.0;
+    }
+    let effects = run.scenario.plan.objects.iter().flat_map(|of| &*of.effects);
+    let frictions = effects.map(|of| match &of.effect {
+        Effect::Friction(friction) => friction.static_,
+        _ => 0.0,
+    });
+    frictions.fold(0.0, f64::max)
 }

@@ -1,17 +1,18 @@
 //! One seed's run: the cores, the faults as they were drawn, and the checks.
 
-use super::checks::Watch;
 use super::conversation::Conversation;
 use super::coverage::Coverage;
-use super::deep::{self, Belief};
-use super::hands::HOVER_M;
+use super::deep;
+use super::hands::{HOVER_TICKS, LIFT_TICKS};
 use super::kind::Kind;
 use super::library::{Bytes, Library};
 use super::quiet;
 use super::scenario::{BEFORE_HOLD_TICKS, Event, HOLD_TICKS, Scenario};
+use super::side::Side;
 use super::trace::{Checked, Trace, ensure};
 use crate::failure::Failure;
-use haptic_device::{MotionLimits, Sample};
+use glam::DVec3;
+use haptic_device::MotionLimits;
 use hrtc_core::streaming::subscriber::Identity;
 use hrtc_core::{Fault, ModelFrame, NoObserver};
 use protocol::{Hello, Role};
@@ -35,30 +36,6 @@ const FIRST_CLIENT: u64 = 7;
 const LONGER_TICKS: u64 = BEFORE_HOLD_TICKS + BEFORE_HOLD_TICKS / 10 - HOLD_TICKS;
 /// Least share of a run in contact.
 const LEAST_CONTACT: f64 = 0.5;
-
-/// A controller with what is known about it.
-#[derive(Debug)]
-pub struct Side {
-    /// Checks of every tick.
-    pub watch: Watch,
-    /// What may be believed of it.
-    pub belief: Belief,
-    /// Starts so far.
-    pub incarnation: u64,
-    /// Ticks, and those in contact.
-    pub ticks: [u64; 2],
-    /// The tick before which it stalls.
-    stalls_until: u64,
-    last_tick: Option<u64>,
-    /// Whether it touched after its last tick.
-    is_touching: bool,
-    /// By how much each hand stays higher than its path, metres: until the object can be touched.
-    raised_m: Vec<f64>,
-    /// What its samples had gone through before this tick.
-    samples_before: [u64; 4],
-    /// Its samples of the quiet end, by tick.
-    pub samples: Vec<Vec<Option<Sample>>>,
-}
 
 /// See the module.
 pub struct Run<'a> {
@@ -101,6 +78,13 @@ pub struct Outcome {
 
 fn failed(failure: &Failure) -> (&'static str, String) {
     ("set-up", failure.to_string())
+}
+
+/// The forces on the probes of a controller, newtons.
+#[must_use]
+pub fn forces_of(client: &Client) -> Vec<DVec3> {
+    let wrenches = client.outputs().wrenches.iter();
+    wrenches.map(|wrench| wrench.force).collect()
 }
 
 /// The station of a scenario.
@@ -146,24 +130,6 @@ impl<'a> Run<'a> {
     /// # Errors
     /// When the scene cannot be served.
     pub fn new(scenario: &'a Scenario, library: &'a Library) -> Result<Self, Failure> {
-        let plan = &scenario.plan;
-        let has_accounts = [Kind::Effects, Kind::Movables, Kind::Tools]
-            .iter()
-            .all(|kind| !scenario.has(*kind));
-        let side = |_| Side {
-            watch: Watch::new(plan, DEVICE_MAX_N, scenario.samples.noise_m, has_accounts),
-            belief: Belief {
-                is_true: !scenario.has(Kind::Damage),
-            },
-            incarnation: 1,
-            ticks: [0, 0],
-            stalls_until: 0,
-            last_tick: None,
-            is_touching: false,
-            raised_m: vec![HOVER_M; plan.probes.len()],
-            samples_before: [0; 4],
-            samples: Vec::new(),
-        };
         let count = scenario.hands.len();
         let station = new_station(scenario, library, false, STATION)?;
         let mut simulation = Simulation::new(station, new_client(scenario, 0, 1));
@@ -174,7 +140,7 @@ impl<'a> Run<'a> {
             scenario,
             library,
             simulation,
-            sides: (0..count).map(side).collect(),
+            sides: (0..count).map(|_| Side::new(scenario)).collect(),
             coverage: Coverage::default(),
             is_rebuilt: false,
             conversation: Conversation::default(),
@@ -383,12 +349,7 @@ impl<'a> Run<'a> {
 
     fn restart_client(&mut self, k: usize) {
         let side = &mut self.sides[k];
-        side.incarnation += 1;
-        side.watch.restart();
-        // Nobody can tell on which side of a surface a hand is that begins inside: its user lets it
-        // begin in free space.
-        side.raised_m.fill(HOVER_M);
-        side.samples_before = [0; 4];
+        side.restart(self.simulation.tick(), &self.scenario.hands[k]);
         let mut client = new_client(self.scenario, k, side.incarnation);
         self.conversation.restart_client(client.identity().client);
         let old = &mut self.simulation.clients_mut()[k];
@@ -461,6 +422,9 @@ impl<'a> Run<'a> {
 
     /// Moves the hands of a controller on.
     fn lead(&mut self, tick: u64, k: usize) {
+        if std::mem::take(&mut self.sides[k].is_new) {
+            return;
+        }
         let plan = &self.scenario.plan;
         let client = &mut self.simulation.clients_mut()[k];
         for (probe, path) in self.scenario.hands[k].iter().enumerate() {
@@ -486,6 +450,7 @@ impl<'a> Run<'a> {
             }
             let height_m = plan.probes[probe].shape.tip_m() + *raised_m;
             let turns = self.scenario.has(Kind::Tools);
+            let tick = tick.max(self.sides[k].waits_until[probe]);
             let pose = path.pose(tick, (&frame, is_rebuilt), height_m, turns);
             client.hand(probe).hold_at(Some(pose));
         }
@@ -507,6 +472,11 @@ impl<'a> Run<'a> {
         side.ticks[1] += u64::from(record.contact);
         if self.is_quiet {
             side.samples.push(client.samples().to_vec());
+            side.forces.push(forces_of(client));
+            if side.samples.len() as u64 == LIFT_TICKS + HOVER_TICKS {
+                let contacts = client.outputs().contacts.iter();
+                side.held = contacts.map(Option::is_some).collect();
+            }
         }
         self.cover(k);
         Ok(())
