@@ -5,7 +5,7 @@
 //! time, from the energy that a bounce off a wall leaks: K (T/2 + n T) times the integral of v² for
 //! n whole ticks of delay (Gil 2009). Then walls of any stiffness are hit with the scene's own
 //! device, in nobody's hand, at that period: the stiffest one that never gives back more than the
-//! device damps is the limit, K = b / (T/2 + n T) in theory (Colgate and Schenkel 1997). The energy
+//! device damps is the limit, K = b / (T/2 + n T) in theory (Colgate 1994). The energy
 //! account is off for that; how far it reaches beyond is simulated too. Theory holds for any motion
 //! of the hand, the bounces are single ones: their limit may lie above it.
 

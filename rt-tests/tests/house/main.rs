@@ -6,8 +6,10 @@
 //! | [`functions`] | length and nesting of functions |
 //! | [`rooms`] | which module imports which, and circles among them |
 //! | [`words`] | the private words that no identifier may use |
+//! | [`citations`] | the papers that comments cite |
 //! | [`walks`] | the two walks through the core, function by function |
 
+mod citations;
 mod functions;
 mod rooms;
 mod sources;
@@ -87,6 +89,25 @@ fn files_are_short_and_lines_fit() {
         }
     }
     assert_none("files or lines are too long", &findings);
+}
+
+#[test]
+fn what_comments_cite_is_in_the_references() {
+    let path = root().join("shared/REFERENCES.md");
+    let page = std::fs::read_to_string(path).expect("the references are read");
+    let keys = citations::keys(&page);
+    let (mut findings, mut cited) = (Vec::new(), BTreeSet::new());
+    for path in rust_files(&root()) {
+        let text = std::fs::read_to_string(&path).expect("a source file is read");
+        for key in citations::of_source(&text) {
+            if !keys.contains(key.as_str()) {
+                findings.push(format!("{}: {key}", sources::shown(&path)));
+            }
+            cited.insert(key);
+        }
+    }
+    assert_none("citations have no line in shared/REFERENCES.md", &findings);
+    assert!(cited.len() > 20, "citations were found: {cited:?}");
 }
 
 #[test]
