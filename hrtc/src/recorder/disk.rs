@@ -147,11 +147,11 @@ impl Disk {
         self.done.recv_timeout(RECORDING_TIMEOUT).ok()
     }
 
-    /// Waits until the queue has room again, [`RECORDING_TIMEOUT`] at the most.
-    pub(super) fn wait_for_room(&self) {
+    /// Waits until nothing waits any more, for this time at the most.
+    pub(super) fn wait(&self, most: Duration) {
         const STEP: Duration = Duration::from_millis(5);
         let mut waited = Duration::ZERO;
-        while !self.is_idle() && self.failure().is_none() && waited < RECORDING_TIMEOUT {
+        while !self.is_idle() && self.failure().is_none() && waited < most {
             std::thread::sleep(STEP);
             waited += STEP;
         }

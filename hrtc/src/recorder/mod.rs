@@ -18,14 +18,16 @@
 //! chunks, without which rerun reads nothing; a file that ends anywhere, by a kill for example,
 //! opens up to its last whole message. Each later file
 //! begins with a keyframe, the state of the twin, and replays without those before it. A recorder
-//! that gets too little time gives up the twin before it loses a tick; once an input of a tick is
-//! lost there is no twin either, since nothing may copy the state of the tick's own controller.
+//! that gets too little time lets the twin fall behind before it loses a tick; the twin reads what
+//! it missed from the files. Once an input of a tick is lost there is no twin any more, since
+//! nothing may copy the state of the tick's own controller.
 
 mod black_box;
 mod disk;
 mod encoder;
 mod format;
 mod head;
+mod late_twin;
 mod reader;
 mod replay;
 mod schema;

@@ -50,10 +50,16 @@ impl RecordingReader {
     /// # Errors
     /// When the file cannot be read or its head is not there.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let length = path.metadata().map_or(0, |of| of.len());
+        Self::open_growing(path, length)
+    }
+
+    /// As [`RecordingReader::open`], for a file that is still written, up to so many bytes: what it
+    /// has not now, [`RecordingReader::next`] may give later.
+    pub(super) fn open_growing(path: &Path, length: u64) -> Result<Self, RecordingError> {
         let name = path.display().to_string();
         let foreign = || RecordingError::NotARecording(name.clone());
         let file = File::open(path).map_err(|e| RecordingError::File(name.clone(), e))?;
-        let length = file.metadata().map_or(0, |of| of.len());
         let options = LinearReaderOptions::default()
             .with_record_length_limit(usize::try_from(length).map_err(|_| foreign())?);
         let mut source = Source {
@@ -155,6 +161,10 @@ impl Source {
             match self.reader.next_event()?.ok()? {
                 LinearReadEvent::ReadRequest(wanted) => {
                     let read = self.file.read(self.reader.insert(wanted)).ok()?;
+                    if read == 0 {
+                        // Not told to the reader: the file may grow.
+                        return None;
+                    }
                     self.reader.notify_read(read);
                 }
                 LinearReadEvent::Record { data, opcode } => {

@@ -2,12 +2,15 @@
 
 use super::disk::{Disk, RecordingPlace};
 use super::encoder::Encoder;
+use super::late_twin::{CatchUp, LateTwin};
 use super::shown::Level;
 use super::twin::Twin;
 use super::{Hole, Progress, RecordingError, RecordingHead};
 use crate::message::note;
 use crate::tick_record::TickRecord;
-use crate::tuning::{DRAIN_PERIOD, FRAME_NS, RECORDED_TICKS, RECORDING_RETRY_NS};
+use crate::tuning::{
+    DRAIN_PERIOD, FRAME_NS, RECORDED_TICKS, RECORDING_RETRY_NS, RECORDING_TIMEOUT,
+};
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{ContactReport, Request};
 use realtime::rights::monotonic_ns;
@@ -16,6 +19,7 @@ use scene_files::KeptFiles;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, OnceLock};
+use std::time::Duration;
 
 /// The recorder's ends of the rings.
 pub(super) struct RecordedRings {
@@ -60,12 +64,14 @@ pub(super) struct Worker {
     head: RecordingHead,
     files: KeptFiles,
     probes: usize,
-    file_bytes: u64,
+    place: RecordingPlace,
     disk: Disk,
     /// `None` while nothing can be written.
     encoder: Option<Encoder>,
-    /// `None` once an input was lost: no more keyframes.
+    /// `None` once an input was lost, and while it is late: no keyframes.
     twin: Option<Twin>,
+    /// The twin while it is late.
+    late: Option<LateTwin>,
     /// Bytes of the present file.
     written: u64,
     /// First tick whose bytes the disk does not have yet.
@@ -80,6 +86,7 @@ pub(super) struct Worker {
     /// Time of the last frame's end, ns.
     flushed_ns: u64,
     has_warned: bool,
+    has_told_late: bool,
     /// For the main thread.
     progress: Arc<Progress>,
 }
@@ -101,12 +108,13 @@ impl Worker {
         Ok(Self {
             rings,
             probes,
-            file_bytes: place.file_bytes(),
             encoder: Some(Encoder::new(&head, &files, probes, monotonic_ns())?),
-            disk: Disk::start(place)?,
+            disk: Disk::start(place.clone())?,
+            place,
             head,
             files,
             twin: Some(Twin::new(controller)),
+            late: None,
             written: 0,
             pending_tick: 0,
             next_tick: 0,
@@ -115,6 +123,7 @@ impl Worker {
             retry_ns: 0,
             flushed_ns: 0,
             has_warned: false,
+            has_told_late: false,
             progress,
         })
     }
@@ -124,20 +133,27 @@ impl Worker {
         loop {
             // Read before the rings, so that nothing comes after the last look.
             let ending = ending.get();
-            while let Ok(record) = self.rings.ticks.pop() {
-                self.note_fill();
-                let recorded = self.tick(&record).and_then(|()| self.rotate());
-                self.heed(recorded);
-                // Here too: who is late does not come out of this loop.
-                self.flush();
-            }
-            self.flush();
-            self.resume();
+            self.take();
             if let Some(ending) = ending {
                 return self.finish(ending);
             }
             std::thread::sleep(DRAIN_PERIOD);
         }
+    }
+
+    /// Takes what the rings hold.
+    fn take(&mut self) {
+        while let Ok(record) = self.rings.ticks.pop() {
+            self.note_fill();
+            let recorded = self.tick(&record).and_then(|()| self.rotate());
+            self.heed(recorded);
+            // Here too: who is late does not come out of this loop.
+            self.flush();
+        }
+        self.flush();
+        self.resume();
+        let done = self.catch_up();
+        self.heed(done);
     }
 
     /// Notes how full the rings are.
@@ -157,7 +173,7 @@ impl Worker {
         self.next_tick = record.tick + 1;
         self.chunks(record)?;
         let outgoing = self.outgoing(record)?;
-        self.follow(record)?;
+        self.tick_twin(record)?;
         let Some(encoder) = &mut self.encoder else {
             self.extend_hole(record.tick);
             return Ok(());
@@ -172,18 +188,14 @@ impl Worker {
     }
 
     /// Runs a tick of the twin, unless the recorder is so late that ticks would be lost for it:
-    /// without it later files begin without a keyframe, but what is lost replays nowhere.
-    fn follow(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
+    /// then it falls behind, and files that begin meanwhile have no keyframe.
+    fn tick_twin(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
         let is_late = self.rings.ticks.slots() > RECORDED_TICKS / 8 * 7;
         let Some(twin) = &mut self.twin else {
             return Ok(());
         };
         if is_late {
-            self.twin = None;
-            note!(
-                "the recorder is late and makes no more keyframes: every tick is recorded still, but later files of this recording do not replay by themselves"
-            );
-            return self.note("the recorder is late and makes no keyframes from here on");
+            return self.fall_behind();
         }
         if twin.tick(record).is_err() {
             return self.lose(record.tick, record.tick, "chunks before them were lost");
@@ -192,6 +204,52 @@ impl Worker {
             self.twin = None;
             return self.note("the recorder's controller differs from the run's from here on");
         }
+        Ok(())
+    }
+
+    /// Sets the twin aside until there is time; without a file for its inputs, for good.
+    fn fall_behind(&mut self) -> Result<(), RecordingError> {
+        let twin = self.twin.take().filter(|_| self.encoder.is_some());
+        let behind = |twin| LateTwin::new(twin, self.place.clone(), self.head.segment);
+        self.late = twin.map(behind);
+        if !self.has_told_late {
+            self.has_told_late = true;
+            note!(
+                "the recorder is late: every tick is recorded, but a file that begins before it has caught up does not replay by itself"
+            );
+        }
+        self.note("the recorder is late and makes no keyframes from here on")
+    }
+
+    /// Lets the twin read what it missed; once it is abreast, there are keyframes again.
+    fn catch_up(&mut self) -> Result<(), RecordingError> {
+        let Some(late) = &mut self.late else {
+            return Ok(());
+        };
+        match late.read() {
+            CatchUp::Some => return Ok(()),
+            CatchUp::Lost => {
+                self.late = None;
+                return Ok(());
+            }
+            CatchUp::All => {}
+        }
+        // The rest goes to the disk now, and nothing is added before it was read.
+        self.flushed_ns = 0;
+        self.flush();
+        self.disk.wait(Duration::from_nanos(FRAME_NS));
+        let Some(mut late) = self.late.take() else {
+            return Ok(());
+        };
+        let read = late.read();
+        if late.next_tick() == self.next_tick {
+            self.twin = Some(late.into_twin());
+            return self.note("the recorder has caught up and makes keyframes again");
+        }
+        // Where all that is missing is on the disk and cannot be read, it stays missing.
+        let is_written = self.pending_tick == self.next_tick && self.disk.is_idle();
+        let may_go_on = read == CatchUp::Some || read == CatchUp::All && !is_written;
+        self.late = Some(late).filter(|_| may_go_on);
         Ok(())
     }
 
@@ -243,6 +301,7 @@ impl Worker {
     /// Marks ticks whose inputs are lost. The twin cannot go on without them.
     fn lose(&mut self, first: u64, last: u64, reason: &str) -> Result<(), RecordingError> {
         self.twin = None;
+        self.late = None;
         let hole = Hole {
             first,
             last,
@@ -303,6 +362,8 @@ impl Worker {
             reason,
         });
         self.encoder = None;
+        // What it would read is not written; a twin that is abreast needs no file.
+        self.late = None;
         self.retry_ns = monotonic_ns() + RECORDING_RETRY_NS;
     }
 
@@ -319,7 +380,7 @@ impl Worker {
         let Some(encoder) = &self.encoder else {
             return Ok(());
         };
-        if self.written + encoder.size() < self.file_bytes {
+        if self.written + encoder.size() < self.place.file_bytes() {
             return Ok(());
         }
         if let Some(encoder) = self.encoder.take() {
@@ -357,7 +418,7 @@ impl Worker {
     /// Adds a keyframe, unless it leaves too little of a file for ticks.
     fn keyframe(&self, encoder: &mut Encoder, state: Vec<u8>) -> Result<(), RecordingError> {
         let bytes = state.len() as u64;
-        if 2 * bytes <= self.file_bytes {
+        if 2 * bytes <= self.place.file_bytes() {
             return encoder.keyframe(state);
         }
         let needed = RecordingPlace::keep_for(2 * bytes) >> 20;
@@ -378,7 +439,7 @@ impl Worker {
     }
 
     fn finish(mut self, ending: &Ending) -> Vec<PathBuf> {
-        self.disk.wait_for_room();
+        self.disk.wait(RECORDING_TIMEOUT);
         self.resume();
         if let Some(mut encoder) = self.encoder.take() {
             let last = encoder

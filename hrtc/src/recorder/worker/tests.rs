@@ -6,6 +6,7 @@ use crate::setup::ControllerSetup;
 use crate::tuning::RECORDED_TICKS;
 use haptic_device::Capabilities;
 use hrtc_core::streaming::subscriber::Identity;
+use rtrb::Producer;
 use scene::Overrides;
 use scene_files::NotingFiles;
 use std::path::Path;
@@ -32,8 +33,8 @@ fn head(folder: &Path) -> (RecordingHead, KeptFiles) {
     (head, files)
 }
 
-/// Ticks of a run, one of them left out.
-fn ticks(head: &RecordingHead, files: &KeptFiles, without: Option<u64>) -> Vec<TickRecord> {
+/// The first ticks of a run.
+fn ticks(head: &RecordingHead, files: &KeptFiles, count: usize) -> Vec<TickRecord> {
     let mut twin = Twin::new(head.controller(files).unwrap());
     let tick = |tick: u64| {
         let mut record = TickRecord {
@@ -47,48 +48,46 @@ fn ticks(head: &RecordingHead, files: &KeptFiles, without: Option<u64>) -> Vec<T
         record.wrenches[..outputs.wrenches.len()].copy_from_slice(&outputs.wrenches);
         record
     };
-    let all = (0..RECORDED_TICKS as u64).map(tick);
-    all.filter(|record| Some(record.tick) != without).collect()
+    (0..count as u64).map(tick).collect()
 }
 
-/// Records ticks that wait already when the recorder begins; its files.
-fn recorded(
-    folder: &Path,
-    head: RecordingHead,
-    files: KeptFiles,
-    run: &[TickRecord],
-) -> Vec<PathBuf> {
-    let (mut ring, _taps, ends) = rings();
-    for record in run {
-        ring.push(*record).unwrap();
-    }
+/// A worker, and the ring of ticks that it takes.
+fn worker(folder: &Path, head: RecordingHead, files: KeptFiles) -> (Worker, Producer<TickRecord>) {
+    let (ring, _, ends) = rings();
     let place = RecordingPlace {
         first: folder.join("run.mcap"),
         keep_bytes: 8 << 20,
         owns_folder: false,
     };
-    let worker = Worker::new(ends, head, files, place, Arc::default()).unwrap();
-    let ending = OnceLock::new();
-    ending
-        .set(Ending {
-            level: Level::Info,
-            sentence: "the run ended".to_owned(),
-        })
-        .unwrap();
-    worker.run(&ending)
+    let worker = Worker::new(ends, head, files, place, Arc::default());
+    (worker.unwrap(), ring)
 }
 
-fn replays(files: &[PathBuf]) -> Vec<Replay> {
-    files.iter().map(|path| replay(path).unwrap()).collect()
+/// Gives ticks that the worker takes all at once.
+fn take(worker: &mut Worker, ring: &mut Producer<TickRecord>, run: &[TickRecord]) {
+    for record in run {
+        ring.push(*record).unwrap();
+    }
+    worker.take();
+}
+
+fn finish(worker: Worker) -> (Vec<PathBuf>, Vec<Replay>) {
+    let files = worker.finish(&Ending {
+        level: Level::Info,
+        sentence: "the run ended".to_owned(),
+    });
+    let found = files.iter().map(|path| replay(path).unwrap()).collect();
+    (files, found)
 }
 
 #[test]
-fn a_late_recorder_gives_up_keyframes_before_ticks_and_the_black_box_replays() {
+fn a_late_recorder_loses_keyframes_before_ticks_and_the_black_box_replays() {
     let folder = tempfile::tempdir().unwrap();
     let (head, files) = head(folder.path());
-    let run = ticks(&head, &files, None);
-    let kept = recorded(folder.path(), head, files, &run);
-    let found = replays(&kept);
+    let run = ticks(&head, &files, RECORDED_TICKS);
+    let (mut worker, mut ring) = worker(folder.path(), head, files);
+    take(&mut worker, &mut ring, &run);
+    let (kept, found) = finish(worker);
     assert!(found.len() >= 2, "{found:?}");
     assert!(found.iter().all(|of| of.equal && of.whole), "{found:?}");
     assert!(found[0].ticks > 0 && found[1].ticks == 0, "{found:?}");
@@ -100,14 +99,40 @@ fn a_late_recorder_gives_up_keyframes_before_ticks_and_the_black_box_replays() {
 }
 
 #[test]
+fn a_recorder_that_was_late_catches_up_from_its_files_and_the_next_one_replays() {
+    let folder = tempfile::tempdir().unwrap();
+    let (head, files) = head(folder.path());
+    let run = ticks(&head, &files, 9 * RECORDED_TICKS / 4);
+    let (mut worker, mut ring) = worker(folder.path(), head, files);
+    let (late, on_time) = run.split_at(RECORDED_TICKS);
+    take(&mut worker, &mut ring, late);
+    assert!(worker.twin.is_none() && worker.late.is_some());
+    while worker.late.is_some() {
+        worker.take();
+    }
+    assert!(worker.twin.is_some(), "it gave up");
+    for run in on_time.chunks(RECORDED_TICKS / 8) {
+        take(&mut worker, &mut ring, run);
+    }
+    let (_, found) = finish(worker);
+    assert!(found.iter().all(|of| of.equal && of.whole), "{found:?}");
+    assert_eq!(found[1].ticks, 0, "it began late: {found:?}");
+    let last = found.last().unwrap();
+    assert!(found.len() >= 3 && last.ticks > 0, "{found:?}");
+    let end = last.first_tick + last.ticks as i64;
+    assert_eq!(end, run.len() as i64);
+}
+
+#[test]
 fn a_tick_that_found_no_room_is_marked_and_those_before_it_replay() {
     let folder = tempfile::tempdir().unwrap();
     let (head, files) = head(folder.path());
-    let lost = RECORDED_TICKS as u64 / 16;
-    let run = ticks(&head, &files, Some(lost));
-    let run = &run[..RECORDED_TICKS / 8];
-    let kept = recorded(folder.path(), head, files, run);
-    let found = replays(&kept);
+    let mut run = ticks(&head, &files, RECORDED_TICKS / 8);
+    let lost = run.remove(RECORDED_TICKS / 16).tick;
+    let (mut worker, mut ring) = worker(folder.path(), head, files);
+    take(&mut worker, &mut ring, &run);
+    assert!(worker.twin.is_none() && worker.late.is_none());
+    let (_, found) = finish(worker);
     assert!(found[0].equal && !found[0].whole, "{found:?}");
     assert_eq!(found[0].ticks, lost);
     let hole = &found[0].holes[0];
