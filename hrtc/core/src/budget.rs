@@ -1,5 +1,9 @@
 //! Remaining work of a tick, in units; all active objects draw on it in turn.
 
+use crate::contact::query::Work;
+use crate::tuning::tick::{MIN_PROXY_WORK, PROXY_WORK, PROXY_WORK_PER_OPERATION, SEARCH_WORK};
+use scene::MAX_PROBES;
+
 /// Remaining work of a tick.
 #[derive(Debug, Clone, Copy)]
 pub struct Budget {
@@ -12,4 +16,132 @@ pub struct Budget {
     /// Entries of closures, region tables and caches to go through for what is not needed any more
     /// or is here already.
     pub upkeep: u32,
+}
+
+/// Work of the queries of a tick: nodes visited and faces tested. A part is for the steps of the
+/// proxies, a part for the searches beside them. Every probe is sure of an equal share of both, and
+/// each of its pairs of an equal share of that; what one pair leaves the next may use.
+#[derive(Debug, Clone, Copy)]
+pub struct QueryBudget {
+    proxies: Part,
+    searches: Part,
+    /// Pairs of each probe, and probes that have any.
+    pairs: [u32; MAX_PROBES],
+    probes: u32,
+}
+
+/// A part of the work.
+#[derive(Debug, Clone, Copy)]
+struct Part {
+    most: u32,
+    spent: u32,
+    /// What the pairs to come are sure of.
+    reserved: u32,
+}
+
+impl Part {
+    fn new(most: u32) -> Self {
+        Self {
+            most,
+            spent: 0,
+            reserved: 0,
+        }
+    }
+
+    fn left(&self) -> u32 {
+        self.most.saturating_sub(self.spent + self.reserved)
+    }
+}
+
+impl QueryBudget {
+    /// The most that a tick may spend.
+    pub const MOST: u32 = PROXY_WORK + SEARCH_WORK;
+
+    /// The work of a tick with so many splits and collapses. `pairs`: the probe of each pair that
+    /// is to have a part.
+    #[must_use]
+    pub fn new(operations: u32, pairs: impl Iterator<Item = usize>) -> Self {
+        let proxies = PROXY_WORK.saturating_sub(PROXY_WORK_PER_OPERATION * operations);
+        let mut budget = Self {
+            proxies: Part::new(proxies.max(MIN_PROXY_WORK)),
+            searches: Part::new(SEARCH_WORK),
+            pairs: [0; MAX_PROBES],
+            probes: 0,
+        };
+        for probe in pairs {
+            budget.probes += u32::from(budget.pairs[probe] == 0);
+            budget.pairs[probe] += 1;
+        }
+        for part in [&mut budget.proxies, &mut budget.searches] {
+            let shares = budget.pairs.iter().filter(|&&pairs| pairs > 0);
+            let sure = |&pairs: &u32| part.most / budget.probes / pairs * pairs;
+            part.reserved = shares.map(sure).sum();
+        }
+        budget
+    }
+
+    /// The turn of a pair of a probe: its share is not reserved any more.
+    pub fn begin_pair(&mut self, probe: usize) {
+        for part in [&mut self.proxies, &mut self.searches] {
+            part.reserved -= part.most / self.probes / self.pairs[probe];
+        }
+    }
+
+    /// What the step of a proxy may spend now.
+    #[must_use]
+    pub fn for_proxy(&self) -> u32 {
+        self.proxies.left()
+    }
+
+    /// What searches may spend now.
+    #[must_use]
+    pub fn for_searches(&self) -> u32 {
+        let rest = Self::MOST.saturating_sub(self.spent());
+        self.searches.left().min(rest)
+    }
+
+    /// A proxy has spent this.
+    pub fn charge_proxy(&mut self, work: Work) {
+        self.proxies.spent += work.nodes + work.faces;
+    }
+
+    /// A search has spent this.
+    pub fn charge_search(&mut self, work: Work) {
+        self.searches.spent += work.nodes + work.faces;
+    }
+
+    /// What was spent so far.
+    #[must_use]
+    pub fn spent(&self) -> u32 {
+        self.proxies.spent + self.searches.spent
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_probe_is_sure_of_its_share_and_what_one_leaves_the_next_may_use() {
+        // One probe near three objects, two near one each.
+        let pairs = [0, 0, 1, 0, 2];
+        let mut budget = QueryBudget::new(0, pairs.into_iter());
+        let mut left = Vec::new();
+        for (turn, probe) in pairs.into_iter().enumerate() {
+            budget.begin_pair(probe);
+            left.push(budget.for_proxy());
+            // The second leaves everything, the others take all.
+            let nodes = if turn == 1 { 0 } else { budget.for_proxy() };
+            budget.charge_proxy(Work { nodes, faces: 0 });
+        }
+        let third = PROXY_WORK / 3;
+        assert!(left[0] >= third / 3 && left[0] <= third / 3 + 3);
+        assert!(left[2] >= third + third / 3, "{left:?}");
+        assert!(left[4] >= third);
+        assert!(budget.spent() <= PROXY_WORK);
+        // A tick with many splits has less, but never nothing.
+        let mut busy = QueryBudget::new(1000, [0].into_iter());
+        busy.begin_pair(0);
+        assert_eq!(busy.for_proxy(), MIN_PROXY_WORK);
+    }
 }

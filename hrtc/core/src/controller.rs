@@ -3,12 +3,12 @@
 
 use crate::active::active_set::ActiveSet;
 use crate::bodies::Movables;
+use crate::budget::QueryBudget;
+use crate::horizons::Horizons;
 use crate::lod::refine;
 use crate::probe::Probe;
 use crate::streaming::subscriber::Identity;
-use crate::tuning::probe::MIN_PROXY_WORK;
 use crate::tuning::streaming::max_ingest;
-use crate::tuning::tick::PROXY_WORK;
 use haptic_device::{DegreesOfFreedom, MotionLimits};
 use scene::{ProbePlan, ScenePlan};
 
@@ -19,6 +19,7 @@ pub struct Controller {
     pub(crate) identity: Identity,
     pub(crate) operations: usize,
     pub(crate) period_s: f64,
+    pub(crate) horizons: Horizons,
     pub(crate) tolerance_m: f64,
     pub(crate) cache_bytes: usize,
     pub(crate) probes: Vec<Probe>,
@@ -47,6 +48,7 @@ impl Controller {
             identity,
             operations: plan.loop_.operations,
             period_s: 1.0 / plan.loop_.rate_hz,
+            horizons: Horizons::new(plan.loop_.rate_hz),
             tolerance_m: plan.accuracy.tolerance_m,
             cache_bytes: plan.cache_bytes,
             active: ActiveSet::new(plan, identity, movables.iter().count(), toured),
@@ -90,14 +92,11 @@ impl Controller {
         max_ingest(self.operations) + refine::max_work(self.operations)
     }
 
-    /// Nodes and faces that the queries of a tick should not exceed
-    /// ([`crate::record::CoreRecord::query_work`]): no step of a proxy begins beyond
-    /// `PROXY_WORK`, but each further pair of a probe and an active object has
-    /// `MIN_PROXY_WORK` in any case.
+    /// Units that all queries of a tick share, what [`crate::record::CoreRecord::query_work`] stays
+    /// within: no step of a proxy and no search begins beyond its part.
     #[must_use]
     pub fn query_budget(&self) -> u32 {
-        let pairs = (self.probes.len() * self.active.objects.len()) as u32;
-        PROXY_WORK + MIN_PROXY_WORK * pairs.saturating_sub(1)
+        QueryBudget::MOST
     }
 
     /// Whether every model is known that can be, so that any contact could be answered.

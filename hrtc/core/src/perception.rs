@@ -6,8 +6,8 @@
 //! vertex's displacement along the normals of its faces, before or after the step. Two limits hold
 //! for this height h, with stiffness K and depth p:
 //!
-//! - *force*: the coupling's force changes by K h, at most a share of 0.05 N or of 7 % of the
-//!   force, whichever is more: below the just noticeable difference of a hand;
+//! - *force*: the coupling's force changes by K h, at most a share of 0.05 N or of 7 % of the force
+//!   in a millisecond, whichever is more: below the just noticeable difference of a hand;
 //! - *energy*: a surface that rises by h adds K p h + K h²/2 to the coupling. The reserve of the
 //!   probe's energy account pays for it. Beyond the reserve, the energy in the coupling grows by at
 //!   most 48 times itself per second, slowly enough for a hand to follow.
@@ -18,16 +18,18 @@ use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use spm::{ActiveMesh, Geomorph, Handle, OperationFaces, Slot};
 
-/// Imperceptible change of force in a tick, newtons.
-pub const STEP_N: f64 = 0.05;
-/// The same as a share of the force.
-pub const STEP_SHARE: f64 = 0.07;
+/// Imperceptible force, newtons.
+pub const IMPERCEPTIBLE_N: f64 = 0.05;
+/// Imperceptible rate of change of a force: that much in a millisecond, newtons a second.
+pub const STEP_N_PER_S: f64 = 50.0;
+/// The same as a share of the force, 1/s.
+pub const STEP_SHARE_PER_S: f64 = 70.0;
 /// Share of that limit for the motion of the surface.
 const OF_SURFACE: f64 = 0.25;
 /// Share of that limit for the proxy's motion beyond the device's.
 pub const OF_PROXY: f64 = 0.8;
 /// Largest unpaid growth of the energy in the coupling, as a multiple of it per second.
-const GROWTH_PER_S: f64 = 48.0;
+pub const GROWTH_PER_S: f64 = 48.0;
 /// Range of perception of a probe in contact beyond its radius, as a fraction of it. Farther away
 /// the prediction refines the surface before the probe arrives.
 pub const AROUND: f64 = 0.25;
@@ -147,9 +149,11 @@ impl PerceptionLimit {
             depth_m,
             ..
         } = conditions;
-        let allowed_n = STEP_N.max(STEP_SHARE * conditions.force_n);
+        let period_s = conditions.period_s;
+        let step_share = STEP_SHARE_PER_S * period_s;
+        let allowed_n = (STEP_N_PER_S * period_s).max(step_share * conditions.force_n);
         let spring = |depth_m: f64| 0.5 * stiffness * depth_m * depth_m;
-        let growing = spring(depth_m).max(spring(STEP_N / stiffness));
+        let growing = spring(depth_m).max(spring(IMPERCEPTIBLE_N / stiffness));
         let energy = conditions
             .reserve_j
             .max(GROWTH_PER_S * conditions.period_s * growing);
@@ -477,4 +481,36 @@ fn turns_over_at(
             // While it opens, and when it is open.
             against(along.cross(third - parent)) || against(along.cross(third - t))
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A surface that changes as fast as is allowed changes the force as fast at every rate.
+    #[test]
+    fn an_imperceptible_change_is_as_fast_at_every_rate() {
+        for force_n in [0.0, 0.3, 5.0] {
+            let speeds = [100.0, 1000.0, 10_000.0].map(|rate_hz| {
+                let limit = PerceptionLimit::new(&ContactConditions {
+                    centre: DVec3::ZERO,
+                    radius: 1.0,
+                    up: DVec3::Z,
+                    metres_per_unit: 1.0,
+                    stiffness_n_per_m: 800.0,
+                    is_contact: true,
+                    force_n,
+                    depth_m: 1e-3,
+                    reserve_j: 0.0,
+                    period_s: 1.0 / rate_hz,
+                });
+                [limit.step, limit.proxy_step].map(|step| step * rate_hz)
+            });
+            for speed in speeds {
+                for (of, expected) in speed.iter().zip(speeds[1]) {
+                    assert!((of / expected - 1.0).abs() < 1e-12, "{of} {expected}");
+                }
+            }
+        }
+    }
 }

@@ -23,8 +23,7 @@
 //! ([`scene::ScenePlan::active_objects`]). All active objects draw on one budget of work, the
 //! nearest to a contact first.
 
-use crate::budget::Budget;
-use crate::contact::query::Work;
+use crate::budget::{Budget, QueryBudget};
 use crate::contact::sphere_proxy::Contact;
 use crate::controller::Controller;
 use crate::force::effects::{Clock, Rendered};
@@ -34,7 +33,6 @@ use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
 use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, MAX_UPKEEP};
 use crate::tuning::streaming::{ingest_for, max_ingest};
-use crate::tuning::tick::{PROXY_WORK, PROXY_WORK_PER_OPERATION, REPORT_TICKS};
 use geometry::Wrench;
 use glam::DVec3;
 use haptic_device::Sample;
@@ -298,14 +296,19 @@ impl Controller {
 
     /// Advances the proxies and renders the forces of each pair.
     fn contact(&mut self, tick: u64, record: &mut CoreRecord) {
-        let mut work = Work::default();
         let stats = self.active.objects.iter().map(|of| of.front.stats);
         let operations: u32 = stats.map(|stats| stats.vsplits + stats.ecols).sum();
-        let max_work = PROXY_WORK.saturating_sub(PROXY_WORK_PER_OPERATION * operations);
-        for &(_, k) in &self.active.order {
-            self.active.objects[k].find_contacts(tick, &self.probes, &mut work, max_work);
+        self.active.order_pairs(self.own_tick);
+        let (pairs, objects) = (&self.active.pairs, &mut self.active.objects);
+        let mut budget = QueryBudget::new(operations, pairs.iter().map(|&(_, probe)| probe));
+        for &(k, probe) in pairs {
+            objects[k].find_contact(tick, (probe, &self.probes[probe]), &mut budget);
         }
-        record.query_work = work.nodes + work.faces;
+        // The nearest to a contact looks first: where it goes matters most.
+        for &(k, probe) in pairs.iter().rev() {
+            objects[k].look_ahead(probe, &mut budget);
+        }
+        record.query_work = budget.spent();
         let contacts = || self.active.objects.iter().map(|of| &of.contacts);
         record.unfinished = contacts().map(|of| of.unfinished).sum();
         record.early = contacts().map(|of| of.early).sum();
@@ -393,8 +396,10 @@ impl Controller {
         if let Some(place) = outputs.contacts.get_mut(k) {
             *place = contact;
         }
-        if let (Some(pose), true) = (probe.pose, self.own_tick.is_multiple_of(REPORT_TICKS))
-            && outputs.reports.len() < outputs.reports.capacity()
+        if let (Some(pose), true) = (
+            probe.pose,
+            self.own_tick.is_multiple_of(self.horizons.report),
+        ) && outputs.reports.len() < outputs.reports.capacity()
         {
             outputs.reports.push(ContactReport {
                 client: self.identity.client,

@@ -1,33 +1,39 @@
-//! Tuning constants of the core, a module a room. Times are in ticks of 1 ms unless the scene sets
-//! another rate, or the name says otherwise. Numbers that belong to one algorithm, such as the
+//! Tuning constants of the core, a module a room. Times are in seconds, whatever the rate of the
+//! scene; [`crate::horizons`] converts them once. Counts of samples, and numbers that bound the
+//! work of a tick, are counts at every rate. Numbers that belong to one algorithm, such as the
 //! rounding bound of a test, stand beside it; the just noticeable differences are in
 //! [`crate::perception`].
 
 /// The tick as a whole: reports and the budget of the proxies.
 pub mod tick {
-    /// Ticks between two contact reports of a probe to the station.
-    pub const REPORT_TICKS: u64 = 10;
+    /// Time between two contact reports of a probe to the station.
+    pub const REPORT_S: f64 = 0.01;
     /// Nodes visited and faces tested by the steps of all proxies in a tick without splits and
     /// collapses.
     pub const PROXY_WORK: u32 = 4096;
     /// Part of [`PROXY_WORK`] that a split or collapse uses up.
     pub const PROXY_WORK_PER_OPERATION: u32 = 32;
+    /// Part of [`PROXY_WORK`] that is left however many there are.
+    pub const MIN_PROXY_WORK: u32 = 1024;
+    /// The same for the searches beside the steps: the nearest face of each pair, force shading,
+    /// and where a probe may touch next. A search near a known face takes some tens.
+    pub const SEARCH_WORK: u32 = 1024;
 }
 
 /// Which objects are active.
 pub mod active {
     /// Reach of a probe at rest, in its radii.
     pub const REACH_RADII: f64 = 10.0;
-    /// Ticks of its motion by which the reach is longer: the base mesh arrives within a few ticks,
-    /// the regions ahead of the contact within sixty.
-    pub const REACH_TICKS: f64 = 150.0;
-    /// Ticks out of reach after which an object may lose its place, and a pair ends.
-    pub const SLEEP_TICKS: u64 = 100;
+    /// Time of its motion by which the reach is longer: the base mesh arrives within a few
+    /// milliseconds, the regions ahead of the contact within sixty.
+    pub const REACH_S: f64 = 0.15;
+    /// Time out of reach after which an object may lose its place, and a pair ends.
+    pub const SLEEP_S: f64 = 0.1;
     /// An object takes the place of another in reach when it is nearer by this factor, so that two
     /// do not alternate.
     pub const NEARER: f64 = 2.0;
-    /// Ticks of motion within which a probe could touch.
-    pub const TOUCH_TICKS: f64 = 2.0;
+    /// Time of motion within which a probe could touch.
+    pub const TOUCH_S: f64 = 0.002;
     /// Objects that are entered into the broad phase a tick at the most.
     pub const PLACED_A_TICK: usize = 64;
 }
@@ -46,8 +52,8 @@ pub mod streaming {
     pub const INGEST_PER_OPERATION: u32 = 6;
     /// Ids of a closure that are taken in one go.
     pub const IDS_AT_ONCE: usize = 16;
-    /// Ticks for which a record may wait for room before its region is given up.
-    pub const MAX_WAIT_TICKS: u32 = 50;
+    /// Time for which a record may wait for room before its region is given up.
+    pub const MAX_ROOM_WAIT_S: f64 = 0.05;
     /// The credit is told without another reason when this share of it is consumed: one in so many.
     pub const CREDIT_STEP: u64 = 4;
 
@@ -73,23 +79,23 @@ pub mod streaming {
 
 /// The cache.
 pub mod cache {
-    /// Ticks for which a refused region is not requested again: 2 s at 1 kHz.
-    pub const REFUSED_TICKS: u64 = 2000;
+    /// Time for which a refused region is not requested again.
+    pub const REFUSED_S: f64 = 2.0;
     /// Places of the table that a tick searches for one whose refusal is that old.
     pub const REFUSED_WINDOW: usize = 4;
 }
 
 /// Refinement.
 pub mod lod {
-    /// Ticks for which a region stays wanted after its last prediction, so that a probe at a cell's
-    /// wall does not make it flicker: four rounds of the predictor.
-    pub const HYSTERESIS_TICKS: u64 = 40;
+    /// Time for which a region stays wanted after its last prediction, so that a probe at a cell's
+    /// wall does not make it flicker: four rounds of the predictor at 1 kHz.
+    pub const HYSTERESIS_S: f64 = 0.04;
     /// Regions that may be wanted at once.
     pub const MAX_WANTED: usize = 512;
     /// Splits, and collapses, a tick where nothing is urgent.
     pub const MIN_OPERATIONS: u32 = 6;
-    /// Ticks within which a backlog of collapses is worked off.
-    pub const COLLAPSE_TICKS: u32 = 48;
+    /// Time within which a backlog of collapses is worked off.
+    pub const COLLAPSE_S: f64 = 0.048;
     /// Closure entries that change set for one work unit.
     pub const CHANGES_PER_UNIT: u32 = 4;
     /// Entries of closures, region tables and caches that a tick goes through at the most to
@@ -118,47 +124,47 @@ pub mod lod {
 pub mod prediction {
     /// Received chunks that wait for the tick, above which nothing is requested ahead of need.
     pub const MAX_WAITING: usize = 8;
-    /// Ticks of motion, times [`RADII_AROUND`], within which a surface must be for a prediction to
+    /// Time of motion, times [`RADII_AROUND`], within which a surface must be for a prediction to
     /// be moved onto it.
-    pub const LANDING_TICKS: f64 = 60.0;
+    pub const LANDING_S: f64 = 0.06;
     /// Share of a block of splits that is still asked for after each step of memory pressure.
     pub const BLOCK_SHARE: f64 = 0.75;
 
     /// Regions that may be kept to be requested in a tick, for each probe: the cells of six balls.
     pub const MAX_UNKNOWN: usize = 750;
 
-    /// Ticks over which velocity and acceleration are estimated: an encoder's step is averaged, a
+    /// Times over which velocity and acceleration are estimated: an encoder's step is averaged, a
     /// turn is not. A hand that moves less than the probe's radius over the longer span is slow
     /// enough for that one, and there a single step of the encoder must not look like a motion.
-    pub const SPANS: [usize; 2] = [4, 16];
-    /// Ticks over which a hand's acceleration fades: what of it is left after so many is a third.
-    /// On a tour of a rough terrain at 1 m/s the point 25 ticks ahead is then missed by 6 mm at
-    /// median; by 10 mm straight on over the same span, by 13 mm over 16 ticks.
-    pub const FADING_TICKS: f64 = 18.0;
-    /// Ticks over which the speed is averaged that the lod goes by.
-    pub const MEAN_TICKS: f64 = 32.0;
-    /// Ticks that it takes to have a loaded cell refined.
-    pub const REFINE_AROUND: f64 = 12.0;
-    /// Ticks ahead at which the refined set looks.
-    pub const REFINE_AHEAD: f64 = 20.0;
+    pub const SPANS_S: [f64; 2] = [0.004, 0.016];
+    /// Time over which a hand's acceleration fades: what of it is left after it is a third. On a
+    /// tour of a rough terrain at 1 m/s the point 25 ms ahead is then missed by 6 mm at median; by
+    /// 10 mm straight on over the same span, by 13 mm over 16 ms.
+    pub const FADING_S: f64 = 0.018;
+    /// Time over which the speed is averaged that the lod goes by.
+    pub const MEAN_S: f64 = 0.032;
+    /// Time that it takes to have a loaded cell refined.
+    pub const REFINE_AROUND_S: f64 = 0.012;
+    /// Time ahead at which the refined set looks.
+    pub const REFINE_AHEAD_S: f64 = 0.02;
     /// Radii of the probe around its centre that are refined at rest.
     pub const RADII_AROUND: f64 = 1.5;
-    /// Ticks of motion by which the refined strip is wider on either side.
-    pub const LEAD_TICKS: f64 = 2.0;
-    /// Ticks ahead at which the loaded set looks: a round trip, the records and their splits.
-    pub const LOAD_AHEAD: [f64; 3] = [30.0, 45.0, 60.0];
-    /// Ticks ahead at which the coarser rings are refined, and loaded: they are what a turn of the
+    /// Time of motion by which the refined strip is wider on either side.
+    pub const LEAD_S: f64 = 0.002;
+    /// Times ahead at which the loaded set looks: a round trip, the records and their splits.
+    pub const LOAD_AHEAD_S: [f64; 3] = [0.03, 0.045, 0.06];
+    /// Times ahead at which the coarser rings are refined, and loaded: they are what a turn of the
     /// hand lands on.
-    pub const RING_AHEAD: [f64; 2] = [25.0, 60.0];
+    pub const RING_AHEAD_S: [f64; 2] = [0.025, 0.06];
     /// Sideways error of a predicted point, as a share of its displacement, and as a share of what
     /// the present acceleration adds to it.
     pub const SPREAD: [f64; 2] = [0.05, 0.7];
-    /// Ticks over a cell below which fewer neighbours are kept warm: they are gone before they
+    /// Time over a cell below which fewer neighbours are kept warm: they are gone before they
     /// could be used.
-    pub const WARM_TICKS: f64 = 50.0;
-    /// Ticks after which a region away from the motion is thought to be reached at rest, for each
+    pub const WARM_S: f64 = 0.05;
+    /// Time after which a region away from the motion is thought to be reached at rest, for each
     /// cell of distance.
-    pub const DRIFT_TICKS: f64 = 200.0;
+    pub const DRIFT_S: f64 = 0.2;
     /// Share of the speed with which the hand may come to a cell that does not lie ahead.
     pub const SIDEWAYS: f64 = 0.25;
 
@@ -169,19 +175,19 @@ pub mod prediction {
 
 /// Steps by which less is asked for while the cache is too small.
 pub mod memory_pressure {
-    /// Ticks for which a step may take effect before the next.
-    pub const SETTLE: u64 = 60;
-    /// Ticks without want before the first step back, and the longest wait.
-    pub const WAIT_TICKS: u64 = 1000;
-    pub const MAX_WAIT_TICKS: u64 = 16_000;
-    /// Ticks after a step back within which a want means that it was too early.
-    pub const EARLY: u64 = 2000;
+    /// Time for which a step may take effect before the next.
+    pub const SETTLE_S: f64 = 0.06;
+    /// Time without want before the first step back, and the longest wait.
+    pub const WAIT_S: f64 = 1.0;
+    pub const MAX_WAIT_S: f64 = 16.0;
+    /// Time after a step back within which a want means that it was too early.
+    pub const EARLY_S: f64 = 2.0;
     /// Steps before the finest ring is raised: no loading ahead, no coarser rings.
     pub const STEPS_BEFORE_COARSER: u32 = 2;
-    /// Ticks of contact over which it is judged whether the finest ring comes in time.
-    pub const MAX_MISSES: u32 = 256;
-    /// Ticks without any question after the cache was found full.
-    pub const PAUSE: u64 = 20;
+    /// Time of contact over which it is judged whether the finest ring comes in time.
+    pub const MISSES_S: f64 = 0.256;
+    /// Time without any question after the cache was found full.
+    pub const PAUSE_S: f64 = 0.02;
 }
 
 /// Probes, and the work of their proxies.
@@ -190,14 +196,19 @@ pub mod probe {
     pub const MAX_SILENCE_S: f64 = 0.02;
     /// Time after which a refused tour is requested again, seconds.
     pub const TOUR_RETRY_S: f64 = 2.0;
-    /// Share of the greatest speed that is left a tick later: a hand that stops may go on.
-    pub const SPEED_FADES: f64 = 0.97;
-    /// Ticks for which a speed must be kept up to count: one wild sample, there and back, is no
+    /// Share of the greatest speed that is left after a millisecond: a hand that stops may go on.
+    pub const SPEED_LEFT_PER_MS: f64 = 0.97;
+    /// Time for which samples elsewhere must be plausible after one another for a new place to be
+    /// true, seconds, and their number at the least.
+    pub const NEW_PLACE_S: f64 = 0.02;
+    pub const MIN_NEW_PLACE_SAMPLES: u32 = 3;
+    /// Time without an accepted sample by which the limits of motion widen at the most, where no
+    /// period was skipped: in it a hand of [`haptic_device::MotionLimits::HAND`] may leave its
+    /// course by 72 mm.
+    pub const MAX_WIDENED_S: f64 = 0.008;
+    /// Samples for which a speed must be kept up to count: one wild sample, there and back, is no
     /// motion.
     pub const KEPT_UP: usize = 3;
-
-    /// Work that every proxy may spend in any tick, in nodes visited and faces tested.
-    pub const MIN_PROXY_WORK: u32 = 1024;
 
     /// Pairs of nodes of a tool and an object, or what costs as much, that a unit of work pays for:
     /// with all units of a tick it stays within a period of a millisecond (measured).
@@ -206,8 +217,10 @@ pub mod probe {
 
 /// The forces. The perception limits are in [`crate::perception`].
 pub mod force {
-    /// Longest window of the velocity estimate, periods: 16 ms at 1 kHz.
-    pub const MAX_VELOCITY_PERIODS: usize = 16;
+    /// Longest window of the velocity estimate, seconds; and periods, which bound its cost: above
+    /// 4 kHz the window is shorter.
+    pub const VELOCITY_WINDOW_S: f64 = 0.016;
+    pub const MAX_VELOCITY_PERIODS: usize = 64;
 
     /// Relative rounding error of the difference of two equal motions: 8 units in the last place.
     pub const MOTION_ROUNDING: f64 = 8.0 * f64::EPSILON;
@@ -226,8 +239,8 @@ pub mod force {
 
 /// The bodies. None of these numbers changes a force by itself.
 pub mod bodies {
-    /// Most periods that one step integrates after missed ticks, 20 ms at 1 kHz. It bounds the time
-    /// of a step; the motion of further missed periods is dropped.
+    /// Most periods that one step integrates after missed ticks. It bounds the work of a step; the
+    /// motion of further missed periods is dropped.
     pub const MAX_STEP_PERIODS: u64 = 20;
 
     /// Most objects whose box is requested in one tick: half of [`scene::MAX_MOVABLES`].
@@ -246,9 +259,9 @@ pub mod bodies {
     /// Time for which a body without load has to be still before it sleeps, seconds.
     pub const STILL_S: f64 = 0.5;
 
-    /// Decay of the displacement bound of a body, per tick: half of it is left after 23 ticks.
-    /// Probes use the same decay.
-    pub const DISPLACEMENT_DECAY: f64 = 0.97;
+    /// Share of the displacement bound of a body that is left after a millisecond: half of it after
+    /// 23 ms. Probes use the same decay.
+    pub const DISPLACEMENT_LEFT_PER_MS: f64 = 0.97;
 
     /// Shortest side that a box counts with, as a fraction of its longest. Without it a flat or
     /// thin model would have a moment of inertia of 0 about some axis.

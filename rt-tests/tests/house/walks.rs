@@ -20,7 +20,7 @@ pub const SAMPLE_TO_FORCE: [&[Step]; 5] = [
     &[
         ("hrtc/core/src/tick.rs", "tick"),
         ("hrtc/core/src/tick.rs", "contact"),
-        ("hrtc/core/src/active/object.rs", "find_contacts"),
+        ("hrtc/core/src/active/object.rs", "find_contact"),
         ("hrtc/core/src/probe/contacts.rs", "advance"),
         ("hrtc/core/src/probe/pair.rs", "advance"),
         ("hrtc/core/src/probe/proxy_kind.rs", "advance"),

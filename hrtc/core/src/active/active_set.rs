@@ -10,18 +10,17 @@ use super::object::ActiveObject;
 use crate::bodies::{Extent, Movables};
 use crate::budget::Budget;
 use crate::cache::base_mesh_store::{BaseMeshStore, Model};
+use crate::horizons::Horizons;
 use crate::instance::{ModelFrame, ObjectInstance};
 use crate::probe::Probe;
 use crate::streaming::chunk::InboxChunk;
 use crate::streaming::session::TickContext;
 use crate::streaming::subscriber::Identity;
 use crate::streaming::{Fault, Outbox};
-use crate::tuning::active::{
-    NEARER, PLACED_A_TICK, REACH_RADII, REACH_TICKS, SLEEP_TICKS, TOUCH_TICKS,
-};
+use crate::tuning::active::{NEARER, PLACED_A_TICK, REACH_RADII};
 use glam::DVec3;
-use protocol::{ANSWER_TIMEOUT_MS, CREDIT_CHUNKS, Request};
-use scene::ScenePlan;
+use protocol::{CREDIT_CHUNKS, Request};
+use scene::{MAX_PROBES, ScenePlan};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -40,7 +39,11 @@ pub struct ActiveSet {
     /// Places in the order of a tick: the object nearest to a contact first, with its clearance in
     /// metres.
     pub order: Vec<(f64, usize)>,
+    /// Pairs whose contact is looked for in this tick, as place and probe, in the order in which
+    /// they draw on its work.
+    pub pairs: Vec<(usize, usize)>,
     broad_phase: BroadPhase,
+    horizons: Horizons,
     /// Objects whose box is not known yet, the next one last, in the order in which models are
     /// requested.
     unplaced: VecDeque<u32>,
@@ -71,15 +74,14 @@ impl ActiveSet {
         moving: usize,
         toured: impl Iterator<Item = u32>,
     ) -> Self {
-        let timeout_ticks = (ANSWER_TIMEOUT_MS as f64 * 1e-3 * plan.loop_.rate_hz).ceil() as u64;
+        let horizons = Horizons::new(plan.loop_.rate_hz);
         let (instances, models) = instances_of(plan);
         let count = plan.active_objects();
         let all_active = count == instances.len();
         let stored = BaseMeshStore::bytes_for(models, plan.cache_bytes, all_active);
         let bytes = (plan.cache_bytes - stored) / count;
         let effects: Arc<[_]> = plan.objects.iter().map(|of| of.effects.clone()).collect();
-        let new_place =
-            |_| ActiveObject::new(plan, bytes, identity, timeout_ticks, effects.clone());
+        let new_place = |_| ActiveObject::new(plan, bytes, identity, &horizons, effects.clone());
         let mut objects: Vec<ActiveObject> = (0..count).map(new_place).collect();
         if all_active {
             for (object, instance) in objects.iter_mut().zip(&instances) {
@@ -97,6 +99,7 @@ impl ActiveSet {
         Self {
             store: BaseMeshStore::new(models, stored),
             broad_phase: BroadPhase::new(instances.len(), moving),
+            horizons,
             unplaced: to_fetch.iter().rev().copied().collect(),
             to_fetch,
             next_fetch: 0,
@@ -105,6 +108,7 @@ impl ActiveSet {
             station: 0,
             epochs: vec![0; instances.len()],
             order: Vec::with_capacity(count),
+            pairs: Vec::with_capacity(count * plan.probes.len()),
             taken: 0,
             instances,
             objects,
@@ -270,6 +274,33 @@ impl ActiveSet {
             .sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     }
 
+    /// Orders the pairs of a tick. The pair of each probe that is nearest to a contact comes last,
+    /// of these a tool's after a ball's: the others need little and leave it the rest. The probes
+    /// take turns in being the last.
+    pub fn order_pairs(&mut self, tick: u64) {
+        self.pairs.clear();
+        let mut nearest = [(f64::INFINITY, usize::MAX); MAX_PROBES];
+        for &(_, place) in &self.order {
+            let object = &self.objects[place];
+            let Some(frame) = object.frame else {
+                continue;
+            };
+            let pairs = object.contacts.pairs.iter().enumerate();
+            for (probe, pair) in pairs.filter(|(_, pair)| pair.is_near && pair.goal.is_some()) {
+                self.pairs.push((place, probe));
+                let clearance_m = pair.clearance * frame.metres_per_unit;
+                if clearance_m < nearest[probe].0 || nearest[probe].1 == usize::MAX {
+                    nearest[probe] = (clearance_m, place);
+                }
+            }
+        }
+        self.pairs.sort_unstable_by_key(|&(place, probe)| {
+            let turn = (tick + probe as u64) % MAX_PROBES as u64;
+            let pair = &self.objects[place].contacts.pairs[probe];
+            (nearest[probe].1 == place, pair.proxy.is_tool(), turn, place)
+        });
+    }
+
     /// Finds the objects near a probe, and makes the one that needs it most active. Returns the
     /// pairs of a probe and an object that could touch now though the object is not ready.
     pub fn activate(
@@ -283,14 +314,15 @@ impl ActiveSet {
             return 0;
         }
         self.place_objects();
+        let reach_ticks = self.horizons.reach;
         let balls = probes.iter().enumerate().filter_map(|(probe, p)| {
             Some(Ball {
                 probe,
                 centre: p.pose?.position,
-                radius: REACH_RADII * p.reach_m + REACH_TICKS * p.speed,
+                radius: REACH_RADII * p.reach_m + reach_ticks * p.speed,
             })
         });
-        self.broad_phase.find(balls, REACH_TICKS);
+        self.broad_phase.find(balls, reach_ticks);
         self.note_needs(probes, tick);
         if self.objects.len() < self.instances.len() {
             self.activate_one(probes, tick, budget, outbox);
@@ -345,7 +377,7 @@ impl ActiveSet {
                 if pair.contact.is_some() {
                     pair.near_at = tick;
                 }
-                if pair.is_near && pair.near_at + SLEEP_TICKS < tick {
+                if pair.is_near && pair.near_at + self.horizons.sleep < tick {
                     pair.end();
                 }
             }
@@ -443,7 +475,11 @@ impl ActiveSet {
         if let Some((k, _)) = places().find(|(_, of)| of.instance.is_none()) {
             return Some(k);
         }
-        let waits = if distance.is_finite() { SLEEP_TICKS } else { 0 };
+        let waits = if distance.is_finite() {
+            self.horizons.sleep
+        } else {
+            0
+        };
         let idle = places().filter(|(_, of)| !of.is_pinned && of.needed + waits < tick);
         let longest = idle.min_by_key(|(_, of)| of.needed);
         let farthest = || {
@@ -476,7 +512,7 @@ impl ActiveSet {
         let within = self.broad_phase.near().iter().filter(|near| {
             let probe = &probes[near.probe];
             let motion = self.broad_phase.displacement(near.object);
-            near.distance <= probe.reach_m + TOUCH_TICKS * (probe.speed + motion)
+            near.distance <= probe.reach_m + self.horizons.touch * (probe.speed + motion)
         });
         let missing = within.filter(|near| {
             let object = Some(near.object as u32);

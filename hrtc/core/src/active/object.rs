@@ -1,10 +1,10 @@
 //! An active object: session with the station, front and contacts, allocated once and assigned to
 //! one object after the other. Only this type knows all three parts.
 
-use crate::budget::Budget;
+use crate::budget::{Budget, QueryBudget};
 use crate::cache::Cache;
 use crate::cache::base_mesh_store::Model;
-use crate::contact::query::Work;
+use crate::horizons::Horizons;
 use crate::instance::{ModelFrame, ObjectInstance, in_axes_of};
 use crate::lod::front::Front;
 use crate::lod::lod_controller::LodController;
@@ -44,13 +44,13 @@ impl ActiveObject {
         plan: &ScenePlan,
         bytes: usize,
         identity: Identity,
-        timeout_ticks: u64,
+        horizons: &Horizons,
         effects: Arc<[Arc<[EffectPlan]>]>,
     ) -> Self {
         Self {
             instance: None,
             frame: None,
-            session: Session::new(identity, timeout_ticks),
+            session: Session::new(identity, horizons),
             front: Front::new(plan, bytes),
             contacts: Contacts::new(plan, effects),
             is_pinned: false,
@@ -244,36 +244,36 @@ impl ActiveObject {
         self.front.cache.refit();
     }
 
-    /// Advances the proxies and renders the forces of each pair. `max_work`: what all queries of
-    /// the tick may cost, of which `work` is spent.
-    pub(crate) fn find_contacts(
+    /// Advances the proxy of a probe and renders the forces of the pair.
+    pub(crate) fn find_contact(
         &mut self,
         tick: u64,
-        probes: &[Probe],
-        work: &mut Work,
-        max_work: u32,
+        (k, probe): (usize, &Probe),
+        budget: &mut QueryBudget,
     ) {
-        if let (Some(frame), Some(instance)) = (&self.frame, &self.instance) {
-            for (k, probe) in probes.iter().enumerate() {
-                let surface = self.front.surface();
-                let place = (frame, instance);
-                let budget = (&mut *work, max_work);
-                let touch = self
-                    .contacts
-                    .advance((k, probe), place, surface, tick, budget);
-                let Some(touch) = touch else {
-                    continue;
-                };
-                let accuracy = self.front.accuracy_at(&touch.contact, touch.certified);
-                self.contacts.pairs[k].contact = Some(ContactState {
-                    contact: touch.contact,
-                    certified: touch.certified,
-                    tolerance_m: accuracy.tolerance_m,
-                    is_as_asked: accuracy.is_as_asked,
-                    depth_m: touch.depth_m,
-                });
-            }
-        }
-        self.front.look_ahead(&self.contacts);
+        let (Some(frame), Some(instance)) = (&self.frame, &self.instance) else {
+            return;
+        };
+        let surface = self.front.surface();
+        let place = (frame, instance);
+        let touch = self
+            .contacts
+            .advance((k, probe), place, surface, tick, budget);
+        let Some(touch) = touch else {
+            return;
+        };
+        let accuracy = self.front.accuracy_at(&touch.contact, touch.certified);
+        self.contacts.pairs[k].contact = Some(ContactState {
+            contact: touch.contact,
+            certified: touch.certified,
+            tolerance_m: accuracy.tolerance_m,
+            is_as_asked: accuracy.is_as_asked,
+            depth_m: touch.depth_m,
+        });
+    }
+
+    /// Looks where a probe may touch next.
+    pub(crate) fn look_ahead(&mut self, probe: usize, budget: &mut QueryBudget) {
+        self.front.look_ahead(probe, &self.contacts, budget);
     }
 }

@@ -8,7 +8,7 @@ use super::material::material_motion;
 use super::rail::Rail;
 use crate::force::passivity::CarriedWork;
 use crate::tuning::bodies::{
-    DISPLACEMENT_DECAY, MAX_SIZES_PER_PERIOD, MAX_TURN_PER_PERIOD, STILL_S, STILL_SIZES_PER_S,
+    DISPLACEMENT_LEFT_PER_MS, MAX_SIZES_PER_PERIOD, MAX_TURN_PER_PERIOD, STILL_S, STILL_SIZES_PER_S,
 };
 use geometry::{Pose, Wrench};
 use glam::DVec3;
@@ -23,6 +23,8 @@ pub struct Step {
     pub fastest: f64,
     /// Largest angular speed, rad/s.
     pub fastest_turn: f64,
+    /// Share of the displacement bound that is left after a period.
+    pub displacement_left: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -77,6 +79,7 @@ impl Body {
                 period_s,
                 fastest: 0.0,
                 fastest_turn: MAX_TURN_PER_PERIOD / period_s,
+                displacement_left: DISPLACEMENT_LEFT_PER_MS.powf(1e3 * period_s),
             },
             extent: None,
             pose: home,
@@ -249,7 +252,7 @@ impl Body {
         let motion = material_motion(last, &self.pose, middle);
         self.max_displacement = motion
             .farthest(extent.radius())
-            .max(DISPLACEMENT_DECAY * self.max_displacement);
+            .max(self.step.displacement_left * self.max_displacement);
     }
 
     /// Puts it to sleep when it has been without load and motion for long enough.

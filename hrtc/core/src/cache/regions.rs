@@ -4,7 +4,7 @@
 use super::id_map::IdMap;
 use super::region::{AfterUnload, Region, RegionState};
 use super::region_key::RegionKey;
-use crate::tuning::cache::{REFUSED_TICKS, REFUSED_WINDOW};
+use crate::tuning::cache::REFUSED_WINDOW;
 use protocol::{CREDIT_CHUNKS, REGIONS_PER_REQUEST};
 use spm::NONE;
 
@@ -215,14 +215,14 @@ impl RegionTable {
         self.settled
     }
 
-    /// Forgets one region that was refused long ago, so that it may be requested again.
-    pub fn forget_old_refusal(&mut self, tick: u64) {
+    /// Forgets one region that was refused so many ticks ago, so that it may be requested again.
+    pub fn forget_old_refusal(&mut self, tick: u64, ticks: u64) {
         let capacity = self.capacity();
         for _ in 0..REFUSED_WINDOW.min(capacity) {
             let place = self.next_refused;
             self.next_refused = (place + 1) % capacity;
             let region = self.get(place);
-            if region.is_some_and(|region| region.is_refused_before(tick, REFUSED_TICKS)) {
+            if region.is_some_and(|region| region.is_refused_before(tick, ticks)) {
                 self.remove(place);
                 break;
             }

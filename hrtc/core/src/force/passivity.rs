@@ -45,8 +45,8 @@
 //! subtracted.
 
 use super::positions::Positions;
-use crate::perception::{STEP_N, STEP_SHARE};
-use crate::tuning::force::{EXCESS_FADES_S, MOTION_ROUNDING};
+use crate::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
+use crate::tuning::force::{EXCESS_FADES_S, MOTION_ROUNDING, VELOCITY_WINDOW_S};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use mutants::{Mutant, is};
@@ -57,6 +57,9 @@ pub struct EnergyAccount {
     /// Step of the encoder, metres; 0 for none. Motion within it is noise and does no work on the
     /// limited part.
     encoder_m: f64,
+    period_s: f64,
+    /// Longest window of the velocity estimate, periods.
+    window: usize,
     /// Energy put out by the whole wrench, joules.
     joules: f64,
     /// Energy put out by the limited part since the contact began, joules; after it, what is left
@@ -144,9 +147,11 @@ impl std::ops::Add for CouplingSpring {
 impl EnergyAccount {
     /// An empty account. `encoder_m`: step of the device's encoder, metres; 0 for none.
     #[must_use]
-    pub fn new(encoder_m: f64) -> Self {
+    pub fn new(encoder_m: f64, period_s: f64) -> Self {
         Self {
             encoder_m,
+            period_s,
+            window: (VELOCITY_WINDOW_S / period_s).round().max(1.0) as usize,
             joules: 0.0,
             contact_joules: 0.0,
             is_apart: false,
@@ -198,7 +203,7 @@ impl EnergyAccount {
         let Wrench { force, torque } = self.limited;
         let work = force.dot(motion) + torque.dot(turned);
         self.contact_joules += work - limited;
-        let motion = positions.motion(self.encoder_m);
+        let motion = positions.motion(self.encoder_m, self.window);
         self.motion = [motion, self.motion[0], self.motion[1]];
     }
 
@@ -237,7 +242,8 @@ impl EnergyAccount {
         } else {
             1.0
         };
-        let imperceptible = (STEP_SHARE * self.paid).max(STEP_N / size);
+        let step_share = STEP_SHARE_PER_S * self.period_s;
+        let imperceptible = (step_share * self.paid).max(STEP_N_PER_S * self.period_s / size);
         // No faster than the device takes energy out of the spring.
         let fades = imperceptible.min(work.max(0.0) / spring.stored_j);
         self.paid = due
@@ -342,7 +348,7 @@ impl EnergyAccount {
     /// An empty account of the same device.
     #[must_use]
     pub fn restarted(&self) -> Self {
-        Self::new(self.encoder_m)
+        Self::new(self.encoder_m, self.period_s)
     }
 
     /// Estimated motion in the last period, metres, without the noise of the encoder.

@@ -5,7 +5,9 @@ use glam::DVec3;
 
 /// Positions at the ends of the last periods, metres, the newest first.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
-pub struct Positions([DVec3; MAX_VELOCITY_PERIODS + 1]);
+pub struct Positions(
+    #[serde(with = "serde_big_array::BigArray")] [DVec3; MAX_VELOCITY_PERIODS + 1],
+);
 
 impl Positions {
     /// At rest.
@@ -35,17 +37,17 @@ impl Positions {
     }
 
     /// Motion a period, metres, by first-order adaptive windowing (Janabi-Sharifi 2000): over the
-    /// longest window in which every position is within one encoder step of the line between its
-    /// ends.
+    /// longest window, of `window` periods at the most, in which every position is within one
+    /// encoder step of the line between its ends.
     #[must_use]
-    pub fn motion(&self, encoder_m: f64) -> DVec3 {
+    pub fn motion(&self, encoder_m: f64, window: usize) -> DVec3 {
         let now = self.newest();
         let even = |periods: usize| {
             let a_period = (self.0[periods] - now) / periods as f64;
             (1..periods).all(|k| (now + a_period * k as f64).distance(self.0[k]) <= encoder_m)
         };
         let mut periods = 1;
-        while periods < MAX_VELOCITY_PERIODS && even(periods + 1) {
+        while periods < window.min(MAX_VELOCITY_PERIODS) && even(periods + 1) {
             periods += 1;
         }
         (now - self.0[periods]) / periods as f64
@@ -82,7 +84,7 @@ mod tests {
                 positions.add(positions.newest(), [elapsed, elapsed]);
                 continue;
             }
-            let motion = positions.motion(1e-9);
+            let motion = positions.motion(1e-9, 16);
             assert!(
                 motion.distance(step) < 1e-9 * step.length() * now as f64,
                 "{now}: {motion}"

@@ -2,6 +2,7 @@
 
 use super::forecast::ContactForecast;
 use super::predict::Predictor;
+use crate::horizons::Horizons;
 
 /// Prediction of one probe towards one object.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
@@ -17,10 +18,10 @@ pub struct Approach {
 impl Approach {
     /// No history.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn new(horizons: &Horizons) -> Self {
         Self {
-            predictor: Predictor::new(),
-            forecast: ContactForecast::new(),
+            predictor: Predictor::new(horizons),
+            forecast: ContactForecast::new(horizons.prediction.refine_ahead),
             finest: 0,
         }
     }
@@ -28,7 +29,7 @@ impl Approach {
     /// The probe comes near: its history begins.
     pub fn begin(&mut self) {
         self.predictor.reset();
-        self.forecast = ContactForecast::new();
+        self.forecast.reset();
         self.finest = 0;
     }
 }

@@ -3,10 +3,11 @@
 //! refined by then.
 
 use super::predict::Motion;
-use crate::contact::query::{Surface, closest_point};
+use crate::budget::QueryBudget;
+use crate::contact::query::{Surface, closest_point_within};
 use crate::contact::rigid_proxy::MAX_BALLS;
 use crate::probe::proxy_kind::ProxyKind;
-use crate::tuning::prediction::{A_TICK, RADII_AROUND, REFINE_AHEAD};
+use crate::tuning::prediction::{A_TICK, RADII_AROUND};
 use geometry::Pose;
 use glam::DVec3;
 use spm::{Handle, NONE};
@@ -50,16 +51,24 @@ pub struct ContactForecast {
     seen: [Seen; MAX_BALLS],
     next: usize,
     found: [Option<Near>; A_TICK],
+    /// Ticks ahead at which the refined set looks.
+    refine_ahead: f64,
 }
 
 impl ContactForecast {
-    /// Nothing seen yet.
-    pub fn new() -> Self {
+    /// Nothing seen yet. `refine_ahead`: ticks ahead at which the refined set looks.
+    pub fn new(refine_ahead: f64) -> Self {
         Self {
             seen: [Seen::NOTHING; MAX_BALLS],
             next: 0,
             found: [None; A_TICK],
+            refine_ahead,
         }
+    }
+
+    /// Forgets what it saw.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.refine_ahead);
     }
 
     /// What was found near in the last tick.
@@ -68,8 +77,14 @@ impl ContactForecast {
     }
 
     /// Looks for the surface near the next parts of a tool; a ball has no parts but itself.
-    /// `patch`: radius of what a tip touches at once, model units.
-    pub fn look(&mut self, surface: Surface<'_>, proxy: &ProxyKind, goal: &Pose, patch: f64) {
+    /// `patch`: radius of what a tip touches at once, model units. A part for which the budget does
+    /// not suffice waits for its next turn.
+    pub fn look(
+        &mut self,
+        surface: Surface<'_>,
+        (proxy, goal, patch): (&ProxyKind, &Pose, f64),
+        budget: &mut QueryBudget,
+    ) {
         self.found = [None; A_TICK];
         let ProxyKind::Tool(_) = proxy else {
             return;
@@ -89,12 +104,16 @@ impl ContactForecast {
             };
             seen.centre = part.centre;
             let velocity = displacement * (A_TICK as f64 / MAX_BALLS as f64);
-            let reach = (RADII_AROUND - 1.0) * patch + velocity.length() * REFINE_AHEAD;
+            let reach = (RADII_AROUND - 1.0) * patch + velocity.length() * self.refine_ahead;
             if seen.clearance - part.centre.distance(seen.measured) > reach {
                 continue;
             }
             let hint = Some(seen.face).filter(|&face| !is_new && surface.mesh.is_active(face));
-            let (Some(nearest), _) = closest_point(surface, part.centre, hint) else {
+            let most = budget.for_searches();
+            let (nearest, work, is_complete) =
+                closest_point_within(surface, part.centre, hint, most);
+            budget.charge_search(work);
+            let Some(nearest) = nearest.filter(|_| is_complete) else {
                 continue;
             };
             // What is coarse may come out by as much as it is coarse.

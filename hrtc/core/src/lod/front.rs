@@ -18,10 +18,11 @@ use crate::cache::{AfterUnload, Cache, RegionKey};
 use crate::contact::query::Surface;
 use crate::contact::rigid_proxy::MAX_BALLS;
 use crate::contact::sphere_proxy::Contact;
+use crate::horizons::Horizons;
 use crate::perception::PerceptionLimit;
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::MAX_WANTED;
-use crate::tuning::prediction::{LEAD_TICKS, RADII_AROUND};
+use crate::tuning::prediction::RADII_AROUND;
 use scene::{RefinementPlan, ScenePlan};
 use spm::{NONE, OperationFaces, RegionId};
 
@@ -86,6 +87,7 @@ pub struct Front {
     /// Share of each probe's limit that is used up in this tick.
     pub(super) used: Vec<f64>,
     pub(super) pressure: MemoryPressure,
+    pub(super) horizons: Horizons,
     /// The block of the whole model that was done last.
     pub(super) last_block: Option<RegionKey>,
     /// Work of this tick.
@@ -102,13 +104,14 @@ impl Front {
     #[must_use]
     pub fn new(plan: &ScenePlan, bytes: usize) -> Self {
         let probes = plan.probes.len();
+        let horizons = Horizons::new(plan.loop_.rate_hz);
         Self {
             cache: Cache::new(bytes),
             model: None,
             operations: plan.loop_.operations,
             plan: plan.accuracy.refinement,
             tolerance_m: plan.accuracy.tolerance_m,
-            approaches: (0..probes).map(|_| Approach::new()).collect(),
+            approaches: (0..probes).map(|_| Approach::new(&horizons)).collect(),
             wanted: Vec::with_capacity(MAX_WANTED),
             queue: Vec::with_capacity(MAX_WANTED),
             predictions: Predictions::new(probes),
@@ -116,7 +119,8 @@ impl Front {
             faces_of_sibling: OperationFaces::new(),
             reached: Vec::with_capacity(probes * MAX_BALLS),
             used: vec![0.0; probes],
-            pressure: MemoryPressure::new(),
+            pressure: MemoryPressure::new(horizons.pressure),
+            horizons,
             last_block: None,
             stats: FrontStats::default(),
             refused_regions: 0,
@@ -133,7 +137,7 @@ impl Front {
         self.wanted.clear();
         self.queue.clear();
         self.predictions.clear();
-        self.pressure = MemoryPressure::new();
+        self.pressure = MemoryPressure::new(self.horizons.pressure);
         self.last_block = None;
     }
 
@@ -225,7 +229,8 @@ impl Front {
         };
         let radius = widest_m / of.metres_per_unit;
         let reach = RADII_AROUND * radius;
-        of.lod.limit(0, reach, LEAD_TICKS, self.operations as f64)
+        let lead = self.horizons.prediction.lead;
+        of.lod.limit(0, reach, lead, self.operations as f64)
     }
 
     /// Ticks that the slowest probe takes over a cell of the finest ring; infinite at rest.

@@ -1,9 +1,8 @@
 //! Memory pressure: the reaction to a cache that is too small for what is wanted.
 
 use super::lod_controller::MAX_RINGS;
-use crate::tuning::memory_pressure::{
-    EARLY, MAX_MISSES, MAX_WAIT_TICKS, PAUSE, SETTLE, STEPS_BEFORE_COARSER, WAIT_TICKS,
-};
+use crate::horizons::PressureHorizons;
+use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
 
 /// What is done without while the cache is too small for what is wanted.
 ///
@@ -13,6 +12,7 @@ use crate::tuning::memory_pressure::{
 /// be too early.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct MemoryPressure {
+    horizons: PressureHorizons,
     steps: u32,
     /// Tick of the last change.
     changed: u64,
@@ -32,13 +32,14 @@ const MAX_STEPS: u32 = STEPS_BEFORE_COARSER + MAX_RINGS as u32;
 impl MemoryPressure {
     /// Nothing is done without.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn new(horizons: PressureHorizons) -> Self {
         Self {
+            horizons,
             steps: 0,
             changed: 0,
             starved: None,
             went_back: false,
-            wait_ticks: WAIT_TICKS,
+            wait_ticks: horizons.wait,
             misses: 0,
         }
     }
@@ -48,7 +49,7 @@ impl MemoryPressure {
         self.misses = if as_fine {
             self.misses.saturating_sub(1)
         } else {
-            (self.misses + 1).min(MAX_MISSES)
+            (self.misses + 1).min(self.horizons.misses)
         };
     }
 
@@ -56,15 +57,15 @@ impl MemoryPressure {
     pub fn starve(&mut self, tick: u64) {
         self.starved = Some(tick);
         // The step before must have had time to take effect.
-        if self.steps > 0 && !self.went_back && tick <= self.changed + SETTLE {
+        if self.steps > 0 && !self.went_back && tick <= self.changed + self.horizons.settle {
             return;
         }
-        if self.went_back && tick <= self.changed + EARLY {
-            self.wait_ticks = (2 * self.wait_ticks).min(MAX_WAIT_TICKS);
+        if self.went_back && tick <= self.changed + self.horizons.early {
+            self.wait_ticks = (2 * self.wait_ticks).min(self.horizons.max_wait);
         }
         // A block that comes in time for the contact now and again fits: a coarser one would be
         // coarser always.
-        if self.steps >= STEPS_BEFORE_COARSER && self.misses < MAX_MISSES / 2 {
+        if self.steps >= STEPS_BEFORE_COARSER && self.misses < self.horizons.misses / 2 {
             return;
         }
         self.misses = 0;
@@ -83,8 +84,8 @@ impl MemoryPressure {
             self.steps -= 1;
             self.changed = tick;
             self.went_back = true;
-        } else if self.steps == 0 && tick > since + EARLY {
-            self.wait_ticks = WAIT_TICKS;
+        } else if self.steps == 0 && tick > since + self.horizons.early {
+            self.wait_ticks = self.horizons.wait;
         }
     }
 
@@ -115,32 +116,33 @@ impl MemoryPressure {
     /// Whether regions may be asked for at all.
     #[must_use]
     pub fn may_ask(&self, tick: u64) -> bool {
-        self.starved.is_none_or(|at| tick > at + PAUSE)
-    }
-}
-
-impl Default for MemoryPressure {
-    fn default() -> Self {
-        Self::new()
+        self.starved
+            .is_none_or(|at| tick > at + self.horizons.pause)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::horizons::Horizons;
+
+    fn kilohertz() -> (MemoryPressure, PressureHorizons) {
+        let horizons = Horizons::new(1000.0).pressure;
+        (MemoryPressure::new(horizons), horizons)
+    }
 
     #[test]
     fn want_saves_step_by_step_and_plenty_goes_back() {
-        let mut economy = MemoryPressure::new();
+        let (mut economy, horizons) = kilohertz();
         assert!(economy.may_prefetch() && economy.has_rings() && economy.may_ask(0));
         let mut tick = 100;
         for steps in 1..=5 {
-            (0..MAX_MISSES).for_each(|_| economy.record_contact(false));
+            (0..horizons.misses).for_each(|_| economy.record_contact(false));
             economy.starve(tick);
             economy.starve(tick + 1);
             assert_eq!(economy.steps(), steps, "a step takes time to work");
             assert!(!economy.may_ask(tick + 1));
-            tick += SETTLE + 1;
+            tick += horizons.settle + 1;
         }
         assert!(!economy.may_prefetch() && !economy.has_rings());
         assert_eq!(economy.raised(), 3);
@@ -157,13 +159,13 @@ mod tests {
         assert!(
             changes
                 .windows(2)
-                .all(|pair| pair[1] - pair[0] > WAIT_TICKS)
+                .all(|pair| pair[1] - pair[0] > horizons.wait)
         );
     }
 
     #[test]
     fn what_comes_in_time_mostly_is_not_made_coarser() {
-        let mut economy = MemoryPressure::new();
+        let (mut economy, _) = kilohertz();
         for tick in 0..10_000 {
             economy.record_contact(tick % 3 != 0);
             if tick % 70 == 0 {
@@ -175,7 +177,7 @@ mod tests {
 
     #[test]
     fn a_step_back_that_was_too_early_is_taken_later_the_next_time() {
-        let mut economy = MemoryPressure::new();
+        let (mut economy, horizons) = kilohertz();
         let (mut tick, mut waits) = (0, Vec::new());
         for _ in 0..6 {
             economy.starve(tick);
@@ -190,8 +192,8 @@ mod tests {
         assert!(
             waits
                 .windows(2)
-                .all(|pair| pair[1] > pair[0] || pair[1] > MAX_WAIT_TICKS)
+                .all(|pair| pair[1] > pair[0] || pair[1] > horizons.max_wait)
         );
-        assert!(waits.iter().all(|&wait| wait <= MAX_WAIT_TICKS + 1));
+        assert!(waits.iter().all(|&wait| wait <= horizons.max_wait + 1));
     }
 }

@@ -9,10 +9,10 @@
 //! all around.
 
 use crate::cache::RegionKey;
+use crate::horizons::{Horizons, PredictionHorizons};
 use crate::lod::lod_controller::{LodController, Ring};
 use crate::tuning::prediction::{
-    DRIFT_TICKS, FADING_TICKS, LOAD_AHEAD, MEAN_TICKS, RADII_AROUND, REFINE_AHEAD, REFINE_AROUND,
-    RING_AHEAD, SIDEWAYS, SPANS, SPREAD, WARM_TICKS,
+    LOAD_AHEAD_S, RADII_AROUND, REFINE_AHEAD_S, RING_AHEAD_S, SIDEWAYS, SPREAD,
 };
 use glam::{DVec3, UVec3};
 use spm::{RegionGrid, RegionId};
@@ -79,6 +79,7 @@ impl Sources {
 enum Look {
     Here,
     Around,
+    /// So many seconds.
     Ahead(f64),
 }
 
@@ -86,33 +87,35 @@ enum Look {
 const ROUND: [(Look, bool); TURNS] = [
     (Look::Here, true),
     (Look::Around, false),
-    (Look::Ahead(REFINE_AHEAD), true),
-    (Look::Ahead(LOAD_AHEAD[0]), false),
+    (Look::Ahead(REFINE_AHEAD_S), true),
+    (Look::Ahead(LOAD_AHEAD_S[0]), false),
     (Look::Here, true),
-    (Look::Ahead(LOAD_AHEAD[1]), false),
-    (Look::Ahead(REFINE_AHEAD), true),
-    (Look::Ahead(LOAD_AHEAD[0]), false),
+    (Look::Ahead(LOAD_AHEAD_S[1]), false),
+    (Look::Ahead(REFINE_AHEAD_S), true),
+    (Look::Ahead(LOAD_AHEAD_S[0]), false),
     (Look::Here, true),
-    (Look::Ahead(LOAD_AHEAD[2]), false),
+    (Look::Ahead(LOAD_AHEAD_S[2]), false),
 ];
 
 /// The turns of each coarser ring.
 const RING_ROUND: [(Look, bool); 3] = [
     (Look::Here, true),
-    (Look::Ahead(RING_AHEAD[0]), true),
-    (Look::Ahead(RING_AHEAD[1]), false),
+    (Look::Ahead(RING_AHEAD_S[0]), true),
+    (Look::Ahead(RING_AHEAD_S[1]), false),
 ];
 
 /// The predictor: a short history of the device.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Predictor {
-    #[serde(with = "serde_big_array::BigArray")]
-    history: [DVec3; 2 * SPANS[1] + 1],
+    /// The last positions, the newest first: twice the longer span, and one.
+    history: Vec<DVec3>,
     known: usize,
     /// Periods that were skipped since the newest position.
     skipped: u64,
-    /// Index into [`SPANS`].
+    /// One of the spans.
     span: usize,
+    rate_hz: f64,
+    horizons: PredictionHorizons,
     /// Average speed, model units a tick.
     mean_speed: f64,
     sources: Sources,
@@ -127,12 +130,20 @@ pub struct Predictor {
 impl Predictor {
     /// No history.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn new(horizons: &Horizons) -> Self {
+        let Horizons {
+            rate_hz,
+            prediction,
+            ..
+        } = *horizons;
+        let longest = prediction.spans[1];
         Self {
-            history: [DVec3::ZERO; 2 * SPANS[1] + 1],
+            history: vec![DVec3::ZERO; 2 * longest + 1],
             known: 0,
             skipped: 0,
-            span: SPANS[1],
+            span: longest,
+            rate_hz,
+            horizons: prediction,
             mean_speed: 0.0,
             sources: Sources::ALL,
             turn: 0,
@@ -143,10 +154,14 @@ impl Predictor {
 
     /// Forgets what it saw: another probe comes, or the same from elsewhere.
     pub fn reset(&mut self) {
-        *self = Self {
-            sources: self.sources,
-            ..Self::new()
-        };
+        self.history.fill(DVec3::ZERO);
+        self.known = 0;
+        self.skipped = 0;
+        self.span = self.horizons.spans[1];
+        self.mean_speed = 0.0;
+        self.turn = 0;
+        self.ring_turn = 0;
+        self.landed = None;
     }
 
     /// Predicts from these sources from now on.
@@ -195,13 +210,15 @@ impl Predictor {
         match look {
             Look::Here => Some(position),
             Look::Around => self.sources.neighbours.then_some(position),
-            Look::Ahead(ticks) => {
+            Look::Ahead(seconds) => {
+                let ticks = seconds * self.rate_hz;
+                let fading = self.horizons.fading;
                 let bend = match self.sources.course? {
                     Course::Linear => return Some(position + velocity * ticks),
                     Course::Quadratic => 0.5 * ticks * ticks,
                     Course::Fading => {
-                        let left = (-ticks / FADING_TICKS).exp();
-                        FADING_TICKS * (ticks - FADING_TICKS * (1.0 - left))
+                        let left = (-ticks / fading).exp();
+                        fading * (ticks - fading * (1.0 - left))
                     }
                 };
                 // The difference over a span is the velocity in its middle.
@@ -254,9 +271,10 @@ impl Predictor {
         mut visit: impl FnMut(Predicted),
     ) {
         self.add(device);
-        let slow = device.distance(self.history[SPANS[1]]) < motion.radius;
-        self.span = SPANS[usize::from(slow)];
-        self.mean_speed += (self.motion().0.length() - self.mean_speed) / MEAN_TICKS;
+        let spans = self.horizons.spans;
+        let slow = device.distance(self.history[spans[1]]) < motion.radius;
+        self.span = spans[usize::from(slow)];
+        self.mean_speed += (self.motion().0.length() - self.mean_speed) / self.horizons.mean;
         let finest = lod.finest();
         let finest_ring = &lod.rings()[finest];
         let (look, refine) = ROUND[self.turn];
@@ -286,7 +304,7 @@ impl Predictor {
         let speed = velocity.length();
         let grid = &ring.grid;
         // Distance before contact: what is surely out of reach is not asked for.
-        let farthest = LOAD_AHEAD[2];
+        let farthest = LOAD_AHEAD_S[2] * self.rate_hz;
         let reach = motion.radius + grid.cell + speed * farthest + self.spread(farthest);
         if motion.clearance > reach {
             return;
@@ -298,18 +316,20 @@ impl Predictor {
         let around = RADII_AROUND * motion.radius;
         let radius = match look {
             Look::Around => {
-                let warm = (grid.cell / speed / WARM_TICKS).min(1.0);
+                let warm = (grid.cell / speed / self.horizons.warm).min(1.0);
                 motion.radius + grid.cell * warm
             }
-            Look::Here => around + self.spread(REFINE_AROUND),
-            Look::Ahead(ticks) if refine => around + self.spread(ticks),
+            Look::Here => around + self.spread(self.horizons.refine_around),
+            Look::Ahead(seconds) if refine => around + self.spread(seconds * self.rate_hz),
             // In cells of the finest ring: a coarser one needs no more room around what lies ahead.
-            Look::Ahead(ticks) => around + 0.25 * finest.grid.cell + self.spread(ticks),
+            Look::Ahead(seconds) => {
+                around + 0.25 * finest.grid.cell + self.spread(seconds * self.rate_hz)
+            }
         };
         visit_ball(grid, centre, radius, |id| {
             visit(Predicted {
                 key: RegionKey::new(id, ring.tolerance),
-                ticks: ticks_until(grid, id, motion, velocity),
+                ticks: ticks_until(grid, id, (motion, velocity), &self.horizons),
                 refine,
             });
         });
@@ -322,20 +342,20 @@ impl Predictor {
 pub fn predict_forecast(
     lod: &LodController,
     rings: bool,
-    place: Motion,
-    velocity: DVec3,
+    (place, velocity): (Motion, DVec3),
+    horizons: &PredictionHorizons,
     mut visit: impl FnMut(Predicted),
 ) {
     let finest = lod.finest();
     let last = if rings { lod.rings().len() } else { finest + 1 };
     for ring in &lod.rings()[finest..last] {
-        for ticks in [0.0, REFINE_AHEAD] {
+        for ticks in [0.0, horizons.refine_ahead] {
             let displacement = velocity * ticks;
             let radius = RADII_AROUND * place.radius + SPREAD[0] * displacement.length();
             visit_ball(&ring.grid, place.position + displacement, radius, |id| {
                 visit(Predicted {
                     key: RegionKey::new(id, ring.tolerance),
-                    ticks: ticks_until(&ring.grid, id, place, velocity),
+                    ticks: ticks_until(&ring.grid, id, (place, velocity), horizons),
                     refine: true,
                 });
             });
@@ -345,7 +365,12 @@ pub fn predict_forecast(
 
 /// Ticks until the probe may be in a cell: it moves on with its velocity, or to a side with a share
 /// of it.
-fn ticks_until(grid: &RegionGrid, id: RegionId, motion: Motion, velocity: DVec3) -> f64 {
+fn ticks_until(
+    grid: &RegionGrid,
+    id: RegionId,
+    (motion, velocity): (Motion, DVec3),
+    horizons: &PredictionHorizons,
+) -> f64 {
     let displacement = grid.towards(id, motion.position);
     let distance = displacement.length();
     let left = distance - motion.radius;
@@ -354,7 +379,7 @@ fn ticks_until(grid: &RegionGrid, id: RegionId, motion: Motion, velocity: DVec3)
     }
     let speed = velocity.length();
     let ahead = velocity.dot(displacement) / distance;
-    left / (ahead.max(SIDEWAYS * speed) + grid.cell / DRIFT_TICKS)
+    left / (ahead.max(SIDEWAYS * speed) + grid.cell / horizons.drift)
 }
 
 /// Visits the regions whose cells meet a ball. A ball of many cells is cut down: no unbounded loop,
@@ -373,12 +398,6 @@ fn visit_ball(grid: &RegionGrid, centre: DVec3, radius: f64, mut visit: impl FnM
                 }
             }
         }
-    }
-}
-
-impl Default for Predictor {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -426,7 +445,13 @@ mod tests {
     #[test]
     fn a_resting_contact_refines_its_cell_and_loads_its_neighbours() {
         let centre = DVec3::splat(8.5 / 16.0);
-        let all = round(&mut Predictor::new(), false, centre, DVec3::ZERO, 0.0);
+        let all = round(
+            &mut Predictor::new(&Horizons::new(1000.0)),
+            false,
+            centre,
+            DVec3::ZERO,
+            0.0,
+        );
         assert_eq!(all.get(&key(0, centre)), Some(&true));
         assert_eq!(all.len(), 27);
         assert_eq!(all.values().filter(|&&refine| refine).count(), 1);
@@ -435,7 +460,13 @@ mod tests {
     #[test]
     fn every_ring_is_refined_at_the_contact() {
         let centre = DVec3::splat(8.5 / 16.0);
-        let all = round(&mut Predictor::new(), true, centre, DVec3::ZERO, 0.0);
+        let all = round(
+            &mut Predictor::new(&Horizons::new(1000.0)),
+            true,
+            centre,
+            DVec3::ZERO,
+            0.0,
+        );
         for ring in 0..3 {
             assert_eq!(all.get(&key(ring, centre)), Some(&true), "ring {ring}");
         }
@@ -445,7 +476,7 @@ mod tests {
 
     #[test]
     fn motion_loads_what_lies_ahead_and_knows_when_it_is_due() {
-        let mut predictor = Predictor::new();
+        let mut predictor = Predictor::new(&Horizons::new(1000.0));
         let velocity = DVec3::new(1e-3, 0.0, 0.0);
         let mut position = DVec3::splat(0.3);
         for _ in 0..20 {
@@ -471,7 +502,7 @@ mod tests {
 
     #[test]
     fn what_lies_ahead_is_looked_for_where_it_lands() {
-        let mut predictor = Predictor::new();
+        let mut predictor = Predictor::new(&Horizons::new(1000.0));
         let velocity = DVec3::new(1e-3, 0.0, 1e-3);
         let mut position = DVec3::splat(0.3);
         let mut landed_at = DVec3::ZERO;
@@ -492,12 +523,21 @@ mod tests {
     #[test]
     fn far_from_any_surface_nothing_is_predicted() {
         let centre = DVec3::splat(0.5);
-        assert!(round(&mut Predictor::new(), true, centre, DVec3::ZERO, 0.5).is_empty());
+        assert!(
+            round(
+                &mut Predictor::new(&Horizons::new(1000.0)),
+                true,
+                centre,
+                DVec3::ZERO,
+                0.5
+            )
+            .is_empty()
+        );
     }
 
     #[test]
     fn any_speed_visits_a_bounded_number_of_regions() {
-        let mut predictor = Predictor::new();
+        let mut predictor = Predictor::new(&Horizons::new(1000.0));
         for k in 0..200 {
             let p = DVec3::splat(if k % 2 == 0 { -1e6 } else { 1e6 });
             let mut count = 0;

@@ -4,12 +4,11 @@
 use super::front::{Front, FrontModel};
 use super::predict::{Motion, Predicted, predict_forecast};
 use super::predictions::due;
+use crate::budget::QueryBudget;
 use crate::cache::{Cache, RegionKey};
-use crate::contact::query::closest_point;
+use crate::contact::query::closest_point_within;
 use crate::probe::contacts::Contacts;
-use crate::tuning::prediction::{
-    BLOCK_SHARE, LANDING_TICKS, LEAD_TICKS, MAX_WAITING, RADII_AROUND,
-};
+use crate::tuning::prediction::{BLOCK_SHARE, MAX_WAITING, RADII_AROUND};
 use scene::RefinementPlan;
 use spm::RegionId;
 
@@ -76,6 +75,7 @@ impl Front {
             cache,
             approaches,
             pressure,
+            horizons,
             ..
         } = self
         else {
@@ -96,7 +96,7 @@ impl Front {
                 clearance: pair.clearance - model.radius_max,
             };
             let speed = approach.predictor.mean_speed();
-            let reach = RADII_AROUND * motion.radius + speed * LEAD_TICKS;
+            let reach = RADII_AROUND * motion.radius + speed * horizons.prediction.lead;
             lod.set_finest(approach.finest);
             let by_speed = lod.finest_at_speed(speed, reach, operations);
             lod.set_finest(by_speed.max(raised));
@@ -109,7 +109,8 @@ impl Front {
             });
             for near in approach.forecast.found() {
                 let rings = rings && near.is_coarse;
-                predict_forecast(lod, rings, near.place, near.velocity, |predicted| {
+                let motion = (near.place, near.velocity);
+                predict_forecast(lod, rings, motion, &horizons.prediction, |predicted| {
                     predictions.note(predicted, tick, cache);
                 });
             }
@@ -170,9 +171,9 @@ impl Front {
         Some(RegionKey::new(RegionId::WHOLE, rings.finest_tolerance()))
     }
 
-    /// Looks where other parts of a tool may touch next, and moves each probe's prediction onto the
+    /// Looks where other parts of a tool may touch next, and moves the probe's prediction onto the
     /// front as far as the front is known, for the next tick.
-    pub fn look_ahead(&mut self, contacts: &Contacts) {
+    pub fn look_ahead(&mut self, probe: usize, contacts: &Contacts, budget: &mut QueryBudget) {
         let Self {
             model:
                 Some(FrontModel {
@@ -183,6 +184,7 @@ impl Front {
             cache,
             approaches,
             plan,
+            horizons,
             ..
         } = self
         else {
@@ -193,27 +195,28 @@ impl Front {
             mesh: cache.mesh(),
             tree: cache.tree(),
         };
-        let pairs = contacts.pairs.iter().zip(approaches);
-        for (pair, approach) in pairs.filter(|(pair, _)| pair.is_near) {
-            let Some((middle, radius)) = pair.proxy.patch() else {
-                continue;
-            };
-            let (velocity, _) = approach.predictor.motion();
-            let reach = radius + velocity.length() * RADII_AROUND * LANDING_TICKS;
-            let is_close = pair.clearance - model.radius_max <= reach;
-            if let (Some(goal), true) = (pair.goal, is_local) {
-                let patch = pair.patch_m / *metres_per_unit;
-                approach.forecast.look(surface, &pair.proxy, &goal, patch);
-            }
-            let landed = match approach.predictor.ahead(middle) {
-                Some(ahead) if is_local && is_close && ahead.is_finite() => {
-                    let hint = pair.hint.filter(|&face| surface.mesh.is_active(face));
-                    let (nearest, _) = closest_point(surface, ahead, hint);
-                    nearest.map(|n| n.closest.point)
-                }
-                _ => None,
-            };
-            approach.predictor.project_onto_front(landed);
+        let (pair, approach) = (&contacts.pairs[probe], &mut approaches[probe]);
+        let Some((middle, radius)) = pair.proxy.patch() else {
+            return;
+        };
+        let (velocity, _) = approach.predictor.motion();
+        let reach = radius + velocity.length() * RADII_AROUND * horizons.prediction.landing;
+        let is_close = pair.clearance - model.radius_max <= reach;
+        if let (Some(goal), true) = (pair.goal, is_local) {
+            let patch = pair.patch_m / *metres_per_unit;
+            let part = (&pair.proxy, &goal, patch);
+            approach.forecast.look(surface, part, budget);
         }
+        let landed = match approach.predictor.ahead(middle) {
+            Some(ahead) if is_local && is_close && ahead.is_finite() => {
+                let hint = pair.hint.filter(|&face| surface.mesh.is_active(face));
+                let most = budget.for_searches();
+                let (nearest, work, is_complete) = closest_point_within(surface, ahead, hint, most);
+                budget.charge_search(work);
+                nearest.filter(|_| is_complete).map(|n| n.closest.point)
+            }
+            _ => None,
+        };
+        approach.predictor.project_onto_front(landed);
     }
 }

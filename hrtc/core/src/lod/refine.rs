@@ -8,8 +8,8 @@ use crate::budget::Budget;
 use crate::cache::Region;
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::{
-    BEHIND_SHARE, CHANGES_PER_UNIT, COLLAPSE_TICKS, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT,
-    HYSTERESIS_TICKS, MAX_UPKEEP, MAX_WANTED, MIN_OPERATIONS,
+    BEHIND_SHARE, CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT, MAX_UPKEEP,
+    MAX_WANTED, MIN_OPERATIONS,
 };
 use spm::{OperationError, Slot};
 
@@ -22,14 +22,15 @@ pub fn max_work(operations: usize) -> u32 {
 }
 
 /// Ticks for which a region stays wanted after its last prediction: in the finest ring the time
-/// that the probe takes over a cell, so that the trail of a fast probe is no longer.
-fn hysteresis(region: &Region, finest: f32, cell_ticks: f64) -> u64 {
+/// that the probe takes over a cell, so that the trail of a fast probe is no longer; never less
+/// than a round of the predictor. `most`: for other rings.
+fn hysteresis(region: &Region, finest: f32, cell_ticks: f64, most: u64) -> u64 {
     let is_finest = region.key.tolerance().is_some_and(|t| t <= finest);
     let least = TURNS as u64 + 4;
     if is_finest {
-        (cell_ticks as u64).clamp(least, HYSTERESIS_TICKS)
+        (cell_ticks as u64).min(most).max(least)
     } else {
-        HYSTERESIS_TICKS
+        most.max(least)
     }
 }
 
@@ -73,7 +74,7 @@ impl Front {
             region.is_some_and(|r| r.is_resident() && (r.wanted || r.changing > 0))
         });
         self.stats.work_units += spent + allowed_entries - budget.entries + self.stats.vsplits;
-        let backlog = self.cache.to_collapse() / COLLAPSE_TICKS;
+        let backlog = self.cache.to_collapse() / self.horizons.collapse;
         let is_busy = self.stats.vsplits > MIN_OPERATIONS;
         let least = if is_busy { 0 } else { MIN_OPERATIONS };
         for _ in 0..backlog.max(least).min(budget.operations) {
@@ -236,7 +237,8 @@ impl Front {
         while k < self.wanted.len() {
             let index = self.wanted[k];
             let region = self.cache.regions.at(index);
-            let stays = region.needed + hysteresis(region, finest, cell_ticks);
+            let most = self.horizons.hysteresis;
+            let stays = region.needed + hysteresis(region, finest, cell_ticks, most);
             let goes = tick > stays || self.is_too_fine(region);
             let wanted = region.wanted && !goes;
             spent += self.change(index, wanted, entries);

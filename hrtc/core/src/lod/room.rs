@@ -5,7 +5,7 @@ use super::geomorph::CollapseOutcome;
 use crate::budget::Budget;
 use crate::cache::{AfterUnload, Region, RegionState};
 use crate::probe::contacts::Contacts;
-use crate::tuning::lod::{HYSTERESIS_TICKS, RELEASE_WINDOW, RELEASES_PER_TICK};
+use crate::tuning::lod::{RELEASE_WINDOW, RELEASES_PER_TICK};
 use spm::RegionId;
 
 impl Front {
@@ -78,6 +78,7 @@ impl Front {
         if budget.upkeep == 0 || !self.cache.regions.may_release() || self.is_unloading() {
             return false;
         }
+        let hysteresis = self.horizons.hysteresis;
         let mut victim: Option<(usize, u64)> = None;
         let mut next = self.cache.regions.oldest();
         for _ in 0..RELEASE_WINDOW {
@@ -96,12 +97,12 @@ impl Front {
             if !region.is_resident() || !at_rest {
                 continue;
             }
-            if self.is_too_fine(region) || region.used_at + HYSTERESIS_TICKS < tick {
+            if self.is_too_fine(region) || region.used_at + hysteresis < tick {
                 victim = Some((index, region.due));
                 break;
             }
-            let ahead = region.needed + HYSTERESIS_TICKS < tick
-                && asking.is_some_and(|due| region.due > due);
+            let ahead =
+                region.needed + hysteresis < tick && asking.is_some_and(|due| region.due > due);
             if ahead && victim.is_none_or(|(_, due)| region.due > due) {
                 victim = Some((index, region.due));
             }

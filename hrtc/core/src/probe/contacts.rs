@@ -2,12 +2,16 @@
 
 use super::Probe;
 use super::pair::ProbeObjectPair;
+use crate::budget::QueryBudget;
 use crate::contact::query::{Surface, Work};
+use crate::contact::rigid_proxy::Imperceptible;
 use crate::contact::sphere_proxy::Contact;
 use crate::force::effects::{Clock, SurfaceEffects};
+use crate::force::passivity::EnergyAccount;
 use crate::instance::{ModelFrame, ObjectInstance};
-use crate::perception::{ContactConditions, OF_PROXY, PerceptionLimit, STEP_N};
-use crate::tuning::probe::MIN_PROXY_WORK;
+use crate::perception::{
+    ContactConditions, IMPERCEPTIBLE_N, OF_PROXY, PerceptionLimit, STEP_N_PER_S,
+};
 use glam::DVec3;
 use scene::{EffectPlan, ProbePlan, ScenePlan};
 use spm::{ActiveMesh, OperationFaces};
@@ -52,8 +56,9 @@ impl Contacts {
     pub fn new(plan: &ScenePlan, effects: Arc<[Arc<[EffectPlan]>]>) -> Self {
         let room = effects.iter().map(|of| of.len()).max().unwrap_or(0);
         let new_pair = |probe: &ProbePlan| {
-            let encoder_m = plan.safety.passivity.then_some(probe.device.encoder_m);
-            let effects = SurfaceEffects::with_room(room, encoder_m);
+            let account = EnergyAccount::new(probe.device.encoder_m, 1.0 / plan.loop_.rate_hz);
+            let account = plan.safety.passivity.then_some(account);
+            let effects = SurfaceEffects::with_room(room, account);
             ProbeObjectPair::new(&probe.shape, effects)
         };
         Self {
@@ -176,15 +181,14 @@ impl Contacts {
     }
 
     /// Advances the proxy of a probe, measures its clearance and renders the forces of the pair.
-    /// `max_work`: what all queries of the tick may cost, of which `work` is spent. `None` in free
-    /// space.
+    /// `None` in free space.
     pub fn advance(
         &mut self,
         probe: (usize, &Probe),
         (frame, instance): (&ModelFrame, &ObjectInstance),
         surface: Surface<'_>,
         tick: u64,
-        (work, max_work): (&mut Work, u32),
+        budget: &mut QueryBudget,
     ) -> Option<Touch> {
         let (k, probe) = probe;
         let clock = Clock {
@@ -197,12 +201,16 @@ impl Contacts {
         if !pair.is_near {
             return None;
         }
-        let imperceptible_m = OF_PROXY * STEP_N / instance.surface.stiffness_n_per_m;
-        pair.proxy
-            .set_imperceptible(imperceptible_m / frame.metres_per_unit);
-        let remaining = max_work.saturating_sub(work.nodes + work.faces);
-        let step = pair.advance(surface, remaining.max(MIN_PROXY_WORK))?;
-        work.add(step.work);
+        let stiffness = instance.surface.stiffness_n_per_m;
+        let of_force = |newtons: f64| OF_PROXY * newtons / stiffness / frame.metres_per_unit;
+        let imperceptible = Imperceptible {
+            deflection: of_force(IMPERCEPTIBLE_N),
+            step: of_force(STEP_N_PER_S * self.period_s),
+            period_s: self.period_s,
+        };
+        pair.proxy.set_imperceptible(imperceptible);
+        budget.begin_pair(k);
+        let step = pair.advance(surface, budget)?;
         self.dropped_constraints += u64::from(step.dropped);
         self.unfinished += u32::from(step.unfinished);
         self.early += u32::from(step.early);
@@ -212,7 +220,9 @@ impl Contacts {
         };
         let certified = ProbeObjectPair::certified(surface, &contact);
         let place = (frame, instance.before.as_ref(), &instance.surface);
-        let depth_m = pair.render(clock, place, surface, &contact, probe, work);
+        let mut work = Work::default();
+        let depth_m = pair.render(clock, place, surface, &contact, probe, &mut work);
+        budget.charge_search(work);
         Some(Touch {
             contact,
             certified,

@@ -10,8 +10,9 @@ use crate::contact::motion::{Placement, Twist};
 use crate::force::effects::{Clock, Rendered, SceneEffects};
 use crate::force::limiter::ForceLimiter;
 use crate::force::passivity::{CarriedWork, EnergyAccount};
+use crate::horizons::Horizons;
 use crate::instance::ModelFrame;
-use crate::tuning::probe::{KEPT_UP, MAX_SILENCE_S, SPEED_FADES, TOUR_RETRY_S};
+use crate::tuning::probe::KEPT_UP;
 use geometry::{Pose, Wrench};
 use haptic_device::{MotionLimits, Sample};
 use plausibility::Plausibility;
@@ -33,7 +34,7 @@ pub struct TourPath {
     /// Whether all have.
     pub is_whole: bool,
     /// Tick when the station refused it, if it did: it is requested again after
-    /// [`TOUR_RETRY_S`], or of another station.
+    /// [`crate::tuning::probe::TOUR_RETRY_S`], or of another station.
     pub refused_at: Option<u64>,
 }
 
@@ -91,11 +92,8 @@ pub struct Probe {
     limiter: ForceLimiter,
     /// Whether its device renders torque.
     pub renders_torque: bool,
-    /// Ticks after which a refused tour is requested again.
-    tour_retry_ticks: u64,
+    horizons: Horizons,
     samples_missed: u32,
-    /// Of these so many do not end the force.
-    max_samples_missed: u32,
     /// Whether the last sample that could tell said that a hand holds the device.
     is_held: bool,
 }
@@ -141,15 +139,14 @@ impl Probe {
             rejected_samples: 0,
             wrench: Wrench::ZERO,
             clamped: false,
-            energy: EnergyAccount::new(probe.device.encoder_m),
+            energy: EnergyAccount::new(probe.device.encoder_m, 1.0 / plan.loop_.rate_hz),
             carried: [0.0; 2],
             passivity: plan.safety.passivity,
             effects: SceneEffects::new(&plan.effects),
             limiter: ForceLimiter::new(plan.safety, device_max_n, plan.loop_.rate_hz),
             renders_torque: true,
-            tour_retry_ticks: (TOUR_RETRY_S * plan.loop_.rate_hz).ceil() as u64,
+            horizons: Horizons::new(plan.loop_.rate_hz),
             samples_missed: 0,
-            max_samples_missed: (MAX_SILENCE_S * plan.loop_.rate_hz).round() as u32,
             is_held: true,
         }
     }
@@ -189,7 +186,7 @@ impl Probe {
         self.moves.rotate_right(1);
         self.moves[0] = moved;
         let kept_up = self.moves.into_iter().fold(f64::INFINITY, f64::min);
-        self.speed = kept_up.max(SPEED_FADES * self.speed);
+        self.speed = kept_up.max(self.horizons.speed_left * self.speed);
     }
 
     /// How it has moved since the tick before, metres and radians, world.
@@ -252,7 +249,7 @@ impl Probe {
             given = self.energy.share(passive, wanted.spring, ahead);
             passive = passive * given;
         }
-        let open = is_open && self.is_held && self.samples_missed <= self.max_samples_missed;
+        let open = is_open && self.is_held && self.samples_missed <= self.horizons.max_silence;
         let is_driven = wanted.active != Wrench::ZERO;
         let sum = if is_driven {
             passive + wanted.active
@@ -313,7 +310,7 @@ impl Probe {
         let Some(tour) = &mut self.tour else {
             return;
         };
-        let waits = |at: u64| !is_another_station && tick < at + self.tour_retry_ticks;
+        let waits = |at: u64| !is_another_station && tick < at + self.horizons.tour_retry;
         tour.refused_at = tour.refused_at.filter(|&at| waits(at));
     }
 

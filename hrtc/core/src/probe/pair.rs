@@ -1,5 +1,6 @@
 //! A probe-object pair: proxy, contact state and forces.
 
+use crate::budget::QueryBudget;
 use crate::contact::motion::Twist;
 use crate::contact::query::{Surface, Work};
 use crate::contact::sphere_proxy::Contact;
@@ -55,6 +56,8 @@ pub struct ProbeObjectPair {
     pub effects: SurfaceEffects,
     /// Nearest point of the surface, model units.
     nearest: Option<DVec3>,
+    /// Position of the proxy when the clearance was measured.
+    measured_at: Option<DVec3>,
     /// Where the proxy begins, object's axes, metres, if that is not where the probe is.
     start: Option<Pose>,
 }
@@ -74,6 +77,7 @@ impl ProbeObjectPair {
             rendered: None,
             effects,
             nearest: None,
+            measured_at: None,
             start: None,
         }
     }
@@ -121,18 +125,29 @@ impl ProbeObjectPair {
         Some((device, self.proxy.patch().unwrap_or(at_device)))
     }
 
-    /// Moves the proxy, in steps that cost no more than `max_work`, and measures the clearance.
-    pub fn advance(&mut self, surface: Surface<'_>, max_work: u32) -> Option<ProxyStep> {
+    /// Moves the proxy, and measures the clearance, as far as the budget goes.
+    pub fn advance(&mut self, surface: Surface<'_>, budget: &mut QueryBudget) -> Option<ProxyStep> {
         let goal = self.goal?;
-        let mut step = self.proxy.advance(surface, &goal, max_work);
+        let mut step = self.proxy.advance(surface, &goal, budget.for_proxy());
+        budget.charge_proxy(step.work);
         let hint = self.hint.filter(|&face| surface.mesh.is_active(face));
-        let nearest = self.proxy.nearest(surface, hint, &mut step.work);
+        let (nearest, work, is_complete) = self.proxy.nearest(surface, hint, budget.for_searches());
+        budget.charge_search(work);
         if step.contact.is_none() && self.proxy.is_held() {
             step.contact = nearest.map(|nearest| Contact::at(nearest.face, nearest.closest.point));
         }
         self.hint = nearest.map(|nearest| nearest.face);
         self.nearest = nearest.map(|nearest| nearest.closest.point);
-        self.clearance = nearest.map_or(f64::INFINITY, |n| n.closest.distance_squared.sqrt());
+        let clearance = nearest.map_or(f64::INFINITY, |n| n.closest.distance_squared.sqrt());
+        self.clearance = if is_complete {
+            clearance
+        } else {
+            // Nothing has come nearer than by the motion since.
+            let (last, now) = (self.measured_at, self.proxy.position());
+            let moved = last.zip(now).map_or(f64::INFINITY, |(a, b)| a.distance(b));
+            clearance.min((self.clearance - moved).max(0.0))
+        };
+        self.measured_at = self.proxy.position();
         Some(step)
     }
 

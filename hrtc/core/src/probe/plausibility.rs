@@ -12,21 +12,17 @@
 //! - turn: the angle between the orientations is at most `ω_max n T`.
 //!
 //! The limits widen with n, so a device that was silent may have moved; but a run of rejected or
-//! absent samples widens them only up to [`MAX_WIDENED_PERIODS`]: a stream of wild samples never
+//! absent samples widens them only up to [`MAX_WIDENED_S`]: a stream of wild samples never
 //! makes one of them plausible. Elsewhere, a device is taken to be at a *new place* only after
-//! [`NEW_PLACE_SAMPLES`] samples that are plausible after one another, and when the force on it has
+//! [`NEW_PLACE_S`] of samples that are plausible after one another, and when the force on it has
 //! ramped down, so that it begins anew from zero.
 
+use crate::tuning::probe::{MAX_WIDENED_S, MIN_NEW_PLACE_SAMPLES, NEW_PLACE_S};
 use geometry::Pose;
 use glam::DVec3;
 use haptic_device::MotionLimits;
 use mutants::{Mutant, is};
 
-/// Samples that must be plausible after one another for a new place to be true.
-pub const NEW_PLACE_SAMPLES: u32 = 20;
-/// Periods without an accepted sample by which the limits widen at the most, where no period was
-/// skipped: 8 ms at 1 kHz, in which a hand of [`MotionLimits::HAND`] may leave its course by 72 mm.
-pub const MAX_WIDENED_PERIODS: u64 = 8;
 /// Squared length by which a unit quaternion may be off by rounding: it is left as it is.
 const UNIT_ROUNDING: f64 = 16.0 * f64::EPSILON;
 
@@ -48,6 +44,9 @@ pub struct Plausibility {
     /// Step of the encoder, metres.
     encoder_m: f64,
     period_s: f64,
+    /// [`NEW_PLACE_S`] in samples, and [`MAX_WIDENED_S`] in periods.
+    new_place_samples: u32,
+    max_widened: u64,
     /// Course of the accepted samples.
     course: Option<Course>,
     /// Course of the last rejected ones, and their number.
@@ -90,6 +89,8 @@ impl Plausibility {
             limits,
             encoder_m,
             period_s,
+            new_place_samples: ((NEW_PLACE_S / period_s).round() as u32).max(MIN_NEW_PLACE_SAMPLES),
+            max_widened: (MAX_WIDENED_S / period_s).round().max(1.0) as u64,
             course: None,
             rejected: None,
         }
@@ -152,7 +153,7 @@ impl Plausibility {
             (course, count.saturating_add(1))
         });
         self.rejected = Some((course, count));
-        (count >= NEW_PLACE_SAMPLES && is_free).then_some(course)
+        (count >= self.new_place_samples && is_free).then_some(course)
     }
 
     fn is_plausible(&self, course: &Course, pose: &Pose, elapsed: u64) -> bool {
@@ -161,7 +162,7 @@ impl Plausibility {
             acceleration_m_per_s2,
             angular_speed_rad_per_s,
         } = self.limits;
-        let periods = course.age.min(elapsed.max(MAX_WIDENED_PERIODS)) as f64;
+        let periods = course.age.min(elapsed.max(self.max_widened)) as f64;
         let seconds = periods * self.period_s;
         let moved = pose.position - course.pose.position;
         let strays = moved - course.motion * periods;

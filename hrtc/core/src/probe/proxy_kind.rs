@@ -3,8 +3,8 @@
 
 use crate::contact::coupling::Coupling;
 use crate::contact::motion::Twist;
-use crate::contact::query::{Nearest, Surface, Work, closest_point};
-use crate::contact::rigid_proxy::{Part, ToolContact, ToolProxy};
+use crate::contact::query::{Nearest, Surface, Work, closest_point_within};
+use crate::contact::rigid_proxy::{Imperceptible, Part, ToolContact, ToolProxy};
 use crate::contact::sphere_proxy::{Contact, MAX_PUSHING, Proxy};
 use crate::contact::tool::{Tool, ToolMesh};
 use crate::force::passivity::CouplingSpring;
@@ -123,6 +123,11 @@ impl ProxyKind {
         }
     }
 
+    /// Whether it is of a tool: its steps cost many times those of a ball.
+    pub fn is_tool(&self) -> bool {
+        matches!(self, Self::Tool(_))
+    }
+
     /// Whether it has a place.
     pub fn is_placed(&self) -> bool {
         match self {
@@ -211,10 +216,10 @@ impl ProxyKind {
         }
     }
 
-    /// What is not felt of the coupling of a tool to the device, model units.
-    pub fn set_imperceptible(&mut self, distance: f64) {
+    /// What is not felt of the coupling of a tool to the device.
+    pub fn set_imperceptible(&mut self, imperceptible: Imperceptible) {
         if let Self::Tool(tool) = self {
-            tool.proxy.set_imperceptible(distance);
+            tool.proxy.set_imperceptible(imperceptible);
         }
     }
 
@@ -253,21 +258,23 @@ impl ProxyKind {
         }
     }
 
-    /// The face nearest to the middle of the patch.
+    /// The face nearest to the middle of the patch, the cost, and whether the search is complete;
+    /// see [`closest_point_within`].
     pub fn nearest(
         &self,
         surface: Surface<'_>,
         hint: Option<Handle>,
-        work: &mut Work,
-    ) -> Option<Nearest> {
+        max_work: u32,
+    ) -> (Option<Nearest>, Work, bool) {
+        let none = (None, Work::default(), true);
         match self {
-            Self::Ball(ball) => ball.0.as_ref()?.nearest(surface, hint, work),
-            Self::Tool(_) => {
-                let (middle, _) = self.patch()?;
-                let (nearest, cost) = closest_point(surface, middle, hint);
-                work.add(cost);
-                nearest
-            }
+            Self::Ball(ball) => ball
+                .0
+                .as_ref()
+                .map_or(none, |proxy| proxy.nearest(surface, hint, max_work)),
+            Self::Tool(_) => self.patch().map_or(none, |(middle, _)| {
+                closest_point_within(surface, middle, hint, max_work)
+            }),
         }
     }
 

@@ -5,7 +5,7 @@ use super::session::{Receiver, Session, Taken, TickContext};
 use crate::budget::Budget;
 use crate::cache::{AfterUnload, Cache, LoadError};
 use crate::lod::front::Front;
-use crate::tuning::streaming::{IDS_AT_ONCE, MAX_WAIT_TICKS, UNITS_PER_ITEM};
+use crate::tuning::streaming::{IDS_AT_ONCE, UNITS_PER_ITEM};
 use protocol::{AnswerItem, AnswersReader, PartHead};
 use spm::VspRecord;
 
@@ -64,7 +64,7 @@ impl Session {
                 && !of.front.cache.has_slot()
                 && !of.front.make_room(region, tick, budget, of.contacts)
             {
-                if self.progress.waited < MAX_WAIT_TICKS {
+                if self.progress.waited < self.max_room_wait {
                     return Taken::Part;
                 }
                 self.give_up(region, of.front, (tick, budget));

@@ -14,6 +14,7 @@ use super::outbox::Outbox;
 use super::subscriber::{Identity, Reception, Subject, Subscriber};
 use crate::budget::Budget;
 use crate::cache::base_mesh_store::{BaseMeshStore, Model};
+use crate::horizons::Horizons;
 use crate::instance::{ModelFrame, ObjectInstance};
 use crate::lod::front::Front;
 use crate::probe::Probe;
@@ -86,6 +87,8 @@ pub(super) enum Taken {
 pub struct Session {
     pub(super) subscriber: Subscriber,
     pub(super) progress: Progress,
+    /// Ticks for which a record may wait for room.
+    pub(super) max_room_wait: u32,
     /// Next slot of the stored base mesh to load, while the object becomes active.
     pub(super) loading: Option<usize>,
     /// The probe whose scripted path is requested.
@@ -103,11 +106,12 @@ pub struct Session {
 }
 
 impl Session {
-    /// No object yet. `timeout_ticks`: silence after which the session requests again.
+    /// No object yet.
     #[must_use]
-    pub fn new(identity: Identity, timeout_ticks: u64) -> Self {
+    pub fn new(identity: Identity, horizons: &Horizons) -> Self {
         Self {
-            subscriber: Subscriber::new(identity, timeout_ticks),
+            max_room_wait: horizons.max_room_wait,
+            subscriber: Subscriber::new(identity, horizons),
             progress: Progress::default(),
             loading: None,
             tour_probe: None,

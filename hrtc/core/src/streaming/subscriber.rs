@@ -2,6 +2,7 @@
 
 use super::outbox::Outbox;
 use crate::cache::{Cache, MAX_OUTSTANDING, RegionKey, RegionTable};
+use crate::horizons::Horizons;
 use crate::tuning::streaming::CREDIT_STEP;
 use mutants::{Mutant, is};
 use protocol::{
@@ -69,7 +70,9 @@ pub struct Subscriber {
     outstanding: u32,
     outstanding_high_water: u32,
     last_progress: u64,
+    /// Silence after which it asks again, and after which it asks for a refused region again.
     timeout_ticks: u64,
+    refused_ticks: u64,
     /// Regions asked for so far.
     pub subscribed: u64,
     /// Regions asked for again, with every record, because their answer counted on records that
@@ -81,10 +84,9 @@ pub struct Subscriber {
 }
 
 impl Subscriber {
-    /// A subscriber that has not met a station and has no object yet. `timeout_ticks`: silence
-    /// after which it asks again.
+    /// A subscriber that has not met a station and has no object yet.
     #[must_use]
-    pub fn new(identity: Identity, timeout_ticks: u64) -> Self {
+    pub fn new(identity: Identity, horizons: &Horizons) -> Self {
         Self {
             identity,
             subject: Subject::NONE,
@@ -103,7 +105,8 @@ impl Subscriber {
             outstanding: 0,
             outstanding_high_water: 0,
             last_progress: 0,
-            timeout_ticks,
+            timeout_ticks: horizons.answer_timeout,
+            refused_ticks: horizons.refused,
             subscribed: 0,
             resent: 0,
             resubscribed: 0,
@@ -356,7 +359,8 @@ impl Subscriber {
             .regions
             .drain_releases(|key| push(&mut request, key, RegionAction::Release));
         let again = self.request_again(&mut cache.regions, &mut request);
-        cache.regions.forget_old_refusal(tick);
+        let refused_ticks = self.refused_ticks;
+        cache.regions.forget_old_refusal(tick, refused_ticks);
         let mut asked = 0;
         while (request.count as usize) < REGIONS_PER_REQUEST
             && self.outstanding + asked < MAX_OUTSTANDING

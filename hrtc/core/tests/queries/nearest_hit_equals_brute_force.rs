@@ -5,7 +5,7 @@ use crate::common::fronts::Front;
 use crate::common::real_model;
 use geometry::closest_point_on_triangle;
 use glam::{DVec3, Vec3};
-use hrtc_core::contact::query::{closest_point, faces_within, swept_sphere};
+use hrtc_core::contact::query::{closest_point, closest_point_within, faces_within, swept_sphere};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
 use simulator::Random;
@@ -110,6 +110,28 @@ fn the_closest_point_is_that_of_all_faces_with_and_without_a_hint() {
                 let own = closest_point_on_triangle(front.mesh.corners(nearest.face), point);
                 assert_eq!(own, nearest.closest, "{name}");
                 assert!(front.mesh.is_active(nearest.face), "{name}");
+            }
+        }
+    });
+}
+
+#[test]
+fn a_search_that_is_cut_says_so_and_gives_what_it_has_seen_the_hint_at_least() {
+    for_each_front(25, &[0, 60, 100], |name, front, _, random| {
+        for _ in 0..20 {
+            let point = some_point(front, random);
+            let hint = front.any_face(random).0;
+            let (whole, cost) = closest_point(front.surface(), point, Some(hint));
+            let at_hint = closest_point_on_triangle(front.mesh.corners(hint), point);
+            let cost = cost.nodes + cost.faces;
+            for most in 0..=cost + 1 {
+                let (nearest, work, is_complete) =
+                    closest_point_within(front.surface(), point, Some(hint), most);
+                let found = nearest.expect("the hint is tested always");
+                assert!(work.nodes + work.faces <= most.max(1), "{name}");
+                assert!(found.closest.distance_squared <= at_hint.distance_squared);
+                assert!(is_complete || most <= cost, "{name}: {most} of {cost}");
+                assert!(!is_complete || (most >= cost && nearest == whole), "{name}");
             }
         }
     });

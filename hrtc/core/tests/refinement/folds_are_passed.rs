@@ -3,7 +3,7 @@
 
 use crate::common::{World, plan, spm, surface_over, world};
 use glam::DVec3;
-use hrtc_core::perception::{STEP_N, STEP_SHARE};
+use hrtc_core::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
 use scene::ProbeShape;
 use spm::{ModelHeader, SpmFile};
 use spm_builder::BuildOptions;
@@ -24,6 +24,8 @@ const STEP_M: f64 = 5e-4;
 const REST_TICKS: u32 = 20;
 /// Ticks within which the contact is at full resolution.
 const MAX_TICKS: u32 = 6_000;
+/// Period of the loop, seconds.
+const PERIOD_S: f64 = 1e-3;
 
 fn terrain() -> Vec<u8> {
     let options = BuildOptions {
@@ -60,7 +62,7 @@ fn press(world: &mut World, file: &SpmFile<&[u8]>, goal: DVec3) -> u32 {
     for _ in 0..MAX_TICKS {
         let outputs = world.step_at(goal);
         let (force, record) = (outputs.wrenches[0].force, outputs.record);
-        let allowed = STEP_N.max(STEP_SHARE * before.length());
+        let allowed = PERIOD_S * STEP_N_PER_S.max(STEP_SHARE_PER_S * before.length());
         let step = force.distance(before);
         assert!(step <= allowed, "{step} N in a tick, {before} N before");
         before = force;

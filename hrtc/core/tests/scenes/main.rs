@@ -11,6 +11,7 @@ mod implausible_samples;
 mod moving_bodies;
 mod moving_objects;
 mod nothing_falls_through;
+mod rates;
 mod replay;
 mod several_objects;
 mod skipped_periods;

@@ -254,3 +254,53 @@ fn a_tool_goes_from_object_to_object_and_allocates_nothing() {
     }
     check(&world);
 }
+
+/// Four tools lie on a rough surface and slide over it while it is refined under them.
+#[test]
+fn the_queries_of_a_tick_stay_within_one_total_and_every_tool_comes_to_its_contact() {
+    let model = spm(generate(Shape::Relief, 60_000, 1), &BuildOptions::default());
+    let mut plan = scene_plan(&[("relief", SIZE, DVec3::ZERO)], 4, 16 << 20);
+    for probe in &mut plan.probes {
+        probe.shape = ProbeShape::Capsule {
+            radius_m: RADIUS,
+            length_m: 0.04,
+            faces: 960,
+        };
+    }
+    let mut world = scene_world(&plan, &[("relief", &model)], 0.0);
+    let lying = DQuat::from_rotation_y(0.5 * std::f64::consts::PI);
+    let budget = world.controller().query_budget();
+    let (mut most, mut before) = (0, Vec::new());
+    for tick in 0..4000 {
+        let t = 1e-3 * f64::from(tick);
+        let height = 0.1 - 0.12 * (t / 1.5).min(1.0);
+        // Still in the last second.
+        let along = 0.03 * (10.0 * (t - 1.5).clamp(0.0, 1.5)).sin();
+        let places = (0u32..4).map(|k| {
+            let (x, y) = (f64::from(k / 2), f64::from(k % 2));
+            Some(Pose {
+                position: DVec3::new(0.08 * x - 0.07 + along, 0.06 * y - 0.03 + along, height),
+                orientation: lying,
+            })
+        });
+        let record = world.step_poses(&places.collect::<Vec<_>>()).record;
+        most = most.max(record.query_work);
+        assert!(
+            record.query_work <= budget,
+            "tick {tick}: {} units of {budget}",
+            record.query_work
+        );
+        if tick == 3500 {
+            before = world.outputs().wrenches.clone();
+        }
+    }
+    println!("{most} units of {budget} at the most");
+    assert!(2 * most > budget, "the tools ask for work: {most}");
+    let outputs = world.outputs();
+    for (k, (now, before)) in outputs.wrenches.iter().zip(&before).enumerate() {
+        assert!(outputs.record.probes[k].contact, "tool {k}");
+        let differs = now.force.distance(before.force) / before.force.length();
+        println!("tool {k}: {} N, then {} N", before.force, now.force);
+        assert!(differs < 0.01, "tool {k} has come to rest: {differs}");
+    }
+}

@@ -32,6 +32,7 @@ use crate::report::quantile::{quantile, sort};
 use glam::DVec3;
 use hrtc_core::cache::RegionKey;
 use hrtc_core::contact::query;
+use hrtc_core::horizons::Horizons;
 use hrtc_core::lod::lod_controller::LodController as Rings;
 use hrtc_core::lod::predict::{Motion, Predictor, TURNS};
 use hrtc_core::record::max_or_nan;
@@ -58,8 +59,6 @@ const STRETCH_M: f64 = 0.01;
 const FEWEST_STRETCHES: usize = 20;
 /// Radius of the probe of the bundled scene, m. Its speed, 0.1 m/s, is a contact a tick.
 const RADIUS_M: f64 = 1e-3;
-/// Ticks for which the controller keeps a region refined after the prediction left it.
-const HYSTERESIS_TICKS: u64 = 40;
 /// Ticks of rest for each ring before a path: a round of every ring's turns.
 const RESTING_TURNS: usize = TURNS;
 /// Errors below this part of the diagonal are the rounding of positions to f32.
@@ -304,7 +303,8 @@ fn touches(
     tolerance: f32,
 ) -> Result<(Vec<Touch>, f64), Failure> {
     let rings = Rings::new(&model.file.model_header(), tolerance, 1.0);
-    let mut predictor = Predictor::new();
+    let horizons = Horizons::new(1000.0);
+    let mut predictor = Predictor::new(&horizons);
     let mut needed: BTreeMap<RegionKey, u64> = BTreeMap::new();
     let mut front = LocalFront::new(model)?;
     let mut touches = Vec::with_capacity(contacts.points.len());
@@ -325,7 +325,7 @@ fn touches(
                     needed.insert(region.key, tick);
                 }
             });
-            needed.retain(|_, last| tick <= *last + HYSTERESIS_TICKS);
+            needed.retain(|_, last| tick <= *last + horizons.hysteresis);
             tick += 1;
             if k < rest {
                 continue;

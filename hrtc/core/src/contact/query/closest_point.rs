@@ -50,6 +50,19 @@ pub fn closest_point(
     point: DVec3,
     hint: Option<Handle>,
 ) -> (Option<Nearest>, Work) {
+    let (nearest, work, _) = closest_point_within(surface, point, hint, u32::MAX);
+    (nearest, work)
+}
+
+/// The same, but beyond the hint no node or face is begun after `max_work` of them. Returns as well
+/// whether the search is complete; else the point is the closest of what was searched.
+#[must_use]
+pub fn closest_point_within(
+    surface: Surface<'_>,
+    point: DVec3,
+    hint: Option<Handle>,
+    max_work: u32,
+) -> (Option<Nearest>, Work, bool) {
     let mut search = Search {
         surface,
         point,
@@ -61,11 +74,13 @@ pub fn closest_point(
     let query = BoxQuery::point(point);
     let mut stack = Stack::new();
     let mut next = surface.tree.root();
-    if let (Some(face), Some(root)) = (hint, next) {
-        stack.push(0.0, root);
-        next = Some(Child::Face(face));
+    if let (Some(face), Some(_)) = (hint, next) {
+        search.try_face(face);
     }
     loop {
+        if search.work.nodes + search.work.faces >= max_work && next.is_some() {
+            return (search.best, search.work, false);
+        }
         match next {
             Some(Child::Node(id)) => {
                 next = search.open(id, &query, &mut stack);
@@ -74,8 +89,8 @@ pub fn closest_point(
                 }
             }
             Some(Child::Face(face)) => {
-                // The hint is tested first, and its turn in the tree is skipped.
-                if hint != Some(face) || search.best.is_none() {
+                // The hint was tested first: its turn in the tree is skipped.
+                if hint != Some(face) {
                     search.try_face(face);
                 }
             }
@@ -90,7 +105,7 @@ pub fn closest_point(
             }
         };
     }
-    (search.best, search.work)
+    (search.best, search.work, true)
 }
 
 /// The best face so far.

@@ -20,7 +20,7 @@ mod swept_sphere;
 mod tree_pairs;
 
 pub use body::{Body, Placed};
-pub use closest_point::{Nearest, closest_point};
+pub use closest_point::{Nearest, closest_point, closest_point_within};
 pub use faces_within::faces_within;
 pub use near_faces::{MAX_FACES, NearFace, NearFaces};
 pub use swept_sphere::{SweepHit, swept_sphere};

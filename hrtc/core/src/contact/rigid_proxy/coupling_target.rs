@@ -3,14 +3,31 @@
 
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::Placement;
-use crate::perception::{OF_PROXY, STEP_SHARE};
+use crate::perception::{GROWTH_PER_S, OF_PROXY, STEP_SHARE_PER_S};
 
 /// Largest motion of an estimated target, in units of the device's motion: a sliding tool moves
 /// with the device, one that falls off an edge faster.
 const MAX_TARGET_RATE: f64 = 4.0;
-/// Growth of the energy in the coupling per tick of a millisecond that need not be paid, as a share
-/// of it: the 48 per second of [`crate::perception`].
-const GROWTH_A_TICK: f64 = 0.048;
+
+/// What a hand cannot perceive of the coupling.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Imperceptible {
+    /// Its deflection, model units.
+    pub deflection: f64,
+    /// Change of its deflection in a period, model units.
+    pub step: f64,
+    /// Period of the loop, seconds.
+    pub period_s: f64,
+}
+
+impl Imperceptible {
+    /// Everything is perceived, at 1 kHz.
+    pub(super) const NOTHING: Self = Self {
+        deflection: 0.0,
+        step: 0.0,
+        period_s: 1e-3,
+    };
+}
 
 impl ToolProxy {
     /// The placement that the known contacts allow, without the limits of a tick. If no step was
@@ -51,14 +68,22 @@ impl ToolProxy {
         }
         let radius = self.shape.radius;
         let change = self.goal.to(&self.coupling_target).minus(&self.deflection);
-        let imperceptible = self.imperceptible.max(self.static_offset());
+        let Imperceptible {
+            deflection: imperceptible,
+            step,
+            period_s,
+        } = self.imperceptible;
+        let imperceptible = imperceptible.max(self.static_offset());
+        let step = step.max(self.static_offset());
+        let step_share = STEP_SHARE_PER_S * period_s;
+        let growth = GROWTH_PER_S * period_s;
         let most = (MAX_TARGET_RATE * travelled + self.step_limit.limit())
-            .max(OF_PROXY * STEP_SHARE * self.deflection.farthest(radius))
-            .max(imperceptible);
+            .max(OF_PROXY * step_share * self.deflection.farthest(radius))
+            .max(step);
         let share = (most / change.farthest(radius)).min(1.0);
         let deflection = self.deflection.plus(&change.times(share));
         let before = self.length_of(&self.deflection);
-        let longest = before.hypot(GROWTH_A_TICK.sqrt() * before.max(imperceptible));
+        let longest = before.hypot(growth.sqrt() * before.max(imperceptible));
         let shorter = (longest / self.length_of(&deflection)).min(1.0);
         self.is_estimate = !is_true || share < 1.0 || shorter < 1.0;
         if share < 1.0 || shorter < 1.0 {

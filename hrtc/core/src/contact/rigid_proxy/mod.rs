@@ -41,6 +41,7 @@ mod sweep;
 pub use answer::ToolAdvance;
 pub use bounding_balls::MAX_BALLS;
 pub use contacts::ToolContact;
+pub use coupling_target::Imperceptible;
 pub use neighbourhood::{MAX_PAIRS, MAX_SURFACE_FACES};
 
 use crate::contact::coupling::{Coupling, about};
@@ -132,7 +133,7 @@ pub struct ToolProxy {
     is_estimate: bool,
     deflection: Twist,
     /// Deflection of the coupling that a hand cannot perceive, model units.
-    imperceptible: f64,
+    imperceptible: Imperceptible,
     /// Share of the look-ahead that fitted into the budget last, 0 to 1.
     look_ahead_scale: f64,
     /// Whether the last collection has not been used by a step: the step comes before a new
@@ -181,7 +182,7 @@ impl ToolProxy {
             coupling_target: nowhere,
             is_estimate: false,
             deflection: Twist::default(),
-            imperceptible: 0.0,
+            imperceptible: Imperceptible::NOTHING,
             look_ahead_scale: 1.0,
             has_unused_collection: false,
             peak_step: 0.0,
@@ -367,9 +368,8 @@ impl ToolProxy {
         self.step_limit.tighten(max_step);
     }
 
-    /// Sets the deflection of the coupling that a hand cannot perceive, model units; 0 before the
-    /// first call.
-    pub fn set_imperceptible(&mut self, imperceptible: f64) {
+    /// Sets what a hand cannot perceive of the coupling; nothing before the first call.
+    pub fn set_imperceptible(&mut self, imperceptible: Imperceptible) {
         self.imperceptible = imperceptible;
     }
 

@@ -19,7 +19,7 @@ pub mod projection;
 pub use constraints::MAX_CONSTRAINTS;
 
 use crate::contact::query::{
-    MAX_FACES, NearFaces, Nearest, Surface, Work, closest_point, swept_sphere,
+    MAX_FACES, NearFaces, Nearest, Surface, Work, closest_point_within, swept_sphere,
 };
 use crate::perception::StepLimit;
 use constraints::Constraints;
@@ -347,8 +347,9 @@ impl Proxy {
         &self,
         surface: Surface<'_>,
         hint: Option<Handle>,
-        work: &mut Work,
-    ) -> Option<Nearest> {
+        max_work: u32,
+    ) -> (Option<Nearest>, Work, bool) {
+        let mut work = Work::default();
         let mut best: Option<Nearest> = None;
         let reach = self.near.margin(self.position);
         if reach > 0.0 {
@@ -364,12 +365,14 @@ impl Proxy {
             });
             work.add(cost);
         }
-        if best.is_none() {
-            let (nearest, cost) = closest_point(surface, self.position, hint);
-            work.add(cost);
-            best = nearest;
+        if best.is_some() {
+            return (best, work, true);
         }
-        best
+        let max_work = max_work.saturating_sub(work.nodes + work.faces);
+        let (nearest, cost, is_complete) =
+            closest_point_within(surface, self.position, hint, max_work);
+        work.add(cost);
+        (nearest, work, is_complete)
     }
 
     /// The contact of the active half-spaces, with the largest multiplier; if none is active, of a

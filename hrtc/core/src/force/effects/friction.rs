@@ -37,14 +37,14 @@ struct Anchor {
 }
 
 impl Friction {
-    /// Friction before any contact. `encoder_m`: step of the device's encoder, metres; `None`
-    /// without an energy limit.
+    /// Friction before any contact. `account`: an empty one of the device; `None` without an energy
+    /// limit.
     #[must_use]
-    pub fn new(plan: FrictionPlan, encoder_m: Option<f64>) -> Self {
+    pub fn new(plan: FrictionPlan, account: Option<EnergyAccount>) -> Self {
         Self {
             plan,
             anchor: None,
-            account: encoder_m.map(EnergyAccount::new),
+            account,
         }
     }
 

@@ -33,7 +33,7 @@ pub mod vibration;
 pub mod viscosity;
 
 use crate::contact::query::{Surface, Work};
-use crate::force::passivity::CouplingSpring;
+use crate::force::passivity::{CouplingSpring, EnergyAccount};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::{Effect, EffectPlan};
@@ -233,18 +233,18 @@ enum SurfaceEffect {
 pub struct SurfaceEffects {
     #[serde(with = "spm::reserved")]
     listed: Vec<Listed<SurfaceEffect>>,
-    /// Step of the device's encoder, metres; `None` without an energy limit.
-    encoder_m: Option<f64>,
+    /// An empty energy account of the device; `None` without an energy limit.
+    account: Option<EnergyAccount>,
 }
 
 impl SurfaceEffects {
-    /// No effects, and room for `most`. `encoder_m`: step of the device's encoder, metres; `None`
-    /// without an energy limit.
+    /// No effects, and room for `most`. `account`: an empty one of the device; `None` without an
+    /// energy limit.
     #[must_use]
-    pub fn with_room(most: usize, encoder_m: Option<f64>) -> Self {
+    pub fn with_room(most: usize, account: Option<EnergyAccount>) -> Self {
         Self {
             listed: Vec::with_capacity(most),
-            encoder_m,
+            account,
         }
     }
 
@@ -257,12 +257,12 @@ impl SurfaceEffects {
             plans.len() <= self.listed.capacity(),
             "room was made for all"
         );
-        let encoder_m = self.encoder_m;
+        let account = &self.account;
         self.listed.clear();
         self.listed.extend(plans.iter().filter_map(|plan| {
             let effect = match &plan.effect {
                 Effect::Friction(of) => {
-                    SurfaceEffect::Friction(friction::Friction::new(*of, encoder_m))
+                    SurfaceEffect::Friction(friction::Friction::new(*of, account.clone()))
                 }
                 Effect::Shading(of) => SurfaceEffect::Shading(shading::Shading::new(*of)),
                 Effect::Texture(of) => SurfaceEffect::Texture(texture::Texture::new(of.clone())),

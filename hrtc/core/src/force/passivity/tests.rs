@@ -17,7 +17,7 @@ fn push(newtons: f64) -> Wrench {
 /// Energy, joules, that a wall puts out while a free mass of 0.1 kg hits it at a speed (m/s)
 /// and leaves again. `damping` in N s/m; `phase`: part of a period at the impact.
 fn bounce(stiffness_n_per_m: f64, damping: f64, speed: f64, phase: f64, limited: bool) -> f64 {
-    let mut account = EnergyAccount::new(0.0);
+    let mut account = EnergyAccount::new(0.0, PERIOD_S);
     let (mut x, mut v, mut force) = (speed * PERIOD_S * (1.0 + phase), -speed, 0.0);
     for _ in 0..4000 {
         for _ in 0..16 {
@@ -53,7 +53,7 @@ fn bounce(stiffness_n_per_m: f64, damping: f64, speed: f64, phase: f64, limited:
 fn an_unpaid_force_fades_below_the_perception_limit() {
     let (stiffness_n_per_m, pressed, raised) = (1000.0, 2e-3, 2e-3);
     for step in [1e-5, 5e-5, 1e-4] {
-        let mut account = EnergyAccount::new(0.0);
+        let mut account = EnergyAccount::new(0.0, PERIOD_S);
         let (mut x, mut rise, mut tick, mut before): (f64, f64, u32, f64) = (0.0, 0.0, 0, 0.0);
         let (mut whole, mut fall, mut excess): (f64, f64, f64) = (0.0, 0.0, 0.0);
         while x <= 0.0 {
@@ -76,7 +76,8 @@ fn an_unpaid_force_fades_below_the_perception_limit() {
             };
             let force = wanted.force.x * account.share(wanted, spring, CarriedWork::default());
             if is_leaving {
-                let imperceptible = STEP_N.max(STEP_SHARE * before) + stiffness_n_per_m * step;
+                let imperceptible = PERIOD_S * STEP_N_PER_S.max(STEP_SHARE_PER_S * before)
+                    + stiffness_n_per_m * step;
                 excess = excess.max((force - before) / imperceptible);
                 fall = fall.max(before - force);
             } else {
@@ -96,7 +97,7 @@ fn an_unpaid_force_fades_below_the_perception_limit() {
 fn opposite_work_of_force_and_torque_leaves_the_share() {
     let (stiffness_n_per_m, newtons, step) = (1000.0, 0.5, 1e-5);
     for rest in [1.0, 1e-3, 1e-6] {
-        let mut account = EnergyAccount::new(0.0);
+        let mut account = EnergyAccount::new(0.0, PERIOD_S);
         let at = |k: f64, turned: f64| Pose {
             position: DVec3::X * (step * k),
             orientation: DQuat::from_rotation_z(turned * k),
@@ -128,7 +129,7 @@ fn opposite_work_of_force_and_torque_leaves_the_share() {
 fn a_sampled_spring_puts_out_the_energy_of_colgate_1994() {
     // Into a wall of stiffness K at speed v and out again: K T / 2 ∫ v² dt.
     let (k, v) = (1000.0, 0.1);
-    let mut account = EnergyAccount::new(0.0);
+    let mut account = EnergyAccount::new(0.0, PERIOD_S);
     let mut x: f64 = 0.0;
     for tick in 0..=40 {
         account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
@@ -168,7 +169,7 @@ fn a_limited_wall_returns_no_more_energy_than_it_received() {
 
 #[test]
 fn encoder_noise_does_not_reduce_the_force_at_rest() {
-    let mut account = EnergyAccount::new(1e-5);
+    let mut account = EnergyAccount::new(1e-5, PERIOD_S);
     let stiffness_n_per_m = 1000.0;
     for tick in 0..600_000u32 {
         // Pressed in without noise, then ten minutes at rest with noise of one step.
@@ -199,7 +200,7 @@ fn encoder_noise_does_not_reduce_the_force_at_rest() {
 #[test]
 fn the_excess_of_an_earlier_contact_does_not_mute_a_later_one() {
     let stiffness_n_per_m = 1000.0;
-    let mut account = EnergyAccount::new(0.0);
+    let mut account = EnergyAccount::new(0.0, PERIOD_S);
     let move_to = |account: &mut EnergyAccount, x: f64| {
         account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
     };
@@ -245,7 +246,7 @@ fn the_excess_of_an_earlier_contact_does_not_mute_a_later_one() {
 /// The account of a device that was pushed out of a surface by 2 N over 5 mm, and is on it still:
 /// 10 mJ that nobody put in.
 fn account_with_an_excess() -> EnergyAccount {
-    let mut account = EnergyAccount::new(0.0);
+    let mut account = EnergyAccount::new(0.0, PERIOD_S);
     for (x, force) in [(-6e-3, 2.0), (-1e-3, 0.0)] {
         account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
         account.set_output(push(force), push(force));
@@ -329,7 +330,7 @@ fn a_surface_that_carries_the_device_keeps_its_force() {
     // A surface meets a device at 1 m/s and carries it along, one millimetre deep.
     let stiffness_n_per_m = 1000.0;
     for carried in [true, false] {
-        let mut account = EnergyAccount::new(0.0);
+        let mut account = EnergyAccount::new(0.0, PERIOD_S);
         let (mut surface, mut device, mut force) = (0.0f64, 1e-3f64, 0.0f64);
         let mut least = f64::INFINITY;
         for tick in 0..2000 {

@@ -1,0 +1,129 @@
+//! The rate of the loop changes no time that is felt or waited for, and no force.
+
+use crate::common::{World, scene_plan, scene_world, spm};
+use glam::DVec3;
+use hrtc_core::lod::predict::TURNS;
+use spm_builder::BuildOptions;
+use spm_builder::generate::{Shape, generate};
+
+/// Radius of the balls, metres.
+const BALL: f64 = 0.05;
+const RADIUS: f64 = 0.001;
+/// Time of the press, and of the silence after it, seconds.
+const PRESSED_S: f64 = 2.0;
+const SILENT_S: f64 = 1.0;
+/// Speed of the lift, m/s.
+const LIFT_M_PER_S: f64 = 0.05;
+
+/// What a run shows, seconds and newtons.
+#[derive(Debug)]
+struct Shown {
+    /// The force at the end of the press.
+    pressed_n: f64,
+    /// Start and end of the fall of the force of a device that is silent.
+    falls_s: f64,
+    fallen_s: f64,
+    /// Until the front behind a probe that leaves is first made coarser.
+    coarser_s: f64,
+    /// Until a probe that is gone has no proxy at the object.
+    forgotten_s: f64,
+}
+
+/// Steps until something is so; the time since `from`, seconds.
+fn time_until(
+    world: &mut World,
+    rate_hz: f64,
+    mut place: impl FnMut(f64) -> Option<DVec3>,
+    is_so: impl Fn(&World) -> bool,
+) -> f64 {
+    let from = world.tick();
+    loop {
+        let seconds = (world.tick() - from) as f64 / rate_hz;
+        assert!(seconds < 5.0, "it is so at last");
+        world.step_places(&[place(seconds)]);
+        if is_so(world) {
+            return seconds;
+        }
+    }
+}
+
+fn run(rate_hz: f64, model: &[u8]) -> Shown {
+    let balls = [
+        ("a.spm", 2.0 * BALL, DVec3::ZERO),
+        ("b.spm", 2.0 * BALL, DVec3::X),
+    ];
+    let mut plan = scene_plan(&balls, 1, 16 << 20);
+    plan.loop_.rate_hz = rate_hz;
+    let mut world = scene_world(&plan, &[("a.spm", model), ("b.spm", model)], 0.0);
+    let at = |gap: f64| Some(DVec3::Z * (BALL + RADIUS + gap));
+    for _ in 0..(PRESSED_S * rate_hz) as u64 {
+        let t = world.tick() as f64 / rate_hz;
+        let down = ((t - 1.0) / 0.3).clamp(0.0, 1.0);
+        world.step_places(&[at(0.02 - 0.021 * down)]);
+    }
+    let pressed_n = world.force().length();
+    let falls_s = time_until(
+        &mut world,
+        rate_hz,
+        |_| None,
+        |world| world.force().length() < 0.99 * pressed_n,
+    );
+    let more_s = time_until(
+        &mut world,
+        rate_hz,
+        |_| None,
+        |world| world.force() == DVec3::ZERO,
+    );
+    for _ in 0..(SILENT_S * rate_hz) as u64 {
+        world.step_places(&[at(-0.001)]);
+    }
+    let coarser_s = time_until(
+        &mut world,
+        rate_hz,
+        |t| at(-0.001 + LIFT_M_PER_S * t),
+        |world| world.outputs().record.ecols > 0,
+    );
+    let gone = Some(DVec3::new(0.5, 0.5, 0.5));
+    let forgotten_s = time_until(
+        &mut world,
+        rate_hz,
+        |_| gone,
+        |world| world.controller().proxy_of(0, 0).is_none(),
+    );
+    Shown {
+        pressed_n,
+        falls_s,
+        fallen_s: falls_s + more_s,
+        coarser_s,
+        forgotten_s,
+    }
+}
+
+#[test]
+fn times_and_forces_are_those_of_any_rate() {
+    let model = spm(generate(Shape::Sphere, 20_000, 1), &BuildOptions::default());
+    let expected = run(1000.0, &model);
+    println!("1000 Hz: {expected:?}");
+    assert!(expected.pressed_n > 0.5 && expected.forgotten_s > 0.09);
+    for rate_hz in [100.0, 500.0, 4000.0, 10_000.0] {
+        let shown = run(rate_hz, &model);
+        println!("{rate_hz} Hz: {shown:?}");
+        let slower_s = 1.0 / f64::min(rate_hz, 1000.0);
+        let two = 2.0 * slower_s + 1e-9;
+        // A region is predicted once a round.
+        let round = (TURNS + 2) as f64 * slower_s;
+        for (name, a, b, within) in [
+            ("falls", shown.falls_s, expected.falls_s, two),
+            ("fallen", shown.fallen_s, expected.fallen_s, two),
+            ("coarser", shown.coarser_s, expected.coarser_s, round),
+            ("forgotten", shown.forgotten_s, expected.forgotten_s, two),
+        ] {
+            assert!(
+                (a - b).abs() <= within,
+                "{rate_hz} Hz: {name}: {a} s, {b} s"
+            );
+        }
+        let differs = (shown.pressed_n / expected.pressed_n - 1.0).abs();
+        assert!(differs < 0.01, "{rate_hz} Hz: {} N", shown.pressed_n);
+    }
+}
