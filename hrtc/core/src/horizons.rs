@@ -1,4 +1,4 @@
-//! The durations of [`crate::tuning`] in ticks of a controller, converted once when it is made.
+//! The durations of `tuning.rs` in ticks of a controller, converted once when it is made.
 
 use crate::tuning::active::{REACH_S, SLEEP_S, TOUCH_S};
 use crate::tuning::cache::REFUSED_S;
@@ -12,7 +12,7 @@ use crate::tuning::streaming::MAX_ROOM_WAIT_S;
 use crate::tuning::tick::REPORT_S;
 use protocol::ANSWER_TIMEOUT_MS;
 
-/// Durations of the core in ticks, each that of the constant of its name in [`crate::tuning`].
+/// Durations of the core in ticks, each that of the constant of its name in `tuning.rs`.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Horizons {
     /// Ticks a second.
