@@ -13,6 +13,8 @@
 //! | [`recorder`] | recording of all inputs, and its replay |
 //! | [`tuning`] | sizes of rings and stacks, waiting times |
 //!
+//! A station on another machine is called by `hrtc run --station`: see the page of `ve-station`.
+//!
 //! # Example
 //! Three seconds with a driver of one's own, named `fixed` in the scene. A contact needs a station
 //! in the same domain (`ve-station serve`).

@@ -22,8 +22,8 @@
 //! Nothing else is started: each program runs the link in a process of its own, watches it and
 //! starts it again. Both machines have the scene's file and what it names (the controller needs no
 //! model), the same build, and clocks that are right to a day. The station's firewall lets TCP port
-//! 7447 in. On one machine, `tcp/127.0.0.1:7447` needs no keys; give one side another `--domain`.
-//! A wired network is best: each millisecond there and back is one that the prediction looks ahead.
+//! 7447 in. On one machine, `tcp/127.0.0.1:7447` needs no keys, and one side needs another
+//! `--domain`. A wired network is best: what is there and back sooner is refined sooner.
 //!
 //! What the link says begins with `link:`.
 //!

@@ -91,6 +91,16 @@ fn a_plain_connection_to_an_encrypted_link_is_refused_by_name_on_both_sides() {
 }
 
 #[test]
+fn two_tunnels_in_one_domain_are_refused() {
+    let mut link = Link::new("round", &format!("tcp/127.0.0.1:{}", free_port()));
+    link.share_domain();
+    let _station = link.station();
+    let mut controller = link.controller(&[]);
+    controller.wait_for("another --domain");
+    assert_eq!(controller.status().code(), Some(2));
+}
+
+#[test]
 fn killed_tunnels_are_started_again_and_then_carry_a_touch() {
     let link = Link::new("killed", &format!("tcp/127.0.0.1:{}", free_port()));
     let mut controller = link.controller(&["--seconds", "15", "--json"]);

@@ -4,8 +4,9 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use transport::Domain;
 
@@ -62,6 +63,11 @@ impl Link {
         let mut trusted = std::fs::read(&own).unwrap();
         trusted.extend(std::fs::read(self.folder.path().join(other).join(authority)).unwrap());
         std::fs::write(&own, trusted).unwrap();
+    }
+
+    /// Puts both sides into one domain.
+    pub fn share_domain(&mut self) {
+        self.domains[1] = self.domains[0].clone();
     }
 
     /// A station that listens.
@@ -124,6 +130,7 @@ fn program(name: &str) -> Command {
 pub struct Side {
     child: Child,
     said: Arc<Mutex<Vec<String>>>,
+    reader: Option<JoinHandle<()>>,
 }
 
 impl Side {
@@ -132,12 +139,16 @@ impl Side {
         let said = Arc::<Mutex<Vec<String>>>::default();
         let lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let kept = Arc::clone(&said);
-        std::thread::spawn(move || {
+        let reader = std::thread::spawn(move || {
             for line in lines.map_while(Result::ok) {
                 kept.lock().unwrap().push(line);
             }
         });
-        Self { child, said }
+        Self {
+            child,
+            said,
+            reader: Some(reader),
+        }
     }
 
     /// Whether it has said this.
@@ -150,12 +161,15 @@ impl Side {
     pub fn wait_for(&mut self, text: &str) {
         let begin = Instant::now();
         while !self.said(text) {
-            let ended = self.child.try_wait().unwrap();
+            let mut is_waiting = begin.elapsed() < HANGING;
+            if self.child.try_wait().unwrap().is_some() {
+                // Its last words may be under way still.
+                let reader = self.reader.take();
+                is_waiting &= reader.is_some();
+                let _ = reader.map(JoinHandle::join);
+            }
             let said = self.said.lock().unwrap().join("\n");
-            assert!(
-                ended.is_none() && begin.elapsed() < HANGING,
-                "never said {text:?}:\n{said}"
-            );
+            assert!(is_waiting, "never said {text:?}:\n{said}");
             std::thread::sleep(POLL);
         }
     }
@@ -169,6 +183,11 @@ impl Side {
     pub fn kill(&mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
+    }
+
+    /// How it ended.
+    pub fn status(&mut self) -> ExitStatus {
+        self.child.wait().unwrap()
     }
 
     /// What it printed, at its end.

@@ -4,6 +4,8 @@
 use crate::refusals;
 use crate::settings::End;
 use crate::words::Word;
+use iceoryx2::prelude::{LogLevel, set_logger};
+use iceoryx2_log::Log;
 use std::collections::BTreeSet;
 use std::fmt;
 use std::io::Write;
@@ -75,6 +77,12 @@ impl Notes {
             .try_init();
     }
 
+    /// Makes sentences of iceoryx2's log; HRTC_LOG=debug shows the log itself too.
+    pub fn listen_to_iceoryx(&self) {
+        // It is read until the process ends.
+        set_logger(Box::leak(Box::new(OfIceoryx(self.clone()))));
+    }
+
     /// Tells who is there, who comes and who goes.
     pub fn listen_to_links(&self, session: &Session, end: &End) {
         let notes = self.clone();
@@ -108,6 +116,18 @@ impl Notes {
 fn tell(word: &Word) {
     let mut out = std::io::stdout().lock();
     let _ = writeln!(out, "{word}").and_then(|()| out.flush());
+}
+
+/// Iceoryx2's log, read for topics in trouble.
+struct OfIceoryx(Notes);
+
+impl Log for OfIceoryx {
+    fn log(&self, level: LogLevel, origin: fmt::Arguments<'_>, message: fmt::Arguments<'_>) {
+        if let Some(sentence) = refusals::of_iceoryx(&message.to_string()) {
+            self.0.once(sentence);
+        }
+        tracing::debug!("iceoryx2, {level:?}: {origin}: {message}");
+    }
 }
 
 /// Zenoh's log, read for refusals.

@@ -9,11 +9,15 @@ use crate::arguments::TunnelArgs;
 use crate::key_files::NotText;
 use crate::keys::{self, KeysError};
 use crate::notes::Notes;
+use crate::refusals::without_places;
 use crate::settings::{End, zenoh_settings};
-use iceoryx2::prelude::{CallbackProgression, ServiceName, WaitSetBuilder, ipc};
+use iceoryx2::prelude::{
+    CallbackProgression, LogLevel, ServiceName, WaitSetBuilder, ipc, set_log_level,
+};
 use iceoryx2_integrations_zenoh_link_carrier::ZenohCarrier;
 use iceoryx2_link::Link;
 use iceoryx2_link_backend::AllowList;
+use std::fs::{File, TryLockError};
 use std::io::Read;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -47,6 +51,10 @@ enum CarryError {
     Keys(#[from] KeysError),
     #[error("{0}")]
     Transport(#[from] TransportError),
+    #[error(
+        "the domain \"{0}\" has a tunnel already, and two would carry the topics round and round: stop the other program, or give this one another --domain"
+    )]
+    Taken(String),
     #[error("cannot listen on {address} ({reason}): stop who uses it, or choose another port")]
     Listen { address: String, reason: String },
     #[error("the tunnel cannot {what}: {reason}")]
@@ -81,7 +89,11 @@ fn carry(args: &TunnelArgs, end: &End, notes: &Notes) -> Result<(), CarryError> 
     let domain = Domain::new(&args.domain)?;
     let keys = keys::needed_for(end, args.keys.as_deref())?;
     let settings = zenoh_settings(end, keys.as_ref()).to_string();
+    notes.listen_to_iceoryx();
     let node = domain.node()?;
+    // Later, because a new node sets it.
+    set_log_level(LogLevel::Warn);
+    let _only = only_tunnel_of(&domain)?;
     let stop = stop_at_end_of_input();
     let session = open_session(end, &settings)?;
     notes.listen_to_links(&session, end);
@@ -98,12 +110,23 @@ fn carry(args: &TunnelArgs, end: &End, notes: &Notes) -> Result<(), CarryError> 
     closed.map_err(engine("close its session"))
 }
 
+/// Keeps other tunnels out of a domain as long as it is open.
+fn only_tunnel_of(domain: &Domain) -> Result<File, CarryError> {
+    let file = File::create(domain.root().join("tunnel.lock"));
+    let file = file.map_err(engine("keep others out of its domain"))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(CarryError::Taken(domain.name().to_owned())),
+        Err(TryLockError::Error(error)) => Err(engine("keep others out of its domain")(error)),
+    }
+}
+
 fn open_session(end: &End, settings: &str) -> Result<Session, CarryError> {
     let config = zenoh::Config::from_json5(settings).map_err(engine("read its settings"))?;
     zenoh::open(config).wait().map_err(|error| match end {
         End::Listen(address) => CarryError::Listen {
             address: address.to_string(),
-            reason: error.to_string(),
+            reason: without_places(&error.to_string()),
         },
         End::Call(_) => engine("open its session")(error),
     })

@@ -3,6 +3,15 @@
 use crate::settings::End;
 use tracing::Level;
 
+/// The sentence of a line of iceoryx2's log; `None` of one that tells nothing to a user, as of a
+/// topic that both a program and the tunnel open at this moment.
+#[must_use]
+pub fn of_iceoryx(message: &str) -> Option<&'static str> {
+    message
+        .contains("the inbox is full")
+        .then_some("more arrives than this machine takes; what was dropped is asked for again")
+}
+
 /// The parts of zenoh that tell of them, and up to which level.
 pub const TARGETS: [(&str, Level); 3] = [
     // A listener's, on what a connection shows.
@@ -145,7 +154,7 @@ fn shown_to_caller(end: &End, reason: &str) -> String {
 }
 
 /// Without the places in zenoh's sources.
-fn without_places(text: &str) -> String {
+pub fn without_places(text: &str) -> String {
     let is_place = |word: &str| word.contains(".rs:");
     let mut words: Vec<&str> = Vec::new();
     for word in text.split_whitespace() {

@@ -18,6 +18,12 @@ use thiserror::Error;
 
 /// This program, also when its file was replaced meanwhile.
 const OWN_PROGRAM: &str = "/proc/self/exe";
+/// One thread reads and writes in zenoh. Two of them touch rustls's state of a connection at once
+/// (zenoh issue 2557): every few minutes of load the link broke, "handshake not complete".
+const ONE_THREAD: [&str; 2] = [
+    "ZENOH_RUNTIME",
+    "(rx: (handover: tx), tx: (worker_threads: 1))",
+];
 /// Time in which a tunnel is ready or says why not: it opens a domain and a port, and waits half a
 /// second for those that it calls.
 const READY_TIMEOUT: Duration = Duration::from_secs(20);
@@ -91,6 +97,7 @@ impl Tunnel {
         }
         command
             .args(args.typed())
+            .env(ONE_THREAD[0], ONE_THREAD[1])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             // Ctrl-C in a terminal is for its owner.
