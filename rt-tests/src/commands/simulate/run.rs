@@ -295,7 +295,11 @@ impl<'a> Run<'a> {
             }
             _ => {}
         }
-        if event.to > event.from + 1 {
+        let is_instant = matches!(
+            kind,
+            Kind::StationRestart | Kind::Rebuilt | Kind::ControllerRestart
+        );
+        if !is_instant {
             self.lasting.push(event);
         }
         Ok(())
