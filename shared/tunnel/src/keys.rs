@@ -7,6 +7,7 @@ use crate::settings::End;
 use rcgen::KeyPair;
 use rustls_pki_types::pem::PemObject;
 use rustls_pki_types::{CertificateDer, UnixTime};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use webpki::{EndEntityCert, KeyUsage};
@@ -83,6 +84,12 @@ pub enum KeysError {
         /// Whose they should be.
         own: &'static str,
     },
+    /// Not secret.
+    #[error("the private key {private_key} may be read by others: chmod 600 {private_key}")]
+    Readable {
+        /// The private key.
+        private_key: String,
+    },
     /// Of two pairs.
     #[error(
         "the private key {private_key} does not belong to the certificate beside it: copy both from one `ve-station keys DIR`"
@@ -114,9 +121,7 @@ fn check(folder: &Path, role: Role, now: UnixTime) -> Result<KeyFiles, KeysError
     let files = KeyFiles::in_folder(folder)?;
     let authority = certificate(&files.authority)?;
     let own = certificate(&files.certificate)?;
-    let key = std::fs::read_to_string(&files.private_key);
-    let key = key.map_err(|error| missing(&files.private_key, error))?;
-    let key = KeyPair::from_pem(&key).map_err(|error| damaged(&files.private_key, error))?;
+    let key = private_key(&files.private_key)?;
     let of_authority = webpki::anchor_from_trusted_cert(&authority);
     let anchor = of_authority.map_err(|error| damaged(&files.authority, error))?;
     let end = EndEntityCert::try_from(&own).map_err(|error| damaged(&files.certificate, error))?;
@@ -168,6 +173,16 @@ fn check(folder: &Path, role: Role, now: UnixTime) -> Result<KeyFiles, KeysError
         return Err(KeysError::OtherKey { private_key });
     }
     Ok(files)
+}
+
+fn private_key(file: &str) -> Result<KeyPair, KeysError> {
+    let found = std::fs::metadata(file).map_err(|error| missing(file, error))?;
+    if found.mode() & 0o077 != 0 {
+        let private_key = file.to_owned();
+        return Err(KeysError::Readable { private_key });
+    }
+    let text = std::fs::read_to_string(file).map_err(|error| missing(file, error))?;
+    KeyPair::from_pem(&text).map_err(|error| damaged(file, error))
 }
 
 fn certificate(file: &str) -> Result<CertificateDer<'static>, KeysError> {
@@ -243,6 +258,16 @@ mod tests {
         let error = refused(&made.station, Role::Station, 31);
         assert!(matches!(error, KeysError::Expired { .. }), "{error}");
         assert!(error.to_string().contains(&made.expires), "{error}");
+    }
+
+    #[test]
+    fn a_private_key_that_others_may_read_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let made = made(folder.path(), "keys");
+        let open = std::fs::Permissions::from_mode(0o640);
+        std::fs::set_permissions(made.controller.join("key.pem"), open).unwrap();
+        let error = refused(&made.controller, Role::Controller, 0);
+        assert!(error.to_string().contains("chmod 600"), "{error}");
     }
 
     #[test]
