@@ -54,7 +54,8 @@ impl Part {
 }
 
 impl QueryBudget {
-    /// The most that a tick may spend.
+    /// The work after which a tick begins no search or step of a proxy; the last one begun may go
+    /// beyond it.
     pub const MOST: u32 = PROXY_WORK + SEARCH_WORK;
 
     /// The work of a tick with so many splits and collapses. `pairs`: the probe of each pair that
