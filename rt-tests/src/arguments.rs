@@ -6,6 +6,7 @@ use crate::commands::effects::EffectsArgs;
 use crate::commands::export::ExportArgs;
 use crate::commands::faults::FaultsArgs;
 use crate::commands::fronts::FrontsArgs;
+use crate::commands::hosts::HostsArgs;
 use crate::commands::jitter::JitterArgs;
 use crate::commands::predictors::PredictorsArgs;
 use crate::commands::replay::ReplayArgs;
@@ -62,6 +63,9 @@ pub enum Command {
     Zwidth(ZwidthArgs),
     /// Kill, stop, replace and starve real processes in contact; status 1 when a case fails
     Faults(FaultsArgs),
+    /// Touch on two hosts, over links of any round-trip time and bandwidth, and on one machine
+    /// beside; makes the hosts itself, which takes root
+    Hosts(HostsArgs),
     /// The station of a run.
     #[command(hide = true)]
     RoleStation(StationArgs),

@@ -13,6 +13,7 @@
 //! | [`stability`] | the hard cases |
 //! | [`simulate`] | random faults on both cores in virtual time |
 //! | [`faults`] | real processes killed, stopped, replaced and starved in contact |
+//! | [`hosts`] | station and controller on two hosts, over links of any length |
 //! | [`effects`] | the cost of each effect |
 //! | [`zwidth`] | the stiffest wall that can be rendered |
 
@@ -22,6 +23,7 @@ pub mod effects;
 pub mod export;
 pub mod faults;
 pub mod fronts;
+pub mod hosts;
 pub mod jitter;
 pub mod predictors;
 pub mod replay;

@@ -12,6 +12,7 @@ use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex};
@@ -68,10 +69,21 @@ impl Process {
         around: Surroundings,
         events: &Sender<Event>,
     ) -> Result<Self, Failure> {
-        let failed = |error: &dyn std::fmt::Display| {
-            Failure::Run(format!("the {name} could not be started ({error})"))
-        };
-        let program = std::env::current_exe().map_err(|error| failed(&error))?;
+        let program = std::env::current_exe().map_err(|error| not_started(name, &error))?;
+        Self::start_program(name, &program, arguments, around, events)
+    }
+
+    /// Starts another program with these arguments, in these surroundings.
+    ///
+    /// # Errors
+    /// See [`Process::start_in`].
+    pub fn start_program(
+        name: &'static str,
+        program: &Path,
+        arguments: &[OsString],
+        around: Surroundings,
+        events: &Sender<Event>,
+    ) -> Result<Self, Failure> {
         let mut command = Command::new(program);
         command
             .args(arguments)
@@ -82,12 +94,12 @@ impl Process {
             .envs(around.variables.iter().map(|(name, value)| (name, value)));
         let parent = std::process::id();
         // SAFETY: between fork and exec only async-signal-safe system calls are made (prctl,
-        // getppid, sched_setaffinity, setrlimit, unshare, mount), on values that live in this
-        // closure; nothing is allocated.
+        // getppid, sched_setaffinity, setrlimit, unshare, setns, chdir, mount), on values
+        // that live in this closure; nothing is allocated.
         unsafe {
             command.pre_exec(move || prepare_child(parent, &around));
         }
-        let mut child = command.spawn().map_err(|error| failed(&error))?;
+        let mut child = command.spawn().map_err(|error| not_started(name, &error))?;
         let said = Arc::new(Mutex::new(VecDeque::with_capacity(KEPT_LINES + 1)));
         let mut readers = Vec::new();
         if let Some(out) = child.stdout.take() {
@@ -196,6 +208,10 @@ impl Drop for Process {
     }
 }
 
+fn not_started(name: &str, error: &std::io::Error) -> Failure {
+    Failure::Run(format!("the {name} could not be started ({error})"))
+}
+
 fn signal(process: u32, number: libc::c_int) {
     if let Ok(process) = libc::pid_t::try_from(process) {
         // SAFETY: kill takes plain numbers; the process is a child that was not waited for, so its
@@ -218,6 +234,7 @@ fn prepare_child(parent: u32, around: &Surroundings) -> std::io::Result<()> {
         // The parent died before the signal was set.
         return Err(std::io::Error::from_raw_os_error(libc::ESRCH));
     }
+    around.enter_host()?;
     around.take_rights()?;
     around.mount_small_disk()?;
     if let Some(core) = around.core {

@@ -1,22 +1,16 @@
 //! The surroundings of a process: its core, its environment, and what is taken from it on purpose.
 
-use std::ffi::{CString, OsString};
+use super::host::Host;
+use super::mounts::{SmallDisk, mount_in_memory, unshare_mounts};
+use std::ffi::OsString;
 use std::io;
+use std::sync::Arc;
 
 /// Numbers of `linux/capability.h`: of a process that may lock memory, raise priorities, and raise
 /// its own limits.
 const CAP_IPC_LOCK: libc::c_ulong = 14;
 const CAP_SYS_NICE: libc::c_ulong = 23;
 const CAP_SYS_RESOURCE: libc::c_ulong = 24;
-
-/// A file system in memory that only the process itself sees; it goes with the process.
-#[derive(Debug, Clone)]
-pub struct SmallDisk {
-    /// An empty folder.
-    pub folder: CString,
-    /// Options of tmpfs, such as `size=1m`.
-    pub options: CString,
-}
 
 /// Surroundings of a process; by default those of its parent.
 #[derive(Debug, Clone, Default)]
@@ -29,6 +23,8 @@ pub struct Surroundings {
     pub without_rights: bool,
     /// A small file system of its own; needs CAP_SYS_ADMIN.
     pub small_disk: Option<SmallDisk>,
+    /// The host on which it runs, if not on this one; needs CAP_SYS_ADMIN.
+    pub host: Option<Arc<Host>>,
 }
 
 impl Surroundings {
@@ -58,6 +54,14 @@ impl Surroundings {
         Ok(())
     }
 
+    /// Moves the calling process to its host, if one is asked for.
+    ///
+    /// # Errors
+    /// When the system refuses: the right CAP_SYS_ADMIN is missing.
+    pub(super) fn enter_host(&self) -> io::Result<()> {
+        self.host.as_ref().map_or(Ok(()), |host| host.enter())
+    }
+
     /// Mounts the small disk where the calling process alone sees it, if one is asked for.
     ///
     /// # Errors
@@ -66,26 +70,7 @@ impl Surroundings {
         let Some(disk) = &self.small_disk else {
             return Ok(());
         };
-        let kind = c"tmpfs".as_ptr();
-        let private = libc::MS_REC | libc::MS_PRIVATE;
-        let (root, none) = (c"/".as_ptr(), std::ptr::null());
-        // SAFETY: every pointer is to a string that ends with 0 and outlives the call, or null
-        // where mount takes none; the tests of the results keep the order.
-        let is_mounted = unsafe {
-            libc::unshare(libc::CLONE_NEWNS) == 0
-                && libc::mount(none, root, none, private, std::ptr::null()) == 0
-                && libc::mount(
-                    kind,
-                    disk.folder.as_ptr(),
-                    kind,
-                    0,
-                    disk.options.as_ptr().cast(),
-                ) == 0
-        };
-        if is_mounted {
-            Ok(())
-        } else {
-            Err(io::Error::last_os_error())
-        }
+        unshare_mounts(0)?;
+        mount_in_memory(disk)
     }
 }

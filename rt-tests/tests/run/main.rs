@@ -1,6 +1,7 @@
 //! Both processes in real time, as a user starts them.
 
 mod faults;
+mod hosts;
 mod jitter;
 #[path = "../commands/typed.rs"]
 mod typed;

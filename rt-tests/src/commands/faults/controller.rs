@@ -4,16 +4,15 @@ use super::FaultsArgs;
 use super::bench::Bench;
 use super::touch::{Start, Touch, own_domain, start_controller};
 use super::verdict::{Answer, Verdicts};
-use super::watched::{Watched, pause};
-use crate::processes::surroundings::{SmallDisk, Surroundings};
+use crate::processes::mounts::SmallDisk;
+use crate::processes::rights::{SYS_ADMIN, SYS_TIME};
+use crate::processes::surroundings::Surroundings;
+use crate::processes::watched::{Watched, pause};
 use protocol::MAX_CLIENTS;
 use std::ffi::CString;
 use std::os::unix::ffi::OsStrExt;
 use std::time::Instant;
 
-/// Numbers of `linux/capability.h`: mounting, and setting the clock.
-const CAP_SYS_ADMIN: u32 = 21;
-const CAP_SYS_TIME: u32 = 25;
 /// The step of the clock, seconds.
 const STEP_S: i64 = 3600;
 /// Time in contact before a kill, seconds.
@@ -21,17 +20,9 @@ const IN_CONTACT_S: f64 = 0.3;
 /// Time in which the newest of too many controllers has its say, seconds.
 const SAY_S: f64 = 3.0;
 
-/// Whether this process has a capability.
-fn has_capability(number: u32) -> bool {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
-    let mask = line.and_then(|hex| u64::from_str_radix(hex.trim(), 16).ok());
-    mask.is_some_and(|mask| mask >> number & 1 == 1)
-}
-
 /// Whether a small disk can be mounted.
 pub fn can_mount(_: &FaultsArgs) -> Result<(), String> {
-    if has_capability(CAP_SYS_ADMIN) {
+    if SYS_ADMIN.is_held() {
         return Ok(());
     }
     Err("mounting a small disk needs the right CAP_SYS_ADMIN".to_string())
@@ -42,7 +33,7 @@ pub fn can_step_clock(args: &FaultsArgs) -> Result<(), String> {
     if !args.step_clock {
         return Err("it moves the clock of the whole machine: ask for it with --step-clock".into());
     }
-    if has_capability(CAP_SYS_TIME) {
+    if SYS_TIME.is_held() {
         return Ok(());
     }
     Err("setting the clock needs the right CAP_SYS_TIME".to_string())
@@ -55,7 +46,7 @@ pub fn killed(bench: &Bench, kills: u64, verdicts: &mut Verdicts) -> Answer {
     let mut slowest: f64 = 0.0;
     for kill in 1..=kills {
         bench.bar.set_message(format!("kill {kill} of {kills}"));
-        pause(IN_CONTACT_S, bench);
+        pause(IN_CONTACT_S, bench.stop);
         touch.controller.kill();
         verdicts.faults.kills.controller += 1;
         let start = Instant::now();
@@ -86,12 +77,12 @@ pub fn seventeen(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer 
     for count in 1..=MAX_CLIENTS {
         bench.bar.set_message(format!("controller {count}"));
         let (mut other, _) = start_controller(bench, &touch.domain, slow())?;
-        let touching = other.wait_for("the first touch", bench, Watched::is_touching);
+        let touching = other.wait_for("the first touch", bench.stop, Watched::is_touching);
         touching.map_err(|error| format!("controller {count} of {MAX_CLIENTS}: {error}"))?;
         others.push(other);
     }
     let (mut last, _) = start_controller(bench, &touch.domain, slow())?;
-    pause(SAY_S, bench);
+    pause(SAY_S, bench.stop);
     last.listen();
     let outcome = if last.is_touching() {
         "the last was served as well"
@@ -119,7 +110,7 @@ pub fn seventeen(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer 
     }
     let served = last.wait_for(
         "a touch after the others ended",
-        bench,
+        bench.stop,
         Watched::is_touching,
     );
     if last.process.ended().is_none() {
@@ -181,7 +172,7 @@ pub fn disk_full(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer 
         ..Start::usual(bench)
     };
     let mut touch = Touch::begin(bench, own_domain()?, start)?;
-    pause(bench.seconds(), bench);
+    pause(bench.seconds(), bench.stop);
     touch.controller.listen();
     let told = touch.controller.said.iter().any(|line| {
         let line = line.to_lowercase();
@@ -198,7 +189,7 @@ pub fn disk_full(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer 
 pub fn clock_stepped(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer {
     let touch = Touch::usual(bench)?;
     step_clock(STEP_S)?;
-    pause(1.0, bench);
+    pause(1.0, bench.stop);
     step_clock(-STEP_S)?;
     verdicts.judge(&touch.finish()?)
 }

@@ -4,9 +4,9 @@
 use super::bench::Bench;
 use super::touch::{Start, own_domain, start_controller, start_station};
 use super::verdict::{Answer, Verdicts};
-use super::watched::{PATIENCE, Watched, pause};
 use crate::processes::device_page::DevicePage;
 use crate::processes::own_domain::OwnDomain;
+use crate::processes::watched::{PATIENCE, Watched, pause};
 use realtime::rights::monotonic_ns;
 use std::rc::Rc;
 use std::time::Instant;
@@ -45,7 +45,7 @@ impl<'a> Rig<'a> {
         let typed = ["role-device".into(), path.into_os_string()];
         let mut device = Watched::start("device", &typed, bench.around())?;
         let before = monotonic_ns();
-        device.wait_for("the first look", bench, |_| page.looked_ns() > before)?;
+        device.wait_for("the first look", bench.stop, |_| page.looked_ns() > before)?;
         let domain = own_domain()?;
         Ok(Self {
             bench,
@@ -70,8 +70,10 @@ impl<'a> Rig<'a> {
 
     fn wait_for_force(&self, controller: &mut Watched) -> Result<(), String> {
         let page = &self.page;
-        controller.wait_for("the force", self.bench, |_| page.rendered_n() > FORCE_N)?;
-        pause(PRESSED_S, self.bench);
+        controller.wait_for("the force", self.bench.stop, |_| {
+            page.rendered_n() > FORCE_N
+        })?;
+        pause(PRESSED_S, self.bench.stop);
         Ok(())
     }
 
@@ -96,7 +98,7 @@ impl<'a> Rig<'a> {
                     self.page.rendered_n()
                 ));
             }
-            pause(1e-3, self.bench);
+            pause(1e-3, self.bench.stop);
         }
     }
 

@@ -7,8 +7,8 @@
 use super::bench::Bench;
 use super::touch::{Start, own_domain, start_controller, start_station_for};
 use super::verdict::{Answer, Verdicts};
-use super::watched::{PATIENCE, Watched};
 use crate::processes::surroundings::Surroundings;
+use crate::processes::watched::{PATIENCE, Watched};
 use bytemuck::Zeroable;
 use protocol::{
     CREDIT_CHUNKS, ContactReport, Hello, REGIONS_PER_REQUEST, RegionAction, RegionAsk, Request,
@@ -180,7 +180,7 @@ pub fn hostile(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer {
             ..Start::usual(bench)
         };
         let (mut other, _) = start_controller(bench, &domain, start)?;
-        other.wait_for("the first touch", bench, Watched::is_touching)?;
+        other.wait_for("the first touch", bench.stop, Watched::is_touching)?;
         others.push(other);
     }
     bench.bar.set_message("a hostile client");

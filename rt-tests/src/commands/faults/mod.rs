@@ -4,7 +4,6 @@
 //! | module | holds |
 //! |---|---|
 //! | `bench` | the folder with model and scenes |
-//! | `watched` | a process and what it said |
 //! | `touch` | a station and a controller in contact, and what is asked of every run |
 //! | `station`, `controller`, `hostile`, `device` | the cases |
 //! | `verdict` | what all cases came to |
@@ -16,7 +15,6 @@ mod hostile;
 mod station;
 mod touch;
 mod verdict;
-mod watched;
 
 use self::bench::{Bench, MAX_SLOTS};
 use self::touch::{Touch, Undisturbed};

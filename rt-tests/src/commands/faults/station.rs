@@ -3,7 +3,7 @@
 use super::bench::Bench;
 use super::touch::{RESYNC_MS, Start, Touch, own_domain, start_station};
 use super::verdict::{Answer, Verdicts};
-use super::watched::{Watched, pause};
+use crate::processes::watched::{Watched, pause};
 use protocol::{HELLO_PERIOD_MS, Hello, PROTOCOL_VERSION, Role};
 use realtime::rights::monotonic_ns;
 use std::rc::Rc;
@@ -70,7 +70,7 @@ pub fn stopped(bench: &Bench, kills: u64, verdicts: &mut Verdicts) -> Answer {
         verdicts,
         &mut |touch| {
             touch.station.process.signal(libc::SIGSTOP);
-            pause(AWAY_S, bench);
+            pause(AWAY_S, bench.stop);
             touch.station.process.signal(libc::SIGCONT);
             touch.returns_ns.push(monotonic_ns());
             Ok(())
@@ -116,7 +116,7 @@ fn speak_other_version(touch: &Touch, bench: &Bench) -> Result<(), String> {
         topic
             .send_copy(hello)
             .map_err(|error| format!("{error:?}"))?;
-        pause(HELLO_PERIOD_MS as f64 * 1e-3, bench);
+        pause(HELLO_PERIOD_MS as f64 * 1e-3, bench.stop);
     }
     Ok(())
 }
@@ -133,7 +133,7 @@ pub fn file_overwritten(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> 
         for bytes in [&noise[..], &noise[..half]] {
             let written = bench.overwrite_model(bytes);
             written.map_err(|error| format!("the model's file cannot be written ({error})"))?;
-            pause(0.5 * AWAY_S, bench);
+            pause(0.5 * AWAY_S, bench.stop);
         }
         let whole = bench.overwrite_model(&bench.model_bytes);
         whole.map_err(|error| format!("the model's file cannot be written ({error})"))?;
@@ -152,7 +152,7 @@ pub fn folder_removed(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> An
     let folder = domain.root();
     let removed = std::fs::remove_dir_all(&folder);
     removed.map_err(|error| format!("{}: {error}", folder.display()))?;
-    pause(AWAY_S, bench);
+    pause(AWAY_S, bench.stop);
     touch.controller.listen();
     if !touch.controller.is_touching() {
         return Err("the touch ended".to_string());
@@ -168,14 +168,14 @@ pub fn two_stations(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answ
     once(bench, verdicts, &mut |touch| {
         let mut second = start_station(bench, &touch.domain)?;
         let words = "another station serves";
-        second.wait_for("a word on the first", bench, |of: &Watched| {
+        second.wait_for("a word on the first", bench.stop, |of: &Watched| {
             of.has_said(words)
         })?;
-        pause(0.3, bench);
+        pause(0.3, bench.stop);
         let mut first = std::mem::replace(&mut touch.station, second);
         first.kill();
         touch.returns_ns.push(monotonic_ns());
-        pause(RESYNC_MS * 1e-3, bench);
+        pause(RESYNC_MS * 1e-3, bench.stop);
         Ok(())
     })
 }

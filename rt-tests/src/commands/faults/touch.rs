@@ -2,9 +2,9 @@
 //! no step of the force, the same front at rest, nothing left.
 
 use super::bench::{Bench, SLOT_S, files_below};
-use super::watched::{PATIENCE, Watched, pause};
 use crate::processes::own_domain::OwnDomain;
 use crate::processes::surroundings::Surroundings;
+use crate::processes::watched::{PATIENCE, Watched, pause};
 use hrtc::result::Finished;
 use realtime::rights::monotonic_ns;
 use std::ffi::OsString;
@@ -101,7 +101,7 @@ pub fn start_station_for(bench: &Bench, domain: &Domain, scene: &str) -> Result<
     let scene = bench.path(scene);
     let typed = arguments("role-station", domain, &scene, &[]);
     let mut station = Watched::start("station", &typed, bench.around())?;
-    station.wait_for("the start", bench, |of| of.ready_ns.is_some())?;
+    station.wait_for("the start", bench.stop, |of| of.ready_ns.is_some())?;
     Ok(station)
 }
 
@@ -163,7 +163,7 @@ impl<'a> Touch<'a> {
     ) -> Result<Self, String> {
         let station = start_station(bench, &domain)?;
         let (mut controller, started_ns) = start_controller(bench, &domain, start)?;
-        controller.wait_for("the first touch", bench, Watched::is_touching)?;
+        controller.wait_for("the first touch", bench.stop, Watched::is_touching)?;
         Ok(Self {
             bench,
             station,
@@ -195,7 +195,7 @@ impl<'a> Touch<'a> {
         self.started_ns = started_ns;
         self.returns_ns.clear();
         let (of, bench) = (&mut self.controller, self.bench);
-        of.wait_for("the first touch", bench, Watched::is_touching)?;
+        of.wait_for("the first touch", bench.stop, Watched::is_touching)?;
         self.touched = Instant::now();
         Ok(())
     }
@@ -220,7 +220,7 @@ impl<'a> Touch<'a> {
 
     /// Waits so that a slot is over that began then.
     pub fn end_slot(&mut self, began: Instant) {
-        pause(SLOT_S - began.elapsed().as_secs_f64(), self.bench);
+        pause(SLOT_S - began.elapsed().as_secs_f64(), self.bench.stop);
         self.controller.listen();
     }
 

@@ -1,12 +1,13 @@
-//! A process of a case, and what it said so far.
+//! A process and what it said so far.
 
-use super::bench::Bench;
-use crate::processes::process::{Event, Process};
-use crate::processes::stop::is_set;
-use crate::processes::surroundings::Surroundings;
+use super::process::{Event, Process};
+use super::stop::is_set;
+use super::surroundings::Surroundings;
 use hrtc::result::{Finished, Status, SupervisedLine};
 use realtime::rights::monotonic_ns;
 use std::ffi::OsString;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
@@ -44,15 +45,42 @@ impl Watched {
     ) -> Result<Self, String> {
         let (sender, events) = channel();
         let process = Process::start_in(name, arguments, around, &sender);
-        Ok(Self {
+        Ok(Self::of(
             name,
-            process: process.map_err(|error| error.to_string())?,
+            process.map_err(|error| error.to_string())?,
+            events,
+        ))
+    }
+
+    /// Starts another program.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn start_program(
+        name: &'static str,
+        program: &Path,
+        arguments: &[OsString],
+        around: Surroundings,
+    ) -> Result<Self, String> {
+        let (sender, events) = channel();
+        let process = Process::start_program(name, program, arguments, around, &sender);
+        Ok(Self::of(
+            name,
+            process.map_err(|error| error.to_string())?,
+            events,
+        ))
+    }
+
+    fn of(name: &'static str, process: Process, events: Receiver<Event>) -> Self {
+        Self {
+            name,
+            process,
             events,
             said: Vec::new(),
             status: None,
             finished: None,
             ready_ns: None,
-        })
+        }
     }
 
     /// Takes what it said.
@@ -81,7 +109,7 @@ impl Watched {
     pub fn wait_for(
         &mut self,
         what: &str,
-        bench: &Bench,
+        stop: &AtomicBool,
         mut so: impl FnMut(&Self) -> bool,
     ) -> Result<(), String> {
         let start = Instant::now();
@@ -93,7 +121,7 @@ impl Watched {
             if let Some(status) = self.process.ended() {
                 return Err(self.process.failure(Some(status)).to_string());
             }
-            if is_set(bench.stop) {
+            if is_set(stop) {
                 return Err("ended early on request".to_string());
             }
             if start.elapsed() > PATIENCE {
@@ -147,9 +175,9 @@ impl Watched {
 }
 
 /// Sleeps, unless an early end is asked for.
-pub fn pause(seconds: f64, bench: &Bench) {
+pub fn pause(seconds: f64, stop: &AtomicBool) {
     let end = Instant::now() + Duration::from_secs_f64(seconds.max(0.0));
-    while Instant::now() < end && !is_set(bench.stop) {
+    while Instant::now() < end && !is_set(stop) {
         std::thread::sleep(LOOK);
     }
 }

@@ -1,0 +1,109 @@
+//! The links that are tried.
+
+use crate::failure::Failure;
+
+/// Round trip and bandwidth of the short form: near, a city, a continent, and a slow line.
+const SHORT: [Point; 4] = [
+    Point::new(1.0, 100.0),
+    Point::new(20.0, 100.0),
+    Point::new(100.0, 100.0),
+    Point::new(20.0, 2.0),
+];
+/// The long form: from a cable in a laboratory to the other side of the earth, and from a radio
+/// link to a fast line.
+const LONG_RTT_MS: [f64; 8] = [0.2, 1.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0];
+const LONG_MBIT: [f64; 6] = [0.25, 1.0, 2.0, 5.0, 10.0, 100.0];
+/// Where only the other is chosen.
+const USUAL_RTT_MS: f64 = 20.0;
+const USUAL_MBIT: f64 = 100.0;
+/// Longest round trip, milliseconds, and bandwidths, Mbit/s: what a line on the earth may have.
+const MAX_RTT_MS: f64 = 2000.0;
+const MIN_MBIT: f64 = 0.01;
+const MAX_MBIT: f64 = 10_000.0;
+
+/// A link.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Round-trip time, milliseconds.
+    pub rtt_ms: f64,
+    /// Bandwidth of each direction, Mbit/s.
+    pub mbit: f64,
+}
+
+impl Point {
+    const fn new(rtt_ms: f64, mbit: f64) -> Self {
+        Self { rtt_ms, mbit }
+    }
+}
+
+/// The links of a command: every round trip with every bandwidth.
+///
+/// # Errors
+/// One sentence that names a number out of range.
+pub fn chosen(rtt_ms: &[f64], mbit: &[f64], long: bool) -> Result<Vec<Point>, Failure> {
+    let within = |option: &str, numbers: &[f64], low: f64, high: f64| {
+        let wrong = |number: &&f64| !(low..=high).contains(*number);
+        numbers.iter().find(wrong).map_or(Ok(()), |number| {
+            Err(Failure::Input(format!(
+                "{option} has {number}; write numbers from {low} to {high}"
+            )))
+        })
+    };
+    within("--rtt-ms", rtt_ms, 0.0, MAX_RTT_MS)?;
+    within("--mbit", mbit, MIN_MBIT, MAX_MBIT)?;
+    if rtt_ms.is_empty() && mbit.is_empty() && !long {
+        return Ok(SHORT.to_vec());
+    }
+    let or = |numbers: &[f64], usual: f64, of_long: &[f64]| match (numbers, long) {
+        ([], true) => of_long.to_vec(),
+        ([], false) => vec![usual],
+        (numbers, _) => numbers.to_vec(),
+    };
+    let rtts = or(rtt_ms, USUAL_RTT_MS, &LONG_RTT_MS);
+    let mbits = or(mbit, USUAL_MBIT, &LONG_MBIT);
+    let of = |&mbit: &f64| rtts.iter().map(move |&rtt_ms| Point::new(rtt_ms, mbit));
+    Ok(mbits.iter().rev().flat_map(of).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_are_tried_with_each_other_and_what_is_not_listed_is_usual() {
+        let point = Point::new;
+        let both = chosen(&[1.0, 20.0], &[2.0, 10.0], false).unwrap();
+        let expected = [
+            point(1.0, 10.0),
+            point(20.0, 10.0),
+            point(1.0, 2.0),
+            point(20.0, 2.0),
+        ];
+        assert_eq!(both, expected);
+        let near = chosen(&[0.2], &[], false).unwrap();
+        assert_eq!(near, [point(0.2, USUAL_MBIT)]);
+        let slow = chosen(&[], &[0.25], false).unwrap();
+        assert_eq!(slow, [point(USUAL_RTT_MS, 0.25)]);
+    }
+
+    #[test]
+    fn the_long_form_has_all_links_of_the_short_one_and_narrows_by_a_list() {
+        let long = chosen(&[], &[], true).unwrap();
+        assert_eq!(long.len(), LONG_RTT_MS.len() * LONG_MBIT.len());
+        assert_eq!(chosen(&[], &[], false).unwrap(), SHORT);
+        assert!(SHORT.iter().all(|point| long.contains(point)));
+        assert_eq!(chosen(&[], &[2.0], true).unwrap().len(), LONG_RTT_MS.len());
+    }
+
+    #[test]
+    fn numbers_that_no_link_has_are_refused_by_name() {
+        for (rtt, mbit, named) in [
+            (&[1.0, -1.0][..], &[][..], "--rtt-ms has -1"),
+            (&[f64::NAN], &[], "--rtt-ms has NaN"),
+            (&[], &[0.0], "--mbit has 0;"),
+        ] {
+            let refused = chosen(rtt, mbit, false).unwrap_err();
+            assert!(refused.to_string().contains(named), "{refused}");
+        }
+    }
+}

@@ -1,0 +1,370 @@
+//! What was seen of each touch, as JSON and as a table.
+
+use super::way::Carried;
+use crate::machine::Machine;
+use crate::report::quantile::Quantiles;
+use crate::report::table::Table;
+use crate::report::units::{bytes, digits, grouped, length, percent};
+use hrtc::result::{Finished, ShortSpread};
+use serde::Serialize;
+use std::fmt::Write as _;
+
+/// The result of the command.
+#[derive(Debug, Default, Serialize)]
+pub struct Found {
+    /// Why nothing was run, and what helps.
+    pub skipped: Option<String>,
+    /// The machine; the hosts share its cores.
+    pub machine: Option<Machine>,
+    /// Name of the scene.
+    pub scene: String,
+    /// Model of its first object.
+    pub model: String,
+    /// Faces of all models.
+    pub faces: u64,
+    /// Bytes of all records.
+    pub bytes_full_mesh: u64,
+    /// Bytes of the controller's cache.
+    pub cache_bytes: u64,
+    /// Length of a touch, seconds.
+    pub seconds: f64,
+    /// Seed of losses and jitter.
+    pub seed: u64,
+    /// Share of the packets that are lost.
+    pub loss: f64,
+    /// Largest random part of a packet's time, milliseconds.
+    pub jitter_ms: f64,
+    /// Length of the cut in each touch over a link, seconds.
+    pub cut_s: f64,
+    /// The touches: the first on one machine, without a link.
+    pub rows: Vec<Row>,
+}
+
+/// A touch.
+#[derive(Debug, Serialize)]
+pub struct Row {
+    /// The link; none on one machine.
+    pub wire: Option<Wire>,
+    /// Ticks in contact.
+    pub contact_ticks: u64,
+    /// Of these, at full resolution.
+    pub contact_full_ticks: u64,
+    /// Their share, 0 to 1; none without a contact.
+    pub full_share: Option<f64>,
+    /// Ticks in contact without a certified bound.
+    pub contact_unbounded_ticks: u64,
+    /// Certified error at the contact, metres; none without a contact.
+    pub certified_error_m: Option<ShortSpread>,
+    /// Measured error at the contact, metres; none without a measurement.
+    pub measured_error_m: Option<ShortSpread>,
+    /// Time from the start of the controller to the first tick that could render a contact,
+    /// milliseconds; none without one. The station is ready before.
+    pub first_touch_ms: Option<f64>,
+    /// Largest change of the force from a tick to the next, newtons.
+    pub force_step_n_max: f64,
+    /// Records received.
+    pub vsps_received: u64,
+    /// Bytes of the messages that brought them, as the controller counts them.
+    pub bytes_received: u64,
+    /// Bytes on the wire to the controller for each record received; on one machine, bytes of the
+    /// messages.
+    pub bytes_per_vsp: Option<f64>,
+    /// Regions asked for again.
+    pub resent: u64,
+    /// Times that the exchange with the station began anew.
+    pub resubscribed: u64,
+    /// Periods missed by own work or own waiting.
+    pub missed_own_cpu: u64,
+    /// Faults at the end, and figures that are left out since a value was not finite.
+    pub faults: Vec<String>,
+    /// Of the whole command.
+    #[serde(skip)]
+    pub of_scene: Scene,
+}
+
+/// What every touch says of the scene.
+#[derive(Debug, Clone, Default)]
+pub struct Scene {
+    name: String,
+    model: String,
+    faces: u64,
+    bytes_full_mesh: u64,
+    cache_bytes: u64,
+}
+
+/// A link, and what was on it from the start of the station to its end.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Wire {
+    /// Round-trip time, milliseconds, beside that of the hosts.
+    pub rtt_ms: f64,
+    /// Bandwidth of each direction, Mbit/s.
+    pub mbit_per_s: f64,
+    /// From the station to the controller.
+    pub to_controller: Carried,
+    /// Back.
+    pub to_station: Carried,
+    /// How long after its time the relay gave a packet on, ms: an error of the round trip.
+    pub late_ms: Quantiles,
+}
+
+impl Row {
+    /// Of what a controller counted, without a link.
+    #[must_use]
+    pub fn of(finished: Finished) -> Self {
+        let r = finished.result;
+        let in_contact = r.contact_ticks > 0;
+        let share = r.contact_full_ticks as f64 / r.contact_ticks as f64;
+        let not_finite = r.non_finite.iter();
+        let not_finite = not_finite.map(|name| format!("{name} was not finite"));
+        Self {
+            wire: None,
+            contact_ticks: r.contact_ticks,
+            contact_full_ticks: r.contact_full_ticks,
+            full_share: in_contact.then_some(share),
+            contact_unbounded_ticks: r.contact_unbounded_ticks,
+            certified_error_m: in_contact.then_some(r.certified_error_m),
+            measured_error_m: (r.measured_errors > 0).then_some(r.measured_error_m),
+            first_touch_ms: Some(r.first_force_ready_ms).filter(|&ms| ms > 0.0),
+            force_step_n_max: r.force_step_n_max,
+            vsps_received: r.vsps_received,
+            bytes_received: r.bytes_received,
+            bytes_per_vsp: per(r.bytes_received, r.vsps_received),
+            resent: r.resent,
+            resubscribed: r.resubscribed,
+            missed_own_cpu: r.missed_own_cpu,
+            faults: r.faults.iter().cloned().chain(not_finite).collect(),
+            of_scene: Scene {
+                name: r.scene,
+                model: r.model,
+                faces: r.faces,
+                bytes_full_mesh: r.bytes_full_mesh,
+                cache_bytes: r.cache.bytes,
+            },
+        }
+    }
+
+    /// The same, over a link.
+    #[must_use]
+    pub fn over(mut self, wire: Wire) -> Self {
+        self.bytes_per_vsp = per(wire.to_controller.bytes, self.vsps_received);
+        self.wire = Some(wire);
+        self
+    }
+
+    /// Its link in words.
+    #[must_use]
+    pub fn name(&self) -> String {
+        self.wire.map_or_else(
+            || "one machine".to_string(),
+            |wire| format!("{} ms, {} Mbit/s", wire.rtt_ms, wire.mbit_per_s),
+        )
+    }
+}
+
+fn per(bytes: u64, of: u64) -> Option<f64> {
+    (of > 0).then(|| bytes as f64 / of as f64)
+}
+
+impl Found {
+    /// Nothing was run.
+    #[must_use]
+    pub fn skipped(why: &str) -> Self {
+        Self {
+            skipped: Some(why.to_string()),
+            ..Self::default()
+        }
+    }
+
+    /// Adds a touch.
+    pub fn add(&mut self, row: Row) {
+        let scene = row.of_scene.clone();
+        self.scene = scene.name;
+        self.model = scene.model;
+        self.faces = scene.faces;
+        self.bytes_full_mesh = scene.bytes_full_mesh;
+        self.cache_bytes = scene.cache_bytes;
+        self.rows.push(row);
+    }
+
+    /// The result in words.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let mut text = format!(
+            "scene {}, model {} ({} faces, {} of records; cache {}), {} s each, seed {}; {} of the packets lost, jitter up to {} ms",
+            self.scene,
+            self.model,
+            grouped(self.faces),
+            bytes(self.bytes_full_mesh),
+            bytes(self.cache_bytes),
+            self.seconds,
+            self.seed,
+            share(self.loss),
+            self.jitter_ms
+        );
+        if self.cut_s > 0.0 {
+            let _ = write!(text, ", cable cut for {} s", self.cut_s);
+        }
+        let _ = write!(text, "\n\n{}", self.table());
+        for row in &self.rows {
+            for fault in &row.faults {
+                let _ = writeln!(text, "{}: {fault}", row.name());
+            }
+        }
+        text
+    }
+
+    /// One line for each touch.
+    #[must_use]
+    pub fn table(&self) -> Table {
+        let heads = "round trip, bandwidth | contact at full\nresolution | certified error\np50 | \nmax | first touch\nms | force step\nN | to controller\nkB/s | to station\nkB/s | \nVSPs | bytes\na VSP | regions\nagain | packets\nlost | own\nmisses | relay late\np99 ms";
+        let mut table = Table::new(1, heads);
+        let or_none = |number: Option<f64>| number.map_or("none".to_string(), digits);
+        for row in &self.rows {
+            let rate = |of: fn(&Wire) -> Carried| {
+                let rate = |wire: &Wire| of(wire).bytes as f64 * 1e-3 / self.seconds;
+                row.wire
+                    .as_ref()
+                    .map_or(String::new(), |wire| digits(rate(wire)))
+            };
+            let error = |of: fn(ShortSpread) -> f64| {
+                let certified = row.certified_error_m.map(of);
+                certified.map_or("none".to_string(), length)
+            };
+            let lost = row.wire.map_or(String::new(), |wire| {
+                let of = |way: Carried| way.lost + way.dropped + way.cut;
+                grouped(of(wire.to_controller) + of(wire.to_station))
+            });
+            let late = row
+                .wire
+                .map_or(String::new(), |wire| digits(wire.late_ms.p99));
+            table.row([
+                row.name(),
+                percent(row.contact_full_ticks, row.contact_ticks),
+                error(|certified| certified.p50),
+                error(|certified| certified.max),
+                or_none(row.first_touch_ms),
+                format!("{:.2}", row.force_step_n_max),
+                rate(|wire| wire.to_controller),
+                rate(|wire| wire.to_station),
+                grouped(row.vsps_received),
+                or_none(row.bytes_per_vsp),
+                grouped(row.resent),
+                lost,
+                row.missed_own_cpu.to_string(),
+                late,
+            ]);
+        }
+        table
+    }
+}
+
+/// A share of 1 in percent, exact.
+fn share(of: f64) -> String {
+    format!("{} %", digits(100.0 * of))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hrtc::result::RunResult;
+
+    fn wire() -> Wire {
+        let way = |bytes: u64, lost: u64| Carried {
+            bytes,
+            lost,
+            ..Carried::default()
+        };
+        Wire {
+            rtt_ms: 20.0,
+            mbit_per_s: 0.25,
+            to_controller: way(400_000, 3),
+            to_station: way(20_000, 1),
+            late_ms: Quantiles::default(),
+        }
+    }
+
+    fn result() -> RunResult {
+        RunResult {
+            contact_ticks: 1000,
+            contact_full_ticks: 999,
+            vsps_received: 4000,
+            bytes_received: 320_000,
+            first_force_ready_ms: 150.0,
+            ..RunResult::default()
+        }
+    }
+
+    fn row(result: RunResult) -> Row {
+        Row::of(Finished {
+            result,
+            ..Finished::default()
+        })
+    }
+
+    #[test]
+    fn a_touch_over_a_link_counts_the_bytes_on_its_wire() {
+        let local = row(result());
+        assert_eq!(local.bytes_per_vsp, Some(80.0));
+        let far = row(result()).over(wire());
+        assert_eq!(far.bytes_per_vsp, Some(100.0));
+        assert_eq!(far.full_share, Some(0.999));
+        let mut found = Found {
+            seconds: 10.0,
+            ..Found::default()
+        };
+        found.add(local);
+        found.add(far);
+        let table = found.table().to_string();
+        let far = table.lines().last().unwrap();
+        let cells: Vec<&str> = far.split("  ").filter(|cell| !cell.is_empty()).collect();
+        let cells: Vec<&str> = cells.iter().map(|cell| cell.trim()).collect();
+        assert_eq!(cells[..2], ["20 ms, 0.25 Mbit/s", "99.90 %"], "{table}");
+        assert_eq!(
+            cells[4..],
+            [
+                "150",
+                "0.00",
+                "40",
+                "2",
+                "4\u{202f}000",
+                "100",
+                "0",
+                "4",
+                "0",
+                "0"
+            ]
+        );
+    }
+
+    #[test]
+    fn what_never_came_is_no_number() {
+        let none = row(RunResult::default()).over(wire());
+        let json = serde_json::to_value(&none).unwrap();
+        for field in [
+            "full_share",
+            "certified_error_m",
+            "first_touch_ms",
+            "bytes_per_vsp",
+        ] {
+            assert!(json[field].is_null(), "{field}: {json}");
+        }
+        assert_eq!(json["wire"]["to_controller"]["bytes"], 400_000);
+        let mut found = Found::default();
+        found.add(none);
+        assert!(found.words().contains("none"), "{}", found.words());
+    }
+
+    #[test]
+    fn figures_that_are_left_out_are_named() {
+        let mut found = Found::default();
+        found.add(row(RunResult {
+            non_finite: vec!["force_n".to_string()],
+            ..RunResult::default()
+        }));
+        assert!(
+            found
+                .words()
+                .contains("one machine: force_n was not finite")
+        );
+    }
+}
