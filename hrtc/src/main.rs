@@ -100,6 +100,7 @@ fn run(options: RunOptions) -> ExitCode {
     let args = RunArgs {
         scene: options.scene,
         domain: options.domain,
+        station: options.station,
         seconds: options.seconds,
         overrides: options.overrides.overrides(),
         output,

@@ -78,6 +78,8 @@ pub struct RunArgs {
     pub scene: PathBuf,
     /// Name of the iceoryx2 domain.
     pub domain: String,
+    /// Address of the station where it is on another machine; only messages need it.
+    pub station: Option<String>,
     /// Length, seconds; until `stop` when absent.
     pub seconds: Option<f64>,
     /// Values of the command line that replace the scene's.
@@ -98,6 +100,7 @@ impl RunArgs {
         Self {
             scene: scene.to_path_buf(),
             domain: domain.to_owned(),
+            station: None,
             seconds: None,
             overrides: Overrides::default(),
             output: Output::Text,

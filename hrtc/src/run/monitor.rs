@@ -199,10 +199,15 @@ impl Monitor<'_> {
             && monotonic_ns() > self.started_ns + STATION_ABSENT_NS
         {
             printed.station_absent = true;
-            note!(
-                "no station in domain {domain} yet: ticking without a model until one of the same user starts (ve-station serve {})",
-                self.args.scene.display()
-            );
+            let scene = self.args.scene.display();
+            match &self.args.station {
+                Some(address) => note!(
+                    "no station at {address} yet: ticking without a model until it answers (on that machine: ve-station serve {scene} --listen ADDRESS; a refusal is told in a line of the link)"
+                ),
+                None => note!(
+                    "no station in domain {domain} yet: ticking without a model until one of the same user starts (ve-station serve {scene})"
+                ),
+            }
         }
     }
 

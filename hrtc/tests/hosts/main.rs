@@ -104,7 +104,7 @@ fn two_tunnels_in_one_domain_are_refused() {
 fn killed_tunnels_are_started_again_and_then_carry_a_touch() {
     let link = Link::new("killed", &format!("tcp/127.0.0.1:{}", free_port()));
     let mut controller = link.controller(&["--seconds", "15", "--json"]);
-    controller.wait_for("no station in domain");
+    controller.wait_for("no station at");
     controller.kill_tunnel();
     controller.wait_for("is started again");
     let mut station = link.station();

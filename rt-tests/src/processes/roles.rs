@@ -118,6 +118,7 @@ pub fn controller(args: ControllerArgs) -> Result<(), Failure> {
     let run = hrtc::run::RunArgs {
         scene: args.scene,
         domain: args.domain,
+        station: None,
         seconds: Some(args.seconds),
         overrides: args.loop_.with(&args.overrides),
         output: hrtc::run::Output::Supervised,
