@@ -28,6 +28,7 @@ impl Controller {
             record.regions_subscribed += session.subscriber().subscribed;
             record.resubscribed += session.subscriber().resubscribed;
             record.resent += session.subscriber().resent;
+            record.cancelled += session.cancelled;
             record.evicted += front.cache.evicted();
             record.vsps_loaded += front.cache.loaded();
             record.cache_bytes += front.cache.bytes_used() as u64;
@@ -43,6 +44,8 @@ impl Controller {
         if !record.contact {
             record.finest_tolerance_m = finest;
         }
+        record.round_trip_s = self.active.meter.round_trip_s();
+        record.link_bytes_per_s = self.active.meter.bytes_per_s();
         record.energy_j = self.probes.iter().map(|probe| probe.energy.joules()).sum();
         record.moving = self.movables.awake() as u32;
         record.ready = self.is_ready();

@@ -23,6 +23,7 @@
 //! ([`scene::ScenePlan::active_objects`]). All active objects draw on one budget of work, the
 //! nearest to a contact first.
 
+use crate::active::active_set::ActiveSet;
 use crate::budget::{Budget, QueryBudget};
 use crate::contact::sphere_proxy::Contact;
 use crate::controller::Controller;
@@ -273,8 +274,15 @@ impl Controller {
     /// Predicts and requests regions.
     fn predict(&mut self, waiting: usize, outbox: &mut Outbox) {
         self.active.sort_by_clearance();
-        for &(_, k) in &self.active.order {
-            self.active.objects[k].predict(&self.probes, self.own_tick, waiting, outbox);
+        let now = (self.own_tick, waiting);
+        let ActiveSet {
+            order,
+            objects,
+            meter,
+            ..
+        } = &mut self.active;
+        for &(_, k) in order.iter() {
+            objects[k].predict(&self.probes, now, meter, outbox);
         }
     }
 

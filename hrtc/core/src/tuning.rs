@@ -70,6 +70,39 @@ pub mod streaming {
         (MIN_INGEST * waiting).clamp(MIN_INGEST, max_ingest(operations))
     }
 
+    /// Share of a new round trip in the smoothed one, and of its deviation in the mean deviation
+    /// (RFC 6298, 2.3).
+    pub const ROUND_TRIP_SHARE: f64 = 1.0 / 8.0;
+    pub const VARIATION_SHARE: f64 = 1.0 / 4.0;
+    /// Mean deviations by which a timeout is longer than the round trip (RFC 6298, 2.3).
+    pub const VARIATIONS: f64 = 4.0;
+    /// Silences for which a timeout is doubled at the most: from 200 ms to 1.6 s.
+    pub const MAX_SILENCES: u32 = 3;
+    /// The shortest round trip is that of the present and the last span of so many seconds.
+    pub const MIN_SPAN_S: f64 = 5.0;
+    /// Share of a new measurement in the rate.
+    pub const RATE_SHARE: f64 = 1.0 / 16.0;
+    /// Regions over which it is measured how many chunks a region takes.
+    pub const REGIONS_KEPT: f64 = 64.0;
+    /// Time for which what is under way may wait on the link beside two round trips.
+    pub const QUEUE_S: f64 = 0.02;
+    /// Chunks that may always be under way: one on the link while another is taken in.
+    pub const MIN_WINDOW: u64 = 2;
+    /// Silence after which the first question counts as lost, before a round trip was measured,
+    /// seconds (RFC 6298, 2.1).
+    pub const FIRST_TIMEOUT_S: f64 = 1.0;
+    /// Regions that may be outstanding, in what the link carries in two round trips.
+    pub const QUEUED: f64 = 2.0;
+    /// Of these, in the same measure, the ones that the station may be answering already.
+    pub const IN_TRANSIT: f64 = 1.5;
+    /// Share of the rate that requests may take.
+    pub const REQUEST_SHARE: f64 = 0.25;
+    /// Round trip and transfer that the prediction's own times include: the nearest of
+    /// [`super::prediction::LOAD_AHEAD_S`].
+    pub const INCLUDED_S: f64 = 0.03;
+    /// Longest time by which prediction leads beyond that: a hand's course is not known for longer.
+    pub const MAX_LEAD_S: f64 = 0.3;
+
     /// Work units that must remain to take a slot.
     pub const MIN_UNITS: u32 = 4 * UNITS_PER_ITEM;
 
@@ -153,6 +186,9 @@ pub mod prediction {
     pub const LEAD_S: f64 = 0.002;
     /// Times ahead at which the loaded set looks: a round trip, the records and their splits.
     pub const LOAD_AHEAD_S: [f64; 3] = [0.03, 0.045, 0.06];
+    /// Share of the lead over a far link with which the middle one of them looks ahead: what the
+    /// farther ones missed in a turn of the hand still comes before it is touched.
+    pub const HALFWAY: f64 = 0.5;
     /// Times ahead at which the coarser rings are refined, and loaded: they are what a turn of the
     /// hand lands on.
     pub const RING_AHEAD_S: [f64; 2] = [0.025, 0.06];

@@ -306,6 +306,14 @@ pub struct RunResult {
     pub resubscribed: u64,
     /// Regions asked for again, with every record.
     pub resent: u64,
+    /// Regions given up before their answer began, since they were not needed any more.
+    pub cancelled: u64,
+    /// Smoothed time from a question to the station to its answer, at the end, milliseconds;
+    /// negative without one.
+    pub round_trip_ms: f64,
+    /// Rate of the link while it was the limit, at the end, megabits a second; negative where it
+    /// never was.
+    pub link_mbit_per_s: f64,
     /// Bytes received.
     pub bytes_received: u64,
     /// Bytes received up to the first contact.

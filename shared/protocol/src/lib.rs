@@ -20,10 +20,11 @@
 //! object never decrease.
 //!
 //! **Epochs restore agreement.** A controller numbers its requests and the station its chunks, both
-//! from 0 in every *epoch*. A side that misses something (a gap in the numbers, 200 ms of silence,
-//! a new incarnation of the peer) ends the epoch: the controller increments it, declares the
-//! regions that are still resident and requests the rest again; the station discards its
-//! assumptions about the session and starts from that declaration. A chunk of an older epoch is
+//! from 0 in every *epoch*. A side that misses something (a gap in the numbers, silence for longer
+//! than the measured round trip and 200 ms, a new incarnation of the peer) ends the epoch: the
+//! controller increments it, declares the regions that are still resident and requests the rest
+//! again; the station discards its assumptions about the session and starts from that declaration.
+//! A chunk of an older epoch is
 //! dropped. So every loss ends in the same mesh as a fresh start.
 //!
 //! **Answers depend on residency.** The station sends the records that no resident region contains,

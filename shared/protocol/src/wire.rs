@@ -16,7 +16,7 @@ pub const MAX_SESSIONS: usize = 18;
 pub const MAX_CLIENTS: usize = 16;
 /// Largest number of regions in one request.
 pub const REGIONS_PER_REQUEST: usize = 32;
-/// Silence after which a request is repeated, milliseconds.
+/// Silence after which a request is repeated, milliseconds, where the round trip is not longer.
 pub const ANSWER_TIMEOUT_MS: u64 = 200;
 
 /// Enums that travel as numbers.

@@ -14,12 +14,13 @@ use crate::horizons::Horizons;
 use crate::instance::{ModelFrame, ObjectInstance};
 use crate::probe::Probe;
 use crate::streaming::chunk::InboxChunk;
+use crate::streaming::link_meter::LinkMeter;
 use crate::streaming::session::TickContext;
 use crate::streaming::subscriber::Identity;
 use crate::streaming::{Fault, Outbox};
 use crate::tuning::active::{NEARER, PLACED_A_TICK, REACH_RADII};
 use glam::DVec3;
-use protocol::{CREDIT_CHUNKS, Request};
+use protocol::{ChunkHeader, Request};
 use scene::{MAX_PROBES, ScenePlan};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -44,6 +45,8 @@ pub struct ActiveSet {
     pub pairs: Vec<(usize, usize)>,
     broad_phase: BroadPhase,
     horizons: Horizons,
+    /// Of the link to the station, which all sessions share.
+    pub meter: LinkMeter,
     /// Objects whose box is not known yet, the next one last, in the order in which models are
     /// requested.
     unplaced: VecDeque<u32>,
@@ -99,6 +102,7 @@ impl ActiveSet {
         Self {
             store: BaseMeshStore::new(models, stored),
             broad_phase: BroadPhase::new(instances.len(), moving),
+            meter: LinkMeter::new(&horizons),
             horizons,
             unplaced: to_fetch.iter().rev().copied().collect(),
             to_fetch,
@@ -119,7 +123,7 @@ impl ActiveSet {
     /// another one, which may serve what the last one could not.
     pub fn begin_tick(&mut self, station: u64, tick: u64) -> bool {
         for object in &mut self.objects {
-            object.begin_tick(station, tick);
+            object.begin_tick(station, tick, &self.meter);
         }
         let is_another = station != 0 && station != self.station;
         if is_another {
@@ -216,17 +220,26 @@ impl ActiveSet {
         tick: u64,
         budget: &mut Budget,
     ) -> usize {
+        let waiting = chunks.iter().map(|run| run.len()).sum::<usize>();
+        let since = self.first_new(chunks).and_then(|header| {
+            let mut objects = self.objects.iter();
+            let object = objects.find(|of| of.object() == Some(header.object))?;
+            object.session.subscriber().could_come_since(header)
+        });
+        self.meter.arrive(waiting, since, tick);
         let mut context = TickContext {
             tick,
             store: &mut self.store,
             probes,
             budget,
+            meter: &mut self.meter,
         };
         for object in &mut self.objects {
             object.load_stored(&mut context);
             object.retry_tour(context.probes);
         }
         let consumed = Self::take_chunks(&mut self.objects, &mut self.taken, chunks, &mut context);
+        self.meter.leave(waiting - consumed);
         for object in &mut self.objects {
             object.go_on_unloading(budget);
         }
@@ -234,6 +247,12 @@ impl ActiveSet {
             self.note_faults();
         }
         consumed
+    }
+
+    /// The first chunk that was not in the inbox in the last tick.
+    fn first_new<'a>(&self, [first, second]: [&'a [InboxChunk]; 2]) -> Option<&'a ChunkHeader> {
+        let mut new = first.iter().chain(second).skip(self.meter.left());
+        new.next().map(|chunk| &chunk.header)
     }
 
     /// Gives the chunks to their objects. Returns how many, from the oldest on, are done with.
@@ -497,7 +516,8 @@ impl ActiveSet {
         let used = self.objects.iter().filter(|of| of.instance.is_some());
         let needed = used.clone().filter(|of| of.needed == tick).count() as u64;
         let idle = used.count() as u64 - needed;
-        let share = (CREDIT_CHUNKS - idle) / needed.max(1);
+        let window = self.meter.window();
+        let share = window.saturating_sub(idle) / needed.max(1);
         for object in &mut self.objects {
             let is_needed = object.needed == tick;
             object.session.set_credit(if is_needed { share } else { 1 });

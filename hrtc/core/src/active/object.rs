@@ -13,6 +13,7 @@ use crate::probe::contacts::Contacts;
 use crate::probe::pair::ContactState;
 use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
+use crate::streaming::link_meter::LinkMeter;
 use crate::streaming::session::{Receiver, Session, TickContext};
 use crate::streaming::subscriber::Identity;
 use crate::tuning::lod::MAX_FORGOTTEN;
@@ -182,10 +183,11 @@ impl ActiveObject {
     }
 
     /// A tick begins; `station` is the incarnation of the living one.
-    pub(crate) fn begin_tick(&mut self, station: u64, tick: u64) {
+    pub(crate) fn begin_tick(&mut self, station: u64, tick: u64, meter: &LinkMeter) {
         self.front.stats = Default::default();
         self.contacts.begin_tick();
-        self.session.begin_tick(station, tick, &mut self.front);
+        self.session
+            .begin_tick(station, tick, meter, &mut self.front);
     }
 
     /// Loads more of a stored base mesh.
@@ -223,15 +225,16 @@ impl ActiveObject {
     pub(crate) fn predict(
         &mut self,
         probes: &[Probe],
-        tick: u64,
-        waiting: usize,
+        (tick, waiting): (u64, usize),
+        meter: &LinkMeter,
         outbox: &mut Outbox,
     ) {
         if let (Some(frame), Some(instance)) = (&self.frame, &self.instance) {
             self.contacts.update(frame, instance, probes);
         }
-        self.front.predict(tick, &self.contacts);
-        self.session.request(&mut self.front, tick, waiting, outbox);
+        self.front.predict(tick, meter.lead(), &self.contacts);
+        self.session
+            .request(&mut self.front, (tick, waiting), meter, outbox);
     }
 
     /// Splits and collapses.

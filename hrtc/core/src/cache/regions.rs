@@ -8,9 +8,9 @@ use crate::tuning::cache::REFUSED_WINDOW;
 use protocol::{CREDIT_CHUNKS, REGIONS_PER_REQUEST};
 use spm::NONE;
 
-/// Answers that may be outstanding: no more than the credit admits before the next message from
-/// here, so that the next request is still for what is needed most.
-pub const MAX_OUTSTANDING: u32 = CREDIT_CHUNKS as u32;
+/// Answers that may be outstanding, however far the station is: several share a chunk, and the
+/// credit admits [`CREDIT_CHUNKS`].
+pub const MAX_OUTSTANDING: u32 = 4 * CREDIT_CHUNKS as u32;
 /// Releases that may wait for the next request: half of its capacity.
 pub const MAX_RELEASES: usize = REGIONS_PER_REQUEST / 2;
 
@@ -46,6 +46,7 @@ pub struct RegionTable {
     release_count: usize,
     releases_high_water: usize,
     /// Regions to be requested again.
+    #[serde(with = "serde_big_array::BigArray")]
     repeats: [u32; MAX_OUTSTANDING as usize],
     repeat_count: usize,
     /// Places gone through since the epoch began.

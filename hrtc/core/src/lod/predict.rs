@@ -12,7 +12,7 @@ use crate::cache::RegionKey;
 use crate::horizons::{Horizons, PredictionHorizons};
 use crate::lod::lod_controller::{LodController, Ring};
 use crate::tuning::prediction::{
-    LOAD_AHEAD_S, RADII_AROUND, REFINE_AHEAD_S, RING_AHEAD_S, SIDEWAYS, SPREAD,
+    HALFWAY, LOAD_AHEAD_S, RADII_AROUND, REFINE_AHEAD_S, RING_AHEAD_S, SIDEWAYS, SPREAD,
 };
 use glam::{DVec3, UVec3};
 use spm::{RegionGrid, RegionId};
@@ -79,29 +79,29 @@ impl Sources {
 enum Look {
     Here,
     Around,
-    /// So many seconds.
-    Ahead(f64),
+    /// So many seconds, and so large a share of the lead.
+    Ahead(f64, f64),
 }
 
 /// The turns of the finest ring; what is to be refined takes every other one.
 const ROUND: [(Look, bool); TURNS] = [
     (Look::Here, true),
     (Look::Around, false),
-    (Look::Ahead(REFINE_AHEAD_S), true),
-    (Look::Ahead(LOAD_AHEAD_S[0]), false),
+    (Look::Ahead(REFINE_AHEAD_S, 0.0), true),
+    (Look::Ahead(LOAD_AHEAD_S[0], 1.0), false),
     (Look::Here, true),
-    (Look::Ahead(LOAD_AHEAD_S[1]), false),
-    (Look::Ahead(REFINE_AHEAD_S), true),
-    (Look::Ahead(LOAD_AHEAD_S[0]), false),
+    (Look::Ahead(LOAD_AHEAD_S[1], HALFWAY), false),
+    (Look::Ahead(REFINE_AHEAD_S, 0.0), true),
+    (Look::Ahead(LOAD_AHEAD_S[0], 1.0), false),
     (Look::Here, true),
-    (Look::Ahead(LOAD_AHEAD_S[2]), false),
+    (Look::Ahead(LOAD_AHEAD_S[2], 1.0), false),
 ];
 
 /// The turns of each coarser ring.
 const RING_ROUND: [(Look, bool); 3] = [
     (Look::Here, true),
-    (Look::Ahead(RING_AHEAD_S[0]), true),
-    (Look::Ahead(RING_AHEAD_S[1]), false),
+    (Look::Ahead(RING_AHEAD_S[0], 0.0), true),
+    (Look::Ahead(RING_AHEAD_S[1], 1.0), false),
 ];
 
 /// The predictor: a short history of the device.
@@ -118,6 +118,8 @@ pub struct Predictor {
     horizons: PredictionHorizons,
     /// Average speed, model units a tick.
     mean_speed: f64,
+    /// Ticks by which the loaded set looks farther ahead.
+    lead: f64,
     sources: Sources,
     /// Next source of the finest ring.
     turn: usize,
@@ -145,6 +147,7 @@ impl Predictor {
             rate_hz,
             horizons: prediction,
             mean_speed: 0.0,
+            lead: 0.0,
             sources: Sources::ALL,
             turn: 0,
             ring_turn: 0,
@@ -167,6 +170,16 @@ impl Predictor {
     /// Predicts from these sources from now on.
     pub fn set_sources(&mut self, sources: Sources) {
         self.sources = sources;
+    }
+
+    /// By how many ticks the loaded set is to look farther ahead from now on.
+    pub fn set_lead(&mut self, ticks: f64) {
+        self.lead = ticks;
+    }
+
+    /// Ticks that a look goes ahead.
+    fn ticks_ahead(&self, seconds: f64, share: f64) -> f64 {
+        seconds * self.rate_hz + share * self.lead
     }
 
     /// Velocity and acceleration of the device now, model units per tick and per tick squared.
@@ -193,7 +206,7 @@ impl Predictor {
     #[must_use]
     pub fn ahead(&self, position: DVec3) -> Option<DVec3> {
         let (look, _) = ROUND[self.turn];
-        let is_ahead = matches!(look, Look::Ahead(_)) && self.motion().0 != DVec3::ZERO;
+        let is_ahead = matches!(look, Look::Ahead(..)) && self.motion().0 != DVec3::ZERO;
         (self.sources.landing && is_ahead)
             .then(|| self.extrapolated(position, look))
             .flatten()
@@ -210,8 +223,8 @@ impl Predictor {
         match look {
             Look::Here => Some(position),
             Look::Around => self.sources.neighbours.then_some(position),
-            Look::Ahead(seconds) => {
-                let ticks = seconds * self.rate_hz;
+            Look::Ahead(seconds, share) => {
+                let ticks = self.ticks_ahead(seconds, share);
                 let fading = self.horizons.fading;
                 let bend = match self.sources.course? {
                     Course::Linear => return Some(position + velocity * ticks),
@@ -304,7 +317,7 @@ impl Predictor {
         let speed = velocity.length();
         let grid = &ring.grid;
         // Distance before contact: what is surely out of reach is not asked for.
-        let farthest = LOAD_AHEAD_S[2] * self.rate_hz;
+        let farthest = self.ticks_ahead(LOAD_AHEAD_S[2], 1.0);
         let reach = motion.radius + grid.cell + speed * farthest + self.spread(farthest);
         if motion.clearance > reach {
             return;
@@ -320,10 +333,12 @@ impl Predictor {
                 motion.radius + grid.cell * warm
             }
             Look::Here => around + self.spread(self.horizons.refine_around),
-            Look::Ahead(seconds) if refine => around + self.spread(seconds * self.rate_hz),
+            Look::Ahead(seconds, share) if refine => {
+                around + self.spread(self.ticks_ahead(seconds, share))
+            }
             // In cells of the finest ring: a coarser one needs no more room around what lies ahead.
-            Look::Ahead(seconds) => {
-                around + 0.25 * finest.grid.cell + self.spread(seconds * self.rate_hz)
+            Look::Ahead(seconds, share) => {
+                around + 0.25 * finest.grid.cell + self.spread(self.ticks_ahead(seconds, share))
             }
         };
         visit_ball(grid, centre, radius, |id| {

@@ -5,7 +5,7 @@ use super::front::{Front, FrontModel};
 use super::predict::{Motion, Predicted, predict_forecast};
 use super::predictions::due;
 use crate::budget::QueryBudget;
-use crate::cache::{Cache, RegionKey};
+use crate::cache::{Cache, RegionKey, RegionState};
 use crate::contact::query::closest_point_within;
 use crate::probe::contacts::Contacts;
 use crate::tuning::prediction::{BLOCK_SHARE, MAX_WAITING, RADII_AROUND};
@@ -13,15 +13,16 @@ use scene::RefinementPlan;
 use spm::RegionId;
 
 impl Front {
-    /// Predicts the regions that the probes will need, and marks those that are known.
-    pub fn predict(&mut self, tick: u64, contacts: &Contacts) {
+    /// Predicts the regions that the probes will need, and marks those that are known. `lead`: by
+    /// how many ticks the link is farther than a local one.
+    pub fn predict(&mut self, tick: u64, lead: f64, contacts: &Contacts) {
         self.predictions.unknown.clear();
         self.pressure.recover(tick);
         if self.model.is_none() {
             return;
         }
         match self.plan {
-            RefinementPlan::Local => self.predict_rings(tick, contacts),
+            RefinementPlan::Local => self.predict_rings(tick, lead, contacts),
             RefinementPlan::Global { lod } => {
                 if contacts.pairs.iter().any(|pair| pair.goal.is_some()) {
                     self.predict_block(lod, tick);
@@ -60,10 +61,27 @@ impl Front {
         (&mut self.cache, wanted)
     }
 
+    /// A region of those `asked` for that is not predicted any more, and of which nothing has come
+    /// yet.
+    #[must_use]
+    pub fn asked_in_vain(
+        &self,
+        asked: impl Iterator<Item = RegionKey>,
+        tick: u64,
+    ) -> Option<usize> {
+        let hysteresis = self.horizons.hysteresis;
+        let mut known = asked.filter_map(|key| self.cache.regions.index(key));
+        known.find(|&index| {
+            let region = self.cache.regions.at(index);
+            let awaited = region.state() == RegionState::Requested && !region.is_receiving();
+            awaited && region.used_at + hysteresis < tick
+        })
+    }
+
     /// For each probe sets the finest ring by its speed and by memory pressure, then notes the
     /// regions of its rings. The finest of all is that of the object: what one probe needs is not
     /// too fine for the others.
-    fn predict_rings(&mut self, tick: u64, contacts: &Contacts) {
+    fn predict_rings(&mut self, tick: u64, lead: f64, contacts: &Contacts) {
         let Self {
             model:
                 Some(FrontModel {
@@ -104,6 +122,7 @@ impl Front {
             finest =
                 Some(finest.map_or(approach.finest, |least: usize| least.min(approach.finest)));
             let predictor = &mut approach.predictor;
+            predictor.set_lead(lead);
             predictor.predict(lod, rings, device, motion, |predicted| {
                 predictions.note(predicted, tick, cache);
             });

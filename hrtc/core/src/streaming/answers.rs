@@ -1,6 +1,7 @@
 //! Answers of the station: closures and records of requested regions into the cache.
 
 use super::chunk::InboxChunk;
+use super::link_meter::LinkMeter;
 use super::session::{Receiver, Session, Taken, TickContext};
 use crate::budget::Budget;
 use crate::cache::{AfterUnload, Cache, LoadError};
@@ -53,7 +54,7 @@ impl Session {
             if let AnswerItem::Part(head) = item {
                 budget.ingest -= cost;
                 self.progress.done += 1;
-                begin_answer(&head, &mut of.front.cache, tick);
+                self.begin_answer(&head, &mut of.front.cache, context.meter, tick);
                 continue;
             }
             let Some(region) = receiving(&of.front.cache, reader.head()) else {
@@ -72,6 +73,9 @@ impl Session {
             }
             budget.ingest -= cost;
             let taken = self.take_item(&item, (chunk, &mut reader), region, of, (tick, budget));
+            if taken.is_ok() && matches!(item, AnswerItem::End(head) if head.is_last()) {
+                context.meter.region_ended();
+            }
             match (taken, item) {
                 (Ok(()), _) => self.progress.done += 1,
                 (Err(LoadError::NoRoom), AnswerItem::Record(_)) => return Taken::Part,
@@ -80,7 +84,7 @@ impl Session {
                     budget.ingest = 0;
                     return Taken::Part;
                 }
-                (Err(LoadError::Gap), _) => ask_again(region, &mut of.front.cache, tick),
+                (Err(LoadError::Gap), _) => self.ask_again(region, &mut of.front.cache, tick),
                 (Err(LoadError::Damaged), _) => self.refuse(region, of.front, tick),
             }
             // What was given up makes room for what follows.
@@ -105,7 +109,7 @@ impl Session {
             AnswerItem::Record(record) => self.take_record(cache, region, record, budget),
             AnswerItem::End(head) if head.is_last() => {
                 cache.end_answer(region)?;
-                self.subscriber.answered();
+                self.subscriber.answered(cache.regions.at(region).key);
                 of.front.region_arrived(region, tick);
                 Ok(())
             }
@@ -130,28 +134,40 @@ impl Session {
 
     /// Gives up a requested region for lack of room.
     fn give_up(&mut self, region: usize, front: &mut Front, (tick, budget): (u64, &mut Budget)) {
-        self.subscriber.answered();
+        self.subscriber.answered(front.cache.regions.at(region).key);
         // The next region waits its own time.
         self.progress.waited = 0;
         front.unload(region, tick, budget);
         front.starve(tick);
     }
-}
 
-/// A part begins, and with it the answer, if it is the first part.
-fn begin_answer(head: &PartHead, cache: &mut Cache, tick: u64) {
-    let region = cache.requested((head.region, head.tolerance_bits));
-    if let (true, Some(region)) = (head.is_first(), region)
-        && cache.begin_answer(region).is_err()
-    {
-        ask_again(region, cache, tick);
+    /// A part begins, and with it the answer, if it is the first part.
+    fn begin_answer(
+        &mut self,
+        head: &PartHead,
+        cache: &mut Cache,
+        meter: &mut LinkMeter,
+        tick: u64,
+    ) {
+        let region = cache.requested((head.region, head.tolerance_bits));
+        let (true, Some(region)) = (head.is_first(), region) else {
+            return;
+        };
+        let key = cache.regions.at(region).key;
+        if let Some(ticks) = self.subscriber.answer_begins(key, tick) {
+            meter.answered(ticks, tick);
+        }
+        if cache.begin_answer(region).is_err() {
+            self.ask_again(region, cache, tick);
+        }
     }
-}
 
-/// The answer to a requested region builds on evicted records, or has a gap: it is to be requested
-/// with every record.
-fn ask_again(region: usize, cache: &mut Cache, tick: u64) {
-    cache.begin_unload(region, AfterUnload::RequestAgain, tick);
+    /// The answer to a requested region builds on evicted records, or has a gap: it is to be
+    /// requested with every record.
+    fn ask_again(&mut self, region: usize, cache: &mut Cache, tick: u64) {
+        self.subscriber.answer_is_lost(cache.regions.at(region).key);
+        cache.begin_unload(region, AfterUnload::RequestAgain, tick);
+    }
 }
 
 /// Takes an id of a closure, and those that come right after it.

@@ -85,7 +85,6 @@ impl Session {
         }
         if self.progress.model_slots >= end {
             self.finish_model(*header, of, context);
-            self.subscriber.answered();
         }
         Taken::Whole
     }

@@ -4,7 +4,9 @@ mod answers;
 mod base_mesh;
 pub mod chunk;
 mod fault;
+pub(crate) mod link_meter;
 mod outbox;
+mod questions;
 pub(crate) mod session;
 pub mod subscriber;
 

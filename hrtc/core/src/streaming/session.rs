@@ -4,15 +4,19 @@
 //! |---|---|
 //! | `session` | takes each chunk by its kind; scripted paths, refusals, faults |
 //! | `subscriber` | the mesh subscriber: sequence numbers, epochs, credit, requests |
+//! | `questions` | the regions whose answers are outstanding |
+//! | `link_meter` | round-trip time and rate, and what follows from them |
 //! | `outbox` | the requests of a tick |
 //! | `base_mesh` | header and base mesh into the cache |
 //! | `answers` | closures and records into the cache |
 
 use super::Fault;
 use super::chunk::InboxChunk;
+use super::link_meter::LinkMeter;
 use super::outbox::Outbox;
 use super::subscriber::{Identity, Reception, Subject, Subscriber};
 use crate::budget::Budget;
+use crate::cache::AfterUnload;
 use crate::cache::base_mesh_store::{BaseMeshStore, Model};
 use crate::horizons::Horizons;
 use crate::instance::{ModelFrame, ObjectInstance};
@@ -33,6 +37,8 @@ pub struct TickContext<'a> {
     pub probes: &'a mut [Probe],
     /// Remaining work of the tick.
     pub budget: &'a mut Budget,
+    /// Of the link to the station.
+    pub meter: &'a mut LinkMeter,
 }
 
 /// Parts of the object that received data may change.
@@ -103,6 +109,8 @@ pub struct Session {
     pub bytes_received: u64,
     /// Records received, total.
     pub vsps_received: u64,
+    /// Regions given up before their answer began, total.
+    pub cancelled: u64,
 }
 
 impl Session {
@@ -120,6 +128,7 @@ impl Session {
             measured: None,
             bytes_received: 0,
             vsps_received: 0,
+            cancelled: 0,
         }
     }
 
@@ -167,7 +176,7 @@ impl Session {
     /// A tick begins; `station` is the incarnation of the living one. An epoch that ends takes an
     /// unfinished scripted path with it. Another station may serve what the last one could not, or
     /// another model: then a base mesh that is not whole begins anew.
-    pub fn begin_tick(&mut self, station: u64, tick: u64, front: &mut Front) {
+    pub fn begin_tick(&mut self, station: u64, tick: u64, meter: &LinkMeter, front: &mut Front) {
         self.measured = None;
         self.is_stalled = false;
         if self.subscriber.is_another(station) {
@@ -185,7 +194,8 @@ impl Session {
             }
         }
         if !self.is_ended() {
-            self.subscriber.observe(station, tick, &mut front.cache);
+            self.subscriber
+                .observe(station, tick, meter, &mut front.cache);
         }
     }
 
@@ -213,13 +223,33 @@ impl Session {
     }
 
     /// Writes the requests of a tick; `waiting`: received chunks that wait for the tick.
-    pub fn request(&mut self, front: &mut Front, tick: u64, waiting: usize, outbox: &mut Outbox) {
+    pub fn request(
+        &mut self,
+        front: &mut Front,
+        (tick, waiting): (u64, usize),
+        meter: &LinkMeter,
+        outbox: &mut Outbox,
+    ) {
         if self.is_ended() || front.cache.is_clearing() {
             return;
         }
+        self.cancel(front, meter, tick);
         let may_request = front.may_request(tick) && self.subscriber.may_ask(&front.cache);
         let (cache, wanted) = front.requests(may_request, tick, waiting);
-        self.subscriber.requests(tick, cache, wanted, outbox);
+        self.subscriber.requests(tick, cache, wanted, meter, outbox);
+    }
+
+    /// Gives up what was asked for in vain, before its answer begins: the station forgets it, and
+    /// comes sooner to what is needed.
+    fn cancel(&mut self, front: &mut Front, meter: &LinkMeter, tick: u64) {
+        let in_transit = meter.questions_in_transit();
+        while let Some(waiting) = self.subscriber.questions().all().get(in_transit..)
+            && let Some(index) = front.asked_in_vain(waiting.iter().map(|of| of.region), tick)
+        {
+            self.subscriber.answered(front.cache.regions.at(index).key);
+            front.cache.begin_unload(index, AfterUnload::Release, tick);
+            self.cancelled += 1;
+        }
     }
 
     /// Takes a chunk of the object as far as budget and room go. Returns whether it is done with.
@@ -237,6 +267,7 @@ impl Session {
         }
         match self.subscriber.receive(&chunk.header) {
             Reception::Stale => {
+                self.subscriber.hear_stale(&chunk.header, context.tick);
                 self.progress.next_chunk();
                 return true;
             }
@@ -250,6 +281,9 @@ impl Session {
         match self.take(chunk, of, context) {
             Taken::Whole => {
                 self.subscriber.consumed(context.tick);
+                if chunk.header.kind == ChunkKind::Answers as u32 {
+                    context.meter.answers_taken();
+                }
                 self.bytes_received += size_of::<InboxChunk>() as u64;
                 self.progress.next_chunk();
                 true
@@ -287,7 +321,15 @@ impl Session {
         context: &mut TickContext<'_>,
     ) -> Taken {
         match ChunkKind::from_code(chunk.header.kind) {
-            Some(ChunkKind::Model) => return self.take_model(chunk, of, context),
+            Some(ChunkKind::Model) => {
+                if chunk.header.code == 0
+                    && self.progress.done == 0
+                    && let Some(ticks) = self.subscriber.model_begins(context.tick)
+                {
+                    context.meter.answered(ticks, context.tick);
+                }
+                return self.take_model(chunk, of, context);
+            }
             Some(ChunkKind::Answers) => return self.take_answers(chunk, of, context),
             Some(ChunkKind::Measured) => {
                 let items: &[MeasuredError] = bytemuck::cast_slice(&chunk.slots);
@@ -326,7 +368,6 @@ impl Session {
             tour.is_whole = true;
             self.fault = self.fault.filter(|&fault| fault != Fault::NoTour);
             self.subscriber.tour_is_here();
-            self.subscriber.answered();
             self.request_next_tour(of, context.probes);
         }
     }
@@ -385,8 +426,9 @@ impl Session {
 
     /// Gives up a requested region that cannot be used.
     pub(super) fn refuse(&mut self, region: usize, front: &mut Front, tick: u64) {
+        let key = front.cache.regions.at(region).key;
         if front.refuse(region, tick) {
-            self.subscriber.answered();
+            self.subscriber.answered(key);
         }
     }
 }

@@ -1,15 +1,20 @@
 //! The mesh subscriber: requests out, chunks in, epochs and credit (see `shared::protocol`).
 
+use super::link_meter::LinkMeter;
 use super::outbox::Outbox;
+use super::questions::Questions;
 use crate::cache::{Cache, MAX_OUTSTANDING, RegionKey, RegionTable};
 use crate::horizons::Horizons;
-use crate::tuning::streaming::CREDIT_STEP;
+use crate::tuning::streaming::{CREDIT_STEP, MAX_SILENCES};
 use mutants::{Mutant, is};
 use protocol::{
     CREDIT_CHUNKS, ChunkHeader, REGIONS_PER_REQUEST, RegionAction, RegionAsk, Request, RequestKind,
     TourAsk,
 };
 use spm::NONE;
+
+/// Chunks of which is known when they were allowed: more than may be under way.
+const GRANTS: usize = 2 * CREDIT_CHUNKS as usize;
 
 /// Who this client is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -53,8 +58,12 @@ pub enum Reception {
 pub struct Subscriber {
     identity: Identity,
     subject: Subject,
-    /// Chunks that may be under way.
+    /// Chunks that may be under way, as far as the link carries them.
     credit: u64,
+    /// Chunks that the link carries.
+    window: u64,
+    /// Regions that may be outstanding.
+    most_questions: usize,
     station: u64,
     epoch: u32,
     sent: u64,
@@ -62,16 +71,24 @@ pub struct Subscriber {
     consumed: u64,
     consumed_told: u64,
     model: u64,
-    model_asked: bool,
+    /// Tick when the model was asked for in this epoch.
+    model_asked: Option<u64>,
     tour: Option<TourAsk>,
     tour_asked: bool,
     /// Place in the region table up to which held regions were declared in this epoch.
     declared: usize,
-    outstanding: u32,
-    outstanding_high_water: u32,
+    questions: Questions,
+    /// Chunks of the epoch that the station was allowed to send.
+    granted: u64,
+    /// When it was allowed to send each of the last; by the number of the chunk.
+    #[serde(with = "serde_big_array::BigArray")]
+    granted_at: [u64; GRANTS],
+    /// Tick when the last request about regions was made.
+    asked_at: u64,
     last_progress: u64,
-    /// Silence after which it asks again, and after which it asks for a refused region again.
-    timeout_ticks: u64,
+    /// Epochs in a row that ended in silence.
+    silences: u32,
+    /// Time after which it asks for a refused region again.
     refused_ticks: u64,
     /// Regions asked for so far.
     pub subscribed: u64,
@@ -91,6 +108,8 @@ impl Subscriber {
             identity,
             subject: Subject::NONE,
             credit: CREDIT_CHUNKS,
+            window: CREDIT_CHUNKS,
+            most_questions: CREDIT_CHUNKS as usize,
             station: 0,
             epoch: 0,
             sent: 0,
@@ -98,14 +117,16 @@ impl Subscriber {
             consumed: 0,
             consumed_told: 0,
             model: 0,
-            model_asked: false,
+            model_asked: None,
             tour: None,
             tour_asked: false,
             declared: 0,
-            outstanding: 0,
-            outstanding_high_water: 0,
+            questions: Questions::new(),
+            granted: 0,
+            granted_at: [0; GRANTS],
+            asked_at: 0,
             last_progress: 0,
-            timeout_ticks: horizons.answer_timeout,
+            silences: 0,
             refused_ticks: horizons.refused,
             subscribed: 0,
             resent: 0,
@@ -153,18 +174,26 @@ impl Subscriber {
     /// Takes what the heartbeat says; a new incarnation ends the epoch.
     ///
     /// Returns whether the epoch ended.
-    pub fn observe(&mut self, station: u64, tick: u64, cache: &mut Cache) -> bool {
-        let waiting = self.outstanding > 0
-            || (self.model_asked && self.model == 0)
+    pub fn observe(
+        &mut self,
+        station: u64,
+        tick: u64,
+        meter: &LinkMeter,
+        cache: &mut Cache,
+    ) -> bool {
+        let waiting = !self.questions.all().is_empty()
+            || (self.model_asked.is_some() && self.model == 0)
             || (self.tour_asked && self.tour.is_some());
         let silent = waiting
             && !is(Mutant::Timeout)
-            && tick.saturating_sub(self.last_progress) > self.timeout_ticks;
+            && tick.saturating_sub(self.last_progress) > meter.timeout(self.silences);
         let another = self.is_another(station);
         if another {
             self.station = station;
         }
         if (another && !is(Mutant::NewStation)) || (silent && station != 0) {
+            let silences = if another { 0 } else { self.silences + 1 };
+            self.silences = silences.min(MAX_SILENCES);
             self.end_epoch(tick, cache);
             return true;
         }
@@ -187,10 +216,11 @@ impl Subscriber {
         self.next_chunk = 0;
         self.consumed = 0;
         self.consumed_told = 0;
-        self.model_asked = false;
+        self.model_asked = None;
         self.tour_asked = false;
         self.declared = 0;
-        self.outstanding = 0;
+        self.questions.clear();
+        self.granted = 0;
         self.last_progress = tick;
     }
 
@@ -215,6 +245,54 @@ impl Subscriber {
         self.next_chunk += 1;
         self.consumed += 1;
         self.last_progress = tick;
+        self.silences = 0;
+    }
+
+    /// Takes a stale chunk for a sign of life, if it is of an earlier epoch with this station: what
+    /// is asked now comes after what was under way. The station sends no more of them than the
+    /// credit admitted.
+    pub fn hear_stale(&mut self, header: &ChunkHeader, tick: u64) {
+        if header.station == self.station && header.epoch < self.epoch {
+            self.last_progress = self.last_progress.max(tick);
+        }
+    }
+
+    /// The first chunk of the model has come: the ticks since it was asked for.
+    pub fn model_begins(&mut self, tick: u64) -> Option<u64> {
+        Some(tick.saturating_sub(self.model_asked?))
+    }
+
+    /// The answer to a region begins: the ticks since it was asked for, if it was asked for once.
+    pub fn answer_begins(&mut self, region: RegionKey, tick: u64) -> Option<u64> {
+        self.questions.begin_answer(region, tick)
+    }
+
+    /// The answer to a region is of no use: it is to be requested with every record.
+    pub fn answer_is_lost(&mut self, region: RegionKey) {
+        self.questions.lose(region);
+    }
+
+    /// Tick of the oldest question that is not answered in full.
+    #[must_use]
+    pub fn oldest_question(&self) -> Option<u64> {
+        let model = self.model_asked.filter(|_| self.model == 0);
+        model.into_iter().chain(self.questions.oldest()).min()
+    }
+
+    /// From when on the station could send a chunk at once: it had a question to answer, and was
+    /// allowed to send this one.
+    #[must_use]
+    pub fn could_come_since(&self, header: &ChunkHeader) -> Option<u64> {
+        let is_known = self.receive(header) != Reception::Stale && header.sequence < self.granted;
+        let granted = self.granted_at[header.sequence as usize % GRANTS];
+        let asked = self.oldest_question().filter(|_| is_known)?;
+        Some(asked.max(granted))
+    }
+
+    /// The regions asked for whose answers are not complete.
+    #[must_use]
+    pub fn questions(&self) -> &Questions {
+        &self.questions
     }
 
     /// The model has arrived.
@@ -235,24 +313,23 @@ impl Subscriber {
     }
 
     /// An asked region was answered, refused or given up.
-    pub fn answered(&mut self) {
-        self.outstanding = self.outstanding.saturating_sub(1);
+    pub fn answered(&mut self, region: RegionKey) {
+        self.questions.end(region);
     }
 
     /// Whether the station has answered in this epoch, knows every region that is held, and owes no
     /// answer.
     #[must_use]
     pub fn is_synchronised(&self, cache: &Cache) -> bool {
-        self.next_chunk > 0 && self.outstanding == 0 && self.declared >= cache.regions.capacity()
+        self.next_chunk > 0
+            && self.questions.all().is_empty()
+            && self.declared >= cache.regions.capacity()
     }
 
     /// Answers outstanding at once, at the most, and how many there may be.
     #[must_use]
     pub fn high_water(&self) -> (usize, usize) {
-        (
-            self.outstanding_high_water as usize,
-            MAX_OUTSTANDING as usize,
-        )
+        (self.questions.high_water(), MAX_OUTSTANDING as usize)
     }
 
     /// Whether regions may be asked for.
@@ -260,7 +337,7 @@ impl Subscriber {
     pub fn may_ask(&self, cache: &Cache) -> bool {
         self.station != 0
             && self.model != 0
-            && self.outstanding < MAX_OUTSTANDING
+            && self.questions.all().len() < self.most_questions
             && self.declared >= cache.regions.capacity()
     }
 
@@ -275,14 +352,20 @@ impl Subscriber {
         request.epoch = self.epoch;
         request.kind = kind as u32;
         request.object = self.subject.object;
-        request.credit = self.credit as u32;
+        request.credit = self.credit.min(self.window) as u32;
         request
     }
 
-    fn send(&mut self, outbox: &mut Outbox, request: Request, tick: u64, expects: bool) {
-        if expects && self.outstanding == 0 {
+    /// `begins_wait`: an answer is expected, and none was before.
+    fn send(&mut self, outbox: &mut Outbox, request: Request, tick: u64, begins_wait: bool) {
+        if begins_wait {
             self.last_progress = self.last_progress.max(tick);
         }
+        let granted = request.consumed + u64::from(request.credit);
+        for chunk in self.granted..granted {
+            self.granted_at[chunk as usize % GRANTS] = tick;
+        }
+        self.granted = self.granted.max(granted);
         self.sent += 1;
         self.consumed_told = self.consumed;
         outbox.push(request);
@@ -295,29 +378,36 @@ impl Subscriber {
         tick: u64,
         cache: &mut Cache,
         wanted: impl Iterator<Item = (RegionKey, u64)>,
+        meter: &LinkMeter,
         outbox: &mut Outbox,
     ) {
         outbox.begin_quota();
+        self.window = meter.window();
+        self.most_questions = meter.most_questions();
         if self.station == 0 {
             return;
         }
         if self.model == 0 {
-            if !self.model_asked {
-                self.model_asked = true;
+            if self.model_asked.is_none() {
+                self.model_asked = Some(tick);
                 let request = self.request(RequestKind::Model);
-                self.send(outbox, request, tick, true);
+                let begins_wait = self.questions.all().is_empty();
+                self.send(outbox, request, tick, begins_wait);
             }
         } else {
             if let (Some(tour), false) = (self.tour, self.tour_asked) {
                 self.tour_asked = true;
                 let mut request = self.request(RequestKind::Tour);
                 request.tour = tour;
-                self.send(outbox, request, tick, true);
+                let begins_wait = self.questions.all().is_empty();
+                self.send(outbox, request, tick, begins_wait);
             }
             self.declare(tick, cache, outbox);
-            self.ask(tick, cache, wanted, outbox);
+            if tick >= self.asked_at + meter.request_ticks() {
+                self.ask(tick, cache, wanted, outbox);
+            }
         }
-        let step = (self.credit / CREDIT_STEP).max(1);
+        let step = (self.window.min(self.credit) / CREDIT_STEP).max(1);
         if self.consumed - self.consumed_told >= step && outbox.has_room() {
             let request = self.request(RequestKind::Credit);
             self.send(outbox, request, tick, false);
@@ -354,16 +444,17 @@ impl Subscriber {
         if self.declared < cache.regions.capacity() || !outbox.has_room() {
             return;
         }
+        let was_idle = self.questions.all().is_empty();
         let mut request = self.request(RequestKind::Regions);
         cache
             .regions
             .drain_releases(|key| push(&mut request, key, RegionAction::Release));
-        let again = self.request_again(&mut cache.regions, &mut request);
+        let again = self.request_again(&mut cache.regions, &mut request, tick);
         let refused_ticks = self.refused_ticks;
         cache.regions.forget_old_refusal(tick, refused_ticks);
         let mut asked = 0;
         while (request.count as usize) < REGIONS_PER_REQUEST
-            && self.outstanding + asked < MAX_OUTSTANDING
+            && self.questions.all().len() < self.most_questions
         {
             let Some((key, due)) = wanted.next() else {
                 break;
@@ -377,24 +468,30 @@ impl Subscriber {
             cache.regions.mark_used(index, tick);
             cache.regions.at_mut(index).due = due;
             push(&mut request, key, RegionAction::Subscribe);
+            self.questions.ask(key, tick);
             asked += 1;
         }
         if request.count > 0 {
-            self.send(outbox, request, tick, asked + again > 0);
-            self.outstanding += asked;
-            self.outstanding_high_water = self.outstanding_high_water.max(self.outstanding);
+            self.send(outbox, request, tick, was_idle && asked + again > 0);
+            self.asked_at = tick;
             self.subscribed += u64::from(asked);
         }
     }
 
     /// Requests regions again, with every record, whose answer was of no use; they are outstanding
     /// still. Their number.
-    fn request_again(&mut self, regions: &mut RegionTable, request: &mut Request) -> u32 {
+    fn request_again(
+        &mut self,
+        regions: &mut RegionTable,
+        request: &mut Request,
+        tick: u64,
+    ) -> u32 {
         let mut again = 0;
         while (request.count as usize) < REGIONS_PER_REQUEST
             && let Some(key) = regions.request_again()
         {
             push(request, key, RegionAction::Resend);
+            self.questions.ask_again(key, tick);
             again += 1;
         }
         self.resent += u64::from(again);

@@ -5,6 +5,7 @@ mod common;
 
 mod any_input;
 mod effects;
+mod far_station;
 mod faulty_link;
 mod faulty_models;
 mod implausible_samples;
