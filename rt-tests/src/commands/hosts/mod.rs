@@ -126,7 +126,7 @@ pub fn hosts(args: &HostsArgs) -> Result<(), Failure> {
     let points = check(args)?;
     let file = SceneFile::named_or_bundled(args.scene.as_deref())?;
     let plan = load(file.path(), &args.overrides.overrides(), &DiskFiles)?;
-    if let Some(why) = missing_right() {
+    if let Some(why) = missing_right(STATION) {
         eprintln!("skipped: {why}");
         return if args.json {
             print_json(&Found::skipped(&why))

@@ -1,10 +1,11 @@
 //! The two programs as a user starts them, and what two hosts on one machine need.
 
 use crate::failure::Failure;
-use crate::processes::host::TUN;
+use crate::processes::host::{Host, TUN};
 use crate::processes::rights::{NET_ADMIN, SYS_ADMIN};
 use std::fs::File;
 use std::io::ErrorKind;
+use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
@@ -70,9 +71,9 @@ fn output(command: &mut Command) -> std::io::Result<Output> {
     command.stdin(Stdio::null()).output()
 }
 
-/// Why this process cannot make a host, and what helps.
+/// Why this process cannot make a host of an address, and what helps.
 #[must_use]
-pub fn missing_right() -> Option<String> {
+pub fn missing_right(address: Ipv4Addr) -> Option<String> {
     const HOW: &str = "run it as root (sudo), or as root of namespaces of its own: unshare --user --map-root-user --net --mount";
     for (right, what) in [(SYS_ADMIN, "shared memory"), (NET_ADMIN, "networks")] {
         if !right.is_held() {
@@ -83,13 +84,19 @@ pub fn missing_right() -> Option<String> {
         }
     }
     let opened = File::options().read(true).write(true).open(TUN);
-    opened.err().map(|error| {
+    if let Err(error) = opened {
         let how = match error.kind() {
             ErrorKind::PermissionDenied => {
                 format!("sudo chmod a+rw {TUN}, as most systems have it")
             }
             _ => format!("sudo modprobe tun; start a container with --device {TUN}"),
         };
-        format!("two hosts need a cable, {TUN} ({error}): {how}")
-    })
+        return Some(format!("two hosts need a cable, {TUN} ({error}): {how}"));
+    }
+    // A container may refuse them whatever its rights.
+    let folder = tempfile::tempdir().ok()?;
+    let refused = Host::new(address, folder.path()).err()?;
+    Some(format!(
+        "two hosts cannot be made, {refused}: run it outside of this container"
+    ))
 }

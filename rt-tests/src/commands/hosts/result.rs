@@ -216,7 +216,7 @@ impl Found {
     /// One line for each touch.
     #[must_use]
     pub fn table(&self) -> Table {
-        let heads = "round trip, bandwidth | contact at full\nresolution | certified error\np50 | \nmax | first touch\nms | force step\nN | to controller\nkB/s | to station\nkB/s | \nVSPs | bytes\na VSP | regions\nagain | packets\nlost | own\nmisses | relay late\np99 ms";
+        let heads = "round trip, bandwidth | contact at full\nresolution | certified error\np50 | \nmax | first touch\nms | force step\nN | to controller\nkB/s | to station\nkB/s | \nVSPs | bytes\na VSP | begun\nanew | packets\nlost | own\nmisses | relay late\np99 ms";
         let mut table = Table::new(1, heads);
         let or_none = |number: Option<f64>| number.map_or("none".to_string(), digits);
         for row in &self.rows {
@@ -248,7 +248,7 @@ impl Found {
                 rate(|wire| wire.to_station),
                 grouped(row.vsps_received),
                 or_none(row.bytes_per_vsp),
-                grouped(row.resent),
+                grouped(row.resubscribed),
                 lost,
                 row.missed_own_cpu.to_string(),
                 late,
@@ -290,6 +290,7 @@ mod tests {
             vsps_received: 4000,
             bytes_received: 320_000,
             first_force_ready_ms: 150.0,
+            resubscribed: 7,
             ..RunResult::default()
         }
     }
@@ -328,7 +329,7 @@ mod tests {
                 "2",
                 "4\u{202f}000",
                 "100",
-                "0",
+                "7",
                 "4",
                 "0",
                 "0"
