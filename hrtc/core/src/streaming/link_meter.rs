@@ -10,7 +10,8 @@ use crate::tuning::streaming::{
 };
 use protocol::{CREDIT_CHUNKS, Request};
 
-/// See the module. Times are in ticks; until something is measured the link counts as a local one.
+/// See the module. Times are in ticks; until something is measured the link counts as a local one,
+/// but for the first timeout.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct LinkMeter {
     rate_hz: f64,

@@ -32,7 +32,8 @@ const SCENE_EFFECTS: [&str; 6] = [
     "{ inertia = { mass_kg = 0.05 } }",
     "{ boundary = { ball = { radius_m = BOUNDARY }, stiffness_n_per_m = 800.0 } }",
 ];
-/// How far the boundary is beyond the middle of the last object, metres: a hand works inside.
+/// How far the boundary is beyond the middle of the last object, metres: a hand works inside. The
+/// radius that follows takes the place of BOUNDARY.
 const BOUNDARY_M: f64 = 0.075;
 const SURFACE_EFFECTS: [&str; 5] = [
     "{ friction = { static = 0.4, dynamic = 0.3 } }",
