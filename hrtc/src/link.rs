@@ -16,8 +16,8 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, HelloError, Request, RequestKind,
-    Role,
+    CHUNK_SLOTS, ChunkDecoder, ChunkHeader, ChunkSlot, CompactError, ContactReport, Encoding,
+    Hello, HelloError, Request, RequestKind, Role,
 };
 use rtrb::{Consumer, Producer};
 use std::collections::{BTreeMap, BTreeSet};
@@ -41,6 +41,8 @@ pub struct LinkOptions {
     pub client: u64,
     /// Different at every start.
     pub incarnation: u64,
+    /// How the station is to send its chunks: compact over a line, plain on this machine.
+    pub encoding: Encoding,
 }
 
 /// The link's ends of the rings, and its news for the tick.
@@ -79,10 +81,16 @@ pub struct LinkReport {
     pub undelivered: u64,
     /// Chunks received.
     pub chunks: u64,
-    /// Chunks dropped: of another length than this version's.
+    /// Those of them that came compact.
+    pub compact: u64,
+    /// Bytes of the chunks received as they came, headers too.
+    pub bytes: u64,
+    /// Chunks dropped: of a length that this version has not.
     pub foreign: u64,
     /// Chunks dropped: changed on their way. The gap that each leaves ends the epoch.
     pub damaged: u64,
+    /// Chunks that came compact, after others that are missing: the epoch is over with them.
+    pub unreadable: u64,
     /// Receives that found the inbox full.
     pub inbox_full: u64,
 }
@@ -198,6 +206,7 @@ struct Agent {
     ports: Ports,
     ends: LinkEndpoints,
     report: LinkReport,
+    decoder: ChunkDecoder,
     /// Incarnation of the station, and time of its last heartbeat.
     station: Option<(u64, Instant)>,
     /// Newest epoch of each session that was requested and not closed, by object.
@@ -213,6 +222,7 @@ impl Agent {
             ports,
             ends,
             report: LinkReport::default(),
+            decoder: ChunkDecoder::default(),
             station: None,
             open_sessions: BTreeMap::new(),
             warned: BTreeSet::new(),
@@ -265,34 +275,58 @@ impl Agent {
                 Ok(None) => return,
                 Err(e) => return self.warn_port("receive records", e),
             };
-            let Ok(slots) = <[ChunkSlot; CHUNK_SLOTS]>::try_from(sample.payload()) else {
+            let used = sample.payload().len();
+            let mut slots = [ChunkSlot::zeroed(); CHUNK_SLOTS];
+            let Some(place) = slots.get_mut(..used) else {
                 self.report.foreign += 1;
                 continue;
             };
-            let chunk = InboxChunk {
-                header: *sample.user_header(),
-                slots,
-            };
-            drop(sample);
             // The copy is checked: its sender could change the sample still.
-            if !chunk.header.is_sound(&chunk.slots) {
-                self.report.damaged += 1;
-                self.warn_once(
-                    "a chunk of the station arrived damaged; it is asked for again".to_owned(),
-                );
+            place.copy_from_slice(sample.payload());
+            let header = *sample.user_header();
+            drop(sample);
+            let Some(chunk) = self.decode(header, &slots[..used]) else {
                 continue;
-            }
+            };
             if let Some(record) = &mut self.ends.recorder {
                 record(&chunk);
             }
-            self.report.chunks += 1;
             // There is room: only this thread fills the inbox.
             let _ = self.ends.inbox.push(chunk);
         }
     }
 
+    /// The chunk that came in these slots; `None` where there is none to take.
+    fn decode(&mut self, header: ChunkHeader, sent: &[ChunkSlot]) -> Option<InboxChunk> {
+        let report = &mut self.report;
+        match self.decoder.decode(&header, sent) {
+            Ok(slots) => {
+                report.chunks += 1;
+                report.compact += u64::from(sent.len() < CHUNK_SLOTS);
+                report.bytes += (size_of::<ChunkHeader>() + size_of_val(sent)) as u64;
+                return Some(InboxChunk { header, slots });
+            }
+            Err(CompactError::Gap) => {
+                report.unreadable += 1;
+                // The tick ends the epoch as soon as it sees that something is missing.
+                let (header, slots) = header.of_gap();
+                return Some(InboxChunk { header, slots });
+            }
+            Err(CompactError::Length) => report.foreign += 1,
+            Err(CompactError::Repeated) => {}
+            Err(CompactError::Damaged) => {
+                report.damaged += 1;
+                self.warn_once(
+                    "a chunk of the station arrived damaged; it is asked for again".to_owned(),
+                );
+            }
+        }
+        None
+    }
+
     fn send(&mut self) {
-        while let Ok(request) = self.ends.requests.pop() {
+        while let Ok(mut request) = self.ends.requests.pop() {
+            request.encoding = self.options.encoding as u32;
             self.report.requests += 1;
             if request.kind == RequestKind::Close as u32 {
                 self.open_sessions.remove(&request.object);
@@ -326,6 +360,7 @@ impl Agent {
                 object,
                 epoch: epoch.saturating_add(1),
                 kind: RequestKind::Close as u32,
+                encoding: self.options.encoding as u32,
                 ..Request::zeroed()
             };
             if let Err(e) = self.ports.requests.send_copy(close) {

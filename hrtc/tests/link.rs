@@ -1,13 +1,13 @@
 //! The two connection agents over real iceoryx2, in one process, each test in a domain of its own.
 
 use bytemuck::Zeroable;
-use hrtc::link::{ChunkRecorder, Link, LinkEndpoints, LinkHandle, LinkOptions};
+use hrtc::link::{ChunkRecorder, Link, LinkEndpoints, LinkHandle, LinkOptions, LinkReport};
 use hrtc::tuning::INBOX_CAPACITY;
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{
     AnswerItem, AnswersReader, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, ContactReport,
-    HELLO_PERIOD_MS, Hello, MAX_CLIENTS, Refusal, RegionAction, RegionAsk, Request, RequestKind,
-    Role,
+    Encoding, HELLO_PERIOD_MS, Hello, MAX_CLIENTS, Refusal, RegionAction, RegionAsk, Request,
+    RequestKind, Role,
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 use spm::{SpmFile, write_spm};
@@ -106,16 +106,20 @@ impl Tick {
     }
 
     fn start_as(client: u64, domain: &Domain) -> Self {
+        Self::start_with(client, Encoding::Plain, domain)
+    }
+
+    fn start_with(client: u64, encoding: Encoding, domain: &Domain) -> Self {
         let recorded = Arc::new(Mutex::new(Vec::new()));
         let record = Arc::clone(&recorded);
         let recorder: ChunkRecorder = Box::new(move |chunk| {
             record.lock().unwrap().push(chunk.header.sequence);
         });
-        Self::with_recorder(client, domain, recorder, recorded)
+        Self::with_recorder((client, encoding), domain, recorder, recorded)
     }
 
     fn with_recorder(
-        client: u64,
+        (client, encoding): (u64, Encoding),
         domain: &Domain,
         recorder: ChunkRecorder,
         recorded: Arc<Mutex<Vec<u64>>>,
@@ -130,6 +134,7 @@ impl Tick {
                 domain: domain.clone(),
                 client,
                 incarnation: 1,
+                encoding,
             },
             LinkEndpoints {
                 requests: requests_out,
@@ -208,7 +213,8 @@ fn a_link_that_died_is_noticed_and_can_be_stopped() {
     let (domain, bytes) = (domain("died"), torus());
     let served = Served::start(&domain, 78, bytes);
     let recorder: ChunkRecorder = Box::new(|_| panic!("made on purpose in the link"));
-    let mut tick = Tick::with_recorder(CLIENT, &domain, recorder, Arc::default());
+    let mut tick =
+        Tick::with_recorder((CLIENT, Encoding::Plain), &domain, recorder, Arc::default());
     tick.wait_for_station(78);
     assert!(!tick.link.has_ended());
     tick.request(RequestKind::Model, |_| {});
@@ -219,10 +225,25 @@ fn a_link_that_died_is_noticed_and_can_be_stopped() {
 
 #[test]
 fn a_model_a_region_and_a_measured_contact_cross_real_shared_memory() {
-    let (domain, bytes) = (domain("loop"), torus());
+    let plain = cross(Encoding::Plain);
+    assert_eq!(plain.compact, 0);
+    assert_eq!(
+        plain.bytes,
+        plain.chunks * size_of::<InboxChunk>() as u64,
+        "all slots travel"
+    );
+    // All but the first, for a client that asks for it.
+    let compact = cross(Encoding::Compact);
+    assert_eq!(compact.compact + 1, compact.chunks);
+    assert!(2 * compact.bytes < plain.bytes, "{compact:?} {plain:?}");
+}
+
+/// What the link of a controller saw that was given a model, a region and a measured contact.
+fn cross(encoding: Encoding) -> LinkReport {
+    let (domain, bytes) = (domain(&format!("loop{}", encoding as u32)), torus());
     let file = SpmFile::open(bytes.clone()).unwrap();
     let served = Served::start(&domain, 77, bytes);
-    let mut tick = Tick::start(&domain);
+    let mut tick = Tick::start_with(CLIENT, encoding, &domain);
     tick.wait_for_station(77);
 
     tick.request(RequestKind::Model, |_| {});
@@ -289,6 +310,7 @@ fn a_model_a_region_and_a_measured_contact_cross_real_shared_memory() {
     assert_eq!(report.chunks, tick.consumed);
     let counters = served.stop();
     assert_eq!(counters.records, records.len() as u64);
+    report
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The command line.
 
 use crate::commands::accuracy::AccuracyArgs;
+use crate::commands::codecs::CodecsArgs;
 use crate::commands::compare::CompareArgs;
 use crate::commands::effects::EffectsArgs;
 use crate::commands::export::ExportArgs;
@@ -66,6 +67,8 @@ pub enum Command {
     /// Touch on two hosts, over links of any round-trip time and bandwidth, and on one machine
     /// beside; makes the hosts itself, which takes root
     Hosts(HostsArgs),
+    /// Show what records and closures cost on the wire by codec, and what coding takes
+    Codecs(CodecsArgs),
     /// The station of a run.
     #[command(hide = true)]
     RoleStation(StationArgs),

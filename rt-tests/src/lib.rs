@@ -61,6 +61,7 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Zwidth(args) => commands::zwidth::zwidth(&args),
         Command::Faults(args) => commands::faults::faults(&args),
         Command::Hosts(args) => commands::hosts::hosts(&args),
+        Command::Codecs(args) => commands::codecs::codecs(&args),
         Command::RoleStation(args) => roles::station(args),
         Command::RoleHrtc(args) => roles::controller(args),
         Command::RoleDevice(args) => device_page::device(&args, &*stop_flag()?),

@@ -13,8 +13,8 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, HelloError, MAX_CLIENTS, Request,
-    Role,
+    ChunkEncoder, ChunkHeader, ChunkSlot, ContactReport, Encoding, Hello, HelloError, MAX_CLIENTS,
+    Request, Role,
 };
 use station_core::station::{Chunk, Message, Station};
 use std::collections::btree_map::Entry;
@@ -32,6 +32,8 @@ pub struct Connection<D> {
     heard: BTreeMap<u64, Instant>,
     /// Clients that are being worked for, and when each was told something last.
     waiting: BTreeMap<u64, Instant>,
+    /// Coders of the clients that asked for compact chunks.
+    encoders: BTreeMap<u64, ChunkEncoder>,
     /// Clients turned away, and when.
     turned_away: BTreeMap<u64, Instant>,
     /// Sentences about peers already said.
@@ -86,12 +88,17 @@ impl Ports {
         }
     }
 
-    fn send(&self, client: u64, (header, slots): &Chunk) -> Result<(), TransportError> {
+    fn send(
+        &self,
+        client: u64,
+        header: &ChunkHeader,
+        slots: &[ChunkSlot],
+    ) -> Result<(), TransportError> {
         let Some(publisher) = self.records.get(&client) else {
             return Ok(());
         };
         let mut sample = publisher
-            .loan_slice_uninit(CHUNK_SLOTS)
+            .loan_slice_uninit(slots.len())
             .map_err(|e| self.domain.error("send records", e))?;
         *sample.user_header_mut() = *header;
         // How many got it does not matter: who did not sees the gap.
@@ -114,6 +121,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
             ports: Ports::open(domain)?,
             heard: BTreeMap::new(),
             waiting: BTreeMap::new(),
+            encoders: BTreeMap::new(),
             turned_away: BTreeMap::new(),
             said: BTreeSet::new(),
         })
@@ -164,13 +172,20 @@ impl<D: AsRef<[u8]>> Connection<D> {
         for hello in hellos {
             self.hear(hello, now);
         }
-        let (station, heard) = (&mut self.station, &mut self.heard);
+        let (station, heard, encoders) = (&mut self.station, &mut self.heard, &mut self.encoders);
         let received = receive_in_turn(&self.ports.requests, most, |request| {
             station.handle(Message::Request(&request));
-            if station.knows(request.client) {
-                heard.insert(request.client, now);
+            let client = request.client;
+            let is_known = station.knows(client);
+            if is_known {
+                heard.insert(client, now);
             } else {
-                heard.remove(&request.client);
+                heard.remove(&client);
+            }
+            if is_known && Encoding::from_code(request.encoding) == Some(Encoding::Compact) {
+                encoders.entry(client).or_default();
+            } else {
+                encoders.remove(&client);
             }
         });
         self.check("receive requests", received);
@@ -226,6 +241,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
         self.ports
             .close_records(|id| clients.contains(&id) || turned_away.contains_key(&id));
         self.waiting.retain(|id, _| clients.contains(id));
+        self.encoders.retain(|id, _| clients.contains(id));
         for client in clients {
             match self.ports.open_records(client, &mut may_open) {
                 Ok(true) => {}
@@ -260,8 +276,12 @@ impl<D: AsRef<[u8]>> Connection<D> {
         }
     }
 
-    fn send_chunk(&mut self, client: u64, chunk: &Chunk) {
-        if let Err(error) = self.ports.send(client, chunk) {
+    fn send_chunk(&mut self, client: u64, (header, slots): &Chunk) {
+        let encoder = self.encoders.get_mut(&client);
+        let compact =
+            encoder.and_then(|of| of.encode(header, slots, self.station.sizes(header.object)));
+        let slots = compact.as_deref().unwrap_or(slots);
+        if let Err(error) = self.ports.send(client, header, slots) {
             self.warn_once(error.to_string());
         }
     }

@@ -35,7 +35,7 @@ use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
 use monitor::{Drained, Monitor};
 use probe_device::ProbeDevice;
-use protocol::{ContactReport, Request};
+use protocol::{ContactReport, Encoding, Request};
 use realtime::core_claim::CoreClaim;
 use realtime::interrupts::InterruptedCore;
 use realtime::rights::monotonic_ns;
@@ -108,6 +108,14 @@ impl RunArgs {
             record: None,
         }
     }
+
+    /// How chunks are to come: a line between machines is thinner than coding is slow.
+    fn encoding(&self) -> Encoding {
+        match self.station {
+            Some(_) => Encoding::Compact,
+            None => Encoding::Plain,
+        }
+    }
 }
 
 /// Runs with the simulated device only, until the time is over or `stop` is set.
@@ -174,11 +182,7 @@ pub fn run_until(
     let other_version = Arc::new(AtomicU32::new(0));
     let (rings, requests, contacts, inbox, log) = rings(recorded_outputs);
     let link = Link::spawn(
-        LinkOptions {
-            domain,
-            client: setup.client,
-            incarnation: setup.incarnation,
-        },
+        link_options(args, domain, &setup),
         LinkEndpoints {
             requests,
             contacts,
@@ -324,6 +328,15 @@ fn rings(recorded: Option<OutputTap>) -> RingEnds {
         recorded,
     };
     (tick, requests_out, contacts_out, inbox_in, log_out)
+}
+
+fn link_options(args: &RunArgs, domain: Domain, setup: &ControllerSetup) -> LinkOptions {
+    LinkOptions {
+        domain,
+        client: setup.client,
+        incarnation: setup.incarnation,
+        encoding: args.encoding(),
+    }
 }
 
 fn stop_link(link: LinkHandle) {

@@ -269,7 +269,7 @@ impl Client {
     fn receive(&mut self, tick: u64) {
         self.arrived.clear();
         while self.inbox.len() < INBOX_CHUNKS
-            && let Some(chunk) = self.link.downward.receive(tick)
+            && let Some(chunk) = self.link.receive_down(tick)
         {
             if let Some(recording) = &mut self.recording {
                 recording.add_chunk(chunk);

@@ -2,7 +2,11 @@
 
 use crate::random::Random;
 use hrtc_core::streaming::chunk::InboxChunk;
-use protocol::{ChunkKind, ContactReport, Request, RequestKind};
+use protocol::{
+    CHUNK_SLOTS, ChunkDecoder, ChunkEncoder, ChunkHeader, ChunkKind, ChunkSlot, CompactError,
+    ContactReport, Request, RequestKind,
+};
+use spm::Sizes;
 use std::collections::VecDeque;
 use std::fmt;
 
@@ -24,6 +28,8 @@ pub struct LinkModel {
     pub damage: f64,
     /// Throughput of each direction, bytes a tick; infinite for no limit.
     pub bytes_per_tick: f64,
+    /// Whether chunks travel compact, as to another machine.
+    pub is_compact: bool,
 }
 
 impl Default for LinkModel {
@@ -36,6 +42,7 @@ impl Default for LinkModel {
             reordering: 0.0,
             damage: 0.0,
             bytes_per_tick: f64::INFINITY,
+            is_compact: false,
         }
     }
 }
@@ -130,9 +137,18 @@ impl Payload for Upward {
     fn flip_bit(&mut self, _: &mut Random) {}
 }
 
-impl Payload for InboxChunk {
+/// A chunk on its way to a client.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Downward {
+    header: ChunkHeader,
+    slots: [ChunkSlot; CHUNK_SLOTS],
+    /// Slots that travel; fewer than all when it is compact.
+    used: usize,
+}
+
+impl Payload for Downward {
     fn bytes(&self) -> usize {
-        size_of::<Self>()
+        size_of::<ChunkHeader>() + self.used * size_of::<ChunkSlot>()
     }
 
     fn kind(&self) -> usize {
@@ -146,7 +162,7 @@ impl Payload for InboxChunk {
     }
 
     fn flip_bit(&mut self, random: &mut Random) {
-        let slot = random.below(self.slots.len() as u64) as usize;
+        let slot = random.below(self.used as u64) as usize;
         let words = &mut self.slots[slot].words;
         let word = random.below(words.len() as u64) as usize;
         words[word] ^= 1 << random.below(32);
@@ -247,7 +263,11 @@ pub struct Link {
     is_cut: bool,
     tamper: Option<Tamper>,
     pub(crate) upward: DelayLine<Upward>,
-    pub(crate) downward: DelayLine<InboxChunk>,
+    downward: DelayLine<Downward>,
+    /// The station's end, for chunks that travel compact, and the client's.
+    encoder: ChunkEncoder,
+    decoder: ChunkDecoder,
+    bytes_down: u64,
 }
 
 impl Link {
@@ -261,6 +281,9 @@ impl Link {
             tamper: None,
             upward: DelayLine::default(),
             downward: DelayLine::default(),
+            encoder: ChunkEncoder::default(),
+            decoder: ChunkDecoder::default(),
+            bytes_down: 0,
         }
     }
 
@@ -316,13 +339,55 @@ impl Link {
             .send(tick, message, &self.model, &mut self.random);
     }
 
-    /// Sends a chunk to the client.
-    pub(crate) fn send_down(&mut self, tick: u64, mut chunk: InboxChunk) {
+    /// Sends a chunk to the client; `sizes` are those of its model.
+    pub(crate) fn send_down(&mut self, tick: u64, mut chunk: InboxChunk, sizes: Option<Sizes>) {
         if let Some(tamper) = &mut self.tamper {
             tamper(&mut chunk);
         }
+        let InboxChunk { header, slots } = chunk;
+        let mut sent = Downward {
+            header,
+            slots,
+            used: CHUNK_SLOTS,
+        };
+        if self.model.is_compact
+            && let Some(compact) = self.encoder.encode(&header, &slots, sizes)
+        {
+            sent.used = compact.len();
+            sent.slots[..sent.used].copy_from_slice(&compact);
+        }
         self.downward
-            .send(tick, chunk, &self.model, &mut self.random);
+            .send(tick, sent, &self.model, &mut self.random);
+    }
+
+    /// The next chunk if it is due at a tick.
+    pub(crate) fn receive_down(&mut self, tick: u64) -> Option<InboxChunk> {
+        while let Some(sent) = self.downward.receive(tick) {
+            self.bytes_down += sent.bytes() as u64;
+            let Downward {
+                header,
+                slots,
+                used,
+            } = sent;
+            if !self.model.is_compact && used == CHUNK_SLOTS {
+                return Some(InboxChunk { header, slots });
+            }
+            match self.decoder.decode(&header, &slots[..used]) {
+                Ok(slots) => return Some(InboxChunk { header, slots }),
+                Err(CompactError::Gap) => {
+                    let (header, slots) = header.of_gap();
+                    return Some(InboxChunk { header, slots });
+                }
+                Err(_) => {}
+            }
+        }
+        None
+    }
+
+    /// Bytes of the chunks that came to the client, headers too.
+    #[must_use]
+    pub fn bytes_down(&self) -> u64 {
+        self.bytes_down
     }
 
     /// Loses what is due, both ways.

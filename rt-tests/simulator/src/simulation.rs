@@ -297,7 +297,9 @@ impl<D: AsRef<[u8]>> Simulation<D> {
             }
             while let Some((header, slots)) = station.poll(client.identity().client) {
                 self.said.push(header);
-                client.link().send_down(tick, InboxChunk { header, slots });
+                let sizes = station.sizes(header.object);
+                let chunk = InboxChunk { header, slots };
+                client.link().send_down(tick, chunk, sizes);
             }
         }
     }

@@ -13,11 +13,13 @@
 //! | [`stability`] | the hard cases |
 //! | [`simulate`] | random faults on both cores in virtual time |
 //! | [`faults`] | real processes killed, stopped, replaced and starved in contact |
+//! | [`codecs`] | what a record costs on the wire, by codec |
 //! | [`hosts`] | station and controller on two hosts, over links of any length |
 //! | [`effects`] | the cost of each effect |
 //! | [`zwidth`] | the stiffest wall that can be rendered |
 
 pub mod accuracy;
+pub mod codecs;
 pub mod compare;
 pub mod effects;
 pub mod export;

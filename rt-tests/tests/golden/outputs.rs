@@ -7,7 +7,7 @@
 //! | part | numbers |
 //! |---|---|
 //! | wrench | of each probe: force x y z, torque x y z |
-//! | requests | of each: client, incarnation, sequence, consumed, model, name; of the tour seed, seconds, speed, depth, radius; epoch, kind, object, count, credit, reserved; of each valid region: region, tolerance's bits, action |
+//! | requests | of each: client, incarnation, sequence, consumed, model, name; of the tour seed, seconds, speed, depth, radius; epoch, kind, object, count, credit, encoding; of each valid region: region, tolerance's bits, action |
 //! | reports | of each: client, tick, probe, object, position x y z, orientation w x y z, contact x y z, force x y z |
 //! | contacts | of each probe: object, face, point x y z, the faces that push; then of each object that moves: object, position x y z, orientation w x y z |
 //! | counters | chunks consumed; then [`counters`], in its order |
@@ -66,7 +66,7 @@ pub fn put_tick(
             of.object,
             of.count,
             of.credit,
-            of.reserved,
+            of.encoding,
         ]);
         for ask in &of.regions[..of.count as usize] {
             requests.put_all([ask.region, ask.tolerance_bits, ask.action]);

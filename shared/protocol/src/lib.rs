@@ -4,12 +4,13 @@
 //! |---|---|
 //! | `wire` | messages as they are in shared memory |
 //! | `answers` | closures and records, packed into chunks |
+//! | `compact` | chunks in as few bytes as they need |
 //! | `hello` | the heartbeat, which also tells versions apart |
 //!
 //! | service | direction | payload |
 //! |---|---|---|
 //! | `hrtc/v4/subscribe` | controller to station | [`Request`] |
-//! | `hrtc/v4/records/CLIENT` | station to one controller | [`ChunkHeader`] and 64 [`ChunkSlot`]s |
+//! | `hrtc/v4/records/CLIENT` | station to one controller | [`ChunkHeader`] and up to 64 [`ChunkSlot`]s |
 //! | `hrtc/v4/pose` | controller to station | [`ContactReport`] |
 //! | `hrtc/hello` | both ways | [`Hello`], whose first bytes never change |
 //!
@@ -62,14 +63,16 @@
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 
 mod answers;
+mod compact;
 mod hello;
 mod wire;
 
 pub use answers::{AnswerItem, AnswersReader, AnswersWriter, DamagedAnswers, PartHead};
+pub use compact::{ChunkDecoder, ChunkEncoder, CompactError};
 pub use hello::{HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VERSION, Role};
 pub use wire::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind, ChunkSlot,
-    ContactReport, MAX_CLIENTS, MAX_SESSIONS, MODEL_HEADER_SLOTS, MeasuredError,
+    ContactReport, Encoding, MAX_CLIENTS, MAX_SESSIONS, MODEL_HEADER_SLOTS, MeasuredError,
     REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind, TourAsk,
     TourPoint,
 };

@@ -5,7 +5,7 @@ use iceoryx2_bb_derive_macros::ZeroCopySend;
 use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
 use spm::ModelHeader;
 
-/// Slots of a chunk. Every chunk is sent whole (4 KiB), so the segments of a tunnel never grow.
+/// Slots of a chunk (4 KiB). On the way a compact one takes fewer: see [`super::ChunkEncoder`].
 pub const CHUNK_SLOTS: usize = 64;
 /// Chunks that may be under way to one client, in all of its sessions together.
 pub const CREDIT_CHUNKS: u64 = 32;
@@ -58,6 +58,14 @@ codes! {
         Tour = 5,
         /// The request cannot be served; `code` is the [`Refusal`].
         Refused = 6,
+    }
+
+    /// How chunks travel to a client.
+    pub enum Encoding {
+        /// With all of their slots.
+        Plain = 0,
+        /// Compact where that is smaller: see [`super::ChunkEncoder`].
+        Compact = 1,
     }
 
     /// Reasons to refuse a request.
@@ -115,6 +123,21 @@ impl ChunkHeader {
     /// Sets the checksum, when everything else is set.
     pub fn seal(&mut self, slots: &[ChunkSlot; CHUNK_SLOTS]) {
         self.checksum = self.checksum_with(slots);
+    }
+
+    /// The header of a chunk that tells its reader that chunks of this epoch are missing, and holds
+    /// nothing: no epoch comes to its number.
+    #[must_use]
+    pub fn of_gap(&self) -> (Self, [ChunkSlot; CHUNK_SLOTS]) {
+        let slots = [ChunkSlot::zeroed(); CHUNK_SLOTS];
+        let mut header = Self {
+            sequence: u64::MAX,
+            count: 0,
+            last: 0,
+            ..*self
+        };
+        header.seal(&slots);
+        (header, slots)
     }
 
     /// Whether header and slots are as they were sealed: a coordinate that was changed on the way
@@ -277,8 +300,9 @@ pub struct Request {
     /// Chunks that may be under way in this session from now on; the sessions of a client share
     /// [`CREDIT_CHUNKS`].
     pub credit: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// How this client wants its chunks from now on, in all of its sessions: [`Encoding`] as a
+    /// number; plain for a number of another version.
+    pub encoding: u32,
     /// Regions (kind Regions).
     pub regions: [RegionAsk; REGIONS_PER_REQUEST],
 }

@@ -59,7 +59,7 @@ use protocol::{
 };
 use residency_change::ResidencyChange;
 use session::{Accepted, Session};
-use spm::{NONE, RegionId, SpmFile};
+use spm::{NONE, RegionId, Sizes, SpmFile};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A chunk: header and slots.
@@ -164,6 +164,14 @@ impl<D: AsRef<[u8]>> Station<D> {
     #[must_use]
     pub fn incarnation(&self) -> u64 {
         self.incarnation
+    }
+
+    /// Sizes of the model of an object; `None` for an object that it does not serve.
+    #[must_use]
+    pub fn sizes(&self, object: u32) -> Option<Sizes> {
+        let object = self.objects.get(object as usize)?;
+        let served = self.models.get(object.model)?;
+        Some(served.file.model_header().sizes())
     }
 
     /// What happened so far.

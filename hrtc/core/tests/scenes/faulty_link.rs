@@ -144,3 +144,20 @@ fn a_link_that_loses_doubles_and_reorders() {
         });
     }
 }
+
+#[test]
+fn a_bad_link_of_compact_chunks() {
+    for seed in 1..=2 {
+        let name = format!("bad link, compact, seed {seed}");
+        ends_like_an_undisturbed_run(&name, |world| {
+            if world.tick() == TROUBLE {
+                let bad = LinkModel {
+                    is_compact: true,
+                    damage: 0.02,
+                    ..faulty(0.02, 0.05, 0.05)
+                };
+                world.client_mut().link().disturb(bad, seed);
+            }
+        });
+    }
+}

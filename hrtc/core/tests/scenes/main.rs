@@ -4,6 +4,7 @@
 mod common;
 
 mod any_input;
+mod compact_chunks;
 mod effects;
 mod far_station;
 mod faulty_link;
