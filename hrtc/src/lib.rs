@@ -54,5 +54,6 @@ pub mod recorder;
 pub mod result;
 pub mod run;
 pub mod setup;
+mod station_heard;
 pub mod tick_record;
 pub mod tuning;

@@ -5,9 +5,10 @@
 //! taken from iceoryx2 only when the inbox has room, so none is dropped here. The credit window
 //! bounds the number of waiting chunks.
 
+use crate::station_heard::StationHeard;
 use crate::tuning::{
     CLEANUP_PERIOD, HELLO_PERIOD, INBOX_CAPACITY, LINK_END_TIMEOUT, LINK_POLL_PERIOD,
-    LINK_STACK_BYTES, MAX_LOGGED_SENTENCES, STATION_TIMEOUT,
+    LINK_STACK_BYTES, MAX_LOGGED_SENTENCES,
 };
 use bytemuck::Zeroable;
 use hrtc_core::streaming::chunk::InboxChunk;
@@ -25,7 +26,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use thiserror::Error;
 use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError, receive_in_turn};
 
@@ -53,8 +54,10 @@ pub struct LinkEndpoints {
     pub contacts: Consumer<ContactReport>,
     /// The tick's inbox; room for [`INBOX_CAPACITY`].
     pub inbox: Producer<InboxChunk>,
-    /// Incarnation of the station heard in the last half second; 0 when there is none.
+    /// Incarnation of the station that is heard; 0 when there is none.
     pub station: Arc<AtomicU64>,
+    /// Round-trip time that the tick has measured, microseconds; 0 before it has.
+    pub round_trip_us: Arc<AtomicU32>,
     /// Version of a peer that speaks another protocol; 0 when none was heard.
     pub other_version: Arc<AtomicU32>,
     /// Called for every arrival; `None` without a recording.
@@ -93,6 +96,8 @@ pub struct LinkReport {
     pub unreadable: u64,
     /// Receives that found the inbox full.
     pub inbox_full: u64,
+    /// Heartbeats refused: of another version or byte order, or none at all.
+    pub refused: u64,
 }
 
 /// The connection agent.
@@ -207,8 +212,7 @@ struct Agent {
     ends: LinkEndpoints,
     report: LinkReport,
     decoder: ChunkDecoder,
-    /// Incarnation of the station, and time of its last heartbeat.
-    station: Option<(u64, Instant)>,
+    station: StationHeard,
     /// Newest epoch of each session that was requested and not closed, by object.
     open_sessions: BTreeMap<u32, u32>,
     /// Sentences that were logged.
@@ -223,7 +227,7 @@ impl Agent {
             ends,
             report: LinkReport::default(),
             decoder: ChunkDecoder::default(),
-            station: None,
+            station: StationHeard::default(),
             open_sessions: BTreeMap::new(),
             warned: BTreeSet::new(),
         }
@@ -234,7 +238,7 @@ impl Agent {
         loop {
             let ending = stop.load(Ordering::Relaxed);
             let now = Instant::now();
-            self.receive();
+            self.receive(now);
             self.send();
             self.listen(now);
             if now >= next_hello {
@@ -244,7 +248,11 @@ impl Agent {
                     incarnation,
                     ..
                 } = self.options;
+                let round_trip = self.ends.round_trip_us.load(Ordering::Relaxed);
+                let round_trip = Duration::from_micros(round_trip.into());
+                self.station.set_round_trip(round_trip);
                 let hello = Hello::new(Role::Controller, incarnation, client);
+                let hello = hello.with_round_trip(round_trip);
                 if let Err(e) = self.ports.hello.outgoing.send_copy(hello) {
                     self.warn_port("send heartbeats", e);
                 }
@@ -264,7 +272,7 @@ impl Agent {
     }
 
     /// Moves chunks into the inbox while it has room; the others wait in iceoryx2's queue.
-    fn receive(&mut self) {
+    fn receive(&mut self, now: Instant) {
         for _ in 0..INBOX_CAPACITY {
             if self.ends.inbox.is_full() {
                 self.report.inbox_full += 1;
@@ -288,6 +296,7 @@ impl Agent {
             let Some(chunk) = self.decode(header, &slots[..used]) else {
                 continue;
             };
+            self.station.chunk(chunk.header.station, now);
             if let Some(record) = &mut self.ends.recorder {
                 record(&chunk);
             }
@@ -373,15 +382,21 @@ impl Agent {
     fn listen(&mut self, now: Instant) {
         let mut hellos = Vec::new();
         let incoming = &self.ports.hello.incoming;
-        let received = receive_in_turn(incoming, 2 * MAX_QUEUED, |hello| hellos.push(hello.read()));
+        let received = receive_in_turn(incoming, 2 * MAX_QUEUED, |hello| hellos.push(hello));
         if let Err(e) = received {
             self.warn_port("receive heartbeats", e);
         }
-        for read in hellos {
-            match read {
-                Ok((Role::Station, incarnation, _)) => self.hear_station(incarnation, now),
-                Ok((Role::Controller, ..)) => {}
+        for hello in hellos {
+            match hello.read() {
+                Ok(greeting) if greeting.role == Role::Station => {
+                    self.station.heartbeat(greeting.incarnation, now);
+                    if let Some(warning) = hello.other_build() {
+                        self.warn_once(warning);
+                    }
+                }
+                Ok(_) => {}
                 Err(error) => {
+                    self.report.refused += 1;
                     if let HelloError::OtherVersion { theirs, .. } = error {
                         self.ends.other_version.store(theirs, Ordering::Release);
                     }
@@ -389,27 +404,8 @@ impl Agent {
                 }
             }
         }
-        if self
-            .station
-            .is_some_and(|(_, last)| now.duration_since(last) > STATION_TIMEOUT)
-        {
-            self.station = None;
-        }
-        let alive = self.station.map_or(0, |(incarnation, _)| incarnation);
-        self.ends.station.store(alive, Ordering::Release);
-    }
-
-    /// Keeps a live station when another one is heard, so that two of them do not alternate. A
-    /// restarted station replaces a dead one whose last heartbeat is two periods old.
-    fn hear_station(&mut self, incarnation: u64, now: Instant) {
-        match self.station {
-            Some((current, last)) if current != incarnation => {
-                if now.duration_since(last) > 2 * HELLO_PERIOD {
-                    self.station = Some((incarnation, now));
-                }
-            }
-            _ => self.station = Some((incarnation, now)),
-        }
+        let living = self.station.living(now);
+        self.ends.station.store(living, Ordering::Release);
     }
 
     fn warn_port(&mut self, what: &'static str, reason: impl std::fmt::Debug) {

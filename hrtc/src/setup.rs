@@ -28,6 +28,10 @@ pub struct ControllerSetup {
     pub motion_limits: Vec<[f64; 3]>,
     /// Length of a tour, seconds.
     pub tour_seconds: f64,
+    /// Whether the station is on another machine; in a recording without this, it is not known to
+    /// be.
+    #[serde(default)]
+    pub station_is_far: bool,
 }
 
 impl ControllerSetup {
@@ -69,6 +73,7 @@ impl ControllerSetup {
                 })
                 .collect(),
             tour_seconds,
+            station_is_far: false,
         }
     }
 
@@ -90,6 +95,9 @@ impl ControllerSetup {
         }
         let mut controller =
             Controller::new(plan, self.identity(), self.max_force_n, self.tour_seconds);
+        if self.station_is_far {
+            controller.station_is_far();
+        }
         for (probe, &[speed, acceleration, angular_speed]) in self.motion_limits.iter().enumerate()
         {
             let limits = MotionLimits {

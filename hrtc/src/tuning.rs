@@ -62,8 +62,12 @@ pub const LINK_END_TIMEOUT: Duration = Duration::from_secs(2);
 pub const LINK_POLL_PERIOD: Duration = Duration::from_micros(150);
 /// Time between two heartbeats.
 pub const HELLO_PERIOD: Duration = Duration::from_millis(HELLO_PERIOD_MS);
-/// Silence after which a station counts as absent: five heartbeats.
+/// Silence after which a station counts as absent, beside what its link adds: five heartbeats.
 pub const STATION_TIMEOUT: Duration = Duration::from_millis(5 * HELLO_PERIOD_MS);
+/// Round trips that a link adds: what is lost is sent again after one and 200 ms (RFC 6298 with
+/// Linux's least), and after two more and 400 ms where that is lost too. With [`STATION_TIMEOUT`]
+/// that bridges one loss over any link, and two in a row from 200 ms on.
+pub const ROUND_TRIPS_OF_SILENCE: u32 = 4;
 /// Time between two clean-ups of dead nodes.
 pub const CLEANUP_PERIOD: Duration = Duration::from_secs(1);
 /// Different sentences about peers that the link logs, at most.

@@ -13,13 +13,14 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use spm::{SpmFile, write_spm};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, build_model};
-use station_core::station::{ServedModel, ServedObject, Station};
+use station_core::station::{Counters, ServedModel, ServedObject, Station};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 use transport::Domain;
+use ve_station::clients::ClientStatus;
 use ve_station::connection::Connection;
 
 const CLIENT: u64 = 0xC11E;
@@ -56,13 +57,17 @@ fn torus() -> Vec<u8> {
 /// A station on its own thread.
 struct Served {
     stop: Arc<AtomicBool>,
-    thread: thread::JoinHandle<station_core::station::Counters>,
+    /// What it told last of its clients.
+    status: Arc<Mutex<Vec<ClientStatus>>>,
+    thread: thread::JoinHandle<(Counters, u64)>,
 }
 
 impl Served {
     fn start(domain: &Domain, incarnation: u64, bytes: Vec<u8>) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let (domain, stopped) = (domain.clone(), Arc::clone(&stop));
+        let status = Arc::new(Mutex::new(Vec::new()));
+        let told = Arc::clone(&status);
         let thread = thread::spawn(move || {
             let served = ServedModel {
                 name: "torus".to_owned(),
@@ -74,13 +79,23 @@ impl Served {
             };
             let station = Station::new(incarnation, vec![served], vec![object]);
             let mut connection = Connection::open(&domain, station).unwrap();
-            connection.run(&stopped);
-            connection.station().counters()
+            connection.run_telling(&stopped, |clients| *told.lock().unwrap() = clients.to_vec());
+            let counters = connection.station().counters();
+            (counters, connection.refused_heartbeats())
         });
-        Self { stop, thread }
+        Self {
+            stop,
+            status,
+            thread,
+        }
     }
 
-    fn stop(self) -> station_core::station::Counters {
+    fn stop(self) -> Counters {
+        self.stop_refusing().0
+    }
+
+    /// The same, with the number of heartbeats that it refused.
+    fn stop_refusing(self) -> (Counters, u64) {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().unwrap()
     }
@@ -93,6 +108,7 @@ struct Tick {
     inbox: Consumer<InboxChunk>,
     station: Arc<AtomicU64>,
     other_version: Arc<AtomicU32>,
+    round_trip_us: Arc<AtomicU32>,
     recorded: Arc<Mutex<Vec<u64>>>,
     link: LinkHandle,
     next: u64,
@@ -129,6 +145,7 @@ impl Tick {
         let (inbox_in, inbox) = RingBuffer::new(INBOX_CAPACITY);
         let station = Arc::new(AtomicU64::new(0));
         let other_version = Arc::new(AtomicU32::new(0));
+        let round_trip_us = Arc::new(AtomicU32::new(0));
         let link = Link::spawn(
             LinkOptions {
                 domain: domain.clone(),
@@ -142,6 +159,7 @@ impl Tick {
                 inbox: inbox_in,
                 station: Arc::clone(&station),
                 other_version: Arc::clone(&other_version),
+                round_trip_us: Arc::clone(&round_trip_us),
                 recorder: Some(recorder),
             },
         )
@@ -152,6 +170,7 @@ impl Tick {
             inbox,
             station,
             other_version,
+            round_trip_us,
             recorded,
             link,
             next: 0,
@@ -483,6 +502,94 @@ fn another_protocol_version_is_told_to_the_tick() {
         0,
         "it is no station of ours"
     );
+}
+
+/// A request as a machine of the other byte order would lay it out.
+fn swapped(kind: RequestKind) -> Request {
+    let mut request = Request::zeroed();
+    request.client = CLIENT.swap_bytes();
+    request.incarnation = 1_u64.swap_bytes();
+    request.name = Request::name_hash("torus").swap_bytes();
+    request.credit = 32_u32.swap_bytes();
+    request.kind = (kind as u32).swap_bytes();
+    request
+}
+
+#[test]
+fn a_peer_of_another_byte_order_is_refused_by_both_sides() {
+    let domain = domain("order");
+    let served = Served::start(&domain, 31, torus());
+    let mut tick = Tick::start(&domain);
+    tick.wait_for_station(31);
+    let node = domain.node().unwrap();
+    let hellos = domain.heartbeats(&node).unwrap().outgoing;
+    let topic = domain.subscribe_service(&node).unwrap();
+    let requests = domain.publisher(&topic, "send requests").unwrap();
+    for role in [Role::Station, Role::Controller] {
+        let forged = Hello::new(role, 99, 99).with_other_byte_order();
+        hellos.send_copy(forged).unwrap();
+    }
+    hellos
+        .send_copy(Hello::of_version(9, Role::Station, 1, 0))
+        .unwrap();
+    requests.send_copy(swapped(RequestKind::Model)).unwrap();
+    until("what came after the forged ones", || {
+        tick.other_version.load(Ordering::Acquire) == 9
+    });
+    // The station looks at heartbeats before requests: it has heard them at the second one.
+    for _ in 0..2 {
+        tick.request(RequestKind::Model, |_| {});
+        tick.answer();
+    }
+    assert_eq!(tick.station.load(Ordering::Acquire), 31);
+    let report = tick.link.stop().unwrap();
+    assert_eq!(report.refused, 3);
+    let (counters, refused) = served.stop_refusing();
+    assert_eq!((counters.damaged, refused), (1, 3));
+    assert_eq!(counters.refused, 0, "nothing was answered to it");
+}
+
+#[test]
+fn a_peer_of_another_build_is_served() {
+    let domain = domain("build");
+    let tick = Tick::start(&domain);
+    let node = domain.node().unwrap();
+    let hellos = domain.heartbeats(&node).unwrap().outgoing;
+    until("the station", || {
+        let other = Hello::new(Role::Station, 32, 0).with_build("0.0.0-other");
+        hellos.send_copy(other).unwrap();
+        tick.station.load(Ordering::Acquire) == 32
+    });
+    assert_eq!(tick.link.stop().unwrap().refused, 0);
+}
+
+#[test]
+fn the_station_tells_who_is_connected_from_how_far_and_what_was_sent() {
+    let domain = domain("status");
+    let served = Served::start(&domain, 33, torus());
+    let mut ticks = [Tick::start(&domain), Tick::start_as(CLIENT + 1, &domain)];
+    ticks[1].round_trip_us.store(20_340, Ordering::Relaxed);
+    for tick in &mut ticks {
+        tick.wait_for_station(33);
+        tick.request(RequestKind::Model, |_| {});
+        tick.answer();
+    }
+    let each = (CHUNK_SLOTS * size_of::<ChunkSlot>() + size_of::<ChunkHeader>()) as u64;
+    let sent = ticks.each_ref().map(|tick| tick.consumed * each);
+    until("the status", || {
+        let status = served.status.lock().unwrap();
+        let [near, far] = &status[..] else {
+            return false;
+        };
+        let is_told = (near.client, far.client) == (CLIENT, CLIENT + 1);
+        let has_distance = far.round_trip == Some(Duration::from_micros(20_340));
+        is_told && has_distance && near.round_trip.is_none() && [near.bytes, far.bytes] == sent
+    });
+    for tick in ticks {
+        assert!(tick.link.stop().is_some());
+    }
+    until("their end", || served.status.lock().unwrap().is_empty());
+    served.stop();
 }
 
 #[test]

@@ -5,16 +5,17 @@
 //! epochs heal it. Between two looks at the ports each client has a turn of a few steps; who waits
 //! for long, as for a tour or the closure of a whole model, is told in time that it is being made.
 
+use crate::clients::{ClientStatus, Clients};
 use crate::tuning::link::{
-    CLEANUP, FORGET, HELLO, MAKE_ROOM, MAX_SAID, POLL, STEPS_A_TURN, TOLD, TURNED_AWAY,
+    CLEANUP, FORGET, HELLO, MAKE_ROOM, MAX_SAID, POLL, STATUS, STEPS_A_TURN, TOLD, TURNED_AWAY,
 };
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use protocol::{
-    ChunkEncoder, ChunkHeader, ChunkSlot, ContactReport, Encoding, Hello, HelloError, MAX_CLIENTS,
-    Request, Role,
+    ChunkEncoder, ChunkHeader, ChunkSlot, ContactReport, Encoding, Hello, MAX_CLIENTS, Request,
+    Role,
 };
 use station_core::station::{Chunk, Message, Station};
 use std::collections::btree_map::Entry;
@@ -28,8 +29,9 @@ use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError, receive_in_turn}
 pub struct Connection<D> {
     station: Station<D>,
     ports: Ports,
-    /// Last sign of life of each client.
-    heard: BTreeMap<u64, Instant>,
+    clients: Clients,
+    /// Heartbeats refused: of another version or byte order, or none at all.
+    refused: u64,
     /// Clients that are being worked for, and when each was told something last.
     waiting: BTreeMap<u64, Instant>,
     /// Coders of the clients that asked for compact chunks.
@@ -88,14 +90,15 @@ impl Ports {
         }
     }
 
+    /// Sends a chunk; its bytes.
     fn send(
         &self,
         client: u64,
         header: &ChunkHeader,
         slots: &[ChunkSlot],
-    ) -> Result<(), TransportError> {
+    ) -> Result<usize, TransportError> {
         let Some(publisher) = self.records.get(&client) else {
-            return Ok(());
+            return Ok(0);
         };
         let mut sample = publisher
             .loan_slice_uninit(slots.len())
@@ -106,7 +109,7 @@ impl Ports {
             .write_from_slice(slots)
             .send()
             .map_err(|e| self.domain.error("send records", e))?;
-        Ok(())
+        Ok(size_of_val(header) + size_of_val(slots))
     }
 }
 
@@ -119,7 +122,8 @@ impl<D: AsRef<[u8]>> Connection<D> {
         Ok(Self {
             station,
             ports: Ports::open(domain)?,
-            heard: BTreeMap::new(),
+            clients: Clients::default(),
+            refused: 0,
             waiting: BTreeMap::new(),
             encoders: BTreeMap::new(),
             turned_away: BTreeMap::new(),
@@ -133,10 +137,22 @@ impl<D: AsRef<[u8]>> Connection<D> {
         &self.station
     }
 
+    /// Heartbeats refused so far.
+    #[must_use]
+    pub fn refused_heartbeats(&self) -> u64 {
+        self.refused
+    }
+
     /// Serves until `stop` is set. Trouble with one client or one message is logged, once, and
     /// service goes on.
     pub fn run(&mut self, stop: &AtomicBool) {
+        self.run_telling(stop, |_| ());
+    }
+
+    /// The same, and tells every second who is connected.
+    pub fn run_telling(&mut self, stop: &AtomicBool, mut tell: impl FnMut(&[ClientStatus])) {
         let (mut next_hello, mut next_cleanup) = (Instant::now(), Instant::now() + CLEANUP);
+        let mut next_status = next_cleanup;
         while !stop.load(Ordering::Relaxed) {
             let now = Instant::now();
             self.receive(now);
@@ -155,6 +171,10 @@ impl<D: AsRef<[u8]>> Connection<D> {
                 // A peer that died leaves its files and queues to whoever looks.
                 let _ = self.ports.node.try_cleanup_dead_nodes();
             }
+            if now >= next_status {
+                next_status = now + STATUS;
+                tell(&self.clients.tell(now));
+            }
             if self.waiting.is_empty() {
                 std::thread::sleep(POLL);
             }
@@ -167,20 +187,21 @@ impl<D: AsRef<[u8]>> Connection<D> {
         let most = 2 * MAX_QUEUED;
         let mut hellos = Vec::new();
         let incoming = &self.ports.hello.incoming;
-        let received = receive_in_turn(incoming, most, |hello| hellos.push(hello.read()));
+        let received = receive_in_turn(incoming, most, |hello| hellos.push(hello));
         self.check("receive heartbeats", received);
         for hello in hellos {
-            self.hear(hello, now);
+            self.hear(&hello, now);
         }
-        let (station, heard, encoders) = (&mut self.station, &mut self.heard, &mut self.encoders);
+        let (station, clients, encoders) =
+            (&mut self.station, &mut self.clients, &mut self.encoders);
         let received = receive_in_turn(&self.ports.requests, most, |request| {
             station.handle(Message::Request(&request));
             let client = request.client;
             let is_known = station.knows(client);
             if is_known {
-                heard.insert(client, now);
+                clients.asks(client, now);
             } else {
-                heard.remove(&client);
+                clients.remove(client);
             }
             if is_known && Encoding::from_code(request.encoding) == Some(Encoding::Compact) {
                 encoders.entry(client).or_default();
@@ -199,22 +220,29 @@ impl<D: AsRef<[u8]>> Connection<D> {
         }
     }
 
-    fn hear(&mut self, read: Result<(Role, u64, u64), HelloError>, now: Instant) {
-        match read {
-            Ok((Role::Controller, _, client)) => {
-                if let Some(heard) = self.heard.get_mut(&client) {
-                    *heard = now;
+    /// Takes a heartbeat. Whoever's is refused is not served either: the topics of another version
+    /// have other names, and in a request of the other byte order no number makes sense.
+    fn hear(&mut self, hello: &Hello, now: Instant) {
+        match hello.read() {
+            Ok(greeting) if greeting.role == Role::Controller => {
+                self.clients
+                    .greets(greeting.client, greeting.round_trip, now);
+                if let Some(warning) = hello.other_build() {
+                    self.warn_once(warning);
                 }
             }
-            Ok((Role::Station, incarnation, _)) => {
-                if incarnation != self.station.incarnation() {
+            Ok(greeting) => {
+                if greeting.incarnation != self.station.incarnation() {
                     let domain = self.ports.domain.name();
                     self.warn_once(format!(
                         "another station serves the domain \"{domain}\": stop one of them, or choose another --domain"
                     ));
                 }
             }
-            Err(error) => self.warn_once(error.to_string()),
+            Err(error) => {
+                self.refused += 1;
+                self.warn_once(error.to_string());
+            }
         }
     }
 
@@ -281,8 +309,9 @@ impl<D: AsRef<[u8]>> Connection<D> {
         let compact =
             encoder.and_then(|of| of.encode(header, slots, self.station.sizes(header.object)));
         let slots = compact.as_deref().unwrap_or(slots);
-        if let Err(error) = self.ports.send(client, header, slots) {
-            self.warn_once(error.to_string());
+        match self.ports.send(client, header, slots) {
+            Ok(bytes) => self.clients.sent(client, bytes),
+            Err(error) => self.warn_once(error.to_string()),
         }
     }
 
@@ -293,13 +322,8 @@ impl<D: AsRef<[u8]>> Connection<D> {
         } else {
             MAKE_ROOM
         };
-        self.heard.retain(|&client, &mut last| {
-            let keep = now.duration_since(last) < timeout;
-            if !keep {
-                station.remove_client(client);
-            }
-            keep
-        });
+        self.clients
+            .forget_silent(timeout, now, |client| station.remove_client(client));
     }
 
     fn check(&mut self, what: &'static str, done: Result<(), impl std::fmt::Debug>) {

@@ -6,6 +6,7 @@
 //! | [`inspect`] | what an SPM file holds, for people and scripts |
 //! | [`database`] | the models of a scene, and the cache of built ones |
 //! | `file_bytes` | the bytes of a file, safe from whoever overwrites it |
+//! | [`clients`] | who is connected, and the line about it |
 //! | [`connection`], [`serve`] | the iceoryx2 ports around the pure core ([`station_core`]), and the command |
 //!
 //! # Two machines
@@ -38,6 +39,7 @@
 //! | *the link was lost* | look at the cable: the touch goes on with its certified error meanwhile |
 //! | *the process of the tunnel ended* | nothing; if it repeats, report what it says |
 
+pub mod clients;
 pub mod connection;
 pub mod database;
 pub mod export;

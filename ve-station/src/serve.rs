@@ -1,8 +1,11 @@
 //! `ve-station serve`: the shell that joins database, core and connection.
 
+use crate::clients::{self, ClientStatus};
 use crate::connection::Connection;
 use crate::database::{Database, DatabaseError};
+use crate::tuning::link::STATUS_KEPT;
 use crate::tuning::models::{BUILD_STACK_BYTES, STOP_POLL};
+use indicatif::{ProgressBar, ProgressStyle};
 use scene::{self, Overrides, SceneError, ScenePlan};
 use scene_files::DiskFiles;
 use serde::Serialize;
@@ -13,7 +16,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use thiserror::Error;
 use transport::{Domain, TransportError};
 
@@ -65,6 +68,8 @@ pub struct ServeReport {
     /// What happened.
     #[serde(flatten)]
     pub counters: Counters,
+    /// Heartbeats refused: of another version or byte order, or none at all.
+    pub refused_heartbeats: u64,
 }
 
 /// Serves a scene until `stop` is set.
@@ -96,11 +101,14 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
     let station = Station::new(incarnation(), database.models, database.objects);
     let mut connection = Connection::open(&domain, station)?;
     note("ready");
-    connection.run(stop);
+    let mut status = StatusLine::new();
+    connection.run_telling(stop, |clients| status.show(clients));
+    status.bar.finish_and_clear();
     let report = ServeReport {
         scene: plan.name,
         domain: args.domain.clone(),
         counters: connection.station().counters(),
+        refused_heartbeats: connection.refused_heartbeats(),
     };
     if args.json
         && let Ok(text) = serde_json::to_string(&report)
@@ -114,6 +122,42 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
 /// Prints a line on standard error; nobody may be left to read it.
 fn note(line: &str) {
     let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// The line that tells who is connected: on a terminal one that is kept up to date, elsewhere one
+/// for each controller that comes or goes, and now and then.
+struct StatusLine {
+    bar: ProgressBar,
+    /// The clients that were listed last, and when.
+    listed: (Vec<u64>, Instant),
+}
+
+impl StatusLine {
+    fn new() -> Self {
+        let bar = ProgressBar::new_spinner();
+        if let Ok(style) = ProgressStyle::with_template("{wide_msg}") {
+            bar.set_style(style);
+        }
+        Self {
+            bar,
+            listed: (Vec::new(), Instant::now()),
+        }
+    }
+
+    fn show(&mut self, clients: &[ClientStatus]) {
+        let line = clients::line(clients);
+        if !self.bar.is_hidden() {
+            self.bar.set_message(line);
+            return;
+        }
+        let ids: Vec<u64> = clients.iter().map(|of| of.client).collect();
+        let (listed, since) = &self.listed;
+        let is_due = !ids.is_empty() && since.elapsed() >= STATUS_KEPT;
+        if ids != *listed || is_due {
+            note(&line);
+            self.listed = (ids, Instant::now());
+        }
+    }
 }
 
 /// Opens the models on a thread of its own, so that a request to stop is heard while one is built.

@@ -17,10 +17,18 @@ pub mod link {
     pub const TOLD: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS / 4);
     /// Time between two clean-ups of dead nodes.
     pub const CLEANUP: Duration = Duration::from_secs(1);
-    /// A client silent for so long gives up its place where another waits for one: ten heartbeats.
+    /// A client silent for so long, and for what its link adds, gives up its place where another
+    /// waits for one: ten heartbeats.
     pub const MAKE_ROOM: Duration = Duration::from_millis(10 * HELLO_PERIOD_MS);
-    /// A client silent for so long is forgotten, and its topic closed.
+    /// A client silent for so long, and for what its link adds, is forgotten, and its topic closed.
     pub const FORGET: Duration = Duration::from_secs(10);
+    /// Round trips that the link of a client adds to a silence: what is lost comes again after one
+    /// and 200 ms, or after two more and 400 ms where that is lost too, and half a one later.
+    pub const ROUND_TRIPS_OF_SILENCE: u32 = 4;
+    /// Time between two statuses.
+    pub const STATUS: Duration = Duration::from_secs(1);
+    /// Time between two of them where they stay on the screen, unless the clients change.
+    pub const STATUS_KEPT: Duration = Duration::from_secs(60);
     /// Time for which the topic of a client that was turned away stays open: it is repeated
     /// meanwhile.
     pub const TURNED_AWAY: Duration = Duration::from_secs(2);

@@ -60,6 +60,13 @@ impl Controller {
         }
     }
 
+    /// Says that the station is on another machine, before the first tick: until a round trip to it
+    /// is measured, a question counts as lost after a second. Before, as for one on this machine,
+    /// after [`protocol::ANSWER_TIMEOUT_MS`].
+    pub fn station_is_far(&mut self) {
+        self.active.meter.station_is_far();
+    }
+
     /// Judges the samples of a probe by the limits of its device from now on; before, every pose
     /// whose numbers are usable is believed.
     pub fn set_motion_limits(&mut self, probe: usize, limits: MotionLimits) {

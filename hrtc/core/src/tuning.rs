@@ -88,8 +88,8 @@ pub mod streaming {
     pub const QUEUE_S: f64 = 0.02;
     /// Chunks that may always be under way: one on the link while another is taken in.
     pub const MIN_WINDOW: u64 = 2;
-    /// Silence after which the first question counts as lost, before a round trip was measured,
-    /// seconds (RFC 6298, 2.1).
+    /// Silence after which the first question to a station on another machine counts as lost,
+    /// before a round trip was measured, seconds (RFC 6298, 2.1).
     pub const FIRST_TIMEOUT_S: f64 = 1.0;
     /// Regions that may be outstanding, in what the link carries in two round trips.
     pub const QUEUED: f64 = 2.0;

@@ -78,7 +78,8 @@ pub struct RunArgs {
     pub scene: PathBuf,
     /// Name of the iceoryx2 domain.
     pub domain: String,
-    /// Address of the station where it is on another machine; only messages need it.
+    /// Address of the station where it is on another machine, for messages; the first question to
+    /// such a one waits longer for its answer.
     pub station: Option<String>,
     /// Length, seconds; until `stop` when absent.
     pub seconds: Option<f64>,
@@ -166,9 +167,7 @@ pub fn run_until(
     let mut plan = scene::load(&args.scene, &args.overrides, &files)?;
     let domain = Domain::new(&args.domain)?;
     let devices = make_devices(devices, args, &plan)?;
-    let capabilities = devices.iter().map(|probe| probe.device.capabilities());
-    let tour_seconds = args.seconds.unwrap_or(TOUR_SECONDS);
-    let setup = ControllerSetup::new(new_identity(), capabilities, tour_seconds);
+    let setup = setup_for(args, &devices);
     let controller = Box::new(setup.controller(&mut plan));
     let period_ns = (1e9 / plan.loop_.rate_hz).round() as u64;
     let run = Accumulator::new(period_ns, plan.probes.len()).ok_or(RunError::Histogram)?;
@@ -188,6 +187,7 @@ pub fn run_until(
             contacts,
             inbox,
             station: Arc::clone(&shared.station),
+            round_trip_us: Arc::clone(&shared.round_trip_us),
             other_version: Arc::clone(&other_version),
             recorder: recorded_chunks,
         },
@@ -342,6 +342,15 @@ fn link_options(args: &RunArgs, domain: Domain, setup: &ControllerSetup) -> Link
 fn stop_link(link: LinkHandle) {
     let report = link.stop();
     tracing::debug!(?report, "link stopped");
+}
+
+/// The values beside the scene that make the controller of a run.
+fn setup_for(args: &RunArgs, devices: &[ProbeDevice]) -> ControllerSetup {
+    let capabilities = devices.iter().map(|probe| probe.device.capabilities());
+    let tour_seconds = args.seconds.unwrap_or(TOUR_SECONDS);
+    let mut setup = ControllerSetup::new(new_identity(), capabilities, tour_seconds);
+    setup.station_is_far = args.station.is_some();
+    setup
 }
 
 /// An identity that differs at every start: the clock and the process.

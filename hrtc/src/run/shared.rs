@@ -4,7 +4,7 @@ use super::watchdog::Lease;
 use crate::result::SafetyEvents;
 use hrtc_core::Fault;
 use realtime::rights::MissingRight;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// Flags and rare values between the tick thread and the main thread. The tick writes atomics only;
@@ -37,6 +37,8 @@ pub(super) struct Shared {
     pub log_dropped: AtomicU64,
     /// Incarnation of the station; 0 for none.
     pub station: Arc<AtomicU64>,
+    /// Measured round-trip time of the link to it, microseconds; 0 for none.
+    pub round_trip_us: Arc<AtomicU32>,
     /// The fault that leaves the controller nothing to do.
     pub fault: Mutex<Option<Fault>>,
     /// Faults of objects, with their numbers, while the run goes on; room for all is made before

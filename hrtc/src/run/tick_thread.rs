@@ -261,6 +261,10 @@ impl TickThread {
             stopping,
         };
         let consumed = self.compute(inputs, slots, outputs, &mut clock);
+        // `as` saturates: a negative one, which means none, is 0.
+        let round_trip_us = (1e6 * outputs.record.round_trip_s) as u32;
+        let told = &self.shared.round_trip_us;
+        told.store(round_trip_us, Ordering::Relaxed);
         arrivals.waiting = slots - consumed;
         self.send(outputs);
         self.render(lasting);

@@ -27,6 +27,8 @@ pub struct ClientOptions {
     pub tour_s: f64,
     /// Its link.
     pub link: LinkModel,
+    /// Whether it is told that the station is on another machine.
+    pub station_is_far: bool,
     /// Seed of the link's faults.
     pub link_seed: u64,
 }
@@ -41,6 +43,7 @@ impl Default for ClientOptions {
             device_max_n: 10.0,
             tour_s: 0.0,
             link: LinkModel::default(),
+            station_is_far: false,
             link_seed: 1,
         }
     }
@@ -85,8 +88,13 @@ impl Client {
             device_max_n,
             tour_s,
             link,
+            station_is_far,
             link_seed,
         } = options;
+        let mut controller = Controller::new(plan, identity, device_max_n, tour_s);
+        if station_is_far {
+            controller.station_is_far();
+        }
         let period_s = 1.0 / plan.loop_.rate_hz;
         let hands = plan.probes.iter().map(|probe| {
             let hand = Hand::new(probe.device, period_s);
@@ -96,7 +104,7 @@ impl Client {
             }
         });
         Self {
-            controller: Controller::new(plan, identity, device_max_n, tour_s),
+            controller,
             identity,
             link: Link::new(link, link_seed),
             hands: hands.collect(),

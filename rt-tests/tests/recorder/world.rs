@@ -75,6 +75,7 @@ impl World {
             renders_torque: Vec::new(),
             motion_limits: Vec::new(),
             tour_seconds: TOUR_S,
+            station_is_far: false,
         };
         let head = RecordingHead::new(&path, &overrides, &setup, &files, 1);
         let spm = model();

@@ -69,7 +69,7 @@ mod wire;
 
 pub use answers::{AnswerItem, AnswersReader, AnswersWriter, DamagedAnswers, PartHead};
 pub use compact::{ChunkDecoder, ChunkEncoder, CompactError};
-pub use hello::{HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VERSION, Role};
+pub use hello::{BUILD, Greeting, HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VERSION, Role};
 pub use wire::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind, ChunkSlot,
     ContactReport, Encoding, MAX_CLIENTS, MAX_SESSIONS, MODEL_HEADER_SLOTS, MeasuredError,

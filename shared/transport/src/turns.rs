@@ -79,7 +79,7 @@ mod tests {
                 let mut count = 0;
                 let received = receive_in_turn(&port, most, |taken| {
                     count += 1;
-                    heard.extend(taken.read().map(|(_, _, client)| client));
+                    heard.extend(taken.read().map(|greeting| greeting.client));
                     // It goes on and on.
                     senders[flooding].send_copy(hello(99)).unwrap();
                 });

@@ -80,7 +80,7 @@ impl Client {
     fn heartbeats(&self) -> u64 {
         let mut heard = 0;
         while let Some(hello) = self.hello.receive().unwrap() {
-            heard += u64::from(matches!(hello.read(), Ok((Role::Station, ..))));
+            heard += u64::from(hello.read().is_ok_and(|of| of.role == Role::Station));
         }
         heard
     }

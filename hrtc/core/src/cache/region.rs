@@ -8,7 +8,7 @@
 //!             _again     |  v                   v
 //!                        |  Unwanting ---> Unloading ---> as its AfterUnload says:
 //!                        |                                RequestAgain: ToRequestAgain
-//!        ToRequestAgain -+                                Refuse: Refused
+//!        ToRequestAgain -+                                Refuse, Reject: Refused
 //!                                                         Release: ToRelease ---> (unknown,
 //!                                                         once the station is told)
 //!                                                         Forget: (unknown)
@@ -47,8 +47,11 @@ pub enum AfterUnload {
     Forget,
     /// It is requested again, with every record.
     RequestAgain,
-    /// It is not requested for a while.
+    /// It is not requested for a while: the station refused it.
     Refuse,
+    /// It is not requested for a while: its records do not fit the mesh. Then the station, which
+    /// holds it for subscribed, is told of its release.
+    Reject,
 }
 
 /// A region in the table.
@@ -63,7 +66,7 @@ pub struct Region {
     pub changing: u32,
     /// Whether all of it is performed; while wanted.
     pub refined: bool,
-    /// What becomes of it; while it is unloaded.
+    /// What becomes of it; from when it is unloaded.
     after_unload: AfterUnload,
     /// Whether the first part of its answer has arrived; while requested.
     has_answer: bool,
@@ -126,7 +129,7 @@ impl Region {
         matches!(self.state, RegionState::Unwanting | RegionState::Unloading)
     }
 
-    /// What becomes of it when it is unloaded; while it is.
+    /// What becomes of it when it is unloaded, or became of it when it was.
     pub(super) fn after_unload(&self) -> AfterUnload {
         self.after_unload
     }
@@ -192,7 +195,7 @@ impl Region {
 
     /// Its closure is unloaded: the station is to be told.
     pub(super) fn release(&mut self) {
-        debug_assert!(self.state == RegionState::Unloading && self.changing == 0);
+        debug_assert!(!self.wanted && self.changing == 0);
         self.state = RegionState::ToRelease;
     }
 

@@ -178,7 +178,9 @@ impl RegionTable {
         match then {
             AfterUnload::Release => self.release(index),
             AfterUnload::RequestAgain => self.ask_again(index),
-            AfterUnload::Refuse | AfterUnload::Forget => self.at_mut(index).refuse(),
+            AfterUnload::Refuse | AfterUnload::Reject | AfterUnload::Forget => {
+                self.at_mut(index).refuse();
+            }
         }
         self.append(index as u32);
         true
@@ -217,14 +219,23 @@ impl RegionTable {
     }
 
     /// Forgets one region that was refused so many ticks ago, so that it may be requested again.
+    /// One that the station holds for subscribed is to be released before: what is under way of its
+    /// answer is of no use, and it is not given anew to who only asks for it again.
     pub fn forget_old_refusal(&mut self, tick: u64, ticks: u64) {
         let capacity = self.capacity();
         for _ in 0..REFUSED_WINDOW.min(capacity) {
             let place = self.next_refused;
             self.next_refused = (place + 1) % capacity;
             let region = self.get(place);
-            if region.is_some_and(|region| region.is_refused_before(tick, ticks)) {
+            let Some(region) = region.filter(|region| region.is_refused_before(tick, ticks)) else {
+                continue;
+            };
+            if region.after_unload() != AfterUnload::Reject {
                 self.remove(place);
+                break;
+            }
+            if self.may_release() {
+                self.release(place);
                 break;
             }
         }

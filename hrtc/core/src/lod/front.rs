@@ -264,8 +264,8 @@ impl Front {
 
     /// Gives up a region that cannot be used; after a while it may be requested again. Returns
     /// whether its answer was outstanding.
-    pub fn refuse(&mut self, region: usize, tick: u64) -> bool {
-        let was_outstanding = self.cache.begin_unload(region, AfterUnload::Refuse, tick);
+    pub fn refuse(&mut self, region: usize, why: AfterUnload, tick: u64) -> bool {
+        let was_outstanding = self.cache.begin_unload(region, why, tick);
         self.last_refused = self.cache.regions.at(region).key.id.0;
         self.refused_regions += 1;
         was_outstanding

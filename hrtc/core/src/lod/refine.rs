@@ -5,7 +5,7 @@ use super::front::Front;
 use super::geomorph::{CollapseOutcome, Folds, Transition};
 use super::predict::TURNS;
 use crate::budget::Budget;
-use crate::cache::Region;
+use crate::cache::{AfterUnload, Region};
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::{
     BEHIND_SHARE, CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT, MAX_UPKEEP,
@@ -118,7 +118,7 @@ impl Front {
                 }
                 if tried.is_err() {
                     // The rest of the closure may depend on it: the region stays as it is.
-                    self.refuse(region, tick);
+                    self.refuse(region, AfterUnload::Reject, tick);
                     self.cache.go_on_unloading(&mut budget.upkeep);
                 }
                 if has_to_wait || tried.is_err() {

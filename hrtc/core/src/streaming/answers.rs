@@ -85,7 +85,9 @@ impl Session {
                     return Taken::Part;
                 }
                 (Err(LoadError::Gap), _) => self.ask_again(region, &mut of.front.cache, tick),
-                (Err(LoadError::Damaged), _) => self.refuse(region, of.front, tick),
+                (Err(LoadError::Damaged), _) => {
+                    self.refuse(region, of.front, (AfterUnload::Reject, tick));
+                }
             }
             // What was given up makes room for what follows.
             of.front.cache.go_on_unloading(&mut budget.upkeep);

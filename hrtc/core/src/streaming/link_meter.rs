@@ -10,13 +10,14 @@ use crate::tuning::streaming::{
 };
 use protocol::{CREDIT_CHUNKS, Request};
 
-/// See the module. Times are in ticks; until something is measured the link counts as a local one,
-/// but for the first timeout.
+/// See the module. Times are in ticks; until something is measured the link counts as a local one.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct LinkMeter {
     rate_hz: f64,
     /// The shortest timeout.
     answer_timeout: u64,
+    /// The timeout before a round trip was measured.
+    first_timeout: u64,
     /// Smoothed round-trip time and its mean deviation.
     round_trip: Option<(f64, f64)>,
     /// Shortest round trip of the present span of time, and of the one before.
@@ -40,6 +41,7 @@ impl LinkMeter {
         Self {
             rate_hz: horizons.rate_hz,
             answer_timeout: horizons.answer_timeout,
+            first_timeout: horizons.answer_timeout,
             round_trip: None,
             least: [f64::INFINITY; 2],
             span_began: 0,
@@ -48,6 +50,11 @@ impl LinkMeter {
             flow: None,
             regions: (0.0, 0.0),
         }
+    }
+
+    /// The station is on another machine: nothing is known of the first round trip.
+    pub fn station_is_far(&mut self) {
+        self.first_timeout = (FIRST_TIMEOUT_S * self.rate_hz).ceil() as u64;
     }
 
     /// A question that was put once is answered, so many ticks after it was put: one put twice says
@@ -147,7 +154,7 @@ impl LinkMeter {
     #[must_use]
     pub fn timeout(&self, silences: u32) -> u64 {
         let ticks = match self.round_trip {
-            None => FIRST_TIMEOUT_S * self.rate_hz,
+            None => return self.first_timeout << silences,
             Some((smoothed, variation)) => smoothed + VARIATIONS * variation,
         };
         self.answer_timeout.max(ticks.ceil() as u64) << silences
@@ -239,8 +246,13 @@ mod tests {
             assert_eq!((of.window(), of.lead()), (CREDIT_CHUNKS, 0.0));
             assert_eq!((of.most_questions(), of.request_ticks()), (32, 0));
         }
-        assert_eq!((new.timeout(0), local.timeout(0)), (1000, 200));
+        assert_eq!((new.timeout(0), local.timeout(0)), (200, 200));
         assert_eq!(local.timeout(2), 800);
+        let mut far = meter();
+        far.station_is_far();
+        assert_eq!((far.timeout(0), far.timeout(1)), (1000, 2000));
+        far.answered(4, 0);
+        assert_eq!(far.timeout(0), 200, "no farther than it is");
         assert!(new.round_trip_s() < 0.0 && new.bytes_per_s() < 0.0);
         assert!((local.round_trip_s() - 0.004).abs() < 1e-9);
     }

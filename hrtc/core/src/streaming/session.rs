@@ -418,16 +418,22 @@ impl Session {
             _ => {
                 let name = (header.region, header.tolerance_bits);
                 if let Some(region) = of.front.cache.requested(name) {
-                    self.refuse(region, of.front, context.tick);
+                    let (front, tick) = (&mut *of.front, context.tick);
+                    self.refuse(region, front, (AfterUnload::Refuse, tick));
                 }
             }
         }
     }
 
     /// Gives up a requested region that cannot be used.
-    pub(super) fn refuse(&mut self, region: usize, front: &mut Front, tick: u64) {
+    pub(super) fn refuse(
+        &mut self,
+        region: usize,
+        front: &mut Front,
+        (why, tick): (AfterUnload, u64),
+    ) {
         let key = front.cache.regions.at(region).key;
-        if front.refuse(region, tick) {
+        if front.refuse(region, why, tick) {
             self.subscriber.answered(key);
         }
     }

@@ -15,6 +15,7 @@ mod moving_objects;
 mod nothing_falls_through;
 mod rates;
 mod replay;
+mod several_clients;
 mod several_objects;
 mod skipped_periods;
 mod tick_allocates_nothing;

@@ -113,6 +113,7 @@ pub fn new_client(scenario: &Scenario, k: usize, incarnation: u64) -> Client {
         device_max_n: DEVICE_MAX_N,
         tour_s: TOUR_S,
         link: LinkModel::default(),
+        station_is_far: false,
         link_seed: scenario.seed ^ (k as u64) << 32 ^ incarnation << 40,
     };
     let mut client = Client::new(&scenario.plan, options);

@@ -318,18 +318,13 @@ impl Answer {
         ids
     }
 
-    /// Writes the answer again from its start, with every record: who asks again lost it. What is
-    /// found stays found.
+    /// Writes the answer again from its start, with every record: its client had no use for it.
+    /// What is found stays found.
     pub(super) fn again(&mut self) {
         self.closure.iter_mut().for_each(|i| *i |= MISSING);
         self.next_id = 0;
         self.next_record = 0;
         self.started = false;
-    }
-
-    /// Whether a part with content is written.
-    pub(super) fn has_started(&self) -> bool {
-        self.next_id > 0
     }
 
     /// Goes on with the search; whether the closure is found.

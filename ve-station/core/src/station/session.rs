@@ -191,8 +191,9 @@ impl Session {
 
     /// Queues the question for a region, unless it waits already. `whole`: with every record.
     ///
-    /// An answer that has begun is given anew with every record: who asks again lost it. What was
-    /// searched for it is not searched again.
+    /// What waits or is under way comes whole, or a gap ends the epoch: so it is given anew only to
+    /// who has no use for it, and with every record. What was searched for it is not searched
+    /// again.
     pub fn subscribe(&mut self, model: usize, ask: RegionAsk, whole: bool) {
         let waiting = self.jobs.iter_mut().find(|j| j.is_of(region_at(&ask)));
         if let Some(Job::Region {
@@ -201,10 +202,9 @@ impl Session {
             ..
         }) = waiting
         {
-            let has_started = answer.as_ref().is_some_and(|answer| answer.has_started());
-            *waiting_whole |= whole || has_started;
-            if let Some(answer) = answer.as_mut().filter(|_| *waiting_whole) {
-                answer.again();
+            if whole {
+                *waiting_whole = true;
+                answer.iter_mut().for_each(|answer| answer.again());
             }
             return;
         }

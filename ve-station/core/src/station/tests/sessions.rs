@@ -210,6 +210,55 @@ proptest! {
     }
 }
 
+/// Two clients, each at a station of its own, that ask for the same in the same order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Asker {
+    Once,
+    Twice,
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+
+    /// A question that is put again while it waits, is searched for or is being answered changes
+    /// nothing of what is said, and when.
+    #[test]
+    fn a_question_put_again_restarts_no_answer(
+        steps in prop::collection::vec((0usize..40, 0..6u8, 1u64..12), 1..150),
+    ) {
+        let regions = regions();
+        let mut pairs = [Asker::Once, Asker::Twice].map(|of| (of, station(1), Client::new(7)));
+        for (k, step, most) in steps {
+            let region = regions[k % regions.len()];
+            let mut said = pairs.each_mut().map(|(asker, server, client)| {
+                let asked: Vec<RegionAt> = client.asked.iter().copied().collect();
+                let requests = match step {
+                    0 | 1 => client.subscribe(region),
+                    2 => client.release(region),
+                    3 if *asker == Asker::Twice && !asked.is_empty() => {
+                        client.regions(RegionAction::Subscribe, &[asked[k % asked.len()]])
+                    }
+                    _ => vec![client.request(RequestKind::Credit)],
+                };
+                tell(server, requests);
+                let mut steps = most;
+                let chunk = server.poll_within(7, &mut steps);
+                if let Some(chunk) = &chunk {
+                    let again = client.receive(chunk).expect("nothing is lost");
+                    tell(server, again);
+                }
+                chunk
+            });
+            let twice = said[1].take();
+            prop_assert!(said[0] == twice, "{:?}", (said[0].map(|c| c.0), twice.map(|c| c.0)));
+        }
+        let held = pairs.each_ref().map(|(_, _, client)| client.held.clone());
+        prop_assert_eq!(&held[0], &held[1]);
+        let counters = pairs.each_ref().map(|(_, server, _)| server.counters().records);
+        prop_assert_eq!(counters[0], counters[1]);
+    }
+}
+
 #[test]
 fn records_dropped_under_an_answer_come_again_without_another_epoch() {
     let file = open();
