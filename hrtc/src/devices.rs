@@ -76,8 +76,8 @@ impl DeviceRegistry {
             return Ok(GuardedDevice::new(Box::new(device)));
         };
         let refuse = |sentence: String| {
-            let (scene, line) = (scene.display(), custom.line);
-            SceneError(format!("{scene}, line {line}: {sentence}"))
+            let file = custom.file.as_deref().unwrap_or(scene).display();
+            SceneError(format!("{file}, line {}: {sentence}", custom.line))
         };
         let name = &custom.name;
         let constructor = self.constructors.get(name).ok_or_else(|| {

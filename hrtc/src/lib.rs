@@ -7,13 +7,15 @@
 //! | [`run`] | a run from start to result: threads, rings, messages |
 //! | [`devices`] | [`DeviceRegistry`](devices::DeviceRegistry): devices by the name in a scene |
 //! | [`setup`] | identity of a controller and limits of its devices |
+//! | [`fetch`] | the station's scene, for a run without one of its own |
 //! | [`link`] | connection agent: one thread with every iceoryx2 port |
 //! | [`tick_record`] | numbers of one tick for the log |
 //! | [`result`] | result fields, series and histograms of a run |
 //! | [`recorder`] | recording of all inputs, and its replay |
 //! | [`tuning`] | sizes of rings and stacks, waiting times |
 //!
-//! A station on another machine is called by `hrtc run --station`: see the page of `ve-station`.
+//! A station on another machine is called by `hrtc run --station`, which needs no file of the
+//! scene: see the page of `ve-station`.
 //!
 //! # Example
 //! Three seconds with a driver of one's own, named `fixed` in the scene. A contact needs a station
@@ -48,6 +50,7 @@
 //! ```
 
 pub mod devices;
+pub mod fetch;
 pub mod link;
 mod message;
 pub mod recorder;

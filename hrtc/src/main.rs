@@ -5,6 +5,7 @@ mod station_link;
 use clap::{Args, Parser, Subcommand};
 use hrtc::devices::DeviceRegistry;
 use hrtc::run::{Output, RunArgs, StopFlags, run_until};
+use hrtc::setup::ForceLimits;
 use hrtc::tuning::SIGNALS_STACK_BYTES;
 use scene_args::OverrideArgs;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -46,8 +47,10 @@ enum Command {
 
 #[derive(Debug, Args)]
 struct RunOptions {
-    /// The scene file, the same that the station serves
-    scene: PathBuf,
+    /// The scene file, the same that the station serves; with --station, that of the station when
+    /// it is left out
+    #[arg(required_unless_present = "station")]
+    scene: Option<PathBuf>,
     /// Length of the run, seconds; until Ctrl-C when absent
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
@@ -70,8 +73,25 @@ struct RunOptions {
     /// folder]
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// No more force than this, newtons, whatever the scene says
+    #[arg(long, value_name = "N", value_parser = above_zero)]
+    max_force: Option<f64>,
+    /// No more torque than this, newton metres, whatever the scene says
+    #[arg(long, value_name = "NM", value_parser = above_zero)]
+    max_torque: Option<f64>,
+    /// A file with the device of the first probe, whatever the scene says, as in a scene: device =
+    /// { custom = { name = "..." } }; again for the next probe
+    #[arg(long, value_name = "FILE")]
+    device: Vec<PathBuf>,
     #[command(flatten)]
     overrides: OverrideArgs,
+}
+
+/// A finite number above 0.
+fn above_zero(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok();
+    let above = number.filter(|number: &f64| *number > 0.0 && number.is_finite());
+    above.ok_or_else(|| "write a number above 0".to_owned())
 }
 
 fn main() -> ExitCode {
@@ -102,7 +122,14 @@ fn run(options: RunOptions) -> ExitCode {
         domain: options.domain,
         station: options.station,
         seconds: options.seconds,
-        overrides: options.overrides.overrides(),
+        overrides: scene::Overrides {
+            devices: options.device,
+            ..options.overrides.overrides()
+        },
+        limits: ForceLimits {
+            max_force_n: options.max_force,
+            max_torque_nm: options.max_torque,
+        },
         output,
         started_ns: None,
         record: options.record,

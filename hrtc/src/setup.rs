@@ -34,6 +34,16 @@ pub struct ControllerSetup {
     pub station_is_far: bool,
 }
 
+/// Limits of force that the controller's own machine states. They hold whatever scene and devices
+/// say: of all limits the least one counts.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ForceLimits {
+    /// Newtons, above 0.
+    pub max_force_n: Option<f64>,
+    /// Newton metres, above 0.
+    pub max_torque_nm: Option<f64>,
+}
+
 impl ControllerSetup {
     /// A controller with these devices, one a probe.
     #[must_use]
@@ -75,6 +85,15 @@ impl ControllerSetup {
             tour_seconds,
             station_is_far: false,
         }
+    }
+
+    /// The same within these limits too.
+    #[must_use]
+    pub fn within(mut self, limits: ForceLimits) -> Self {
+        let least = |limit: f64, own: Option<f64>| limit.min(own.unwrap_or(f64::MAX));
+        self.max_force_n = least(self.max_force_n, limits.max_force_n);
+        self.max_torque_nm = least(self.max_torque_nm, limits.max_torque_nm);
+        self
     }
 
     /// The identity towards the station.

@@ -73,6 +73,19 @@ pub const CLEANUP_PERIOD: Duration = Duration::from_secs(1);
 /// Different sentences about peers that the link logs, at most.
 pub const MAX_LOGGED_SENTENCES: usize = 64;
 
+/// Time between two looks of a fetch at its ports.
+pub const FETCH_POLL: Duration = Duration::from_micros(500);
+/// How long a run without a scene of its own waits for a station: far longer than a link takes to
+/// come up.
+pub const FETCH_STATION: Duration = Duration::from_secs(30);
+/// Silence after which a station counts as lost while its scene is fetched: three of the longest
+/// times between two questions for the same.
+pub const FETCH_SILENCE: Duration = Duration::from_secs(15);
+/// Time after which a fetch says how far it is, and between two such lines.
+pub const FETCH_TOLD: Duration = Duration::from_secs(2);
+/// How long a station of this version is waited for after one of another was heard: ten heartbeats.
+pub const OTHER_VERSION_HEARD: Duration = Duration::from_millis(10 * HELLO_PERIOD_MS);
+
 /// Tick records between main thread and recorder: about four seconds at 1 kHz, 2 KiB each, 8 MiB.
 /// That bridges every stall of the recorder's thread but a lasting lack of processor time: a
 /// keyframe takes tenths of a second, and beside a hundred busy threads on its core it waits 0.3 s

@@ -7,15 +7,17 @@
 
 use crate::clients::{ClientStatus, Clients};
 use crate::tuning::link::{
-    CLEANUP, FORGET, HELLO, MAKE_ROOM, MAX_SAID, POLL, STATUS, STEPS_A_TURN, TOLD, TURNED_AWAY,
+    CLEANUP, FILE_CHUNKS_A_TURN, FILES_ASKED, FORGET, HELLO, MAKE_ROOM, MAX_SAID, POLL, STATUS,
+    STEPS_A_TURN, TOLD, TURNED_AWAY,
 };
+use file_transfer::FileServer;
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use protocol::{
     ChunkEncoder, ChunkHeader, ChunkSlot, ContactReport, Encoding, Hello, MAX_CLIENTS, Request,
-    Role,
+    RequestKind, Role,
 };
 use station_core::station::{Chunk, Message, Station};
 use std::collections::btree_map::Entry;
@@ -28,6 +30,7 @@ use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError, receive_in_turn}
 #[derive(Debug)]
 pub struct Connection<D> {
     station: Station<D>,
+    files: FileServer,
     ports: Ports,
     clients: Clients,
     /// Heartbeats refused: of another version or byte order, or none at all.
@@ -36,6 +39,8 @@ pub struct Connection<D> {
     waiting: BTreeMap<u64, Instant>,
     /// Coders of the clients that asked for compact chunks.
     encoders: BTreeMap<u64, ChunkEncoder>,
+    /// Clients that asked for files, and when.
+    asked_for_files: BTreeMap<u64, Instant>,
     /// Clients turned away, and when.
     turned_away: BTreeMap<u64, Instant>,
     /// Sentences about peers already said.
@@ -120,6 +125,8 @@ impl<D: AsRef<[u8]>> Connection<D> {
     /// When iceoryx2 refuses, after three tries.
     pub fn open(domain: &Domain, station: Station<D>) -> Result<Self, TransportError> {
         Ok(Self {
+            files: FileServer::empty(station.incarnation()),
+            asked_for_files: BTreeMap::new(),
             station,
             ports: Ports::open(domain)?,
             clients: Clients::default(),
@@ -129,6 +136,12 @@ impl<D: AsRef<[u8]>> Connection<D> {
             turned_away: BTreeMap::new(),
             said: BTreeSet::new(),
         })
+    }
+
+    /// Gives these files away to whoever asks; without them every such question is refused.
+    #[must_use]
+    pub fn with_files(self, files: FileServer) -> Self {
+        Self { files, ..self }
     }
 
     /// The core, for its counters.
@@ -141,6 +154,12 @@ impl<D: AsRef<[u8]>> Connection<D> {
     #[must_use]
     pub fn refused_heartbeats(&self) -> u64 {
         self.refused
+    }
+
+    /// The files of the scene, for their counters.
+    #[must_use]
+    pub fn files(&self) -> &FileServer {
+        &self.files
     }
 
     /// Serves until `stop` is set. Trouble with one client or one message is logged, once, and
@@ -194,7 +213,12 @@ impl<D: AsRef<[u8]>> Connection<D> {
         }
         let (station, clients, encoders) =
             (&mut self.station, &mut self.clients, &mut self.encoders);
+        let files = &mut self.files;
         let received = receive_in_turn(&self.ports.requests, most, |request| {
+            if request.kind == RequestKind::File as u32 {
+                files.handle(&request);
+                return;
+            }
             station.handle(Message::Request(&request));
             let client = request.client;
             let is_known = station.knows(client);
@@ -264,10 +288,12 @@ impl<D: AsRef<[u8]>> Connection<D> {
                 }
             }
         }
+        self.send_files(now, &mut may_open);
         // A client that the core forgot keeps no topic.
-        let turned_away = &self.turned_away;
+        let (turned_away, asked) = (&self.turned_away, &self.asked_for_files);
+        let is_other = |id| turned_away.contains_key(&id) || asked.contains_key(&id);
         self.ports
-            .close_records(|id| clients.contains(&id) || turned_away.contains_key(&id));
+            .close_records(|id| clients.contains(&id) || is_other(id));
         self.waiting.retain(|id, _| clients.contains(id));
         self.encoders.retain(|id, _| clients.contains(id));
         for client in clients {
@@ -301,6 +327,34 @@ impl<D: AsRef<[u8]>> Connection<D> {
         }
         for note in self.station.take_notes() {
             tracing::warn!("{note}");
+        }
+    }
+
+    /// Sends a few chunks of files to each client that waits for some.
+    fn send_files(&mut self, now: Instant, may_open: &mut bool) {
+        self.asked_for_files
+            .retain(|_, &mut since| now.duration_since(since) < FILES_ASKED);
+        let waiting: Vec<u64> = self.files.clients().collect();
+        for client in waiting {
+            let is_known = self.asked_for_files.contains_key(&client);
+            if !is_known && self.asked_for_files.len() == MAX_CLIENTS {
+                continue;
+            }
+            match self.ports.open_records(client, may_open) {
+                Ok(true) => {}
+                Ok(false) => continue,
+                Err(error) => {
+                    self.warn_once(error.to_string());
+                    continue;
+                }
+            }
+            self.asked_for_files.insert(client, now);
+            for _ in 0..FILE_CHUNKS_A_TURN {
+                let Some(chunk) = self.files.poll(client) else {
+                    break;
+                };
+                self.send_chunk(client, &chunk);
+            }
         }
     }
 

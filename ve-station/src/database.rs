@@ -77,10 +77,10 @@ impl Database {
     pub fn open(plan: &ScenePlan, progress: &dyn Progress) -> Result<Self, DatabaseError> {
         let mut models: Vec<ServedModel<FileBytes>> = Vec::new();
         let mut objects = Vec::new();
-        let mut opened: BTreeMap<String, usize> = BTreeMap::new();
+        let mut opened: BTreeMap<&ModelSource, usize> = BTreeMap::new();
         for object in &plan.objects {
             let name = object.model.name();
-            let model = match opened.get(&name) {
+            let model = match opened.get(&object.model) {
                 Some(&model) => model,
                 None => {
                     let file = open_source(&object.model, &plan.folder, progress)?;
@@ -97,7 +97,7 @@ impl Database {
                             file,
                         });
                     }
-                    opened.insert(name.clone(), model);
+                    opened.insert(&object.model, model);
                     model
                 }
             };
@@ -111,16 +111,8 @@ impl Database {
 }
 
 /// The folder of built models.
-///
-/// # Errors
-/// When neither `$HRTC_CACHE` nor a home is known.
-pub fn cache_folder() -> Result<PathBuf, DatabaseError> {
-    match std::env::var_os("HRTC_CACHE") {
-        Some(folder) if !folder.is_empty() => Ok(folder.into()),
-        _ => dirs::cache_dir()
-            .map(|folder| folder.join("hrtc").join("models"))
-            .ok_or(DatabaseError::NoCache),
-    }
+fn cache_folder() -> Result<PathBuf, DatabaseError> {
+    scene_files::cache_folder().ok_or(DatabaseError::NoCache)
 }
 
 fn open_source(

@@ -18,13 +18,18 @@
 //! It prints the commands that copy each side's keys to `~/.config/hrtc/keys`. Then
 //! ```sh
 //! ve-station serve scene.toml --listen tls/0.0.0.0:7447   # on the station
-//! hrtc run scene.toml --station tls/192.168.1.10:7447     # on the controller
+//! hrtc run --station tls/192.168.1.10:7447                # on the controller
 //! ```
 //! Nothing else is started: each program runs the link in a process of its own, watches it and
-//! starts it again. Both machines have the scene's file and what it names (the controller needs no
-//! model), the same build, and clocks that are right to a day. The station's firewall lets TCP port
-//! 7447 in. On one machine, `tcp/127.0.0.1:7447` needs no keys, and one side needs another
-//! `--domain`. A wired network is best: what is there and back sooner is refined sooner.
+//! starts it again. Only the station needs files: the controller is given the scene with its tools,
+//! height maps and trajectories by the hash of their content, and keeps them in its cache folder
+//! (`$HRTC_CACHE`, else `hrtc/models` in the user's cache); no path travels. Options of `hrtc run`
+//! stand over the station's, a scene file given to it over the station's scene. `--max-force` and
+//! `--max-torque` of the controller hold whatever the scene says, but raise nothing; `--device` is
+//! its own device. Both machines have the same build, and clocks that are right to a day. The
+//! station's firewall lets TCP port 7447 in. On one machine, `tcp/127.0.0.1:7447` needs no keys,
+//! and one side needs another `--domain`. A wired network is best: what is there and back sooner is
+//! refined sooner.
 //!
 //! What the link says begins with `link:`.
 //!

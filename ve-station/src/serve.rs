@@ -5,9 +5,10 @@ use crate::connection::Connection;
 use crate::database::{Database, DatabaseError};
 use crate::tuning::link::STATUS_KEPT;
 use crate::tuning::models::{BUILD_STACK_BYTES, STOP_POLL};
+use file_transfer::FileServer;
 use indicatif::{ProgressBar, ProgressStyle};
 use scene::{self, Overrides, SceneError, ScenePlan};
-use scene_files::DiskFiles;
+use scene_files::{NotingFiles, Package};
 use serde::Serialize;
 use spm_builder::{Progress, TerminalProgress};
 use station_core::station::{Counters, Station};
@@ -70,6 +71,8 @@ pub struct ServeReport {
     pub counters: Counters,
     /// Heartbeats refused: of another version or byte order, or none at all.
     pub refused_heartbeats: u64,
+    /// Chunks handed out of the scene's plan and files.
+    pub file_chunks: u64,
 }
 
 /// Serves a scene until `stop` is set.
@@ -81,7 +84,8 @@ pub struct ServeReport {
 /// ready; nothing is served then.
 pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeError> {
     let domain = Domain::new(&args.domain)?;
-    let plan = scene::load(&args.scene, &args.overrides, &DiskFiles)?;
+    let files = NotingFiles::default();
+    let plan = scene::load(&args.scene, &args.overrides, &files)?;
     let database = open_models(&plan, stop)?;
     for (index, model) in database.models.iter().enumerate() {
         let head = model.file.model_header();
@@ -99,7 +103,8 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
         ));
     }
     let station = Station::new(incarnation(), database.models, database.objects);
-    let mut connection = Connection::open(&domain, station)?;
+    let files = served_files(args, files, station.incarnation());
+    let mut connection = Connection::open(&domain, station)?.with_files(files);
     note("ready");
     let mut status = StatusLine::new();
     connection.run_telling(stop, |clients| status.show(clients));
@@ -109,6 +114,7 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
         domain: args.domain.clone(),
         counters: connection.station().counters(),
         refused_heartbeats: connection.refused_heartbeats(),
+        file_chunks: connection.files().counters().chunks,
     };
     if args.json
         && let Ok(text) = serde_json::to_string(&report)
@@ -117,6 +123,20 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
         let _ = writeln!(std::io::stdout(), "{text}");
     }
     Ok(report)
+}
+
+/// The scene and its files for controllers that have none of them. A scene that cannot travel is
+/// served to those that have it.
+fn served_files(args: &ServeArgs, read: NotingFiles, station: u64) -> FileServer {
+    match Package::new(&args.scene, &args.overrides, &read.into_kept()) {
+        Ok(package) => FileServer::new(station, package.manifest, package.contents),
+        Err(error) => {
+            note(&format!(
+                "controllers need the scene file themselves, it is not given away: {error}"
+            ));
+            FileServer::empty(station)
+        }
+    }
 }
 
 /// Prints a line on standard error; nobody may be left to read it.

@@ -12,6 +12,10 @@ pub mod link {
     /// Steps of a client's turn between two looks at the ports: tenths of a millisecond, unless
     /// they read a slow disk.
     pub const STEPS_A_TURN: u64 = 8;
+    /// Chunks of files that a client gets between two looks at the ports: 80 MB/s.
+    pub const FILE_CHUNKS_A_TURN: usize = 4;
+    /// Time for which the topic of a client that asked for files stays open after the last of them.
+    pub const FILES_ASKED: Duration = Duration::from_secs(10);
     /// Time after which a client that is being worked for is told something: a part of what it
     /// would wait.
     pub const TOLD: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS / 4);

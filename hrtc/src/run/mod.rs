@@ -10,6 +10,7 @@
 //!
 //! The threads meet in bounded rings.
 
+mod loaded_scene;
 mod monitor;
 mod outcome;
 mod probe_device;
@@ -25,7 +26,7 @@ use crate::link::{Link, LinkEndpoints, LinkHandle, LinkOptions};
 use crate::message::note;
 use crate::recorder::OutputTap;
 use crate::result::Accumulator;
-use crate::setup::ControllerSetup;
+use crate::setup::{ControllerSetup, ForceLimits};
 use crate::tick_record::TickRecord;
 use crate::tuning::{
     INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, TICK_STACK_BYTES, TOUR_SECONDS,
@@ -33,6 +34,7 @@ use crate::tuning::{
 };
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
+use loaded_scene::LoadedScene;
 use monitor::{Drained, Monitor};
 use probe_device::ProbeDevice;
 use protocol::{ContactReport, Encoding, Request};
@@ -42,7 +44,6 @@ use realtime::rights::monotonic_ns;
 use recording::RunRecording;
 use rtrb::{Consumer, RingBuffer};
 use scene::{Overrides, ScenePlan};
-use scene_files::NotingFiles;
 use shared::Shared;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -74,8 +75,8 @@ pub enum Output {
 /// Arguments of `hrtc run`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunArgs {
-    /// The scene file.
-    pub scene: PathBuf,
+    /// The scene file; `None` for the scene of the station, fetched before the first tick.
+    pub scene: Option<PathBuf>,
     /// Name of the iceoryx2 domain.
     pub domain: String,
     /// Address of the station where it is on another machine, for messages; the first question to
@@ -85,6 +86,8 @@ pub struct RunArgs {
     pub seconds: Option<f64>,
     /// Values of the command line that replace the scene's.
     pub overrides: Overrides,
+    /// Limits of this machine, whatever the scene says.
+    pub limits: ForceLimits,
     /// Form of the result.
     pub output: Output,
     /// Start of both processes on CLOCK_MONOTONIC, ns; this process's own when absent.
@@ -99,11 +102,21 @@ impl RunArgs {
     #[must_use]
     pub fn new(scene: &Path, domain: &str) -> Self {
         Self {
-            scene: scene.to_path_buf(),
+            scene: Some(scene.to_path_buf()),
+            ..Self::of_station(domain)
+        }
+    }
+
+    /// The same with the scene of the station in the domain.
+    #[must_use]
+    pub fn of_station(domain: &str) -> Self {
+        Self {
+            scene: None,
             domain: domain.to_owned(),
             station: None,
             seconds: None,
             overrides: Overrides::default(),
+            limits: ForceLimits::default(),
             output: Output::Text,
             started_ns: None,
             record: None,
@@ -163,20 +176,17 @@ pub fn run_until(
     stop: StopFlags<'_>,
 ) -> Result<(), RunError> {
     let started_ns = args.started_ns.unwrap_or_else(monotonic_ns);
-    let files = NotingFiles::default();
-    let mut plan = scene::load(&args.scene, &args.overrides, &files)?;
     let domain = Domain::new(&args.domain)?;
-    let devices = make_devices(devices, args, &plan)?;
-    let setup = setup_for(args, &devices);
-    let controller = Box::new(setup.controller(&mut plan));
+    let mut scene = LoadedScene::new(args, &domain, stop.with_ramp)?;
+    let devices = make_devices(devices, &scene)?;
+    let setup = setup_for(args, &devices).within(args.limits);
+    let controller = Box::new(setup.controller(&mut scene.plan));
+    let plan = &scene.plan;
     let period_ns = (1e9 / plan.loop_.rate_hz).round() as u64;
     let run = Accumulator::new(period_ns, plan.probes.len()).ok_or(RunError::Histogram)?;
 
-    let shared = Arc::new(Shared {
-        object_faults: Mutex::new(Vec::with_capacity(plan.objects.len() + plan.probes.len())),
-        ..Shared::default()
-    });
-    let (mut recording, taps) = RunRecording::start(args, &plan, &setup, files.into_kept())?;
+    let shared = new_shared(plan);
+    let (mut recording, taps) = RunRecording::start(args.record.as_deref(), &scene, &setup)?;
     let (recorded_outputs, recorded_chunks) = taps.map(|of| (of.outputs, of.chunks)).unzip();
     let other_version = Arc::new(AtomicU32::new(0));
     let (rings, requests, contacts, inbox, log) = rings(recorded_outputs);
@@ -193,8 +203,8 @@ pub fn run_until(
         },
     )?;
     shared.refused(recording.as_mut().and_then(RunRecording::take_missing));
-    let _core = claim_core(&plan);
-    let watchdog = watch(&devices, &shared, &plan)?;
+    let _core = claim_core(plan);
+    let watchdog = watch(&devices, &shared, plan)?;
     let tick = Ticking::spawn(TickThread {
         controller,
         devices,
@@ -205,7 +215,7 @@ pub fn run_until(
     })?;
     let monitor = Monitor {
         args,
-        plan: &plan,
+        plan,
         shared: &shared,
         other_version: &other_version,
         started_ns,
@@ -221,6 +231,14 @@ pub fn run_until(
         recording.finish(ended.as_ref().err().map(ToString::to_string));
     }
     ended
+}
+
+/// What the threads share; a fault of every object and probe fits.
+fn new_shared(plan: &ScenePlan) -> Arc<Shared> {
+    Arc::new(Shared {
+        object_faults: Mutex::new(Vec::with_capacity(plan.objects.len() + plan.probes.len())),
+        ..Shared::default()
+    })
 }
 
 /// The tick thread. Dropping it, by an early return or a panic of the main thread, ends it with its
@@ -294,12 +312,12 @@ fn claim_core(plan: &ScenePlan) -> Option<CoreClaim> {
 
 fn make_devices(
     registry: &DeviceRegistry,
-    args: &RunArgs,
-    plan: &ScenePlan,
+    scene: &LoadedScene,
 ) -> Result<Vec<ProbeDevice>, RunError> {
+    let plan = &scene.plan;
     let period_s = 1.0 / plan.loop_.rate_hz;
     let make = |(index, probe)| {
-        let device = registry.make(&args.scene, index, probe, period_s)?;
+        let device = registry.make(&scene.path, index, probe, period_s)?;
         tracing::debug!(capabilities = ?device.capabilities(), "device of probe {index}");
         Ok(ProbeDevice::new(device, probe))
     };

@@ -21,6 +21,7 @@ use realtime::rights::monotonic_ns;
 use rtrb::Consumer;
 use scene::{ScenePlan, TrajectoryPlan};
 use std::io::Write;
+use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 
@@ -199,7 +200,8 @@ impl Monitor<'_> {
             && monotonic_ns() > self.started_ns + STATION_ABSENT_NS
         {
             printed.station_absent = true;
-            let scene = self.args.scene.display();
+            let scene = self.args.scene.as_deref().unwrap_or(Path::new("SCENE"));
+            let scene = scene.display();
             match &self.args.station {
                 Some(address) => note!(
                     "no station at {address} yet: ticking without a model until it answers (on that machine: ve-station serve {scene} --listen ADDRESS; a refusal is told in a line of the link)"

@@ -1,5 +1,6 @@
 //! How a run ends: errors of one sentence, figures, and the few lines for a person.
 
+use crate::fetch::FetchError;
 use crate::link::LinkError;
 use crate::recorder::RecordingError;
 use crate::result::{Finished, Right, RunResult, folded};
@@ -19,6 +20,9 @@ pub enum RunError {
     /// The scene cannot be read or is refused.
     #[error("{0}")]
     Scene(#[from] SceneError),
+    /// The station's scene is not here.
+    #[error("{0}")]
+    Fetch(#[from] FetchError),
     /// The iceoryx2 domain cannot be used.
     #[error("{0}")]
     Transport(#[from] TransportError),

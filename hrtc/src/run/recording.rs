@@ -1,6 +1,6 @@
 //! The recording of `hrtc run`: where it lies, and what is kept when a fault ends the run.
 
-use super::RunArgs;
+use super::loaded_scene::LoadedScene;
 use crate::message::note;
 use crate::recorder::{
     Recorder, RecordingError, RecordingHead, RecordingPlace, Taps, write_black_box,
@@ -10,7 +10,6 @@ use crate::tick_record::TickRecord;
 use hrtc_core::Capacity;
 use realtime::rights::{MissingRight, monotonic_ns};
 use scene::ScenePlan;
-use scene_files::KeptFiles;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -33,18 +32,18 @@ impl RunRecording {
     /// # Errors
     /// When the named file cannot be created.
     pub(super) fn start(
-        args: &RunArgs,
-        plan: &ScenePlan,
+        named: Option<&Path>,
+        scene: &LoadedScene,
         setup: &ControllerSetup,
-        files: KeptFiles,
     ) -> Result<(Option<Self>, Option<Taps>), RecordingError> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH);
         let realtime_ns = now.map_or(0, |since| since.as_nanos() as u64);
-        let Some(place) = place(args, plan, realtime_ns) else {
+        let Some(place) = place(named, &scene.plan, realtime_ns) else {
             return Ok((None, None));
         };
         let offset_ns = realtime_ns.saturating_sub(monotonic_ns());
-        let head = RecordingHead::new(&args.scene, &args.overrides, setup, &files, offset_ns);
+        let files = scene.files.clone();
+        let head = RecordingHead::new(&scene.path, &scene.overrides, setup, &files, offset_ns);
         let black_box = beside(&place.first, "fault");
         let is_default = place.owns_folder;
         if is_default && let Some(folder) = place.first.parent() {
@@ -102,15 +101,15 @@ impl RunRecording {
 }
 
 /// Where a run's recording goes; `None` when it is off.
-fn place(args: &RunArgs, plan: &ScenePlan, realtime_ns: u64) -> Option<RecordingPlace> {
-    let named = match &args.record {
+fn place(named: Option<&Path>, plan: &ScenePlan, realtime_ns: u64) -> Option<RecordingPlace> {
+    let named = match named {
         Some(path) if path.as_os_str() == "off" => return None,
         Some(path) => Some((path, plan.record.keep_bytes.unwrap_or(KEEP_BYTES))),
-        None => plan.record.path.as_ref().zip(plan.record.keep_bytes),
+        None => plan.record.path.as_deref().zip(plan.record.keep_bytes),
     };
     if let Some((path, keep_bytes)) = named {
         return Some(RecordingPlace {
-            first: path.clone(),
+            first: path.to_owned(),
             keep_bytes,
             owns_folder: false,
         });

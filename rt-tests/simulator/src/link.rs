@@ -128,7 +128,7 @@ impl Payload for Upward {
                 Some(RequestKind::Regions) => 2,
                 Some(RequestKind::Tour) => 3,
                 Some(RequestKind::Close) => 4,
-                Some(RequestKind::Credit) | None => 0,
+                Some(RequestKind::Credit | RequestKind::File) | None => 0,
             },
             Self::Report(_) => 5,
         }
@@ -154,7 +154,7 @@ impl Payload for Downward {
     fn kind(&self) -> usize {
         match ChunkKind::from_code(self.header.kind) {
             Some(ChunkKind::Model) => 6,
-            Some(ChunkKind::Answers) | None => 7,
+            Some(ChunkKind::Answers | ChunkKind::File) | None => 7,
             Some(ChunkKind::Measured) => 8,
             Some(ChunkKind::Tour) => 9,
             Some(ChunkKind::Refused) => 10,

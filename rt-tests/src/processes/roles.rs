@@ -116,14 +116,12 @@ pub fn controller(args: ControllerArgs) -> Result<(), Failure> {
     let stop = stop_flag()?;
     let _hold = hold(&args.domain)?;
     let run = hrtc::run::RunArgs {
-        scene: args.scene,
-        domain: args.domain,
-        station: None,
         seconds: Some(args.seconds),
         overrides: args.loop_.with(&args.overrides),
         output: hrtc::run::Output::Supervised,
         started_ns: Some(args.started_ns),
         record: args.record,
+        ..hrtc::run::RunArgs::new(&args.scene, &args.domain)
     };
     hrtc::run::run_with(&registry(), &run, &stop).map_err(|error| Failure::Input(error.to_string()))
 }

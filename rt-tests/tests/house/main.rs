@@ -28,11 +28,12 @@ const MAX_FILE_LINES: usize = 600;
 /// Columns of a comment: rustfmt's width, which it does not apply to them.
 const MAX_COLUMNS: usize = 100;
 /// Crates that read no clock, open no file, start no thread and iterate in no random order.
-const PURE: [&str; 8] = [
+const PURE: [&str; 9] = [
     "geometry",
     "ab-tree",
     "spm",
     "protocol",
+    "file-transfer",
     "scene",
     "hrtc-core",
     "station-core",

@@ -5,13 +5,14 @@
 //! | `wire` | messages as they are in shared memory |
 //! | `answers` | closures and records, packed into chunks |
 //! | `compact` | chunks in as few bytes as they need |
+//! | `files` | files of the scene, by the hash of their content |
 //! | `hello` | the heartbeat, which also tells versions apart |
 //!
 //! | service | direction | payload |
 //! |---|---|---|
-//! | `hrtc/v4/subscribe` | controller to station | [`Request`] |
-//! | `hrtc/v4/records/CLIENT` | station to one controller | [`ChunkHeader`] and up to 64 [`ChunkSlot`]s |
-//! | `hrtc/v4/pose` | controller to station | [`ContactReport`] |
+//! | `hrtc/v5/subscribe` | controller to station | [`Request`] |
+//! | `hrtc/v5/records/CLIENT` | station to one controller | [`ChunkHeader`] and up to 64 [`ChunkSlot`]s |
+//! | `hrtc/v5/pose` | controller to station | [`ContactReport`] |
 //! | `hrtc/hello` | both ways | [`Hello`], whose first bytes never change |
 //!
 //! **A session** is the exchange of a client and a station about one object. Each session has its
@@ -39,6 +40,11 @@
 //! may be under way; the station never exceeds it in that session. A client divides
 //! [`CREDIT_CHUNKS`] among its sessions.
 //!
+//! **Files.** The plan of the scene and the files that it names (tools, height maps, trajectories)
+//! are asked for before any session, chunk by chunk, by the hash of their content ([`FileAsk`],
+//! [`FileChunk`]); [`FileHash::SCENE`] stands for the plan. They belong to no session, epoch or
+//! credit: no more than [`CREDIT_CHUNKS`] are asked for at a time.
+//!
 //! ```
 //! use protocol::{AnswerItem, AnswersReader, AnswersWriter};
 //!
@@ -64,11 +70,13 @@
 
 mod answers;
 mod compact;
+mod files;
 mod hello;
 mod wire;
 
 pub use answers::{AnswerItem, AnswersReader, AnswersWriter, DamagedAnswers, PartHead};
 pub use compact::{ChunkDecoder, ChunkEncoder, CompactError};
+pub use files::{FILE_CHUNK_BYTES, FileAsk, FileChunk, FileHash, NoFileHash, file_chunks};
 pub use hello::{BUILD, Greeting, HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VERSION, Role};
 pub use wire::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind, ChunkSlot,

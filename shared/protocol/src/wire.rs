@@ -58,6 +58,8 @@ codes! {
         Tour = 5,
         /// The request cannot be served; `code` is the [`Refusal`].
         Refused = 6,
+        /// Bytes of a file: see [`super::FileChunk`].
+        File = 7,
     }
 
     /// How chunks travel to a client.
@@ -82,13 +84,15 @@ codes! {
         Tour = 5,
         /// The station serves [`MAX_CLIENTS`] others.
         NoPlace = 6,
+        /// No file of that hash, see [`super::FileChunk`].
+        UnknownFile = 7,
     }
 }
 
 /// The user header of a chunk.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ChunkHeader.v4")]
+#[type_name("hrtc.ChunkHeader.v5")]
 pub struct ChunkHeader {
     /// Incarnation of the sending station.
     pub station: u64,
@@ -172,7 +176,7 @@ impl ChunkHeader {
     serde::Serialize,
     serde::Deserialize,
 )]
-#[type_name("hrtc.ChunkSlot.v4")]
+#[type_name("hrtc.ChunkSlot.v5")]
 pub struct ChunkSlot {
     /// Raw words; cast with `bytemuck`.
     pub words: [u32; 16],
@@ -220,6 +224,8 @@ codes! {
         Tour = 4,
         /// The object is no longer active at the client: the session ends.
         Close = 5,
+        /// Chunks of a file: see [`super::FileAsk`].
+        File = 6,
     }
 }
 
@@ -240,7 +246,7 @@ codes! {
 /// One region of a request.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.RegionAsk.v4")]
+#[type_name("hrtc.RegionAsk.v5")]
 pub struct RegionAsk {
     /// [`spm::RegionId`] as a number.
     pub region: u32,
@@ -256,7 +262,7 @@ pub struct RegionAsk {
 #[derive(
     Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, serde::Serialize, serde::Deserialize,
 )]
-#[type_name("hrtc.TourAsk.v4")]
+#[type_name("hrtc.TourAsk.v5")]
 pub struct TourAsk {
     /// Seed of its random choices.
     pub seed: u64,
@@ -273,7 +279,7 @@ pub struct TourAsk {
 /// A message of the controller.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.Request.v4")]
+#[type_name("hrtc.Request.v5")]
 pub struct Request {
     /// The client.
     pub client: u64,
@@ -318,7 +324,7 @@ impl Request {
 /// Pose and contact of one tick, for the measured error and the view. Sent decimated.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ContactReport.v4")]
+#[type_name("hrtc.ContactReport.v5")]
 pub struct ContactReport {
     /// The client.
     pub client: u64,

@@ -1,6 +1,11 @@
 //! The files of a scene, read from the disk. This is the only place where a scene meets a file
 //! system; the crate `scene` itself gets files as values.
 //!
+//! | module | content |
+//! |---|---|
+//! | `package` | a scene and its files for a machine that has none of them |
+//! | `cache` | files of other machines, kept in the user's cache folder |
+//!
 //! ```
 //! use scene::Overrides;
 //! use scene_files::DiskFiles;
@@ -17,6 +22,15 @@
 //! disk.
 
 #![forbid(unsafe_code)]
+
+mod cache;
+mod package;
+
+pub use cache::{FileCache, cache_folder};
+pub use package::{
+    MAX_FILE_BYTES, MAX_MANIFEST_BYTES, MAX_SCENE_BYTES, Manifest, ManifestFile, Package,
+    PackageError,
+};
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;

@@ -8,6 +8,7 @@
 //! | `limits` | limits and shared defaults of the numbers |
 //! | `typed` | the scene as typed, read by serde |
 //! | `plan` | the validated plan, SI units |
+//! | `portable` | the text of a scene for a machine without its files |
 //! | `validate` | from the scene as typed to the plan |
 //! | `bytes` | sizes such as `16MiB` |
 //!
@@ -32,6 +33,7 @@ mod bytes;
 mod files;
 mod limits;
 mod plan;
+mod portable;
 mod source;
 mod typed;
 mod validate;
@@ -39,5 +41,6 @@ mod validate;
 pub use bytes::parse_bytes;
 pub use files::{Files, NoFiles};
 pub use plan::*;
+pub use portable::{FileKind, NamedFile, portable};
 pub use source::SceneError;
 pub use validate::{load, parse};

@@ -133,7 +133,7 @@ pub struct SafetyPlan {
 }
 
 /// Origin of a model. Only the station opens it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ModelSource {
     /// An SPM or mesh file, relative to the scene's folder or absolute.
     File(PathBuf),
@@ -147,11 +147,15 @@ pub enum ModelSource {
 }
 
 impl ModelSource {
-    /// Name of the model, equal in both processes.
+    /// Name of the model, equal in both processes: that of its file without the folders, which
+    /// differ from machine to machine.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
-            Self::File(path) => path.display().to_string(),
+            Self::File(path) => {
+                let name = path.file_name().unwrap_or(path.as_os_str());
+                name.to_string_lossy().into_owned()
+            }
             Self::Generate { shape, faces } => format!("generate:{shape}:{faces}"),
         }
     }
@@ -341,4 +345,8 @@ pub struct Overrides {
     pub rate_hz: Option<f64>,
     /// Busy waiting before a deadline, microseconds.
     pub spin_us: Option<u64>,
+    /// Files with the devices of the first probes (relative to the current folder), each a table
+    /// `device` as in a probe of a scene.
+    #[serde(default)]
+    pub devices: Vec<PathBuf>,
 }

@@ -4,6 +4,7 @@ use crate::files::{Files, read_text};
 use crate::limits::{Limit, MAX_LENGTH_M};
 use crate::typed::Vector;
 use glam::DVec3;
+use serde::de::DeserializeOwned;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -25,6 +26,17 @@ pub(crate) struct Source<'a> {
 }
 
 impl Source<'_> {
+    /// The text as typed.
+    pub(crate) fn typed<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
+        toml::from_str(self.text).map_err(|error| {
+            let sentence = error.message().replace('\n', "; ");
+            match error.span() {
+                Some(span) => self.at(span.start, &sentence),
+                None => self.whole(&sentence),
+            }
+        })
+    }
+
     /// Refuses the text at a byte.
     pub(crate) fn at(&self, byte: usize, sentence: &str) -> SceneError {
         let line = self.line(byte);

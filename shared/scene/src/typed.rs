@@ -132,6 +132,11 @@ tables! {
         trajectory: Option<TrajectoryTyped>,
     }
 
+    /// A file with a device of its own.
+    struct DeviceFileTyped {
+        device: DeviceTyped,
+    }
+
     struct RodTyped {
         radius_m: Spanned<f64>,
         length_m: Spanned<f64>,

@@ -16,11 +16,11 @@ use crate::limits::DEFAULT_CACHE_BYTES;
 use crate::plan::{MAX_PROBES, Overrides, ProbePlan, ScenePlan, TrajectoryPlan};
 use crate::source::{SceneError, Source};
 use crate::typed::{ProbeTyped, SceneTyped};
-use device::device_plan;
+use device::{device_of_file, device_plan};
 use objects::Objects;
 use record::record_plan;
 use shape::probe_shape;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use tick::{accuracy_plan, loop_plan, safety_plan};
 use toml::Spanned;
 use trajectory::trajectory_plan;
@@ -74,15 +74,9 @@ pub fn parse(
 }
 
 fn plan(source: &Source, name: &str, overrides: &Overrides) -> Result<ScenePlan, SceneError> {
-    let typed: SceneTyped = toml::from_str(source.text).map_err(|error| {
-        let sentence = error.message().replace('\n', "; ");
-        match error.span() {
-            Some(span) => source.at(span.start, &sentence),
-            None => source.whole(&sentence),
-        }
-    })?;
+    let typed: SceneTyped = source.typed()?;
     let objects = Objects::new(source, &typed.object)?;
-    let probes = probe_plans(source, &typed.probe, &objects)?;
+    let probes = probe_plans(source, &typed.probe, &objects, &overrides.devices)?;
     let mut plan = ScenePlan {
         name: name.to_string(),
         folder: source.folder.to_path_buf(),
@@ -111,6 +105,7 @@ fn probe_plans(
     source: &Source,
     typed: &[Spanned<ProbeTyped>],
     objects: &Objects,
+    devices: &[PathBuf],
 ) -> Result<Vec<ProbePlan>, SceneError> {
     if typed.is_empty() {
         return Err(source.whole(
@@ -123,11 +118,23 @@ fn probe_plans(
             &format!("this is a [[probe]] too many; a scene has at most {MAX_PROBES}, take the others out"),
         ));
     }
+    if devices.len() > typed.len() {
+        return Err(source.whole(&format!(
+            "--device is given {} times, but there are {} probes; give it once for each of the first probes at the most",
+            devices.len(),
+            typed.len()
+        )));
+    }
+    let own = devices.iter().map(Some).chain(std::iter::repeat(None));
     typed
         .iter()
-        .map(|probe| {
+        .zip(own)
+        .map(|(probe, own)| {
             let probe = probe.get_ref();
-            let (device, custom_device) = device_plan(source, probe.device.as_ref())?;
+            let (device, custom_device) = match own {
+                Some(file) => device_of_file(source.files, file)?,
+                None => device_plan(source, probe.device.as_ref())?,
+            };
             let trajectory = match &probe.trajectory {
                 // A custom device moves by itself unless the scene gives it a path.
                 None if custom_device.is_some() => TrajectoryPlan::Points(Vec::new()),

@@ -80,6 +80,6 @@ pub use file::{
 };
 pub use header::{BaseFace, BaseVertex, ModelHeader};
 pub use hierarchy::{BoundsScale, VspNode};
-pub use prefix_mesh::prefix_mesh;
+pub use prefix_mesh::{prefix_mesh, prefix_parts};
 pub use record::{RecordError, Sizes, VspRecord};
 pub use regions::{LEVELS, RegionGrid, RegionId};

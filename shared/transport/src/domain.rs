@@ -3,9 +3,9 @@
 //!
 //! | service | publishers | subscribers | payload |
 //! |---|---|---|---|
-//! | `hrtc/v4/subscribe` | controllers | station | [`Request`] |
-//! | `hrtc/v4/pose` | controllers | station | [`ContactReport`] |
-//! | `hrtc/v4/records/CLIENT` | station | one controller | 64 [`ChunkSlot`]s, [`ChunkHeader`] |
+//! | `hrtc/v5/subscribe` | controllers | station | [`Request`] |
+//! | `hrtc/v5/pose` | controllers | station | [`ContactReport`] |
+//! | `hrtc/v5/records/CLIENT` | station | one controller | 64 [`ChunkSlot`]s, [`ChunkHeader`] |
 //! | `hrtc/hello` | all | all | [`Hello`] |
 //!
 //! All topics have the same quality of service, because a tunnel between machines creates its
@@ -49,9 +49,9 @@ const MAX_RECORD_PORTS: usize = 4;
 /// and no other name. A wake-up event among them would be carried too, and stall a tunnel.
 pub const CARRIED_TOPICS: [&str; 4] = [
     "hrtc/hello",
-    "hrtc/v4/subscribe",
-    "hrtc/v4/pose",
-    "hrtc/v4/records/*",
+    "hrtc/v5/subscribe",
+    "hrtc/v5/pose",
+    "hrtc/v5/records/*",
 ];
 /// Largest number of samples that a subscriber borrows at the same time.
 const MAX_BORROWED: usize = 2;
@@ -274,8 +274,8 @@ impl Domain {
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
     pub fn subscribe_service(&self, node: &IpcNode) -> Result<Topic<Request>, TransportError> {
-        let name = self.service_name("hrtc/v4/subscribe")?;
-        self.retry("open the service hrtc/v4/subscribe", || {
+        let name = self.service_name("hrtc/v5/subscribe")?;
+        self.retry("open the service hrtc/v5/subscribe", || {
             topic::<Request, ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
@@ -285,8 +285,8 @@ impl Domain {
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
     pub fn pose_service(&self, node: &IpcNode) -> Result<Topic<ContactReport>, TransportError> {
-        let name = self.service_name("hrtc/v4/pose")?;
-        self.retry("open the service hrtc/v4/pose", || {
+        let name = self.service_name("hrtc/v5/pose")?;
+        self.retry("open the service hrtc/v5/pose", || {
             topic::<ContactReport, ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
@@ -301,8 +301,8 @@ impl Domain {
         node: &IpcNode,
         client: u64,
     ) -> Result<Topic<[ChunkSlot], ChunkHeader>, TransportError> {
-        let name = self.service_name(&format!("hrtc/v4/records/{client:016x}"))?;
-        self.retry("open a service hrtc/v4/records", || {
+        let name = self.service_name(&format!("hrtc/v5/records/{client:016x}"))?;
+        self.retry("open a service hrtc/v5/records", || {
             topic::<[ChunkSlot], ChunkHeader>(node, &name, MAX_RECORD_PORTS, MAX_RECORD_PORTS)
                 .open_or_create()
         })

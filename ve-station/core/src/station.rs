@@ -346,7 +346,9 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     fn handle_request(&mut self, request: &Request) {
-        let Some(kind) = RequestKind::from_code(request.kind) else {
+        // Files belong to no session; the shell has them.
+        let kind = RequestKind::from_code(request.kind).filter(|&kind| kind != RequestKind::File);
+        let Some(kind) = kind else {
             self.counters.damaged += 1;
             return;
         };
@@ -386,7 +388,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
         }
         match kind {
-            RequestKind::Credit => {}
+            RequestKind::Credit | RequestKind::File => {}
             RequestKind::Model => self.ask_model(at, request),
             RequestKind::Tour => self.ask_tour(at, request),
             RequestKind::Regions => {

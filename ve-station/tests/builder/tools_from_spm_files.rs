@@ -4,7 +4,7 @@
 use glam::DVec3;
 use scene::{Overrides, ProbeShape, parse};
 use scene_files::DiskFiles;
-use spm::{SpmFile, prefix_mesh, write_spm};
+use spm::{SpmFile, prefix_mesh, prefix_parts, write_spm};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, build_model};
 use std::collections::BTreeMap;
@@ -46,6 +46,25 @@ fn a_prefix_is_a_closed_mesh_near_the_full_one_with_as_many_faces_as_fit() {
         );
         for p in &positions {
             assert!((p.length() - 1.0).abs() < 0.05, "{most}: {p}");
+        }
+    }
+}
+
+#[test]
+fn a_prefix_alone_gives_the_same_bits_whatever_number_of_faces_is_asked_for() {
+    for shape in [Shape::Sphere, Shape::Relief] {
+        let file = SpmFile::open(spm(shape)).expect("it is good");
+        for most in [0, 700, 3000, 100_000] {
+            let whole = prefix_mesh(&file, most).expect("it fits");
+            let parts = prefix_parts(&file, most).expect("it fits");
+            assert_eq!(parts.base_faces.len(), whole.1.len());
+            let mut bytes = Vec::new();
+            write_spm(&parts, &mut bytes).expect("it is written");
+            let alone = SpmFile::open(bytes).expect("it is good");
+            alone.check_all().expect("it is good");
+            for asked in [0, most, 100_000] {
+                assert_eq!(prefix_mesh(&alone, asked).expect("it fits"), whole);
+            }
         }
     }
 }

@@ -341,8 +341,9 @@ impl Session {
             }
             Some(ChunkKind::Tour) => self.take_tour(chunk, of, context),
             Some(ChunkKind::Refused) => self.take_refusal(chunk, of, context),
-            // A kind of a later version is skipped; the sequence numbers go on.
-            None => {}
+            // A file belongs to no session, and a kind of a later version is skipped; the sequence
+            // numbers go on.
+            Some(ChunkKind::File) | None => {}
         }
         Taken::Whole
     }

@@ -1,5 +1,7 @@
 //! The device that moves a probe.
 
+use std::path::PathBuf;
+
 /// The simulated device: a damped mass, moved by a hand and by the rendered force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedDevicePlan {
@@ -18,7 +20,9 @@ pub struct SimulatedDevicePlan {
 pub struct CustomDevicePlan {
     /// Its name in the registry.
     pub name: String,
-    /// Line of the scene that names it, from 1.
+    /// The file of the command line that describes it; `None` for the scene itself.
+    pub file: Option<PathBuf>,
+    /// Line of the file or scene that names it, from 1.
     pub line: usize,
     /// All other keys of its table, for its constructor.
     pub settings: toml::Table,

@@ -320,6 +320,7 @@ fn the_command_line_replaces_values_of_the_scene() {
         tolerance_m: Some(1e-4),
         rate_hz: Some(5000.0),
         spin_us: Some(100),
+        devices: Vec::new(),
     };
     let files = OneFile {
         path: "",
