@@ -69,6 +69,9 @@ struct RunOptions {
     /// Print JSON lines for a supervisor: status, then the result
     #[arg(long)]
     supervised: bool,
+    /// When a supervisor began to start this, on CLOCK_MONOTONIC
+    #[arg(long, value_name = "NS", hide = true)]
+    started_ns: Option<u64>,
     /// First file of the recording, or "off" [default: the scene's, else a file in the user's state
     /// folder]
     #[arg(long, value_name = "FILE")]
@@ -131,7 +134,7 @@ fn run(options: RunOptions) -> ExitCode {
             max_torque_nm: options.max_torque,
         },
         output,
-        started_ns: None,
+        started_ns: options.started_ns,
         record: options.record,
     };
     let stop = StopFlags {

@@ -31,18 +31,61 @@
 //! and one side needs another `--domain`. A wired network is best: what is there and back sooner is
 //! refined sooner.
 //!
-//! What the link says begins with `link:`.
+//! ## The machines
+//! - **Cable**: one cable or one switch between the two, no radio: a lost packet costs a repetition
+//!   of 0.2 s and more. 10 Mbit/s carry a hand at 0.1 m/s; slower and longer links work, with a
+//!   larger certified error while the hand moves.
+//! - **Port**: only the station's firewall opens one: `sudo ufw allow 7447/tcp`, or
+//!   `sudo firewall-cmd --permanent --add-port=7447/tcp && sudo firewall-cmd --reload`.
+//! - **Rights**: both programs run as ordinary users; the controller's has those to
+//!   real-time priorities and locked memory (README, "have real-time rights without root").
+//! - **Clocks**: right to a day on both, since certificates have dates (`timedatectl`). Nothing
+//!   else compares them.
+//! - **Kernel**: the controller's with PREEMPT_RT (`uname -v` names it; Debian: `sudo apt install
+//!   linux-image-rt-amd64`). The station needs none.
+//! - **Core**: one of the controller's for the tick alone: `isolcpus=1 nohz_full=1 rcu_nocbs=1` on
+//!   the kernel's command line for `core = 1` of the scene. `rt-tests jitter` shows what it is
+//!   worth.
+//!
+//! ## The latency
+//! The tick waits for no link: contact and force are made of what is loaded, every millisecond. The
+//! way there and back takes what `ping` says, and some in the programs; `round_trip_ms` in the
+//! result of `hrtc run --json` is the measure. What a link is worth with a model, a cache and a
+//! speed is seen on one machine, before any cable lies:
+//! ```sh
+//! rt-tests hosts --rtt-ms 20 --mbit 10 --model my.ply --cache 4MiB --speed 0.1
+//! ```
+//!
+//! ## The messages
+//! What the link says begins with `link:`, and is said again with its number when it is ten times
+//! as many.
 //!
 //! | it says | do |
 //! |---|---|
-//! | *no station listens* | start the station; look at address, port and firewall |
-//! | *nobody answers as a station does* | call `tls/` where the station listens with `tls/` |
-//! | *cannot be called (...)* | mend the network or the name of the host |
-//! | *certificate is of another authority* | copy the keys of both sides from one `ve-station keys` |
-//! | *has expired*, *is not valid yet* | make keys again; set the clocks right |
-//! | *does not hold that name* | make keys with `--host` and the name that the controller calls |
-//! | *the link was lost* | look at the cable: the touch goes on with its certified error meanwhile |
+//! | *is not part of this build* | build both programs with `--features tunnel` |
+//! | *the link needs keys* | make them as above, and copy them as that says |
+//! | *off this machine a link needs keys* | write `tls/` |
+//! | *may be read by others* | `chmod 600` on that file |
+//! | *and this is the* | copy the keys of the other side: station's and controller's differ |
+//! | *is not of the authority*, *does not belong to the certificate* | copy all three files of a side from one `ve-station keys` |
+//! | *is damaged* | copy the file again |
+//! | *cannot listen on* | stop who has the port, or choose another on both sides |
+//! | *has a tunnel already* | stop the other program, or give one of them another `--domain` |
+//! | *no station listens at*, *no station at* | start the station; look at address, port and firewall |
+//! | *nobody answers at* | call `tls/` where the station listens with `tls/`; look for who has that port |
+//! | *cannot be called* | mend the network or the name of the host |
+//! | *its certificate is of another authority*, *it does not know the authority* | copy the keys of both sides from one `ve-station keys` |
+//! | *has expired*, *is not valid yet*, *is not valid now* | make keys again for both sides; set the clocks right |
+//! | *its certificate does not hold that name*, *does not hold the name by which it calls* | make keys with `--host` and the name that the controller calls |
+//! | *it shows no certificate*, *it was shown no certificate* | somebody without keys calls: copy them, or find out who |
+//! | *it is not encrypted* | let the controller call `tls/` |
+//! | *it does not speak as a link does* | nothing, if somebody only scans ports |
+//! | *speaks protocol version* | install the same release on both machines |
+//! | *was lost; it is called again* | look at the cable: the touch goes on with its certified error meanwhile |
+//! | *more arrives than this machine takes* | nothing; if it repeats, find out what takes its cores |
 //! | *the process of the tunnel ended* | nothing; if it repeats, report what it says |
+//! | *another station serves the domain* | stop one of them |
+//! | *serves as many controllers as it can* | stop one, or start another station |
 
 pub mod clients;
 pub mod connection;

@@ -7,7 +7,11 @@ use std::path::Path;
 mod built {
     use super::{Error, Path};
     use std::io::Write;
+    use std::time::Duration;
     use tunnel::{Tunnel, TunnelArgs};
+
+    /// Length of a day, seconds.
+    const DAY_S: u64 = 24 * 3600;
 
     /// Listens for controllers as long as what it returns lives.
     pub fn listen(
@@ -28,7 +32,8 @@ mod built {
 
     /// Makes keys, and says how to copy them.
     pub fn make_keys(folder: &Path, hosts: &[String], days: u32) -> Result<String, Box<dyn Error>> {
-        let made = tunnel::make_keys(folder, hosts, days)?;
+        let lasting = Duration::from_secs(u64::from(days) * DAY_S);
+        let made = tunnel::make_keys(folder, hosts, lasting)?;
         let [station, controller] = [&made.station, &made.controller].map(|of| of.display());
         let target = "~/.config/hrtc/keys";
         let names = made.names.join(", ");

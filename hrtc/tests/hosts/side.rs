@@ -1,5 +1,6 @@
 //! The programs of a link, and what they say.
 
+use protocol::{HELLO_PERIOD_MS, Hello};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpListener;
@@ -56,6 +57,18 @@ impl Link {
         self.keys = Some(folder);
     }
 
+    /// Makes keys that are valid for so long only; both sides take theirs from now on.
+    pub fn make_short_keys(&mut self, lasting: Duration) {
+        let folder = self.folder.path().join("short");
+        tunnel::make_keys(&folder, &[], lasting).unwrap();
+        self.keys = Some(folder);
+    }
+
+    /// Takes the keys away from both sides, those that run already apart.
+    pub fn lose_keys(&mut self) {
+        self.keys = Some(self.folder.path().join("nowhere"));
+    }
+
     /// Lets the controller trust the authority of other keys beside its own.
     pub fn trust_too(&self, other: &str) {
         let authority = "controller/authority.pem";
@@ -85,6 +98,18 @@ impl Link {
         command.arg("run").arg(&self.scene);
         command.args(["--record", "off", "--station"]);
         self.side(command, "controller", &self.domains[1], more)
+    }
+
+    /// The process of a tunnel alone: on the station's side, or on the controller's.
+    pub fn tunnel(&self, program_name: &str) -> TunnelAlone {
+        let (option, domain) = match program_name {
+            "ve-station" => ("--listen", &self.domains[0]),
+            _ => ("--call", &self.domains[1]),
+        };
+        let mut command = program(program_name);
+        command.args(["tunnel", "--domain", domain.name()]);
+        command.arg(option).arg(&self.address);
+        TunnelAlone::start(&mut command, domain)
     }
 
     fn side(&self, mut command: Command, role: &str, domain: &Domain, more: &[&str]) -> Side {
@@ -124,6 +149,43 @@ fn program(name: &str) -> Command {
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
     command
+}
+
+/// The process of a tunnel, and a voice in its domain.
+pub struct TunnelAlone {
+    child: Child,
+    domain: Domain,
+}
+
+impl TunnelAlone {
+    fn start(command: &mut Command, domain: &Domain) -> Self {
+        // It ends when its input does.
+        let mut child = command.stdin(Stdio::piped()).spawn().unwrap();
+        let words = BufReader::new(child.stdout.as_mut().unwrap()).lines();
+        let is_ready = words.map_while(Result::ok).any(|word| word == "ready");
+        assert!(is_ready, "the tunnel said why it is not");
+        let domain = domain.clone();
+        Self { child, domain }
+    }
+
+    /// Says this until it is answered for.
+    pub fn say_until(&self, hello: Hello, mut is_heard: impl FnMut() -> bool) {
+        let node = self.domain.node().unwrap();
+        let voice = self.domain.heartbeats(&node).unwrap().outgoing;
+        let begin = Instant::now();
+        while !is_heard() {
+            assert!(begin.elapsed() < HANGING, "nobody heard {hello:?}");
+            voice.send_copy(hello).unwrap();
+            std::thread::sleep(Duration::from_millis(HELLO_PERIOD_MS));
+        }
+    }
+}
+
+impl Drop for TunnelAlone {
+    fn drop(&mut self) {
+        self.child.stdin = None;
+        let _ = self.child.wait();
+    }
 }
 
 /// A running program.

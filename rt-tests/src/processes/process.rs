@@ -151,6 +151,20 @@ impl Process {
         }
     }
 
+    /// Sends its own children a signal.
+    pub fn signal_children(&mut self, number: libc::c_int) {
+        if self.ended().is_some() {
+            return;
+        }
+        let threads = std::fs::read_dir(format!("/proc/{}/task", self.child.id()));
+        for thread in threads.into_iter().flatten().flatten() {
+            let children = std::fs::read_to_string(thread.path().join("children"));
+            for child in children.unwrap_or_default().split_whitespace() {
+                child.parse().into_iter().for_each(|id| signal(id, number));
+            }
+        }
+    }
+
     /// Waits for its end and all its output; ends it by force when the time is over.
     pub fn wait(&mut self, patience: Duration) -> Option<ExitStatus> {
         let deadline = Instant::now() + patience;
@@ -215,7 +229,7 @@ fn not_started(name: &str, error: &std::io::Error) -> Failure {
 fn signal(process: u32, number: libc::c_int) {
     if let Ok(process) = libc::pid_t::try_from(process) {
         // SAFETY: kill takes plain numbers; the process is a child that was not waited for, so its
-        // id is still its own.
+        // id is still its own, or was that of a child of one just now.
         unsafe {
             libc::kill(process, number);
         }

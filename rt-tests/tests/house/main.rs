@@ -18,6 +18,7 @@ mod words;
 
 use sources::{Crate, crates, product_files, root, rust_files};
 use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
 
 /// Lines of a product function, from its signature to its closing brace.
 const MAX_FUNCTION_LINES: usize = 70;
@@ -211,4 +212,66 @@ fn every_path_in_the_readme_exists() {
     }
     assert!(named > 10, "the README names its folders: {named}");
     assert_none("paths of the README do not exist", &missing);
+}
+
+/// A link is of a feature, and those who build without it have none of its crates.
+#[test]
+fn the_default_build_has_no_crate_of_the_link() {
+    let mut tree = Command::new(env!("CARGO"));
+    tree.args(["tree", "--workspace", "--edges=normal,build"]);
+    tree.args(["--prefix=none", "--offline", "--locked"]);
+    let output = tree.current_dir(root()).output().expect("cargo is run");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    let text = String::from_utf8_lossy(&output.stdout);
+    let names: BTreeSet<&str> = text
+        .lines()
+        .filter_map(|line| line.split(' ').next())
+        .collect();
+    for own in ["tunnel", "iceoryx2", "hrtc", "ve-station"] {
+        assert!(names.contains(own), "the tree was read: {names:?}");
+    }
+    let of_link = [
+        "zenoh",
+        "rustls",
+        "rcgen",
+        "tokio",
+        "iceoryx2-link",
+        "quinn",
+    ];
+    let is_of_link = |name: &&&str| of_link.iter().any(|begin| name.starts_with(begin));
+    let found: Vec<String> = names
+        .iter()
+        .filter(is_of_link)
+        .map(ToString::to_string)
+        .collect();
+    assert_none("crates of the link are in the default build", &found);
+}
+
+/// What a user reads about a message is of no use when the program says something else.
+#[test]
+fn every_message_on_the_page_of_two_machines_is_in_the_code() {
+    let page = "ve-station/src/lib.rs";
+    let text = std::fs::read_to_string(root().join(page)).expect("the page is read");
+    let table = text
+        .split("| it says |")
+        .nth(1)
+        .expect("a table of messages");
+    let rows = table
+        .lines()
+        .take_while(|line| line.starts_with("//! |") || line.contains("do |"));
+    let messages: Vec<&str> = rows
+        .filter_map(|row| row.split('|').nth(1))
+        .flat_map(|cell| cell.split('*').skip(1).step_by(2))
+        .collect();
+    assert!(messages.len() > 20, "the messages were read: {messages:?}");
+    let said: Vec<String> = product_files()
+        .into_iter()
+        .filter(|file| file.shown != page)
+        .map(|file| file.text)
+        .collect();
+    let is_said = |message: &&&str| said.iter().any(|text| text.contains(**message));
+    let missing = messages.iter().filter(|message| !is_said(message));
+    let missing: Vec<String> = missing.map(|&message| message.into()).collect();
+    assert_none("messages of the page are said nowhere", &missing);
 }

@@ -2,6 +2,26 @@
 //! command says what is missing, and that is all that is asked of it.
 
 use super::typed::{json, number, refusal, rt_tests, said};
+use serde_json::Value;
+use std::process::Output;
+
+/// What was found, or nothing where the command could not run.
+fn found(output: &Output) -> Option<Value> {
+    if output.status.code() == Some(2) {
+        let sentence = refusal(output);
+        assert!(sentence.contains("--features"), "{sentence}");
+        eprintln!("skipped: {sentence}");
+        return None;
+    }
+    let found = json(output);
+    if let Some(why) = found["skipped"].as_str() {
+        assert!(said(output).contains(why), "{}", said(output));
+        eprintln!("skipped: {why}");
+        return None;
+    }
+    assert!(output.status.success(), "{}", said(output));
+    Some(found)
+}
 
 #[test]
 fn a_touch_over_a_link_is_seen_beside_the_one_on_one_machine() {
@@ -10,19 +30,7 @@ fn a_touch_over_a_link_is_seen_beside_the_one_on_one_machine() {
     command.args(["--rtt-ms=5", "--mbit=50", "--loss=0.01", "--seconds=6"]);
     let output = command.arg("--json").arg("--out").arg(out.path()).output();
     let output = output.unwrap();
-    if output.status.code() == Some(2) {
-        let sentence = refusal(&output);
-        assert!(sentence.contains("--features"), "{sentence}");
-        eprintln!("skipped: {sentence}");
-        return;
-    }
-    let found = json(&output);
-    if let Some(why) = found["skipped"].as_str() {
-        assert!(said(&output).contains(why), "{}", said(&output));
-        eprintln!("skipped: {why}");
-        return;
-    }
-    assert!(output.status.success(), "{}", said(&output));
+    let Some(found) = found(&output) else { return };
     let rows = found["rows"].as_array().unwrap();
     let [local, far] = &rows[..] else {
         panic!("{found}");
@@ -43,6 +51,60 @@ fn a_touch_over_a_link_is_seen_beside_the_one_on_one_machine() {
 }
 
 #[test]
+fn changed_and_repeated_packets_are_refused_and_the_touch_goes_on() {
+    let out = tempfile::tempdir().unwrap();
+    let mut command = rt_tests("hosts");
+    command.args([
+        "--rtt-ms=5",
+        "--damaged=0.005",
+        "--replayed=0.05",
+        "--seconds=8",
+    ]);
+    let output = command.arg("--json").arg("--out").arg(out.path()).output();
+    let output = output.unwrap();
+    let Some(found) = found(&output) else { return };
+    let far = &found["rows"][1];
+    for way in ["to_controller", "to_station"] {
+        assert!(number(far, &format!("wire.{way}.replayed")) > 0.0, "{far}");
+    }
+    let damaged = |way: &str| number(far, &format!("wire.{way}.damaged"));
+    assert!(
+        damaged("to_controller") + damaged("to_station") > 0.0,
+        "{far}"
+    );
+    // Encryption ends the link, and it is made again.
+    assert!(number(far, "links_made") > 1.0, "{far}");
+    assert!(number(far, "contact_full_ticks") > 0.0, "{far}");
+    assert_eq!(number(far, "contact_unbounded_ticks"), 0.0, "{far}");
+    assert_eq!(far["has_damaged_chunk"], false);
+}
+
+#[test]
+fn several_controllers_each_have_a_row_alone_and_one_among_the_others() {
+    let out = tempfile::tempdir().unwrap();
+    let mut command = rt_tests("hosts");
+    command.args(["--controllers=5:50,100:0.25:stopped", "--seconds=6"]);
+    let output = command.arg("--json").arg("--out").arg(out.path()).output();
+    let output = output.unwrap();
+    let Some(found) = found(&output) else { return };
+    let rows = found["rows"].as_array().unwrap();
+    let of = |row: &Value| {
+        (
+            row["controllers"].as_u64().unwrap(),
+            row["is_stopped"] == true,
+        )
+    };
+    let seen: Vec<_> = rows.iter().map(of).collect();
+    let expected = [(1, false), (1, false), (1, false), (2, false), (2, true)];
+    assert_eq!(seen, expected, "{found}");
+    for row in rows {
+        assert_eq!(number(row, "contact_unbounded_ticks"), 0.0, "{row}");
+    }
+    // The near one touches, whatever becomes of the other.
+    assert!(number(&rows[3], "contact_full_ticks") > 0.0, "{found}");
+}
+
+#[test]
 fn numbers_that_no_link_has_are_refused() {
     for (typed, expected) in [
         ("--rtt-ms=1,-2", "--rtt-ms has -2"),
@@ -50,6 +112,9 @@ fn numbers_that_no_link_has_are_refused() {
         ("--loss=1.5", "--loss is 1.5"),
         ("--jitter-ms=NaN", "--jitter-ms is NaN"),
         ("--cut=9", "--cut is 9"),
+        ("--damaged=2", "--damaged is 2"),
+        ("--controllers=20:0", "--controllers has 0"),
+        ("--controllers=20", "20:100:stopped"),
     ] {
         let output = rt_tests("hosts").arg(typed).output().unwrap();
         let sentence = refusal(&output);

@@ -16,6 +16,7 @@ use time::{Duration, OffsetDateTime};
 
 /// How far the clocks of the two machines may be apart.
 const CLOCK_TOLERANCE: Duration = Duration::DAY;
+const SECONDS_A_DAY: u64 = 24 * 3600;
 /// Names by which every machine calls itself.
 const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
 
@@ -53,14 +54,14 @@ pub enum MakeKeysError {
     #[error("\"{0}\" is no host: write a host's name or address, without tls/ and port")]
     Name(String),
     /// A date beyond the calendar.
-    #[error("certificates cannot be valid for {0} days: choose fewer")]
-    Days(u32),
+    #[error("certificates cannot be valid for {} days: choose fewer", .0.as_secs() / SECONDS_A_DAY)]
+    Lasting(std::time::Duration),
     /// The cryptography.
     #[error("cannot make a certificate ({0})")]
     Certificate(#[from] rcgen::Error),
 }
 
-/// Makes an authority and the keys of both sides in a new folder, valid for so many days.
+/// Makes an authority and the keys of both sides in a new folder, valid for so long from now on.
 /// Controllers call the station by one of `hosts`, names and addresses; without any by this
 /// machine's.
 ///
@@ -68,7 +69,25 @@ pub enum MakeKeysError {
 ///
 /// # Errors
 /// When the folder is there already or cannot be written, or a host is none.
-pub fn make_keys(folder: &Path, hosts: &[String], days: u32) -> Result<MadeKeys, MakeKeysError> {
+pub fn make_keys(
+    folder: &Path,
+    hosts: &[String],
+    lasting: std::time::Duration,
+) -> Result<MadeKeys, MakeKeysError> {
+    let now = OffsetDateTime::UNIX_EPOCH + since_1970();
+    let too_long = || MakeKeysError::Lasting(lasting);
+    let span = Duration::try_from(lasting).map_err(|_| too_long())?;
+    let last = now.checked_add(span).filter(|last| last.year() < 9999);
+    let validity = (now - CLOCK_TOLERANCE, last.ok_or_else(too_long)?);
+    make_keys_for(folder, hosts, &|_| validity)
+}
+
+/// Makes them, each side's valid from one time to another; the authority as the station's.
+pub(crate) fn make_keys_for(
+    folder: &Path,
+    hosts: &[String],
+    validity: &dyn Fn(Role) -> Validity,
+) -> Result<MadeKeys, MakeKeysError> {
     let mut names = hosts.to_vec();
     if names.is_empty() {
         names = names_of_this_machine();
@@ -77,14 +96,8 @@ pub fn make_keys(folder: &Path, hosts: &[String], days: u32) -> Result<MadeKeys,
     if let Some(bad) = names.iter().find(|&name| !is_host(name)) {
         return Err(MakeKeysError::Name(bad.clone()));
     }
-    let now = OffsetDateTime::UNIX_EPOCH + since_1970();
-    let last = now.checked_add(Duration::days(days.into()));
-    let last = last.filter(|last| last.year() < 9999);
-    let validity = (
-        now - CLOCK_TOLERANCE,
-        last.ok_or(MakeKeysError::Days(days))?,
-    );
-    let authority = authority(validity)?;
+    let of_station = validity(Role::Station);
+    let authority = authority(of_station)?;
     if folder.exists() {
         return Err(MakeKeysError::Exists(folder.to_path_buf()));
     }
@@ -93,7 +106,7 @@ pub fn make_keys(folder: &Path, hosts: &[String], days: u32) -> Result<MadeKeys,
         let own = folder.join(role.name());
         let files = KeyFiles::in_folder(&own)?;
         let key = KeyPair::generate()?;
-        let certificate = of_side(role, names, validity)?.signed_by(&key, &authority)?;
+        let certificate = of_side(role, names, validity(role))?.signed_by(&key, &authority)?;
         make_folder(&own)?;
         write(&files.authority, &authority.pem())?;
         write(&files.certificate, &certificate.pem())?;
@@ -104,7 +117,7 @@ pub fn make_keys(folder: &Path, hosts: &[String], days: u32) -> Result<MadeKeys,
         station: side(Role::Station, &names)?,
         controller: side(Role::Controller, &[])?,
         names,
-        expires: validity.1.date().to_string(),
+        expires: of_station.1.date().to_string(),
     })
 }
 
@@ -134,7 +147,8 @@ fn is_host(name: &str) -> bool {
     ServerName::try_from(name).is_ok()
 }
 
-type Validity = (OffsetDateTime, OffsetDateTime);
+/// The first and the last moment.
+pub(crate) type Validity = (OffsetDateTime, OffsetDateTime);
 
 fn authority(validity: Validity) -> Result<CertifiedIssuer<'static, KeyPair>, rcgen::Error> {
     let key = KeyPair::generate()?;

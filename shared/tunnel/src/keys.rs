@@ -212,13 +212,16 @@ mod tests {
     use std::os::unix::fs::PermissionsExt;
     use std::time::Duration;
 
+    const DAY: Duration = Duration::from_secs(24 * 3600);
+
     fn made(folder: &Path, name: &str) -> MadeKeys {
-        make_keys(&folder.join(name), &["192.168.1.10".to_owned()], 30).unwrap()
+        let hosts = ["192.168.1.10".to_owned()];
+        make_keys(&folder.join(name), &hosts, 30 * DAY).unwrap()
     }
 
-    fn refused(folder: &Path, role: Role, days_later: u64) -> KeysError {
-        let now = UnixTime::now().as_secs() + days_later * 24 * 3600;
-        let now = UnixTime::since_unix_epoch(Duration::from_secs(now));
+    fn refused(folder: &Path, role: Role, days_later: u32) -> KeysError {
+        let now = Duration::from_secs(UnixTime::now().as_secs()) + days_later * DAY;
+        let now = UnixTime::since_unix_epoch(now);
         check(folder, role, now).unwrap_err()
     }
 
@@ -246,7 +249,7 @@ mod tests {
                 .count(),
             2
         );
-        let again = make_keys(&folder.path().join("keys"), &[], 30).unwrap_err();
+        let again = make_keys(&folder.path().join("keys"), &[], DAY).unwrap_err();
         assert!(again.to_string().contains("is there already"), "{again}");
     }
 
@@ -302,11 +305,13 @@ mod tests {
     fn what_is_no_host_stands_in_no_certificate() {
         let folder = tempfile::tempdir().unwrap();
         for bad in ["tls/station:7447", "station lab", ""] {
-            let error = make_keys(&folder.path().join("keys"), &[bad.to_owned()], 30);
+            let error = make_keys(&folder.path().join("keys"), &[bad.to_owned()], DAY);
             let error = error.unwrap_err().to_string();
             assert!(error.contains("is no host"), "{error}");
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
-        assert!(make_keys(&folder.path().join("keys"), &[], u32::MAX).is_err());
+        let error = make_keys(&folder.path().join("keys"), &[], u32::MAX * DAY);
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("for 4294967295 days"), "{error}");
     }
 }

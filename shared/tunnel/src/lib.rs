@@ -20,6 +20,17 @@
 //! Off the loopback a link is encrypted, and both sides show certificates of one authority. The
 //! settings name the role of the other side too, so that a controller's keys make no station.
 //!
+//! # What the feature adds
+//! Some 256 crates to the 219 of the default build, which has none of them (`rt-tests`' tests of
+//! the house): zenoh (EPL-2.0 or Apache-2.0, at the user's choice), tokio, rustls with ring, rcgen
+//! and webpki, iceoryx2's link. All are permissive: MIT, Apache-2.0, ISC, BSD, Zlib, BSL-1.0,
+//! Unicode-3.0 and CDLA-Permissive-2.0 (the list of public authorities). The list, with licences:
+//! ```sh
+//! list() { cargo tree --workspace --edges normal,build --prefix none --format '{p} {l}' "$@" |
+//!     sed 's/ (\*)//' | sort -u; }
+//! comm -13 <(list) <(list --features ve-station/tunnel,hrtc/tunnel)
+//! ```
+//!
 //! ```
 //! use tunnel::Address;
 //!
@@ -45,6 +56,8 @@ mod process;
 #[cfg(feature = "engine")]
 mod refusals;
 mod settings;
+#[cfg(all(test, feature = "engine"))]
+mod strangers;
 mod supervisor;
 mod words;
 

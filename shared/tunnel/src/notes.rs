@@ -1,12 +1,12 @@
 //! What the process of a tunnel tells: its own sentences, and those that it makes of zenoh's log,
-//! each once.
+//! each once, and again with their number when it is ten times as many.
 
 use crate::refusals;
 use crate::settings::End;
 use crate::words::Word;
 use iceoryx2::prelude::{LogLevel, set_logger};
 use iceoryx2_log::Log;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io::Write;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,17 +16,27 @@ use tracing::{Event, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::{Context, SubscriberExt};
+use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt;
 use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
 
 /// Different sentences at the most: whoever calls must not fill memory.
 const MAX_NOTED: usize = 64;
+/// A sentence is told again when there were so many times as many.
+const TOLD_AGAIN: u64 = 10;
 
 /// Sentences for the user, on standard output.
 #[derive(Debug, Clone, Default)]
 pub struct Notes {
-    noted: Arc<Mutex<BTreeSet<String>>>,
+    noted: Arc<Mutex<BTreeMap<String, Noted>>>,
+}
+
+/// How often there was a reason for a sentence, and at how many it is told next.
+#[derive(Debug, Clone, Copy)]
+struct Noted {
+    count: u64,
+    next: u64,
 }
 
 impl Notes {
@@ -40,18 +50,40 @@ impl Notes {
         tell(&Word::Failed(sentence.to_owned()));
     }
 
-    /// A sentence, unless it was told since a link began or ended.
-    pub fn once(&self, sentence: &str) {
-        let mut noted = self.noted.lock().unwrap_or_else(PoisonError::into_inner);
-        if noted.len() < MAX_NOTED && noted.insert(sentence.to_owned()) {
-            tell(&Word::Note(sentence.to_owned()));
+    /// A sentence that there is a reason for once more.
+    pub fn counted(&self, sentence: &str) {
+        if let Some(count) = self.count(sentence) {
+            let times = match count {
+                1 => String::new(),
+                _ => format!(" ({count} times so far)"),
+            };
+            tell(&Word::Note(format!("{sentence}{times}")));
         }
     }
 
-    /// A link that began or ended; what was told before may be told again after it.
+    /// Counts it; the count, when it is to be told.
+    fn count(&self, sentence: &str) -> Option<u64> {
+        let mut noted = self.noted.lock().unwrap_or_else(PoisonError::into_inner);
+        if noted.len() >= MAX_NOTED && !noted.contains_key(sentence) {
+            return None;
+        }
+        let first = Noted { count: 0, next: 1 };
+        let of = noted.entry(sentence.to_owned()).or_insert(first);
+        of.count += 1;
+        let is_told = of.count >= of.next;
+        if is_told {
+            of.next = TOLD_AGAIN * of.count;
+        }
+        is_told.then_some(of.count)
+    }
+
+    /// A link that began or ended; what was told before is told again after it, when there is a
+    /// reason.
     fn link(&self, sentence: String) {
         let mut noted = self.noted.lock().unwrap_or_else(PoisonError::into_inner);
-        noted.clear();
+        for of in noted.values_mut() {
+            of.next = of.count + 1;
+        }
         tell(&Word::Note(sentence));
     }
 
@@ -65,16 +97,33 @@ impl Notes {
                 .with_ansi(false)
                 .with_filter(level)
         });
+        // Another one is there already only in tests.
+        let _ = tracing_subscriber::registry()
+            .with(lines)
+            .with(self.refusals(end))
+            .try_init();
+    }
+
+    /// How often there was a reason for a sentence with these words.
+    #[cfg(test)]
+    pub fn counted_so_far(&self, words: &str) -> u64 {
+        let noted = self.noted.lock().unwrap_or_else(PoisonError::into_inner);
+        let with_words = noted
+            .iter()
+            .filter(|(sentence, _)| sentence.contains(words));
+        with_words.map(|(_, of)| of.count).sum()
+    }
+
+    /// Makes sentences of the refusals in zenoh's log, as one end of a link.
+    pub(crate) fn refusals<S>(&self, end: &End) -> impl Layer<S> + use<S>
+    where
+        S: Subscriber + for<'a> LookupSpan<'a>,
+    {
         let refusals = Refusals {
             notes: self.clone(),
             end: end.clone(),
         };
-        let refusals = refusals.with_filter(Targets::new().with_targets(refusals::TARGETS));
-        // Another one is there already only in tests.
-        let _ = tracing_subscriber::registry()
-            .with(lines)
-            .with(refusals)
-            .try_init();
+        refusals.with_filter(Targets::new().with_targets(refusals::TARGETS))
     }
 
     /// Makes sentences of iceoryx2's log; HRTC_LOG=debug shows the log itself too.
@@ -107,7 +156,7 @@ impl Notes {
                 });
             });
         if let Err(error) = listener.background().wait() {
-            self.once(&format!("links will not be told ({error})"));
+            self.counted(&format!("links will not be told ({error})"));
         }
     }
 }
@@ -124,7 +173,7 @@ struct OfIceoryx(Notes);
 impl Log for OfIceoryx {
     fn log(&self, level: LogLevel, origin: fmt::Arguments<'_>, message: fmt::Arguments<'_>) {
         if let Some(sentence) = refusals::of_iceoryx(&message.to_string()) {
-            self.0.once(sentence);
+            self.0.counted(sentence);
         }
         tracing::debug!("iceoryx2, {level:?}: {origin}: {message}");
     }
@@ -142,7 +191,7 @@ impl<S: Subscriber> Layer<S> for Refusals {
         event.record(&mut message);
         let target = event.metadata().target();
         if let Some(sentence) = refusals::sentence(&self.end, target, &message.0) {
-            self.notes.once(&sentence);
+            self.notes.counted(&sentence);
         }
     }
 }
@@ -156,5 +205,33 @@ impl Visit for Message {
         if field.name() == "message" {
             self.0 = format!("{value:?}");
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sentence_is_told_again_when_it_is_ten_times_as_many_and_after_a_link() {
+        let notes = Notes::default();
+        let told = |times: u64| -> Vec<u64> {
+            let told = (0..times).filter_map(|_| notes.count("refused"));
+            told.collect()
+        };
+        assert_eq!(told(99), [1, 10]);
+        assert_eq!(told(2), [100]);
+        notes.link("linked".to_owned());
+        assert_eq!(told(3), [102]);
+        assert_eq!(notes.counted_so_far("refu"), 104);
+    }
+
+    #[test]
+    fn whoever_calls_does_not_fill_memory() {
+        let notes = Notes::default();
+        let told = (0..1000).filter_map(|number| notes.count(&format!("sentence {number}")));
+        assert_eq!(told.count(), MAX_NOTED);
+        assert_eq!(notes.count("sentence 0"), None);
+        assert_eq!(notes.counted_so_far("sentence 0"), 2);
     }
 }

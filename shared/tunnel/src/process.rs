@@ -149,11 +149,11 @@ fn spin(tunnel: &mut ZenohTunnel, stop: &AtomicBool, notes: &Notes) -> Result<()
         if now >= next_discovery {
             next_discovery = now + DISCOVERY;
             if let Err(error) = tunnel.discover() {
-                notes.once(&format!("looking for topics failed ({error})"));
+                notes.counted(&format!("looking for topics failed ({error})"));
             }
         }
         if let Err(error) = tunnel.propagate() {
-            notes.once(&format!("carrying topics failed ({error})"));
+            notes.counted(&format!("carrying topics failed ({error})"));
         }
         if stop.load(Ordering::Relaxed) && now >= *last.get_or_insert(now + LAST_WORDS) {
             return CallbackProgression::Stop;

@@ -44,6 +44,8 @@ const DEVICE_DEPTH_M: f64 = 0.003;
 pub struct Bench<'a> {
     folder: TempDir,
     plan: ScenePlan,
+    /// Height of the model's surface over the origin, metres.
+    top: f64,
     /// The model's file as it was built.
     pub model_bytes: Vec<u8>,
     /// Disturbances in one run.
@@ -101,6 +103,7 @@ impl<'a> Bench<'a> {
         Ok(Self {
             folder,
             plan,
+            top,
             model_bytes,
             slots,
             large_faces,
@@ -138,6 +141,22 @@ impl<'a> Bench<'a> {
             std::fs::write(self.path(name), text).map_err(|error| words(&error))?;
         }
         Ok(seconds(LARGE_SLOTS))
+    }
+
+    /// Makes `far.toml`: a slide over the model, with room for so many disturbances. The length of
+    /// a run, seconds.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn add_far(&self, slots: usize) -> Result<f64, String> {
+        let probe = "trajectory = { csv = \"far.csv\" }";
+        for (name, text) in [
+            ("far.csv", slide(self.top, slots)),
+            ("far.toml", scene("", "model", SIZE_M, probe)),
+        ] {
+            std::fs::write(self.path(name), text).map_err(|error| error.to_string())?;
+        }
+        Ok(seconds(slots))
     }
 
     /// A file of the folder.

@@ -1,23 +1,25 @@
 //! `rt-tests faults`: real processes that are killed, stopped, replaced and starved while a surface
-//! is touched, and a device in a process of its own that outlives its controller.
+//! is touched, a device in a process of its own that outlives its controller, and two hosts whose
+//! link breaks.
 //!
 //! | module | holds |
 //! |---|---|
 //! | `bench` | the folder with model and scenes |
 //! | `touch` | a station and a controller in contact, and what is asked of every run |
-//! | `station`, `controller`, `hostile`, `device` | the cases |
+//! | `station`, `controller`, `hostile`, `device`, `link` | the cases |
 //! | `verdict` | what all cases came to |
 
 mod bench;
 mod controller;
 mod device;
 mod hostile;
+mod link;
 mod station;
 mod touch;
 mod verdict;
 
 use self::bench::{Bench, MAX_SLOTS};
-use self::touch::{Touch, Undisturbed};
+use self::touch::{RESYNC_MS, Touch, Undisturbed};
 use self::verdict::{Answer, Faults, Times, Verdicts};
 use crate::failure::Failure;
 use crate::processes::stop::{is_set, stop_flag};
@@ -38,8 +40,8 @@ const MAX_KILLS: u64 = 1000;
 /// Arguments of `rt-tests faults`.
 #[derive(Debug, Args)]
 pub struct FaultsArgs {
-    /// Kills in contact: of the station, of the controller, and of the controller of a device in a
-    /// process of its own
+    /// Kills in contact: of the station, of the controller, of the controller of a device in a
+    /// process of its own, and of the processes of a link
     #[arg(long, value_name = "N", default_value_t = 3)]
     pub kills: u64,
     /// Run these cases only, by name
@@ -67,6 +69,14 @@ fn nothing(_: &FaultsArgs) -> Result<(), String> {
     Ok(())
 }
 
+const fn over_link(name: &'static str, run: fn(&Bench, u64, &mut Verdicts) -> Answer) -> Row {
+    Row {
+        name,
+        run,
+        needs: link::needs,
+    }
+}
+
 const fn row(name: &'static str, run: fn(&Bench, u64, &mut Verdicts) -> Answer) -> Row {
     Row {
         name,
@@ -76,7 +86,7 @@ const fn row(name: &'static str, run: fn(&Bench, u64, &mut Verdicts) -> Answer) 
 }
 
 /// All cases, in their order.
-const ROWS: [Row; 16] = [
+const ROWS: [Row; 20] = [
     row("station-killed", station::killed),
     row("station-stopped", station::stopped),
     row("station-restarted", station::restarted),
@@ -101,6 +111,10 @@ const ROWS: [Row; 16] = [
     row("device-panic", device::panics),
     row("device-sigkill", device::killed),
     row("device-sigstop", device::stopped),
+    over_link("link-cut", link::cut),
+    over_link("link-killed", link::tunnel_killed),
+    over_link("link-station-restarted", link::station_restarted),
+    over_link("link-packets-changed", link::packets_changed),
 ];
 
 /// Runs the command.
@@ -188,6 +202,7 @@ fn undisturbed(bench: &Bench) -> Result<Undisturbed, String> {
         step_n: median(&steps),
         front: is_one.then_some(fronts[0]),
         missed_own_cpu,
+        resync_ms: RESYNC_MS,
     })
 }
 

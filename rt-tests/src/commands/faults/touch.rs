@@ -18,7 +18,7 @@ use transport::Domain;
 const STEP_N: f64 = 0.3;
 /// Step of the force of a disturbed run over that of an undisturbed one.
 const STEP_RATIO: f64 = 1.5;
-/// Time in which a station that is ready again must be synchronised, milliseconds.
+/// Time in which a station that is ready again on this machine must be synchronised, milliseconds.
 pub const RESYNC_MS: f64 = 1000.0;
 
 /// Ending of the one segment that iceoryx2 keeps of a domain, with or without processes: it is made
@@ -60,6 +60,8 @@ pub struct Touch<'a> {
     pub controller: Watched,
     /// When the station came back, on CLOCK_MONOTONIC, ns.
     pub returns_ns: Vec<u64>,
+    /// Length of the run, seconds.
+    seconds: f64,
     started_ns: u64,
     touched: Instant,
     /// The domain; last, so that its processes are gone before its files.
@@ -161,18 +163,33 @@ impl<'a> Touch<'a> {
         domain: Rc<OwnDomain>,
         start: Start,
     ) -> Result<Self, String> {
+        let seconds = start.seconds;
         let station = start_station(bench, &domain)?;
         let (mut controller, started_ns) = start_controller(bench, &domain, start)?;
         controller.wait_for("the first touch", bench.stop, Watched::is_touching)?;
-        Ok(Self {
+        let controller = (controller, started_ns);
+        Ok(Self::of(bench, domain, station, controller, seconds))
+    }
+
+    /// A touch that has just begun, of a controller that was started at this time.
+    #[must_use]
+    pub fn of(
+        bench: &'a Bench<'a>,
+        domain: Rc<OwnDomain>,
+        station: Watched,
+        (controller, started_ns): (Watched, u64),
+        seconds: f64,
+    ) -> Self {
+        Self {
             bench,
             station,
             controller,
             returns_ns: Vec::new(),
+            seconds,
             started_ns,
             touched: Instant::now(),
             domain,
-        })
+        }
     }
 
     /// Starts both for a run of the usual length in a domain of its own, and waits for the touch.
@@ -204,7 +221,13 @@ impl<'a> Touch<'a> {
     #[must_use]
     pub fn has_room(&self) -> bool {
         let end = (self.bench.slots as f64 - 0.7) * SLOT_S;
-        self.touched.elapsed().as_secs_f64() < end
+        self.sliding_s() < end
+    }
+
+    /// Time since the touch began, seconds.
+    #[must_use]
+    pub fn sliding_s(&self) -> f64 {
+        self.touched.elapsed().as_secs_f64()
     }
 
     /// Starts a station in place of the last one.
@@ -229,7 +252,7 @@ impl<'a> Touch<'a> {
     /// # Errors
     /// When one of them does not end well.
     pub fn finish(mut self) -> Result<Touched, String> {
-        let longest = PATIENCE + Duration::from_secs_f64(self.bench.seconds());
+        let longest = PATIENCE + Duration::from_secs_f64(self.seconds);
         let ended = self.controller.wait_for_end(longest);
         let station = self.station.end();
         let left = left(&self.domain, self.bench);
@@ -265,6 +288,8 @@ pub struct Undisturbed {
     pub front: Option<u64>,
     /// Largest number of periods that one of them missed by own work.
     pub missed_own_cpu: u64,
+    /// Time in which a station that is back must be synchronised, milliseconds.
+    pub resync_ms: f64,
 }
 
 impl Undisturbed {
@@ -298,7 +323,7 @@ impl Undisturbed {
         for &ms in &touched.resync_ms {
             if ms < 0.0 {
                 wrong.push("the station was not synchronised again".to_string());
-            } else if ms > RESYNC_MS {
+            } else if ms > self.resync_ms {
                 wrong.push(format!("synchronised only after {ms:.0} ms"));
             }
         }
@@ -338,6 +363,7 @@ mod tests {
             front: Some(5),
             // It excuses none of a disturbed run.
             missed_own_cpu: 4,
+            resync_ms: RESYNC_MS,
         };
         assert_eq!(undisturbed.complaints(&good()), Vec::<String>::new());
         let spoil: [fn(&mut Touched); 7] = [
@@ -356,7 +382,8 @@ mod tests {
         }
         let rough = Undisturbed {
             step_n: 0.4,
-            ..Undisturbed::default()
+            front: None,
+            ..undisturbed
         };
         assert_eq!(rough.limit_n(), STEP_RATIO * 0.4);
         assert_eq!(

@@ -92,6 +92,8 @@ pub struct Verdicts {
     pub faults: Faults,
     /// What disturbed runs are compared with.
     pub undisturbed: Undisturbed,
+    /// The same over a link, once it is known.
+    pub undisturbed_over_link: Option<Undisturbed>,
     resync_ms: Vec<f64>,
     /// Own misses of the cases so far.
     missed_before: u64,
@@ -107,15 +109,23 @@ impl Verdicts {
     /// # Errors
     /// What is wrong with it, in words.
     pub fn judge(&mut self, touched: &Touched) -> Answer {
+        self.judge_by(&self.undisturbed.clone(), touched)
+    }
+
+    /// Counts a disturbed run and judges it by an undisturbed one.
+    ///
+    /// # Errors
+    /// What is wrong with it, in words.
+    pub fn judge_by(&mut self, undisturbed: &Undisturbed, touched: &Touched) -> Answer {
         let result = &touched.finished.result;
         let faults = &mut self.faults;
         faults.missed_own_cpu += result.missed_own_cpu;
         faults.force_step_n_max = faults.force_step_n_max.max(result.force_step_n_max);
         faults.leaked += touched.left.len() as u64;
-        faults.fronts_equal &= self.undisturbed.front == Some(result.front_hash);
+        faults.fronts_equal &= undisturbed.front == Some(result.front_hash);
         let heard = touched.resync_ms.iter().filter(|&&ms| ms >= 0.0);
         self.resync_ms.extend(heard);
-        let wrong = self.undisturbed.complaints(touched);
+        let wrong = undisturbed.complaints(touched);
         if !wrong.is_empty() {
             return Err(wrong.join("; "));
         }

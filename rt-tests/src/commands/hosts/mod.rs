@@ -4,36 +4,45 @@
 //! Both hosts are made of namespaces of this machine: they have nothing in common but the files of
 //! its disk and its cores. `ve-station serve --listen` runs on one and `hrtc run --station` on the
 //! other, as a user would start them, with keys made for them. Every packet between them goes
-//! through a relay, which delays, queues, loses, cuts and counts them.
+//! through a relay, which delays, queues, loses, cuts, changes, repeats and counts them.
+//!
+//! With `--controllers` each of several has a host and a link of its own to one station: first each
+//! touches alone, then all at once.
 //!
 //! | module | holds |
 //! |---|---|
 //! | `points` | the links that are tried |
 //! | `programs` | the two programs, and the rights that hosts need |
 //! | `way` | what becomes of a packet: one direction of a link |
-//! | `relay` | the thread that carries packets between the cables of two hosts |
+//! | `relay` | the thread that carries packets between the cables of hosts |
+//! | `links` | hosts, each with a link to the station's |
 //! | `touch` | one run over a link |
 //! | `result`, `picture` | what was seen, as JSON, table and charts |
 //!
 //! With `--json` one object (`result`): `skipped` is a sentence where the rights are missing, or
-//! null; `rows` has the touch on one machine first (`wire` is null), then one a link. `full_share`,
+//! null; `rows` has the touch on one machine first (`wire` is null), then one a link; with
+//! `--controllers` one for each alone, then one for each among all (`controllers` is their number).
+//! `full_share`,
 //! `certified_error_m`, `measured_error_m`, `first_touch_ms` and `bytes_per_vsp` are null where
 //! there is none: nothing was touched, nothing came. Bytes and packets of `wire`
 //! are those of IP, of everything that the two hosts said to each other from the start of the
 //! station to its end: greeting, encryption and repetitions too.
 
+pub(super) mod links;
 mod picture;
-mod points;
-mod programs;
-mod relay;
+pub(super) mod points;
+pub(super) mod programs;
+pub(super) mod relay;
 mod result;
-mod touch;
-mod way;
+pub(super) mod touch;
+pub(super) mod way;
 
-use self::points::{Point, chosen};
+use self::links::{Links, STATION};
+use self::points::{Guest, Point, check_guests, chosen};
 use self::programs::{Programs, missing_right};
 use self::result::Found;
-use self::touch::{Bench, CUT_SHARE, STATION};
+use self::touch::{Bench, CUT_SHARE};
+use self::way::Shape;
 use crate::failure::Failure;
 use crate::machine::Machine;
 use crate::processes::stop::stop_flag;
@@ -46,6 +55,7 @@ use scene::load;
 use scene_args::OverrideArgs;
 use scene_files::DiskFiles;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// Seed of losses and jitter, and of the tour, where none is given.
 const SEED: u64 = 1;
@@ -72,9 +82,15 @@ pub struct HostsArgs {
         allow_negative_numbers = true
     )]
     pub mbit: Vec<f64>,
-    /// All round-trip times from 0.2 to 200 ms with all bandwidths from 0.25 to 100 Mbit/s
+    /// All round-trip times from 0.2 to 200 ms with all bandwidths from 0.25 to 100 Mbit/s: 48
+    /// links, 11 minutes at 10 seconds each
     #[arg(long)]
     pub long: bool,
+    /// Several controllers at once, each RTT_MS:MBIT, or RTT_MS:MBIT:stopped for one that is
+    /// stopped for the middle third of its touch
+    #[arg(long, value_name = "LIST", value_delimiter = ',',
+        conflicts_with_all = ["rtt_ms", "mbit", "long"])]
+    pub controllers: Vec<Guest>,
     /// Share of the packets that are lost, 0 to 1
     #[arg(
         long,
@@ -99,6 +115,22 @@ pub struct HostsArgs {
         allow_negative_numbers = true
     )]
     pub cut: f64,
+    /// Share of the packets that somebody changes, so that no checksum of IP or TCP shows it
+    #[arg(
+        long,
+        value_name = "SHARE",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    pub damaged: f64,
+    /// Share of the packets that somebody sends once more, a second later
+    #[arg(
+        long,
+        value_name = "SHARE",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    pub replayed: f64,
     /// Length of each touch
     #[arg(
         long,
@@ -121,9 +153,10 @@ pub struct HostsArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence: status 2 for bad input and programs without the link, 1 when a run fails.
+/// One sentence: status 2 for bad input and programs without the link, 1 when a run fails or
+/// something was wrong whatever the link is like.
 pub fn hosts(args: &HostsArgs) -> Result<(), Failure> {
-    let points = check(args)?;
+    let touches = check(args)?;
     let file = SceneFile::named_or_bundled(args.scene.as_deref())?;
     let plan = load(file.path(), &args.overrides.overrides(), &DiskFiles)?;
     if let Some(why) = missing_right(STATION) {
@@ -137,22 +170,29 @@ pub fn hosts(args: &HostsArgs) -> Result<(), Failure> {
     let programs = Programs::find()?;
     make_folder(&args.out)?;
     prepare_models(&plan)?;
-    let found = run(args, &points, programs, file.path())?;
+    let found = run(args, &touches, programs, file.path())?;
     write_json(&args.out.join("hosts.json"), &found)?;
     let charts = args.out.join("hosts.svg");
     write_whole(&charts, picture::draw(&found).as_bytes())?;
     let words = format!("{}\ncharts: {}\n", found.words(), charts.display());
-    print_either(args.json, &words, &found)
+    print_either(args.json, &words, &found)?;
+    let wrong = found.wrong();
+    if wrong.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Run(wrong.join("; ")))
 }
 
-/// The links, if everything else is in its range.
-fn check(args: &HostsArgs) -> Result<Vec<Point>, Failure> {
+/// The touches, each with the controllers in it, if everything else is in its range.
+fn check(args: &HostsArgs) -> Result<Vec<Vec<Guest>>, Failure> {
     check_seconds(args.seconds)?;
     let longest_cut = CUT_SHARE * args.seconds;
     for (option, number, most) in [
         ("--loss", args.loss, 1.0),
         ("--jitter-ms", args.jitter_ms, 1000.0),
         ("--cut", args.cut, longest_cut),
+        ("--damaged", args.damaged, 1.0),
+        ("--replayed", args.replayed, 1.0),
     ] {
         if !(0.0..=most).contains(&number) {
             return Err(Failure::Input(format!(
@@ -160,12 +200,22 @@ fn check(args: &HostsArgs) -> Result<Vec<Point>, Failure> {
             )));
         }
     }
-    chosen(&args.rtt_ms, &args.mbit, args.long)
+    check_guests(&args.controllers)?;
+    let alone = |point: Point| {
+        let is_stopped = false;
+        vec![Guest { point, is_stopped }]
+    };
+    if args.controllers.is_empty() {
+        let points = chosen(&args.rtt_ms, &args.mbit, args.long)?;
+        return Ok(points.into_iter().map(alone).collect());
+    }
+    let each = args.controllers.iter().map(|guest| alone(guest.point));
+    Ok(each.chain([args.controllers.clone()]).collect())
 }
 
 fn run(
     args: &HostsArgs,
-    points: &[Point],
+    touches: &[Vec<Guest>],
     programs: Programs,
     scene: &Path,
 ) -> Result<Found, Failure> {
@@ -176,35 +226,53 @@ fn run(
     programs.make_keys(&keys, &STATION.to_string())?;
     let scene = std::path::absolute(scene)
         .map_err(|error| Failure::Input(format!("{}: {error}", scene.display())))?;
+    let seed = args.overrides.seed.unwrap_or(SEED);
     let bench = Bench {
         programs,
         scene,
         overrides: args.overrides.typed(),
-        keys,
+        links: Links {
+            keys,
+            shape: Shape {
+                jitter_s: args.jitter_ms * 1e-3,
+                loss: args.loss,
+                damaged: args.damaged,
+                replayed: args.replayed,
+                ..Shape::default()
+            },
+            seed,
+        },
         seconds: args.seconds,
         cut_s: args.cut,
-        jitter_s: args.jitter_ms * 1e-3,
-        loss: args.loss,
-        seed: args.overrides.seed.unwrap_or(SEED),
         stop: &stop,
     };
     let mut found = Found {
         machine: Some(Machine::read()),
         seconds: args.seconds,
-        seed: bench.seed,
+        seed,
         loss: args.loss,
         jitter_ms: args.jitter_ms,
         cut_s: args.cut,
+        damaged: args.damaged,
+        replayed: args.replayed,
         ..Found::default()
     };
     let bar = status_line();
+    let (begin, of) = (Instant::now(), touches.len());
     bar.set_message("one machine");
     found.add(bench.local()?);
-    for (number, point) in (1..).zip(points) {
-        let Point { rtt_ms, mbit } = point;
-        let of = points.len();
-        bar.set_message(format!("{rtt_ms} ms, {mbit} Mbit/s ({number} of {of})"));
-        found.add(bench.linked(*point)?);
+    for (number, guests) in (1..).zip(touches) {
+        let names = guests.iter().map(|guest| guest.point.to_string());
+        let names = names.collect::<Vec<_>>().join(" and ");
+        bar.set_message(format!("{names} ({number} of {of})"));
+        for row in bench.linked(guests)? {
+            found.add(row);
+        }
+        if args.long {
+            let each_s = begin.elapsed().as_secs_f64() / (number + 1) as f64;
+            let minutes = each_s * (of - number) as f64 / 60.0;
+            bar.suspend(|| eprintln!("{names}: {number} of {of}, {minutes:.0} minutes more"));
+        }
     }
     bar.finish_and_clear();
     Ok(found)

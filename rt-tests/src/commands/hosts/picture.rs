@@ -30,26 +30,34 @@ pub fn draw(found: &Found) -> String {
 /// A curve for each value of what is not on the axis.
 fn chart(found: &Found, title: &str, x: Of, name: fn(&Wire) -> String) -> Chart {
     let share = |row: &Row| row.full_share.map(|share| 100.0 * share);
+    // A touch beside others is no point of the curve of those that are alone.
+    let label = |row: &Row, wire: &Wire| match row.controllers {
+        1 => name(wire),
+        of => format!("{}, one of {of}", name(wire)),
+    };
     let links = found.rows.iter();
-    let links = links.filter_map(|row| Some((*row.wire.as_ref()?, share(row))));
-    let links: Vec<(Wire, Option<f64>)> = links.collect();
-    let mut names: Vec<String> = Vec::new();
-    for (wire, _) in &links {
-        if !names.contains(&name(wire)) {
-            names.push(name(wire));
+    let links = links.filter_map(|row| {
+        let wire = row.wire.as_ref()?;
+        Some((label(row, wire), x(wire), share(row)))
+    });
+    let links: Vec<(String, f64, Option<f64>)> = links.collect();
+    let mut names: Vec<&str> = Vec::new();
+    for (name, ..) in &links {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
         }
     }
-    let curves = names.iter().zip(COLORS.into_iter().cycle());
+    let curves = names.into_iter().zip(COLORS.into_iter().cycle());
     let curves = curves.map(|(label, color)| {
-        let own = links.iter().filter(|(wire, _)| name(wire) == *label);
-        let own = own.filter_map(|(wire, share)| Some((x(wire), (*share)?)));
+        let own = links.iter().filter(|(name, ..)| name == label);
+        let own = own.filter_map(|(_, x, share)| Some((*x, (*share)?)));
         let mut own: Vec<(f64, f64)> = own.collect();
         own.sort_by(|a, b| a.0.total_cmp(&b.0));
         Curve::new(label, color, Stroke::Solid, own)
     });
     let mut curves: Vec<Curve> = curves.collect();
-    let untouched = links.iter().filter(|(_, share)| share.is_none());
-    let untouched: Vec<(f64, f64)> = untouched.map(|(wire, _)| (x(wire), 0.0)).collect();
+    let untouched = links.iter().filter(|(.., share)| share.is_none());
+    let untouched: Vec<(f64, f64)> = untouched.map(|(_, x, _)| (*x, 0.0)).collect();
     if !untouched.is_empty() {
         curves.push(Curve::new(UNTOUCHED, GREY, Stroke::Dots, untouched));
     }
@@ -106,6 +114,18 @@ mod tests {
             (UNTOUCHED.to_string(), 1, 0.0),
         ];
         assert_eq!(shown, expected);
+    }
+
+    #[test]
+    fn a_touch_beside_others_has_a_curve_of_its_own() {
+        let mut found = Found::default();
+        found.add(row(Some((20.0, 10.0)), 100, 100));
+        let mut among = row(Some((20.0, 10.0)), 100, 90);
+        among.controllers = 3;
+        found.add(among);
+        let chart = chart(&found, "x", RTT, |wire| wire.mbit_per_s.to_string());
+        let labels = chart.curves.iter().map(|curve| curve.label.as_str());
+        assert_eq!(labels.collect::<Vec<_>>(), ["10", "10, one of 3"]);
     }
 
     #[test]

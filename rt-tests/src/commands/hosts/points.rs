@@ -1,6 +1,9 @@
 //! The links that are tried.
 
 use crate::failure::Failure;
+use protocol::MAX_CLIENTS;
+use std::fmt;
+use std::str::FromStr;
 
 /// Round trip and bandwidth of the short form: near, a city, a continent, and a slow line.
 const SHORT: [Point; 4] = [
@@ -36,19 +39,76 @@ impl Point {
     }
 }
 
+impl fmt::Display for Point {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ms, {} Mbit/s", self.rtt_ms, self.mbit)
+    }
+}
+
+/// Ends the text of a controller that is stopped.
+const STOPPED: &str = ":stopped";
+
+/// One of several controllers: `RTT_MS:MBIT`, and `:stopped` for one that is stopped for a while.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Guest {
+    /// Its link.
+    pub point: Point,
+    /// Whether it is stopped in the middle third of the touch.
+    pub is_stopped: bool,
+}
+
+impl FromStr for Guest {
+    type Err = String;
+
+    fn from_str(typed: &str) -> Result<Self, String> {
+        let link = typed.strip_suffix(STOPPED);
+        let parsed = || {
+            let (rtt_ms, mbit) = link.unwrap_or(typed).split_once(':')?;
+            Some(Point::new(rtt_ms.parse().ok()?, mbit.parse().ok()?))
+        };
+        let point = parsed();
+        let point = point.ok_or("write RTT_MS:MBIT, as 20:100, or 20:100:stopped")?;
+        Ok(Self {
+            point,
+            is_stopped: link.is_some(),
+        })
+    }
+}
+
+/// Checks the links of several controllers.
+///
+/// # Errors
+/// One sentence that names a number out of range, or too many controllers.
+pub fn check_guests(guests: &[Guest]) -> Result<(), Failure> {
+    if guests.len() > MAX_CLIENTS {
+        return Err(Failure::Input(format!(
+            "--controllers lists {}; a station serves {MAX_CLIENTS}",
+            guests.len()
+        )));
+    }
+    let numbers = |of: fn(&Point) -> f64| -> Vec<f64> {
+        let points = guests.iter().map(|guest| of(&guest.point));
+        points.collect()
+    };
+    let option = "--controllers";
+    within(option, &numbers(|of| of.rtt_ms), 0.0, MAX_RTT_MS)?;
+    within(option, &numbers(|of| of.mbit), MIN_MBIT, MAX_MBIT)
+}
+
+fn within(option: &str, numbers: &[f64], low: f64, high: f64) -> Result<(), Failure> {
+    let wrong = |number: &&f64| !(low..=high).contains(*number);
+    numbers.iter().find(wrong).map_or(Ok(()), |number| {
+        Err(Failure::Input(format!(
+            "{option} has {number}; write numbers from {low} to {high}"
+        )))
+    })
+}
+
 /// The links of a command: every round trip with every bandwidth.
 ///
 /// # Errors
 /// One sentence that names a number out of range.
 pub fn chosen(rtt_ms: &[f64], mbit: &[f64], long: bool) -> Result<Vec<Point>, Failure> {
-    let within = |option: &str, numbers: &[f64], low: f64, high: f64| {
-        let wrong = |number: &&f64| !(low..=high).contains(*number);
-        numbers.iter().find(wrong).map_or(Ok(()), |number| {
-            Err(Failure::Input(format!(
-                "{option} has {number}; write numbers from {low} to {high}"
-            )))
-        })
-    };
     within("--rtt-ms", rtt_ms, 0.0, MAX_RTT_MS)?;
     within("--mbit", mbit, MIN_MBIT, MAX_MBIT)?;
     if rtt_ms.is_empty() && mbit.is_empty() && !long {
@@ -104,6 +164,33 @@ mod tests {
         ] {
             let refused = chosen(rtt, mbit, false).unwrap_err();
             assert!(refused.to_string().contains(named), "{refused}");
+        }
+    }
+
+    #[test]
+    fn a_controller_is_read_with_its_link() {
+        let far = Guest {
+            point: Point::new(100.0, 0.25),
+            is_stopped: false,
+        };
+        assert_eq!("100:0.25".parse(), Ok(far));
+        let stopped = Guest {
+            is_stopped: true,
+            ..far
+        };
+        assert_eq!("100:0.25:stopped".parse(), Ok(stopped));
+        for typed in ["", "100", "100:", "a:b", "100:0.25:", "100:0.25:halted"] {
+            let refused = typed.parse::<Guest>().unwrap_err();
+            assert!(refused.contains("20:100:stopped"), "{refused}");
+        }
+        assert!(check_guests(&[far; MAX_CLIENTS]).is_ok());
+        let slow = "100:0".parse().unwrap();
+        for (guests, named) in [
+            (&[far; MAX_CLIENTS + 1][..], "a station serves"),
+            (&[far, slow], "--controllers has 0;"),
+        ] {
+            let refused = check_guests(guests).unwrap_err().to_string();
+            assert!(refused.contains(named), "{refused}");
         }
     }
 }

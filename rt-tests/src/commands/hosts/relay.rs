@@ -1,5 +1,5 @@
-//! The relay between the cables of two hosts: a thread that takes packets from each and gives them
-//! to the other when their time has come.
+//! The relay between the cable of one host and those of others: a thread that takes packets from
+//! each and gives them to the other end when their time has come.
 
 use super::way::{Carried, Way};
 use crate::report::quantile::Quantiles;
@@ -7,6 +7,7 @@ use hdrhistogram::Histogram;
 use realtime::rights::{monotonic_ns, set_fifo};
 use std::fs::File;
 use std::io::{Read, Write};
+use std::net::Ipv4Addr;
 use std::os::fd::AsRawFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,11 +26,21 @@ const MAX_PACKET: usize = 65_535;
 const MAX_LATE_NS: u64 = 1 << 40;
 const DIGITS: u8 = 3;
 
+/// A host at the far end of a link.
+pub struct FarEnd {
+    /// Its address.
+    pub address: Ipv4Addr,
+    /// Its end of its cable, which does not block.
+    pub cable: File,
+    /// The link to it, and back.
+    pub ways: [Way; 2],
+}
+
 /// What a relay carried.
 #[derive(Debug)]
 pub struct Relayed {
-    /// From the first host to the second, and back.
-    pub ways: [Carried; 2],
+    /// To each of the other hosts, and back.
+    pub links: Vec<[Carried; 2]>,
     /// How long after its time a packet was given on, milliseconds.
     pub late_ms: Quantiles,
 }
@@ -38,30 +49,37 @@ pub struct Relayed {
 pub struct Relay {
     stop: Arc<AtomicBool>,
     is_cut: Arc<AtomicBool>,
+    is_calm: Arc<AtomicBool>,
     thread: JoinHandle<Result<Relayed, String>>,
 }
 
 impl Relay {
-    /// Joins two cables, that do not block, by both directions of a link.
+    /// Joins the cable of a host, which does not block, with those of others.
     ///
     /// # Errors
     /// When the system has no thread for it.
-    pub fn start(cables: [File; 2], ways: [Way; 2]) -> Result<Self, String> {
-        let [stop, is_cut] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
-        let flags = [Arc::clone(&stop), Arc::clone(&is_cut)];
-        let work = move || carry(cables, ways, &flags);
+    pub fn start(cable: File, others: Vec<FarEnd>) -> Result<Self, String> {
+        let flags = [(); 3].map(|()| Arc::new(AtomicBool::new(false)));
+        let [stop, is_cut, is_calm] = flags.clone();
+        let work = move || carry(cable, others, &flags);
         let thread = std::thread::Builder::new().name("relay".to_owned());
         let thread = thread.spawn(work).map_err(|error| error.to_string())?;
         Ok(Self {
             stop,
             is_cut,
+            is_calm,
             thread,
         })
     }
 
-    /// Cuts both directions, or mends them.
+    /// Cuts all links in both directions, or mends them.
     pub fn cut(&self, is_cut: bool) {
         self.is_cut.store(is_cut, Ordering::Relaxed);
+    }
+
+    /// From now on nobody changes packets or sends them once more.
+    pub fn calm(&self) {
+        self.is_calm.store(true, Ordering::Relaxed);
     }
 
     /// Ends it.
@@ -76,35 +94,53 @@ impl Relay {
 }
 
 fn carry(
-    mut cables: [File; 2],
-    mut ways: [Way; 2],
-    [stop, is_cut]: &[Arc<AtomicBool>; 2],
+    mut cable: File,
+    mut others: Vec<FarEnd>,
+    [stop, is_cut, is_calm]: &[Arc<AtomicBool>; 3],
 ) -> Result<Relayed, String> {
     // Without the right it works all the same, later on a busy machine: that is measured.
     let _ = set_fifo(PRIORITY);
     let late = Histogram::<u64>::new_with_bounds(1, MAX_LATE_NS, DIGITS);
     let mut late = late.map_err(|error| error.to_string())?;
     let mut room = vec![0; MAX_PACKET];
-    let mut was_cut = false;
+    let (mut was_cut, mut was_calm) = (false, false);
     while !stop.load(Ordering::Relaxed) {
-        let cut = is_cut.load(Ordering::Relaxed);
-        if cut != was_cut {
-            was_cut = cut;
-            ways.iter_mut().for_each(|way| way.cut(cut));
+        let (cut, calm) = (
+            is_cut.load(Ordering::Relaxed),
+            is_calm.load(Ordering::Relaxed),
+        );
+        for way in others.iter_mut().flat_map(|other| &mut other.ways) {
+            if cut != was_cut {
+                way.cut(cut);
+            }
+            if calm != was_calm {
+                way.calm();
+            }
         }
-        for (cable, way) in cables.iter_mut().zip(&mut ways) {
-            take(cable, way, &mut room);
+        (was_cut, was_calm) = (cut, calm);
+        take(&mut cable, &mut room, |packet| {
+            let to = packet.get(16..20);
+            let is_for = |other: &&mut FarEnd| to == Some(&other.address.octets()[..]);
+            if let Some(other) = others.iter_mut().find(is_for) {
+                other.ways[0].send(packet, monotonic_ns());
+            }
+        });
+        for other in &mut others {
+            let [there, back] = &mut other.ways;
+            let sent = |packet: &[u8]| back.send(packet, monotonic_ns());
+            take(&mut other.cable, &mut room, sent);
+            give(there, &mut other.cable, &mut late);
+            give(back, &mut cable, &mut late);
         }
-        let [there, back] = &mut ways;
-        let [first, second] = &mut cables;
-        for (way, cable) in [(there, second), (back, first)] {
-            give(way, cable, &mut late);
-        }
-        wait(&cables, ways.iter().filter_map(Way::next_ns).min());
+        let ways = others.iter().flat_map(|other| &other.ways);
+        let next_ns = ways.filter_map(Way::next_ns).min();
+        let cables = others.iter().map(|other| &other.cable);
+        wait(cables.chain([&cable]), next_ns);
     }
     let ms = |share: f64| late.value_at_quantile(share) as f64 * 1e-6;
+    let of = |other: FarEnd| other.ways.map(|way| way.carried);
     Ok(Relayed {
-        ways: ways.map(|way| way.carried),
+        links: others.into_iter().map(of).collect(),
         late_ms: Quantiles {
             p50: ms(0.5),
             p99: ms(0.99),
@@ -115,7 +151,7 @@ fn carry(
 }
 
 /// Takes what a host has sent.
-fn take(cable: &mut File, way: &mut Way, room: &mut [u8]) {
+fn take(cable: &mut File, room: &mut [u8], mut sent: impl FnMut(&[u8])) {
     for _ in 0..MAX_TAKEN {
         // Nothing there, or the host is going: it is looked at again.
         let Ok(length) = cable.read(room) else {
@@ -124,7 +160,7 @@ fn take(cable: &mut File, way: &mut Way, room: &mut [u8]) {
         let packet = &room[..length];
         // What the kernel says by itself over IPv6 is no part of a link.
         if packet.first().is_some_and(|byte| byte >> 4 == 4) {
-            way.send(packet, monotonic_ns());
+            sent(packet);
         }
     }
 }
@@ -140,18 +176,19 @@ fn give(way: &mut Way, cable: &mut File, late: &mut Histogram<u64>) {
 }
 
 /// Sleeps until a host sends, or it is time to give or to look.
-fn wait(cables: &[File; 2], next_ns: Option<u64>) {
+fn wait<'a>(cables: impl Iterator<Item = &'a File>, next_ns: Option<u64>) {
     let until_ns = next_ns.map_or(LOOK_NS, |next_ns| next_ns.saturating_sub(monotonic_ns()));
     let timeout = libc::timespec {
         tv_sec: 0,
         tv_nsec: until_ns.min(LOOK_NS) as libc::c_long,
     };
-    let mut sources = [0, 1].map(|side: usize| libc::pollfd {
-        fd: cables[side].as_raw_fd(),
+    let source = |cable: &File| libc::pollfd {
+        fd: cable.as_raw_fd(),
         events: libc::POLLIN,
         revents: 0,
-    });
-    // SAFETY: the array and the structure live on this stack; without a mask of signals.
+    };
+    let mut sources: Vec<libc::pollfd> = cables.map(source).collect();
+    // SAFETY: list and structure live through the call; without a mask of signals.
     unsafe {
         libc::ppoll(
             sources.as_mut_ptr(),

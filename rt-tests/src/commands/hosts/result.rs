@@ -36,6 +36,10 @@ pub struct Found {
     pub jitter_ms: f64,
     /// Length of the cut in each touch over a link, seconds.
     pub cut_s: f64,
+    /// Share of the packets that are changed.
+    pub damaged: f64,
+    /// Share of the packets that arrive twice.
+    pub replayed: f64,
     /// The touches: the first on one machine, without a link.
     pub rows: Vec<Row>,
 }
@@ -45,6 +49,14 @@ pub struct Found {
 pub struct Row {
     /// The link; none on one machine.
     pub wire: Option<Wire>,
+    /// Controllers that touched at the same time.
+    pub controllers: usize,
+    /// Whether this one was stopped for the middle third of the touch.
+    pub is_stopped: bool,
+    /// Times that its link was made; 0 on one machine.
+    pub links_made: usize,
+    /// Whether a chunk came through the link that had been changed on its way.
+    pub has_damaged_chunk: bool,
     /// Ticks in contact.
     pub contact_ticks: u64,
     /// Of these, at full resolution.
@@ -103,7 +115,8 @@ pub struct Wire {
     pub to_controller: Carried,
     /// Back.
     pub to_station: Carried,
-    /// How long after its time the relay gave a packet on, ms: an error of the round trip.
+    /// How long after its time the relay gave a packet on, ms: an error of the round trip. Of all
+    /// links at once.
     pub late_ms: Quantiles,
 }
 
@@ -118,6 +131,10 @@ impl Row {
         let not_finite = not_finite.map(|name| format!("{name} was not finite"));
         Self {
             wire: None,
+            controllers: 1,
+            is_stopped: false,
+            links_made: 0,
+            has_damaged_chunk: false,
             contact_ticks: r.contact_ticks,
             contact_full_ticks: r.contact_full_ticks,
             full_share: in_contact.then_some(share),
@@ -154,10 +171,17 @@ impl Row {
     /// Its link in words.
     #[must_use]
     pub fn name(&self) -> String {
-        self.wire.map_or_else(
+        let mut name = self.wire.map_or_else(
             || "one machine".to_string(),
             |wire| format!("{} ms, {} Mbit/s", wire.rtt_ms, wire.mbit_per_s),
-        )
+        );
+        if self.controllers > 1 {
+            let _ = write!(name, ", one of {}", self.controllers);
+        }
+        if self.is_stopped {
+            name.push_str(", stopped");
+        }
+        name
     }
 }
 
@@ -186,6 +210,26 @@ impl Found {
         self.rows.push(row);
     }
 
+    /// What must not be, however long, slow or broken a link is; in words.
+    #[must_use]
+    pub fn wrong(&self) -> Vec<String> {
+        let mut wrong = Vec::new();
+        for row in &self.rows {
+            let unbounded = row.contact_unbounded_ticks;
+            if unbounded > 0 {
+                let name = row.name();
+                wrong.push(format!(
+                    "{name}: {unbounded} ticks in contact without a certified error"
+                ));
+            }
+            if row.has_damaged_chunk {
+                let name = row.name();
+                wrong.push(format!("{name}: a changed packet passed the encryption"));
+            }
+        }
+        wrong
+    }
+
     /// The result in words.
     #[must_use]
     pub fn words(&self) -> String {
@@ -204,6 +248,11 @@ impl Found {
         if self.cut_s > 0.0 {
             let _ = write!(text, ", cable cut for {} s", self.cut_s);
         }
+        for (share_of, what) in [(self.damaged, "changed"), (self.replayed, "sent once more")] {
+            if share_of > 0.0 {
+                let _ = write!(text, ", {} of the packets {what}", share(share_of));
+            }
+        }
         let _ = write!(text, "\n\n{}", self.table());
         for row in &self.rows {
             for fault in &row.faults {
@@ -216,7 +265,7 @@ impl Found {
     /// One line for each touch.
     #[must_use]
     pub fn table(&self) -> Table {
-        let heads = "round trip, bandwidth | contact at full\nresolution | certified error\np50 | \nmax | first touch\nms | force step\nN | to controller\nkB/s | to station\nkB/s | \nVSPs | bytes\na VSP | begun\nanew | packets\nlost | own\nmisses | relay late\np99 ms";
+        let heads = "round trip, bandwidth | contact at full\nresolution | certified error\np50 | \nmax | first touch\nms | force step\nN | to controller\nkB/s | to station\nkB/s | \nVSPs | bytes\na VSP | begun\nanew | links\nmade | packets\nlost | own\nmisses | relay late\np99 ms";
         let mut table = Table::new(1, heads);
         let or_none = |number: Option<f64>| number.map_or("none".to_string(), digits);
         for row in &self.rows {
@@ -249,6 +298,7 @@ impl Found {
                 grouped(row.vsps_received),
                 or_none(row.bytes_per_vsp),
                 grouped(row.resubscribed),
+                row.links_made.to_string(),
                 lost,
                 row.missed_own_cpu.to_string(),
                 late,
@@ -330,6 +380,7 @@ mod tests {
                 "4\u{202f}000",
                 "100",
                 "7",
+                "0",
                 "4",
                 "0",
                 "0"
@@ -366,6 +417,29 @@ mod tests {
             found
                 .words()
                 .contains("one machine: force_n was not finite")
+        );
+    }
+
+    #[test]
+    fn one_of_several_controllers_is_named_as_such() {
+        let mut row = row(result()).over(wire());
+        assert_eq!(row.name(), "20 ms, 0.25 Mbit/s");
+        (row.controllers, row.is_stopped) = (3, true);
+        assert_eq!(row.name(), "20 ms, 0.25 Mbit/s, one of 3, stopped");
+    }
+
+    #[test]
+    fn what_no_link_excuses_is_named() {
+        let mut found = Found::default();
+        found.add(row(result()).over(wire()));
+        assert_eq!(found.wrong(), Vec::<String>::new());
+        found.rows[0].contact_unbounded_ticks = 3;
+        found.rows[0].has_damaged_chunk = true;
+        let wrong = found.wrong();
+        assert_eq!(wrong.len(), 2);
+        assert!(
+            wrong[0].starts_with("20 ms, 0.25 Mbit/s: 3 ticks"),
+            "{wrong:?}"
         );
     }
 }

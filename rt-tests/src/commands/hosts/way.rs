@@ -4,6 +4,9 @@
 //! A packet waits until those before it are on the wire (a token bucket of one packet), unless the
 //! queue before the wire is full; then it travels for the delay and a random part of the jitter.
 //! Packets do not overtake each other.
+//!
+//! Somebody may sit at the wire: who changes packets so that no checksum shows it, and who sends
+//! what was sent once more.
 
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -14,9 +17,14 @@ use std::collections::VecDeque;
 /// the least so many bytes, 16 packets of 1500, without which TCP cannot fill a slow wire.
 const QUEUE_S: f64 = 0.1;
 const QUEUE_BYTES: f64 = 24_000.0;
+/// Time after which a packet arrives that is sent once more, seconds: later than any that the two
+/// ends would send again by themselves.
+const REPLAY_S: f64 = 1.0;
+/// Number of TCP in a packet of IP.
+const TCP: u8 = 6;
 
 /// A link between two hosts, the same in both directions.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Shape {
     /// Round-trip time of the wire, half of it each way, seconds.
     pub round_trip_s: f64,
@@ -26,6 +34,11 @@ pub struct Shape {
     pub bits_per_s: f64,
     /// Share of the packets that are lost, 0 to 1.
     pub loss: f64,
+    /// Share of the packets of which two words change places, 0 to 1; of those of TCP that carry
+    /// something.
+    pub damaged: f64,
+    /// Share of the packets that arrive twice, the second time [`REPLAY_S`] later, 0 to 1.
+    pub replayed: f64,
 }
 
 impl Shape {
@@ -54,6 +67,10 @@ pub struct Carried {
     pub dropped: u64,
     /// Packets lost with the cable cut.
     pub cut: u64,
+    /// Packets that were changed.
+    pub damaged: u64,
+    /// Packets that arrived once more.
+    pub replayed: u64,
 }
 
 /// One direction.
@@ -68,12 +85,36 @@ pub struct Way {
     newest_ns: u64,
     /// Packets under way, with the time at which each arrives.
     under_way: VecDeque<(u64, Vec<u8>)>,
+    /// Those that will arrive once more, likewise.
+    again: VecDeque<(u64, Vec<u8>)>,
     /// What became of all packets.
     pub carried: Carried,
 }
 
 fn ns(seconds: f64) -> u64 {
     (seconds * 1e9).round() as u64
+}
+
+/// Lets two words of what a packet of TCP carries change places, which leaves its checksum right;
+/// `luck`, from 0 to 1, chooses them. Whether it could.
+fn damage(packet: &mut [u8], luck: f64) -> bool {
+    let byte = |at: usize| packet.get(at).copied().unwrap_or(0);
+    let of_ip = 4 * usize::from(byte(0) & 15);
+    let of_tcp = 4 * usize::from(byte(of_ip + 12) >> 4);
+    if byte(9) != TCP {
+        return false;
+    }
+    let carried = packet.get_mut(of_ip + of_tcp..).unwrap_or_default();
+    let words = carried.len() / 2;
+    let first = (luck * words as f64) as usize;
+    let word = |at: usize| [carried[2 * at], carried[2 * at + 1]];
+    let Some(other) = (first + 1..words).find(|&at| word(at) != word(first)) else {
+        return false;
+    };
+    for half in [0, 1] {
+        carried.swap(2 * first + half, 2 * other + half);
+    }
+    true
 }
 
 impl Way {
@@ -91,6 +132,7 @@ impl Way {
                 free_ns: 0,
                 newest_ns: 0,
                 under_way: VecDeque::new(),
+                again: VecDeque::new(),
                 carried: Carried::default(),
             }
         })
@@ -99,7 +141,7 @@ impl Way {
     /// A packet is sent.
     pub fn send(&mut self, packet: &[u8], now_ns: u64) {
         // Of every packet, so that one that is dropped does not change the others.
-        let (luck, jitter) = (self.random.random::<f64>(), self.random.random::<f64>());
+        let [luck, jitter, harm, place, replay] = [(); 5].map(|()| self.random.random::<f64>());
         self.carried.packets += 1;
         self.carried.bytes += packet.len() as u64;
         if self.is_cut {
@@ -119,19 +161,34 @@ impl Way {
         }
         let travel_s = 0.5 * self.shape.round_trip_s + jitter * self.shape.jitter_s;
         self.newest_ns = self.newest_ns.max(self.free_ns + ns(travel_s));
-        self.under_way.push_back((self.newest_ns, packet.to_vec()));
+        let mut packet = packet.to_vec();
+        if replay < self.shape.replayed {
+            let again_ns = self.newest_ns + ns(REPLAY_S);
+            self.again.push_back((again_ns, packet.clone()));
+        }
+        if harm < self.shape.damaged && damage(&mut packet, place) {
+            self.carried.damaged += 1;
+        }
+        self.under_way.push_back((self.newest_ns, packet));
     }
 
     /// When the next packet arrives.
     #[must_use]
     pub fn next_ns(&self) -> Option<u64> {
-        self.under_way.front().map(|(at_ns, _)| *at_ns)
+        let fronts = [&self.under_way, &self.again].map(VecDeque::front);
+        fronts.into_iter().flatten().map(|(at_ns, _)| *at_ns).min()
     }
 
     /// The next packet that has arrived, and when it should have.
     pub fn arrived(&mut self, now_ns: u64) -> Option<(u64, Vec<u8>)> {
-        if self.next_ns()? > now_ns {
-            return None;
+        let next_ns = self.next_ns().filter(|&next_ns| next_ns <= now_ns)?;
+        if self
+            .under_way
+            .front()
+            .is_none_or(|(at_ns, _)| *at_ns > next_ns)
+        {
+            self.carried.replayed += 1;
+            return self.again.pop_front();
         }
         let next = self.under_way.pop_front();
         if let Some((_, packet)) = &next {
@@ -141,12 +198,19 @@ impl Way {
         next
     }
 
+    /// From now on nobody changes packets or sends them once more.
+    pub fn calm(&mut self) {
+        (self.shape.damaged, self.shape.replayed) = (0.0, 0.0);
+        self.again.clear();
+    }
+
     /// Cuts the cable, with everything that is under way, or mends it.
     pub fn cut(&mut self, is_cut: bool) {
         self.is_cut = is_cut;
         if is_cut {
             self.carried.cut += self.under_way.len() as u64;
             self.under_way.clear();
+            self.again.clear();
             self.free_ns = 0;
         }
     }
@@ -161,6 +225,8 @@ mod tests {
         jitter_s: 0.0,
         bits_per_s: 10e6,
         loss: 0.0,
+        damaged: 0.0,
+        replayed: 0.0,
     };
     /// On the wire of [`CLEAN`] for a millisecond.
     const PACKET: [u8; 1250] = [7; 1250];
@@ -273,5 +339,80 @@ mod tests {
         way.send(&PACKET, 50 * MS);
         assert_eq!(arrivals(&mut way), [61 * MS]);
         assert_eq!(way.carried.packets, 3);
+    }
+
+    /// A packet of TCP that carries these bytes.
+    fn of_tcp(carried: &[u8]) -> Vec<u8> {
+        let mut packet = vec![0; 44];
+        (packet[0], packet[9], packet[32]) = (0x45, TCP, 0x60);
+        packet.extend(carried);
+        packet
+    }
+
+    /// The sum of all words of two bytes: what a checksum sees.
+    fn sum(packet: &[u8]) -> u32 {
+        let words = packet.chunks(2);
+        words
+            .map(|word| u32::from(word[0]) << 8 | u32::from(*word.get(1).unwrap_or(&0)))
+            .sum()
+    }
+
+    #[test]
+    fn a_changed_packet_has_the_checksum_of_the_one_that_was_sent() {
+        let mut way = way(Shape {
+            damaged: 1.0,
+            ..CLEAN
+        });
+        let carried: Vec<u8> = (0..=100).collect();
+        let sent = of_tcp(&carried);
+        for _ in 0..50 {
+            way.send(&sent, 0);
+        }
+        let arrived: Vec<Vec<u8>> = std::iter::from_fn(|| way.arrived(u64::MAX))
+            .map(|(_, packet)| packet)
+            .collect();
+        let changed = arrived.iter().filter(|&packet| *packet != sent).count();
+        assert_eq!(changed as u64, way.carried.damaged);
+        // All but those whose last word was chosen, which has none after it.
+        assert!(changed > 40, "{changed}");
+        for packet in &arrived {
+            assert_eq!(packet[..44], sent[..44]);
+            assert_eq!(sum(packet), sum(&sent));
+        }
+        // Nothing is carried, or all words are the same, or it is no TCP.
+        let mut other = of_tcp(&carried);
+        other[9] = 17;
+        let harmless = [
+            of_tcp(&[]),
+            of_tcp(&[7; 100]),
+            other,
+            vec![0x45],
+            Vec::new(),
+        ];
+        for packet in harmless {
+            way.send(&packet, 0);
+            assert_eq!(way.arrived(u64::MAX), Some((way.newest_ns, packet)));
+        }
+    }
+
+    #[test]
+    fn a_packet_that_is_sent_once_more_arrives_a_second_later_as_it_was() {
+        let mut way = way(Shape {
+            damaged: 1.0,
+            replayed: 1.0,
+            ..CLEAN
+        });
+        let sent = of_tcp(&[1, 2, 3, 4]);
+        way.send(&sent, 0);
+        way.send(&PACKET, 20 * MS);
+        let at = arrivals(&mut way);
+        assert_eq!(at.len(), 4);
+        assert!(at.is_sorted(), "{at:?}");
+        assert_eq!([at[2] - at[0], at[3] - at[1]], [1000 * MS; 2]);
+        assert_eq!(way.carried.replayed, 2);
+        assert_eq!(way.carried.arrived_packets, 2);
+        way.send(&sent, 0);
+        let _ = way.arrived(u64::MAX);
+        assert_eq!(way.arrived(u64::MAX).map(|(_, packet)| packet), Some(sent));
     }
 }
