@@ -114,7 +114,10 @@ fn numbers_that_no_link_has_are_refused() {
         ("--cut=9", "--cut is 9"),
         ("--damaged=2", "--damaged is 2"),
         ("--controllers=20:0", "--controllers has 0"),
-        ("--controllers=20", "20:100:stopped"),
+        (
+            "--controllers=20",
+            "--controllers has 20; write RTT_MS:MBIT",
+        ),
     ] {
         let output = rt_tests("hosts").arg(typed).output().unwrap();
         let sentence = refusal(&output);

@@ -38,7 +38,7 @@ pub(super) mod touch;
 pub(super) mod way;
 
 use self::links::{Links, STATION};
-use self::points::{Guest, Point, check_guests, chosen};
+use self::points::{Guest, Point, chosen, guests};
 use self::programs::{Programs, missing_right};
 use self::result::Found;
 use self::touch::{Bench, CUT_SHARE};
@@ -90,7 +90,7 @@ pub struct HostsArgs {
     /// stopped for the middle third of its touch
     #[arg(long, value_name = "LIST", value_delimiter = ',',
         conflicts_with_all = ["rtt_ms", "mbit", "long"])]
-    pub controllers: Vec<Guest>,
+    pub controllers: Vec<String>,
     /// Share of the packets that are lost, 0 to 1
     #[arg(
         long,
@@ -200,17 +200,17 @@ fn check(args: &HostsArgs) -> Result<Vec<Vec<Guest>>, Failure> {
             )));
         }
     }
-    check_guests(&args.controllers)?;
+    let guests = guests(&args.controllers)?;
     let alone = |point: Point| {
         let is_stopped = false;
         vec![Guest { point, is_stopped }]
     };
-    if args.controllers.is_empty() {
+    if guests.is_empty() {
         let points = chosen(&args.rtt_ms, &args.mbit, args.long)?;
         return Ok(points.into_iter().map(alone).collect());
     }
-    let each = args.controllers.iter().map(|guest| alone(guest.point));
-    Ok(each.chain([args.controllers.clone()]).collect())
+    let each: Vec<_> = guests.iter().map(|guest| alone(guest.point)).collect();
+    Ok(each.into_iter().chain([guests]).collect())
 }
 
 fn run(

@@ -67,7 +67,9 @@ impl FromStr for Guest {
             Some(Point::new(rtt_ms.parse().ok()?, mbit.parse().ok()?))
         };
         let point = parsed();
-        let point = point.ok_or("write RTT_MS:MBIT, as 20:100, or 20:100:stopped")?;
+        let point = point.ok_or_else(|| {
+            format!("--controllers has {typed}; write RTT_MS:MBIT, as 20:100, or 20:100:stopped")
+        })?;
         Ok(Self {
             point,
             is_stopped: link.is_some(),
@@ -75,24 +77,27 @@ impl FromStr for Guest {
     }
 }
 
-/// Checks the links of several controllers.
+/// Several controllers, as typed.
 ///
 /// # Errors
-/// One sentence that names a number out of range, or too many controllers.
-pub fn check_guests(guests: &[Guest]) -> Result<(), Failure> {
-    if guests.len() > MAX_CLIENTS {
+/// One sentence that names what is no controller, a number out of range, or too many of them.
+pub fn guests(typed: &[String]) -> Result<Vec<Guest>, Failure> {
+    if typed.len() > MAX_CLIENTS {
         return Err(Failure::Input(format!(
             "--controllers lists {}; a station serves {MAX_CLIENTS}",
-            guests.len()
+            typed.len()
         )));
     }
+    let guests: Result<Vec<Guest>, _> = typed.iter().map(|typed| typed.parse()).collect();
+    let guests = guests.map_err(Failure::Input)?;
     let numbers = |of: fn(&Point) -> f64| -> Vec<f64> {
         let points = guests.iter().map(|guest| of(&guest.point));
         points.collect()
     };
     let option = "--controllers";
     within(option, &numbers(|of| of.rtt_ms), 0.0, MAX_RTT_MS)?;
-    within(option, &numbers(|of| of.mbit), MIN_MBIT, MAX_MBIT)
+    within(option, &numbers(|of| of.mbit), MIN_MBIT, MAX_MBIT)?;
+    Ok(guests)
 }
 
 fn within(option: &str, numbers: &[f64], low: f64, high: f64) -> Result<(), Failure> {
@@ -183,13 +188,17 @@ mod tests {
             let refused = typed.parse::<Guest>().unwrap_err();
             assert!(refused.contains("20:100:stopped"), "{refused}");
         }
-        assert!(check_guests(&[far; MAX_CLIENTS]).is_ok());
-        let slow = "100:0".parse().unwrap();
-        for (guests, named) in [
-            (&[far; MAX_CLIENTS + 1][..], "a station serves"),
-            (&[far, slow], "--controllers has 0;"),
+        let typed = |text: &str, count| vec![text.to_string(); count];
+        assert_eq!(
+            guests(&typed("100:0.25", MAX_CLIENTS)).unwrap(),
+            [far; MAX_CLIENTS]
+        );
+        for (typed, named) in [
+            (typed("100:0.25", MAX_CLIENTS + 1), "a station serves"),
+            (typed("100:0", 2), "--controllers has 0;"),
+            (typed("far", 1), "--controllers has far;"),
         ] {
-            let refused = check_guests(guests).unwrap_err().to_string();
+            let refused = guests(&typed).unwrap_err().to_string();
             assert!(refused.contains(named), "{refused}");
         }
     }
