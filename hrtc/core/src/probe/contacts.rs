@@ -135,12 +135,8 @@ impl Contacts {
                     (part.centre, part.radius, part.centre - part.goal);
                 self.limits.push((k, PerceptionLimit::new(&conditions)));
             }
-            let Some((_, limit)) = self.limits.get(first) else {
-                continue;
-            };
-            if pair.proxy.is_behind() {
-                // It has not caught up with the surface: its step follows the force.
-                pair.proxy.limit_step(limit.proxy_step());
+            if let Some((_, limit)) = self.limits.get(first) {
+                pair.proxy.limit_slide(limit.proxy_step());
             }
         }
     }

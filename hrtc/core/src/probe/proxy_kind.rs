@@ -203,16 +203,27 @@ impl ProxyKind {
         }
     }
 
-    /// While the surface that it touches moves, it goes no farther beyond the device's motion than
-    /// this in a tick.
-    pub fn limit_step(&mut self, slide: f64) {
+    /// It slides no farther beyond the device's motion than this in a tick: a ball in every tick, a
+    /// tool while it is behind.
+    pub fn limit_slide(&mut self, slide: f64) {
         match self {
             Self::Ball(ball) => {
                 if let Some(proxy) = &mut ball.0 {
-                    proxy.limit_step(slide);
+                    proxy.limit_slide(slide);
                 }
             }
-            Self::Tool(tool) => tool.proxy.limit_step(slide),
+            Self::Tool(tool) if tool.has_room && tool.proxy.is_behind() => {
+                tool.proxy.limit_step(slide);
+            }
+            Self::Tool(_) => {}
+        }
+    }
+
+    /// The surface that a tool touches moves: until it has caught up, it goes no farther beyond the
+    /// device's motion than this in a tick.
+    pub fn limit_step(&mut self, slide: f64) {
+        if let Self::Tool(tool) = self {
+            tool.proxy.limit_step(slide);
         }
     }
 
@@ -220,14 +231,6 @@ impl ProxyKind {
     pub fn set_imperceptible(&mut self, imperceptible: Imperceptible) {
         if let Self::Tool(tool) = self {
             tool.proxy.set_imperceptible(imperceptible);
-        }
-    }
-
-    /// Whether it is behind since it was softened.
-    pub fn is_behind(&self) -> bool {
-        match self {
-            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_behind),
-            Self::Tool(tool) => tool.has_room && tool.proxy.is_behind(),
         }
     }
 

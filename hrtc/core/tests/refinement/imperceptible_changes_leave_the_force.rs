@@ -294,7 +294,7 @@ fn step(front: &mut Front, probe: &mut Probe) {
         .expect("small fans");
     let steps = [(a, &front.out), (b, &front.other)];
     let share = allowed_share(&front.mesh, &steps, &limit);
-    probe.proxy.limit_step(limit.proxy_step());
+    probe.proxy.limit_slide(limit.proxy_step());
     for (index, flight) in [a, b].into_iter().enumerate() {
         front
             .mesh

@@ -9,6 +9,7 @@ mod effects;
 mod far_station;
 mod faulty_link;
 mod faulty_models;
+mod force_steps;
 mod implausible_samples;
 mod moving_bodies;
 mod moving_objects;

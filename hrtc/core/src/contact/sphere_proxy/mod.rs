@@ -21,7 +21,6 @@ pub use constraints::MAX_CONSTRAINTS;
 use crate::contact::query::{
     MAX_FACES, NearFaces, Nearest, Surface, Work, closest_point_within, swept_sphere,
 };
-use crate::perception::StepLimit;
 use constraints::Constraints;
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
@@ -54,8 +53,9 @@ pub struct Proxy {
     position: DVec3,
     goal: DVec3,
     placed: bool,
-    step_limit: StepLimit,
-    /// Whether the step limit holds it back.
+    /// Largest slide in a tick, beyond the device's motion and the correction of contacts.
+    max_slide: f64,
+    /// Whether that holds it back.
     is_behind: bool,
     constraints: Constraints,
     near: NearFaces,
@@ -103,7 +103,7 @@ impl Proxy {
             position: DVec3::ZERO,
             goal: DVec3::ZERO,
             placed: false,
-            step_limit: StepLimit::FREE,
+            max_slide: f64::INFINITY,
             is_behind: false,
             constraints: Constraints::new(),
             near: NearFaces::new(),
@@ -167,14 +167,15 @@ impl Proxy {
         }
     }
 
-    /// Limits the motion beyond the device's own and beyond the correction of contacts, model units
-    /// per tick, until the proxy has caught up. Called in each tick in which the touched surface
-    /// moves.
-    pub fn limit_step(&mut self, max_step: f64) {
-        self.step_limit.tighten(max_step);
+    /// Limits the slide of each tick from now on, beyond the device's own motion and beyond the
+    /// correction of contacts: model units, infinite for no limit. Where the surface moves, or the
+    /// device has passed a ridge behind which the nearest point is elsewhere, the proxy goes there
+    /// over several ticks, so that the force does not jump.
+    pub fn limit_slide(&mut self, max_slide: f64) {
+        self.max_slide = max_slide;
     }
 
-    /// Whether the step limit holds the proxy back.
+    /// Whether that limit holds the proxy back.
     #[must_use]
     pub fn is_behind(&self) -> bool {
         self.is_behind
@@ -193,7 +194,7 @@ impl Proxy {
         let reach = moved + 1e-3 * self.radius;
         self.goal = goal;
         let start = self.position;
-        let most = self.step_limit.max_step() + moved;
+        let most = self.max_slide + moved;
         self.is_behind = false;
         // Splits and collapses may have changed any face since the last tick.
         self.near.invalidate();
@@ -246,7 +247,6 @@ impl Proxy {
         if self.position == goal {
             contact = None;
         }
-        self.step_limit.end_tick(!self.is_behind);
         Advance {
             contact,
             work,

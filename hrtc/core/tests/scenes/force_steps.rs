@@ -1,0 +1,110 @@
+//! A hand that presses deep and slides over ridges: the force turns over several ticks, whether the
+//! front is whole or coarse and refined under the hand.
+
+use crate::common::{World, plan, spm, station};
+use geometry::Pose;
+use glam::DVec3;
+use hrtc_core::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
+use scene::{ScenePlan, TrajectoryPlan};
+use simulator::{Client, ClientOptions, LinkModel, STATION, Simulation};
+use spm_builder::BuildOptions;
+use spm_builder::generate::{Shape, generate};
+use std::f64::consts::TAU;
+
+/// Longest side of the object, metres, and its faces.
+const SIZE_M: f64 = 0.15;
+const FACES: u32 = 20_000;
+/// Approach and slide, seconds; time of a round of it, and its radius, metres: 28 mm/s.
+const APPROACH_S: f64 = 1.5;
+const SLIDE_S: f64 = 7.5;
+const ROUND_S: f64 = 1.8;
+const RADIUS_M: f64 = 0.008;
+/// Depth of the hand's aim below the surface, metres.
+const DEPTH_M: f64 = 0.008;
+const PERIOD_S: f64 = 1e-3;
+/// Bytes a tick of a line over which the refinement takes a part of the slide: 0.25 Mbit/s.
+const THIN: f64 = 31.25;
+
+/// The model of a seed, and the height of its surface over the origin, metres.
+fn relief(seed: u64) -> (Vec<u8>, f64) {
+    let mesh = generate(Shape::Relief, FACES, seed);
+    let side = |axis: usize| {
+        let values = mesh.positions.iter().map(|at| at[axis]);
+        let least = values.clone().fold(f64::INFINITY, f64::min);
+        values.fold(f64::NEG_INFINITY, f64::max) - least
+    };
+    let scale = SIZE_M / (0..3).map(side).fold(0.0, f64::max);
+    let distance = |at: &&[f64; 3]| at[0].hypot(at[1]);
+    let upper = mesh.positions.iter().filter(|at| at[2] > 0.0);
+    let nearest = upper.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    let top = scale * nearest.expect("it has an upper side")[2];
+    (spm(mesh, &BuildOptions::default()), top)
+}
+
+/// A slide in rounds.
+fn slide(top: f64) -> ScenePlan {
+    let at = |t: f64, x: f64, y: f64, z: f64| (t, Pose::at(DVec3::new(x, y, z)));
+    let mut points = vec![
+        at(0.0, 0.0, 0.0, top + 0.02),
+        at(0.8, 0.0, 0.0, top + 0.005),
+    ];
+    let steps = 150;
+    for k in 0..=steps {
+        let t = SLIDE_S * f64::from(k) / f64::from(steps);
+        let angle = TAU * t / ROUND_S;
+        let (x, y) = (RADIUS_M * (1.0 - angle.cos()), RADIUS_M * angle.sin());
+        points.push(at(APPROACH_S + t, x, y, top - DEPTH_M));
+    }
+    let mut plan = plan("");
+    plan.probes[0].trajectory = TrajectoryPlan::Points(points);
+    plan
+}
+
+/// The largest change of the force in a tick over what is not felt and what the device's own motion
+/// makes of it, and the share of the contact at full resolution.
+fn worst(model: &[u8], plan: &ScenePlan, link: LinkModel) -> (f64, f64) {
+    let options = ClientOptions {
+        link,
+        ..ClientOptions::default()
+    };
+    let client = Client::new(plan, options);
+    let mut world: World = Simulation::new(station(plan, model, STATION), client);
+    let surface = plan.objects[0].surface;
+    let (mut worst, mut last, mut moved_before) = (0.0_f64, None, 0.0);
+    for _ in 0..((APPROACH_S + SLIDE_S) / PERIOD_S) as u64 {
+        world.step_led();
+        let force = world.force();
+        let sample = world.client().samples()[0].expect("the hand gives one");
+        let now = (sample.pose.position, force);
+        if let Some((place, before)) = last.replace(now) {
+            let before: DVec3 = before;
+            let moved = now.0.distance(place);
+            // The spring's two ends, and the damper's change of velocity.
+            let made = 2.0 * surface.stiffness_n_per_m * moved
+                + surface.damping_ns_per_m * (moved + moved_before) / PERIOD_S;
+            let unfelt = STEP_N_PER_S.max(STEP_SHARE_PER_S * before.length()) * PERIOD_S;
+            worst = worst.max(force.distance(before) / (unfelt + made));
+            moved_before = moved;
+        }
+    }
+    (worst, world.summary().full_share())
+}
+
+#[test]
+fn the_force_turns_gently_where_the_hand_leaves_a_ridge() {
+    for seed in 1..=4 {
+        let (model, top) = relief(seed);
+        let plan = slide(top);
+        let thin = LinkModel {
+            delay_ticks: 50,
+            bytes_per_tick: THIN,
+            is_compact: true,
+            ..LinkModel::default()
+        };
+        for (name, link) in [("whole", LinkModel::default()), ("coarse", thin)] {
+            let (worst, full) = worst(&model, &plan, link);
+            println!("seed {seed}, {name}: {worst:.3} of what is allowed, {full:.3} full");
+            assert!(worst <= 1.0, "seed {seed}, {name}: {worst}");
+        }
+    }
+}
