@@ -201,11 +201,7 @@ impl ProbeObjectPair {
                 origin: frame.origin * scale,
                 to_world: frame.pose.orientation,
                 point: contact.point * scale,
-                middle: scale
-                    * match self.proxy {
-                        ProxyKind::Ball(_) => proxy.position,
-                        ProxyKind::Tool(_) => contact.point,
-                    },
+                middle: (!self.proxy.is_tool()).then_some(proxy.position * scale),
                 proxy: Pose {
                     position: proxy.position * scale,
                     orientation: proxy.orientation,

@@ -209,6 +209,59 @@ fn shading_turns_the_force_over_a_blunt_edge_and_leaves_a_sharp_one() {
     }
 }
 
+/// Angle of the force on a capsule to the normal of a smooth sphere, radians, at places all over a
+/// sphere of facets: the mean and the largest.
+fn angle_on_facets(effects: &str) -> [f64; 2] {
+    let mut plan = scene_plan(&[("sphere", SIZE, DVec3::ZERO)], 1, 16 << 20);
+    add_effects(&mut plan, effects);
+    plan.probes[0].shape = ProbeShape::Capsule {
+        radius_m: RADIUS,
+        length_m: 0.02,
+        faces: 960,
+    };
+    let facets = spm(generate(Shape::Sphere, 2000, 1), &BuildOptions::default());
+    let mut world = scene_world(&plan, &[("sphere", &facets)], 0.0);
+    let mut press = |up: DVec3, height: f64| {
+        let upright = Pose {
+            position: up * (0.5 * SIZE + height),
+            orientation: DQuat::from_rotation_arc(DVec3::Z, up),
+        };
+        pose(&mut world, upright).force
+    };
+    let mut angles = Vec::new();
+    for k in 0..80 {
+        // A spiral from pole to pole, around the object from one place to the next.
+        let at = |k: f64| {
+            let (z, turn) = (1.0 - (k + 0.5) / 40.0, 2.399_963 * k);
+            let around = (1.0 - z * z).sqrt();
+            DVec3::new(around * turn.cos(), around * turn.sin(), z)
+        };
+        let up = at(f64::from(k));
+        for step in 0..300 {
+            let share = f64::from(step) / 300.0;
+            press(at((f64::from(k) - 1.0 + share).max(0.0)), 0.02);
+        }
+        let pressed = (0..500).map(|tick| press(up, 2e-3 - 8e-6 * f64::from(tick)));
+        let force = pressed.last().unwrap_or_default();
+        assert!(force.length() > 0.2, "{up}: {force}");
+        angles.push(force.angle_between(up));
+    }
+    let mean = angles.iter().sum::<f64>() / angles.len() as f64;
+    [mean, angles.into_iter().fold(0.0, f64::max)]
+}
+
+#[test]
+fn shading_turns_the_force_on_a_tool_towards_the_smooth_normal() {
+    let [plain, plain_most] = angle_on_facets("");
+    let [shaded, shaded_most] = angle_on_facets("{ shading = { radius_m = 0.01 } }");
+    println!("mean {plain} to {shaded} rad, at most {plain_most} to {shaded_most} rad");
+    assert!(shaded < 0.3 * plain, "{shaded} of {plain}");
+    assert!(
+        shaded_most < 0.3 * plain_most,
+        "{shaded_most} of {plain_most}"
+    );
+}
+
 #[test]
 fn a_vibration_of_a_surface_is_felt_while_it_is_touched_and_has_its_amplitude() {
     let top = top();

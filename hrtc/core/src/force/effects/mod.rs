@@ -65,8 +65,8 @@ pub struct ContactSample<'a> {
     pub to_world: DQuat,
     /// Contact point on the surface.
     pub point: DVec3,
-    /// Middle of a ball proxy, or the contact point of a tool.
-    pub middle: DVec3,
+    /// Middle of a ball proxy; a tool has none.
+    pub middle: Option<DVec3>,
     /// Position of the device.
     pub device: DVec3,
     /// Pose of the proxy.

@@ -12,8 +12,12 @@
 //! edges stay sharp. All lengths are those of the object, so the result hardly depends on the level
 //! of detail.
 //!
+//! A tool has no middle to see the faces from, and its contact point lies in them. A ball of radius
+//! r that rests there takes its place.
+//!
 //! A proxy deep below a ridge passes it in one tick. The direction therefore turns by at most
-//! `max_turn` over a displacement r of the probe.
+//! `max_turn` over a displacement r of the probe. A tool may touch elsewhere too, so that its force
+//! has a direction of its own: the force turns from it by at most `max_turn`.
 
 use super::{ContactSample, Rendered};
 use crate::contact::query::{Work, faces_within};
@@ -54,9 +58,11 @@ impl Shading {
         let normal = out.passive.force / size;
         let radius = self.plan.radius_m / at.metres_per_unit;
         let disc = std::f64::consts::PI * radius * radius;
-        // Middle of a ball, contact point of a tool: both move continuously.
-        let centre = at.middle / at.metres_per_unit;
-        let off = centre.distance(at.point / at.metres_per_unit);
+        let point = at.point / at.metres_per_unit;
+        let centre = at.middle.map_or(point + normal * radius, |middle| {
+            middle / at.metres_per_unit
+        });
+        let off = centre.distance(point);
         let mut weighed = [DVec3::ZERO; MAX_SHADING_FACES];
         let mut count = 0;
         let within = off.hypot(radius);
@@ -95,6 +101,10 @@ impl Shading {
         let shaded = match self.direction {
             Some(last) if is_smooth => turned_to(last, wanted, moved * self.plan.max_turn),
             _ => wanted,
+        };
+        let shaded = match at.middle {
+            Some(_) => shaded,
+            None => turned_to(normal, shaded, self.plan.max_turn),
         };
         self.direction = Some(shaded);
         let shaded = normal.lerp(shaded, amount).normalize_or(normal);
