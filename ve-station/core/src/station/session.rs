@@ -8,7 +8,7 @@ use super::residency_change::ResidencyChange;
 use crate::collection::{CollectError, RegionAt, Residency, Search};
 pub use crate::tuning::service::MAX_JOBS;
 use crate::tuning::service::{
-    MAX_CONTACTS, MAX_HELD, MAX_MEASURED, MEASURED_BATCH, MEASURED_TICKS,
+    MAX_CONTACTS, MAX_HELD, MAX_MEASURED, MEASURED_BATCH, MEASURED_CREDIT, MEASURED_TICKS,
 };
 use mutants::{Mutant, is};
 use protocol::{CREDIT_CHUNKS, ChunkKind, ContactReport, MeasuredError, RegionAsk, Request};
@@ -269,9 +269,11 @@ impl Session {
     /// The waiting measured errors, when they are enough or old enough.
     pub fn measured_chunk(&mut self) -> Option<Chunk> {
         let (first, last) = (self.measured.front()?, self.measured.back()?);
+        let is_late = last.tick.saturating_sub(first.tick) >= MEASURED_TICKS;
+        // Where few chunks may be under way, few are spent on this: answers wait behind them.
         let due = self.flush
-            || self.measured.len() >= MEASURED_BATCH
-            || last.tick.saturating_sub(first.tick) >= MEASURED_TICKS;
+            || self.measured.len() == MAX_MEASURED
+            || self.credit >= MEASURED_CREDIT && (self.measured.len() >= MEASURED_BATCH || is_late);
         if !due {
             return None;
         }
