@@ -232,7 +232,8 @@ impl ActiveObject {
         if let (Some(frame), Some(instance)) = (&self.frame, &self.instance) {
             self.contacts.update(frame, instance, probes);
         }
-        self.front.predict(tick, meter.lead(), &self.contacts);
+        let link = (meter.lead(), meter.request_ticks());
+        self.front.predict(tick, link, &self.contacts);
         self.session
             .request(&mut self.front, (tick, waiting), meter, outbox);
     }

@@ -2,7 +2,7 @@
 //! but in a cavity, or as the tool turns, another part of it comes to the surface, which is to be
 //! refined by then.
 
-use super::predict::Motion;
+use super::cells::Motion;
 use crate::budget::QueryBudget;
 use crate::contact::query::{Surface, closest_point_within};
 use crate::contact::rigid_proxy::MAX_BALLS;

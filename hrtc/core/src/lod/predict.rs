@@ -8,17 +8,27 @@
 //! looked at, so that a tick costs little; after [`TURNS`] ticks the finest ring has been looked at
 //! all around.
 
+use super::cells::{Motion, ticks_to_leave, ticks_until, visit_ball};
 use crate::cache::RegionKey;
 use crate::horizons::{Horizons, PredictionHorizons};
-use crate::lod::lod_controller::{LodController, Ring};
+use crate::lod::lod_controller::{LodController, MAX_RINGS, Ring};
 use crate::tuning::prediction::{
-    HALFWAY, LOAD_AHEAD_S, RADII_AROUND, REFINE_AHEAD_S, RING_AHEAD_S, SIDEWAYS, SPREAD,
+    HALFWAY, LOAD_AHEAD_S, RADII_AROUND, REFINE_AHEAD_S, RING_AHEAD_S, SPREAD,
 };
-use glam::{DVec3, UVec3};
-use spm::{RegionGrid, RegionId};
+use glam::DVec3;
+use spm::RegionId;
 
 /// Turns of a round: in each tick one source of the finest ring is looked at.
 pub const TURNS: usize = 10;
+/// Ticks after which every source of every ring was looked at.
+pub const ALL_TURNS: u64 = {
+    let coarser = RING_ROUND.len() * (MAX_RINGS - 1);
+    if coarser > TURNS {
+        coarser as u64
+    } else {
+        TURNS as u64
+    }
+};
 
 /// A predicted region.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -27,19 +37,28 @@ pub struct Predicted {
     pub key: RegionKey,
     /// Ticks from now until the contact may be in its cell: what is due first comes first.
     pub ticks: f64,
+    /// Ticks from now until the contact has left its cell, if the motion goes on like this: what
+    /// comes later comes in vain.
+    pub leaves: f64,
     /// Whether it is to be performed, not only loaded.
     pub refine: bool,
 }
 
-/// Start of a prediction; model frame and units.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Motion {
-    /// The probe's centre (the proxy, in contact).
-    pub position: DVec3,
-    /// Radius of the probe.
-    pub radius: f64,
-    /// Surely no surface is nearer to the centre than this.
-    pub clearance: f64,
+impl Predicted {
+    fn new(
+        (ring, id): (&Ring, RegionId),
+        motion: (Motion, DVec3),
+        horizons: &PredictionHorizons,
+        refine: bool,
+    ) -> Self {
+        let ticks = ticks_until(&ring.grid, id, motion, horizons);
+        Self {
+            key: RegionKey::new(id, ring.tolerance),
+            ticks,
+            leaves: ticks_to_leave(&ring.grid, id, motion).max(ticks),
+            refine,
+        }
+    }
 }
 
 /// How the motion goes on.
@@ -342,11 +361,12 @@ impl Predictor {
             }
         };
         visit_ball(grid, centre, radius, |id| {
-            visit(Predicted {
-                key: RegionKey::new(id, ring.tolerance),
-                ticks: ticks_until(grid, id, (motion, velocity), &self.horizons),
+            visit(Predicted::new(
+                (ring, id),
+                (motion, velocity),
+                &self.horizons,
                 refine,
-            });
+            ));
         });
     }
 }
@@ -368,50 +388,13 @@ pub fn predict_forecast(
             let displacement = velocity * ticks;
             let radius = RADII_AROUND * place.radius + SPREAD[0] * displacement.length();
             visit_ball(&ring.grid, place.position + displacement, radius, |id| {
-                visit(Predicted {
-                    key: RegionKey::new(id, ring.tolerance),
-                    ticks: ticks_until(&ring.grid, id, (place, velocity), horizons),
-                    refine: true,
-                });
+                visit(Predicted::new(
+                    (ring, id),
+                    (place, velocity),
+                    horizons,
+                    true,
+                ));
             });
-        }
-    }
-}
-
-/// Ticks until the probe may be in a cell: it moves on with its velocity, or to a side with a share
-/// of it.
-fn ticks_until(
-    grid: &RegionGrid,
-    id: RegionId,
-    (motion, velocity): (Motion, DVec3),
-    horizons: &PredictionHorizons,
-) -> f64 {
-    let displacement = grid.towards(id, motion.position);
-    let distance = displacement.length();
-    let left = distance - motion.radius;
-    if left <= 0.0 {
-        return 0.0;
-    }
-    let speed = velocity.length();
-    let ahead = velocity.dot(displacement) / distance;
-    left / (ahead.max(SIDEWAYS * speed) + grid.cell / horizons.drift)
-}
-
-/// Visits the regions whose cells meet a ball. A ball of many cells is cut down: no unbounded loop,
-/// whatever the speed.
-fn visit_ball(grid: &RegionGrid, centre: DVec3, radius: f64, mut visit: impl FnMut(RegionId)) {
-    let radius = radius.min(2.0 * grid.cell);
-    let Some((low, high)) = grid.cell_range(centre - radius, centre + radius) else {
-        return;
-    };
-    for z in low.z..=high.z {
-        for y in low.y..=high.y {
-            for x in low.x..=high.x {
-                let id = RegionId::of_cell(UVec3::new(x, y, z));
-                if grid.distance_squared(id, centre) <= radius * radius {
-                    visit(id);
-                }
-            }
         }
     }
 }

@@ -1,9 +1,10 @@
 //! Prediction of the regions that the probes will need: rings around the contact, or blocks of the
 //! whole model.
 
+use super::cells::Motion;
 use super::front::{Front, FrontModel};
-use super::predict::{Motion, Predicted, predict_forecast};
-use super::predictions::due;
+use super::predict::{Predicted, predict_forecast};
+use super::predictions::Unknown;
 use crate::budget::QueryBudget;
 use crate::cache::{Cache, RegionKey, RegionState};
 use crate::contact::query::closest_point_within;
@@ -14,9 +15,9 @@ use spm::RegionId;
 
 impl Front {
     /// Predicts the regions that the probes will need, and marks those that are known. `lead`: by
-    /// how many ticks the link is farther than a local one.
-    pub fn predict(&mut self, tick: u64, lead: f64, contacts: &Contacts) {
-        self.predictions.unknown.clear();
+    /// how many ticks the link is farther than a local one; `between`: ticks between two requests.
+    pub fn predict(&mut self, tick: u64, (lead, between): (f64, u64), contacts: &Contacts) {
+        self.predictions.keep_latest(tick, between);
         self.pressure.recover(tick);
         if self.model.is_none() {
             return;
@@ -37,15 +38,13 @@ impl Front {
         self.pressure.may_ask(tick)
     }
 
-    /// Predicted regions that are to be requested, most urgent first, and the ticks at which they
-    /// are due. `waiting`: received chunks that wait for the tick. The cache is given back, since
-    /// the subscriber enters them.
+    /// Predicted regions that are to be requested, most urgent first. `waiting`: received chunks
+    /// that wait for the tick. The cache is given back, since the subscriber enters them.
     pub fn requests(
         &mut self,
         may_request: bool,
-        tick: u64,
         waiting: usize,
-    ) -> (&mut Cache, impl Iterator<Item = (RegionKey, u64)>) {
+    ) -> (&mut Cache, impl Iterator<Item = Unknown>) {
         // Answers come in the order of the requests: what is only ahead must not delay what is
         // needed next.
         let may_prefetch = self.pressure.may_prefetch() && waiting < MAX_WAITING;
@@ -56,8 +55,8 @@ impl Front {
         };
         let wanted = unknown
             .iter()
-            .filter(move |p| p.refine || may_prefetch)
-            .map(move |p| (p.key, due(tick, p.ticks)));
+            .filter(move |of| of.is_needed || may_prefetch)
+            .copied();
         (&mut self.cache, wanted)
     }
 
@@ -151,6 +150,7 @@ impl Front {
         let wanted = Predicted {
             key,
             ticks: 0.0,
+            leaves: f64::INFINITY,
             refine: true,
         };
         self.predictions.note(wanted, tick, &mut self.cache);

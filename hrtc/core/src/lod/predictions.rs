@@ -1,18 +1,33 @@
-//! Regions that the predictions of a tick name.
+//! Regions that the predictions name.
 
-use super::predict::{Predicted, TURNS};
-use crate::cache::Cache;
+use super::predict::{ALL_TURNS, Predicted, TURNS};
+use crate::cache::{Cache, RegionKey};
 use crate::tuning::lod::MAX_WANTED;
 use crate::tuning::prediction::MAX_UNKNOWN;
 
-/// Regions that the predictions of a tick named.
+/// A predicted region that is not in the table.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Unknown {
+    /// The region.
+    pub key: RegionKey,
+    /// Tick at which the contact may be in its cell.
+    pub due: f64,
+    /// Tick at which the contact has left its cell.
+    pub leaves: f64,
+    /// Whether it is to be performed, not only loaded.
+    pub is_needed: bool,
+    /// Tick when it was predicted.
+    predicted: u64,
+}
+
+/// Regions that the predictions named: in a tick, and in those since the last questions.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct Predictions {
     /// Indices of resident regions that become wanted in this tick.
     pub(super) arrivals: Vec<usize>,
     /// Regions that are not in the table.
     #[serde(with = "spm::reserved")]
-    pub(super) unknown: Vec<Predicted>,
+    unknown: Vec<Unknown>,
     unknown_high_water: usize,
 }
 
@@ -31,6 +46,13 @@ impl Predictions {
     pub fn clear(&mut self) {
         self.arrivals.clear();
         self.unknown.clear();
+    }
+
+    /// Keeps the regions to be requested of the latest so many ticks, up to a round, and no others:
+    /// where questions are rare, the next ones are to see more than the turns of one tick.
+    pub(super) fn keep_latest(&mut self, tick: u64, ticks: u64) {
+        let kept = ticks.min(ALL_TURNS);
+        self.unknown.retain(|of| tick < of.predicted + kept);
     }
 
     /// Regions kept to be requested at once, at the most, and how many there may be.
@@ -53,9 +75,15 @@ impl Predictions {
     pub(super) fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
         let Some(index) = cache.regions.index(p.key) else {
             // For each probe a tick looks at one ball of each of two rings, and at four of a tool.
-            // A region that comes twice is requested once.
+            // A region that comes twice is requested once; one that finds no room comes again.
             if self.unknown.len() < self.unknown.capacity() {
-                self.unknown.push(p);
+                self.unknown.push(Unknown {
+                    key: p.key,
+                    due: tick as f64 + p.ticks,
+                    leaves: tick as f64 + p.leaves,
+                    is_needed: p.refine,
+                    predicted: tick,
+                });
                 self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());
             }
             return;
@@ -73,12 +101,12 @@ impl Predictions {
     }
 
     /// Regions to request: those to refine first, those due first, of these the coarser first.
-    pub(super) fn unknown(&mut self) -> &[Predicted] {
+    pub(super) fn unknown(&mut self) -> &[Unknown] {
         self.unknown.sort_unstable_by(|a, b| {
-            a.refine
-                .cmp(&b.refine)
+            a.is_needed
+                .cmp(&b.is_needed)
                 .reverse()
-                .then(a.ticks.total_cmp(&b.ticks))
+                .then(a.due.total_cmp(&b.due))
                 .then(a.key.tolerance_bits.cmp(&b.key.tolerance_bits).reverse())
                 .then(a.key.cmp(&b.key))
         });
@@ -87,7 +115,41 @@ impl Predictions {
 }
 
 /// The tick at which a region that is due in some ticks is due.
-pub(super) fn due(tick: u64, ticks: f64) -> u64 {
+fn due(tick: u64, ticks: f64) -> u64 {
     // `as` saturates: a region that is never due is due at the end of time.
     tick.saturating_add(ticks as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_questions_are_rare_those_of_a_round_are_kept_and_what_is_needed_comes_first() {
+        let mut cache = Cache::new(1 << 20);
+        let mut predictions = Predictions::new(1);
+        let mut after = |between: u64| {
+            predictions.clear();
+            for tick in 0..2 * ALL_TURNS {
+                predictions.keep_latest(tick, between);
+                let predicted = Predicted {
+                    key: RegionKey::prefix(tick as u32),
+                    ticks: 5.0,
+                    leaves: 9.0,
+                    refine: tick % 2 == 0,
+                };
+                predictions.note(predicted, tick, &mut cache);
+            }
+            predictions.unknown().to_vec()
+        };
+        // A local link is asked in every tick.
+        for between in [0, 1] {
+            assert_eq!(after(between).len(), 1);
+        }
+        assert_eq!(after(7).len(), 7);
+        let all = after(1000);
+        assert_eq!(all.len() as u64, ALL_TURNS);
+        assert!(all.is_sorted_by(|a, b| (!a.is_needed, a.due) < (!b.is_needed, b.due)));
+        assert!(all.iter().all(|of| of.leaves == of.due + 4.0));
+    }
 }

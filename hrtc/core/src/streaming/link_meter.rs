@@ -198,6 +198,25 @@ impl LinkMeter {
         (IN_TRANSIT * self.carried() / self.chunks_per_region()).ceil() as usize
     }
 
+    /// Ticks until a region that is asked for now is here, behind so many that are outstanding; 0
+    /// while nothing was measured.
+    fn answer_ticks(&self, outstanding: usize) -> f64 {
+        let regions = (outstanding + 1) as f64;
+        let least = self.least_round_trip();
+        least.map_or(0.0, |least| {
+            least + regions * self.chunks_per_region() / self.rate()
+        })
+    }
+
+    /// Whether a region that is asked for now, behind so many that are outstanding, is not here
+    /// within `ticks`. Over a link that is as fast as the prediction's own times count with, none
+    /// is called late.
+    #[must_use]
+    pub fn comes_late(&self, outstanding: usize, ticks: f64) -> bool {
+        let answer = self.answer_ticks(outstanding);
+        answer > INCLUDED_S * self.rate_hz && answer > ticks
+    }
+
     /// Ticks between two requests at the least, so that they take a small share of a thin line.
     #[must_use]
     pub fn request_ticks(&self) -> u64 {
@@ -208,11 +227,7 @@ impl LinkMeter {
     /// By how many ticks prediction is to lead beside what it looks ahead for a local link.
     #[must_use]
     pub fn lead(&self) -> f64 {
-        let Some(least) = self.least_round_trip() else {
-            return 0.0;
-        };
-        let ticks = least + self.chunks_per_region() / self.rate();
-        (ticks - INCLUDED_S * self.rate_hz).clamp(0.0, MAX_LEAD_S * self.rate_hz)
+        (self.answer_ticks(0) - INCLUDED_S * self.rate_hz).clamp(0.0, MAX_LEAD_S * self.rate_hz)
     }
 }
 
@@ -245,6 +260,7 @@ mod tests {
         for of in [&new, &local] {
             assert_eq!((of.window(), of.lead()), (CREDIT_CHUNKS, 0.0));
             assert_eq!((of.most_questions(), of.request_ticks()), (32, 0));
+            assert!(!of.comes_late(31, 0.0) && of.questions_in_transit() > 32);
         }
         assert_eq!((new.timeout(0), local.timeout(0)), (200, 200));
         assert_eq!(local.timeout(2), 800);
@@ -282,6 +298,9 @@ mod tests {
         let far = after(300, 16);
         assert!(far.window() > 3 * thin.window() && far.lead() > thin.lead());
         assert!(far.most_questions() > thin.most_questions());
+        // An answer takes the round trip and its own chunks, and those of the answers before it.
+        assert!(thin.comes_late(0, 45.0) && !thin.comes_late(0, 47.0));
+        assert!(far.comes_late(3, 363.0) && !far.comes_late(3, 365.0));
     }
 
     #[test]

@@ -235,7 +235,7 @@ impl Session {
         }
         self.cancel(front, meter, tick);
         let may_request = front.may_request(tick) && self.subscriber.may_ask(&front.cache);
-        let (cache, wanted) = front.requests(may_request, tick, waiting);
+        let (cache, wanted) = front.requests(may_request, waiting);
         self.subscriber.requests(tick, cache, wanted, meter, outbox);
     }
 

@@ -5,6 +5,7 @@ use super::outbox::Outbox;
 use super::questions::Questions;
 use crate::cache::{Cache, MAX_OUTSTANDING, RegionKey, RegionTable};
 use crate::horizons::Horizons;
+use crate::lod::predictions::Unknown;
 use crate::tuning::streaming::{CREDIT_STEP, MAX_SILENCES};
 use mutants::{Mutant, is};
 use protocol::{
@@ -377,7 +378,7 @@ impl Subscriber {
         &mut self,
         tick: u64,
         cache: &mut Cache,
-        wanted: impl Iterator<Item = (RegionKey, u64)>,
+        wanted: impl Iterator<Item = Unknown>,
         meter: &LinkMeter,
         outbox: &mut Outbox,
     ) {
@@ -404,7 +405,7 @@ impl Subscriber {
             }
             self.declare(tick, cache, outbox);
             if tick >= self.asked_at + meter.request_ticks() {
-                self.ask(tick, cache, wanted, outbox);
+                self.ask(tick, cache, wanted, meter, outbox);
             }
         }
         let step = (self.window.min(self.credit) / CREDIT_STEP).max(1);
@@ -438,7 +439,8 @@ impl Subscriber {
         &mut self,
         tick: u64,
         cache: &mut Cache,
-        mut wanted: impl Iterator<Item = (RegionKey, u64)>,
+        mut wanted: impl Iterator<Item = Unknown>,
+        meter: &LinkMeter,
         outbox: &mut Outbox,
     ) {
         if self.declared < cache.regions.capacity() || !outbox.has_room() {
@@ -456,19 +458,25 @@ impl Subscriber {
         while (request.count as usize) < REGIONS_PER_REQUEST
             && self.questions.all().len() < self.most_questions
         {
-            let Some((key, due)) = wanted.next() else {
+            let Some(of) = wanted.next() else {
                 break;
             };
-            if cache.regions.index(key).is_some() {
+            let open = self.questions.all().len();
+            // What is needed must not wait behind what is only loaded ahead.
+            if !of.is_needed && open >= meter.questions_in_transit() {
+                break;
+            }
+            let comes_late = meter.comes_late(open, of.leaves - tick as f64);
+            if comes_late || cache.regions.index(of.key).is_some() {
                 continue;
             }
-            let Some(index) = cache.regions.request(key) else {
+            let Some(index) = cache.regions.request(of.key) else {
                 break;
             };
             cache.regions.mark_used(index, tick);
-            cache.regions.at_mut(index).due = due;
-            push(&mut request, key, RegionAction::Subscribe);
-            self.questions.ask(key, tick);
+            cache.regions.at_mut(index).due = of.due as u64;
+            push(&mut request, of.key, RegionAction::Subscribe);
+            self.questions.ask(of.key, tick);
             asked += 1;
         }
         if request.count > 0 {
