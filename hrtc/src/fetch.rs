@@ -8,16 +8,15 @@ use crate::message::note;
 use crate::tuning::{FETCH_POLL, FETCH_SILENCE, FETCH_TOLD, OTHER_VERSION_HEARD};
 use file_transfer::{Download, DownloadError};
 use iceoryx2::node::Node;
-use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
-use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot, FileHash, HelloError, Request, Role};
+use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot, FileHash, Hello, HelloError, Role};
 use scene_files::{FileCache, MAX_MANIFEST_BYTES, Manifest, ManifestFile, PackageError};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use thiserror::Error;
-use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError, receive_in_turn};
+use transport::{Domain, Heartbeats, MAX_QUEUED, RequestSender, TransportError, receive_in_turn};
 
 /// Why there is no scene: one sentence.
 #[derive(Debug, Error)]
@@ -159,7 +158,7 @@ struct Fetch<'a> {
     all_bytes: u64,
     done_bytes: u64,
     next_told: Duration,
-    requests: Publisher<ipc::Service, Request, ()>,
+    requests: RequestSender,
     records: Subscriber<ipc::Service, [ChunkSlot], ChunkHeader>,
     hello: Heartbeats,
     // Last, so that it is dropped after its ports.
@@ -176,7 +175,7 @@ impl<'a> Fetch<'a> {
         // The inbox before the first request, so that no answer is lost.
         let records = domain.records_service(&node, options.client)?;
         let records = domain.subscriber(&records, "receive records")?;
-        let requests = domain.publisher(&domain.subscribe_service(&node)?, "send requests")?;
+        let requests = domain.request_sender(&domain.subscribe_service(&node)?)?;
         Ok(Self {
             domain,
             options,
@@ -210,16 +209,17 @@ impl<'a> Fetch<'a> {
         let mut other: Option<(HelloError, Duration)> = None;
         while self.now() < self.options.station_timeout {
             let mut is_here = false;
-            let received =
-                receive_in_turn(&self.hello.incoming, 2 * MAX_QUEUED, |hello| {
-                    match hello.read() {
-                        Ok(greeting) => is_here |= greeting.role == Role::Station,
-                        Err(error) if other.is_none() && error != HelloError::NotHello => {
-                            other = Some((error, self.began.elapsed()));
-                        }
-                        _ => {}
+            let received = receive_in_turn(
+                || self.hello.incoming.receive(),
+                2 * MAX_QUEUED,
+                |hello: &Hello| match hello.read() {
+                    Ok(greeting) => is_here |= greeting.role == Role::Station,
+                    Err(error) if other.is_none() && error != HelloError::NotHello => {
+                        other = Some((error, self.began.elapsed()));
                     }
-                });
+                    _ => {}
+                },
+            );
             received.map_err(|reason| self.domain.error("receive heartbeats", reason))?;
             if is_here {
                 self.next_told = self.now() + FETCH_TOLD;
@@ -250,7 +250,7 @@ impl<'a> Fetch<'a> {
         while !download.is_whole() {
             let now = self.now();
             while let Some(request) = download.ask(now) {
-                let sent = self.requests.send_copy(request);
+                let sent = self.requests.send(&request);
                 sent.map_err(|reason| self.domain.error("send requests", reason))?;
             }
             self.receive(download)?;

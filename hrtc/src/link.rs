@@ -8,7 +8,7 @@
 use crate::station_heard::StationHeard;
 use crate::tuning::{
     CLEANUP_PERIOD, HELLO_PERIOD, INBOX_CAPACITY, LINK_END_TIMEOUT, LINK_POLL_PERIOD,
-    LINK_STACK_BYTES, MAX_LOGGED_SENTENCES,
+    LINK_STACK_BYTES, MAX_LOGGED_SENTENCES, SEARCH_PERIOD,
 };
 use bytemuck::Zeroable;
 use hrtc_core::streaming::chunk::InboxChunk;
@@ -28,7 +28,7 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use thiserror::Error;
-use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError, receive_in_turn};
+use transport::{Domain, Heartbeats, MAX_QUEUED, RequestSender, TransportError, receive_in_turn};
 
 /// Called with every chunk in the order of arrival, before the tick can see it.
 pub type ChunkRecorder = Box<dyn FnMut(&InboxChunk) + Send>;
@@ -178,7 +178,7 @@ impl Drop for LinkHandle {
 }
 
 struct Ports {
-    requests: Publisher<ipc::Service, Request, ()>,
+    requests: RequestSender,
     contacts: Publisher<ipc::Service, ContactReport, ()>,
     records: Subscriber<ipc::Service, [ChunkSlot], ChunkHeader>,
     hello: Heartbeats,
@@ -193,7 +193,7 @@ impl Ports {
         // The inbox before the first request, so that no answer is lost.
         let records = domain.records_service(&node, options.client)?;
         let records = domain.subscriber(&records, "receive records")?;
-        let requests = domain.publisher(&domain.subscribe_service(&node)?, "send requests")?;
+        let requests = domain.request_sender(&domain.subscribe_service(&node)?)?;
         let contacts = domain.publisher(&domain.pose_service(&node)?, "send contacts")?;
         Ok(Self {
             requests,
@@ -242,7 +242,14 @@ impl Agent {
             self.send();
             self.listen(now);
             if now >= next_hello {
-                next_hello = now + HELLO_PERIOD;
+                // A station answers the first one it hears at once.
+                let is_alone = self.station.living(now) == 0;
+                next_hello = now
+                    + if is_alone {
+                        SEARCH_PERIOD
+                    } else {
+                        HELLO_PERIOD
+                    };
                 let LinkOptions {
                     client,
                     incarnation,
@@ -342,7 +349,7 @@ impl Agent {
             } else {
                 self.open_sessions.insert(request.object, request.epoch);
             }
-            match self.ports.requests.send_copy(request) {
+            match self.ports.requests.send(&request) {
                 Ok(0) => self.report.undelivered += 1,
                 Ok(_) => {}
                 Err(e) => {
@@ -372,7 +379,7 @@ impl Agent {
                 encoding: self.options.encoding as u32,
                 ..Request::zeroed()
             };
-            if let Err(e) = self.ports.requests.send_copy(close) {
+            if let Err(e) = self.ports.requests.send(&close) {
                 self.warn_port("send requests", e);
             }
         }
@@ -382,7 +389,11 @@ impl Agent {
     fn listen(&mut self, now: Instant) {
         let mut hellos = Vec::new();
         let incoming = &self.ports.hello.incoming;
-        let received = receive_in_turn(incoming, 2 * MAX_QUEUED, |hello| hellos.push(hello));
+        let received = receive_in_turn(
+            || incoming.receive(),
+            2 * MAX_QUEUED,
+            |hello: &Hello| hellos.push(*hello),
+        );
         if let Err(e) = received {
             self.warn_port("receive heartbeats", e);
         }

@@ -62,6 +62,9 @@ pub const LINK_END_TIMEOUT: Duration = Duration::from_secs(2);
 pub const LINK_POLL_PERIOD: Duration = Duration::from_micros(150);
 /// Time between two heartbeats.
 pub const HELLO_PERIOD: Duration = Duration::from_millis(HELLO_PERIOD_MS);
+/// Time between two heartbeats while no station is heard: a link that comes up is noticed within a
+/// small part of a round trip, and carries a few of them.
+pub const SEARCH_PERIOD: Duration = Duration::from_millis(10);
 /// Silence after which a station counts as absent, beside what its link adds: five heartbeats.
 pub const STATION_TIMEOUT: Duration = Duration::from_millis(5 * HELLO_PERIOD_MS);
 /// Round trips that a link adds: what is lost is sent again after one and 200 ms (RFC 6298 with

@@ -451,7 +451,7 @@ fn the_place_of_a_controller_that_died_is_free_when_it_was_silent() {
     next.wait_for_station(22);
     let node = domain.node().unwrap();
     let topic = domain.subscribe_service(&node).unwrap();
-    let requests = domain.publisher(&topic, "send requests").unwrap();
+    let requests = domain.request_sender(&topic).unwrap();
     let last = CLIENT + MAX_CLIENTS as u64;
     let records = domain.records_service(&node, last).unwrap();
     let records = domain.subscriber(&records, "receive records").unwrap();
@@ -463,7 +463,7 @@ fn the_place_of_a_controller_that_died_is_free_when_it_was_silent() {
             request.credit = 1;
             request.name = Request::name_hash("torus");
             request.kind = RequestKind::Model as u32;
-            requests.send_copy(request).unwrap();
+            requests.send(&request).unwrap();
         }
         thread::sleep(Duration::from_millis(HELLO_PERIOD_MS));
         records.receive().unwrap().is_some()
@@ -516,7 +516,7 @@ fn a_peer_of_another_byte_order_is_refused_by_both_sides() {
     let node = domain.node().unwrap();
     let hellos = domain.heartbeats(&node).unwrap().outgoing;
     let topic = domain.subscribe_service(&node).unwrap();
-    let requests = domain.publisher(&topic, "send requests").unwrap();
+    let requests = domain.request_sender(&topic).unwrap();
     let forged = |role| Hello::new(role, 99, 99).with_other_byte_order();
     let last = Hello::of_version(9, Role::Station, 1, 0);
     for hello in [forged(Role::Station), forged(Role::Controller), last] {
@@ -525,7 +525,7 @@ fn a_peer_of_another_byte_order_is_refused_by_both_sides() {
     let mut swapped = Request::zeroed();
     swapped.client = CLIENT.swap_bytes();
     swapped.kind = (RequestKind::Model as u32).swap_bytes();
-    requests.send_copy(swapped).unwrap();
+    requests.send(&swapped).unwrap();
     until("what came after the forged ones", || {
         tick.other_version.load(Ordering::Acquire) == 9
     });

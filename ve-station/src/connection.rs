@@ -7,24 +7,24 @@
 
 use crate::clients::{ClientStatus, Clients};
 use crate::tuning::link::{
-    CLEANUP, FILE_CHUNKS_A_TURN, FILES_ASKED, FORGET, HELLO, MAKE_ROOM, MAX_SAID, POLL, STATUS,
-    STEPS_A_TURN, TOLD, TURNED_AWAY,
+    ANSWERED_HELLO, CLEANUP, FILE_CHUNKS_A_TURN, FILES_ASKED, FORGET, HELLO, MAKE_ROOM, MAX_SAID,
+    POLL, STATUS, STEPS_A_TURN, TOLD, TURNED_AWAY,
 };
 use file_transfer::FileServer;
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::ipc;
+use iceoryx2::prelude::{PortFactory as _, ipc};
 use protocol::{
     ChunkEncoder, ChunkHeader, ChunkSlot, ContactReport, Encoding, Hello, MAX_CLIENTS, Request,
-    RequestKind, Role,
+    RequestKind, RequestWord, Role,
 };
 use station_core::station::{Chunk, Message, Station};
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
-use transport::{Domain, Heartbeats, MAX_QUEUED, TransportError, receive_in_turn};
+use transport::{Domain, Heartbeats, MAX_QUEUED, Topic, TransportError, receive_in_turn};
 
 /// A station on its topics. Create it on the thread that runs it.
 #[derive(Debug)]
@@ -41,6 +41,8 @@ pub struct Connection<D> {
     encoders: BTreeMap<u64, ChunkEncoder>,
     /// Clients that asked for files, and when.
     asked_for_files: BTreeMap<u64, Instant>,
+    /// Whether a heartbeat came from a client without a session since this station's last one.
+    is_greeted: bool,
     /// Clients turned away, and when.
     turned_away: BTreeMap<u64, Instant>,
     /// Sentences about peers already said.
@@ -50,12 +52,20 @@ pub struct Connection<D> {
 #[derive(Debug)]
 struct Ports {
     domain: Domain,
-    requests: Subscriber<ipc::Service, Request, ()>,
+    requests: Subscriber<ipc::Service, [RequestWord], ()>,
     contacts: Subscriber<ipc::Service, ContactReport, ()>,
     hello: Heartbeats,
-    records: BTreeMap<u64, Publisher<ipc::Service, [ChunkSlot], ChunkHeader>>,
+    records: BTreeMap<u64, Records>,
     // Last, so that it goes last.
     node: Node<ipc::Service>,
+}
+
+/// The topic of one client.
+#[derive(Debug)]
+struct Records {
+    publisher: Publisher<ipc::Service, [ChunkSlot], ChunkHeader>,
+    // Last, so that it goes last.
+    topic: Topic<[ChunkSlot], ChunkHeader>,
 }
 
 impl Ports {
@@ -82,9 +92,19 @@ impl Ports {
                 return Ok(false);
             }
             let topic = self.domain.records_service(&self.node, client)?;
-            records.insert(self.domain.records_publisher(&topic)?);
+            records.insert(Records {
+                publisher: self.domain.records_publisher(&topic)?,
+                topic,
+            });
         }
         Ok(true)
+    }
+
+    /// Whether anybody listens to the topic of a client. A tunnel learns of it from the other
+    /// machine, which may take longer than the first request: what is sent before is lost.
+    fn is_heard(&self, client: u64) -> bool {
+        let records = self.records.get(&client);
+        records.is_some_and(|of| of.topic.dynamic_config().number_of_subscribers() > 0)
     }
 
     /// Closes the topic of one client that is not kept, if there is such a one.
@@ -102,10 +122,11 @@ impl Ports {
         header: &ChunkHeader,
         slots: &[ChunkSlot],
     ) -> Result<usize, TransportError> {
-        let Some(publisher) = self.records.get(&client) else {
+        let Some(records) = self.records.get(&client) else {
             return Ok(0);
         };
-        let mut sample = publisher
+        let mut sample = records
+            .publisher
             .loan_slice_uninit(slots.len())
             .map_err(|e| self.domain.error("send records", e))?;
         *sample.user_header_mut() = *header;
@@ -133,6 +154,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
             refused: 0,
             waiting: BTreeMap::new(),
             encoders: BTreeMap::new(),
+            is_greeted: false,
             turned_away: BTreeMap::new(),
             said: BTreeSet::new(),
         })
@@ -171,13 +193,19 @@ impl<D: AsRef<[u8]>> Connection<D> {
     /// The same, and tells every second who is connected.
     pub fn run_telling(&mut self, stop: &AtomicBool, mut tell: impl FnMut(&[ClientStatus])) {
         let (mut next_hello, mut next_cleanup) = (Instant::now(), Instant::now() + CLEANUP);
-        let mut next_status = next_cleanup;
+        let (mut next_status, mut last_hello) = (next_cleanup, next_hello);
         while !stop.load(Ordering::Relaxed) {
             let now = Instant::now();
             self.receive(now);
             self.send(now);
+            // A controller that looks for a station need not wait for the next heartbeat.
+            if self.is_greeted {
+                next_hello = next_hello.min(last_hello + ANSWERED_HELLO);
+            }
             if now >= next_hello {
+                last_hello = now;
                 next_hello = now + HELLO;
+                self.is_greeted = false;
                 let hello = Hello::new(Role::Station, self.station.incarnation(), 0);
                 if let Err(e) = self.ports.hello.outgoing.send_copy(hello) {
                     let error = self.ports.domain.error("send heartbeats", e);
@@ -206,7 +234,11 @@ impl<D: AsRef<[u8]>> Connection<D> {
         let most = 2 * MAX_QUEUED;
         let mut hellos = Vec::new();
         let incoming = &self.ports.hello.incoming;
-        let received = receive_in_turn(incoming, most, |hello| hellos.push(hello));
+        let received = receive_in_turn(
+            || incoming.receive(),
+            most,
+            |hello: &Hello| hellos.push(*hello),
+        );
         self.check("receive heartbeats", received);
         for hello in hellos {
             self.hear(&hello, now);
@@ -214,30 +246,41 @@ impl<D: AsRef<[u8]>> Connection<D> {
         let (station, clients, encoders) =
             (&mut self.station, &mut self.clients, &mut self.encoders);
         let files = &mut self.files;
-        let received = receive_in_turn(&self.ports.requests, most, |request| {
-            if request.kind == RequestKind::File as u32 {
-                files.handle(&request);
-                return;
-            }
-            station.handle(Message::Request(&request));
-            let client = request.client;
-            let is_known = station.knows(client);
-            if is_known {
-                clients.asks(client, now);
-            } else {
-                clients.remove(client);
-            }
-            if is_known && Encoding::from_code(request.encoding) == Some(Encoding::Compact) {
-                encoders.entry(client).or_default();
-            } else {
-                encoders.remove(&client);
-            }
-        });
+        let requests = &self.ports.requests;
+        let received = receive_in_turn(
+            || requests.receive(),
+            most,
+            |words| {
+                let request = Request::of_words(words);
+                if request.kind == RequestKind::File as u32 {
+                    files.handle(&request);
+                    return;
+                }
+                station.handle(Message::Request(&request));
+                let client = request.client;
+                let is_known = station.knows(client);
+                if is_known {
+                    clients.asks(client, now);
+                } else {
+                    clients.remove(client);
+                }
+                if is_known && Encoding::from_code(request.encoding) == Some(Encoding::Compact) {
+                    encoders.entry(client).or_default();
+                } else {
+                    encoders.remove(&client);
+                }
+            },
+        );
         self.check("receive requests", received);
         let station = &mut self.station;
-        let received = receive_in_turn(&self.ports.contacts, most, |report| {
-            station.handle(Message::Contact(&report));
-        });
+        let contacts = &self.ports.contacts;
+        let received = receive_in_turn(
+            || contacts.receive(),
+            most,
+            |&report: &ContactReport| {
+                station.handle(Message::Contact(&report));
+            },
+        );
         self.check("receive contacts", received);
         for note in self.station.take_notes() {
             tracing::warn!("{note}");
@@ -249,6 +292,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
     fn hear(&mut self, hello: &Hello, now: Instant) {
         match hello.read() {
             Ok(greeting) if greeting.role == Role::Controller => {
+                self.is_greeted |= !self.station.knows(greeting.client);
                 self.clients
                     .greets(greeting.client, greeting.round_trip, now);
                 if let Some(warning) = hello.other_build() {
@@ -298,8 +342,11 @@ impl<D: AsRef<[u8]>> Connection<D> {
         self.encoders.retain(|id, _| clients.contains(id));
         for client in clients {
             match self.ports.open_records(client, &mut may_open) {
-                Ok(true) => {}
-                Ok(false) => continue,
+                Ok(true) if self.ports.is_heard(client) => {}
+                Ok(_) => {
+                    self.waiting.remove(&client);
+                    continue;
+                }
                 Err(error) => {
                     self.warn_once(error.to_string());
                     continue;
@@ -341,8 +388,8 @@ impl<D: AsRef<[u8]>> Connection<D> {
                 continue;
             }
             match self.ports.open_records(client, may_open) {
-                Ok(true) => {}
-                Ok(false) => continue,
+                Ok(true) if self.ports.is_heard(client) => {}
+                Ok(_) => continue,
                 Err(error) => {
                     self.warn_once(error.to_string());
                     continue;

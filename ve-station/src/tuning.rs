@@ -9,6 +9,9 @@ pub mod link {
     pub const POLL: Duration = Duration::from_micros(200);
     /// Time between two heartbeats.
     pub const HELLO: Duration = Duration::from_millis(HELLO_PERIOD_MS);
+    /// Time between two heartbeats while controllers without a session are heard: as often as
+    /// those look for a station.
+    pub const ANSWERED_HELLO: Duration = Duration::from_millis(10);
     /// Steps of a client's turn between two looks at the ports: tenths of a millisecond, unless
     /// they read a slow disk.
     pub const STEPS_A_TURN: u64 = 8;

@@ -61,9 +61,10 @@ impl Controller {
     }
 
     /// Says that the station is on another machine, before the first tick: until a round trip to it
-    /// is measured, a question counts as lost after a second. Before, as for one on this machine,
-    /// after [`protocol::ANSWER_TIMEOUT_MS`].
+    /// is measured, a question counts as lost after a second, and contacts are reported less often.
+    /// Before, as for one on this machine, after [`protocol::ANSWER_TIMEOUT_MS`].
     pub fn station_is_far(&mut self) {
+        self.horizons.report = self.horizons.far_report;
         self.active.meter.station_is_far();
     }
 

@@ -9,7 +9,7 @@ use crate::tuning::prediction::{
 };
 use crate::tuning::probe::{MAX_SILENCE_S, SPEED_LEFT_PER_MS, TOUR_RETRY_S};
 use crate::tuning::streaming::MAX_ROOM_WAIT_S;
-use crate::tuning::tick::REPORT_S;
+use crate::tuning::tick::{FAR_REPORT_S, REPORT_S};
 use protocol::ANSWER_TIMEOUT_MS;
 
 /// Durations of the core in ticks, each that of the constant of its name in `tuning.rs`.
@@ -19,6 +19,8 @@ pub struct Horizons {
     pub rate_hz: f64,
     /// Between two contact reports.
     pub report: u64,
+    /// Between two of them to a station on another machine.
+    pub far_report: u64,
     /// By which the reach is longer.
     pub reach: f64,
     /// Out of reach until an object may lose its place.
@@ -97,6 +99,7 @@ impl Horizons {
         Self {
             rate_hz,
             report: whole(REPORT_S),
+            far_report: whole(FAR_REPORT_S),
             reach: ticks(REACH_S),
             sleep: whole(SLEEP_S),
             touch: ticks(TOUCH_S),

@@ -8,6 +8,9 @@
 pub mod tick {
     /// Time between two contact reports of a probe to the station.
     pub const REPORT_S: f64 = 0.01;
+    /// The same to a station on another machine: each is a packet of its own there, and the
+    /// measured error and the view need no more.
+    pub const FAR_REPORT_S: f64 = 0.1;
     /// Nodes visited and faces tested by the steps of all proxies in a tick without splits and
     /// collapses.
     pub const PROXY_WORK: u32 = 4096;

@@ -109,6 +109,8 @@ pub struct Accumulator {
     ready_tick: Option<u64>,
     /// Incarnation of the station in the last tick; 0 for none.
     last_station: u64,
+    /// Exchanges begun anew until then.
+    last_resubscribed: u64,
     /// First tick of each station, and the first in which it was synchronised.
     stations: Vec<(u64, Option<u64>)>,
     status: Status,
@@ -155,6 +157,7 @@ impl Accumulator {
             last_forces: [DVec3::ZERO; MAX_PROBES],
             ready_tick: None,
             last_station: 0,
+            last_resubscribed: 0,
             stations: Vec::with_capacity(MAX_STATIONS),
             status: Status {
                 measured_error_m: -1.0,
@@ -283,9 +286,12 @@ impl Accumulator {
         result.replay_hash = folded(core.replay_hash);
     }
 
-    /// Stations that come and go.
+    /// Stations that come and go, and exchanges with one that begin anew: what is lost in an outage
+    /// too short to miss the station is seen by that.
     fn push_station(&mut self, record: &TickRecord) {
-        let came = record.station != 0 && record.station != self.last_station;
+        let is_anew = record.core.resubscribed > self.last_resubscribed;
+        let came = record.station != 0 && (record.station != self.last_station || is_anew);
+        self.last_resubscribed = record.core.resubscribed;
         if came && self.stations.len() < MAX_STATIONS {
             self.stations.push((record.tick, None));
         }

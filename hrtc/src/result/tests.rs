@@ -418,14 +418,15 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
 }
 
 #[test]
-fn a_station_is_heard_when_it_comes_or_comes_back_and_synchronised_when_it_owes_nothing() {
+fn a_station_is_heard_when_it_comes_or_begins_anew_and_synchronised_when_it_owes_nothing() {
     let mut run = accumulator();
-    let stations = [0, 7, 7, 7, 0, 7, 9, 9];
-    let synchronised = [1, 0, 0, 1, 1, 1, 0, 0];
+    let stations = [0, 7, 7, 7, 0, 7, 9, 9, 9, 9];
+    let synchronised = [1, 0, 0, 1, 1, 1, 0, 0, 0, 1];
     for (tick, (station, synchronised)) in (0..).zip(stations.into_iter().zip(synchronised)) {
         let mut record = record(tick);
         record.station = station;
         record.core.synchronised = synchronised == 1;
+        record.core.resubscribed = u64::from(tick >= 8);
         run.push(&record);
     }
     let finished = run.finish(RunMeta {
@@ -434,7 +435,15 @@ fn a_station_is_heard_when_it_comes_or_comes_back_and_synchronised_when_it_owes_
     });
     let heard = finished.stations.iter();
     let times: Vec<_> = heard.map(|s| (s.heard_ms, s.synchronised_ms)).collect();
-    assert_eq!(times, [(101.0, 103.0), (105.0, 105.0), (106.0, -1.0)]);
+    assert_eq!(
+        times,
+        [
+            (101.0, 103.0),
+            (105.0, 105.0),
+            (106.0, -1.0),
+            (108.0, 109.0)
+        ]
+    );
 }
 
 #[test]

@@ -116,7 +116,7 @@ pub(crate) trait Payload: Copy {
 impl Payload for Upward {
     fn bytes(&self) -> usize {
         match self {
-            Self::Request(_) => size_of::<Request>(),
+            Self::Request(request) => size_of_val(request.words()),
             Self::Report(_) => size_of::<ContactReport>(),
         }
     }

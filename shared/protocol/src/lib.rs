@@ -10,9 +10,9 @@
 //!
 //! | service | direction | payload |
 //! |---|---|---|
-//! | `hrtc/v5/subscribe` | controller to station | [`Request`] |
-//! | `hrtc/v5/records/CLIENT` | station to one controller | [`ChunkHeader`] and up to 64 [`ChunkSlot`]s |
-//! | `hrtc/v5/pose` | controller to station | [`ContactReport`] |
+//! | `hrtc/v6/subscribe` | controller to station | [`Request`] as [`RequestWord`]s |
+//! | `hrtc/v6/records/CLIENT` | station to one controller | [`ChunkHeader`] and up to 64 [`ChunkSlot`]s |
+//! | `hrtc/v6/pose` | controller to station | [`ContactReport`] |
 //! | `hrtc/hello` | both ways | [`Hello`], whose first bytes never change |
 //!
 //! **A session** is the exchange of a client and a station about one object. Each session has its
@@ -81,6 +81,6 @@ pub use hello::{BUILD, Greeting, HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VE
 pub use wire::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind, ChunkSlot,
     ContactReport, Encoding, MAX_CLIENTS, MAX_SESSIONS, MODEL_HEADER_SLOTS, MeasuredError,
-    REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind, TourAsk,
-    TourPoint,
+    REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind, RequestWord,
+    TourAsk, TourPoint,
 };

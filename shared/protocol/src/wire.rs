@@ -4,6 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2_bb_derive_macros::ZeroCopySend;
 use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
 use spm::ModelHeader;
+use std::mem::offset_of;
 
 /// Slots of a chunk (4 KiB). On the way a compact one takes fewer: see [`super::ChunkEncoder`].
 pub const CHUNK_SLOTS: usize = 64;
@@ -92,7 +93,7 @@ codes! {
 /// The user header of a chunk.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ChunkHeader.v5")]
+#[type_name("hrtc.ChunkHeader.v6")]
 pub struct ChunkHeader {
     /// Incarnation of the sending station.
     pub station: u64,
@@ -176,7 +177,7 @@ impl ChunkHeader {
     serde::Serialize,
     serde::Deserialize,
 )]
-#[type_name("hrtc.ChunkSlot.v5")]
+#[type_name("hrtc.ChunkSlot.v6")]
 pub struct ChunkSlot {
     /// Raw words; cast with `bytemuck`.
     pub words: [u32; 16],
@@ -245,8 +246,7 @@ codes! {
 
 /// One region of a request.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.RegionAsk.v5")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 pub struct RegionAsk {
     /// [`spm::RegionId`] as a number.
     pub region: u32,
@@ -259,10 +259,7 @@ pub struct RegionAsk {
 
 /// Parameters of a scripted path.
 #[repr(C)]
-#[derive(
-    Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend, serde::Serialize, serde::Deserialize,
-)]
-#[type_name("hrtc.TourAsk.v5")]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, serde::Serialize, serde::Deserialize)]
 pub struct TourAsk {
     /// Seed of its random choices.
     pub seed: u64,
@@ -276,10 +273,9 @@ pub struct TourAsk {
     pub radius: f64,
 }
 
-/// A message of the controller.
+/// A message of the controller. It travels as the [`RequestWord`]s that its kind needs.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.Request.v5")]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Request {
     /// The client.
     pub client: u64,
@@ -293,8 +289,6 @@ pub struct Request {
     pub model: u64,
     /// Hash of the model's name in the scene ([`Request::name_hash`]), compared by the station.
     pub name: u64,
-    /// Tour (kind Tour).
-    pub tour: TourAsk,
     /// Epoch of the session.
     pub epoch: u32,
     /// [`RequestKind`] as a number.
@@ -309,8 +303,18 @@ pub struct Request {
     /// How this client wants its chunks from now on, in all of its sessions: [`Encoding`] as a
     /// number; plain for a number of another version.
     pub encoding: u32,
-    /// Regions (kind Regions).
+    /// Regions (kind Regions); all before them is in every message.
     pub regions: [RegionAsk; REGIONS_PER_REQUEST],
+    /// Tour (kind Tour).
+    pub tour: TourAsk,
+}
+
+/// Four bytes of a request.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("hrtc.RequestWord.v6")]
+pub struct RequestWord {
+    word: u32,
 }
 
 impl Request {
@@ -319,12 +323,40 @@ impl Request {
     pub fn name_hash(name: &str) -> u64 {
         xxhash_rust::xxh3::xxh3_64(name.as_bytes())
     }
+
+    /// Words of the longest.
+    pub const MAX_WORDS: usize = size_of::<Self>() / size_of::<RequestWord>();
+    /// Words before the regions.
+    const HEAD_WORDS: usize = offset_of!(Self, regions) / size_of::<RequestWord>();
+
+    /// The message: as many words as its kind needs.
+    #[must_use]
+    pub fn words(&self) -> &[RequestWord] {
+        let all: &[RequestWord] = bytemuck::cast_slice(std::slice::from_ref(self));
+        let count = (self.count as usize).min(REGIONS_PER_REQUEST);
+        let regions = count * (size_of::<RegionAsk>() / size_of::<RequestWord>());
+        match RequestKind::from_code(self.kind) {
+            Some(RequestKind::Tour) => all,
+            Some(RequestKind::Regions) => &all[..Self::HEAD_WORDS + regions],
+            _ => &all[..Self::HEAD_WORDS],
+        }
+    }
+
+    /// A copy of what a message says: what it lacks is zero, what it has beyond is left.
+    #[must_use]
+    pub fn of_words(words: &[RequestWord]) -> Self {
+        let mut request = Self::zeroed();
+        let all: &mut [RequestWord] = bytemuck::cast_slice_mut(std::slice::from_mut(&mut request));
+        let used = words.len().min(all.len());
+        all[..used].copy_from_slice(&words[..used]);
+        request
+    }
 }
 
 /// Pose and contact of one tick, for the measured error and the view. Sent decimated.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ContactReport.v5")]
+#[type_name("hrtc.ContactReport.v6")]
 pub struct ContactReport {
     /// The client.
     pub client: u64,
@@ -349,7 +381,46 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn any_request() -> impl Strategy<Value = Request> {
+        let bytes = prop::collection::vec(any::<u8>(), size_of::<Request>());
+        (bytes, 0..8_u32, 0..40_u32).prop_map(|(bytes, kind, count)| Request {
+            kind,
+            count,
+            ..bytemuck::pod_read_unaligned(&bytes)
+        })
+    }
+
     proptest! {
+        #[test]
+        fn a_request_arrives_as_its_kind_needs_it_and_takes_no_more_words(request in any_request()) {
+            let arrived = Request::of_words(request.words());
+            let regions = (request.count as usize).min(REGIONS_PER_REQUEST);
+            let bytes = size_of_val(request.words());
+            let head = Request { regions: arrived.regions, tour: arrived.tour, ..request };
+            prop_assert_eq!(bytemuck::bytes_of(&head), bytemuck::bytes_of(&arrived));
+            match RequestKind::from_code(request.kind) {
+                Some(RequestKind::Tour) => {
+                    let tours = [&request.tour, &arrived.tour].map(bytemuck::bytes_of);
+                    prop_assert_eq!(tours[0], tours[1]);
+                }
+                Some(RequestKind::Regions) => {
+                    prop_assert_eq!(&request.regions[..regions], &arrived.regions[..regions]);
+                    prop_assert_eq!(bytes, 72 + 12 * regions);
+                }
+                _ => prop_assert_eq!(bytes, 72),
+            }
+        }
+
+        #[test]
+        fn any_words_are_a_request(words in prop::collection::vec(any::<u32>(), 0..200)) {
+            let words: Vec<RequestWord> = words.into_iter().map(|word| RequestWord { word }).collect();
+            let request = Request::of_words(&words);
+            let all: &[RequestWord] = bytemuck::cast_slice(std::slice::from_ref(&request));
+            let known = words.len().min(all.len());
+            prop_assert_eq!(&all[..known], &words[..known]);
+            prop_assert!(all[known..].iter().all(|of| of.word == 0));
+        }
+
         #[test]
         fn a_changed_bit_anywhere_in_a_chunk_is_noticed(
             content in prop::collection::vec(any::<u8>(), CHUNK_SLOTS * size_of::<ChunkSlot>()),

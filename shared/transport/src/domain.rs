@@ -3,9 +3,9 @@
 //!
 //! | service | publishers | subscribers | payload |
 //! |---|---|---|---|
-//! | `hrtc/v5/subscribe` | controllers | station | [`Request`] |
-//! | `hrtc/v5/pose` | controllers | station | [`ContactReport`] |
-//! | `hrtc/v5/records/CLIENT` | station | one controller | 64 [`ChunkSlot`]s, [`ChunkHeader`] |
+//! | `hrtc/v6/subscribe` | controllers | station | a [`Request`] in as many [`RequestWord`]s as it needs |
+//! | `hrtc/v6/pose` | controllers | station | [`ContactReport`] |
+//! | `hrtc/v6/records/CLIENT` | station | one controller | up to 64 [`ChunkSlot`]s, [`ChunkHeader`] |
 //! | `hrtc/hello` | all | all | [`Hello`] |
 //!
 //! All topics have the same quality of service, because a tunnel between machines creates its
@@ -19,6 +19,7 @@
 
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::port::SendError;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{
@@ -28,7 +29,9 @@ use iceoryx2::prelude::{
 use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
-use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, MAX_CLIENTS, Request};
+use protocol::{
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, MAX_CLIENTS, Request, RequestWord,
+};
 use std::fmt::Debug;
 use std::fs::DirBuilder;
 use std::io::ErrorKind;
@@ -49,9 +52,9 @@ const MAX_RECORD_PORTS: usize = 4;
 /// and no other name. A wake-up event among them would be carried too, and stall a tunnel.
 pub const CARRIED_TOPICS: [&str; 4] = [
     "hrtc/hello",
-    "hrtc/v5/subscribe",
-    "hrtc/v5/pose",
-    "hrtc/v5/records/*",
+    "hrtc/v6/subscribe",
+    "hrtc/v6/pose",
+    "hrtc/v6/records/*",
 ];
 /// Largest number of samples that a subscriber borrows at the same time.
 const MAX_BORROWED: usize = 2;
@@ -76,6 +79,24 @@ pub struct Heartbeats {
     pub incoming: Subscriber<ipc::Service, Hello, ()>,
     /// Sends this process's.
     pub outgoing: Publisher<ipc::Service, Hello, ()>,
+}
+
+/// Sends requests, each in as many words as it needs: between machines every byte takes its time.
+#[derive(Debug)]
+pub struct RequestSender {
+    port: Publisher<ipc::Service, [RequestWord], ()>,
+}
+
+impl RequestSender {
+    /// Sends one. Returns how many have got it.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses.
+    pub fn send(&self, request: &Request) -> Result<usize, SendError> {
+        let words = request.words();
+        let sample = self.port.loan_slice_uninit(words.len())?;
+        sample.write_from_slice(words).send()
+    }
 }
 
 /// Errors of the transport, one sentence each.
@@ -273,10 +294,13 @@ impl Domain {
     ///
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
-    pub fn subscribe_service(&self, node: &IpcNode) -> Result<Topic<Request>, TransportError> {
-        let name = self.service_name("hrtc/v5/subscribe")?;
-        self.retry("open the service hrtc/v5/subscribe", || {
-            topic::<Request, ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
+    pub fn subscribe_service(
+        &self,
+        node: &IpcNode,
+    ) -> Result<Topic<[RequestWord]>, TransportError> {
+        let name = self.service_name("hrtc/v6/subscribe")?;
+        self.retry("open the service hrtc/v6/subscribe", || {
+            topic::<[RequestWord], ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
 
@@ -285,8 +309,8 @@ impl Domain {
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
     pub fn pose_service(&self, node: &IpcNode) -> Result<Topic<ContactReport>, TransportError> {
-        let name = self.service_name("hrtc/v5/pose")?;
-        self.retry("open the service hrtc/v5/pose", || {
+        let name = self.service_name("hrtc/v6/pose")?;
+        self.retry("open the service hrtc/v6/pose", || {
             topic::<ContactReport, ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
@@ -301,8 +325,8 @@ impl Domain {
         node: &IpcNode,
         client: u64,
     ) -> Result<Topic<[ChunkSlot], ChunkHeader>, TransportError> {
-        let name = self.service_name(&format!("hrtc/v5/records/{client:016x}"))?;
-        self.retry("open a service hrtc/v5/records", || {
+        let name = self.service_name(&format!("hrtc/v6/records/{client:016x}"))?;
+        self.retry("open a service hrtc/v6/records", || {
             topic::<[ChunkSlot], ChunkHeader>(node, &name, MAX_RECORD_PORTS, MAX_RECORD_PORTS)
                 .open_or_create()
         })
@@ -345,6 +369,22 @@ impl Domain {
     ) -> Result<Publisher<ipc::Service, P, H>, TransportError> {
         let port = sender(topic).create();
         port.map_err(|e| self.error(what, e))
+    }
+
+    /// A sender of requests.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses.
+    pub fn request_sender(
+        &self,
+        topic: &Topic<[RequestWord]>,
+    ) -> Result<RequestSender, TransportError> {
+        let port = sender(topic)
+            .initial_max_slice_len(Request::MAX_WORDS)
+            .allocation_strategy(AllocationStrategy::Static)
+            .create();
+        let port = port.map_err(|e| self.error("send requests", e))?;
+        Ok(RequestSender { port })
     }
 
     /// A sender of chunks: its memory is that of one chunk of [`CHUNK_SLOTS`] and does not grow.

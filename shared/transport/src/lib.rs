@@ -21,6 +21,7 @@ pub mod logging;
 mod turns;
 
 pub use domain::{
-    CARRIED_TOPICS, Domain, Heartbeats, IpcNode, MAX_PORTS, MAX_QUEUED, Topic, TransportError,
+    CARRIED_TOPICS, Domain, Heartbeats, IpcNode, MAX_PORTS, MAX_QUEUED, RequestSender, Topic,
+    TransportError,
 };
 pub use turns::receive_in_turn;

@@ -1,11 +1,11 @@
 //! Receiving from many senders, each in its turn.
 
 use iceoryx2::port::ReceiveError;
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{ZeroCopySend, ipc};
-use std::fmt::Debug;
+use std::ops::Deref;
 
-/// Takes at most `most` messages of a topic in; all of them when there are no more.
+/// Takes at most `most` messages of a topic in, as `receive` of its port gives them; all of them
+/// when there are no more. What a message holds is to be copied before it is looked at: its sender
+/// could change it meanwhile.
 ///
 /// iceoryx2 gives those of one sender before it looks at the next, so that one who floods the topic
 /// would be the only one heard. But it passes over senders of whose messages as many are borrowed
@@ -13,33 +13,30 @@ use std::fmt::Debug;
 ///
 /// # Errors
 /// When iceoryx2 cannot receive, as from a sender whose memory cannot be mapped.
-pub fn receive_in_turn<P: Copy + Debug + ZeroCopySend>(
-    port: &Subscriber<ipc::Service, P, ()>,
+pub fn receive_in_turn<S: Deref>(
+    mut receive: impl FnMut() -> Result<Option<S>, ReceiveError>,
     most: usize,
-    mut take: impl FnMut(P),
+    mut take: impl FnMut(&S::Target),
 ) -> Result<(), ReceiveError> {
     let mut kept = Vec::new();
     for _ in 0..most {
-        let mut next = next_of_round(port)?;
+        let mut next = of_round(receive())?;
         if next.is_none() && !kept.is_empty() {
             kept.clear();
-            next = next_of_round(port)?;
+            next = of_round(receive())?;
         }
         let Some(sample) = next else {
             break;
         };
-        // A copy: its sender could change it while it is looked at.
-        take(*sample.payload());
+        take(&sample);
         kept.push(sample);
     }
     Ok(())
 }
 
-/// A message of a sender that has its turn still.
-fn next_of_round<P: Debug + ZeroCopySend>(
-    port: &Subscriber<ipc::Service, P, ()>,
-) -> Result<Option<iceoryx2::sample::Sample<ipc::Service, P, ()>>, ReceiveError> {
-    match port.receive() {
+/// What was received, if its sender has its turn still.
+fn of_round<S>(received: Result<Option<S>, ReceiveError>) -> Result<Option<S>, ReceiveError> {
+    match received {
         Err(ReceiveError::ExceedsMaxBorrows) => Ok(None),
         other => other,
     }
@@ -77,12 +74,16 @@ mod tests {
             let mut heard = Vec::new();
             let mut receive = |most: usize| {
                 let mut count = 0;
-                let received = receive_in_turn(&port, most, |taken| {
-                    count += 1;
-                    heard.extend(taken.read().map(|greeting| greeting.client));
-                    // It goes on and on.
-                    senders[flooding].send_copy(hello(99)).unwrap();
-                });
+                let received = receive_in_turn(
+                    || port.receive(),
+                    most,
+                    |taken: &Hello| {
+                        count += 1;
+                        heard.extend(taken.read().map(|greeting| greeting.client));
+                        // It goes on and on.
+                        senders[flooding].send_copy(hello(99)).unwrap();
+                    },
+                );
                 received.unwrap();
                 count
             };
@@ -93,7 +94,7 @@ mod tests {
             assert!(others.iter().copied().eq(expected), "{heard:?}");
             // The rest comes as well.
             let mut rest = 0;
-            receive_in_turn(&port, usize::MAX, |_| rest += 1).unwrap();
+            receive_in_turn(|| port.receive(), usize::MAX, |_| rest += 1).unwrap();
             assert!(rest >= MAX_QUEUED - 6, "{rest}");
             assert!(!port.has_samples().unwrap());
         }

@@ -2,7 +2,6 @@
 //! read slowly.
 
 use bytemuck::Zeroable;
-use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use protocol::{
@@ -16,7 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
-use transport::Domain;
+use transport::{Domain, RequestSender};
 use ve_station::connection::Connection;
 
 const CLIENT: u64 = 0xC11E;
@@ -40,7 +39,7 @@ impl AsRef<[u8]> for Slow {
 
 /// A client's ports.
 struct Client {
-    requests: Publisher<ipc::Service, Request, ()>,
+    requests: RequestSender,
     records: Subscriber<ipc::Service, [ChunkSlot], ChunkHeader>,
     hello: Subscriber<ipc::Service, Hello, ()>,
     model: u64,
@@ -53,7 +52,7 @@ impl Client {
         let records = domain.records_service(node, CLIENT).unwrap();
         let requests = domain.subscribe_service(node).unwrap();
         Self {
-            requests: domain.publisher(&requests, "send requests").unwrap(),
+            requests: domain.request_sender(&requests).unwrap(),
             records: domain.subscriber(&records, "receive records").unwrap(),
             hello: domain.heartbeats(node).unwrap().incoming,
             model,
@@ -73,7 +72,7 @@ impl Client {
         request.name = Request::name_hash("torus");
         request.kind = kind as u32;
         change(&mut request);
-        self.requests.send_copy(request).unwrap();
+        self.requests.send(&request).unwrap();
         self.sent += 1;
     }
 
@@ -142,8 +141,8 @@ impl Drop for Served {
     }
 }
 
-#[test]
-fn heartbeats_regions_and_signs_of_life_come_while_a_touch_is_rolled() {
+/// A model whose reads take so long.
+fn torus(nanoseconds: &Arc<AtomicU64>) -> SpmFile<Slow> {
     let parts = build_model(
         generate(Shape::Torus, 3000, 1),
         &BuildOptions::default(),
@@ -152,12 +151,54 @@ fn heartbeats_regions_and_signs_of_life_come_while_a_touch_is_rolled() {
     .unwrap();
     let mut bytes = Vec::new();
     write_spm(&parts, &mut bytes).unwrap();
-    let nanoseconds = Arc::<AtomicU64>::default();
-    let slow = Slow {
-        bytes,
-        nanoseconds: Arc::clone(&nanoseconds),
+    let nanoseconds = Arc::clone(nanoseconds);
+    SpmFile::open(Slow { bytes, nanoseconds }).unwrap()
+}
+
+/// Between machines the first request may arrive before the tunnel knows of its client's topic.
+#[test]
+fn an_answer_waits_until_somebody_hears_it() {
+    let domain = Domain::new(&format!("unheard-{}", std::process::id())).unwrap();
+    let served = Served::start(&domain, torus(&Arc::default()));
+    let node = domain.node().unwrap();
+    let hello = domain.heartbeats(&node).unwrap().incoming;
+    let wait_for_heartbeat = || {
+        while hello.receive().unwrap().is_none() {
+            assert!(served.runs());
+            thread::sleep(Duration::from_millis(1));
+        }
     };
-    let file = SpmFile::open(slow).unwrap();
+    wait_for_heartbeat();
+    let topic = domain.subscribe_service(&node).unwrap();
+    let request = Request {
+        client: CLIENT,
+        incarnation: 1,
+        credit: 1,
+        name: Request::name_hash("torus"),
+        kind: RequestKind::Model as u32,
+        ..Request::zeroed()
+    };
+    // It lasts as long as its messages may be under way.
+    let sender = domain.request_sender(&topic).unwrap();
+    assert_eq!(sender.send(&request).unwrap(), 1);
+    // It looks at requests between any two heartbeats.
+    (0..3).for_each(|_| wait_for_heartbeat());
+    let topic = domain.records_service(&node, CLIENT).unwrap();
+    let records = domain.subscriber(&topic, "receive records").unwrap();
+    let chunk = loop {
+        assert!(served.runs());
+        if let Some(chunk) = records.receive().unwrap() {
+            break chunk;
+        }
+        thread::sleep(Duration::from_millis(1));
+    };
+    assert_eq!(chunk.user_header().sequence, 0);
+}
+
+#[test]
+fn heartbeats_regions_and_signs_of_life_come_while_a_touch_is_rolled() {
+    let nanoseconds = Arc::<AtomicU64>::default();
+    let file = torus(&nanoseconds);
     let (model, region) = (file.model_header().model, file.regions()[0]);
     // A touch takes some 200 000 reads: two seconds.
     nanoseconds.store(10_000, Ordering::Relaxed);

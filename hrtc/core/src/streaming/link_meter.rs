@@ -10,6 +10,15 @@ use crate::tuning::streaming::{
 };
 use protocol::{CREDIT_CHUNKS, Request};
 
+/// From when on the station could send a chunk at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Since {
+    /// The tick.
+    pub tick: u64,
+    /// Whether it was asked for it before, and was allowed to send it then.
+    pub is_of_credit: bool,
+}
+
 /// See the module. Times are in ticks; until something is measured the link counts as a local one.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct LinkMeter {
@@ -91,7 +100,12 @@ impl LinkMeter {
 
     /// Notes the chunks of a tick: `waiting` are in the inbox now. `since`: from when on the
     /// station could send the first new one at once.
-    pub fn arrive(&mut self, waiting: usize, since: Option<u64>, tick: u64) {
+    ///
+    /// A link that stalls for a moment, as TCP does for a lost packet, looks thin. Then the window
+    /// becomes so small that every chunk waits for its credit and none tells the rate of the link:
+    /// so those that come at once tell it, and each that only waited for credit lets it be tried
+    /// whether the link carries more.
+    pub fn arrive(&mut self, waiting: usize, since: Option<Since>, tick: u64) {
         let came = waiting.saturating_sub(self.left);
         if came == 0 {
             return;
@@ -99,13 +113,25 @@ impl LinkMeter {
         // It could when it sent the chunk before: only the link is between the two.
         let is_flow = self.left == 0
             && self.least_round_trip().is_some_and(|least| {
-                since.is_some_and(|since| since as f64 + least <= self.arrived as f64)
+                since.is_some_and(|since| since.tick as f64 + least <= self.arrived as f64)
             });
+        let keeps = 1.0 - RATE_SHARE;
+        let fade = |(chunks, ticks): (f64, f64)| (keeps * chunks, keeps * ticks);
         if is_flow {
             let ticks = tick.saturating_sub(self.arrived) as f64;
-            let (chunks, all) = self.flow.unwrap_or_default();
-            let keeps = 1.0 - RATE_SHARE;
-            self.flow = Some((keeps * chunks + came as f64, keeps * all + ticks));
+            let (before, in_ticks) = fade(self.flow.unwrap_or_default());
+            self.flow = Some((before + came as f64, in_ticks + ticks));
+        } else if let Some(flow) = self.flow.filter(|_| self.left == 0) {
+            let waited = since.is_some_and(|since| since.is_of_credit);
+            let (chunks, ticks) = if came > 1 {
+                let (before, in_ticks) = fade(flow);
+                (before + (came - 1) as f64, in_ticks + 1.0)
+            } else if waited {
+                (flow.0, keeps * flow.1)
+            } else {
+                flow
+            };
+            self.flow = Some((chunks, ticks));
         }
         self.arrived = tick;
     }
@@ -239,13 +265,19 @@ mod tests {
         LinkMeter::new(&Horizons::new(1000.0))
     }
 
+    /// Of a chunk that was asked for long before it was allowed.
+    fn since(tick: u64) -> Option<Since> {
+        let is_of_credit = true;
+        Some(Since { tick, is_of_credit })
+    }
+
     /// A meter after answers of `round_trip` ticks, and a chunk every `gap` ticks of an answer that
     /// is on its way.
     fn after(round_trip: u64, gap: u64) -> LinkMeter {
         let mut meter = meter();
         for k in 0..200 {
             meter.answered(round_trip, k);
-            meter.arrive(1, Some(0), 1000 + k * gap);
+            meter.arrive(1, since(0), 1000 + k * gap);
             meter.leave(0);
         }
         meter
@@ -309,10 +341,44 @@ mod tests {
         meter.answered(100, 0);
         for k in 1..100 {
             // Asked for, or allowed, less than a round trip before the last one came.
-            meter.arrive(1, Some(200 * k - 150), 200 * k);
+            meter.arrive(1, since(200 * k - 150), 200 * k);
             meter.leave(0);
         }
         assert!(meter.bytes_per_s() < 0.0);
+    }
+
+    /// Round trips until as much may be under way again as before a time of stalls, where what is
+    /// allowed arrives in bursts of so many.
+    fn recovery(burst: u64) -> u64 {
+        let mut meter = after(200, 1);
+        let before = meter.window();
+        let mut tick = 10_000;
+        while meter.window() > 2 * MIN_WINDOW {
+            assert!(tick < 1_000_000, "the link looks thin");
+            meter.arrive(1, since(tick - 500), tick);
+            tick += 200;
+        }
+        for round_trips in 0..1000 {
+            if meter.window() >= before {
+                return round_trips;
+            }
+            let allowed = tick;
+            tick += 200;
+            for burst in (0..meter.window().div_ceil(burst)).map(|_| burst) {
+                meter.arrive(burst as usize, since(allowed), tick);
+                tick += 1;
+            }
+        }
+        panic!("{} chunks for ever", meter.window());
+    }
+
+    #[test]
+    fn a_link_that_stalled_is_not_taken_for_a_thin_one() {
+        for burst in [1, 2, 4] {
+            let round_trips = recovery(burst);
+            println!("in bursts of {burst}: {round_trips} round trips");
+            assert!(round_trips < 60);
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The mesh subscriber: requests out, chunks in, epochs and credit (see `shared::protocol`).
 
-use super::link_meter::LinkMeter;
+use super::link_meter::{LinkMeter, Since};
 use super::outbox::Outbox;
 use super::questions::Questions;
 use crate::cache::{Cache, MAX_OUTSTANDING, RegionKey, RegionTable};
@@ -283,11 +283,14 @@ impl Subscriber {
     /// From when on the station could send a chunk at once: it had a question to answer, and was
     /// allowed to send this one.
     #[must_use]
-    pub fn could_come_since(&self, header: &ChunkHeader) -> Option<u64> {
+    pub fn could_come_since(&self, header: &ChunkHeader) -> Option<Since> {
         let is_known = self.receive(header) != Reception::Stale && header.sequence < self.granted;
         let granted = self.granted_at[header.sequence as usize % GRANTS];
         let asked = self.oldest_question().filter(|_| is_known)?;
-        Some(asked.max(granted))
+        Some(Since {
+            tick: asked.max(granted),
+            is_of_credit: granted > asked,
+        })
     }
 
     /// The regions asked for whose answers are not complete.

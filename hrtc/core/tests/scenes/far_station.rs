@@ -347,3 +347,21 @@ fn a_resting_contact_becomes_full_over_a_very_thin_line() {
         assert_eq!(largest.last(), Some(&0.0), "{name}: it stays full");
     }
 }
+
+#[test]
+fn a_far_controller_says_little() {
+    let model = model();
+    let said = |station_is_far: bool| {
+        let mut world = begin(&model, link(100, f64::INFINITY), station_is_far);
+        while world.tick() < 3000 {
+            world.step_led();
+        }
+        let counts = world.client_mut().link().counts();
+        [2, 5].map(|kind| counts.sent[kind])
+    };
+    let [asked, reported] = said(true);
+    println!("in 3 s {asked} requests for regions, {reported} reports");
+    assert!(reported > 0 && 9 * reported <= said(false)[1]);
+    // Seen: 176. A tick that asked for each region alone would make several times as many.
+    assert!(asked <= 300, "{asked}");
+}

@@ -71,7 +71,7 @@ fn abuse(domain: &Domain, name: u64, stop: &AtomicBool) -> Result<Said, Transpor
     let node = domain.node()?;
     let records = domain.records_service(&node, CLIENT)?;
     let records = domain.subscriber(&records, "receive records")?;
-    let requests = domain.publisher(&domain.subscribe_service(&node)?, "send requests")?;
+    let requests = domain.request_sender(&domain.subscribe_service(&node)?)?;
     let contacts = domain.publisher(&domain.pose_service(&node)?, "send contacts")?;
     let hello = domain.heartbeats(&node)?.outgoing;
     let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
@@ -96,7 +96,7 @@ fn abuse(domain: &Domain, name: u64, stop: &AtomicBool) -> Result<Said, Transpor
             own.model = header.model;
         }
         // First, while the queue has room.
-        requests.send_copy(own).map_err(|e| wrong(&e))?;
+        requests.send(&own).map_err(|e| wrong(&e))?;
         said.messages += 1;
         for _ in 0..FLOOD {
             let forged = forged(&own, &mut random);
@@ -107,7 +107,7 @@ fn abuse(domain: &Domain, name: u64, stop: &AtomicBool) -> Result<Said, Transpor
                 ..ContactReport::zeroed()
             };
             let heard = Hello::new(Role::Controller, random.random(), forged.client);
-            requests.send_copy(forged).map_err(|e| wrong(&e))?;
+            requests.send(&forged).map_err(|e| wrong(&e))?;
             contacts.send_copy(contact).map_err(|e| wrong(&e))?;
             hello.send_copy(heard).map_err(|e| wrong(&e))?;
             said.messages += 3;
