@@ -14,8 +14,9 @@ const SIGNS_OF_LIFE: u64 = 4;
 /// Longest time to open a connection, ms: TCP, TLS and zenoh take four round trips, 0.8 s at
 /// 200 ms; as much again for a lost packet. A cable that was cut costs no more when it is back.
 const OPEN_TIMEOUT_MS: u64 = 2000;
-/// First and longest time between two calls of a station that is not there, ms.
-const RETRY_MS: [u64; 2] = [200, 1000];
+/// Time between two calls of a station that is not there, ms: short beside a call into a cable that
+/// is cut, which notices its return after a second, or by its own end.
+const RETRY_MS: u64 = 200;
 /// Connections at once: every controller, and its old one until its lease ends.
 const MAX_CONNECTIONS: usize = 2 * MAX_CLIENTS;
 /// Where iceoryx2's carrier keeps offers and topics.
@@ -64,9 +65,9 @@ pub fn zenoh_settings(end: &End, keys: Option<&KeyFiles>) -> Value {
             "timeout_ms": -1,
             "exit_on_failure": false,
             "retry": {
-                "period_init_ms": RETRY_MS[0],
-                "period_max_ms": RETRY_MS[1],
-                "period_increase_factor": 2,
+                "period_init_ms": RETRY_MS,
+                "period_max_ms": RETRY_MS,
+                "period_increase_factor": 1,
             },
         },
         // Nobody is looked for, and nobody is told of the others.

@@ -40,7 +40,7 @@ const SLOTS: usize = 12;
 const HEALING_SLOTS: f64 = 2.0;
 /// Shares of the packets that are changed, so that a link lasts some seconds, and sent once more.
 const HARM: Shape = Shape {
-    damaged: 1e-3,
+    damaged: 2e-3,
     replayed: 0.05,
     round_trip_s: 0.0,
     jitter_s: 0.0,
@@ -126,13 +126,15 @@ impl<'a> FarTouch<'a> {
         })
     }
 
-    /// Waits until the link was made once more, and is synchronised or is not.
-    fn wait_for_link(&mut self, made_before: usize) -> Result<(), String> {
+    /// Waits until the link was made once more, after something came back at this time, ns, and is
+    /// synchronised or is not.
+    fn wait_for_link(&mut self, made_before: usize, back_ns: u64) -> Result<(), String> {
         let stop = self.touch.bench.stop;
         let touch = &mut self.touch;
         let again = |of: &Watched| links_made(of) > made_before;
         touch.controller.wait_for("the link", stop, again)?;
-        touch.returns_ns.push(monotonic_ns());
+        // It may be synchronised before it is seen here.
+        touch.returns_ns.push(back_ns);
         pause(1e-3 * RESYNC_MS, stop);
         Ok(())
     }
@@ -230,7 +232,7 @@ pub fn tunnel_killed(bench: &Bench, kills: u64, verdicts: &mut Verdicts) -> Answ
                 &mut touch.controller
             };
             side.process.signal_children(libc::SIGKILL);
-            far.wait_for_link(made)
+            far.wait_for_link(made, monotonic_ns())
         },
     )
 }
@@ -242,7 +244,7 @@ pub fn station_restarted(bench: &Bench, kills: u64, verdicts: &mut Verdicts) -> 
         far.touch.station.end()?;
         let domain = &far.touch.domain;
         far.touch.station = start_station(bench, &far.programs, domain, &far.station)?;
-        far.wait_for_link(made)
+        far.wait_for_link(made, monotonic_ns())
     })
 }
 
