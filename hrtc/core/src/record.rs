@@ -28,6 +28,8 @@ pub struct ProbeRecord {
     pub rejected_sample: bool,
     /// Energy put out by the rendering, joules, total.
     pub energy_j: f64,
+    /// The part of it that surfaces gave by moving, joules, total.
+    pub given_j: f64,
 }
 
 /// The larger number; not a number where one of them is none, unlike [`f64::max`].

@@ -397,6 +397,7 @@ impl Controller {
         of_probe.rejected_sample = probe.rejected;
         of_probe.clamped = probe.clamped;
         of_probe.energy_j = probe.energy.joules();
+        of_probe.given_j = probe.energy.given_j();
         let contact = forces.strongest;
         if let Some(place) = outputs.wrenches.get_mut(k) {
             *place = probe.wrench;

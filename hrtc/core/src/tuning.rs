@@ -268,6 +268,15 @@ pub mod force {
     /// longer than a period of a buzz (above 30 Hz) and shorter than a lift.
     pub const EXCESS_FADES_S: f64 = 0.03;
 
+    /// Time in which the unpaid part of a coupling falls to a third, seconds: it returns by 0.5 %
+    /// of the force a millisecond, far below what is felt (7 %), and in a bounce (10 ms) by a
+    /// twentieth.
+    pub const UNPAID_RETURNS_S: f64 = 0.2;
+
+    /// Time in which a hand gives way to a surface that rises, seconds: twice a period of a hand of
+    /// 200 N/m that holds a device of 0.1 kg (7 Hz, damped).
+    pub const RAISED_FADES_S: f64 = 0.3;
+
     /// Most faces in the mean normal of force shading. The search visits the nearer part of the
     /// tree first.
     pub const MAX_SHADING_FACES: usize = 256;

@@ -43,10 +43,15 @@
 //! A moving surface carries the device along and does work on it. The account is that of the spring
 //! between device and surface, so the work over the motion of the material ([`CarriedWork`]) is
 //! subtracted.
+//!
+//! A surface that is refined under the probe moves too, by imperceptible steps, and so does a force
+//! that returns (see [`CouplingSpring::raised_j`]). A hand gives way to it: what it gave may be put
+//! out beyond the energy taken in, but only while the device moves, and only what is given of late
+//! (`RAISED_FADES_S`). A device that stands and is withdrawn later gets none of it.
 
 use super::positions::Positions;
 use crate::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
-use crate::tuning::force::{EXCESS_FADES_S, MOTION_ROUNDING, VELOCITY_WINDOW_S};
+use crate::tuning::force::{EXCESS_FADES_S, MOTION_ROUNDING, RAISED_FADES_S, VELOCITY_WINDOW_S};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use mutants::{Mutant, is};
@@ -65,6 +70,10 @@ pub struct EnergyAccount {
     /// Energy put out by the limited part since the contact began, joules; after it, what is left
     /// of the excess.
     contact_joules: f64,
+    /// What the surfaces gave of late and was not put out, joules.
+    raised_j: f64,
+    /// What was put out of it so far, joules.
+    given_j: f64,
     /// Whether no passive wrench is wanted in this period: the contact is over.
     is_apart: bool,
     /// Share of the force that the energy taken in allows, 0 to 1; it fades.
@@ -120,6 +129,8 @@ pub struct CouplingSpring {
     pub stiffness_n_per_m: f64,
     /// Stored energy, joules.
     pub stored_j: f64,
+    /// What was given to it in this tick, joules: by a surface that moves, or of what was unpaid.
+    pub raised_j: f64,
 }
 
 impl CouplingSpring {
@@ -129,6 +140,7 @@ impl CouplingSpring {
         Self {
             stiffness_n_per_m: self.stiffness_n_per_m * share,
             stored_j: self.stored_j * share,
+            raised_j: self.raised_j * share,
         }
     }
 }
@@ -140,6 +152,7 @@ impl std::ops::Add for CouplingSpring {
         Self {
             stiffness_n_per_m: self.stiffness_n_per_m + other.stiffness_n_per_m,
             stored_j: self.stored_j + other.stored_j,
+            raised_j: self.raised_j + other.raised_j,
         }
     }
 }
@@ -154,6 +167,8 @@ impl EnergyAccount {
             window: (VELOCITY_WINDOW_S / period_s).round().max(1.0) as usize,
             joules: 0.0,
             contact_joules: 0.0,
+            raised_j: 0.0,
+            given_j: 0.0,
             is_apart: false,
             paid: 1.0,
             wrench: Wrench::ZERO,
@@ -202,13 +217,23 @@ impl EnergyAccount {
         self.filtered += motion;
         let Wrench { force, torque } = self.limited;
         let work = force.dot(motion) + torque.dot(turned);
-        self.contact_joules += work - limited;
+        let lost = work - limited;
+        let of_raised = lost.clamp(0.0, self.raised_j);
+        self.raised_j -= of_raised;
+        self.given_j += of_raised;
+        self.contact_joules += lost - of_raised;
         let motion = positions.motion(self.encoder_m, self.window);
         self.motion = [motion, self.motion[0], self.motion[1]];
+        if motion == DVec3::ZERO && turned == DVec3::ZERO {
+            // It does not give way.
+            self.raised_j = 0.0;
+        }
     }
 
-    /// So much time has passed, seconds: the excess of a contact that is over fades.
+    /// So much time has passed, seconds: what surfaces gave fades, and the excess of a contact that
+    /// is over.
     pub fn pass_time(&mut self, seconds: f64) {
+        self.raised_j *= RAISED_FADES_S / (RAISED_FADES_S + seconds);
         if self.is_apart {
             // Exponential decay by the implicit Euler method: stable for any time.
             self.contact_joules *= EXCESS_FADES_S / (EXCESS_FADES_S + seconds);
@@ -231,11 +256,14 @@ impl EnergyAccount {
             return 1.0;
         }
         self.is_apart = wanted == Wrench::ZERO;
+        // As far as the hand has not paid for it already.
+        let unpaid = (self.contact_joules + spring.stored_j - self.raised_j).max(0.0);
+        self.raised_j += spring.raised_j.min(unpaid);
         let next = self.next();
         let pushed = wanted.force.dot(next) - ahead.pushed_j;
         let work = pushed + (wanted.torque.dot(self.rotation) - ahead.turned_j);
         let size = wanted.force.length();
-        let taken_in = 0.0 - self.contact_joules;
+        let taken_in = self.raised_j - self.contact_joules;
         let moves_away = work > self.rounding(size, ahead);
         let due = if moves_away && spring.stored_j > taken_in.max(0.0) {
             (taken_in.max(0.0) / spring.stored_j).sqrt()
@@ -271,7 +299,7 @@ impl EnergyAccount {
         // Energy of the hold, K d² / 2.
         let hold_loss = 0.5 * spring.stiffness_n_per_m * along * along;
         // Two encoder steps of error in the balance are tolerated.
-        let unpaid = self.contact_joules + spring.stored_j - 2.0 * size * self.encoder_m;
+        let unpaid = spring.stored_j - taken_in - 2.0 * size * self.encoder_m;
         let given = work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss);
         self.paid = self.paid.min((taken_in / work).max(0.0));
         (given / work).min(self.paid).clamp(0.0, 1.0)
@@ -301,6 +329,7 @@ impl EnergyAccount {
         // A contact begins without credit.
         if self.limited == Wrench::ZERO {
             self.contact_joules = self.contact_joules.max(0.0);
+            self.raised_j = 0.0;
         }
         self.wrench = wrench;
         self.limited = limited;
@@ -355,6 +384,12 @@ impl EnergyAccount {
     #[must_use]
     pub fn motion(&self) -> DVec3 {
         self.motion[0]
+    }
+
+    /// Energy put out so far that surfaces gave by moving, joules.
+    #[must_use]
+    pub fn given_j(&self) -> f64 {
+        self.given_j
     }
 
     /// Energy put out so far, joules; above 0 the rendering has been active.

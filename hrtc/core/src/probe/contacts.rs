@@ -103,6 +103,7 @@ impl Contacts {
     pub fn update(&mut self, frame: &ModelFrame, instance: &ObjectInstance, probes: &[Probe]) {
         for (pair, probe) in self.pairs.iter_mut().zip(probes) {
             pair.update(frame, probe.pose);
+            pair.surface_moves = false;
         }
         self.limits.clear();
         if !self.has_geomorphs {
@@ -166,7 +167,9 @@ impl Contacts {
 
     /// While the surface under a proxy moves, its step beyond the device's motion is limited.
     pub fn limit_step(&mut self, probe: usize, limit: &PerceptionLimit) {
-        self.pairs[probe].proxy.limit_step(limit.proxy_step());
+        let pair = &mut self.pairs[probe];
+        pair.proxy.limit_step(limit.proxy_step());
+        pair.surface_moves = true;
     }
 
     /// Moves the proxies along with the split, collapse or geomorph that was just performed.
@@ -192,8 +195,7 @@ impl Contacts {
             period_s: self.period_s,
         };
         let pair = &mut self.pairs[k];
-        pair.contact = None;
-        pair.rendered = None;
+        pair.begin_tick();
         if !pair.is_near {
             return None;
         }

@@ -5,9 +5,12 @@ use crate::contact::motion::Twist;
 use crate::contact::query::{Surface, Work};
 use crate::contact::sphere_proxy::Contact;
 use crate::force::effects::{Clock, ContactSample, Rendered, SurfaceEffects};
+use crate::force::passivity::CouplingSpring;
 use crate::instance::ModelFrame;
+use crate::perception::{GROWTH_PER_S, IMPERCEPTIBLE_N};
 use crate::probe::Probe;
 use crate::probe::proxy_kind::{ProxyKind, ProxyStep};
+use crate::tuning::force::UNPAID_RETURNS_S;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use mutants::{Mutant, is};
@@ -60,6 +63,13 @@ pub struct ProbeObjectPair {
     measured_at: Option<DVec3>,
     /// Where the proxy begins, object's axes, metres, if that is not where the probe is.
     start: Option<Pose>,
+    /// Wrench and energy of the coupling, in contact: in this tick and in the one before; model
+    /// axes, joules.
+    coupled: [Option<(Wrench, f64)>; 2],
+    /// Share of the energy in the coupling that is paid for, 0 to 1.
+    paid: f64,
+    /// Whether the surface moves under the probe in this tick, by a geomorph.
+    pub surface_moves: bool,
 }
 
 impl ProbeObjectPair {
@@ -79,6 +89,9 @@ impl ProbeObjectPair {
             nearest: None,
             measured_at: None,
             start: None,
+            coupled: [None; 2],
+            paid: 1.0,
+            surface_moves: false,
         }
     }
 
@@ -103,6 +116,13 @@ impl ProbeObjectPair {
         self.contact = None;
         self.rendered = None;
         self.nearest = None;
+    }
+
+    /// The contact of this tick is to be found.
+    pub fn begin_tick(&mut self) {
+        self.contact = None;
+        self.rendered = None;
+        self.coupled = [None, self.coupled[0]];
     }
 
     /// Takes the pose of the probe in the world.
@@ -189,6 +209,11 @@ impl ProbeObjectPair {
         };
         let scale = frame.metres_per_unit;
         let (depth, wrench, spring) = self.proxy.render(&goal, scale, plan, &velocity);
+        let moved = Twist {
+            linear: to_model * motion.linear,
+            angular: to_model * motion.angular,
+        };
+        let (wrench, spring) = self.pay(wrench, spring, &moved, clock.period_s);
         let sign = if is(Mutant::Sign) { -1.0 } else { 1.0 };
         let mut rendered = Rendered::new(wrench * sign, spring);
         if !self.effects.is_empty()
@@ -218,6 +243,51 @@ impl ProbeObjectPair {
         }
         self.rendered = Some(rendered.turned(frame.pose.orientation));
         depth
+    }
+
+    /// Scales the wrench of the coupling, and its spring, by the share that is paid for. Returns
+    /// them with what the surface has given.
+    ///
+    /// Energy that the motion of the device since the tick before does not explain, by the wrench
+    /// before or by that of now, has come otherwise. What a surface adds that is refined under the
+    /// probe is given, as far as that is imperceptible. The rest (a contact that is found late, or
+    /// that the probe began in) is not: the spring begins with the share that is paid for, and the
+    /// rest returns slowly. A motion of the device leaves the share as it is.
+    fn pay(
+        &mut self,
+        wrench: Wrench,
+        spring: CouplingSpring,
+        moved: &Twist,
+        period_s: f64,
+    ) -> (Wrench, CouplingSpring) {
+        let stiffness = spring.stiffness_n_per_m;
+        let (wrench_before, before_j) = self.coupled[1].unwrap_or_default();
+        if self.coupled[1].is_none() {
+            self.paid = 1.0;
+        }
+        self.coupled[0] = Some((wrench, spring.stored_j));
+        let pressed = |of: &Wrench| -(of.force.dot(moved.linear) + of.torque.dot(moved.angular));
+        let explained = pressed(&wrench_before).max(pressed(&wrench));
+        let mut unexplained = spring.stored_j - before_j - explained;
+        let mut given = 0.0;
+        if self.surface_moves && self.coupled[1].is_some() {
+            let least = 0.5 * IMPERCEPTIBLE_N * IMPERCEPTIBLE_N / stiffness;
+            let most = GROWTH_PER_S * period_s * before_j.max(least);
+            given = unexplained.clamp(0.0, most);
+            unexplained -= given;
+        }
+        if spring.stored_j > 0.0 {
+            let paid_j = self.paid * (spring.stored_j - unexplained);
+            self.paid = (paid_j / spring.stored_j).clamp(0.0, 1.0);
+        }
+        let returned = (1.0 - self.paid) * period_s / (UNPAID_RETURNS_S + period_s);
+        self.paid += returned;
+        let raised_j = self.paid * given + returned * spring.stored_j;
+        let spring = CouplingSpring {
+            raised_j,
+            ..spring.times(self.paid)
+        };
+        (wrench * self.paid, spring)
     }
 
     /// Renders the effects of the surface in free space.

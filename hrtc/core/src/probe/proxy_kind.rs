@@ -317,6 +317,7 @@ impl ProxyKind {
         let spring = CouplingSpring {
             stiffness_n_per_m: surface.stiffness_n_per_m,
             stored_j: 0.5 * surface.stiffness_n_per_m * stretch * stretch,
+            raised_j: 0.0,
         };
         (depth, wrench, spring)
     }

@@ -118,6 +118,7 @@ fn torque_that_the_device_does_not_render_does_no_work() {
             spring: CouplingSpring {
                 stiffness_n_per_m: 1000.0,
                 stored_j: 0.5 * WANTED * WANTED / 1000.0,
+                raised_j: 0.0,
             },
             ..Rendered::default()
         };

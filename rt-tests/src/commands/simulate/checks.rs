@@ -140,7 +140,8 @@ impl Watch {
             )?;
             *last = *now;
             if let Some(accounts) = &mut self.accounts {
-                accounts[k].output(now.force, believed[k]);
+                let given_j = records[k].given_j;
+                accounts[k].output(now.force, believed[k], given_j);
             }
         }
         Ok(())
@@ -196,7 +197,8 @@ impl Watch {
 
 /// The energy that a probe's forces put out in a contact, over the device's exact motion.
 ///
-/// A contact may put out no more than it took in, up to what no sampled controller knows in time.
+/// A contact may put out no more than it took in, beside what surfaces gave that were refined under
+/// the probe, up to what no sampled controller knows in time.
 /// With the largest force F and speed v of the contact, the largest error h of a position that was
 /// believed (the step of the encoder with the noise, or a spike that a hand could have made), n
 /// periods for which the motion was not known at the longest (a sample that did not come or was
@@ -212,8 +214,10 @@ struct Account {
     /// Force in the period under way.
     force: DVec3,
     last: Option<DVec3>,
-    /// Put out in this contact, joules.
+    /// Put out in this contact, joules, beside what surfaces gave.
     joules: f64,
+    /// What was put out so far that they gave, joules.
+    given_j: f64,
     force_max: f64,
     speed_max: f64,
     held_max: u64,
@@ -233,6 +237,7 @@ impl Account {
             force: DVec3::ZERO,
             last: None,
             joules: 0.0,
+            given_j: 0.0,
             force_max: 0.0,
             speed_max: 0.0,
             held_max: 1,
@@ -243,8 +248,10 @@ impl Account {
     }
 
     /// The force of the coming period, and where the device was believed to be, if it was seen.
-    fn output(&mut self, force: DVec3, believed: Option<DVec3>) {
+    fn output(&mut self, force: DVec3, believed: Option<DVec3>, given_j: f64) {
         self.force = force;
+        self.joules -= given_j - self.given_j;
+        self.given_j = given_j;
         self.blind = if believed.is_some() {
             0
         } else {
@@ -258,6 +265,7 @@ impl Account {
     fn restart(&mut self) {
         self.force = DVec3::ZERO;
         self.last = None;
+        self.given_j = 0.0;
         self.end();
     }
 

@@ -42,6 +42,7 @@ impl Boundary {
         let spring = CouplingSpring {
             stiffness_n_per_m,
             stored_j: 0.5 * stiffness_n_per_m * back.length_squared(),
+            raised_j: 0.0,
         };
         (back * stiffness_n_per_m, spring)
     }

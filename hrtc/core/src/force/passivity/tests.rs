@@ -31,6 +31,7 @@ fn bounce(stiffness_n_per_m: f64, damping: f64, speed: f64, phase: f64, limited:
         let spring = CouplingSpring {
             stiffness_n_per_m,
             stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+            raised_j: 0.0,
         };
         let share = if limited {
             account.share(wanted, spring, CarriedWork::default())
@@ -73,6 +74,7 @@ fn an_unpaid_force_fades_below_the_perception_limit() {
             let spring = CouplingSpring {
                 stiffness_n_per_m,
                 stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+                raised_j: 0.0,
             };
             let force = wanted.force.x * account.share(wanted, spring, CarriedWork::default());
             if is_leaving {
@@ -119,6 +121,7 @@ fn opposite_work_of_force_and_torque_leaves_the_share() {
         let spring = CouplingSpring {
             stiffness_n_per_m,
             stored_j: 0.5 * newtons * newtons / stiffness_n_per_m,
+            raised_j: 0.0,
         };
         let share = account.share(wanted, spring, CarriedWork::default());
         assert!(share > 0.95, "share {share} with {rest} of the work left");
@@ -185,6 +188,7 @@ fn encoder_noise_does_not_reduce_the_force_at_rest() {
         let spring = CouplingSpring {
             stiffness_n_per_m,
             stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+            raised_j: 0.0,
         };
         let share = account.share(wanted, spring, CarriedWork::default());
         // At most the force of the noise itself.
@@ -232,6 +236,7 @@ fn the_excess_of_an_earlier_contact_does_not_mute_a_later_one() {
         let spring = CouplingSpring {
             stiffness_n_per_m,
             stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+            raised_j: 0.0,
         };
         let share = account.share(wanted, spring, CarriedWork::default());
         if tick > 300 {
@@ -262,6 +267,7 @@ fn wait(account: &mut EnergyAccount, newtons: f64, period_s: f64, periods: u32) 
     let spring = CouplingSpring {
         stiffness_n_per_m,
         stored_j: 0.5 * newtons * newtons / stiffness_n_per_m,
+        raised_j: 0.0,
     };
     for _ in 0..periods {
         account.moved_to(&Pose::at(DVec3::X * -1e-3), [1; 2], STANDING);
@@ -343,6 +349,7 @@ fn a_surface_that_carries_the_device_keeps_its_force() {
             let spring = CouplingSpring {
                 stiffness_n_per_m,
                 stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+                raised_j: 0.0,
             };
             let ahead = CarriedWork {
                 pushed_j: if carried {
@@ -367,4 +374,47 @@ fn a_surface_that_carries_the_device_keeps_its_force() {
             assert!(least < 0.1, "{least}");
         }
     }
+}
+
+/// Share of a force that is left when a device has been pressed in, and has moved away for 30
+/// periods since a surface gave it so much energy.
+fn share_after_a_rise(given_j: f64) -> f64 {
+    let mut account = EnergyAccount::new(0.0, PERIOD_S);
+    let mut share = 1.0;
+    for tick in 0..=35_u32 {
+        let x = 2e-5 * f64::from(tick.abs_diff(5));
+        account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
+        account.pass_time(PERIOD_S);
+        let spring = CouplingSpring {
+            stiffness_n_per_m: 1000.0,
+            stored_j: 2e-3,
+            raised_j: if tick == 6 { given_j } else { 0.0 },
+        };
+        share = account.share(push(2.0), spring, CarriedWork::default());
+        account.set_output(push(2.0 * share), push(2.0 * share));
+    }
+    let of_a_tick = 2.0 * 2e-5;
+    assert!(account.joules() <= given_j + of_a_tick);
+    share
+}
+
+#[test]
+fn a_device_that_gives_way_to_a_surface_keeps_its_force_and_one_that_stood_gets_no_more() {
+    let (none, some) = (share_after_a_rise(0.0), share_after_a_rise(2e-3));
+    println!("share {some}, without a rise {none}");
+    assert!(none == 0.0 && some > 0.4);
+    let left = |standing: u32| {
+        let mut account = EnergyAccount::new(0.0, PERIOD_S);
+        for tick in 0..=standing {
+            account.moved_to(&Pose::at(DVec3::ZERO), [1; 2], STANDING);
+            let spring = CouplingSpring {
+                stiffness_n_per_m: 1000.0,
+                stored_j: 2e-3,
+                raised_j: if tick == 0 { 2e-3 } else { 0.0 },
+            };
+            let _ = account.share(push(2.0), spring, CarriedWork::default());
+        }
+        account.raised_j
+    };
+    assert_eq!((left(0), left(1)), (2e-3, 0.0));
 }
