@@ -8,7 +8,8 @@ use super::residency_change::ResidencyChange;
 use crate::collection::{CollectError, RegionAt, Residency, Search};
 pub use crate::tuning::service::MAX_JOBS;
 use crate::tuning::service::{
-    MAX_CONTACTS, MAX_HELD, MAX_MEASURED, MEASURED_BATCH, MEASURED_CREDIT, MEASURED_TICKS,
+    MAX_CONTACTS, MAX_HELD, MAX_MEASURED, MAX_MEASURED_TICKS, MEASURED_BATCH, MEASURED_CREDIT,
+    MEASURED_TICKS,
 };
 use mutants::{Mutant, is};
 use protocol::{CREDIT_CHUNKS, ChunkKind, ContactReport, MeasuredError, RegionAsk, Request};
@@ -269,11 +270,14 @@ impl Session {
     /// The waiting measured errors, when they are enough or old enough.
     pub fn measured_chunk(&mut self) -> Option<Chunk> {
         let (first, last) = (self.measured.front()?, self.measured.back()?);
-        let is_late = last.tick.saturating_sub(first.tick) >= MEASURED_TICKS;
+        let age = last.tick.saturating_sub(first.tick);
         // Where few chunks may be under way, few are spent on this: answers wait behind them.
-        let due = self.flush
-            || self.measured.len() == MAX_MEASURED
-            || self.credit >= MEASURED_CREDIT && (self.measured.len() >= MEASURED_BATCH || is_late);
+        let (most, oldest) = if self.credit >= MEASURED_CREDIT {
+            (MEASURED_BATCH, MEASURED_TICKS)
+        } else {
+            (MAX_MEASURED, MAX_MEASURED_TICKS)
+        };
+        let due = self.flush || self.measured.len() >= most || age >= oldest;
         if !due {
             return None;
         }
