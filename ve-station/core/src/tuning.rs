@@ -61,9 +61,9 @@ pub mod service {
     pub const MEASURED_BATCH: usize = 16;
     /// ... or those of so many ticks.
     pub const MEASURED_TICKS: u64 = 50;
-    /// Where a session may have fewer chunks than this under way they wait until a chunk is full, or
-    /// for so many ticks. A quarter of those of a local link: four objects there share them without
-    /// that. Five compact chunks of them a second are 5 % of a line of 0.25 Mbit/s.
+    /// Where a session may have fewer chunks than this under way they wait until a chunk is full,
+    /// or for so many ticks. A quarter of those of a local link: four objects there share them
+    /// without that. Five compact chunks of them a second are 5 % of a line of 0.25 Mbit/s.
     pub const MEASURED_CREDIT: u64 = CREDIT_CHUNKS / 4;
     pub const MAX_MEASURED_TICKS: u64 = 4 * MEASURED_TICKS;
     /// Boxes and leaves that a contact may be searched in. (A contact lies within the certified
