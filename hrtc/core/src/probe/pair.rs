@@ -235,6 +235,7 @@ impl ProbeObjectPair {
                     ProxyKind::Ball(_) => DVec3::ZERO,
                     ProxyKind::Tool(_) => (contact.point - proxy.position) * scale,
                 },
+                pushed: self.proxy.pushed(),
                 device: goal.position * scale,
                 velocity: velocity.linear,
                 stiffness_n_per_m: plan.stiffness_n_per_m,

@@ -34,6 +34,8 @@ pub struct ToolKind {
     has_room: bool,
     /// The middle of what it touched last, if it does.
     touched: Option<DVec3>,
+    /// Unit direction in which what pushes it most does, if it touches.
+    pushed: Option<DVec3>,
     /// Radius of what the tip touches at once, and of what is touched now.
     patch: f64,
     spread: f64,
@@ -77,6 +79,7 @@ impl ProxyKind {
                 proxy,
                 has_room: false,
                 touched: None,
+                pushed: None,
                 patch: 0.0,
                 spread: 0.0,
             })),
@@ -115,6 +118,7 @@ impl ProxyKind {
             Self::Tool(tool) => {
                 tool.has_room = tool.proxy.begin(1.0 / metres_per_unit).is_ok();
                 tool.touched = None;
+                tool.pushed = None;
                 (tool.patch, tool.spread) = (patch, patch);
                 if let (Some(start), true) = (start, tool.has_room) {
                     tool.proxy.place(&start);
@@ -160,6 +164,14 @@ impl ProxyKind {
             Self::Ball(ball) => (position, ball.0.as_ref().map_or(0.0, Proxy::radius)),
             Self::Tool(tool) => (tool.touched.unwrap_or(position), tool.spread),
         })
+    }
+
+    /// Unit direction in which the contact pushes a tool; `None` for a ball, whose force has it.
+    pub fn pushed(&self) -> Option<DVec3> {
+        match self {
+            Self::Ball(_) => None,
+            Self::Tool(tool) => tool.pushed,
+        }
     }
 
     /// Balls that together hold what may touch.
@@ -349,6 +361,7 @@ impl ToolKind {
         let advance = self.proxy.advance(surface, goal, budget);
         let contacts = advance.contacts();
         self.touched = middle(contacts);
+        self.pushed = contacts.first().map(|strongest| strongest.normal);
         if let Some(middle) = self.touched {
             let farthest = contacts.iter().fold(0.0, |most, contact| {
                 contact.point.distance(middle).max(most)
@@ -378,16 +391,17 @@ fn middle(contacts: &[ToolContact]) -> Option<DVec3> {
     (!contacts.is_empty()).then(|| sum / contacts.len() as f64)
 }
 
-/// The contacts of a tool as one: the nearest first.
+/// The contacts of a tool as one: where what pushes most does. The nearest would be any of them:
+/// all are as near, but for rounding.
 fn contact_of(contacts: &[ToolContact]) -> Option<Contact> {
-    let nearest = contacts.iter().min_by(|a, b| a.gap.total_cmp(&b.gap))?;
+    let strongest = contacts.first()?;
     let mut faces = [NONE; MAX_PUSHING];
     for (place, contact) in faces.iter_mut().zip(contacts) {
         *place = contact.face;
     }
     Some(Contact {
-        face: nearest.face,
-        point: nearest.point,
+        face: strongest.face,
+        point: strongest.point,
         faces,
     })
 }

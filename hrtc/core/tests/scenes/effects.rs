@@ -158,28 +158,34 @@ fn a_texture_is_felt_as_its_height_and_its_slope() {
     }
 }
 
+/// A valley whose slopes meet at an angle of `turn` radians.
+fn valley(turn: f64) -> Vec<u8> {
+    let (sine, cosine) = (0.5 * turn).sin_cos();
+    let mut mesh = SoupMesh::default();
+    let cells = 16;
+    for i in 0..=2 * cells {
+        for j in 0..=cells {
+            let x = f64::from(i - cells) / f64::from(cells);
+            let y = f64::from(2 * j - cells) / f64::from(cells);
+            mesh.positions.push([x * cosine, y, x.abs() * sine]);
+        }
+    }
+    let row = cells as u32 + 1;
+    for i in 0..2 * cells as u32 {
+        for j in 0..cells as u32 {
+            let [a, b] = [i * row + j, (i + 1) * row + j];
+            mesh.triangles.extend([[a, b, b + 1], [a, b + 1, a + 1]]);
+        }
+    }
+    spm(mesh, &BuildOptions::default())
+}
+
 #[test]
 fn shading_turns_the_force_over_a_blunt_edge_and_leaves_a_sharp_one() {
     // A valley, where a ball goes from one face's normal to the other's in a step.
     for (turn_deg, smooth) in [(30.0f64, true), (60.0, false)] {
         let (sine, cosine) = (0.5 * turn_deg.to_radians()).sin_cos();
-        let mut mesh = SoupMesh::default();
-        let cells = 16;
-        for i in 0..=2 * cells {
-            for j in 0..=cells {
-                let x = f64::from(i - cells) / f64::from(cells);
-                let y = f64::from(2 * j - cells) / f64::from(cells);
-                mesh.positions.push([x * cosine, y, x.abs() * sine]);
-            }
-        }
-        let row = cells as u32 + 1;
-        for i in 0..2 * cells as u32 {
-            for j in 0..cells as u32 {
-                let [a, b] = [i * row + j, (i + 1) * row + j];
-                mesh.triangles.extend([[a, b, b + 1], [a, b + 1, a + 1]]);
-            }
-        }
-        let bytes = spm(mesh, &BuildOptions::default());
+        let bytes = valley(turn_deg.to_radians());
         let turns = |effects: &str| {
             let mut plan = scene_plan(&[("valley", SIZE, DVec3::ZERO)], 1, 16 << 20);
             add_effects(&mut plan, effects);
@@ -260,6 +266,47 @@ fn shading_turns_the_force_on_a_tool_towards_the_smooth_normal() {
         shaded_most < 0.3 * plain_most,
         "{shaded_most} of {plain_most}"
     );
+}
+
+/// A tool that lies on two slopes is pushed by both: its force is neither's, and is the same in
+/// every tick, whichever of the two is nearer by a rounding error.
+#[test]
+fn shading_leaves_the_force_on_a_tool_between_two_slopes() {
+    let slope = 30f64.to_radians();
+    let bytes = valley(2.0 * slope);
+    let mut plan = scene_plan(&[("valley", SIZE, DVec3::ZERO)], 1, 16 << 20);
+    add_effects(
+        &mut plan,
+        "{ shading = { radius_m = 0.002, max_turn_deg = 45 } }",
+    );
+    let radius_m = 0.01;
+    plan.probes[0].shape = ProbeShape::Cylinder {
+        radius_m,
+        length_m: 0.03,
+        faces: 960,
+    };
+    let mut world = scene_world(&plan, &[("valley", &bytes)], 0.0);
+    // Along the valley, and swayed as a hand sways.
+    let along = DQuat::from_rotation_arc(DVec3::Z, DVec3::Y);
+    let lies_m = radius_m / slope.cos();
+    let mut press = |tick: u32, height: f64| {
+        let sway = DVec3::new((0.1 * f64::from(tick)).sin(), 0.0, 0.0) * 1e-6;
+        let middle = DVec3::Y * 0.015;
+        let position = DVec3::Z * height + sway - middle;
+        let lying = Pose {
+            position,
+            orientation: along,
+        };
+        pose(&mut world, lying).force
+    };
+    for tick in 0..1000 {
+        press(tick, lies_m + 2e-3 - 4e-6 * f64::from(tick));
+    }
+    for tick in 0..500 {
+        let force = press(tick, lies_m - 2e-3);
+        let off = force.angle_between(DVec3::Z).to_degrees();
+        assert!(force.length() > 1.0 && off < 2.0, "{tick}: {force}, {off}");
+    }
 }
 
 #[test]

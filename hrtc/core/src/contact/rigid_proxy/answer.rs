@@ -42,7 +42,7 @@ impl ToolAdvance {
         }
     }
 
-    /// The active contacts; none in free space.
+    /// The active contacts, the one that pushes most first; none in free space.
     #[must_use]
     pub fn contacts(&self) -> &[ToolContact] {
         &self.contacts[..self.contact_count]

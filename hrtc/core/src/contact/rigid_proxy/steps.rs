@@ -482,7 +482,7 @@ impl ToolProxy {
     }
 
     /// The motion closest to the wanted one that the contacts allow. The active contacts go into
-    /// the answer.
+    /// the answer, the one that pushes most first.
     pub(super) fn allowed(
         &mut self,
         wanted: &Twist,
@@ -516,6 +516,12 @@ impl ToolProxy {
             for (place, &(k, _)) in answer.contacts.iter_mut().zip(found.active()) {
                 *place = self.contacts.all()[k];
             }
+            let active = found.active().iter().enumerate();
+            // A half-space's normal begins with a unit vector, so the multipliers are forces.
+            let strongest = active.max_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b));
+            answer
+                .contacts
+                .swap(0, strongest.map_or(0, |(place, _)| place));
         }
         let [vx, vy, vz, wx, wy, wz] = found.point;
         Twist {

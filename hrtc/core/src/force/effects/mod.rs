@@ -67,6 +67,10 @@ pub struct ContactSample<'a> {
     pub point: DVec3,
     /// Middle of a ball proxy; a tool has none.
     pub middle: Option<DVec3>,
+    /// Unit direction in which the surface pushes a tool at the contact point. Its force has
+    /// another one where it touches elsewhere too. `None` for a ball, and for a tool that is held
+    /// though nothing touches it.
+    pub pushed: Option<DVec3>,
     /// Position of the device.
     pub device: DVec3,
     /// Pose of the proxy.

@@ -13,16 +13,17 @@
 //! of detail.
 //!
 //! A tool has no middle to see the faces from, and its contact point lies in them. A ball of radius
-//! r that rests there takes its place.
+//! r that rests there, where the tool is pushed most, takes its place. A tool that touches elsewhere
+//! too has a force of its own direction: it turns as that ball's would, by at most `max_turn`. So it
+//! is not turned between two slopes, each of them smooth.
 //!
-//! A proxy deep below a ridge passes it in one tick. The direction therefore turns by at most
-//! `max_turn` over a displacement r of the probe. A tool may touch elsewhere too, so that its force
-//! has a direction of its own: the force turns from it by at most `max_turn`.
+//! A proxy deep below a ridge passes it in a few ticks, that of a tool in one. The direction
+//! therefore turns by at most `max_turn` over a displacement r of the probe.
 
 use super::{ContactSample, Rendered};
 use crate::contact::query::{Work, faces_within};
 use crate::tuning::force::MAX_SHADING_FACES;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use scene::ShadingPlan;
 
 /// Shading of one surface for one probe.
@@ -59,7 +60,8 @@ impl Shading {
         let radius = self.plan.radius_m / at.metres_per_unit;
         let disc = std::f64::consts::PI * radius * radius;
         let point = at.point / at.metres_per_unit;
-        let centre = at.middle.map_or(point + normal * radius, |middle| {
+        let pushed = at.pushed.unwrap_or(normal);
+        let centre = at.middle.map_or(point + pushed * radius, |middle| {
             middle / at.metres_per_unit
         });
         let off = centre.distance(point);
@@ -69,7 +71,7 @@ impl Shading {
         let work = faces_within(at.surface, centre, within, |face, closest| {
             let [a, b, c] = at.surface.mesh.corners(face);
             let cross = (b - a).cross(c - a);
-            let out = (centre - closest.point).normalize_or(normal);
+            let out = (centre - closest.point).normalize_or(pushed);
             // Negative for a proxy behind the face, which pushes against its own normal.
             let faces = cross.normalize_or_zero().dot(out);
             let aside = (closest.distance_squared - off * off).max(0.0) / (radius * radius);
@@ -85,7 +87,7 @@ impl Shading {
         });
         let weighed = &weighed[..count];
         let mean: DVec3 = weighed.iter().sum();
-        let mean = mean.normalize_or(normal);
+        let mean = mean.normalize_or(pushed);
         let sharp = (0.5 * self.plan.max_turn).cos();
         let kept: DVec3 = weighed
             .iter()
@@ -95,7 +97,11 @@ impl Shading {
             })
             .sum();
         // At a sharp edge no face remains, and the force keeps its own direction.
-        let wanted = kept.normalize_or(normal);
+        let smooth = kept.normalize_or(pushed);
+        let wanted = match at.pushed {
+            None => smooth,
+            Some(pushed) => DQuat::from_rotation_arc(pushed, smooth) * normal,
+        };
         let moved = at.velocity.length() * at.clock.period_s / self.plan.radius_m;
         let is_smooth = kept != DVec3::ZERO;
         let shaded = match self.direction {
