@@ -59,8 +59,8 @@ use mutants::{Mutant, is};
 /// Observes the energy that the rendering puts out, and limits the passive wrench by it.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct EnergyAccount {
-    /// Step of the encoder, metres; 0 for none. Motion within it is noise and does no work on the
-    /// limited part.
+    /// Step of the encoder, metres; 0 for none. A way back of up to two is noise and does no work
+    /// on the limited part.
     encoder_m: f64,
     period_s: f64,
     /// Longest window of the velocity estimate, periods.
@@ -84,8 +84,10 @@ pub struct EnergyAccount {
     limited: Wrench,
     /// `None` before the first sample.
     positions: Option<Positions>,
-    /// Newest position behind a dead band of one encoder step, metres.
-    filtered: DVec3,
+    /// Position up to which the limited part has done its work, metres.
+    worked_to: DVec3,
+    /// The last displacement there along each axis, metres.
+    course: DVec3,
     /// Estimated motion in a period, metres: now, one and two periods ago.
     motion: [DVec3; 3],
     /// Orientation at the newest sample.
@@ -174,7 +176,8 @@ impl EnergyAccount {
             wrench: Wrench::ZERO,
             limited: Wrench::ZERO,
             positions: None,
-            filtered: DVec3::ZERO,
+            worked_to: DVec3::ZERO,
+            course: DVec3::ZERO,
             motion: [DVec3::ZERO; 3],
             orientation: DQuat::IDENTITY,
             rotation: DVec3::ZERO,
@@ -197,7 +200,7 @@ impl EnergyAccount {
         self.orientation = pose.orientation;
         let Some(positions) = &mut self.positions else {
             self.positions = Some(Positions::at(position));
-            self.filtered = position;
+            (self.worked_to, self.course) = (position, DVec3::ZERO);
             return;
         };
         let Wrench { force, torque } = self.wrench;
@@ -207,14 +210,8 @@ impl EnergyAccount {
         let work = force.dot(position - positions.newest()) + torque.dot(turned);
         self.joules += work - carried;
         positions.add(position, [elapsed, periods]);
-        let beyond = position - self.filtered;
-        let length = beyond.length();
-        let motion = if length > self.encoder_m {
-            beyond * (1.0 - self.encoder_m / length)
-        } else {
-            DVec3::ZERO
-        };
-        self.filtered += motion;
+        let estimated = positions.motion(self.encoder_m, self.window);
+        let motion = self.without_noise(position - self.worked_to);
         let Wrench { force, torque } = self.limited;
         let work = force.dot(motion) + torque.dot(turned);
         let lost = work - limited;
@@ -222,12 +219,28 @@ impl EnergyAccount {
         self.raised_j -= of_raised;
         self.given_j += of_raised;
         self.contact_joules += lost - of_raised;
-        let motion = positions.motion(self.encoder_m, self.window);
-        self.motion = [motion, self.motion[0], self.motion[1]];
-        if motion == DVec3::ZERO && turned == DVec3::ZERO {
+        self.motion = [estimated, self.motion[0], self.motion[1]];
+        if estimated == DVec3::ZERO && turned == DVec3::ZERO {
             // It does not give way.
             self.raised_j = 0.0;
         }
+    }
+
+    /// The displacement since the one that was counted last, metres: along each axis all of it where
+    /// it goes on or is too long for noise, else nothing. A position that followed an encoder step
+    /// behind would be late at every turn: a force that is less on the way in than on the way out
+    /// would put out two steps of work unseen each time, for ever.
+    fn without_noise(&mut self, beyond: DVec3) -> DVec3 {
+        let mut motion = DVec3::ZERO;
+        for axis in 0..3 {
+            let along = beyond[axis];
+            if along * self.course[axis] > 0.0 || along.abs() > 2.0 * self.encoder_m {
+                motion[axis] = along;
+                self.course[axis] = along;
+            }
+        }
+        self.worked_to += motion;
+        motion
     }
 
     /// So much time has passed, seconds: what surfaces gave fades, and the excess of a contact that

@@ -201,6 +201,30 @@ fn encoder_noise_does_not_reduce_the_force_at_rest() {
     }
 }
 
+/// A device swings to and fro under a force that is only there on the way out. What it puts out is
+/// seen to two steps of the encoder, after one swing as after a thousand.
+#[test]
+fn the_error_of_an_encoder_does_not_add_up_over_swings() {
+    let (step_m, steps, newtons) = (1e-5, 10, 1.0);
+    let mut account = EnergyAccount::new(step_m, PERIOD_S);
+    account.moved_to(&Pose::at(DVec3::ZERO), [1; 2], STANDING);
+    for swing in 1..=1000 {
+        let out = (1..=steps).map(|k| (k, newtons));
+        let back = (0..steps).rev().map(|k| (k, 0.0));
+        for (k, newtons) in out.chain(back) {
+            account.set_force(push(newtons).force);
+            let place = DVec3::X * (step_m * f64::from(k));
+            account.moved_to(&Pose::at(place), [1; 2], STANDING);
+        }
+        let put_out = f64::from(swing * steps) * step_m * newtons;
+        let error = (account.contact_joules - put_out).abs();
+        assert!(
+            error <= 2.0 * step_m * newtons,
+            "{swing} swings: {put_out} J, {error} J unseen"
+        );
+    }
+}
+
 #[test]
 fn the_excess_of_an_earlier_contact_does_not_mute_a_later_one() {
     let stiffness_n_per_m = 1000.0;
