@@ -7,6 +7,7 @@ use super::run::{DEVICE_MAX_N, Run, forces_of, new_client, new_station};
 use super::side::Side;
 use super::trace::{Checked, Trace, ensure};
 use glam::DVec3;
+use haptic_device::Sample;
 use scene::Effect;
 use simulator::{Client, STATION, Simulation};
 
@@ -17,6 +18,9 @@ const FORCE_SHARE: f64 = 0.035;
 const FORCE_N: f64 = 0.02;
 /// Ticks at the end over which forces are averaged.
 const MEAN_TICKS: usize = 50;
+
+/// Ticks at the end over which motions are averaged: a step of the encoder in one is none.
+const MOTION_TICKS: usize = 8;
 
 /// Compares each controller at its end with a fresh one.
 ///
@@ -63,8 +67,10 @@ fn is_resynchronised(client: &Client, has_small_cache: bool) -> Checked {
     )
 }
 
-/// The force on a ball at rest is that of the spring between device and proxy: it points outward.
-/// (A contact that has lasted since before the quiet end may still have energy to pay.)
+/// The force on a ball is that of the spring between device and proxy: it points outward. It is
+/// less by the damping, and on the way out by what a hold of a period loses: a ball may still slide
+/// down a slope when the last press ends. (A contact that has lasted since before the quiet end may
+/// still have energy to pay.)
 fn is_spring(client: &Client, side: &Side, run: &Run<'_>) -> Checked {
     let scenario = run.scenario;
     if scenario.has(Kind::Effects) || scenario.has(Kind::Tools) {
@@ -83,8 +89,14 @@ fn is_spring(client: &Client, side: &Side, run: &Run<'_>) -> Checked {
         ) else {
             continue;
         };
-        let stiffness = scenario.plan.objects[object].surface.stiffness_n_per_m;
-        let spring = ((proxy - sample.pose.position) * stiffness).clamp_length_max(most);
+        let surface = &scenario.plan.objects[object].surface;
+        let spring = (proxy - sample.pose.position) * surface.stiffness_n_per_m;
+        let motion = motion_of(side, k).dot(spring.normalize_or_zero());
+        let damping = surface.damping_ns_per_m * scenario.plan.loop_.rate_hz * motion;
+        // The force is constant while the spring loses K d: K d / 2 on the mean.
+        let of_hold = 0.5 * surface.stiffness_n_per_m * motion.max(0.0);
+        let size = (spring.length() - damping - of_hold).clamp(0.0, most);
+        let spring = spring.normalize_or_zero() * size;
         let force = outputs.wrenches[k].force;
         let tolerance = FORCE_N.max(FORCE_SHARE * spring.length());
         ensure(
@@ -94,6 +106,19 @@ fn is_spring(client: &Client, side: &Side, run: &Run<'_>) -> Checked {
         )?;
     }
     Ok(())
+}
+
+/// Mean motion of a probe in a tick at the end, metres.
+fn motion_of(side: &Side, probe: usize) -> DVec3 {
+    let place = |samples: &Vec<Option<Sample>>| Some(samples.get(probe)?.as_ref()?.pose.position);
+    let last = side.samples.iter().rev().take(MOTION_TICKS + 1);
+    let places: Vec<DVec3> = last.filter_map(place).collect();
+    match (places.first(), places.last()) {
+        (Some(last), Some(first)) if places.len() > MOTION_TICKS => {
+            (*last - *first) / MOTION_TICKS as f64
+        }
+        _ => DVec3::ZERO,
+    }
 }
 
 /// A fresh controller after the samples since the hand left the surface, and its forces.
