@@ -63,6 +63,8 @@ pub enum Kind {
     Tools,
     /// A station of another scene runs for a while, and a controller is started again meanwhile
     OtherScene,
+    /// Chunks travel compact, as between two machines
+    Compact,
 }
 
 impl Kind {
@@ -84,6 +86,12 @@ impl Kind {
     #[must_use]
     pub fn is_of_scene(self) -> bool {
         self >= Self::SmallCache
-            && ![Self::Tolerance, Self::Early, Self::OtherScene].contains(&self)
+            && ![
+                Self::Tolerance,
+                Self::Early,
+                Self::OtherScene,
+                Self::Compact,
+            ]
+            .contains(&self)
     }
 }

@@ -501,7 +501,7 @@ impl<'a> Run<'a> {
             let lasting = |kind: &Kind| {
                 kind.is_of_scene()
                     || (!self.is_quiet && *kind <= Kind::Bandwidth)
-                    || (!self.is_quiet && *kind == Kind::Early)
+                    || (!self.is_quiet && [Kind::Early, Kind::Compact].contains(kind))
             };
             for &kind in self.scenario.kinds.iter().filter(|kind| lasting(kind)) {
                 coverage.met(kind, 1);

@@ -207,6 +207,7 @@ impl Faults<'_> {
             duplicates: self.probability(Kind::Duplicates, 0.3),
             reordering: self.probability(Kind::Reordering, 0.2),
             damage: self.probability(Kind::Damage, 0.1),
+            is_compact: self.kinds.contains(&Kind::Compact),
             ..LinkModel::default()
         };
         if let Some(mut random) = self.of(Kind::Delay) {
