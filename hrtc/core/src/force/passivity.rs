@@ -226,10 +226,10 @@ impl EnergyAccount {
         }
     }
 
-    /// The displacement since the one that was counted last, metres: along each axis all of it where
-    /// it goes on or is too long for noise, else nothing. A position that followed an encoder step
-    /// behind would be late at every turn: a force that is less on the way in than on the way out
-    /// would put out two steps of work unseen each time, for ever.
+    /// The displacement since the last one that was counted, metres: along each axis all of it
+    /// where it goes on or is too long for noise, else nothing. A position that followed an encoder
+    /// step behind would be late at every turn: a force that is less on the way in than on the way
+    /// out would put out two steps of work unseen each time, for ever.
     fn without_noise(&mut self, beyond: DVec3) -> DVec3 {
         let mut motion = DVec3::ZERO;
         for axis in 0..3 {

@@ -253,7 +253,8 @@ impl ProbeObjectPair {
     /// before or by that of now, has come otherwise. What a surface adds that is refined under the
     /// probe is given, as far as that is imperceptible. The rest (a contact that is found late, or
     /// that the probe began in) is not: the spring begins with the share that is paid for, and the
-    /// rest returns slowly. A motion of the device leaves the share as it is.
+    /// rest returns slowly. A motion of the device leaves the share as it is, and so does a wrench
+    /// that is no number.
     fn pay(
         &mut self,
         wrench: Wrench,
@@ -270,6 +271,11 @@ impl ProbeObjectPair {
         let pressed = |of: &Wrench| -(of.force.dot(moved.linear) + of.torque.dot(moved.angular));
         let explained = pressed(&wrench_before).max(pressed(&wrench));
         let mut unexplained = spring.stored_j - before_j - explained;
+        if !(unexplained.is_finite() && wrench.is_finite()) {
+            // The force limiter makes no force of it. The balance goes on from the tick before.
+            self.coupled[0] = self.coupled[1];
+            return (wrench, spring);
+        }
         let mut given = 0.0;
         if self.surface_moves && self.coupled[1].is_some() {
             let least = 0.5 * IMPERCEPTIBLE_N * IMPERCEPTIBLE_N / stiffness;
@@ -313,6 +319,43 @@ impl ProbeObjectPair {
                 ..Rendered::default()
             };
             self.rendered = Some(pulls.turned(frame.pose.orientation));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A contact whose coupling is no number for one tick has its force in the next.
+    #[test]
+    fn a_force_that_is_no_number_is_gone_for_its_tick_only() {
+        let ball = ProbeShape::Sphere { radius_m: 1e-3 };
+        let mut pair = ProbeObjectPair::new(&ball, SurfaceEffects::with_room(0, None));
+        let stiffness_n_per_m = 1000.0;
+        let mut force = |depth_m: f64, pressed_m: f64| {
+            pair.begin_tick();
+            let wrench = Wrench {
+                force: DVec3::Z * (stiffness_n_per_m * depth_m),
+                torque: DVec3::ZERO,
+            };
+            let spring = CouplingSpring {
+                stiffness_n_per_m,
+                stored_j: 0.5 * stiffness_n_per_m * depth_m * depth_m,
+                raised_j: 0.0,
+            };
+            let moved = Twist {
+                linear: DVec3::NEG_Z * pressed_m,
+                angular: DVec3::ZERO,
+            };
+            pair.pay(wrench, spring, &moved, 1e-3).0.force.z
+        };
+        for tick in 1..=100 {
+            force(1e-5 * f64::from(tick), 1e-5);
+        }
+        for wrong in [f64::NAN, f64::INFINITY] {
+            assert!(!force(wrong, 0.0).is_finite());
+            assert_eq!(force(1e-3, 0.0), 1.0);
         }
     }
 }

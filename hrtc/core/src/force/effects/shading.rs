@@ -13,9 +13,9 @@
 //! of detail.
 //!
 //! A tool has no middle to see the faces from, and its contact point lies in them. A ball of radius
-//! r that rests there, where the tool is pushed most, takes its place. A tool that touches elsewhere
-//! too has a force of its own direction: it turns as that ball's would, by at most `max_turn`. So it
-//! is not turned between two slopes, each of them smooth.
+//! r that rests there, where the tool is pushed most, takes its place. A tool that touches
+//! elsewhere too has a force of its own direction: it turns as that ball's would, by at most
+//! `max_turn`. So it is not turned between two slopes, each of them smooth.
 //!
 //! A proxy deep below a ridge passes it in a few ticks, that of a tool in one. The direction
 //! therefore turns by at most `max_turn` over a displacement r of the probe.
