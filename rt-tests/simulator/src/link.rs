@@ -28,6 +28,9 @@ pub struct LinkModel {
     pub damage: f64,
     /// Throughput of each direction, bytes a tick; infinite for no limit.
     pub bytes_per_tick: f64,
+    /// Messages that wait for the wire travel together, up to so many bytes, and arrive at once, as
+    /// through a tunnel; 0 where each travels alone.
+    pub batch_bytes: usize,
     /// Whether chunks travel compact, as to another machine.
     pub is_compact: bool,
 }
@@ -42,6 +45,7 @@ impl Default for LinkModel {
             reordering: 0.0,
             damage: 0.0,
             bytes_per_tick: f64::INFINITY,
+            batch_bytes: 0,
             is_compact: false,
         }
     }
@@ -176,7 +180,19 @@ pub(crate) struct DelayLine<T> {
     under_way: VecDeque<(u64, T)>,
     /// Time at which all that was sent is on the wire, ticks.
     free_at: f64,
+    /// The newest batch.
+    batch: Batch,
     counts: LinkCounts,
+}
+
+/// Messages that travel together.
+#[derive(Debug, Clone, Copy, Default)]
+struct Batch {
+    /// Time at which they go onto the wire, ticks.
+    begins_at: f64,
+    bytes: usize,
+    /// How many are under way.
+    messages: usize,
 }
 
 impl<T> Default for DelayLine<T> {
@@ -184,6 +200,7 @@ impl<T> Default for DelayLine<T> {
         Self {
             under_way: VecDeque::new(),
             free_at: 0.0,
+            batch: Batch::default(),
             counts: LinkCounts::default(),
         }
     }
@@ -194,6 +211,15 @@ impl<T: Payload> DelayLine<T> {
     pub fn send(&mut self, tick: u64, mut message: T, model: &LinkModel, random: &mut Random) {
         let start = self.free_at.max(tick as f64);
         self.free_at = start + message.bytes() as f64 / model.bytes_per_tick;
+        let batch = &mut self.batch;
+        let waits = batch.begins_at > tick as f64;
+        if !waits || batch.bytes + message.bytes() > model.batch_bytes {
+            *batch = Batch {
+                begins_at: start,
+                ..Batch::default()
+            };
+        }
+        batch.bytes += message.bytes();
         let kind = message.kind();
         self.counts.sent[kind] += 1;
         if random.happens(model.loss) {
@@ -209,6 +235,10 @@ impl<T: Payload> DelayLine<T> {
             due += random.below(model.jitter_ticks + 1);
         }
         due = self.under_way.back().map_or(due, |last| due.max(last.0));
+        let before = self.under_way.len() - self.batch.messages.min(self.under_way.len());
+        for (of_batch, _) in self.under_way.iter_mut().skip(before) {
+            *of_batch = due;
+        }
         let copies = if random.happens(model.duplicates) {
             self.counts.doubled[kind] += 1;
             2
@@ -218,6 +248,7 @@ impl<T: Payload> DelayLine<T> {
         for _ in 0..copies {
             self.under_way.push_back((due, message));
         }
+        self.batch.messages += copies;
         let last = self.under_way.len() - 1;
         if last > 0 && random.happens(model.reordering) {
             self.under_way.swap(last, last - 1);
@@ -249,6 +280,7 @@ impl<T: Payload> DelayLine<T> {
             self.counts.lost[message.kind()] += 1;
         }
         self.free_at = 0.0;
+        self.batch = Batch::default();
     }
 }
 
@@ -524,6 +556,18 @@ mod tests {
         };
         let expected = [(4, 'a'), (6, 'b'), (8, 'c')];
         assert_eq!(received("abc", model, 1), expected);
+    }
+
+    #[test]
+    fn what_waits_for_the_wire_arrives_in_batches() {
+        let model = LinkModel {
+            bytes_per_tick: 4.0,
+            batch_bytes: 25,
+            ..LinkModel::default()
+        };
+        // The first goes at once; the others wait, and two fit into a batch.
+        let expected = [(4, 'a'), (9, 'b'), (9, 'c'), (14, 'd'), (14, 'e')];
+        assert_eq!(received("abcde", model, 1), expected);
     }
 
     #[test]

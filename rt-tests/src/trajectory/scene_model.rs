@@ -112,6 +112,7 @@ impl SceneModel {
             speed: self.tour.0 / scale,
             depth: self.tour.1 / scale,
             radius: self.plan.probes[0].shape.tip_m() / scale,
+            from: 0,
         };
         make_tour(&self.mesh.file, ask)
             .map_err(|error| Failure::Input(format!("a tour of {}: {error}", self.mesh.name)))

@@ -10,9 +10,9 @@
 //!
 //! | service | direction | payload |
 //! |---|---|---|
-//! | `hrtc/v6/subscribe` | controller to station | [`Request`] as [`RequestWord`]s |
-//! | `hrtc/v6/records/CLIENT` | station to one controller | [`ChunkHeader`] and up to 64 [`ChunkSlot`]s |
-//! | `hrtc/v6/pose` | controller to station | [`ContactReport`] |
+//! | `hrtc/v7/subscribe` | controller to station | [`Request`] as [`RequestWord`]s |
+//! | `hrtc/v7/records/CLIENT` | station to one controller | [`ChunkHeader`] and up to 64 [`ChunkSlot`]s |
+//! | `hrtc/v7/pose` | controller to station | [`ContactReport`] |
 //! | `hrtc/hello` | both ways | [`Hello`], whose first bytes never change |
 //!
 //! **A session** is the exchange of a client and a station about one object. Each session has its
@@ -27,7 +27,8 @@
 //! controller increments it, declares the regions that are still resident and requests the rest
 //! again; the station discards its assumptions about the session and starts from that declaration.
 //! A chunk of an older epoch is
-//! dropped. So every loss ends in the same mesh as a fresh start.
+//! dropped. So every loss ends in the same mesh as a fresh start. Of a tour what came stays: its
+//! ask says how many points are there ([`TourAsk::from`]).
 //!
 //! **Answers depend on residency.** The station sends the records that no resident region contains,
 //! and marks for every id whether its record follows. When a client drops a region while an answer

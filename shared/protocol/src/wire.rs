@@ -55,7 +55,7 @@ codes! {
         Answers = 2,
         /// [`MeasuredError`]s, two to a slot.
         Measured = 4,
-        /// [`TourPoint`]s, one to a slot.
+        /// [`TourPoint`]s, one to a slot; `code` is the index of the first in its path.
         Tour = 5,
         /// The request cannot be served; `code` is the [`Refusal`].
         Refused = 6,
@@ -93,7 +93,7 @@ codes! {
 /// The user header of a chunk.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ChunkHeader.v6")]
+#[type_name("hrtc.ChunkHeader.v7")]
 pub struct ChunkHeader {
     /// Incarnation of the sending station.
     pub station: u64,
@@ -177,7 +177,7 @@ impl ChunkHeader {
     serde::Serialize,
     serde::Deserialize,
 )]
-#[type_name("hrtc.ChunkSlot.v6")]
+#[type_name("hrtc.ChunkSlot.v7")]
 pub struct ChunkSlot {
     /// Raw words; cast with `bytemuck`.
     pub words: [u32; 16],
@@ -271,6 +271,9 @@ pub struct TourAsk {
     pub depth: f64,
     /// Radius of the probe, model units.
     pub radius: f64,
+    /// Points that the client has: those from here on are sent. The same ask has the same points,
+    /// whichever station of the model is asked.
+    pub from: u64,
 }
 
 /// A message of the controller. It travels as the [`RequestWord`]s that its kind needs.
@@ -312,7 +315,7 @@ pub struct Request {
 /// Four bytes of a request.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.RequestWord.v6")]
+#[type_name("hrtc.RequestWord.v7")]
 pub struct RequestWord {
     word: u32,
 }
@@ -356,7 +359,7 @@ impl Request {
 /// Pose and contact of one tick, for the measured error and the view. Sent decimated.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ContactReport.v6")]
+#[type_name("hrtc.ContactReport.v7")]
 pub struct ContactReport {
     /// The client.
     pub client: u64,

@@ -3,9 +3,9 @@
 //!
 //! | service | publishers | subscribers | payload |
 //! |---|---|---|---|
-//! | `hrtc/v6/subscribe` | controllers | station | a [`Request`] in as many [`RequestWord`]s as it needs |
-//! | `hrtc/v6/pose` | controllers | station | [`ContactReport`] |
-//! | `hrtc/v6/records/CLIENT` | station | one controller | up to 64 [`ChunkSlot`]s, [`ChunkHeader`] |
+//! | `hrtc/v7/subscribe` | controllers | station | a [`Request`] in as many [`RequestWord`]s as it needs |
+//! | `hrtc/v7/pose` | controllers | station | [`ContactReport`] |
+//! | `hrtc/v7/records/CLIENT` | station | one controller | up to 64 [`ChunkSlot`]s, [`ChunkHeader`] |
 //! | `hrtc/hello` | all | all | [`Hello`] |
 //!
 //! All topics have the same quality of service, because a tunnel between machines creates its
@@ -52,9 +52,9 @@ const MAX_RECORD_PORTS: usize = 4;
 /// and no other name. A wake-up event among them would be carried too, and stall a tunnel.
 pub const CARRIED_TOPICS: [&str; 4] = [
     "hrtc/hello",
-    "hrtc/v6/subscribe",
-    "hrtc/v6/pose",
-    "hrtc/v6/records/*",
+    "hrtc/v7/subscribe",
+    "hrtc/v7/pose",
+    "hrtc/v7/records/*",
 ];
 /// Largest number of samples that a subscriber borrows at the same time.
 const MAX_BORROWED: usize = 2;
@@ -298,8 +298,8 @@ impl Domain {
         &self,
         node: &IpcNode,
     ) -> Result<Topic<[RequestWord]>, TransportError> {
-        let name = self.service_name("hrtc/v6/subscribe")?;
-        self.retry("open the service hrtc/v6/subscribe", || {
+        let name = self.service_name("hrtc/v7/subscribe")?;
+        self.retry("open the service hrtc/v7/subscribe", || {
             topic::<[RequestWord], ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
@@ -309,8 +309,8 @@ impl Domain {
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
     pub fn pose_service(&self, node: &IpcNode) -> Result<Topic<ContactReport>, TransportError> {
-        let name = self.service_name("hrtc/v6/pose")?;
-        self.retry("open the service hrtc/v6/pose", || {
+        let name = self.service_name("hrtc/v7/pose")?;
+        self.retry("open the service hrtc/v7/pose", || {
             topic::<ContactReport, ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
@@ -325,8 +325,8 @@ impl Domain {
         node: &IpcNode,
         client: u64,
     ) -> Result<Topic<[ChunkSlot], ChunkHeader>, TransportError> {
-        let name = self.service_name(&format!("hrtc/v6/records/{client:016x}"))?;
-        self.retry("open a service hrtc/v6/records", || {
+        let name = self.service_name(&format!("hrtc/v7/records/{client:016x}"))?;
+        self.retry("open a service hrtc/v7/records", || {
             topic::<[ChunkSlot], ChunkHeader>(node, &name, MAX_RECORD_PORTS, MAX_RECORD_PORTS)
                 .open_or_create()
         })

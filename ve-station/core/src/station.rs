@@ -31,8 +31,10 @@
 //! # Tours
 //! A tour takes thousands of searches of the full mesh, seconds where that is dense. So it comes
 //! after everything else that a client asked for. What was rolled is kept, whatever becomes of the
-//! epoch: whoever asks for the same tour again gets it from the start, and it is rolled on from
-//! where it was. Of a closure the search is kept.
+//! epoch, and it is rolled on from there. Whoever asks again says how many points came, and gets
+//! those behind them: so nothing of a tour travels twice, also where another station goes on with
+//! it. Where few chunks may be under way, at most a third of them are of tours, so that an answer
+//! does not wait for many. Of a closure the search is kept.
 //!
 //! # Memory
 //! Answers are made chunk by chunk under the credit window, as many to a chunk as there is room: of
@@ -243,7 +245,8 @@ impl<D: AsRef<[u8]>> Station<D> {
             if let Some(chunk) = station.unfinished_answer(at) {
                 return Some(station.send(at, chunk));
             }
-            let generator = station.sessions[at].tours.pop_front()?;
+            let session = &mut station.sessions[at];
+            let generator = session.next_tour()?;
             Some(station.hand_out(at, generator))
         })
     }
@@ -297,7 +300,7 @@ impl<D: AsRef<[u8]>> Station<D> {
 
     /// Rolls the tour that a session asked for first; a chunk when one is full.
     fn roll(&mut self, at: usize, steps: &mut u64) -> Option<Chunk> {
-        let mut generator = self.sessions[at].tours.pop_front()?;
+        let mut generator = self.sessions[at].next_tour()?;
         let served = &self.models[generator.model];
         match generator.roll(&served.file, steps) {
             Ok(true) => Some(self.hand_out(at, generator)),
@@ -482,7 +485,7 @@ impl<D: AsRef<[u8]>> Station<D> {
         let ask = request.tour;
         let session = &mut self.sessions[at];
         if let Some(mut rolled) = session.rolled.take_if(|r| r.serves(&ask)) {
-            rolled.again();
+            rolled.go_on(&ask);
             session.tours.push_back(rolled);
             return;
         }

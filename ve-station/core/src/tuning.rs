@@ -66,6 +66,14 @@ pub mod service {
     /// without that. Five compact chunks of them a second are 5 % of a line of 0.25 Mbit/s.
     pub const MEASURED_CREDIT: u64 = CREDIT_CHUNKS / 4;
     pub const MAX_MEASURED_TICKS: u64 = 4 * MEASURED_TICKS;
+    /// Where a session may have fewer chunks than this under way, one in so many of them at the
+    /// most is of a tour. Half of those of a local link: two objects there share them without that.
+    /// A third is more than the quarter of which a controller tells the credit again.
+    pub const MANY_CREDIT: u64 = CREDIT_CHUNKS / 2;
+    pub const TOUR_SHARE: u64 = 3;
+    /// Chunks of a tour that may always be under way: one on the line while the credit for the
+    /// other comes back. At 0.25 Mbit/s and 100 ms they fill 85 % of the line, of 80 ms each.
+    pub const MIN_TOUR_CREDIT: u64 = 2;
     /// Boxes and leaves that a contact may be searched in. (A contact lies within the certified
     /// error of the mesh, where a search looks at a few dozen; from the middle of a sphere it would
     /// look at all.)

@@ -31,6 +31,8 @@ pub struct TourPath {
     /// Its points in the file's own frame and units, as far as they have arrived.
     #[serde(with = "spm::reserved")]
     pub points: Vec<TourPoint>,
+    /// How many have arrived, with those that were of no use.
+    taken: u32,
     /// Whether all have.
     pub is_whole: bool,
     /// Tick when the station refused it, if it did: it is requested again after
@@ -42,6 +44,31 @@ impl TourPath {
     /// Whether it is still to come.
     pub fn is_awaited(&self) -> bool {
         !self.is_whole && !self.is_refused()
+    }
+
+    /// How many points have arrived.
+    pub fn taken(&self) -> u64 {
+        self.taken.into()
+    }
+
+    /// Takes the points of a chunk, of which the first has this index; false where points before it
+    /// are missing. What came before is there: an epoch or a station that begins goes on with it.
+    pub fn take(&mut self, first: u32, points: &[TourPoint]) -> bool {
+        let Some(known) = self.taken.checked_sub(first) else {
+            return false;
+        };
+        for point in points.iter().skip(known as usize) {
+            self.taken += 1;
+            let finite = point.t.is_finite()
+                && point.position.iter().all(|x| x.is_finite())
+                && point.orientation_wxyz.iter().all(|x| x.is_finite());
+            let ordered = self.points.last().is_none_or(|last| last.t < point.t);
+            // A longer path than was requested is cut.
+            if finite && ordered && self.points.len() < self.points.capacity() {
+                self.points.push(*point);
+            }
+        }
+        true
     }
 
     /// Whether the station cannot make it.
@@ -115,6 +142,7 @@ impl Probe {
                 depth_m,
                 seconds: tour_seconds,
                 points: Vec::with_capacity(path_capacity(tour_seconds)),
+                taken: 0,
                 is_whole: false,
                 refused_at: None,
             }),
@@ -297,6 +325,7 @@ impl Probe {
             speed: tour.speed_m_per_s / scale,
             depth: tour.depth_m / scale,
             radius: self.tip_m / scale,
+            from: tour.taken(),
         })
     }
 

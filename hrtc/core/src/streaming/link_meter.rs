@@ -104,7 +104,8 @@ impl LinkMeter {
     /// A link that stalls for a moment, as TCP does for a lost packet, looks thin. Then the window
     /// becomes so small that every chunk waits for its credit and none tells the rate of the link:
     /// so those that come at once tell it, and each that only waited for credit lets it be tried
-    /// whether the link carries more.
+    /// whether the link carries more. Chunks that no question waits for, as those of tours, tell
+    /// nothing: they come as fast as they are made, and several at once where others were before.
     pub fn arrive(&mut self, waiting: usize, since: Option<Since>, tick: u64) {
         let came = waiting.saturating_sub(self.left);
         if came == 0 {
@@ -121,12 +122,11 @@ impl LinkMeter {
             let ticks = tick.saturating_sub(self.arrived) as f64;
             let (before, in_ticks) = fade(self.flow.unwrap_or_default());
             self.flow = Some((before + came as f64, in_ticks + ticks));
-        } else if let Some(flow) = self.flow.filter(|_| self.left == 0) {
-            let waited = since.is_some_and(|since| since.is_of_credit);
+        } else if let (Some(flow), Some(since)) = (self.flow.filter(|_| self.left == 0), since) {
             let (chunks, ticks) = if came > 1 {
                 let (before, in_ticks) = fade(flow);
                 (before + (came - 1) as f64, in_ticks + 1.0)
-            } else if waited {
+            } else if since.is_of_credit {
                 (flow.0, keeps * flow.1)
             } else {
                 flow

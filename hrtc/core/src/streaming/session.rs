@@ -173,9 +173,9 @@ impl Session {
         self.subscriber.end_session(tick);
     }
 
-    /// A tick begins; `station` is the incarnation of the living one. An epoch that ends takes an
-    /// unfinished scripted path with it. Another station may serve what the last one could not, or
-    /// another model: then a base mesh that is not whole begins anew.
+    /// A tick begins; `station` is the incarnation of the living one. Another station may serve
+    /// what the last one could not, or another model: then a base mesh that is not whole begins
+    /// anew.
     pub fn begin_tick(&mut self, station: u64, tick: u64, meter: &LinkMeter, front: &mut Front) {
         self.measured = None;
         self.is_stalled = false;
@@ -308,10 +308,6 @@ impl Session {
     fn end_epoch(&mut self, of: &mut Receiver<'_>, context: &mut TickContext<'_>) {
         self.subscriber.end_epoch(context.tick, &mut of.front.cache);
         self.progress.next_chunk();
-        let probe = self.tour_probe.map(|k| &mut context.probes[k]);
-        if let Some(tour) = probe.and_then(|probe| probe.tour.as_mut()) {
-            tour.points.clear();
-        }
     }
 
     fn take(
@@ -339,7 +335,7 @@ impl Session {
                     self.measured = Some(most.max(item.distance));
                 }
             }
-            Some(ChunkKind::Tour) => self.take_tour(chunk, of, context),
+            Some(ChunkKind::Tour) => return self.take_tour(chunk, of, context),
             Some(ChunkKind::Refused) => self.take_refusal(chunk, of, context),
             // A file belongs to no session, and a kind of a later version is skipped; the sequence
             // numbers go on.
@@ -348,29 +344,29 @@ impl Session {
         Taken::Whole
     }
 
-    fn take_tour(&mut self, chunk: &InboxChunk, of: &Receiver<'_>, context: &mut TickContext<'_>) {
+    fn take_tour(
+        &mut self,
+        chunk: &InboxChunk,
+        of: &Receiver<'_>,
+        context: &mut TickContext<'_>,
+    ) -> Taken {
         let probe = self.tour_probe.map(|k| &mut context.probes[k]);
         let Some(tour) = probe.and_then(|probe| probe.tour.as_mut()) else {
-            return;
+            return Taken::Whole;
         };
         let points: &[TourPoint] = bytemuck::cast_slice(&chunk.slots);
         let count = (chunk.header.count as usize).min(points.len());
-        for point in &points[..count] {
-            let finite = point.t.is_finite()
-                && point.position.iter().all(|x| x.is_finite())
-                && point.orientation_wxyz.iter().all(|x| x.is_finite());
-            let ordered = tour.points.last().is_none_or(|last| last.t < point.t);
-            // A longer path than was requested is cut.
-            if finite && ordered && tour.points.len() < tour.points.capacity() {
-                tour.points.push(*point);
-            }
+        if !tour.take(chunk.header.code, &points[..count]) {
+            return Taken::Gap;
         }
+        self.subscriber.tour_goes_on(tour.taken());
         if chunk.header.last == 1 {
             tour.is_whole = true;
             self.fault = self.fault.filter(|&fault| fault != Fault::NoTour);
             self.subscriber.tour_is_here();
             self.request_next_tour(of, context.probes);
         }
+        Taken::Whole
     }
 
     /// Requests a scripted path that was refused and is awaited again.

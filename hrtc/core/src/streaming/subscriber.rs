@@ -311,6 +311,11 @@ impl Subscriber {
         self.tour_asked = false;
     }
 
+    /// So many points of the tour have come: after a loss it is asked for from there.
+    pub fn tour_goes_on(&mut self, from: u64) {
+        self.tour = self.tour.map(|tour| TourAsk { from, ..tour });
+    }
+
     /// The tour is complete, or there is none.
     pub fn tour_is_here(&mut self) {
         self.tour = None;
@@ -411,7 +416,9 @@ impl Subscriber {
                 self.ask(tick, cache, wanted, meter, outbox);
             }
         }
-        let step = (self.window.min(self.credit) / CREDIT_STEP).max(1);
+        // Of what it was told the station may wait for any part: no window that grew since counts.
+        let told = self.granted - self.consumed_told;
+        let step = (self.window.min(self.credit).min(told) / CREDIT_STEP).max(1);
         if self.consumed - self.consumed_told >= step && outbox.has_room() {
             let request = self.request(RequestKind::Credit);
             self.send(outbox, request, tick, false);

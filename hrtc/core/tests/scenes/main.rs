@@ -7,6 +7,7 @@ mod any_input;
 mod compact_chunks;
 mod effects;
 mod far_station;
+mod far_tour;
 mod faulty_link;
 mod faulty_models;
 mod force_steps;

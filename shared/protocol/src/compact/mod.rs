@@ -19,10 +19,12 @@
 //! | `numbers` | numbers by such bits |
 //! | `answers` | chunks of answers: heads and ids of their parts |
 //! | `records` | their records |
+//! | `points` | chunks of points of a path |
 //! | `words` | all other chunks |
 
 mod answers;
 mod numbers;
+mod points;
 mod range_coder;
 mod records;
 mod words;
@@ -30,6 +32,7 @@ mod words;
 use crate::wire::{CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, MAX_SESSIONS};
 use answers::{AnswersModel, pack, unpack};
 use bytemuck::Zeroable;
+use points::PointsModel;
 use range_coder::{Bit, BitReader, BitWriter, Code};
 use records::Bases;
 use spm::Sizes;
@@ -186,6 +189,7 @@ struct Model {
     bases: Option<Bases>,
     is_packed: Bit,
     answers: AnswersModel,
+    points: PointsModel,
     words: WordsModel,
 }
 
@@ -208,7 +212,7 @@ impl Model {
                 self.answers.code(writer, &parts, bases);
             }
             None => {
-                self.words.code(writer, header.kind, slots);
+                self.others(writer, header, slots);
             }
         }
     }
@@ -225,7 +229,21 @@ impl Model {
             return Some(slots);
         }
         let none = [ChunkSlot::zeroed(); CHUNK_SLOTS];
-        Some(self.words.code(reader, header.kind, &none))
+        Some(self.others(reader, header, &none))
+    }
+
+    /// Chunks of no packed answers.
+    fn others(
+        &mut self,
+        code: &mut impl Code,
+        header: &ChunkHeader,
+        given: &[ChunkSlot; CHUNK_SLOTS],
+    ) -> [ChunkSlot; CHUNK_SLOTS] {
+        if header.kind == ChunkKind::Tour as u32 {
+            self.points.code(code, given)
+        } else {
+            self.words.code(code, given)
+        }
     }
 
     /// Where the ids of records begin: told once.

@@ -193,6 +193,28 @@ proptest! {
 }
 
 #[test]
+fn points_of_a_path_come_back_smaller() {
+    let (mut encoder, mut decoder) = (ChunkEncoder::default(), ChunkDecoder::default());
+    let mut sent_slots = 0;
+    for sequence in 0..10 {
+        let mut slots = [ChunkSlot::zeroed(); CHUNK_SLOTS];
+        for (k, slot) in slots.iter_mut().enumerate() {
+            let t = (64 * sequence as usize + k) as f64 * 5e-3;
+            let place = [(3.0 * t).sin(), (2.0 * t).cos(), 0.3 * t];
+            slot.words = bytemuck::cast([t, place[0], place[1], place[2], 0.8, 0.0, 0.6, 0.0]);
+        }
+        let header = sealed(ChunkKind::Tour as u32, 1, (1, sequence), &slots);
+        let sent = sent(&mut encoder, &(header, slots));
+        assert_eq!(decoder.decode(&header, &sent), Ok(slots));
+        // The first one is plain.
+        sent_slots += if sequence > 0 { sent.len() } else { 0 };
+    }
+    let bytes = (sent_slots * size_of::<ChunkSlot>()) as f64 / (9.0 * CHUNK_SLOTS as f64);
+    println!("{bytes:.1} bytes a point");
+    assert!(bytes < 18.0, "{bytes}");
+}
+
+#[test]
 fn a_gap_is_named_until_a_plain_chunk_or_an_epoch_begins_anew() {
     let (mut encoder, mut decoder) = (ChunkEncoder::default(), ChunkDecoder::default());
     let chunks = answers(&[38, 37, 36, 35, 34], 1, 1);

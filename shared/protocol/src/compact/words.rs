@@ -1,12 +1,14 @@
-//! Chunks of any kind as words of 32 bits, each by the same word of the item before.
+//! Chunks as words of 32 bits, each by the same word of the item before.
 
 use super::numbers::{Difference, Number};
 use super::range_coder::Code;
-use crate::wire::{CHUNK_SLOTS, ChunkKind, ChunkSlot};
+use crate::wire::{CHUNK_SLOTS, ChunkSlot};
 use bytemuck::Zeroable;
 
 /// Words of a slot.
 const SLOT_WORDS: usize = 16;
+/// Words of an item: a face or a measured error.
+const ITEM_WORDS: usize = SLOT_WORDS / 2;
 /// Words of a chunk.
 const WORDS: usize = CHUNK_SLOTS * SLOT_WORDS;
 
@@ -22,32 +24,26 @@ impl Default for WordsModel {
     fn default() -> Self {
         Self {
             used: Number::NEW,
-            differences: vec![Difference::NEW; SLOT_WORDS],
+            differences: vec![Difference::NEW; ITEM_WORDS],
         }
     }
 }
 
 impl WordsModel {
-    /// Codes the slots of a chunk of a kind.
+    /// Codes the slots of a chunk.
     pub fn code(
         &mut self,
         code: &mut impl Code,
-        kind: u32,
         given: &[ChunkSlot; CHUNK_SLOTS],
     ) -> [ChunkSlot; CHUNK_SLOTS] {
-        // Points of a path fill a slot, faces and measured errors a half.
-        let item = match ChunkKind::from_code(kind) {
-            Some(ChunkKind::Tour) => SLOT_WORDS,
-            _ => SLOT_WORDS / 2,
-        };
         let given: &[u32] = bytemuck::cast_slice(given);
         let used = given.iter().rposition(|&word| word != 0);
         let used = self.used.code(code, used.map_or(0, |last| last as u32 + 1));
         let mut slots = [ChunkSlot::zeroed(); CHUNK_SLOTS];
         let words: &mut [u32] = bytemuck::cast_slice_mut(&mut slots);
         for at in 0..(used as usize).min(WORDS) {
-            let before = at.checked_sub(item).map_or(0, |at| words[at]);
-            words[at] = self.differences[at % item].code(code, given[at], before);
+            let before = at.checked_sub(ITEM_WORDS).map_or(0, |at| words[at]);
+            words[at] = self.differences[at % ITEM_WORDS].code(code, given[at], before);
         }
         slots
     }

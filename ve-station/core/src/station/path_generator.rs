@@ -18,12 +18,12 @@ pub struct PathGenerator {
     points: Vec<TourPoint>,
     /// Points forgotten.
     forgotten: usize,
-    /// Of the points kept, those handed out.
-    given: usize,
+    /// Index of the next point to hand out.
+    next: usize,
 }
 
 impl PathGenerator {
-    /// Nothing is made yet.
+    /// Nothing is made yet; it is handed out from where the ask says.
     pub fn new<D: AsRef<[u8]>>(
         file: &SpmFile<D>,
         model: usize,
@@ -31,23 +31,24 @@ impl PathGenerator {
     ) -> Result<Self, TourError> {
         Ok(Self {
             model,
-            ask,
+            ask: TourAsk { from: 0, ..ask },
             tour: Tour::new(file, ask)?,
             points: Vec::new(),
             forgotten: 0,
-            given: 0,
+            next: first(&ask),
         })
     }
 
-    /// Whether it is the tour asked for, and can be handed out from its start.
+    /// Whether it is the tour asked for, and can be handed out from where the ask says.
     pub fn serves(&self, ask: &TourAsk) -> bool {
-        let same = bytemuck::bytes_of(&self.ask) == bytemuck::bytes_of(ask);
-        same && self.forgotten == 0
+        let of_start = TourAsk { from: 0, ..*ask };
+        let same = bytemuck::bytes_of(&self.ask) == bytemuck::bytes_of(&of_start);
+        same && self.forgotten <= first(ask)
     }
 
-    /// Hands out from the start again.
-    pub fn again(&mut self) {
-        self.given = 0;
+    /// Hands out from where the ask says.
+    pub fn go_on(&mut self, ask: &TourAsk) {
+        self.next = first(ask);
     }
 
     /// Works until the next chunk is full, the tour is over or no steps are left; whether the chunk
@@ -57,12 +58,15 @@ impl PathGenerator {
         file: &SpmFile<D>,
         steps: &mut u64,
     ) -> Result<bool, FileError> {
-        while self.points.len() - self.given < CHUNK_SLOTS && !self.tour.is_over() {
+        while self.made() < self.next + CHUNK_SLOTS && !self.tour.is_over() {
             if *steps == 0 {
                 return Ok(false);
             }
             match self.tour.step(file)? {
-                Step::Point(point) => self.points.push(point),
+                Step::Point(point) => {
+                    self.points.push(point);
+                    self.drop_passed();
+                }
                 Step::Nearer => *steps -= 1,
                 Step::Over => break,
             }
@@ -73,18 +77,34 @@ impl PathGenerator {
     /// The next chunk: of the points that are made, as many as there is room for, perhaps none.
     pub fn chunk(&mut self, object: u32) -> Chunk {
         let (mut header, mut slots) = blank(ChunkKind::Tour, object);
-        header.code = (self.forgotten + self.given) as u32;
-        for (slot, point) in slots.iter_mut().zip(&self.points[self.given..]) {
+        header.code = self.next as u32;
+        let ready = self.points.get(self.next - self.forgotten..);
+        for (slot, point) in slots.iter_mut().zip(ready.unwrap_or_default()) {
             *slot = bytemuck::cast(*point);
             header.count += 1;
         }
-        self.given += header.count as usize;
-        header.last = u32::from(self.tour.is_over() && self.given == self.points.len());
-        if self.points.len() > MAX_KEPT_POINTS {
-            self.points.drain(..self.given);
-            self.forgotten += self.given;
-            self.given = 0;
-        }
+        self.next += header.count as usize;
+        header.last = u32::from(self.tour.is_over() && self.next >= self.made());
+        self.drop_passed();
         (header, slots)
     }
+
+    /// Points made so far.
+    fn made(&self) -> usize {
+        self.forgotten + self.points.len()
+    }
+
+    /// Drops points that need not be handed out any more, where they are many.
+    fn drop_passed(&mut self) {
+        if self.points.len() > MAX_KEPT_POINTS {
+            let passed = self.points.len().min(self.next - self.forgotten);
+            self.points.drain(..passed);
+            self.forgotten += passed;
+        }
+    }
+}
+
+/// Index of the first point that is asked for; no tour has as many as the largest.
+fn first(ask: &TourAsk) -> usize {
+    ask.from.min(u64::from(u32::MAX)) as usize
 }

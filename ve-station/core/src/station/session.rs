@@ -8,8 +8,8 @@ use super::residency_change::ResidencyChange;
 use crate::collection::{CollectError, RegionAt, Residency, Search};
 pub use crate::tuning::service::MAX_JOBS;
 use crate::tuning::service::{
-    MAX_CONTACTS, MAX_HELD, MAX_MEASURED, MAX_MEASURED_TICKS, MEASURED_BATCH, MEASURED_CREDIT,
-    MEASURED_TICKS,
+    MANY_CREDIT, MAX_CONTACTS, MAX_HELD, MAX_MEASURED, MAX_MEASURED_TICKS, MEASURED_BATCH,
+    MEASURED_CREDIT, MEASURED_TICKS, MIN_TOUR_CREDIT, TOUR_SHARE,
 };
 use mutants::{Mutant, is};
 use protocol::{CREDIT_CHUNKS, ChunkKind, ContactReport, MeasuredError, RegionAsk, Request};
@@ -188,6 +188,21 @@ impl Session {
 
     pub fn has_credit(&self) -> bool {
         !self.broken && self.sent - self.consumed < self.credit
+    }
+
+    /// The tour asked for first, where a chunk of it may be sent.
+    pub fn next_tour(&mut self) -> Option<PathGenerator> {
+        let most = if self.credit >= MANY_CREDIT {
+            self.credit
+        } else {
+            self.credit.div_ceil(TOUR_SHARE).max(MIN_TOUR_CREDIT)
+        };
+        let has_room = self.sent - self.consumed < most;
+        if has_room {
+            self.tours.pop_front()
+        } else {
+            None
+        }
     }
 
     /// Queues the question for a region, unless it waits already. `whole`: with every record.

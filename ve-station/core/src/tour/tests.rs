@@ -19,6 +19,7 @@ fn ask<D: AsRef<[u8]>>(file: &SpmFile<D>, seed: u64, seconds: f64) -> TourAsk {
         speed: 0.1 * unit,
         depth: 0.002 * unit,
         radius: 0.001 * unit,
+        from: 0,
     }
 }
 
@@ -184,6 +185,7 @@ fn a_shallow_intent_slides_outside_at_radius_less_depth() {
         speed: 0.5,
         depth: 0.01,
         radius: 0.05,
+        from: 0,
     };
     let points = walk(&file, ask);
     let mut sliding = 0;

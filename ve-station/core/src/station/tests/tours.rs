@@ -4,6 +4,7 @@ use super::client::{Client, region_of};
 use super::*;
 use crate::testing::Counted;
 use crate::tour::make_tour;
+use crate::tuning::service::MANY_CREDIT;
 use proptest::prelude::*;
 use protocol::{TourAsk, TourPoint};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,6 +22,7 @@ fn tour_ask(seed: u64, seconds: f64) -> TourAsk {
         speed: 1.0,
         depth: 0.01,
         radius: 0.02,
+        from: 0,
     }
 }
 
@@ -223,5 +225,55 @@ fn a_tour_longer_than_what_is_kept_arrives_whole_every_time() {
         take_all(&mut server, &mut client, &mut points);
         assert!(points == truth, "{} of {}", points.len(), truth.len());
         client.new_epoch();
+    }
+}
+
+#[test]
+fn a_tour_goes_on_at_any_station_behind_what_its_client_has() {
+    let ask = tour_ask(5, 20.0);
+    let truth = make_tour(&open(), ask).unwrap();
+    let whole = truth.len() as u64;
+    for from in [1, 777, whole - 1, whole, whole + 1, u64::MAX] {
+        let (mut server, mut client) = (station(1), Client::new(1));
+        ask_tour(&mut server, &mut client, TourAsk { from, ..ask });
+        let known = from.min(u64::from(u32::MAX)) as usize;
+        let mut points = truth[..known.min(truth.len())].to_vec();
+        // Nothing is to come for who has more points than there are.
+        while let Some((header, slots)) = server.poll(1) {
+            assert_eq!(header.code as usize, points.len().max(known));
+            let count = header.count as usize;
+            points.extend(bytemuck::cast_slice::<_, TourPoint>(&slots[..count]));
+            client.consumed += 1;
+            tell(&mut server, [client.request(RequestKind::Credit)]);
+        }
+        assert!(points == truth, "from {from}");
+        // And from any place of what was rolled, without rolling it again.
+        let (from, mut rest) = (100, Vec::new());
+        ask_tour(&mut server, &mut client, TourAsk { from, ..ask });
+        while let Some((header, slots)) = server.poll_within(1, &mut 0) {
+            let count = header.count as usize;
+            rest.extend_from_slice(bytemuck::cast_slice::<_, TourPoint>(&slots[..count]));
+            client.consumed += 1;
+            tell(&mut server, [client.request(RequestKind::Credit)]);
+        }
+        assert!(rest == truth[100..], "from {from}");
+    }
+}
+
+#[test]
+fn where_few_chunks_may_be_under_way_a_third_of_them_are_of_tours() {
+    for credit in 1..=CREDIT_CHUNKS {
+        let (mut server, mut client) = (station(1), Client::new(1));
+        let mut request = client.request(RequestKind::Tour);
+        request.tour = tour_ask(1, 60.0);
+        request.credit = credit as u32;
+        server.handle(Message::Request(&request));
+        let sent = std::iter::from_fn(|| server.poll(1)).count() as u64;
+        let most = if credit < MANY_CREDIT {
+            credit.div_ceil(3).max(2)
+        } else {
+            credit
+        };
+        assert_eq!(sent, most.min(credit));
     }
 }
