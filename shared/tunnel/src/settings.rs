@@ -17,6 +17,12 @@ const OPEN_TIMEOUT_MS: u64 = 2000;
 /// Time between two calls of a station that is not there, ms: short beside a call into a cable that
 /// is cut, which notices its return after a second, or by its own end.
 const RETRY_MS: u64 = 200;
+/// Bytes that travel, and are delivered, at once: two chunks, a quarter of a second at 0.25 Mbit/s.
+/// Zenoh's own 64 KiB take two seconds there, in which nothing is heard: longer than any timeout.
+const BATCH_BYTES: usize = 8192;
+/// Such batches that may wait for the wire, zenoh's most: as much as two of its own. What more
+/// comes meanwhile is dropped.
+const BATCHES: usize = 16;
 /// Connections at once: every controller, and its old one until its lease ends.
 const MAX_CONNECTIONS: usize = 2 * MAX_CLIENTS;
 /// Where iceoryx2's carrier keeps offers and topics.
@@ -84,7 +90,12 @@ pub fn zenoh_settings(end: &End, keys: Option<&KeyFiles>) -> Value {
             },
             "link": {
                 "protocols": [end.address().carriage().name()],
-                "tx": { "lease": LEASE_MS, "keep_alive": SIGNS_OF_LIFE },
+                "tx": {
+                    "lease": LEASE_MS,
+                    "keep_alive": SIGNS_OF_LIFE,
+                    "batch_size": BATCH_BYTES,
+                    "queue": { "size": { "data": BATCHES } },
+                },
             },
         },
     });
