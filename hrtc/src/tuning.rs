@@ -3,7 +3,7 @@
 use protocol::HELLO_PERIOD_MS;
 use std::time::Duration;
 
-/// Chunks between link and tick: twice the credit window of the protocol, so that the link finds
+/// Chunks between link and tick: the largest credit window of the protocol, so that the link finds
 /// room for everything that the station may send.
 pub const INBOX_CAPACITY: usize = 64;
 /// Tick records between tick and main thread: about a second at 1 kHz, a hundred times

@@ -30,6 +30,8 @@ use transport::{Domain, Heartbeats, MAX_QUEUED, Topic, TransportError, receive_i
 #[derive(Debug)]
 pub struct Connection<D> {
     station: Station<D>,
+    /// Its clock's start.
+    began: Instant,
     files: FileServer,
     ports: Ports,
     clients: Clients,
@@ -149,6 +151,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
             files: FileServer::empty(station.incarnation()),
             asked_for_files: BTreeMap::new(),
             station,
+            began: Instant::now(),
             ports: Ports::open(domain)?,
             clients: Clients::default(),
             refused: 0,
@@ -352,6 +355,8 @@ impl<D: AsRef<[u8]>> Connection<D> {
                     continue;
                 }
             }
+            self.station
+                .tell_time(self.began.elapsed().as_micros() as u32);
             let mut steps = STEPS_A_TURN;
             let mut told = false;
             while let Some(chunk) = self.station.poll_within(client, &mut steps) {

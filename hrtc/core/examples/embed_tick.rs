@@ -61,6 +61,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         for request in outputs.outbox.requests() {
             station.handle(Message::Request(request));
         }
+        station.tell_time(1000 * tick as u32);
         while let Some((header, slots)) = station.poll(identity.client) {
             inbox.push(InboxChunk { header, slots });
         }

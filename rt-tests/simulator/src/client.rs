@@ -75,6 +75,7 @@ pub struct Client {
     recording: Option<InputRecording>,
     last_tick: Option<u64>,
     is_stopping: bool,
+    period_s: f64,
     mesh_bytes: u64,
     allocations: u64,
 }
@@ -118,9 +119,16 @@ impl Client {
             recording: None,
             last_tick: None,
             is_stopping: false,
+            period_s,
             mesh_bytes: 0,
             allocations: 0,
         }
+    }
+
+    /// Period of its loop, seconds.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        self.period_s
     }
 
     /// The controller.

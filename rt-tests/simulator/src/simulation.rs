@@ -280,7 +280,12 @@ impl<D: AsRef<[u8]>> Simulation<D> {
         let tick = self.tick;
         self.asked.clear();
         self.said.clear();
+        // `as` to the larger first: it is to wrap, not to saturate.
+        let clock_us = (1e6 * self.client().period_s() * tick as f64) as u64 as u32;
         let mut station = self.station.as_mut().filter(|_| !self.is_mute);
+        if let Some(station) = &mut station {
+            station.tell_time(clock_us);
+        }
         for client in &mut self.clients {
             let Some(station) = station.as_mut().filter(|_| !client.link().is_cut()) else {
                 client.link().lose_due(tick);

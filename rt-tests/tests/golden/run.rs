@@ -113,6 +113,7 @@ pub fn run(scene: &Scene) -> (Vec<[Digest; PARTS.len()]>, Tally) {
                 station.handle(Message::Contact(&report));
             }
         }
+        station.tell_time(1000 * tick as u32);
         while is_heard && let Some((header, slots)) = station.poll(IDENTITY.client) {
             let mut chunk = InboxChunk { header, slots };
             sent += 1;

@@ -159,7 +159,7 @@ impl FileChunk {
             count: self.bytes,
             last: u32::from(is_refused || self.index == u64::from(self.chunks) - 1),
             code,
-            checksum: 0,
+            ..ChunkHeader::default()
         };
         header.seal(slots);
         header

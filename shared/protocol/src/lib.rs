@@ -39,7 +39,8 @@
 //!
 //! **Credit.** Every request carries the number of consumed chunks of the epoch and the number that
 //! may be under way; the station never exceeds it in that session. A client divides
-//! [`CREDIT_CHUNKS`] among its sessions.
+//! [`CREDIT_CHUNKS`] among its sessions, and up to [`MAX_CREDIT_CHUNKS`] where a round trip to the
+//! station takes long.
 //!
 //! **Files.** The plan of the scene and the files that it names (tools, height maps, trajectories)
 //! are asked for before any session, chunk by chunk, by the hash of their content ([`FileAsk`],
@@ -81,7 +82,7 @@ pub use files::{FILE_CHUNK_BYTES, FileAsk, FileChunk, FileHash, NoFileHash, file
 pub use hello::{BUILD, Greeting, HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VERSION, Role};
 pub use wire::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind, ChunkSlot,
-    ContactReport, Encoding, MAX_CLIENTS, MAX_SESSIONS, MODEL_HEADER_SLOTS, MeasuredError,
-    REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind, RequestWord,
-    TourAsk, TourPoint,
+    ContactReport, Encoding, MAX_CLIENTS, MAX_CREDIT_CHUNKS, MAX_SESSIONS, MODEL_HEADER_SLOTS,
+    MeasuredError, REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
+    RequestWord, TourAsk, TourPoint,
 };

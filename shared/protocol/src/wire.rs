@@ -10,6 +10,9 @@ use std::mem::offset_of;
 pub const CHUNK_SLOTS: usize = 64;
 /// Chunks that may be under way to one client, in all of its sessions together.
 pub const CREDIT_CHUNKS: u64 = 32;
+/// The same for a client so far away that a round trip takes longer than as many chunks: what the
+/// queue of its topic and the inbox of a tunnel hold, so that none is lost where all come at once.
+pub const MAX_CREDIT_CHUNKS: u64 = 64;
 /// Sessions of one client that a station keeps: those of its active objects, and as many that have
 /// just ended.
 pub const MAX_SESSIONS: usize = 18;
@@ -120,6 +123,10 @@ pub struct ChunkHeader {
     pub last: u32,
     /// [`Refusal`] as a number; elsewhere the index of the chunk's first slot in its answer.
     pub code: u32,
+    /// The station's clock when it sent this, microseconds, from any start; it wraps around.
+    pub sent_us: u32,
+    /// 1 when it was ready before, and waited for the client's credit.
+    pub waited_for_credit: u32,
     /// XXH3 of the slots, seeded with that of the fields above; see [`ChunkHeader::seal`].
     pub checksum: u64,
 }
@@ -301,7 +308,7 @@ pub struct Request {
     /// Valid entries of `regions`.
     pub count: u32,
     /// Chunks that may be under way in this session from now on; the sessions of a client share
-    /// [`CREDIT_CHUNKS`].
+    /// [`CREDIT_CHUNKS`], or up to [`MAX_CREDIT_CHUNKS`] of one far away.
     pub credit: u32,
     /// How this client wants its chunks from now on, in all of its sessions: [`Encoding`] as a
     /// number; plain for a number of another version.

@@ -40,7 +40,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 use thiserror::Error;
 
-/// Largest number of messages in a subscriber's queue: twice the credit window.
+/// Largest number of messages in a subscriber's queue: the largest credit window.
 pub const MAX_QUEUED: usize = 64;
 /// Largest number of publishers, and of subscribers, of a topic: the clients, the station, a tunnel
 /// and a spare.

@@ -136,6 +136,7 @@ pub struct Station<D> {
     counters: Counters,
     /// Messages handled; the order in which clients were heard.
     heard: u64,
+    clock_us: u32,
     /// Sentences for the shell to print.
     notes: Vec<String>,
     /// Refusals already put into words: (model, region).
@@ -157,6 +158,7 @@ impl<D: AsRef<[u8]>> Station<D> {
             turned_away: BTreeMap::new(),
             counters: Counters::default(),
             heard: 0,
+            clock_us: 0,
             notes: Vec::new(),
             named: BTreeSet::new(),
         }
@@ -212,6 +214,12 @@ impl<D: AsRef<[u8]>> Station<D> {
         self.turns.remove(&client);
     }
 
+    /// Tells the time, microseconds from any start, modulo 2^32. Chunks carry the time that was
+    /// told last, so that a client can tell what the link delays from what the station does.
+    pub fn tell_time(&mut self, clock_us: u32) {
+        self.clock_us = clock_us;
+    }
+
     /// Takes a message in. Whatever it holds, the worst that happens is that it is counted and
     /// ignored.
     pub fn handle(&mut self, message: Message<'_>) {
@@ -263,8 +271,8 @@ impl<D: AsRef<[u8]>> Station<D> {
         let start = self.turns.get(&client).copied().unwrap_or(0);
         (0..count).find_map(|k| {
             let at = (start + k) % count;
-            let session = &self.sessions[at];
-            if session.client != client || !session.has_credit() {
+            let session = &mut self.sessions[at];
+            if session.client != client || !session.may_send() {
                 return None;
             }
             let had_steps = *steps > 0;
@@ -337,6 +345,8 @@ impl<D: AsRef<[u8]>> Station<D> {
         header.client = session.client;
         header.epoch = session.epoch;
         header.sequence = session.sent;
+        header.sent_us = self.clock_us;
+        header.waited_for_credit = u32::from(std::mem::take(&mut session.waits_for_credit));
         header.model = self
             .objects
             .get(header.object as usize)

@@ -14,13 +14,13 @@ use crate::horizons::Horizons;
 use crate::instance::{ModelFrame, ObjectInstance};
 use crate::probe::Probe;
 use crate::streaming::chunk::InboxChunk;
-use crate::streaming::link_meter::LinkMeter;
+use crate::streaming::link_meter::{LinkMeter, Sent};
 use crate::streaming::session::TickContext;
 use crate::streaming::subscriber::Identity;
 use crate::streaming::{Fault, Outbox};
 use crate::tuning::active::{NEARER, PLACED_A_TICK, REACH_RADII};
 use glam::DVec3;
-use protocol::{ChunkHeader, Request};
+use protocol::Request;
 use scene::{MAX_PROBES, ScenePlan};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -221,12 +221,10 @@ impl ActiveSet {
         budget: &mut Budget,
     ) -> usize {
         let waiting = chunks.iter().map(|run| run.len()).sum::<usize>();
-        let since = self.first_new(chunks).and_then(|header| {
-            let mut objects = self.objects.iter();
-            let object = objects.find(|of| of.object() == Some(header.object))?;
-            object.session.subscriber().could_come_since(header)
-        });
-        self.meter.arrive(waiting, since, tick);
+        let mut new = chunks.into_iter().flatten().skip(self.meter.left());
+        let ends = new.next().map(|first| [first, new.last().unwrap_or(first)]);
+        let sent = ends.map(|of| of.map(|chunk| Sent::of(&chunk.header)));
+        self.meter.arrive(waiting, sent, tick);
         let mut context = TickContext {
             tick,
             store: &mut self.store,
@@ -247,12 +245,6 @@ impl ActiveSet {
             self.note_faults();
         }
         consumed
-    }
-
-    /// The first chunk that was not in the inbox in the last tick.
-    fn first_new<'a>(&self, [first, second]: [&'a [InboxChunk]; 2]) -> Option<&'a ChunkHeader> {
-        let mut new = first.iter().chain(second).skip(self.meter.left());
-        new.next().map(|chunk| &chunk.header)
     }
 
     /// Gives the chunks to their objects. Returns how many, from the oldest on, are done with.

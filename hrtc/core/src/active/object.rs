@@ -233,6 +233,7 @@ impl ActiveObject {
             self.contacts.update(frame, instance, probes);
         }
         let link = (meter.lead(), meter.request_ticks());
+        self.front.cache.set_in_transit(meter.records_in_transit());
         self.front.predict(tick, link, &self.contacts);
         self.session
             .request(&mut self.front, (tick, waiting), meter, outbox);

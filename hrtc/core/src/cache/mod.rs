@@ -141,6 +141,8 @@ pub struct Cache {
     /// Slots that were ever in use for this model, from the first on; `free` holds those of them
     /// that came back.
     slots_used: u32,
+    /// Records that may be on their way from a station far away.
+    in_transit: u32,
     evicted: u64,
     is_clearing: bool,
 }
@@ -211,6 +213,7 @@ impl Cache {
             faces_high_water: 0,
             slots: 0,
             slots_used: 0,
+            in_transit: 0,
             evicted: 0,
             is_clearing: false,
         }

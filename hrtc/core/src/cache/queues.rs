@@ -36,15 +36,23 @@ impl Cache {
         self.collapses.count
     }
 
+    /// Sets how many records may be on their way from a station so far away that it hears late of
+    /// what was released.
+    pub fn set_in_transit(&mut self, records: u32) {
+        self.in_transit = records;
+    }
+
     /// Whether less than an eighth of the slots, or a sixteenth of list blocks or places for
-    /// regions is free.
+    /// regions is free; or less slots than records may be on their way, but for a third.
     ///
     /// Slots count as free when they may be evicted without releasing anything. Enough of them at
-    /// hand is what lets a fast probe load without waiting for room.
+    /// hand is what lets a fast probe load without waiting for room, and keeps what was released
+    /// until no answer counts on it any more: those that were sent before the station heard of it.
     #[must_use]
     pub fn is_nearly_full(&self) -> bool {
         let free = self.free_slots() + self.evictions.count;
-        let slots = free < self.slots / 8;
+        let kept = (self.slots / 8).max(self.in_transit.min(self.slots / 3));
+        let slots = free < kept;
         slots || self.lists.is_nearly_full() || self.regions.is_nearly_full()
     }
 

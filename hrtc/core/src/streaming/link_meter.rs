@@ -8,15 +8,66 @@ use crate::tuning::streaming::{
     FIRST_TIMEOUT_S, IN_TRANSIT, INCLUDED_S, MAX_LEAD_S, MIN_SPAN_S, MIN_WINDOW, QUEUE_S, QUEUED,
     RATE_SHARE, REGIONS_KEPT, REQUEST_SHARE, ROUND_TRIP_SHARE, VARIATION_SHARE, VARIATIONS,
 };
-use protocol::{CREDIT_CHUNKS, Request};
+use protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, MAX_CREDIT_CHUNKS, Request};
 
-/// From when on the station could send a chunk at once.
+/// How a chunk was sent, as its header says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Since {
-    /// The tick.
-    pub tick: u64,
-    /// Whether it was asked for it before, and was allowed to send it then.
-    pub is_of_credit: bool,
+pub struct Sent {
+    station: u64,
+    clock_us: u32,
+    waited_for_credit: bool,
+}
+
+impl Sent {
+    /// What a header says.
+    #[must_use]
+    pub fn of(header: &ChunkHeader) -> Self {
+        Self {
+            station: header.station,
+            clock_us: header.sent_us,
+            waited_for_credit: header.waited_for_credit != 0,
+        }
+    }
+}
+
+/// The smallest of the values of late: of the present span of time, and of the one before.
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+struct Least {
+    spans: [f64; 2],
+    began: u64,
+}
+
+impl Least {
+    fn new() -> Self {
+        Self {
+            spans: [f64::INFINITY; 2],
+            began: 0,
+        }
+    }
+
+    fn take(&mut self, value: f64, tick: u64, span: f64) {
+        if tick.saturating_sub(self.began) as f64 > span {
+            self.spans = [f64::INFINITY, self.spans[0]];
+            self.began = tick;
+        }
+        self.spans[0] = self.spans[0].min(value);
+    }
+
+    fn get(&self) -> Option<f64> {
+        let least = self.spans[0].min(self.spans[1]);
+        least.is_finite().then_some(least)
+    }
+}
+
+/// How long chunks are on their way from a station, by two clocks that were set as it happened: so
+/// only differences mean anything.
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+struct Delay {
+    station: u64,
+    /// That of its first chunk, microseconds.
+    first_us: u32,
+    /// Beyond that, ticks.
+    least: Least,
 }
 
 /// See the module. Times are in ticks; until something is measured the link counts as a local one.
@@ -29,10 +80,10 @@ pub struct LinkMeter {
     first_timeout: u64,
     /// Smoothed round-trip time and its mean deviation.
     round_trip: Option<(f64, f64)>,
-    /// Shortest round trip of the present span of time, and of the one before.
-    least: [f64; 2],
-    /// When the present span began.
-    span_began: u64,
+    /// Shortest round trip.
+    least: Least,
+    /// Of the station that was heard last.
+    delay: Option<Delay>,
     /// Chunks that the inbox held after the last tick.
     left: usize,
     /// When a chunk arrived last.
@@ -52,8 +103,8 @@ impl LinkMeter {
             answer_timeout: horizons.answer_timeout,
             first_timeout: horizons.answer_timeout,
             round_trip: None,
-            least: [f64::INFINITY; 2],
-            span_began: 0,
+            least: Least::new(),
+            delay: None,
             left: 0,
             arrived: 0,
             flow: None,
@@ -78,11 +129,7 @@ impl LinkMeter {
                 variation + ((ticks - smoothed).abs() - variation) * VARIATION_SHARE,
             ),
         });
-        if tick.saturating_sub(self.span_began) as f64 > MIN_SPAN_S * self.rate_hz {
-            self.least = [f64::INFINITY, self.least[0]];
-            self.span_began = tick;
-        }
-        self.least[0] = self.least[0].min(ticks);
+        self.least.take(ticks, tick, MIN_SPAN_S * self.rate_hz);
     }
 
     /// A chunk of answers is taken.
@@ -98,42 +145,60 @@ impl LinkMeter {
         }
     }
 
-    /// Notes the chunks of a tick: `waiting` are in the inbox now. `since`: from when on the
-    /// station could send the first new one at once.
+    /// Ticks for which a chunk that arrives now waited on the link behind others.
+    fn waited_on_link(&mut self, sent: Sent, tick: u64) -> f64 {
+        // The clocks wrap, the differences of their differences do not.
+        let now_us = (tick as f64 * 1e6 / self.rate_hz) as u64 as u32;
+        let delay_us = now_us.wrapping_sub(sent.clock_us);
+        let delay = match &mut self.delay {
+            Some(delay) if delay.station == sent.station => delay,
+            delay => delay.insert(Delay {
+                station: sent.station,
+                first_us: delay_us,
+                least: Least::new(),
+            }),
+        };
+        let beyond_us = delay_us.wrapping_sub(delay.first_us).cast_signed();
+        let ticks = 1e-6 * f64::from(beyond_us) * self.rate_hz;
+        delay.least.take(ticks, tick, MIN_SPAN_S * self.rate_hz);
+        delay.least.get().map_or(0.0, |least| ticks - least)
+    }
+
+    /// Notes the chunks of a tick: `waiting` are in the inbox now. `sent`: the first and the last
+    /// of the new ones.
+    ///
+    /// The time between two chunks tells the rate of the link when the second was on the link
+    /// already as the first arrived; else it tells what the station had to send, or might.
     ///
     /// A link that stalls for a moment, as TCP does for a lost packet, looks thin. Then the window
-    /// becomes so small that every chunk waits for its credit and none tells the rate of the link:
-    /// so those that come at once tell it, and each that only waited for credit lets it be tried
-    /// whether the link carries more. Chunks that no question waits for, as those of tours, tell
-    /// nothing: they come as fast as they are made, and several at once where others were before.
-    pub fn arrive(&mut self, waiting: usize, since: Option<Since>, tick: u64) {
+    /// becomes so small that every chunk waits for its credit and none tells the rate of the link.
+    /// So those that come at once tell it: all but one were carried while the last was on the link.
+    /// And each that only waited for credit lets it be tried whether the link carries more.
+    pub fn arrive(&mut self, waiting: usize, sent: Option<[Sent; 2]>, tick: u64) {
         let came = waiting.saturating_sub(self.left);
-        if came == 0 {
+        let Some([first, last]) = sent.filter(|_| came > 0) else {
+            return;
+        };
+        let [waited, last_waited] = [first, last].map(|of| self.waited_on_link(of, tick));
+        let since_last = tick.saturating_sub(self.arrived) as f64;
+        self.arrived = tick;
+        if self.left > 0 {
             return;
         }
-        // It could when it sent the chunk before: only the link is between the two.
-        let is_flow = self.left == 0
-            && self.least_round_trip().is_some_and(|least| {
-                since.is_some_and(|since| since.tick as f64 + least <= self.arrived as f64)
-            });
         let keeps = 1.0 - RATE_SHARE;
         let fade = |(chunks, ticks): (f64, f64)| (keeps * chunks, keeps * ticks);
-        if is_flow {
-            let ticks = tick.saturating_sub(self.arrived) as f64;
-            let (before, in_ticks) = fade(self.flow.unwrap_or_default());
-            self.flow = Some((before + came as f64, in_ticks + ticks));
-        } else if let (Some(flow), Some(since)) = (self.flow.filter(|_| self.left == 0), since) {
-            let (chunks, ticks) = if came > 1 {
-                let (before, in_ticks) = fade(flow);
-                (before + (came - 1) as f64, in_ticks + 1.0)
-            } else if since.is_of_credit {
-                (flow.0, keeps * flow.1)
-            } else {
-                flow
-            };
-            self.flow = Some((chunks, ticks));
+        // The least delay has a chunk's own transfer in it.
+        let transfer = 1.0 / self.rate();
+        if waited + transfer >= since_last {
+            let (chunks, ticks) = self.flow.map(fade).unwrap_or_default();
+            self.flow = Some((chunks + came as f64, ticks + since_last));
+        } else if came > 1 {
+            let carried = ((came - 1) as f64, last_waited.max(1.0));
+            let faded = self.flow.map(fade);
+            self.flow = faded.map(|of| (of.0 + carried.0, of.1 + carried.1));
+        } else if first.waited_for_credit {
+            self.flow = self.flow.map(|(chunks, ticks)| (chunks, keeps * ticks));
         }
-        self.arrived = tick;
     }
 
     /// Chunks that the inbox held after the last tick.
@@ -144,12 +209,6 @@ impl LinkMeter {
     /// So many chunks are left in the inbox at the end of a tick.
     pub fn leave(&mut self, chunks: usize) {
         self.left = chunks;
-    }
-
-    /// The shortest round trip of late: what the link takes without a queue.
-    fn least_round_trip(&self) -> Option<f64> {
-        let least = self.least[0].min(self.least[1]);
-        least.is_finite().then_some(least)
     }
 
     /// Chunks a tick; infinite while no limit was seen.
@@ -189,16 +248,33 @@ impl LinkMeter {
     /// Chunks that the link carries in two round trips, so that a higher rate would be seen, and in
     /// [`QUEUE_S`].
     fn carried(&self) -> f64 {
-        let least = self.least_round_trip().unwrap_or(0.0);
+        let least = self.least.get().unwrap_or(0.0);
         let chunks = self.rate() * (2.0 * least + QUEUE_S * self.rate_hz);
         chunks.max(MIN_WINDOW as f64)
+    }
+
+    /// As many in a time as so many chunks at once are on a local link.
+    fn as_locally(&self, chunks: u64) -> f64 {
+        chunks as f64 * (1.0 + self.lead() / (INCLUDED_S * self.rate_hz))
     }
 
     /// Chunks that may be under way.
     #[must_use]
     pub fn window(&self) -> u64 {
         // `as` saturates.
-        (self.carried().ceil() as u64).min(CREDIT_CHUNKS)
+        let most = self.as_locally(CREDIT_CHUNKS);
+        let most = most.min(MAX_CREDIT_CHUNKS as f64);
+        self.carried().min(most).ceil() as u64
+    }
+
+    /// Records that may be under way, where prediction leads for the distance; else 0.
+    #[must_use]
+    pub fn records_in_transit(&self) -> u32 {
+        if self.lead() > 0.0 {
+            self.window() as u32 * CHUNK_SLOTS as u32
+        } else {
+            0
+        }
     }
 
     /// Chunks that the answer to a region takes.
@@ -211,7 +287,7 @@ impl LinkMeter {
     /// twice what may be under way, so that the next question is still for what is needed most.
     #[must_use]
     pub fn most_questions(&self) -> usize {
-        let local = CREDIT_CHUNKS as f64 * (1.0 + self.lead() / (INCLUDED_S * self.rate_hz));
+        let local = self.as_locally(CREDIT_CHUNKS);
         let twice = QUEUED * self.carried() / self.chunks_per_region();
         local
             .min(twice.max(MIN_WINDOW as f64))
@@ -224,23 +300,21 @@ impl LinkMeter {
         (IN_TRANSIT * self.carried() / self.chunks_per_region()).ceil() as usize
     }
 
-    /// Ticks until a region that is asked for now is here, behind so many that are outstanding; 0
-    /// while nothing was measured.
-    fn answer_ticks(&self, outstanding: usize) -> f64 {
-        let regions = (outstanding + 1) as f64;
-        let least = self.least_round_trip();
-        least.map_or(0.0, |least| {
-            least + regions * self.chunks_per_region() / self.rate()
-        })
+    /// Ticks that the link takes for the answer to a region that is asked for now, behind so many
+    /// that are outstanding; 0 while no limit was seen.
+    fn transfer_ticks(&self, outstanding: usize) -> f64 {
+        (outstanding + 1) as f64 * self.chunks_per_region() / self.rate()
     }
 
     /// Whether a region that is asked for now, behind so many that are outstanding, is not here
-    /// within `ticks`. Over a link that is as fast as the prediction's own times count with, none
-    /// is called late.
+    /// within `ticks` because the link is thin: then it would delay what can be. Where the link
+    /// carries whatever is asked for, none is called late: it costs nothing, and the hand may come
+    /// later or stay longer than predicted.
     #[must_use]
     pub fn comes_late(&self, outstanding: usize, ticks: f64) -> bool {
-        let answer = self.answer_ticks(outstanding);
-        answer > INCLUDED_S * self.rate_hz && answer > ticks
+        let transfer = self.transfer_ticks(outstanding);
+        let least = self.least.get().unwrap_or(0.0);
+        transfer > INCLUDED_S * self.rate_hz && least + transfer > ticks
     }
 
     /// Ticks between two requests at the least, so that they take a small share of a thin line.
@@ -253,7 +327,11 @@ impl LinkMeter {
     /// By how many ticks prediction is to lead beside what it looks ahead for a local link.
     #[must_use]
     pub fn lead(&self) -> f64 {
-        (self.answer_ticks(0) - INCLUDED_S * self.rate_hz).clamp(0.0, MAX_LEAD_S * self.rate_hz)
+        let answer = self
+            .least
+            .get()
+            .map_or(0.0, |least| least + self.transfer_ticks(0));
+        (answer - INCLUDED_S * self.rate_hz).clamp(0.0, MAX_LEAD_S * self.rate_hz)
     }
 }
 
@@ -265,10 +343,15 @@ mod tests {
         LinkMeter::new(&Horizons::new(1000.0))
     }
 
-    /// Of a chunk that was asked for long before it was allowed.
-    fn since(tick: u64) -> Option<Since> {
-        let is_of_credit = true;
-        Some(Since { tick, is_of_credit })
+    /// Of a chunk that was sent at a tick, for which it had waited for its credit.
+    fn sent(tick: u64) -> Option<[Sent; 2]> {
+        let sent = Sent {
+            station: 1,
+            // Any start of its clock, so that it wraps.
+            clock_us: ((1000 * tick) as u32).wrapping_sub(20_000),
+            waited_for_credit: true,
+        };
+        Some([sent; 2])
     }
 
     /// A meter after answers of `round_trip` ticks, and a chunk every `gap` ticks of an answer that
@@ -277,7 +360,8 @@ mod tests {
         let mut meter = meter();
         for k in 0..200 {
             meter.answered(round_trip, k);
-            meter.arrive(1, since(0), 1000 + k * gap);
+            // Four are on the link at a time.
+            meter.arrive(1, sent(1000 + k.saturating_sub(3) * gap), 1100 + k * gap);
             meter.leave(0);
         }
         meter
@@ -331,17 +415,41 @@ mod tests {
         assert!(far.window() > 3 * thin.window() && far.lead() > thin.lead());
         assert!(far.most_questions() > thin.most_questions());
         // An answer takes the round trip and its own chunks, and those of the answers before it.
-        assert!(thin.comes_late(0, 45.0) && !thin.comes_late(0, 47.0));
+        assert!(thin.comes_late(1, 61.0) && !thin.comes_late(1, 63.0));
         assert!(far.comes_late(3, 363.0) && !far.comes_late(3, 365.0));
+        // The distance alone is no reason.
+        assert!(!far.comes_late(0, 0.0) && !after(300, 1).comes_late(20, 0.0));
     }
 
     #[test]
-    fn what_the_station_could_not_send_says_nothing_about_the_rate() {
+    fn what_the_station_sends_at_its_own_pace_says_nothing_about_the_rate() {
+        for jitter in [0, 3] {
+            let mut meter = meter();
+            meter.answered(100, 0);
+            for k in 1..1000 {
+                let is_late = k % 2 == 0;
+                let delay = 100 + if is_late { jitter } else { 0 };
+                meter.arrive(1, sent(7 * k), 7 * k + delay);
+                meter.leave(0);
+            }
+            assert!(meter.bytes_per_s() < 0.0);
+        }
+    }
+
+    #[test]
+    fn another_station_has_another_clock() {
         let mut meter = meter();
-        meter.answered(100, 0);
-        for k in 1..100 {
-            // Asked for, or allowed, less than a round trip before the last one came.
-            meter.arrive(1, since(200 * k - 150), 200 * k);
+        for k in 1..1000 {
+            let station = 1 + k / 100;
+            let began_us = station as u32 * 0x1234_5678;
+            let of = sent(7 * k).map(|of| {
+                of.map(|of| Sent {
+                    station,
+                    clock_us: of.clock_us.wrapping_add(began_us),
+                    ..of
+                })
+            });
+            meter.arrive(1, of, 7 * k + 100);
             meter.leave(0);
         }
         assert!(meter.bytes_per_s() < 0.0);
@@ -355,7 +463,9 @@ mod tests {
         let mut tick = 10_000;
         while meter.window() > 2 * MIN_WINDOW {
             assert!(tick < 1_000_000, "the link looks thin");
-            meter.arrive(1, since(tick - 500), tick);
+            // It stalls for longer and longer.
+            meter.arrive(1, sent(tick - 250 - tick / 4), tick);
+            meter.leave(0);
             tick += 200;
         }
         for round_trips in 0..1000 {
@@ -365,7 +475,8 @@ mod tests {
             let allowed = tick;
             tick += 200;
             for burst in (0..meter.window().div_ceil(burst)).map(|_| burst) {
-                meter.arrive(burst as usize, since(allowed), tick);
+                meter.arrive(burst as usize, sent(allowed), tick);
+                meter.leave(0);
                 tick += 1;
             }
         }

@@ -44,12 +44,6 @@ impl Questions {
         self.high_water
     }
 
-    /// Tick when the oldest was put.
-    #[must_use]
-    pub fn oldest(&self) -> Option<u64> {
-        self.questions.iter().map(|of| of.asked).min()
-    }
-
     /// Forgets all of them.
     pub fn clear(&mut self) {
         self.questions.clear();
@@ -105,14 +99,13 @@ mod tests {
         let mut questions = Questions::new();
         questions.ask(a, 10);
         questions.ask(b, 11);
-        assert_eq!(questions.oldest(), Some(10));
         assert_eq!(questions.begin_answer(a, 15), Some(5));
         assert_eq!(questions.begin_answer(a, 16), None);
         questions.lose(b);
         questions.ask_again(b, 20);
         assert_eq!(questions.begin_answer(b, 30), None);
         questions.end(a);
-        assert_eq!((questions.oldest(), questions.all().len()), (Some(20), 1));
+        assert_eq!(questions.all().len(), 1);
         assert_eq!(questions.high_water(), 2);
     }
 }

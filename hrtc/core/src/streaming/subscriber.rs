@@ -1,6 +1,6 @@
 //! The mesh subscriber: requests out, chunks in, epochs and credit (see `shared::protocol`).
 
-use super::link_meter::{LinkMeter, Since};
+use super::link_meter::LinkMeter;
 use super::outbox::Outbox;
 use super::questions::Questions;
 use crate::cache::{Cache, MAX_OUTSTANDING, RegionKey, RegionTable};
@@ -9,13 +9,10 @@ use crate::lod::predictions::Unknown;
 use crate::tuning::streaming::{CREDIT_STEP, MAX_SILENCES};
 use mutants::{Mutant, is};
 use protocol::{
-    CREDIT_CHUNKS, ChunkHeader, REGIONS_PER_REQUEST, RegionAction, RegionAsk, Request, RequestKind,
-    TourAsk,
+    CREDIT_CHUNKS, ChunkHeader, MAX_CREDIT_CHUNKS, REGIONS_PER_REQUEST, RegionAction, RegionAsk,
+    Request, RequestKind, TourAsk,
 };
 use spm::NONE;
-
-/// Chunks of which is known when they were allowed: more than may be under way.
-const GRANTS: usize = 2 * CREDIT_CHUNKS as usize;
 
 /// Who this client is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -81,9 +78,6 @@ pub struct Subscriber {
     questions: Questions,
     /// Chunks of the epoch that the station was allowed to send.
     granted: u64,
-    /// When it was allowed to send each of the last; by the number of the chunk.
-    #[serde(with = "serde_big_array::BigArray")]
-    granted_at: [u64; GRANTS],
     /// Tick when the last request about regions was made.
     asked_at: u64,
     last_progress: u64,
@@ -108,7 +102,7 @@ impl Subscriber {
         Self {
             identity,
             subject: Subject::NONE,
-            credit: CREDIT_CHUNKS,
+            credit: MAX_CREDIT_CHUNKS,
             window: CREDIT_CHUNKS,
             most_questions: CREDIT_CHUNKS as usize,
             station: 0,
@@ -124,7 +118,6 @@ impl Subscriber {
             declared: 0,
             questions: Questions::new(),
             granted: 0,
-            granted_at: [0; GRANTS],
             asked_at: 0,
             last_progress: 0,
             silences: 0,
@@ -163,7 +156,7 @@ impl Subscriber {
 
     /// Sets how many chunks may be under way from now on; at least one.
     pub fn set_credit(&mut self, chunks: u64) {
-        self.credit = chunks.clamp(1, CREDIT_CHUNKS);
+        self.credit = chunks.clamp(1, MAX_CREDIT_CHUNKS);
     }
 
     /// Whether a station lives that is not the one of this epoch.
@@ -273,26 +266,6 @@ impl Subscriber {
         self.questions.lose(region);
     }
 
-    /// Tick of the oldest question that is not answered in full.
-    #[must_use]
-    pub fn oldest_question(&self) -> Option<u64> {
-        let model = self.model_asked.filter(|_| self.model == 0);
-        model.into_iter().chain(self.questions.oldest()).min()
-    }
-
-    /// From when on the station could send a chunk at once: it had a question to answer, and was
-    /// allowed to send this one.
-    #[must_use]
-    pub fn could_come_since(&self, header: &ChunkHeader) -> Option<Since> {
-        let is_known = self.receive(header) != Reception::Stale && header.sequence < self.granted;
-        let granted = self.granted_at[header.sequence as usize % GRANTS];
-        let asked = self.oldest_question().filter(|_| is_known)?;
-        Some(Since {
-            tick: asked.max(granted),
-            is_of_credit: granted > asked,
-        })
-    }
-
     /// The regions asked for whose answers are not complete.
     #[must_use]
     pub fn questions(&self) -> &Questions {
@@ -371,9 +344,6 @@ impl Subscriber {
             self.last_progress = self.last_progress.max(tick);
         }
         let granted = request.consumed + u64::from(request.credit);
-        for chunk in self.granted..granted {
-            self.granted_at[chunk as usize % GRANTS] = tick;
-        }
         self.granted = self.granted.max(granted);
         self.sent += 1;
         self.consumed_told = self.consumed;

@@ -1,7 +1,7 @@
 //! A station far away, or behind a thin line: the contact is at full resolution all the same, and
 //! nothing that is under way is asked for again.
 
-use crate::common::{World, plan, spm, station};
+use crate::common::{World, plan, real_model, spm, spm_of_file, station};
 use glam::DVec3;
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, RegionAction};
@@ -345,6 +345,24 @@ fn a_resting_contact_becomes_full_over_a_very_thin_line() {
         println!("{name}: certified error of each {SPAN} ticks, metres: {largest:?}");
         assert!(largest.is_sorted_by(|a, b| 1.01 * a >= *b), "{name}");
         assert_eq!(largest.last(), Some(&0.0), "{name}: it stays full");
+    }
+}
+
+/// The round trips are those that are measured: a tunnel adds some milliseconds to those of a wire.
+#[test]
+fn a_cache_that_holds_a_third_of_a_model_is_enough_at_a_distance() {
+    let Some(path) = real_model("stanford-bunny.obj") else {
+        return;
+    };
+    let model = spm_of_file(&path);
+    let local = run("bunny, local", &model, link(4, f64::INFINITY));
+    for (round_trip, least) in [(100, 0.99), (200, 0.97), (220, 0.97)] {
+        let name = format!("bunny, {round_trip} ms");
+        let far = run(&name, &model, compact(round_trip, 100.0));
+        assert!(far.full() >= least, "{name}: {}", far.full());
+        assert!(far.step_n() <= 1.5 * local.step_n(), "{name}: force step");
+        let resent = far.world.summary().last.resent;
+        assert_eq!(resent, 0, "{name}: what was evicted had been counted on");
     }
 }
 

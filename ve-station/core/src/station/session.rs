@@ -12,7 +12,7 @@ use crate::tuning::service::{
     MEASURED_CREDIT, MEASURED_TICKS, MIN_TOUR_CREDIT, TOUR_SHARE,
 };
 use mutants::{Mutant, is};
-use protocol::{CREDIT_CHUNKS, ChunkKind, ContactReport, MeasuredError, RegionAsk, Request};
+use protocol::{ChunkKind, ContactReport, MAX_CREDIT_CHUNKS, MeasuredError, RegionAsk, Request};
 use spm::SpmFile;
 use std::collections::VecDeque;
 
@@ -47,6 +47,8 @@ pub struct Session {
     consumed: u64,
     /// Chunks that may be under way.
     credit: u64,
+    /// Whether the next chunk has waited for credit.
+    pub waits_for_credit: bool,
     /// When it was last heard, in messages.
     pub last_heard: u64,
     pub jobs: VecDeque<Job>,
@@ -82,6 +84,7 @@ impl Session {
             sent: 0,
             consumed: 0,
             credit: 0,
+            waits_for_credit: false,
             last_heard: 0,
             jobs: VecDeque::new(),
             residency_changes: VecDeque::new(),
@@ -124,7 +127,7 @@ impl Session {
         }
         self.next += 1;
         self.consumed = self.consumed.max(request.consumed);
-        self.credit = u64::from(request.credit).min(CREDIT_CHUNKS);
+        self.credit = u64::from(request.credit).min(MAX_CREDIT_CHUNKS);
         Accepted::Yes
     }
 
@@ -135,6 +138,7 @@ impl Session {
         self.next = 0;
         self.sent = 0;
         self.consumed = 0;
+        self.waits_for_credit = false;
     }
 
     /// Clears queue and belief, and waits for the next epoch. Of a tour what is rolled is kept, of
@@ -186,8 +190,12 @@ impl Session {
         Ok(Answer::new(search))
     }
 
-    pub fn has_credit(&self) -> bool {
-        !self.broken && self.sent - self.consumed < self.credit
+    /// Whether it may send a chunk now. Notes when it could but for the credit.
+    pub fn may_send(&mut self) -> bool {
+        let has_credit = self.sent - self.consumed < self.credit;
+        let is_asked = !self.jobs.is_empty() || !self.tours.is_empty();
+        self.waits_for_credit |= !has_credit && is_asked;
+        has_credit && !self.broken
     }
 
     /// The tour asked for first, where a chunk of it may be sent.
