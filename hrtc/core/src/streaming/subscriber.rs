@@ -9,8 +9,8 @@ use crate::lod::predictions::Unknown;
 use crate::tuning::streaming::{CREDIT_STEP, MAX_SILENCES};
 use mutants::{Mutant, is};
 use protocol::{
-    CREDIT_CHUNKS, ChunkHeader, MAX_CREDIT_CHUNKS, REGIONS_PER_REQUEST, RegionAction, RegionAsk,
-    Request, RequestKind, TourAsk,
+    CREDIT_CHUNKS, ChunkHeader, ChunkKind, MAX_CREDIT_CHUNKS, REGIONS_PER_REQUEST, RegionAction,
+    RegionAsk, Request, RequestKind, TourAsk,
 };
 use spm::NONE;
 
@@ -83,6 +83,8 @@ pub struct Subscriber {
     last_progress: u64,
     /// Epochs in a row that ended in silence.
     silences: u32,
+    /// Whether a station lived when it was last looked.
+    is_heard: bool,
     /// Time after which it asks for a refused region again.
     refused_ticks: u64,
     /// Regions asked for so far.
@@ -121,6 +123,7 @@ impl Subscriber {
             asked_at: 0,
             last_progress: 0,
             silences: 0,
+            is_heard: false,
             refused_ticks: horizons.refused,
             subscribed: 0,
             resent: 0,
@@ -175,6 +178,11 @@ impl Subscriber {
         meter: &LinkMeter,
         cache: &mut Cache,
     ) -> bool {
+        // Its silence had another reason than a line that is slower than was thought.
+        if station != 0 && !self.is_heard {
+            self.silences = 0;
+        }
+        self.is_heard = station != 0;
         let waiting = !self.questions.all().is_empty()
             || (self.model_asked.is_some() && self.model == 0)
             || (self.tour_asked && self.tour.is_some());
@@ -244,9 +252,11 @@ impl Subscriber {
 
     /// Takes a stale chunk for a sign of life, if it is of an earlier epoch with this station: what
     /// is asked now comes after what was under way. The station sends no more of them than the
-    /// credit admitted.
+    /// credit admitted. Errors that it measured say nothing: it goes on to send them where it has
+    /// not heard of this epoch.
     pub fn hear_stale(&mut self, header: &ChunkHeader, tick: u64) {
-        if header.station == self.station && header.epoch < self.epoch {
+        let is_answer = header.kind != ChunkKind::Measured as u32;
+        if is_answer && header.station == self.station && header.epoch < self.epoch {
             self.last_progress = self.last_progress.max(tick);
         }
     }

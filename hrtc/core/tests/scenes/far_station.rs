@@ -247,6 +247,45 @@ fn a_first_question_that_is_lost_costs_little_nearby_and_is_waited_for_far_away(
     }
 }
 
+/// A cut that takes some seconds, and what a tunnel loses before and after it: a station that is
+/// heard again is asked as often as one that was never gone.
+#[test]
+fn a_station_that_is_heard_again_is_asked_soon() {
+    const LOST: u64 = 1500;
+    const CUT: u64 = 3000;
+    const LOST_AFTER: u64 = 150;
+    /// The shortest timeout, ticks, and the round trip.
+    const TIMEOUT: u64 = 200;
+    const ROUND_TRIP: u64 = 20;
+    let whole = link(ROUND_TRIP, f64::INFINITY);
+    let lost = LinkModel { loss: 1.0, ..whole };
+    let mut world = begin(&model(), whole, true);
+    while world.tick() < 2000 {
+        world.step_led();
+    }
+    let steps = [
+        (LOST, lost, false),
+        (CUT, lost, true),
+        (LOST_AFTER, lost, false),
+    ];
+    for (ticks, model, is_cut) in steps {
+        let link = world.client_mut().link();
+        link.set_model(model);
+        link.cut(is_cut);
+        (0..ticks).for_each(|_| _ = world.step_led());
+    }
+    world.client_mut().link().set_model(whole);
+    let mended = world.tick();
+    let received = world.outputs().record.vsps_received;
+    while world.step_led().record.vsps_received == received {
+        assert!(world.tick() < mended + MAX_START, "nothing comes");
+    }
+    let took = world.tick() - mended;
+    println!("the first VSP after {took} ticks");
+    // One question was lost after the return, and the next waits for twice as long.
+    assert!(took <= 2 * TIMEOUT + 4 * ROUND_TRIP, "{took} ticks");
+}
+
 /// A link with chunks as they travel between machines.
 fn compact(round_trip_ticks: u64, megabits: f64) -> LinkModel {
     LinkModel {
