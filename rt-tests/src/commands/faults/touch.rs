@@ -60,6 +60,9 @@ pub struct Touch<'a> {
     pub controller: Watched,
     /// When the station came back, on CLOCK_MONOTONIC, ns.
     pub returns_ns: Vec<u64>,
+    /// Whether an exchange may outlast what is done to it: a link that is made again within the
+    /// silence that a station is allowed.
+    pub may_outlast: bool,
     /// Length of the run, seconds.
     seconds: f64,
     started_ns: u64,
@@ -185,6 +188,7 @@ impl<'a> Touch<'a> {
             station,
             controller,
             returns_ns: Vec::new(),
+            may_outlast: false,
             seconds,
             started_ns,
             touched: Instant::now(),
@@ -262,21 +266,30 @@ impl<'a> Touch<'a> {
         let finished = finished.ok_or("the controller ended without a result")?;
         let ms = |ns: u64| ns.saturating_sub(self.started_ns) as f64 / 1e6;
         let returns = self.returns_ns.iter().map(|&ns| ms(ns));
+        let next = returns.clone().skip(1).chain([f64::INFINITY]);
+        let spans = returns.zip(next);
         Ok(Touched {
-            resync_ms: returns.map(|back| resync_ms(back, &finished)).collect(),
+            resync_ms: spans
+                .map(|span| resync_ms(span, self.may_outlast, &finished))
+                .collect(),
             finished,
             left,
         })
     }
 }
 
-/// Time from a return of the station to its synchronisation, milliseconds; negative without one.
-fn resync_ms(back_ms: f64, finished: &Finished) -> f64 {
-    let times = finished.stations.iter().map(|of| of.synchronised_ms);
-    times
-        .map(|time| time - back_ms)
-        .find(|&after| after >= 0.0)
-        .unwrap_or(-1.0)
+/// Time from a return of the station to its synchronisation, milliseconds: before the next return;
+/// negative without one. 0 where an exchange that may outlast it did: none began anew.
+fn resync_ms((back_ms, next_ms): (f64, f64), may_outlast: bool, finished: &Finished) -> f64 {
+    let is_in_span = |ms: f64| (back_ms..next_ms).contains(&ms);
+    let stations = &finished.stations;
+    let mut synchronised = stations.iter().map(|of| of.synchronised_ms);
+    let began_anew = stations.iter().any(|of| is_in_span(of.heard_ms));
+    match synchronised.find(|&ms| is_in_span(ms)) {
+        Some(ms) => ms - back_ms,
+        None if may_outlast && !began_anew => 0.0,
+        None => -1.0,
+    }
 }
 
 /// What undisturbed runs of the same length came to.
@@ -403,7 +416,12 @@ mod tests {
             stations: vec![heard(1.0, 9.0), heard(50.0, -1.0), heard(70.0, 80.0)],
             ..Finished::default()
         };
-        assert_eq!(resync_ms(40.0, &finished), 40.0);
-        assert_eq!(resync_ms(90.0, &finished), -1.0);
+        let times = |span, may_outlast| resync_ms(span, may_outlast, &finished);
+        for may_outlast in [false, true] {
+            assert_eq!(times((40.0, f64::INFINITY), may_outlast), 40.0);
+            assert_eq!(times((40.0, 75.0), may_outlast), -1.0, "it began anew");
+        }
+        assert_eq!(times((90.0, 99.0), false), -1.0);
+        assert_eq!(times((90.0, 99.0), true), 0.0, "none began anew");
     }
 }
