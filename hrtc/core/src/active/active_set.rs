@@ -47,8 +47,8 @@ pub struct ActiveSet {
     horizons: Horizons,
     /// Of the link to the station, which all sessions share.
     pub meter: LinkMeter,
-    /// Objects whose box is not known yet, the next one last, in the order in which models are
-    /// requested.
+    /// Objects whose box is not known yet, the next one last; at first in the order in which models
+    /// are requested.
     unplaced: VecDeque<u32>,
     /// Objects in the order in which their models are requested: those of scripted paths first.
     to_fetch: Vec<u32>,
@@ -342,22 +342,29 @@ impl ActiveSet {
         self.count_unserved(probes)
     }
 
-    /// Tells the broad phase where objects are whose models have become known.
+    /// Tells the broad phase where objects are whose models have become known: at once where an
+    /// object can be touched by now, and the others in turn. None waits for another's model: a hand
+    /// would enter it.
     fn place_objects(&mut self) {
+        if self.unplaced.is_empty() {
+            return;
+        }
+        for active in self.objects.iter().filter(|of| of.is_ready()) {
+            if let Some(instance) = &active.instance
+                && let Some(model) = self.store.model(instance.model)
+            {
+                place(&mut self.broad_phase, instance, model);
+            }
+        }
         for _ in 0..PLACED_A_TICK.min(self.unplaced.len()) {
             let Some(object) = self.unplaced.pop_back() else {
                 return;
             };
-            if self.is_lost_object(object) {
-                self.unplaced.push_front(object);
-                continue;
+            let instance = &self.instances[object as usize];
+            match self.store.model(instance.model) {
+                Some(model) => place(&mut self.broad_phase, instance, model),
+                None => self.unplaced.push_front(object),
             }
-            let instance = self.instances[object as usize];
-            let Some(model) = self.store.model(instance.model) else {
-                self.unplaced.push_back(object);
-                return;
-            };
-            place(&mut self.broad_phase, &instance, model);
         }
     }
 

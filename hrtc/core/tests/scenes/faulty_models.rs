@@ -141,6 +141,46 @@ fn a_faulty_model_leaves_the_others_touchable_and_a_repaired_one_is_touched() {
     }
 }
 
+/// No force is given before every model is known, but a hand that enters an object meanwhile has
+/// its proxy outside, to which the force leads then.
+#[test]
+fn a_hand_that_presses_while_another_model_is_awaited_stays_outside() {
+    for (late, pressed) in [(0, 1), (0, 4), (BAD, 0), (BAD, 3)] {
+        let (_, mut world) = row(6 << 20);
+        world.client_mut().link().tamper(move |chunk| {
+            // As if lost: for an object that there is not.
+            if chunk.header.kind == ChunkKind::Model as u32 && chunk.header.object == late {
+                chunk.header.object = u32::MAX;
+            }
+        });
+        for _ in 0..1500 {
+            world.step_at(above(pressed, 0.02));
+        }
+        // So deep that a proxy that began now would be inside.
+        let depth = 3.0 * PROBE;
+        for k in 1..=300 {
+            let down = f64::from(k) / 300.0;
+            world.step_at(above(pressed, 0.02 - (0.02 + depth) * down));
+        }
+        assert!(!world.outputs().record.ready, "{late} is known");
+        assert_eq!(world.force(), DVec3::ZERO);
+        world.client_mut().link().stop_tampering();
+        for _ in 0..1500 {
+            world.step_at(above(pressed, -depth));
+        }
+        assert!(world.outputs().record.ready, "{late} is not known");
+        let proxy = world.controller().proxy_of(0, pressed as usize);
+        let outside = proxy.map(|proxy| proxy.distance(centre(pressed)) - BALL - PROBE);
+        // Chords of the mesh lie under the ball.
+        assert!(
+            outside.is_some_and(|outside| outside > -3e-4),
+            "{pressed}, {late} late: {outside:?}"
+        );
+        let force = world.force().z;
+        assert!(force > 0.5, "{pressed}, {late} late: {force} N");
+    }
+}
+
 #[test]
 fn a_model_that_does_not_fit_leaves_the_others_touchable() {
     let (plan, _) = row(6 << 20);
