@@ -5,9 +5,12 @@ use rt_tests::commands::simulate::coverage::Coverage;
 use rt_tests::commands::simulate::kind::Kind;
 use rt_tests::commands::simulate::library::Library;
 use rt_tests::commands::simulate::scenario::{Reduction, Scenario};
+use rt_tests::commands::simulate::scenes::SIZE_M;
 use rt_tests::commands::simulate::shrink::{run_seed, shrink};
+use rt_tests::commands::simulate::standing_tool::StandingTool;
 use rt_tests::commands::simulate::trace::Violation;
 use rt_tests::commands::simulate::{SimulateArgs, Simulated, is_covered};
+use scene::ProbeShape;
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
 
@@ -156,4 +159,23 @@ fn a_failure_is_made_smaller_and_says_how_to_run_it_again() {
         text.contains("--seeds 41..42") && text.contains("a check that always holds"),
         "{text}"
     );
+}
+
+#[test]
+fn a_tool_meets_the_surface_that_its_tip_is_in_and_not_from_afar() {
+    let cylinder = ProbeShape::Cylinder {
+        radius_m: 0.004,
+        length_m: 0.03,
+        faces: 120,
+    };
+    let tool = StandingTool::of_shape(&cylinder).expect("a cylinder is a tool");
+    for model in 0..library().len() {
+        let version = library().version(model, false);
+        let [a, b, c] = version.full.triangles()[0];
+        let normal = (b - a).cross(c - a).normalize();
+        let place = [(a + b + c) / 3.0, normal];
+        // The axis of the tool goes through the face.
+        assert!(tool.meets(version, place, -1e-3), "model {model}");
+        assert!(!tool.meets(version, place, 2.0 * SIZE_M), "model {model}");
+    }
 }

@@ -2,7 +2,7 @@
 //! object's own frame, so that it follows one that moves.
 
 use super::library::Version;
-use super::scenes::SIZE_M;
+use super::standing_tool::{StandingTool, metres_per_unit};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use hrtc_core::ModelFrame;
@@ -36,6 +36,13 @@ struct Knot {
     height_m: f64,
 }
 
+impl Knot {
+    /// Whether a tool that stands over it with its tip at a height, metres, meets the full mesh.
+    fn is_met(&self, version: &Version, tool: &StandingTool, height_m: f64) -> bool {
+        tool.meets(version, [self.point, self.normal], height_m)
+    }
+}
+
 /// The path of a hand.
 #[derive(Debug, Clone)]
 pub struct HandPath {
@@ -56,22 +63,31 @@ fn normal_of(version: &Version, triangle: u32) -> DVec3 {
 }
 
 /// Whether a hand may come down to a knot from free space: all the way from where it waits for its
-/// object down to the surface nothing else of it is nearer than half of the height.
-fn is_open(version: &Version, knot: &Knot) -> bool {
-    let header = version.model.file.model_header();
-    let [lower, upper] = [header.lower, header.upper].map(DVec3::from_array);
-    let metres_per_unit = SIZE_M / (upper - lower).max_element();
-    (1..=WAYPOINTS).all(|k| {
+/// object down to the surface nothing else of it is nearer than half of the height, and its tool is
+/// clear of it where it waits.
+fn is_open(version: &Version, knot: &Knot, tool: Option<&StandingTool>) -> bool {
+    let metres_per_unit = metres_per_unit(version);
+    let has_room = (1..=WAYPOINTS).all(|k| {
         let share = f64::from(k) / f64::from(WAYPOINTS);
         let height = share * (START_M + HOVER_M) / metres_per_unit;
         let near = version.full.nearest(knot.point + height * knot.normal, 0);
         near.distance >= 0.5 * height
+    });
+    has_room && tool.is_none_or(|tool| !knot.is_met(version, tool, knot.height_m + HOVER_M))
+}
+
+/// Whether the last press over a knot begins clear of the object and ends in it. A ring may go
+/// around a peak that the device's position goes into.
+fn can_press(version: &Version, knot: &Knot, tool: Option<&StandingTool>, depth_m: f64) -> bool {
+    tool.is_none_or(|tool| {
+        !knot.is_met(version, tool, HOVER_M) && knot.is_met(version, tool, -0.5 * depth_m)
     })
 }
 
 /// Draws a path; what it stands on and how far it has come.
 struct Walk<'a> {
     version: &'a Version,
+    tool: Option<&'a StandingTool>,
     random: &'a mut Random,
     triangle: u32,
     now: Knot,
@@ -119,7 +135,9 @@ impl Walk<'_> {
                 normal: normal_of(self.version, triangle),
                 height_m: START_M,
             };
-            if self.version.within_rim(middle) == middle && is_open(self.version, &self.now) {
+            if self.version.within_rim(middle) == middle
+                && is_open(self.version, &self.now, self.tool)
+            {
                 break triangle;
             }
         };
@@ -194,17 +212,20 @@ fn moved_over(knots: &[Knot], from: &Version, to: &Version) -> Vec<Knot> {
 
 impl HandPath {
     /// A path over an object for so many ticks, which then goes up and presses once more. The depth
-    /// is in metres. It is drawn over the first version of the object's model.
+    /// is in metres. It is drawn over the first version of the object's model; `tool`: that of the
+    /// probe, if it has one.
     #[must_use]
     pub fn draw(
         object: usize,
         [version, rebuilt]: [&Version; 2],
+        tool: Option<&StandingTool>,
         depth_m: f64,
         ticks: u64,
         random: &mut Random,
     ) -> Self {
         let mut walk = Walk {
             version,
+            tool,
             triangle: 0,
             now: Knot {
                 point: DVec3::ZERO,
@@ -220,9 +241,13 @@ impl HandPath {
             walk.touch(depth_m, (ticks / KNOT_TICKS) as usize);
             let last = walk.knots.len() - 1;
             let over_rebuilt = moved_over(&walk.knots, version, rebuilt);
-            let may_come_down =
-                |k: usize| is_open(version, &walk.knots[k]) && is_open(rebuilt, &over_rebuilt[k]);
-            if !may_come_down(last) {
+            let over = |k: usize| [(version, &walk.knots[k]), (rebuilt, &over_rebuilt[k])];
+            let may_come_down = |k: usize| over(k).iter().all(|(of, knot)| is_open(of, knot, tool));
+            let can_press = |k: usize| {
+                let mut both = over(k).into_iter();
+                both.all(|(of, knot)| can_press(of, knot, tool, depth_m))
+            };
+            if !may_come_down(last) || !can_press(last) {
                 continue;
             }
             let open = (0..=last).filter(|&k| may_come_down(k));

@@ -38,6 +38,7 @@ pub mod scenario;
 pub mod scenes;
 pub mod shrink;
 pub mod side;
+pub mod standing_tool;
 pub mod trace;
 
 use crate::failure::Failure;

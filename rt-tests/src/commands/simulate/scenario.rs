@@ -8,6 +8,7 @@ use super::hands::{HOVER_TICKS, HandPath, LIFT_TICKS, PRESS_TICKS};
 use super::kind::Kind;
 use super::library::Library;
 use super::scenes;
+use super::standing_tool::StandingTool;
 use crate::failure::Failure;
 use scene::ScenePlan;
 use simulator::{LinkModel, Random, SampleModel};
@@ -117,7 +118,8 @@ impl Scenario {
                 let object = k % objects;
                 let versions = [false, true].map(|of| library.version(scene.models[object], of));
                 let depth_m = 1e-3 + 7e-3 * hand.unit();
-                HandPath::draw(object, versions, depth_m, length, &mut hand)
+                let tool = StandingTool::of_shape(&scene.plan.probes[k].shape);
+                HandPath::draw(object, versions, tool.as_ref(), depth_m, length, &mut hand)
             });
             paths.collect()
         });
