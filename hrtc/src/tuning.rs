@@ -1,11 +1,11 @@
 //! Constants of the shell: sizes of rings and stacks, waiting times.
 
-use protocol::HELLO_PERIOD_MS;
+use protocol::{HELLO_PERIOD_MS, MAX_CREDIT_CHUNKS};
 use std::time::Duration;
 
 /// Chunks between link and tick: the largest credit window of the protocol, so that the link finds
 /// room for everything that the station may send.
-pub const INBOX_CAPACITY: usize = 64;
+pub const INBOX_CAPACITY: usize = MAX_CREDIT_CHUNKS as usize;
 /// Tick records between tick and main thread: about a second at 1 kHz, a hundred times
 /// [`DRAIN_PERIOD`]. Locked memory commits them all.
 pub const LOG_CAPACITY: usize = 1024;

@@ -10,8 +10,9 @@ use std::mem::offset_of;
 pub const CHUNK_SLOTS: usize = 64;
 /// Chunks that may be under way to one client, in all of its sessions together.
 pub const CREDIT_CHUNKS: u64 = 32;
-/// The same for a client so far away that a round trip takes longer than as many chunks: what the
-/// queue of its topic and the inbox of a tunnel hold, so that none is lost where all come at once.
+/// Chunks that may be under way to a client far away, where [`CREDIT_CHUNKS`] would be sent in less
+/// than a round trip: as many as the queue of its topic holds, so that none is lost where all come
+/// at once.
 pub const MAX_CREDIT_CHUNKS: u64 = 64;
 /// Sessions of one client that a station keeps: those of its active objects, and as many that have
 /// just ended.

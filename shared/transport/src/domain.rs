@@ -30,7 +30,8 @@ use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
 use protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, MAX_CLIENTS, Request, RequestWord,
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, MAX_CLIENTS, MAX_CREDIT_CHUNKS,
+    Request, RequestWord,
 };
 use std::fmt::Debug;
 use std::fs::DirBuilder;
@@ -41,7 +42,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 /// Largest number of messages in a subscriber's queue: the largest credit window.
-pub const MAX_QUEUED: usize = 64;
+pub const MAX_QUEUED: usize = MAX_CREDIT_CHUNKS as usize;
 /// Largest number of publishers, and of subscribers, of a topic: the clients, the station, a tunnel
 /// and a spare.
 pub const MAX_PORTS: usize = MAX_CLIENTS + 3;

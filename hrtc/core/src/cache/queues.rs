@@ -43,7 +43,8 @@ impl Cache {
     }
 
     /// Whether less than an eighth of the slots, or a sixteenth of list blocks or places for
-    /// regions is free; or less slots than records may be on their way, but for a third.
+    /// regions is free. Where records may be on their way from a station far away, as many slots
+    /// are kept as these, up to a third: the larger part is for what is refined.
     ///
     /// Slots count as free when they may be evicted without releasing anything. Enough of them at
     /// hand is what lets a fast probe load without waiting for room, and keeps what was released

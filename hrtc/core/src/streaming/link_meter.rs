@@ -59,14 +59,14 @@ impl Least {
     }
 }
 
-/// How long chunks are on their way from a station, by two clocks that were set as it happened: so
-/// only differences mean anything.
+/// How long chunks take from a station: from its clock to ours, which have no common start, so that
+/// only the differences between chunks mean anything.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Delay {
     station: u64,
-    /// That of its first chunk, microseconds.
+    /// What its first chunk took, microseconds by the two clocks.
     first_us: u32,
-    /// Beyond that, ticks.
+    /// The least that chunks of late took, ticks more than the first.
     least: Least,
 }
 

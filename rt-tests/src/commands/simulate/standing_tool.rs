@@ -6,6 +6,7 @@ use super::scenes::SIZE_M;
 use geometry::triangle_pair;
 use glam::{DQuat, DVec3};
 use hrtc_core::contact::tool::ToolMesh;
+use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
 use scene::ProbeShape;
 
 /// The faces of a probe's tool.
@@ -38,12 +39,13 @@ impl StandingTool {
         let foot = point + normal * ((self.tip_m + height_m) * units_per_metre);
         let place = |corner: DVec3| foot + turn * corner * units_per_metre;
         let faces: Vec<[DVec3; 3]> = self.faces.iter().map(|of| of.map(place)).collect();
-        let all = bounds(faces.as_flattened());
+        let box_of = |points: &[DVec3]| Aabb::from_points(points.iter().copied());
+        let all = box_of(faces.as_flattened());
         version.full.triangles().iter().any(|&surface| {
-            let near = bounds(&surface);
-            do_overlap(all, near)
+            let near = box_of(&surface);
+            all.intersects(&near)
                 && faces.iter().any(|&face| {
-                    do_overlap(bounds(&face), near) && triangle_pair(surface, face).meets()
+                    box_of(&face).intersects(&near) && triangle_pair(surface, face).meets()
                 })
         })
     }
@@ -55,15 +57,4 @@ pub fn metres_per_unit(version: &Version) -> f64 {
     let header = version.model.file.model_header();
     let [lower, upper] = [header.lower, header.upper].map(DVec3::from_array);
     SIZE_M / (upper - lower).max_element()
-}
-
-/// The box around some points.
-fn bounds(points: &[DVec3]) -> [DVec3; 2] {
-    let lower = points.iter().copied().fold(DVec3::INFINITY, DVec3::min);
-    let upper = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
-    [lower, upper]
-}
-
-fn do_overlap([lower, upper]: [DVec3; 2], [other_lower, other_upper]: [DVec3; 2]) -> bool {
-    lower.cmple(other_upper).all() && other_lower.cmple(upper).all()
 }
