@@ -107,6 +107,10 @@ pub struct Accumulator {
     last_forces: [DVec3; MAX_PROBES],
     /// First tick that could render a contact.
     ready_tick: Option<u64>,
+    /// First tick in contact.
+    touch_tick: Option<u64>,
+    /// First tick in contact at full resolution.
+    full_tick: Option<u64>,
     /// Incarnation of the station in the last tick; 0 for none.
     last_station: u64,
     /// Exchanges begun anew until then.
@@ -156,6 +160,8 @@ impl Accumulator {
             spun_ns: 0,
             last_forces: [DVec3::ZERO; MAX_PROBES],
             ready_tick: None,
+            touch_tick: None,
+            full_tick: None,
             last_station: 0,
             last_resubscribed: 0,
             stations: Vec::with_capacity(MAX_STATIONS),
@@ -218,7 +224,11 @@ impl Accumulator {
                 result.bytes_to_first_touch = core.bytes_received;
             }
             result.contact_ticks += 1;
+            self.touch_tick.get_or_insert(self.last_tick);
             result.contact_full_ticks += u64::from(core.contact_full);
+            if core.contact_full {
+                self.full_tick.get_or_insert(self.last_tick);
+            }
             result.contact_unbounded_ticks += u64::from(!core.contact_bounded);
             if core.contact_bounded {
                 self.certified.push(core.certified_error_m);
@@ -460,6 +470,18 @@ impl Accumulator {
         self.stations.iter().map(heard).collect()
     }
 
+    /// What came first; `ms_at`: the time of a tick.
+    fn time_firsts(&mut self, ms_at: impl Fn(u64) -> f64) {
+        let or_zero = |tick: Option<u64>| tick.map_or(0.0, &ms_at);
+        let to_full = self.full_tick.zip(self.touch_tick);
+        let to_full_ms = to_full.map(|(full, touch)| ms_at(full) - ms_at(touch));
+        let result = &mut self.result;
+        result.first_heard_ms = or_zero(self.stations.first().map(|of| of.0));
+        result.first_force_ready_ms = or_zero(self.ready_tick);
+        result.first_touch_ms = or_zero(self.touch_tick);
+        result.first_full_ms = to_full_ms.unwrap_or(-1.0);
+    }
+
     fn histograms(&self) -> Histograms {
         Histograms {
             wake_ns: self.wake.buckets(),
@@ -476,7 +498,7 @@ impl Accumulator {
         let seconds = self.seconds();
         let period_s = self.period_s();
         let ms_at = |tick: u64| meta.start_to_first_tick_ms + tick as f64 * period_s * 1e3;
-        let ready_ms = self.ready_tick.map_or(0.0, ms_at);
+        self.time_firsts(ms_at);
         let stations = self.stations_heard(ms_at);
         let histograms = self.histograms();
         let series = self.series.finish(period_s);
@@ -526,7 +548,6 @@ impl Accumulator {
                 ..self.result.cache
             },
             hrtc_rss_bytes: meta.rss_bytes,
-            first_force_ready_ms: ready_ms,
             operations_budget: meta.operations_budget,
             query_work_budget: meta.query_work_budget,
             safety: meta.safety,

@@ -326,9 +326,16 @@ pub struct RunResult {
     pub capacities: Vec<Capacity>,
     /// Resident memory of the controller's process, bytes.
     pub hrtc_rss_bytes: u64,
-    /// Time from the start of both processes to the first tick that could render a contact,
-    /// milliseconds; 0 without one.
+    /// Time from the start of both processes to the first tick that knew of a station, by its
+    /// heartbeat, milliseconds; 0 without one.
+    pub first_heard_ms: f64,
+    /// The same to the first tick that could render a contact.
     pub first_force_ready_ms: f64,
+    /// The same to the first tick in contact.
+    pub first_touch_ms: f64,
+    /// Time from the first tick in contact to the first in contact at full resolution,
+    /// milliseconds; 0 when they are the same, negative without one.
+    pub first_full_ms: f64,
     /// Largest number of work units in a tick.
     pub operations_max: u64,
     /// Limit of the work units in a tick.

@@ -193,7 +193,7 @@ fn the_contact_is_accounted_from_its_first_tick() {
         let mut record = record(tick);
         record.core = CoreRecord {
             contact,
-            contact_full: tick >= 5,
+            contact_full: tick >= 6,
             contact_bounded: tick != 6,
             certified_error_m: 1e-4 * tick as f64,
             measured_error_m: if tick == 7 { 2e-5 } else { -1.0 },
@@ -208,10 +208,11 @@ fn the_contact_is_accounted_from_its_first_tick() {
         };
         record.core.probes[1] = ProbeRecord {
             contact,
-            contact_full: tick >= 5,
+            contact_full: tick >= 6,
             ..ProbeRecord::default()
         };
         record.wrenches[1].force = DVec3::new(0.0, 0.0, if contact { 2.0 } else { 0.0 });
+        record.station = u64::from(tick >= 1);
         run.push(&record);
     }
     assert!(run.status().contact && run.status().station);
@@ -222,7 +223,7 @@ fn the_contact_is_accounted_from_its_first_tick() {
     };
     let result = run.finish(meta).result;
     assert_eq!(result.contact_ticks, 6);
-    assert_eq!(result.contact_full_ticks, 5);
+    assert_eq!(result.contact_full_ticks, 4);
     assert_eq!(result.contact_unbounded_ticks, 1);
     assert_eq!(result.bytes_to_first_touch, 400);
     assert_eq!(result.measured_errors, 1);
@@ -237,13 +238,15 @@ fn the_contact_is_accounted_from_its_first_tick() {
     assert_eq!((idle.contact_ticks, idle.force_n.max), (0, 0.0));
     assert_eq!(
         (touching.contact_ticks, touching.contact_full_ticks),
-        (6, 5)
+        (6, 4)
     );
     assert_eq!(touching.force_n, result.force_n);
     assert_eq!(result.vsplits, 30);
     assert_eq!(result.cache.high_water_bytes, 1000);
     assert_eq!(result.cache.bytes, 4096);
+    assert_eq!(result.first_heard_ms, 41.0);
     assert_eq!(result.first_force_ready_ms, 42.0);
+    assert_eq!((result.first_touch_ms, result.first_full_ms), (44.0, 2.0));
     assert_eq!(result.refined_faces.max, 59.0);
     assert!(result.replay_hash < 1 << 53);
 }
@@ -373,7 +376,10 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
         "bytes_to_first_touch",
         "bytes_full_mesh",
         "hrtc_rss_bytes",
+        "first_heard_ms",
         "first_force_ready_ms",
+        "first_touch_ms",
+        "first_full_ms",
         "replay_hash",
     ] {
         assert!(result[name].is_number(), "{name}");
@@ -444,6 +450,28 @@ fn a_station_is_heard_when_it_comes_or_begins_anew_and_synchronised_when_it_owes
             (108.0, 109.0)
         ]
     );
+}
+
+#[test]
+fn what_never_came_has_no_time() {
+    let mut run = accumulator();
+    for tick in 0..5 {
+        let mut record = record(tick);
+        record.station = 0;
+        record.core = CoreRecord {
+            contact: tick == 4,
+            contact_full: false,
+            ready: false,
+            ..record.core
+        };
+        run.push(&record);
+    }
+    let result = run.finish(RunMeta::default()).result;
+    assert_eq!(
+        (result.first_heard_ms, result.first_force_ready_ms),
+        (0.0, 0.0)
+    );
+    assert_eq!((result.first_touch_ms, result.first_full_ms), (4.0, -1.0));
 }
 
 #[test]

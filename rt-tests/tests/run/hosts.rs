@@ -38,6 +38,9 @@ fn a_touch_over_a_link_is_seen_beside_the_one_on_one_machine() {
     for row in [local, far] {
         assert!(number(row, "vsps_received") > 0.0, "{row}");
         assert!(number(row, "contact_full_ticks") > 0.0, "{row}");
+        let times = ["heard_ms", "ready_ms", "first_touch_ms"].map(|name| number(row, name));
+        assert!(times.is_sorted(), "{row}");
+        assert!(number(row, "first_full_ms") >= 0.0, "{row}");
     }
     assert!(local["wire"].is_null(), "{local}");
     assert_eq!(number(far, "wire.rtt_ms"), 5.0);

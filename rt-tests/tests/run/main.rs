@@ -111,7 +111,8 @@ const FIELDS: &str = "
     clamped_ticks rejected_samples unfinished_ticks early_ticks energy_j vsps_received
     vsplits geomorph_ticks deferred ecols regions_subscribed resubscribed bytes_received
     bytes_to_first_touch bytes_full_mesh cache.bytes cache.high_water_bytes cache.vsps
-    cache.evicted hrtc_rss_bytes first_force_ready_ms replay_hash
+    cache.evicted hrtc_rss_bytes first_heard_ms first_force_ready_ms first_touch_ms first_full_ms
+    replay_hash
 ";
 /// Times, each with its quantiles.
 const TIMES: &str = "
@@ -166,7 +167,9 @@ fn a_short_run_touches_a_real_mesh_and_reports_every_field() {
         number("refined_faces.max") < 0.5 * number("faces"),
         "{said}"
     );
-    assert!(number("first_force_ready_ms") > 0.0, "{said}");
+    let times = ["first_heard_ms", "first_force_ready_ms", "first_touch_ms"].map(number);
+    assert!(times[0] > 0.0 && times.is_sorted(), "{said}");
+    assert!(number("first_full_ms") >= 0.0, "{said}");
     assert_eq!(number("allocations"), 0.0, "{said}");
 
     for file in "report.html force.svg timing.svg resolution.svg result.json".split(' ') {

@@ -22,11 +22,11 @@
 //! With `--json` one object (`result`): `skipped` is a sentence where the rights are missing, or
 //! null; `rows` has the touch on one machine first (`wire` is null), then one a link; with
 //! `--controllers` one for each alone, then one for each among all (`controllers` is their number).
-//! `full_share`,
-//! `certified_error_m`, `measured_error_m`, `first_touch_ms` and `bytes_per_vsp` are null where
-//! there is none: nothing was touched, nothing came. Bytes and packets of `wire`
-//! are those of IP, of everything that the two hosts said to each other from the start of the
-//! station to its end: greeting, encryption and repetitions too.
+//! `full_share`, `certified_error_m`, `measured_error_m`, `heard_ms`, `ready_ms`,
+//! `first_touch_ms`, `first_full_ms` and `bytes_per_vsp` are null where there is none: nothing was
+//! touched, nothing came. Bytes and packets of `wire` are those of IP, of everything that the two
+//! hosts said to each other from the start of the station to its end: greeting, encryption and
+//! repetitions too.
 
 pub(super) mod links;
 mod picture;

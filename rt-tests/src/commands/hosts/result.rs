@@ -69,9 +69,17 @@ pub struct Row {
     pub certified_error_m: Option<ShortSpread>,
     /// Measured error at the contact, metres; none without a measurement.
     pub measured_error_m: Option<ShortSpread>,
-    /// Time from the start of the controller to the first tick that could render a contact,
+    /// Time from the start of the controller to the first tick that knew of the station,
     /// milliseconds; none without one. The station is ready before.
+    pub heard_ms: Option<f64>,
+    /// The same to the first tick that could render a contact.
+    pub ready_ms: Option<f64>,
+    /// The same to the first tick in contact: with the wait for the path of the simulated hand,
+    /// which the station makes.
     pub first_touch_ms: Option<f64>,
+    /// Time from the first tick in contact to the first in contact at full resolution,
+    /// milliseconds; none without one.
+    pub first_full_ms: Option<f64>,
     /// Largest change of the force from a tick to the next, newtons.
     pub force_step_n_max: f64,
     /// Records received.
@@ -141,7 +149,10 @@ impl Row {
             contact_unbounded_ticks: r.contact_unbounded_ticks,
             certified_error_m: in_contact.then_some(r.certified_error_m),
             measured_error_m: (r.measured_errors > 0).then_some(r.measured_error_m),
-            first_touch_ms: Some(r.first_force_ready_ms).filter(|&ms| ms > 0.0),
+            heard_ms: above_zero(r.first_heard_ms),
+            ready_ms: above_zero(r.first_force_ready_ms),
+            first_touch_ms: above_zero(r.first_touch_ms),
+            first_full_ms: Some(r.first_full_ms).filter(|&ms| ms >= 0.0),
             force_step_n_max: r.force_step_n_max,
             vsps_received: r.vsps_received,
             bytes_received: r.bytes_received,
@@ -187,6 +198,10 @@ impl Row {
 
 fn per(bytes: u64, of: u64) -> Option<f64> {
     (of > 0).then(|| bytes as f64 / of as f64)
+}
+
+fn above_zero(ms: f64) -> Option<f64> {
+    Some(ms).filter(|&ms| ms > 0.0)
 }
 
 impl Found {
@@ -265,7 +280,7 @@ impl Found {
     /// One line for each touch.
     #[must_use]
     pub fn table(&self) -> Table {
-        let heads = "round trip, bandwidth | contact at full\nresolution | certified error\np50 | \nmax | first touch\nms | force step\nN | to controller\nkB/s | to station\nkB/s | \nVSPs | bytes\na VSP | begun\nanew | links\nmade | packets\nlost | own\nmisses | relay late\np99 ms";
+        let heads = "round trip, bandwidth | contact at full\nresolution | certified error\np50 | \nmax | heard\nms | ready\nms | first touch\nms | first full\nms | force step\nN | to controller\nkB/s | to station\nkB/s | \nVSPs | bytes\na VSP | begun\nanew | links\nmade | packets\nlost | own\nmisses | relay late\np99 ms";
         let mut table = Table::new(1, heads);
         let or_none = |number: Option<f64>| number.map_or("none".to_string(), digits);
         for row in &self.rows {
@@ -291,7 +306,10 @@ impl Found {
                 percent(row.contact_full_ticks, row.contact_ticks),
                 error(|certified| certified.p50),
                 error(|certified| certified.max),
+                or_none(row.heard_ms),
+                or_none(row.ready_ms),
                 or_none(row.first_touch_ms),
+                or_none(row.first_full_ms),
                 format!("{:.2}", row.force_step_n_max),
                 rate(|wire| wire.to_controller),
                 rate(|wire| wire.to_station),
@@ -339,7 +357,9 @@ mod tests {
             contact_full_ticks: 999,
             vsps_received: 4000,
             bytes_received: 320_000,
+            first_heard_ms: 100.0,
             first_force_ready_ms: 150.0,
+            first_touch_ms: 700.0,
             resubscribed: 7,
             ..RunResult::default()
         }
@@ -373,7 +393,10 @@ mod tests {
         assert_eq!(
             cells[4..],
             [
+                "100",
                 "150",
+                "700",
+                "0",
                 "0.00",
                 "40",
                 "2",
@@ -390,12 +413,19 @@ mod tests {
 
     #[test]
     fn what_never_came_is_no_number() {
-        let none = row(RunResult::default()).over(wire());
+        let none = row(RunResult {
+            first_full_ms: -1.0,
+            ..RunResult::default()
+        });
+        let none = none.over(wire());
         let json = serde_json::to_value(&none).unwrap();
         for field in [
             "full_share",
             "certified_error_m",
+            "heard_ms",
+            "ready_ms",
             "first_touch_ms",
+            "first_full_ms",
             "bytes_per_vsp",
         ] {
             assert!(json[field].is_null(), "{field}: {json}");
