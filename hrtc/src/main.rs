@@ -54,6 +54,9 @@ struct RunOptions {
     /// Length of the run, seconds; until Ctrl-C when absent
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
+    /// Length of the tour, after which the simulated hand rests; that of the run when absent
+    #[arg(long, value_name = "S", value_parser = above_zero)]
+    tour_seconds: Option<f64>,
     /// iceoryx2 domain of the station; with --station, of this machine alone
     #[arg(long, value_name = "NAME", default_value = "hrtc")]
     domain: String,
@@ -125,6 +128,7 @@ fn run(options: RunOptions) -> ExitCode {
         domain: options.domain,
         station: options.station,
         seconds: options.seconds,
+        tour_seconds: options.tour_seconds,
         overrides: scene::Overrides {
             devices: options.device,
             ..options.overrides.overrides()

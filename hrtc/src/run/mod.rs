@@ -84,6 +84,8 @@ pub struct RunArgs {
     pub station: Option<String>,
     /// Length, seconds; until `stop` when absent.
     pub seconds: Option<f64>,
+    /// Length of a tour, seconds, after which the hand rests; that of the run when absent.
+    pub tour_seconds: Option<f64>,
     /// Values of the command line that replace the scene's.
     pub overrides: Overrides,
     /// Limits of this machine, whatever the scene says.
@@ -115,6 +117,7 @@ impl RunArgs {
             domain: domain.to_owned(),
             station: None,
             seconds: None,
+            tour_seconds: None,
             overrides: Overrides::default(),
             limits: ForceLimits::default(),
             output: Output::Text,
@@ -365,8 +368,12 @@ fn stop_link(link: LinkHandle) {
 /// The values beside the scene that make the controller of a run.
 fn setup_for(args: &RunArgs, devices: &[ProbeDevice]) -> ControllerSetup {
     let capabilities = devices.iter().map(|probe| probe.device.capabilities());
-    let tour_seconds = args.seconds.unwrap_or(TOUR_SECONDS);
-    let mut setup = ControllerSetup::new(new_identity(), capabilities, tour_seconds);
+    let tour_seconds = args.tour_seconds.or(args.seconds);
+    let mut setup = ControllerSetup::new(
+        new_identity(),
+        capabilities,
+        tour_seconds.unwrap_or(TOUR_SECONDS),
+    );
     setup.station_is_far = args.station.is_some();
     setup
 }

@@ -10,6 +10,12 @@ pub fn percent(part: u64, whole: u64) -> String {
     format!("{:.2} %", (share * 100.0).floor() / 100.0)
 }
 
+/// A share of 1 in percent, with three digits.
+#[must_use]
+pub fn percent_of(share: f64) -> String {
+    format!("{} %", digits(100.0 * share))
+}
+
 /// A whole number with a narrow space between the thousands.
 #[must_use]
 pub fn grouped(number: u64) -> String {

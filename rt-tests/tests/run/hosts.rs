@@ -42,7 +42,15 @@ fn a_touch_over_a_link_is_seen_beside_the_one_on_one_machine() {
         assert!(times.is_sorted(), "{row}");
         assert!(number(row, "first_full_ms") >= 0.0, "{row}");
     }
-    assert!(local["wire"].is_null(), "{local}");
+    assert!(
+        local["wire"].is_null() && local["forces"].is_null(),
+        "{local}"
+    );
+    // Both hands follow the same path.
+    assert!(number(far, "forces.ticks") > 0.0, "{far}");
+    let same = number(far, "forces.same_ticks");
+    assert!(same > 0.5 * number(far, "forces.ticks"), "{far}");
+    assert_eq!(number(far, "wire.loss"), 0.01);
     assert_eq!(number(far, "wire.rtt_ms"), 5.0);
     assert_eq!(number(far, "wire.mbit_per_s"), 50.0);
     // Nothing but the link joins the hosts: all that was received is on it.
@@ -105,6 +113,34 @@ fn several_controllers_each_have_a_row_alone_and_one_among_the_others() {
     }
     // The near one touches, whatever becomes of the other.
     assert!(number(&rows[3], "contact_full_ticks") > 0.0, "{found}");
+}
+
+#[test]
+fn every_link_that_is_asked_for_is_judged() {
+    let out = tempfile::tempdir().unwrap();
+    let mut command = rt_tests("hosts");
+    command.args(["--asked", "--seconds=4", "--json", "--out"]);
+    let output = command.arg(out.path()).output().unwrap();
+    // What is not met is status 1 with the whole result.
+    let is_met = output.status.code() != Some(1);
+    let text = String::from_utf8_lossy(&output.stdout);
+    let found = match serde_json::from_str::<Value>(&text) {
+        Ok(found) if !is_met => found,
+        _ => match found(&output) {
+            Some(found) => found,
+            None => return,
+        },
+    };
+    let rows = found["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 10, "{found}");
+    let mut all_met = true;
+    for row in &rows[1..] {
+        let asked = row["asked"].as_array().unwrap();
+        assert!(asked.len() >= 4, "{row}");
+        all_met &= asked.iter().all(|limit| limit["met"] == true);
+    }
+    assert_eq!(all_met, is_met, "{}", said(&output));
+    assert!(rows[9]["rest"]["periods"].is_number(), "{}", rows[9]);
 }
 
 #[test]

@@ -19,13 +19,7 @@ use std::ffi::OsString;
 use transport::Domain;
 
 /// The link: to another city, and as fast as an office's.
-const LINK: Guest = Guest {
-    point: Point {
-        rtt_ms: 20.0,
-        mbit: 100.0,
-    },
-    is_stopped: false,
-};
+const LINK: Guest = Guest::at(Point::new(20.0, 100.0));
 /// Seed of the relay.
 const SEED: u64 = 1;
 /// Time in which a station must be synchronised from the return of its link on, milliseconds.

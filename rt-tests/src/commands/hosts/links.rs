@@ -23,7 +23,7 @@ const LINKED: &str = "link: linked to the station at";
 pub struct Links {
     /// Folder of the keys.
     pub keys: PathBuf,
-    /// What they are alike in: all but round trip and bandwidth.
+    /// What they are alike in: all but round trip, bandwidth and loss.
     pub shape: Shape,
     /// Seed of losses and jitter.
     pub seed: u64,
@@ -94,6 +94,7 @@ impl Links {
         Shape {
             round_trip_s: point.rtt_ms * 1e-3,
             bits_per_s: point.mbit * 1e6,
+            loss: point.loss,
             ..self.shape
         }
     }

@@ -12,11 +12,13 @@
 //! | module | holds |
 //! |---|---|
 //! | `points` | the links that are tried |
+//! | `asked` | what is asked of some of them |
 //! | `programs` | the two programs, and the rights that hosts need |
 //! | `way` | what becomes of a packet: one direction of a link |
 //! | `relay` | the thread that carries packets between the cables of hosts |
 //! | `links` | hosts, each with a link to the station's |
 //! | `touch` | one run over a link |
+//! | `recorded` | the forces of two runs beside each other |
 //! | `result`, `picture` | what was seen, as JSON, table and charts |
 //!
 //! With `--json` one object (`result`): `skipped` is a sentence where the rights are missing, or
@@ -28,15 +30,18 @@
 //! hosts said to each other from the start of the station to its end: greeting, encryption and
 //! repetitions too.
 
+mod asked;
 pub(super) mod links;
 mod picture;
 pub(super) mod points;
 pub(super) mod programs;
+mod recorded;
 pub(super) mod relay;
 mod result;
 pub(super) mod touch;
 pub(super) mod way;
 
+use self::asked::{ASKED, Asked};
 use self::links::{Links, STATION};
 use self::points::{Guest, Point, chosen, guests};
 use self::programs::{Programs, missing_right};
@@ -86,6 +91,11 @@ pub struct HostsArgs {
     /// links, 11 minutes at 10 seconds each
     #[arg(long)]
     pub long: bool,
+    /// The links of which something is asked: what it is, what was seen, and whether it was met;
+    /// status 1 when it was not
+    #[arg(long, conflicts_with_all = ["rtt_ms", "mbit", "long", "controllers", "loss", "jitter_ms",
+        "cut", "damaged", "replayed"])]
+    pub asked: bool,
     /// Several controllers at once, each RTT_MS:MBIT, or RTT_MS:MBIT:stopped for one that is
     /// stopped for the middle third of its touch
     #[arg(long, value_name = "LIST", value_delimiter = ',',
@@ -170,7 +180,7 @@ pub fn hosts(args: &HostsArgs) -> Result<(), Failure> {
     let programs = Programs::find()?;
     make_folder(&args.out)?;
     prepare_models(&plan)?;
-    let found = run(args, &touches, programs, file.path())?;
+    let found = run(args, &touches, plan.loop_.rate_hz, programs, file.path())?;
     write_json(&args.out.join("hosts.json"), &found)?;
     let charts = args.out.join("hosts.svg");
     write_whole(&charts, picture::draw(&found).as_bytes())?;
@@ -183,8 +193,28 @@ pub fn hosts(args: &HostsArgs) -> Result<(), Failure> {
     Err(Failure::Run(wrong.join("; ")))
 }
 
+/// Controllers that touch at the same time, and what is asked of the only one.
+struct Touch {
+    guests: Vec<Guest>,
+    asked: Option<&'static Asked>,
+}
+
+impl Touch {
+    fn of(guests: Vec<Guest>) -> Self {
+        let asked = None;
+        Self { guests, asked }
+    }
+
+    fn asked(asked: &'static Asked) -> Self {
+        Self {
+            guests: vec![asked.guest()],
+            asked: Some(asked),
+        }
+    }
+}
+
 /// The touches, each with the controllers in it, if everything else is in its range.
-fn check(args: &HostsArgs) -> Result<Vec<Vec<Guest>>, Failure> {
+fn check(args: &HostsArgs) -> Result<Vec<Touch>, Failure> {
     check_seconds(args.seconds)?;
     let longest_cut = CUT_SHARE * args.seconds;
     for (option, number, most) in [
@@ -200,22 +230,28 @@ fn check(args: &HostsArgs) -> Result<Vec<Vec<Guest>>, Failure> {
             )));
         }
     }
+    if args.asked {
+        return Ok(ASKED.iter().map(Touch::asked).collect());
+    }
     let guests = guests(&args.controllers)?;
-    let alone = |point: Point| {
-        let is_stopped = false;
-        vec![Guest { point, is_stopped }]
+    let loses = |guest: Guest| Guest {
+        point: guest.point.losing(args.loss),
+        ..guest
     };
+    let guests: Vec<Guest> = guests.into_iter().map(loses).collect();
+    let alone = |point: Point| Touch::of(vec![loses(Guest::at(point))]);
     if guests.is_empty() {
         let points = chosen(&args.rtt_ms, &args.mbit, args.long)?;
         return Ok(points.into_iter().map(alone).collect());
     }
     let each: Vec<_> = guests.iter().map(|guest| alone(guest.point)).collect();
-    Ok(each.into_iter().chain([guests]).collect())
+    Ok(each.into_iter().chain([Touch::of(guests)]).collect())
 }
 
 fn run(
     args: &HostsArgs,
-    touches: &[Vec<Guest>],
+    touches: &[Touch],
+    rate_hz: f64,
     programs: Programs,
     scene: &Path,
 ) -> Result<Found, Failure> {
@@ -235,14 +271,15 @@ fn run(
             keys,
             shape: Shape {
                 jitter_s: args.jitter_ms * 1e-3,
-                loss: args.loss,
                 damaged: args.damaged,
                 replayed: args.replayed,
                 ..Shape::default()
             },
             seed,
         },
+        folder: folder.path().to_path_buf(),
         seconds: args.seconds,
+        rate_hz,
         cut_s: args.cut,
         stop: &stop,
     };
@@ -260,13 +297,13 @@ fn run(
     let bar = status_line();
     let (begin, of) = (Instant::now(), touches.len());
     bar.set_message("one machine");
-    found.add(bench.local()?);
-    for (number, guests) in (1..).zip(touches) {
+    found.add(bench.local()?, None);
+    for (number, Touch { guests, asked }) in (1..).zip(touches) {
         let names = guests.iter().map(|guest| guest.point.to_string());
         let names = names.collect::<Vec<_>>().join(" and ");
         bar.set_message(format!("{names} ({number} of {of})"));
         for row in bench.linked(guests)? {
-            found.add(row);
+            found.add(row, *asked);
         }
         if args.long {
             let each_s = begin.elapsed().as_secs_f64() / (number + 1) as f64;

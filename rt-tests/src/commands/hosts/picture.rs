@@ -95,6 +95,7 @@ mod tests {
         row.over(Wire {
             rtt_ms,
             mbit_per_s,
+            loss: 0.0,
             to_controller: Carried::default(),
             to_station: Carried::default(),
             late_ms: Quantiles::default(),
@@ -104,8 +105,8 @@ mod tests {
     #[test]
     fn a_link_without_a_contact_is_shown_apart() {
         let mut found = Found::default();
-        found.add(row(Some((20.0, 100.0)), 100, 100));
-        found.add(row(Some((20.0, 0.25)), 0, 0));
+        found.add(row(Some((20.0, 100.0)), 100, 100), None);
+        found.add(row(Some((20.0, 0.25)), 0, 0), None);
         let chart = chart(&found, "x", BANDWIDTH, |wire| wire.rtt_ms.to_string());
         let shown = |curve: &Curve| (curve.label.clone(), curve.points.len(), curve.points[0].1);
         let shown: Vec<_> = chart.curves.iter().map(shown).collect();
@@ -119,10 +120,10 @@ mod tests {
     #[test]
     fn a_touch_beside_others_has_a_curve_of_its_own() {
         let mut found = Found::default();
-        found.add(row(Some((20.0, 10.0)), 100, 100));
+        found.add(row(Some((20.0, 10.0)), 100, 100), None);
         let mut among = row(Some((20.0, 10.0)), 100, 90);
         among.controllers = 3;
-        found.add(among);
+        found.add(among, None);
         let chart = chart(&found, "x", RTT, |wire| wire.mbit_per_s.to_string());
         let labels = chart.curves.iter().map(|curve| curve.label.as_str());
         assert_eq!(labels.collect::<Vec<_>>(), ["10", "10, one of 3"]);
@@ -131,9 +132,9 @@ mod tests {
     #[test]
     fn every_bandwidth_has_a_curve_whose_points_ascend() {
         let mut found = Found::default();
-        found.add(row(None, 100, 98));
+        found.add(row(None, 100, 98), None);
         for link in [(100.0, 10.0), (1.0, 10.0), (20.0, 2.0)] {
-            found.add(row(Some(link), 100, 75));
+            found.add(row(Some(link), 100, 75), None);
         }
         let against_rtt = chart(&found, "x", RTT, |wire| wire.mbit_per_s.to_string());
         let labels = against_rtt.curves.iter().map(|curve| curve.label.as_str());

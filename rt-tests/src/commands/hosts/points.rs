@@ -1,6 +1,7 @@
 //! The links that are tried.
 
 use crate::failure::Failure;
+use crate::report::units::percent_of;
 use protocol::MAX_CLIENTS;
 use std::fmt;
 use std::str::FromStr;
@@ -31,17 +32,30 @@ pub struct Point {
     pub rtt_ms: f64,
     /// Bandwidth of each direction, Mbit/s.
     pub mbit: f64,
+    /// Share of the packets that are lost, 0 to 1.
+    pub loss: f64,
 }
 
 impl Point {
-    const fn new(rtt_ms: f64, mbit: f64) -> Self {
-        Self { rtt_ms, mbit }
+    /// A link that loses nothing.
+    pub const fn new(rtt_ms: f64, mbit: f64) -> Self {
+        let loss = 0.0;
+        Self { rtt_ms, mbit, loss }
+    }
+
+    /// The same, with a share of lost packets.
+    pub const fn losing(self, loss: f64) -> Self {
+        Self { loss, ..self }
     }
 }
 
 impl fmt::Display for Point {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ms, {} Mbit/s", self.rtt_ms, self.mbit)
+        write!(f, "{} ms, {} Mbit/s", self.rtt_ms, self.mbit)?;
+        if self.loss > 0.0 {
+            write!(f, ", {} lost", percent_of(self.loss))?;
+        }
+        Ok(())
     }
 }
 
@@ -55,6 +69,20 @@ pub struct Guest {
     pub point: Point,
     /// Whether it is stopped in the middle third of the touch.
     pub is_stopped: bool,
+    /// Whether its hand rests for the second half of the touch.
+    pub rests: bool,
+}
+
+impl Guest {
+    /// A controller that is not disturbed.
+    #[must_use]
+    pub const fn at(point: Point) -> Self {
+        Self {
+            point,
+            is_stopped: false,
+            rests: false,
+        }
+    }
 }
 
 impl FromStr for Guest {
@@ -71,8 +99,8 @@ impl FromStr for Guest {
             format!("--controllers has {typed}; write RTT_MS:MBIT, as 20:100, or 20:100:stopped")
         })?;
         Ok(Self {
-            point,
             is_stopped: link.is_some(),
+            ..Self::at(point)
         })
     }
 }
@@ -174,10 +202,7 @@ mod tests {
 
     #[test]
     fn a_controller_is_read_with_its_link() {
-        let far = Guest {
-            point: Point::new(100.0, 0.25),
-            is_stopped: false,
-        };
+        let far = Guest::at(Point::new(100.0, 0.25));
         assert_eq!("100:0.25".parse(), Ok(far));
         let stopped = Guest {
             is_stopped: true,

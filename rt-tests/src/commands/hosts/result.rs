@@ -1,10 +1,13 @@
 //! What was seen of each touch, as JSON and as a table.
 
+use super::asked::{Asked, Criterion};
+use super::points::Point;
+use super::recorded::{Forces, Recorded, Rest};
 use super::way::Carried;
 use crate::machine::Machine;
 use crate::report::quantile::Quantiles;
 use crate::report::table::Table;
-use crate::report::units::{bytes, digits, grouped, length, percent};
+use crate::report::units::{bytes, digits, grouped, length, percent, percent_of};
 use hrtc::result::{Finished, ShortSpread};
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -82,6 +85,12 @@ pub struct Row {
     pub first_full_ms: Option<f64>,
     /// Largest change of the force from a tick to the next, newtons.
     pub force_step_n_max: f64,
+    /// Forces beside those of the touch on one machine; none for that one.
+    pub forces: Option<Forces>,
+    /// The rest of the hand at the end, if that was asked for and is in contact.
+    pub rest: Option<Rest>,
+    /// What was asked of this link, and whether it was met; empty where nothing was.
+    pub asked: Vec<Criterion>,
     /// Records received.
     pub vsps_received: u64,
     /// Bytes of the messages that brought them, as the controller counts them.
@@ -100,6 +109,9 @@ pub struct Row {
     /// Of the whole command.
     #[serde(skip)]
     pub of_scene: Scene,
+    /// What the controller recorded; only of the touch on one machine it is kept.
+    #[serde(skip)]
+    pub recorded: Recorded,
 }
 
 /// What every touch says of the scene.
@@ -119,6 +131,8 @@ pub struct Wire {
     pub rtt_ms: f64,
     /// Bandwidth of each direction, Mbit/s.
     pub mbit_per_s: f64,
+    /// Share of the packets that are lost, 0 to 1.
+    pub loss: f64,
     /// From the station to the controller.
     pub to_controller: Carried,
     /// Back.
@@ -126,6 +140,14 @@ pub struct Wire {
     /// How long after its time the relay gave a packet on, ms: an error of the round trip. Of all
     /// links at once.
     pub late_ms: Quantiles,
+}
+
+impl Wire {
+    /// The link.
+    #[must_use]
+    pub fn point(&self) -> Point {
+        Point::new(self.rtt_ms, self.mbit_per_s).losing(self.loss)
+    }
 }
 
 impl Row {
@@ -154,6 +176,9 @@ impl Row {
             first_touch_ms: above_zero(r.first_touch_ms),
             first_full_ms: Some(r.first_full_ms).filter(|&ms| ms >= 0.0),
             force_step_n_max: r.force_step_n_max,
+            forces: None,
+            rest: None,
+            asked: Vec::new(),
             vsps_received: r.vsps_received,
             bytes_received: r.bytes_received,
             bytes_per_vsp: per(r.bytes_received, r.vsps_received),
@@ -161,6 +186,7 @@ impl Row {
             resubscribed: r.resubscribed,
             missed_own_cpu: r.missed_own_cpu,
             faults: r.faults.iter().cloned().chain(not_finite).collect(),
+            recorded: Recorded::default(),
             of_scene: Scene {
                 name: r.scene,
                 model: r.model,
@@ -184,7 +210,7 @@ impl Row {
     pub fn name(&self) -> String {
         let mut name = self.wire.map_or_else(
             || "one machine".to_string(),
-            |wire| format!("{} ms, {} Mbit/s", wire.rtt_ms, wire.mbit_per_s),
+            |wire| wire.point().to_string(),
         );
         if self.controllers > 1 {
             let _ = write!(name, ", one of {}", self.controllers);
@@ -214,8 +240,13 @@ impl Found {
         }
     }
 
-    /// Adds a touch.
-    pub fn add(&mut self, row: Row) {
+    /// Adds a touch, with what is asked of it; the first is the one on one machine.
+    pub fn add(&mut self, mut row: Row, asked: Option<&Asked>) {
+        if let Some(local) = self.rows.first() {
+            row.forces = Some(Forces::beside(&local.recorded, &row.recorded));
+            row.recorded = Recorded::default();
+            row.asked = asked.map_or(Vec::new(), |asked| asked.judge(local, &row));
+        }
         let scene = row.of_scene.clone();
         self.scene = scene.name;
         self.model = scene.model;
@@ -242,6 +273,12 @@ impl Found {
                 wrong.push(format!("{name}: a changed packet passed the encryption"));
             }
         }
+        let limits = || self.rows.iter().flat_map(|row| &row.asked);
+        let not_met = limits().filter(|limit| !limit.met).count();
+        if not_met > 0 {
+            let of = limits().count();
+            wrong.push(format!("{not_met} of {of} limits were not met"));
+        }
         wrong
     }
 
@@ -257,7 +294,7 @@ impl Found {
             bytes(self.cache_bytes),
             self.seconds,
             self.seed,
-            share(self.loss),
+            percent_of(self.loss),
             self.jitter_ms
         );
         if self.cut_s > 0.0 {
@@ -265,7 +302,7 @@ impl Found {
         }
         for (share_of, what) in [(self.damaged, "changed"), (self.replayed, "sent once more")] {
             if share_of > 0.0 {
-                let _ = write!(text, ", {} of the packets {what}", share(share_of));
+                let _ = write!(text, ", {} of the packets {what}", percent_of(share_of));
             }
         }
         let _ = write!(text, "\n\n{}", self.table());
@@ -274,7 +311,46 @@ impl Found {
                 let _ = writeln!(text, "{}: {fault}", row.name());
             }
         }
+        text.push_str(&self.words_of_forces());
+        for row in self.rows.iter().filter(|row| !row.asked.is_empty()) {
+            let _ = writeln!(text, "\n{}", row.name());
+            for limit in &row.asked {
+                let _ = writeln!(text, "  {limit}");
+            }
+        }
         text
+    }
+
+    /// Forces beside the local run's: one line for each touch over a link.
+    fn words_of_forces(&self) -> String {
+        let compared = |row: &&Row| row.forces.is_some_and(|forces| forces.ticks > 0);
+        if !self.rows.iter().any(|row| compared(&row)) {
+            return String::new();
+        }
+        let heads = "round trip, bandwidth | full\nin both | same place,\ncompared | force\nwithin 1 % | else after\na skip | after\ncoarse | \nother | difference\np50 mN | \np99 mN | \nmax mN | periods\nskipped | \nin local";
+        let mut table = Table::new(1, heads);
+        for row in self.rows.iter().filter(compared) {
+            let Some(of) = row.forces else { continue };
+            let known = of.same_ticks + of.after_skip_ticks + of.after_coarse_ticks;
+            let millinewtons = |n: f64| digits(1e3 * n);
+            table.row([
+                row.name(),
+                grouped(of.full_ticks),
+                grouped(of.ticks),
+                percent(of.same_ticks, of.ticks),
+                grouped(of.after_skip_ticks),
+                grouped(of.after_coarse_ticks),
+                grouped(of.ticks - known),
+                millinewtons(of.difference_n.p50),
+                millinewtons(of.difference_n.p99),
+                millinewtons(of.difference_n.max),
+                grouped(of.skipped),
+                grouped(of.local_skipped),
+            ]);
+        }
+        format!(
+            "\nforces beside the local run's, where both are full and the hand is at the same place\n{table}"
+        )
     }
 
     /// One line for each touch.
@@ -326,11 +402,6 @@ impl Found {
     }
 }
 
-/// A share of 1 in percent, exact.
-fn share(of: f64) -> String {
-    format!("{} %", digits(100.0 * of))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -345,6 +416,7 @@ mod tests {
         Wire {
             rtt_ms: 20.0,
             mbit_per_s: 0.25,
+            loss: 0.0,
             to_controller: way(400_000, 3),
             to_station: way(20_000, 1),
             late_ms: Quantiles::default(),
@@ -383,8 +455,8 @@ mod tests {
             seconds: 10.0,
             ..Found::default()
         };
-        found.add(local);
-        found.add(far);
+        found.add(local, None);
+        found.add(far, None);
         let table = found.table().to_string();
         let far = table.lines().last().unwrap();
         let cells: Vec<&str> = far.split("  ").filter(|cell| !cell.is_empty()).collect();
@@ -432,17 +504,20 @@ mod tests {
         }
         assert_eq!(json["wire"]["to_controller"]["bytes"], 400_000);
         let mut found = Found::default();
-        found.add(none);
+        found.add(none, None);
         assert!(found.words().contains("none"), "{}", found.words());
     }
 
     #[test]
     fn figures_that_are_left_out_are_named() {
         let mut found = Found::default();
-        found.add(row(RunResult {
-            non_finite: vec!["force_n".to_string()],
-            ..RunResult::default()
-        }));
+        found.add(
+            row(RunResult {
+                non_finite: vec!["force_n".to_string()],
+                ..RunResult::default()
+            }),
+            None,
+        );
         assert!(
             found
                 .words()
@@ -461,7 +536,7 @@ mod tests {
     #[test]
     fn what_no_link_excuses_is_named() {
         let mut found = Found::default();
-        found.add(row(result()).over(wire()));
+        found.add(row(result()).over(wire()), None);
         assert_eq!(found.wrong(), Vec::<String>::new());
         found.rows[0].contact_unbounded_ticks = 3;
         found.rows[0].has_damaged_chunk = true;

@@ -4,6 +4,7 @@
 use super::links::{Hosts, Links, Side, links_made};
 use super::points::Guest;
 use super::programs::Programs;
+use super::recorded::Recorded;
 use super::relay::{Relay, Relayed};
 use super::result::{Row, Wire};
 use crate::failure::Failure;
@@ -18,6 +19,8 @@ use std::sync::atomic::AtomicBool;
 /// Share of a run after which the cable is cut, and which the cut lasts at the most: as long for
 /// the touch before it, for itself, and for the way back.
 pub const CUT_SHARE: f64 = 1.0 / 3.0;
+/// Share of a touch in which the hand of one that rests does so.
+pub const REST_SHARE: f64 = 0.5;
 /// What a controller says of a chunk that was changed on its way to it.
 pub const DAMAGED: &str = "arrived damaged";
 
@@ -31,8 +34,12 @@ pub struct Bench<'a> {
     pub overrides: Vec<OsString>,
     /// The links.
     pub links: Links,
+    /// Folder of the recordings.
+    pub folder: PathBuf,
     /// Length of a touch, seconds.
     pub seconds: f64,
+    /// Ticks of the controller in a second.
+    pub rate_hz: f64,
     /// Length of a cut, seconds.
     pub cut_s: f64,
     /// Asks for an early end.
@@ -75,9 +82,11 @@ impl Bench<'_> {
         let rows = rows.map(|((mut row, guest), [to_controller, to_station])| {
             row.controllers = guests.len();
             row.is_stopped = guest.is_stopped;
+            row.rest = row.recorded.rest().filter(|_| guest.rests);
             row.over(Wire {
                 rtt_ms: guest.point.rtt_ms,
                 mbit_per_s: guest.point.mbit,
+                loss: guest.point.loss,
                 to_controller,
                 to_station,
                 late_ms,
@@ -104,24 +113,49 @@ impl Bench<'_> {
         let program = &self.programs.station;
         let mut station = Watched::start_program("station", program, &typed, station.around)?;
         station.wait_for("the start", self.stop, |of| of.ready_ns.is_some())?;
-        let start = |side: Side| {
+        let start = |(number, side): (usize, Side)| {
             let mut typed = common("run", &side);
             typed.push(format!("--seconds={}", self.seconds).into());
+            if guests.get(number).is_some_and(|guest| guest.rests) {
+                let tour_s = (1.0 - REST_SHARE) * self.seconds;
+                typed.push(format!("--tour-seconds={tour_s}").into());
+            }
             typed.push(format!("--started-ns={}", monotonic_ns()).into());
-            typed.extend(["--supervised", "--record=off"].map(OsString::from));
+            typed.extend(["--supervised", "--record"].map(OsString::from));
+            typed.push(self.recording(number).into());
             let program = &self.programs.controller;
             Watched::start_program("controller", program, &typed, side.around)
         };
-        let started = controllers.into_iter().map(start);
+        let started = controllers.into_iter().enumerate().map(start);
         let mut controllers = started.collect::<Result<Vec<_>, _>>()?;
         self.disturb(relay, &mut controllers, guests);
-        let rows: Result<Vec<Row>, String> = controllers.iter_mut().map(row_of).collect();
+        let rows = controllers.iter_mut().enumerate();
+        let rows = rows.map(|(number, controller)| self.row_of(number, controller));
+        let rows: Result<Vec<Row>, String> = rows.collect();
         let at_station = station.end();
         if is_set(self.stop) {
             return Err("ended early on request".to_string());
         }
         let rows = rows?;
         at_station.map(|()| rows)
+    }
+
+    /// File of what a controller records; those of the touch before are written over.
+    fn recording(&self, number: usize) -> PathBuf {
+        self.folder.join(format!("controller-{number}.mcap"))
+    }
+
+    /// What a controller came to, at its end.
+    fn row_of(&self, number: usize, controller: &mut Watched) -> Result<Row, String> {
+        controller.wait_for_end(PATIENCE)?;
+        let finished = controller.finished.take();
+        let finished = finished.ok_or("the controller ended without a result")?;
+        let mut row = Row::of(*finished);
+        row.links_made = links_made(controller);
+        row.has_damaged_chunk = controller.has_said(DAMAGED);
+        let end_tick = (self.seconds * self.rate_hz).ceil() as u64;
+        row.recorded = Recorded::read(&self.recording(number), end_tick)?;
+        Ok(row)
     }
 
     /// Lets a run pass, with the cut and the stops in it.
@@ -147,17 +181,6 @@ impl Bench<'_> {
         signal(libc::SIGCONT);
         pause(third_s, self.stop);
     }
-}
-
-/// What a controller came to, at its end.
-fn row_of(controller: &mut Watched) -> Result<Row, String> {
-    controller.wait_for_end(PATIENCE)?;
-    let finished = controller.finished.take();
-    let finished = finished.ok_or("the controller ended without a result")?;
-    let mut row = Row::of(*finished);
-    row.links_made = links_made(controller);
-    row.has_damaged_chunk = controller.has_said(DAMAGED);
-    Ok(row)
 }
 
 fn own_domain() -> Result<OwnDomain, Failure> {
