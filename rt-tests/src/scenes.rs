@@ -32,10 +32,18 @@ impl SceneFile {
                 _folder: None,
             });
         }
+        Self::of_text("first-touch.toml", BUNDLED_SCENE)
+    }
+
+    /// A scene as text, in a file of this name.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn of_text(name: &str, text: &str) -> Result<Self, Failure> {
         let folder = tempfile::tempdir()
             .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
-        let path = folder.path().join("first-touch.toml");
-        std::fs::write(&path, BUNDLED_SCENE).map_err(|error| Failure::write(&path, &error))?;
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).map_err(|error| Failure::write(&path, &error))?;
         Ok(Self {
             path,
             _folder: Some(folder),

@@ -10,6 +10,9 @@ use std::fmt;
 const AS_LOCAL: f64 = 0.001;
 /// Largest change of the force from a tick to the next, of the local run's.
 const STEP_OF_LOCAL: f64 = 1.5;
+/// Time from the first heartbeat to a touch that is ready, and from there to full resolution, ms.
+const READY_MS: f64 = 500.0;
+const FULL_MS: f64 = 1000.0;
 
 /// What is asked of the share of full resolution.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,15 +30,24 @@ enum Full {
 pub struct Asked {
     point: Point,
     full: Full,
-    /// Whether the hand rests in the second half: the error falls there, in the same epoch.
-    rests: bool,
+    also: Also,
+}
+
+/// What is asked beside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Also {
+    Nothing,
+    /// The hand rests in the second half: the error falls there, in the same epoch.
+    Rests,
+    /// The touch is ready soon after the station was heard, and full soon after that.
+    Soon,
 }
 
 const fn full(rtt_ms: f64, mbit: f64, full: Full) -> Asked {
     Asked {
         point: Point::new(rtt_ms, mbit),
         full,
-        rests: false,
+        also: Also::Nothing,
     }
 }
 
@@ -55,10 +67,16 @@ pub const ASKED: [Asked; 9] = [
     full(20.0, 10.0, Full::AsLocal),
     full(20.0, 2.0, Full::Share(0.99)),
     Asked {
-        rests: true,
+        also: Also::Rests,
         ..full(100.0, 0.25, Full::Stated)
     },
 ];
+
+/// What is asked of a large terrain.
+pub const TERRAIN: Asked = Asked {
+    also: Also::Soon,
+    ..full(20.0, 10.0, Full::Stated)
+};
 
 /// What is limited.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -79,6 +97,12 @@ pub enum Quantity {
     /// Certified error at the end of the hand's rest, metres; its limit is that at the start, and
     /// it is below, unless both are 0.
     RestErrorM,
+    /// Time from the first heartbeat heard to the first tick that could render a contact,
+    /// milliseconds.
+    ReadyMs,
+    /// Time from there to the first contact at full resolution, milliseconds, without the hand's
+    /// way to the contact on one machine.
+    FullMs,
 }
 
 /// A limit, and what was seen.
@@ -116,6 +140,7 @@ impl fmt::Display for Criterion {
         // Never rounded up.
         let share: Unit = |share| percent((share * 1e9) as u64, 1_000_000_000);
         let newtons: Unit = |n| format!("{} N", digits(n));
+        let ms: Unit = |time| format!("{} ms", digits(time));
         let (what, bound, unit): (&str, &str, Unit) = match self.quantity {
             Quantity::FullShare => ("full resolution", "at least", share),
             Quantity::ForceStepN => ("force step", "at most", newtons),
@@ -129,6 +154,12 @@ impl fmt::Display for Criterion {
                 ("error after the rest", "at most", length)
             }
             Quantity::RestErrorM => ("error after the rest", "below", length),
+            Quantity::ReadyMs => ("ready after the first heartbeat", "at most", ms),
+            Quantity::FullMs => (
+                "full resolution after that and the hand's way",
+                "at most",
+                ms,
+            ),
         };
         let or_none = |number: Option<f64>| number.map_or("none".to_string(), unit);
         let (limit, seen) = (or_none(self.limit), or_none(self.seen));
@@ -142,7 +173,7 @@ impl Asked {
     #[must_use]
     pub const fn guest(&self) -> Guest {
         Guest {
-            rests: self.rests,
+            rests: matches!(self.also, Also::Rests),
             ..Guest::at(self.point)
         }
     }
@@ -150,41 +181,70 @@ impl Asked {
     /// What is asked of a touch over the link, beside the local one.
     #[must_use]
     pub fn judge(&self, local: &Row, row: &Row) -> Vec<Criterion> {
-        let touched = |number: f64| (row.contact_ticks > 0).then_some(number);
-        let none =
-            |quantity, count: u64| Criterion::new(quantity, Some(0.0), touched(count as f64));
         let as_local = |share: f64| share - AS_LOCAL;
         let full = match self.full {
             Full::AsLocal => Some(local.full_share.map(as_local)),
             Full::Share(share) => Some(Some(share)),
             Full::Stated => None,
         };
-        let full = full.map(|limit| Criterion::new(Quantity::FullShare, limit, row.full_share));
-        let step = (local.contact_ticks > 0).then_some(STEP_OF_LOCAL * local.force_step_n_max);
-        let same = row.forces.and_then(|forces| forces.same_share);
-        let mut all: Vec<Criterion> = full.into_iter().collect();
-        all.push(Criterion::new(
-            Quantity::ForceStepN,
-            step,
-            touched(row.force_step_n_max),
-        ));
+        let mut all = Vec::new();
+        all.extend(full.map(|limit| Criterion::new(Quantity::FullShare, limit, row.full_share)));
+        all.extend(common(local, row));
         // A hand that rests follows a shorter path, which is another.
-        if !self.rests {
+        if self.also != Also::Rests {
+            let same = row.forces.and_then(|forces| forces.same_share);
             all.push(Criterion::new(Quantity::SameForceShare, Some(1.0), same));
         }
-        all.push(none(Quantity::MissedOwnCpu, row.missed_own_cpu));
-        all.push(none(
-            Quantity::ContactUnboundedTicks,
-            row.contact_unbounded_ticks,
-        ));
-        if self.rests {
-            let from_m = row.rest.and_then(|rest| rest.from_m);
-            let to_m = row.rest.and_then(|rest| rest.to_m);
-            all.push(Criterion::new(Quantity::RestErrorM, from_m, to_m));
-            all.push(none(Quantity::Resubscribed, row.resubscribed));
+        match self.also {
+            Also::Nothing => {}
+            Also::Rests => {
+                let from_m = row.rest.and_then(|rest| rest.from_m);
+                let to_m = row.rest.and_then(|rest| rest.to_m);
+                all.push(Criterion::new(Quantity::RestErrorM, from_m, to_m));
+                all.push(none(row, Quantity::Resubscribed, row.resubscribed));
+            }
+            Also::Soon => {
+                let since = |start: Option<f64>, end: Option<f64>| Some(end? - start?);
+                let ready = since(row.heard_ms, row.ready_ms);
+                let touch = |of: &Row| since(of.ready_ms, of.first_touch_ms);
+                let beyond = since(touch(local), touch(row));
+                let full = beyond.zip(row.first_full_ms).map(|(to, on)| to + on);
+                all.push(Criterion::new(Quantity::ReadyMs, Some(READY_MS), ready));
+                all.push(Criterion::new(Quantity::FullMs, Some(FULL_MS), full));
+            }
         }
         all
     }
+}
+
+/// What is asked of a controller beside others, by its touch alone over the same link.
+#[must_use]
+pub fn judge_as_alone(alone: &Row, row: &Row) -> Vec<Criterion> {
+    let limit = alone.full_share.map(|share| share - AS_LOCAL);
+    let full = Criterion::new(Quantity::FullShare, limit, row.full_share);
+    [full].into_iter().chain(common(alone, row)).collect()
+}
+
+/// What is asked of every touch, beside another.
+fn common(other: &Row, row: &Row) -> [Criterion; 3] {
+    let step = STEP_OF_LOCAL * other.force_step_n_max;
+    let step = (other.contact_ticks > 0).then_some(step);
+    let seen = (row.contact_ticks > 0).then_some(row.force_step_n_max);
+    [
+        Criterion::new(Quantity::ForceStepN, step, seen),
+        none(row, Quantity::MissedOwnCpu, row.missed_own_cpu),
+        none(
+            row,
+            Quantity::ContactUnboundedTicks,
+            row.contact_unbounded_ticks,
+        ),
+    ]
+}
+
+/// There must be none.
+fn none(row: &Row, quantity: Quantity, count: u64) -> Criterion {
+    let seen = (row.contact_ticks > 0).then_some(count as f64);
+    Criterion::new(quantity, Some(0.0), seen)
 }
 
 #[cfg(test)]
@@ -211,7 +271,10 @@ mod tests {
     }
 
     fn not_met(asked: &Asked, row: &Row) -> Vec<Quantity> {
-        let limits = asked.judge(&self::row(9995, 0.2), row);
+        let mut local = self::row(9995, 0.2);
+        local.ready_ms = Some(50.0);
+        local.first_touch_ms = Some(2050.0);
+        let limits = asked.judge(&local, row);
         let not_met = limits.into_iter().filter(|limit| !limit.met);
         not_met.map(|limit| limit.quantity).collect()
     }
@@ -237,9 +300,9 @@ mod tests {
             row.forces = Some(Forces::default());
             let expected = [
                 Quantity::ForceStepN,
-                Quantity::SameForceShare,
                 Quantity::MissedOwnCpu,
                 Quantity::ContactUnboundedTicks,
+                Quantity::SameForceShare,
             ];
             assert_eq!(not_met(asked, &row), expected);
         }
@@ -272,6 +335,35 @@ mod tests {
         row.rest = Some(rest(Some(1e-3), Some(1e-4)));
         row.resubscribed = 1;
         assert_eq!(not_met(slow, &row), [Quantity::Resubscribed]);
+    }
+
+    #[test]
+    fn a_large_terrain_is_ready_and_full_soon() {
+        let mut row = row(10_000, 0.3);
+        row.heard_ms = Some(100.0);
+        row.ready_ms = Some(600.0);
+        row.first_touch_ms = Some(2900.0);
+        row.first_full_ms = Some(700.0);
+        assert_eq!(not_met(&TERRAIN, &row), []);
+        row.ready_ms = Some(600.5);
+        row.first_full_ms = Some(701.0);
+        let soon = [Quantity::ReadyMs, Quantity::FullMs];
+        assert_eq!(not_met(&TERRAIN, &row), soon);
+        row.first_full_ms = None;
+        assert_eq!(not_met(&TERRAIN, &row), soon);
+    }
+
+    #[test]
+    fn beside_others_a_controller_touches_as_alone() {
+        let alone = row(9000, 0.2);
+        let not_met = |row: &Row| {
+            let limits = judge_as_alone(&alone, row).into_iter();
+            let not_met = limits.filter(|limit| !limit.met);
+            not_met.map(|limit| limit.quantity).collect::<Vec<_>>()
+        };
+        assert_eq!(not_met(&row(8990, 0.3)), []);
+        let both = [Quantity::FullShare, Quantity::ForceStepN];
+        assert_eq!(not_met(&row(8989, 0.31)), both);
     }
 
     #[test]

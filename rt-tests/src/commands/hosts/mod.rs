@@ -18,8 +18,13 @@
 //! | `relay` | the thread that carries packets between the cables of hosts |
 //! | `links` | hosts, each with a link to the station's |
 //! | `touch` | one run over a link |
+//! | `session` | the touches of a scene, one after another |
+//! | `long` | the scenes and links of `--long` |
 //! | `recorded` | the forces of two runs beside each other |
-//! | `result`, `picture` | what was seen, as JSON, table and charts |
+//! | `result`, `words`, `picture` | what was seen, as JSON, tables and charts |
+//!
+//! With `--long` the whole is done: what is asked, and the curves over distance and bandwidth, for
+//! three models.
 //!
 //! With `--json` one object (`result`): `skipped` is a sentence where the rights are missing, or
 //! null; `rows` has the touch on one machine first (`wire` is null), then one a link; with
@@ -28,42 +33,38 @@
 //! `first_touch_ms`, `first_full_ms` and `bytes_per_vsp` are null where there is none: nothing was
 //! touched, nothing came. Bytes and packets of `wire` are those of IP, of everything that the two
 //! hosts said to each other from the start of the station to its end: greeting, encryption and
-//! repetitions too.
+//! repetitions too. With `--long` there is such an object for each model, in `parts`, and
+//! `left_out` names what is not there.
 
 mod asked;
 pub(super) mod links;
+mod long;
 mod picture;
 pub(super) mod points;
 pub(super) mod programs;
 mod recorded;
 pub(super) mod relay;
 mod result;
+mod session;
 pub(super) mod touch;
 pub(super) mod way;
+mod words;
 
-use self::asked::{ASKED, Asked};
-use self::links::{Links, STATION};
+use self::asked::ASKED;
+use self::links::STATION;
+use self::long::{Plan, Whole};
 use self::points::{Guest, Point, chosen, guests};
-use self::programs::{Programs, missing_right};
+use self::programs::missing_right;
 use self::result::Found;
-use self::touch::{Bench, CUT_SHARE};
-use self::way::Shape;
+use self::session::{Ask, Session, Setting, Touch};
+use self::touch::CUT_SHARE;
 use crate::failure::Failure;
-use crate::machine::Machine;
-use crate::processes::stop::stop_flag;
-use crate::report::output::{
-    make_folder, print_either, print_json, status_line, write_json, write_whole,
-};
-use crate::scenes::{SceneFile, check_seconds, prepare_models};
+use crate::report::output::{print_either, print_json, write_json, write_whole};
+use crate::scenes::{SceneFile, check_seconds};
 use clap::Args;
-use scene::load;
 use scene_args::OverrideArgs;
-use scene_files::DiskFiles;
-use std::path::{Path, PathBuf};
-use std::time::Instant;
-
-/// Seed of losses and jitter, and of the tour, where none is given.
-const SEED: u64 = 1;
+use serde::Serialize;
+use std::path::PathBuf;
 
 /// Arguments of `rt-tests hosts`.
 #[derive(Debug, Args)]
@@ -87,19 +88,30 @@ pub struct HostsArgs {
         allow_negative_numbers = true
     )]
     pub mbit: Vec<f64>,
-    /// All round-trip times from 0.2 to 200 ms with all bandwidths from 0.25 to 100 Mbit/s: 48
-    /// links, 11 minutes at 10 seconds each
-    #[arg(long)]
+    /// The whole, in at most 45 minutes at 10 seconds each: what is asked of the links, curves from
+    /// 0.2 to 200 ms and from 0.25 to 100 Mbit/s for three models, three controllers at once
+    #[arg(long, conflicts_with_all = ["scene", "rtt_ms", "mbit", "asked", "controllers", "loss",
+        "jitter_ms", "cut", "damaged", "replayed", "model", "size", "tolerance"])]
     pub long: bool,
+    /// Folder of stanford-bunny.obj and dragon.obj
+    #[arg(long, value_name = "DIR", requires = "long")]
+    pub models: Option<PathBuf>,
+    /// Faces of the generated terrain
+    #[arg(
+        long,
+        value_name = "N",
+        requires = "long",
+        default_value_t = 10_000_000
+    )]
+    pub terrain_faces: u32,
     /// The links of which something is asked: what it is, what was seen, and whether it was met;
     /// status 1 when it was not
-    #[arg(long, conflicts_with_all = ["rtt_ms", "mbit", "long", "controllers", "loss", "jitter_ms",
-        "cut", "damaged", "replayed"])]
+    #[arg(long, conflicts_with_all = ["rtt_ms", "mbit", "controllers", "loss", "jitter_ms", "cut", "damaged", "replayed"])]
     pub asked: bool,
     /// Several controllers at once, each RTT_MS:MBIT, or RTT_MS:MBIT:stopped for one that is
     /// stopped for the middle third of its touch
     #[arg(long, value_name = "LIST", value_delimiter = ',',
-        conflicts_with_all = ["rtt_ms", "mbit", "long"])]
+        conflicts_with_all = ["rtt_ms", "mbit"])]
     pub controllers: Vec<String>,
     /// Share of the packets that are lost, 0 to 1
     #[arg(
@@ -167,50 +179,47 @@ pub struct HostsArgs {
 /// something was wrong whatever the link is like.
 pub fn hosts(args: &HostsArgs) -> Result<(), Failure> {
     let touches = check(args)?;
-    let file = SceneFile::named_or_bundled(args.scene.as_deref())?;
-    let plan = load(file.path(), &args.overrides.overrides(), &DiskFiles)?;
-    if let Some(why) = missing_right(STATION) {
-        eprintln!("skipped: {why}");
-        return if args.json {
-            print_json(&Found::skipped(&why))
-        } else {
-            Ok(())
-        };
+    if args.long {
+        let plan = Plan::new(args)?;
+        if let Some(why) = missing_right(STATION) {
+            return skip(args, &why, &Whole::skipped(&why));
+        }
+        let whole = plan.run(args)?;
+        let svg = picture::draw_whole(&whole.parts);
+        let charts = args.out.join("hosts.svg");
+        return tell(args, &svg, &whole.words(&charts), &whole, &whole.wrong());
     }
-    let programs = Programs::find()?;
-    make_folder(&args.out)?;
-    prepare_models(&plan)?;
-    let found = run(args, &touches, plan.loop_.rate_hz, programs, file.path())?;
-    write_json(&args.out.join("hosts.json"), &found)?;
+    let file = SceneFile::named_or_bundled(args.scene.as_deref())?;
+    let setting = Setting::new(file, &args.overrides, touches)?;
+    if let Some(why) = missing_right(STATION) {
+        return skip(args, &why, &Found::skipped(&why));
+    }
+    let found = Session::begin(args, 1 + setting.touches.len())?.run(&setting)?;
     let charts = args.out.join("hosts.svg");
-    write_whole(&charts, picture::draw(&found).as_bytes())?;
     let words = format!("{}\ncharts: {}\n", found.words(), charts.display());
-    print_either(args.json, &words, &found)?;
-    let wrong = found.wrong();
+    tell(args, &picture::draw(&found), &words, &found, &found.wrong())
+}
+
+fn skip(args: &HostsArgs, why: &str, found: &impl Serialize) -> Result<(), Failure> {
+    eprintln!("skipped: {why}");
+    if args.json { print_json(found) } else { Ok(()) }
+}
+
+/// Writes and prints what was found; what must not be is the failure.
+fn tell(
+    args: &HostsArgs,
+    svg: &str,
+    words: &str,
+    found: &impl Serialize,
+    wrong: &[String],
+) -> Result<(), Failure> {
+    write_json(&args.out.join("hosts.json"), found)?;
+    write_whole(&args.out.join("hosts.svg"), svg.as_bytes())?;
+    print_either(args.json, words, found)?;
     if wrong.is_empty() {
         return Ok(());
     }
     Err(Failure::Run(wrong.join("; ")))
-}
-
-/// Controllers that touch at the same time, and what is asked of the only one.
-struct Touch {
-    guests: Vec<Guest>,
-    asked: Option<&'static Asked>,
-}
-
-impl Touch {
-    fn of(guests: Vec<Guest>) -> Self {
-        let asked = None;
-        Self { guests, asked }
-    }
-
-    fn asked(asked: &'static Asked) -> Self {
-        Self {
-            guests: vec![asked.guest()],
-            asked: Some(asked),
-        }
-    }
 }
 
 /// The touches, each with the controllers in it, if everything else is in its range.
@@ -239,78 +248,12 @@ fn check(args: &HostsArgs) -> Result<Vec<Touch>, Failure> {
         ..guest
     };
     let guests: Vec<Guest> = guests.into_iter().map(loses).collect();
-    let alone = |point: Point| Touch::of(vec![loses(Guest::at(point))]);
+    let alone = |point: Point| Touch::alone(point.losing(args.loss));
     if guests.is_empty() {
-        let points = chosen(&args.rtt_ms, &args.mbit, args.long)?;
+        let points = chosen(&args.rtt_ms, &args.mbit)?;
         return Ok(points.into_iter().map(alone).collect());
     }
     let each: Vec<_> = guests.iter().map(|guest| alone(guest.point)).collect();
-    Ok(each.into_iter().chain([Touch::of(guests)]).collect())
-}
-
-fn run(
-    args: &HostsArgs,
-    touches: &[Touch],
-    rate_hz: f64,
-    programs: Programs,
-    scene: &Path,
-) -> Result<Found, Failure> {
-    let stop = stop_flag()?;
-    let folder = tempfile::tempdir()
-        .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
-    let keys = folder.path().join("keys");
-    programs.make_keys(&keys, &STATION.to_string())?;
-    let scene = std::path::absolute(scene)
-        .map_err(|error| Failure::Input(format!("{}: {error}", scene.display())))?;
-    let seed = args.overrides.seed.unwrap_or(SEED);
-    let bench = Bench {
-        programs,
-        scene,
-        overrides: args.overrides.typed(),
-        links: Links {
-            keys,
-            shape: Shape {
-                jitter_s: args.jitter_ms * 1e-3,
-                damaged: args.damaged,
-                replayed: args.replayed,
-                ..Shape::default()
-            },
-            seed,
-        },
-        folder: folder.path().to_path_buf(),
-        seconds: args.seconds,
-        rate_hz,
-        cut_s: args.cut,
-        stop: &stop,
-    };
-    let mut found = Found {
-        machine: Some(Machine::read()),
-        seconds: args.seconds,
-        seed,
-        loss: args.loss,
-        jitter_ms: args.jitter_ms,
-        cut_s: args.cut,
-        damaged: args.damaged,
-        replayed: args.replayed,
-        ..Found::default()
-    };
-    let bar = status_line();
-    let (begin, of) = (Instant::now(), touches.len());
-    bar.set_message("one machine");
-    found.add(bench.local()?, None);
-    for (number, Touch { guests, asked }) in (1..).zip(touches) {
-        let names = guests.iter().map(|guest| guest.point.to_string());
-        let names = names.collect::<Vec<_>>().join(" and ");
-        bar.set_message(format!("{names} ({number} of {of})"));
-        for row in bench.linked(guests)? {
-            found.add(row, *asked);
-        }
-        if args.long {
-            let each_s = begin.elapsed().as_secs_f64() / (number + 1) as f64;
-            let minutes = each_s * (of - number) as f64 / 60.0;
-            bar.suspend(|| eprintln!("{names}: {number} of {of}, {minutes:.0} minutes more"));
-        }
-    }
-    bar.finish_and_clear();
-    Ok(found)
+    let ask = Ask::Nothing;
+    Ok(each.into_iter().chain([Touch { guests, ask }]).collect())
 }

@@ -13,10 +13,10 @@ const SHORT: [Point; 4] = [
     Point::new(100.0, 100.0),
     Point::new(20.0, 2.0),
 ];
-/// The long form: from a cable in a laboratory to the other side of the earth, and from a radio
+/// The curves: from a cable in a laboratory to the other side of the earth, and from a radio
 /// link to a fast line.
-const LONG_RTT_MS: [f64; 8] = [0.2, 1.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0];
-const LONG_MBIT: [f64; 6] = [0.25, 1.0, 2.0, 5.0, 10.0, 100.0];
+const CURVE_RTT_MS: [f64; 8] = [0.2, 1.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0];
+const CURVE_MBIT: [f64; 6] = [0.25, 1.0, 2.0, 5.0, 10.0, 100.0];
 /// Where only the other is chosen.
 const USUAL_RTT_MS: f64 = 20.0;
 const USUAL_MBIT: f64 = 100.0;
@@ -141,21 +141,38 @@ fn within(option: &str, numbers: &[f64], low: f64, high: f64) -> Result<(), Fail
 ///
 /// # Errors
 /// One sentence that names a number out of range.
-pub fn chosen(rtt_ms: &[f64], mbit: &[f64], long: bool) -> Result<Vec<Point>, Failure> {
+pub fn chosen(rtt_ms: &[f64], mbit: &[f64]) -> Result<Vec<Point>, Failure> {
     within("--rtt-ms", rtt_ms, 0.0, MAX_RTT_MS)?;
     within("--mbit", mbit, MIN_MBIT, MAX_MBIT)?;
-    if rtt_ms.is_empty() && mbit.is_empty() && !long {
+    if rtt_ms.is_empty() && mbit.is_empty() {
         return Ok(SHORT.to_vec());
     }
-    let or = |numbers: &[f64], usual: f64, of_long: &[f64]| match (numbers, long) {
-        ([], true) => of_long.to_vec(),
-        ([], false) => vec![usual],
-        (numbers, _) => numbers.to_vec(),
+    let or = |numbers: &[f64], usual: f64| match numbers {
+        [] => vec![usual],
+        numbers => numbers.to_vec(),
     };
-    let rtts = or(rtt_ms, USUAL_RTT_MS, &LONG_RTT_MS);
-    let mbits = or(mbit, USUAL_MBIT, &LONG_MBIT);
+    let rtts = or(rtt_ms, USUAL_RTT_MS);
     let of = |&mbit: &f64| rtts.iter().map(move |&rtt_ms| Point::new(rtt_ms, mbit));
-    Ok(mbits.iter().rev().flat_map(of).collect())
+    Ok(or(mbit, USUAL_MBIT).iter().rev().flat_map(of).collect())
+}
+
+/// The links of the curves: all round trips at the usual bandwidth, all bandwidths at the usual
+/// round trip.
+pub fn curves() -> impl Iterator<Item = Point> {
+    let far = CURVE_RTT_MS.into_iter();
+    let far = far.map(|rtt_ms| Point::new(rtt_ms, USUAL_MBIT));
+    let thin = CURVE_MBIT.into_iter().rev();
+    let thin = thin.filter(|&mbit| mbit != USUAL_MBIT);
+    far.chain(thin.map(|mbit| Point::new(USUAL_RTT_MS, mbit)))
+}
+
+/// Whether a link is one of the curve over round trips, and whether of that over bandwidths.
+pub fn is_of_curves(point: Point) -> [bool; 2] {
+    let is_lossless = point.loss == 0.0;
+    [
+        is_lossless && point.mbit == USUAL_MBIT,
+        is_lossless && point.rtt_ms == USUAL_RTT_MS,
+    ]
 }
 
 #[cfg(test)]
@@ -165,7 +182,7 @@ mod tests {
     #[test]
     fn lists_are_tried_with_each_other_and_what_is_not_listed_is_usual() {
         let point = Point::new;
-        let both = chosen(&[1.0, 20.0], &[2.0, 10.0], false).unwrap();
+        let both = chosen(&[1.0, 20.0], &[2.0, 10.0]).unwrap();
         let expected = [
             point(1.0, 10.0),
             point(20.0, 10.0),
@@ -173,19 +190,25 @@ mod tests {
             point(20.0, 2.0),
         ];
         assert_eq!(both, expected);
-        let near = chosen(&[0.2], &[], false).unwrap();
+        let near = chosen(&[0.2], &[]).unwrap();
         assert_eq!(near, [point(0.2, USUAL_MBIT)]);
-        let slow = chosen(&[], &[0.25], false).unwrap();
+        let slow = chosen(&[], &[0.25]).unwrap();
         assert_eq!(slow, [point(USUAL_RTT_MS, 0.25)]);
     }
 
     #[test]
-    fn the_long_form_has_all_links_of_the_short_one_and_narrows_by_a_list() {
-        let long = chosen(&[], &[], true).unwrap();
-        assert_eq!(long.len(), LONG_RTT_MS.len() * LONG_MBIT.len());
-        assert_eq!(chosen(&[], &[], false).unwrap(), SHORT);
-        assert!(SHORT.iter().all(|point| long.contains(point)));
-        assert_eq!(chosen(&[], &[2.0], true).unwrap().len(), LONG_RTT_MS.len());
+    fn the_curves_have_all_links_of_the_short_form_each_once() {
+        assert_eq!(chosen(&[], &[]).unwrap(), SHORT);
+        let all: Vec<Point> = curves().collect();
+        assert!(SHORT.iter().all(|point| all.contains(point)));
+        assert_eq!(all.len(), CURVE_RTT_MS.len() + CURVE_MBIT.len() - 1);
+        for (number, point) in all.iter().enumerate() {
+            assert!(!all[..number].contains(point), "{point}");
+            assert!(is_of_curves(*point).contains(&true), "{point}");
+            assert_eq!(is_of_curves(point.losing(0.01)), [false; 2]);
+        }
+        let both = |point: &&Point| is_of_curves(**point) == [true; 2];
+        assert_eq!(all.iter().filter(both).count(), 1);
     }
 
     #[test]
@@ -195,7 +218,7 @@ mod tests {
             (&[f64::NAN], &[], "--rtt-ms has NaN"),
             (&[], &[0.0], "--mbit has 0;"),
         ] {
-            let refused = chosen(rtt, mbit, false).unwrap_err();
+            let refused = chosen(rtt, mbit).unwrap_err();
             assert!(refused.to_string().contains(named), "{refused}");
         }
     }

@@ -13,7 +13,7 @@ use std::process::{Command, Output, Stdio};
 const BUILD: &str = "cargo build --release -p rt-tests -p ve-station -p hrtc --features ve-station/tunnel,hrtc/tunnel";
 
 /// `ve-station` and `hrtc`, beside this program.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Programs {
     /// The station's.
     pub station: PathBuf,

@@ -1,13 +1,12 @@
-//! What was seen of each touch, as JSON and as a table.
+//! What was seen of each touch, as JSON.
 
-use super::asked::{Asked, Criterion};
+use super::asked::{Criterion, judge_as_alone};
 use super::points::Point;
 use super::recorded::{Forces, Recorded, Rest};
+use super::session::Ask;
 use super::way::Carried;
 use crate::machine::Machine;
 use crate::report::quantile::Quantiles;
-use crate::report::table::Table;
-use crate::report::units::{bytes, digits, grouped, length, percent, percent_of};
 use hrtc::result::{Finished, ShortSpread};
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -43,6 +42,8 @@ pub struct Found {
     pub damaged: f64,
     /// Share of the packets that arrive twice.
     pub replayed: f64,
+    /// Touches that came to no result, each with its links and the reason.
+    pub failed: Vec<String>,
     /// The touches: the first on one machine, without a link.
     pub rows: Vec<Row>,
 }
@@ -56,6 +57,8 @@ pub struct Row {
     pub controllers: usize,
     /// Whether this one was stopped for the middle third of the touch.
     pub is_stopped: bool,
+    /// Whether its hand rested for the second half of the touch.
+    pub rests: bool,
     /// Times that its link was made; 0 on one machine.
     pub links_made: usize,
     /// Whether a chunk came through the link that had been changed on its way.
@@ -98,6 +101,14 @@ pub struct Row {
     /// Bytes on the wire to the controller for each record received; on one machine, bytes of the
     /// messages.
     pub bytes_per_vsp: Option<f64>,
+    /// Rate of the link where it was the limit, as the controller measured it in bytes of plain
+    /// messages, Mbit/s; none where it never was.
+    pub link_mbit_per_s: Option<f64>,
+    /// Least time that the whole sequence would take over the link, seconds: its records, each of
+    /// as many bytes on the wire as those that came, at the bandwidth. None on one machine.
+    pub sequence_s: Option<f64>,
+    /// The same by bytes of plain messages at the measured rate; none without one.
+    pub sequence_measured_s: Option<f64>,
     /// Regions asked for again.
     pub resent: u64,
     /// Times that the exchange with the station began anew.
@@ -122,6 +133,13 @@ pub struct Scene {
     faces: u64,
     bytes_full_mesh: u64,
     cache_bytes: u64,
+}
+
+impl Scene {
+    /// Records of its sequence: each split makes two faces.
+    fn records(&self) -> u64 {
+        self.faces / 2
+    }
 }
 
 /// A link, and what was on it from the start of the station to its end.
@@ -163,6 +181,7 @@ impl Row {
             wire: None,
             controllers: 1,
             is_stopped: false,
+            rests: false,
             links_made: 0,
             has_damaged_chunk: false,
             contact_ticks: r.contact_ticks,
@@ -182,6 +201,9 @@ impl Row {
             vsps_received: r.vsps_received,
             bytes_received: r.bytes_received,
             bytes_per_vsp: per(r.bytes_received, r.vsps_received),
+            link_mbit_per_s: above_zero(r.link_mbit_per_s),
+            sequence_s: None,
+            sequence_measured_s: None,
             resent: r.resent,
             resubscribed: r.resubscribed,
             missed_own_cpu: r.missed_own_cpu,
@@ -201,8 +223,21 @@ impl Row {
     #[must_use]
     pub fn over(mut self, wire: Wire) -> Self {
         self.bytes_per_vsp = per(wire.to_controller.bytes, self.vsps_received);
+        let plain = per(self.bytes_received, self.vsps_received);
+        let time = |bytes: f64, mbit_per_s: f64| {
+            self.of_scene.records() as f64 * 8e-6 * bytes / mbit_per_s
+        };
+        self.sequence_s = self.bytes_per_vsp.map(|of| time(of, wire.mbit_per_s));
+        let measured = plain.zip(self.link_mbit_per_s);
+        self.sequence_measured_s = measured.map(|(bytes, rate)| time(bytes, rate));
         self.wire = Some(wire);
         self
+    }
+
+    /// Whether it was alone, and its hand did not rest.
+    #[must_use]
+    pub fn is_undisturbed(&self) -> bool {
+        self.controllers == 1 && !self.rests
     }
 
     /// Its link in words.
@@ -226,8 +261,8 @@ fn per(bytes: u64, of: u64) -> Option<f64> {
     (of > 0).then(|| bytes as f64 / of as f64)
 }
 
-fn above_zero(ms: f64) -> Option<f64> {
-    Some(ms).filter(|&ms| ms > 0.0)
+fn above_zero(number: f64) -> Option<f64> {
+    Some(number).filter(|&number| number > 0.0)
 }
 
 impl Found {
@@ -241,11 +276,17 @@ impl Found {
     }
 
     /// Adds a touch, with what is asked of it; the first is the one on one machine.
-    pub fn add(&mut self, mut row: Row, asked: Option<&Asked>) {
+    pub fn add(&mut self, mut row: Row, ask: Ask) {
         if let Some(local) = self.rows.first() {
             row.forces = Some(Forces::beside(&local.recorded, &row.recorded));
             row.recorded = Recorded::default();
-            row.asked = asked.map_or(Vec::new(), |asked| asked.judge(local, &row));
+            row.asked = match ask {
+                Ask::Link(asked) => asked.judge(local, &row),
+                Ask::AsAlone if !row.is_stopped => self
+                    .alone(&row)
+                    .map_or(Vec::new(), |alone| judge_as_alone(alone, &row)),
+                _ => Vec::new(),
+            };
         }
         let scene = row.of_scene.clone();
         self.scene = scene.name;
@@ -256,10 +297,17 @@ impl Found {
         self.rows.push(row);
     }
 
+    /// The touch alone over the link of another.
+    fn alone(&self, row: &Row) -> Option<&Row> {
+        let point = |row: &Row| row.wire.as_ref().map(Wire::point);
+        let is_alone = |of: &&Row| of.is_undisturbed() && point(of) == point(row);
+        self.rows.iter().find(is_alone)
+    }
+
     /// What must not be, however long, slow or broken a link is; in words.
     #[must_use]
     pub fn wrong(&self) -> Vec<String> {
-        let mut wrong = Vec::new();
+        let mut wrong = self.failed.clone();
         for row in &self.rows {
             let unbounded = row.contact_unbounded_ticks;
             if unbounded > 0 {
@@ -280,125 +328,6 @@ impl Found {
             wrong.push(format!("{not_met} of {of} limits were not met"));
         }
         wrong
-    }
-
-    /// The result in words.
-    #[must_use]
-    pub fn words(&self) -> String {
-        let mut text = format!(
-            "scene {}, model {} ({} faces, {} of records; cache {}), {} s each, seed {}; {} of the packets lost, jitter up to {} ms",
-            self.scene,
-            self.model,
-            grouped(self.faces),
-            bytes(self.bytes_full_mesh),
-            bytes(self.cache_bytes),
-            self.seconds,
-            self.seed,
-            percent_of(self.loss),
-            self.jitter_ms
-        );
-        if self.cut_s > 0.0 {
-            let _ = write!(text, ", cable cut for {} s", self.cut_s);
-        }
-        for (share_of, what) in [(self.damaged, "changed"), (self.replayed, "sent once more")] {
-            if share_of > 0.0 {
-                let _ = write!(text, ", {} of the packets {what}", percent_of(share_of));
-            }
-        }
-        let _ = write!(text, "\n\n{}", self.table());
-        for row in &self.rows {
-            for fault in &row.faults {
-                let _ = writeln!(text, "{}: {fault}", row.name());
-            }
-        }
-        text.push_str(&self.words_of_forces());
-        for row in self.rows.iter().filter(|row| !row.asked.is_empty()) {
-            let _ = writeln!(text, "\n{}", row.name());
-            for limit in &row.asked {
-                let _ = writeln!(text, "  {limit}");
-            }
-        }
-        text
-    }
-
-    /// Forces beside the local run's: one line for each touch over a link.
-    fn words_of_forces(&self) -> String {
-        let compared = |row: &&Row| row.forces.is_some_and(|forces| forces.ticks > 0);
-        if !self.rows.iter().any(|row| compared(&row)) {
-            return String::new();
-        }
-        let heads = "round trip, bandwidth | full\nin both | same place,\ncompared | force\nwithin 1 % | else after\na skip | after\ncoarse | \nother | difference\np50 mN | \np99 mN | \nmax mN | periods\nskipped | \nin local";
-        let mut table = Table::new(1, heads);
-        for row in self.rows.iter().filter(compared) {
-            let Some(of) = row.forces else { continue };
-            let known = of.same_ticks + of.after_skip_ticks + of.after_coarse_ticks;
-            let millinewtons = |n: f64| digits(1e3 * n);
-            table.row([
-                row.name(),
-                grouped(of.full_ticks),
-                grouped(of.ticks),
-                percent(of.same_ticks, of.ticks),
-                grouped(of.after_skip_ticks),
-                grouped(of.after_coarse_ticks),
-                grouped(of.ticks - known),
-                millinewtons(of.difference_n.p50),
-                millinewtons(of.difference_n.p99),
-                millinewtons(of.difference_n.max),
-                grouped(of.skipped),
-                grouped(of.local_skipped),
-            ]);
-        }
-        format!(
-            "\nforces beside the local run's, where both are full and the hand is at the same place\n{table}"
-        )
-    }
-
-    /// One line for each touch.
-    #[must_use]
-    pub fn table(&self) -> Table {
-        let heads = "round trip, bandwidth | contact at full\nresolution | certified error\np50 | \nmax | heard\nms | ready\nms | first touch\nms | first full\nms | force step\nN | to controller\nkB/s | to station\nkB/s | \nVSPs | bytes\na VSP | begun\nanew | links\nmade | packets\nlost | own\nmisses | relay late\np99 ms";
-        let mut table = Table::new(1, heads);
-        let or_none = |number: Option<f64>| number.map_or("none".to_string(), digits);
-        for row in &self.rows {
-            let rate = |of: fn(&Wire) -> Carried| {
-                let rate = |wire: &Wire| of(wire).bytes as f64 * 1e-3 / self.seconds;
-                row.wire
-                    .as_ref()
-                    .map_or(String::new(), |wire| digits(rate(wire)))
-            };
-            let error = |of: fn(ShortSpread) -> f64| {
-                let certified = row.certified_error_m.map(of);
-                certified.map_or("none".to_string(), length)
-            };
-            let lost = row.wire.map_or(String::new(), |wire| {
-                let of = |way: Carried| way.lost + way.dropped + way.cut;
-                grouped(of(wire.to_controller) + of(wire.to_station))
-            });
-            let late = row
-                .wire
-                .map_or(String::new(), |wire| digits(wire.late_ms.p99));
-            table.row([
-                row.name(),
-                percent(row.contact_full_ticks, row.contact_ticks),
-                error(|certified| certified.p50),
-                error(|certified| certified.max),
-                or_none(row.heard_ms),
-                or_none(row.ready_ms),
-                or_none(row.first_touch_ms),
-                or_none(row.first_full_ms),
-                format!("{:.2}", row.force_step_n_max),
-                rate(|wire| wire.to_controller),
-                rate(|wire| wire.to_station),
-                grouped(row.vsps_received),
-                or_none(row.bytes_per_vsp),
-                grouped(row.resubscribed),
-                row.links_made.to_string(),
-                lost,
-                row.missed_own_cpu.to_string(),
-                late,
-            ]);
-        }
-        table
     }
 }
 
@@ -432,6 +361,8 @@ mod tests {
             first_heard_ms: 100.0,
             first_force_ready_ms: 150.0,
             first_touch_ms: 700.0,
+            faces: 40_000,
+            link_mbit_per_s: 0.5,
             resubscribed: 7,
             ..RunResult::default()
         }
@@ -451,12 +382,16 @@ mod tests {
         let far = row(result()).over(wire());
         assert_eq!(far.bytes_per_vsp, Some(100.0));
         assert_eq!(far.full_share, Some(0.999));
+        // 20 000 records: of 100 bytes at 0.25 Mbit/s, of 80 at the measured 0.5.
+        assert_eq!(far.sequence_s, Some(64.0));
+        assert_eq!(far.sequence_measured_s, Some(25.6));
+        assert_eq!(local.sequence_s, None);
         let mut found = Found {
             seconds: 10.0,
             ..Found::default()
         };
-        found.add(local, None);
-        found.add(far, None);
+        found.add(local, Ask::Nothing);
+        found.add(far, Ask::Nothing);
         let table = found.table().to_string();
         let far = table.lines().last().unwrap();
         let cells: Vec<&str> = far.split("  ").filter(|cell| !cell.is_empty()).collect();
@@ -504,7 +439,7 @@ mod tests {
         }
         assert_eq!(json["wire"]["to_controller"]["bytes"], 400_000);
         let mut found = Found::default();
-        found.add(none, None);
+        found.add(none, Ask::Nothing);
         assert!(found.words().contains("none"), "{}", found.words());
     }
 
@@ -516,7 +451,7 @@ mod tests {
                 non_finite: vec!["force_n".to_string()],
                 ..RunResult::default()
             }),
-            None,
+            Ask::Nothing,
         );
         assert!(
             found
@@ -536,7 +471,7 @@ mod tests {
     #[test]
     fn what_no_link_excuses_is_named() {
         let mut found = Found::default();
-        found.add(row(result()).over(wire()), None);
+        found.add(row(result()).over(wire()), Ask::Nothing);
         assert_eq!(found.wrong(), Vec::<String>::new());
         found.rows[0].contact_unbounded_ticks = 3;
         found.rows[0].has_damaged_chunk = true;
@@ -546,5 +481,7 @@ mod tests {
             wrong[0].starts_with("20 ms, 0.25 Mbit/s: 3 ticks"),
             "{wrong:?}"
         );
+        found.failed.push("at 1 ms: no result".to_string());
+        assert_eq!(found.wrong()[0], "at 1 ms: no result");
     }
 }

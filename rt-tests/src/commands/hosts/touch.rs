@@ -82,6 +82,7 @@ impl Bench<'_> {
         let rows = rows.map(|((mut row, guest), [to_controller, to_station])| {
             row.controllers = guests.len();
             row.is_stopped = guest.is_stopped;
+            row.rests = guest.rests;
             row.rest = row.recorded.rest().filter(|_| guest.rests);
             row.over(Wire {
                 rtt_ms: guest.point.rtt_ms,

@@ -142,7 +142,7 @@ impl Axis {
                     _ => self.decade_marks(),
                 };
                 if has_zero {
-                    marks.push((0.0, "0".to_string()));
+                    marks.insert(0, (0.0, "0".to_string()));
                 }
                 marks
             }

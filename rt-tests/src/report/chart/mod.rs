@@ -32,6 +32,9 @@ const CHARACTER: f64 = 6.4;
 /// Room around the axes of a chart, pixels: left, top, right, bottom.
 const MARGINS: [f64; 4] = [66.0, 26.0, 22.0, 46.0];
 
+/// Height of a row of names above charts, pixels.
+const NAMES_HEIGHT: f64 = 28.0;
+
 /// How a curve looks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stroke {
@@ -184,17 +187,37 @@ impl Frame {
 /// Charts in a grid, `columns` wide, as one SVG; `height` is that of a chart in pixels.
 #[must_use]
 pub fn grid(charts: &[Chart], columns: usize, height: f64, ground: Ground) -> String {
+    grid_under(&[], charts, columns, height, ground)
+}
+
+/// The same under one row of names that hold in all charts, each with its line.
+#[must_use]
+pub fn grid_under(
+    names: &[(String, &str, Stroke)],
+    charts: &[Chart],
+    columns: usize,
+    height: f64,
+    ground: Ground,
+) -> String {
+    let above = if names.is_empty() { 0.0 } else { NAMES_HEIGHT };
     let columns = columns.max(1);
     let rows = charts.len().div_ceil(columns);
     let cell = WIDTH / columns as f64;
     let [left, top, right, bottom] = MARGINS;
     // The same in every chart, so that equal axes are of equal length.
     let legend = charts.iter().map(Chart::legend_width).fold(0.0, f64::max);
-    let mut svg = open(ground, WIDTH, height * rows as f64);
+    let mut svg = open(ground, WIDTH, above + height * rows as f64);
+    let mut x = left;
+    for (name, color, stroke) in names {
+        let sample = sample(color, *stroke);
+        let _ = writeln!(svg, "<g transform=\"translate({x:.1} 6)\">{sample}</g>");
+        words(&mut svg, (x + 32.0, 16.0), "start", "", name);
+        x += 54.0 + CHARACTER * name.chars().count() as f64;
+    }
     for (place, chart) in charts.iter().enumerate() {
         let frame = Frame {
             left: cell * (place % columns) as f64 + left,
-            top: height * (place / columns) as f64 + top,
+            top: above + height * (place / columns) as f64 + top,
             width: cell - left - right - legend,
             height: height - top - bottom,
         };

@@ -1,0 +1,264 @@
+//! The whole: what is asked of the links, and how a touch fares over distance and bandwidth, for
+//! three models.
+
+use super::HostsArgs;
+use super::asked::{ASKED, Quantity, TERRAIN};
+use super::points::{Guest, curves};
+use super::result::{Found, Row};
+use super::session::{Ask, Session, Setting, Touch};
+use crate::failure::Failure;
+use crate::report::units::{digits, grouped};
+use crate::scenes::SceneFile;
+use scene_args::OverrideArgs;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// The model of which everything is asked, and the one of which the curves are made too.
+const BUNNY: &str = "stanford-bunny.obj";
+const DRAGON: &str = "dragon.obj";
+/// Cache of both, so that not everything is simply loaded.
+const CACHE: &str = "4MiB";
+/// Speed of the hand, m/s.
+const SPEED_M_PER_S: f64 = 0.1;
+/// Longest side of the terrain, metres.
+const TERRAIN_M: f64 = 2.0;
+/// Three controllers: a near one, one far away behind a thin line, and one that is stopped.
+const CONTROLLERS: [&str; 3] = ["20:100", "100:0.25", "20:100:stopped"];
+
+/// The result of the command.
+#[derive(Debug, Default, Serialize)]
+pub struct Whole {
+    /// Why nothing was run, and what helps.
+    pub skipped: Option<String>,
+    /// What is not in it, and why.
+    pub left_out: Vec<String>,
+    /// What was found of each model.
+    pub parts: Vec<Found>,
+}
+
+/// Scenes of the whole, with what is left out.
+pub struct Plan {
+    /// The scenes.
+    pub settings: Vec<Setting>,
+    left_out: Vec<String>,
+}
+
+impl Plan {
+    /// The scenes, of the models that are there.
+    ///
+    /// # Errors
+    /// One sentence when one is refused.
+    pub fn new(args: &HostsArgs) -> Result<Self, Failure> {
+        let mut left_out = Vec::new();
+        let bunny = named(args, BUNNY, &mut left_out);
+        let dragon = named(args, DRAGON, &mut left_out);
+        if bunny.is_none() {
+            left_out.push("the bundled relief is touched in place of the bunny".to_string());
+        }
+        let overrides = |model: Option<PathBuf>| OverrideArgs {
+            model,
+            cache: args.overrides.cache.clone().or(Some(CACHE.to_string())),
+            speed: args.overrides.speed.or(Some(SPEED_M_PER_S)),
+            ..args.overrides.clone()
+        };
+        let bundled = || SceneFile::named_or_bundled(None);
+        let mut settings = vec![Setting::new(bundled()?, &overrides(bunny), of_bunny()?)?];
+        if dragon.is_some() {
+            let touches = curves().map(Touch::alone).collect();
+            settings.push(Setting::new(bundled()?, &overrides(dragon), touches)?);
+        }
+        let of_terrain = OverrideArgs {
+            speed: overrides(None).speed,
+            ..args.overrides.clone()
+        };
+        let scene = SceneFile::of_text("terrain.toml", &terrain(args.terrain_faces))?;
+        let touches = curves().map(|point| {
+            if point == TERRAIN.guest().point {
+                Touch::asked(&TERRAIN)
+            } else {
+                Touch::alone(point)
+            }
+        });
+        settings.push(Setting::new(scene, &of_terrain, touches.collect())?);
+        Ok(Self { settings, left_out })
+    }
+
+    /// Runs all.
+    ///
+    /// # Errors
+    /// What failed, in one sentence.
+    pub fn run(self, args: &HostsArgs) -> Result<Whole, Failure> {
+        let of = self.settings.iter().map(|of| 1 + of.touches.len()).sum();
+        let mut session = Session::begin(args, of)?;
+        for sentence in &self.left_out {
+            eprintln!("{sentence}");
+        }
+        eprintln!(
+            "{of} touches; a terrain of {} faces is built first where it is not kept yet, which takes minutes",
+            grouped(u64::from(args.terrain_faces))
+        );
+        let mut parts = Vec::new();
+        for setting in &self.settings {
+            parts.push(session.run(setting)?);
+        }
+        Ok(Whole {
+            skipped: None,
+            left_out: self.left_out,
+            parts,
+        })
+    }
+}
+
+/// A model of the folder, or why it is left out.
+fn named(args: &HostsArgs, name: &str, left_out: &mut Vec<String>) -> Option<PathBuf> {
+    let Some(folder) = &args.models else {
+        left_out.push(format!("{name} is left out: name its folder with --models"));
+        return None;
+    };
+    let path = folder.join(name);
+    if path.is_file() {
+        return Some(path);
+    }
+    left_out.push(format!(
+        "{name} is left out: it is not in {}",
+        folder.display()
+    ));
+    None
+}
+
+/// Everything that is asked, and the links of the curves that are not among them.
+fn of_bunny() -> Result<Vec<Touch>, Failure> {
+    let asked: Vec<Touch> = ASKED.iter().map(Touch::asked).collect();
+    let is_asked = |touch: &Touch| asked.iter().any(|of| of.guests == touch.guests);
+    let curves = curves().map(Touch::alone);
+    let curves: Vec<Touch> = curves.filter(|touch| !is_asked(touch)).collect();
+    let guests = CONTROLLERS.map(|typed| typed.parse());
+    let guests: Result<Vec<Guest>, String> = guests.into_iter().collect();
+    let together = Touch {
+        guests: guests.map_err(Failure::Input)?,
+        ask: Ask::AsAlone,
+    };
+    Ok(asked.into_iter().chain(curves).chain([together]).collect())
+}
+
+/// Scene of a generated terrain.
+fn terrain(faces: u32) -> String {
+    format!(
+        "[[object]]\ngenerate = {{ shape = \"terrain\", faces = {faces} }}\nsize_m = {TERRAIN_M}\n\n\
+         [[probe]]\ntrajectory = {{ tour = {{ seed = 1 }} }}\n"
+    )
+}
+
+impl Whole {
+    /// Nothing was run.
+    #[must_use]
+    pub fn skipped(why: &str) -> Self {
+        Self {
+            skipped: Some(why.to_string()),
+            ..Self::default()
+        }
+    }
+
+    /// What must not be, in words.
+    #[must_use]
+    pub fn wrong(&self) -> Vec<String> {
+        let of = |part: &Found| {
+            let named = |wrong: String| format!("{}: {wrong}", part.model);
+            part.wrong().into_iter().map(named).collect::<Vec<_>>()
+        };
+        self.parts.iter().flat_map(of).collect()
+    }
+
+    /// The result in words.
+    #[must_use]
+    pub fn words(&self, charts: &Path) -> String {
+        let mut text = String::new();
+        for sentence in &self.left_out {
+            let _ = writeln!(text, "{sentence}");
+        }
+        for part in &self.parts {
+            let _ = writeln!(text, "{}", part.words());
+            text.push_str(&whole_sequence(part));
+        }
+        let _ = writeln!(text, "charts: {}", charts.display());
+        text
+    }
+}
+
+/// How long the whole sequence would take where the touch is asked for soon.
+fn whole_sequence(part: &Found) -> String {
+    let is_soon = |row: &&Row| {
+        let mut asked = row.asked.iter();
+        asked.any(|of| of.quantity == Quantity::ReadyMs)
+    };
+    let Some(row) = part.rows.iter().find(is_soon) else {
+        return String::new();
+    };
+    let (Some(bytes), Some(least)) = (row.bytes_per_vsp, row.sequence_s) else {
+        return String::new();
+    };
+    let measured = row.sequence_measured_s.map_or(String::new(), |seconds| {
+        format!(
+            ", {} s at the rate that the controller measured",
+            digits(seconds)
+        )
+    });
+    format!(
+        "{}: the whole sequence of {} records would take {} s at {} bytes for each{measured}\n",
+        row.name(),
+        grouped(part.faces / 2),
+        digits(least),
+        digits(bytes),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arguments::{Arguments, Command};
+    use clap::Parser;
+
+    fn plan(folder: &Path) -> Plan {
+        let typed = [
+            "rt-tests",
+            "hosts",
+            "--long",
+            "--terrain-faces=2000",
+            "--models",
+        ];
+        let typed = typed.map(PathBuf::from).into_iter().chain([folder.into()]);
+        let Command::Hosts(args) = Arguments::parse_from(typed).command else {
+            panic!("another command");
+        };
+        Plan::new(&args).unwrap()
+    }
+
+    #[test]
+    fn the_whole_is_done_in_forty_minutes_and_says_what_is_not_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let none = plan(folder.path());
+        assert_eq!((none.settings.len(), none.left_out.len()), (2, 3));
+        for model in [BUNNY, DRAGON] {
+            std::fs::write(folder.path().join(model), "").unwrap();
+        }
+        let all = plan(folder.path());
+        assert_eq!((all.settings.len(), all.left_out.len()), (3, 0));
+        let touches = all.settings.iter().map(|of| 1 + of.touches.len());
+        // 10 s each, and 3 s for the start of both programs.
+        assert!(touches.sum::<usize>() * 13 < 40 * 60);
+        // Of every model, all of both curves.
+        for setting in &all.settings {
+            for point in curves() {
+                let touch = vec![Guest::at(point)];
+                let times = setting.touches.iter().filter(|of| of.guests == touch);
+                assert_eq!(times.count(), 1, "{point}");
+            }
+        }
+        let bunny = &all.settings[0].touches;
+        assert!(bunny.iter().any(|touch| touch.ask == Ask::AsAlone));
+        let asked = |of: &&Touch| matches!(of.ask, Ask::Link(_));
+        assert_eq!(bunny.iter().filter(asked).count(), ASKED.len());
+        assert_eq!(all.settings[2].touches.iter().filter(asked).count(), 1);
+    }
+}
