@@ -101,8 +101,6 @@ pub struct CoreRecord {
     /// Regions asked for again, with every record, since their answer counted on records that were
     /// gone, total.
     pub resent: u64,
-    /// Regions given up before their answer began, since they were not needed any more, total.
-    pub cancelled: u64,
     /// Smoothed time from a question to the station to the first part of its answer, seconds;
     /// negative before the first.
     pub round_trip_s: f64,

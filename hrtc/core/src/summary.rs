@@ -28,7 +28,6 @@ impl Controller {
             record.regions_subscribed += session.subscriber().subscribed;
             record.resubscribed += session.subscriber().resubscribed;
             record.resent += session.subscriber().resent;
-            record.cancelled += session.cancelled;
             record.evicted += front.cache.evicted();
             record.vsps_loaded += front.cache.loaded();
             record.cache_bytes += front.cache.bytes_used() as u64;

@@ -282,7 +282,6 @@ impl Accumulator {
         result.regions_subscribed = result.regions_subscribed.max(core.regions_subscribed);
         result.resubscribed = result.resubscribed.max(core.resubscribed);
         result.resent = result.resent.max(core.resent);
-        result.cancelled = result.cancelled.max(core.cancelled);
         result.round_trip_ms = 1e3 * core.round_trip_s;
         result.link_mbit_per_s = if core.link_bytes_per_s < 0.0 {
             -1.0

@@ -306,8 +306,6 @@ pub struct RunResult {
     pub resubscribed: u64,
     /// Regions asked for again, with every record.
     pub resent: u64,
-    /// Regions given up before their answer began, since they were not needed any more.
-    pub cancelled: u64,
     /// Smoothed time from a question to the station to its answer, at the end, milliseconds;
     /// negative without one.
     pub round_trip_ms: f64,

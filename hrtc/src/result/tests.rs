@@ -369,7 +369,6 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
         "regions_subscribed",
         "resubscribed",
         "resent",
-        "cancelled",
         "round_trip_ms",
         "link_mbit_per_s",
         "bytes_received",

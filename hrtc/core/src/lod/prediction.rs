@@ -6,7 +6,7 @@ use super::front::{Front, FrontModel};
 use super::predict::{Predicted, predict_forecast};
 use super::predictions::Unknown;
 use crate::budget::QueryBudget;
-use crate::cache::{Cache, RegionKey, RegionState};
+use crate::cache::{Cache, RegionKey};
 use crate::contact::query::closest_point_within;
 use crate::probe::contacts::Contacts;
 use crate::tuning::prediction::{BLOCK_SHARE, MAX_WAITING, RADII_AROUND};
@@ -58,23 +58,6 @@ impl Front {
             .filter(move |of| of.is_needed || may_prefetch)
             .copied();
         (&mut self.cache, wanted)
-    }
-
-    /// A region of those `asked` for that is not predicted any more, and of which nothing has come
-    /// yet.
-    #[must_use]
-    pub fn asked_in_vain(
-        &self,
-        asked: impl Iterator<Item = RegionKey>,
-        tick: u64,
-    ) -> Option<usize> {
-        let hysteresis = self.horizons.hysteresis;
-        let mut known = asked.filter_map(|key| self.cache.regions.index(key));
-        known.find(|&index| {
-            let region = self.cache.regions.at(index);
-            let awaited = region.state() == RegionState::Requested && !region.is_receiving();
-            awaited && region.used_at + hysteresis < tick
-        })
     }
 
     /// For each probe sets the finest ring by its speed and by memory pressure, then notes the

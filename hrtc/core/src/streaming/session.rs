@@ -109,8 +109,6 @@ pub struct Session {
     pub bytes_received: u64,
     /// Records received, total.
     pub vsps_received: u64,
-    /// Regions given up before their answer began, total.
-    pub cancelled: u64,
 }
 
 impl Session {
@@ -128,7 +126,6 @@ impl Session {
             measured: None,
             bytes_received: 0,
             vsps_received: 0,
-            cancelled: 0,
         }
     }
 
@@ -233,23 +230,9 @@ impl Session {
         if self.is_ended() || front.cache.is_clearing() {
             return;
         }
-        self.cancel(front, meter, tick);
         let may_request = front.may_request(tick) && self.subscriber.may_ask(&front.cache);
         let (cache, wanted) = front.requests(may_request, waiting);
         self.subscriber.requests(tick, cache, wanted, meter, outbox);
-    }
-
-    /// Gives up what was asked for in vain, before its answer begins: the station forgets it, and
-    /// comes sooner to what is needed.
-    fn cancel(&mut self, front: &mut Front, meter: &LinkMeter, tick: u64) {
-        let in_transit = meter.questions_in_transit();
-        while let Some(waiting) = self.subscriber.questions().all().get(in_transit..)
-            && let Some(index) = front.asked_in_vain(waiting.iter().map(|of| of.region), tick)
-        {
-            self.subscriber.answered(front.cache.regions.at(index).key);
-            front.cache.begin_unload(index, AfterUnload::Release, tick);
-            self.cancelled += 1;
-        }
     }
 
     /// Takes a chunk of the object as far as budget and room go. Returns whether it is done with.

@@ -123,14 +123,13 @@ fn run_with(name: &str, mut world: World, mut trouble: impl FnMut(&mut World, u6
     let s = world.summary();
     let error_mm = 1e3 * errors / (s.contact - unbounded).max(1) as f64;
     println!(
-        "{name}: full {:.2} % of {} contact ticks, force step {:.3} N, round trip {:.1} ms, {:.3} Mbit/s, regions {} (cancelled {}, resent {}), received {}, evicted {}, longest silence {silence} ticks, certified error {error_mm:.4} mm on the mean, unbounded in {unbounded} ticks",
+        "{name}: full {:.2} % of {} contact ticks, force step {:.3} N, round trip {:.1} ms, {:.3} Mbit/s, regions {} (resent {}), received {}, evicted {}, longest silence {silence} ticks, certified error {error_mm:.4} mm on the mean, unbounded in {unbounded} ticks",
         100.0 * s.full_share(),
         s.contact,
         s.force_step_max,
         1e3 * s.last.round_trip_s,
         8e-6 * s.last.link_bytes_per_s,
         s.last.regions_subscribed,
-        s.last.cancelled,
         s.last.resent,
         s.last.vsps_received,
         s.last.evicted,
