@@ -85,6 +85,8 @@ pub mod streaming {
     pub const MIN_SPAN_S: f64 = 5.0;
     /// Share of a new measurement in the rate.
     pub const RATE_SHARE: f64 = 1.0 / 16.0;
+    /// Share of a chunk in the mean time that chunks wait on the link.
+    pub const WAIT_SHARE: f64 = 1.0 / 4.0;
     /// Regions over which it is measured how many chunks a region takes.
     pub const REGIONS_KEPT: f64 = 64.0;
     /// Time for which what is under way may wait on the link beside two round trips.

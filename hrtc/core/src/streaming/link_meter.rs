@@ -7,6 +7,7 @@ use crate::horizons::Horizons;
 use crate::tuning::streaming::{
     FIRST_TIMEOUT_S, IN_TRANSIT, INCLUDED_S, MAX_LEAD_S, MIN_SPAN_S, MIN_WINDOW, QUEUE_S, QUEUED,
     RATE_SHARE, REGIONS_KEPT, REQUEST_SHARE, ROUND_TRIP_SHARE, VARIATION_SHARE, VARIATIONS,
+    WAIT_SHARE,
 };
 use protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, MAX_CREDIT_CHUNKS, Request};
 
@@ -88,6 +89,8 @@ pub struct LinkMeter {
     left: usize,
     /// When a chunk arrived last.
     arrived: u64,
+    /// How long chunks of late waited on the link behind others, on the mean.
+    waits: f64,
     /// Chunks that came while more was on its way, and in how many ticks; the older ones fade.
     flow: Option<(f64, f64)>,
     /// Chunks of answers, and regions that were answered by them; the older ones fade.
@@ -107,6 +110,7 @@ impl LinkMeter {
             delay: None,
             left: 0,
             arrived: 0,
+            waits: 0.0,
             flow: None,
             regions: (0.0, 0.0),
         }
@@ -180,6 +184,7 @@ impl LinkMeter {
             return;
         };
         let [waited, last_waited] = [first, last].map(|of| self.waited_on_link(of, tick));
+        self.waits += (last_waited - self.waits) * WAIT_SHARE;
         let since_last = tick.saturating_sub(self.arrived) as f64;
         self.arrived = tick;
         if self.left > 0 {
@@ -310,11 +315,15 @@ impl LinkMeter {
     /// within `ticks` because the link is thin: then it would delay what can be. Where the link
     /// carries whatever is asked for, none is called late: it costs nothing, and the hand may come
     /// later or stay longer than predicted.
+    ///
+    /// Thin is a link on which chunks wait: one of TCP is slow at first, and what it carried then
+    /// says little about what it can.
     #[must_use]
     pub fn comes_late(&self, outstanding: usize, ticks: f64) -> bool {
         let transfer = self.transfer_ticks(outstanding);
         let least = self.least.get().unwrap_or(0.0);
-        transfer > INCLUDED_S * self.rate_hz && least + transfer > ticks
+        let is_busy = self.waits.min(transfer) > INCLUDED_S * self.rate_hz;
+        is_busy && least + transfer > ticks
     }
 
     /// Ticks between two requests at the least, so that they take a small share of a thin line.
@@ -419,6 +428,21 @@ mod tests {
         assert!(far.comes_late(3, 363.0) && !far.comes_late(3, 365.0));
         // The distance alone is no reason.
         assert!(!far.comes_late(0, 0.0) && !after(300, 1).comes_late(20, 0.0));
+    }
+
+    #[test]
+    fn nothing_is_late_on_a_link_that_was_slow_only_at_first() {
+        let mut link = after(200, 16);
+        assert!(link.comes_late(10, 200.0));
+        // What is asked for now comes without waiting; the rate that was seen is the same.
+        let rate = link.rate();
+        for k in 0..16 {
+            let tick = 10_000 + 100 * k;
+            link.arrive(1, sent(tick - 100), tick);
+            link.leave(0);
+        }
+        assert_eq!(link.rate(), rate);
+        assert!(!link.comes_late(10, 200.0));
     }
 
     #[test]
