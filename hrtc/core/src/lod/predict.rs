@@ -196,6 +196,12 @@ impl Predictor {
         self.lead = ticks;
     }
 
+    /// By how many ticks the loaded set looks farther ahead.
+    #[must_use]
+    pub fn lead(&self) -> f64 {
+        self.lead
+    }
+
     /// Ticks that a look goes ahead.
     fn ticks_ahead(&self, seconds: f64, share: f64) -> f64 {
         seconds * self.rate_hz + share * self.lead

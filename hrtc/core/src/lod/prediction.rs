@@ -202,7 +202,8 @@ impl Front {
             return;
         };
         let (velocity, _) = approach.predictor.motion();
-        let reach = radius + velocity.length() * RADII_AROUND * horizons.prediction.landing;
+        let landing = horizons.prediction.landing + approach.predictor.lead();
+        let reach = radius + velocity.length() * RADII_AROUND * landing;
         let is_close = pair.clearance - model.radius_max <= reach;
         if let (Some(goal), true) = (pair.goal, is_local) {
             let patch = pair.patch_m / *metres_per_unit;
