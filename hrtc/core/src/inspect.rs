@@ -135,6 +135,14 @@ impl Controller {
         Some((tour.object as usize, whole))
     }
 
+    /// Where a probe's tour begins, as soon as that is known: the object, and a point in its file's
+    /// own frame and units.
+    #[must_use]
+    pub fn tour_begin_of(&self, probe: usize) -> Option<(usize, &TourPoint)> {
+        let tour = self.probes.get(probe)?.tour.as_ref()?;
+        Some((tour.object as usize, tour.points.first()?))
+    }
+
     /// The fault that leaves nothing to do: no object can be touched, or no probe is led.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {

@@ -1,10 +1,11 @@
 //! The device of a probe, and the scene's path that leads it.
 
 use geometry::Pose;
-use haptic_device::{GuardedDevice, Sample, TickTime};
+use haptic_device::{GuardedDevice, Intent, Sample, TickTime};
 use hrtc_core::Controller;
 use hrtc_core::script::Script;
 use scene::{ProbePlan, TrajectoryPlan};
+use std::slice::from_ref;
 
 /// A device and its path.
 pub(super) struct ProbeDevice {
@@ -39,34 +40,40 @@ impl ProbeDevice {
         rate_hz: f64,
         time: TickTime,
     ) -> Option<Sample> {
-        self.intend(probe, controller, tick, rate_hz);
+        if let Some(intent) = self.intent(probe, controller, tick, rate_hz) {
+            self.device.intend(intent);
+        }
         self.device.read(time)
     }
 
-    fn intend(&mut self, probe: usize, controller: &Controller, tick: u64, rate_hz: f64) {
-        let t = |start: u64| (tick - start) as f64 / rate_hz;
-        let intent = if self.points.is_empty() {
-            let Some((object, tour)) = controller.tour_of(probe) else {
-                return;
-            };
-            let Some(frame) = controller.frame_of(object) else {
-                return;
-            };
-            let from = *self.start.get_or_insert(tick);
-            let intent = self.script.along_tour(tour, &frame, t(from));
-            intent.map(|mut intent| {
-                // The path moves with its object: to the pose at the end of the coming period.
-                let carried = controller.carried(object, intent.pose.position);
-                intent.pose.position += carried.linear;
-                intent.velocity += carried.linear * rate_hz;
-                intent
-            })
-        } else {
-            let from = *self.start.get_or_insert(tick);
-            self.script.along_points(&self.points, t(from))
-        };
-        if let Some(intent) = intent {
-            self.device.intend(intent);
+    /// Where the hand is led: nowhere before it is known where its path begins.
+    fn intent(
+        &mut self,
+        probe: usize,
+        controller: &Controller,
+        tick: u64,
+        rate_hz: f64,
+    ) -> Option<Intent> {
+        let start = &mut self.start;
+        let mut t = || (tick - *start.get_or_insert(tick)) as f64 / rate_hz;
+        if !self.points.is_empty() {
+            return self.script.along_points(&self.points, t());
         }
+        // The hand waits where its tour begins, as one does that is about to touch: what it needs
+        // there comes meanwhile.
+        let (object, points, t) = match controller.tour_of(probe) {
+            Some((object, points)) => (object, points, t()),
+            None => {
+                let (object, begin) = controller.tour_begin_of(probe)?;
+                (object, from_ref(begin), 0.0)
+            }
+        };
+        let frame = controller.frame_of(object)?;
+        let mut intent = self.script.along_tour(points, &frame, t)?;
+        // The path moves with its object: to the pose at the end of the coming period.
+        let carried = controller.carried(object, intent.pose.position);
+        intent.pose.position += carried.linear;
+        intent.velocity += carried.linear * rate_hz;
+        Some(intent)
     }
 }

@@ -9,6 +9,7 @@ use hrtc_core::{Controller, ModelFrame};
 use protocol::TourPoint;
 use scene::SimulatedDevicePlan;
 use simulated_device::SimulatedDevice;
+use std::slice::from_ref;
 
 /// The path of a hand.
 #[derive(Debug, Clone)]
@@ -17,6 +18,8 @@ enum Path {
     Unknown,
     /// Points of the scene: time in seconds from the first tick, pose in the world.
     Points(Vec<(f64, Pose)>),
+    /// A tour of which only the first point is there: the hand waits at it.
+    Begin { object: usize, point: TourPoint },
     /// A tour over an object, in its file's frame, from a tick on.
     Tour {
         object: usize,
@@ -116,14 +119,20 @@ impl Hand {
         self.device.state()
     }
 
-    /// Decides where to go in a tick; takes over the station's tour of its probe when it arrives.
+    /// Decides where to go in a tick; waits where the station's tour of its probe begins, and takes
+    /// it over when it is there.
     pub(crate) fn follow(&mut self, tick: u64, controller: &Controller, probe: usize) {
-        if let (Path::Unknown, Some((object, points))) = (&self.path, controller.tour_of(probe)) {
-            self.path = Path::Tour {
-                object,
-                points: points.to_vec(),
-                start: tick,
-            };
+        if matches!(self.path, Path::Unknown | Path::Begin { .. }) {
+            let whole = controller
+                .tour_of(probe)
+                .map(|(object, points)| Path::Tour {
+                    object,
+                    points: points.to_vec(),
+                    start: tick,
+                });
+            let begin = controller.tour_begin_of(probe);
+            let begin = begin.map(|(object, &point)| Path::Begin { object, point });
+            self.path = whole.or(begin).unwrap_or(Path::Unknown);
         }
         self.intend(tick, |object| controller.frame_of(object));
     }
@@ -141,6 +150,8 @@ impl Hand {
                 let intent = self.script.along_points(points, t.min(self.stop_s));
                 intent.map(|intent| stopped(intent, t >= self.stop_s))
             }
+            (Path::Begin { object, point }, None) => frame_of(*object)
+                .and_then(|frame| self.script.along_tour(from_ref(point), &frame, 0.0)),
             (
                 Path::Tour {
                     object,

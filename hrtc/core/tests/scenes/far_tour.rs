@@ -163,7 +163,8 @@ fn a_tour_over_a_thin_line_begins_once_and_fills_the_line() {
         let (mut ready, mut before) = (0, 0);
         while !run.is_whole() {
             let is_ready = run.world.outputs().record.ready;
-            run.tick(|world| _ = world.step_led());
+            // Without a hand nothing but the tour is asked for.
+            run.tick(|world| _ = world.step(None));
             if !is_ready {
                 ready = run.world.tick();
                 before = run.world.client_mut().link().bytes_down();
@@ -186,6 +187,33 @@ fn a_tour_over_a_thin_line_begins_once_and_fills_the_line() {
         assert!(ticks as f64 <= most, "{round_trip} ms: the line is busy");
         assert!(touch <= approach + MAX_QUEUE, "{round_trip} ms: {touch}");
         assert!(run.longest_way <= round_trip / 2 + MAX_QUEUE);
+    }
+}
+
+/// The hand moves for 188 ticks before it touches; one that appeared where it begins to move would
+/// not be full, even at 100 ms.
+#[test]
+fn a_hand_that_waits_where_its_tour_begins_lands_at_full_resolution() {
+    let model = model();
+    for round_trip in [100, 130, 160] {
+        let line = LinkModel {
+            bytes_per_tick: 8.0 * THIN,
+            ..thin(round_trip)
+        };
+        let mut run = Run::begin(&model, line);
+        let mut waits = 0;
+        while !run.is_whole() {
+            run.tick(|world| _ = world.step_led());
+            let begins = run.world.controller().tour_begin_of(0).is_some();
+            waits += u64::from(begins);
+        }
+        let moves = run.touch();
+        println!("{round_trip} ms: the hand waits for {waits} ticks, and moves for {moves}");
+        assert!(waits > round_trip, "{round_trip} ms: {waits}");
+        assert!(
+            run.world.outputs().record.contact_full,
+            "{round_trip} ms: it lands after {moves} ticks"
+        );
     }
 }
 
