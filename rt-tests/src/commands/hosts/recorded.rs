@@ -57,7 +57,10 @@ pub struct Recorded {
 pub struct Forces {
     /// Ticks in contact at full resolution in both runs.
     pub full_ticks: u64,
-    /// Of these, those compared: the hand was at the same places for 8 periods.
+    /// Of these, those with a force that differs by no more than 1 % (see `same_ticks`), wherever
+    /// the hands were.
+    pub same_anywhere_ticks: u64,
+    /// Of the full ones, those compared: the hand was at the same places for 8 periods.
     pub ticks: u64,
     /// Of these, with a force that differs by no more than 1 % of the local run's; where that is
     /// less than 1 % of its median, of the median's 1 %.
@@ -70,6 +73,8 @@ pub struct Forces {
     pub after_coarse_ticks: u64,
     /// Size of the difference, newtons.
     pub difference_n: Quantiles,
+    /// The same of all full ticks, wherever the hands were.
+    pub difference_anywhere_n: Quantiles,
     /// Median of the local run's force, newtons.
     pub local_force_n: f64,
     /// Periods skipped in the run.
@@ -194,6 +199,16 @@ impl<'a> Told<'a> {
     }
 }
 
+/// Forces of two runs at the same period, newtons.
+struct Pair {
+    /// Size of the local run's.
+    own: f64,
+    difference: f64,
+    /// Whether the hands have been at the same places for long enough.
+    is_compared: bool,
+    causes: [bool; 2],
+}
+
 impl Forces {
     /// Those of a run beside those of another.
     #[must_use]
@@ -207,22 +222,30 @@ impl Forces {
         for (local, run) in local.probes.iter().zip(&run.probes) {
             let (local, run) = (Told::of(local), Told::of(run));
             for (here, there, same) in pairs_of(local.moments, run.moments) {
-                forces.full_ticks += 1;
-                if same < SAME_PERIODS {
-                    continue;
-                }
                 let (own, other) = (local.moments[here].force, run.moments[there].force);
                 let (of_local, of_run) = (local.causes(here), run.causes(there));
                 let causes = [0, 1].map(|k| of_local[k] || of_run[k]);
                 sizes.push(own.length());
-                pairs.push((own.length(), (other - own).length(), causes));
+                pairs.push(Pair {
+                    own: own.length(),
+                    difference: (other - own).length(),
+                    is_compared: same >= SAME_PERIODS,
+                    causes,
+                });
             }
         }
-        forces.ticks = pairs.len() as u64;
+        forces.full_ticks = pairs.len() as u64;
         forces.local_force_n = median(&sizes);
         let least = LEAST_FORCE * forces.local_force_n;
-        for &(own, difference, [is_after_skip, is_after_coarse]) in &pairs {
-            let counter = if difference <= SAME_FORCE * own.max(least) {
+        for pair in &pairs {
+            let is_same = pair.difference <= SAME_FORCE * pair.own.max(least);
+            forces.same_anywhere_ticks += u64::from(is_same);
+            if !pair.is_compared {
+                continue;
+            }
+            let [is_after_skip, is_after_coarse] = pair.causes;
+            forces.ticks += 1;
+            let counter = if is_same {
                 &mut forces.same_ticks
             } else if is_after_skip {
                 &mut forces.after_skip_ticks
@@ -235,8 +258,12 @@ impl Forces {
         }
         let share = forces.same_ticks as f64 / forces.ticks as f64;
         forces.same_share = (forces.ticks > 0).then_some(share);
-        let mut differences: Vec<f64> = pairs.iter().map(|pair| pair.1).collect();
-        forces.difference_n = Quantiles::of(&mut differences);
+        let differences = |of: fn(&&Pair) -> bool| {
+            let chosen = pairs.iter().filter(of).map(|pair| pair.difference);
+            Quantiles::of(&mut chosen.collect::<Vec<f64>>())
+        };
+        forces.difference_n = differences(|pair| pair.is_compared);
+        forces.difference_anywhere_n = differences(|_| true);
         forces
     }
 }
@@ -305,6 +332,7 @@ mod tests {
         let forces = Forces::beside(&local, &run(moments));
         // Without the two that were skipped and the coarse one.
         assert_eq!(forces.full_ticks, 997);
+        assert_eq!(forces.same_anywhere_ticks, 993);
         // Without the first 7, the other place and 7, and 7 after those skipped.
         assert_eq!((forces.ticks, forces.same_ticks), (975, 972));
         assert_eq!((forces.after_skip_ticks, forces.after_coarse_ticks), (1, 1));
@@ -312,6 +340,7 @@ mod tests {
         assert_eq!(forces.same_share, Some(972.0 / 975.0));
         assert_eq!(forces.difference_n.p50, 0.0);
         assert_eq!(forces.difference_n.max, DVec3::X.distance(DVec3::Z));
+        assert_eq!(forces.difference_anywhere_n, forces.difference_n);
     }
 
     #[test]

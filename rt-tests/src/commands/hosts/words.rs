@@ -53,7 +53,7 @@ impl Found {
         if !self.rows.iter().any(|row| compared(&row)) {
             return String::new();
         }
-        let heads = "round trip, bandwidth | full\nin both | same place,\ncompared | force\nwithin 1 % | else after\na skip | after\ncoarse | \nother | difference\np50 mN | \np99 mN | \nmax mN | periods\nskipped | \nin local";
+        let heads = "round trip, bandwidth | full\nin both | within\n1 % | same place,\ncompared | force\nwithin 1 % | else after\na skip | after\ncoarse | \nother | difference\np50 mN | \np99 mN | \nmax mN | periods\nskipped | \nin local";
         let mut table = Table::new(1, heads);
         for row in self.rows.iter().filter(compared) {
             let Some(of) = row.forces else { continue };
@@ -62,6 +62,7 @@ impl Found {
             table.row([
                 row.name(),
                 grouped(of.full_ticks),
+                percent(of.same_anywhere_ticks, of.full_ticks),
                 grouped(of.ticks),
                 percent(of.same_ticks, of.ticks),
                 grouped(of.after_skip_ticks),
@@ -75,7 +76,7 @@ impl Found {
             ]);
         }
         format!(
-            "\nforces beside the local run's, where both are full and the hand is at the same place\n{table}"
+            "\nforces beside the local run's, where both are full, and where the hand is at the same place too\n{table}"
         )
     }
 
