@@ -34,10 +34,7 @@ pub fn draw(found: &Found) -> String {
 fn chart(found: &Found, title: &str, x: Of, name: fn(&Wire) -> String) -> Chart {
     let share = |row: &Row| row.full_share.map(|share| 100.0 * share);
     // A touch beside others is no point of the curve of those that are alone.
-    let label = |row: &Row, wire: &Wire| match row.controllers {
-        1 => name(wire),
-        of => format!("{}, one of {of}", name(wire)),
-    };
+    let label = |row: &Row, wire: &Wire| name(wire) + &row.conditions();
     let links = found.rows.iter();
     let links = links.filter_map(|row| {
         let wire = row.wire.as_ref()?;
@@ -261,9 +258,16 @@ mod tests {
         let mut among = row(Some((20.0, 10.0)), 100, 90);
         among.controllers = 3;
         found.add(among, Ask::Nothing);
-        let chart = chart(&found, "x", RTT, |wire| wire.mbit_per_s.to_string());
+        let mut lossy = row(Some((20.0, 10.0)), 100, 80);
+        lossy.rests = true;
+        if let Some(wire) = &mut lossy.wire {
+            wire.loss = 0.01;
+        }
+        found.add(lossy, Ask::Nothing);
+        let chart = self::chart(&found, "x", RTT, |wire| wire.mbit_per_s.to_string());
         let labels = chart.curves.iter().map(|curve| curve.label.as_str());
-        assert_eq!(labels.collect::<Vec<_>>(), ["10", "10, one of 3"]);
+        let expected = ["10", "10, one of 3", "10, 1 % lost, resting"];
+        assert_eq!(labels.collect::<Vec<_>>(), expected);
     }
 
     #[test]

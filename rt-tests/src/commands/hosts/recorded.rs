@@ -1,7 +1,8 @@
 //! What a controller recorded of its simulated hand, and how two runs of it compare.
 //!
 //! The hand follows its path by periods, also by those that a tick skips, so a path has the same
-//! place in both runs at the same number of periods from its first point.
+//! place in both runs at the same number of periods from its start: the hand waits at its first
+//! point, and then leaves it.
 //!
 //! The simulated hand gives way to the force, and its encoder has steps (10 µm, 8 mN at 800 N/m).
 //! So a skipped period, in which the force is held, puts the hands of two runs apart by a step or
@@ -22,6 +23,8 @@ const LEAST_FORCE: f64 = 0.01;
 /// bunny20k.obj --cache 4MiB --speed 0.1 --seconds 8 --rtt-ms 20 --mbit 10`), 5661 were at the same
 /// place and 431 of them off by more than 1 %; of the 2454 after 8 periods there, none.
 const SAME_PERIODS: u64 = 8;
+/// Periods that may be skipped where a hand begins.
+const START_PERIODS: u64 = 20;
 /// Time in which a skipped period or a tick below full resolution is taken to act on the force, in
 /// periods: 0.1 s.
 const AFTER_PERIODS: u64 = 100;
@@ -29,7 +32,7 @@ const AFTER_PERIODS: u64 = 100;
 /// A probe in one tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Moment {
-    /// Periods since the first point of the path.
+    /// Periods since the hand was first seen away from the first point of the path.
     period: u64,
     /// Periods that were skipped before it.
     skipped: u64,
@@ -44,7 +47,7 @@ struct Moment {
     certified_error_m: f64,
 }
 
-/// A run of the simulated hand: each probe from the first point of its path on.
+/// A run of the simulated hand: each probe from where it leaves the first point of its path.
 #[derive(Debug, Default)]
 pub struct Recorded {
     probes: Vec<Vec<Moment>>,
@@ -128,11 +131,16 @@ impl Recorded {
                     let Some(sample) = record.samples[k] else {
                         continue;
                     };
+                    let at = sample.pose.position;
+                    let (first, left) = begin.get_or_insert((at, None));
+                    if left.is_none() && at == *first {
+                        continue;
+                    }
                     let probe = &record.core.probes[k];
                     moments.push(Moment {
-                        period: record.tick - *begin.get_or_insert(record.tick),
+                        period: record.tick - *left.get_or_insert(record.tick),
                         skipped: recorded.skipped,
-                        at: sample.pose.position,
+                        at,
                         force: record.wrenches[k].force,
                         is_in_contact: probe.contact,
                         is_full: probe.contact && probe.contact_full,
@@ -220,7 +228,8 @@ impl Forces {
         };
         let (mut pairs, mut sizes) = (Vec::new(), Vec::new());
         for (local, run) in local.probes.iter().zip(&run.probes) {
-            let (local, run) = (Told::of(local), Told::of(run));
+            let (local, run) = aligned(local, run);
+            let (local, run) = (Told::of(&local), Told::of(&run));
             for (here, there, same) in pairs_of(local.moments, run.moments) {
                 let (own, other) = (local.moments[here].force, run.moments[there].force);
                 let (of_local, of_run) = (local.causes(here), run.causes(there));
@@ -268,18 +277,50 @@ impl Forces {
     }
 }
 
-/// Numbers of the moments of two runs at the same period, full in both, each with the periods for
-/// which the hands have been at the same places.
-fn pairs_of<'a>(
+/// Two runs with the same periods at the same places: a skipped period hides when a hand began.
+fn aligned(local: &[Moment], run: &[Moment]) -> (Vec<Moment>, Vec<Moment>) {
+    let moved = |moments: &[Moment], by: u64| -> Vec<Moment> {
+        let moved = moments.iter().map(|of| Moment {
+            period: of.period + by,
+            ..*of
+        });
+        moved.collect()
+    };
+    let local = moved(local, START_PERIODS);
+    let same = |by: &u64| {
+        let run = moved(run, *by);
+        let pairs = at_same_period(&local, &run);
+        pairs.filter(|&(a, b)| local[a].at == run[b].at).count()
+    };
+    let by = (0..=2 * START_PERIODS).max_by_key(same);
+    let run = moved(run, by.unwrap_or(START_PERIODS));
+    (local, run)
+}
+
+/// Numbers of the moments of two runs at the same period.
+fn at_same_period<'a>(
     local: &'a [Moment],
     run: &'a [Moment],
-) -> impl Iterator<Item = (usize, usize, u64)> + 'a {
-    let (mut there, mut same, mut next) = (0, 0, 0);
+) -> impl Iterator<Item = (usize, usize)> + 'a {
+    let mut there = 0;
     local.iter().enumerate().filter_map(move |(here, own)| {
         while run.get(there).is_some_and(|of| of.period < own.period) {
             there += 1;
         }
-        let other = run.get(there).filter(|of| of.period == own.period)?;
+        let other = run.get(there)?;
+        (other.period == own.period).then_some((here, there))
+    })
+}
+
+/// Those of them that are full in both, each with the periods for which the hands have been at the
+/// same places.
+fn pairs_of<'a>(
+    local: &'a [Moment],
+    run: &'a [Moment],
+) -> impl Iterator<Item = (usize, usize, u64)> + 'a {
+    let (mut same, mut next) = (0, 0);
+    at_same_period(local, run).filter_map(move |(here, there)| {
+        let (own, other) = (&local[here], &run[there]);
         let before = if own.period == next { same } else { 0 };
         same = if own.at == other.at { before + 1 } else { 0 };
         next = own.period + 1;
@@ -341,6 +382,20 @@ mod tests {
         assert_eq!(forces.difference_n.p50, 0.0);
         assert_eq!(forces.difference_n.max, DVec3::X.distance(DVec3::Z));
         assert_eq!(forces.difference_anywhere_n, forces.difference_n);
+    }
+
+    #[test]
+    fn a_hand_that_is_first_seen_late_is_compared_at_the_same_places() {
+        let late: Vec<Moment> = path(103)[3..].to_vec();
+        let late = late.iter().map(|of| Moment {
+            period: of.period - 3,
+            ..*of
+        });
+        let late: Vec<Moment> = late.collect();
+        for (local, other) in [(path(103), late.clone()), (late, path(103))] {
+            let forces = Forces::beside(&run(local), &run(other));
+            assert_eq!((forces.full_ticks, forces.ticks), (100, 93));
+        }
     }
 
     #[test]

@@ -7,6 +7,7 @@ use super::session::Ask;
 use super::way::Carried;
 use crate::machine::Machine;
 use crate::report::quantile::Quantiles;
+use crate::report::units::percent_of;
 use hrtc::result::{Finished, ShortSpread};
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -240,20 +241,33 @@ impl Row {
         self.controllers == 1 && !self.rests
     }
 
-    /// Its link in words.
+    /// Its link and what else it was made under, in words.
     #[must_use]
     pub fn name(&self) -> String {
-        let mut name = self.wire.map_or_else(
+        let link = self.wire.map_or_else(
             || "one machine".to_string(),
-            |wire| wire.point().to_string(),
+            |wire| Point::new(wire.rtt_ms, wire.mbit_per_s).to_string(),
         );
+        link + &self.conditions()
+    }
+
+    /// What it was made under beside distance and bandwidth: words that follow others.
+    #[must_use]
+    pub fn conditions(&self) -> String {
+        let mut words = String::new();
+        if let Some(wire) = self.wire.filter(|wire| wire.loss > 0.0) {
+            let _ = write!(words, ", {} lost", percent_of(wire.loss));
+        }
+        if self.rests {
+            words.push_str(", resting");
+        }
         if self.controllers > 1 {
-            let _ = write!(name, ", one of {}", self.controllers);
+            let _ = write!(words, ", one of {}", self.controllers);
         }
         if self.is_stopped {
-            name.push_str(", stopped");
+            words.push_str(", stopped");
         }
-        name
+        words
     }
 }
 
