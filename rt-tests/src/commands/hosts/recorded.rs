@@ -86,7 +86,7 @@ pub struct Forces {
     pub local_skipped: u64,
 }
 
-/// The end of a run, in which the hand does not move any more.
+/// The end of a run, in which the hand is led no further.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rest {
     /// Its length, periods.
@@ -152,12 +152,13 @@ impl Recorded {
         Ok(recorded)
     }
 
-    /// The rest of the first probe at the end, if it was in contact all the time.
+    /// The rest of the first probe at the end, from so many periods of its path on, as far as it
+    /// was in contact all the time.
     #[must_use]
-    pub fn rest(&self) -> Option<Rest> {
+    pub fn rest(&self, path_periods: u64) -> Option<Rest> {
         let moments = self.probes.first()?;
         let last = moments.last()?;
-        let rests = |of: &&Moment| of.is_in_contact && of.at == last.at;
+        let rests = |of: &&Moment| of.is_in_contact && of.period >= path_periods;
         let first = moments.iter().rev().take_while(rests).last()?;
         let bound = |of: &Moment| Some(of.certified_error_m).filter(|error| error.is_finite());
         Some(Rest {
@@ -426,14 +427,13 @@ mod tests {
     }
 
     #[test]
-    fn the_rest_is_the_end_at_one_place() {
+    fn the_rest_is_the_end_in_contact_behind_the_path() {
         let mut moments = path(100);
         for (left, moment) in (0..40).rev().zip(&mut moments[60..]) {
-            moment.at = DVec3::ZERO;
             moment.certified_error_m = f64::from(left);
         }
         moments[60].certified_error_m = f64::INFINITY;
-        let rest = run(moments.clone()).rest().unwrap();
+        let rest = run(moments.clone()).rest(60).unwrap();
         let expected = Rest {
             periods: 39,
             from_m: None,
@@ -441,8 +441,8 @@ mod tests {
         };
         assert_eq!(rest, expected);
         moments[80].is_in_contact = false;
-        assert_eq!(run(moments.clone()).rest().unwrap().periods, 18);
+        assert_eq!(run(moments.clone()).rest(60).unwrap().periods, 18);
         moments[99].is_in_contact = false;
-        assert_eq!(run(moments).rest(), None);
+        assert_eq!(run(moments).rest(60), None);
     }
 }

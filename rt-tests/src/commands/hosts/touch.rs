@@ -83,7 +83,9 @@ impl Bench<'_> {
             row.controllers = guests.len();
             row.is_stopped = guest.is_stopped;
             row.rests = guest.rests;
-            row.rest = row.recorded.rest().filter(|_| guest.rests);
+            let path_s = (1.0 - REST_SHARE) * self.seconds;
+            let rest = row.recorded.rest((path_s * self.rate_hz).ceil() as u64);
+            row.rest = rest.filter(|_| guest.rests);
             row.over(Wire {
                 rtt_ms: guest.point.rtt_ms,
                 mbit_per_s: guest.point.mbit,
