@@ -93,6 +93,9 @@ pub mod streaming {
     pub const QUEUE_S: f64 = 0.02;
     /// Chunks that may always be under way: one on the link while another is taken in.
     pub const MIN_WINDOW: u64 = 2;
+    /// Chunks that may be under way at first from a station on another machine: what TCP sends at
+    /// once, 10 segments of 1460 bytes (RFC 6928, 2), in chunks of 1.8 kB.
+    pub const FIRST_WINDOW: u64 = 8;
     /// Silence after which the first question to a station on another machine counts as lost,
     /// before a round trip was measured, seconds (RFC 6298, 2.1).
     pub const FIRST_TIMEOUT_S: f64 = 1.0;
