@@ -98,12 +98,12 @@ pub struct Rest {
 }
 
 impl Recorded {
-    /// Reads all files of a recording, up to the tick from which the run ended and the force ramped
-    /// down.
+    /// Reads all files of a recording, up to the tick in which the run ended and the force began to
+    /// ramp down.
     ///
     /// # Errors
     /// What cannot be read, in one sentence.
-    pub fn read(first: &Path, end_tick: u64) -> Result<Self, String> {
+    pub fn read(first: &Path) -> Result<Self, String> {
         let place = RecordingPlace {
             first: first.to_path_buf(),
             keep_bytes: 0,
@@ -122,7 +122,7 @@ impl Recorded {
             begins.resize(probes, None);
             for entry in reader {
                 let Entry::Tick(record) = entry else { continue };
-                if record.tick >= end_tick {
+                if record.core.stopping {
                     break;
                 }
                 recorded.skipped += u64::from(record.skipped);

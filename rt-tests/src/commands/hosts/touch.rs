@@ -156,8 +156,7 @@ impl Bench<'_> {
         let mut row = Row::of(*finished);
         row.links_made = links_made(controller);
         row.has_damaged_chunk = controller.has_said(DAMAGED);
-        let end_tick = (self.seconds * self.rate_hz).ceil() as u64;
-        row.recorded = Recorded::read(&self.recording(number), end_tick)?;
+        row.recorded = Recorded::read(&self.recording(number))?;
         Ok(row)
     }
 
