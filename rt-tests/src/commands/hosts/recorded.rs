@@ -18,11 +18,9 @@ use std::path::Path;
 /// magnitude that the local run's counts with, of its median.
 const SAME_FORCE: f64 = 0.01;
 const LEAST_FORCE: f64 = 0.01;
-/// Periods at the same places after which two runs are compared: damping and limits of the force's
-/// change act on from other places. Of 7127 ticks of a bunny at 0.1 m/s (`rt-tests hosts --model
-/// bunny20k.obj --cache 4MiB --speed 0.1 --seconds 8 --rtt-ms 20 --mbit 10`), 5661 were at the same
-/// place and 431 of them off by more than 1 %; of the 2454 after 8 periods there, none.
-const SAME_PERIODS: u64 = 8;
+/// Periods at the same places after which two runs are compared: the damping's velocity looks back
+/// by up to 16 ms (`VELOCITY_WINDOW_S` of the controller), at 1 kHz.
+const SAME_PERIODS: u64 = 17;
 /// Periods that may be skipped where a hand begins.
 const START_PERIODS: u64 = 20;
 /// Time in which a skipped period or a tick below full resolution is taken to act on the force, in
@@ -63,7 +61,7 @@ pub struct Forces {
     /// Of these, those with a force that differs by no more than 1 % (see `same_ticks`), wherever
     /// the hands were.
     pub same_anywhere_ticks: u64,
-    /// Of the full ones, those compared: the hand was at the same places for 8 periods.
+    /// Of the full ones, those compared: the hand was at the same places for 17 periods.
     pub ticks: u64,
     /// Of these, with a force that differs by no more than 1 % of the local run's; where that is
     /// less than 1 % of its median, of the median's 1 %.
@@ -357,12 +355,12 @@ mod tests {
     fn forces_are_compared_at_the_same_period_whatever_was_skipped() {
         let local = run(path(1000));
         let mut moments = path(1000);
-        // Two periods are skipped; the tick after them is 2 % off, and one much later.
+        // Two periods are skipped; a tick after them is 2 % off, and one much later.
         moments.drain(500..502);
         for moment in &mut moments[500..] {
             moment.skipped = 2;
         }
-        moments[510].force = DVec3::Z * 1.02;
+        moments[520].force = DVec3::Z * 1.02;
         moments[900].force = DVec3::Z * 0.9;
         moments[901].force = DVec3::Z * 1.009;
         // A coarse one, and one that is off after it.
@@ -375,11 +373,11 @@ mod tests {
         // Without the two that were skipped and the coarse one.
         assert_eq!(forces.full_ticks, 997);
         assert_eq!(forces.same_anywhere_ticks, 993);
-        // Without the first 7, the other place and 7, and 7 after those skipped.
-        assert_eq!((forces.ticks, forces.same_ticks), (975, 972));
+        // Without the first 16, the other place and 16, and 16 after those skipped.
+        assert_eq!((forces.ticks, forces.same_ticks), (948, 945));
         assert_eq!((forces.after_skip_ticks, forces.after_coarse_ticks), (1, 1));
         assert_eq!((forces.skipped, forces.local_skipped), (2, 0));
-        assert_eq!(forces.same_share, Some(972.0 / 975.0));
+        assert_eq!(forces.same_share, Some(945.0 / 948.0));
         assert_eq!(forces.difference_n.p50, 0.0);
         assert_eq!(forces.difference_n.max, DVec3::X.distance(DVec3::Z));
         assert_eq!(forces.difference_anywhere_n, forces.difference_n);
@@ -395,7 +393,7 @@ mod tests {
         let late: Vec<Moment> = late.collect();
         for (local, other) in [(path(103), late.clone()), (late, path(103))] {
             let forces = Forces::beside(&run(local), &run(other));
-            assert_eq!((forces.full_ticks, forces.ticks), (100, 93));
+            assert_eq!((forces.full_ticks, forces.ticks), (100, 84));
         }
     }
 
@@ -406,17 +404,17 @@ mod tests {
         let mut moments = local.clone();
         moments[50].force = DVec3::Z * 1.9e-4;
         let same = |moments| Forces::beside(&run(local.clone()), &run(moments)).same_ticks;
-        assert_eq!(same(moments.clone()), 93);
+        assert_eq!(same(moments.clone()), 84);
         moments[50].force = DVec3::Z * 2.1e-4;
-        assert_eq!(same(moments), 92);
+        assert_eq!(same(moments), 83);
     }
 
     #[test]
     fn what_is_no_number_is_not_the_same() {
-        let mut moments = path(10);
-        moments[9].force.x = f64::NAN;
-        let forces = Forces::beside(&run(path(10)), &run(moments));
-        assert_eq!((forces.ticks, forces.same_ticks), (3, 2));
+        let mut moments = path(20);
+        moments[19].force.x = f64::NAN;
+        let forces = Forces::beside(&run(path(20)), &run(moments));
+        assert_eq!((forces.ticks, forces.same_ticks), (4, 3));
         assert!(forces.difference_n.max.is_nan());
     }
 
