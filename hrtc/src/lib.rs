@@ -59,4 +59,5 @@ pub mod run;
 pub mod setup;
 mod station_heard;
 pub mod tick_record;
+pub mod traffic;
 pub mod tuning;

@@ -6,6 +6,7 @@
 //! bounds the number of waiting chunks.
 
 use crate::station_heard::StationHeard;
+use crate::traffic::Traffic;
 use crate::tuning::{
     CLEANUP_PERIOD, HELLO_PERIOD, INBOX_CAPACITY, LINK_END_TIMEOUT, LINK_POLL_PERIOD,
     LINK_STACK_BYTES, MAX_LOGGED_SENTENCES, SEARCH_PERIOD,
@@ -58,6 +59,8 @@ pub struct LinkEndpoints {
     pub station: Arc<AtomicU64>,
     /// Round-trip time that the tick has measured, microseconds; 0 before it has.
     pub round_trip_us: Arc<AtomicU32>,
+    /// What crosses the link, by kind.
+    pub traffic: Arc<Traffic>,
     /// Version of a peer that speaks another protocol; 0 when none was heard.
     pub other_version: Arc<AtomicU32>,
     /// Called for every arrival; `None` without a recording.
@@ -260,6 +263,7 @@ impl Agent {
                 self.station.set_round_trip(round_trip);
                 let hello = Hello::new(Role::Controller, incarnation, client);
                 let hello = hello.with_round_trip(round_trip);
+                self.ends.traffic.heartbeat();
                 if let Err(e) = self.ports.hello.outgoing.send_copy(hello) {
                     self.warn_port("send heartbeats", e);
                 }
@@ -319,7 +323,9 @@ impl Agent {
             Ok(slots) => {
                 report.chunks += 1;
                 report.compact += u64::from(sent.len() < CHUNK_SLOTS);
-                report.bytes += (size_of::<ChunkHeader>() + size_of_val(sent)) as u64;
+                let bytes = size_of::<ChunkHeader>() + size_of_val(sent);
+                report.bytes += bytes as u64;
+                self.ends.traffic.chunk(header.kind, bytes);
                 return Some(InboxChunk { header, slots });
             }
             Err(CompactError::Gap) => {
@@ -349,6 +355,7 @@ impl Agent {
             } else {
                 self.open_sessions.insert(request.object, request.epoch);
             }
+            self.ends.traffic.request(&request);
             match self.ports.requests.send(&request) {
                 Ok(0) => self.report.undelivered += 1,
                 Ok(_) => {}
@@ -359,6 +366,7 @@ impl Agent {
             }
         }
         while let Ok(contact) = self.ends.contacts.pop() {
+            self.ends.traffic.contact();
             // A lost contact costs one measured error.
             if let Err(e) = self.ports.contacts.send_copy(contact) {
                 self.warn_port("send contacts", e);
@@ -398,6 +406,7 @@ impl Agent {
             self.warn_port("receive heartbeats", e);
         }
         for hello in hellos {
+            self.ends.traffic.heartbeat_heard();
             match hello.read() {
                 Ok(greeting) if greeting.role == Role::Station => {
                     self.station.heartbeat(greeting.incarnation, now);

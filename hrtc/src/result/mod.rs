@@ -5,6 +5,7 @@
 //! tables have a fixed size (histograms of 0.2 to 0.3 MB each), so a run of any length needs the
 //! same memory.
 
+use crate::traffic::LinkBytes;
 use hrtc_core::Capacity;
 use hrtc_core::bodies::MovedObject;
 use realtime::pacer::MissClass;
@@ -309,13 +310,16 @@ pub struct RunResult {
     /// Smoothed time from a question to the station to its answer, at the end, milliseconds;
     /// negative without one.
     pub round_trip_ms: f64,
-    /// Rate of the link while it was the limit, at the end, megabits a second; negative where it
-    /// never was.
+    /// Rate of the link while it was the limit, at the end, megabits of messages a second, as they
+    /// travel; negative where it never was.
     pub link_mbit_per_s: f64,
     /// Bytes received.
     pub bytes_received: u64,
     /// Bytes received up to the first contact.
     pub bytes_to_first_touch: u64,
+    /// Bytes that crossed the link, by kind: as they travelled, where `bytes_received` counts whole
+    /// chunks.
+    pub link_bytes: LinkBytes,
     /// Bytes of the whole meshes of all models.
     pub bytes_full_mesh: u64,
     /// The cache.

@@ -201,6 +201,7 @@ pub fn run_until(
             inbox,
             station: Arc::clone(&shared.station),
             round_trip_us: Arc::clone(&shared.round_trip_us),
+            traffic: Arc::clone(&shared.traffic),
             other_version: Arc::clone(&other_version),
             recorder: recorded_chunks,
         },

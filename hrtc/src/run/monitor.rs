@@ -238,6 +238,12 @@ impl Monitor<'_> {
         let result = &mut finished.result;
         result.safety.tick_panics = u64::from(end.panic.is_some());
         result.safety.recording_errors = drained.recording_errors;
+        result.link_bytes = self.shared.traffic.bytes();
+        if result.bytes_received > 0 {
+            // The tick counts whole chunks; over a line they travel compact.
+            let travelled = result.link_bytes.chunks() as f64 / result.bytes_received as f64;
+            result.link_mbit_per_s *= travelled;
+        }
         if let Some(controller) = &end.controller {
             result.cache.high_water_bytes = controller.bytes_high_water() as u64;
             outcome::add_lod(result, controller, self.plan.loop_.rate_hz);

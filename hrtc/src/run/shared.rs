@@ -2,6 +2,7 @@
 
 use super::watchdog::Lease;
 use crate::result::SafetyEvents;
+use crate::traffic::Traffic;
 use hrtc_core::Fault;
 use realtime::rights::MissingRight;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -39,6 +40,8 @@ pub(super) struct Shared {
     pub station: Arc<AtomicU64>,
     /// Measured round-trip time of the link to it, microseconds; 0 for none.
     pub round_trip_us: Arc<AtomicU32>,
+    /// What crosses the link, by kind.
+    pub traffic: Arc<Traffic>,
     /// The fault that leaves the controller nothing to do.
     pub fault: Mutex<Option<Fault>>,
     /// Faults of objects, with their numbers, while the run goes on; room for all is made before

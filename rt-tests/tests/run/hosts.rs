@@ -57,6 +57,9 @@ fn a_touch_over_a_link_is_seen_beside_the_one_on_one_machine() {
     let carried = number(far, "wire.to_controller.arrived_bytes");
     assert!(carried > 0.0 && number(far, "wire.to_station.arrived_bytes") > 0.0);
     assert!(number(far, "wire.to_controller.lost") > 0.0, "{far}");
+    let answers = number(far, "link_bytes.answers");
+    assert!(answers > 0.0 && answers < carried, "{far}");
+    assert!(number(far, "answer_bytes_per_vsp") < number(local, "answer_bytes_per_vsp"));
     let chart = std::fs::read_to_string(out.path().join("hosts.svg")).unwrap();
     assert!(chart.contains("50 Mbit/s"));
 }

@@ -195,7 +195,7 @@ fn whole_sequence(part: &Found) -> String {
     let Some(row) = part.rows.iter().find(is_soon) else {
         return String::new();
     };
-    let (Some(bytes), Some(least)) = (row.bytes_per_vsp, row.sequence_s) else {
+    let (Some(bytes), Some(least)) = (row.answer_bytes_per_vsp, row.sequence_s) else {
         return String::new();
     };
     let measured = row.sequence_measured_s.map_or(String::new(), |seconds| {

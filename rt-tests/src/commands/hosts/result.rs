@@ -9,6 +9,7 @@ use crate::machine::Machine;
 use crate::report::quantile::Quantiles;
 use crate::report::units::percent_of;
 use hrtc::result::{Finished, ShortSpread};
+use hrtc::traffic::LinkBytes;
 use serde::Serialize;
 use std::fmt::Write as _;
 
@@ -102,13 +103,17 @@ pub struct Row {
     /// Bytes on the wire to the controller for each record received; on one machine, bytes of the
     /// messages.
     pub bytes_per_vsp: Option<f64>,
-    /// Rate of the link where it was the limit, as the controller measured it in bytes of plain
-    /// messages, Mbit/s; none where it never was.
+    /// Of these, bytes of closures and records for each record, as they travel; none without one.
+    pub answer_bytes_per_vsp: Option<f64>,
+    /// Bytes of messages by kind, as they travel.
+    pub link_bytes: LinkBytes,
+    /// Rate of the link where it was the limit, as the controller measured it, Mbit/s; none where
+    /// it never was.
     pub link_mbit_per_s: Option<f64>,
     /// Least time that the whole sequence would take over the link, seconds: its records, each of
-    /// as many bytes on the wire as those that came, at the bandwidth. None on one machine.
+    /// as many bytes as those that came, with their closures, at the bandwidth. None on one machine.
     pub sequence_s: Option<f64>,
-    /// The same by bytes of plain messages at the measured rate; none without one.
+    /// The same at the measured rate; none without one.
     pub sequence_measured_s: Option<f64>,
     /// Regions asked for again.
     pub resent: u64,
@@ -202,6 +207,8 @@ impl Row {
             vsps_received: r.vsps_received,
             bytes_received: r.bytes_received,
             bytes_per_vsp: per(r.bytes_received, r.vsps_received),
+            answer_bytes_per_vsp: per(r.link_bytes.answers, r.vsps_received),
+            link_bytes: r.link_bytes,
             link_mbit_per_s: above_zero(r.link_mbit_per_s),
             sequence_s: None,
             sequence_measured_s: None,
@@ -224,13 +231,13 @@ impl Row {
     #[must_use]
     pub fn over(mut self, wire: Wire) -> Self {
         self.bytes_per_vsp = per(wire.to_controller.bytes, self.vsps_received);
-        let plain = per(self.bytes_received, self.vsps_received);
-        let time = |bytes: f64, mbit_per_s: f64| {
-            self.of_scene.records() as f64 * 8e-6 * bytes / mbit_per_s
-        };
-        self.sequence_s = self.bytes_per_vsp.map(|of| time(of, wire.mbit_per_s));
-        let measured = plain.zip(self.link_mbit_per_s);
-        self.sequence_measured_s = measured.map(|(bytes, rate)| time(bytes, rate));
+        let records = self.of_scene.records() as f64;
+        let sequence_mbit = self
+            .answer_bytes_per_vsp
+            .map(|bytes| 8e-6 * bytes * records);
+        self.sequence_s = sequence_mbit.map(|mbit| mbit / wire.mbit_per_s);
+        let measured = sequence_mbit.zip(self.link_mbit_per_s);
+        self.sequence_measured_s = measured.map(|(mbit, rate)| mbit / rate);
         self.wire = Some(wire);
         self
     }
@@ -377,6 +384,10 @@ mod tests {
             first_touch_ms: 700.0,
             faces: 40_000,
             link_mbit_per_s: 0.5,
+            link_bytes: LinkBytes {
+                answers: 160_000,
+                ..LinkBytes::default()
+            },
             resubscribed: 7,
             ..RunResult::default()
         }
@@ -396,9 +407,11 @@ mod tests {
         let far = row(result()).over(wire());
         assert_eq!(far.bytes_per_vsp, Some(100.0));
         assert_eq!(far.full_share, Some(0.999));
-        // 20 000 records: of 100 bytes at 0.25 Mbit/s, of 80 at the measured 0.5.
-        assert_eq!(far.sequence_s, Some(64.0));
-        assert_eq!(far.sequence_measured_s, Some(25.6));
+        assert_eq!(far.answer_bytes_per_vsp, Some(40.0));
+        // 20 000 records of 40 bytes at 0.25 Mbit/s, and at the measured 0.5.
+        let is_near =
+            |seen: Option<f64>, expected: f64| (seen.unwrap() / expected - 1.0).abs() < 1e-12;
+        assert!(is_near(far.sequence_s, 25.6) && is_near(far.sequence_measured_s, 12.8));
         assert_eq!(local.sequence_s, None);
         let mut found = Found {
             seconds: 10.0,

@@ -37,6 +37,7 @@ impl Found {
                 let _ = writeln!(text, "{}: {fault}", row.name());
             }
         }
+        text.push_str(&self.words_of_messages());
         text.push_str(&self.words_of_forces());
         for row in self.rows.iter().filter(|row| !row.asked.is_empty()) {
             let _ = writeln!(text, "\n{}", row.name());
@@ -45,6 +46,36 @@ impl Found {
             }
         }
         text
+    }
+
+    /// Messages by kind: one line for each touch over a link.
+    fn words_of_messages(&self) -> String {
+        let mut rows = self.rows.iter().filter(|row| row.wire.is_some()).peekable();
+        if rows.peek().is_none() {
+            return String::new();
+        }
+        let heads = "round trip, bandwidth | closures and\nrecords, kB/s | bytes\na VSP | base mesh\nkB/s | tour\nkB/s | errors,\nothers | heartbeats\nheard | requests\nkB/s | contacts\nkB/s | heartbeats\nkB/s";
+        let mut table = Table::new(1, heads);
+        for row in rows {
+            let rate = |bytes: u64| digits(bytes as f64 * 1e-3 / self.seconds);
+            let each = row.answer_bytes_per_vsp;
+            let of = &row.link_bytes;
+            table.row([
+                row.name(),
+                rate(of.answers),
+                each.map_or("none".to_string(), digits),
+                rate(of.models),
+                rate(of.tours),
+                rate(of.others),
+                rate(of.heartbeats_heard),
+                rate(of.requests),
+                rate(of.contacts),
+                rate(of.heartbeats),
+            ]);
+        }
+        format!(
+            "\nmessages by kind, without what carries them: to the controller, then to the station\n{table}"
+        )
     }
 
     /// Forces beside the local run's: one line for each touch over a link.
