@@ -99,3 +99,31 @@ impl Traffic {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+
+    #[test]
+    fn every_message_counts_for_its_kind_as_long_as_it_travels() {
+        let traffic = Traffic::default();
+        let kinds = [ChunkKind::Answers, ChunkKind::Model, ChunkKind::Tour];
+        for (kind, bytes) in kinds.into_iter().zip([10, 200, 3000]) {
+            traffic.chunk(kind as u32, bytes);
+        }
+        // A kind of a later version counts too.
+        for kind in [ChunkKind::Measured as u32, u32::MAX] {
+            traffic.chunk(kind, 40_000);
+        }
+        let request = Request::zeroed();
+        traffic.request(&request);
+        traffic.contact();
+        let bytes = traffic.bytes();
+        assert_eq!(bytes.answers + bytes.models + bytes.tours, 3210);
+        assert_eq!((bytes.others, bytes.chunks()), (80_000, 83_210));
+        assert!(bytes.requests > 0 && bytes.requests < size_of::<Request>() as u64);
+        assert_eq!(bytes.contacts, size_of::<ContactReport>() as u64);
+        assert_eq!((bytes.heartbeats, bytes.heartbeats_heard), (0, 0));
+    }
+}

@@ -111,7 +111,8 @@ pub struct Row {
     /// it never was.
     pub link_mbit_per_s: Option<f64>,
     /// Least time that the whole sequence would take over the link, seconds: its records, each of
-    /// as many bytes as those that came, with their closures, at the bandwidth. None on one machine.
+    /// as many bytes as those that came, with their closures, at the bandwidth. None on one
+    /// machine.
     pub sequence_s: Option<f64>,
     /// The same at the measured rate; none without one.
     pub sequence_measured_s: Option<f64>,
