@@ -3,7 +3,7 @@
 
 use protocol::{ChunkKind, ContactReport, Hello, Request};
 use serde::{Deserialize, Serialize};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Bytes of messages, by kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -34,69 +34,53 @@ impl LinkBytes {
     }
 }
 
-/// The same while it grows: the link adds, anyone reads.
+/// The same while it grows: the link adds, anyone reads. The tick has no part in it.
 #[derive(Debug, Default)]
-pub struct Traffic {
-    answers: AtomicU64,
-    models: AtomicU64,
-    tours: AtomicU64,
-    others: AtomicU64,
-    heartbeats_heard: AtomicU64,
-    requests: AtomicU64,
-    contacts: AtomicU64,
-    heartbeats: AtomicU64,
-}
-
-fn add(to: &AtomicU64, bytes: usize) {
-    to.fetch_add(bytes as u64, Ordering::Relaxed);
-}
+pub struct Traffic(Mutex<LinkBytes>);
 
 impl Traffic {
     /// A chunk of a kind came, with its header.
     pub fn chunk(&self, kind: u32, bytes: usize) {
+        let mut all = self.lock();
         let of = match ChunkKind::from_code(kind) {
-            Some(ChunkKind::Answers) => &self.answers,
-            Some(ChunkKind::Model) => &self.models,
-            Some(ChunkKind::Tour) => &self.tours,
-            Some(ChunkKind::Measured | ChunkKind::Refused | ChunkKind::File) | None => &self.others,
+            Some(ChunkKind::Answers) => &mut all.answers,
+            Some(ChunkKind::Model) => &mut all.models,
+            Some(ChunkKind::Tour) => &mut all.tours,
+            Some(ChunkKind::Measured | ChunkKind::Refused | ChunkKind::File) | None => {
+                &mut all.others
+            }
         };
-        add(of, bytes);
+        *of += bytes as u64;
     }
 
     /// A heartbeat came.
     pub fn heartbeat_heard(&self) {
-        add(&self.heartbeats_heard, size_of::<Hello>());
+        self.lock().heartbeats_heard += size_of::<Hello>() as u64;
     }
 
     /// A request was sent.
     pub fn request(&self, request: &Request) {
-        add(&self.requests, size_of_val(request.words()));
+        self.lock().requests += size_of_val(request.words()) as u64;
     }
 
     /// A contact report was sent.
     pub fn contact(&self) {
-        add(&self.contacts, size_of::<ContactReport>());
+        self.lock().contacts += size_of::<ContactReport>() as u64;
     }
 
     /// A heartbeat was sent.
     pub fn heartbeat(&self) {
-        add(&self.heartbeats, size_of::<Hello>());
+        self.lock().heartbeats += size_of::<Hello>() as u64;
     }
 
     /// What has crossed so far.
     #[must_use]
     pub fn bytes(&self) -> LinkBytes {
-        let of = |bytes: &AtomicU64| bytes.load(Ordering::Relaxed);
-        LinkBytes {
-            answers: of(&self.answers),
-            models: of(&self.models),
-            tours: of(&self.tours),
-            others: of(&self.others),
-            heartbeats_heard: of(&self.heartbeats_heard),
-            requests: of(&self.requests),
-            contacts: of(&self.contacts),
-            heartbeats: of(&self.heartbeats),
-        }
+        *self.lock()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, LinkBytes> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -61,14 +61,12 @@ impl ProbeDevice {
         }
         // The hand waits where its tour begins, as one does that is about to touch: what it needs
         // there comes meanwhile.
-        let (object, points, t) = match controller.tour_of(probe) {
-            Some((object, points)) => (object, points, t()),
-            None => {
-                let (object, begin) = controller.tour_begin_of(probe)?;
-                (object, from_ref(begin), 0.0)
-            }
-        };
+        let whole = controller.tour_of(probe);
+        let begin = || controller.tour_begin_of(probe);
+        let (object, points) =
+            whole.or_else(|| begin().map(|(of, point)| (of, from_ref(point))))?;
         let frame = controller.frame_of(object)?;
+        let t = if whole.is_some() { t() } else { 0.0 };
         let mut intent = self.script.along_tour(points, &frame, t)?;
         // The path moves with its object: to the pose at the end of the coming period.
         let carried = controller.carried(object, intent.pose.position);

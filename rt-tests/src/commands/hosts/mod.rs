@@ -33,8 +33,8 @@
 //! `first_touch_ms`, `first_full_ms` and `bytes_per_vsp` are null where there is none: nothing was
 //! touched, nothing came. Bytes and packets of `wire` are those of IP, of everything that the two
 //! hosts said to each other from the start of the station to its end: greeting, encryption and
-//! repetitions too. With `--long` there is such an object for each model, in `parts`, and
-//! `left_out` names what is not there.
+//! repetitions too; `link_bytes` has those of the messages alone, by kind. With `--long` there is
+//! such an object for each model, in `parts`, and `left_out` names what is not there.
 
 mod asked;
 pub(super) mod links;
