@@ -21,7 +21,7 @@
 //! settings name the role of the other side too, so that a controller's keys make no station.
 //!
 //! # What the feature adds
-//! Some 256 crates to the 219 of the default build, which has none of them (`rt-tests`' tests of
+//! Some 255 crates to the 221 of the default build, which has none of them (`rt-tests`' tests of
 //! the house): zenoh (EPL-2.0 or Apache-2.0, at the user's choice), tokio, rustls with ring, rcgen
 //! and webpki, iceoryx2's link. All are permissive: MIT, Apache-2.0, ISC, BSD, Zlib, BSL-1.0,
 //! Unicode-3.0 and CDLA-Permissive-2.0 (the list of public authorities). The list, with licences:

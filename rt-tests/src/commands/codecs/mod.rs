@@ -185,6 +185,10 @@ fn code(codec: usize, traces: &[Trace]) -> Result<Coded, Failure> {
     })
 }
 
+/// What is said where nothing is compared with zstd.
+const WITHOUT_ZSTD: &str = "Codecs with zstd are left out; with them: \
+    cargo run --release -p rt-tests --features zstd -- codecs\n";
+
 /// A row for each codec, a column for each model.
 fn table(found: &Codecs) -> String {
     let mut words = String::from("bytes of records and closures a VSP received\n");
@@ -212,6 +216,9 @@ fn table(found: &Codecs) -> String {
             "{}: {} records in {} chunks of answers, {} other chunks; the model has {} VSPs\n",
             of.model, of.vsps_received, of.answers, of.others, of.vsps
         );
+    }
+    if cfg!(not(feature = "zstd")) {
+        words += WITHOUT_ZSTD;
     }
     words
 }
