@@ -5,7 +5,7 @@ use super::bench::{Bench, SLOT_S, files_below};
 use crate::processes::own_domain::OwnDomain;
 use crate::processes::surroundings::Surroundings;
 use crate::processes::watched::{PATIENCE, Watched, pause};
-use hrtc::result::Finished;
+use hrtc::result::{Finished, StationHeard};
 use realtime::rights::monotonic_ns;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -75,11 +75,19 @@ pub struct Touch<'a> {
 pub struct Touched {
     /// The controller's result.
     pub finished: Box<Finished>,
-    /// Time from each return of the station to its synchronisation, milliseconds; negative without
-    /// one.
-    pub resync_ms: Vec<f64>,
+    /// What followed each return of the station.
+    pub resyncs: Vec<Resync>,
     /// Files that were left.
     pub left: Vec<PathBuf>,
+}
+
+/// What followed a return of the station: times since then, milliseconds; negative without one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resync {
+    /// Until the controller heard of it.
+    pub heard_ms: f64,
+    /// Until it was synchronised.
+    pub synchronised_ms: f64,
 }
 
 /// Arguments of a role.
@@ -269,8 +277,8 @@ impl<'a> Touch<'a> {
         let next = returns.clone().skip(1).chain([f64::INFINITY]);
         let spans = returns.zip(next);
         Ok(Touched {
-            resync_ms: spans
-                .map(|span| resync_ms(span, self.may_outlast, &finished))
+            resyncs: spans
+                .map(|span| Resync::of(span, self.may_outlast, &finished))
                 .collect(),
             finished,
             left,
@@ -278,17 +286,22 @@ impl<'a> Touch<'a> {
     }
 }
 
-/// Time from a return of the station to its synchronisation, milliseconds: before the next return;
-/// negative without one. 0 where an exchange that may outlast it did: none began anew.
-fn resync_ms((back_ms, next_ms): (f64, f64), may_outlast: bool, finished: &Finished) -> f64 {
-    let is_in_span = |ms: f64| (back_ms..next_ms).contains(&ms);
-    let stations = &finished.stations;
-    let mut synchronised = stations.iter().map(|of| of.synchronised_ms);
-    let began_anew = stations.iter().any(|of| is_in_span(of.heard_ms));
-    match synchronised.find(|&ms| is_in_span(ms)) {
-        Some(ms) => ms - back_ms,
-        None if may_outlast && !began_anew => 0.0,
-        None => -1.0,
+impl Resync {
+    /// What followed a return before the next one. At once where an exchange that may outlast it
+    /// did: none began anew.
+    fn of((back_ms, next_ms): (f64, f64), may_outlast: bool, finished: &Finished) -> Self {
+        let is_in_span = |ms: &f64| (back_ms..next_ms).contains(ms);
+        let first = |ms: fn(&StationHeard) -> f64| {
+            let mut times = finished.stations.iter().map(ms);
+            times.find(is_in_span).map(|ms| ms - back_ms)
+        };
+        let heard_ms = first(|of| of.heard_ms);
+        let went_on = may_outlast && heard_ms.is_none();
+        let if_none = if went_on { 0.0 } else { -1.0 };
+        Self {
+            heard_ms: heard_ms.unwrap_or(if_none),
+            synchronised_ms: first(|of| of.synchronised_ms).unwrap_or(if_none),
+        }
     }
 }
 
@@ -333,11 +346,14 @@ impl Undisturbed {
         if self.front != Some(result.front_hash) {
             wrong.push("another front at rest than a fresh start's".to_string());
         }
-        for &ms in &touched.resync_ms {
+        for again in &touched.resyncs {
+            let (heard, ms) = (again.heard_ms, again.synchronised_ms);
             if ms < 0.0 {
                 wrong.push("the station was not synchronised again".to_string());
             } else if ms > self.resync_ms {
-                wrong.push(format!("synchronised only after {ms:.0} ms"));
+                wrong.push(format!(
+                    "synchronised only after {ms:.0} ms, heard after {heard:.0}"
+                ));
             }
         }
         if let Some(first) = touched.left.first() {
@@ -351,7 +367,14 @@ impl Undisturbed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hrtc::result::{RunResult, StationHeard};
+    use hrtc::result::RunResult;
+
+    fn again(synchronised_ms: f64) -> Resync {
+        Resync {
+            heard_ms: 700.0,
+            synchronised_ms,
+        }
+    }
 
     fn good() -> Touched {
         Touched {
@@ -364,7 +387,7 @@ mod tests {
                 },
                 ..Finished::default()
             }),
-            resync_ms: vec![900.0],
+            resyncs: vec![again(900.0)],
             left: Vec::new(),
         }
     }
@@ -384,8 +407,8 @@ mod tests {
             |of| of.finished.result.force_step_n_max = 0.31,
             |of| of.finished.result.contact_ticks = 0,
             |of| of.finished.result.front_hash = 6,
-            |of| of.resync_ms.push(1001.0),
-            |of| of.resync_ms.push(-1.0),
+            |of| of.resyncs.push(again(1001.0)),
+            |of| of.resyncs.push(again(-1.0)),
             |of| of.left.push("x".into()),
         ];
         for spoil in spoil {
@@ -416,12 +439,15 @@ mod tests {
             stations: vec![heard(1.0, 9.0), heard(50.0, -1.0), heard(70.0, 80.0)],
             ..Finished::default()
         };
-        let times = |span, may_outlast| resync_ms(span, may_outlast, &finished);
+        let times = |span, may_outlast| {
+            let of = Resync::of(span, may_outlast, &finished);
+            (of.heard_ms, of.synchronised_ms)
+        };
         for may_outlast in [false, true] {
-            assert_eq!(times((40.0, f64::INFINITY), may_outlast), 40.0);
-            assert_eq!(times((40.0, 75.0), may_outlast), -1.0, "it began anew");
+            assert_eq!(times((40.0, f64::INFINITY), may_outlast), (10.0, 40.0));
+            assert_eq!(times((40.0, 75.0), may_outlast), (10.0, -1.0), "anew");
         }
-        assert_eq!(times((90.0, 99.0), false), -1.0);
-        assert_eq!(times((90.0, 99.0), true), 0.0, "none began anew");
+        assert_eq!(times((90.0, 99.0), false), (-1.0, -1.0));
+        assert_eq!(times((90.0, 99.0), true), (0.0, 0.0), "none began anew");
     }
 }

@@ -1,6 +1,6 @@
 //! What all cases came to.
 
-use super::touch::{Touched, Undisturbed};
+use super::touch::{Resync, Touched, Undisturbed};
 use crate::report::quantile::quantile;
 use serde::Serialize;
 
@@ -123,15 +123,17 @@ impl Verdicts {
         faults.force_step_n_max = faults.force_step_n_max.max(result.force_step_n_max);
         faults.leaked += touched.left.len() as u64;
         faults.fronts_equal &= undisturbed.front == Some(result.front_hash);
-        let heard = touched.resync_ms.iter().filter(|&&ms| ms >= 0.0);
-        self.resync_ms.extend(heard);
+        let times = touched.resyncs.iter().map(|of| of.synchronised_ms);
+        self.resync_ms.extend(times.filter(|&ms| ms >= 0.0));
         let wrong = undisturbed.complaints(touched);
         if !wrong.is_empty() {
             return Err(wrong.join("; "));
         }
         let mut seen = format!("force step {:.2} N", result.force_step_n_max);
-        if let Some(slowest) = touched.resync_ms.iter().copied().reduce(f64::max) {
-            seen += &format!(", synchronised within {slowest:.0} ms");
+        let slower = |a: &Resync, b: &Resync| a.synchronised_ms.total_cmp(&b.synchronised_ms);
+        if let Some(slowest) = touched.resyncs.iter().copied().max_by(slower) {
+            let (heard, ms) = (slowest.heard_ms, slowest.synchronised_ms);
+            seen += &format!(", synchronised within {ms:.0} ms, heard after {heard:.0}");
         }
         Ok(seen)
     }
