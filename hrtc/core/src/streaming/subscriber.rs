@@ -178,10 +178,7 @@ impl Subscriber {
         meter: &LinkMeter,
         cache: &mut Cache,
     ) -> bool {
-        // Its silence had another reason than a line that is slower than was thought.
-        if station != 0 && !self.is_heard {
-            self.silences = 0;
-        }
+        let is_back = station != 0 && !self.is_heard;
         self.is_heard = station != 0;
         let waiting = !self.questions.all().is_empty()
             || (self.model_asked.is_some() && self.model == 0)
@@ -194,7 +191,10 @@ impl Subscriber {
             self.station = station;
         }
         if (another && !is(Mutant::NewStation)) || (silent && station != 0) {
-            let silences = if another { 0 } else { self.silences + 1 };
+            // A station that was away was silent for another reason than a line that is slower than
+            // was thought.
+            let was_away = another || is_back;
+            let silences = if was_away { 0 } else { self.silences + 1 };
             self.silences = silences.min(MAX_SILENCES);
             self.end_epoch(tick, cache);
             return true;
