@@ -3,8 +3,8 @@
 pub use double::ParryF64;
 pub use single::ParryF32;
 
-use geometry::{Aabb, Pose};
-use glam::DVec3;
+use geometry::Pose;
+use glam::{DVec3, Vec3};
 
 /// How parry is told where the tool is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,9 +25,11 @@ pub trait Mesh {
     fn distance(&self, point: DVec3) -> f64;
     /// Bytes on the heap.
     fn bytes(&self) -> usize;
-    /// Takes new boxes of some faces in and refits those above; the length of the whole box's
-    /// diagonal.
-    fn update(&mut self, faces: &[u32], boxes: &[Aabb]) -> f64;
+    /// The same, told which face the last answer lay on: parry has no hint, but a largest distance.
+    fn distance_with_memory(&self, point: DVec3, last: &mut Option<u32>) -> f64;
+    /// Moves some faces away from where they are by so much, takes their boxes in and refits those
+    /// above; the length of the whole box's diagonal.
+    fn update(&mut self, faces: &[u32], by: Vec3) -> f64;
     /// Takes a tool up: its corners and faces in its own frame.
     fn take_tool(&mut self, positions: &[DVec3], faces: &[[u32; 3]]);
     /// Visits the pairs of a face of the mesh and one of the tool of which parry says that they
@@ -115,6 +117,26 @@ macro_rules! precision {
                 f64::from((found.point - point).length())
             }
 
+            #[inline]
+            fn distance_with_memory(&self, point: DVec3, last: &mut Option<u32>) -> f64 {
+                use $parry::query::{PointQuery, PointQueryWithLocation};
+                let point = vector(point);
+                // Beyond its own rounding, so that the face of the last answer is found again.
+                let most = last.map_or($parry::math::Real::MAX, |face| {
+                    let triangle = self.mesh.triangle(face);
+                    let distance = triangle.distance_to_local_point(point, false);
+                    let size = point.abs().max_element() + distance;
+                    distance + 8.0 * $parry::math::Real::EPSILON * size
+                });
+                let found = self
+                    .mesh
+                    .project_local_point_and_get_location_with_max_dist(point, false, most);
+                found.map_or(f64::NAN, |(found, (face, _))| {
+                    *last = Some(face);
+                    f64::from((found.point - point).length())
+                })
+            }
+
             fn take_tool(&mut self, positions: &[DVec3], faces: &[[u32; 3]]) {
                 let positions: Vec<_> = positions.iter().map(|&p| vector(p)).collect();
                 let boxes: Vec<_> = faces.iter().map(|face| around(&positions, face)).collect();
@@ -164,10 +186,11 @@ macro_rules! precision {
                 self.mesh.heap_memory_size()
             }
 
-            fn update(&mut self, faces: &[u32], boxes: &[Aabb]) -> f64 {
-                for (&face, aabb) in faces.iter().zip(boxes) {
-                    let [lower, upper] = [aabb.lower, aabb.upper].map(|p| vector(p.as_dvec3()));
-                    let aabb = $parry::bounding_volume::Aabb::new(lower, upper);
+            fn update(&mut self, faces: &[u32], by: Vec3) -> f64 {
+                let by = vector(by.as_dvec3());
+                for &face in faces {
+                    let corners = &self.mesh.indices()[face as usize];
+                    let aabb = around(self.mesh.vertices(), corners).translated(by);
                     self.tree.insert_or_update_partially(aabb, face, 0.0);
                 }
                 self.tree.refit_partial(&self.changed, faces);
@@ -182,8 +205,8 @@ macro_rules! precision {
 /// Single precision.
 mod single {
     use super::{Mesh, ToolPose};
-    use geometry::{Aabb, Pose};
-    use glam::DVec3;
+    use geometry::Pose;
+    use glam::{DVec3, Vec3};
     use parry3d::partitioning::BvhNode as Node;
 
     fn vector(point: DVec3) -> parry3d::math::Vector {
@@ -200,8 +223,8 @@ mod single {
 /// Double precision.
 mod double {
     use super::{Mesh, ToolPose};
-    use geometry::{Aabb, Pose};
-    use glam::DVec3;
+    use geometry::Pose;
+    use glam::{DVec3, Vec3};
     use parry3d_f64::partitioning::BvhNode as Node;
 
     fn vector(point: DVec3) -> parry3d_f64::math::Vector {

@@ -1,8 +1,10 @@
-//! Closest points along a path over the surface: what a tick asks first.
+//! Closest points along a path over the surface: what a tick asks first. Every contender goes
+//! through the same points, each once.
 
 use super::full_front::FullFront;
-use super::timing::{ONCE, ROUNDS, Timed, time};
-use super::{Row, Who};
+use super::questions::{FullMesh, Questions};
+use super::row::{Row, Who};
+use super::timing::{Caches, Timed, time_with};
 use crate::failure::Failure;
 use crate::models::Model;
 use crate::models::local_front::LocalFront;
@@ -12,7 +14,15 @@ use crate::peers::parry::{Mesh, ParryF32, ParryF64};
 use glam::DVec3;
 use hrtc_core::contact::query::closest_point;
 use rand::Rng;
+use spm::Handle;
 use std::collections::BTreeSet;
+
+/// Without any memory of the last answer.
+pub const PATH: &str = "closest_path";
+/// With it: ours and parry begin with the face of the last answer, Embree with its distance.
+pub const MEMORY: &str = "closest_path_memory";
+/// With it, and the core's own caches swept before each query.
+pub const COLD: &str = "closest_path_cold";
 
 /// Points of the path, and their distance in parts of the diagonal: 50 mm/s at 1 kHz on an object
 /// of 100 mm.
@@ -44,71 +54,111 @@ pub fn touches(model: &Model, full: &Surface, random: &mut impl Rng) -> Vec<(DVe
 }
 
 /// The positions of the tip.
-fn tips(model: &Model, full: &Surface, random: &mut impl Rng) -> Vec<DVec3> {
+pub fn tips(model: &Model, touches: &[(DVec3, DVec3)]) -> Vec<DVec3> {
     let diagonal = model.file.model_header().diagonal;
-    touches(model, full, random)
-        .into_iter()
-        .enumerate()
-        .map(|(k, (point, normal))| {
-            let wave = (2.0 * (k % WAVE) as f64 / WAVE as f64 - 1.0).abs();
-            let height = HEIGHTS[0] + (HEIGHTS[1] - HEIGHTS[0]) * wave;
-            point + normal * (height * diagonal)
-        })
-        .collect()
+    let lifted = |(k, &(point, normal)): (usize, &(DVec3, DVec3))| {
+        let wave = (2.0 * (k % WAVE) as f64 / WAVE as f64 - 1.0).abs();
+        let height = HEIGHTS[0] + (HEIGHTS[1] - HEIGHTS[0]) * wave;
+        point + normal * (height * diagonal)
+    };
+    touches.iter().enumerate().map(lifted).collect()
 }
 
-/// A row for each contender.
+/// What a contender may know and what the caches hold.
+#[derive(Debug, Clone, Copy)]
+struct Regime {
+    task: &'static str,
+    has_memory: bool,
+    caches: Caches,
+}
+
+const REGIMES: [Regime; 3] = [
+    Regime {
+        task: PATH,
+        has_memory: false,
+        caches: Caches::AsLeft,
+    },
+    Regime {
+        task: MEMORY,
+        has_memory: true,
+        caches: Caches::AsLeft,
+    },
+    Regime {
+        task: COLD,
+        has_memory: true,
+        caches: Caches::Swept,
+    },
+];
+
+/// A row for each contender and regime.
 ///
 /// # Errors
 /// When a region cannot be loaded.
 pub fn rows(
     model: &Model,
-    full: &Surface,
+    asked: &Questions,
     front: &FullFront,
     [f32, f64]: [&dyn Mesh; 2],
-    random: &mut impl Rng,
 ) -> Result<Vec<Row>, Failure> {
-    let tips = tips(model, full, random);
-    let diagonal = model.file.model_header().diagonal;
-    let surface = front.surface();
-    let mut hint = None;
-    let mut ours = |k: usize| {
-        let (nearest, _) = closest_point(surface, tips[k], hint);
-        hint = nearest.map(|nearest| nearest.face);
-        nearest.map_or(f64::NAN, |nearest| nearest.closest.distance_squared.sqrt())
-    };
-    let mut single = |k: usize| f32.distance(tips[k]);
-    let mut double = |k: usize| f64.distance(tips[k]);
-    let mut timed = time(
-        tips.len(),
-        ROUNDS,
-        &mut [&mut ours, &mut single, &mut double],
-    );
-    let expected: Vec<f64> = {
-        let mut near = 0;
-        let mut search = |&tip: &DVec3| {
-            let found = full.nearest(tip, near);
-            near = found.triangle;
-            found.distance
+    let mut rows = Vec::new();
+    for regime in REGIMES {
+        let tips = &asked.tips;
+        let mut full = Asker::new(regime);
+        let mut ours = |k: usize| full.ask(front.surface(), tips[k]);
+        let parry = |mesh: &dyn Mesh, last: &mut Option<u32>, k: usize| {
+            if regime.has_memory {
+                mesh.distance_with_memory(tips[k], last)
+            } else {
+                mesh.distance(tips[k])
+            }
         };
-        tips.iter().map(&mut search).collect()
-    };
-    timed.insert(0, local(model, &tips)?);
-    Ok(
-        [Who::OursLocal, Who::OursFull, Who::ParryF32, Who::ParryF64]
-            .into_iter()
-            .zip(timed)
-            .map(|(who, timed)| {
-                let tolerance = TOLERANCES[usize::from(who == Who::ParryF32)] * diagonal;
-                let differ = timed.differ(&expected, tolerance);
-                Row::new("closest_path", model, who, timed.ns, differ)
-            })
-            .collect(),
-    )
+        let (mut of_single, mut of_double) = (None, None);
+        let mut timed = time_with(
+            regime.caches,
+            tips.len(),
+            &mut [
+                &mut ours,
+                &mut |k| parry(f32, &mut of_single, k),
+                &mut |k| parry(f64, &mut of_double, k),
+            ],
+        );
+        timed.insert(0, local(model, tips, regime)?);
+        let who = [Who::OursLocal, Who::OursFull, Who::ParryF32, Who::ParryF64];
+        rows.extend(who.into_iter().zip(timed).map(|(who, timed)| {
+            let diagonal = model.file.model_header().diagonal;
+            let tolerance = TOLERANCES[usize::from(who == Who::ParryF32)] * diagonal;
+            let differ = timed.differ(&asked.expected, tolerance);
+            Row::new(regime.task, model, who, timed.ns, differ)
+        }));
+    }
+    Ok(rows)
+}
+
+/// Asks ours, with the memory that the regime allows.
+struct Asker {
+    has_memory: bool,
+    hint: Option<Handle>,
+}
+
+impl Asker {
+    fn new(regime: Regime) -> Self {
+        Self {
+            has_memory: regime.has_memory,
+            hint: None,
+        }
+    }
+
+    fn ask(&mut self, surface: hrtc_core::contact::query::Surface<'_>, tip: DVec3) -> f64 {
+        let (nearest, _) = closest_point(surface, tip, self.hint);
+        if self.has_memory {
+            self.hint = nearest.map(|nearest| nearest.face);
+        }
+        nearest.map_or(f64::NAN, |nearest| nearest.closest.distance_squared.sqrt())
+    }
 }
 
 /// On the front as the controller forms it: refined around where the tip is, coarse elsewhere.
-fn local(model: &Model, tips: &[DVec3]) -> Result<Timed, Failure> {
+fn local(model: &Model, tips: &[DVec3], regime: Regime) -> Result<Timed, Failure> {
     let diagonal = model.file.model_header().diagonal;
     let mut front = LocalFront::new(model)?;
     let mut all = Timed::default();
@@ -125,15 +175,11 @@ fn local(model: &Model, tips: &[DVec3]) -> Result<Timed, Failure> {
             mesh: front.cache().mesh(),
             tree: front.cache().tree(),
         };
-        let mut hint = None;
-        let mut ask = |tip: DVec3| {
-            let (nearest, _) = closest_point(surface, tip, hint);
-            hint = nearest.map(|nearest| nearest.face);
-            nearest.map_or(f64::NAN, |nearest| nearest.closest.distance_squared.sqrt())
-        };
+        let mut asker = Asker::new(regime);
         // As for the others, the query before was for the point before.
-        ask(tips[start.saturating_sub(1)]);
-        let timed = time(stretch.len(), ONCE, &mut [&mut |k| ask(stretch[k])]);
+        asker.ask(surface, tips[start.saturating_sub(1)]);
+        let mut ask = |k: usize| asker.ask(surface, stretch[k]);
+        let timed = time_with(regime.caches, stretch.len(), &mut [&mut ask]);
         timed.into_iter().for_each(|timed| all.extend(timed));
     }
     Ok(all)
@@ -143,16 +189,16 @@ fn local(model: &Model, tips: &[DVec3]) -> Result<Timed, Failure> {
 ///
 /// # Errors
 /// What parry says.
-pub fn single(model: &Model) -> Result<ParryF32, Failure> {
-    ParryF32::new(&model.positions, &model.full_faces).map_err(|error| refused(model, &error))
+pub fn single(model: &Model, mesh: &FullMesh) -> Result<ParryF32, Failure> {
+    ParryF32::new(&mesh.positions, &mesh.faces).map_err(|error| refused(model, &error))
 }
 
 /// Parry's mesh in double precision.
 ///
 /// # Errors
 /// What parry says.
-pub fn double(model: &Model) -> Result<ParryF64, Failure> {
-    ParryF64::new(&model.positions, &model.full_faces).map_err(|error| refused(model, &error))
+pub fn double(model: &Model, mesh: &FullMesh) -> Result<ParryF64, Failure> {
+    ParryF64::new(&mesh.positions, &mesh.faces).map_err(|error| refused(model, &error))
 }
 
 fn refused(model: &Model, error: &str) -> Failure {

@@ -80,9 +80,9 @@ impl FullFront {
         }
     }
 
-    /// The tree, to be deformed.
-    pub fn tree_mut(&mut self) -> &mut AbTree {
-        &mut self.tree
+    /// The mesh, and the tree to be deformed.
+    pub fn parts_mut(&mut self) -> (&ActiveMesh, &mut AbTree) {
+        (&self.mesh, &mut self.tree)
     }
 
     /// The mesh.

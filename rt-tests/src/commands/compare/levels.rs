@@ -7,7 +7,7 @@
 
 use super::closest::touches;
 use super::full_front::FullFront;
-use super::timing::{ONCE, Timed, time};
+use super::timing::{Timed, time};
 use super::tools::{MAX_PAIRS, Touch, new_tool, ours, refine};
 use crate::failure::Failure;
 use crate::models::local_front::LocalFront;
@@ -97,7 +97,7 @@ impl Sums {
     ) {
         let mut out = vec![FacePair::NONE; MAX_PAIRS];
         let mut query = |k: usize| ours(surface, probe, &poses[k].to_query, &mut out);
-        let timed = time(poses.len(), ONCE, &mut [&mut query]);
+        let timed = time(poses.len(), &mut [&mut query]);
         timed.into_iter().for_each(|timed| self.timed.extend(timed));
         for touch in poses {
             probe.place(&touch.to_query);

@@ -4,7 +4,7 @@
 use super::EVERY;
 use super::closest::touches;
 use super::full_front::FullFront;
-use super::timing::{ONCE, time};
+use super::timing::time;
 use super::tools::{
     MAX_PAIRS, STRETCH, TOOLS, Touch, capsule, new_tool, ours, refine, refined_reach,
 };
@@ -219,11 +219,7 @@ fn shares_of(
         let count = f64::from(mesh.active_faces());
         faces.push(count);
         let mut query = |k: usize| ours(surface, tool, &stretch[k].to_query, &mut out);
-        queries.extend(
-            time(stretch.len(), ONCE, &mut [&mut query])
-                .swap_remove(0)
-                .ns,
-        );
+        queries.extend(time(stretch.len(), &mut [&mut query]).swap_remove(0).ns);
         let mut deformed = tree.clone();
         for (ns, share) in updates.iter_mut().zip(SHARES) {
             let around = |touch: &Touch| {
@@ -234,11 +230,7 @@ fn shares_of(
             };
             let patches: Vec<_> = stretch.iter().map(around).collect();
             let mut update = |k: usize| f64::from(update(&mut deformed, mesh, &patches[k]));
-            ns.extend(
-                time(stretch.len(), ONCE, &mut [&mut update])
-                    .swap_remove(0)
-                    .ns,
-            );
+            ns.extend(time(stretch.len(), &mut [&mut update]).swap_remove(0).ns);
         }
     }
     let row = |(ns, share): (Vec<f64>, f64)| {

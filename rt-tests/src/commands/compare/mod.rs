@@ -19,8 +19,12 @@
 mod closest;
 mod full_front;
 mod levels;
+mod limits;
 mod marking;
+mod peers;
 mod picture;
+mod questions;
+mod row;
 mod timing;
 mod tools;
 mod update;
@@ -31,18 +35,20 @@ use crate::models::source::{open, typed_or};
 use crate::models::surface::Surface;
 use crate::peers::parry::Mesh;
 use crate::report::output::{make_folder, print_either, write_json, write_whole};
-use crate::report::quantile::{quantile, sort};
 use crate::report::table::Table;
 use crate::report::units::{bytes, grouped};
 use clap::Args;
 use full_front::FullFront;
 use levels::Level;
+use limits::broken;
 use marking::{Marking, UpdateShare};
+use questions::{FullMesh, Questions};
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
+use row::{Row, Who};
 use serde::Serialize;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// What is measured when no model is named.
@@ -53,16 +59,6 @@ const EVERY: usize = 5;
 const EVERY_OF_GROWTH: usize = 20;
 /// Faces of the shapes over which the cost is seen to grow.
 const GROWTH: [u32; 5] = [4_000, 16_000, 64_000, 250_000, 1_000_000];
-/// The most that ours, on the front of the controller, may take of parry's time in single
-/// precision.
-const MAX_CLOSEST: f64 = 0.5;
-/// The most that all pairs of a tool, on the front of the controller, may take of those of parry's
-/// leaves with GJK, which are told the pose as parry's own code tells it; see
-/// [`crate::peers::parry::ToolPose`].
-const MAX_TOOL: f64 = 0.2;
-/// The most that an update of ours may take of parry's.
-const MAX_UPDATE: f64 = 0.4;
-
 /// Arguments of `rt-tests compare`.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
@@ -78,95 +74,16 @@ pub struct CompareArgs {
     /// Show the growth of the cost on shapes of at most so many faces; 0 for none
     #[arg(long, value_name = "FACES", default_value_t = 1_000_000)]
     pub growth: u32,
+    /// Write the questions to a folder, so that other libraries can be asked the same; of several
+    /// models, each to a folder of its name in it
+    #[arg(long, value_name = "DIR")]
+    pub export: Option<PathBuf>,
+    /// Ask further libraries by this program, built from rt-tests/peers
+    #[arg(long, value_name = "PROGRAM")]
+    pub peers: Option<PathBuf>,
     /// Folder for compare.json and the pictures
     #[arg(long, value_name = "DIR", default_value = "reports/compare")]
     pub out: PathBuf,
-}
-
-/// Who answers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Who {
-    /// Ours, on the front as the controller forms it.
-    OursLocal,
-    /// Ours, on the full mesh.
-    OursFull,
-    /// Parry in single precision, on the full mesh.
-    ParryF32,
-    /// Parry in double precision, on the full mesh.
-    ParryF64,
-    /// The same with the tool made anew at every pose.
-    ParryF64Moved,
-}
-
-impl Who {
-    const ALL: [Self; 5] = [
-        Self::OursLocal,
-        Self::OursFull,
-        Self::ParryF32,
-        Self::ParryF64,
-        Self::ParryF64Moved,
-    ];
-
-    fn words(self) -> &'static str {
-        match self {
-            Self::OursLocal => "ours, local front",
-            Self::OursFull => "ours, full mesh",
-            Self::ParryF32 => "parry f32",
-            Self::ParryF64 => "parry f64",
-            Self::ParryF64Moved => "parry f64, moved",
-        }
-    }
-}
-
-/// What one contender took for one task on one model.
-#[derive(Debug, Clone, Serialize)]
-pub struct Row {
-    /// The task.
-    pub task: &'static str,
-    /// The model.
-    pub model: String,
-    /// Faces of the full mesh.
-    pub faces: u32,
-    /// Who.
-    pub who: Who,
-    /// Median of the single queries, nanoseconds.
-    pub p50_ns: f64,
-    /// 99th of 100, nanoseconds.
-    pub p99_ns: f64,
-    /// The longest single one, nanoseconds.
-    pub max_ns: f64,
-    /// Answers that differ from the exact ones by more than rounding.
-    pub answers_differ: u64,
-    /// Bytes of mesh and tree together, for the task `build`; else 0.
-    pub bytes: u64,
-    /// Whether its times are held to limits: those of the shapes of growing size are not, only
-    /// their answers.
-    pub is_judged: bool,
-}
-
-impl Row {
-    fn new(
-        task: &'static str,
-        model: &Model,
-        who: Who,
-        mut ns: Vec<f64>,
-        answers_differ: u64,
-    ) -> Self {
-        sort(&mut ns);
-        Self {
-            task,
-            model: model.name.clone(),
-            faces: model.file.model_header().faces,
-            who,
-            p50_ns: quantile(&ns, 0.5),
-            p99_ns: quantile(&ns, 0.99),
-            max_ns: quantile(&ns, 1.0),
-            answers_differ,
-            bytes: 0,
-            is_judged: true,
-        }
-    }
 }
 
 /// What is printed as JSON.
@@ -206,11 +123,20 @@ pub fn compare(args: &CompareArgs) -> Result<(), Failure> {
         growth_levels: Vec::new(),
         broken: Vec::new(),
     };
-    for typed in typed_or(&args.models, &[DEFAULT_MODEL]) {
+    let models = typed_or(&args.models, &[DEFAULT_MODEL]);
+    for typed in &models {
         eprintln!("{typed}: building");
-        let model = open(&typed)?;
+        let model = open(typed)?;
         eprintln!("{typed}: measuring");
-        let measured = Measured::new(&model, args.seed, EVERY)?;
+        let export = args.export.as_ref().map(|folder| match models.len() {
+            1 => folder.clone(),
+            _ => folder.join(&model.name),
+        });
+        let others = Others {
+            program: args.peers.as_deref(),
+            export,
+        };
+        let measured = Measured::new(&model, args.seed, EVERY, &others)?;
         found.broken.extend(broken(&measured.rows));
         found.rows.extend(measured.rows);
         let (marking, update_share) = updates(&model, args.seed)?;
@@ -222,16 +148,15 @@ pub fn compare(args: &CompareArgs) -> Result<(), Failure> {
         eprintln!("relief of {} faces: building", grouped(faces.into()));
         let model = open(&format!("relief:{faces}"))?;
         eprintln!("relief of {} faces: measuring", grouped(faces.into()));
-        let measured = Measured::new(&model, args.seed, EVERY_OF_GROWTH)?;
-        found
-            .growth
-            .extend(measured.rows.into_iter().map(|row| Row {
-                is_judged: false,
-                ..row
-            }));
+        let others = Others {
+            program: args.peers.as_deref(),
+            export: None,
+        };
+        let measured = Measured::new(&model, args.seed, EVERY_OF_GROWTH, &others)?;
+        found.broken.extend(broken(&measured.rows));
+        found.growth.extend(measured.rows);
         found.growth_levels.extend(measured.levels);
     }
-    found.broken.extend(wrong(&found.growth));
     found
         .broken
         .extend(marking::broken(&found.marking, &found.update_share));
@@ -247,6 +172,29 @@ pub fn compare(args: &CompareArgs) -> Result<(), Failure> {
     }
 }
 
+/// Who else is asked, and where the questions are kept.
+struct Others<'a> {
+    program: Option<&'a Path>,
+    export: Option<PathBuf>,
+}
+
+impl Others<'_> {
+    /// Writes the questions if anybody wants them, and asks.
+    fn rows(&self, model: &Model, mesh: &FullMesh, asked: &Questions) -> Result<Vec<Row>, Failure> {
+        if self.program.is_none() && self.export.is_none() {
+            return Ok(Vec::new());
+        }
+        let kept_nowhere = tempfile::tempdir()
+            .map_err(|error| Failure::Run(format!("no temporary folder ({error})")))?;
+        let folder = self.export.as_deref().unwrap_or(kept_nowhere.path());
+        asked.write(mesh, folder)?;
+        match self.program {
+            Some(program) => peers::rows(program, folder, model, asked),
+            None => Ok(Vec::new()),
+        }
+    }
+}
+
 /// What is measured on a model of any size.
 struct Measured {
     rows: Vec<Row>,
@@ -255,20 +203,23 @@ struct Measured {
 
 impl Measured {
     /// Every task on a model; a tool touches at every so many points of the path.
-    fn new(model: &Model, seed: u64, every: usize) -> Result<Self, Failure> {
+    fn new(model: &Model, seed: u64, every: usize, others: &Others<'_>) -> Result<Self, Failure> {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let full = Surface::new(model.full_triangles());
+        let asked = Questions::new(model, &full, every, &mut random)?;
         let mut front = FullFront::new(model)?;
+        let mesh = FullMesh::new(model);
         let start = Instant::now();
-        let mut single = closest::single(model)?;
+        let mut single = closest::single(model, &mesh)?;
         let single_ns = start.elapsed().as_nanos() as f64;
         let start = Instant::now();
-        let mut double = closest::double(model)?;
+        let mut double = closest::double(model, &mesh)?;
         let double_ns = start.elapsed().as_nanos() as f64;
         let both: [&dyn Mesh; 2] = [&single, &double];
-        let mut rows = closest::rows(model, &full, &front, both, &mut random)?;
+        let mut rows = closest::rows(model, &asked, &front, both)?;
         let both: [&mut dyn Mesh; 2] = [&mut single, &mut double];
-        rows.extend(tools::rows(model, &full, &front, both, every, &mut random)?);
+        rows.extend(tools::rows(model, &asked, &front, both)?);
+        rows.extend(others.rows(model, &mesh, &asked)?);
         let levels = levels::levels(model, &full, &front, &mut random)?;
         rows.extend(update::rows(
             model,
@@ -298,58 +249,9 @@ fn updates(model: &Model, seed: u64) -> Result<(Vec<Marking>, Vec<UpdateShare>),
     Ok((marking, marking::shares(model, &full, &mut random)?))
 }
 
-/// Wrong answers of ours, in words; those of others are in the table.
-fn wrong(rows: &[Row]) -> Vec<String> {
-    let ours = [Who::OursLocal, Who::OursFull];
-    let wrong = rows
-        .iter()
-        .filter(|row| row.answers_differ > 0 && ours.contains(&row.who));
-    wrong
-        .map(|row| {
-            format!(
-                "{}, {}: {} of {} answers differ",
-                row.model,
-                row.task,
-                row.who.words(),
-                row.answers_differ
-            )
-        })
-        .collect()
-}
-
-/// Wrong answers, and what is beyond its limit, in words.
-fn broken(rows: &[Row]) -> Vec<String> {
-    let mut broken = wrong(rows);
-    let mut limit =
-        |task: &str, what: &str, [ours, theirs]: [Who; 2], most: f64, of: fn(&Row) -> f64| {
-            let row = |who: Who| rows.iter().find(|row| row.task == task && row.who == who);
-            if let (Some(ours), Some(theirs)) = (row(ours), row(theirs))
-                && of(ours) > most * of(theirs)
-            {
-                broken.push(format!(
-                    "{}, {task}: the {what} of ours is {:.2} of parry's, at most {most} is allowed",
-                    ours.model,
-                    of(ours) / of(theirs)
-                ));
-            }
-        };
-    let (p50, p99) = (|row: &Row| row.p50_ns, |row: &Row| row.p99_ns);
-    let near = [Who::OursLocal, Who::ParryF32];
-    limit("closest_path", "median", near, MAX_CLOSEST, p50);
-    limit("closest_path", "99th of 100", near, MAX_CLOSEST, p99);
-    for (task, _, _) in tools::TOOLS {
-        let touching = [Who::OursLocal, Who::ParryF64];
-        limit(task, "median", touching, MAX_TOOL, p50);
-        limit(task, "99th of 100", touching, MAX_TOOL, p99);
-    }
-    let same = [Who::OursFull, Who::ParryF32];
-    limit("update64", "median", same, MAX_UPDATE, p50);
-    broken
-}
-
 /// The tables of the terminal.
 fn words(found: &Compare) -> String {
-    let heads = "task | model | who | faces | p50 ns | p99 ns | max ns | differ | memory | judged";
+    let heads = "task | model | who | faces | p50 ns | p99 ns | max ns | differ | memory";
     let mut table = Table::new(3, heads);
     for row in found.rows.iter().chain(&found.growth) {
         let has_bytes = row.bytes > 0;
@@ -367,7 +269,6 @@ fn words(found: &Compare) -> String {
             } else {
                 String::new()
             },
-            if row.is_judged { "" } else { "not" }.to_string(),
         ]);
     }
     let mut text = table.to_string();
@@ -382,13 +283,18 @@ fn words(found: &Compare) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use limits::wrong;
 
     #[test]
     fn every_answer_on_a_small_shape_is_right_and_limits_are_seen() {
         let model = open("relief:3000").unwrap_or_else(|error| panic!("{error}"));
-        let measured = Measured::new(&model, 1, EVERY).unwrap_or_else(|error| panic!("{error}"));
-        let mut rows = measured.rows;
-        assert_eq!(rows.len(), 4 + 2 * 5 + 3 + 3);
+        let nobody = Others {
+            program: None,
+            export: None,
+        };
+        let measured = Measured::new(&model, 1, EVERY, &nobody);
+        let mut rows = measured.unwrap_or_else(|error| panic!("{error}")).rows;
+        assert_eq!(rows.len(), 3 * 4 + 2 * 6 + 3 + 3);
         assert_eq!(wrong(&rows), [""; 0]);
         assert!(
             rows.iter()
@@ -398,8 +304,9 @@ mod tests {
             row.p50_ns = 100.0;
             row.p99_ns = 100.0;
         }
-        assert_eq!(broken(&rows).len(), 7);
+        // The limits beside parry, at two quantiles each.
+        assert_eq!(broken(&rows).len(), 2 * 6);
         rows[0].answers_differ = 1;
-        assert_eq!(broken(&rows).len(), 8);
+        assert_eq!(broken(&rows).len(), 2 * 6 + 1);
     }
 }

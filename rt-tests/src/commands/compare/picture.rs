@@ -2,7 +2,8 @@
 
 use super::levels::Level;
 use super::marking::{Marking, Spread};
-use super::{Compare, Row, Who, tools};
+use super::row::{Row, Who};
+use super::{Compare, closest, tools};
 use crate::report::chart::{
     Axis, COLORS, Chart, Curve, GREY, Ground, Names, Stroke, Unit, grid, xs, ys,
 };
@@ -40,11 +41,14 @@ fn over_faces(title: &str, x: &str, y: impl Fn(&[Curve]) -> Axis, curves: Vec<Cu
 /// Cost against the number of faces: a chart for each task and quantile.
 fn growth(found: &Compare) -> Vec<Chart> {
     let chart = |task: &str, title: &str, quantile: &str, of: fn(&Row) -> f64| {
-        let curves = Who::ALL.into_iter().zip(COLORS).map(|(who, color)| {
+        let colors = COLORS.into_iter().cycle();
+        let curves = Who::ALL.into_iter().zip(colors).map(|(who, color)| {
+            let is_ours = matches!(who, Who::OursLocal | Who::OursFull);
+            let stroke = if is_ours { Stroke::Line } else { Stroke::Thin };
             let rows = found.growth.iter();
             let rows = rows.filter(|row| row.who == who && row.task == task);
             let points = rows.map(|row| (f64::from(row.faces), of(row)));
-            Curve::new(who.words(), color, Stroke::Thin, points)
+            Curve::new(who.words(), color, stroke, points)
         });
         over_faces(
             &format!("{title}: {quantile}"),
@@ -54,7 +58,9 @@ fn growth(found: &Compare) -> Vec<Chart> {
         )
     };
     let titles = [
-        ("closest_path", "Closest point along a path"),
+        (closest::PATH, "Closest point along a path, no memory"),
+        (closest::MEMORY, "Closest point along a path"),
+        (closest::COLD, "Closest point, caches swept"),
         (tools::TOOLS[0].0, "All pairs of a tool of 240 faces"),
         (tools::TOOLS[1].0, "All pairs of a tool of 960 faces"),
         ("update64", "Update of 64 deformed faces"),

@@ -1,12 +1,8 @@
-//! Times of single queries, nanoseconds each.
+//! Times of single queries, nanoseconds each. Every query is put once, so that none finds in the
+//! caches what the same query left there.
 
 use crate::clocks::Clocks;
-
-/// Times that every query is put where a round goes through so many that none finds in the caches
-/// what the same query left there.
-pub const ROUNDS: usize = 5;
-/// Where it goes through few, each is put once.
-pub const ONCE: usize = 1;
+use std::hint::black_box;
 
 /// A contender: answers query `k` with a number that is the same for all who are right.
 pub type Query<'a> = dyn FnMut(usize) -> f64 + 'a;
@@ -14,7 +10,7 @@ pub type Query<'a> = dyn FnMut(usize) -> f64 + 'a;
 /// What one contender took and answered.
 #[derive(Debug, Clone, Default)]
 pub struct Timed {
-    /// Nanoseconds of each single query of every round, less what reading the clocks takes.
+    /// Nanoseconds of each single query, less what reading the clocks takes.
     pub ns: Vec<f64>,
     /// Its answers.
     pub answers: Vec<f64>,
@@ -37,24 +33,46 @@ impl Timed {
     }
 }
 
-/// Puts `count` queries to each contender in turn, all of them so many times.
-pub fn time(count: usize, rounds: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
-    let new = |_: &_| Timed {
-        ns: Vec::with_capacity(count * rounds),
-        answers: vec![0.0; count],
-    };
-    let mut all: Vec<Timed> = contenders.iter().map(new).collect();
+/// What the caches hold when a query is put.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Caches {
+    /// What the query before left.
+    AsLeft,
+    /// Nothing of it, but in a cache that the cores share.
+    Swept,
+}
+
+/// Bytes that are read to sweep a core's own caches: those of current cores have at most 2 MiB.
+pub const SWEPT_BYTES: usize = 4 << 20;
+
+/// Puts `count` queries to each contender in turn, each once.
+pub fn time(count: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
+    time_with(Caches::AsLeft, count, contenders)
+}
+
+/// The same with the caches as asked for.
+pub fn time_with(caches: Caches, count: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
     let clocks = Clocks::new();
-    for _ in 0..rounds {
-        for (query, timed) in contenders.iter_mut().zip(&mut all) {
-            for k in 0..count {
-                let (ns, answer) = clocks.time(|| query(k));
-                timed.ns.push(ns);
-                timed.answers[k] = answer;
-            }
+    let sweep = match caches {
+        Caches::AsLeft => Vec::new(),
+        // Not zeros: untouched pages would all be one.
+        Caches::Swept => vec![1u8; SWEPT_BYTES],
+    };
+    let time_one = |query: &mut &mut Query<'_>| {
+        let mut timed = Timed {
+            ns: Vec::with_capacity(count),
+            answers: Vec::with_capacity(count),
+        };
+        for k in 0..count {
+            let lines = sweep.iter().step_by(64);
+            black_box(lines.fold(0u8, |sum, &byte| sum.wrapping_add(byte)));
+            let (ns, answer) = clocks.time(|| query(k));
+            timed.ns.push(ns);
+            timed.answers.push(answer);
         }
-    }
-    all
+        timed
+    };
+    contenders.iter_mut().map(time_one).collect()
 }
 
 #[cfg(test)]
@@ -73,8 +91,8 @@ mod tests {
             *second += 1;
             if k == 3 { f64::NAN } else { k as f64 + 0.1 }
         };
-        let timed = time(10, ROUNDS, &mut [&mut right, &mut wrong]);
-        assert_eq!(calls, [10 * ROUNDS; 2]);
+        let timed = time_with(Caches::Swept, 10, &mut [&mut right, &mut wrong]);
+        assert_eq!(calls, [10; 2]);
         let expected: Vec<f64> = (0..10).map(f64::from).collect();
         assert_eq!(timed[0].differ(&expected, 0.0), 0);
         assert_eq!(timed[1].differ(&expected, 0.2), 1);
@@ -82,15 +100,15 @@ mod tests {
         assert!(
             timed
                 .iter()
-                .all(|t| t.ns.len() == 10 * ROUNDS && t.ns.iter().all(|ns| *ns >= 0.0))
+                .all(|t| t.ns.len() == 10 && t.ns.iter().all(|ns| *ns >= 0.0))
         );
     }
 
     #[test]
     fn single_slow_queries_are_not_averaged_away() {
-        let work = |steps: u64| (0..steps).fold(0, |x, k| std::hint::black_box(x ^ k)) as f64;
+        let work = |steps: u64| (0..steps).fold(0, |x, k| black_box(x ^ k)) as f64;
         let mut query = |k: usize| work(if k % 50 == 7 { 2_000_000 } else { 10 });
-        let mut ns = time(200, ONCE, &mut [&mut query]).swap_remove(0).ns;
+        let mut ns = time(200, &mut [&mut query]).swap_remove(0).ns;
         crate::report::quantile::sort(&mut ns);
         // Four of them, of thousands of times the work.
         assert!(ns[197] > 10.0 * ns[100], "{:?}", &ns[190..]);

@@ -1,19 +1,17 @@
 //! A tool mesh that touches: all pairs of its faces and the surface's that meet.
 
-use super::closest::touches;
 use super::full_front::FullFront;
-use super::timing::{ONCE, ROUNDS, Timed, time};
-use super::{Row, Who};
+use super::questions::{Questions, ToolQuestions};
+use super::row::{Row, Who};
+use super::timing::{Timed, time};
 use crate::failure::Failure;
 use crate::models::local_front::LocalFront;
-use crate::models::surface::Surface as Full;
 use crate::models::{Model, active_triangles};
 use crate::peers::parry::{Mesh, ToolPose};
 use geometry::{Pose, Similarity, triangle_pair};
 use glam::{DQuat, DVec3};
 use hrtc_core::contact::query::{FacePair, Surface, all_pairs};
 use hrtc_core::contact::tool::{Tool, ToolMesh, capsule_mesh};
-use rand::Rng;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
@@ -84,70 +82,54 @@ pub fn capsule(model: &Model, (_, around, circles): (&str, usize, usize)) -> (To
     (mesh, length, DEPTH * diagonal)
 }
 
-/// A row for each contender and tool, at every so many points of the path.
+/// A row for each contender and tool.
 ///
 /// # Errors
 /// When a region cannot be loaded, or parry refuses a tool.
 pub fn rows(
     model: &Model,
-    full: &Full,
+    asked: &Questions,
     front: &FullFront,
     [single, double]: [&mut dyn Mesh; 2],
-    every: usize,
-    random: &mut impl Rng,
 ) -> Result<Vec<Row>, Failure> {
-    let touching = touches(model, full, random);
     let (handles, corners) = active_triangles(front.mesh());
     let by_handle: Vec<_> = handles.into_iter().zip(corners).collect();
-    let by_place: Vec<_> = (0u32..).zip(model.full_triangles()).collect();
     let mut rows = Vec::new();
-    for kind in TOOLS {
-        let (mesh, length, depth) = capsule(model, kind);
-        let poses: Vec<Touch> = touching
-            .iter()
-            .step_by(every)
-            .filter_map(|&at| Touch::new(at, length, depth))
-            .collect();
-        let mut tool = new_tool(model, &mesh)?;
-        let mut expect = |faces: &[(u32, [DVec3; 3])]| -> Vec<f64> {
-            let mut answer = |touch: &Touch| {
-                tool.place(&touch.to_query);
-                by_search(faces, &tool)
-            };
-            poses.iter().map(&mut answer).collect()
+    for ToolQuestions {
+        task,
+        mesh,
+        poses,
+        expected: of_places,
+    } in &asked.tools
+    {
+        let mut tool = new_tool(model, mesh)?;
+        let answer = |touch: &Touch| {
+            tool.place(&touch.to_query);
+            by_search(&by_handle, &tool)
         };
-        let (of_handles, of_places) = (expect(&by_handle), expect(&by_place));
+        let of_handles: Vec<f64> = poses.iter().map(answer).collect();
         single.take_tool(&mesh.positions, &mesh.triangles);
         double.take_tool(&mesh.positions, &mesh.triangles);
         let mut out = vec![FacePair::NONE; MAX_PAIRS];
         let mut ours = |k: usize| ours(front.surface(), &mut tool, &poses[k].to_query, &mut out);
-        let mut of_single = |k: usize| theirs(single, &poses[k].pose, ToolPose::Given);
         // One mesh answers for two.
-        let double = RefCell::new(&mut *double);
-        let of_double = |k: usize, how| theirs(&mut **double.borrow_mut(), &poses[k].pose, how);
+        let (single, double) = (RefCell::new(&mut *single), RefCell::new(&mut *double));
         let mut timed = time(
             poses.len(),
-            ROUNDS,
             &mut [
                 &mut ours,
-                &mut of_single,
-                &mut |k| of_double(k, ToolPose::Given),
-                &mut |k| of_double(k, ToolPose::Moved),
+                &mut |k| theirs(&single, &poses[k].pose, ToolPose::Given),
+                &mut |k| theirs(&single, &poses[k].pose, ToolPose::Moved),
+                &mut |k| theirs(&double, &poses[k].pose, ToolPose::Given),
+                &mut |k| theirs(&double, &poses[k].pose, ToolPose::Moved),
             ],
         );
-        let (near, near_expected) = local(model, &mesh, &poses)?;
+        let (near, near_expected) = local(model, mesh, poses)?;
         timed.insert(0, near);
-        let expected = [
-            &near_expected,
-            &of_handles,
-            &of_places,
-            &of_places,
-            &of_places,
-        ];
-        let who = Who::ALL;
-        for ((who, timed), expected) in who.into_iter().zip(timed).zip(expected) {
-            let differ = timed.differ(expected, 0.0);
-            rows.push(Row::new(kind.0, model, who, timed.ns, differ));
+        for (k, (who, timed)) in Who::ALL.into_iter().zip(timed).enumerate() {
+            let expected = [&near_expected, &of_handles].get(k).copied();
+            let differ = timed.differ(expected.unwrap_or(of_places), 0.0);
+            rows.push(Row::new(task, model, who, timed.ns, differ));
         }
     }
     Ok(rows)
@@ -180,7 +162,7 @@ fn local(model: &Model, mesh: &ToolMesh, poses: &[Touch]) -> Result<(Timed, Vec<
         let mut ask = |touch: &Touch| ours(surface, &mut tool, &touch.to_query, &mut out);
         // As for the others, the query before was for the pose before.
         ask(&poses[start.saturating_sub(1)]);
-        let timed = time(stretch.len(), ONCE, &mut [&mut |k| ask(&stretch[k])]);
+        let timed = time(stretch.len(), &mut [&mut |k| ask(&stretch[k])]);
         timed.into_iter().for_each(|timed| all.extend(timed));
     }
     Ok((all, expected))
@@ -201,16 +183,17 @@ pub fn ours(surface: Surface<'_>, tool: &mut Tool, pose: &Similarity, out: &mut 
         .number()
 }
 
-fn theirs(mesh: &mut dyn Mesh, pose: &Pose, how: ToolPose) -> f64 {
+fn theirs(mesh: &RefCell<&mut (dyn Mesh + '_)>, pose: &Pose, how: ToolPose) -> f64 {
     let mut digest = Digest::default();
-    mesh.tool_pairs(pose, how, &mut |face, of_tool| {
-        digest = digest.with(face, of_tool)
-    });
+    mesh.borrow_mut()
+        .tool_pairs(pose, how, &mut |face, of_tool| {
+            digest = digest.with(face, of_tool)
+        });
     digest.number()
 }
 
 /// Every face of the surface with every face of the tool whose boxes overlap, by exact predicates.
-fn by_search(faces: &[(u32, [DVec3; 3])], tool: &Tool) -> f64 {
+pub fn by_search(faces: &[(u32, [DVec3; 3])], tool: &Tool) -> f64 {
     let around = |corners: [DVec3; 3]| {
         let [a, b, c] = corners;
         (a.min(b).min(c), a.max(b).max(c))
@@ -247,7 +230,7 @@ fn by_search(faces: &[(u32, [DVec3; 3])], tool: &Tool) -> f64 {
 
 /// A set of pairs as one number, whatever their order.
 #[derive(Debug, Clone, Copy, Default)]
-struct Digest(u64);
+pub struct Digest(u64);
 
 impl Digest {
     fn with(self, a: u32, b: u32) -> Self {

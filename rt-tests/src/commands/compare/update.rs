@@ -2,8 +2,8 @@
 //! same faces.
 
 use super::full_front::FullFront;
-use super::timing::{ROUNDS, time};
-use super::{Row, Who};
+use super::row::{Row, Who};
+use super::timing::time;
 use crate::models::Model;
 use crate::models::surface::unit;
 use crate::peers::parry::{Mesh, ParryF32, ParryF64};
@@ -16,7 +16,7 @@ use std::collections::HashSet;
 /// Faces of a patch, as deformed by about eight splits.
 pub const PATCH: usize = 64;
 /// Patches.
-const PATCHES: usize = 400;
+const PATCHES: usize = 2000;
 /// By how much a patch is moved, in parts of the diagonal.
 const SHIFT: f32 = 1e-3;
 
@@ -38,7 +38,8 @@ pub fn patch(mesh: &ActiveMesh, first: Handle, count: usize) -> Vec<Handle> {
     patch
 }
 
-/// A row for each contender: one update moves a patch, or moves it back.
+/// A row for each contender: one update moves a patch, or moves it back. All compute the boxes
+/// from the corners of the faces, as a tick does.
 pub fn rows(
     model: &Model,
     front: &mut FullFront,
@@ -59,47 +60,37 @@ pub fn rows(
         .map(|patch| patch.iter().map(|&face| places[face as usize]).collect())
         .collect();
     let shift = Vec3::splat(SHIFT * model.file.model_header().diagonal as f32);
-    let mut boxes = vec![Aabb::EMPTY; places.len()];
-    for &face in &handles {
-        boxes[face as usize] = front.mesh().face_box(face);
-    }
-    // Every patch is moved and moved back; what is timed takes boxes that are there already.
-    let moved = |face: u32, away: bool| {
-        let at = boxes[face as usize];
-        let by = if away { shift } else { Vec3::ZERO };
-        Aabb {
-            lower: at.lower + by,
-            upper: at.upper + by,
+    // Every patch is moved and moved back.
+    let by = |k: usize| {
+        if k.is_multiple_of(2) {
+            shift
+        } else {
+            Vec3::ZERO
         }
     };
-    let boxes_of = |k: usize| -> Vec<Aabb> {
-        patches[k / 2]
-            .iter()
-            .map(|&face| moved(face, k.is_multiple_of(2)))
-            .collect()
-    };
-    let prepared: Vec<Vec<Aabb>> = (0..2 * PATCHES).map(boxes_of).collect();
-    let mut now = boxes.clone();
     let size = |aabb: &Aabb| f64::from((aabb.upper - aabb.lower).length());
-    let tree = front.tree_mut();
+    let (mesh, tree) = front.parts_mut();
     let mut ours = |k: usize| {
-        for (&face, &aabb) in patches[k / 2].iter().zip(&prepared[k]) {
-            now[face as usize] = aabb;
+        for &face in &patches[k / 2] {
             tree.deform(face);
         }
-        tree.refit(|face| now[face as usize]);
+        tree.refit(|face| {
+            let at = mesh.face_box(face);
+            Aabb {
+                lower: at.lower + by(k),
+                upper: at.upper + by(k),
+            }
+        });
         size(tree.root_box())
     };
-    let mut of_single = |k: usize| single.update(&of_parry[k / 2], &prepared[k]);
-    let mut of_double = |k: usize| double.update(&of_parry[k / 2], &prepared[k]);
+    let mut of_single = |k: usize| single.update(&of_parry[k / 2], by(k));
+    let mut of_double = |k: usize| double.update(&of_parry[k / 2], by(k));
     let timed = time(
         2 * PATCHES,
-        ROUNDS,
         &mut [&mut ours, &mut of_single, &mut of_double],
     );
     let expected = timed[2].answers.clone();
-    // Boxes are the same numbers for all: f32, none computed but by taking the least and the
-    // largest.
+    // Boxes are the same numbers for all but for the rounding of the shift.
     let tolerance = f64::from(f32::EPSILON) * model.file.model_header().diagonal * 4.0;
     [Who::OursFull, Who::ParryF32, Who::ParryF64]
         .into_iter()
