@@ -93,6 +93,10 @@ pub mod streaming {
     pub const QUEUE_S: f64 = 0.02;
     /// Chunks that may always be under way: one on the link while another is taken in.
     pub const MIN_WINDOW: u64 = 2;
+    /// Silence after which what was asked of a station on another machine counts as lost at the
+    /// least: half as long again as TCP waits before it repeats the last packet of an answer
+    /// (`TCP_RTO_MIN` of Linux, 0.2 s).
+    pub const FAR_TIMEOUT_S: f64 = 0.3;
     /// Chunks that may be under way at first from a station on another machine: what TCP sends at
     /// once, 10 segments of 1460 bytes (RFC 6928, 2), in chunks of 1.8 kB.
     pub const FIRST_WINDOW: u64 = 8;

@@ -5,9 +5,9 @@ use super::chunk::InboxChunk;
 use crate::cache::MAX_OUTSTANDING;
 use crate::horizons::Horizons;
 use crate::tuning::streaming::{
-    FIRST_TIMEOUT_S, FIRST_WINDOW, IN_TRANSIT, INCLUDED_S, MAX_LEAD_S, MIN_SPAN_S, MIN_WINDOW,
-    QUEUE_S, QUEUED, RATE_SHARE, REGIONS_KEPT, REQUEST_SHARE, ROUND_TRIP_SHARE, VARIATION_SHARE,
-    VARIATIONS, WAIT_SHARE,
+    FAR_TIMEOUT_S, FIRST_TIMEOUT_S, FIRST_WINDOW, IN_TRANSIT, INCLUDED_S, MAX_LEAD_S, MIN_SPAN_S,
+    MIN_WINDOW, QUEUE_S, QUEUED, RATE_SHARE, REGIONS_KEPT, REQUEST_SHARE, ROUND_TRIP_SHARE,
+    VARIATION_SHARE, VARIATIONS, WAIT_SHARE,
 };
 use protocol::{CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, MAX_CREDIT_CHUNKS, Request};
 
@@ -124,6 +124,8 @@ impl LinkMeter {
     /// The station is on another machine: nothing is known of the first round trip.
     pub fn station_is_far(&mut self) {
         self.first_timeout = (FIRST_TIMEOUT_S * self.rate_hz).ceil() as u64;
+        let far_timeout = (FAR_TIMEOUT_S * self.rate_hz).ceil() as u64;
+        self.answer_timeout = self.answer_timeout.max(far_timeout);
         self.slow_start = FIRST_WINDOW;
     }
 
@@ -400,7 +402,7 @@ mod tests {
         far.station_is_far();
         assert_eq!((far.timeout(0), far.timeout(1)), (1000, 2000));
         far.answered(4, 0);
-        assert_eq!(far.timeout(0), 200, "no farther than it is");
+        assert_eq!(far.timeout(0), 300, "what TCP repeats is not lost");
         assert!(new.round_trip_s() < 0.0 && new.bytes_per_s() < 0.0);
         assert!((local.round_trip_s() - 0.004).abs() < 1e-9);
     }

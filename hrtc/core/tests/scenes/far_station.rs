@@ -253,8 +253,8 @@ fn a_station_that_is_heard_again_is_asked_soon() {
     const LOST: u64 = 1500;
     const CUT: u64 = 3000;
     const LOST_AFTER: u64 = 150;
-    /// The shortest timeout, ticks, and the round trip.
-    const TIMEOUT: u64 = 200;
+    /// The shortest timeout of a station far away, ticks, and the round trip.
+    const TIMEOUT: u64 = 300;
     const ROUND_TRIP: u64 = 20;
     let whole = link(ROUND_TRIP, f64::INFINITY);
     let lost = LinkModel { loss: 1.0, ..whole };
