@@ -26,6 +26,9 @@ const SEED: u64 = 1;
 const RESYNC_MS: f64 = 2000.0;
 /// Length of a cut, seconds: five times the silence after which a link counts as broken.
 const CUT_S: f64 = 10.0;
+/// Length of a short one, seconds: half as long again as that silence, so that the broken
+/// connection has hardly ended when the next one can be made.
+const SHORT_CUT_S: f64 = 3.0;
 /// Time in contact before a disturbance, seconds.
 const IN_CONTACT_S: f64 = 1.0;
 /// Room for a cut in a run, in slots; the rest behind it has its own time.
@@ -201,9 +204,18 @@ fn repeat(
 
 /// The cable cut for long, and mended.
 pub fn cut(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer {
+    cut_for(CUT_S, bench, verdicts)
+}
+
+/// The cable cut for a short time, and mended.
+pub fn cut_shortly(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer {
+    cut_for(SHORT_CUT_S, bench, verdicts)
+}
+
+fn cut_for(seconds: f64, bench: &Bench, verdicts: &mut Verdicts) -> Answer {
     repeat(bench, 1, Shape::default(), verdicts, &mut |far, _| {
         far.relay.cut(true);
-        pause(CUT_S, bench.stop);
+        pause(seconds, bench.stop);
         far.relay.cut(false);
         far.touch.returns_ns.push(monotonic_ns());
         Ok(())

@@ -86,7 +86,7 @@ const fn row(name: &'static str, run: fn(&Bench, u64, &mut Verdicts) -> Answer) 
 }
 
 /// All cases, in their order.
-const ROWS: [Row; 20] = [
+const ROWS: [Row; 21] = [
     row("station-killed", station::killed),
     row("station-stopped", station::stopped),
     row("station-restarted", station::restarted),
@@ -112,6 +112,7 @@ const ROWS: [Row; 20] = [
     row("device-sigkill", device::killed),
     row("device-sigstop", device::stopped),
     over_link("link-cut", link::cut),
+    over_link("link-cut-shortly", link::cut_shortly),
     over_link("link-killed", link::tunnel_killed),
     over_link("link-station-restarted", link::station_restarted),
     over_link("link-packets-changed", link::packets_changed),
