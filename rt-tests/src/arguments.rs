@@ -14,6 +14,7 @@ use crate::commands::replay::ReplayArgs;
 use crate::commands::run::RunArgs;
 use crate::commands::simulate::SimulateArgs;
 use crate::commands::stability::StabilityArgs;
+use crate::commands::tools::ToolsArgs;
 use crate::commands::zwidth::ZwidthArgs;
 use crate::processes::bare_loop::BareArgs;
 use crate::processes::device_page::DeviceArgs;
@@ -62,6 +63,9 @@ pub enum Command {
     /// Find how stiff a wall a loop with this machine's period can render: simulated bounces, and
     /// theory beside them
     Zwidth(ZwidthArgs),
+    /// Lead tools over models, every tick beside one with unlimited work; status 1 when a limit is
+    /// not kept
+    Tools(ToolsArgs),
     /// Kill, stop, replace and starve real processes in contact; status 1 when a case fails
     Faults(FaultsArgs),
     /// Touch on two hosts, over links of any round-trip time and bandwidth, and on one machine

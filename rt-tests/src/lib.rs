@@ -58,6 +58,7 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Stability(args) => commands::stability::stability(&args),
         Command::Simulate(args) => commands::simulate::simulate(&args),
         Command::Effects(args) => commands::effects::effects(&args),
+        Command::Tools(args) => commands::tools::tools(&args),
         Command::Zwidth(args) => commands::zwidth::zwidth(&args),
         Command::Faults(args) => commands::faults::faults(&args),
         Command::Hosts(args) => commands::hosts::hosts(&args),

@@ -113,4 +113,6 @@ pub use capacity::Capacity;
 pub use controller::Controller;
 pub use instance::ModelFrame;
 pub use streaming::Fault;
-pub use tick::{NoObserver, ProbeContact, Stage, StageObserver, TickInputs, TickOutputs};
+pub use tick::{
+    NoObserver, ProbeContact, Stage, StageObserver, TickInputs, TickOutputs, ToolBefore,
+};

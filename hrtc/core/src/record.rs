@@ -90,6 +90,9 @@ pub struct CoreRecord {
     pub unfinished: u32,
     /// Tools whose step ended early though the budget had room; they move on in the next ticks.
     pub early: u32,
+    /// Contacts of tools that were found after the step that they should have stopped: the force
+    /// before had not known them.
+    pub late_contacts: u32,
     /// Records received, total.
     pub vsps_received: u64,
     /// Bytes received (chunks), total.

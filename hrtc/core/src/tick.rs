@@ -25,6 +25,8 @@
 
 use crate::active::active_set::ActiveSet;
 use crate::budget::{Budget, QueryBudget};
+use crate::contact::query::Surface;
+use crate::contact::rigid_proxy::ToolProxy;
 use crate::contact::sphere_proxy::Contact;
 use crate::controller::Controller;
 use crate::force::effects::{Clock, Rendered};
@@ -34,7 +36,7 @@ use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
 use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, MAX_UPKEEP};
 use crate::tuning::streaming::{ingest_for, max_ingest};
-use geometry::Wrench;
+use geometry::{Pose, Wrench};
 use glam::DVec3;
 use haptic_device::Sample;
 use mutants::{Mutant, is};
@@ -64,6 +66,20 @@ pub enum Stage {
 pub trait StageObserver {
     /// A stage has ended.
     fn ended(&mut self, stage: Stage);
+
+    /// The tool of a probe is about to be advanced: what a reference needs to do the same.
+    fn tool_before(&mut self, _probe: usize, _tool: &ToolBefore<'_>) {}
+}
+
+/// A tool before its proxy is advanced.
+#[derive(Debug, Clone, Copy)]
+pub struct ToolBefore<'a> {
+    /// Its proxy; every change of the surface so far is noted.
+    pub proxy: &'a ToolProxy,
+    /// The surface.
+    pub surface: Surface<'a>,
+    /// The device, model units.
+    pub goal: Pose,
 }
 
 /// Observes nothing.
@@ -178,7 +194,7 @@ impl Controller {
         self.refit();
         observer.ended(Stage::Refit);
 
-        self.contact(tick, &mut record);
+        self.contact(tick, &mut record, observer);
         observer.ended(Stage::Query);
 
         let is_open =
@@ -303,13 +319,21 @@ impl Controller {
     }
 
     /// Advances the proxies and renders the forces of each pair.
-    fn contact(&mut self, tick: u64, record: &mut CoreRecord) {
+    fn contact(&mut self, tick: u64, record: &mut CoreRecord, observer: &mut impl StageObserver) {
         let stats = self.active.objects.iter().map(|of| of.front.stats);
         let operations: u32 = stats.map(|stats| stats.vsplits + stats.ecols).sum();
         self.active.order_pairs(self.own_tick);
         let (pairs, objects) = (&self.active.pairs, &mut self.active.objects);
         let mut budget = QueryBudget::new(operations, pairs.iter().map(|&(_, probe)| probe));
         for &(k, probe) in pairs {
+            if let Some((proxy, surface, goal)) = objects[k].tool_before(probe) {
+                let tool = ToolBefore {
+                    proxy,
+                    surface,
+                    goal,
+                };
+                observer.tool_before(probe, &tool);
+            }
             objects[k].find_contact(tick, (probe, &self.probes[probe]), &mut budget);
         }
         // The nearest to a contact looks first: where it goes matters most.
@@ -320,6 +344,7 @@ impl Controller {
         let contacts = || self.active.objects.iter().map(|of| &of.contacts);
         record.unfinished = contacts().map(|of| of.unfinished).sum();
         record.early = contacts().map(|of| of.early).sum();
+        record.late_contacts = contacts().map(|of| of.late_contacts).sum();
     }
 
     /// Sums the forces of a probe's pairs.

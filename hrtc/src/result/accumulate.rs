@@ -256,6 +256,7 @@ impl Accumulator {
         result.inactive_object_ticks += u64::from(core.unserved > 0);
         result.unfinished_ticks += u64::from(core.unfinished > 0);
         result.early_ticks += u64::from(core.early > 0);
+        result.late_contacts += u64::from(core.late_contacts);
         if core.ready {
             self.awake.push(f64::from(core.active_objects));
             self.ready_tick.get_or_insert(self.last_tick);

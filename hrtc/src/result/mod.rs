@@ -265,6 +265,8 @@ pub struct RunResult {
     /// Ticks in which a tool's proxy ended its step early within its budget. The next ticks
     /// complete the displacement.
     pub early_ticks: u64,
+    /// Contacts of a tool found after the step that they should have stopped.
+    pub late_contacts: u64,
     /// Cost of the inactive objects in a tick, microseconds of wall time: the broad phase.
     pub idle_us: Spread,
     /// Force of each probe over its ticks in contact, newtons.

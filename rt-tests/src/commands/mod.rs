@@ -16,6 +16,7 @@
 //! | [`codecs`] | what a record costs on the wire, by codec |
 //! | [`hosts`] | station and controller on two hosts, over links of any length |
 //! | [`effects`] | the cost of each effect |
+//! | [`tools`] | a tool's ticks beside unlimited work |
 //! | [`zwidth`] | the stiffest wall that can be rendered |
 
 pub mod accuracy;
@@ -32,4 +33,5 @@ pub mod replay;
 pub mod run;
 pub mod simulate;
 pub mod stability;
+pub mod tools;
 pub mod zwidth;

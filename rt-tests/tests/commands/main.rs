@@ -6,4 +6,5 @@ mod effects;
 mod fronts;
 mod predictors;
 mod stability;
+mod tools;
 mod typed;

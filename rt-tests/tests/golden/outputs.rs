@@ -160,6 +160,7 @@ fn counters(into: &mut Digest, record: &CoreRecord, probes: usize) {
         record.query_work,
         record.unfinished,
         record.early,
+        record.late_contacts,
     ]);
     into.put_all([
         record.vsps_received,

@@ -4,6 +4,8 @@
 use crate::budget::{Budget, QueryBudget};
 use crate::cache::Cache;
 use crate::cache::base_mesh_store::Model;
+use crate::contact::query::Surface;
+use crate::contact::rigid_proxy::ToolProxy;
 use crate::horizons::Horizons;
 use crate::instance::{ModelFrame, ObjectInstance, in_axes_of};
 use crate::lod::front::Front;
@@ -247,6 +249,18 @@ impl ActiveObject {
     /// Updates the boxes of the AB-tree over deformed faces.
     pub(crate) fn refit(&mut self) {
         self.front.cache.refit();
+    }
+
+    /// The proxy of a probe's tool, while it is near.
+    #[must_use]
+    pub fn tool(&self, probe: usize) -> Option<&ToolProxy> {
+        self.contacts.pairs.get(probe)?.tool()
+    }
+
+    /// The tool of a probe before it is advanced.
+    pub(crate) fn tool_before(&self, probe: usize) -> Option<(&ToolProxy, Surface<'_>, Pose)> {
+        let goal = self.contacts.pairs.get(probe)?.goal?;
+        Some((self.tool(probe)?, self.front.surface(), goal))
     }
 
     /// Advances the proxy of a probe and renders the forces of the pair.

@@ -41,6 +41,8 @@ pub struct Contacts {
     /// Tools of this tick that left a part of their motion to the next one though the budget had
     /// room.
     pub early: u32,
+    /// Contacts of tools in this tick that an earlier tick should have found.
+    pub late_contacts: u32,
     /// Constraints of the proxies that did not fit, total.
     pub dropped_constraints: u64,
     period_s: f64,
@@ -66,6 +68,7 @@ impl Contacts {
             limits: Vec::with_capacity(plan.probes.len() * crate::contact::rigid_proxy::MAX_BALLS),
             unfinished: 0,
             early: 0,
+            late_contacts: 0,
             dropped_constraints: 0,
             period_s: 1.0 / plan.loop_.rate_hz,
             has_geomorphs: plan.accuracy.geomorph,
@@ -91,6 +94,7 @@ impl Contacts {
     pub fn begin_tick(&mut self) {
         self.unfinished = 0;
         self.early = 0;
+        self.late_contacts = 0;
     }
 
     /// Whether a probe touches the object.
@@ -212,6 +216,7 @@ impl Contacts {
         self.dropped_constraints += u64::from(step.dropped);
         self.unfinished += u32::from(step.unfinished);
         self.early += u32::from(step.early);
+        self.late_contacts += step.late_contacts;
         let Some(contact) = step.contact else {
             pair.render_near(clock, frame);
             return None;

@@ -3,6 +3,7 @@
 use crate::budget::QueryBudget;
 use crate::contact::motion::Twist;
 use crate::contact::query::{Surface, Work};
+use crate::contact::rigid_proxy::ToolProxy;
 use crate::contact::sphere_proxy::Contact;
 use crate::force::effects::{Clock, ContactSample, Rendered, SurfaceEffects};
 use crate::force::passivity::CouplingSpring;
@@ -135,6 +136,11 @@ impl ProbeObjectPair {
             let start = self.start.take().map(|start| frame.object_to_model(start));
             self.proxy.begin(self.patch_m, frame.metres_per_unit, start);
         }
+    }
+
+    /// The proxy of a tool that is near.
+    pub fn tool(&self) -> Option<&ToolProxy> {
+        self.proxy.tool().filter(|_| self.is_near)
     }
 
     /// Position of the device, and middle and radius of the patch that touches or would touch,

@@ -54,6 +54,8 @@ pub struct ProxyStep {
     pub unfinished: bool,
     /// Whether it left a part of its way to the next tick though the budget had room.
     pub early: bool,
+    /// Contacts that should have stopped an earlier step.
+    pub late_contacts: u32,
 }
 
 impl ProxyStep {
@@ -63,6 +65,7 @@ impl ProxyStep {
         dropped: 0,
         unfinished: false,
         early: false,
+        late_contacts: 0,
     };
 }
 
@@ -130,6 +133,14 @@ impl ProxyKind {
     /// Whether it is of a tool: its steps cost many times those of a ball.
     pub fn is_tool(&self) -> bool {
         matches!(self, Self::Tool(_))
+    }
+
+    /// The proxy of a tool that has begun.
+    pub fn tool(&self) -> Option<&ToolProxy> {
+        match self {
+            Self::Ball(_) => None,
+            Self::Tool(tool) => tool.has_room.then_some(&tool.proxy),
+        }
     }
 
     /// Whether it has a place.
@@ -257,6 +268,7 @@ impl ProxyKind {
                     dropped: advance.dropped,
                     unfinished: false,
                     early: false,
+                    late_contacts: 0,
                 }
             }),
             Self::Tool(tool) if tool.has_room => tool.advance(surface, goal, max_work),
@@ -382,6 +394,7 @@ impl ToolKind {
             dropped: advance.dropped,
             unfinished: !advance.ending.is_complete(),
             early: advance.ending.is_complete() && advance.is_unsettled,
+            late_contacts: advance.late_contacts,
         }
     }
 }

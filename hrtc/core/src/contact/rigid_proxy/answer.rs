@@ -21,6 +21,8 @@ pub struct ToolAdvance {
     pub spent: u32,
     /// Steps taken.
     pub steps: u32,
+    /// Active contacts that the coupling of the tick before passed through: they were found late.
+    pub late_contacts: u32,
     /// Contacts beyond the capacity.
     pub dropped: u32,
     /// Whether the device's pose was invalid; then the proxy stayed.
@@ -37,6 +39,7 @@ impl ToolAdvance {
             work: PairWork::default(),
             spent: 0,
             steps: 0,
+            late_contacts: 0,
             dropped: 0,
             rejected: false,
         }

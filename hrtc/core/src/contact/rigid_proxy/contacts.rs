@@ -133,6 +133,11 @@ impl Contacts {
         self.at = *at;
     }
 
+    /// The placement of the tool that they are for.
+    pub fn at(&self) -> &Placement {
+        &self.at
+    }
+
     /// The contacts.
     pub fn all(&self) -> &[ToolContact] {
         &self.all

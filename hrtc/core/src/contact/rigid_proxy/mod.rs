@@ -131,6 +131,8 @@ pub struct ToolProxy {
     /// Whether the target of the last tick was an estimate, and the deflection of the coupling
     /// there.
     is_estimate: bool,
+    /// The target of the last tick, if the proxy had not reached it.
+    assumed: Option<Placement>,
     deflection: Twist,
     /// Deflection of the coupling that a hand cannot perceive, model units.
     imperceptible: Imperceptible,
@@ -181,6 +183,7 @@ impl ToolProxy {
             is_behind: false,
             coupling_target: nowhere,
             is_estimate: false,
+            assumed: None,
             deflection: Twist::default(),
             imperceptible: Imperceptible::NOTHING,
             look_ahead_scale: 1.0,
@@ -222,6 +225,7 @@ impl ToolProxy {
         self.device_travel = 0.0;
         self.has_skipped_step = false;
         self.is_estimate = false;
+        self.assumed = None;
         Ok(())
     }
 
@@ -396,6 +400,7 @@ impl ToolProxy {
         }
         let travelled = self.goal.to(&goal).farthest(self.shape.radius);
         self.deflection = goal.to(&self.coupling_target);
+        self.assumed = (self.coupling_target != self.at).then_some(self.coupling_target);
         self.device_travel += travelled;
         self.goal = goal;
         let start = self.at;
@@ -550,6 +555,12 @@ impl ToolProxy {
     #[must_use]
     pub fn deflection(&self) -> f64 {
         self.length_of(&self.goal.to(&self.coupling_target))
+    }
+
+    /// Motion of the tool's centre from the device to the proxy, model units.
+    #[must_use]
+    pub fn penetration(&self) -> Twist {
+        self.goal.to(&self.at)
     }
 
     /// Length of a motion in the metric of the tool's mass, model units.

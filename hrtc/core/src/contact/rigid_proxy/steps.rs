@@ -481,6 +481,15 @@ impl ToolProxy {
         }
     }
 
+    /// Whether the target of the last tick, which the proxy had not reached, is behind a contact.
+    fn is_late(&self, contact: &ToolContact, offset: f64) -> bool {
+        self.assumed.is_some_and(|assumed| {
+            let turn = assumed.rotation() * self.contacts.at().rotation().transpose();
+            let tool = assumed.centre + turn * contact.arm;
+            contact.normal.dot(tool - contact.point) < -offset
+        })
+    }
+
     /// The motion closest to the wanted one that the contacts allow. The active contacts go into
     /// the answer, the one that pushes most first.
     pub(super) fn allowed(
@@ -512,6 +521,9 @@ impl ToolProxy {
             found = project(goal, &self.half_spaces);
         }
         if let Some(answer) = answer {
+            let active = found.active().iter();
+            let is_late = |&&(k, _): &&(usize, f64)| self.is_late(&self.contacts.all()[k], offset);
+            answer.late_contacts = active.filter(is_late).count() as u32;
             answer.contact_count = found.active().len();
             for (place, &(k, _)) in answer.contacts.iter_mut().zip(found.active()) {
                 *place = self.contacts.all()[k];

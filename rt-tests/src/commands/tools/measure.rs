@@ -1,0 +1,138 @@
+//! A tool led over a model, and beside every tick a reference: the same proxy from the same state,
+//! with no limit to its work.
+
+use super::row::{Row, TickDifference, TickSums};
+use crate::failure::Failure;
+use crate::scenes::prepare_models;
+use glam::DVec3;
+use hrtc_core::contact::coupling::Coupling;
+use hrtc_core::contact::motion::Twist;
+use hrtc_core::contact::rigid_proxy::ToolProxy;
+use hrtc_core::{Stage, StageObserver, ToolBefore};
+use scene::ScenePlan;
+use simulator::{Client, ClientOptions, Drive, STATION, Simulation, station};
+
+/// Ticks that a reference may take at the same pose of the device. What is not settled then is at
+/// rest as far as a hand can tell.
+const MAX_REFERENCE_TICKS: u32 = 256;
+/// Ticks after which a model that does not arrive is given up.
+const MAX_START_TICKS: u64 = 2_000_000;
+
+/// Where a proxy is after a tick.
+#[derive(Debug, Clone)]
+struct Placed {
+    /// Force of the coupling without damping, newtons.
+    force: DVec3,
+    /// Centres of its parts, model units.
+    centres: Vec<DVec3>,
+}
+
+/// The reference, run before the product's own step.
+struct Reference {
+    stiffness_n_per_m: f64,
+    metres_per_unit: f64,
+    placed: Option<Placed>,
+}
+
+fn centres(proxy: &ToolProxy) -> Vec<DVec3> {
+    proxy.parts(&proxy.pose()).map(|part| part.centre).collect()
+}
+
+impl StageObserver for Reference {
+    fn ended(&mut self, _: Stage) {}
+
+    fn tool_before(&mut self, probe: usize, tool: &ToolBefore<'_>) {
+        if probe != 0 {
+            return;
+        }
+        let mut proxy = tool.proxy.clone();
+        for _ in 0..MAX_REFERENCE_TICKS {
+            let answer = proxy.advance(tool.surface, &tool.goal, u32::MAX);
+            // What a perceptual limit holds back is held back in the product too.
+            if !answer.is_unsettled || proxy.is_behind() {
+                break;
+            }
+        }
+        let newtons_per_unit = self.stiffness_n_per_m * self.metres_per_unit;
+        self.placed = Some(Placed {
+            force: proxy.penetration().linear * newtons_per_unit,
+            centres: centres(&proxy),
+        });
+    }
+}
+
+/// Leads the tool of a scene over its object, for so many seconds.
+///
+/// # Errors
+/// When the model cannot be served, or the tool touches nothing.
+pub fn measure(
+    plan: &ScenePlan,
+    names: [&str; 2],
+    seed: u64,
+    seconds: f64,
+) -> Result<Row, Failure> {
+    let opened = prepare_models(plan)?;
+    let failed = |what: &str| Failure::Run(format!("{}: {what}", names[0]));
+    let station =
+        station(plan, opened.models, STATION).ok_or_else(|| failed("it is not served"))?;
+    let options = ClientOptions {
+        tour_s: seconds,
+        ..ClientOptions::default()
+    };
+    let mut simulation = Simulation::new(station, Client::new(plan, options));
+    while !simulation.step_led().record.ready {
+        if let Some(fault) = simulation.controller().fault() {
+            return Err(Failure::Run(fault.to_string()));
+        }
+        if simulation.tick() > MAX_START_TICKS {
+            return Err(failed("the model does not arrive"));
+        }
+    }
+    let frame = simulation.controller().frame();
+    let metres_per_unit = frame.map_or(1.0, |frame| frame.metres_per_unit);
+    let stiffness_n_per_m = plan.objects[0].surface.stiffness_n_per_m;
+    let mut reference = Reference {
+        stiffness_n_per_m,
+        metres_per_unit,
+        placed: None,
+    };
+    let spring = Coupling {
+        stiffness_n_per_m,
+        damping_ns_per_m: 0.0,
+    };
+    let mut sums = TickSums::new(names, seed, stiffness_n_per_m);
+    let ticks = (seconds * plan.loop_.rate_hz).round() as u64;
+    let mut device = None;
+    for _ in 0..ticks {
+        reference.placed = None;
+        let outputs = simulation.advance(Drive::Hands, &mut reference);
+        let record = outputs.record;
+        let sample = simulation.client().samples()[0];
+        let before = std::mem::replace(&mut device, sample.map(|sample| sample.pose.position));
+        let Some(expected) = &reference.placed else {
+            sums.skip();
+            continue;
+        };
+        let tool = simulation.controller().active_objects()[0].tool(0);
+        let Some(tool) = tool else {
+            sums.skip();
+            continue;
+        };
+        let still = Twist::default();
+        let apart = centres(tool).into_iter().zip(&expected.centres);
+        let apart = apart.map(|(here, there)| here.distance(*there));
+        sums.add(&TickDifference {
+            force: tool.wrench(&spring, metres_per_unit, &still).force,
+            expected: expected.force,
+            behind_m: apart.fold(0.0, f64::max) * metres_per_unit,
+            is_late: record.late_contacts > 0,
+            is_contact: record.contact,
+            units: record.query_work,
+            travelled_m: device.zip(before).map_or(0.0, |(a, b)| a.distance(b)),
+        });
+    }
+    if sums.contact_ticks() == 0 {
+        return Err(failed("the tool touches nothing: give more with --seconds"));
+    }
+    Ok(sums.row())
+}

@@ -1,0 +1,283 @@
+//! What a tool's ticks come to, and the limits that they keep.
+
+use crate::report::quantile::{quantile, sort};
+use glam::DVec3;
+use serde::Serialize;
+
+/// Difference of force from the reference: newtons, and a share of the reference's force. The
+/// smallest that a hand notices is 7 % of a force and 0.05 N.
+const DIFFERENCE_N: f64 = 0.05;
+const DIFFERENCE_SHARE: f64 = 0.05;
+/// Share of the ticks in contact that may differ by more.
+const MAX_DIFFERENT: f64 = 0.01;
+/// Largest difference in a tick in which no contact was found late, newtons.
+const MAX_DIFFERENCE_N: f64 = 0.3;
+/// Largest share of the ticks in contact in which one was.
+const MAX_LATE: f64 = 1e-3;
+/// Distance at which a tool counts as behind its reference, metres, and the largest share of ticks.
+const BEHIND_M: f64 = 5e-5;
+const MAX_BEHIND: f64 = 0.01;
+
+/// A tick of the product beside that of the reference.
+#[derive(Debug, Clone, Copy)]
+pub struct TickDifference {
+    /// Force of the coupling, newtons.
+    pub force: DVec3,
+    /// That of the reference.
+    pub expected: DVec3,
+    /// Distance of the tool from the reference, metres.
+    pub behind_m: f64,
+    /// Whether a contact was found late.
+    pub is_late: bool,
+    /// Whether the tool touched.
+    pub is_contact: bool,
+    /// Units of work of all queries.
+    pub units: u32,
+    /// Motion of the device, metres.
+    pub travelled_m: f64,
+}
+
+/// Three quantiles.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Spread {
+    /// Median.
+    pub p50: f64,
+    /// 99th of 100.
+    pub p99: f64,
+    /// Maximum.
+    pub max: f64,
+}
+
+/// Two quantiles of the units of work.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Units {
+    /// Median.
+    pub p50: f64,
+    /// 99th of 100.
+    pub p99: f64,
+}
+
+/// A row of the result.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// The model.
+    pub model: String,
+    /// The tool.
+    pub tool: String,
+    /// Seed of the tour.
+    pub seed: u64,
+    /// Ticks.
+    pub ticks: u64,
+    /// Ticks in contact: every share is of these.
+    pub contact_ticks: u64,
+    /// Share more than 0.05 mm from the reference.
+    pub behind_share: f64,
+    /// Share in which a contact was found late.
+    pub late_share: f64,
+    /// Share whose force differs by more than 0.05 N and 5 %.
+    pub different_share: f64,
+    /// Difference of the force from the reference, newtons.
+    pub force_difference_n: Spread,
+    /// Its maximum over ticks in which no contact was found late.
+    pub difference_not_late_n_max: f64,
+    /// Force of the reference, newtons.
+    pub force_n: Spread,
+    /// Largest change of the force from one tick to the next, newtons.
+    pub force_step_n_max: f64,
+    /// From the force of the tick before to that of the reference.
+    pub reference_step_n_max: f64,
+    /// Largest change less the stiffness times the motion of the device.
+    pub step_beyond_motion_n_max: f64,
+    /// Units of work in a tick in contact.
+    pub units: Units,
+}
+
+impl Row {
+    /// The limits that are not kept.
+    #[must_use]
+    pub fn broken(&self) -> Vec<&'static str> {
+        let checks = [
+            (self.different_share <= MAX_DIFFERENT, "force at p99"),
+            (
+                self.difference_not_late_n_max <= MAX_DIFFERENCE_N,
+                "force in one tick",
+            ),
+            (self.late_share <= MAX_LATE, "late contacts"),
+            (self.behind_share <= MAX_BEHIND, "behind"),
+            (
+                self.step_beyond_motion_n_max <= self.reference_step_n_max,
+                "force step",
+            ),
+        ];
+        let broken = checks.into_iter().filter(|(is_kept, _)| !is_kept);
+        broken.map(|(_, name)| name).collect()
+    }
+}
+
+/// The ticks of a tool so far.
+#[derive(Debug)]
+pub struct TickSums {
+    row: Row,
+    stiffness_n_per_m: f64,
+    last: Option<DVec3>,
+    differences: Vec<f64>,
+    forces: Vec<f64>,
+    units: Vec<f64>,
+    behind: u64,
+    late: u64,
+    different: u64,
+}
+
+fn spread(numbers: &mut [f64]) -> Spread {
+    sort(numbers);
+    Spread {
+        p50: quantile(numbers, 0.5),
+        p99: quantile(numbers, 0.99),
+        max: quantile(numbers, 1.0),
+    }
+}
+
+impl TickSums {
+    /// No tick yet. `names`: of the model and of the tool.
+    #[must_use]
+    pub fn new([model, tool]: [&str; 2], seed: u64, stiffness_n_per_m: f64) -> Self {
+        let none = spread(&mut []);
+        Self {
+            row: Row {
+                model: model.to_string(),
+                tool: tool.to_string(),
+                seed,
+                ticks: 0,
+                contact_ticks: 0,
+                behind_share: 0.0,
+                late_share: 0.0,
+                different_share: 0.0,
+                force_difference_n: none,
+                difference_not_late_n_max: 0.0,
+                force_n: none,
+                force_step_n_max: 0.0,
+                reference_step_n_max: 0.0,
+                step_beyond_motion_n_max: 0.0,
+                units: Units { p50: 0.0, p99: 0.0 },
+            },
+            stiffness_n_per_m,
+            last: None,
+            differences: Vec::new(),
+            forces: Vec::new(),
+            units: Vec::new(),
+            behind: 0,
+            late: 0,
+            different: 0,
+        }
+    }
+
+    /// Ticks in contact so far.
+    #[must_use]
+    pub fn contact_ticks(&self) -> u64 {
+        self.row.contact_ticks
+    }
+
+    /// A tick without a proxy.
+    pub fn skip(&mut self) {
+        self.row.ticks += 1;
+        self.last = None;
+    }
+
+    /// A tick.
+    pub fn add(&mut self, tick: &TickDifference) {
+        let row = &mut self.row;
+        row.ticks += 1;
+        let difference = tick.force.distance(tick.expected);
+        if let Some(last) = self.last.replace(tick.force) {
+            let step = tick.force.distance(last);
+            let of_motion = self.stiffness_n_per_m * tick.travelled_m;
+            row.force_step_n_max = row.force_step_n_max.max(step);
+            row.reference_step_n_max = row.reference_step_n_max.max(tick.expected.distance(last));
+            row.step_beyond_motion_n_max = row.step_beyond_motion_n_max.max(step - of_motion);
+        }
+        if !tick.is_contact && difference == 0.0 {
+            return;
+        }
+        row.contact_ticks += 1;
+        self.behind += u64::from(tick.behind_m > BEHIND_M);
+        self.late += u64::from(tick.is_late);
+        if !tick.is_late {
+            row.difference_not_late_n_max = row.difference_not_late_n_max.max(difference);
+        }
+        let most = DIFFERENCE_N.max(DIFFERENCE_SHARE * tick.expected.length());
+        self.different += u64::from(difference > most);
+        self.differences.push(difference);
+        self.forces.push(tick.expected.length());
+        self.units.push(f64::from(tick.units));
+    }
+
+    /// The row of all ticks.
+    #[must_use]
+    pub fn row(mut self) -> Row {
+        let mut row = self.row;
+        let share = |count: u64| count as f64 / row.contact_ticks.max(1) as f64;
+        row.behind_share = share(self.behind);
+        row.late_share = share(self.late);
+        row.different_share = share(self.different);
+        row.force_difference_n = spread(&mut self.differences);
+        row.force_n = spread(&mut self.forces);
+        let units = spread(&mut self.units);
+        row.units = Units {
+            p50: units.p50,
+            p99: units.p99,
+        };
+        row
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TICK: TickDifference = TickDifference {
+        force: DVec3::Z,
+        expected: DVec3::Z,
+        behind_m: 0.0,
+        is_late: false,
+        is_contact: true,
+        units: 10,
+        travelled_m: 1e-4,
+    };
+
+    fn broken(odd: &TickDifference, count: usize) -> Vec<&'static str> {
+        let mut sums = TickSums::new(["model", "tool"], 1, 800.0);
+        (0..1000).for_each(|_| sums.add(&TICK));
+        (0..count).for_each(|_| sums.add(odd));
+        sums.row().broken()
+    }
+
+    #[test]
+    fn every_limit_is_told_by_its_name() {
+        assert!(broken(&TICK, 100).is_empty());
+        let late = TickDifference {
+            is_late: true,
+            ..TICK
+        };
+        assert!(broken(&late, 1).is_empty());
+        assert_eq!(broken(&late, 2), ["late contacts"]);
+        let behind = TickDifference {
+            behind_m: 6e-5,
+            ..TICK
+        };
+        assert!(broken(&behind, 10).is_empty());
+        assert_eq!(broken(&behind, 12), ["behind"]);
+        let off = |newtons: f64| TickDifference {
+            expected: DVec3::Z * (1.0 + newtons),
+            ..TICK
+        };
+        assert!(broken(&off(0.04), 500).is_empty());
+        assert_eq!(broken(&off(0.06), 12), ["force at p99"]);
+        assert_eq!(broken(&off(0.4), 1), ["force in one tick"]);
+        let jump = TickDifference {
+            force: DVec3::Z * 2.0,
+            expected: DVec3::Z * 1.8,
+            ..TICK
+        };
+        assert_eq!(broken(&jump, 1), ["force step"]);
+    }
+}
