@@ -281,8 +281,8 @@ fn a_station_that_is_heard_again_is_asked_soon() {
     }
     let took = world.tick() - mended;
     println!("the first VSP after {took} ticks");
-    // One question may be lost after the return: the next one comes after the shortest timeout,
-    // less what was lost of it, and what was known of the link still holds.
+    // Every question is lost for 150 ticks after the station was heard again; one that was put then
+    // is put again after the shortest timeout.
     assert!(took <= TIMEOUT + 4 * ROUND_TRIP, "{took} ticks");
 }
 

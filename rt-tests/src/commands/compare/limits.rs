@@ -1,7 +1,8 @@
 //! What ours may take of what others take, on every model and size alike.
 
+use super::closest::{COLD, MEMORY, PATH};
 use super::row::{Row, Who};
-use super::{closest, tools};
+use super::tools;
 
 /// The most that ours may take of the quickest of some ways of a library, at the median and at the
 /// 99th of 100.
@@ -12,8 +13,6 @@ struct Limit {
     theirs: &'static [(&'static str, Who)],
     most: f64,
 }
-
-use closest::{COLD, MEMORY, PATH};
 
 /// Every limit. Like with like: those without memory of the last answer beside each other, those
 /// with it beside each other; whose memory helps nothing is taken without.
@@ -127,7 +126,9 @@ impl Limit {
         let ours = row(self.task, self.ours)?;
         let ways = self.theirs.iter().filter_map(|&(task, who)| row(task, who));
         let best = ways.min_by(|a, b| of(a).total_cmp(&of(b)))?;
-        (of(ours) > self.most * of(best)).then(|| {
+        // What is no number keeps no limit.
+        let is_kept = of(ours) <= self.most * of(best);
+        (!is_kept).then(|| {
             format!(
                 "{}, {}: the {what} of {} is {:.2} of that of {} ({}), at most {} is allowed",
                 ours.model,

@@ -9,8 +9,11 @@
 //! | `marking` | nodes that an update marks, beside the bound of Theorem 2, and its time beside a query's |
 //! | `levels` | a probe against the coarse, the locally refined and the full mesh |
 //! | `full_front` | ours over a prefix of the sequence, mostly the full mesh: no local refinement has a part in it |
+//! | `questions` | nothing: what everyone is asked, in memory and as files |
+//! | `peers` | Embree and FCL, by a program of their own |
+//! | `row`, `limits` | nothing: what one contender took, and what ours may take |
 //! | `picture` | all of it as pictures |
-//! | `timing` | single queries, in turn, without the time of other processes |
+//! | `timing` | single queries, each put once, without the time of other processes |
 //!
 //! Ours is measured twice: on the front as the controller forms it, refined around the tip and
 //! coarse elsewhere, and on the full mesh. Every answer is checked against an exact search in f64
@@ -59,6 +62,7 @@ const EVERY: usize = 5;
 const EVERY_OF_GROWTH: usize = 20;
 /// Faces of the shapes over which the cost is seen to grow.
 const GROWTH: [u32; 5] = [4_000, 16_000, 64_000, 250_000, 1_000_000];
+
 /// Arguments of `rt-tests compare`.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
@@ -308,5 +312,9 @@ mod tests {
         assert_eq!(broken(&rows).len(), 2 * 6);
         rows[0].answers_differ = 1;
         assert_eq!(broken(&rows).len(), 2 * 6 + 1);
+        for row in rows.iter_mut().filter(|row| row.who == Who::ParryF32) {
+            row.p50_ns = f64::NAN;
+        }
+        assert_eq!(broken(&rows).len(), 2 * 6 + 1, "what is no number");
     }
 }

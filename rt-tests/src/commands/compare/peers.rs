@@ -51,6 +51,10 @@ pub fn rows(
                 continue;
             };
             let timed = read(&bytes);
+            if timed.ns.iter().any(|ns| !(ns.is_finite() && *ns >= 0.0)) {
+                let what = format!("{} has a time that is none", path.display());
+                return Err(failed(&what));
+            }
             if timed.ns.len() != expected.len() {
                 return Err(failed(&format!(
                     "{} has {} answers, not {}",

@@ -8,6 +8,7 @@ use glam::DVec3;
 use hrtc_core::contact::coupling::Coupling;
 use hrtc_core::contact::motion::Twist;
 use hrtc_core::contact::rigid_proxy::ToolProxy;
+use hrtc_core::record::max_or_nan;
 use hrtc_core::{Stage, StageObserver, ToolBefore};
 use scene::ScenePlan;
 use simulator::{Client, ClientOptions, Drive, STATION, Simulation, station};
@@ -124,7 +125,7 @@ pub fn measure(
         sums.add(&TickDifference {
             force: tool.wrench(&spring, metres_per_unit, &still).force,
             expected: expected.force,
-            behind_m: apart.fold(0.0, f64::max) * metres_per_unit,
+            behind_m: apart.fold(0.0, max_or_nan) * metres_per_unit,
             is_late: record.late_contacts > 0,
             is_contact: record.contact,
             units: record.query_work,

@@ -182,29 +182,20 @@ fn pair(typed: &str, faces: u32, folder: &Path) -> Result<Pair, Failure> {
         &Overrides::default(),
         &NoFiles,
     )?;
-    if typed == COMB {
+    let (model, tool) = if typed == COMB {
         let path = folder.join("comb.spm");
         comb::write(&path)?;
         plan.objects[0].model = ModelSource::File(path);
         plan.objects[0].scale = ModelScale::Size(comb::SIZE_M);
         plan.probes[0].shape = ROD;
-    }
-    let model = if typed == COMB {
-        COMB.to_string()
+        (COMB.to_string(), "rod")
     } else {
         let (name, source) = source(typed)?;
         plan.objects[0].model = source;
-        name
+        (name, "capsule")
     };
-    let mut tool = "";
-    if let ProbeShape::Capsule {
-        faces: of_tool,
-        radius_m,
-        ..
-    } = &mut plan.probes[0].shape
-    {
+    if let ProbeShape::Capsule { faces: of_tool, .. } = &mut plan.probes[0].shape {
         *of_tool = faces;
-        tool = if *radius_m < 1e-3 { "rod" } else { "capsule" };
     }
     Ok(Pair {
         model,

@@ -1,11 +1,12 @@
 //! What a tool's ticks come to, and the limits that they keep.
 
-use crate::report::quantile::{quantile, sort};
+use crate::report::quantile::Quantiles;
 use glam::DVec3;
+use hrtc_core::record::max_or_nan;
 use serde::Serialize;
 
-/// Difference of force from the reference: newtons, and a share of the reference's force. The
-/// smallest that a hand notices is 7 % of a force and 0.05 N.
+/// Difference of force from the reference: newtons, or if that is more a share of the reference's
+/// force. A hand notices neither (its smallest is 0.05 N, and 7 % of a force).
 const DIFFERENCE_N: f64 = 0.05;
 const DIFFERENCE_SHARE: f64 = 0.05;
 /// Share of the ticks in contact that may differ by more.
@@ -37,28 +38,8 @@ pub struct TickDifference {
     pub travelled_m: f64,
 }
 
-/// Three quantiles.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct Spread {
-    /// Median.
-    pub p50: f64,
-    /// 99th of 100.
-    pub p99: f64,
-    /// Maximum.
-    pub max: f64,
-}
-
-/// Two quantiles of the units of work.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct Units {
-    /// Median.
-    pub p50: f64,
-    /// 99th of 100.
-    pub p99: f64,
-}
-
 /// A row of the result.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Row {
     /// The model.
     pub model: String,
@@ -77,11 +58,11 @@ pub struct Row {
     /// Share whose force differs by more than 0.05 N and 5 %.
     pub different_share: f64,
     /// Difference of the force from the reference, newtons.
-    pub force_difference_n: Spread,
+    pub force_difference_n: Quantiles,
     /// Its maximum over ticks in which no contact was found late.
     pub difference_not_late_n_max: f64,
     /// Force of the reference, newtons.
-    pub force_n: Spread,
+    pub force_n: Quantiles,
     /// Largest change of the force from one tick to the next, newtons.
     pub force_step_n_max: f64,
     /// From the force of the tick before to that of the reference.
@@ -89,7 +70,7 @@ pub struct Row {
     /// Largest change less the stiffness times the motion of the device.
     pub step_beyond_motion_n_max: f64,
     /// Units of work in a tick in contact.
-    pub units: Units,
+    pub units: Quantiles,
 }
 
 impl Row {
@@ -128,37 +109,16 @@ pub struct TickSums {
     different: u64,
 }
 
-fn spread(numbers: &mut [f64]) -> Spread {
-    sort(numbers);
-    Spread {
-        p50: quantile(numbers, 0.5),
-        p99: quantile(numbers, 0.99),
-        max: quantile(numbers, 1.0),
-    }
-}
-
 impl TickSums {
     /// No tick yet. `names`: of the model and of the tool.
     #[must_use]
     pub fn new([model, tool]: [&str; 2], seed: u64, stiffness_n_per_m: f64) -> Self {
-        let none = spread(&mut []);
         Self {
             row: Row {
                 model: model.to_string(),
                 tool: tool.to_string(),
                 seed,
-                ticks: 0,
-                contact_ticks: 0,
-                behind_share: 0.0,
-                late_share: 0.0,
-                different_share: 0.0,
-                force_difference_n: none,
-                difference_not_late_n_max: 0.0,
-                force_n: none,
-                force_step_n_max: 0.0,
-                reference_step_n_max: 0.0,
-                step_beyond_motion_n_max: 0.0,
-                units: Units { p50: 0.0, p99: 0.0 },
+                ..Row::default()
             },
             stiffness_n_per_m,
             last: None,
@@ -191,21 +151,25 @@ impl TickSums {
         if let Some(last) = self.last.replace(tick.force) {
             let step = tick.force.distance(last);
             let of_motion = self.stiffness_n_per_m * tick.travelled_m;
-            row.force_step_n_max = row.force_step_n_max.max(step);
-            row.reference_step_n_max = row.reference_step_n_max.max(tick.expected.distance(last));
-            row.step_beyond_motion_n_max = row.step_beyond_motion_n_max.max(step - of_motion);
+            let of_reference = tick.expected.distance(last);
+            row.force_step_n_max = max_or_nan(row.force_step_n_max, step);
+            row.reference_step_n_max = max_or_nan(row.reference_step_n_max, of_reference);
+            row.step_beyond_motion_n_max =
+                max_or_nan(row.step_beyond_motion_n_max, step - of_motion);
         }
         if !tick.is_contact && difference == 0.0 {
             return;
         }
         row.contact_ticks += 1;
-        self.behind += u64::from(tick.behind_m > BEHIND_M);
+        let is_near = tick.behind_m <= BEHIND_M;
+        self.behind += u64::from(!is_near);
         self.late += u64::from(tick.is_late);
         if !tick.is_late {
-            row.difference_not_late_n_max = row.difference_not_late_n_max.max(difference);
+            row.difference_not_late_n_max = max_or_nan(row.difference_not_late_n_max, difference);
         }
         let most = DIFFERENCE_N.max(DIFFERENCE_SHARE * tick.expected.length());
-        self.different += u64::from(difference > most);
+        let is_same = difference <= most;
+        self.different += u64::from(!is_same);
         self.differences.push(difference);
         self.forces.push(tick.expected.length());
         self.units.push(f64::from(tick.units));
@@ -219,13 +183,9 @@ impl TickSums {
         row.behind_share = share(self.behind);
         row.late_share = share(self.late);
         row.different_share = share(self.different);
-        row.force_difference_n = spread(&mut self.differences);
-        row.force_n = spread(&mut self.forces);
-        let units = spread(&mut self.units);
-        row.units = Units {
-            p50: units.p50,
-            p99: units.p99,
-        };
+        row.force_difference_n = Quantiles::of(&mut self.differences);
+        row.force_n = Quantiles::of(&mut self.forces);
+        row.units = Quantiles::of(&mut self.units);
         row
     }
 }
@@ -279,5 +239,18 @@ mod tests {
             ..TICK
         };
         assert_eq!(broken(&jump, 1), ["force step"]);
+    }
+
+    #[test]
+    fn what_is_no_number_keeps_no_limit() {
+        let force = TickDifference {
+            force: DVec3::NAN,
+            behind_m: f64::NAN,
+            ..TICK
+        };
+        let told = ["force in one tick", "force step"];
+        assert_eq!(broken(&force, 1), told);
+        let told = ["force at p99", told[0], "behind", told[1]];
+        assert_eq!(broken(&force, 12), told);
     }
 }
