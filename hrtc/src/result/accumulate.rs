@@ -200,11 +200,14 @@ impl Accumulator {
     /// Forces and counts of each probe.
     fn push_probes(&mut self, record: &TickRecord) {
         let core = &record.core;
+        let periods = (f64::from(record.period_ns) / self.period_ns as f64).max(1.0);
         let result = &mut self.result;
         for (k, probe) in result.probes.iter_mut().enumerate() {
             let force = record.wrenches[k].force;
             let step = (force - self.last_forces[k]).length();
             result.force_step_n_max = max_or_nan(result.force_step_n_max, step);
+            let per_period = &mut result.force_step_per_period_n_max;
+            *per_period = max_or_nan(*per_period, step / periods);
             self.last_forces[k] = force;
             let torque = record.wrenches[k].torque.length();
             result.torque_nm_max = max_or_nan(result.torque_nm_max, torque);
@@ -419,6 +422,7 @@ impl Accumulator {
     /// Names of the figures of which a value was not finite.
     fn non_finite(&self) -> Vec<String> {
         let result = &self.result;
+        let per_period = result.force_step_per_period_n_max;
         let tables = [
             ("certified_error_m", &self.certified),
             ("finest_tolerance_m", &self.finest),
@@ -432,6 +436,7 @@ impl Accumulator {
         );
         let numbers = [
             ("force_step_n_max", result.force_step_n_max),
+            ("force_step_per_period_n_max", per_period),
             ("torque_nm_max", result.torque_nm_max),
             ("depth_m_max", result.depth_m_max),
             ("energy_j", result.energy_j),

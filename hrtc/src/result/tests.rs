@@ -120,6 +120,26 @@ fn missed_periods_are_counted_once_and_by_their_reason() {
 }
 
 #[test]
+fn a_force_step_over_skipped_periods_is_one_of_several() {
+    let mut run = accumulator();
+    for (tick, period_ns, newtons) in [
+        (0, 1_000_000, 0.0),
+        (1, 1_000_000, 0.2),
+        // Late by three and a half periods, and the short one after it.
+        (4, 3_500_000, 0.9),
+        (5, 500_000, 1.0),
+    ] {
+        let mut record = record(tick);
+        record.period_ns = period_ns;
+        record.wrenches[1].force.y = newtons;
+        run.push(&record);
+    }
+    let result = run.finish(RunMeta::default()).result;
+    assert!((result.force_step_n_max - 0.7).abs() < 1e-12);
+    assert!((result.force_step_per_period_n_max - 0.2).abs() < 1e-12);
+}
+
+#[test]
 fn a_tick_off_its_phase_and_a_lost_record_are_seen() {
     // Planned late by so much, or begun in the period before or after.
     let mut late = record(7);
@@ -314,6 +334,7 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
         "measured_error_m",
         "force_n",
         "force_step_n_max",
+        "force_step_per_period_n_max",
         "torque_nm_max",
         "depth_m_max",
         "energy_j",

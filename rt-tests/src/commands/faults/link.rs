@@ -37,7 +37,7 @@ const SLOTS: usize = 12;
 const HEALING_SLOTS: f64 = 2.0;
 /// Shares of the packets that are changed, so that a link lasts some seconds, and sent once more.
 const HARM: Shape = Shape {
-    damaged: 2e-3,
+    damaged: 8e-3,
     replayed: 0.05,
     round_trip_s: 0.0,
     jitter_s: 0.0,
@@ -166,7 +166,7 @@ fn undisturbed(bench: &Bench, verdicts: &mut Verdicts) -> Result<Undisturbed, St
     let touched = far.touch.finish()?;
     let result = &touched.finished.result;
     let found = Undisturbed {
-        step_n: result.force_step_n_max,
+        step_n: result.force_step_per_period_n_max,
         front: Some(result.front_hash),
         missed_own_cpu: result.missed_own_cpu,
         resync_ms: RESYNC_MS,

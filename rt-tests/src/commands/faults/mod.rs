@@ -194,7 +194,7 @@ fn undisturbed(bench: &Bench) -> Result<Undisturbed, String> {
             .set_message(format!("undisturbed, {run} of {UNDISTURBED}"));
         let touched = Touch::usual(bench)?.finish()?;
         let result = &touched.finished.result;
-        steps.push(result.force_step_n_max);
+        steps.push(result.force_step_per_period_n_max);
         fronts.push(result.front_hash);
         missed_own_cpu = result.missed_own_cpu.max(missed_own_cpu);
     }
@@ -232,8 +232,8 @@ fn words(found: &Faults) -> String {
     );
     let _ = writeln!(
         text,
-        "force step  {:.2} N at most; undisturbed {:.2} N",
-        found.force_step_n_max, found.force_step_undisturbed_n
+        "force step  {:.2} N a period at most, undisturbed {:.2}; {:.2} N between two ticks, late ones too",
+        found.force_step_per_period_n_max, found.force_step_undisturbed_n, found.force_step_n_max
     );
     let spread = |of: &Times| format!("p50 {:.1}, p99 {:.1}, max {:.1} ms", of.p50, of.p99, of.max);
     let _ = writeln!(text, "resync      {}", spread(&found.resync_ms));

@@ -13,10 +13,10 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 use transport::Domain;
 
-/// Step of the force that is never too large, newtons: what a hand does not tell from the edge of a
-/// facet.
+/// Step of the force that is never too large, newtons a period: what a hand does not tell from the
+/// edge of a facet.
 const STEP_N: f64 = 0.3;
-/// Step of the force of a disturbed run over that of an undisturbed one.
+/// Step of the force a period of a disturbed run over that of an undisturbed one.
 const STEP_RATIO: f64 = 1.5;
 /// Time in which a station that is ready again on this machine must be synchronised, milliseconds.
 pub const RESYNC_MS: f64 = 1000.0;
@@ -308,7 +308,7 @@ impl Resync {
 /// What undisturbed runs of the same length came to.
 #[derive(Debug, Clone, Default)]
 pub struct Undisturbed {
-    /// Median of their largest steps of the force, newtons.
+    /// Median of their largest steps of the force, newtons a period.
     pub step_n: f64,
     /// The front that each of them ended with; `None` when they differ.
     pub front: Option<u64>,
@@ -319,7 +319,7 @@ pub struct Undisturbed {
 }
 
 impl Undisturbed {
-    /// The largest step that a disturbed run may have, newtons.
+    /// The largest step that a disturbed run may have, newtons a period.
     #[must_use]
     pub fn limit_n(&self) -> f64 {
         STEP_N.max(STEP_RATIO * self.step_n)
@@ -336,9 +336,11 @@ impl Undisturbed {
                 result.missed_own_cpu, result.page_faults_missed
             ));
         }
-        let (step, limit) = (result.force_step_n_max, self.limit_n());
+        let (step, limit) = (result.force_step_per_period_n_max, self.limit_n());
         if step > limit {
-            wrong.push(format!("a force step of {step:.2} N, above {limit:.2} N"));
+            wrong.push(format!(
+                "a force step of {step:.2} N a period, above {limit:.2} N"
+            ));
         }
         if result.contact_ticks == 0 {
             wrong.push("nothing was touched".to_string());
@@ -382,7 +384,9 @@ mod tests {
                 result: RunResult {
                     contact_ticks: 1,
                     front_hash: 5,
-                    force_step_n_max: 0.29,
+                    // Over skipped periods.
+                    force_step_n_max: 0.9,
+                    force_step_per_period_n_max: 0.29,
                     ..RunResult::default()
                 },
                 ..Finished::default()
@@ -404,7 +408,7 @@ mod tests {
         assert_eq!(undisturbed.complaints(&good()), Vec::<String>::new());
         let spoil: [fn(&mut Touched); 7] = [
             |of| of.finished.result.missed_own_cpu = 1,
-            |of| of.finished.result.force_step_n_max = 0.31,
+            |of| of.finished.result.force_step_per_period_n_max = 0.31,
             |of| of.finished.result.contact_ticks = 0,
             |of| of.finished.result.front_hash = 6,
             |of| of.resyncs.push(again(1001.0)),

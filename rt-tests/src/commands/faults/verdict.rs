@@ -65,7 +65,9 @@ pub struct Faults {
     pub missed_own_cpu: u64,
     /// Largest step of the force in a disturbed run, newtons.
     pub force_step_n_max: f64,
-    /// Median of the largest steps of three undisturbed runs, newtons.
+    /// The same over the periods between the two ticks, newtons a period.
+    pub force_step_per_period_n_max: f64,
+    /// Median of those of three undisturbed runs, newtons a period.
     pub force_step_undisturbed_n: f64,
     /// From a station's readiness to its synchronisation.
     pub resync_ms: Times,
@@ -120,7 +122,15 @@ impl Verdicts {
         let result = &touched.finished.result;
         let faults = &mut self.faults;
         faults.missed_own_cpu += result.missed_own_cpu;
-        faults.force_step_n_max = faults.force_step_n_max.max(result.force_step_n_max);
+        for (most, step) in [
+            (&mut faults.force_step_n_max, result.force_step_n_max),
+            (
+                &mut faults.force_step_per_period_n_max,
+                result.force_step_per_period_n_max,
+            ),
+        ] {
+            *most = most.max(step);
+        }
         faults.leaked += touched.left.len() as u64;
         faults.fronts_equal &= undisturbed.front == Some(result.front_hash);
         let times = touched.resyncs.iter().map(|of| of.synchronised_ms);
@@ -129,7 +139,10 @@ impl Verdicts {
         if !wrong.is_empty() {
             return Err(wrong.join("; "));
         }
-        let mut seen = format!("force step {:.2} N", result.force_step_n_max);
+        let mut seen = format!(
+            "force step {:.2} N a period",
+            result.force_step_per_period_n_max
+        );
         let slower = |a: &Resync, b: &Resync| a.synchronised_ms.total_cmp(&b.synchronised_ms);
         if let Some(slowest) = touched.resyncs.iter().copied().max_by(slower) {
             let (heard, ms) = (slowest.heard_ms, slowest.synchronised_ms);

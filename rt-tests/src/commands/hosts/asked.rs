@@ -8,7 +8,7 @@ use std::fmt;
 
 /// How much less full resolution than the local run's counts as the same: 0.1 points of 100.
 const AS_LOCAL: f64 = 0.001;
-/// Largest change of the force from a tick to the next, of the local run's.
+/// Largest change of the force a period, of the local run's.
 const STEP_OF_LOCAL: f64 = 1.5;
 /// Time from the first heartbeat to a touch that is ready, and from there to full resolution, ms.
 const READY_MS: f64 = 500.0;
@@ -84,7 +84,7 @@ pub const TERRAIN: Asked = Asked {
 pub enum Quantity {
     /// Share of the contact at full resolution, 0 to 1.
     FullShare,
-    /// Largest change of the force from a tick to the next, newtons.
+    /// Largest change of the force a period, newtons.
     ForceStepN,
     /// Share of the compared ticks with the local run's force, 0 to 1.
     SameForceShare,
@@ -227,9 +227,9 @@ pub fn judge_as_alone(alone: &Row, row: &Row) -> Vec<Criterion> {
 
 /// What is asked of every touch, beside another.
 fn common(other: &Row, row: &Row) -> [Criterion; 3] {
-    let step = STEP_OF_LOCAL * other.force_step_n_max;
+    let step = STEP_OF_LOCAL * other.force_step_per_period_n_max;
     let step = (other.contact_ticks > 0).then_some(step);
-    let seen = (row.contact_ticks > 0).then_some(row.force_step_n_max);
+    let seen = (row.contact_ticks > 0).then_some(row.force_step_per_period_n_max);
     [
         Criterion::new(Quantity::ForceStepN, step, seen),
         none(row, Quantity::MissedOwnCpu, row.missed_own_cpu),
@@ -253,12 +253,12 @@ mod tests {
     use super::*;
     use hrtc::result::{Finished, RunResult};
 
-    fn row(full_ticks: u64, force_step_n_max: f64) -> Row {
+    fn row(full_ticks: u64, force_step_per_period_n_max: f64) -> Row {
         let mut row = Row::of(Finished {
             result: RunResult {
                 contact_ticks: 10_000,
                 contact_full_ticks: full_ticks,
-                force_step_n_max,
+                force_step_per_period_n_max,
                 ..RunResult::default()
             },
             ..Finished::default()

@@ -90,6 +90,8 @@ pub struct Row {
     pub first_full_ms: Option<f64>,
     /// Largest change of the force from a tick to the next, newtons.
     pub force_step_n_max: f64,
+    /// The same over the periods between the two, newtons a period.
+    pub force_step_per_period_n_max: f64,
     /// Forces beside those of the touch on one machine; none for that one.
     pub forces: Option<Forces>,
     /// The rest of the hand at the end, if that was asked for and is in contact.
@@ -202,6 +204,7 @@ impl Row {
             first_touch_ms: above_zero(r.first_touch_ms),
             first_full_ms: Some(r.first_full_ms).filter(|&ms| ms >= 0.0),
             force_step_n_max: r.force_step_n_max,
+            force_step_per_period_n_max: r.force_step_per_period_n_max,
             forces: None,
             rest: None,
             asked: Vec::new(),

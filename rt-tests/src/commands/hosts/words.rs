@@ -114,7 +114,7 @@ impl Found {
     /// One line for each touch.
     #[must_use]
     pub fn table(&self) -> Table {
-        let heads = "round trip, bandwidth | contact at full\nresolution | certified error\np50 | \nmax | heard\nms | ready\nms | first touch\nms | first full\nms | force step\nN | to controller\nkB/s | to station\nkB/s | \nVSPs | bytes\na VSP | begun\nanew | links\nmade | packets\nlost | own\nmisses | relay late\np99 ms";
+        let heads = "round trip, bandwidth | contact at full\nresolution | certified error\np50 | \nmax | heard\nms | ready\nms | first touch\nms | first full\nms | force step\nN a period | to controller\nkB/s | to station\nkB/s | \nVSPs | bytes\na VSP | begun\nanew | links\nmade | packets\nlost | own\nmisses | relay late\np99 ms";
         let mut table = Table::new(1, heads);
         let or_none = |number: Option<f64>| number.map_or("none".to_string(), digits);
         for row in &self.rows {
@@ -144,7 +144,7 @@ impl Found {
                 or_none(row.ready_ms),
                 or_none(row.first_touch_ms),
                 or_none(row.first_full_ms),
-                format!("{:.2}", row.force_step_n_max),
+                format!("{:.2}", row.force_step_per_period_n_max),
                 rate(|wire| wire.to_controller),
                 rate(|wire| wire.to_station),
                 grouped(row.vsps_received),
