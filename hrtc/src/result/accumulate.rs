@@ -200,7 +200,7 @@ impl Accumulator {
     /// Forces and counts of each probe.
     fn push_probes(&mut self, record: &TickRecord) {
         let core = &record.core;
-        let periods = (f64::from(record.period_ns) / self.period_ns as f64).max(1.0);
+        let periods = 1.0 + f64::from(record.skipped);
         let result = &mut self.result;
         for (k, probe) in result.probes.iter_mut().enumerate() {
             let force = record.wrenches[k].force;

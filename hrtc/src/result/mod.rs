@@ -273,8 +273,8 @@ pub struct RunResult {
     pub force_n: ShortSpread,
     /// Largest change of the force between two ticks, newtons.
     pub force_step_n_max: f64,
-    /// The same over the periods between the two, at least one, newtons a period: after a late timer
-    /// or a skipped period the hand has moved on for longer, and then for less.
+    /// The same over the periods between the two, newtons a period: after skipped ones the hand has
+    /// moved on for longer.
     pub force_step_per_period_n_max: f64,
     /// Largest torque of a probe, newton metres.
     pub torque_nm_max: f64,
