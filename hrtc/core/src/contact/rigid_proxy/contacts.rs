@@ -20,9 +20,11 @@ use spm::{Handle, NONE};
 /// too much.
 const SLOPE: f64 = 0.05;
 /// Cost of a pair examined, in node pairs (measured).
-const LOOK: u32 = 6;
-/// Cost of a pair skipped, in node pairs (measured).
-pub(super) const PASSED: u32 = 2;
+const LOOK: u32 = 5;
+/// Cost of a pair whose separation is computed, in node pairs (measured).
+pub(super) const PASSED: u32 = 1;
+/// Vertices of the tool whose placing costs as much as one node pair (measured).
+pub(super) const PLACED: u32 = 2;
 /// Largest number of faces around a corner that are examined.
 const MAX_AROUND: usize = 128;
 
@@ -190,12 +192,13 @@ impl Contacts {
             self.is_looked[..near.pairs.len()].fill(false);
         }
         let (centre, rotation) = (at.centre, at.rotation());
-        let mut spent = PASSED * near.pairs.len() as u32;
+        let mut spent = near.vertex_count() / PLACED;
         let back = rotation.transpose();
         for k in 0..near.pairs.len() {
             if self.is_looked[k] || near.is_known_beyond(k, limit) {
                 continue;
             }
+            spent += PASSED;
             let pair = near.pairs[k];
             let corners = near.corners(shape, pair.tool);
             let now = near.apart_now(&pair, corners);

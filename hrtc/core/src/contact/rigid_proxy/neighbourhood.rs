@@ -231,6 +231,11 @@ impl Neighbourhood {
         self.pairs.is_empty()
     }
 
+    /// Number of vertices of the tool that pairs use.
+    pub fn vertex_count(&self) -> u32 {
+        self.vertices.len() as u32
+    }
+
     /// Index of a face of the surface.
     pub fn place_of(&self, face: Handle) -> Option<u32> {
         self.face_places.find(face)

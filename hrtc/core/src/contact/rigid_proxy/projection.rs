@@ -19,6 +19,21 @@ pub struct HalfSpace {
     pub row: Vector6,
     /// Least product; negative if there is room.
     pub offset: f64,
+    /// One over the length of `row`; not finite for a row of zeros.
+    inverse_length: f64,
+}
+
+impl HalfSpace {
+    /// The half-space `row . y >= offset`.
+    #[must_use]
+    pub fn new(row: Vector6, offset: f64) -> Self {
+        let inverse_length = dot(&row, &row).sqrt().recip();
+        Self {
+            row,
+            offset,
+            inverse_length,
+        }
+    }
 }
 
 /// Largest number of active half-spaces.
@@ -71,8 +86,8 @@ impl Projection {
     ) -> Option<(usize, f64)> {
         let mut worst: Option<(usize, f64)> = None;
         for (k, half_space) in half_spaces.iter().enumerate() {
-            let length = dot(&half_space.row, &half_space.row).sqrt();
-            let violation = (half_space.offset - dot(&half_space.row, &self.point)) / length;
+            let short = half_space.offset - dot(&half_space.row, &self.point);
+            let violation = short * half_space.inverse_length;
             let is_active = self.active().iter().any(|&(a, _)| a == k);
             if violation > tolerance
                 && !is_active
@@ -292,7 +307,7 @@ mod tests {
         ) {
             let s = 10f64.powi(exponent);
             let half_spaces: Vec<HalfSpace> =
-                rows.iter().map(|&(row, offset)| HalfSpace { row, offset: offset * s }).collect();
+                rows.iter().map(|&(row, offset)| HalfSpace::new(row, offset * s)).collect();
             let found = project(goal.map(|x| x * s), &half_spaces);
             prop_assert!(found.complete, "the origin is allowed");
             for half_space in &half_spaces {
@@ -320,7 +335,7 @@ mod tests {
                 [angle.sin(), 0.0, angle.cos(), 0.0, 0.0, 0.0],
                 [0.0, 0.0, 1.0, 0.0, angle, 0.0],
             ];
-            let half_spaces = rows.map(|row| HalfSpace { row, offset: 0.0 });
+            let half_spaces = rows.map(|row| HalfSpace::new(row, 0.0));
             let found = project([-0.3, 0.2, -1.0, 0.0, -0.4, 0.0], &half_spaces);
             assert!(found.complete, "{angle}");
             for row in &rows {
@@ -337,7 +352,7 @@ mod tests {
     fn what_leaves_no_point_is_told() {
         let row = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let against = row.map(|x: f64| -x);
-        let half_spaces = [row, against].map(|row| HalfSpace { row, offset: 0.5 });
+        let half_spaces = [row, against].map(|row| HalfSpace::new(row, 0.5));
         assert!(!project([0.0; 6], &half_spaces).complete);
     }
 }

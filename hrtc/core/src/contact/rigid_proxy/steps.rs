@@ -1,10 +1,10 @@
 //! The steps of a tick: project, sweep, repeat until no motion remains or the budget is spent.
 
-use super::contacts::ToolContact;
+use super::contacts::{PLACED, ToolContact};
 use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
 use super::projection::{HalfSpace, project};
-use super::sweep::free_share;
+use super::sweep::{free_share, least_cost};
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::{Placement, Twist};
 use crate::contact::query::{Ending, Surface};
@@ -18,8 +18,15 @@ const MIN_SEPARATION: f64 = 0.5;
 const LOOK_AROUND: f64 = 2e-3;
 /// That share of the path.
 const SKIN_SHARE: f64 = 0.1;
-/// Length of the look-ahead, in units of the device's motion in a tick.
+/// Length of the path for which a tick must know the candidates, in units of the device's motion.
 const AHEAD: f64 = 1.5;
+/// Length of the path for which they are collected, in units of that: the device goes on. Longer
+/// paths save collections and have more pairs; by `rt-tests tools` this takes least work, of 1 to 4
+/// on a dragon and on a bunny.
+const FARTHER: f64 = 2.0;
+/// Length up to which a path is made longer, as a fraction of the radius of gyration: on longer
+/// ones most of the cost is pairs, which grow with it.
+const LONGEST: f64 = 0.1;
 /// Range of the search for contacts, in units of the motion that the last contacts allow.
 const BEYOND: f64 = 1.25;
 /// Searches for contacts before a step; repeated if the contacts found redirect the motion.
@@ -28,8 +35,13 @@ const MAX_LOOKS: u32 = 3;
 /// look-ahead.
 const FAR_BEHIND: f64 = 8.0;
 /// The part of the budget, one over this, after which a tick begins no further work once it has
-/// collected candidates or taken a step.
-const TICK_SHARE: u32 = 16;
+/// collected candidates or taken a step. By `rt-tests tools`: a tool on a bunny is more than
+/// 0.05 mm behind on 6 % of the ticks at 16 and 0.8 % at 8; at 4 the slowest ticks on a dragon take
+/// half as much again.
+const TICK_SHARE: u32 = 8;
+/// The part of the budget, one over this, that a collection should cost. Where it costs more, the
+/// look-ahead is shortened.
+const COLLECTION_SHARE: u32 = 16;
 /// The part of the budget, one over this, for an update of the candidates; beyond, they are
 /// collected again.
 const UPDATE_SHARE: u32 = 8;
@@ -46,7 +58,7 @@ const MAX_STEPS: usize = 6;
 /// Pairs that stop a step and are remembered: one per step.
 pub(super) const MAX_STOPS: usize = MAX_STEPS;
 /// Cost of a contact in a projection, in node pairs (measured).
-const PROJECTED: u32 = 8;
+const PROJECTED: u32 = 1;
 /// Growth of the look-ahead after a collection below its share of the budget.
 const RECOVERY: f64 = 1.25;
 /// Least scale of the look-ahead to which a costly collection within the budget reduces it.
@@ -119,14 +131,17 @@ impl ToolProxy {
         while answer.steps == 0 || (answer.steps < MAX_STEPS as u32 && answer.spent <= tick.enough)
         {
             let wanted = self.at.to(&self.goal);
+            self.contacts.carry(&self.at);
+            // By the contacts of the last step.
+            let likely = self.allowed(&wanted, tick.offset, None);
             next = if tick.needs_candidates {
-                self.ensure_candidates(&mut tick, &wanted, answer)
+                self.ensure_candidates(&mut tick, &likely, answer)
             } else {
                 Next::Step
             };
             if next == Next::Step {
                 answer.steps += 1;
-                next = self.step(&mut tick, &wanted, answer);
+                next = self.step(&mut tick, (&wanted, likely), answer);
             }
             if matches!(next, Next::End | Next::Settled) {
                 break;
@@ -151,12 +166,17 @@ impl ToolProxy {
     fn ensure_candidates(
         &mut self,
         tick: &mut TickSteps<'_>,
-        wanted: &Twist,
+        likely: &Twist,
         answer: &mut ToolAdvance,
     ) -> Next {
         let (travelled, look_around, enough) = (tick.travelled, tick.look_around, tick.enough);
         let ahead = AHEAD * self.catch_up_factor * self.peak_step.max(look_around);
-        let path = self.expected(wanted, ahead, look_around);
+        let share = self.share_to(likely, ahead, look_around);
+        let path = likely.times(share.min(1.0));
+        let is_cheap = self.last_cost <= tick.budget / COLLECTION_SHARE;
+        let farther = if is_cheap { FARTHER } else { 1.0 };
+        let farther = (farther * ahead).min(LONGEST * self.shape.gyration);
+        let farther = self.extended(&path, farther, look_around);
         let covers =
             self.has_unused_collection || self.near.tube.covers(&self.at, &path, tick.offset);
         if !tick.did_not_move && covers {
@@ -166,7 +186,7 @@ impl ToolProxy {
         if tick.collections == MAX_COLLECTIONS || is_too_much {
             return Next::End;
         }
-        if self.collect_candidates(tick.surface, path, look_around, tick.budget, answer) {
+        if self.collect_candidates(tick.surface, farther, look_around, tick.budget, answer) {
             tick.collections += 1;
             if answer.spent > enough && !tick.skipped_step_before {
                 return Next::End;
@@ -193,17 +213,16 @@ impl ToolProxy {
     }
 
     /// One step: find the contacts, project the wanted motion onto them, sweep along it.
-    fn step(&mut self, tick: &mut TickSteps<'_>, wanted: &Twist, answer: &mut ToolAdvance) -> Next {
+    fn step(
+        &mut self,
+        tick: &mut TickSteps<'_>,
+        (wanted, likely): (&Twist, Twist),
+        answer: &mut ToolAdvance,
+    ) -> Next {
         let (radius, offset) = (self.shape.radius, tick.offset);
         let length = wanted.farthest(radius);
         self.has_skipped_step = false;
-        self.near.place(&self.shape, &self.at);
-        let looked = self.look(
-            tick.surface,
-            (wanted, tick.look_around),
-            tick.budget,
-            answer,
-        );
+        let looked = self.look(tick, (wanted, likely), answer);
         let Some((likely, motion, most)) = looked else {
             self.run_short(tick.collections == 0, answer);
             return Next::End;
@@ -316,14 +335,15 @@ impl ToolProxy {
     /// step would obey only what the previous one had not seen.
     fn look(
         &mut self,
-        surface: Surface<'_>,
-        (wanted, look_around): (&Twist, f64),
-        budget: u32,
+        tick: &TickSteps<'_>,
+        (wanted, mut likely): (&Twist, Twist),
         answer: &mut ToolAdvance,
     ) -> Option<(Twist, Twist, f64)> {
-        let (radius, offset) = (self.shape.radius, self.contact_offset());
-        self.contacts.carry(&self.at);
-        let mut likely = self.allowed(wanted, offset, None);
+        let (radius, offset) = (self.shape.radius, tick.offset);
+        let look_around = tick.look_around;
+        self.near.place(&self.shape, &self.at);
+        answer.spent += self.near.vertex_count() / PLACED;
+        let budget = tick.budget.saturating_sub(least_cost(&self.near));
         let mut looks = 0;
         loop {
             looks += 1;
@@ -335,7 +355,7 @@ impl ToolProxy {
             let (cost, is_all) = self.contacts.collect(
                 &mut self.near,
                 &self.shape,
-                surface,
+                tick.surface,
                 (&self.at, looks == 1),
                 [offset + most.min(look_around), offset + most],
                 budget.saturating_sub(answer.spent),
@@ -408,15 +428,22 @@ impl ToolProxy {
         }
     }
 
-    /// The expected path of the next step by the contacts of the last one, limited to the
-    /// look-ahead `ahead` and to arcs that deviate from the path by at most `look_around`.
-    fn expected(&mut self, wanted: &Twist, ahead: f64, look_around: f64) -> Twist {
-        self.contacts.carry(&self.at);
-        let path = self.allowed(wanted, self.contact_offset(), None);
+    /// A path that goes on in the same way until `ahead`, within the same limits.
+    fn extended(&self, path: &Twist, ahead: f64, look_around: f64) -> Twist {
+        let longer = self.share_to(path, ahead, look_around).max(1.0);
+        if longer.is_finite() {
+            path.times(longer)
+        } else {
+            *path
+        }
+    }
+
+    /// The share of a path up to `ahead`, or to where its arcs deviate from it by `look_around`, as
+    /// far as costs allow; not finite without a path.
+    fn share_to(&self, path: &Twist, ahead: f64, look_around: f64) -> f64 {
         let radius = self.shape.radius;
         let round = (look_around / path.sagitta(radius)).sqrt();
-        let share = (ahead / path.farthest(radius)).min(round) * self.look_ahead_scale;
-        path.times(share.min(1.0))
+        (ahead / path.farthest(radius)).min(round) * self.look_ahead_scale
     }
 
     /// Collects the candidate pairs of a path. False if room or budget do not suffice; then nothing
@@ -449,7 +476,7 @@ impl ToolProxy {
             return false;
         }
         // Reduces the look-ahead if most of the cost was face pairs, which a shorter path saves.
-        let enough = budget / TICK_SHARE;
+        let enough = budget / COLLECTION_SHARE;
         if cost > enough && (cost > 2 * work.node_pairs || cost > 2 * enough) {
             self.look_ahead_scale =
                 (self.look_ahead_scale / RECOVERY).max(self.look_ahead_scale.min(MODERATE));
@@ -501,10 +528,7 @@ impl ToolProxy {
         let gyration = self.shape.gyration;
         let half_space = |contact: &ToolContact| {
             let [n, t] = [contact.normal, contact.arm.cross(contact.normal) / gyration];
-            HalfSpace {
-                row: [n.x, n.y, n.z, t.x, t.y, t.z],
-                offset: offset - contact.gap,
-            }
+            HalfSpace::new([n.x, n.y, n.z, t.x, t.y, t.z], offset - contact.gap)
         };
         self.half_spaces.clear();
         self.half_spaces

@@ -7,7 +7,7 @@
 //! which the closest points give a better direction. Every placement on the way is safe, so an
 //! early stop is safe too.
 
-use super::contacts::PASSED;
+use super::contacts::{PASSED, PLACED};
 use super::neighbourhood::{Direction, NearPair, Neighbourhood, apart, reach_along};
 use super::shape::ToolShape;
 use crate::contact::motion::{Placement, Twist};
@@ -21,8 +21,9 @@ const PARTS: u32 = 16;
 const SHORT: f64 = 0.25;
 /// Trials of a part along turning directions.
 const TRIES: u32 = 3;
-/// Cost of a part, in node pairs (measured).
-const PART: u32 = 30;
+/// Cost of a pair that is swept, and of each part of its motion, in node pairs (measured).
+const SWEPT: u32 = 4;
+const PART: u32 = 18;
 /// Reduction of a part against rounding.
 const WITHIN: f64 = 1.0 - 1e-6;
 /// Share of the minimum separation within which a pair counts as stopped.
@@ -55,6 +56,11 @@ pub struct Open {
     pair: u32,
 }
 
+/// Upper bound of what a sweep costs before the first pair is swept, in node pairs.
+pub fn least_cost(near: &Neighbourhood) -> u32 {
+    near.vertex_count() / PLACED + PASSED * near.pairs.len() as u32
+}
+
 /// The free share of a motion of a placed neighbourhood. Pairs keep a distance of `min_separation`
 /// (model units), or of half their distance if they are nearer already. If `most` node pairs are
 /// spent, the remaining pairs are free as far as their separation tells.
@@ -71,7 +77,7 @@ pub fn free_share(
     let mut swept = Swept {
         share: 1.0,
         stop: None,
-        spent: PASSED * near.pairs.len() as u32,
+        spent: near.vertex_count() / PLACED,
         is_all: true,
     };
     near.place_ends(shape, &start.moved(motion));
@@ -82,7 +88,8 @@ pub fn free_share(
         centre: start.centre,
     };
     let travel = motion.farthest(shape.radius);
-    bends.collect_open(near, open, shape, [travel + min_separation, min_separation]);
+    let reach = [travel + min_separation, min_separation];
+    swept.spent += PASSED * bends.collect_open(near, open, shape, reach);
     let mut sweep = Sweep {
         shape,
         start,
@@ -138,7 +145,7 @@ impl Sweep<'_> {
             height,
         };
         let [over, under] = near.normals(shape, &pair, corners);
-        swept.spent += 1;
+        swept.spent += SWEPT;
         if let Some(along) = [beside, over, under].into_iter().find(|&along| {
             pair.along = along;
             let ends = [corners, ends];
@@ -185,19 +192,21 @@ struct Bends {
 
 impl Bends {
     /// Lists the pairs that their direction does not separate on the whole motion, the most urgent
-    /// first. Pairs farther apart than `reach` are skipped.
+    /// first. Pairs farther apart than `reach` are skipped; the number of the others.
     fn collect_open(
         &self,
         near: &Neighbourhood,
         open: &mut Vec<Open>,
         shape: &ToolShape,
         [reach, min_separation]: [f64; 2],
-    ) {
+    ) -> u32 {
         open.clear();
+        let mut looked_at = 0;
         for k in 0..near.pairs.len() {
             if near.is_known_beyond(k, reach) {
                 continue;
             }
+            looked_at += 1;
             let pair = near.pairs[k];
             let ends = [
                 near.corners(shape, pair.tool),
@@ -214,6 +223,7 @@ impl Bends {
             let by_share = a.until.total_cmp(&b.until);
             by_share.then(a.pair.cmp(&b.pair))
         });
+        looked_at
     }
 
     /// Bound of the deviation of the surface's corners from straight lines, in the tool's frame:
