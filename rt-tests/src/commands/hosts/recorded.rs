@@ -41,6 +41,8 @@ struct Moment {
     is_in_contact: bool,
     /// In contact at full resolution.
     is_full: bool,
+    /// Whether the soft start is over, so that the force is the touch's alone.
+    is_started: bool,
     /// Certified error at the contact, metres; not finite without a bound.
     certified_error_m: f64,
 }
@@ -56,7 +58,7 @@ pub struct Recorded {
 /// Forces of a run beside those of the same path on one machine.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Forces {
-    /// Ticks in contact at full resolution in both runs.
+    /// Ticks in contact at full resolution in both runs, after the soft start of both.
     pub full_ticks: u64,
     /// Of these, those with a force that differs by no more than 1 % (see `same_ticks`), wherever
     /// the hands were.
@@ -97,11 +99,11 @@ pub struct Rest {
 
 impl Recorded {
     /// Reads all files of a recording, up to the tick in which the run ended and the force began to
-    /// ramp down.
+    /// ramp down. The soft start takes so many ticks from the first one that could render a contact.
     ///
     /// # Errors
     /// What cannot be read, in one sentence.
-    pub fn read(first: &Path) -> Result<Self, String> {
+    pub fn read(first: &Path, soft_start_ticks: u64) -> Result<Self, String> {
         let place = RecordingPlace {
             first: first.to_path_buf(),
             keep_bytes: 0,
@@ -110,6 +112,7 @@ impl Recorded {
         let files = (0..).map(|number| place.path(number));
         let mut recorded = Self::default();
         let mut begins = Vec::new();
+        let mut ready_ticks = 0;
         for (number, file) in files.enumerate() {
             if number > 0 && !file.exists() {
                 break;
@@ -124,6 +127,7 @@ impl Recorded {
                     break;
                 }
                 recorded.skipped += u64::from(record.skipped);
+                ready_ticks += u64::from(record.core.ready);
                 let all = recorded.probes.iter_mut().zip(&mut begins).enumerate();
                 for (k, (moments, begin)) in all {
                     let Some(sample) = record.samples[k] else {
@@ -142,6 +146,7 @@ impl Recorded {
                         force: record.wrenches[k].force,
                         is_in_contact: probe.contact,
                         is_full: probe.contact && probe.contact_full,
+                        is_started: ready_ticks >= soft_start_ticks,
                         certified_error_m: probe.certified_error_m,
                     });
                 }
@@ -323,7 +328,8 @@ fn pairs_of<'a>(
         let before = if own.period == next { same } else { 0 };
         same = if own.at == other.at { before + 1 } else { 0 };
         next = own.period + 1;
-        (own.is_full && other.is_full).then_some((here, there, same))
+        let is_compared = |of: &Moment| of.is_full && of.is_started;
+        (is_compared(own) && is_compared(other)).then_some((here, there, same))
     })
 }
 
@@ -339,6 +345,7 @@ mod tests {
             force: DVec3::Z,
             is_in_contact: true,
             is_full: true,
+            is_started: true,
             ..Moment::default()
         };
         (0..periods).map(at).collect()
@@ -416,6 +423,19 @@ mod tests {
         let forces = Forces::beside(&run(path(20)), &run(moments));
         assert_eq!((forces.ticks, forces.same_ticks), (4, 3));
         assert!(forces.difference_n.max.is_nan());
+    }
+
+    #[test]
+    fn a_soft_start_is_not_compared() {
+        let mut moments = path(100);
+        for moment in &mut moments[..50] {
+            moment.force *= 0.9;
+            moment.is_started = false;
+        }
+        for (local, other) in [(path(100), moments.clone()), (moments, path(100))] {
+            let forces = Forces::beside(&run(local), &run(other));
+            assert_eq!((forces.full_ticks, forces.same_share), (50, Some(1.0)));
+        }
     }
 
     #[test]

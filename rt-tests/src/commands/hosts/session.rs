@@ -188,6 +188,7 @@ impl<'a> Session<'a> {
             folder: self.folder.path().to_path_buf(),
             seconds: args.seconds,
             rate_hz: setting.plan.loop_.rate_hz,
+            soft_start_s: setting.plan.safety.ramp_s,
             cut_s: args.cut,
             stop,
         }

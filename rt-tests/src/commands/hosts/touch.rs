@@ -40,6 +40,8 @@ pub struct Bench<'a> {
     pub seconds: f64,
     /// Ticks of the controller in a second.
     pub rate_hz: f64,
+    /// Length of the controller's soft start, seconds.
+    pub soft_start_s: f64,
     /// Length of a cut, seconds.
     pub cut_s: f64,
     /// Asks for an early end.
@@ -156,7 +158,8 @@ impl Bench<'_> {
         let mut row = Row::of(*finished);
         row.links_made = links_made(controller);
         row.has_damaged_chunk = controller.has_said(DAMAGED);
-        row.recorded = Recorded::read(&self.recording(number))?;
+        let soft_start_ticks = (self.soft_start_s * self.rate_hz).ceil() as u64;
+        row.recorded = Recorded::read(&self.recording(number), soft_start_ticks)?;
         Ok(row)
     }
 
