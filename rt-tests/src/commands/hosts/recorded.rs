@@ -99,7 +99,7 @@ pub struct Rest {
 
 impl Recorded {
     /// Reads all files of a recording, up to the tick in which the run ended and the force began to
-    /// ramp down. The soft start takes so many ticks from the first one that could render a contact.
+    /// ramp down. The soft start takes so many ticks that have a sample and could render a contact.
     ///
     /// # Errors
     /// What cannot be read, in one sentence.
@@ -112,7 +112,6 @@ impl Recorded {
         let files = (0..).map(|number| place.path(number));
         let mut recorded = Self::default();
         let mut begins = Vec::new();
-        let mut ready_ticks = 0;
         for (number, file) in files.enumerate() {
             if number > 0 && !file.exists() {
                 break;
@@ -127,14 +126,14 @@ impl Recorded {
                     break;
                 }
                 recorded.skipped += u64::from(record.skipped);
-                ready_ticks += u64::from(record.core.ready);
                 let all = recorded.probes.iter_mut().zip(&mut begins).enumerate();
                 for (k, (moments, begin)) in all {
                     let Some(sample) = record.samples[k] else {
                         continue;
                     };
                     let at = sample.pose.position;
-                    let (first, left) = begin.get_or_insert((at, None));
+                    let (first, left, ready_ticks) = begin.get_or_insert((at, None, 0));
+                    *ready_ticks += u64::from(record.core.ready);
                     if left.is_none() && at == *first {
                         continue;
                     }
@@ -146,7 +145,7 @@ impl Recorded {
                         force: record.wrenches[k].force,
                         is_in_contact: probe.contact,
                         is_full: probe.contact && probe.contact_full,
-                        is_started: ready_ticks >= soft_start_ticks,
+                        is_started: *ready_ticks >= soft_start_ticks,
                         certified_error_m: probe.certified_error_m,
                     });
                 }
