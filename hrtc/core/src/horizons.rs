@@ -5,7 +5,8 @@ use crate::tuning::cache::REFUSED_S;
 use crate::tuning::lod::{COLLAPSE_S, HYSTERESIS_S};
 use crate::tuning::memory_pressure::{EARLY_S, MAX_WAIT_S, MISSES_S, PAUSE_S, SETTLE_S, WAIT_S};
 use crate::tuning::prediction::{
-    DRIFT_S, FADING_S, LANDING_S, LEAD_S, MEAN_S, REFINE_AHEAD_S, REFINE_AROUND_S, SPANS_S, WARM_S,
+    DRIFT_S, FADING_S, LANDING_S, LEAD_S, MEAN_S, RECENT_S, REFINE_AHEAD_S, REFINE_AROUND_S,
+    SPANS_S, WARM_S,
 };
 use crate::tuning::probe::{MAX_SILENCE_S, SPEED_LEFT_PER_MS, TOUR_RETRY_S};
 use crate::tuning::streaming::MAX_ROOM_WAIT_S;
@@ -60,6 +61,8 @@ pub struct PredictionHorizons {
     pub fading: f64,
     /// Over which the speed is averaged.
     pub mean: f64,
+    /// After which the largest speed counts a third.
+    pub recent: f64,
     /// That it takes to have a loaded cell refined.
     pub refine_around: f64,
     /// At which the refined set looks.
@@ -116,6 +119,7 @@ impl Horizons {
                 spans: SPANS_S.map(|seconds| whole(seconds) as usize),
                 fading: ticks(FADING_S),
                 mean: ticks(MEAN_S).max(1.0),
+                recent: ticks(RECENT_S).max(1.0),
                 refine_around: ticks(REFINE_AROUND_S),
                 refine_ahead: ticks(REFINE_AHEAD_S),
                 lead: ticks(LEAD_S),

@@ -188,6 +188,9 @@ pub mod prediction {
     pub const FADING_S: f64 = 0.018;
     /// Time over which the speed is averaged that the lod goes by.
     pub const MEAN_S: f64 = 0.032;
+    /// Time after which the largest speed counts a third: a hand that turns or begins to slide is
+    /// soon as fast as it was.
+    pub const RECENT_S: f64 = 1.0;
     /// Time that it takes to have a loaded cell refined.
     pub const REFINE_AROUND_S: f64 = 0.012;
     /// Time ahead at which the refined set looks.

@@ -57,15 +57,15 @@ pub(super) fn ticks_to_leave(
     ticks
 }
 
-/// Visits the regions whose cells meet a ball. A ball of many cells is cut down: no unbounded loop,
-/// whatever the speed.
+/// Visits the regions whose cells meet a ball. A ball of more than `max_cells` is cut down: no
+/// unbounded loop, whatever the speed.
 pub(super) fn visit_ball(
     grid: &RegionGrid,
     centre: DVec3,
-    radius: f64,
+    (radius, max_cells): (f64, f64),
     mut visit: impl FnMut(RegionId),
 ) {
-    let radius = radius.min(2.0 * grid.cell);
+    let radius = radius.min(max_cells * grid.cell);
     let Some((low, high)) = grid.cell_range(centre - radius, centre + radius) else {
         return;
     };

@@ -116,6 +116,11 @@ const ROUND: [(Look, bool); TURNS] = [
     (Look::Ahead(LOAD_AHEAD_S[2], 1.0), false),
 ];
 
+/// Radius of a look at the most, in cells.
+const MAX_CELLS: f64 = 2.0;
+/// The same of a look around, which comes once in a round.
+const MAX_CELLS_AROUND: f64 = 3.0;
+
 /// The turns of each coarser ring.
 const RING_ROUND: [(Look, bool); 3] = [
     (Look::Here, true),
@@ -137,6 +142,8 @@ pub struct Predictor {
     horizons: PredictionHorizons,
     /// Average speed, model units a tick.
     mean_speed: f64,
+    /// Largest speed of late, model units a tick; it fades.
+    recent_speed: f64,
     /// Ticks by which the loaded set looks farther ahead.
     lead: f64,
     sources: Sources,
@@ -166,6 +173,7 @@ impl Predictor {
             rate_hz,
             horizons: prediction,
             mean_speed: 0.0,
+            recent_speed: 0.0,
             lead: 0.0,
             sources: Sources::ALL,
             turn: 0,
@@ -181,6 +189,7 @@ impl Predictor {
         self.skipped = 0;
         self.span = self.horizons.spans[1];
         self.mean_speed = 0.0;
+        self.recent_speed = 0.0;
         self.turn = 0;
         self.ring_turn = 0;
         self.landed = None;
@@ -312,7 +321,10 @@ impl Predictor {
         let spans = self.horizons.spans;
         let slow = device.distance(self.history[spans[1]]) < motion.radius;
         self.span = spans[usize::from(slow)];
-        self.mean_speed += (self.motion().0.length() - self.mean_speed) / self.horizons.mean;
+        let speed = self.motion().0.length();
+        self.mean_speed += (speed - self.mean_speed) / self.horizons.mean;
+        let faded = self.recent_speed * (1.0 - 1.0 / self.horizons.recent);
+        self.recent_speed = speed.max(faded);
         let finest = lod.finest();
         let finest_ring = &lod.rings()[finest];
         let (look, refine) = ROUND[self.turn];
@@ -355,7 +367,9 @@ impl Predictor {
         let radius = match look {
             Look::Around => {
                 let warm = (grid.cell / speed / self.horizons.warm).min(1.0);
-                motion.radius + grid.cell * warm
+                // What the link takes a lead to bring is there for a hand that turns.
+                let turned = self.recent_speed * self.lead;
+                motion.radius + (grid.cell * warm).max(turned)
             }
             Look::Here => around + self.spread(self.horizons.refine_around),
             Look::Ahead(seconds, share) if refine => {
@@ -366,7 +380,11 @@ impl Predictor {
                 around + 0.25 * finest.grid.cell + self.spread(self.ticks_ahead(seconds, share))
             }
         };
-        visit_ball(grid, centre, radius, |id| {
+        let max_cells = match look {
+            Look::Around => MAX_CELLS_AROUND,
+            Look::Here | Look::Ahead(..) => MAX_CELLS,
+        };
+        visit_ball(grid, centre, (radius, max_cells), |id| {
             visit(Predicted::new(
                 (ring, id),
                 (motion, velocity),
@@ -393,7 +411,8 @@ pub fn predict_forecast(
         for ticks in [0.0, horizons.refine_ahead] {
             let displacement = velocity * ticks;
             let radius = RADII_AROUND * place.radius + SPREAD[0] * displacement.length();
-            visit_ball(&ring.grid, place.position + displacement, radius, |id| {
+            let ball = (radius, MAX_CELLS);
+            visit_ball(&ring.grid, place.position + displacement, ball, |id| {
                 visit(Predicted::new(
                     (ring, id),
                     (place, velocity),
@@ -522,6 +541,26 @@ mod tests {
             position += velocity;
         }
         assert!(landed_at.x > 0.36 && met);
+    }
+
+    #[test]
+    fn a_hand_that_stops_keeps_what_it_may_turn_to_loaded_as_far_as_the_link_is() {
+        let stopped = |lead: f64| {
+            let mut predictor = Predictor::new(&Horizons::new(1000.0));
+            predictor.set_lead(lead);
+            let velocity = DVec3::new(1e-3, 0.0, 0.0);
+            let mut position = DVec3::new(0.3, 0.5, 0.5);
+            for _ in 0..10 {
+                round(&mut predictor, false, position, velocity, 0.0);
+                position += velocity * TURNS as f64;
+            }
+            for _ in 0..5 {
+                round(&mut predictor, false, position, DVec3::ZERO, 0.0);
+            }
+            let all = round(&mut predictor, false, position, DVec3::ZERO, 0.0);
+            all.contains_key(&key(0, position + DVec3::Y * 0.14))
+        };
+        assert!(stopped(200.0) && !stopped(0.0));
     }
 
     #[test]
