@@ -112,9 +112,8 @@ enum Command {
         /// [default: this machine's]
         #[arg(long, value_name = "HOST")]
         host: Vec<String>,
-        /// Days for which they are valid
-        #[arg(long, value_name = "N", default_value_t = 365,
-            value_parser = clap::value_parser!(u32).range(1..))]
+        /// Days for which they are valid; with 0 they have expired in a second, for trials
+        #[arg(long, value_name = "N", default_value_t = 365)]
         days: u32,
     },
     /// The process of a link, started by `serve --listen`

@@ -29,6 +29,10 @@ pub struct TunnelArgs {
     /// Folder of the keys
     #[arg(long, value_name = "DIR")]
     pub keys: Option<PathBuf>,
+    /// Show keys that are not checked before, and no certificate where the folder has none, as a
+    /// stranger would: the station must refuse it (`rt-tests hosts`)
+    #[arg(long, hide = true, requires = "call")]
+    pub as_stranger: bool,
 }
 
 impl TunnelArgs {
@@ -40,6 +44,7 @@ impl TunnelArgs {
             listen: Some(address.to_owned()),
             call: None,
             keys,
+            as_stranger: false,
         }
     }
 
@@ -51,6 +56,7 @@ impl TunnelArgs {
             listen: None,
             call: Some(address.to_owned()),
             keys,
+            as_stranger: false,
         }
     }
 
@@ -85,6 +91,9 @@ impl TunnelArgs {
         if let Some(keys) = &self.keys {
             option("keys", keys.into());
         }
+        if self.as_stranger {
+            typed.push("--as-stranger".into());
+        }
         typed
     }
 }
@@ -110,6 +119,10 @@ mod tests {
         for args in [
             TunnelArgs::listening("a-1", "tls/0.0.0.0", Some("-/ä".into())),
             TunnelArgs::calling("a-1", "tcp/127.0.0.1:5", None),
+            TunnelArgs {
+                as_stranger: true,
+                ..TunnelArgs::calling("a-1", "tls/127.0.0.1:5", Some("keys".into()))
+            },
         ] {
             let typed = [OsString::from("program")].into_iter().chain(args.typed());
             let Command::Tunnel(read) = Program::try_parse_from(typed).unwrap().command;

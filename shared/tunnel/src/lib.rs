@@ -13,6 +13,7 @@
 //! | `arguments` | what the process is told |
 //! | `supervisor` | the process as its owner sees it: started, watched, ended |
 //! | `words` | what it tells its owner |
+//! | `named` | words for refused certificates and lost links |
 //! | `process` | the process itself (feature `engine`, as all below) |
 //! | `notes`, `refusals` | its sentences, and those made of zenoh's log |
 //! | `keys`, `authority` | keys checked, keys made |
@@ -49,6 +50,7 @@ mod authority;
 mod key_files;
 #[cfg(feature = "engine")]
 mod keys;
+pub mod named;
 #[cfg(feature = "engine")]
 mod notes;
 #[cfg(feature = "engine")]

@@ -1,6 +1,7 @@
 //! What the process of a tunnel tells: its own sentences, and those that it makes of zenoh's log,
 //! each once, and again with their number when it is ten times as many.
 
+use crate::named::{ENDED, LINKED_FROM, LOST};
 use crate::refusals;
 use crate::settings::End;
 use crate::words::Word;
@@ -144,14 +145,14 @@ impl Notes {
                 let there = event.link().dst().address().to_string();
                 notes.link(match (event.kind(), &end) {
                     (SampleKind::Put, End::Listen(_)) => {
-                        format!("a {other} is linked from {there}")
+                        format!("a {other} {LINKED_FROM} {there}")
                     }
                     (SampleKind::Put, End::Call(to)) => format!("linked to the {other} at {to}"),
                     (SampleKind::Delete, End::Listen(_)) => {
-                        format!("the link of the {other} at {there} has ended")
+                        format!("the link of the {other} at {there} {ENDED}")
                     }
                     (SampleKind::Delete, End::Call(to)) => {
-                        format!("the link to the {other} at {to} was lost; it is called again")
+                        format!("the link to the {other} at {to} {LOST}")
                     }
                 });
             });

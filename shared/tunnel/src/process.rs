@@ -6,19 +6,21 @@
 
 use crate::address::AddressError;
 use crate::arguments::TunnelArgs;
-use crate::key_files::NotText;
+use crate::key_files::{KeyFiles, NotText};
 use crate::keys::{self, KeysError};
 use crate::notes::Notes;
 use crate::refusals::without_places;
-use crate::settings::{End, zenoh_settings};
+use crate::settings::{End, show_no_certificate, zenoh_settings};
 use iceoryx2::prelude::{
     CallbackProgression, LogLevel, ServiceName, WaitSetBuilder, ipc, set_log_level,
 };
 use iceoryx2_integrations_zenoh_link_carrier::ZenohCarrier;
 use iceoryx2_link::Link;
 use iceoryx2_link_backend::AllowList;
+use serde_json::Value;
 use std::fs::{File, TryLockError};
 use std::io::Read;
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -87,8 +89,7 @@ pub fn run(args: &TunnelArgs) -> ExitCode {
 
 fn carry(args: &TunnelArgs, end: &End, notes: &Notes) -> Result<(), CarryError> {
     let domain = Domain::new(&args.domain)?;
-    let keys = keys::needed_for(end, args.keys.as_deref())?;
-    let settings = zenoh_settings(end, keys.as_ref()).to_string();
+    let settings = settings_for(args, end)?.to_string();
     notes.listen_to_iceoryx();
     let node = domain.node()?;
     // Later, because a new node sets it.
@@ -108,6 +109,21 @@ fn carry(args: &TunnelArgs, end: &End, notes: &Notes) -> Result<(), CarryError> 
     let closed = session.close().wait();
     carried?;
     closed.map_err(engine("close its session"))
+}
+
+/// The settings of zenoh, with keys that are checked, unless it is a stranger's.
+fn settings_for(args: &TunnelArgs, end: &End) -> Result<Value, CarryError> {
+    let keys = args.keys.as_deref();
+    let Some(folder) = keys.filter(|_| args.as_stranger) else {
+        let keys = keys::needed_for(end, keys)?;
+        return Ok(zenoh_settings(end, keys.as_ref()));
+    };
+    let files = KeyFiles::in_folder(folder)?;
+    let mut settings = zenoh_settings(end, Some(&files));
+    if !Path::new(&files.certificate).exists() {
+        show_no_certificate(&mut settings);
+    }
+    Ok(settings)
 }
 
 /// Keeps other tunnels out of a domain as long as it is open.

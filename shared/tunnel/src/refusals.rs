@@ -1,5 +1,6 @@
 //! Zenoh's log lines of refused connections as sentences for the user: zenoh itself is silent.
 
+use crate::named::{EXPIRED, FOREIGN, NO_CERTIFICATE};
 use crate::settings::End;
 use tracing::Level;
 
@@ -65,12 +66,12 @@ struct Wrong {
 const THEIRS: [Wrong; 4] = [
     Wrong {
         words: &["UnknownIssuer", "BadSignature"],
-        what: "its certificate is of another authority",
+        what: FOREIGN.by,
         remedy: ONE_FOLDER,
     },
     Wrong {
         words: &["certificate expired", ": Expired"],
-        what: "its certificate has expired",
+        what: EXPIRED.by,
         remedy: AGAIN,
     },
     Wrong {
@@ -89,12 +90,12 @@ const THEIRS: [Wrong; 4] = [
 const OURS: [Wrong; 4] = [
     Wrong {
         words: &["alert: UnknownCA", "alert: DecryptError"],
-        what: "it does not know the authority of this certificate",
+        what: FOREIGN.of,
         remedy: ONE_FOLDER,
     },
     Wrong {
         words: &["alert: CertificateExpired"],
-        what: "for its clock this certificate is not valid now",
+        what: EXPIRED.of,
         remedy: AGAIN,
     },
     Wrong {
@@ -104,7 +105,7 @@ const OURS: [Wrong; 4] = [
     },
     Wrong {
         words: &["alert: CertificateRequired"],
-        what: "it was shown no certificate",
+        what: NO_CERTIFICATE.of,
         remedy: ONE_FOLDER,
     },
 ];
@@ -122,7 +123,10 @@ fn shown_to_listener(reason: &str) -> String {
         return format!("a controller refused this station, {what}: {remedy}");
     }
     if reason.contains("peer sent no certificates") {
-        return format!("a connection was refused, it shows no certificate: {ONE_FOLDER}");
+        return format!(
+            "a connection was refused, {}: {ONE_FOLDER}",
+            NO_CERTIFICATE.by
+        );
     }
     if reason.contains("InvalidContentType") {
         return "a connection was refused, it is not encrypted: controllers call tls/ here"

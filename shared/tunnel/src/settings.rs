@@ -115,6 +115,15 @@ pub fn zenoh_settings(end: &End, keys: Option<&KeyFiles>) -> Value {
     settings
 }
 
+/// Takes the caller's certificate out of its settings: a listener that asks for one refuses it.
+#[cfg(feature = "engine")]
+pub(crate) fn show_no_certificate(settings: &mut Value) {
+    let tls = &mut settings["transport"]["link"]["tls"];
+    tls["enable_mtls"] = json!(false);
+    tls["connect_certificate"] = Value::Null;
+    tls["connect_private_key"] = Value::Null;
+}
+
 /// Topics cross to the other role only. A calling zenoh trusts the public authorities too: none of
 /// them gives out this name, which is no host's.
 fn access_control(other: Role) -> Value {

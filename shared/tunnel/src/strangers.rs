@@ -6,8 +6,8 @@ use crate::address::Address;
 use crate::authority::{Validity, make_keys_for};
 use crate::key_files::{KeyFiles, Role};
 use crate::notes::Notes;
-use crate::settings::{End, zenoh_settings};
-use serde_json::{Value, json};
+use crate::settings::{End, show_no_certificate, zenoh_settings};
+use serde_json::Value;
 use std::net::TcpListener;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -84,12 +84,7 @@ fn who_shows_no_valid_certificate_is_refused_by_name_on_both_sides_and_counted()
     let strangers = [
         Stranger {
             validity: days(-1, 1),
-            change: |settings| {
-                let tls = &mut settings["transport"]["link"]["tls"];
-                tls["enable_mtls"] = json!(false);
-                tls["connect_certificate"] = Value::Null;
-                tls["connect_private_key"] = Value::Null;
-            },
+            change: show_no_certificate,
             at_listener: "a connection was refused, it shows no certificate",
             at_caller: "refused this controller, it was shown no certificate",
         },
