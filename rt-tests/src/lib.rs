@@ -7,6 +7,7 @@
 //! | [`cases`] | the hard cases of `stability` |
 //! | [`trajectory`] | a touch recorded in virtual time, to be given to many settings |
 //! | [`processes`] | this program again as other processes |
+//! | [`links`] | hosts on this machine, and the links between them |
 //! | [`scenes`] | the scene of a command and what the command line changes in it |
 //! | [`models`] | meshes, fronts on them, and exact distances |
 //! | [`peers`] | other libraries, for comparison only |
@@ -19,6 +20,7 @@ pub mod cases;
 pub mod clocks;
 pub mod commands;
 pub mod failure;
+pub mod links;
 pub mod machine;
 pub mod models;
 pub mod peers;

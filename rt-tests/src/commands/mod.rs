@@ -1,4 +1,5 @@
-//! One file or folder for each command of `rt-tests`; none uses another.
+//! One file or folder for each command of `rt-tests`. None uses another, but `hosts` the cases of
+//! `faults`.
 //!
 //! | module | command |
 //! |---|---|

@@ -13,6 +13,7 @@
 //! | [`host`], [`mounts`] | a network, shared memory and folders that only some processes have |
 //! | [`rights`] | the rights of this process |
 //! | [`device_page`] | a device in a process of its own, and its driver |
+//! | [`voice`] | forged heartbeats in a domain |
 //! | [`stop`] | the flag that ends a role or a command |
 
 pub mod bare_loop;
@@ -27,4 +28,5 @@ pub mod rights;
 pub mod roles;
 pub mod stop;
 pub mod surroundings;
+pub mod voice;
 pub mod watched;

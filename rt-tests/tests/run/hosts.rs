@@ -38,9 +38,10 @@ fn a_touch_over_a_link_is_seen_beside_the_one_on_one_machine() {
     for row in [local, far] {
         assert!(number(row, "vsps_received") > 0.0, "{row}");
         assert!(number(row, "contact_full_ticks") > 0.0, "{row}");
-        let times = ["heard_ms", "ready_ms", "first_touch_ms"].map(|name| number(row, name));
+        let times =
+            ["heard_ms", "first_force_ready_ms", "first_touch_ms"].map(|name| number(row, name));
         assert!(times.is_sorted(), "{row}");
-        assert!(number(row, "first_full_ms") >= 0.0, "{row}");
+        assert!(number(row, "local_full_ms") >= 0.0, "{row}");
     }
     assert!(
         local["wire"].is_null() && local["forces"].is_null(),
@@ -50,9 +51,9 @@ fn a_touch_over_a_link_is_seen_beside_the_one_on_one_machine() {
     assert!(number(far, "forces.ticks") > 0.0, "{far}");
     let same = number(far, "forces.same_ticks");
     assert!(same > 0.5 * number(far, "forces.ticks"), "{far}");
-    assert_eq!(number(far, "wire.loss"), 0.01);
-    assert_eq!(number(far, "wire.rtt_ms"), 5.0);
-    assert_eq!(number(far, "wire.mbit_per_s"), 50.0);
+    let link = |row: &Value| ["rtt_ms", "loss", "mbit"].map(|name| number(row, name));
+    assert_eq!(link(local), [0.0; 3]);
+    assert_eq!(link(far), [5.0, 0.01, 50.0]);
     // Nothing but the link joins the hosts: all that was received is on it.
     let carried = number(far, "wire.to_controller.arrived_bytes");
     assert!(carried > 0.0 && number(far, "wire.to_station.arrived_bytes") > 0.0);
@@ -144,6 +145,28 @@ fn every_link_that_is_asked_for_is_judged() {
     }
     assert_eq!(all_met, is_met, "{}", said(&output));
     assert!(rows[9]["rest"]["periods"].is_number(), "{}", rows[9]);
+}
+
+#[test]
+fn the_short_form_has_four_links_and_who_is_refused_by_name() {
+    let out = tempfile::tempdir().unwrap();
+    let mut command = rt_tests("hosts");
+    command.args(["--short", "--seconds=3", "--json", "--out"]);
+    let output = command.arg(out.path()).output().unwrap();
+    let Some(found) = found(&output) else { return };
+    assert_eq!(found["rows"].as_array().unwrap().len(), 5, "{found}");
+    assert!(found["cut"].is_null(), "{found}");
+    let refused = found["refused"].as_array().unwrap();
+    let who: Vec<_> = refused.iter().map(|one| &one["who"]).collect();
+    let expected = [
+        "foreign_certificate",
+        "no_certificate",
+        "expired",
+        "version",
+        "endianness",
+    ];
+    assert_eq!(who, expected, "{found}");
+    assert!(refused.iter().all(|one| one["named"] == true), "{found}");
 }
 
 #[test]

@@ -6,17 +6,17 @@ use super::FaultsArgs;
 use super::bench::{Bench, SLOT_S};
 use super::touch::{Touch, Undisturbed, own_domain};
 use super::verdict::{Answer, Verdicts};
-use crate::commands::hosts::links::{Hosts, Links, STATION, Side, links_made};
-use crate::commands::hosts::points::{Guest, Point};
-use crate::commands::hosts::programs::{Programs, missing_right};
-use crate::commands::hosts::relay::Relay;
-use crate::commands::hosts::touch::DAMAGED;
-use crate::commands::hosts::way::Shape;
+use crate::links::hosts::{DAMAGED, Hosts, Links, STATION, Side, links_made};
+use crate::links::points::{Guest, Point};
+use crate::links::programs::{Programs, missing_right};
+use crate::links::relay::Relay;
+use crate::links::way::Shape;
 use crate::processes::surroundings::Surroundings;
 use crate::processes::watched::{Watched, pause};
 use realtime::rights::monotonic_ns;
 use std::ffi::OsString;
 use transport::Domain;
+use tunnel::named::{ENDED, LOST};
 
 /// The link: to another city, and as fast as an office's.
 const LINK: Guest = Guest::at(Point::new(20.0, 100.0));
@@ -194,7 +194,13 @@ fn repeat(
             done += 1;
         }
         let made = far.links_made();
-        let judged = verdicts.judge_by(&undisturbed, &far.touch.finish()?);
+        let touched = far.touch.finish()?;
+        let judged = verdicts.judge_by(&undisturbed, &touched);
+        let harmed = &mut verdicts.faults.harmed;
+        for way in far.relay.end()?.links.iter().flatten() {
+            harmed.damaged += way.damaged;
+            harmed.replayed += way.replayed;
+        }
         let numbers = format!("{} to {done} of {times}", before + 1);
         seen = judged.map_err(|wrong| format!("{wrong} (disturbances {numbers})"))?;
         seen += &format!(", the link made {made} times");
@@ -258,7 +264,8 @@ pub fn station_restarted(bench: &Bench, kills: u64, verdicts: &mut Verdicts) -> 
 /// Packets that are changed so that no checksum of IP or TCP shows it, and packets that are sent
 /// once more, until the last round: encryption refuses them, and the link is made again.
 pub fn packets_changed(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer {
-    repeat(bench, 1, HARM, verdicts, &mut |far, _| {
+    let mut named = false;
+    let answer = repeat(bench, 1, HARM, verdicts, &mut |far, _| {
         let until_s = (SLOTS as f64 - HEALING_SLOTS) * SLOT_S;
         pause(until_s - far.touch.sliding_s(), bench.stop);
         far.relay.calm();
@@ -268,6 +275,14 @@ pub fn packets_changed(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> A
         if far.touch.controller.has_said(DAMAGED) {
             return Err("a changed packet passed the encryption".to_string());
         }
-        Ok(())
-    })
+        far.touch.station.listen();
+        named = far.touch.controller.has_said(LOST) && far.touch.station.has_said(ENDED);
+        if named {
+            Ok(())
+        } else {
+            Err("not both sides said that the link was lost".to_string())
+        }
+    });
+    verdicts.faults.harmed.named = named;
+    answer
 }

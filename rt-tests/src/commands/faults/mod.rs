@@ -20,7 +20,8 @@ mod verdict;
 
 use self::bench::{Bench, MAX_SLOTS};
 use self::touch::{RESYNC_MS, Touch, Undisturbed};
-use self::verdict::{Answer, Faults, Times, Verdicts};
+use self::verdict::{Answer, Times, Verdicts};
+pub use self::verdict::{Case, Faults, Harmed};
 use crate::failure::Failure;
 use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{print, print_json, status_line};
@@ -28,6 +29,7 @@ use crate::report::quantile::median;
 use crate::report::table::Table;
 use clap::Args;
 use std::fmt::Write as _;
+use std::sync::atomic::AtomicBool;
 
 /// Undisturbed runs that the others are compared with.
 const UNDISTURBED: usize = 3;
@@ -118,6 +120,15 @@ const ROWS: [Row; 21] = [
     over_link("link-packets-changed", link::packets_changed),
 ];
 
+/// The cases of a broken link that a user meets: the cable cut for 10 s, the processes at its ends
+/// killed, the station restarted, packets changed and sent once more.
+const OF_LINK: [&str; 4] = [
+    "link-cut",
+    "link-killed",
+    "link-station-restarted",
+    "link-packets-changed",
+];
+
 /// Runs the command.
 ///
 /// # Errors
@@ -125,9 +136,40 @@ const ROWS: [Row; 21] = [
 pub fn faults(args: &FaultsArgs) -> Result<(), Failure> {
     check(args)?;
     let stop = stop_flag()?;
+    let found = run(args, &stop, &undisturbed)?;
+    if args.json {
+        print_json(&found)?;
+    } else {
+        print(&words(&found))?;
+    }
+    judge(&found)
+}
+
+/// Runs the cases of a broken link alone, with so many kills.
+///
+/// # Errors
+/// One sentence when they cannot be begun, or are ended early.
+pub fn of_link(kills: u64, stop: &AtomicBool) -> Result<Faults, Failure> {
+    let args = FaultsArgs {
+        kills,
+        cases: OF_LINK.map(String::from).to_vec(),
+        hostile_faces: MIN_HOSTILE_FACES,
+        step_clock: false,
+        json: false,
+    };
+    // These have an undisturbed run of their own.
+    run(&args, stop, &|_| Ok(Undisturbed::default()))
+}
+
+/// Runs the chosen cases.
+fn run(
+    args: &FaultsArgs,
+    stop: &AtomicBool,
+    undisturbed: &dyn Fn(&Bench) -> Result<Undisturbed, String>,
+) -> Result<Faults, Failure> {
     let bar = status_line();
     let slots = usize::try_from(args.kills).map_or(MAX_SLOTS, |kills| kills.min(MAX_SLOTS));
-    let bench = Bench::new(slots, args.hostile_faces, &stop, bar)?;
+    let bench = Bench::new(slots, args.hostile_faces, stop, bar)?;
     let mut verdicts = Verdicts::default();
     verdicts.faults.fronts_equal = true;
     verdicts.undisturbed = undisturbed(&bench).map_err(Failure::Run)?;
@@ -141,18 +183,12 @@ pub fn faults(args: &FaultsArgs) -> Result<(), Failure> {
             }
             Err(why) => verdicts.skip(row.name, &why),
         }
-        if is_set(&stop) {
+        if is_set(stop) {
             return Err(Failure::Run("ended early on request".to_string()));
         }
     }
     bench.bar.finish_and_clear();
-    let found = verdicts.finish();
-    if args.json {
-        print_json(&found)?;
-    } else {
-        print(&words(&found))?;
-    }
-    judge(&found)
+    Ok(verdicts.finish())
 }
 
 fn check(args: &FaultsArgs) -> Result<(), Failure> {

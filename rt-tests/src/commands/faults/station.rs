@@ -3,8 +3,9 @@
 use super::bench::Bench;
 use super::touch::{RESYNC_MS, Start, Touch, own_domain, start_station};
 use super::verdict::{Answer, Verdicts};
+use crate::processes::voice::say_until;
 use crate::processes::watched::{Watched, pause};
-use protocol::{HELLO_PERIOD_MS, Hello, PROTOCOL_VERSION, Role};
+use protocol::{Hello, PROTOCOL_VERSION, Role};
 use realtime::rights::monotonic_ns;
 use std::rc::Rc;
 use std::time::Instant;
@@ -107,18 +108,11 @@ pub fn other_version(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Ans
 
 /// Sends heartbeats of the next version for a while.
 fn speak_other_version(touch: &Touch, bench: &Bench) -> Result<(), String> {
-    let node = touch.domain.node().map_err(|error| error.to_string())?;
-    let topic = touch.domain.heartbeats(&node);
-    let topic = topic.map_err(|error| error.to_string())?.outgoing;
     let start = Instant::now();
     let hello = Hello::of_version(PROTOCOL_VERSION + 1, Role::Station, monotonic_ns(), 0);
-    while start.elapsed().as_secs_f64() < AWAY_S {
-        topic
-            .send_copy(hello)
-            .map_err(|error| format!("{error:?}"))?;
-        pause(HELLO_PERIOD_MS as f64 * 1e-3, bench.stop);
-    }
-    Ok(())
+    say_until(&touch.domain, hello, bench.stop, || {
+        start.elapsed().as_secs_f64() >= AWAY_S
+    })
 }
 
 /// Its model's file is overwritten with noise and cut short while it is read, then made whole.

@@ -39,6 +39,17 @@ impl Times {
     }
 }
 
+/// Packets that somebody at the cable changed or sent once more, in both directions.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Harmed {
+    /// Changed, so that no checksum of IP or TCP showed it.
+    pub damaged: u64,
+    /// Sent once more, a second later.
+    pub replayed: u64,
+    /// Whether both sides said that the link was lost.
+    pub named: bool,
+}
+
 /// One case.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 pub struct Case {
@@ -52,6 +63,8 @@ pub struct Case {
     pub missed_own_cpu: u64,
     /// The same in an undisturbed run of the same length and seed: the worst of three.
     pub missed_own_cpu_undisturbed: u64,
+    /// Disturbed runs that came to a result.
+    pub runs: u64,
     /// What was seen, or what was wrong.
     pub what: String,
 }
@@ -75,6 +88,8 @@ pub struct Faults {
     pub fronts_equal: bool,
     /// Files left by processes that had ended.
     pub leaked: u64,
+    /// Packets that were harmed on the way between two hosts.
+    pub harmed: Harmed,
     /// From the end of the last wrench's validity to zero force of a device in a process of its
     /// own.
     pub device_late_ms: Times,
@@ -99,6 +114,8 @@ pub struct Verdicts {
     resync_ms: Vec<f64>,
     /// Own misses of the cases so far.
     missed_before: u64,
+    /// Runs that were judged since the last case.
+    runs: u64,
     /// Of the device's cases, milliseconds.
     pub late_ms: Vec<f64>,
     /// Of the device's cases, milliseconds.
@@ -119,6 +136,7 @@ impl Verdicts {
     /// # Errors
     /// What is wrong with it, in words.
     pub fn judge_by(&mut self, undisturbed: &Undisturbed, touched: &Touched) -> Answer {
+        self.runs += 1;
         let result = &touched.finished.result;
         let faults = &mut self.faults;
         faults.missed_own_cpu += result.missed_own_cpu;
@@ -171,6 +189,7 @@ impl Verdicts {
             skipped,
             missed_own_cpu: missed - self.missed_before,
             missed_own_cpu_undisturbed: self.undisturbed.missed_own_cpu,
+            runs: std::mem::take(&mut self.runs),
             what,
         });
         self.missed_before = missed;

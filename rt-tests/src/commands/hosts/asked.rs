@@ -1,7 +1,7 @@
 //! What is asked of each link, and whether it was met.
 
-use super::points::{Guest, Point};
 use super::result::Row;
+use crate::links::points::{Guest, Point};
 use crate::report::units::{digits, length, percent};
 use serde::Serialize;
 use std::fmt;
@@ -205,10 +205,10 @@ impl Asked {
             }
             Also::Soon => {
                 let since = |start: Option<f64>, end: Option<f64>| Some(end? - start?);
-                let ready = since(row.heard_ms, row.ready_ms);
-                let touch = |of: &Row| since(of.ready_ms, of.first_touch_ms);
+                let ready = since(row.heard_ms, row.first_force_ready_ms);
+                let touch = |of: &Row| since(of.first_force_ready_ms, of.first_touch_ms);
                 let beyond = since(touch(local), touch(row));
-                let full = beyond.zip(row.first_full_ms).map(|(to, on)| to + on);
+                let full = beyond.zip(row.local_full_ms).map(|(to, on)| to + on);
                 all.push(Criterion::new(Quantity::ReadyMs, Some(READY_MS), ready));
                 all.push(Criterion::new(Quantity::FullMs, Some(FULL_MS), full));
             }
@@ -272,7 +272,7 @@ mod tests {
 
     fn not_met(asked: &Asked, row: &Row) -> Vec<Quantity> {
         let mut local = self::row(9995, 0.2);
-        local.ready_ms = Some(50.0);
+        local.first_force_ready_ms = Some(50.0);
         local.first_touch_ms = Some(2050.0);
         let limits = asked.judge(&local, row);
         let not_met = limits.into_iter().filter(|limit| !limit.met);
@@ -341,15 +341,15 @@ mod tests {
     fn a_large_terrain_is_ready_and_full_soon() {
         let mut row = row(10_000, 0.3);
         row.heard_ms = Some(100.0);
-        row.ready_ms = Some(600.0);
+        row.first_force_ready_ms = Some(600.0);
         row.first_touch_ms = Some(2900.0);
-        row.first_full_ms = Some(700.0);
+        row.local_full_ms = Some(700.0);
         assert_eq!(not_met(&TERRAIN, &row), []);
-        row.ready_ms = Some(600.5);
-        row.first_full_ms = Some(701.0);
+        row.first_force_ready_ms = Some(600.5);
+        row.local_full_ms = Some(701.0);
         let soon = [Quantity::ReadyMs, Quantity::FullMs];
         assert_eq!(not_met(&TERRAIN, &row), soon);
-        row.first_full_ms = None;
+        row.local_full_ms = None;
         assert_eq!(not_met(&TERRAIN, &row), soon);
     }
 

@@ -1,22 +1,20 @@
-//! The whole: what is asked of the links, and how a touch fares over distance and bandwidth, for
-//! three models.
+//! The scenes of the whole: what is asked of the links, and how a touch fares over distance and
+//! bandwidth, for three models.
 
 use super::HostsArgs;
-use super::asked::{ASKED, Quantity, TERRAIN};
-use super::points::{Guest, curves};
-use super::result::{Found, Row};
-use super::session::{Ask, Session, Setting, Touch};
+use super::asked::{ASKED, TERRAIN};
+use super::session::{Ask, Setting, Touch};
 use crate::failure::Failure;
-use crate::report::units::{digits, grouped};
+use crate::links::points::{Guest, curves};
 use crate::scenes::SceneFile;
 use scene_args::OverrideArgs;
-use serde::Serialize;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// The model of which everything is asked, and the one of which the curves are made too.
 const BUNNY: &str = "stanford-bunny.obj";
 const DRAGON: &str = "dragon.obj";
+/// Their folder, beside the checkout.
+const MODELS: &str = "../shared/models";
 /// Cache of both, so that not everything is simply loaded.
 const CACHE: &str = "4MiB";
 /// Speed of the hand, m/s.
@@ -26,22 +24,12 @@ const TERRAIN_M: f64 = 2.0;
 /// Three controllers: a near one, one far away behind a thin line, and one that is stopped.
 const CONTROLLERS: [&str; 3] = ["20:100", "100:0.25", "20:100:stopped"];
 
-/// The result of the command.
-#[derive(Debug, Default, Serialize)]
-pub struct Whole {
-    /// Why nothing was run, and what helps.
-    pub skipped: Option<String>,
-    /// What is not in it, and why.
-    pub left_out: Vec<String>,
-    /// What was found of each model.
-    pub parts: Vec<Found>,
-}
-
 /// Scenes of the whole, with what is left out.
 pub struct Plan {
     /// The scenes.
     pub settings: Vec<Setting>,
-    left_out: Vec<String>,
+    /// What is not in them, and why.
+    pub left_out: Vec<String>,
 }
 
 impl Plan {
@@ -84,44 +72,22 @@ impl Plan {
         Ok(Self { settings, left_out })
     }
 
-    /// Runs all.
-    ///
-    /// # Errors
-    /// What failed, in one sentence.
-    pub fn run(self, args: &HostsArgs) -> Result<Whole, Failure> {
-        let of = self.settings.iter().map(|of| 1 + of.touches.len()).sum();
-        let mut session = Session::begin(args, of)?;
-        for sentence in &self.left_out {
-            eprintln!("{sentence}");
-        }
-        eprintln!(
-            "{of} touches; a terrain of {} faces is built first where it is not kept yet, which takes minutes",
-            grouped(u64::from(args.terrain_faces))
-        );
-        let mut parts = Vec::new();
-        for setting in &self.settings {
-            parts.push(session.run(setting)?);
-        }
-        Ok(Whole {
-            skipped: None,
-            left_out: self.left_out,
-            parts,
-        })
+    /// Touches in all, those on one machine too.
+    #[must_use]
+    pub fn touches(&self) -> usize {
+        self.settings.iter().map(|of| 1 + of.touches.len()).sum()
     }
 }
 
 /// A model of the folder, or why it is left out.
 fn named(args: &HostsArgs, name: &str, left_out: &mut Vec<String>) -> Option<PathBuf> {
-    let Some(folder) = &args.models else {
-        left_out.push(format!("{name} is left out: name its folder with --models"));
-        return None;
-    };
+    let folder = args.models.as_deref().unwrap_or(Path::new(MODELS));
     let path = folder.join(name);
     if path.is_file() {
         return Some(path);
     }
     left_out.push(format!(
-        "{name} is left out: it is not in {}",
+        "{name} is left out: it is not in {}, name its folder with --models",
         folder.display()
     ));
     None
@@ -150,69 +116,6 @@ fn terrain(faces: u32) -> String {
     )
 }
 
-impl Whole {
-    /// Nothing was run.
-    #[must_use]
-    pub fn skipped(why: &str) -> Self {
-        Self {
-            skipped: Some(why.to_string()),
-            ..Self::default()
-        }
-    }
-
-    /// What must not be, in words.
-    #[must_use]
-    pub fn wrong(&self) -> Vec<String> {
-        let of = |part: &Found| {
-            let named = |wrong: String| format!("{}: {wrong}", part.model);
-            part.wrong().into_iter().map(named).collect::<Vec<_>>()
-        };
-        self.parts.iter().flat_map(of).collect()
-    }
-
-    /// The result in words.
-    #[must_use]
-    pub fn words(&self, charts: &Path) -> String {
-        let mut text = String::new();
-        for sentence in &self.left_out {
-            let _ = writeln!(text, "{sentence}");
-        }
-        for part in &self.parts {
-            let _ = writeln!(text, "{}", part.words());
-            text.push_str(&whole_sequence(part));
-        }
-        let _ = writeln!(text, "charts: {}", charts.display());
-        text
-    }
-}
-
-/// How long the whole sequence would take where the touch is asked for soon.
-fn whole_sequence(part: &Found) -> String {
-    let is_soon = |row: &&Row| {
-        let mut asked = row.asked.iter();
-        asked.any(|of| of.quantity == Quantity::ReadyMs)
-    };
-    let Some(row) = part.rows.iter().find(is_soon) else {
-        return String::new();
-    };
-    let (Some(bytes), Some(least)) = (row.answer_bytes_per_vsp, row.sequence_s) else {
-        return String::new();
-    };
-    let measured = row.sequence_measured_s.map_or(String::new(), |seconds| {
-        format!(
-            ", {} s at the rate that the controller measured",
-            digits(seconds)
-        )
-    });
-    format!(
-        "{}: the whole sequence of {} records would take {} s at {} bytes for each{measured}\n",
-        row.name(),
-        grouped(part.faces / 2),
-        digits(least),
-        digits(bytes),
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -220,22 +123,17 @@ mod tests {
     use clap::Parser;
 
     fn plan(folder: &Path) -> Plan {
-        let typed = [
-            "rt-tests",
-            "hosts",
-            "--long",
-            "--terrain-faces=2000",
-            "--models",
-        ];
+        let typed = ["rt-tests", "hosts", "--terrain-faces=2000", "--models"];
         let typed = typed.map(PathBuf::from).into_iter().chain([folder.into()]);
         let Command::Hosts(args) = Arguments::parse_from(typed).command else {
             panic!("another command");
         };
+        assert!(args.is_long());
         Plan::new(&args).unwrap()
     }
 
     #[test]
-    fn the_whole_is_done_in_forty_minutes_and_says_what_is_not_in_it() {
+    fn the_whole_is_done_in_time_and_says_what_is_not_in_it() {
         let folder = tempfile::tempdir().unwrap();
         let none = plan(folder.path());
         assert_eq!((none.settings.len(), none.left_out.len()), (2, 3));
@@ -244,9 +142,8 @@ mod tests {
         }
         let all = plan(folder.path());
         assert_eq!((all.settings.len(), all.left_out.len()), (3, 0));
-        let touches = all.settings.iter().map(|of| 1 + of.touches.len());
-        // 10 s each, and 3 s for the start of both programs.
-        assert!(touches.sum::<usize>() * 13 < 40 * 60);
+        // 10 s each, and 3 s for the start of both programs; ten minutes for cuts and strangers.
+        assert!(all.touches() * 13 < (45 - 10) * 60);
         // Of every model, all of both curves.
         for setting in &all.settings {
             for point in curves() {

@@ -9,62 +9,79 @@
 //! With `--controllers` each of several has a host and a link of its own to one station: first each
 //! touches alone, then all at once.
 //!
+//! Without arguments the whole is done: what is asked of links and the curves over distance and
+//! bandwidth for three models, then who is refused at a link, then links that are cut, killed and
+//! restarted in contact. With `--short` four links, and who is refused.
+//!
 //! | module | holds |
 //! |---|---|
-//! | `points` | the links that are tried |
-//! | `asked` | what is asked of some of them |
-//! | `programs` | the two programs, and the rights that hosts need |
-//! | `way` | what becomes of a packet: one direction of a link |
-//! | `relay` | the thread that carries packets between the cables of hosts |
-//! | `links` | hosts, each with a link to the station's |
+//! | `asked` | what is asked of some links |
 //! | `touch` | one run over a link |
 //! | `session` | the touches of a scene, one after another |
-//! | `long` | the scenes and links of `--long` |
+//! | `long` | the scenes and links of the whole |
+//! | `alone`, `refused` | who is refused at a link |
 //! | `recorded` | the forces of two runs beside each other |
-//! | `result`, `words`, `picture` | what was seen, as JSON, tables and charts |
+//! | `result`, `words`, `picture` | what was seen, as rows, tables and charts |
+//! | `whole` | the result of the command |
 //!
-//! With `--long` the whole is done: what is asked, and the curves over distance and bandwidth, for
-//! three models.
-//!
-//! With `--json` one object (`result`): `skipped` is a sentence where the rights are missing, or
-//! null; `rows` has the touch on one machine first (`wire` is null), then one a link; with
-//! `--controllers` one for each alone, then one for each among all (`controllers` is their number).
-//! `full_share`, `certified_error_m`, `measured_error_m`, `heard_ms`, `ready_ms`,
-//! `first_touch_ms`, `first_full_ms` and `bytes_per_vsp` are null where there is none: nothing was
-//! touched, nothing came. Bytes and packets of `wire` are those of IP, of everything that the two
-//! hosts said to each other from the start of the station to its end: greeting, encryption and
-//! repetitions too; `link_bytes` has those of the messages alone, by kind. With `--long` there is
-//! such an object for each model, in `parts`, and `left_out` names what is not there.
+//! With `--json` one object: `skipped` is a sentence where the rights are missing, or null;
+//! `left_out` names what is not there; `scenes` has one of each model, `rows` every touch of all.
+//! Of each scene the touch on one machine is first (`wire` is null, `rtt_ms`, `loss` and `mbit` are
+//! 0), then comes one a link; with several controllers one for each alone, then one for each among
+//! all (`controllers` is their number). `full_share`, `certified_error_m`, `measured_error_m`,
+//! `heard_ms`, `first_force_ready_ms`, `first_touch_ms`, `local_full_ms` and `bytes_per_vsp` are
+//! null where there is none: nothing was touched, nothing came. `local_full_ms` is the time from
+//! the first tick in contact to the first in contact at full resolution. Bytes and packets of
+//! `wire` are those of IP, of everything that the two hosts said to each other from the start of
+//! the station to its end: greeting, encryption and repetitions too; `link_bytes` has those of the
+//! messages alone, by kind. `cut` is null where no link was cut, `refused` empty where nobody came.
 
+mod alone;
 mod asked;
-pub(super) mod links;
 mod long;
 mod picture;
-pub(super) mod points;
-pub(super) mod programs;
 mod recorded;
-pub(super) mod relay;
+mod refused;
 mod result;
 mod session;
-pub(super) mod touch;
-pub(super) mod way;
+mod touch;
+mod whole;
 mod words;
 
 use self::asked::ASKED;
-use self::links::STATION;
-use self::long::{Plan, Whole};
-use self::points::{Guest, Point, chosen, guests};
-use self::programs::missing_right;
-use self::result::Found;
+use self::long::Plan;
+use self::refused::Refused;
 use self::session::{Ask, Session, Setting, Touch};
 use self::touch::CUT_SHARE;
+use self::whole::{Cut, Whole};
 use crate::failure::Failure;
+use crate::links::hosts::STATION;
+use crate::links::points::{Guest, Point, chosen, guests};
+use crate::links::programs::missing_right;
 use crate::report::output::{print_either, print_json, write_json, write_whole};
+use crate::report::units::grouped;
 use crate::scenes::{SceneFile, check_seconds};
 use clap::Args;
 use scene_args::OverrideArgs;
-use serde::Serialize;
 use std::path::PathBuf;
+
+/// Options of which none is for the whole.
+const NOT_LONG: [&str; 14] = [
+    "short",
+    "scene",
+    "rtt_ms",
+    "mbit",
+    "asked",
+    "controllers",
+    "loss",
+    "jitter_ms",
+    "cut",
+    "damaged",
+    "replayed",
+    "model",
+    "size",
+    "tolerance",
+];
 
 /// Arguments of `rt-tests hosts`.
 #[derive(Debug, Args)]
@@ -89,20 +106,19 @@ pub struct HostsArgs {
     )]
     pub mbit: Vec<f64>,
     /// The whole, in at most 45 minutes at 10 seconds each: what is asked of the links, curves from
-    /// 0.2 to 200 ms and from 0.25 to 100 Mbit/s for three models, three controllers at once
-    #[arg(long, conflicts_with_all = ["scene", "rtt_ms", "mbit", "asked", "controllers", "loss",
-        "jitter_ms", "cut", "damaged", "replayed", "model", "size", "tolerance"])]
+    /// 0.2 to 200 ms and from 0.25 to 100 Mbit/s for three models, three controllers at once; who
+    /// is refused; links cut, killed and restarted in contact. So it is without any of the options
+    /// that it excludes
+    #[arg(long, conflicts_with_all = NOT_LONG)]
     pub long: bool,
-    /// Folder of stanford-bunny.obj and dragon.obj
-    #[arg(long, value_name = "DIR", requires = "long")]
+    /// Four links only, and who is refused: some two minutes
+    #[arg(long, conflicts_with_all = ["rtt_ms", "mbit", "asked", "controllers"])]
+    pub short: bool,
+    /// Folder of stanford-bunny.obj and dragon.obj [default: ../shared/models]
+    #[arg(long, value_name = "DIR", conflicts_with_all = NOT_LONG)]
     pub models: Option<PathBuf>,
     /// Faces of the generated terrain
-    #[arg(
-        long,
-        value_name = "N",
-        requires = "long",
-        default_value_t = 10_000_000
-    )]
+    #[arg(long, value_name = "N", default_value_t = 10_000_000, conflicts_with_all = NOT_LONG)]
     pub terrain_faces: u32,
     /// The links of which something is asked: what it is, what was seen, and whether it was met;
     /// status 1 when it was not
@@ -172,6 +188,30 @@ pub struct HostsArgs {
     pub json: bool,
 }
 
+impl HostsArgs {
+    /// Whether the whole is asked for: nothing that it excludes was typed.
+    #[must_use]
+    pub fn is_long(&self) -> bool {
+        let of = &self.overrides;
+        let shares = [
+            self.loss,
+            self.jitter_ms,
+            self.cut,
+            self.damaged,
+            self.replayed,
+        ];
+        let is_other = self.short
+            || self.scene.is_some()
+            || !(self.rtt_ms.is_empty() && self.mbit.is_empty() && self.controllers.is_empty())
+            || self.asked
+            || shares != [0.0; 5]
+            || of.model.is_some()
+            || of.size.is_some()
+            || of.tolerance.is_some();
+        self.long || !is_other
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -179,43 +219,70 @@ pub struct HostsArgs {
 /// something was wrong whatever the link is like.
 pub fn hosts(args: &HostsArgs) -> Result<(), Failure> {
     let touches = check(args)?;
-    if args.long {
-        let plan = Plan::new(args)?;
-        if let Some(why) = missing_right(STATION) {
-            return skip(args, &why, &Whole::skipped(&why));
+    let plan = if args.is_long() {
+        Plan::new(args)?
+    } else {
+        let file = SceneFile::named_or_bundled(args.scene.as_deref())?;
+        Plan {
+            settings: vec![Setting::new(file, &args.overrides, touches)?],
+            left_out: Vec::new(),
         }
-        let whole = plan.run(args)?;
-        let svg = picture::draw_whole(&whole.parts);
-        let charts = args.out.join("hosts.svg");
-        return tell(args, &svg, &whole.words(&charts), &whole, &whole.wrong());
-    }
-    let file = SceneFile::named_or_bundled(args.scene.as_deref())?;
-    let setting = Setting::new(file, &args.overrides, touches)?;
+    };
     if let Some(why) = missing_right(STATION) {
-        return skip(args, &why, &Found::skipped(&why));
+        eprintln!("skipped: {why}");
+        let skipped = Whole::skipped(&why);
+        return if args.json {
+            print_json(&skipped.json())
+        } else {
+            Ok(())
+        };
     }
-    let found = Session::begin(args, 1 + setting.touches.len())?.run(&setting)?;
-    let charts = args.out.join("hosts.svg");
-    let words = format!("{}\ncharts: {}\n", found.words(), charts.display());
-    tell(args, &picture::draw(&found), &words, &found, &found.wrong())
+    tell(args, &run(args, plan)?)
 }
 
-fn skip(args: &HostsArgs, why: &str, found: &impl Serialize) -> Result<(), Failure> {
-    eprintln!("skipped: {why}");
-    if args.json { print_json(found) } else { Ok(()) }
+/// Runs all: touches, then who is refused, then what is done to links.
+fn run(args: &HostsArgs, plan: Plan) -> Result<Whole, Failure> {
+    let of = plan.touches();
+    let mut session = Session::begin(args, of)?;
+    for sentence in &plan.left_out {
+        eprintln!("{sentence}");
+    }
+    if args.is_long() {
+        eprintln!(
+            "{of} touches; a terrain of {} faces is built first where it is not kept yet, which takes minutes",
+            grouped(u64::from(args.terrain_faces))
+        );
+    }
+    let mut whole = Whole {
+        left_out: plan.left_out,
+        ..Whole::default()
+    };
+    for setting in &plan.settings {
+        whole.parts.push(session.run(setting)?);
+    }
+    if args.short || args.is_long() {
+        whole.refused = session.refuse()?;
+    }
+    if args.is_long() {
+        let faults = session.disturb()?;
+        whole.refused.extend(Refused::packets(&faults));
+        whole.cut = Some(Cut::of(faults));
+    }
+    Ok(whole)
 }
 
 /// Writes and prints what was found; what must not be is the failure.
-fn tell(
-    args: &HostsArgs,
-    svg: &str,
-    words: &str,
-    found: &impl Serialize,
-    wrong: &[String],
-) -> Result<(), Failure> {
-    write_json(&args.out.join("hosts.json"), found)?;
-    write_whole(&args.out.join("hosts.svg"), svg.as_bytes())?;
-    print_either(args.json, words, found)?;
+fn tell(args: &HostsArgs, whole: &Whole) -> Result<(), Failure> {
+    let charts = args.out.join("hosts.svg");
+    let svg = match &whole.parts[..] {
+        [part] if !args.is_long() => picture::draw(part),
+        parts => picture::draw_whole(parts),
+    };
+    let json = whole.json();
+    write_json(&args.out.join("hosts.json"), &json)?;
+    write_whole(&charts, svg.as_bytes())?;
+    print_either(args.json, &whole.words(&charts), &json)?;
+    let wrong = whole.wrong();
     if wrong.is_empty() {
         return Ok(());
     }

@@ -1,7 +1,7 @@
 //! What was seen over round trip and bandwidth.
 
-use super::points::is_of_curves;
-use super::result::{Found, Row, Wire};
+use super::result::{Found, Row};
+use crate::links::points::{Point, is_of_curves};
 use crate::report::chart::{
     Axis, COLORS, Chart, Curve, GREY, Ground, Names, Stroke, Unit, grid, grid_under, xs, ys,
 };
@@ -15,30 +15,30 @@ const HEIGHT: f64 = 300.0;
 const UNTOUCHED: &str = "no contact";
 
 /// A quantity of a link.
-type Of = fn(&Wire) -> f64;
+type Of = fn(&Point) -> f64;
 
-const RTT: Of = |wire| wire.rtt_ms;
-const BANDWIDTH: Of = |wire| wire.mbit_per_s;
+const RTT: Of = |point| point.rtt_ms;
+const BANDWIDTH: Of = |point| point.mbit;
 
 /// Two charts as SVG.
 #[must_use]
 pub fn draw(found: &Found) -> String {
     let x = "round-trip time, ms";
-    let against_rtt = chart(found, x, RTT, |wire| format!("{} Mbit/s", wire.mbit_per_s));
+    let against_rtt = chart(found, x, RTT, |point| format!("{} Mbit/s", point.mbit));
     let x = "bandwidth of each direction, Mbit/s";
-    let against_bandwidth = chart(found, x, BANDWIDTH, |wire| format!("{} ms", wire.rtt_ms));
+    let against_bandwidth = chart(found, x, BANDWIDTH, |point| format!("{} ms", point.rtt_ms));
     grid(&[against_rtt, against_bandwidth], 1, HEIGHT, Ground::Paper)
 }
 
 /// A curve for each value of what is not on the axis.
-fn chart(found: &Found, title: &str, x: Of, name: fn(&Wire) -> String) -> Chart {
+fn chart(found: &Found, title: &str, x: Of, name: fn(&Point) -> String) -> Chart {
     let share = |row: &Row| row.full_share.map(|share| 100.0 * share);
     // A touch beside others is no point of the curve of those that are alone.
-    let label = |row: &Row, wire: &Wire| name(wire) + &row.conditions();
+    let label = |row: &Row, point: &Point| name(point) + &row.conditions();
     let links = found.rows.iter();
     let links = links.filter_map(|row| {
-        let wire = row.wire.as_ref()?;
-        Some((label(row, wire), x(wire), share(row)))
+        let point = row.point()?;
+        Some((label(row, &point), x(&point), share(row)))
     });
     let links: Vec<(String, f64, Option<f64>)> = links.collect();
     let mut names: Vec<&str> = Vec::new();
@@ -118,7 +118,7 @@ const PANELS: [Panel; 5] = [
         y: "time, ms",
         unit: Unit::Number,
         is_linear: true,
-        seen: &[|row| row.first_full_ms],
+        seen: &[|row| row.local_full_ms],
     },
     Panel {
         title: "Bytes on the wire for each VSP",
@@ -180,12 +180,12 @@ impl Panel {
 fn points(part: &Found, axis: usize, seen: Seen) -> Vec<(f64, f64)> {
     let alone = part.rows.iter().filter(|row| row.is_undisturbed());
     let points = alone.filter_map(|row| {
-        let x = match (&row.wire, axis) {
+        let x = match (row.point(), axis) {
             (None, 0) => 0.0,
             (None, _) => return None,
-            (Some(wire), _) if !is_of_curves(wire.point())[axis] => return None,
-            (Some(wire), 0) => wire.rtt_ms,
-            (Some(wire), _) => wire.mbit_per_s,
+            (Some(point), _) if !is_of_curves(point)[axis] => return None,
+            (Some(point), 0) => point.rtt_ms,
+            (Some(point), _) => point.mbit,
         };
         Some((x, seen(row)?))
     });
@@ -196,10 +196,10 @@ fn points(part: &Found, axis: usize, seen: Seen) -> Vec<(f64, f64)> {
 
 /// A model by the name of its file, or its shape.
 fn short_name(part: &Found) -> String {
-    match part.model.split(':').collect::<Vec<_>>()[..] {
-        ["generate", shape, _] => format!("{shape}, {} faces", grouped(part.faces)),
+    match part.scene.model.split(':').collect::<Vec<_>>()[..] {
+        ["generate", shape, _] => format!("{shape}, {} faces", grouped(part.scene.faces)),
         _ => {
-            let stem = Path::new(&part.model).file_stem().unwrap_or_default();
+            let stem = Path::new(&part.scene.model).file_stem().unwrap_or_default();
             stem.to_string_lossy().into_owned()
         }
     }
@@ -208,9 +208,8 @@ fn short_name(part: &Found) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::commands::hosts::result::Wire;
     use crate::commands::hosts::session::Ask;
-    use crate::commands::hosts::way::Carried;
-    use crate::report::quantile::Quantiles;
     use hrtc::result::{Finished, RunResult};
 
     fn row(link: Option<(f64, f64)>, contact_ticks: u64, full: u64) -> Row {
@@ -223,17 +222,10 @@ mod tests {
             result,
             ..Finished::default()
         });
-        let Some((rtt_ms, mbit_per_s)) = link else {
+        let Some((rtt_ms, mbit)) = link else {
             return row;
         };
-        row.over(Wire {
-            rtt_ms,
-            mbit_per_s,
-            loss: 0.0,
-            to_controller: Carried::default(),
-            to_station: Carried::default(),
-            late_ms: Quantiles::default(),
-        })
+        row.over(Point::new(rtt_ms, mbit), Wire::default())
     }
 
     #[test]
@@ -241,7 +233,7 @@ mod tests {
         let mut found = Found::default();
         found.add(row(Some((20.0, 100.0)), 100, 100), Ask::Nothing);
         found.add(row(Some((20.0, 0.25)), 0, 0), Ask::Nothing);
-        let chart = chart(&found, "x", BANDWIDTH, |wire| wire.rtt_ms.to_string());
+        let chart = chart(&found, "x", BANDWIDTH, |point| point.rtt_ms.to_string());
         let shown = |curve: &Curve| (curve.label.clone(), curve.points.len(), curve.points[0].1);
         let shown: Vec<_> = chart.curves.iter().map(shown).collect();
         let expected = [
@@ -260,11 +252,9 @@ mod tests {
         found.add(among, Ask::Nothing);
         let mut lossy = row(Some((20.0, 10.0)), 100, 80);
         lossy.rests = true;
-        if let Some(wire) = &mut lossy.wire {
-            wire.loss = 0.01;
-        }
+        lossy.loss = 0.01;
         found.add(lossy, Ask::Nothing);
-        let chart = self::chart(&found, "x", RTT, |wire| wire.mbit_per_s.to_string());
+        let chart = self::chart(&found, "x", RTT, |point| point.mbit.to_string());
         let labels = chart.curves.iter().map(|curve| curve.label.as_str());
         let expected = ["10", "10, one of 3", "10, 1 % lost, resting"];
         assert_eq!(labels.collect::<Vec<_>>(), expected);
@@ -277,7 +267,7 @@ mod tests {
         for link in [(100.0, 10.0), (1.0, 10.0), (20.0, 2.0)] {
             found.add(row(Some(link), 100, 75), Ask::Nothing);
         }
-        let against_rtt = chart(&found, "x", RTT, |wire| wire.mbit_per_s.to_string());
+        let against_rtt = chart(&found, "x", RTT, |point| point.mbit.to_string());
         let labels = against_rtt.curves.iter().map(|curve| curve.label.as_str());
         assert_eq!(labels.collect::<Vec<_>>(), ["10", "2"]);
         let points = &against_rtt.curves[0].points;
@@ -295,9 +285,7 @@ mod tests {
             found.add(row(Some(link), 100, full), Ask::Nothing);
         }
         let mut lossy = row(Some((1.0, 100.0)), 100, 50);
-        if let Some(wire) = &mut lossy.wire {
-            wire.loss = 0.01;
-        }
+        lossy.loss = 0.01;
         found.add(lossy, Ask::Nothing);
         let mut among = row(Some((200.0, 100.0)), 100, 50);
         among.controllers = 3;
@@ -306,7 +294,7 @@ mod tests {
         let far = [(0.0, 98.0), (20.0, 12.0), (100.0, 10.0)];
         assert_eq!(points(&found, 0, share), far);
         assert_eq!(points(&found, 1, share), [(2.0, 11.0), (100.0, 12.0)]);
-        found.model = "generate:terrain:10000000".to_string();
+        found.scene.model = "generate:terrain:10000000".to_string();
         let svg = draw_whole(&[found]);
         assert!(svg.contains("terrain, 0 faces") && !svg.contains("NaN"));
     }

@@ -1,11 +1,10 @@
 //! What was seen of each touch, as JSON.
 
 use super::asked::{Criterion, judge_as_alone};
-use super::points::Point;
 use super::recorded::{Forces, Recorded, Rest};
 use super::session::Ask;
-use super::way::Carried;
-use crate::machine::Machine;
+use crate::links::points::Point;
+use crate::links::way::Carried;
 use crate::report::quantile::Quantiles;
 use crate::report::units::percent_of;
 use hrtc::result::{Finished, ShortSpread};
@@ -13,29 +12,13 @@ use hrtc::traffic::LinkBytes;
 use serde::Serialize;
 use std::fmt::Write as _;
 
-/// The result of the command.
-#[derive(Debug, Default, Serialize)]
-pub struct Found {
-    /// Why nothing was run, and what helps.
-    pub skipped: Option<String>,
-    /// The machine; the hosts share its cores.
-    pub machine: Option<Machine>,
-    /// Name of the scene.
-    pub scene: String,
-    /// Model of its first object.
-    pub model: String,
-    /// Faces of all models.
-    pub faces: u64,
-    /// Bytes of all records.
-    pub bytes_full_mesh: u64,
-    /// Bytes of the controller's cache.
-    pub cache_bytes: u64,
+/// What all touches of a command were made under.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Conditions {
     /// Length of a touch, seconds.
     pub seconds: f64,
     /// Seed of losses and jitter.
     pub seed: u64,
-    /// Share of the packets that are lost.
-    pub loss: f64,
     /// Largest random part of a packet's time, milliseconds.
     pub jitter_ms: f64,
     /// Length of the cut in each touch over a link, seconds.
@@ -44,6 +27,15 @@ pub struct Found {
     pub damaged: f64,
     /// Share of the packets that arrive twice.
     pub replayed: f64,
+}
+
+/// What was found of a scene.
+#[derive(Debug, Default)]
+pub struct Found {
+    /// The scene.
+    pub scene: Scene,
+    /// Of all its touches.
+    pub conditions: Conditions,
     /// Touches that came to no result, each with its links and the reason.
     pub failed: Vec<String>,
     /// The touches: the first on one machine, without a link.
@@ -53,7 +45,15 @@ pub struct Found {
 /// A touch.
 #[derive(Debug, Serialize)]
 pub struct Row {
-    /// The link; none on one machine.
+    /// Model of the scene's first object.
+    pub model: String,
+    /// Round-trip time of the link, milliseconds, as asked for; 0 on one machine.
+    pub rtt_ms: f64,
+    /// Share of its packets that are lost, 0 to 1, likewise.
+    pub loss: f64,
+    /// Bandwidth of each direction, Mbit/s, likewise.
+    pub mbit: f64,
+    /// What was on it; none on one machine.
     pub wire: Option<Wire>,
     /// Controllers that touched at the same time.
     pub controllers: usize,
@@ -81,13 +81,13 @@ pub struct Row {
     /// milliseconds; none without one. The station is ready before.
     pub heard_ms: Option<f64>,
     /// The same to the first tick that could render a contact.
-    pub ready_ms: Option<f64>,
+    pub first_force_ready_ms: Option<f64>,
     /// The same to the first tick in contact: with the wait for the path of the simulated hand,
     /// which the station makes.
     pub first_touch_ms: Option<f64>,
-    /// Time from the first tick in contact to the first in contact at full resolution,
-    /// milliseconds; none without one.
-    pub first_full_ms: Option<f64>,
+    /// Time to local full resolution: from the first tick in contact to the first in contact at
+    /// full resolution, milliseconds; none without one.
+    pub local_full_ms: Option<f64>,
     /// Largest change of the force from a tick to the next, newtons.
     pub force_step_n_max: f64,
     /// The same over the periods between the two, newtons a period.
@@ -128,20 +128,25 @@ pub struct Row {
     pub faults: Vec<String>,
     /// Of the whole command.
     #[serde(skip)]
-    pub of_scene: Scene,
+    pub scene: Scene,
     /// What the controller recorded; only of the touch on one machine it is kept.
     #[serde(skip)]
     pub recorded: Recorded,
 }
 
 /// What every touch says of the scene.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Scene {
-    name: String,
-    model: String,
-    faces: u64,
-    bytes_full_mesh: u64,
-    cache_bytes: u64,
+    /// Its name.
+    pub scene: String,
+    /// Model of its first object.
+    pub model: String,
+    /// Faces of all models.
+    pub faces: u64,
+    /// Bytes of all records.
+    pub bytes_full_mesh: u64,
+    /// Bytes of the controller's cache.
+    pub cache_bytes: u64,
 }
 
 impl Scene {
@@ -151,15 +156,9 @@ impl Scene {
     }
 }
 
-/// A link, and what was on it from the start of the station to its end.
-#[derive(Debug, Clone, Copy, Serialize)]
+/// What was on a link from the start of the station to its end.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Wire {
-    /// Round-trip time, milliseconds, beside that of the hosts.
-    pub rtt_ms: f64,
-    /// Bandwidth of each direction, Mbit/s.
-    pub mbit_per_s: f64,
-    /// Share of the packets that are lost, 0 to 1.
-    pub loss: f64,
     /// From the station to the controller.
     pub to_controller: Carried,
     /// Back.
@@ -167,14 +166,6 @@ pub struct Wire {
     /// How long after its time the relay gave a packet on, ms: an error of the round trip. Of all
     /// links at once.
     pub late_ms: Quantiles,
-}
-
-impl Wire {
-    /// The link.
-    #[must_use]
-    pub fn point(&self) -> Point {
-        Point::new(self.rtt_ms, self.mbit_per_s).losing(self.loss)
-    }
 }
 
 impl Row {
@@ -187,6 +178,10 @@ impl Row {
         let not_finite = r.non_finite.iter();
         let not_finite = not_finite.map(|name| format!("{name} was not finite"));
         Self {
+            model: r.model.clone(),
+            rtt_ms: 0.0,
+            loss: 0.0,
+            mbit: 0.0,
             wire: None,
             controllers: 1,
             is_stopped: false,
@@ -200,9 +195,9 @@ impl Row {
             certified_error_m: in_contact.then_some(r.certified_error_m),
             measured_error_m: (r.measured_errors > 0).then_some(r.measured_error_m),
             heard_ms: above_zero(r.first_heard_ms),
-            ready_ms: above_zero(r.first_force_ready_ms),
+            first_force_ready_ms: above_zero(r.first_force_ready_ms),
             first_touch_ms: above_zero(r.first_touch_ms),
-            first_full_ms: Some(r.first_full_ms).filter(|&ms| ms >= 0.0),
+            local_full_ms: Some(r.first_full_ms).filter(|&ms| ms >= 0.0),
             force_step_n_max: r.force_step_n_max,
             force_step_per_period_n_max: r.force_step_per_period_n_max,
             forces: None,
@@ -221,8 +216,8 @@ impl Row {
             missed_own_cpu: r.missed_own_cpu,
             faults: r.faults.iter().cloned().chain(not_finite).collect(),
             recorded: Recorded::default(),
-            of_scene: Scene {
-                name: r.scene,
+            scene: Scene {
+                scene: r.scene,
                 model: r.model,
                 faces: r.faces,
                 bytes_full_mesh: r.bytes_full_mesh,
@@ -233,17 +228,25 @@ impl Row {
 
     /// The same, over a link.
     #[must_use]
-    pub fn over(mut self, wire: Wire) -> Self {
+    pub fn over(mut self, point: Point, wire: Wire) -> Self {
+        (self.rtt_ms, self.loss, self.mbit) = (point.rtt_ms, point.loss, point.mbit);
         self.bytes_per_vsp = per(wire.to_controller.bytes, self.vsps_received);
-        let records = self.of_scene.records() as f64;
+        let records = self.scene.records() as f64;
         let sequence_mbit = self
             .answer_bytes_per_vsp
             .map(|bytes| 8e-6 * bytes * records);
-        self.sequence_s = sequence_mbit.map(|mbit| mbit / wire.mbit_per_s);
+        self.sequence_s = sequence_mbit.map(|mbit| mbit / point.mbit);
         let measured = sequence_mbit.zip(self.link_mbit_per_s);
         self.sequence_measured_s = measured.map(|(mbit, rate)| mbit / rate);
         self.wire = Some(wire);
         self
+    }
+
+    /// The link; none on one machine.
+    #[must_use]
+    pub fn point(&self) -> Option<Point> {
+        let point = Point::new(self.rtt_ms, self.mbit).losing(self.loss);
+        self.wire.map(|_| point)
     }
 
     /// Whether it was alone, and its hand did not rest.
@@ -255,9 +258,9 @@ impl Row {
     /// Its link and what else it was made under, in words.
     #[must_use]
     pub fn name(&self) -> String {
-        let link = self.wire.map_or_else(
+        let link = self.point().map_or_else(
             || "one machine".to_string(),
-            |wire| Point::new(wire.rtt_ms, wire.mbit_per_s).to_string(),
+            |point| point.losing(0.0).to_string(),
         );
         link + &self.conditions()
     }
@@ -266,8 +269,8 @@ impl Row {
     #[must_use]
     pub fn conditions(&self) -> String {
         let mut words = String::new();
-        if let Some(wire) = self.wire.filter(|wire| wire.loss > 0.0) {
-            let _ = write!(words, ", {} lost", percent_of(wire.loss));
+        if self.loss > 0.0 {
+            let _ = write!(words, ", {} lost", percent_of(self.loss));
         }
         if self.rests {
             words.push_str(", resting");
@@ -291,15 +294,6 @@ fn above_zero(number: f64) -> Option<f64> {
 }
 
 impl Found {
-    /// Nothing was run.
-    #[must_use]
-    pub fn skipped(why: &str) -> Self {
-        Self {
-            skipped: Some(why.to_string()),
-            ..Self::default()
-        }
-    }
-
     /// Adds a touch, with what is asked of it; the first is the one on one machine.
     pub fn add(&mut self, mut row: Row, ask: Ask) {
         if let Some(local) = self.rows.first() {
@@ -313,19 +307,13 @@ impl Found {
                 _ => Vec::new(),
             };
         }
-        let scene = row.of_scene.clone();
-        self.scene = scene.name;
-        self.model = scene.model;
-        self.faces = scene.faces;
-        self.bytes_full_mesh = scene.bytes_full_mesh;
-        self.cache_bytes = scene.cache_bytes;
+        self.scene = row.scene.clone();
         self.rows.push(row);
     }
 
     /// The touch alone over the link of another.
     fn alone(&self, row: &Row) -> Option<&Row> {
-        let point = |row: &Row| row.wire.as_ref().map(Wire::point);
-        let is_alone = |of: &&Row| of.is_undisturbed() && point(of) == point(row);
+        let is_alone = |of: &&Row| of.is_undisturbed() && of.point() == row.point();
         self.rows.iter().find(is_alone)
     }
 
@@ -368,14 +356,13 @@ mod tests {
             ..Carried::default()
         };
         Wire {
-            rtt_ms: 20.0,
-            mbit_per_s: 0.25,
-            loss: 0.0,
             to_controller: way(400_000, 3),
             to_station: way(20_000, 1),
             late_ms: Quantiles::default(),
         }
     }
+
+    const THIN: Point = Point::new(20.0, 0.25);
 
     fn result() -> RunResult {
         RunResult {
@@ -408,7 +395,7 @@ mod tests {
     fn a_touch_over_a_link_counts_the_bytes_on_its_wire() {
         let local = row(result());
         assert_eq!(local.bytes_per_vsp, Some(80.0));
-        let far = row(result()).over(wire());
+        let far = row(result()).over(THIN, wire());
         assert_eq!(far.bytes_per_vsp, Some(100.0));
         assert_eq!(far.full_share, Some(0.999));
         assert_eq!(far.answer_bytes_per_vsp, Some(40.0));
@@ -417,10 +404,8 @@ mod tests {
             |seen: Option<f64>, expected: f64| (seen.unwrap() / expected - 1.0).abs() < 1e-12;
         assert!(is_near(far.sequence_s, 25.6) && is_near(far.sequence_measured_s, 12.8));
         assert_eq!(local.sequence_s, None);
-        let mut found = Found {
-            seconds: 10.0,
-            ..Found::default()
-        };
+        let mut found = Found::default();
+        found.conditions.seconds = 10.0;
         found.add(local, Ask::Nothing);
         found.add(far, Ask::Nothing);
         let table = found.table().to_string();
@@ -455,15 +440,15 @@ mod tests {
             first_full_ms: -1.0,
             ..RunResult::default()
         });
-        let none = none.over(wire());
+        let none = none.over(THIN, wire());
         let json = serde_json::to_value(&none).unwrap();
         for field in [
             "full_share",
             "certified_error_m",
             "heard_ms",
-            "ready_ms",
+            "first_force_ready_ms",
             "first_touch_ms",
-            "first_full_ms",
+            "local_full_ms",
             "bytes_per_vsp",
         ] {
             assert!(json[field].is_null(), "{field}: {json}");
@@ -493,7 +478,7 @@ mod tests {
 
     #[test]
     fn one_of_several_controllers_is_named_as_such() {
-        let mut row = row(result()).over(wire());
+        let mut row = row(result()).over(THIN, wire());
         assert_eq!(row.name(), "20 ms, 0.25 Mbit/s");
         (row.controllers, row.is_stopped) = (3, true);
         assert_eq!(row.name(), "20 ms, 0.25 Mbit/s, one of 3, stopped");
@@ -502,7 +487,7 @@ mod tests {
     #[test]
     fn what_no_link_excuses_is_named() {
         let mut found = Found::default();
-        found.add(row(result()).over(wire()), Ask::Nothing);
+        found.add(row(result()).over(THIN, wire()), Ask::Nothing);
         assert_eq!(found.wrong(), Vec::<String>::new());
         found.rows[0].contact_unbounded_ticks = 3;
         found.rows[0].has_damaged_chunk = true;

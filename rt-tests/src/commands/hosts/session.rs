@@ -2,19 +2,20 @@
 
 use super::HostsArgs;
 use super::asked::Asked;
-use super::links::{Links, STATION};
-use super::points::{Guest, Point};
-use super::programs::Programs;
-use super::result::Found;
+use super::refused::{Refused, Trial};
+use super::result::{Conditions, Found};
 use super::touch::Bench;
-use super::way::Shape;
+use crate::commands::faults::{self, Faults};
 use crate::failure::Failure;
-use crate::machine::Machine;
+use crate::links::hosts::{Links, STATION};
+use crate::links::points::{Guest, Point};
+use crate::links::programs::Programs;
+use crate::links::way::Shape;
 use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{make_folder, status_line};
 use crate::scenes::{SceneFile, prepare_models};
 use indicatif::ProgressBar;
-use scene::{ScenePlan, load};
+use scene::{Overrides, ScenePlan, load};
 use scene_args::OverrideArgs;
 use scene_files::DiskFiles;
 use std::path::PathBuf;
@@ -25,6 +26,9 @@ use tempfile::TempDir;
 
 /// Seed of losses and jitter, and of the tour, where none is given.
 const SEED: u64 = 1;
+
+/// Kills of the processes of a link, and restarts of its station.
+const KILLS: u64 = 10;
 
 /// What is asked of a touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -197,27 +201,55 @@ impl<'a> Session<'a> {
     fn found(&self, bench: &Bench<'_>) -> Found {
         let args = self.args;
         Found {
-            machine: Some(Machine::read()),
-            seconds: args.seconds,
-            seed: bench.links.seed,
-            loss: args.loss,
-            jitter_ms: args.jitter_ms,
-            cut_s: args.cut,
-            damaged: args.damaged,
-            replayed: args.replayed,
+            conditions: Conditions {
+                seconds: args.seconds,
+                seed: bench.links.seed,
+                jitter_ms: args.jitter_ms,
+                cut_s: args.cut,
+                damaged: args.damaged,
+                replayed: args.replayed,
+            },
             ..Found::default()
         }
+    }
+
+    /// Who is refused at a link, on the loopback.
+    ///
+    /// # Errors
+    /// What failed, in one sentence.
+    pub fn refuse(&self) -> Result<Vec<Refused>, Failure> {
+        self.bar.set_message("who is refused");
+        let file = SceneFile::named_or_bundled(None)?;
+        prepare_models(&load(file.path(), &Overrides::default(), &DiskFiles)?)?;
+        let folder = self.folder.path().join("refused");
+        make_folder(&folder)?;
+        Trial {
+            programs: &self.programs,
+            scene: file.path(),
+            folder: &folder,
+            stop: &self.stop,
+        }
+        .refuse()
+    }
+
+    /// What is done to links in contact: the cases of `rt-tests faults`.
+    ///
+    /// # Errors
+    /// What failed, in one sentence.
+    pub fn disturb(&self) -> Result<Faults, Failure> {
+        self.bar.set_message("");
+        faults::of_link(KILLS, &self.stop)
     }
 
     /// Says of a long command how far it is.
     fn tell(&mut self, found: &Found, names: &str) {
         self.done += 1;
-        if !self.args.long {
+        if !self.args.is_long() {
             return;
         }
         let each_s = self.begin.elapsed().as_secs_f64() / self.done as f64;
         let left = each_s * self.of.saturating_sub(self.done) as f64 / 60.0;
-        let (done, of, model) = (self.done, self.of, &found.model);
+        let (done, of, model) = (self.done, self.of, &found.scene.model);
         self.bar.suspend(|| {
             eprintln!("{model}, {names}: {done} of {of}, {left:.0} minutes more");
         });

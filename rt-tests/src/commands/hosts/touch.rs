@@ -1,13 +1,13 @@
 //! One touch: station and controller as two programs, on this machine or on two hosts with a link
 //! between them; or several controllers on hosts of their own.
 
-use super::links::{Hosts, Links, Side, links_made};
-use super::points::Guest;
-use super::programs::Programs;
 use super::recorded::Recorded;
-use super::relay::{Relay, Relayed};
 use super::result::{Row, Wire};
 use crate::failure::Failure;
+use crate::links::hosts::{DAMAGED, Hosts, Links, Side, links_made};
+use crate::links::points::Guest;
+use crate::links::programs::Programs;
+use crate::links::relay::{Relay, Relayed};
 use crate::processes::own_domain::OwnDomain;
 use crate::processes::stop::is_set;
 use crate::processes::watched::{PATIENCE, Watched, pause};
@@ -21,8 +21,6 @@ use std::sync::atomic::AtomicBool;
 pub const CUT_SHARE: f64 = 1.0 / 3.0;
 /// Share of a touch in which the hand of one that rests does so.
 pub const REST_SHARE: f64 = 0.5;
-/// What a controller says of a chunk that was changed on its way to it.
-pub const DAMAGED: &str = "arrived damaged";
 
 /// What all touches of a command share.
 pub struct Bench<'a> {
@@ -88,14 +86,12 @@ impl Bench<'_> {
             let path_s = (1.0 - REST_SHARE) * self.seconds;
             let rest = row.recorded.rest((path_s * self.rate_hz).ceil() as u64);
             row.rest = rest.filter(|_| guest.rests);
-            row.over(Wire {
-                rtt_ms: guest.point.rtt_ms,
-                mbit_per_s: guest.point.mbit,
-                loss: guest.point.loss,
+            let wire = Wire {
                 to_controller,
                 to_station,
                 late_ms,
-            })
+            };
+            row.over(guest.point, wire)
         });
         Ok(rows.collect())
     }

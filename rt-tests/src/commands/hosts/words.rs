@@ -1,7 +1,7 @@
 //! What was seen of each touch, in words and tables.
 
 use super::result::{Found, Row, Wire};
-use super::way::Carried;
+use crate::links::way::Carried;
 use crate::report::table::Table;
 use crate::report::units::{bytes, digits, grouped, length, percent, percent_of};
 use hrtc::result::ShortSpread;
@@ -11,22 +11,22 @@ impl Found {
     /// The result in words.
     #[must_use]
     pub fn words(&self) -> String {
+        let (scene, of) = (&self.scene, self.conditions);
         let mut text = format!(
-            "scene {}, model {} ({} faces, {} of records; cache {}), {} s each, seed {}; {} of the packets lost, jitter up to {} ms",
-            self.scene,
-            self.model,
-            grouped(self.faces),
-            bytes(self.bytes_full_mesh),
-            bytes(self.cache_bytes),
-            self.seconds,
-            self.seed,
-            percent_of(self.loss),
-            self.jitter_ms
+            "scene {}, model {} ({} faces, {} of records; cache {}), {} s each, seed {}; jitter up to {} ms",
+            scene.scene,
+            scene.model,
+            grouped(scene.faces),
+            bytes(scene.bytes_full_mesh),
+            bytes(scene.cache_bytes),
+            of.seconds,
+            of.seed,
+            of.jitter_ms
         );
-        if self.cut_s > 0.0 {
-            let _ = write!(text, ", cable cut for {} s", self.cut_s);
+        if of.cut_s > 0.0 {
+            let _ = write!(text, ", cable cut for {} s", of.cut_s);
         }
-        for (share_of, what) in [(self.damaged, "changed"), (self.replayed, "sent once more")] {
+        for (share_of, what) in [(of.damaged, "changed"), (of.replayed, "sent once more")] {
             if share_of > 0.0 {
                 let _ = write!(text, ", {} of the packets {what}", percent_of(share_of));
             }
@@ -57,7 +57,7 @@ impl Found {
         let heads = "round trip, bandwidth | closures and\nrecords, kB/s | bytes\na VSP | base mesh\nkB/s | tour\nkB/s | errors,\nothers | heartbeats\nheard | requests\nkB/s | contacts\nkB/s | heartbeats\nkB/s";
         let mut table = Table::new(1, heads);
         for row in rows {
-            let rate = |bytes: u64| digits(bytes as f64 * 1e-3 / self.seconds);
+            let rate = |bytes: u64| digits(bytes as f64 * 1e-3 / self.conditions.seconds);
             let each = row.answer_bytes_per_vsp;
             let of = &row.link_bytes;
             table.row([
@@ -119,7 +119,7 @@ impl Found {
         let or_none = |number: Option<f64>| number.map_or("none".to_string(), digits);
         for row in &self.rows {
             let rate = |of: fn(&Wire) -> Carried| {
-                let rate = |wire: &Wire| of(wire).bytes as f64 * 1e-3 / self.seconds;
+                let rate = |wire: &Wire| of(wire).bytes as f64 * 1e-3 / self.conditions.seconds;
                 row.wire
                     .as_ref()
                     .map_or(String::new(), |wire| digits(rate(wire)))
@@ -141,9 +141,9 @@ impl Found {
                 error(|certified| certified.p50),
                 error(|certified| certified.max),
                 or_none(row.heard_ms),
-                or_none(row.ready_ms),
+                or_none(row.first_force_ready_ms),
                 or_none(row.first_touch_ms),
-                or_none(row.first_full_ms),
+                or_none(row.local_full_ms),
                 format!("{:.2}", row.force_step_per_period_n_max),
                 rate(|wire| wire.to_controller),
                 rate(|wire| wire.to_station),

@@ -12,6 +12,9 @@ use std::process::{Command, Output, Stdio};
 /// How to get both programs with the link.
 const BUILD: &str = "cargo build --release -p rt-tests -p ve-station -p hrtc --features ve-station/tunnel,hrtc/tunnel";
 
+/// Days for which keys are valid.
+const KEYS_DAYS: u32 = 2;
+
 /// `ve-station` and `hrtc`, beside this program.
 #[derive(Debug, Clone)]
 pub struct Programs {
@@ -50,13 +53,22 @@ impl Programs {
         })
     }
 
-    /// Makes keys for a link to a station of this address.
+    /// Makes keys for a link to a station of this address; they outlast every command.
     ///
     /// # Errors
     /// What it said.
     pub fn make_keys(&self, folder: &Path, address: &str) -> Result<(), Failure> {
+        self.make_keys_for(folder, address, KEYS_DAYS)
+    }
+
+    /// The same, valid for so many days.
+    ///
+    /// # Errors
+    /// What it said.
+    pub fn make_keys_for(&self, folder: &Path, address: &str, days: u32) -> Result<(), Failure> {
         let mut command = Command::new(&self.station);
         command.arg("keys").arg(folder).args(["--host", address]);
+        command.arg(format!("--days={days}"));
         let wrong = |why: &str| Failure::Run(format!("no keys could be made ({})", why.trim()));
         let answer = output(&mut command).map_err(|error| wrong(&error.to_string()))?;
         if answer.status.success() {

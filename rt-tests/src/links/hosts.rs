@@ -16,6 +16,8 @@ pub const STATION: Ipv4Addr = Ipv4Addr::new(10, 77, 0, 1);
 const FIRST_CONTROLLER: Ipv4Addr = Ipv4Addr::new(10, 77, 0, 2);
 /// Port of the link: the one that its page names.
 const PORT: u16 = 7447;
+/// What a controller says of a chunk that was changed on its way to it.
+pub const DAMAGED: &str = "arrived damaged";
 /// What a controller says when its link is made.
 const LINKED: &str = "link: linked to the station at";
 
