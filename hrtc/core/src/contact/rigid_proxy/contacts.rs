@@ -41,6 +41,10 @@ pub struct ToolContact {
     pub gap: f64,
     /// The tool's point of contact, from the tool's centre, model units.
     pub arm: DVec3,
+    /// Its multiplier in the projection, model units; 0 where it does not push. The force of the
+    /// contact along its normal is the stiffness of the coupling times it, as far as the tick
+    /// reached the placement that the contacts allow.
+    pub multiplier: f64,
 }
 
 impl ToolContact {
@@ -51,6 +55,7 @@ impl ToolContact {
         normal: DVec3::ZERO,
         gap: 0.0,
         arm: DVec3::ZERO,
+        multiplier: 0.0,
     };
 
     /// Between a point of the surface and one of the tool; `normal` is the unit direction from the
@@ -67,6 +72,7 @@ impl ToolContact {
             normal,
             gap: normal.dot(tool - point),
             arm: tool - centre,
+            multiplier: 0.0,
         }
     }
 }

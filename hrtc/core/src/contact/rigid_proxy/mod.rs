@@ -269,6 +269,12 @@ impl ToolProxy {
         self.shape.gyration
     }
 
+    /// Centre of the tool's surface at the proxy, model units: contacts have their arms from there.
+    #[must_use]
+    pub fn centre(&self) -> DVec3 {
+        self.at.centre
+    }
+
     /// Distance at which contacts act, model units. The tool feels thicker by this; more while the
     /// surface moves.
     #[must_use]

@@ -549,8 +549,11 @@ impl ToolProxy {
             let is_late = |&&(k, _): &&(usize, f64)| self.is_late(&self.contacts.all()[k], offset);
             answer.late_contacts = active.filter(is_late).count() as u32;
             answer.contact_count = found.active().len();
-            for (place, &(k, _)) in answer.contacts.iter_mut().zip(found.active()) {
-                *place = self.contacts.all()[k];
+            for (place, &(k, multiplier)) in answer.contacts.iter_mut().zip(found.active()) {
+                *place = ToolContact {
+                    multiplier,
+                    ..self.contacts.all()[k]
+                };
             }
             let active = found.active().iter().enumerate();
             // A half-space's normal begins with a unit vector, so the multipliers are forces.
