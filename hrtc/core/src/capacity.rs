@@ -1,6 +1,7 @@
 //! Capacities that the controller allocated at start, and the most of each that was ever in use.
 
 use crate::controller::Controller;
+use crate::probe::pair::ProbeObjectPair;
 use serde::{Deserialize, Serialize};
 
 /// A storage of fixed size. Where one is full, contacts become coarser or refine later.
@@ -58,7 +59,7 @@ impl Controller {
             let releases = active.front.cache.regions.releases_high_water();
             note("releases to be told", releases);
             let pairs = active.contacts.pairs.iter();
-            for (name, most) in pairs.filter_map(|pair| pair.proxy.high_water()).flatten() {
+            for (name, most) in pairs.flat_map(ProbeObjectPair::high_water) {
                 note(name, most);
             }
         }

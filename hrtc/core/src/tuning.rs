@@ -289,8 +289,8 @@ pub mod force {
     /// 200 N/m that holds a device of 0.1 kg (7 Hz, damped).
     pub const RAISED_FADES_S: f64 = 0.3;
 
-    /// Most faces in the mean normal of force shading. The search visits the nearer part of the
-    /// tree first.
+    /// Most faces in the mean normals of force shading, of all contacts of a probe together: the
+    /// nearest.
     pub const MAX_SHADING_FACES: usize = 256;
 
     /// Most segments of its path that a spring passes in one tick.

@@ -225,6 +225,11 @@ impl ProbeObjectPair {
         if !self.effects.is_empty()
             && let Some(proxy) = self.proxy.pose()
         {
+            let in_metres = |pose: Pose| Pose {
+                position: pose.position * scale,
+                ..pose
+            };
+            let (pushes, count) = self.proxy.pushes(&rendered.passive, scale);
             let sample = ContactSample {
                 clock,
                 surface,
@@ -233,17 +238,12 @@ impl ProbeObjectPair {
                 to_world: frame.pose.orientation,
                 point: contact.point * scale,
                 middle: (!self.proxy.is_tool()).then_some(proxy.position * scale),
-                proxy: Pose {
-                    position: proxy.position * scale,
-                    orientation: proxy.orientation,
-                },
-                arm: match self.proxy {
-                    ProxyKind::Ball(_) => DVec3::ZERO,
-                    ProxyKind::Tool(_) => (contact.point - proxy.position) * scale,
-                },
-                pushed: self.proxy.pushed(),
-                device: goal.position * scale,
+                pushes: &pushes[..count],
+                gyration_m: self.tool().map_or(0.0, |tool| tool.gyration() * scale),
+                device: in_metres(goal),
+                proxy: in_metres(proxy),
                 velocity: velocity.linear,
+                angular: velocity.angular,
                 stiffness_n_per_m: plan.stiffness_n_per_m,
             };
             self.effects.render_contact(&sample, &mut rendered, work);
@@ -301,6 +301,12 @@ impl ProbeObjectPair {
             ..spring.times(self.paid)
         };
         (wrench * self.paid, spring)
+    }
+
+    /// What has a limit: its name, the most that there was, and the limit.
+    pub fn high_water(&self) -> impl Iterator<Item = (&'static str, (usize, usize))> + use<> {
+        let [proxy, effects] = [self.proxy.high_water(), self.effects.high_water()];
+        proxy.into_iter().chain(effects).flatten()
     }
 
     /// Renders the effects of the surface in free space.

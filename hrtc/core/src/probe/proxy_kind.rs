@@ -4,9 +4,11 @@
 use crate::contact::coupling::Coupling;
 use crate::contact::motion::Twist;
 use crate::contact::query::{Nearest, Surface, Work, closest_point_within};
+use crate::contact::rigid_proxy::projection::MAX_ACTIVE;
 use crate::contact::rigid_proxy::{Imperceptible, Part, ToolContact, ToolProxy};
 use crate::contact::sphere_proxy::{Contact, MAX_PUSHING, Proxy};
 use crate::contact::tool::{Tool, ToolMesh};
+use crate::force::effects::contact_set::Push;
 use crate::force::passivity::CouplingSpring;
 use crate::tuning::probe::PAIRS_A_UNIT;
 use geometry::{Pose, Wrench};
@@ -34,8 +36,9 @@ pub struct ToolKind {
     has_room: bool,
     /// The middle of what it touched last, if it does.
     touched: Option<DVec3>,
-    /// Unit direction in which what pushes it most does, if it touches.
-    pushed: Option<DVec3>,
+    /// The contacts that push it, the one that pushes most first.
+    pushing: [ToolContact; MAX_ACTIVE],
+    pushing_count: usize,
     /// Radius of what the tip touches at once, and of what is touched now.
     patch: f64,
     spread: f64,
@@ -82,7 +85,8 @@ impl ProxyKind {
                 proxy,
                 has_room: false,
                 touched: None,
-                pushed: None,
+                pushing: [ToolContact::NONE; MAX_ACTIVE],
+                pushing_count: 0,
                 patch: 0.0,
                 spread: 0.0,
             })),
@@ -121,7 +125,7 @@ impl ProxyKind {
             Self::Tool(tool) => {
                 tool.has_room = tool.proxy.begin(1.0 / metres_per_unit).is_ok();
                 tool.touched = None;
-                tool.pushed = None;
+                tool.pushing_count = 0;
                 (tool.patch, tool.spread) = (patch, patch);
                 if let (Some(start), true) = (start, tool.has_room) {
                     tool.proxy.place(&start);
@@ -177,12 +181,23 @@ impl ProxyKind {
         })
     }
 
-    /// Unit direction in which the contact pushes a tool; `None` for a ball, whose force has it.
-    pub fn pushed(&self) -> Option<DVec3> {
-        match self {
-            Self::Ball(_) => None,
-            Self::Tool(tool) => tool.pushed,
+    /// The forces of the contacts of a tool, in metres and newtons, and their number: as far as
+    /// they explain the surface's wrench on it about its position. None for a ball, whose force is
+    /// that of its contact.
+    pub fn pushes(&self, wrench: &Wrench, metres_per_unit: f64) -> ([Push; MAX_ACTIVE], usize) {
+        let mut pushes = [Push::NONE; MAX_ACTIVE];
+        let Self::Tool(tool) = self else {
+            return (pushes, 0);
+        };
+        let contacts = &tool.pushing[..tool.pushing_count];
+        let newtons = tool.newtons_per_multiplier(contacts, wrench, metres_per_unit);
+        for (push, contact) in pushes.iter_mut().zip(contacts) {
+            *push = Push {
+                point: contact.point * metres_per_unit,
+                force: contact.normal * (contact.multiplier * newtons),
+            };
         }
+        (pushes, contacts.len())
     }
 
     /// Balls that together hold what may touch.
@@ -368,12 +383,43 @@ impl ProxyKind {
 }
 
 impl ToolKind {
+    /// Force of a contact with a multiplier of 1: stiffness times metres a unit where the coupling
+    /// is at rest and the proxy is where the contacts allow. Damping, a share that is unpaid, and a
+    /// tick that stopped early change it: the sum of the contacts' wrenches is the multiple of
+    /// theirs that is nearest to the wrench, in the metric of the coupling.
+    fn newtons_per_multiplier(
+        &self,
+        contacts: &[ToolContact],
+        wrench: &Wrench,
+        metres_per_unit: f64,
+    ) -> f64 {
+        let [mut force, mut torque] = [DVec3::ZERO; 2];
+        for contact in contacts {
+            let push = contact.normal * contact.multiplier;
+            force += push;
+            torque += contact.arm.cross(push);
+        }
+        let gyration = self.proxy.gyration();
+        let torque = torque / gyration;
+        let from_centre = self.proxy.pose().position - self.proxy.centre();
+        let about_centre = wrench.torque / metres_per_unit + from_centre.cross(wrench.force);
+        let along = force.dot(wrench.force) + torque.dot(about_centre / gyration);
+        let newtons = along / (force.length_squared() + torque.length_squared());
+        // Contacts that do not push have no force, nor has a wrench that is no number.
+        if newtons > 0.0 && newtons.is_finite() {
+            newtons
+        } else {
+            0.0
+        }
+    }
+
     fn advance(&mut self, surface: Surface<'_>, goal: &Pose, max_work: u32) -> ProxyStep {
         let budget = max_work.saturating_mul(PAIRS_A_UNIT);
         let advance = self.proxy.advance(surface, goal, budget);
         let contacts = advance.contacts();
         self.touched = middle(contacts);
-        self.pushed = contacts.first().map(|strongest| strongest.normal);
+        self.pushing_count = contacts.len();
+        self.pushing[..contacts.len()].copy_from_slice(contacts);
         if let Some(middle) = self.touched {
             let farthest = contacts.iter().fold(0.0, |most, contact| {
                 contact.point.distance(middle).max(most)

@@ -20,7 +20,7 @@ static PLATE: LazyLock<Vec<u8>> =
     LazyLock::new(|| spm(generate(Shape::Plate, 5000, 1), &BuildOptions::default()));
 
 /// Adds the effects of a list, as a scene types it.
-fn add_effects(plan: &mut ScenePlan, effects: &str) {
+pub fn add_effects(plan: &mut ScenePlan, effects: &str) {
     let text = format!(
         "effects = [{effects}]\n[[object]]\ngenerate = {{ shape = \"plate\", faces = 1000 }}\nsize_m = 0.2\n[[probe]]\n"
     );
@@ -159,7 +159,7 @@ fn a_texture_is_felt_as_its_height_and_its_slope() {
 }
 
 /// A valley whose slopes meet at an angle of `turn` radians.
-fn valley(turn: f64) -> Vec<u8> {
+pub fn valley(turn: f64) -> Vec<u8> {
     let (sine, cosine) = (0.5 * turn).sin_cos();
     let mut mesh = SoupMesh::default();
     let cells = 16;

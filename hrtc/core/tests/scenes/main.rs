@@ -6,6 +6,7 @@ mod common;
 mod any_input;
 mod compact_chunks;
 mod effects;
+mod effects_of_tools;
 mod far_station;
 mod far_tour;
 mod faulty_link;

@@ -3,17 +3,26 @@
 //! sliding one chatter.
 //!
 //! The deflection `z` points along the surface from the contact to its anchor. With μ the
-//! coefficient of friction, F the force of the surface and K its stiffness:
+//! coefficient of friction, F the normal force of the contact, K the stiffness of the surface and
+//! w the share of F in the normal forces of all contacts (1 for a single one):
 //!
-//! - Sticking: `z` changes by the motion of the proxy, while `|z| <= μ_static F / K`.
-//! - Sliding: `|z|` stays at `μ_dynamic F / K`, until the motion makes it less.
+//! - Sticking: `z` changes by the motion of the proxy, while `|z| <= μ_static F / (w K)`.
+//! - Sliding: `|z|` stays at `μ_dynamic F / (w K)`, until the motion makes it less.
 //!
-//! The force is `K z`. A period of hold puts out energy as with any sampled spring (Colgate 1994),
-//! so friction has an energy account of its own, and no closed path gains energy.
+//! The force of the contact is `w K z`, at its own point. So a tool between two walls, whose forces
+//! on it cancel, is held by both, and all contacts together are no stiffer than one. Where the
+//! normal force moves from one contact to another, a new one has the deflection of the rigid motion
+//! that those of the others show: with their sum and their centre unchanged, the sum of friction is
+//! unchanged too.
+//!
+//! A period of hold puts out energy as with any sampled spring (Colgate 1994), so friction has an
+//! energy account of its own, and no closed path gains energy. It counts force and torque.
 
+use super::contact_set::{Acting, MAX_CONTACTS};
 use super::{ContactSample, Rendered};
-use crate::force::passivity::EnergyAccount;
-use geometry::Pose;
+use crate::contact::motion::Placement;
+use crate::force::passivity::{CouplingSpring, EnergyAccount};
+use geometry::{Pose, Wrench};
 use glam::DVec3;
 use scene::FrictionPlan;
 
@@ -21,64 +30,154 @@ use scene::FrictionPlan;
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct Friction {
     plan: FrictionPlan,
-    anchor: Option<Anchor>,
-    /// `None` without an energy limit.
-    account: Option<EnergyAccount>,
+    /// Of each contact, by its slot.
+    anchors: [Option<Anchor>; MAX_CONTACTS],
+    /// `None` without a contact in the last tick.
+    last: Option<Last>,
+    limit: Option<EnergyLimit>,
+}
+
+/// What limits the energy that friction puts out.
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
+pub struct EnergyLimit {
+    /// An account of the device.
+    pub account: EnergyAccount,
+    /// Step of the device's encoder, metres.
+    pub encoder_m: f64,
 }
 
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Anchor {
-    /// Pose of the proxy in the last tick.
-    proxy: Pose,
     /// `z`, metres, object's axes.
     deflection: DVec3,
     /// Whether it slid in the last tick.
     slides: bool,
 }
 
+/// The last tick.
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+struct Last {
+    proxy: Pose,
+    device: Pose,
+    /// Torque of the friction about the device's position.
+    torque: DVec3,
+}
+
+/// Friction of one contact in a tick.
+#[derive(Debug, Clone, Copy)]
+struct Held {
+    arm: DVec3,
+    normal: DVec3,
+    deflection: DVec3,
+    stiffness_n_per_m: f64,
+}
+
+impl Held {
+    const NONE: Self = Self {
+        arm: DVec3::ZERO,
+        normal: DVec3::ZERO,
+        deflection: DVec3::ZERO,
+        stiffness_n_per_m: 0.0,
+    };
+
+    fn force(&self) -> DVec3 {
+        self.deflection * self.stiffness_n_per_m
+    }
+
+    fn stored_j(&self) -> f64 {
+        0.5 * self.stiffness_n_per_m * self.deflection.length_squared()
+    }
+
+    /// After a motion of the device, metres and radians.
+    fn moved(&self, next: DVec3, turn: DVec3) -> Self {
+        let next = next + turn.cross(self.arm);
+        Self {
+            deflection: self.deflection - (next - self.normal * self.normal.dot(next)),
+            ..*self
+        }
+    }
+}
+
 impl Friction {
-    /// Friction before any contact. `account`: an empty one of the device; `None` without an energy
-    /// limit.
+    /// Friction before any contact. `limit`: with an empty account of the device; `None` without an
+    /// energy limit.
     #[must_use]
-    pub fn new(plan: FrictionPlan, account: Option<EnergyAccount>) -> Self {
+    pub fn new(plan: FrictionPlan, limit: Option<EnergyLimit>) -> Self {
         Self {
             plan,
-            anchor: None,
-            account,
+            anchors: [None; MAX_CONTACTS],
+            last: None,
+            limit,
         }
     }
 
     /// Ends the contact.
     pub fn reset(&mut self) {
-        if self.anchor.take().is_some()
-            && let Some(account) = &mut self.account
+        self.anchors = [None; MAX_CONTACTS];
+        if self.last.take().is_some()
+            && let Some(limit) = &mut self.limit
         {
-            *account = account.restarted();
+            limit.account = limit.account.restarted();
         }
     }
 
-    /// Adds the friction to the passive wrench, scaled by `amount` (0 to 1).
-    pub fn render(&mut self, at: &ContactSample<'_>, amount: f64, out: &mut Rendered) {
-        let size = out.passive.force.length();
-        if !(size > 0.0 && size.is_finite()) {
+    /// Adds the friction of each contact to the passive wrench, scaled by `amount` (0 to 1).
+    pub fn render(
+        &mut self,
+        at: &ContactSample<'_>,
+        contacts: &mut [Acting],
+        amount: f64,
+        out: &mut Rendered,
+    ) {
+        let whole: f64 = contacts.iter().map(|of| of.force.length()).sum();
+        if !(whole > 0.0 && whole.is_finite()) {
             self.reset();
             return;
         }
-        let normal = out.passive.force / size;
-        let before = self.anchor.unwrap_or(Anchor {
+        let mut held = [Held::NONE; MAX_CONTACTS];
+        let before = std::mem::replace(&mut self.anchors, [None; MAX_CONTACTS]);
+        for (held, contact) in held.iter_mut().zip(&*contacts) {
+            let size = contact.force.length();
+            if size > 0.0 {
+                *held = self.hold(at, (contact, size), (&before, contacts));
+                held.stiffness_n_per_m *= amount;
+            }
+        }
+        let held = &held[..contacts.len()];
+        let share = self.share(at, held);
+        let mut torque = DVec3::ZERO;
+        for (contact, held) in contacts.iter_mut().zip(held) {
+            let force = held.force() * share;
+            torque += held.arm.cross(force);
+            out.add_passive(force, contact.arm);
+            out.spring.stored_j += held.stored_j();
+        }
+        self.last = Some(Last {
             proxy: at.proxy,
-            deflection: DVec3::ZERO,
-            slides: false,
+            device: at.device,
+            torque,
         });
+    }
+
+    /// The friction of a contact, and its anchor.
+    fn hold(
+        &mut self,
+        at: &ContactSample<'_>,
+        (contact, size): (&Acting, f64),
+        (before, contacts): (&[Option<Anchor>; MAX_CONTACTS], &[Acting]),
+    ) -> Held {
+        let normal = contact.force / size;
+        let known = before[contact.slot].filter(|_| !contact.is_new);
+        let anchor = known.unwrap_or_else(|| anchor_of_others(contact, normal, before, contacts));
         // Place of the contact's material point of the proxy one tick ago.
-        let was = before
-            .proxy
-            .transform_point(at.proxy.inverse_transform_point(at.point));
-        let deflection = before.deflection - (at.point - was);
+        let last = self.last.map_or(at.proxy, |last| last.proxy);
+        let was = last.transform_point(at.proxy.inverse_transform_point(contact.point));
+        let deflection = anchor.deflection - (contact.point - was);
         let deflection = deflection - normal * normal.dot(deflection);
         let length = deflection.length();
-        let most = |coefficient: f64| coefficient * size / at.stiffness_n_per_m;
-        let holds = if before.slides {
+        let stiffness_n_per_m = at.stiffness_n_per_m * contact.share;
+        let most = |coefficient: f64| coefficient * size / stiffness_n_per_m;
+        let holds = if anchor.slides {
             self.plan.dynamic
         } else {
             self.plan.static_
@@ -89,24 +188,168 @@ impl Friction {
         } else {
             deflection
         };
-        self.anchor = Some(Anchor {
-            proxy: at.proxy,
+        self.anchors[contact.slot] = Some(Anchor { deflection, slides });
+        Held {
+            arm: contact.arm,
+            normal,
             deflection,
-            slides,
-        });
-        let stiffness_n_per_m = at.stiffness_n_per_m * amount;
-        let stored_j = 0.5 * stiffness_n_per_m * deflection.length_squared();
-        let mut force = deflection * stiffness_n_per_m;
-        if let Some(account) = &mut self.account {
-            account.moved_to(&Pose::at(at.device), [1; 2], [0.0; 2]);
-            account.dissipate_beyond(stored_j);
-            let next = account.next();
-            let deflection = deflection - (next - normal * normal.dot(next));
-            let stored_j = 0.5 * stiffness_n_per_m * deflection.length_squared();
-            force *= account.share_of_spring(force, stored_j);
-            account.set_force(force);
+            stiffness_n_per_m,
         }
-        out.add_passive(force, at.arm);
-        out.spring.stored_j += stored_j;
+    }
+
+    /// The share of the friction that its energy account permits.
+    fn share(&mut self, at: &ContactSample<'_>, held: &[Held]) -> f64 {
+        let Some(EnergyLimit { account, encoder_m }) = &mut self.limit else {
+            return 1.0;
+        };
+        let (before, torque) = self
+            .last
+            .map_or((at.device, DVec3::ZERO), |last| (last.device, last.torque));
+        let turn = placement(&before).to(&placement(&at.device)).angular;
+        let turned_j = torque.dot(turn);
+        account.moved_to(&Pose::at(at.device.position), [1; 2], [-turned_j; 2]);
+        account.dissipate_beyond(held.iter().map(Held::stored_j).sum());
+        let next = account.next();
+        let then_j: f64 = held.iter().map(|of| of.moved(next, turn).stored_j()).sum();
+        let wanted = held.iter().fold(Wrench::ZERO, |sum, of| Wrench {
+            force: sum.force + of.force(),
+            torque: sum.torque + of.arm.cross(of.force()),
+        });
+        let share = if wanted.torque == DVec3::ZERO {
+            account.share_of_spring(wanted.force, then_j)
+        } else {
+            let work = wanted.force.dot(next) + wanted.torque.dot(turn);
+            // Two encoder steps of error in the balance are tolerated, as without a torque.
+            let noise = 2.0 * wanted.force.length() * *encoder_m;
+            let left = account.reserve(CouplingSpring {
+                stored_j: then_j - noise,
+                ..CouplingSpring::default()
+            });
+            if work > 0.0 {
+                (left / work).min(1.0)
+            } else {
+                1.0
+            }
+        };
+        account.set_force(wanted.force * share);
+        share
+    }
+}
+
+/// The anchor of a new contact: where the rigid motion puts it that the deflections of the others
+/// show, those that lie alike most. Without others the contact begins at its anchor.
+fn anchor_of_others(
+    new: &Acting,
+    normal: DVec3,
+    before: &[Option<Anchor>; MAX_CONTACTS],
+    contacts: &[Acting],
+) -> Anchor {
+    let others = || {
+        let known = contacts.iter().filter(|of| !of.is_new);
+        known.filter_map(|of| {
+            let weight = of.share * of.force.normalize_or_zero().dot(normal).max(0.0);
+            before[of.slot].map(|anchor| (weight, of.point, anchor))
+        })
+    };
+    let sum: f64 = others().map(|(weight, ..)| weight).sum();
+    if sum <= 0.0 {
+        return Anchor {
+            deflection: DVec3::ZERO,
+            slides: false,
+        };
+    }
+    let middle = others().map(|(w, point, _)| point * w).sum::<DVec3>() / sum;
+    let mean = others().map(|(w, _, of)| of.deflection * w).sum::<DVec3>() / sum;
+    let mut turned = (0.0, 0.0);
+    for (weight, point, anchor) in others() {
+        let arm = point - middle;
+        let arm = arm - normal * normal.dot(arm);
+        turned.0 += weight * normal.dot(arm.cross(anchor.deflection - mean));
+        turned.1 += weight * arm.length_squared();
+    }
+    let turn = if turned.1 > 0.0 {
+        turned.0 / turned.1
+    } else {
+        0.0
+    };
+    let longest = others().fold(0.0, |most, (_, _, of)| of.deflection.length().max(most));
+    let deflection = mean + (normal * turn).cross(new.point - middle);
+    Anchor {
+        deflection: deflection.clamp_length_max(longest),
+        slides: others().all(|(_, _, of)| of.slides),
+    }
+}
+
+fn placement(pose: &Pose) -> Placement {
+    Placement {
+        centre: pose.position,
+        orientation: pose.orientation,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::force::effects::contact_set::{ContactSet, Push};
+    use crate::force::effects::tests::Bench;
+    use geometry::Wrench;
+
+    const HALF_M: f64 = 0.01;
+
+    /// Wrench and work of the friction of a tool on four corners, over a path of turns and
+    /// displacements of its proxy, with the device below.
+    fn work_of(limit: Option<EnergyLimit>, stays: bool) -> f64 {
+        let plan = FrictionPlan {
+            static_: 0.4,
+            dynamic: 0.3,
+        };
+        let mut friction = Friction::new(plan, limit);
+        let mut set = ContactSet::default();
+        let mut bench = Bench::new(HALF_M);
+        let (mut wrench, mut worst, mut joules) = (Wrench::ZERO, f64::NEG_INFINITY, 0.0);
+        for tick in 0..20_000u32 {
+            let t = 1e-3 * f64::from(tick);
+            // Some sixty turns a second, of less than what slides, or of more.
+            let reach = if stays { 2e-4 } else { 2e-3 };
+            let turn = reach / HALF_M * (380.0 * t).sin();
+            let before = bench.pose;
+            bench.pose = Pose {
+                position: DVec3::new(0.3 * reach * (130.0 * t).sin(), 0.0, 0.0),
+                orientation: glam::DQuat::from_rotation_z(turn),
+            };
+            let motion = placement(&before).to(&placement(&bench.pose));
+            joules += wrench.force.dot(motion.linear) + wrench.torque.dot(motion.angular);
+            worst = joules.max(worst);
+            bench.step();
+            let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
+            let pushes = corners.map(|(x, y)| Push {
+                point: bench.pose.transform_point(DVec3::new(x, y, 0.0) * HALF_M),
+                force: DVec3::Z * 0.5,
+            });
+            let sample = bench.sample(&pushes);
+            let mut out = Rendered::default();
+            let mut contacts = set.track(&sample, DVec3::Z * 2.0);
+            friction.render(&sample, contacts.all(), 1.0, &mut out);
+            wrench = out.passive;
+        }
+        worst
+    }
+
+    /// A sampled spring puts out energy where it is turned to and fro: that of torques too is
+    /// limited, whether the contacts stick or slide.
+    #[test]
+    fn friction_puts_out_no_energy_where_a_tool_turns() {
+        for stays in [true, false] {
+            let account = EnergyAccount::new(0.0, 1e-3);
+            let limit = EnergyLimit {
+                account,
+                encoder_m: 0.0,
+            };
+            let limited = work_of(Some(limit), stays);
+            let free = work_of(None, stays);
+            println!("{limited} J, {free} J without the limit");
+            assert!(limited < 1e-5, "{limited} J put out");
+            assert!(!stays || free > 1e-3, "{free} J: nothing to limit");
+        }
     }
 }

@@ -17,15 +17,19 @@
 //! [`SceneEffects`] for each probe. Any other has no state, no call, and no influence on a bit of
 //! the force. State belongs to the pair of probe and object. Phases count ticks.
 //!
+//! Friction, shading and texture act at each contact with its own force: [`contact_set`].
+//!
 //! Passive effects (friction, shading, texture, boundary) are limited by the energy account,
 //! together with the force of the surface. Active effects (all others) are not: they may put out
 //! energy. The crate `scene` checks their stability, and the force limiter bounds the sum.
 
 pub mod boundary;
+pub mod contact_set;
 pub mod friction;
 pub mod gravity;
 pub mod inertia;
 pub mod magnet;
+mod nearest_faces;
 pub mod shading;
 pub mod spring;
 pub mod texture;
@@ -33,7 +37,10 @@ pub mod vibration;
 pub mod viscosity;
 
 use crate::contact::query::{Surface, Work};
-use crate::force::passivity::{CouplingSpring, EnergyAccount};
+use crate::force::passivity::CouplingSpring;
+use crate::tuning::force::MAX_SHADING_FACES;
+use contact_set::{ContactSet, MAX_CONTACTS, Push};
+use friction::EnergyLimit;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::{Effect, EffectPlan};
@@ -63,25 +70,33 @@ pub struct ContactSample<'a> {
     pub origin: DVec3,
     /// Rotation from the object's axes to the world's.
     pub to_world: DQuat,
-    /// Contact point on the surface.
+    /// Contact point on the surface; of a tool, where it is pushed most.
     pub point: DVec3,
     /// Middle of a ball proxy; a tool has none.
     pub middle: Option<DVec3>,
-    /// Unit direction in which the surface pushes a tool at the contact point. Its force has
-    /// another one where it touches elsewhere too. `None` for a ball, and for a tool that is held
-    /// though nothing touches it.
-    pub pushed: Option<DVec3>,
-    /// Position of the device.
-    pub device: DVec3,
+    /// Contacts that push a tool. None for a ball, which has one with all of its force, and for a
+    /// tool that is held though nothing touches it.
+    pub pushes: &'a [Push],
+    /// Radius of gyration of a tool; 0 for a ball.
+    pub gyration_m: f64,
+    /// The device.
+    pub device: Pose,
     /// Pose of the proxy.
     pub proxy: Pose,
-    /// Lever arm of the contact: from the proxy's position to the contact point; zero for a ball,
-    /// which has no axes.
-    pub arm: DVec3,
     /// Velocity of the probe relative to the object, m/s.
     pub velocity: DVec3,
+    /// Its angular velocity relative to the object, rad/s.
+    pub angular: DVec3,
     /// Stiffness of the surface, N/m.
     pub stiffness_n_per_m: f64,
+}
+
+impl ContactSample<'_> {
+    /// Velocity of the probe at a lever arm, m/s.
+    #[must_use]
+    pub fn velocity_at(&self, arm: DVec3) -> DVec3 {
+        self.velocity + self.angular.cross(arm)
+    }
 }
 
 /// The wrench so far, passive and active.
@@ -206,6 +221,8 @@ pub struct Usage {
     pub calls: u64,
     /// Bytes of their state.
     pub bytes: usize,
+    /// Searches of shading that found more faces than there is room for.
+    pub cut: u64,
 }
 
 /// Usage of every kind, in the order of [`Effect::NAMES`].
@@ -237,18 +254,20 @@ enum SurfaceEffect {
 pub struct SurfaceEffects {
     #[serde(with = "spm::reserved")]
     listed: Vec<Listed<SurfaceEffect>>,
-    /// An empty energy account of the device; `None` without an energy limit.
-    account: Option<EnergyAccount>,
+    contacts: ContactSet,
+    /// With an empty energy account of the device; `None` without an energy limit.
+    limit: Option<EnergyLimit>,
 }
 
 impl SurfaceEffects {
-    /// No effects, and room for `most`. `account`: an empty one of the device; `None` without an
-    /// energy limit.
+    /// No effects, and room for `most`. `limit`: with an empty account of the device; `None`
+    /// without an energy limit.
     #[must_use]
-    pub fn with_room(most: usize, account: Option<EnergyAccount>) -> Self {
+    pub fn with_room(most: usize, limit: Option<EnergyLimit>) -> Self {
         Self {
             listed: Vec::with_capacity(most),
-            account,
+            contacts: ContactSet::default(),
+            limit,
         }
     }
 
@@ -261,12 +280,13 @@ impl SurfaceEffects {
             plans.len() <= self.listed.capacity(),
             "room was made for all"
         );
-        let account = &self.account;
+        let limit = &self.limit;
+        self.contacts.reset();
         self.listed.clear();
         self.listed.extend(plans.iter().filter_map(|plan| {
             let effect = match &plan.effect {
                 Effect::Friction(of) => {
-                    SurfaceEffect::Friction(friction::Friction::new(*of, account.clone()))
+                    SurfaceEffect::Friction(friction::Friction::new(*of, limit.clone()))
                 }
                 Effect::Shading(of) => SurfaceEffect::Shading(shading::Shading::new(*of)),
                 Effect::Texture(of) => SurfaceEffect::Texture(texture::Texture::new(of.clone())),
@@ -286,6 +306,8 @@ impl SurfaceEffects {
 
     /// Applies the effects to the wrench of a contact.
     pub fn render_contact(&mut self, at: &ContactSample<'_>, out: &mut Rendered, work: &mut Work) {
+        let mut contacts = self.contacts.track(at, out.passive.force);
+        let contacts = contacts.all();
         // A magnet acts only without contact.
         let is_called =
             |listed: &&mut Listed<_>| !matches!(listed.effect, SurfaceEffect::Magnet(_));
@@ -294,9 +316,9 @@ impl SurfaceEffects {
                 continue;
             };
             match effect {
-                SurfaceEffect::Friction(friction) => friction.render(at, amount, out),
-                SurfaceEffect::Shading(shading) => work.add(shading.turn(at, amount, out)),
-                SurfaceEffect::Texture(texture) => texture.raise(at, amount, out),
+                SurfaceEffect::Friction(of) => of.render(at, contacts, amount, out),
+                SurfaceEffect::Shading(of) => work.add(of.turn(at, contacts, amount, out)),
+                SurfaceEffect::Texture(of) => of.raise(at, contacts, amount, out),
                 SurfaceEffect::Vibration(vibration) => {
                     let force = vibration.force(at.clock) * amount;
                     out.active.force += at.to_world.conjugate() * force;
@@ -310,6 +332,7 @@ impl SurfaceEffects {
     /// `towards`: unit vector to it. It resets the effects of a contact.
     pub fn render_near(&mut self, clock: Clock, gap_m: f64, towards: DVec3) -> DVec3 {
         let mut force = DVec3::ZERO;
+        self.contacts.reset();
         for listed in &mut self.listed {
             match &mut listed.effect {
                 SurfaceEffect::Friction(friction) => friction.reset(),
@@ -329,6 +352,28 @@ impl SurfaceEffects {
     /// Adds the calls and bytes of each kind to `usage`.
     pub fn add_usage(&self, usage: &mut UsageByKind) {
         add_usage(&self.listed, usage);
+        for listed in &self.listed {
+            if let SurfaceEffect::Shading(of) = &listed.effect {
+                usage[listed.kind].cut += of.cut();
+            }
+        }
+    }
+
+    /// What has a limit: its name, the most that there was, and the limit. `None` without effects.
+    #[must_use]
+    pub fn high_water(&self) -> Option<[(&'static str, (usize, usize)); 2]> {
+        let faces = self.listed.iter().map(|listed| match &listed.effect {
+            SurfaceEffect::Shading(of) => of.high_water(),
+            _ => 0,
+        });
+        let faces = faces.max()?;
+        Some([
+            (
+                "contacts with effects",
+                (self.contacts.high_water(), MAX_CONTACTS),
+            ),
+            ("faces under shading", (faces, MAX_SHADING_FACES)),
+        ])
     }
 }
 
@@ -420,6 +465,57 @@ impl SceneEffects {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A tool on a surface that is not looked at.
+    pub struct Bench {
+        mesh: spm::ActiveMesh,
+        tree: ab_tree::AbTree,
+        gyration_m: f64,
+        tick: u64,
+        pub pose: Pose,
+    }
+
+    impl Bench {
+        pub fn new(gyration_m: f64) -> Self {
+            Self {
+                mesh: spm::ActiveMesh::new(0, 0, 0),
+                tree: ab_tree::AbTree::new(1),
+                gyration_m,
+                tick: 0,
+                pose: Pose::IDENTITY,
+            }
+        }
+
+        /// The next tick.
+        pub fn step(&mut self) {
+            self.tick += 1;
+        }
+
+        pub fn sample<'a>(&'a self, pushes: &'a [Push]) -> ContactSample<'a> {
+            ContactSample {
+                clock: Clock {
+                    tick: self.tick,
+                    period_s: 1e-3,
+                },
+                surface: Surface {
+                    mesh: &self.mesh,
+                    tree: &self.tree,
+                },
+                metres_per_unit: 1.0,
+                origin: DVec3::ZERO,
+                to_world: DQuat::IDENTITY,
+                point: DVec3::ZERO,
+                middle: None,
+                pushes,
+                gyration_m: self.gyration_m,
+                device: self.pose,
+                proxy: self.pose,
+                velocity: DVec3::ZERO,
+                angular: DVec3::ZERO,
+                stiffness_n_per_m: 800.0,
+            }
+        }
+    }
 
     #[test]
     fn an_effect_fades_in_and_out_and_is_not_called_outside() {

@@ -10,28 +10,34 @@
 //!
 //! A second round takes out the faces that turn from the mean by `max_turn / 2` or more, so sharper
 //! edges stay sharp. All lengths are those of the object, so the result hardly depends on the level
-//! of detail.
+//! of detail. Where more faces are within r than the limit of a tick, r is as large as the nearest
+//! of them reach, so that the weights are continuous there too; it is counted.
 //!
-//! A tool has no middle to see the faces from, and its contact point lies in them. A ball of radius
-//! r that rests there, where the tool is pushed most, takes its place. A tool that touches
-//! elsewhere too has a force of its own direction: it turns as that ball's would, by at most
-//! `max_turn`. So it is not turned between two slopes, each of them smooth.
+//! Each contact of a tool is shaded by itself, with its own force, and leaves the others' forces. A
+//! tool has no middle to see the faces from, and its contact point lies in them. A ball of radius r
+//! that rests there takes its place. The force of a tool turns by at most `max_turn`.
 //!
 //! A proxy deep below a ridge passes it in a few ticks, that of a tool in one. The direction
 //! therefore turns by at most `max_turn` over a displacement r of the probe.
 
+use super::contact_set::{Acting, MAX_CONTACTS};
+use super::nearest_faces::{FaceNear, NearestFaces};
 use super::{ContactSample, Rendered};
 use crate::contact::query::{Work, faces_within};
-use crate::tuning::force::MAX_SHADING_FACES;
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use scene::ShadingPlan;
 
 /// Shading of one surface for one probe.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Shading {
     plan: ShadingPlan,
-    /// Direction of the last tick, unit vector in the object's axes; `None` before a contact.
-    direction: Option<DVec3>,
+    /// Of each contact, by its slot: its direction in the last tick, unit vector in the object's
+    /// axes; `None` before a contact.
+    directions: [Option<DVec3>; MAX_CONTACTS],
+    /// Largest number of faces at a contact.
+    high_water: usize,
+    /// Searches that found more faces than there is room for.
+    cut: u64,
 }
 
 impl Shading {
@@ -40,82 +46,141 @@ impl Shading {
     pub fn new(plan: ShadingPlan) -> Self {
         Self {
             plan,
-            direction: None,
+            directions: [None; MAX_CONTACTS],
+            high_water: 0,
+            cut: 0,
         }
     }
 
     /// Ends the contact.
     pub fn reset(&mut self) {
-        self.direction = None;
+        self.directions = [None; MAX_CONTACTS];
     }
 
-    /// Turns the passive force; `amount` from 0 (not at all) to 1. The result is the work of the
-    /// search.
-    pub fn turn(&mut self, at: &ContactSample<'_>, amount: f64, out: &mut Rendered) -> Work {
-        let size = out.passive.force.length();
-        if !(size > 0.0 && size.is_finite()) {
-            return Work::default();
+    /// Largest number of faces at a contact so far.
+    #[must_use]
+    pub fn high_water(&self) -> usize {
+        self.high_water
+    }
+
+    /// Searches so far that found more faces than there is room for.
+    #[must_use]
+    pub fn cut(&self) -> u64 {
+        self.cut
+    }
+
+    /// Turns the force of each contact; `amount` from 0 (not at all) to 1. The result is the work
+    /// of the search.
+    pub fn turn(
+        &mut self,
+        at: &ContactSample<'_>,
+        contacts: &mut [Acting],
+        amount: f64,
+        out: &mut Rendered,
+    ) -> Work {
+        let mut work = Work::default();
+        // All contacts together cost no more than a ball's.
+        let searches = contacts.iter().filter(|of| of.is_pushing).count();
+        for contact in contacts {
+            let size = contact.force.length();
+            if !(size > 0.0 && size.is_finite()) {
+                continue;
+            }
+            let normal = contact.force / size;
+            let last = self.directions[contact.slot].filter(|_| !contact.is_new);
+            let shaded = if contact.is_pushing {
+                let (smooth, cost) = self.smooth(at, contact, normal, searches);
+                work.add(cost);
+                self.limited(at, contact, normal, (last, smooth))
+            } else {
+                last.unwrap_or(normal)
+            };
+            self.directions[contact.slot] = Some(shaded);
+            let shaded = normal.lerp(shaded, amount).normalize_or(normal);
+            contact.add((shaded - normal) * size, out);
         }
-        let normal = out.passive.force / size;
+        work
+    }
+
+    /// The smooth direction at a contact, `None` at a sharp edge; and the work of the search.
+    fn smooth(
+        &mut self,
+        at: &ContactSample<'_>,
+        contact: &Acting,
+        normal: DVec3,
+        searches: usize,
+    ) -> (Option<DVec3>, Work) {
         let radius = self.plan.radius_m / at.metres_per_unit;
         let disc = std::f64::consts::PI * radius * radius;
-        let point = at.point / at.metres_per_unit;
-        let pushed = at.pushed.unwrap_or(normal);
-        let centre = at.middle.map_or(point + pushed * radius, |middle| {
+        let point = contact.point / at.metres_per_unit;
+        let centre = at.middle.map_or(point + normal * radius, |middle| {
             middle / at.metres_per_unit
         });
         let off = centre.distance(point);
-        let mut weighed = [DVec3::ZERO; MAX_SHADING_FACES];
-        let mut count = 0;
         let within = off.hypot(radius);
+        let mut nearest = NearestFaces::new(within, searches);
         let work = faces_within(at.surface, centre, within, |face, closest| {
             let [a, b, c] = at.surface.mesh.corners(face);
             let cross = (b - a).cross(c - a);
-            let out = (centre - closest.point).normalize_or(pushed);
-            // Negative for a proxy behind the face, which pushes against its own normal.
-            let faces = cross.normalize_or_zero().dot(out);
-            let aside = (closest.distance_squared - off * off).max(0.0) / (radius * radius);
-            let near = (1.0 - aside).max(0.0);
-            let weight = (0.5 * cross.length()).min(disc) * near * near * faces;
-            if let Some(place) = weighed.get_mut(count) {
-                *place = cross.normalize_or_zero() * weight;
-                count += 1;
-                within
-            } else {
-                0.0
-            }
+            let out = (centre - closest.point).normalize_or(normal);
+            nearest.add(FaceNear {
+                normal: cross.normalize_or_zero(),
+                area: (0.5 * cross.length()).min(disc),
+                // Negative for a proxy behind the face, which pushes against its own normal.
+                faces: cross.normalize_or_zero().dot(out),
+                distance_squared: closest.distance_squared,
+            })
         });
-        let weighed = &weighed[..count];
-        let mean: DVec3 = weighed.iter().sum();
-        let mean = mean.normalize_or(pushed);
+        self.high_water = self.high_water.max(nearest.all().len());
+        self.cut += u64::from(nearest.is_cut());
+        let aside = |distance_squared: f64| (distance_squared - off * off).max(0.0);
+        let mut square = radius * radius;
+        if nearest.is_cut() {
+            let reached = aside(nearest.farthest_squared());
+            square = if reached > 0.0 {
+                reached.min(square)
+            } else {
+                square
+            };
+        }
+        let weighed = || {
+            nearest.all().iter().map(|face| {
+                let near = (1.0 - aside(face.distance_squared) / square).max(0.0);
+                face.normal * (face.area * near * near * face.faces)
+            })
+        };
+        let mean: DVec3 = weighed().sum();
+        let mean = mean.normalize_or(normal);
         let sharp = (0.5 * self.plan.max_turn).cos();
-        let kept: DVec3 = weighed
-            .iter()
+        let kept: DVec3 = weighed()
             .map(|face| {
                 let alike = face.normalize_or_zero().dot(mean);
-                *face * ((alike - sharp) / (1.0 - sharp)).max(0.0)
+                face * ((alike - sharp) / (1.0 - sharp)).max(0.0)
             })
             .sum();
-        // At a sharp edge no face remains, and the force keeps its own direction.
-        let smooth = kept.normalize_or(pushed);
-        let wanted = match at.pushed {
-            None => smooth,
-            Some(pushed) => DQuat::from_rotation_arc(pushed, smooth) * normal,
+        let smooth = (kept != DVec3::ZERO).then(|| kept.normalize_or(normal));
+        (smooth, work)
+    }
+
+    /// The smooth direction within the limits of a tick and of a tool. At a sharp edge no face
+    /// remains, and the force keeps its own direction.
+    fn limited(
+        &self,
+        at: &ContactSample<'_>,
+        contact: &Acting,
+        normal: DVec3,
+        (last, smooth): (Option<DVec3>, Option<DVec3>),
+    ) -> DVec3 {
+        let velocity = at.velocity_at(contact.arm);
+        let moved = velocity.length() * at.clock.period_s / self.plan.radius_m;
+        let shaded = match (last, smooth) {
+            (Some(last), Some(smooth)) => turned_to(last, smooth, moved * self.plan.max_turn),
+            _ => smooth.unwrap_or(normal),
         };
-        let moved = at.velocity.length() * at.clock.period_s / self.plan.radius_m;
-        let is_smooth = kept != DVec3::ZERO;
-        let shaded = match self.direction {
-            Some(last) if is_smooth => turned_to(last, wanted, moved * self.plan.max_turn),
-            _ => wanted,
-        };
-        let shaded = match at.middle {
+        match at.middle {
             Some(_) => shaded,
             None => turned_to(normal, shaded, self.plan.max_turn),
-        };
-        self.direction = Some(shaded);
-        let shaded = normal.lerp(shaded, amount).normalize_or(normal);
-        out.add_passive((shaded - normal) * size, at.arm);
-        work
+        }
     }
 }
 

@@ -4,11 +4,15 @@
 //! normalised: the force is then the gradient of `K d² / 2` with the depth d, so a closed path
 //! gains no energy.
 //!
+//! Each contact of a tool has its own height and slope, and its share of the surface's stiffness:
+//! where all of them are lowered by the same, the sum of their forces falls as that of one contact.
+//!
 //! The surface is lowered by the largest height, so that a first contact is not a step. A wave that
 //! is too short for the rate of the loop, with `v / wavelength` near half the rate, fades out
 //! before it aliases (Choi 2004 gives the limits of perception). Of a height map only the fine
 //! levels fade.
 
+use super::contact_set::Acting;
 use super::{ContactSample, Rendered};
 use glam::{DVec2, DVec3};
 use scene::{Pattern, TexturePlan};
@@ -36,24 +40,49 @@ impl Texture {
         Self { plan }
     }
 
-    /// Applies the relief to the passive wrench and its spring, scaled by `amount` (0 to 1).
-    pub fn raise(&self, at: &ContactSample<'_>, amount: f64, out: &mut Rendered) {
-        let size = out.passive.force.length();
-        if !(size > 0.0 && size.is_finite()) {
-            return;
+    /// Applies the relief to the force of each contact and to the spring, scaled by `amount` (0 to
+    /// 1).
+    pub fn raise(
+        &self,
+        at: &ContactSample<'_>,
+        contacts: &mut [Acting],
+        amount: f64,
+        out: &mut Rendered,
+    ) {
+        let (mut whole, mut pressed) = (0.0, 0.0);
+        for contact in contacts {
+            let size = contact.force.length();
+            if size > 0.0 && size.is_finite() {
+                whole += size;
+                pressed += self.raise_one(at, (contact, size), amount, out);
+            }
         }
-        let normal = out.passive.force / size;
-        let along = at.velocity - normal * normal.dot(at.velocity);
+        if whole > 0.0 {
+            out.spring.stored_j *= (pressed / whole) * (pressed / whole);
+        }
+    }
+
+    /// Applies it to a contact with a normal force of this size. Returns the new size, newtons.
+    fn raise_one(
+        &self,
+        at: &ContactSample<'_>,
+        (contact, size): (&mut Acting, f64),
+        amount: f64,
+        out: &mut Rendered,
+    ) -> f64 {
+        let normal = contact.force / size;
+        let velocity = at.velocity_at(contact.arm);
+        let along = velocity - normal * normal.dot(velocity);
         let step = along.length() * at.clock.period_s;
-        let relief = relief(&self.plan.pattern, at.point + at.origin, step);
+        let relief = relief(&self.plan.pattern, contact.point + at.origin, step);
         let amplitude = amount * self.plan.amplitude_m;
         let lowered = amplitude * (relief.height - 1.0);
         let slope = relief.gradient * amplitude;
         let tilted = normal - slope + normal * normal.dot(slope);
-        let pressed = (size + at.stiffness_n_per_m * lowered).max(0.0);
+        let pressed = (size + at.stiffness_n_per_m * contact.share * lowered).max(0.0);
         let force = tilted * pressed;
-        out.add_passive(force - out.passive.force, at.arm);
-        out.spring.stored_j *= (pressed / size) * (pressed / size);
+        contact.add(force - contact.force, out);
+        pressed
     }
 }
 
