@@ -17,9 +17,12 @@ pub struct Spring {
 }
 
 impl Spring {
-    /// The first tick attaches it to the nearest point of the whole path.
+    /// The first tick attaches it to the nearest point of the whole path. A point that is repeated
+    /// counts once: its segment without length is no nearer than the one before, and would hold the
+    /// spring.
     #[must_use]
-    pub fn new(plan: SpringPlan) -> Self {
+    pub fn new(mut plan: SpringPlan) -> Self {
+        plan.path_m.dedup();
         Self { plan, piece: None }
     }
 
@@ -37,7 +40,7 @@ impl Spring {
             let (a, b) = (path[piece], path[(piece + 1).min(path.len() - 1)]);
             let along = b - a;
             let share = (position - a).dot(along) / along.length_squared();
-            // A segment without length is a point.
+            // A path of a single point is one segment without length.
             let share = if share.is_finite() { share } else { 0.0 };
             a + along * share.clamp(0.0, 1.0)
         };
@@ -97,8 +100,18 @@ mod tests {
             force = held.force(DVec3::new(x, 0.008, 0.0), DVec3::ZERO);
         }
         assert!((force.y + 0.8).abs() < 1e-9, "{force}");
-        // Two equal points make a segment without length; the force is finite.
+    }
+
+    #[test]
+    fn a_repeated_point_does_not_hold_the_spring() {
         let mut twice = spring(vec![DVec3::ONE, DVec3::ONE]);
         assert!(twice.force(DVec3::ZERO, DVec3::ZERO).is_finite());
+        let point = |k: i32| DVec3::X * (0.01 * f64::from(k / 3));
+        let mut held = spring((0..30).map(point).collect());
+        for k in 0..=90 {
+            let position = DVec3::new(0.001 * f64::from(k), 0.001, 0.0);
+            let force = held.force(position, DVec3::ZERO);
+            assert!(force.distance(DVec3::NEG_Y * 0.1) < 1e-9, "{k}: {force}");
+        }
     }
 }
