@@ -120,6 +120,13 @@ impl HeightMap {
         self.levels[0].width
     }
 
+    /// Bound of the slope anywhere at any coarseness: of the relative height, per width of the
+    /// picture. Coarser levels are means, and no steeper.
+    #[must_use]
+    pub fn steepest(&self) -> f64 {
+        self.levels[0].steepest() * self.levels[0].width as f64
+    }
+
     /// Bytes of all levels.
     #[must_use]
     pub fn bytes(&self) -> usize {
@@ -167,6 +174,32 @@ impl Level {
             height,
             samples: samples.collect(),
         })
+    }
+
+    /// Bound of the slope, per distance of two samples. The slope of the spline along each side is
+    /// a mean of the differences within three by three samples.
+    fn steepest(&self) -> f64 {
+        let (width, height) = (self.width, self.height);
+        let around = |k: usize, count: usize| [(k + count - 1) % count, k, (k + 1) % count];
+        let mut steepest = 0.0f64;
+        for y in 0..height {
+            let rows = around(y, height).map(|row| &self.samples[row * width..(row + 1) * width]);
+            for x in 0..width {
+                let columns = around(x, width);
+                let samples = rows.map(|row| columns.map(|column| f64::from(row[column])));
+                let (mut across, mut along) = (0.0f64, 0.0f64);
+                for k in 0..3 {
+                    let [row, column] = [samples[k], samples.map(|row| row[k])];
+                    across = across
+                        .max((row[1] - row[0]).abs())
+                        .max((row[2] - row[1]).abs());
+                    along = along.max((column[1] - column[0]).abs());
+                    along = along.max((column[2] - column[1]).abs());
+                }
+                steepest = steepest.max(across.hypot(along));
+            }
+        }
+        steepest
     }
 
     /// Quadratic spline over three by three samples; height and slope are continuous.
@@ -234,6 +267,26 @@ mod tests {
                 assert!((again.height - here.height).abs() < 1e-9);
             }
         }
+    }
+
+    #[test]
+    fn no_slope_is_above_the_bound_and_that_of_waves_is_near_it() {
+        // Pseudorandom heights, of odd sizes too, and waves, whose slope is a turn.
+        let random = |n: usize| ((n * 7919 + 13) % 101) as f32 / 50.0 - 1.0;
+        for (width, height) in [(16, 16), (9, 7), (32, 5), (1, 3)] {
+            let map = HeightMap::new(width, height, (0..width * height).map(random).collect());
+            let most = map.steepest();
+            for k in 0..4000 {
+                let place = DVec2::new(0.013 * f64::from(k), 0.0071 * f64::from(k));
+                let coarseness = f64::from(k % 7) * 0.4;
+                let slope = map.at(place, coarseness).slope;
+                // Per width of the picture along both sides: its pixels are square.
+                let slope = DVec2::new(slope.x, slope.y * map.aspect());
+                assert!(slope.length() <= most * (1.0 + 1e-6), "{slope} {most}");
+            }
+        }
+        let most = waves(64).steepest() / std::f64::consts::TAU;
+        assert!((0.99..1.01).contains(&most), "{most}");
     }
 
     #[test]

@@ -1,34 +1,24 @@
 //! The lists of effects: every number is checked against the limits of the loop and the devices.
 
+#[path = "effects_stability.rs"]
+mod stability;
+
 use crate::limits::{
     GRAVITY_M_PER_S2, LENGTH_M, MAX_COEFFICIENT, MAX_FRICTION, MAX_PATH_POINTS, MAX_TEXTURE_SLOPE,
     NOT_NEGATIVE, POSITIVE, Range,
 };
 use crate::plan::{
     BoundaryPlan, Effect, EffectPlan, FrictionPlan, GravityPlan, HeightMap, InertiaPlan,
-    MagnetPlan, Pattern, ProbePlan, ScenePlan, ShadingPlan, SpringPlan, TexturePlan,
-    TrajectoryPlan, VibrationPlan, Workspace,
+    MagnetPlan, Pattern, ScenePlan, ShadingPlan, SpringPlan, TexturePlan, VibrationPlan, Workspace,
 };
 use crate::source::{SceneError, Source, key};
 use crate::typed::*;
 use glam::DVec3;
+use stability::Limits;
 use std::f64::consts::TAU;
 use std::io::Cursor;
 use std::sync::Arc;
 use toml::Spanned;
-
-/// Limits of what the loop and its devices can render.
-struct Limits {
-    rate_hz: f64,
-    force_max_n: f64,
-    slew_n_per_s: f64,
-    /// Mass of the lightest device.
-    mass_kg: f64,
-    /// Damping of the least damped device.
-    damping_ns_per_m: f64,
-    /// Speed of the fastest trajectory, m/s.
-    speed_m_per_s: f64,
-}
 
 /// Adds the effects of the scene and its objects to an otherwise complete plan. `copies` are the
 /// objects of each object table.
@@ -40,12 +30,26 @@ pub(super) fn add(
 ) -> Result<(), SceneError> {
     let limits = Limits::new(plan);
     let of_scene = list(source, &typed.effects, &limits)?;
+    let entries = typed
+        .effects
+        .iter()
+        .zip(of_scene.clone())
+        .collect::<Vec<_>>();
     let (of_surfaces, of_scene): (Vec<_>, Vec<_>) = of_scene
         .into_iter()
         .partition(|effect| effect.effect.is_of_surface());
+    stability::check(source, &limits, &entries)?;
     plan.effects = of_scene;
     for (table, copies) in typed.object.iter().zip(copies) {
-        let effects = object_effects(source, &table.get_ref().effects, &of_surfaces, &limits)?;
+        let own = &table.get_ref().effects;
+        let effects = object_effects(source, own, &of_surfaces, &limits)?;
+        // The object's own magnet takes the place of the scene's.
+        if let Some(own) = own.iter().find(|entry| entry.get_ref().magnet.is_some()) {
+            let mut together = entries.clone();
+            together.retain(|(_, of)| !matches!(of.effect, Effect::Magnet(_)));
+            together.push((own, effect_plan(source, own, &limits)?));
+            stability::check(source, &limits, &together)?;
+        }
         for object in &mut plan.objects[copies.clone()] {
             object.effects = effects.clone();
         }
@@ -92,20 +96,6 @@ fn object_effects(
 /// An effect without influence is left out, so that the forces are bit-equal to those without it.
 fn is_nothing(effect: &Effect) -> bool {
     matches!(effect, Effect::Friction(friction) if friction.static_ == 0.0)
-}
-
-/// Largest speed of a probe's trajectory, m/s.
-fn speed(probe: &ProbePlan) -> f64 {
-    match &probe.trajectory {
-        TrajectoryPlan::Tour { speed_m_per_s, .. } => *speed_m_per_s,
-        TrajectoryPlan::Points(points) => points
-            .windows(2)
-            .map(|pair| {
-                let [(t, a), (u, b)] = [pair[0], pair[1]];
-                a.position.distance(b.position) / (u - t)
-            })
-            .fold(0.0, f64::max),
-    }
 }
 
 fn list(
@@ -237,7 +227,7 @@ fn texture(
                 .number(key!(noise.seed), 1, 0..=i64::MAX)?
                 .unsigned_abs(),
         },
-        (None, None, Some(of)) => height_map(source, of)?,
+        (None, None, Some(of)) => height_map(source, of, (&typed.amplitude_m, amplitude_m))?,
         _ => {
             return Err(source.value(
                 entry,
@@ -280,7 +270,12 @@ fn check_slope(
     Ok(())
 }
 
-fn height_map(source: &Source, typed: &HeightMapTyped) -> Result<Pattern, SceneError> {
+/// The picture of a texture, no steeper than waves may be: the force grows with the slope.
+fn height_map(
+    source: &Source,
+    typed: &HeightMapTyped,
+    (amplitude, amplitude_m): (&Spanned<f64>, f64),
+) -> Result<Pattern, SceneError> {
     let path = source.path(&typed.file);
     let shown = path.display();
     let refused = |error: &dyn std::fmt::Display| {
@@ -288,9 +283,17 @@ fn height_map(source: &Source, typed: &HeightMapTyped) -> Result<Pattern, SceneE
     };
     let bytes = source.read(&path).map_err(|error| refused(&error))?;
     let map = HeightMap::read_png(Cursor::new(bytes)).map_err(|error| refused(&error))?;
+    let width_m = source.required(key!(typed.width_m), LENGTH_M)?;
+    let steepest = map.steepest() / width_m;
+    if amplitude_m * steepest > MAX_TEXTURE_SLOPE {
+        let max = MAX_TEXTURE_SLOPE / steepest;
+        return Err(source.value(amplitude, &format!(
+            "amplitude_m is {amplitude_m}: the height map {shown} over {width_m} m would be steeper than 45 degrees; write at most {max}, or a larger width_m"
+        )));
+    }
     Ok(Pattern::HeightMap {
         map: Arc::new(map),
-        width_m: source.required(key!(typed.width_m), LENGTH_M)?,
+        width_m,
         axis: typed.axis as usize,
     })
 }
@@ -299,8 +302,7 @@ fn magnet(source: &Source, typed: &MagnetTyped, limits: &Limits) -> Result<Effec
     let range = Range::Positive(limits.force_max_n);
     let force_n = source.required(key!(typed.force_n), range)?;
     let reach_m = source.required(key!(typed.reach_m), LENGTH_M)?;
-    // Largest decrease of the force per metre; it acts like a stiffness.
-    let steepest = 4.0 * force_n / reach_m;
+    let steepest = stability::steepest(force_n, reach_m);
     let max = limits.stiffness(0.0);
     if steepest > max {
         return Err(source.value(&typed.reach_m, &format!(
@@ -384,11 +386,7 @@ fn gravity(source: &Source, typed: &GravityTyped, limits: &Limits) -> Result<Eff
 
 fn inertia(source: &Source, typed: &InertiaTyped, limits: &Limits) -> Result<Effect, SceneError> {
     let mass_kg = source.required(key!(typed.mass_kg), Range::Within(1e-6, MAX_COEFFICIENT))?;
-    // The two masses oscillate against each other: the lighter one sets the limits.
-    let limits = Limits {
-        mass_kg: limits.mass_kg.min(mass_kg),
-        ..*limits
-    };
+    let limits = limits.with_mass(mass_kg);
     // Within the limits, the defaults are 0.5 N s/m and 200 N/m.
     let at_most = |default: f64, max: f64| (default.min(max), Range::Positive(max));
     let (default, range) = at_most(0.5, limits.damping());
@@ -434,39 +432,6 @@ fn boundary(
         // Passivity control keeps it stable at any stiffness, like a surface.
         stiffness_n_per_m: source.number(key!(typed.stiffness_n_per_m), 800.0, POSITIVE)?,
     }))
-}
-
-impl Limits {
-    fn new(plan: &ScenePlan) -> Self {
-        let devices = || plan.probes.iter().map(|probe| probe.device);
-        Self {
-            rate_hz: plan.loop_.rate_hz,
-            force_max_n: plan.safety.force_max_n,
-            slew_n_per_s: plan.safety.slew_n_per_s,
-            mass_kg: devices().fold(f64::INFINITY, |min, device| min.min(device.mass_kg)),
-            damping_ns_per_m: devices().fold(f64::INFINITY, |min, device| {
-                min.min(device.damping_ns_per_m)
-            }),
-            speed_m_per_s: plan.probes.iter().map(speed).fold(0.0, f64::max),
-        }
-    }
-
-    /// Largest damping that the loop can render on a device, N s/m. In one tick it may take half of
-    /// the speed of a mass, since speed is measured over the tick before.
-    fn damping(&self) -> f64 {
-        0.5 * self.mass_kg * self.rate_hz
-    }
-
-    /// Largest stiffness that the loop can render with a damping, N/m.
-    ///
-    /// A sampled spring K and damper B on a device of damping b is stable up to K = 2 (b + B) / T
-    /// (Gil 2004), where it oscillates for seconds. The limit is half of that, with half of B,
-    /// which acts late, and at most a quarter of the mass's oscillation in a tick. `rt-tests
-    /// stability fields` tests the limit.
-    fn stiffness(&self, damping: f64) -> f64 {
-        let damped = (self.damping_ns_per_m + 0.5 * damping) * self.rate_hz;
-        damped.min(0.25 * self.mass_kg * self.rate_hz * self.rate_hz)
-    }
 }
 
 /// A direction, made a unit vector.

@@ -188,3 +188,103 @@ fn friction_of_nothing_is_no_effect() {
     let plan = with(&on_object("friction = { static = 0.0 }")).unwrap();
     assert!(plan.objects[0].effects.is_empty());
 }
+
+/// A file of a scene, whatever its name.
+struct OneFile(Vec<u8>);
+
+impl crate::Files for OneFile {
+    fn read(&self, _: &Path) -> std::io::Result<Vec<u8>> {
+        Ok(self.0.clone())
+    }
+
+    fn absolute(&self, path: &Path) -> std::io::Result<std::path::PathBuf> {
+        Ok(path.to_path_buf())
+    }
+}
+
+#[test]
+fn a_height_map_is_no_steeper_than_waves_may_be() {
+    // A step from black to white within a tenth of its width.
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, 10, 1);
+    encoder.set_color(png::ColorType::Grayscale);
+    let mut writer = encoder.write_header().unwrap();
+    writer
+        .write_image_data(&[0, 0, 0, 0, 0, 255, 255, 255, 255, 255])
+        .unwrap();
+    drop(writer);
+    // At 1 mm a sample, of heights from -1 to 1, 0.5 mm are a slope of 1.
+    let with_amplitude = |amplitude_m: f64| {
+        let text = on_object(&format!(
+            "texture = {{ amplitude_m = {amplitude_m}, height_map = {{ file = \"map.png\", width_m = 0.01 }} }}"
+        ));
+        let none = Overrides::default();
+        parse(
+            &text,
+            "test.toml",
+            Path::new("/"),
+            &none,
+            &OneFile(file.clone()),
+        )
+    };
+    assert!(with_amplitude(0.49e-3).is_ok());
+    let error = with_amplitude(0.51e-3).unwrap_err().to_string();
+    assert!(
+        error.starts_with("test.toml, line 4: amplitude_m is 0.00051"),
+        "{error}"
+    );
+    assert!(error.contains("steeper than 45 degrees"), "{error}");
+}
+
+#[test]
+fn effects_that_act_at_once_are_stable_together() {
+    let spring = |from: &str| {
+        format!("{{ spring = {{ point_m = [0, 0, 0], stiffness_n_per_m = 600 }}{from} }}")
+    };
+    let inertia = "{ inertia = { mass_kg = 0.2, stiffness_n_per_m = 600 } }";
+    let magnet = "{ magnet = { force_n = 0.15, reach_m = 0.001 } }";
+    let scene = |scene: &[&str], object: &str| {
+        let (scene, object) = (scene.join(", "), format!("effects = [{object}]\n"));
+        with(&format!("effects = [{scene}]\n{OBJECT}{object}{PROBE}"))
+    };
+    // Of 1000 N/m on the default device each takes 60 %, and the inertia a little less.
+    for alone in [&spring("")[..], inertia, magnet] {
+        assert!(scene(&[alone], "").is_ok(), "{alone}");
+    }
+    for (effects, object, line) in [
+        (vec![&spring("")[..], inertia], "", 1),
+        (vec![&spring("")[..], magnet], "", 1),
+        (vec![&spring("")[..]], magnet, 5),
+    ] {
+        let error = scene(&effects, object).unwrap_err().to_string();
+        let start = format!("test.toml, line {line}: ");
+        assert!(
+            error.starts_with(&start) && error.contains("spring"),
+            "{error}"
+        );
+        assert!(error.contains("times the stiffness"), "{error}");
+    }
+    // An object's own magnet takes the place of the scene's.
+    let weak = "{ magnet = { force_n = 0.01, reach_m = 0.001 } }";
+    assert!(scene(&[&spring("")[..], weak], magnet).is_err());
+    // One after the other is stable, but not while the first fades.
+    let first = spring(", until_s = 2.0, fade_s = 0.5");
+    for (from_s, fits) in [(2.6, true), (2.4, false)] {
+        let later = inertia.replace("} }", &format!("}}, from_s = {from_s} }}"));
+        assert_eq!(
+            scene(&[&first[..], &later[..]], "").is_ok(),
+            fits,
+            "{from_s}"
+        );
+    }
+    // Drag adds up too: at most 50 N s/m on a mass of 0.1 kg.
+    let drag = "{ viscosity = { damping_ns_per_m = 30 } }";
+    let damped =
+        "{ spring = { point_m = [0, 0, 0], stiffness_n_per_m = 5, damping_ns_per_m = 30 } }";
+    assert!(scene(&[drag], "").is_ok() && scene(&[damped], "").is_ok());
+    let error = scene(&[drag, damped], "").unwrap_err().to_string();
+    assert!(
+        error.contains("viscosity, spring together take 1.20 times the damping"),
+        "{error}"
+    );
+}
