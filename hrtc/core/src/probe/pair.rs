@@ -230,6 +230,8 @@ impl ProbeObjectPair {
                 ..pose
             };
             let (pushes, count) = self.proxy.pushes(&rendered.passive, scale);
+            let of_spring = (2.0 * spring.stiffness_n_per_m * spring.stored_j).sqrt();
+            let size = self.proxy.wrench_size(&rendered.passive, scale);
             let sample = ContactSample {
                 clock,
                 surface,
@@ -245,6 +247,7 @@ impl ProbeObjectPair {
                 velocity: velocity.linear,
                 angular: velocity.angular,
                 stiffness_n_per_m: plan.stiffness_n_per_m,
+                undamped: of_spring / size,
             };
             self.effects.render_contact(&sample, &mut rendered, work);
         }

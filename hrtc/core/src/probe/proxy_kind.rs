@@ -200,6 +200,18 @@ impl ProxyKind {
         (pushes, contacts.len())
     }
 
+    /// Size of a wrench about the position in the metric of the coupling, newtons.
+    pub fn wrench_size(&self, wrench: &Wrench, metres_per_unit: f64) -> f64 {
+        let size = wrench.force.length();
+        match self {
+            Self::Ball(_) => size,
+            Self::Tool(tool) => {
+                let torque = tool.torque_about_centre(wrench, metres_per_unit);
+                size.hypot(torque.length())
+            }
+        }
+    }
+
     /// Balls that together hold what may touch.
     pub fn parts(&self, goal: &Pose) -> impl Iterator<Item = Part> + use<'_> {
         let (ball, tool) = match self {
@@ -399,11 +411,9 @@ impl ToolKind {
             force += push;
             torque += contact.arm.cross(push);
         }
-        let gyration = self.proxy.gyration();
-        let torque = torque / gyration;
-        let from_centre = self.proxy.pose().position - self.proxy.centre();
-        let about_centre = wrench.torque / metres_per_unit + from_centre.cross(wrench.force);
-        let along = force.dot(wrench.force) + torque.dot(about_centre / gyration);
+        let torque = torque / self.proxy.gyration();
+        let about_centre = self.torque_about_centre(wrench, metres_per_unit);
+        let along = force.dot(wrench.force) + torque.dot(about_centre);
         let newtons = along / (force.length_squared() + torque.length_squared());
         // Contacts that do not push have no force, nor has a wrench that is no number.
         if newtons > 0.0 && newtons.is_finite() {
@@ -411,6 +421,13 @@ impl ToolKind {
         } else {
             0.0
         }
+    }
+
+    /// Torque of a wrench about the tool's centre over the radius of gyration, newtons.
+    fn torque_about_centre(&self, wrench: &Wrench, metres_per_unit: f64) -> DVec3 {
+        let from_centre = self.proxy.pose().position - self.proxy.centre();
+        let torque = wrench.torque / metres_per_unit + from_centre.cross(wrench.force);
+        torque / self.proxy.gyration()
     }
 
     fn advance(&mut self, surface: Surface<'_>, goal: &Pose, max_work: u32) -> ProxyStep {

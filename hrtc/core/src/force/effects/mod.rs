@@ -89,6 +89,8 @@ pub struct ContactSample<'a> {
     pub angular: DVec3,
     /// Stiffness of the surface, N/m.
     pub stiffness_n_per_m: f64,
+    /// Force of the surface's spring over the whole force of the surface, with damping.
+    pub undamped: f64,
 }
 
 impl ContactSample<'_> {
@@ -513,6 +515,7 @@ mod tests {
                 velocity: DVec3::ZERO,
                 angular: DVec3::ZERO,
                 stiffness_n_per_m: 800.0,
+                undamped: 1.0,
             }
         }
     }

@@ -49,20 +49,24 @@ impl Texture {
         amount: f64,
         out: &mut Rendered,
     ) {
-        let (mut whole, mut pressed) = (0.0, 0.0);
+        let (mut whole, mut lowered) = (0.0, 0.0);
         for contact in contacts {
             let size = contact.force.length();
             if size > 0.0 && size.is_finite() {
                 whole += size;
-                pressed += self.raise_one(at, (contact, size), amount, out);
+                lowered += self.raise_one(at, (contact, size), amount, out);
             }
         }
-        if whole > 0.0 {
-            out.spring.stored_j *= (pressed / whole) * (pressed / whole);
+        // Damping is no part of the spring, which is as long as without it.
+        let spring = whole * at.undamped;
+        if spring > 0.0 && spring.is_finite() {
+            let left = (spring + lowered).max(0.0) / spring;
+            out.spring.stored_j *= left * left;
         }
     }
 
-    /// Applies it to a contact with a normal force of this size. Returns the new size, newtons.
+    /// Applies it to a contact with a normal force of this size. Returns by how much that changes
+    /// its spring, newtons.
     fn raise_one(
         &self,
         at: &ContactSample<'_>,
@@ -79,10 +83,11 @@ impl Texture {
         let lowered = amplitude * (relief.height - 1.0);
         let slope = relief.gradient * amplitude;
         let tilted = normal - slope + normal * normal.dot(slope);
-        let pressed = (size + at.stiffness_n_per_m * contact.share * lowered).max(0.0);
+        let lowered_n = at.stiffness_n_per_m * contact.share * lowered;
+        let pressed = (size + lowered_n).max(0.0);
         let force = tilted * pressed;
         contact.add(force - contact.force, out);
-        pressed
+        lowered_n
     }
 }
 
@@ -186,9 +191,56 @@ fn random(cell: [i64; 3], seed: u64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::force::effects::contact_set::{ContactSet, Push};
+    use crate::force::effects::tests::Bench;
+    use crate::force::passivity::CouplingSpring;
     use proptest::prelude::*;
     use scene::HeightMap;
     use std::sync::Arc;
+
+    /// While a probe moves in or out, damping adds to the force of the surface or takes from it;
+    /// the energy in its spring is that of its length.
+    #[test]
+    fn the_energy_of_the_spring_does_not_depend_on_damping() {
+        let plan = TexturePlan {
+            amplitude_m: 1e-4,
+            pattern: patterns().swap_remove(0),
+        };
+        let texture = Texture::new(plan);
+        let stiffness_n_per_m = 800.0;
+        let depth_m = 1e-3;
+        let mut bench = Bench::new(0.01);
+        let stored = [0.5, 1.0, 2.0].map(|damped| {
+            let force = DVec3::Y * (stiffness_n_per_m * depth_m * damped);
+            let passive = geometry::Wrench {
+                force,
+                ..geometry::Wrench::ZERO
+            };
+            let spring = CouplingSpring {
+                stiffness_n_per_m,
+                stored_j: 0.5 * stiffness_n_per_m * depth_m * depth_m,
+                raised_j: 0.0,
+            };
+            let mut out = Rendered::new(passive, spring);
+            bench.step();
+            let pushes = [0.3, 0.7].map(|share| Push {
+                point: DVec3::ZERO,
+                force: force * share,
+            });
+            let sample = ContactSample {
+                undamped: 1.0 / damped,
+                ..bench.sample(&pushes)
+            };
+            let mut contacts = ContactSet::default().track(&sample, force);
+            texture.raise(&sample, contacts.all(), 1.0, &mut out);
+            out.spring.stored_j
+        });
+        // At its middle height the relief lies an amplitude below its crests.
+        let due = 0.5 * stiffness_n_per_m * (depth_m - 1e-4) * (depth_m - 1e-4);
+        for stored in stored {
+            assert!((stored / due - 1.0).abs() < 1e-12, "{stored} {due}");
+        }
+    }
 
     fn patterns() -> Vec<Pattern> {
         let samples = (0..32 * 16).map(|k| random([k, 0, 0], 7) as f32);
