@@ -6,8 +6,10 @@ use glam::DVec3;
 use spm::{Handle, NONE};
 use std::collections::BTreeMap;
 
-/// Sine of the angle within which faces count as coplanar: the rounding of f64, with a margin.
+/// Slope along which a neighbour counts as no nearer: the rounding of f64, with a margin.
 pub(super) const FLAT: f64 = 1e-9;
+/// Rounding of a vertex to f32, as a share of its distance from the origin.
+const ROUNDED: f64 = 0.5 * f32::EPSILON as f64;
 
 /// An edge of a face, opposite the corner of the same index.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
@@ -76,10 +78,8 @@ impl ToolShape {
                     let is_owned = about[0].0 == face;
                     // With three faces at an edge, it is in no plane.
                     let flat = about.len() == 2
-                        && is_flat(
-                            vertices.map(|v| points[v as usize]),
-                            points[beyond as usize],
-                        );
+                        && beyond != NONE
+                        && is_flat(vertices.map(|v| local[v as usize]), local[beyond as usize]);
                     ToolEdge {
                         beyond: if about.len() == 2 { beyond } else { NONE },
                         is_asked: is_owned && !flat,
@@ -151,11 +151,16 @@ fn faces_at_edges(triangles: &[[u32; 3]]) -> BTreeMap<[u32; 2], Vec<(Handle, usi
     sides
 }
 
-/// Whether a point is in the plane of a triangle; a triangle without area is in every plane.
+/// Whether a point is in the plane of a triangle, as far as vertices in f32 can tell: its height is
+/// no more than their rounding. A triangle without area is in every plane.
 pub(super) fn is_flat([a, b, c]: [DVec3; 3], beyond: DVec3) -> bool {
     let normal = (b - a).cross(c - a);
-    let arm = beyond - a;
-    normal.dot(arm).abs() <= FLAT * normal.length() * arm.length()
+    // The height changes with the point as it is, with each corner by its weight at the foot.
+    let weight = |p: DVec3, q: DVec3| normal.dot((p - beyond).cross(q - beyond)).abs();
+    let weights = normal.length_squared() + weight(a, b) + weight(b, c) + weight(c, a);
+    let farthest = [a, b, c, beyond].map(DVec3::length);
+    let rounded = ROUNDED * farthest.into_iter().fold(0.0, f64::max);
+    normal.dot(beyond - a).abs() * normal.length() <= rounded * weights
 }
 
 /// Centre and radius of gyration of the surface, or of the vertices if there is no area.
@@ -184,4 +189,42 @@ fn moments<T: Iterator<Item = [u32; 3]>>(
     let centre = points().sum::<DVec3>() / count as f64;
     let square: f64 = points().map(|p| p.distance_squared(centre)).sum();
     (centre, (square / count as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+    use proptest::prelude::*;
+
+    fn vector() -> impl Strategy<Value = DVec3> {
+        prop::array::uniform3(-1.0..1.0f64).prop_map(DVec3::from_array)
+    }
+
+    proptest! {
+        /// Four points of a plane, anywhere, in any direction and at any scale, in f32.
+        #[test]
+        fn a_plane_is_flat_in_f32_and_a_bend_is_not(
+            corners in prop::array::uniform4(prop::array::uniform2(-1.0..1.0f64)),
+            axis in vector(), place in vector(), exponent in -4..5i32,
+        ) {
+            let turn = DQuat::from_scaled_axis(3.0 * axis);
+            let scale = 10f64.powi(exponent);
+            let at = |[x, y]: [f64; 2], z: f64| {
+                let point = scale * (place + turn * DVec3::new(x, y, z));
+                point.as_vec3().as_dvec3()
+            };
+            let [a, b, c, beyond] = corners.map(|corner| at(corner, 0.0));
+            prop_assert!(is_flat([a, b, c], beyond));
+            // A bend beyond the rounding of both: the height that it takes, and as much again.
+            let normal = turn * DVec3::Z;
+            let area = (b - a).cross(c - a).length();
+            let weight = |p: DVec3, q: DVec3| (p - beyond).cross(q - beyond).length() / area;
+            let weights = 1.0 + weight(a, b) + weight(b, c) + weight(c, a);
+            let farthest = [a, b, c, beyond].map(DVec3::length).into_iter().fold(0.0, f64::max);
+            prop_assume!(area > 1e-3 * scale * scale);
+            let height = 4.0 * ROUNDED * farthest * weights;
+            prop_assert!(!is_flat([a, b, c], beyond + normal * height));
+        }
+    }
 }
