@@ -17,8 +17,12 @@ fn listed_effects_are_called_and_felt_and_one_that_is_not_is_neither_called_nor_
     for effect in effects {
         assert!(number(effect, "ticks") > 0.0, "seed 2: {effect}");
     }
-    let all = effects.iter().find(|effect| effect["name"] == "all");
-    assert!(number(all.unwrap(), "felt_ticks") > 0.0, "seed 2: {all:?}");
+    for probe in ["ball", "tool"] {
+        let of_probe = |effect: &&serde_json::Value| effect["probe"] == probe;
+        let mut of_probe = effects.iter().filter(of_probe);
+        let all = of_probe.find(|effect| effect["name"] == "all");
+        assert!(number(all.unwrap(), "felt_ticks") > 0.0, "seed 2: {all:?}");
+    }
 }
 
 #[test]
