@@ -1,6 +1,7 @@
 //! What the simulated hand intends over time: points of a scene's CSV, or a tour that the station
 //! made.
 
+use crate::contact::motion::Placement;
 use crate::instance::ModelFrame;
 use geometry::Pose;
 use glam::DVec3;
@@ -57,10 +58,7 @@ impl Script {
         let from = pose(self.cursor);
         let start = time(self.cursor);
         if self.cursor == last || t < start {
-            return Some(Intent {
-                pose: from,
-                velocity: DVec3::ZERO,
-            });
+            return Some(Intent::still(from));
         }
         let to = pose(self.cursor + 1);
         let span = time(self.cursor + 1) - start;
@@ -71,7 +69,23 @@ impl Script {
                 orientation: from.orientation.slerp(to.orientation, share),
             },
             velocity: (to.position - from.position) / span,
+            angular_velocity: rotation(&from, &to) / span,
         })
+    }
+}
+
+/// Rotation vector from a pose to another, by the shorter way, radians; zero where that is no
+/// number.
+fn rotation(from: &Pose, to: &Pose) -> DVec3 {
+    let [from, to] = [from, to].map(|pose| Placement {
+        centre: DVec3::ZERO,
+        orientation: pose.orientation,
+    });
+    let turned = from.to(&to).angular;
+    if turned.is_finite() {
+        turned
+    } else {
+        DVec3::ZERO
     }
 }
 
@@ -120,5 +134,28 @@ mod tests {
         assert_eq!(at(9.0).pose.position, DVec3::new(1.0, 1.0, 0.0));
         assert_eq!(at(9.0).velocity, DVec3::ZERO);
         assert!(Script::default().along_points(&[], 0.0).is_none());
+    }
+
+    #[test]
+    fn the_angular_velocity_leads_along_the_orientations() {
+        let turn = |angle: f64| Pose {
+            position: DVec3::ZERO,
+            orientation: DQuat::from_axis_angle(DVec3::ONE.normalize(), angle),
+        };
+        // The quaternion of either sign is the same orientation.
+        let negative = Pose {
+            orientation: -turn(2.5).orientation,
+            ..turn(2.5)
+        };
+        for (from, to) in [(turn(0.5), turn(2.5)), (turn(0.5), negative)] {
+            let points = [(0.0, from), (0.5, to)];
+            let at = |t| Script::default().along_points(&points, t).unwrap();
+            let velocity = at(0.1).angular_velocity;
+            assert!(velocity.distance(DVec3::ONE.normalize() * 4.0) < 1e-12);
+            let step = DQuat::from_scaled_axis(velocity * 0.1);
+            let led = step * at(0.1).pose.orientation;
+            assert!(led.angle_between(at(0.2).pose.orientation) < 1e-7);
+            assert_eq!(at(0.6).angular_velocity, DVec3::ZERO);
+        }
     }
 }

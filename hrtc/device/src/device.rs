@@ -57,6 +57,8 @@ pub struct Capabilities {
     pub motion: MotionLimits,
     /// Step of the measured position, metres. Motion within it does no work.
     pub position_resolution_m: f64,
+    /// Step of the measured orientation, radians. A turn within it does no work.
+    pub orientation_resolution_rad: f64,
 }
 
 impl Capabilities {
@@ -72,6 +74,7 @@ impl Capabilities {
             max_torque_nm: 0.0,
             motion: MotionLimits::HAND,
             position_resolution_m: 0.0,
+            orientation_resolution_rad: 0.0,
         }
     }
 }

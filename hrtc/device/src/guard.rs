@@ -228,10 +228,7 @@ mod tests {
             position: DVec3::ZERO,
             orientation: DQuat::from_rotation_x(1.0),
         };
-        let intent = Intent {
-            pose: turned,
-            velocity: DVec3::ZERO,
-        };
+        let intent = Intent::still(turned);
         for (capabilities, expected) in [
             (Capabilities::translational("three", 5.0), DQuat::IDENTITY),
             (six(), turned.orientation),

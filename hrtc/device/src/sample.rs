@@ -83,4 +83,18 @@ pub struct Intent {
     pub pose: Pose,
     /// Velocity, m/s.
     pub velocity: DVec3,
+    /// Angular velocity, rad/s.
+    pub angular_velocity: DVec3,
+}
+
+impl Intent {
+    /// At rest at a pose.
+    #[must_use]
+    pub const fn still(pose: Pose) -> Self {
+        Self {
+            pose,
+            velocity: DVec3::ZERO,
+            angular_velocity: DVec3::ZERO,
+        }
+    }
 }

@@ -1,49 +1,76 @@
-//! The simulated device: a mass with damping, an encoder, and a hand that holds it.
+//! The simulated device: a damped rigid body, its encoders, and a hand that holds it.
 //!
-//! The loop through it is closed: the rendered force moves the mass, and the mass moves the probe.
+//! The loop through it is closed: the rendered wrench moves the body, and the body moves the probe.
 //! A rendering that is unstable in a hand is therefore unstable here as well.
+//!
+//! # Equations of motion
+//! With the pose (x, q), the velocities v and ω, the rendered wrench (F, τ), and a hand that wants
+//! (x', q', v', ω'):
+//! - `m dv/dt = F + k (x' - x) + c (v' - v) - b v`
+//! - `I dω/dt = τ + k_r φ + c_r (ω' - ω) - b_r ω`, where φ is the rotation vector from q to q', by
+//!   the shorter way. The torque of the spring is the gradient of its energy `k_r φ² / 2`.
+//!
+//! The centre of mass is at x, and I is the same about every axis, so neither couples to the other
+//! and there is no gyroscopic torque.
+//!
+//! # Integrator
+//! Semi-implicit (symplectic) Euler, [`DEVICE_STEPS_PER_PERIOD`] steps a period: a spring alone
+//! neither gains nor loses energy over many periods, so that what a rendering puts out shows. The
+//! orientation goes on by the exponential of `ω dt`. The damping is explicit in translation and
+//! implicit in rotation; a scene whose parameters are not stable so is refused when it is read.
 //!
 //! ```
 //! use haptic_device::{Device, Intent, Pose, TickTime};
+//! use scene::SimulatedDevicePlan;
 //! use simulated_device::SimulatedDevice;
 //!
-//! let plan = scene::SimulatedDevicePlan {
-//!     mass_kg: 0.1,
-//!     damping_ns_per_m: 1.0,
-//!     encoder_m: 0.0,
-//!     hand: scene::HandImpedance { stiffness_n_per_m: 200.0, damping_ns_per_m: 2.0 },
-//! };
+//! let plan = SimulatedDevicePlan { encoder_m: 0.0, ..SimulatedDevicePlan::default() };
 //! let mut device = SimulatedDevice::new(plan, 1e-3);
 //! assert!(device.read(TickTime::default()).is_none(), "nobody holds it yet");
 //! let pose = Pose::at(glam::DVec3::Z);
-//! device.intend(Intent { pose, velocity: glam::DVec3::ZERO });
+//! device.intend(Intent::still(pose));
 //! assert_eq!(device.read(TickTime::default()).unwrap().pose, pose);
 //! ```
 
 #![forbid(unsafe_code)]
 
 use geometry::{Pose, Wrench};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use haptic_device::{
     Capabilities, DegreesOfFreedom, Device, Intent, Sample, TickTime, WrenchCommand,
 };
-use scene::SimulatedDevicePlan;
+use scene::{DEVICE_STEPS_PER_PERIOD, DeviceRotationPlan, SimulatedDevicePlan};
 
-/// Steps of the integrator a period.
-const SUBSTEPS: u32 = 16;
 /// Force limit of the simulated motors, newtons: that of a small desktop device.
 const MAX_FORCE_N: f64 = 10.0;
+/// Torque limit of the simulated motors, newton metres: that of a desktop device which renders
+/// torque.
+const MAX_TORQUE_NM: f64 = 0.4;
 /// Limit of the periods that one read simulates: bounds the work after a stall.
 const MAX_PERIODS: u32 = 1000;
 
-/// A point mass at the end of a spring and damper that the hand holds. Its orientation is the one
-/// that the hand intends.
+/// True state of a simulated device, without its encoders.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DeviceState {
+    /// Pose, metres.
+    pub pose: Pose,
+    /// Velocity, m/s.
+    pub velocity: DVec3,
+    /// Angular velocity, rad/s.
+    pub angular_velocity: DVec3,
+    /// Work of the rendered wrench over the true motion so far, joules: the energy that the
+    /// rendering has put out, whatever the controller's own account of it says.
+    pub work_j: f64,
+    /// Energy that the device's own dampers took so far, without the hand's, joules.
+    pub damped_j: f64,
+}
+
+/// A rigid body at the end of springs and dampers that the hand holds.
 #[derive(Debug, Clone)]
 pub struct SimulatedDevice {
     plan: SimulatedDevicePlan,
     period_s: f64,
-    position: DVec3,
-    velocity: DVec3,
+    state: DeviceState,
     command: WrenchCommand,
     intent: Option<Intent>,
 }
@@ -55,82 +82,176 @@ impl SimulatedDevice {
         Self {
             plan,
             period_s,
-            position: DVec3::ZERO,
-            velocity: DVec3::ZERO,
+            state: DeviceState {
+                pose: Pose::IDENTITY,
+                velocity: DVec3::ZERO,
+                angular_velocity: DVec3::ZERO,
+                work_j: 0.0,
+                damped_j: 0.0,
+            },
             command: WrenchCommand::unlimited(Wrench::ZERO),
             intent: None,
         }
     }
 
-    /// Exact state, without the encoder: position (m) and velocity (m/s).
+    /// True state, without the encoders.
     #[must_use]
-    pub fn state(&self) -> (DVec3, DVec3) {
-        (self.position, self.velocity)
+    pub fn state(&self) -> DeviceState {
+        self.state
     }
 
-    /// One period under a constant rendered force (newtons), by symplectic Euler in [`SUBSTEPS`]
-    /// steps.
-    fn advance(&mut self, intent: Intent, rendered: DVec3) {
-        let dt = self.period_s / f64::from(SUBSTEPS);
-        let plan = &self.plan;
-        for step in 1..=SUBSTEPS {
-            let to_end = f64::from(SUBSTEPS - step) * dt;
-            let target = intent.pose.position - intent.velocity * to_end;
-            let hand = (target - self.position) * plan.hand.stiffness_n_per_m
-                + (intent.velocity - self.velocity) * plan.hand.damping_ns_per_m;
-            let force = rendered + hand - self.velocity * plan.damping_ns_per_m;
-            self.velocity += force * (dt / plan.mass_kg);
-            self.position += self.velocity * dt;
+    /// Moves on for some time, seconds, under a constant rendered wrench, in
+    /// [`DEVICE_STEPS_PER_PERIOD`] steps that end where the hand intends to be. The last command is
+    /// left as it is. For loops that are not those of [`Device::read`] and [`Device::write`].
+    pub fn hold(&mut self, rendered: Wrench, seconds: f64) {
+        if let Some(intent) = self.intent {
+            self.advance(intent, rendered, seconds);
         }
     }
 
-    /// The rendered force in the period that ends so many periods before a time, newtons: zero once
+    /// The sample that the encoders give now; its time is 0.
+    #[must_use]
+    pub fn sample(&self) -> Sample {
+        let DeviceState { pose, velocity, .. } = self.state;
+        let encoder = self.plan.encoder_m;
+        let position = if encoder > 0.0 {
+            (pose.position / encoder).round() * encoder
+        } else {
+            pose.position
+        };
+        let encoder = self.plan.rotation.map_or(0.0, |of| of.encoder_rad);
+        let orientation = match (self.plan.senses_rotation, encoder > 0.0) {
+            (false, _) => DQuat::IDENTITY,
+            (true, false) => pose.orientation,
+            (true, true) => {
+                let turned = rotation_vector(pose.orientation);
+                DQuat::from_scaled_axis((turned / encoder).round() * encoder)
+            }
+        };
+        Sample {
+            linear_velocity: Some(velocity),
+            in_hand: Some(true),
+            ..Sample::at(Pose {
+                position,
+                orientation,
+            })
+        }
+    }
+
+    /// A time under a constant rendered wrench.
+    fn advance(&mut self, intent: Intent, rendered: Wrench, seconds: f64) {
+        let dt = seconds / f64::from(DEVICE_STEPS_PER_PERIOD);
+        let plan = &self.plan;
+        let state = &mut self.state;
+        for step in 1..=DEVICE_STEPS_PER_PERIOD {
+            let to_end = f64::from(DEVICE_STEPS_PER_PERIOD - step) * dt;
+            let target = intent.pose.position - intent.velocity * to_end;
+            let hand = (target - state.pose.position) * plan.hand.stiffness_n_per_m
+                + (intent.velocity - state.velocity) * plan.hand.damping_ns_per_m;
+            let drag = state.velocity * plan.damping_ns_per_m;
+            let force = rendered.force + hand - drag;
+            state.velocity += force * (dt / plan.mass_kg);
+            let moved = state.velocity * dt;
+            state.pose.position += moved;
+            state.work_j += rendered.force.dot(moved);
+            state.damped_j += drag.dot(moved);
+            match &plan.rotation {
+                None => {
+                    state.pose.orientation = intent.pose.orientation;
+                    state.angular_velocity = intent.angular_velocity;
+                }
+                Some(rotation) => turn(state, rotation, &intent, rendered.torque, [dt, to_end]),
+            }
+        }
+    }
+
+    /// The wrench of the motors in the period that ends so many periods before a time: zero once
     /// the command is no longer valid.
-    fn force_before(&self, time: TickTime, periods: u32) -> DVec3 {
+    fn wrench_before(&self, time: TickTime, periods: u32) -> Wrench {
         let period_ns = (self.period_s * 1e9) as u64;
         let begin = time
             .start_ns
             .saturating_sub(period_ns * (u64::from(periods) + 1));
         if begin < self.command.valid_until_ns {
-            self.command.wrench.force
+            self.command.wrench
         } else {
-            DVec3::ZERO
+            Wrench::ZERO
         }
+    }
+}
+
+/// A step of the rotation, `[dt, to_end]` seconds long and before the end of the intent.
+fn turn(
+    state: &mut DeviceState,
+    plan: &DeviceRotationPlan,
+    intent: &Intent,
+    rendered: DVec3,
+    [dt, to_end]: [f64; 2],
+) {
+    let target =
+        DQuat::from_scaled_axis(intent.angular_velocity * -to_end) * intent.pose.orientation;
+    let away = rotation_vector(target * state.pose.orientation.conjugate());
+    let hand = away * plan.hand_stiffness_nm_per_rad
+        + intent.angular_velocity * plan.hand_damping_nms_per_rad;
+    let torque = if plan.is_rendered {
+        rendered
+    } else {
+        DVec3::ZERO
+    };
+    let gain = dt / plan.inertia_kgm2;
+    let damping = plan.damping_nms_per_rad + plan.hand_damping_nms_per_rad;
+    let velocity = (state.angular_velocity + (torque + hand) * gain) / (1.0 + damping * gain);
+    let turned = velocity * dt;
+    state.angular_velocity = velocity;
+    state.pose.orientation = (DQuat::from_scaled_axis(turned) * state.pose.orientation).normalize();
+    state.work_j += torque.dot(turned);
+    state.damped_j += plan.damping_nms_per_rad * velocity.dot(turned);
+}
+
+/// Rotation vector of a unit quaternion, radians, its length at most π.
+fn rotation_vector(turn: DQuat) -> DVec3 {
+    let turn = if turn.w < 0.0 { -turn } else { turn };
+    let sine = turn.xyz();
+    let length = sine.length();
+    if length > 0.0 {
+        sine * (2.0 * length.atan2(turn.w) / length)
+    } else {
+        DVec3::ZERO
     }
 }
 
 impl Device for SimulatedDevice {
     fn capabilities(&self) -> Capabilities {
+        let six = |is_six: bool| {
+            if is_six {
+                DegreesOfFreedom::Six
+            } else {
+                DegreesOfFreedom::Three
+            }
+        };
+        let rotation = self.plan.rotation;
+        let renders_torque = self.plan.renders_torque();
         Capabilities {
-            sensed: DegreesOfFreedom::Six,
+            sensed: six(self.plan.senses_rotation),
+            rendered: six(renders_torque),
+            max_torque_nm: if renders_torque { MAX_TORQUE_NM } else { 0.0 },
             position_resolution_m: self.plan.encoder_m,
+            orientation_resolution_rad: rotation.map_or(0.0, |of| of.encoder_rad),
             ..Capabilities::translational("simulated", MAX_FORCE_N)
         }
     }
 
     fn read(&mut self, time: TickTime) -> Option<Sample> {
         let intent = self.intent?;
-        // The force has acted during skipped periods too.
+        // The wrench has acted during skipped periods too.
         let periods = time.periods.min(MAX_PERIODS);
         for left in (0..periods).rev() {
-            let force = self.force_before(time, left);
-            self.advance(intent, force);
+            let wrench = self.wrench_before(time, left);
+            self.advance(intent, wrench, self.period_s);
         }
-        let encoder = self.plan.encoder_m;
-        let position = if encoder > 0.0 {
-            (self.position / encoder).round() * encoder
-        } else {
-            self.position
-        };
-        let pose = Pose {
-            position,
-            orientation: intent.pose.orientation,
-        };
         Some(Sample {
             time_ns: time.start_ns,
-            linear_velocity: Some(self.velocity),
-            in_hand: Some(true),
-            ..Sample::at(pose)
+            ..self.sample()
         })
     }
 
@@ -145,112 +266,13 @@ impl Device for SimulatedDevice {
     /// Sets the hand's target; the first one also puts the device there.
     fn intend(&mut self, intent: Intent) {
         if self.intent.is_none() {
-            self.position = intent.pose.position;
-            self.velocity = intent.velocity;
+            self.state.pose = intent.pose;
+            self.state.velocity = intent.velocity;
+            self.state.angular_velocity = intent.angular_velocity;
         }
         self.intent = Some(intent);
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use scene::HandImpedance;
-
-    const PLAN: SimulatedDevicePlan = SimulatedDevicePlan {
-        mass_kg: 0.1,
-        damping_ns_per_m: 1.0,
-        encoder_m: 0.0,
-        hand: HandImpedance {
-            stiffness_n_per_m: 200.0,
-            damping_ns_per_m: 2.0,
-        },
-    };
-
-    fn still(position: DVec3) -> Intent {
-        Intent {
-            pose: Pose::at(position),
-            velocity: DVec3::ZERO,
-        }
-    }
-
-    /// A command of this force along x, newtons.
-    fn push(force_n: f64) -> WrenchCommand {
-        WrenchCommand::unlimited(Wrench {
-            force: DVec3::X * force_n,
-            torque: DVec3::ZERO,
-        })
-    }
-
-    /// A sampled wall in the loop, from a contact at 0.1 m/s; the largest |x| in the last half
-    /// second.
-    fn rebound(stiffness: f64) -> f64 {
-        let mut device = SimulatedDevice::new(PLAN, 1e-3);
-        device.intend(still(DVec3::ZERO));
-        device.velocity = DVec3::X * 0.1;
-        let mut largest: f64 = 0.0;
-        for tick in 0..2000 {
-            let x = device.read(TickTime::default()).unwrap().pose.position.x;
-            device.write(push(-stiffness * x));
-            if tick > 1500 {
-                largest = largest.max(x.abs());
-            }
-        }
-        largest
-    }
-
-    #[test]
-    fn the_loop_is_closed_so_too_stiff_a_wall_is_unstable() {
-        // b + b_hand = 3 N s/m: passive up to 2 b / T = 6000 N/m, and far beyond that it diverges.
-        assert!(rebound(2000.0) < 1e-4);
-        assert!(rebound(40_000.0) > 1.0);
-    }
-
-    #[test]
-    fn the_encoder_quantises_and_the_state_does_not() {
-        let mut device = SimulatedDevice::new(
-            SimulatedDevicePlan {
-                encoder_m: 1e-5,
-                ..PLAN
-            },
-            1e-3,
-        );
-        assert!(device.read(TickTime::default()).is_none());
-        device.intend(still(DVec3::new(1.234_567e-3, 0.0, 0.0)));
-        let x = device.read(TickTime::default()).unwrap().pose.position.x;
-        assert!((x / 1e-5 - (x / 1e-5).round()).abs() < 1e-9);
-        assert!((device.state().0.x - 1.234_567e-3).abs() < 1e-12);
-    }
-
-    /// Position after ten periods, m, of a device that a force holds against its hand.
-    fn pushed(valid_until_ns: u64, is_off: bool) -> f64 {
-        let mut device = SimulatedDevice::new(PLAN, 1e-3);
-        device.intend(still(DVec3::ZERO));
-        device.write(WrenchCommand {
-            valid_until_ns,
-            ..push(1.0)
-        });
-        if is_off {
-            device.safe_off();
-            device.safe_off();
-        }
-        let time = TickTime {
-            start_ns: 20_000_000,
-            periods: 10,
-        };
-        device.read(time).unwrap().pose.position.x
-    }
-
-    #[test]
-    fn a_force_ends_with_its_validity_and_by_safe_off() {
-        let whole = pushed(u64::MAX, false);
-        let half = pushed(15_000_000, false);
-        assert!(0.0 < half && half < whole, "{half} {whole}");
-        assert_eq!(
-            pushed(10_000_000, false),
-            0.0,
-            "ended before the first period"
-        );
-        assert_eq!(pushed(u64::MAX, true), 0.0);
-    }
-}
+mod tests;

@@ -5,7 +5,7 @@ use crate::link::{Link, LinkModel, Upward};
 use crate::recording::InputRecording;
 use crate::samples::{SampleFaults, SampleModel};
 use crate::summary::Summary;
-use haptic_device::Sample;
+use haptic_device::{DegreesOfFreedom, Sample};
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
 use hrtc_core::{Controller, StageObserver, TickInputs, TickOutputs};
@@ -95,6 +95,16 @@ impl Client {
         let mut controller = Controller::new(plan, identity, device_max_n, tour_s);
         if station_is_far {
             controller.station_is_far();
+        }
+        for (k, probe) in plan.probes.iter().enumerate() {
+            if let Some(rotation) = &probe.device.rotation {
+                let rendered = if rotation.is_rendered {
+                    DegreesOfFreedom::Six
+                } else {
+                    DegreesOfFreedom::Three
+                };
+                controller.set_rendered(k, rendered);
+            }
         }
         let period_s = 1.0 / plan.loop_.rate_hz;
         let hands = plan.probes.iter().map(|probe| {

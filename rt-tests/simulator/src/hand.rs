@@ -8,7 +8,7 @@ use hrtc_core::script::Script;
 use hrtc_core::{Controller, ModelFrame};
 use protocol::TourPoint;
 use scene::SimulatedDevicePlan;
-use simulated_device::SimulatedDevice;
+use simulated_device::{DeviceState, SimulatedDevice};
 use std::slice::from_ref;
 
 /// The path of a hand.
@@ -37,8 +37,8 @@ pub struct Hand {
     period_s: f64,
     /// Time of the path at which it stops and stays, seconds.
     stop_s: f64,
-    /// Place at which it is held instead of following its path.
-    held_at: Option<Pose>,
+    /// Where it is led instead of along its path.
+    led_to: Option<Intent>,
 }
 
 impl Hand {
@@ -51,7 +51,7 @@ impl Hand {
             path: Path::Unknown,
             period_s,
             stop_s: f64::INFINITY,
-            held_at: None,
+            led_to: None,
         }
     }
 
@@ -80,7 +80,12 @@ impl Hand {
 
     /// Holds the device at a pose instead of following the path; `None` ends that.
     pub fn hold_at(&mut self, pose: Option<Pose>) {
-        self.held_at = pose;
+        self.led_to = pose.map(Intent::still);
+    }
+
+    /// Leads the device by this intent in every tick to come instead of along the path.
+    pub fn lead_to(&mut self, intent: Intent) {
+        self.led_to = Some(intent);
     }
 
     /// The sample of a tick of the tour of the first object, whose frame is given; ticks must not
@@ -113,9 +118,9 @@ impl Hand {
         self.device.write(WrenchCommand::unlimited(wrench));
     }
 
-    /// Exact position (m) and velocity (m/s) of the device, without its encoder.
+    /// True state of the device, without its encoders.
     #[must_use]
-    pub fn state(&self) -> (DVec3, DVec3) {
+    pub fn state(&self) -> DeviceState {
         self.device.state()
     }
 
@@ -139,11 +144,8 @@ impl Hand {
 
     fn intend(&mut self, tick: u64, frame_of: impl Fn(usize) -> Option<ModelFrame>) {
         let seconds = |ticks: u64| ticks as f64 * self.period_s;
-        let intent = match (&self.path, self.held_at) {
-            (_, Some(pose)) => Some(Intent {
-                pose,
-                velocity: DVec3::ZERO,
-            }),
+        let intent = match (&self.path, self.led_to) {
+            (_, Some(intent)) => Some(intent),
             (Path::Unknown, None) => None,
             (Path::Points(points), None) => {
                 let t = seconds(tick);
@@ -173,10 +175,9 @@ impl Hand {
 
 /// The intent, at rest once it has stopped.
 fn stopped(intent: Intent, has_stopped: bool) -> Intent {
-    let velocity = if has_stopped {
-        DVec3::ZERO
+    if has_stopped {
+        Intent::still(intent.pose)
     } else {
-        intent.velocity
-    };
-    Intent { velocity, ..intent }
+        intent
+    }
 }

@@ -423,6 +423,7 @@ impl FreeMass {
                 stiffness_n_per_m: 0.0,
                 damping_ns_per_m: 0.0,
             },
+            ..SimulatedDevicePlan::default()
         };
         Self::planned(plan, place, velocity, period_s)
     }
@@ -444,6 +445,7 @@ impl FreeMass {
                 stiffness_n_per_m,
                 damping_ns_per_m,
             },
+            ..SimulatedDevicePlan::default()
         };
         Self::planned(plan, place, velocity, period_s)
     }
@@ -451,8 +453,8 @@ impl FreeMass {
     fn planned(plan: SimulatedDevicePlan, place: DVec3, velocity: DVec3, period_s: f64) -> Self {
         let mut device = SimulatedDevice::new(plan, period_s);
         device.intend(Intent {
-            pose: Pose::at(place),
             velocity,
+            ..Intent::still(Pose::at(place))
         });
         Self { device }
     }
@@ -460,15 +462,15 @@ impl FreeMass {
     /// Moves the place that the hand holds it to.
     pub fn intend(&mut self, place: DVec3, velocity: DVec3) {
         self.device.intend(Intent {
-            pose: Pose::at(place),
             velocity,
+            ..Intent::still(Pose::at(place))
         });
     }
 
     /// Its velocity, m/s.
     #[must_use]
     pub fn velocity(&self) -> DVec3 {
-        self.device.state().1
+        self.device.state().velocity
     }
 
     /// A period under the force; what the encoder reads then.

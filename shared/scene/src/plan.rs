@@ -5,7 +5,10 @@ mod effects;
 mod height_map;
 mod movable;
 
-pub use device::{CustomDevicePlan, HandImpedance, SimulatedDevicePlan};
+pub use device::{
+    CustomDevicePlan, DEVICE_STEPS_PER_PERIOD, DeviceRotationPlan, HandImpedance,
+    SimulatedDevicePlan,
+};
 pub use effects::{
     BoundaryPlan, Effect, EffectPlan, FrictionPlan, GravityPlan, InertiaPlan, MagnetPlan, Pattern,
     ShadingPlan, SpringPlan, TexturePlan, VibrationPlan, Workspace,

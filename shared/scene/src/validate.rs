@@ -95,6 +95,7 @@ fn plan(source: &Source, name: &str, overrides: &Overrides) -> Result<ScenePlan,
     let first_copies = objects.copies.first().map_or(0, |copies| copies.end);
     overrides::apply(&mut plan, first_copies, overrides, source.files)
         .map_err(|sentence| source.whole(&sentence))?;
+    device::check(source, &typed.probe, &plan)?;
     effects::add(source, &typed, &objects.copies, &mut plan)?;
     let tables = typed.object.iter().map(Spanned::get_ref);
     movable::check(source, tables.zip(&objects.copies), &plan)?;
@@ -131,9 +132,10 @@ fn probe_plans(
         .zip(own)
         .map(|(probe, own)| {
             let probe = probe.get_ref();
+            let shape = probe_shape(source, probe.shape.as_ref())?;
             let (device, custom_device) = match own {
-                Some(file) => device_of_file(source.files, file)?,
-                None => device_plan(source, probe.device.as_ref())?,
+                Some(file) => device_of_file(source.files, file, &shape)?,
+                None => device_plan(source, probe.device.as_ref(), &shape)?,
             };
             let trajectory = match &probe.trajectory {
                 // A custom device moves by itself unless the scene gives it a path.
@@ -141,7 +143,7 @@ fn probe_plans(
                 typed => trajectory_plan(source, typed.as_ref(), objects)?,
             };
             Ok(ProbePlan {
-                shape: probe_shape(source, probe.shape.as_ref())?,
+                shape,
                 device,
                 custom_device,
                 trajectory,

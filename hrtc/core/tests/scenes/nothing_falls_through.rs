@@ -429,13 +429,21 @@ fn rest(name: &str, model: &[u8], encoder: f64) {
         world.step_held(held);
     }
     let energy = world.summary().last.energy_j;
-    let at_first = world.client_mut().hand(0).state().0;
+    let at_first = world.client_mut().hand(0).state().pose.position;
     let mut forces = Vec::new();
     let mut moved: f64 = 0.0;
     for _ in 0..5000 {
         world.step_held(held);
         forces.push(world.force());
-        moved = moved.max(world.client_mut().hand(0).state().0.distance(at_first));
+        moved = moved.max(
+            world
+                .client_mut()
+                .hand(0)
+                .state()
+                .pose
+                .position
+                .distance(at_first),
+        );
     }
     let mean = forces.iter().sum::<DVec3>() / forces.len() as f64;
     let spread = forces.iter().map(|f| f.distance_squared(mean)).sum::<f64>();

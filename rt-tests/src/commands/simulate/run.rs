@@ -467,7 +467,9 @@ impl<'a> Run<'a> {
         let periods = side.last_tick.map_or(1, |last| tick - last);
         side.last_tick = Some(tick);
         let probes = 0..self.scenario.plan.probes.len();
-        let places: Vec<_> = probes.map(|probe| client.hand(probe).state().0).collect();
+        let places: Vec<_> = probes
+            .map(|probe| client.hand(probe).state().pose.position)
+            .collect();
         side.watch.moved(&places, periods)?;
         side.watch.check(client)?;
         self.conversation.check_client(client)?;

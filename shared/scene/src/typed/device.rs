@@ -1,6 +1,6 @@
 //! A probe's device, as typed.
 
-use super::Number;
+use super::{Number, Whole};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -18,6 +18,12 @@ tables! {
         mass_kg: Number,
         damping_ns_per_m: Number,
         encoder_m: Number,
+        inertia_kgm2: Number,
+        damping_nms_per_rad: Number,
+        encoder_rad: Number,
+        /// Degrees of freedom: 3 or 6.
+        senses: Whole,
+        renders: Whole,
         #[serde(default)]
         hand: HandTyped,
     }
@@ -26,5 +32,21 @@ tables! {
     struct HandTyped {
         stiffness_n_per_m: Number,
         damping_ns_per_m: Number,
+        stiffness_nm_per_rad: Number,
+        damping_nms_per_rad: Number,
+    }
+}
+
+impl SimulatedTyped {
+    /// Whether a key of the rotation is given.
+    pub(crate) fn has_rotation(&self) -> bool {
+        let numbers = [
+            &self.inertia_kgm2,
+            &self.damping_nms_per_rad,
+            &self.encoder_rad,
+            &self.hand.stiffness_nm_per_rad,
+            &self.hand.damping_nms_per_rad,
+        ];
+        numbers.iter().any(|number| number.is_some()) || self.renders.is_some()
     }
 }
