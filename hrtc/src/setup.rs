@@ -20,6 +20,8 @@ pub struct ControllerSetup {
     pub max_torque_nm: f64,
     /// Position resolution of each probe's device, metres.
     pub position_resolutions_m: Vec<f64>,
+    /// Orientation resolution of each probe's device, radians.
+    pub orientation_resolutions_rad: Vec<f64>,
     /// Whether each probe's device renders torque; in a recording without this list, all do.
     #[serde(default)]
     pub renders_torque: Vec<bool>,
@@ -67,6 +69,10 @@ impl ControllerSetup {
                 .clone()
                 .map(|device| device.position_resolution_m)
                 .collect(),
+            orientation_resolutions_rad: devices
+                .clone()
+                .map(|device| device.orientation_resolution_rad)
+                .collect(),
             renders_torque: devices
                 .clone()
                 .map(|device| device.rendered == DegreesOfFreedom::Six)
@@ -111,6 +117,12 @@ impl ControllerSetup {
         plan.safety.torque_max_nm = plan.safety.torque_max_nm.min(self.max_torque_nm);
         for (probe, &resolution_m) in plan.probes.iter_mut().zip(&self.position_resolutions_m) {
             probe.device.encoder_m = resolution_m;
+        }
+        let resolutions = &self.orientation_resolutions_rad;
+        for (probe, &resolution_rad) in plan.probes.iter_mut().zip(resolutions) {
+            if let Some(rotation) = &mut probe.device.rotation {
+                rotation.encoder_rad = resolution_rad;
+            }
         }
         let mut controller =
             Controller::new(plan, self.identity(), self.max_force_n, self.tour_seconds);

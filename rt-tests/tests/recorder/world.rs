@@ -72,6 +72,7 @@ impl World {
             max_force_n: options.device_max_n,
             max_torque_nm: f64::MAX,
             position_resolutions_m: plan.probes.iter().map(|of| of.device.encoder_m).collect(),
+            orientation_resolutions_rad: Vec::new(),
             renders_torque: Vec::new(),
             motion_limits: Vec::new(),
             tour_seconds: TOUR_S,

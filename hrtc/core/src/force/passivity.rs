@@ -60,7 +60,7 @@ use mutants::{Mutant, is};
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct EnergyAccount {
     /// Step of the encoder, metres; 0 for none. A way back of up to two is noise and does no work
-    /// on the limited part.
+    /// on the limited part. The same holds for the orientation and its step.
     encoder_m: f64,
     period_s: f64,
     /// Longest window of the velocity estimate, periods.
@@ -92,8 +92,14 @@ pub struct EnergyAccount {
     motion: [DVec3; 3],
     /// Orientation at the newest sample.
     orientation: DQuat,
-    /// Rotation vector of the last period, radians.
+    /// Rotation vector of a period, radians, without the noise of the encoder.
     rotation: DVec3,
+    /// Step of the measured orientation, radians; 0 for none.
+    encoder_rad: f64,
+    /// Rotation vector that has not done its work on the limited part, radians: noise.
+    unturned: DVec3,
+    /// The last rotation that has about each axis, radians.
+    turning: DVec3,
 }
 
 /// Work of the wrenches on the device over the motion of the surface's material; 0 at rest.
@@ -181,6 +187,18 @@ impl EnergyAccount {
             motion: [DVec3::ZERO; 3],
             orientation: DQuat::IDENTITY,
             rotation: DVec3::ZERO,
+            encoder_rad: 0.0,
+            unturned: DVec3::ZERO,
+            turning: DVec3::ZERO,
+        }
+    }
+
+    /// The same with a step of the measured orientation, radians.
+    #[must_use]
+    pub fn with_angular_step(self, encoder_rad: f64) -> Self {
+        Self {
+            encoder_rad,
+            ..self
         }
     }
 
@@ -206,14 +224,19 @@ impl EnergyAccount {
         let Wrench { force, torque } = self.wrench;
         // At most half a turn.
         let turned = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
-        self.rotation = turned / periods as f64;
         let work = force.dot(position - positions.newest()) + torque.dot(turned);
         self.joules += work - carried;
         positions.add(position, [elapsed, periods]);
         let estimated = positions.motion(self.encoder_m, self.window);
-        let motion = self.without_noise(position - self.worked_to);
+        let beyond = position - self.worked_to;
+        let motion = without_noise(beyond, self.encoder_m, &mut self.course);
+        self.worked_to += motion;
+        self.unturned += turned;
+        let rotation = without_noise(self.unturned, self.encoder_rad, &mut self.turning);
+        self.unturned -= rotation;
+        self.rotation = rotation / periods as f64;
         let Wrench { force, torque } = self.limited;
-        let work = force.dot(motion) + torque.dot(turned);
+        let work = force.dot(motion) + torque.dot(rotation);
         let lost = work - limited;
         let of_raised = lost.clamp(0.0, self.raised_j);
         self.raised_j -= of_raised;
@@ -224,23 +247,6 @@ impl EnergyAccount {
             // It does not give way.
             self.raised_j = 0.0;
         }
-    }
-
-    /// The displacement since the last one that was counted, metres: along each axis all of it
-    /// where it goes on or is too long for noise, else nothing. A position that followed an encoder
-    /// step behind would be late at every turn: a force that is less on the way in than on the way
-    /// out would put out two steps of work unseen each time, for ever.
-    fn without_noise(&mut self, beyond: DVec3) -> DVec3 {
-        let mut motion = DVec3::ZERO;
-        for axis in 0..3 {
-            let along = beyond[axis];
-            if along * self.course[axis] > 0.0 || along.abs() > 2.0 * self.encoder_m {
-                motion[axis] = along;
-                self.course[axis] = along;
-            }
-        }
-        self.worked_to += motion;
-        motion
     }
 
     /// So much time has passed, seconds: what surfaces gave fades, and the excess of a contact that
@@ -257,7 +263,8 @@ impl EnergyAccount {
     pub fn go_to_new_place(&mut self) {
         self.positions = None;
         self.motion = [DVec3::ZERO; 3];
-        self.rotation = DVec3::ZERO;
+        (self.rotation, self.unturned) = (DVec3::ZERO, DVec3::ZERO);
+        self.turning = DVec3::ZERO;
     }
 
     /// Permitted share, 0 to 1, of a wanted passive wrench. It is called after [`Self::moved_to`]
@@ -312,7 +319,8 @@ impl EnergyAccount {
         // Energy of the hold, K d² / 2.
         let hold_loss = 0.5 * spring.stiffness_n_per_m * along * along;
         // Two encoder steps of error in the balance are tolerated.
-        let unpaid = spring.stored_j - taken_in - 2.0 * size * self.encoder_m;
+        let steps = size * self.encoder_m + wanted.torque.length() * self.encoder_rad;
+        let unpaid = spring.stored_j - taken_in - 2.0 * steps;
         let given = work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss);
         self.paid = self.paid.min((taken_in / work).max(0.0));
         (given / work).min(self.paid).clamp(0.0, 1.0)
@@ -390,7 +398,7 @@ impl EnergyAccount {
     /// An empty account of the same device.
     #[must_use]
     pub fn restarted(&self) -> Self {
-        Self::new(self.encoder_m, self.period_s)
+        Self::new(self.encoder_m, self.period_s).with_angular_step(self.encoder_rad)
     }
 
     /// Estimated motion in the last period, metres, without the noise of the encoder.
@@ -410,6 +418,22 @@ impl EnergyAccount {
     pub fn joules(&self) -> f64 {
         self.joules
     }
+}
+
+/// Of a displacement (or rotation) since the last one that was counted: along each axis all of it
+/// where it goes on or is too long for noise, else nothing. A position that followed an encoder
+/// step behind would be late at every turn: a force that is less on the way in than on the way out
+/// would put out two steps of work unseen each time, for ever. `course`: the last one counted.
+fn without_noise(beyond: DVec3, step: f64, course: &mut DVec3) -> DVec3 {
+    let mut motion = DVec3::ZERO;
+    for axis in 0..3 {
+        let along = beyond[axis];
+        if along * course[axis] > 0.0 || along.abs() > 2.0 * step {
+            motion[axis] = along;
+            course[axis] = along;
+        }
+    }
+    motion
 }
 
 #[cfg(test)]

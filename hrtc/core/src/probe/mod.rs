@@ -167,7 +167,8 @@ impl Probe {
             rejected_samples: 0,
             wrench: Wrench::ZERO,
             clamped: false,
-            energy: EnergyAccount::new(probe.device.encoder_m, 1.0 / plan.loop_.rate_hz),
+            energy: EnergyAccount::new(probe.device.encoder_m, 1.0 / plan.loop_.rate_hz)
+                .with_angular_step(probe.device.rotation.map_or(0.0, |of| of.encoder_rad)),
             carried: [0.0; 2],
             passivity: plan.safety.passivity,
             effects: SceneEffects::new(&plan.effects),
@@ -287,7 +288,15 @@ impl Probe {
         let output = self.limiter.pass(sum, open);
         (self.wrench, self.clamped) = (output.wrench, output.clamped);
         // The limiter scales both alike.
-        let (passed, whole) = (output.wrench.force.length(), sum.force.length());
+        let lengths = |of: &Wrench| [of.force.length(), of.torque.length()];
+        let ([force, torque], [whole_force, whole_torque]) =
+            (lengths(&output.wrench), lengths(&sum));
+        // A couple has no force.
+        let (passed, whole) = if whole_force > 0.0 {
+            (force, whole_force)
+        } else {
+            (torque, whole_torque)
+        };
         let share = if whole > 0.0 {
             (passed / whole).min(1.0)
         } else {
