@@ -225,6 +225,71 @@ fn the_error_of_an_encoder_does_not_add_up_over_swings() {
     }
 }
 
+/// An orientation turned about an axis by so many steps.
+fn turned_by(step_rad: f64, steps: f64) -> Pose {
+    Pose {
+        position: DVec3::ZERO,
+        orientation: DQuat::from_axis_angle(DVec3::new(2.0, -1.0, 2.0) / 3.0, step_rad * steps),
+    }
+}
+
+/// A torque about that axis, newton metres.
+fn twist(torque_nm: f64) -> Wrench {
+    Wrench {
+        force: DVec3::ZERO,
+        torque: DVec3::new(2.0, -1.0, 2.0) / 3.0 * torque_nm,
+    }
+}
+
+/// The same in rotation: beyond half a turn too, where the rotation vector starts anew.
+#[test]
+fn the_error_of_an_encoder_does_not_add_up_over_turns() {
+    let (step_rad, steps, torque_nm) = (0.01, 500, 0.02);
+    let mut account = EnergyAccount::new(0.0, PERIOD_S).with_angular_step(step_rad);
+    account.moved_to(&turned_by(step_rad, 0.0), [1; 2], STANDING);
+    for swing in 1..=200 {
+        let out = (1..=steps).map(|k| (k, torque_nm));
+        let back = (0..steps).rev().map(|k| (k, 0.0));
+        for (k, torque_nm) in out.chain(back) {
+            account.set_output(twist(torque_nm), twist(torque_nm));
+            account.moved_to(&turned_by(step_rad, f64::from(k)), [1; 2], STANDING);
+        }
+        let put_out = f64::from(swing * steps) * step_rad * torque_nm;
+        let error = (account.contact_joules - put_out).abs();
+        assert!(
+            error <= 4.0 * step_rad * torque_nm,
+            "{swing} swings: {put_out} J, {error} J unseen"
+        );
+        let whole = (account.joules() - put_out).abs();
+        assert!(whole < 1e-9 * put_out, "{put_out} {}", account.joules());
+    }
+}
+
+/// A handle rests in a torsional spring, with noise of one step of its encoder.
+#[test]
+fn noise_of_the_orientation_does_not_reduce_the_torque_at_rest() {
+    let step_rad = 3e-4;
+    let mut account = EnergyAccount::new(0.0, PERIOD_S).with_angular_step(step_rad);
+    // A surface of 1 kN/m on a radius of gyration of 10 mm.
+    let (stiffness_n_per_m, torsion) = (1000.0, 0.1);
+    for tick in 0..60_000u32 {
+        let press = (f64::from(tick) * step_rad).min(0.06);
+        let noise = [0.0, step_rad, 0.0, 0.0, step_rad][tick as usize % 5];
+        let angle = press + if press < 0.06 { 0.0 } else { noise };
+        account.moved_to(&turned_by(-1.0, angle), [1; 2], STANDING);
+        let wanted = twist(torsion * angle);
+        let spring = CouplingSpring {
+            stiffness_n_per_m,
+            stored_j: 0.5 * torsion * angle * angle,
+            raised_j: 0.0,
+        };
+        let share = account.share(wanted, spring, CarriedWork::default());
+        let lost = wanted.torque.length() * (1.0 - share);
+        assert!(lost <= torsion * step_rad, "tick {tick}: {share}");
+        account.set_output(wanted * share, wanted * share);
+    }
+}
+
 #[test]
 fn the_excess_of_an_earlier_contact_does_not_mute_a_later_one() {
     let stiffness_n_per_m = 1000.0;
