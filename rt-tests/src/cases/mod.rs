@@ -11,9 +11,11 @@
 //! | `effects` | friction, texture, fields: energy, drift, switching |
 //! | `fronts` | a front that moves, files in any unit |
 //! | `motion` | objects that are driven onto a probe, or pushed by one |
+//! | `rotation` | tools that a hand turns: energy at a device of six degrees of freedom |
 //! | `refinement` | splits and collapses under the probe |
 //! | `disturbances` | jumps, noise, a station that goes away, another scale |
 //! | [`mod@bench`], `shapes` | a controller that touches one mesh; meshes of the cases |
+//! | [`held_tool`] | a tool in a hand, the loop closed in six degrees of freedom |
 //! | `found` | the size of a run of a case, and its result |
 
 pub mod bench;
@@ -22,8 +24,10 @@ mod disturbances;
 mod effects;
 mod found;
 mod fronts;
+pub mod held_tool;
 mod motion;
 mod refinement;
+mod rotation;
 mod shapes;
 mod sheets;
 pub mod walls;
@@ -54,9 +58,13 @@ pub struct Case {
 /// radius deep.
 const CONVERGENCE: f64 = 1e-6;
 
+/// Energy that a balance at a device does not tell from 0, joules: of 1 N over a tenth of an
+/// encoder's step.
+const ENERGY_SEEN_J: f64 = 1e-6;
+
 /// The cases, each in two lines.
 #[rustfmt::skip]
-pub const CASES: [Case; 43] = [
+pub const CASES: [Case; 47] = [
     case("head-on-wall", "energy put out over K T/2 times the integral of v²",
         1.1, Fault::LateTick, walls::head_on),
     case("net-passivity", "energy put out less what the device damps, J",
@@ -143,6 +151,14 @@ pub const CASES: [Case; 43] = [
         1.0, Fault::Sign, motion::pushed_reference),
     case("pushed-rest", "pushed bodies that do not sleep, or change in sleep",
         0.0, Fault::Restless, motion::pushed_rest),
+    case("turned-in-slot", "energy put out at the device, J",
+        ENERGY_SEEN_J, Fault::NoPassivity, rotation::in_slot),
+    case("twisted-on-plate", "energy put out at the device, J",
+        ENERGY_SEEN_J, Fault::NoPassivity, rotation::on_plate),
+    case("tilted-in-hole", "energy put out at the device, J",
+        ENERGY_SEEN_J, Fault::NoPassivity, rotation::in_hole),
+    case("rocked-on-edge", "energy put out at the device, J",
+        ENERGY_SEEN_J, Fault::NoPassivity, rotation::on_edge),
 ];
 
 const fn case(

@@ -6,6 +6,7 @@
 //! | [`source`] | models as they are named on the command line |
 //! | [`hard_meshes`] | generated meshes on which builders and fronts fail first |
 //! | [`surface`], [`path`] | exact distances to triangles; paths over them |
+//! | [`profiles`] | meshes of a profile: slots, edges, holes |
 //! | [`front_walk`] | random walks over fronts with an AB-tree |
 //! | [`local_front`] | fronts around a contact as the two processes form them |
 
@@ -13,6 +14,7 @@ pub mod front_walk;
 pub mod hard_meshes;
 pub mod local_front;
 pub mod path;
+pub mod profiles;
 pub mod source;
 pub mod surface;
 
