@@ -4,6 +4,7 @@
 //! The device renders the wrench that stands in the page as long as it is valid, looking once a
 //! millisecond, as the firmware of a device does.
 
+use super::stamped_device::{self, StampedDevice};
 use super::stop::is_set;
 use crate::failure::Failure;
 use clap::Args;
@@ -195,10 +196,13 @@ impl Device for PageDevice {
     }
 }
 
-/// The devices of the controller's role: a scene may name the device of a page.
+/// The devices of the controller's role: a scene may name that of a page, or one with stamps.
 #[must_use]
 pub fn registry() -> DeviceRegistry {
-    DeviceRegistry::new().with(NAME, |request: &DeviceRequest<'_>| {
+    let registry = DeviceRegistry::new().with(stamped_device::NAME, |request| {
+        Ok(Box::new(StampedDevice::of_request(request)?))
+    });
+    registry.with(NAME, |request: &DeviceRequest<'_>| {
         let file = request.settings.get("file").and_then(|file| file.as_str());
         let file = file.ok_or("its settings need file = \"FILE\"")?;
         let page = DevicePage::open(Path::new(file)).map_err(|error| format!("{file}: {error}"))?;

@@ -14,6 +14,7 @@
 //! | [`rights`] | the rights of this process |
 //! | [`device_page`] | a device in a process of its own, and its driver |
 //! | [`voice`] | forged heartbeats in a domain |
+//! | [`stamped_device`] | the simulated device with stamps of the loop |
 //! | [`stop`] | the flag that ends a role or a command |
 
 pub mod bare_loop;
@@ -26,6 +27,7 @@ pub mod pair;
 pub mod process;
 pub mod rights;
 pub mod roles;
+pub mod stamped_device;
 pub mod stop;
 pub mod surroundings;
 pub mod voice;

@@ -39,6 +39,8 @@ pub struct PairArgs<'a> {
     /// First file of the recording, or "off"; without one the run is recorded all the same, as a
     /// user's would be, and the files are removed after it.
     pub record: Option<&'a Path>,
+    /// File with a device in place of that of the first probe.
+    pub device: Option<&'a Path>,
 }
 
 /// What became of it.
@@ -140,6 +142,10 @@ impl Processes {
         if let Some(record) = record {
             controller_arguments.push("--record".into());
             controller_arguments.push(record.into());
+        }
+        if let Some(device) = args.device {
+            controller_arguments.push("--device".into());
+            controller_arguments.push(device.into());
         }
         controller_arguments.extend(scene);
         let station = Process::start("station", &station_arguments, core, &sender)?;

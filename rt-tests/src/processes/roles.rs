@@ -75,6 +75,9 @@ pub struct ControllerArgs {
     /// First file of the recording, or "off".
     #[arg(long)]
     pub record: Option<PathBuf>,
+    /// File with a device in place of that of the first probe.
+    #[arg(long)]
+    pub device: Option<PathBuf>,
     /// Over the scene.
     #[command(flatten)]
     pub overrides: OverrideArgs,
@@ -117,7 +120,10 @@ pub fn controller(args: ControllerArgs) -> Result<(), Failure> {
     let _hold = hold(&args.domain)?;
     let run = hrtc::run::RunArgs {
         seconds: Some(args.seconds),
-        overrides: args.loop_.with(&args.overrides),
+        overrides: Overrides {
+            devices: args.device.into_iter().collect(),
+            ..args.loop_.with(&args.overrides)
+        },
         output: hrtc::run::Output::Supervised,
         started_ns: Some(args.started_ns),
         record: args.record,

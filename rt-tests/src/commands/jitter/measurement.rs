@@ -213,6 +213,7 @@ impl<'a> Measurement<'a> {
             overrides: self.setup.overrides,
             loop_: self.setup.loop_,
             record: None,
+            device: None,
         };
         let bar = &self.bar;
         let mut show = |shown: Shown| {

@@ -69,6 +69,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         overrides: &args.overrides,
         loop_: LoopArgs::default(),
         record: Some(&record),
+        device: None,
     };
     let outcome = run_pair(&pair, &stop, &mut |shown| line.show(shown));
     line.bar.finish_and_clear();

@@ -1,0 +1,362 @@
+//! `rt-tests zwidth`: the stiffest walls, against moving and against turning, that a loop with the
+//! period and the delay of this machine can render without putting energy into the hand.
+//!
+//! Measured: period and delay, in a run of both processes on this machine, by the stamps of the
+//! device that the tick reads and writes. Simulated: the walls, in virtual time, by the product's
+//! controller and the scene's own device at that period and with that delay. Each stiffness is
+//! touched for seconds without a break by a hand that takes no energy; the stiffest wall that then
+//! has put out no more than the device damps is the limit. In theory that is `b / (T/2 + n T)`, for
+//! damping b, period T and n ticks of delay (Colgate 1994, Gil 2009). The energy account is off for
+//! that; how far it reaches beyond is simulated too.
+
+mod long_run;
+mod stamps;
+mod words;
+
+use crate::failure::Failure;
+use crate::processes::pair::{PairArgs, Shown, run_pair};
+use crate::processes::roles::LoopArgs;
+use crate::processes::stamped_device::{NAME, read_stamps};
+use crate::processes::stop::stop_flag;
+use crate::report::output::{make_folder, print_either, write_whole};
+use crate::scenes::{SceneFile, check_seconds, prepare_models};
+use clap::Args;
+use long_run::{Loaded, Wall, holds, torsion_per_stiffness};
+use scene::{DeviceRotationPlan, ScenePlan, SimulatedDevicePlan, load};
+use scene_args::OverrideArgs;
+use scene_files::DiskFiles;
+use serde::Serialize;
+use stamps::RealLoop;
+use std::path::{Path, PathBuf};
+
+/// Dampings that the curve is drawn over, N s/m.
+const DAMPINGS: [f64; 5] = [0.2, 0.5, 1.0, 2.0, 5.0];
+/// The limit is looked for between theory over this and theory times this, at first.
+const AROUND: f64 = 2.0;
+/// Steps by which that interval is moved at the most.
+const MAX_DOUBLINGS: u32 = 8;
+/// Halvings of the logarithm of that interval, and what is left of it, relative.
+const HALVINGS: i32 = 9;
+/// The stiffest wall that is tried with the energy account, in units of theory's limit without.
+const MAX_WITH_ACCOUNT: f64 = 32.0;
+
+/// Arguments of `rt-tests zwidth`.
+#[derive(Debug, Args)]
+pub struct ZwidthArgs {
+    /// Scene whose loop and first device are measured [default: the bundled first-touch scene]
+    #[arg(value_name = "SCENE")]
+    pub scene: Option<PathBuf>,
+    /// Length of the run that measures period and delay
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    pub seconds: f64,
+    /// Over the scene.
+    #[command(flatten)]
+    pub overrides: OverrideArgs,
+    /// Folder of the picture
+    #[arg(long, value_name = "DIR", default_value = "reports/zwidth")]
+    pub out: PathBuf,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is printed as JSON. What is under `simulated` was simulated, and so were the fields that
+/// begin with `k_max` and do not name theory.
+#[derive(Debug, Serialize)]
+pub struct Zwidth {
+    /// The stiffest wall that put no more energy out than the device damps, N/m. Simulated.
+    pub k_max_measured: f64,
+    /// ... and in theory.
+    pub k_max_theory: f64,
+    /// By how much the former may exceed the latter, N/m: see [`Loaded::uncertainty`], and the
+    /// width of the last interval.
+    pub k_max_uncertainty: f64,
+    /// Median of the loop's period, seconds. Measured.
+    pub period_s: f64,
+    /// Delay of the force beyond the hold of a period, ticks. Measured.
+    pub delay_ticks: f64,
+    /// Damping of the device, N s/m.
+    pub damping: f64,
+    /// The same against turning, N m/rad.
+    pub k_max_torsion_measured: f64,
+    /// ...
+    pub k_max_torsion_theory: f64,
+    /// ...
+    pub k_max_torsion_uncertainty: f64,
+    /// Damping of the device's rotation, N m s/rad.
+    pub damping_torsion: f64,
+    /// Mass of the device, kg.
+    pub mass_kg: f64,
+    /// Its moment of inertia, kg m².
+    pub inertia_kgm2: f64,
+    /// What theory allows at the longest period, N/m.
+    pub k_max_longest_period_theory: f64,
+    /// The stiffest wall that put no energy out with the energy account, N/m, of those up to
+    /// [`MAX_WITH_ACCOUNT`] times theory. Simulated.
+    pub k_max_with_account: f64,
+    /// The same against turning, N m/rad. Simulated.
+    pub k_max_torsion_with_account: f64,
+    /// What was measured of the loop of this machine.
+    pub measured: RealLoop,
+    /// Names of what was not measured but simulated.
+    pub simulated: [&'static str; 5],
+    /// The limit over the damping of a device; simulated, beside theory.
+    pub curve: Vec<Limit>,
+}
+
+/// The limit of a device.
+#[derive(Debug, Serialize)]
+pub struct Limit {
+    /// N s/m.
+    pub damping: f64,
+    /// N/m.
+    pub k_max_measured: f64,
+    /// N/m.
+    pub k_max_theory: f64,
+    /// N/m.
+    pub k_max_uncertainty: f64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence, with its status.
+pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
+    check_seconds(args.seconds)?;
+    let scene = SceneFile::named_or_bundled(args.scene.as_deref())?;
+    let plan = load(scene.path(), &args.overrides.overrides(), &DiskFiles)?;
+    make_folder(&args.out)?;
+    prepare_models(&plan)?;
+    eprintln!("period and delay are measured for {} s", args.seconds);
+    let measured = measure(args, scene.path(), &plan)?;
+    eprintln!("the walls are simulated");
+    let device = &plan.probes[0].device;
+    let found = Zwidth {
+        curve: curve(&measured, device)?,
+        ..simulate(measured, device)?
+    };
+    let picture = args.out.join("zwidth.svg");
+    write_whole(&picture, words::draw(&found).as_bytes())?;
+    let words = format!("{}picture: {}\n", words::words(&found), picture.display());
+    print_either(args.json, &words, &found)
+}
+
+/// Runs the scene with stamps.
+fn measure(args: &ZwidthArgs, scene: &Path, plan: &ScenePlan) -> Result<RealLoop, Failure> {
+    let folder = tempfile::tempdir()
+        .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
+    let [device, stamps] = ["device.toml", "stamps"].map(|name| folder.path().join(name));
+    let whole = std::path::absolute(scene)
+        .map_err(|error| Failure::Input(format!("{}: {error}", scene.display())))?;
+    let table = format!(
+        "[device.custom]\nname = {NAME:?}\nscene = {:?}\nstamps = {:?}\n",
+        whole.display().to_string(),
+        stamps.display().to_string()
+    );
+    std::fs::write(&device, table).map_err(|error| Failure::write(&device, &error))?;
+    let pair = PairArgs {
+        scene,
+        plan,
+        seconds: args.seconds,
+        overrides: &args.overrides,
+        loop_: LoopArgs::default(),
+        record: None,
+        device: Some(&device),
+    };
+    let mut show = |shown: Shown| {
+        if let Shown::Said(who, line) = shown {
+            eprintln!("{who}: {line}");
+        }
+    };
+    let stop = stop_flag()?;
+    run_pair(&pair, &stop, &mut show)?.check_finite()?;
+    let stamps = read_stamps(&stamps)
+        .map_err(|error| Failure::Run(format!("the stamps of the device: {error}")))?;
+    RealLoop::of(&stamps)
+}
+
+/// Finds the limits of a loop and a device.
+///
+/// # Errors
+/// When a wall cannot be served.
+fn simulate(measured: RealLoop, device: &SimulatedDevicePlan) -> Result<Zwidth, Failure> {
+    let rotation = device
+        .rotation
+        .unwrap_or_else(|| DeviceRotationPlan::of_handle(device));
+    let default = SimulatedDevicePlan::default();
+    let own = plate(&measured, device, device.damping_ns_per_m);
+    let slot = Loaded {
+        wall: Wall::Slot,
+        inertia: rotation.inertia_kgm2,
+        damping: rotation.damping_nms_per_rad,
+        hand: some_hand(
+            rotation.hand_stiffness_nm_per_rad,
+            DeviceRotationPlan::of_handle(&default).hand_stiffness_nm_per_rad,
+        ),
+        ..own
+    };
+    let torsion = torsion_per_stiffness(&slot)?;
+    let longest = Loaded {
+        period_s: measured.longest_period_s,
+        ..own
+    };
+    Ok(Zwidth {
+        k_max_measured: stiffest(&own, 1.0)?,
+        k_max_theory: own.theory(),
+        k_max_uncertainty: uncertainty(&own),
+        period_s: measured.period_s,
+        delay_ticks: measured.delay_ticks(),
+        damping: own.damping,
+        k_max_torsion_measured: stiffest(&slot, torsion)?,
+        k_max_torsion_theory: slot.theory(),
+        k_max_torsion_uncertainty: uncertainty(&slot),
+        damping_torsion: slot.damping,
+        mass_kg: own.inertia,
+        inertia_kgm2: slot.inertia,
+        k_max_longest_period_theory: longest.theory(),
+        k_max_with_account: stiffest_with_account(&own, 1.0)?,
+        k_max_torsion_with_account: stiffest_with_account(&slot, torsion)?,
+        measured,
+        simulated: [
+            "k_max_measured",
+            "k_max_torsion_measured",
+            "k_max_with_account",
+            "k_max_torsion_with_account",
+            "curve.k_max_measured",
+        ],
+        curve: Vec::new(),
+    })
+}
+
+/// The limits of plates over the damping of a device.
+fn curve(measured: &RealLoop, device: &SimulatedDevicePlan) -> Result<Vec<Limit>, Failure> {
+    let limit = |damping: f64| {
+        let loaded = plate(measured, device, damping);
+        Ok(Limit {
+            damping,
+            k_max_measured: stiffest(&loaded, 1.0)?,
+            k_max_theory: loaded.theory(),
+            k_max_uncertainty: uncertainty(&loaded),
+        })
+    };
+    DAMPINGS.into_iter().map(limit).collect()
+}
+
+/// A plate under a device with another damping, N s/m.
+fn plate(measured: &RealLoop, device: &SimulatedDevicePlan, damping: f64) -> Loaded {
+    Loaded {
+        wall: Wall::Plate,
+        period_s: measured.period_s,
+        delay_ticks: measured.delay_ticks(),
+        inertia: device.mass_kg,
+        damping,
+        hand: some_hand(
+            device.hand.stiffness_n_per_m,
+            SimulatedDevicePlan::default().hand.stiffness_n_per_m,
+        ),
+    }
+}
+
+/// The spring of a hand, or the default where it has none: it could not press.
+fn some_hand(own: f64, default: f64) -> f64 {
+    if own > 0.0 { own } else { default }
+}
+
+fn uncertainty(loaded: &Loaded) -> f64 {
+    let width = 2.0 * AROUND.ln() * 0.5f64.powi(HALVINGS);
+    loaded.theory() * (loaded.uncertainty() + width)
+}
+
+/// The stiffest wall that puts no energy out without the account; a surface of 1 N/m is a wall of
+/// `a_unit`. 0 where a device without damping has none.
+fn stiffest(loaded: &Loaded, a_unit: f64) -> Result<f64, Failure> {
+    let theory = loaded.theory();
+    if theory <= 0.0 {
+        return Ok(0.0);
+    }
+    let is_passive = |stiffness: f64| holds(loaded, [stiffness / a_unit, stiffness], false);
+    let (mut low, mut high) = (theory / AROUND, theory * AROUND);
+    let mut found = is_passive(low)?;
+    for _ in 0..MAX_DOUBLINGS {
+        if found {
+            break;
+        }
+        (low, high) = (low / AROUND, low);
+        found = is_passive(low)?;
+    }
+    if !found {
+        return Ok(0.0);
+    }
+    for _ in 0..MAX_DOUBLINGS {
+        if !is_passive(high)? {
+            break;
+        }
+        (low, high) = (high, high * AROUND);
+    }
+    for _ in 0..HALVINGS {
+        let middle = (low * high).sqrt();
+        if is_passive(middle)? {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Ok(low)
+}
+
+/// The same with the account, by doubling.
+fn stiffest_with_account(loaded: &Loaded, a_unit: f64) -> Result<f64, Failure> {
+    let mut stiffness = 0.5 * loaded.theory();
+    let most = MAX_WITH_ACCOUNT * loaded.theory();
+    let is_passive = |stiffness: f64| holds(loaded, [stiffness / a_unit, stiffness], true);
+    while stiffness < most && is_passive(2.0 * stiffness)? {
+        stiffness *= 2.0;
+    }
+    Ok(stiffness)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn loop_of(period_s: f64, whole_ticks: usize, work_s: f64) -> RealLoop {
+        RealLoop {
+            period_s,
+            longest_period_s: period_s,
+            whole_ticks,
+            work_s,
+            work_p99_s: work_s,
+            stamps: 1,
+        }
+    }
+
+    /// Against moving and against turning; without delay, and with part of a tick.
+    #[test]
+    fn the_limit_is_that_of_theory_within_its_uncertainty() {
+        for of in [loop_of(1e-3, 0, 0.0), loop_of(5e-4, 0, 1e-4)] {
+            let found = simulate(of, &SimulatedDevicePlan::default()).expect("the walls are there");
+            for [measured, theory, uncertainty] in [
+                [
+                    found.k_max_measured,
+                    found.k_max_theory,
+                    found.k_max_uncertainty,
+                ],
+                [
+                    found.k_max_torsion_measured,
+                    found.k_max_torsion_theory,
+                    found.k_max_torsion_uncertainty,
+                ],
+            ] {
+                println!("{measured} {theory} {uncertainty}");
+                assert!(measured <= theory + uncertainty, "{found:?}");
+                assert!(measured >= 0.99 * theory, "{found:?}");
+                assert!(uncertainty < 0.05 * theory, "{found:?}");
+            }
+            // The account takes a force to act at once.
+            assert!(
+                of.work_s > 0.0 || found.k_max_with_account > 4.0 * found.k_max_theory,
+                "{found:?}"
+            );
+        }
+    }
+}
