@@ -16,6 +16,7 @@
 
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
+use mutants::{Mutant, is};
 use spm::{ActiveMesh, Geomorph, Handle, OperationFaces, Slot};
 
 /// Imperceptible force, newtons.
@@ -428,7 +429,7 @@ pub fn turns_over(mesh: &ActiveMesh, slot: Slot, patch: &OperationFaces) -> bool
         &[false]
     };
     let mut pairs = ends.iter().flat_map(|&a| ends.iter().map(move |&b| [a, b]));
-    pairs.any(|at_ends| turns_over_at(mesh, slot, patch, at_ends))
+    !is(Mutant::Folds) && pairs.any(|at_ends| turns_over_at(mesh, slot, patch, at_ends))
 }
 
 /// The same, with geomorphing vertices at their current positions or at the end of their paths,

@@ -199,6 +199,7 @@ impl Controller {
 
         let is_open =
             !inputs.stopping && self.is_ready() && (is(Mutant::Fault) || self.fault().is_none());
+        let is_open = is_open && (inputs.station != 0 || !is(Mutant::Silence));
         for probe in 0..self.probes.len() {
             let rendered = self.render(probe, &mut record);
             self.limit(probe, tick, is_open, &rendered);
@@ -402,7 +403,8 @@ impl Controller {
         for active in &self.active.objects {
             let rendered = &active.contacts.pairs[k].rendered;
             if let (Some(object), Some(rendered)) = (active.object(), rendered) {
-                let given = [rendered.passive * shares[0], rendered.active * shares[1]];
+                let passed = if is(Mutant::Reaction) { 0.5 } else { 1.0 } * shares[0];
+                let given = [rendered.passive * passed, rendered.active * shares[1]];
                 self.movables.push(object, (k, renders_torque), given, at);
             }
         }

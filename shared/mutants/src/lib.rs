@@ -1,12 +1,15 @@
 //! Named faults in the product, each at one line, to show that the tests find them.
 //!
 //! Without the feature `on` no fault can be chosen, and [`is`] is a constant: nothing of a mutant
-//! is compiled into the product. `rt-tests` has the feature `mutants`, which turns it on.
+//! is compiled into the product. `rt-tests` has the feature `mutants`, which turns it on:
+//! `rt-tests simulate --mutants` and `rt-tests stability --mutants`.
 
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "on")]
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Mutex;
+#[cfg(feature = "on")]
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 /// A fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,11 +50,55 @@ pub enum Mutant {
     Constraint,
     /// A station goes on in its epoch where a request was lost.
     LostRequest,
+    /// A wrench goes out a period late.
+    LateForce,
+    /// A contact less deep than a tenth of a millimetre has no force.
+    DeadZone,
+    /// The motion of a ball is not swept, and no face on its way is known.
+    Sweep,
+    /// The first half-space of a projection is not obeyed.
+    Plane,
+    /// Motions below an absolute length are taken for none.
+    ShortMotion,
+    /// Splits and collapses under a probe happen at once.
+    Geomorph,
+    /// Faces may be turned over under a probe.
+    Folds,
+    /// Without a station there is no force.
+    Silence,
+    /// Every sample that is finite is taken for a motion.
+    Spike,
+    /// A vibration has a phase of its own, which no recording holds.
+    WallClock,
+    /// A texture too fine for the loop is rendered.
+    Alias,
+    /// A shaded force turns at once.
+    Shading,
+    /// Effects come and go at once.
+    Switch,
+    /// An effect that is off is called.
+    Unlisted,
+    /// What sticks gives way a little in every tick.
+    FrictionCreep,
+    /// The probes on a surface share one state of its friction.
+    FrictionShared,
+    /// A movable object gets half of what its probe gets.
+    Reaction,
+    /// A movable object never sleeps.
+    Restless,
+    /// The builder counts nothing that it drops.
+    Rejects,
+    /// A tool passes every second face of the object.
+    ToolPairs,
+    /// A tool has no torque.
+    ToolTorque,
+    /// A tool is held three times as stiffly as its surface is.
+    ToolStiff,
 }
 
 impl Mutant {
     /// All of them.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 40] = [
         Self::Clamp,
         Self::Slew,
         Self::Fault,
@@ -70,6 +117,28 @@ impl Mutant {
         Self::Gap,
         Self::Constraint,
         Self::LostRequest,
+        Self::LateForce,
+        Self::DeadZone,
+        Self::Sweep,
+        Self::Plane,
+        Self::ShortMotion,
+        Self::Geomorph,
+        Self::Folds,
+        Self::Silence,
+        Self::Spike,
+        Self::WallClock,
+        Self::Alias,
+        Self::Shading,
+        Self::Switch,
+        Self::Unlisted,
+        Self::FrictionCreep,
+        Self::FrictionShared,
+        Self::Reaction,
+        Self::Restless,
+        Self::Rejects,
+        Self::ToolPairs,
+        Self::ToolTorque,
+        Self::ToolStiff,
     ];
 }
 
@@ -97,6 +166,40 @@ pub fn is(mutant: Mutant) -> bool {
 #[must_use]
 pub const fn is(_: Mutant) -> bool {
     false
+}
+
+/// Times that it was asked so far: a state that no recording holds.
+#[cfg(feature = "on")]
+#[must_use]
+pub fn count() -> u64 {
+    static ASKED: AtomicU64 = AtomicU64::new(0);
+    ASKED.fetch_add(1, Ordering::Relaxed)
+}
+
+/// Puts a vector in the place of the last one that was put there: a state that all share.
+#[cfg(feature = "on")]
+#[must_use]
+pub fn exchange(vector: [f64; 3]) -> [f64; 3] {
+    static SHARED: Mutex<[f64; 3]> = Mutex::new([0.0; 3]);
+    SHARED
+        .lock()
+        .map_or(vector, |mut shared| std::mem::replace(&mut shared, vector))
+}
+
+/// Nothing in this build.
+#[cfg(not(feature = "on"))]
+#[inline(always)]
+#[must_use]
+pub const fn count() -> u64 {
+    0
+}
+
+/// The same vector in this build.
+#[cfg(not(feature = "on"))]
+#[inline(always)]
+#[must_use]
+pub const fn exchange(vector: [f64; 3]) -> [f64; 3] {
+    vector
 }
 
 #[cfg(all(test, feature = "on"))]

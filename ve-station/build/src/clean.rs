@@ -6,6 +6,7 @@ use crate::t_junctions::{self, Places};
 use crate::tuning::input::FAR_DIAGONALS;
 use geometry::triangle_is_degenerate;
 use glam::{DVec3, Vec3};
+use mutants::{Mutant, is};
 use rayon::prelude::*;
 use spm::BuildSummary;
 
@@ -103,6 +104,9 @@ pub fn clean(soup: SoupMesh) -> Result<CleanMesh, BuildError> {
 fn dropped(triangles: &mut Vec<[u32; 3]>, keep: impl FnMut(&[u32; 3]) -> bool) -> u64 {
     let before = triangles.len();
     triangles.retain(keep);
+    if is(Mutant::Rejects) {
+        return 0;
+    }
     (before - triangles.len()) as u64
 }
 

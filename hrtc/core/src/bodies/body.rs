@@ -12,6 +12,7 @@ use crate::tuning::bodies::{
 };
 use geometry::{Pose, Wrench};
 use glam::DVec3;
+use mutants::{Mutant, is};
 use scene::MovablePlan;
 
 /// Length of a step, and its speed limits.
@@ -265,7 +266,9 @@ impl Body {
             let middle = self.middle(&self.pose);
             material_motion(&before, &self.pose, middle).farthest(extent.radius())
         });
-        let is_still = is_free && motion <= STILL_SIZES_PER_S * extent.size() * seconds;
+        let is_still = is_free
+            && !is(Mutant::Restless)
+            && motion <= STILL_SIZES_PER_S * extent.size() * seconds;
         self.still_s = if is_still {
             self.still_s + seconds
         } else {

@@ -98,9 +98,10 @@ impl ForceLimiter {
         let wanted = if finite { wanted } else { Wrench::ZERO };
         let (force, force_cut) = self.force.pass(wanted.force, self.ramp, self.last.force);
         let (torque, torque_cut) = self.torque.pass(wanted.torque, self.ramp, self.last.torque);
-        self.last = Wrench { force, torque };
+        let before = std::mem::replace(&mut self.last, Wrench { force, torque });
+        let is_late = is(Mutant::LateForce);
         LimitedWrench {
-            wrench: self.last,
+            wrench: if is_late { before } else { self.last },
             clamped: force_cut || torque_cut || !finite,
         }
     }

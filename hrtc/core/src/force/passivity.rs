@@ -387,7 +387,7 @@ impl EnergyAccount {
     #[must_use]
     pub fn share_of_spring(&self, wanted: DVec3, stored_j: f64) -> f64 {
         let work = wanted.dot(self.next());
-        if work.is_nan() || work <= 0.0 {
+        if work.is_nan() || work <= 0.0 || is(Mutant::Passivity) {
             return 1.0;
         }
         // Two encoder steps of error in the balance are tolerated.

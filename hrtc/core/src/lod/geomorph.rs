@@ -9,6 +9,7 @@ use crate::perception::{
 };
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::{IMMEDIATE_SHARE, STEPS_PER_OPERATION};
+use mutants::{Mutant, is};
 use spm::{Handle, OperationError, Slot};
 
 /// How a split or collapse is to be performed.
@@ -248,7 +249,7 @@ impl Front {
     ) -> Transition {
         let Self { faces, reached, .. } = self;
         let mesh = self.cache.mesh();
-        if contacts.limits.is_empty() {
+        if contacts.limits.is_empty() || is(Mutant::Geomorph) {
             return Transition::Immediate;
         }
         match mesh.patch(slot, faces) {

@@ -220,7 +220,11 @@ impl ProbeObjectPair {
             angular: to_model * motion.angular,
         };
         let (wrench, spring) = self.pay(wrench, spring, &moved, clock.period_s);
-        let sign = if is(Mutant::Sign) { -1.0 } else { 1.0 };
+        let sign = match () {
+            () if is(Mutant::Sign) => -1.0,
+            () if is(Mutant::DeadZone) && depth < 1e-4 => 0.0,
+            () => 1.0,
+        };
         let mut rendered = Rendered::new(wrench * sign, spring);
         if !self.effects.is_empty()
             && let Some(proxy) = self.proxy.pose()

@@ -13,6 +13,7 @@ use crate::force::passivity::CouplingSpring;
 use crate::tuning::probe::PAIRS_A_UNIT;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
+use mutants::{Mutant, is};
 use scene::{ProbeShape, SurfacePlan};
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
@@ -364,6 +365,11 @@ impl ProxyKind {
                 tool.proxy.wrench(&coupling, metres_per_unit, velocity),
                 tool.proxy.deflection() * metres_per_unit,
             ),
+        };
+        let wrench = match () {
+            () if is(Mutant::ToolTorque) && self.is_tool() => wrench.without_torque(),
+            () if is(Mutant::ToolStiff) && self.is_tool() => wrench * 3.0,
+            () => wrench,
         };
         let spring = CouplingSpring {
             stiffness_n_per_m: surface.stiffness_n_per_m,

@@ -24,6 +24,7 @@ use crate::contact::query::{
 use constraints::Constraints;
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
+use mutants::{Mutant, is};
 use projection::project;
 use serde::{Deserialize, Serialize};
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
@@ -191,7 +192,8 @@ impl Proxy {
         }
         // Faces farther than the motion of the device in this tick matter only to the sweep.
         let moved = self.goal.distance(goal);
-        let reach = moved + 1e-3 * self.radius;
+        let ahead = if is(Mutant::Sweep) { 0.0 } else { moved };
+        let reach = ahead + 1e-3 * self.radius;
         self.goal = goal;
         let start = self.position;
         let most = self.max_slide + moved;
@@ -221,7 +223,7 @@ impl Proxy {
             let motion = self.lengthen(step.point, reach, &mut last_motion);
             let motion = self.restrain(start, motion, most);
             // Below the rounding error of the coordinates there is no motion left.
-            if motion.length() <= 4.0 * f64::EPSILON * (self.position.length() + length) {
+            if motion.length() <= self.rounding(length) {
                 break;
             }
             // If every face in reach of the motion is known and all half-spaces are obeyed, only
@@ -254,6 +256,14 @@ impl Proxy {
         }
     }
 
+    /// Rounding error of the coordinates on a way of this length.
+    fn rounding(&self, length: f64) -> f64 {
+        if is(Mutant::ShortMotion) {
+            return 1e-5;
+        }
+        4.0 * f64::EPSILON * (self.position.length() + length)
+    }
+
     /// Collects the faces near the proxy unless those within `reach` are known.
     fn collect_near(&mut self, surface: Surface<'_>, reach: f64, work: &mut Work) {
         let covers = self.near.covers(self.position, self.radius + reach);
@@ -272,6 +282,9 @@ impl Proxy {
         (known, radius): (bool, f64),
         work: &mut Work,
     ) -> f64 {
+        if is(Mutant::Sweep) {
+            return 1.0;
+        }
         if known {
             let (free, cost) = self
                 .constraints

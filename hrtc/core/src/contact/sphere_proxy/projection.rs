@@ -7,6 +7,7 @@
 //! closed form, so glam's vectors are enough: no matrix is factored.
 
 use glam::DVec3;
+use mutants::{Mutant, is};
 
 /// The half-space `normal . x >= offset`, x a displacement from the proxy.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -59,7 +60,10 @@ pub fn project(goal: DVec3, planes: &[Plane]) -> Projection {
         let mut worst: Option<(usize, f64)> = None;
         for (k, plane) in planes.iter().enumerate() {
             let violation = plane.offset - plane.normal.dot(best.point);
-            if violation <= tolerance || worst.is_some_and(|(_, most)| violation <= most) {
+            if violation <= tolerance
+                || is(Mutant::Plane) && k == 0
+                || worst.is_some_and(|(_, most)| violation <= most)
+            {
                 continue;
             }
             // An active plane represents those parallel to it within rounding.

@@ -11,6 +11,7 @@ use crate::contact::query::{Body, Ending, PairWork, STACK, Surface};
 use ab_tree::{Child, NodeId};
 use geometry::Aabb;
 use glam::{DMat3, DVec3, Mat3A, Vec3A};
+use mutants::{Mutant, is};
 use spm::Handle;
 use std::ops::ControlFlow;
 
@@ -322,6 +323,9 @@ impl NearPairSearch<'_> {
         looks: &mut u32,
         visit: &mut impl FnMut(Handle, Handle) -> ControlFlow<(), f64>,
     ) -> Option<Ending> {
+        if is(Mutant::ToolPairs) && face % 2 == 1 {
+            return None;
+        }
         let mut ending = None;
         *looks += FACE;
         let most = if self.is_bound { left } else { u32::MAX };

@@ -24,6 +24,7 @@ use crate::contact::motion::Placement;
 use crate::force::passivity::{CouplingSpring, EnergyAccount};
 use geometry::{Pose, Wrench};
 use glam::DVec3;
+use mutants::{Mutant, is};
 use scene::FrictionPlan;
 
 /// Friction of one surface on one probe.
@@ -172,7 +173,12 @@ impl Friction {
         // Place of the contact's material point of the proxy one tick ago.
         let last = self.last.map_or(at.proxy, |last| last.proxy);
         let was = last.transform_point(at.proxy.inverse_transform_point(contact.point));
-        let deflection = anchor.deflection - (contact.point - was);
+        let kept = match () {
+            () if is(Mutant::FrictionCreep) => anchor.deflection * 0.9999,
+            () if is(Mutant::FrictionShared) => mutants::exchange(anchor.deflection.into()).into(),
+            () => anchor.deflection,
+        };
+        let deflection = kept - (contact.point - was);
         let deflection = deflection - normal * normal.dot(deflection);
         let length = deflection.length();
         let stiffness_n_per_m = at.stiffness_n_per_m * contact.share;

@@ -43,6 +43,7 @@ use contact_set::{ContactSet, MAX_CONTACTS, Push};
 use friction::EnergyLimit;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
+use mutants::{Mutant, is};
 use scene::{Effect, EffectPlan};
 
 /// Time of a tick.
@@ -179,7 +180,12 @@ impl Switch {
             (now - self.from) / self.fade
         };
         let falling = 1.0 - (now - self.until) / self.fade;
-        rising.min(falling).clamp(0.0, 1.0)
+        let amount = rising.min(falling).clamp(0.0, 1.0);
+        if is(Mutant::Switch) {
+            amount.ceil()
+        } else {
+            amount
+        }
     }
 }
 
@@ -209,7 +215,7 @@ impl<E> Listed<E> {
     /// The effect and its amplitude in a tick, 0 to 1; `None` while it does not act.
     fn called(&mut self, clock: Clock) -> Option<(&mut E, f64)> {
         let amount = self.switch.amount(clock);
-        (amount > 0.0).then(|| {
+        (amount > 0.0 || is(Mutant::Unlisted)).then(|| {
             self.calls += 1;
             (&mut self.effect, amount)
         })

@@ -15,6 +15,7 @@
 use super::contact_set::Acting;
 use super::{ContactSample, Rendered};
 use glam::{DVec2, DVec3};
+use mutants::{Mutant, is};
 use scene::{Pattern, TexturePlan};
 use std::f64::consts::TAU;
 
@@ -138,7 +139,8 @@ pub fn relief(pattern: &Pattern, place: DVec3, step: f64) -> Relief {
 /// Remaining amplitude, 0 to 1, of a wave (metres) for a displacement per tick (metres): 1 up to a
 /// quarter of the rate of the loop, 0 from half of it on, linear between.
 fn share(wavelength: f64, step: f64) -> f64 {
-    (2.0 - 4.0 * step / wavelength).clamp(0.0, 1.0)
+    let least = if is(Mutant::Alias) { 1.0 } else { 0.0 };
+    (2.0 - 4.0 * step / wavelength).clamp(least, 1.0)
 }
 
 /// Smooth noise, -1 to 1, and its gradient, for a place in units of the wavelength: random heights

@@ -3,6 +3,7 @@
 
 use super::Clock;
 use glam::DVec3;
+use mutants::{Mutant, is};
 use scene::VibrationPlan;
 
 /// A sine force.
@@ -21,7 +22,9 @@ impl Vibration {
     /// Force in a tick, world, newtons.
     #[must_use]
     pub fn force(&self, clock: Clock) -> DVec3 {
-        let waves = (self.plan.frequency_hz * clock.period_s * clock.tick as f64).fract();
+        let is_odd = is(Mutant::WallClock);
+        let tick = clock.tick + if is_odd { mutants::count() } else { 0 };
+        let waves = (self.plan.frequency_hz * clock.period_s * tick as f64).fract();
         self.plan.direction * (self.plan.amplitude_n * (std::f64::consts::TAU * waves).sin())
     }
 }
