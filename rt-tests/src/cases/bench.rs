@@ -1,131 +1,39 @@
-//! A controller that touches one mesh, in virtual time, and the faults that are put in on purpose.
+//! A controller that touches one mesh, in virtual time, and the work that is done on the device.
 
+use super::setup::Setup;
 use crate::failure::Failure;
-use crate::scenes::BUNDLED_SCENE;
-use geometry::{Pose, Wrench};
+use geometry::Pose;
 use glam::{DQuat, DVec3};
-use haptic_device::{Device, Intent, Sample, TickTime, WrenchCommand};
+use haptic_device::Sample;
 use hrtc_core::bodies::Body;
+use hrtc_core::contact::query::Surface;
 use hrtc_core::record::CoreRecord;
+use hrtc_core::{Controller, NoObserver};
 use protocol::Request;
-use scene::{
-    HandImpedance, ModelScale, MovablePlan, NoFiles, Overrides, ProbeShape, ScenePlan,
-    SimulatedDevicePlan, TrajectoryPlan, parse,
-};
-use simulated_device::SimulatedDevice;
-use simulator::{Client, ClientOptions, STATION, Simulation};
+use scene::{ProbeShape, ScenePlan};
+use simulator::{Client, InputRecording, Playback, STATION, Simulation};
 use spm::{ActiveMesh, SpmFile, SpmParts, write_spm};
 use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model};
 use station_core::station::{ServedModel, ServedObject, Station};
-use std::path::Path;
 
-/// Quiet ticks after which a front at rest is complete.
-const QUIET_TICKS: u32 = 200;
-/// Ticks after which one that does not come to rest is given up.
-const MAX_TICKS: u32 = 20_000;
-/// No limit on a force, newtons: what the rendering itself wants is looked at.
-const UNLIMITED_N: f64 = 1e12;
+/// Quiet seconds after which a front at rest is complete: the soft start is over then, too.
+const QUIET_S: f64 = 0.21;
+/// Seconds after which one that does not come to rest is given up.
+const MAX_S: f64 = 20.0;
+/// Acceleration of a probe that goes to where the next pass begins, m/s²: below what a hand may do
+/// to a device.
+const TRAVEL_M_PER_S2: f64 = 1500.0;
 
-/// Faces of a tool.
-const TOOL_FACES: u32 = 240;
+/// Speed at which a probe is laid on a surface, m/s.
+const PRESS_M_PER_S: f64 = 0.05;
 
-/// A fault put in on purpose: a case that passes all the same shows nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fault {
-    /// None.
-    None,
-    /// Every force comes a tick late.
-    LateTick,
-    /// The force points the other way.
-    Sign,
-    /// A contact less deep than a tenth of a millimetre is taken for none.
-    AbsoluteEpsilon,
-    /// A constraint is lost: of a mesh its faces around the place of contact, of a set of planes
-    /// one.
-    LostConstraint,
-    /// Force and slew are not limited.
-    NoForceLimit,
-    /// The energy account does not limit the force.
-    NoPassivity,
-    /// Nothing brings a body to rest.
-    Restless,
-    /// Splits and collapses under the probe happen at once.
-    NoGeomorph,
-}
-
-/// What a bench is made of.
-#[derive(Debug, Clone, Copy)]
-pub struct Setup {
-    /// Radius of the probe, metres.
-    pub radius_m: f64,
-    /// Longest side of the object, metres.
-    pub size_m: f64,
-    /// Stiffness of its surface, N/m.
-    pub stiffness_n_per_m: f64,
-    /// Rate of the loop, 1/s.
-    pub rate_hz: f64,
-    /// Step of the device's encoder, metres; 0 for none.
-    pub encoder_m: f64,
-    /// Pose of the object.
-    pub pose: Pose,
-    /// Limits of the force in newtons and its change in newtons a second; `None` for neither.
-    pub force_limits: Option<[f64; 2]>,
-    /// Whether the energy account limits the force: for devices that move by it, not for places
-    /// that are given.
-    pub passivity: bool,
-    /// Effects of the scene and of its object, as a scene lists them.
-    pub effects: &'static str,
-    /// Probes.
-    pub probes: usize,
-    /// How the object moves, if it does.
-    pub movable: Option<MovablePlan>,
-    /// Length of the probe, metres: with one it is a tool, a capsule of that radius along z.
-    pub length_m: Option<f64>,
-    /// Whether splits and collapses under the probe are geomorphed.
-    pub geomorph: bool,
-    /// The fault.
-    pub fault: Fault,
-}
-
-impl Setup {
-    /// The device and loop that the cases name, with a fault.
-    #[must_use]
-    pub fn with(fault: Fault) -> Self {
-        Self {
-            fault,
-            ..Self::default()
-        }
-    }
-}
-
-impl Default for Setup {
-    /// The device and loop that the cases name: 1 kHz, 1 kN/m, a ball of 1 mm on an object of 0.2
-    /// m.
-    fn default() -> Self {
-        Self {
-            radius_m: 1e-3,
-            size_m: 0.2,
-            stiffness_n_per_m: 1000.0,
-            rate_hz: 1000.0,
-            encoder_m: 0.0,
-            pose: Pose::at(DVec3::ZERO),
-            force_limits: None,
-            passivity: false,
-            effects: "",
-            probes: 1,
-            movable: None,
-            length_m: None,
-            geomorph: false,
-            fault: Fault::None,
-        }
-    }
-}
-
-/// What a tick gave.
+/// What a tick gave. A sample that was rejected though nobody expects it leaves no numbers.
 #[derive(Debug, Clone, Copy)]
 pub struct Response {
     /// Force on the device, newtons.
     pub force: DVec3,
+    /// Torque on it, N m.
+    pub torque: DVec3,
     /// Where the proxy is, world, metres.
     pub proxy: DVec3,
     /// The core's own record.
@@ -171,10 +79,21 @@ fn failed(error: impl std::fmt::Display) -> Failure {
 pub struct Bench {
     simulation: Simulation<Vec<u8>>,
     setup: Setup,
-    /// The force of the tick before.
-    before: DVec3,
+    plan: ScenePlan,
+    bytes: Vec<u8>,
+    /// Stations so far.
+    stations: u64,
     /// How the probe is held.
     orientation: DQuat,
+    /// Where the device was in the last tick, and the wrench since.
+    at: Option<Pose>,
+    /// Its displacement in the last tick, metres.
+    motion: DVec3,
+    wrench: [DVec3; 2],
+    /// Work of the wrenches on the device, joules.
+    work_j: f64,
+    rejected: u64,
+    expects_rejection: bool,
 }
 
 impl Bench {
@@ -183,26 +102,38 @@ impl Bench {
     /// # Errors
     /// One sentence when the model cannot be served.
     pub fn new(model: &[u8], setup: Setup) -> Result<Self, Failure> {
-        let plan = plan(&setup)?;
-        let damaged = |error| Failure::Run(format!("a case's model: {error}"));
-        let name = plan.objects[0].model.name();
-        let object = ServedObject {
-            model: 0,
-            name: Request::name_hash(&name),
-        };
-        let file = SpmFile::open(model.to_vec()).map_err(damaged)?;
-        let served = ServedModel { name, file };
-        let station = Station::new(STATION, vec![served], vec![object]);
-        let options = ClientOptions {
-            device_max_n: UNLIMITED_N,
-            ..ClientOptions::default()
-        };
-        let simulation = Simulation::new(station, Client::new(&plan, options));
+        Self::of(model, setup, None)
+    }
+
+    /// The same with a tool.
+    ///
+    /// # Errors
+    /// One sentence when the model cannot be served.
+    pub fn with_tool(model: &[u8], setup: Setup, tool: ProbeShape) -> Result<Self, Failure> {
+        Self::of(model, setup, Some(tool))
+    }
+
+    fn of(model: &[u8], setup: Setup, tool: Option<ProbeShape>) -> Result<Self, Failure> {
+        let plan = setup.plan(tool)?;
+        let station = station(&plan, model, STATION)?;
+        let mut client = Client::new(&plan, setup.client_options());
+        for probe in 0..setup.probes {
+            let limits = setup.motion_limits();
+            client.controller_mut().set_motion_limits(probe, limits);
+        }
         Ok(Self {
-            simulation,
+            simulation: Simulation::new(station, client),
             setup,
-            before: DVec3::ZERO,
+            plan,
+            bytes: model.to_vec(),
+            stations: 1,
             orientation: DQuat::IDENTITY,
+            at: None,
+            motion: DVec3::ZERO,
+            wrench: [DVec3::ZERO; 2],
+            work_j: 0.0,
+            rejected: 0,
+            expects_rejection: false,
         })
     }
 
@@ -212,10 +143,29 @@ impl Bench {
         &self.setup
     }
 
+    /// The scene.
+    #[must_use]
+    pub fn plan(&self) -> &ScenePlan {
+        &self.plan
+    }
+
     /// Seconds a tick.
     #[must_use]
     pub fn period_s(&self) -> f64 {
         1.0 / self.setup.rate_hz
+    }
+
+    /// Largest change of the force in a tick, newtons.
+    #[must_use]
+    pub fn slew_n(&self) -> f64 {
+        self.plan.safety.slew_n_per_s * self.period_s()
+    }
+
+    /// Energy that the wrenches have put into the device so far, joules: force times motion and
+    /// torque times rotation, period by period. The product's own account has no part in it.
+    #[must_use]
+    pub fn work_j(&self) -> f64 {
+        self.work_j
     }
 
     /// Rests at a place until the front around it is complete.
@@ -223,20 +173,55 @@ impl Bench {
     /// # Errors
     /// One sentence when it does not come to rest.
     pub fn settle(&mut self, place: DVec3) -> Result<Response, Failure> {
-        let (mut faces, mut quiet) = (0, 0);
-        for _ in 0..MAX_TICKS {
+        let (mut faces, mut quiet) = (0, 0.0);
+        let most = (MAX_S * self.setup.rate_hz) as u32;
+        self.travel(place);
+        for _ in 0..most {
             let response = self.touch(place);
             let record = &response.record;
             let same = record.ready && record.active_faces == faces && record.geomorphing == 0;
-            quiet = if same { quiet + 1 } else { 0 };
+            quiet = if same { quiet + self.period_s() } else { 0.0 };
             faces = response.record.active_faces;
-            if quiet > QUIET_TICKS {
+            if quiet > QUIET_S {
                 return Ok(response);
             }
         }
         Err(Failure::Run(
             "a case's mesh does not come to rest under the probe".to_string(),
         ))
+    }
+
+    /// Brakes, and goes to a place as fast as a hand could, from rest to rest.
+    pub fn travel(&mut self, place: DVec3) {
+        let most = TRAVEL_M_PER_S2 * self.period_s() * self.period_s();
+        let mut from = self.at.map_or(place, |at| at.position);
+        while self.motion.length() > most {
+            from += self.motion * (1.0 - most / self.motion.length());
+            self.touch(from);
+        }
+        self.touch(from);
+        // Of a cubic in time the acceleration is at most 6 ways over the squared time.
+        let seconds = (6.0 * from.distance(place) / TRAVEL_M_PER_S2).sqrt();
+        let ticks = (seconds / self.period_s()).ceil();
+        for tick in 1..=ticks as u32 {
+            let share = f64::from(tick) / ticks;
+            let way = share * share * (3.0 - 2.0 * share);
+            self.touch(from.lerp(place, way));
+        }
+        // The next motion begins from rest.
+        self.touch(place);
+    }
+
+    /// Goes to a place within a surface, from outside of it, where `out` leads: the last way slowly
+    /// and evenly, as a hand that lays the probe there.
+    pub fn press(&mut self, place: DVec3, out: DVec3) {
+        let above = place + out * (2.2 * self.setup.radius_m);
+        self.travel(above);
+        let step = PRESS_M_PER_S * self.period_s();
+        let ticks = (above.distance(place) / step).ceil();
+        for tick in 1..=ticks as u32 {
+            self.touch(above.lerp(place, f64::from(tick) / ticks));
+        }
     }
 
     /// Holds the probe so from now on.
@@ -260,21 +245,45 @@ impl Bench {
     /// A tick with a sample of each probe; the answer to the first one.
     pub fn sample_each(&mut self, poses: &[Option<Pose>]) -> Response {
         let samples: Vec<Option<Sample>> = poses.iter().map(|pose| pose.map(Sample::at)).collect();
+        self.add_work(poses.first().copied().flatten());
         let outputs = self.simulation.step_each(&samples);
-        let (force, record) = (outputs.wrenches[0].force, outputs.record);
-        let now = std::mem::replace(&mut self.before, force);
-        let dead = self.setup.stiffness_n_per_m * 1e-4;
-        let force = match self.setup.fault {
-            Fault::LateTick => now,
-            Fault::Sign => -force,
-            Fault::AbsoluteEpsilon if force.length() < dead => DVec3::ZERO,
-            _ => force,
-        };
+        let (wrench, record) = (outputs.wrenches[0], outputs.record);
+        self.wrench = [wrench.force, wrench.torque];
+        self.rejected += u64::from(record.rejected_sample);
+        let is_odd = record.rejected_sample && !self.expects_rejection;
+        let known = if is_odd { f64::NAN } else { 1.0 };
         Response {
-            force,
-            proxy: self.simulation.controller().proxy().unwrap_or(DVec3::ZERO),
+            force: wrench.force * known,
+            torque: wrench.torque * known,
+            proxy: self.simulation.controller().proxy().unwrap_or(DVec3::ZERO) * known,
             record,
         }
+    }
+
+    /// The work of the last wrench over the motion to here.
+    fn add_work(&mut self, pose: Option<Pose>) {
+        let Some(pose) = pose.filter(Pose::is_finite) else {
+            return;
+        };
+        if let Some(at) = self.at.replace(pose) {
+            self.motion = pose.position - at.position;
+            let turn = pose.orientation * at.orientation.inverse();
+            let turned = if turn.w < 0.0 { -turn } else { turn }.to_scaled_axis();
+            let [force, torque] = self.wrench;
+            self.work_j += force.dot(self.motion) + torque.dot(turned);
+        }
+    }
+
+    /// Samples may be rejected from now on; how many were.
+    pub fn expect_rejections(&mut self) -> u64 {
+        self.expects_rejection = true;
+        self.rejected
+    }
+
+    /// Samples rejected so far.
+    #[must_use]
+    pub fn rejected(&self) -> u64 {
+        self.rejected
     }
 
     /// Misses so many periods: the device goes on under the force that it has.
@@ -282,26 +291,36 @@ impl Bench {
         self.simulation.skip(periods);
     }
 
+    /// The controller.
+    #[must_use]
+    pub fn controller(&self) -> &Controller {
+        self.simulation.controller()
+    }
+
     /// What holds the probe after the last tick, model units.
     #[must_use]
     pub fn contact(&self) -> Option<DVec3> {
-        self.simulation
-            .outputs()
-            .contact()
-            .map(|contact| contact.point)
+        let contact = self.simulation.outputs().contact();
+        contact.map(|contact| contact.point)
     }
 
     /// A place of the world in model units, once the model is there.
     #[must_use]
     pub fn to_model(&self, world: DVec3) -> Option<DVec3> {
-        let frame = self.simulation.controller().frame()?;
-        Some(frame.to_model(world))
+        Some(self.controller().frame()?.to_model(world))
+    }
+
+    /// The pose of a tool's proxy, model frame and units.
+    #[must_use]
+    pub fn tool_proxy(&self) -> Option<Pose> {
+        let object = self.controller().active_objects().first()?;
+        Some(object.tool(0)?.pose())
     }
 
     /// What moves.
     #[must_use]
     pub fn body(&self) -> Option<&Body> {
-        self.simulation.controller().movables().body(0)
+        self.controller().movables().body(0)
     }
 
     /// The object's pose in the last tick.
@@ -324,7 +343,17 @@ impl Bench {
     /// The mesh that the probe touches, model units.
     #[must_use]
     pub fn mesh(&self) -> &ActiveMesh {
-        self.simulation.controller().cache().mesh()
+        self.controller().cache().mesh()
+    }
+
+    /// The same with its tree.
+    #[must_use]
+    pub fn surface(&self) -> Surface<'_> {
+        let cache = self.controller().cache();
+        Surface {
+            mesh: cache.mesh(),
+            tree: cache.tree(),
+        }
     }
 
     /// Silences the station, or lets it speak again.
@@ -332,154 +361,78 @@ impl Bench {
         self.simulation.mute_station(mute);
     }
 
+    /// The station is killed.
+    pub fn kill_station(&mut self) {
+        self.simulation.stop_station();
+    }
+
+    /// Another station takes the place of the one that was killed.
+    ///
+    /// # Errors
+    /// One sentence when the model cannot be served.
+    pub fn restart_station(&mut self) -> Result<(), Failure> {
+        let incarnation = STATION + self.stations;
+        self.stations += 1;
+        let station = station(&self.plan, &self.bytes, incarnation)?;
+        self.simulation.start_station(station);
+        Ok(())
+    }
+
     /// How often effects were called so far.
     #[must_use]
     pub fn effect_calls(&self) -> u64 {
-        let usage = self.simulation.controller().effects();
+        let usage = self.controller().effects();
         usage.iter().map(|kind| kind.calls).sum()
     }
 
     /// Hash over every tick's outputs so far.
     #[must_use]
     pub fn hash(&self) -> u64 {
-        self.simulation.controller().replay_hash()
+        self.controller().replay_hash()
+    }
+
+    /// Records the inputs of every tick from now on, before the first.
+    pub fn record(&mut self) {
+        self.simulation.client_mut().record();
+    }
+
+    /// The recording.
+    pub fn take_recording(&mut self) -> InputRecording {
+        let recording = self.simulation.client_mut().take_recording();
+        recording.unwrap_or_default()
+    }
+
+    /// Plays a recording through a controller that has seen nothing yet: for each tick whether it
+    /// gave the recorded bits.
+    #[must_use]
+    pub fn replay(&self, recording: &InputRecording) -> Vec<bool> {
+        let options = self.setup.client_options();
+        let (identity, most_n) = (options.identity, options.device_max_n);
+        let mut controller = Controller::new(&self.plan, identity, most_n, options.tour_s);
+        for probe in 0..self.setup.probes {
+            controller.set_motion_limits(probe, self.setup.motion_limits());
+        }
+        if options.station_is_far {
+            controller.station_is_far();
+        }
+        let mut playback = Playback::new(recording, controller);
+        let mut same = Vec::with_capacity(recording.len());
+        while let Some(is_same) = playback.step(&mut NoObserver) {
+            same.push(is_same);
+        }
+        same
     }
 }
 
-fn plan(setup: &Setup) -> Result<ScenePlan, Failure> {
-    let scene = format!("effects = [{}]\n{}", setup.effects, BUNDLED_SCENE);
-    let mut plan = parse(
-        &scene,
-        "stability",
-        Path::new(""),
-        &Overrides::default(),
-        &NoFiles,
-    )?;
-    plan.loop_.rate_hz = setup.rate_hz;
-    let object = &mut plan.objects[0];
-    object.scale = ModelScale::Size(setup.size_m);
-    object.pose = setup.pose;
-    object.movable = setup.movable;
-    object.surface.stiffness_n_per_m = setup.stiffness_n_per_m;
-    object.surface.damping_ns_per_m = 0.0;
-    let radius_m = setup.radius_m;
-    plan.probes[0].shape = match setup.length_m {
-        None => ProbeShape::Sphere { radius_m },
-        Some(length_m) => ProbeShape::Capsule {
-            radius_m,
-            length_m,
-            faces: TOOL_FACES,
-        },
+/// A station that serves a model to a scene of one object.
+fn station(plan: &ScenePlan, bytes: &[u8], incarnation: u64) -> Result<Station<Vec<u8>>, Failure> {
+    let damaged = |error| Failure::Run(format!("a case's model: {error}"));
+    let name = plan.objects[0].model.name();
+    let object = ServedObject {
+        model: 0,
+        name: Request::name_hash(&name),
     };
-    plan.probes[0].device.encoder_m = setup.encoder_m;
-    plan.probes[0].trajectory = TrajectoryPlan::Points(Vec::new());
-    let open = setup.force_limits.is_none() || setup.fault == Fault::NoForceLimit;
-    let [force, slew] = setup
-        .force_limits
-        .filter(|_| !open)
-        .unwrap_or([UNLIMITED_N, UNLIMITED_N * setup.rate_hz]);
-    plan.safety.force_max_n = force;
-    plan.safety.slew_n_per_s = slew;
-    plan.safety.ramp_s = 0.0;
-    plan.accuracy.geomorph = setup.geomorph && setup.fault != Fault::NoGeomorph;
-    plan.safety.passivity = setup.passivity && setup.fault != Fault::NoPassivity;
-    let probe = plan.probes[0].clone();
-    plan.probes.resize(setup.probes, probe);
-    Ok(plan)
-}
-
-/// The device that the cases name: 0.1 kg with 1 N s/m, in nobody's hand.
-#[derive(Debug)]
-pub struct FreeMass {
-    device: SimulatedDevice,
-}
-
-/// Mass of the device, kg.
-pub const MASS_KG: f64 = 0.1;
-/// Its damping, N s/m.
-pub const DAMPING_NS_PER_M: f64 = 1.0;
-
-impl FreeMass {
-    /// At a place with a velocity, in periods of `period_s`; `encoder_m` is the step of its encoder
-    /// or 0.
-    #[must_use]
-    pub fn new(place: DVec3, velocity: DVec3, period_s: f64, encoder_m: f64) -> Self {
-        Self::held(place, velocity, period_s, encoder_m, [0.0, 0.0])
-    }
-
-    /// Another device, of this mass, kg, and damping, N s/m.
-    #[must_use]
-    pub fn of(
-        [mass_kg, damping_ns_per_m]: [f64; 2],
-        place: DVec3,
-        velocity: DVec3,
-        period_s: f64,
-    ) -> Self {
-        let plan = SimulatedDevicePlan {
-            mass_kg,
-            damping_ns_per_m,
-            encoder_m: 0.0,
-            hand: HandImpedance {
-                stiffness_n_per_m: 0.0,
-                damping_ns_per_m: 0.0,
-            },
-            ..SimulatedDevicePlan::default()
-        };
-        Self::planned(plan, place, velocity, period_s)
-    }
-
-    /// Held to `place` by a hand of this stiffness (N/m) and damping (N s/m).
-    #[must_use]
-    pub fn held(
-        place: DVec3,
-        velocity: DVec3,
-        period_s: f64,
-        encoder_m: f64,
-        [stiffness_n_per_m, damping_ns_per_m]: [f64; 2],
-    ) -> Self {
-        let plan = SimulatedDevicePlan {
-            mass_kg: MASS_KG,
-            damping_ns_per_m: DAMPING_NS_PER_M,
-            encoder_m,
-            hand: HandImpedance {
-                stiffness_n_per_m,
-                damping_ns_per_m,
-            },
-            ..SimulatedDevicePlan::default()
-        };
-        Self::planned(plan, place, velocity, period_s)
-    }
-
-    fn planned(plan: SimulatedDevicePlan, place: DVec3, velocity: DVec3, period_s: f64) -> Self {
-        let mut device = SimulatedDevice::new(plan, period_s);
-        device.intend(Intent {
-            velocity,
-            ..Intent::still(Pose::at(place))
-        });
-        Self { device }
-    }
-
-    /// Moves the place that the hand holds it to.
-    pub fn intend(&mut self, place: DVec3, velocity: DVec3) {
-        self.device.intend(Intent {
-            velocity,
-            ..Intent::still(Pose::at(place))
-        });
-    }
-
-    /// Its velocity, m/s.
-    #[must_use]
-    pub fn velocity(&self) -> DVec3 {
-        self.device.state().velocity
-    }
-
-    /// A period under the force; what the encoder reads then.
-    pub fn advance(&mut self, force: DVec3) -> DVec3 {
-        self.device.write(WrenchCommand::unlimited(Wrench {
-            force,
-            torque: DVec3::ZERO,
-        }));
-        let sample = self.device.read(TickTime::default());
-        sample.map_or(DVec3::ZERO, |sample| sample.pose.position)
-    }
+    let file = SpmFile::open(bytes.to_vec()).map_err(damaged)?;
+    let served = ServedModel { name, file };
+    Ok(Station::new(incarnation, vec![served], vec![object]))
 }

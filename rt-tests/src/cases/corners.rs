@@ -1,13 +1,176 @@
 //! Ridges, valleys, tips and corners: where several constraints hold at once, or change.
 
-use super::bench::{Bench, Fault, Setup, model};
-use super::found::{Found, Trial};
+use super::bench::{Bench, model};
+use super::case::{Case, Found, ProbeOfCase, Trial, positive};
+use super::device::FreeMass;
+use super::setup::{Departure, Setup};
 use super::shapes;
 use crate::failure::Failure;
 use crate::models::surface::unit;
 use glam::DVec3;
+use hrtc_core::contact::query::closest_point;
 use hrtc_core::contact::sphere_proxy::projection::{Plane, project};
+use mutants::Mutant;
 use rand_xoshiro::Xoshiro256PlusPlus;
+
+/// Rounding of a mesh of single precision, as it shows in a force.
+const ROUNDING: f64 = 1e-6;
+
+/// The cases of this file.
+pub const CASES: &[Case] = &[
+    Case {
+        facts: "dihedral of 10-170 degrees; |dF| <= 2 F sin(turn/2)",
+        runs: "10 to 170 degrees in steps of 20, 20-220 mm/s, 0.05-0.85 of the radius deep; 1800 slides",
+        departs: &[(
+            Departure::Account,
+            "the way is prescribed: a force that turns does work that no hand paid for",
+        )],
+        ..Case::of(
+            [
+                "ridge",
+                "6",
+                "change of force in a tick over 2 F sin(turn/2)",
+            ],
+            1.0 + ROUNDING,
+            Mutant::DeadZone,
+            ridge,
+        )
+    },
+    Case {
+        facts: "dihedral of 10-170 degrees; |dF| <= 2 F sin(turn/2)",
+        runs: "10 to 170 degrees in steps of 20, 20-220 mm/s, 0.05-0.85 of the radius deep; 1800 slides",
+        open: "the account takes the force at once where sliding has done more work than was put in",
+        ..Case::of(
+            [
+                "ridge-account",
+                "6",
+                "change of force in a tick over 2 F sin(turn/2)",
+            ],
+            1.0 + ROUNDING,
+            Mutant::DeadZone,
+            ridge,
+        )
+    },
+    Case {
+        facts: "dihedral of 10-170 degrees, shaded; 7 % of F in a tick",
+        runs: "10 to 80 degrees, shaded over 5 mm, max_turn 85, 20-100 mm/s",
+        departs: &[(
+            Departure::Account,
+            "the way is prescribed: a force that turns does work that no hand paid for",
+        )],
+        ..Case::of(
+            [
+                "shaded-ridge",
+                "6",
+                "change of force in a tick over the force, shaded",
+            ],
+            0.07,
+            Mutant::Shading,
+            shaded_ridge,
+        )
+    },
+    Case {
+        facts: "dihedral of 10-170 degrees, shaded; 7 % of F in a tick",
+        runs: "10 to 80 degrees, shaded over 5 mm, max_turn 85, 20-100 mm/s",
+        open: "the account takes the force at once where sliding has done more work than was put in",
+        ..Case::of(
+            [
+                "shaded-ridge-account",
+                "6",
+                "change of force in a tick over the force, shaded",
+            ],
+            0.07,
+            Mutant::Shading,
+            shaded_ridge,
+        )
+    },
+    Case {
+        facts: "dihedral of 10-170 degrees, shaded; 7 % of F in a tick",
+        runs: "90 to 170 degrees, the same",
+        open: "an edge sharper than max_turn, at most 85 degrees, stays sharp by design",
+        departs: &[(
+            Departure::Account,
+            "the way is prescribed: a force that turns does work that no hand paid for",
+        )],
+        ..Case::of(
+            [
+                "shaded-sharp-ridge",
+                "6",
+                "the same at edges of 90 to 170 degrees",
+            ],
+            0.07,
+            Mutant::Shading,
+            shaded_sharp_ridge,
+        )
+    },
+    Case {
+        facts: "1e-8 to 1 rad; inside both to 1e-9 L, |step| <= |device step|",
+        runs: "1e-8 to 1 rad in steps of 10, 50 000 goals each, the projection alone",
+        probe: ProbeOfCase::None,
+        ..Case::of(
+            ["valley", "7", "outside one of two planes, of the size"],
+            1e-9,
+            Mutant::Plane,
+            valley,
+        )
+    },
+    Case {
+        facts: "1e-8 to 1 rad; inside both to 1e-9 L, |step| <= |device step|",
+        runs: "a mesh of two slopes of 1e-3 to 1 rad, 50 000 places each",
+        ..Case::of(
+            [
+                "valley-touched",
+                "7",
+                "a ball outside one of two slopes, of the size",
+            ],
+            1e-9,
+            Mutant::Plane,
+            valley_touched,
+        )
+    },
+    Case {
+        facts: "3 to 64 planes; the true projection to 1e-9 L; at most 16 iterations",
+        runs: "3, 4, 5, 8, 16, 32, 64 planes, 1000 each, the projection alone",
+        probe: ProbeOfCase::None,
+        ..Case::of(
+            [
+                "tip",
+                "8",
+                "from the exact projection on 3 to 64 planes, of the size",
+            ],
+            1e-9,
+            Mutant::Plane,
+            tip,
+        )
+    },
+    Case {
+        facts: "3 to 64 planes; the true projection to 1e-9 L; at most 16 iterations",
+        runs: "a pit of 3 to 64 faces; two ticks, of 8 steps each, at every place",
+        ..Case::of(
+            [
+                "pit-touched",
+                "8",
+                "a ball in a pit from the exact projection, of the size",
+            ],
+            1e-9,
+            Mutant::Plane,
+            pit_touched,
+        )
+    },
+    Case {
+        runs: "a hand of 200 N/m, encoder of 10 um, noise of a step; ten minutes",
+        ..Case::of(
+            [
+                "corner-at-rest",
+                "",
+                "stray of the proxy in a noisy corner, radii",
+            ],
+            1e-5,
+            Mutant::Sign,
+            rest_in_corner,
+        )
+    },
+];
 
 /// How far a reference point may be outside a half-space, in shares of the numbers' size.
 const FEASIBLE: f64 = 1e-11;
@@ -17,7 +180,8 @@ fn within(random: &mut Xoshiro256PlusPlus) -> DVec3 {
 }
 
 /// Slides along a way from -`reach` to `reach`, metres, at a speed, m/s, and lifts off: the change
-/// of the force in a tick over the force times what is `allowed`; infinite where there is no force.
+/// of the force in a tick over the force times what is `allowed`; infinite where there is none on
+/// half of the way.
 fn slide(
     bench: &mut Bench,
     direction: impl Fn(f64) -> DVec3,
@@ -25,44 +189,50 @@ fn slide(
     allowed: f64,
     found: &mut Found,
 ) {
+    bench.press(direction(-reach), DVec3::Z);
     let mut last = bench.touch(direction(-reach)).force;
     let ticks = (2.0 * reach / (speed * bench.period_s())).ceil() as u32;
+    let mut without = 0;
     for tick in 1..=ticks {
         let at = reach * (2.0 * f64::from(tick) / f64::from(ticks) - 1.0);
         let force = bench.touch(direction(at)).force;
         let larger = last.length().max(force.length());
-        found.most(if larger > 0.0 {
-            force.distance(last) / (larger * allowed)
-        } else {
-            f64::INFINITY
-        });
+        without += u32::from(larger == 0.0);
+        if larger != 0.0 {
+            found.most(force.distance(last) / (larger * allowed));
+        }
         last = force;
     }
-    bench.touch(DVec3::Z * 0.02);
+    // What a shaded force does along the surface the account takes back.
+    found.must(without < ticks / 2);
+    found.log(
+        "ticks of a slide without a force, share",
+        f64::from(without) / f64::from(ticks),
+    );
+    bench.travel(DVec3::Z * 0.02);
 }
 
 /// Case 6: the change of the force in a tick over 2 F sin(turn / 2), the largest, where the probe
 /// slides over a ridge whose normals turn by 10 to 170 degrees.
-pub fn ridge(
+fn ridge(
     Trial {
         size,
         random,
-        fault,
+        defaults,
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for degrees in (10..=170).step_by(20) {
         let turn = f64::from(degrees).to_radians();
-        let setup = Setup::with(fault);
-        let mut bench = Bench::new(
-            &model(shapes::roof(turn, fault == Fault::LostConstraint), true)?,
-            setup,
-        )?;
+        let setup = defaults;
+        let mut bench = Bench::new(&model(shapes::roof(turn), true)?, setup)?;
         let (sin, cos) = (0.5 * turn).sin_cos();
         bench.settle(DVec3::Z * 0.01)?;
-        for _ in 0..size.of(4, 200) {
+        for k in 0..size.of(4, 200) {
             let speed = 0.02 + 0.2 * unit(random);
-            let depth = setup.radius_m * (0.1 + 0.8 * unit(random));
+            // The first so shallow that nothing may be taken for none.
+            let least = if k == 0 { 0.0 } else { 0.8 * unit(random) };
+            let depth = setup.radius_m * (0.05 + least);
             // Along both slopes at a depth below where the probe would touch, over the ridge.
             let reach = 0.004;
             let place = |s: f64| {
@@ -70,7 +240,7 @@ pub fn ridge(
                 let normal = DVec3::new(s.signum() * sin, 0.0, cos);
                 slope + normal * (setup.radius_m - depth)
             };
-            bench.touch(place(-reach) + DVec3::new(-sin, 0.0, cos) * 0.01);
+            bench.travel(place(-reach) + DVec3::new(-sin, 0.0, cos) * 0.01);
             let allowed = 2.0 * (0.5 * turn).sin();
             slide(&mut bench, place, [reach, speed], allowed, &mut found);
         }
@@ -79,24 +249,31 @@ pub fn ridge(
 }
 
 /// Case 6, shaded: the change of the force in a tick over the force, the largest, where the probe
-/// slides over a ridge whose normals turn by 10 to 50 degrees, and the force is shaded over 5 mm.
-pub fn shaded_ridge(
+/// slides over a ridge whose normals turn by 10 to 80 degrees, and the force is shaded over 5 mm.
+fn shaded_ridge(trial: Trial<'_>) -> Result<Found, Failure> {
+    shaded(trial, [10, 20, 30, 40, 50, 60, 70, 80])
+}
+
+/// The same where they turn by 90 to 170 degrees.
+fn shaded_sharp_ridge(trial: Trial<'_>) -> Result<Found, Failure> {
+    shaded(trial, [90, 110, 130, 150, 170])
+}
+
+fn shaded(
     Trial {
         size,
         random,
-        fault,
+        defaults,
     }: Trial<'_>,
+    turns: impl IntoIterator<Item = u32>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
-    for degrees in (10..=50).step_by(10) {
+    for degrees in turns {
         let (sin, cos) = (0.5 * f64::from(degrees).to_radians()).sin_cos();
-        let mesh = shapes::roof(
-            f64::from(degrees).to_radians(),
-            fault == Fault::LostConstraint,
-        );
+        let mesh = shapes::roof(f64::from(degrees).to_radians());
         let setup = Setup {
-            effects: "{ shading = { radius_m = 0.005, max_turn_deg = 60 } }",
-            ..Setup::with(fault)
+            effects: "{ shading = { radius_m = 0.005, max_turn_deg = 85 } }",
+            ..defaults
         };
         let mut bench = Bench::new(&model(mesh, true)?, setup)?;
         bench.settle(DVec3::Z * 0.01)?;
@@ -114,7 +291,7 @@ pub fn shaded_ridge(
                 DVec3::new(along * cos, 0.0, -along.abs() * sin)
                     + DVec3::new(turn.sin(), 0.0, turn.cos()) * off
             };
-            bench.touch(place(-reach) + DVec3::Z * 0.01);
+            bench.travel(place(-reach) + DVec3::Z * 0.01);
             slide(&mut bench, place, [reach, speed], 1.0, &mut found);
         }
     }
@@ -123,13 +300,7 @@ pub fn shaded_ridge(
 
 /// Case 7: how far the proxy is outside one of two planes of a valley, or moves farther than the
 /// device, over the numbers' size, the largest; angles of 1e-8 to 1 rad.
-pub fn valley(
-    Trial {
-        size,
-        random,
-        fault,
-    }: Trial<'_>,
-) -> Result<Found, Failure> {
+fn valley(Trial { size, random, .. }: Trial<'_>) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for exponent in -8..=0 {
         let turn = 10f64.powi(exponent);
@@ -143,21 +314,11 @@ pub fn valley(
                 offset: -0.1 * unit(random),
             });
             let goal = within(random);
-            let given = if fault == Fault::LostConstraint {
-                &planes[..1]
-            } else {
-                &planes[..]
-            };
-            let step = project(goal, given).point;
-            let outside = planes
-                .iter()
-                .fold(0.0, |most, p| f64::max(most, p.offset - p.normal.dot(step)));
-            let too_far = (step.length() - goal.length()).max(0.0);
-            found.most(if step.is_finite() {
-                outside.max(too_far)
-            } else {
-                f64::INFINITY
-            });
+            let step = project(goal, &planes).point;
+            for plane in &planes {
+                found.most(positive(plane.offset - plane.normal.dot(step)));
+            }
+            found.most(positive(step.length() - goal.length()));
         }
     }
     Ok(found)
@@ -165,13 +326,7 @@ pub fn valley(
 
 /// Case 8: distance of the step from the exact projection, over the numbers' size, the largest,
 /// among 3 to 64 planes around a tip or pit.
-pub fn tip(
-    Trial {
-        size,
-        random,
-        fault,
-    }: Trial<'_>,
-) -> Result<Found, Failure> {
+fn tip(Trial { size, random, .. }: Trial<'_>) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for count in [3, 4, 5, 8, 16, 32, 64] {
         for _ in 0..size.of(20, 1000) {
@@ -187,8 +342,7 @@ pub fn tip(
                 })
                 .collect();
             let goal = within(random) - DVec3::Z;
-            let lost = usize::from(fault == Fault::LostConstraint);
-            let step = project(goal, &planes[lost..]).point;
+            let step = project(goal, &planes).point;
             found.most(step.distance(exact(goal, &planes)));
         }
     }
@@ -240,25 +394,135 @@ fn on_three(a: &Plane, b: &Plane, c: &Plane) -> Option<DVec3> {
     (det != 0.0).then(|| (bc * a.offset + ca * b.offset + ab * c.offset) / det)
 }
 
-/// Ten minutes in a corner of three planes under a noisy encoder: how far the proxy strays from
-/// where it belongs, in radii, the largest.
-pub fn rest_in_corner(
+/// Case 7 through a mesh: how far a ball is outside one of the two slopes of a valley, or went
+/// farther than the device, over the size, the largest; angles of 1e-3 to 1 rad: finer ones are
+/// rounded off in a mesh.
+fn valley_touched(
     Trial {
         size,
         random,
-        fault,
+        defaults,
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
-    let setup = Setup::with(fault);
-    let mesh = shapes::corner(fault == Fault::LostConstraint);
-    let mut bench = Bench::new(&model(mesh, true)?, setup)?;
-    let home = DVec3::splat(setup.radius_m);
-    bench.settle(home + DVec3::splat(0.005))?;
+    let setup = defaults;
     let mut found = Found::new(0.0);
-    for _ in 0..size.of(20_000, 600_000) {
-        let noise = within(random) * 2e-5;
-        let response = bench.touch(home - DVec3::splat(2e-3) + noise);
-        found.most(response.proxy.distance(home) / setup.radius_m);
+    for turn in [1e-3, 1e-2, 0.1, 1.0] {
+        let mut bench = Bench::new(&model(shapes::roof(-turn), true)?, setup)?;
+        bench.settle(DVec3::Z * 0.02)?;
+        bench.travel(DVec3::Z * 5e-4);
+        let (mut place, mut last) = (DVec3::Z * 5e-4, None::<DVec3>);
+        for _ in 0..size.of(500, 50_000) {
+            // Drawn back to the middle, half a radius below the touch.
+            let step = within(random) * 3e-4 - (place - DVec3::Z * 5e-4) * 0.1;
+            place += step;
+            let proxy = bench.touch(place).proxy;
+            let room = distance(&bench, proxy);
+            found.must(room.is_some());
+            let outside = setup.radius_m - room.unwrap_or(f64::NAN);
+            found.most(positive(outside) / setup.size_m);
+            if let Some(last) = last.replace(proxy) {
+                found.most(positive(proxy.distance(last) - step.length()) / setup.size_m);
+            }
+        }
     }
+    Ok(found)
+}
+
+/// Case 8 through a mesh: distance of a ball in a pit from the exact projection, over the size, the
+/// largest, after two ticks at a place: of 8 steps each.
+fn pit_touched(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
+    let setup = defaults;
+    let mut found = Found::new(0.0);
+    for count in [3, 4, 5, 8, 16, 32, 64] {
+        let steep = 0.3 + unit(random);
+        let mut bench = Bench::new(&model(shapes::pit(count, steep), true)?, setup)?;
+        bench.settle(DVec3::Z * 0.15)?;
+        let planes = planes_of(&bench);
+        let offset: Vec<Plane> = planes
+            .iter()
+            .map(|plane| Plane {
+                offset: plane.offset + setup.radius_m,
+                ..*plane
+            })
+            .collect();
+        bench.travel(exact(DVec3::ZERO, &offset));
+        for _ in 0..size.of(30, 1000) {
+            let place = within(random) * 1e-3 - DVec3::Z * 1e-3;
+            bench.travel(place);
+            let proxy = bench.touch(place).proxy;
+            found.most(proxy.distance(exact(place, &offset)) / setup.size_m);
+        }
+    }
+    Ok(found)
+}
+
+/// Distance of a place from the surface, metres.
+fn distance(bench: &Bench, place: DVec3) -> Option<f64> {
+    let frame = bench.controller().frame()?;
+    let (nearest, _) = closest_point(bench.surface(), frame.to_model(place), None);
+    Some(nearest?.closest.distance_squared.sqrt() * frame.metres_per_unit)
+}
+
+/// The planes of a mesh's faces, each once, world, metres.
+fn planes_of(bench: &Bench) -> Vec<Plane> {
+    let Some(frame) = bench.controller().frame() else {
+        return Vec::new();
+    };
+    let mut planes: Vec<Plane> = Vec::new();
+    let mesh = bench.mesh();
+    mesh.for_each_active_face(|face| {
+        let [a, b, c] = mesh.corners(face).map(|corner| frame.to_world(corner));
+        let normal = (b - a).cross(c - a).normalize();
+        let offset = normal.dot(a);
+        planes.push(Plane { normal, offset });
+    });
+    planes
+}
+
+/// Ten minutes in a corner of three planes, in a hand and under a noisy encoder: how far the proxy
+/// strays from where it belongs, in radii, the largest. Logged: the swing of the force in the
+/// second half.
+fn rest_in_corner(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
+    let setup = Setup {
+        encoder_m: 1e-5,
+        ..defaults
+    };
+    let mut bench = Bench::new(&model(shapes::corner(), true)?, setup)?;
+    let home = DVec3::splat(setup.radius_m);
+    let above = home + DVec3::splat(0.005);
+    bench.settle(above)?;
+    let mut hand = FreeMass::held(above, DVec3::ZERO, bench.period_s(), 1e-5, [200.0, 2.0]);
+    let mut found = Found::new(0.0);
+    let mut force = DVec3::ZERO;
+    let ticks = size.of(20_000, 600_000);
+    let mut range = [f64::INFINITY, f64::NEG_INFINITY];
+    for tick in 0..ticks {
+        let share = (tick as f64 / 1000.0).min(1.0);
+        hand.intend(above.lerp(home - DVec3::splat(6e-3), share), DVec3::ZERO);
+        let noise = within(random).round() * 1e-5;
+        let response = bench.touch(hand.advance(force) + noise);
+        force = response.force;
+        if tick >= 3000 {
+            // The account may have taken it, but it never pulls in.
+            found.must(force.dot(DVec3::ONE) >= 0.0);
+            found.most(response.proxy.distance(home) / setup.radius_m);
+        }
+        if tick >= ticks / 2 {
+            range = [range[0].min(force.length()), range[1].max(force.length())];
+        }
+    }
+    found.log("swing of the force, N", range[1] - range[0]);
     Ok(found)
 }

@@ -1,15 +1,160 @@
 //! Splits and collapses under the probe cannot be felt.
 
-use super::bench::{Bench, Fault, Setup, model, parts, spm};
-use super::found::{Found, Size, Trial};
+use super::bench::{Bench, Response, model, parts, spm};
+use super::case::{Case, Found, ProbeOfCase, Trial};
+use super::device::FreeMass;
+use super::setup::{Departure, Setup};
 use crate::failure::Failure;
 use crate::models::surface::unit;
 use geometry::closest_point_on_triangle;
 use glam::{DQuat, DVec3};
+use mutants::Mutant;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::SpmParts;
 use spm_builder::generate::{Shape, generate};
 use std::collections::HashSet;
+
+/// Why geomorphs are looked at alone, and what is open beside the account.
+const ALONE: &str = "the geomorph alone is looked at";
+const ADDS: &str =
+    "a fade of the account adds to a geomorph: each keeps to what is not felt, their sum does not";
+
+/// The cases of this file.
+pub const CASES: &[Case] = &[
+    Case {
+        facts: "each split and collapse keeps the side; |dF| a tick <= max(0.05 N, 7 %)",
+        runs: "ball of 60 000 faces and relief of 50 000, fronts of 0.2 to 2 mm; held and in a hand; 400 presses",
+        departs: &[(Departure::Account, ALONE)],
+        ..Case::of(
+            [
+                "refine-under-contact",
+                "12",
+                "change of force in a tick over max(0.05 N, 7 %)",
+            ],
+            1.0,
+            Mutant::Geomorph,
+            under_contact,
+        )
+    },
+    Case {
+        facts: "each split and collapse keeps the side; |dF| a tick <= max(0.05 N, 7 %)",
+        runs: "ball of 60 000 faces and relief of 50 000, fronts of 0.2 to 2 mm; held and in a hand; 400 presses",
+        open: ADDS,
+        ..Case::of(
+            [
+                "refine-under-contact-account",
+                "12",
+                "change of force in a tick over max(0.05 N, 7 %)",
+            ],
+            1.0,
+            Mutant::Geomorph,
+            under_contact,
+        )
+    },
+    Case {
+        facts: "each split and collapse keeps the side; |dF| a tick <= max(0.05 N, 7 %)",
+        runs: "the same, a capsule upright",
+        probe: ProbeOfCase::Tool,
+        departs: &[(Departure::Account, ALONE)],
+        ..Case::of(
+            ["refine-under-tool", "12", "the same under a tool"],
+            1.0,
+            Mutant::Geomorph,
+            under_contact,
+        )
+    },
+    Case {
+        facts: "each split and collapse keeps the side; |dF| a tick <= max(0.05 N, 7 %)",
+        runs: "the same, a capsule upright",
+        probe: ProbeOfCase::Tool,
+        open: ADDS,
+        ..Case::of(
+            ["refine-under-tool-account", "12", "the same under a tool"],
+            1.0,
+            Mutant::Geomorph,
+            under_contact,
+        )
+    },
+    Case {
+        facts: "each split and collapse keeps the side; |dF| a tick <= max(0.05 N, 7 %)",
+        runs: "the same, a cache of 2 MiB, 20 to 40 ms, 2 % lost",
+        departs: &[
+            (Departure::SmallCache, "its subject"),
+            (Departure::LossyLink, "its subject"),
+            (Departure::Account, ALONE),
+        ],
+        ..Case::of(
+            [
+                "refine-small-lossy",
+                "12",
+                "the same under 2 MiB and a lossy link",
+            ],
+            1.0,
+            Mutant::Geomorph,
+            under_contact,
+        )
+    },
+    Case {
+        facts: "each split and collapse keeps the side; |dF| a tick <= max(0.05 N, 7 %)",
+        runs: "the same, a capsule upright",
+        probe: ProbeOfCase::Tool,
+        departs: &[
+            (Departure::SmallCache, "its subject"),
+            (Departure::LossyLink, "its subject"),
+            (Departure::Account, ALONE),
+        ],
+        ..Case::of(
+            ["refine-tool-small-lossy", "12", "the same under a tool"],
+            1.0,
+            Mutant::Geomorph,
+            under_contact,
+        )
+    },
+    Case {
+        facts: "coarse-fine-coarse E <= 0; E beside K p s + K s²/2",
+        runs: "ball of 60 000 faces, 1 mm deep, fronts of 0.2 to 2 mm; 400 cycles",
+        ..Case::of(
+            [
+                "refine-cycle-energy",
+                "12",
+                "energy of coarse-fine-coarse over K p s + K s²/2",
+            ],
+            1e-12,
+            Mutant::Passivity,
+            cycle_energy,
+        )
+    },
+    Case {
+        facts: "no flipped face at the contact, or the split refused and counted",
+        runs: "every eighth split folds; 60 000 faces; 400 presses",
+        departs: &[(Departure::Account, ALONE)],
+        ..Case::of(
+            [
+                "fold-over",
+                "13",
+                "change of force in a tick over it, while folds are passed",
+            ],
+            1.0,
+            Mutant::Folds,
+            fold_over,
+        )
+    },
+    Case {
+        facts: "no flipped face at the contact, or the split refused and counted",
+        runs: "every eighth split folds; 60 000 faces; 400 presses",
+        open: ADDS,
+        ..Case::of(
+            [
+                "fold-over-account",
+                "13",
+                "change of force in a tick over it, while folds are passed",
+            ],
+            1.0,
+            Mutant::Folds,
+            fold_over,
+        )
+    },
+];
 
 /// Faces of the ball that is touched.
 const FACES: u32 = 60_000;
@@ -37,15 +182,12 @@ fn direction(random: &mut Xoshiro256PlusPlus) -> DVec3 {
     DVec3::new(r * turn.cos(), r * turn.sin(), z)
 }
 
-/// A ball of 0.2 m with faces of 2 mm.
-fn ball(fault: Fault) -> Result<(Vec<u8>, Setup), Failure> {
-    let mesh = generate(Shape::Sphere, FACES, 1);
-    let setup = Setup {
-        geomorph: true,
-        fault,
-        ..Setup::default()
-    };
-    Ok((model(mesh, false)?, setup))
+/// A ball of 0.2 m with faces of 2 mm, and a rough body.
+fn bodies() -> Result<[Vec<u8>; 2], Failure> {
+    Ok([
+        model(generate(Shape::Sphere, FACES, 1), false)?,
+        model(generate(Shape::Relief, 50_000, 1), false)?,
+    ])
 }
 
 /// How coarse the front is in the pass of this number, metres.
@@ -67,127 +209,166 @@ fn over(bytes: &[u8], setup: Setup, up: DVec3, coarse_m: f64) -> Result<(Bench, 
 /// Comes down until the probe is [`DEPTH_M`] deep in the front as it is; the height of the device
 /// then.
 fn press(bench: &mut Bench, up: DVec3, mut height: f64) -> f64 {
-    while bench.touch(up * height).record.depth_m < DEPTH_M && height > 0.0 {
+    while height > 0.0 {
+        if bench.touch(up * height).record.depth_m >= DEPTH_M {
+            break;
+        }
         height -= STEP_M;
     }
     height
 }
 
-/// Case 12: a probe is pressed 1 mm into a ball while the front under it goes from coarse to fine
-/// and back; or it is pressed into the base mesh and the records come late. The largest change of
-/// force in a tick over what is not felt; infinite where the proxy is on the other side.
-pub fn under_contact(
+/// Case 12: a probe is pressed 1 mm into a body while the front under it goes from coarse to fine
+/// and back; or it is pressed into the base mesh and the records come late; the device is held, or
+/// is in a hand. The largest change of force in a tick over what is not felt; infinite where the
+/// proxy is on the other side. Logged: the largest change of torque.
+fn under_contact(
     Trial {
         size,
         random,
-        fault,
+        defaults,
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
-    let (bytes, setup) = ball(fault)?;
-    under(&bytes, setup, size, random)
-}
-
-/// The same under a tool that is pressed in upright.
-pub fn under_tool(
-    Trial {
-        size,
-        random,
-        fault,
-    }: Trial<'_>,
-) -> Result<Found, Failure> {
-    let (bytes, setup) = ball(fault)?;
-    under(&bytes, with_tool(setup), size, random)
-}
-
-/// The same with a tool in place of the ball.
-fn with_tool(setup: Setup) -> Setup {
-    let length_m = Some(10.0 * setup.radius_m);
-    Setup { length_m, ..setup }
-}
-
-fn under(
-    bytes: &[u8],
-    setup: Setup,
-    size: &Size,
-    random: &mut Xoshiro256PlusPlus,
-) -> Result<Found, Failure> {
+    let bodies = bodies()?;
     let mut found = Found::new(0.0);
     for k in 0..size.of(4, 400) {
-        refined_and_back(bytes, setup, k, direction(random), &mut found)?;
+        let press = Press {
+            coarse_m: coarse(k / 4),
+            is_late: k % 3 == 1,
+            is_rough: k % 2 == 1,
+            is_in_hand: k % 4 >= 2,
+        };
+        let bytes = &bodies[usize::from(press.is_rough)];
+        refined_and_back(bytes, defaults, press, direction(random), &mut found)?;
     }
     Ok(found)
 }
 
-/// The press of this number, along `up`.
+/// What moves the device while it is looked at.
+enum Holder {
+    /// It is held at a place.
+    Held(DVec3),
+    /// A hand presses, and gives way.
+    Hand(Box<FreeMass>),
+}
+
+impl Holder {
+    fn tick(&mut self, bench: &mut Bench, force: DVec3) -> (DVec3, Response) {
+        let place = match self {
+            Self::Held(place) => *place,
+            Self::Hand(hand) => hand.advance(force),
+        };
+        (place, bench.touch(place))
+    }
+}
+
+/// How a press is made.
+#[derive(Clone, Copy)]
+struct Press {
+    /// How coarse the front is at first, metres.
+    coarse_m: f64,
+    /// Whether the records come late.
+    is_late: bool,
+    /// Whether the body is rough.
+    is_rough: bool,
+    /// Whether the device is in a hand.
+    is_in_hand: bool,
+}
+
+/// A press along `up`.
 fn refined_and_back(
     bytes: &[u8],
     setup: Setup,
-    k: u64,
+    how: Press,
     up: DVec3,
     found: &mut Found,
 ) -> Result<(), Failure> {
-    let coarse_m = coarse(k);
+    let coarse_m = how.coarse_m;
     let (mut bench, height) = over(bytes, setup, up, coarse_m)?;
-    bench.mute(k % 2 == 1);
+    bench.mute(how.is_late);
     let down = press(&mut bench, up, height);
     bench.mute(false);
-    let mut before = bench.touch(up * down).force;
-    let mut splits = 0;
+    let mut before = bench.touch(up * down);
+    // As deep as it is now the hand holds it: 200 N/m.
+    let wanted = up * down - before.force / 200.0;
+    let mut holder = if how.is_in_hand {
+        let hand = [200.0, 2.0];
+        let mut mass = FreeMass::held(up * down, DVec3::ZERO, bench.period_s(), 0.0, hand);
+        mass.intend(wanted, DVec3::ZERO);
+        Holder::Hand(Box::new(mass))
+    } else {
+        Holder::Held(up * down)
+    };
+    let kind = match (how.is_rough, how.is_in_hand) {
+        (false, false) => "ball, held",
+        (false, true) => "ball, in a hand",
+        (true, false) => "relief, held",
+        (true, true) => "relief, in a hand",
+    };
+    let (mut splits, mut last) = (0, up * down);
     for tolerance_m in [0.0, coarse_m, 0.0] {
         bench.ask(tolerance_m);
         for _ in 0..LOOK_TICKS {
-            let response = bench.touch(up * down);
-            let allowed = STEP_N.max(STEP_SHARE * before.length());
+            let (place, response) = holder.tick(&mut bench, before.force);
+            let allowed = STEP_N.max(STEP_SHARE * before.force.length());
             // A proxy that is free is at the device, but for rounding.
-            let is_above = response.proxy.dot(up) >= down * (1.0 - ROUNDING);
+            let is_above = response.proxy.dot(up) >= place.dot(up) * (1.0 - ROUNDING);
             let is_outside = is_above && response.force.dot(up) >= 0.0;
-            let change = response.force.distance(before) / allowed;
-            found.most(if is_outside { change } else { f64::INFINITY });
+            found.must(is_outside);
+            // What the device's own motion changes is its hand's.
+            let own = setup.stiffness_n_per_m * place.distance(last);
+            last = place;
+            let step = (response.force.distance(before.force) - own) / allowed;
+            found.most(step);
+            found.log(kind, step);
+            found.log("torque step, N m", response.torque.distance(before.torque));
             splits += response.record.vsplits;
-            before = response.force;
+            before = response;
         }
     }
     // Where nothing changes nothing is shown.
-    if splits == 0 {
-        found.most(f64::INFINITY);
-    }
+    found.must(splits > 0);
     Ok(())
 }
 
-/// The energy of a cycle: the probe presses into the coarse front, the surface rises under it by s,
-/// the probe leaves the fine front, which goes coarse again. Without an account that is K p s + K
-/// s²/2, with one nothing.
-pub fn cycle_energy(
+/// The energy of a cycle, measured at the device: the probe presses into the coarse front, the
+/// surface rises under it by s, the probe leaves the fine front, which goes coarse again. Without
+/// an account that is K p s + K s²/2, with one nothing.
+fn cycle_energy(
     Trial {
         size,
         random,
-        fault,
+        defaults,
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
-    let (bytes, mut setup) = ball(fault)?;
-    setup.passivity = true;
+    let [bytes, _] = bodies()?;
     let mut found = Found::new(f64::NEG_INFINITY);
+    let mut rises = 0;
     for k in 0..size.of(4, 400) {
         let (up, coarse_m) = (direction(random), coarse(k));
-        let (mut bench, mut height) = over(&bytes, setup, up, coarse_m)?;
-        let start = bench.touch(up * height).record.energy_j;
+        let (mut bench, mut height) = over(&bytes, defaults, up, coarse_m)?;
+        bench.touch(up * height);
+        let start = bench.work_j();
         let down = press(&mut bench, up, height);
         let depth = bench.settle(up * down)?.proxy.dot(up) - down;
         bench.ask(0.0);
         let rise = bench.settle(up * down)?.proxy.dot(up) - down - depth;
         height = down;
-        while height < setup.size_m {
+        while height < defaults.size_m {
             height += STEP_M;
             bench.touch(up * height);
         }
         bench.ask(coarse_m);
-        let end = bench.settle(up * height)?.record.energy_j;
-        let of_f8 = setup.stiffness_n_per_m * (depth * rise + 0.5 * rise * rise);
+        bench.settle(up * height)?;
+        let of_f8 = defaults.stiffness_n_per_m * (depth * rise + 0.5 * rise * rise);
+        found.must(rise.is_finite());
         // Where the surface has sunk, energy is lost in any case.
         if rise > 0.0 {
-            found.most((end - start) / of_f8);
+            found.most((bench.work_j() - start) / of_f8);
+            rises += 1;
         }
     }
+    found.must(rises > 0);
     Ok(found)
 }
 
@@ -197,36 +378,29 @@ pub fn cycle_energy(
 /// a geomorph, and is not felt either. The largest change of force in a tick over what is not felt;
 /// infinite where a face at the contact is turned over before any fold had to pass, or at the end,
 /// or the contact stays coarse.
-pub fn fold_over(
+fn fold_over(
     Trial {
         size,
         random,
-        fault,
+        defaults,
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
-    let (bytes, setup) = folded_ball(fault)?;
+    let bytes = folded_ball()?;
     let mut found = Found::new(0.0);
     let mut refused = 0;
     for _ in 0..size.of(4, 400) {
-        refused += refined_over_folds(&bytes, setup, direction(random), &mut found)?;
+        refused += refined_over_folds(&bytes, defaults, direction(random), &mut found)?;
     }
     // Where nothing would fold, nothing is shown.
-    if refused == 0 {
-        found.most(f64::INFINITY);
-    }
+    found.must(refused > 0);
     Ok(found)
 }
 
 /// The ball with folds, see [`fold`].
-fn folded_ball(fault: Fault) -> Result<(Vec<u8>, Setup), Failure> {
-    let setup = Setup {
-        geomorph: true,
-        fault,
-        ..Setup::default()
-    };
+fn folded_ball() -> Result<Vec<u8>, Failure> {
     let mut parts = parts(generate(Shape::Sphere, FACES, 1), false)?;
     fold(&mut parts);
-    Ok((spm(&parts)?, setup))
+    spm(&parts)
 }
 
 /// A press along `up`, until its contact is at full resolution. Returns the splits that were
@@ -315,20 +489,31 @@ mod tests {
         up
     }
 
+    /// As it was when these were found.
+    const WITHOUT_ACCOUNT: Setup = Setup {
+        departs: &[(Departure::Account, ALONE)],
+        ..Setup::PRODUCT
+    };
+
     fn is_not_felt(presses: &[(u64, u64)]) {
-        let (bytes, setup) = ball(Fault::None).unwrap();
-        is_not_felt_in(&bytes, setup, presses);
+        is_not_felt_in(WITHOUT_ACCOUNT, presses);
     }
 
     fn is_not_felt_by_a_tool(presses: &[(u64, u64)]) {
-        let (bytes, setup) = ball(Fault::None).unwrap();
-        is_not_felt_in(&bytes, with_tool(setup), presses);
+        is_not_felt_in(WITHOUT_ACCOUNT.with_tool(), presses);
     }
 
-    fn is_not_felt_in(bytes: &[u8], setup: Setup, presses: &[(u64, u64)]) {
+    fn is_not_felt_in(setup: Setup, presses: &[(u64, u64)]) {
+        let [bytes, _] = bodies().unwrap();
         for &(seed, k) in presses {
             let mut found = Found::new(0.0);
-            refined_and_back(bytes, setup, k, direction_of(seed, k), &mut found).unwrap();
+            let how = Press {
+                coarse_m: coarse(k),
+                is_late: k % 2 == 1,
+                is_rough: false,
+                is_in_hand: false,
+            };
+            refined_and_back(&bytes, setup, how, direction_of(seed, k), &mut found).unwrap();
             assert!(
                 found.value <= 1.0,
                 "seed {seed}, press {k}: {}",
@@ -338,7 +523,8 @@ mod tests {
     }
 
     fn folds_nothing(presses: &[(u64, u64)]) {
-        let (bytes, setup) = folded_ball(Fault::None).unwrap();
+        let bytes = folded_ball().unwrap();
+        let setup = WITHOUT_ACCOUNT;
         for &(seed, k) in presses {
             let mut found = Found::new(0.0);
             let up = direction_of(seed, k);

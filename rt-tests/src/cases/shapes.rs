@@ -29,17 +29,14 @@ impl Patches {
         place
     }
 
-    /// The cells of a parallelogram; its normal is `along x across`. `hole` leaves some out.
-    fn add(&mut self, origin: DVec3, along: DVec3, across: DVec3, hole: impl Fn(DVec3) -> bool) {
+    /// The cells of a parallelogram; its normal is `along x across`.
+    fn add(&mut self, origin: DVec3, along: DVec3, across: DVec3) {
         let point = |i: u32, j: u32| {
             let [s, t] = [i, j].map(|k| f64::from(k) / f64::from(CELLS));
             origin + along * s + across * t
         };
         for i in 0..CELLS {
             for j in 0..CELLS {
-                if hole((point(i, j) + point(i + 1, j + 1)) * 0.5) {
-                    continue;
-                }
                 let [a, b, c, d] = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
                     .map(|(i, j)| self.vertex(point(i, j)));
                 self.mesh.triangles.extend([[a, b, c], [a, c, d]]);
@@ -48,26 +45,52 @@ impl Patches {
     }
 }
 
-/// A square of side 2 in z = 0, seen from above; with a hole in its middle where `hole`.
+/// A square of side 2 in z = 0, seen from above.
 #[must_use]
-pub fn plate(hole: bool) -> SoupMesh {
+pub fn plate() -> SoupMesh {
     let mut patches = Patches::default();
     let (side, origin) = (2.0, DVec3::new(-1.0, -1.0, 0.0));
-    patches.add(origin, DVec3::X * side, DVec3::Y * side, |p| {
-        hole && p.length() < 0.5
-    });
+    patches.add(origin, DVec3::X * side, DVec3::Y * side);
     patches.mesh
 }
 
 /// Two squares of side 2 back to back: the upper one in z = 0, the other `gap` below it, which may
 /// be 0.
 #[must_use]
-pub fn sheets(gap: f64, hole: bool) -> SoupMesh {
-    let mut mesh = plate(hole);
-    let below = plate(hole);
+pub fn sheets(gap: f64) -> SoupMesh {
+    back_to_back(plate(), gap)
+}
+
+/// The height of a waved sheet over a place.
+#[must_use]
+pub fn wave(x: f64, y: f64) -> f64 {
+    0.05 * (3.0 * x).sin() * (3.0 * y).cos()
+}
+
+/// The same of waves, with so many cells a side.
+#[must_use]
+pub fn waved_sheets(gap: f64, cells: u32) -> SoupMesh {
+    let mut mesh = SoupMesh::default();
+    let along = |k: u32| 2.0 * f64::from(k) / f64::from(cells) - 1.0;
+    for j in 0..=cells {
+        for (x, y) in (0..=cells).map(|i| (along(i), along(j))) {
+            mesh.positions.push([x, y, wave(x, y)]);
+        }
+    }
+    for (i, j) in (0..cells).flat_map(|j| (0..cells).map(move |i| (i, j))) {
+        let a = j * (cells + 1) + i;
+        let [b, c, d] = [a + 1, a + cells + 2, a + cells + 1];
+        mesh.triangles.extend([[a, b, c], [a, c, d]]);
+    }
+    back_to_back(mesh, gap)
+}
+
+/// A sheet, and the same turned over `gap` below it.
+fn back_to_back(mut mesh: SoupMesh, gap: f64) -> SoupMesh {
+    let below = mesh.clone();
     let first = mesh.positions.len() as u32;
     mesh.positions
-        .extend(below.positions.iter().map(|&[x, y, _]| [x, y, -gap]));
+        .extend(below.positions.iter().map(|&[x, y, z]| [x, y, z - gap]));
     mesh.triangles.extend(
         below
             .triangles
@@ -78,44 +101,57 @@ pub fn sheets(gap: f64, hole: bool) -> SoupMesh {
 }
 
 /// Two planes that meet along y in the origin; `turn` is the angle between their normals, radians:
-/// a ridge when positive, a valley when negative. Seen from above. `lost` leaves a strip out beside
-/// the edge.
+/// a ridge when positive, a valley when negative. Seen from above.
 #[must_use]
-pub fn roof(turn: f64, lost: bool) -> SoupMesh {
+pub fn roof(turn: f64) -> SoupMesh {
     let (sin, cos) = (0.5 * turn).sin_cos();
     let mut patches = Patches::default();
     let along = DVec3::Y * 2.0;
     let edge = DVec3::new(0.0, -1.0, 0.0);
-    patches.add(edge, DVec3::new(cos, 0.0, -sin), along, |p| {
-        lost && p.length() < 0.5
-    });
-    patches.add(edge, along, DVec3::new(-cos, 0.0, -sin), |_| false);
+    patches.add(edge, DVec3::new(cos, 0.0, -sin), along);
+    patches.add(edge, along, DVec3::new(-cos, 0.0, -sin));
     patches.mesh
 }
 
-/// Three squares in the planes x = 0, y = 0 and z = 0 that meet in the origin, seen from within;
-/// `lost` leaves out the one in z = 0.
+/// Three squares in the planes x = 0, y = 0 and z = 0 that meet in the origin, seen from within.
 #[must_use]
-pub fn corner(lost: bool) -> SoupMesh {
+pub fn corner() -> SoupMesh {
     let mut patches = Patches::default();
     let [x, y, z] = DVec3::AXES;
-    patches.add(DVec3::ZERO, y, z, |_| false);
-    patches.add(DVec3::ZERO, z, x, |_| false);
-    patches.add(DVec3::ZERO, x, y, |_| lost);
+    patches.add(DVec3::ZERO, y, z);
+    patches.add(DVec3::ZERO, z, x);
+    patches.add(DVec3::ZERO, x, y);
     patches.mesh
+}
+
+/// What was put into a damaged mesh, by kind; of the other kinds nothing is dropped.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Damage {
+    /// Faces without area.
+    pub zero_area: u64,
+    /// Faces that are there already.
+    pub duplicates: u64,
+    /// Faces with a corner that is no number.
+    pub not_finite: u64,
 }
 
 /// A plate among everything that is wrong with meshes: faces without area, duplicates, slivers,
-/// turned faces, a vertex that is no number, an edge of three faces, a crack; with a hole in its
-/// middle where `hole`.
+/// turned faces, a vertex that is no number, an edge of three faces, a crack.
 #[must_use]
-pub fn damaged_plate(hole: bool) -> SoupMesh {
-    let mut mesh = plate(hole);
+pub fn damaged_plate() -> (SoupMesh, Damage) {
+    let mut mesh = plate();
+    let mut damage = Damage::default();
     let faces = mesh.triangles.clone();
     for (k, &[a, b, c]) in faces.iter().enumerate() {
         match k % 12 {
-            0 => mesh.triangles.push([a, a, b]),
-            1 => mesh.triangles.push([a, b, c]),
+            0 => {
+                mesh.triangles.push([a, a, b]);
+                damage.zero_area += 1;
+            }
+            1 => {
+                mesh.triangles.push([a, b, c]);
+                damage.duplicates += 1;
+            }
             2 => mesh.triangles.push([a, c, b]),
             3 => mesh.triangles[k] = [a, c, b],
             4 => {
@@ -146,9 +182,23 @@ pub fn damaged_plate(hole: bool) -> SoupMesh {
                 let v = mesh.positions.len() as u32;
                 mesh.positions.push([f64::NAN, 0.0, 0.0]);
                 mesh.triangles.push([a, b, v]);
+                damage.not_finite += 1;
             }
             _ => {}
         }
+    }
+    (mesh, damage)
+}
+
+/// A pit of so many flat slopes around the origin, which rise by `steep`, seen from above.
+#[must_use]
+pub fn pit(slopes: u32, steep: f64) -> SoupMesh {
+    let mut mesh = SoupMesh::default();
+    mesh.positions.push([0.0; 3]);
+    for k in 0..slopes {
+        let turn = std::f64::consts::TAU * f64::from(k) / f64::from(slopes);
+        mesh.positions.push([turn.cos(), turn.sin(), steep]);
+        mesh.triangles.push([0, 1 + k, 1 + (k + 1) % slopes]);
     }
     mesh
 }

@@ -1,15 +1,127 @@
 //! Nothing is thin, sharp or broken enough to be passed.
 
-use super::bench::{Bench, Fault, Response, Setup, model};
-use super::found::{Found, Trial};
+use super::bench::{Bench, Response, model, parts, spm};
+use super::case::{Case, Found, ProbeOfCase, Size, Trial, positive};
+use super::setup::Setup;
 use super::shapes;
 use crate::failure::Failure;
 use crate::models::surface::{Surface, unit};
 use geometry::Pose;
 use glam::{DQuat, DVec3};
+use hrtc_core::record::max_or_nan;
+use mutants::Mutant;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm_builder::generate::{Shape, generate};
 
+/// Parameters of the thin sheet in the list of facts.
+const THIN: &str = "t = 0, 0.1, 1 mm; 0.05, 0.5, 1, 2 m/s; K = 0.5, 1, 3 kN/m; a million passes; full \
+                    resolution, and coarse with R < t/2";
+
+/// The cases of this file.
+pub const CASES: &[Case] = &[
+    Case {
+        facts: THIN,
+        runs: "the same t, v, K; flat, at full resolution, from either side, within 60 degrees",
+        ..Case::of(
+            [
+                "thin-sheet",
+                "4",
+                "passes through sheets of 0, 0.1 and 1 mm",
+            ],
+            0.0,
+            Mutant::Sweep,
+            thin_sheet,
+        )
+    },
+    Case {
+        facts: THIN,
+        runs: "the same t, v, K; a waved sheet of 16 thousand faces, refined under the probe",
+        ..Case::of(
+            [
+                "thin-sheet-refined",
+                "4",
+                "passes through a waved sheet that is refined meanwhile",
+            ],
+            0.0,
+            Mutant::Sweep,
+            thin_refined,
+        )
+    },
+    Case {
+        facts: THIN,
+        runs: "t = 1 mm; a waved sheet of 20 mm, tolerances of 1 and 3 um; passes with R < t/2 count",
+        ..Case::of(
+            [
+                "thin-sheet-coarse",
+                "4",
+                "passes through the waved sheet on a coarse front",
+            ],
+            0.0,
+            Mutant::Sweep,
+            thin_coarse,
+        )
+    },
+    Case {
+        facts: THIN,
+        runs: "as thin-sheet, a capsule upright",
+        probe: ProbeOfCase::Tool,
+        ..Case::of(
+            [
+                "thin-sheet-tool",
+                "4",
+                "passes of a tool through sheets of 0, 0.1 and 1 mm",
+            ],
+            0.0,
+            Mutant::ToolPairs,
+            thin_sheet,
+        )
+    },
+    Case {
+        facts: "rays exactly at edges and vertices, turned at random, 1 km off; a million",
+        runs: "the same; balls of 0.1 um and 1 mm at 0.5 m/s, straight and slanted by up to 60 degrees",
+        ..Case::of(
+            [
+                "edges-and-vertices",
+                "5",
+                "passes through a body at edges and vertices",
+            ],
+            0.0,
+            Mutant::Sweep,
+            edges_and_vertices,
+        )
+    },
+    Case {
+        facts: "zero area, duplicate, sliver of 1e6, NaN, non-manifold, flipped, 1 um crack, hole",
+        runs: "the same on a plate, whole and refined, 0.5 m/s; each kind counted by the builder",
+        ..Case::of(
+            [
+                "damaged-mesh",
+                "11",
+                "passes through a damaged mesh, no numbers, wrong counts",
+            ],
+            0.0,
+            Mutant::Rejects,
+            damaged_mesh,
+        )
+    },
+    Case {
+        facts: "1-2 m/s into a coarse region; error <= bound; onset error logged",
+        runs: "1-2 m/s into a relief of 50 000 faces",
+        ..Case::of(
+            [
+                "prediction-miss",
+                "16",
+                "true error over its bound on a coarse front",
+            ],
+            1.0,
+            Mutant::Certified,
+            prediction_miss,
+        )
+    },
+];
+
+/// Speeds of a pass, m/s.
+const SPEEDS: [f64; 4] = [0.05, 0.5, 1.0, 2.0];
 /// How deep a pass goes behind the surface, metres.
 const DEPTH_M: f64 = 5e-3;
 
@@ -36,103 +148,226 @@ fn aim(random: &mut Xoshiro256PlusPlus, radius: f64) -> (DVec3, DVec3) {
 
 /// Case 4: passes through a sheet of 0, 0.1 and 1 mm from either side at 0.05 to 2 m/s: those after
 /// which the proxy was beyond it at any tick.
-pub fn thin_sheet(
+fn thin_sheet(
     Trial {
         size,
         random,
-        fault,
+        defaults,
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
-    let speeds = [0.05, 0.5, 1.0, 2.0];
     for thickness in [0.0, 1e-4, 1e-3] {
-        let setup = Setup::default();
-        // The plates are 2 units long.
-        let gap = thickness * 2.0 / setup.size_m;
-        let mesh = shapes::sheets(gap, fault == Fault::LostConstraint);
-        let bytes = model(mesh, true)?;
-        for stiffness_n_per_m in [500.0, 1000.0, 3000.0] {
-            for up in [DVec3::Z, DVec3::NEG_Z] {
-                let setup = Setup {
-                    stiffness_n_per_m,
-                    fault,
-                    ..setup
-                };
-                let mut bench = Bench::new(&bytes, setup)?;
-                // What is outside on this side.
-                let outer = if up.z > 0.0 { 0.0 } else { thickness };
-                let home = up * (outer + 0.01);
-                bench.settle(home)?;
-                for k in 0..size.of(16, 1_000_000 / 18) {
-                    let (place, direction) = aim(random, 0.3 * setup.size_m);
-                    let direction = direction * up.z;
-                    let speed = speeds[k as usize % speeds.len()];
-                    let surface = place + up * outer;
-                    let start = surface - direction * (4.0 * setup.radius_m);
-                    let mut passed = bench.touch(start).proxy.dot(up) <= outer;
-                    let end = surface + direction * DEPTH_M;
-                    pass(&mut bench, start, end, speed, |response| {
-                        passed |= response.proxy.dot(up) <= outer;
-                    });
-                    found.count(passed);
-                    bench.touch(home);
-                }
-            }
-        }
+        let gap = thickness * UNITS / defaults.size_m;
+        let bytes = model(shapes::sheets(gap), true)?;
+        let sheet = Sheet {
+            thickness,
+            height: |_, _| 0.0,
+            certified: f64::INFINITY,
+        };
+        // With the other sheets a million.
+        let full = if defaults.length_m.is_some() {
+            250_000
+        } else {
+            500_000
+        };
+        let count = size.of(16, full / 18);
+        sheet.pass_each(&bytes, (defaults, 0.0), count, random, &mut found)?;
     }
     Ok(found)
 }
 
-/// Case 5: passes straight at the edges and vertices of a closed body, turned at random and 1 km
-/// away: those after which the proxy was within.
-pub fn edges_and_vertices(
+/// The same through a waved sheet, which is refined under the probe.
+fn thin_refined(
     Trial {
         size,
         random,
-        fault,
+        defaults,
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
-    let mut mesh = generate(Shape::Sphere, 400, 1);
+    for thickness in [0.0, 1e-4, 1e-3] {
+        let gap = thickness * UNITS / defaults.size_m;
+        let bytes = model(shapes::waved_sheets(gap, 64), false)?;
+        let sheet = Sheet {
+            thickness,
+            height: shapes::wave,
+            certified: f64::INFINITY,
+        };
+        let count = size.of(4, 200_000 / 18);
+        sheet.pass_each(&bytes, (defaults, 0.0), count, random, &mut found)?;
+    }
+    Ok(found)
+}
+
+/// The same on a front that stays coarse: a pass counts where the certified error was below half
+/// of the thickness, so that the two sides have not crossed.
+fn thin_coarse(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
+    let mut found = Found::new(0.0);
+    let thickness = 1e-3;
+    // A split or collapse moves a vertex by a face's side, so those are a sixth of the thickness.
+    let setup = Setup {
+        size_m: 0.02,
+        ..defaults
+    };
+    let gap = thickness * UNITS / setup.size_m;
+    let bytes = model(shapes::waved_sheets(gap, 128), false)?;
+    for tolerance_m in [1e-6, 3e-6] {
+        let sheet = Sheet {
+            thickness,
+            height: shapes::wave,
+            certified: 0.5 * thickness,
+        };
+        let count = size.of(8, 50_000 / 12);
+        sheet.pass_each(&bytes, (setup, tolerance_m), count, random, &mut found)?;
+    }
+    // Where no front was coarse, or every one too coarse, nothing is shown.
+    let coarse = found.logged.iter().find(|of| of.name == COARSE);
+    found.must(coarse.is_some_and(|of| of.value > 0.0));
+    Ok(found)
+}
+
+/// Sides of a sheet, model units.
+const UNITS: f64 = 2.0;
+/// What is logged of a coarse front.
+const COARSE: &str = "certified error of a pass that counts, m";
+
+/// A sheet of two sides: the upper one has a height over each place, in units of a tenth of a
+/// metre.
+struct Sheet {
+    thickness: f64,
+    height: fn(f64, f64) -> f64,
+    /// A pass counts while the certified error is below this, metres.
+    certified: f64,
+}
+
+impl Sheet {
+    /// The height of the middle between both sides, metres.
+    fn middle(&self, place: DVec3, size_m: f64) -> f64 {
+        let unit = size_m / UNITS;
+        unit * (self.height)(place.x / unit, place.y / unit) - 0.5 * self.thickness
+    }
+
+    /// Passes at every stiffness from either side at every speed.
+    fn pass_each(
+        &self,
+        bytes: &[u8],
+        (defaults, tolerance_m): (Setup, f64),
+        count: u64,
+        random: &mut Xoshiro256PlusPlus,
+        found: &mut Found,
+    ) -> Result<(), Failure> {
+        for stiffness_n_per_m in [500.0, 1000.0, 3000.0] {
+            for up in [DVec3::Z, DVec3::NEG_Z] {
+                let setup = Setup {
+                    stiffness_n_per_m,
+                    ..defaults
+                };
+                let mut bench = Bench::new(bytes, setup)?;
+                bench.turn(DQuat::from_rotation_arc(DVec3::Z, up));
+                bench.ask(tolerance_m);
+                bench.settle(up * 0.02)?;
+                for k in 0..count {
+                    let (place, direction) = aim(random, 0.3 * setup.size_m);
+                    let speed = SPEEDS[k as usize % SPEEDS.len()];
+                    self.pass_once(&mut bench, (place, direction * up.z, up), speed, found);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A pass at a place along a direction, from the side that is `up`.
+    fn pass_once(
+        &self,
+        bench: &mut Bench,
+        (place, direction, up): (DVec3, DVec3, DVec3),
+        speed: f64,
+        found: &mut Found,
+    ) {
+        let Setup {
+            size_m, radius_m, ..
+        } = *bench.setup();
+        let surface = place + DVec3::Z * (self.middle(place, size_m) + 0.5 * self.thickness * up.z);
+        let start = surface - direction * (6.0 * radius_m);
+        bench.travel(start);
+        let (mut keeps, mut certified) = (true, 0.0);
+        let end = surface + direction * DEPTH_M;
+        pass(bench, start, end, speed, |response| {
+            let proxy = response.proxy;
+            keeps &= (proxy.z - self.middle(proxy, size_m)) * up.z > 0.0;
+            certified = max_or_nan(certified, response.record.certified_error_m);
+        });
+        if certified < self.certified {
+            found.right(keeps);
+            found.log(COARSE, certified);
+        }
+        bench.travel(place + up * 0.02);
+    }
+}
+
+/// Case 5: passes straight at the edges and vertices of a closed body, turned at random and 1 km
+/// away, of a ball that is as good as a ray and of one that is not: those after which the proxy was
+/// within.
+fn edges_and_vertices(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
+    let mut found = Found::new(0.0);
+    let mesh = generate(Shape::Sphere, 400, 1);
     let targets = targets(&mesh.positions, &mesh.triangles);
     let point = |v: u32| DVec3::from_array(mesh.positions[v as usize]);
     // The ball that is surely within: up to the nearest face.
-    let within = mesh
-        .triangles
-        .iter()
-        .fold(f64::INFINITY, |least, &[a, b, c]| {
-            let [a, b, c] = [a, b, c].map(point);
-            least.min((b - a).cross(c - a).normalize().dot(a).abs())
-        });
-    if fault == Fault::LostConstraint {
-        let kept = mesh.triangles.len() / 2;
-        mesh.triangles.truncate(kept);
-    }
+    let faces = mesh.triangles.iter().map(|t| t.map(point));
+    let within = faces.fold(f64::INFINITY, |least, [a, b, c]| {
+        least.min((b - a).cross(c - a).normalize().dot(a).abs())
+    });
     let bytes = model(mesh, true)?;
-    for _ in 0..size.of(4, 40) {
+    for k in 0..size.of(4, 40) {
         let axis = aim(random, 1.0).1;
         let setup = Setup {
+            radius_m: [1e-7, 1e-3][k as usize % 2],
             pose: Pose {
                 position: aim(random, 1.0).1 * 1000.0,
                 orientation: DQuat::from_axis_angle(axis, 6.0 * unit(random)),
             },
-            ..Setup::with(fault)
+            ..defaults
         };
         let mut bench = Bench::new(&bytes, setup)?;
         let scale = 0.5 * setup.size_m;
         let least = (within * scale + setup.radius_m) * (1.0 - 1e-5);
         bench.settle(setup.pose.transform_point(DVec3::Z * 1.5 * scale))?;
-        for _ in 0..size.of(100, 25_000) {
-            let target = targets[(unit(random) * targets.len() as f64) as usize];
-            let [start, end] =
-                [1.2, 0.9].map(|share| setup.pose.transform_point(target * scale * share));
-            bench.touch(start);
-            let mut passed = false;
-            pass(&mut bench, start, end, 0.5, |response| {
-                passed |= response.proxy.distance(setup.pose.position) < least;
+        for pass_number in 0..size.of(100, 25_000) {
+            let target = targets[(unit(random) * targets.len() as f64) as usize] * scale;
+            let straight = -target.normalize();
+            let slanted = DQuat::from_rotation_arc(DVec3::NEG_Z, straight) * aim(random, 1.0).1;
+            let direction = if pass_number % 2 == 0 {
+                straight
+            } else {
+                slanted
+            };
+            let [start, end] = [-0.2, 0.1].map(|share| {
+                setup
+                    .pose
+                    .transform_point(target + direction * (share * scale))
             });
-            found.count(passed);
-            bench.touch(start);
+            // Around the body, never through it.
+            bench.travel(setup.pose.transform_point(target * 1.5));
+            bench.travel(start);
+            let mut keeps = true;
+            pass(&mut bench, start, end, 0.5, |response| {
+                keeps &= response.proxy.distance(setup.pose.position) >= least;
+            });
+            found.right(keeps);
+            bench.travel(setup.pose.transform_point(target * 1.5));
         }
     }
     Ok(found)
@@ -153,52 +388,63 @@ fn targets(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<DVec3> {
 }
 
 /// Case 11: passes through a plate with everything wrong that meshes have, but no hole: those after
-/// which the proxy was beyond it, and outputs that are no numbers.
-pub fn damaged_mesh(
+/// which the proxy was beyond it, outputs that are no numbers, and kinds of damage of which the
+/// builder counted another number than was put in.
+fn damaged_mesh(
     Trial {
         size,
         random,
-        fault,
+        defaults,
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
-    let setup = Setup::with(fault);
-    let mesh = shapes::damaged_plate(fault == Fault::LostConstraint);
-    let mut bench = Bench::new(&model(mesh, true)?, setup)?;
-    let home = DVec3::Z * 0.02;
-    bench.settle(home)?;
-    for _ in 0..size.of(300, 100_000) {
-        let (place, direction) = aim(random, 0.3 * setup.size_m);
-        let start = place - direction * (4.0 * setup.radius_m);
-        let mut wrong = false;
-        bench.touch(start);
-        pass(
-            &mut bench,
-            start,
-            place + direction * DEPTH_M,
-            0.5,
-            |response| {
-                wrong |= !response.force.is_finite()
-                    || response.proxy.z.is_nan()
-                    || response.proxy.z < 0.0;
-            },
-        );
-        found.count(wrong);
-        bench.touch(home);
+    for whole in [true, false] {
+        let (mesh, damage) = shapes::damaged_plate();
+        let built = parts(mesh, whole)?;
+        let summary = &built.summary;
+        found.right(summary.zero_area_faces == damage.zero_area);
+        found.right(summary.duplicate_faces == damage.duplicates);
+        found.right(summary.not_finite_faces == damage.not_finite);
+        pass_damaged(size, (&spm(&built)?, defaults), random, &mut found)?;
     }
     Ok(found)
 }
 
+fn pass_damaged(
+    size: &Size,
+    (bytes, setup): (&[u8], Setup),
+    random: &mut Xoshiro256PlusPlus,
+    found: &mut Found,
+) -> Result<(), Failure> {
+    let mut bench = Bench::new(bytes, setup)?;
+    let home = DVec3::Z * 0.02;
+    bench.settle(home)?;
+    for _ in 0..size.of(150, 50_000) {
+        let (place, direction) = aim(random, 0.3 * setup.size_m);
+        let start = place - direction * (4.0 * setup.radius_m);
+        let mut keeps = true;
+        bench.travel(start);
+        let end = place + direction * DEPTH_M;
+        pass(&mut bench, start, end, 0.5, |response| {
+            keeps &= response.force.is_finite() && response.proxy.z >= 0.0;
+        });
+        found.right(keeps);
+        bench.travel(home);
+    }
+    Ok(())
+}
+
 /// Case 16: true distance of the contact from the full mesh over its certified bound, the largest,
-/// where the probe comes at 1 to 2 m/s on a front that is coarse yet.
-pub fn prediction_miss(
+/// where the probe comes at 1 to 2 m/s on a front that is coarse yet. Logged: the same at the first
+/// touch, as a force.
+fn prediction_miss(
     Trial {
         size,
         random,
-        fault,
+        defaults,
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
-    let setup = Setup::with(fault);
+    let setup = defaults;
     let mesh = generate(Shape::Relief, 50_000, 1);
     let corner =
         |v: u32| DVec3::from_array(mesh.positions[v as usize].map(|x| f64::from(x as f32)));
@@ -212,30 +458,35 @@ pub fn prediction_miss(
         let direction = aim(random, 1.0).1 * if unit(random) < 0.5 { 1.0 } else { -1.0 };
         let speed = 1.0 + unit(random);
         let start = direction * setup.size_m;
-        bench.touch(start);
+        bench.travel(start);
         let ticks = (start.length() / (speed * bench.period_s())) as u32;
-        for tick in 0..ticks {
+        let mut touched = false;
+        for tick in 1..=ticks {
             let place = start * (1.0 - f64::from(tick) / f64::from(ticks));
             let response = bench.touch(place);
-            let Some(mut at) = bench.contact() else {
+            let Some(at) = bench.contact() else {
                 continue;
             };
-            if fault == Fault::LostConstraint {
-                at = bench.to_model(place).unwrap_or(at);
-            }
-            let scale =
-                bench.to_model(DVec3::X).unwrap_or(at) - bench.to_model(DVec3::ZERO).unwrap_or(at);
-            let bound = response.record.certified_error_m * scale.length();
+            let unit_m = bench
+                .controller()
+                .frame()
+                .map_or(f64::NAN, |of| of.metres_per_unit);
+            let bound = response.record.certified_error_m / unit_m;
             coarse += u32::from(bound > 0.0);
             let apart = full.nearest(at, 0).distance;
             // Coordinates are rounded to f32: a bound of 0 holds up to that.
             let rounding = at.abs().max_element() * f64::from(f32::EPSILON);
-            found.most((apart - rounding).max(0.0) / bound.max(rounding));
+            found.most(positive(apart - rounding) / (bound + rounding));
+            if !std::mem::replace(&mut touched, true) {
+                found.log(
+                    "error of the first force, N",
+                    apart * unit_m * setup.stiffness_n_per_m,
+                );
+            }
         }
+        found.must(touched);
     }
     // Where it was fine everywhere nothing is shown.
-    if coarse == 0 {
-        found.most(f64::INFINITY);
-    }
+    found.must(coarse > 0);
     Ok(found)
 }

@@ -1,15 +1,18 @@
 //! `rt-tests stability`: the hard cases ([`crate::cases`]), each with its measure, limit and
-//! verdict.
+//! verdict; and the faults in the product that they must find.
 
-use crate::cases::{CASES, Fault, Size, Trial};
+use crate::cases::case::Logged;
+use crate::cases::{Case, Found, ProbeOfCase, Size, all};
 use crate::failure::Failure;
-use crate::report::output::{print, print_json, status_line};
+use crate::report::output::{print, print_json, status_bar};
 use crate::report::table::Table;
 use crate::report::units::grouped;
 use clap::Args;
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
+use rayon::prelude::*;
 use serde::Serialize;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Arguments of `rt-tests stability`.
 #[derive(Debug, Args)]
@@ -17,15 +20,19 @@ pub struct StabilityArgs {
     /// Run these cases only, by name
     #[arg(value_name = "CASE")]
     pub cases: Vec<String>,
-    /// Run the full set: up to a million passes a case, some ten minutes
+    /// Run the full set: up to a million passes a case, an hour and a half on two cores
     #[arg(long)]
     pub full: bool,
     /// Seed of everything that is random
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub seed: u64,
-    /// Put each case's fault in: now every case is to fail
+    /// Put each case's fault into the product: now every case is to fail. Needs a build with
+    /// --features mutants
+    #[arg(long, alias = "faults")]
+    pub mutants: bool,
+    /// Print each case's parameters beside the facts, and where it departs from the product
     #[arg(long)]
-    pub faults: bool,
+    pub parameters: bool,
     /// Print one JSON object with the result on standard output
     #[arg(long)]
     pub json: bool,
@@ -36,8 +43,11 @@ pub struct StabilityArgs {
 pub struct Stability {
     /// Seed of everything that is random.
     pub seed: u64,
-    /// The cases, in the order of the table.
+    /// The cases, in the order of the table; none with `--mutants`.
     pub cases: Vec<Verdict>,
+    /// The faults in the product; with `--mutants` only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub mutants: Vec<MutantFound>,
 }
 
 /// What a case came to.
@@ -45,6 +55,8 @@ pub struct Stability {
 pub struct Verdict {
     /// Its name.
     pub name: &'static str,
+    /// Its number in the facts; "" where it is ours.
+    pub number: &'static str,
     /// What is measured.
     pub measure: &'static str,
     /// The worst that was seen.
@@ -53,37 +65,72 @@ pub struct Verdict {
     pub limit: f64,
     /// Whether it kept to it.
     pub pass: bool,
+    /// Why it is known not to.
+    #[serde(skip_serializing_if = "str::is_empty")]
+    pub open: &'static str,
     /// Measurements made.
     pub passes_run: u64,
+    /// What it touches with.
+    pub probe: ProbeOfCase,
+    /// Where it departs from the product's defaults, and why; empty where it runs on them.
+    pub defaults: Vec<String>,
+    /// Parameters of the facts.
+    pub facts: &'static str,
+    /// Parameters of its full run.
+    pub runs: &'static str,
+    /// Other numbers, without a limit.
+    pub logged: Vec<Logged>,
+    /// Why it could not be run to its end.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub error: String,
+}
+
+/// A fault in the product, and whether a case found it.
+#[derive(Debug, Serialize)]
+pub struct MutantFound {
+    /// Its name.
+    pub name: String,
+    /// The case that is to find it.
+    pub case: &'static str,
+    /// Whether it did.
+    pub killed: bool,
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence: status 2 for a name that is no case, 1 when a case fails (with faults: when one
-/// does not).
+/// One sentence: status 2 for a name that is no case, or `--mutants` in a build without them; 1
+/// when a case fails, or a mutant lives.
 pub fn stability(args: &StabilityArgs) -> Result<(), Failure> {
     let found = run_cases(args)?;
     if args.json {
         print_json(&found)?;
+    } else if args.mutants {
+        print(&mutants_table(&found))?;
     } else {
         print(&table(&found))?;
+        if args.parameters {
+            print(&parameters(&found))?;
+        }
     }
-    let wrong: Vec<&str> = found
-        .cases
-        .iter()
-        .filter(|case| case.pass == args.faults)
+    let failed = found.cases.iter().filter(|case| !case.pass);
+    let failed: Vec<&str> = failed
+        .filter(|case| case.open.is_empty())
         .map(|case| case.name)
         .collect();
-    if wrong.is_empty() {
-        return Ok(());
+    let living = found.mutants.iter().filter(|mutant| !mutant.killed);
+    let living: Vec<String> = living
+        .map(|mutant| format!("{} of {}", mutant.name, mutant.case))
+        .collect();
+    match (failed.is_empty(), living.is_empty()) {
+        (true, true) => Ok(()),
+        (_, false) => Err(Failure::Run(format!("mutants live: {}", living.join(", ")))),
+        (false, true) => Err(Failure::Run(format!(
+            "beyond their limit: {} (seed {})",
+            failed.join(", "),
+            args.seed
+        ))),
     }
-    let names = wrong.join(", ");
-    Err(Failure::Run(if args.faults {
-        format!("passed with a fault put in: {names}")
-    } else {
-        format!("beyond their limit: {names} (seed {})", args.seed)
-    }))
 }
 
 /// Runs what was asked for.
@@ -91,67 +138,206 @@ pub fn stability(args: &StabilityArgs) -> Result<(), Failure> {
 /// # Errors
 /// One sentence for a name that is no case, or a mesh that cannot be served.
 pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
-    if let Some(unknown) = args
-        .cases
-        .iter()
-        .find(|name| CASES.iter().all(|case| case.name != name.as_str()))
-    {
-        let names: Vec<&str> = CASES.iter().map(|case| case.name).collect();
+    let names: Vec<&str> = all().map(|case| case.name).collect();
+    if let Some(unknown) = args.cases.iter().find(|of| !names.contains(&of.as_str())) {
         return Err(Failure::Input(format!(
             "\"{unknown}\" is no case; choose of {}",
             names.join(", ")
         )));
     }
-    let size = Size { full: args.full };
-    let bar = status_line();
-    let mut cases = Vec::new();
-    for case in &CASES {
-        let chosen = args.cases.is_empty() || args.cases.iter().any(|name| name == case.name);
-        if !chosen {
-            continue;
-        }
-        bar.set_message(format!("{}: {}", case.name, case.measure));
-        let mut random = Xoshiro256PlusPlus::seed_from_u64(args.seed);
-        let fault = if args.faults { case.fault } else { Fault::None };
-        let found = (case.run)(Trial {
-            size: &size,
-            random: &mut random,
-            fault,
+    let is_chosen =
+        |case: &&Case| args.cases.is_empty() || args.cases.iter().any(|n| n == case.name);
+    let chosen: Vec<&Case> = all().filter(is_chosen).collect();
+    let bar = status_bar(chosen.len() as u64);
+    let (mut cases, mut mutants) = (Vec::new(), Vec::new());
+    if args.mutants {
+        mutants = run_mutants(&chosen, args, |name| {
+            bar.set_message(name.to_string());
+            bar.inc(1);
         })?;
-        cases.push(Verdict {
-            name: case.name,
-            measure: case.measure,
-            // JSON has no infinity.
-            value: found.value.clamp(f64::MIN, f64::MAX),
-            limit: case.limit,
-            pass: found.passes > 0 && found.value <= case.limit,
-            passes_run: found.passes,
-        });
+    } else {
+        let run = |case: &&Case| {
+            let verdict = run_case(case, args);
+            bar.set_message(case.name);
+            bar.inc(1);
+            verdict
+        };
+        // One at a time: some take minutes, most none.
+        cases = chosen.par_iter().with_max_len(1).map(run).collect();
     }
     bar.finish_and_clear();
     Ok(Stability {
         seed: args.seed,
         cases,
+        mutants,
     })
 }
 
-fn table(found: &Stability) -> String {
-    let number = |x: f64| match x {
+/// One case. What panics or ends by an error has failed.
+fn run_case(case: &Case, args: &StabilityArgs) -> Verdict {
+    let size = Size { full: args.full };
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(args.seed);
+    let trial = case.trial(&size, &mut random);
+    let found = catch_unwind(AssertUnwindSafe(|| (case.run)(trial)));
+    let found = found.unwrap_or_else(|_| Err(Failure::Run("it panicked".to_string())));
+    let (found, error) = match found {
+        Ok(found) => (found, String::new()),
+        Err(error) => (Found::new(f64::INFINITY), error.to_string()),
+    };
+    let (value, passes_run) = (found.value, found.passes);
+    // JSON has neither infinity nor what is no number.
+    let finite = |x: f64| {
+        if x.is_nan() {
+            f64::MAX
+        } else {
+            x.clamp(f64::MIN, f64::MAX)
+        }
+    };
+    let logged = found.logged.into_iter().map(|of| Logged {
+        value: finite(of.value),
+        ..of
+    });
+    let departs = case.departs.iter();
+    Verdict {
+        name: case.name,
+        number: case.number,
+        measure: case.measure,
+        value: finite(value),
+        limit: case.limit,
+        pass: passes_run > 0 && value <= case.limit,
+        open: case.open,
+        passes_run,
+        probe: case.probe,
+        defaults: departs
+            .map(|(of, why)| format!("{}: {why}", of.setting()))
+            .collect(),
+        facts: case.facts,
+        runs: case.runs,
+        logged: logged.collect(),
+        error,
+    }
+}
+
+/// Every case with its fault in the product; a case that is known to fail says nothing of it.
+#[cfg(feature = "mutants")]
+fn run_mutants(
+    cases: &[&Case],
+    args: &StabilityArgs,
+    is_run: impl Fn(&str) + Sync,
+) -> Result<Vec<MutantFound>, Failure> {
+    use mutants::{Mutant, choose};
+
+    let hook = std::panic::take_hook();
+    // A panic is how invariants tell; it is counted.
+    std::panic::set_hook(Box::new(|_| {}));
+    let mut found = Vec::new();
+    for mutant in Mutant::ALL {
+        choose(Some(mutant));
+        let of_mutant = cases.par_iter().filter(|case| case.mutant == mutant);
+        let closed = of_mutant.filter(|case| case.open.is_empty());
+        let results: Vec<_> = closed
+            .map(|case| {
+                let verdict = run_case(case, args);
+                is_run(case.name);
+                MutantFound {
+                    name: format!("{mutant:?}"),
+                    case: case.name,
+                    killed: !verdict.pass,
+                }
+            })
+            .collect();
+        choose(None);
+        found.extend(results);
+    }
+    std::panic::set_hook(hook);
+    Ok(found)
+}
+
+#[cfg(not(feature = "mutants"))]
+fn run_mutants(
+    _: &[&Case],
+    _: &StabilityArgs,
+    _: impl Fn(&str),
+) -> Result<Vec<MutantFound>, Failure> {
+    Err(Failure::Input(
+        "this build has no mutants: build it with cargo run --release -p rt-tests --features mutants"
+            .to_string(),
+    ))
+}
+
+fn number(x: f64) -> String {
+    match x {
         f64::MAX => "none".to_string(),
         x if x == x.trunc() && x.abs() < 1e9 => format!("{x}"),
         x => format!("{x:.3e}"),
-    };
+    }
+}
+
+fn table(found: &Stability) -> String {
     let heads = "case | measure, the worst | verdict | seen | limit | passes";
     let mut table = Table::new(3, heads);
     for case in &found.cases {
+        let verdict = match (case.pass, case.open.is_empty()) {
+            (true, _) => "pass",
+            (false, true) => "FAIL",
+            (false, false) => "open",
+        };
         table.row([
             case.name.to_string(),
             case.measure.to_string(),
-            if case.pass { "pass" } else { "FAIL" }.to_string(),
+            verdict.to_string(),
             number(case.value),
             number(case.limit),
             grouped(case.passes_run),
         ]);
     }
-    format!("hard cases, seed {}\n\n{table}", found.seed)
+    let open = found.cases.iter().filter(|case| !case.open.is_empty());
+    let open: String = open
+        .map(|case| format!("open: {}: {}\n", case.name, case.open))
+        .collect();
+    let logged: String = found
+        .cases
+        .iter()
+        .flat_map(|case| case.logged.iter().map(|of| (case.name, of)))
+        .map(|(case, of)| format!("{case}: {}: {}\n", of.name, number(of.value)))
+        .collect();
+    let errors = found.cases.iter().filter(|case| !case.error.is_empty());
+    let errors: String = errors
+        .map(|case| format!("{}: {}\n", case.name, case.error))
+        .collect();
+    let seed = found.seed;
+    format!("hard cases, seed {seed}\n\n{table}\n{errors}\n{open}\n{logged}")
+}
+
+/// The parameters of each case beside those of the facts.
+fn parameters(found: &Stability) -> String {
+    let mut text = String::from("parameters: the facts', and the full run's\n");
+    for case in &found.cases {
+        let number = if case.number.is_empty() {
+            "ours"
+        } else {
+            case.number
+        };
+        text += &format!(
+            "\n{} ({number})\n  facts: {}\n  here:  {}\n",
+            case.name, case.facts, case.runs
+        );
+        for departs in &case.defaults {
+            text += &format!("  departs: {departs}\n");
+        }
+    }
+    text
+}
+
+fn mutants_table(found: &Stability) -> String {
+    let mut table = Table::new(3, "mutant | case | verdict");
+    for mutant in &found.mutants {
+        let verdict = if mutant.killed { "killed" } else { "LIVES" };
+        table.row([
+            mutant.name.clone(),
+            mutant.case.to_string(),
+            verdict.to_string(),
+        ]);
+    }
+    format!("faults in the product, seed {}\n\n{table}", found.seed)
 }

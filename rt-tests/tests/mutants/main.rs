@@ -7,12 +7,35 @@ use rt_tests::commands::simulate::library::Library;
 use rt_tests::commands::simulate::mutants::checks_of;
 use rt_tests::commands::simulate::scenario::Reduction;
 use rt_tests::commands::simulate::shrink::run_seed;
+use rt_tests::commands::stability::{StabilityArgs, run_cases};
+use std::sync::Mutex;
 
 /// Seeds that each of these mutants is given; `rt-tests simulate --mutants` gives more, to all.
 const SEEDS: u64 = 20;
 
+/// One test after the other: both put mutants into the whole process.
+static ALONE: Mutex<()> = Mutex::new(());
+
+#[test]
+fn a_mutant_is_killed_by_its_case() {
+    let _alone = ALONE.lock();
+    let args = StabilityArgs {
+        cases: Vec::new(),
+        full: false,
+        seed: 1,
+        mutants: true,
+        parameters: false,
+        json: false,
+    };
+    let found = run_cases(&args).expect("the cases run").mutants;
+    let living: Vec<_> = found.iter().filter(|of| !of.killed).collect();
+    assert!(living.is_empty(), "{living:?}");
+    assert!(!found.is_empty());
+}
+
 #[test]
 fn a_mutant_is_found_by_its_check() {
+    let _alone = ALONE.lock();
     let library = Library::build().expect("the models are built");
     let check_of = |seed| {
         let failed = run_seed(seed, &Reduction::default(), &library).err()?;

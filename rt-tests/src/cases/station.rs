@@ -1,0 +1,187 @@
+//! A station that goes away, and a cache that is too small: what is touched stays.
+
+use super::bench::{Bench, model};
+use super::case::{Case, Found, ProbeOfCase, Trial};
+use super::setup::{Departure, Setup};
+use crate::failure::Failure;
+use glam::DVec3;
+use hrtc_core::record::max_or_nan;
+use mutants::Mutant;
+use spm_builder::generate::{Shape, generate};
+
+/// The facts of all of these.
+const FACTS: &str = "eviction or late data while touching; the station killed, restarted; force \
+                     continuous, bound reported, rate unaffected";
+/// A cache and a link of which each evicts or loses.
+const SMALL_LOSSY: &[(Departure, &str)] = &[
+    (Departure::SmallCache, "its subject"),
+    (Departure::LossyLink, "its subject"),
+];
+/// Largest change of force in a tick that is not felt, newtons, and as a share of the force.
+const STEP_N: f64 = 0.05;
+const STEP_SHARE: f64 = 0.07;
+/// Faces of what is touched.
+const FACES: u32 = 150_000;
+/// Ticks of a round: the station is away in the second half of it.
+const ROUND: u64 = 4000;
+
+/// The cases of this file.
+pub const CASES: &[Case] = &[
+    Case {
+        facts: FACTS,
+        runs: "a probe at rest, the station silent for 1 of 6 s; ten rounds",
+        ..Case::of(
+            [
+                "silent-station",
+                "15",
+                "change of the force while the station is away, N",
+            ],
+            0.0,
+            Mutant::Silence,
+            silent_station,
+        )
+    },
+    Case {
+        facts: FACTS,
+        runs: "a slide at 0.1 m/s, the station killed and another started, 2 of 4 s; 50 rounds",
+        ..Case::of(RESTART, 1.0, Mutant::Silence, restarted_station)
+    },
+    Case {
+        facts: FACTS,
+        runs: "the same under 2 MiB and a lossy link; evictions are logged",
+        departs: SMALL_LOSSY,
+        ..Case::of(
+            [
+                "station-restart-small-lossy",
+                "15",
+                "the same under 2 MiB and a lossy link",
+            ],
+            1.0,
+            Mutant::Silence,
+            restarted_station,
+        )
+    },
+    Case {
+        facts: FACTS,
+        runs: "the same, a capsule upright",
+        probe: ProbeOfCase::Tool,
+        departs: SMALL_LOSSY,
+        ..Case::of(
+            [
+                "station-restart-tool-small-lossy",
+                "15",
+                "the same of a tool",
+            ],
+            1.0,
+            Mutant::Silence,
+            restarted_station,
+        )
+    },
+];
+
+const RESTART: [&str; 3] = [
+    "station-restart",
+    "15",
+    "change of force in a tick over max(0.05 N, 7 %), twin's step taken off",
+];
+
+/// Case 15: change of the force, newtons, the largest, of a resting touch while the station is
+/// silent and comes back, beside the same touch with the station there.
+fn silent_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure> {
+    let bytes = model(generate(Shape::Relief, 20_000, 1), false)?;
+    let setup = defaults;
+    let press = |silent: bool| -> Result<Vec<DVec3>, Failure> {
+        let mut bench = Bench::new(&bytes, setup)?;
+        let inside = bench.settle(DVec3::Z * setup.size_m)?.proxy * 0.2;
+        let mut forces = Vec::new();
+        for tick in 0..size.of(6000, 60_000) {
+            bench.mute(silent && (3000..4000).contains(&(tick % 6000)));
+            // Pressed well before the station falls silent.
+            let share = (tick as f64 / 1500.0).min(1.0);
+            let place = (DVec3::Z * setup.size_m).lerp(inside, share);
+            forces.push(bench.touch(place).force);
+        }
+        Ok(forces)
+    };
+    let (alone, beside) = (press(true)?, press(false)?);
+    let mut found = Found::new(0.0);
+    for (a, b) in alone.iter().zip(&beside).skip(3000) {
+        // Without a touch there would be nothing to lose.
+        found.must(b.length() > 0.0);
+        found.most(a.distance(*b));
+    }
+    Ok(found)
+}
+
+/// Case 15: the change of force in a tick of a touch that slides on while its station is killed and
+/// another one started, beyond that of a twin whose station lives, over what is not felt; infinite
+/// where the contact has no certified bound, or a tick does more than its budget.
+fn restarted_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure> {
+    let bytes = model(generate(Shape::Relief, FACES, 1), false)?;
+    // Small, so that there are many faces on the way.
+    let defaults = Setup {
+        size_m: 0.1,
+        ..defaults
+    };
+    let mut found = Found::new(0.0);
+    let ticks = ROUND * size.of(1, 50);
+    let twin = slide(&bytes, defaults, ticks, None)?;
+    let alone = slide(&bytes, defaults, ticks, Some(&mut found))?;
+    let felt = twin
+        .iter()
+        .fold(0.0, |most, &(step, _)| max_or_nan(most, step));
+    for (&(step, force), &(_, beside)) in alone.iter().zip(&twin) {
+        found.most(step - felt);
+        found.must(force > 0.5 * beside);
+    }
+    found.log("largest step of the twin, over what is not felt", felt);
+    Ok(found)
+}
+
+/// The change of force in each tick of a slide around a body, over what is not felt, and the
+/// force. With `found`
+/// the station is killed and started again, and what is asked of every tick is looked at.
+fn slide(
+    bytes: &[u8],
+    setup: Setup,
+    ticks: u64,
+    mut found: Option<&mut Found>,
+) -> Result<Vec<(f64, f64)>, Failure> {
+    let mut bench = Bench::new(bytes, setup)?;
+    let budget = bench.controller().work_budget();
+    let mut steps = Vec::with_capacity(ticks as usize);
+    let place = |tick: u64| {
+        // 0.1 m/s over new ground at 0.03 m from the middle.
+        let turn = 3.2e-3 * tick as f64;
+        let out = DVec3::new(turn.sin(), (0.31 * turn).sin(), turn.cos());
+        out.normalize() * (0.3 * setup.size_m)
+    };
+    bench.settle(DVec3::Z * setup.size_m)?;
+    bench.press(place(0), DVec3::Z);
+    bench.settle(place(0))?;
+    let mut before = bench.touch(place(0)).force;
+    let mut evicted = 0;
+    for tick in 1..=ticks {
+        if found.is_some() {
+            match tick % ROUND {
+                2000 => bench.kill_station(),
+                0 => bench.restart_station()?,
+                _ => {}
+            }
+        }
+        let response = bench.touch(place(tick));
+        let allowed = STEP_N.max(STEP_SHARE * before.length());
+        let step = response.force.distance(before) / allowed;
+        steps.push((step, response.force.length()));
+        before = response.force;
+        evicted = response.record.evicted;
+        if let Some(found) = &mut found {
+            found.must(response.record.contact && response.record.contact_bounded);
+            found.must(response.record.work_units <= budget);
+        }
+    }
+    if let Some(found) = found {
+        found.log("records evicted", evicted as f64);
+    }
+    Ok(steps)
+}

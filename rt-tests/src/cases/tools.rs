@@ -1,0 +1,552 @@
+//! A tool in holes, slots, grooves and pits, on plates and edges, between sheets.
+
+use super::bench::{Bench, model};
+use super::case::{Case, Found, ProbeOfCase, Trial, positive};
+use super::setup::Setup;
+use super::tool_shapes::{circle, groove, hole, longest_side, nut, prism, rectangle, screw, tool};
+use super::{case, shapes};
+use crate::failure::Failure;
+use crate::models::surface::unit;
+use geometry::{Pose, Similarity};
+use glam::{DQuat, DVec2, DVec3};
+use hrtc_core::contact::query::first_pair;
+use hrtc_core::contact::tool::{Tool, ToolMesh};
+use hrtc_core::record::max_or_nan;
+use mutants::Mutant;
+use scene::{DrivenPlan, MovablePlan, ProbeShape};
+use spm_builder::SoupMesh;
+use spm_builder::generate::{Shape, generate};
+
+/// How far a tool that nothing holds may lag, metres.
+const BEHIND_M: f64 = 5e-5;
+/// A change of force that is not felt, newtons.
+const FELT_N: f64 = 0.05;
+/// What a contact keeps away by, and facets, of a force: as a share.
+const OFFSET_SHARE: f64 = 0.02;
+
+/// A row of this file.
+const fn of(
+    name: &'static str,
+    measure: &'static str,
+    limit: f64,
+    mutant: Mutant,
+    run: case::Run,
+) -> Case {
+    Case {
+        probe: ProbeOfCase::Tool,
+        ..Case::of([name, "", measure], limit, mutant, run)
+    }
+}
+
+/// The cases of this file.
+pub const CASES: &[Case] = &[
+    Case {
+        facts: "issue 23: 0.1 mm of radial play, facets within 0.01 mm, full front; a hundred times",
+        runs: "5 mm peg, 0.1 mm of radial play, 64 sides (6 um), full front; 0.3 mm and 0.3 degrees off; 100 strokes",
+        open: LAGS,
+        ..of("peg-in-hole", HOLE, 1.0, Mutant::ToolPairs, peg)
+    },
+    Case {
+        facts: "issue 23: key in a slot",
+        runs: "key of 3 by 8 mm in a slot of 3.1 by 12 mm, the same; 100 strokes",
+        open: LAGS,
+        ..of("key-in-slot", HOLE, 1.0, Mutant::ToolPairs, key)
+    },
+    Case {
+        facts: "issue 23: screw thread",
+        runs: "thread of 2 mm pitch, 0.1 mm of play; two turns in and out, 0.2 mm off the axis",
+        open: LAGS,
+        ..of("screw-thread", HOLE, 1.0, Mutant::ToolPairs, screw_in)
+    },
+    Case {
+        facts: "issue 23: 0.1 m/s on 3 mm without a turn limit felt",
+        runs: "cylinder of 3 mm, 64 sides, 0.1 m/s, 0.5 mm deep; 100 rounds",
+        ..of(
+            "rolling",
+            "stray of the force from K times the depth, of 0.05 N",
+            1.0,
+            Mutant::ToolPairs,
+            rolling,
+        )
+    },
+    Case {
+        facts: "issue 23: a groove of 15 degrees, friction within 5 % of theory",
+        runs: "rod of 1 mm in a groove of 15 degrees, 0.3 mm deep, friction 0.3; along it at 20 mm/s",
+        open: "friction acts at one contact, on the sum of the forces of both walls",
+        ..of(
+            "wedge-in-groove",
+            "friction along a groove beside mu F / sin(7.5 degrees), relative",
+            0.05,
+            Mutant::Sign,
+            wedge,
+        )
+    },
+    Case {
+        facts: "issue 23: tip in the jaws of the dragon: see rt-tests tools",
+        runs: "rod of 1 mm in a pit of 16 slopes; 1 mm deep, swings of 1 mm; 10 000 places",
+        ..of(
+            "tip-in-cavity",
+            "change of force in a tick over 2 K times the device's motion",
+            1.0,
+            Mutant::ToolStiff,
+            cavity,
+        )
+    },
+    Case {
+        facts: "issue 23: flat on a plate: torque step bounded by theory",
+        runs: "20 by 12 by 8 mm, 0.5 mm deep, tilted to and fro by 0.2 degrees; 100 s",
+        ..of(
+            "box-on-plate",
+            "change of torque in a tick over 2 K times the squared half diagonal times the turn",
+            1.0,
+            Mutant::ToolTorque,
+            flat,
+        )
+    },
+    Case {
+        facts: "issue 23: tool larger than the object",
+        runs: "a plate of 40 mm on a ball of 4 mm, 0.3 mm deep",
+        ..of(
+            "tool-larger-than-object",
+            "stray of the force from K times the depth, of that",
+            OFFSET_SHARE,
+            Mutant::ToolStiff,
+            larger,
+        )
+    },
+    Case {
+        facts: "issue 23: at most 3 times the cost of a thousand",
+        runs: "capsules of 1 and 10 thousand faces over a relief of 20 000 faces, 0.1 m/s",
+        ..of(
+            "ten-thousand-faces",
+            "counted work a tick in contact, of that of a thousand faces",
+            3.0,
+            Mutant::Sign,
+            many_faces,
+        )
+    },
+    Case {
+        facts: "issue 23: closing sheets",
+        runs: "the walls of a groove of 15 degrees close at 0.1 m/s on a rod of 1 mm that is held; 2 mm",
+        ..of(
+            "closing-sheets",
+            "stray of the force from K times the depth, of K times 0.05 mm; infinite where it is none",
+            1.0,
+            Mutant::ToolPairs,
+            closing,
+        )
+    },
+];
+
+/// Why a tool that goes into something is late.
+const LAGS: &str = "the tool proxy ends its steps early in a cavity and lags (issue 23, item 1)";
+const HOLE: &str = "behind at the ends of a stroke, of 0.05 mm; infinite where a face is passed";
+
+/// A tool that goes into something, and what is asked of it.
+struct Fit {
+    bench: Bench,
+    tool: Tool,
+}
+
+impl Fit {
+    fn new(object: SoupMesh, of_tool: &SoupMesh, defaults: Setup) -> Result<Self, Failure> {
+        let setup = Setup {
+            size_m: longest_side(&object),
+            ..defaults
+        };
+        let probe = tool(of_tool);
+        let mut bench = Bench::with_tool(&model(object, true)?, setup, probe)?;
+        bench.settle(DVec3::Z * 0.01)?;
+        let mesh = ToolMesh {
+            positions: of_tool
+                .positions
+                .iter()
+                .map(|&p| DVec3::from_array(p))
+                .collect(),
+            triangles: of_tool.triangles.clone(),
+        };
+        let tool = Tool::new(&mesh).map_err(|error| Failure::Run(format!("a tool: {error:?}")))?;
+        Ok(Self { bench, tool })
+    }
+
+    /// Whether no face of the proxy meets the surface, by a search of all.
+    fn is_outside(&mut self) -> bool {
+        let (Some(pose), Some(frame)) = (self.bench.tool_proxy(), self.bench.controller().frame())
+        else {
+            return false;
+        };
+        let Some(placed) = Similarity::new(pose, 1.0 / frame.metres_per_unit) else {
+            return false;
+        };
+        self.tool.place(&placed);
+        let (met, ending, _) = first_pair(&self.bench.surface(), &self.tool, u32::MAX, None);
+        met.is_none() && ending.is_complete()
+    }
+
+    /// A tick at a pose; every tenth time it is looked at whether a face is passed.
+    fn tick(&mut self, pose: Pose, tick: u32, found: &mut Found) -> DVec3 {
+        let response = self.bench.sample(Some(pose));
+        if tick.is_multiple_of(10) {
+            let is_outside = self.is_outside();
+            found.must(is_outside);
+        }
+        response.proxy
+    }
+
+    /// Down along z and up again, and how far the proxy is from the device at both ends, over what
+    /// it may be, along z.
+    fn stroke(
+        &mut self,
+        [high, low]: [f64; 2],
+        pose: impl Fn(f64) -> Pose,
+        ticks: u32,
+        found: &mut Found,
+    ) {
+        for (from, to) in [(high, low), (low, high)] {
+            let mut behind = f64::NAN;
+            for tick in 1..=ticks + 50 {
+                let share = (f64::from(tick) / f64::from(ticks)).min(1.0);
+                // From rest to rest.
+                let way = share * share * (3.0 - 2.0 * share);
+                let at = pose(from + (to - from) * way);
+                let proxy = self.tick(at, tick, found);
+                behind = (proxy.z - at.position.z).abs();
+            }
+            found.most(behind / BEHIND_M);
+        }
+    }
+}
+
+/// A peg goes into a hole with 0.1 mm of radial play and out again, off its axis and askew.
+fn peg(trial: Trial<'_>) -> Result<Found, Failure> {
+    let (wide, slim) = (circle(5.1e-3, 64), circle(5e-3, 64));
+    in_and_out(trial, hole(&wide, 0.015), &prism(&slim, 0.02))
+}
+
+/// A key goes into a slot.
+fn key(trial: Trial<'_>) -> Result<Found, Failure> {
+    let wide = rectangle(DVec2::new(1.55e-3, 6e-3));
+    let slim = rectangle(DVec2::new(1.5e-3, 4e-3));
+    in_and_out(trial, hole(&wide, 0.015), &prism(&slim, 0.02))
+}
+
+fn in_and_out(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+    object: SoupMesh,
+    of_tool: &SoupMesh,
+) -> Result<Found, Failure> {
+    let mut fit = Fit::new(object, of_tool, defaults)?;
+    let mut found = Found::new(0.0);
+    for _ in 0..size.of(2, 100) {
+        let mut any = || 2.0 * unit(random) - 1.0;
+        let aside = DVec3::new(any(), any(), 0.0) * 2e-4;
+        let askew = DVec3::new(any(), any(), any()) * 0.3f64.to_radians();
+        // It comes straight over the hole, and goes aside as it goes in.
+        let pose = |z: f64| {
+            let share = ((2e-3 - z) / 4e-3).clamp(0.0, 1.0);
+            Pose {
+                position: aside * share + DVec3::Z * z,
+                orientation: DQuat::from_scaled_axis(askew * share),
+            }
+        };
+        fit.stroke([0.01, -0.012], pose, 450, &mut found);
+    }
+    Ok(found)
+}
+
+/// A screw is turned two turns into a thread and out again.
+fn screw_in(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
+    let (radius, swing, pitch) = (5e-3, 5e-4, 2e-3);
+    let object = nut(radius + 1e-4, swing, pitch, 0.012);
+    let mut fit = Fit::new(object, &screw(radius, swing, pitch, 8e-3), defaults)?;
+    let mut found = Found::new(0.0);
+    for _ in 0..size.of(1, 20) {
+        let aside = DVec2::from_angle(6.3 * unit(random)) * 2e-4;
+        // It goes aside once it is in.
+        let pose = |z: f64| Pose {
+            position: (aside * (-z / 2e-3).clamp(0.0, 1.0)).extend(z),
+            orientation: DQuat::from_rotation_z(std::f64::consts::TAU * z / pitch),
+        };
+        fit.stroke([0.01, -4e-3], pose, 1800, &mut found);
+    }
+    Ok(found)
+}
+
+/// A cylinder lies on a plate and rolls.
+fn rolling(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
+    let (radius, depth, speed) = (3e-3, 5e-4, 0.1);
+    let mut mesh = prism(&circle(radius, 64), 0.01);
+    for p in &mut mesh.positions {
+        // Its middle at the device.
+        p[2] -= 0.005;
+    }
+    let mut bench = Bench::with_tool(&model(shapes::plate(), true)?, defaults, tool(&mesh))?;
+    let lying = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
+    bench.turn(lying);
+    bench.settle(DVec3::Z * 0.01)?;
+    let mut found = Found::new(0.0);
+    let due = defaults.stiffness_n_per_m * depth;
+    let mut rolled = 0.0;
+    for _ in 0..size.of(1, 100) {
+        let start = 0.01 * unit(random);
+        let turned = |x: f64| DQuat::from_rotation_y(x / radius) * lying;
+        bench.press(DVec3::new(start, 0.0, radius - depth), DVec3::Z);
+        for tick in 1..=400 {
+            let x = speed * 1e-3 * f64::from(tick);
+            let response = bench.sample(Some(Pose {
+                position: DVec3::new(start + x, 0.0, radius - depth),
+                orientation: turned(rolled + x),
+            }));
+            if tick > 20 {
+                found.most(response.force.distance(DVec3::Z * due) / FELT_N);
+            }
+        }
+        rolled += 400.0 * speed * 1e-3;
+        bench.turn(turned(rolled));
+        bench.travel(DVec3::new(start + 0.04, 0.0, 0.01));
+        bench.travel(DVec3::Z * 0.01);
+    }
+    Ok(found)
+}
+
+/// Friction of a rod that is pressed into a groove and drawn along it: both walls push with F / (2
+/// sin 7.5 degrees) each.
+fn wedge(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure> {
+    let angle = 15f64.to_radians();
+    let object = groove(angle, 0.02, 0.1);
+    let setup = Setup {
+        size_m: longest_side(&object),
+        effects: "{ friction = { static = 0.3, dynamic = 0.3 } }",
+        ..defaults
+    };
+    let rod = ProbeShape::Capsule {
+        radius_m: 1e-3,
+        length_m: 0.012,
+        faces: 960,
+    };
+    let mut bench = Bench::with_tool(&model(object, true)?, setup, rod)?;
+    bench.turn(DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2));
+    let rests = 1e-3 / (0.5 * angle).sin();
+    bench.settle(DVec3::Z * 0.019)?;
+    bench.press(DVec3::new(0.0, -0.01, rests - 3e-4), DVec3::Z);
+    let mut found = Found::new(0.0);
+    for tick in 0..size.of(600, 2000) {
+        let y = -0.01 + 2e-5 * (tick.min(900)) as f64;
+        let force = bench.touch(DVec3::new(0.0, y, rests - 3e-4)).force;
+        if (300..900).contains(&tick) {
+            let due = 0.3 * force.z / (0.5 * angle).sin();
+            found.most((-force.y / due - 1.0).abs());
+        }
+    }
+    Ok(found)
+}
+
+/// A rod's tip in a pit: the feasible set of straight walls is convex, so the proxy moves no
+/// farther than the device, and the force changes by no more than twice that.
+fn cavity(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
+    let mut bench = Bench::new(&model(shapes::pit(16, 1.5), true)?, defaults)?;
+    bench.settle(DVec3::Z * 0.06)?;
+    let mut found = Found::new(0.0);
+    let phase = 6.3 * unit(random);
+    let place = |tick: u64| {
+        let turn = 0.02 * tick as f64 + phase;
+        DVec3::new(turn.sin(), (1.3 * turn).cos(), 0.5 * (0.7 * turn).sin()) * 1e-3
+    };
+    bench.press(place(0), DVec3::Z);
+    let mut before = bench.touch(place(0));
+    for tick in 1..size.of(1000, 10_000) {
+        let response = bench.touch(place(tick));
+        let moved = place(tick).distance(place(tick - 1));
+        let change = response.force.distance(before.force);
+        if tick > 20 {
+            found.must(response.record.contact);
+            found.most(change / (2.0 * defaults.stiffness_n_per_m * moved));
+        }
+        before = response;
+    }
+    Ok(found)
+}
+
+/// A box lies flat on a plate and is tilted to and fro: what turns it is a coupling of its own
+/// size, so that the torque changes by no more than twice K r² times the turn.
+fn flat(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure> {
+    let half = DVec2::new(0.01, 0.006);
+    let mesh = prism(&rectangle(half), 0.008);
+    let mut bench = Bench::with_tool(&model(shapes::plate(), true)?, defaults, tool(&mesh))?;
+    bench.settle(DVec3::Z * 0.01)?;
+    let place = DVec3::Z * -5e-4;
+    bench.press(place, DVec3::Z);
+    let mut found = Found::new(0.0);
+    let tilt = |tick: u64| {
+        let turn = 0.01 * tick as f64;
+        DVec3::new(turn.sin(), (1.3 * turn).sin(), 0.0) * 0.2f64.to_radians()
+    };
+    let mut before = bench.touch(place);
+    let mut most_nm = 0.0;
+    for tick in 1..size.of(2000, 100_000) {
+        let response = bench.sample(Some(Pose {
+            position: place,
+            orientation: DQuat::from_scaled_axis(tilt(tick)),
+        }));
+        let turned = (tilt(tick) - tilt(tick - 1)).length();
+        let most = 2.0 * defaults.stiffness_n_per_m * half.extend(0.008).length_squared() * turned;
+        found.most(response.torque.distance(before.torque) / most);
+        found.must(response.record.contact);
+        most_nm = max_or_nan(most_nm, response.torque.length());
+        before = response;
+    }
+    // A quarter of what a box of that length has at least.
+    let due = defaults.stiffness_n_per_m * half.x * half.x / 3.0 * 0.2f64.to_radians();
+    found.must(most_nm >= 0.25 * due);
+    Ok(found)
+}
+
+/// A plate much larger than the ball that it is pressed onto.
+fn larger(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
+    let depth = 3e-4;
+    let setup = Setup {
+        size_m: 4e-3,
+        ..defaults
+    };
+    let mut plate = prism(&rectangle(DVec2::splat(0.02)), 0.002);
+    let ball = model(generate(Shape::Sphere, 2000, 1), true)?;
+    for p in &mut plate.positions {
+        p[0] += 1e-4;
+    }
+    let mut bench = Bench::with_tool(&ball, setup, tool(&plate))?;
+    bench.settle(DVec3::Z * 0.01)?;
+    let mut found = Found::new(0.0);
+    let due = defaults.stiffness_n_per_m * depth;
+    for _ in 0..size.of(5, 500) {
+        // Over the middle of the plate, so that nothing tilts it.
+        let aside = (unit(random) - 0.5) * 2e-5;
+        bench.travel(DVec3::new(aside - 1e-4, aside, 5e-3));
+        bench.press(DVec3::new(aside - 1e-4, aside, 2e-3 - depth), DVec3::Z);
+        for _ in 0..50 {
+            bench.touch(DVec3::new(aside - 1e-4, aside, 2e-3 - depth));
+        }
+        let force = bench
+            .touch(DVec3::new(aside - 1e-4, aside, 2e-3 - depth))
+            .force;
+        found.most((force.z - due).abs() / due);
+    }
+    Ok(found)
+}
+
+/// The counted work of a capsule of ten thousand faces over that of one of a thousand.
+fn many_faces(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure> {
+    let bytes = model(generate(Shape::Relief, 20_000, 1), false)?;
+    let mut found = Found::new(0.0);
+    let mut work = [0.0; 2];
+    for (work, faces) in work.iter_mut().zip([1000, 10_000]) {
+        let capsule = ProbeShape::Capsule {
+            radius_m: 3e-3,
+            length_m: 0.03,
+            faces,
+        };
+        let mut bench = Bench::with_tool(&bytes, defaults, capsule)?;
+        bench.settle(DVec3::Z * defaults.size_m)?;
+        let place = |tick: u64| {
+            // 0.1 m/s around the body.
+            let turn = 1.4e-3 * tick as f64;
+            DVec3::new(turn.sin(), 0.0, turn.cos()) * (0.36 * defaults.size_m)
+        };
+        bench.travel(place(0));
+        let mut contacts = 0.0;
+        for tick in 1..size.of(2000, 20_000) {
+            let turn = 1.4e-3 * tick as f64;
+            let response = bench.sample(Some(Pose {
+                position: place(tick),
+                orientation: DQuat::from_rotation_y(turn),
+            }));
+            if response.record.contact {
+                contacts += 1.0;
+                *work += f64::from(response.record.query_work);
+                found.must(response.force.dot(place(tick)) >= 0.0);
+            }
+        }
+        *work /= contacts;
+    }
+    found.most(positive(work[1] / work[0]));
+    found.log("units a tick of a thousand faces", work[0]);
+    Ok(found)
+}
+
+/// A groove comes up on a rod that is held in it: its walls close on the rod from both sides.
+fn closing(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
+    let (angle, speed) = (15f64.to_radians(), 0.1);
+    let object = groove(angle, 0.02, 0.1);
+    let setup = Setup {
+        size_m: longest_side(&object),
+        movable: Some(MovablePlan::Driven(DrivenPlan {
+            linear_m_per_s: DVec3::Z * speed,
+            angular_rad_per_s: DVec3::ZERO,
+            anchor_m: DVec3::ZERO,
+            period_s: None,
+        })),
+        ..defaults
+    };
+    let bytes = model(object, true)?;
+    let rests = 1e-3 / (0.5 * angle).sin();
+    let mut found = Found::new(0.0);
+    for _ in 0..size.of(2, 200) {
+        let rod = ProbeShape::Capsule {
+            radius_m: 1e-3,
+            length_m: 0.012,
+            faces: 960,
+        };
+        let mut bench = Bench::with_tool(&bytes, setup, rod)?;
+        bench.turn(DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2));
+        // The walls come to it after the soft start.
+        let place = DVec3::new(0.0, -0.006, rests + 0.03 + 1e-4 * unit(random));
+        for _ in 0..360 {
+            let response = bench.touch(place);
+            let depth = bench.pose().position.z + rests - place.z;
+            if depth > 2e-3 {
+                break;
+            }
+            if depth > 1e-4 {
+                let due = setup.stiffness_n_per_m * depth;
+                found.must(response.force.z > 0.0);
+                let behind = (response.force.z - due).abs();
+                found.most(behind / (setup.stiffness_n_per_m * BEHIND_M));
+            }
+        }
+    }
+    found.must(found.passes > 0);
+    Ok(found)
+}
