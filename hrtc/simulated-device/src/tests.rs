@@ -329,7 +329,9 @@ fn a_device_has_the_degrees_of_freedom_that_its_plan_says() {
         );
         device.intend(turned(wanted));
         device.write(twist(DVec3::X * 0.01));
-        (0..300).for_each(|_| drop(device.read(TickTime::default())));
+        for _ in 0..300 {
+            let _ = device.read(TickTime::default());
+        }
         let is_turned = device.state().pose.orientation.angle_between(wanted) > 1e-3;
         assert_eq!(is_turned, rendered == DegreesOfFreedom::Six, "{plan:?}");
         assert_eq!(device.state().work_j > 0.0, is_turned);

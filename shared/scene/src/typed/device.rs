@@ -7,7 +7,7 @@ use toml::Spanned;
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum DeviceTyped {
-    Simulated(SimulatedTyped),
+    Simulated(Box<SimulatedTyped>),
     /// Its name and its own settings.
     Custom(Spanned<toml::Table>),
 }
