@@ -91,10 +91,11 @@ pub struct Sent {
 pub struct Coded {
     /// Its name.
     pub codec: &'static str,
-    /// Bytes of answers in slots, headers too, a record received; one for each model.
-    pub bytes_per_vsp: Vec<f64>,
-    /// Their mean.
-    pub mean_bytes_per_vsp: f64,
+    /// Bytes of answers in slots, headers too, a record received; one for each model, null where it
+    /// received none.
+    pub bytes_per_vsp: Vec<Option<f64>>,
+    /// Their mean; null without any.
+    pub mean_bytes_per_vsp: Option<f64>,
     /// Bytes of all other chunks in slots, headers too; one for each model.
     pub other_bytes: Vec<u64>,
     /// Time to code a chunk of answers, microseconds.
@@ -172,12 +173,14 @@ fn code(codec: usize, traces: &[Trace]) -> Result<Coded, Failure> {
                 others += length;
             }
         }
-        bytes_per_vsp.push(answers as f64 / trace.vsps as f64);
+        bytes_per_vsp.push((trace.vsps > 0).then(|| answers as f64 / trace.vsps as f64));
         other_bytes.push(others);
     }
+    let seen: Vec<f64> = bytes_per_vsp.iter().copied().flatten().collect();
+    let mean = seen.iter().sum::<f64>() / seen.len() as f64;
     Ok(Coded {
         codec: name,
-        mean_bytes_per_vsp: bytes_per_vsp.iter().sum::<f64>() / traces.len() as f64,
+        mean_bytes_per_vsp: (!seen.is_empty()).then_some(mean),
         bytes_per_vsp,
         other_bytes,
         encode_us: Quantiles::of(&mut encode_us),
@@ -203,7 +206,7 @@ fn table(found: &Codecs) -> String {
     let mut table = Table::new(1, &heads.join(" | "));
     for of in &found.codecs {
         let bytes = of.bytes_per_vsp.iter().chain([&of.mean_bytes_per_vsp]);
-        let bytes = bytes.map(|bytes| format!("{bytes:.1}"));
+        let bytes = bytes.map(|of| of.map_or("none".to_string(), |bytes| format!("{bytes:.1}")));
         let times = [of.encode_us, of.decode_us];
         let times = times.iter().flat_map(|us| [us.p50, us.p99, us.max]);
         let times = times.map(|us| format!("{us:.0}"));
