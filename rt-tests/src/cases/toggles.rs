@@ -145,7 +145,7 @@ fn unlisted(trial: Trial<'_>) -> Result<Found, Failure> {
                  { vibration = { frequency_hz = 100, amplitude_n = 0.5 }, from_s = 1e6 }, \
                  { viscosity = { damping_ns_per_m = 20 }, from_s = 1e6 }, \
                  { spring = { point_m = [0, 0, 0], stiffness_n_per_m = 100 }, from_s = 1e6 }, \
-                 { inertia = { mass_kg = 0.1, stiffness_n_per_m = 2000, damping_ns_per_m = 2 }, from_s = 1e6 }, \
+                 { inertia = { mass_kg = 0.1, stiffness_n_per_m = 500, damping_ns_per_m = 1 }, from_s = 1e6 }, \
                  { boundary = { ball = { radius_m = 0.001 } }, from_s = 1e6 }";
     let mut found = Found::new(0.0);
     for effects in [later, "{ friction = { static = 0, dynamic = 0 } }"] {

@@ -72,7 +72,6 @@ pub const CASES: &[Case] = &[
     Case {
         facts: "issue 23: a groove of 15 degrees, friction within 5 % of theory",
         runs: "rod of 1 mm in a groove of 15 degrees, 0.3 mm deep, friction 0.3; along it at 20 mm/s",
-        open: "friction acts at one contact, on the sum of the forces of both walls",
         ..of(
             "wedge-in-groove",
             "friction along a groove beside mu F / sin(7.5 degrees), relative",

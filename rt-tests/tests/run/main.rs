@@ -305,8 +305,8 @@ fn a_run_with_a_mesh_tool_and_a_height_map_replays_without_their_files() {
     assert!(output.status.success(), "{}", said(&output));
     let result = json(&output);
     assert!(number(&result, "contact_ticks") > 100.0, "{result}");
-    // The simulated device renders no torque.
-    assert_eq!(number(&result, "torque_nm_max"), 0.0, "{result}");
+    // A tool's device renders six degrees of freedom.
+    assert!(number(&result, "torque_nm_max") > 0.0, "{result}");
     drop(beside);
     let (output, found) = replay(&file);
     assert!(output.status.success(), "{}", said(&output));
