@@ -37,7 +37,7 @@ pub struct Shape {
     /// Share of the packets of which two words change places, 0 to 1; of those of TCP that carry
     /// something.
     pub damaged: f64,
-    /// Share of the packets that arrive twice, the second time [`REPLAY_S`] later, 0 to 1.
+    /// Share of the packets that arrive twice, the second time a second later, 0 to 1.
     pub replayed: f64,
 }
 

@@ -68,7 +68,7 @@ pub struct Zwidth {
     pub k_max_measured: f64,
     /// ... and in theory.
     pub k_max_theory: f64,
-    /// By how much the former may exceed the latter, N/m: see [`Loaded::uncertainty`], and the
+    /// By how much the former may exceed the latter, N/m: see `long_run`, and the
     /// width of the last interval.
     pub k_max_uncertainty: f64,
     /// Median of the loop's period, seconds. Measured.
@@ -92,7 +92,7 @@ pub struct Zwidth {
     /// What theory allows at the longest period, N/m.
     pub k_max_longest_period_theory: f64,
     /// The stiffest wall that put no energy out with the energy account, N/m, of those up to
-    /// [`MAX_WITH_ACCOUNT`] times theory. Simulated.
+    /// `MAX_WITH_ACCOUNT` times theory. Simulated.
     pub k_max_with_account: f64,
     /// The same against turning, N m/rad. Simulated.
     pub k_max_torsion_with_account: f64,
