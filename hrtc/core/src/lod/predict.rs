@@ -118,7 +118,8 @@ const ROUND: [(Look, bool); TURNS] = [
 
 /// Radius of a look at the most, in cells.
 const MAX_CELLS: f64 = 2.0;
-/// The same of a look around, which comes once in a round.
+/// The same of a look around, which comes once in a round: of a hand at 0.1 m/s and a station
+/// 200 ms away, 24 mm, in cells of 8 mm (a bunny of 70 thousand faces, 0.15 m).
 const MAX_CELLS_AROUND: f64 = 3.0;
 
 /// The turns of each coarser ring.

@@ -68,8 +68,8 @@ pub struct Zwidth {
     pub k_max_measured: f64,
     /// ... and in theory.
     pub k_max_theory: f64,
-    /// By how much the former may exceed the latter, N/m: see `long_run`, and the
-    /// width of the last interval.
+    /// By how much the former may exceed the latter, N/m: what theory leaves out of the motion (its
+    /// formula is in the module of the long runs), and the width of the last interval.
     pub k_max_uncertainty: f64,
     /// Median of the loop's period, seconds. Measured.
     pub period_s: f64,
