@@ -100,6 +100,12 @@ impl StepLimit {
         }
     }
 
+    /// The limit if it was set in this tick; 0 if not.
+    #[must_use]
+    pub fn of_this_tick(&self) -> f64 {
+        if self.is_set { self.max_step } else { 0.0 }
+    }
+
     /// Whether a limit is set.
     #[must_use]
     pub fn is_limited(&self) -> bool {

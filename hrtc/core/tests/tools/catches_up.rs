@@ -2,7 +2,7 @@
 //! is between; the lag of an unfinished tick is no force.
 
 use crate::common::fronts::{Front, plate_mesh};
-use crate::common::guided_tool::{GuidedTool, MIN_TICK_BUDGET};
+use crate::common::guided_tool::{GuidedTool, MIN_TICK_BUDGET, TICK_BUDGET};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc_core::contact::coupling::Coupling;
@@ -28,9 +28,9 @@ fn upright(tip: DVec3) -> Pose {
 
 fn lead(hand: &mut GuidedTool, front: &Front, pose: &Pose, budget: u32) -> (ToolAdvance, Wrench) {
     let answer = hand.proxy.advance(front.surface(), pose, budget);
-    // Below the budget of any tick, the last step may spend 1 % more (measured: 17 of 3000).
+    // Below the budget of any tick, the last step may spend 2 % more (measured: 52 of 3000).
     let excess = if budget < MIN_TICK_BUDGET {
-        budget / 100
+        budget / 50
     } else {
         0
     };
@@ -100,6 +100,34 @@ fn a_jump_along_the_surface_feels_its_depth_and_no_more() {
         (measured - DVec3::Z * due).length() < 0.02 * due,
         "{measured}"
     );
+}
+
+/// A device that jumps by the tool's length in contact has its tool back in a few ticks: what is
+/// known ahead grows while the tool is behind.
+#[test]
+fn a_jump_in_contact_is_made_good_in_few_ticks() {
+    let mut bumpy = plate_mesh(PLATE, 160);
+    for p in &mut bumpy.positions {
+        p.z = 0.0003 * ((p.x * 900.0).sin() + (p.y * 800.0).sin());
+    }
+    let front = Front::of_mesh(&bumpy);
+    let mut hand = capsule();
+    let at = |along: f64, height: f64| upright(DVec3::new(along, 0.0, height));
+    for k in 0..120 {
+        let height = 0.002 - 2.5e-5 * f64::from(k);
+        lead(&mut hand, &front, &at(-0.01, height), TICK_BUDGET);
+    }
+    let mut ticks = 0;
+    loop {
+        let (answer, _) = lead(&mut hand, &front, &at(0.01, -0.001), TICK_BUDGET);
+        assert!(!hand.meets(&front));
+        ticks += 1;
+        if !answer.is_unsettled || ticks > 300 {
+            break;
+        }
+    }
+    println!("{ticks} ticks");
+    assert!(ticks <= 40, "{ticks} ticks");
 }
 
 /// With any budget the tool stays outside, and ends where a larger budget takes it.

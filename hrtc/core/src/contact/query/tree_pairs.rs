@@ -60,7 +60,7 @@ impl Ending {
 }
 
 /// Cost of a pair query.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct PairWork {
     /// Pairs of nodes, or of a node and a face, visited: what the budget counts.
     pub node_pairs: u32,

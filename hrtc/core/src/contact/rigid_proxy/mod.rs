@@ -43,10 +43,11 @@ pub use bounding_balls::MAX_BALLS;
 pub use contacts::ToolContact;
 pub use coupling_target::Imperceptible;
 pub use neighbourhood::{MAX_PAIRS, MAX_SURFACE_FACES};
+pub use shape::ToolProxyError;
 
 use crate::contact::coupling::{Coupling, about};
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Body, Surface, first_pair};
+use crate::contact::query::{Body, PairWork, Surface, first_pair};
 use crate::contact::tool::{RelativePath, Tool, for_each_face_near};
 use crate::perception::StepLimit;
 use bounding_balls::{Ball, bounding_balls};
@@ -60,7 +61,6 @@ use shape::ToolShape;
 use spm::{ActiveMesh, Handle, OperationFaces};
 use steps::MAX_STOPS;
 use sweep::Open;
-use thiserror::Error;
 
 /// Cost of a pair of faces tested, in node pairs (measured).
 const TESTED: u32 = 3;
@@ -71,14 +71,8 @@ const CONTACT_OFFSET: f64 = 1e-4;
 /// Contact offset while the surface moves, as a fraction of the step limit: twice the share of one
 /// geomorphing vertex (see [`crate::perception`]), since several may move one face.
 const MOVING_OFFSET: f64 = 0.625;
-
-/// Reason why a tool cannot be a probe.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-pub enum ToolProxyError {
-    /// The tool has no length to measure by.
-    #[error("the tool has no extent, or the scale is not a positive number")]
-    NoExtent,
-}
+/// Share of that which is left a tick after the surface has come to rest.
+const OFFSET_LEFT: f64 = 0.5;
 
 /// A ball around a part of a probe; model frame and units.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,6 +114,9 @@ pub struct ToolProxy {
     /// Pairs that the sweep examines more than once.
     open: Vec<Open>,
     mesh_change: MeshChange,
+    /// Largest motion of the surface in a tick, of late, model units. Contacts act at this distance,
+    /// so that the surface pushes the tool instead of meeting it.
+    moving_offset: f64,
     state: State,
     at: Placement,
     goal: Placement,
@@ -136,21 +133,19 @@ pub struct ToolProxy {
     deflection: Twist,
     /// Deflection of the coupling that a hand cannot perceive, model units.
     imperceptible: Imperceptible,
-    /// Share of the look-ahead that fitted into the budget last, 0 to 1.
-    look_ahead_scale: f64,
+    /// Length of the path for which candidates are collected next, model units.
+    look_ahead: f64,
     /// Whether the last collection has not been used by a step: the step comes before a new
     /// collection.
     has_unused_collection: bool,
     /// Largest motion of the device in a tick since the proxy last reached it, model units.
-    peak_step: f64,
-    /// Total motion of the device since then, model units.
+    pace: f64,
+    /// Total motion of the device since the proxy last reached it, model units.
     device_travel: f64,
-    /// Whether the last tick took no step. Then the next tick takes one at any cost.
-    has_skipped_step: bool,
-    /// Cost of the last part of a collection, in node pairs.
-    last_cost: u32,
-    /// Look-ahead in free air, in units of the device's motion in a tick; above 1 to catch up.
-    catch_up_factor: f64,
+    /// Cost of the last collection and of the last step, in node pairs: what the next ones are
+    /// expected to cost.
+    collection: PairWork,
+    step_cost: u32,
     rejected: u64,
 }
 
@@ -176,6 +171,7 @@ impl ToolProxy {
             stops: Vec::with_capacity(MAX_STOPS),
             open: Vec::with_capacity(MAX_PAIRS),
             mesh_change: MeshChange::new(),
+            moving_offset: 0.0,
             state: State::Nowhere,
             at: nowhere,
             goal: nowhere,
@@ -186,13 +182,12 @@ impl ToolProxy {
             assumed: None,
             deflection: Twist::default(),
             imperceptible: Imperceptible::NOTHING,
-            look_ahead_scale: 1.0,
+            look_ahead: shape.gyration,
             has_unused_collection: false,
-            peak_step: 0.0,
+            pace: 0.0,
             device_travel: 0.0,
-            has_skipped_step: false,
-            last_cost: 0,
-            catch_up_factor: 1.0,
+            collection: PairWork::default(),
+            step_cost: 0,
             rejected: 0,
             tool,
             scale,
@@ -215,15 +210,16 @@ impl ToolProxy {
         self.scale = scale;
         self.invalidate();
         self.mesh_change = MeshChange::new();
+        self.moving_offset = 0.0;
         self.state = State::Nowhere;
         self.contacts.clear();
-        self.look_ahead_scale = 1.0;
+        self.look_ahead = self.shape.gyration;
         self.step_limit = StepLimit::FREE;
         self.is_behind = false;
-        self.catch_up_factor = 1.0;
-        self.peak_step = 0.0;
+        self.pace = 0.0;
         self.device_travel = 0.0;
-        self.has_skipped_step = false;
+        self.collection = PairWork::default();
+        self.step_cost = 0;
         self.is_estimate = false;
         self.assumed = None;
         Ok(())
@@ -279,18 +275,12 @@ impl ToolProxy {
     /// surface moves.
     #[must_use]
     pub fn contact_offset(&self) -> f64 {
-        self.static_offset().max(self.moving_offset())
+        self.static_offset().max(self.moving_offset)
     }
 
     /// Contact offset on a surface that does not move.
     fn static_offset(&self) -> f64 {
         CONTACT_OFFSET * self.shape.gyration
-    }
-
-    /// Motion of the surface in a tick, model units, 0 if it does not move. Contacts act at this
-    /// distance, so that the surface pushes the tool instead of meeting it.
-    fn moving_offset(&self) -> f64 {
-        MOVING_OFFSET * self.step_limit.limit()
     }
 
     /// Number of invalid poses so far.
@@ -411,6 +401,8 @@ impl ToolProxy {
         self.goal = goal;
         let start = self.at;
         let mesh_change = self.mesh_change.take();
+        let moving = MOVING_OFFSET * self.step_limit.of_this_tick();
+        self.moving_offset = moving.max(OFFSET_LEFT * self.moving_offset);
         if mesh_change.is_there() {
             self.update(surface, &mesh_change, budget, &mut answer);
             if mesh_change.may_have_met()
@@ -531,7 +523,7 @@ impl ToolProxy {
             Some(true) => {}
             known => return known.is_some(),
         }
-        for escape in mesh_change.escapes(self.static_offset(), self.moving_offset()) {
+        for escape in mesh_change.escapes(self.static_offset(), self.moving_offset) {
             let out = Placement {
                 centre: here.centre + escape,
                 ..here

@@ -231,6 +231,11 @@ impl Neighbourhood {
         self.pairs.is_empty()
     }
 
+    /// Whether twice as many pairs have room.
+    pub fn is_half_empty(&self) -> bool {
+        2 * self.pairs.len() <= MAX_PAIRS && 2 * self.faces.len() <= MAX_SURFACE_FACES
+    }
+
     /// Number of vertices of the tool that pairs use.
     pub fn vertex_count(&self) -> u32 {
         self.vertices.len() as u32

@@ -5,6 +5,15 @@ use crate::contact::tool::{Blocks, Tool};
 use glam::DVec3;
 use spm::{Handle, NONE};
 use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// Reason why a tool cannot be a probe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum ToolProxyError {
+    /// The tool has no length to measure by.
+    #[error("the tool has no extent, or the scale is not a positive number")]
+    NoExtent,
+}
 
 /// Slope along which a neighbour counts as no nearer: the rounding of f64, with a margin.
 pub(super) const FLAT: f64 = 1e-9;

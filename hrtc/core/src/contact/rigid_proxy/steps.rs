@@ -7,7 +7,7 @@ use super::projection::{HalfSpace, project};
 use super::sweep::{free_share, least_cost};
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Ending, Surface};
+use crate::contact::query::{Ending, PairWork, Surface};
 use geometry::closest_points_of_triangles;
 use glam::DVec3;
 
@@ -18,35 +18,25 @@ const MIN_SEPARATION: f64 = 0.5;
 const LOOK_AROUND: f64 = 2e-3;
 /// That share of the path.
 const SKIN_SHARE: f64 = 0.1;
-/// Length of the path for which a tick must know the candidates, in units of the device's motion.
-const AHEAD: f64 = 1.5;
-/// Length of the path for which they are collected, in units of that: the device goes on. Longer
-/// paths save collections and have more pairs; by `rt-tests tools` this takes least work, of 1 to 4
-/// on a dragon and on a bunny.
-const FARTHER: f64 = 2.0;
-/// Length up to which a path is made longer, as a fraction of the radius of gyration: on longer
-/// ones most of the cost is pairs, which grow with it.
+/// Length of the path for which a tick must know the candidates, in units of the device's motion. By
+/// `rt-tests tools` (dragon, bunny) 2 costs 1 % less in the median tick than 1.5.
+const AHEAD: f64 = 2.0;
+/// Length up to which a path is extended beyond the device, as a fraction of the radius of
+/// gyration: the tool turns off it.
 const LONGEST: f64 = 0.1;
 /// Range of the search for contacts, in units of the motion that the last contacts allow.
 const BEYOND: f64 = 1.25;
 /// Searches for contacts before a step; repeated if the contacts found redirect the motion.
 const MAX_LOOKS: u32 = 3;
-/// Distance behind the device from which the look-ahead grows in free air, in units of the
-/// look-ahead.
-const FAR_BEHIND: f64 = 8.0;
-/// The part of the budget, one over this, after which a tick begins no further work once it has
-/// collected candidates or taken a step. By `rt-tests tools`: a tool on a bunny is more than
-/// 0.05 mm behind on 6 % of the ticks at 16 and 0.8 % at 8; at 4 the slowest ticks on a dragon take
-/// half as much again.
-const TICK_SHARE: u32 = 8;
-/// The part of the budget, one over this, that a collection should cost. Where it costs more, the
-/// look-ahead is shortened.
-const COLLECTION_SHARE: u32 = 16;
+/// The part of the budget, one over this, within which a tick begins further work after its first
+/// step, by what such work has cost last. By `rt-tests tools` (seed 1, 8 s), at 8, 6 and 5: 11, 9
+/// and 8 % of the ticks on a dragon end more than 0.05 mm behind, 3.3, 1.2 and 0.6 % on a relief;
+/// the slowest ticks on a dragon take 1.2, 1.4 and 1.4 times the work that they took when a tick
+/// began nothing beyond an eighth.
+const TICK_SHARE: u32 = 5;
 /// The part of the budget, one over this, for an update of the candidates; beyond, they are
 /// collected again.
 const UPDATE_SHARE: u32 = 8;
-/// Collections per tick; they cost most.
-const MAX_COLLECTIONS: u32 = 2;
 /// Collections per tick that fail for lack of room or budget.
 const MAX_FAILURES: u32 = 3;
 /// Motion at which a tick has converged, as a fraction of the radius of gyration.
@@ -54,17 +44,15 @@ const CONVERGED: f64 = 1e-6;
 /// The same as a fraction of the device's motion; the next tick makes the remaining motion.
 const LAG: f64 = 0.05;
 /// Steps per tick; the next tick makes the remaining motion, from a safe placement.
-const MAX_STEPS: usize = 6;
-/// Pairs that stop a step and are remembered: one per step.
+const MAX_STEPS: usize = 12;
+/// Stops that are remembered: one per step.
 pub(super) const MAX_STOPS: usize = MAX_STEPS;
 /// Cost of a contact in a projection, in node pairs (measured).
 const PROJECTED: u32 = 1;
-/// Growth of the look-ahead after a collection below its share of the budget.
-const RECOVERY: f64 = 1.25;
-/// Least scale of the look-ahead to which a costly collection within the budget reduces it.
-const MODERATE: f64 = 1.0 / 3.0;
-/// Least scale of the look-ahead: less hardly costs less.
-const MIN_LOOK_AHEAD_SCALE: f64 = 1.0 / 16.0;
+/// Growth of the look-ahead, and its reduction.
+const CHANGE: f64 = 2.0;
+/// Least look-ahead, as a fraction of the radius of gyration: less hardly costs less.
+const SHORTEST: f64 = 1e-4;
 
 /// The state of the steps of one tick.
 struct TickSteps<'a> {
@@ -78,11 +66,9 @@ struct TickSteps<'a> {
     /// Contact offset, model units.
     offset: f64,
     budget: u32,
-    /// Cost beyond which no further work is begun.
-    enough: u32,
-    /// Whether the last tick took no step.
-    skipped_step_before: bool,
-    collections: u32,
+    /// Cost within which further work is begun.
+    allowance: u32,
+    has_collected: bool,
     failures: u32,
     needs_candidates: bool,
     did_not_move: bool,
@@ -113,23 +99,20 @@ impl ToolProxy {
             start: *start,
             travelled,
             farthest: travelled + self.step_limit.max_step(),
-            look_around: (LOOK_AROUND * self.shape.gyration).max(self.moving_offset()),
+            look_around: (LOOK_AROUND * self.shape.gyration).max(self.moving_offset),
             offset: self.contact_offset(),
             budget,
-            enough: budget / TICK_SHARE,
-            // A surface that changes in every tick invalidates the collection of the last one.
-            skipped_step_before: std::mem::replace(&mut self.has_skipped_step, true),
-            collections: 0,
+            allowance: budget / TICK_SHARE,
+            has_collected: false,
             failures: 0,
             needs_candidates: true,
             did_not_move: false,
         };
         self.is_behind = false;
         self.stops.clear();
-        self.peak_step = self.peak_step.max(travelled);
+        self.pace = self.pace.max(travelled.max(tick.look_around));
         let mut next = Next::Retry;
-        while answer.steps == 0 || (answer.steps < MAX_STEPS as u32 && answer.spent <= tick.enough)
-        {
+        while next == Next::Retry && answer.steps < MAX_STEPS as u32 {
             let wanted = self.at.to(&self.goal);
             self.contacts.carry(&self.at);
             // By the contacts of the last step.
@@ -140,11 +123,11 @@ impl ToolProxy {
                 Next::Step
             };
             if next == Next::Step {
-                answer.steps += 1;
-                next = self.step(&mut tick, (&wanted, likely), answer);
-            }
-            if matches!(next, Next::End | Next::Settled) {
-                break;
+                next = if answer.steps > 0 && answer.spent + self.step_cost > tick.allowance {
+                    Next::End
+                } else {
+                    self.step(&mut tick, (&wanted, likely), answer)
+                };
             }
         }
         let is_settled = next == Next::Settled;
@@ -153,8 +136,7 @@ impl ToolProxy {
         answer.is_unsettled = !is_settled;
         if is_settled {
             answer.ending = Ending::Complete;
-            self.catch_up_factor = 1.0;
-            self.peak_step = 0.0;
+            self.pace = 0.0;
             self.device_travel = 0.0;
             self.coupling_target = self.at;
         } else {
@@ -169,46 +151,53 @@ impl ToolProxy {
         likely: &Twist,
         answer: &mut ToolAdvance,
     ) -> Next {
-        let (travelled, look_around, enough) = (tick.travelled, tick.look_around, tick.enough);
-        let ahead = AHEAD * self.catch_up_factor * self.peak_step.max(look_around);
-        let share = self.share_to(likely, ahead, look_around);
+        let needed = (AHEAD * self.pace).min(self.look_ahead);
+        let share = self.share_to(likely, needed, tick.look_around);
         let path = likely.times(share.min(1.0));
-        let is_cheap = self.last_cost <= tick.budget / COLLECTION_SHARE;
-        let farther = if is_cheap { FARTHER } else { 1.0 };
-        let farther = (farther * ahead).min(LONGEST * self.shape.gyration);
-        let farther = self.extended(&path, farther, look_around);
         let covers =
             self.has_unused_collection || self.near.tube.covers(&self.at, &path, tick.offset);
         if !tick.did_not_move && covers {
             return Next::Step;
         }
-        let is_too_much = answer.steps > 0 && answer.spent + self.last_cost > enough;
-        if tick.collections == MAX_COLLECTIONS || is_too_much {
+        let cost = self.collection.cost() + self.step_cost;
+        if answer.steps > 0 && answer.spent + cost > tick.allowance {
             return Next::End;
         }
-        if self.collect_candidates(tick.surface, farther, look_around, tick.budget, answer) {
-            tick.collections += 1;
-            if answer.spent > enough && !tick.skipped_step_before {
-                return Next::End;
-            }
+        let remaining = likely.farthest(self.shape.radius);
+        let extended = remaining.max(LONGEST * self.shape.gyration);
+        let length = self.look_ahead.min(extended);
+        let share = self.share_to(likely, length, tick.look_around);
+        let path = if share.is_finite() {
+            likely.times(share)
+        } else {
+            *likely
+        };
+        // The other half is for the step. If it does not suffice, the next tick takes the step.
+        let mut most = tick.budget.saturating_sub(answer.spent) / 2;
+        let is_longer = length > needed && !self.near.has_partial_collection();
+        if is_longer {
+            most = most.min(tick.allowance.saturating_sub(self.step_cost));
+        }
+        if self.collect_candidates(tick, path, most, answer) {
+            tick.has_collected = true;
             return Next::Step;
         }
         tick.failures += 1;
+        if is_longer && tick.failures < MAX_FAILURES {
+            // It looked farther ahead than this tick needs.
+            self.look_ahead = needed;
+            self.near.invalidate();
+            answer.ending = Ending::Complete;
+            return Next::Retry;
+        }
         if self.near.has_partial_collection() {
             return Next::End;
         }
-        let was_faster = self.peak_step > travelled;
-        self.peak_step = travelled;
-        if was_faster || self.catch_up_factor > 1.0 {
-            // The collection looked farther ahead than this tick needs.
-            answer.ending = Ending::Complete;
-        }
-        if self.catch_up_factor > 1.0 || (tick.collections == 0 && !was_faster) {
-            self.shorten_look_ahead();
-        }
+        self.shorten_look_ahead();
         if tick.failures == MAX_FAILURES {
             return Next::End;
         }
+        answer.ending = Ending::Complete;
         Next::Retry
     }
 
@@ -221,10 +210,11 @@ impl ToolProxy {
     ) -> Next {
         let (radius, offset) = (self.shape.radius, tick.offset);
         let length = wanted.farthest(radius);
-        self.has_skipped_step = false;
+        let before = answer.spent;
+        answer.steps += 1;
         let looked = self.look(tick, (wanted, likely), answer);
         let Some((likely, motion, most)) = looked else {
-            self.run_short(tick.collections == 0, answer);
+            self.run_short(tick.has_collected, answer);
             return Next::End;
         };
         answer.dropped = answer.dropped.max(self.contacts.dropped());
@@ -250,8 +240,8 @@ impl ToolProxy {
             tick.budget.saturating_sub(answer.spent),
         );
         answer.spent += swept.spent;
-        let free_so_far = answer.contact_count == 0 && swept.share == 1.0;
-        let free = free_so_far && share == 1.0;
+        let went_all = share == 1.0 && swept.share == 1.0;
+        let free = answer.contact_count == 0 && went_all;
         let done = step.times(swept.share);
         self.at = if free {
             self.goal
@@ -261,16 +251,16 @@ impl ToolProxy {
         self.near.spend(&self.at, &done, radius);
         self.remember_stop(swept.stop);
         if !swept.is_all {
-            self.run_short(tick.collections == 0, answer);
+            self.run_short(tick.has_collected, answer);
             return Next::End;
         }
+        self.step_cost = answer.spent - before;
         self.has_unused_collection = false;
         tick.needs_candidates = covered < 1.0 && swept.share == 1.0;
-        if tick.needs_candidates && free_so_far {
-            self.look_farther(tick.travelled.max(tick.look_around), length);
+        if tick.needs_candidates && self.look_ahead < whole && self.may_grow(tick) {
+            self.look_ahead *= CHANGE;
         }
         tick.did_not_move = done.farthest(radius) == 0.0;
-        let went_all = swept.share == 1.0 && share == 1.0;
         // If the contacts of the last step predicted this motion, those of this one predict rest.
         let unforeseen = motion.minus(&likely).farthest(radius);
         let settled = (CONVERGED * self.shape.gyration).max(LAG * tick.travelled);
@@ -308,13 +298,6 @@ impl ToolProxy {
             return step.times(self.near.tube.covered_share(&self.at, &step, offset));
         }
         *motion
-    }
-
-    /// Doubles the look-ahead in free air if the device is far ahead, at `length`.
-    fn look_farther(&mut self, per_tick: f64, length: f64) {
-        if FAR_BEHIND * self.catch_up_factor * per_tick < length {
-            self.catch_up_factor *= 2.0;
-        }
     }
 
     fn remember_stop(&mut self, stop: Option<usize>) {
@@ -410,62 +393,54 @@ impl ToolProxy {
         self.has_unused_collection = false;
     }
 
-    /// Reduces the look-ahead of later collections.
-    fn shorten_look_ahead(&mut self) {
-        if self.catch_up_factor > 1.0 {
-            self.catch_up_factor = (0.5 * self.catch_up_factor).max(1.0);
-        } else {
-            self.look_ahead_scale = (0.5 * self.look_ahead_scale).max(MIN_LOOK_AHEAD_SCALE);
-        }
+    /// Whether a collection of the grown look-ahead and a step are expected to cost no more than half
+    /// of what a tick allows itself: the tick may need both twice.
+    fn may_grow(&self, tick: &TickSteps<'_>) -> bool {
+        let faces = self.collection.cost() - self.collection.node_pairs;
+        let cost = self.collection.cost() + faces + self.step_cost;
+        cost <= tick.allowance / 2 && self.near.is_half_empty()
     }
 
-    /// The budget is spent. If it was spent without a collection, the look-ahead shrinks.
-    fn run_short(&mut self, had_it_all: bool, answer: &mut ToolAdvance) {
+    /// Reduces the look-ahead of later collections.
+    fn shorten_look_ahead(&mut self) {
+        self.look_ahead = (self.look_ahead / CHANGE).max(SHORTEST * self.shape.gyration);
+    }
+
+    /// The budget is spent. If a step alone spent it, the look-ahead shrinks.
+    fn run_short(&mut self, has_collected: bool, answer: &mut ToolAdvance) {
         answer.ending = Ending::OutOfBudget { unvisited: 1 };
-        if had_it_all {
+        if !has_collected {
             self.shorten_look_ahead();
             self.invalidate();
         }
     }
 
-    /// A path that goes on in the same way until `ahead`, within the same limits.
-    fn extended(&self, path: &Twist, ahead: f64, look_around: f64) -> Twist {
-        let longer = self.share_to(path, ahead, look_around).max(1.0);
-        if longer.is_finite() {
-            path.times(longer)
-        } else {
-            *path
-        }
-    }
-
-    /// The share of a path up to `ahead`, or to where its arcs deviate from it by `look_around`, as
-    /// far as costs allow; not finite without a path.
+    /// The share of a path up to `ahead`, or to where its arcs deviate from it by `look_around`; not
+    /// finite without a path.
     fn share_to(&self, path: &Twist, ahead: f64, look_around: f64) -> f64 {
         let radius = self.shape.radius;
         let round = (look_around / path.sagitta(radius)).sqrt();
-        (ahead / path.farthest(radius)).min(round) * self.look_ahead_scale
+        (ahead / path.farthest(radius)).min(round)
     }
 
     /// Collects the candidate pairs of a path. False if room or budget do not suffice; then nothing
     /// is known, or a part that the next tick completes.
     fn collect_candidates(
         &mut self,
-        surface: Surface<'_>,
+        tick: &TickSteps<'_>,
         path: Twist,
-        look_around: f64,
-        budget: u32,
+        most: u32,
         answer: &mut ToolAdvance,
     ) -> bool {
-        let (offset, radius) = (self.contact_offset(), self.shape.radius);
-        let skin = self.look_ahead_scale * look_around + SKIN_SHARE * path.farthest(radius);
+        let (offset, radius) = (tick.offset, self.shape.radius);
+        let length = path.farthest(radius);
+        let skin = tick.look_around.min(self.look_ahead) + SKIN_SHARE * length;
         let tube = LookAheadTube::along(self.at, path, offset, skin, &self.shape);
         self.stops.clear();
-        // The other half is for the step. If it does not suffice, the next tick takes the step.
-        let most = budget.saturating_sub(answer.spent) / 2;
-        let (ending, work) = self.near.collect(surface, &self.shape, tube, most);
-        let cost = work.cost();
+        let (ending, work) = self.near.collect(tick.surface, &self.shape, tube, most);
         answer.work.add(work);
-        answer.spent += cost;
+        answer.spent += work.cost();
+        self.collection = work;
         self.has_unused_collection = false;
         if self.near.tube.left() <= offset {
             // The budget is spent, or too many faces are within the contact offset.
@@ -475,18 +450,28 @@ impl ToolProxy {
             };
             return false;
         }
-        // Reduces the look-ahead if most of the cost was face pairs, which a shorter path saves.
-        let enough = budget / COLLECTION_SHARE;
-        if cost > enough && (cost > 2 * work.node_pairs || cost > 2 * enough) {
-            self.look_ahead_scale =
-                (self.look_ahead_scale / RECOVERY).max(self.look_ahead_scale.min(MODERATE));
-        } else if cost < enough {
-            self.look_ahead_scale = (RECOVERY * self.look_ahead_scale).min(1.0);
-        }
+        self.adjust_look_ahead(tick, work);
         self.has_unused_collection = true;
-        self.last_cost = cost;
         answer.ending = Ending::Complete;
         true
+    }
+
+    /// The look-ahead of the next collection. The cost of face pairs grows with the path, that of
+    /// the descent hardly: a motion costs least where both are about equal. In free air a long path
+    /// would arrive at many faces at once.
+    fn adjust_look_ahead(&mut self, tick: &TickSteps<'_>, work: PairWork) {
+        let (descent, faces) = (work.node_pairs, work.cost() - work.node_pairs);
+        let is_costly = work.cost() + self.step_cost > tick.allowance || !self.near.is_half_empty();
+        let needed = AHEAD * self.pace;
+        let longest = LONGEST * self.shape.gyration;
+        if is_costly || faces > 2 * descent || faces == 0 {
+            let shorter = (self.look_ahead / CHANGE).max(needed);
+            self.look_ahead = self.look_ahead.min(shorter);
+        } else if self.look_ahead < needed {
+            self.look_ahead = (self.look_ahead * CHANGE).min(needed);
+        } else if descent > 2 * faces && self.look_ahead < longest && self.may_grow(tick) {
+            self.look_ahead *= CHANGE;
+        }
     }
 
     /// Adds the pairs that stopped a step of this tick as contacts while they are within the
