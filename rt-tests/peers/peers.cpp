@@ -1,6 +1,8 @@
 // Asks Embree and FCL what `rt-tests compare --export DIR` asked ours and parry, and times each
 // question alone: usage `peers DIR`. README.md tells the files.
 
+#include "clocks.h"
+
 #include <embree3/rtcore.h>
 #include <fcl/fcl.h>
 
@@ -9,7 +11,6 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
 #include <limits>
 #include <memory>
 #include <string>
@@ -56,40 +57,6 @@ static Mesh read_mesh(const std::string &path) {
     return mesh;
 }
 
-// Both clocks of one moment, as rt-tests/src/clocks.rs reads them: wall time has the time of other
-// processes in it, processor time takes long to be read; a question took no more than the smaller.
-struct Reading {
-    int64_t wall, cpu;
-};
-
-static int64_t clock_ns(clockid_t clock) {
-    timespec t;
-    clock_gettime(clock, &t);
-    return int64_t(t.tv_sec) * 1000000000 + t.tv_nsec;
-}
-
-static Reading start() {
-    const int64_t cpu = clock_ns(CLOCK_THREAD_CPUTIME_ID);
-    return {clock_ns(CLOCK_MONOTONIC), cpu};
-}
-
-static Reading taken_since(const Reading &from) {
-    const int64_t wall = clock_ns(CLOCK_MONOTONIC) - from.wall;
-    return {wall, clock_ns(CLOCK_THREAD_CPUTIME_ID) - from.cpu};
-}
-
-static Reading cost_of_clocks() {
-    std::vector<int64_t> wall, cpu;
-    for (int k = 0; k < 1001; k++) {
-        const Reading taken = taken_since(start());
-        wall.push_back(taken.wall);
-        cpu.push_back(taken.cpu);
-    }
-    std::sort(wall.begin(), wall.end());
-    std::sort(cpu.begin(), cpu.end());
-    return {wall[500], cpu[500]};
-}
-
 // Bytes that are read to sweep a core's own caches, as in rt-tests/src/commands/compare/timing.rs.
 static const size_t SWEPT_BYTES = size_t(4) << 20;
 
@@ -106,8 +73,7 @@ static void ask_all(const std::string &folder, const std::string &name, size_t c
         sink = sum;
         const Reading from = start();
         const double answer = ask(k);
-        const Reading taken = taken_since(from);
-        const int64_t ns = std::max<int64_t>(0, std::min(taken.wall - cost.wall, taken.cpu - cost.cpu));
+        const int64_t ns = ns_of(taken_since(from), cost);
         out.push_back(double(ns));
         out.push_back(answer);
         sorted.push_back(double(ns));
