@@ -1,5 +1,6 @@
 //! A controller that touches one mesh, in virtual time, and the work that is done on the device.
 
+use super::contender::Asking;
 use super::setup::Setup;
 use crate::failure::Failure;
 use geometry::Pose;
@@ -94,6 +95,7 @@ pub struct Bench {
     work_j: f64,
     rejected: u64,
     expects_rejection: bool,
+    contender: Option<Asking>,
 }
 
 impl Bench {
@@ -116,6 +118,7 @@ impl Bench {
     fn of(model: &[u8], setup: Setup, tool: Option<ProbeShape>) -> Result<Self, Failure> {
         let plan = setup.plan(tool)?;
         let station = station(&plan, model, STATION)?;
+        let contender = setup.contender.map(|of| of.start(model, &plan, &setup));
         let mut client = Client::new(&plan, setup.client_options());
         for probe in 0..setup.probes {
             let limits = setup.motion_limits();
@@ -134,6 +137,7 @@ impl Bench {
             work_j: 0.0,
             rejected: 0,
             expects_rejection: false,
+            contender: contender.transpose()?,
         })
     }
 
@@ -252,11 +256,31 @@ impl Bench {
         self.rejected += u64::from(record.rejected_sample);
         let is_odd = record.rejected_sample && !self.expects_rejection;
         let known = if is_odd { f64::NAN } else { 1.0 };
-        Response {
+        let response = Response {
             force: wrench.force * known,
             torque: wrench.torque * known,
             proxy: self.simulation.controller().proxy().unwrap_or(DVec3::ZERO) * known,
             record,
+        };
+        self.contended(response, poses.first().copied().flatten())
+    }
+
+    /// The response with a peer's force and proxy, where one is asked.
+    fn contended(&mut self, response: Response, pose: Option<Pose>) -> Response {
+        let object = self.pose();
+        let Some(asking) = &mut self.contender else {
+            return response;
+        };
+        let [force, proxy] = asking.step(object, pose.map(|pose| pose.position));
+        if !asking.is_peer() {
+            return response;
+        }
+        self.wrench = [force, DVec3::ZERO];
+        Response {
+            force,
+            torque: DVec3::ZERO,
+            proxy,
+            record: response.record,
         }
     }
 

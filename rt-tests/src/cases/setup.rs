@@ -1,5 +1,6 @@
 //! What a case runs with: the product's defaults, but for what the case says.
 
+use super::contender::Contender;
 use crate::failure::Failure;
 use crate::scenes::BUNDLED_SCENE;
 use geometry::Pose;
@@ -90,6 +91,8 @@ pub struct Setup {
     pub length_m: Option<f64>,
     /// Where it departs from the product.
     pub departs: &'static [(Departure, &'static str)],
+    /// Whose force and proxy take the place of the product's, or who writes down what is asked.
+    pub contender: Option<&'static Contender>,
 }
 
 impl Default for Setup {
@@ -117,6 +120,7 @@ impl Setup {
         movable: None,
         length_m: None,
         departs: &[],
+        contender: None,
     };
 
     /// Whether it departs from the product in a setting.

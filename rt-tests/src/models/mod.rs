@@ -156,6 +156,23 @@ impl<D: AsRef<[u8]>> Model<D> {
             .collect()
     }
 
+    /// The full mesh alone: its vertices, in the order in which its faces name them, which are in
+    /// the order of the AB-tree.
+    #[must_use]
+    pub fn full_mesh(&self) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+        let mut places = vec![None; self.positions.len()];
+        let mut positions = Vec::new();
+        let mut place = |vertex: u32| {
+            *places[vertex as usize].get_or_insert_with(|| {
+                positions.push(self.positions[vertex as usize]);
+                positions.len() as u32 - 1
+            })
+        };
+        let faces = self.full_faces.iter();
+        let faces = faces.map(|face| face.map(&mut place)).collect();
+        (positions, faces)
+    }
+
     /// Ids of the vertices of the full mesh, ascending.
     #[must_use]
     pub fn full_vertices(&self) -> Vec<u32> {

@@ -27,16 +27,7 @@ pub struct FullMesh {
 
 impl FullMesh {
     pub fn new(model: &Model) -> Self {
-        let mut places = vec![None; model.positions.len()];
-        let mut positions = Vec::new();
-        let mut place = |vertex: u32| {
-            *places[vertex as usize].get_or_insert_with(|| {
-                positions.push(model.positions[vertex as usize]);
-                positions.len() as u32 - 1
-            })
-        };
-        let faces = model.full_faces.iter();
-        let faces = faces.map(|face| face.map(&mut place)).collect();
+        let (positions, faces) = model.full_mesh();
         Self { positions, faces }
     }
 }
