@@ -1,10 +1,25 @@
 //! `rt-tests stability`: the hard cases ([`crate::cases`]), each with its measure, limit and
-//! verdict; and the faults in the product that they must find.
+//! verdict; the faults in the product that they must find; and the same cases with another
+//! library's proxy in the place of ours.
+//!
+//! | module | holds |
+//! |---|---|
+//! | `asked` | which cases another proxy can be asked |
+//! | `step_times` | what a step of ours and of theirs takes |
+//! | `page`, `words` | all of it as a page, peers as tables |
+
+mod asked;
+mod page;
+mod step_times;
+mod words;
 
 use crate::cases::case::Logged;
+use crate::cases::contender::Contender;
+use crate::cases::setup::Setup;
 use crate::cases::{Case, Found, ProbeOfCase, Size, all};
 use crate::failure::Failure;
-use crate::report::output::{print, print_json, status_bar};
+use crate::peers::ball::PeerProgram;
+use crate::report::output::{make_folder, print, print_json, status_bar, write_json, write_whole};
 use crate::report::table::Table;
 use crate::report::units::grouped;
 use clap::Args;
@@ -13,6 +28,9 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+use step_times::{StepTimes, step_times};
 
 /// Arguments of `rt-tests stability`.
 #[derive(Debug, Args)]
@@ -33,6 +51,19 @@ pub struct StabilityArgs {
     /// Print each case's parameters beside the facts, and where it departs from the product
     #[arg(long)]
     pub parameters: bool,
+    /// Ask another library's proxy the same, by this program, built from rt-tests/peers
+    #[arg(long, value_name = "PROGRAM")]
+    pub peers: Option<PathBuf>,
+    /// With --peers: mesh or SPM files, or shapes as SHAPE:FACES, on which a step of both is timed
+    /// [default: relief:100000]
+    #[arg(long = "model", value_name = "MODEL", requires = "peers")]
+    pub models: Vec<String>,
+    /// Write what another proxy would be asked to a folder, a file a scene: CASE.N.ball
+    #[arg(long, value_name = "DIR", conflicts_with = "mutants")]
+    pub export: Option<PathBuf>,
+    /// Folder for stability.json and the page
+    #[arg(long, value_name = "DIR", default_value = "reports/stability")]
+    pub out: PathBuf,
     /// Print one JSON object with the result on standard output
     #[arg(long)]
     pub json: bool,
@@ -43,8 +74,13 @@ pub struct StabilityArgs {
 pub struct Stability {
     /// Seed of everything that is random.
     pub seed: u64,
+    /// Whether the full set was run.
+    pub full: bool,
     /// The cases, in the order of the table; none with `--mutants`.
     pub cases: Vec<Verdict>,
+    /// What a step takes, with `--peers` only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub step_times: Vec<StepTimes>,
     /// The faults in the product; with `--mutants` only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub mutants: Vec<MutantFound>,
@@ -83,6 +119,31 @@ pub struct Verdict {
     /// Why it could not be run to its end.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub error: String,
+    /// The fault in the product under which it must fail.
+    pub mutant: String,
+    /// Other proxies, with `--peers` only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub peers: Vec<PeerVerdict>,
+    /// What other proxies have no equal of; "" where they are asked.
+    pub no_equal: &'static str,
+}
+
+/// What a case came to with another proxy, by the same measure and limit.
+#[derive(Debug, Serialize)]
+pub struct PeerVerdict {
+    /// Its name.
+    pub who: String,
+    /// The worst that was seen.
+    pub value: f64,
+    /// Whether it kept to the limit.
+    pub pass: bool,
+    /// Ticks that it answered.
+    pub steps: u64,
+    /// Why the value is what it is, where no number tells it.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub note: String,
+    /// Whether the program is at fault, not its proxy: no number here means anything.
+    pub broken: bool,
 }
 
 /// A fault in the product, and whether a case found it.
@@ -99,20 +160,30 @@ pub struct MutantFound {
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence: status 2 for a name that is no case, or `--mutants` in a build without them; 1
-/// when a case fails, or a mutant lives.
+/// One sentence: status 2 for a name that is no case, a peer that is none, or `--mutants` in a
+/// build without them; 1 when a case fails, a mutant lives, or a peer breaks off.
 pub fn stability(args: &StabilityArgs) -> Result<(), Failure> {
+    make_folder(&args.out)?;
     let found = run_cases(args)?;
+    write_json(&args.out.join("stability.json"), &found)?;
+    let page = page::page(&found);
+    write_whole(&args.out.join("stability.html"), page.as_bytes())?;
     if args.json {
         print_json(&found)?;
     } else if args.mutants {
         print(&mutants_table(&found))?;
     } else {
         print(&table(&found))?;
+        print(&words::peers(&found))?;
         if args.parameters {
             print(&parameters(&found))?;
         }
     }
+    judge(&found)
+}
+
+/// Whether all is as it must be.
+fn judge(found: &Stability) -> Result<(), Failure> {
     let failed = found.cases.iter().filter(|case| !case.pass);
     let failed: Vec<&str> = failed
         .filter(|case| case.open.is_empty())
@@ -123,20 +194,27 @@ pub fn stability(args: &StabilityArgs) -> Result<(), Failure> {
         .map(|mutant| format!("{} of {}", mutant.name, mutant.case))
         .collect();
     match (failed.is_empty(), living.is_empty()) {
-        (true, true) => Ok(()),
-        (_, false) => Err(Failure::Run(format!("mutants live: {}", living.join(", ")))),
-        (false, true) => Err(Failure::Run(format!(
-            "beyond their limit: {} (seed {})",
-            failed.join(", "),
-            args.seed
-        ))),
+        (true, true) => {}
+        (_, false) => return Err(Failure::Run(format!("mutants live: {}", living.join(", ")))),
+        (false, true) => {
+            return Err(Failure::Run(format!(
+                "beyond their limit: {} (seed {})",
+                failed.join(", "),
+                found.seed
+            )));
+        }
+    }
+    let peers = found.cases.iter().flat_map(|case| &case.peers);
+    match peers.clone().find(|peer| peer.broken) {
+        Some(peer) => Err(Failure::Run(peer.note.clone())),
+        None => Ok(()),
     }
 }
 
 /// Runs what was asked for.
 ///
 /// # Errors
-/// One sentence for a name that is no case, or a mesh that cannot be served.
+/// One sentence for a name that is no case, a peer that is none, or a mesh that cannot be served.
 pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
     let names: Vec<&str> = all().map(|case| case.name).collect();
     if let Some(unknown) = args.cases.iter().find(|of| !names.contains(&of.as_str())) {
@@ -144,6 +222,16 @@ pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
             "\"{unknown}\" is no case; choose of {}",
             names.join(", ")
         )));
+    }
+    let program = args.peers.as_deref().map(PeerProgram::open).transpose()?;
+    let program = program.map(Arc::new);
+    // First: it takes seconds, and what is wrong with model or peer is told before the cases.
+    let step_times = match &program {
+        Some(program) if !args.mutants => step_times(program, &args.models, args.seed)?,
+        _ => Vec::new(),
+    };
+    if let Some(folder) = &args.export {
+        make_folder(folder)?;
     }
     let is_chosen =
         |case: &&Case| args.cases.is_empty() || args.cases.iter().any(|n| n == case.name);
@@ -157,7 +245,7 @@ pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
         })?;
     } else {
         let run = |case: &&Case| {
-            let verdict = run_case(case, args);
+            let verdict = run_with_peers(case, args, program.as_ref());
             bar.set_message(case.name);
             bar.inc(1);
             verdict
@@ -168,16 +256,67 @@ pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
     bar.finish_and_clear();
     Ok(Stability {
         seed: args.seed,
+        full: args.full,
         cases,
+        step_times,
         mutants,
     })
 }
 
+/// One case, and again with each variant of a peer.
+fn run_with_peers(
+    case: &Case,
+    args: &StabilityArgs,
+    program: Option<&Arc<PeerProgram>>,
+) -> Verdict {
+    let is_asked = asked::no_equal(case).is_empty();
+    let export = args.export.clone().filter(|_| is_asked);
+    let writer = export.map(|folder| Contender::file(folder, case.name));
+    let mut verdict = run_case(case, args, writer);
+    if let Some(failure) = writer.and_then(|writer| writer.log().broken) {
+        verdict.pass = false;
+        verdict.error = failure.to_string();
+    }
+    if let Some(program) = program.filter(|_| is_asked) {
+        let variants = program.variants.iter().enumerate();
+        let ask = |(variant, who): (usize, &String)| {
+            let peer = Contender::peer(program, variant);
+            peer_verdict(who, &run_case(case, args, Some(peer)), peer)
+        };
+        verdict.peers = variants.map(ask).collect();
+    }
+    verdict
+}
+
+/// What a case that was run with a peer came to.
+fn peer_verdict(who: &str, verdict: &Verdict, peer: &Contender) -> PeerVerdict {
+    let log = peer.log();
+    let note = match (&log.broken, log.not_finite_at) {
+        (Some(failure), _) => failure.to_string(),
+        (None, Some(step)) => format!("at step {step} its answer is no number"),
+        (None, None) if log.steps == 0 => "it was not asked".to_string(),
+        (None, None) => verdict.error.clone(),
+    };
+    let is_whole = log.broken.is_none() && log.steps > 0;
+    PeerVerdict {
+        who: who.to_string(),
+        value: if is_whole { verdict.value } else { f64::MAX },
+        pass: verdict.pass && is_whole,
+        steps: log.steps,
+        note,
+        broken: matches!(log.broken, Some(Failure::Input(_))),
+    }
+}
+
 /// One case. What panics or ends by an error has failed.
-fn run_case(case: &Case, args: &StabilityArgs) -> Verdict {
+fn run_case(case: &Case, args: &StabilityArgs, contender: Option<&'static Contender>) -> Verdict {
     let size = Size { full: args.full };
     let mut random = Xoshiro256PlusPlus::seed_from_u64(args.seed);
-    let trial = case.trial(&size, &mut random);
+    let mut trial = case.trial(&size, &mut random);
+    trial.defaults = Setup {
+        contender,
+        ..trial.defaults
+    };
     let found = catch_unwind(AssertUnwindSafe(|| (case.run)(trial)));
     let found = found.unwrap_or_else(|_| Err(Failure::Run("it panicked".to_string())));
     let (found, error) = match found {
@@ -215,6 +354,9 @@ fn run_case(case: &Case, args: &StabilityArgs) -> Verdict {
         runs: case.runs,
         logged: logged.collect(),
         error,
+        mutant: format!("{:?}", case.mutant),
+        peers: Vec::new(),
+        no_equal: asked::no_equal(case),
     }
 }
 
@@ -237,7 +379,7 @@ fn run_mutants(
         let closed = of_mutant.filter(|case| case.open.is_empty());
         let results: Vec<_> = closed
             .map(|case| {
-                let verdict = run_case(case, args);
+                let verdict = run_case(case, args, None);
                 is_run(case.name);
                 MutantFound {
                     name: format!("{mutant:?}"),

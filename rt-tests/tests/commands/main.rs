@@ -6,5 +6,6 @@ mod effects;
 mod fronts;
 mod predictors;
 mod stability;
+mod stability_peers;
 mod tools;
 mod typed;

@@ -12,6 +12,10 @@ fn args(seed: u64) -> StabilityArgs {
         seed,
         mutants: false,
         parameters: false,
+        peers: None,
+        models: Vec::new(),
+        export: None,
+        out: "unused".into(),
         json: false,
     }
 }

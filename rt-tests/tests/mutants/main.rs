@@ -25,6 +25,10 @@ fn a_mutant_is_killed_by_its_case() {
         seed: 1,
         mutants: true,
         parameters: false,
+        peers: None,
+        models: Vec::new(),
+        export: None,
+        out: "unused".into(),
         json: false,
     };
     let found = run_cases(&args).expect("the cases run").mutants;
