@@ -58,7 +58,8 @@ pub struct StabilityArgs {
     /// [default: relief:100000]
     #[arg(long = "model", value_name = "MODEL", requires = "peers")]
     pub models: Vec<String>,
-    /// Write what another proxy would be asked to a folder, a file a scene: CASE.N.ball
+    /// Write what another proxy would be asked to a folder, a file a scene: CASE.N.ball, and with
+    /// --peers the paths on which a step is timed: MODEL.ball
     #[arg(long, value_name = "DIR", conflicts_with = "mutants")]
     pub export: Option<PathBuf>,
     /// Folder for stability.json and the page
@@ -225,14 +226,15 @@ pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
     }
     let program = args.peers.as_deref().map(PeerProgram::open).transpose()?;
     let program = program.map(Arc::new);
-    // First: it takes seconds, and what is wrong with model or peer is told before the cases.
-    let step_times = match &program {
-        Some(program) if !args.mutants => step_times(program, &args.models, args.seed)?,
-        _ => Vec::new(),
-    };
-    if let Some(folder) = &args.export {
+    let export = args.export.as_deref();
+    if let Some(folder) = export {
         make_folder(folder)?;
     }
+    // First: it takes seconds, and what is wrong with model or peer is told before the cases.
+    let step_times = match &program {
+        Some(program) if !args.mutants => step_times(program, &args.models, args.seed, export)?,
+        _ => Vec::new(),
+    };
     let is_chosen =
         |case: &&Case| args.cases.is_empty() || args.cases.iter().any(|n| n == case.name);
     let chosen: Vec<&Case> = all().filter(is_chosen).collect();

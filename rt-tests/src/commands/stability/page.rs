@@ -236,8 +236,9 @@ fn steps(body: &mut String, times: &[StepTimes]) {
               0.15 m objects, every tick once, one contender after the other; the ticks in which \
               the full mesh is touched count. Ours is search, proxy and force with account and \
               limits; a whole tick adds refinement and boxes, which a proxy on a fixed mesh does not \
-              have. Where the force differs by more than a tenth from that on the full mesh, by \
-              which the path was made, something else was timed.</p>\n";
+              have. Where the force differs by more than a tenth from that on the full mesh, by which \
+              the path was made, a proxy lags or stands off: it has not done the same \
+              work.</p>\n";
     let mut table = Table::new(3, HEADS);
     for of in times {
         table.row(of.cells());
@@ -303,5 +304,43 @@ fn number_of(x: f64) -> String {
         x if x == x.trunc() && x.abs() < 1e6 => format!("{x}"),
         x if (1e-2..1e4).contains(&x.abs()) => format!("{x:.3}"),
         x => format!("{x:.1e}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_with_mutants_has_the_parameters_and_tells_who_lives() {
+        let found = |case, killed| MutantFound {
+            name: "Sign".to_string(),
+            case,
+            killed,
+        };
+        let page = page(&Stability {
+            seed: 1,
+            full: false,
+            cases: Vec::new(),
+            step_times: Vec::new(),
+            mutants: vec![found("rest", true), found("creep", false)],
+        });
+        for part in [
+            "1 of 2 cases find",
+            "LIVES",
+            "killed",
+            "not run",
+            "1e-9 to 1e-6 m a tick",
+        ] {
+            assert!(page.contains(part), "{part}");
+        }
+        assert!(!page.contains("Time of a step") && !page.contains("slow-onset"));
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let numbers = [f64::MAX, 0.0, -3.0, 0.0123, 12_345.6, 1e-9, 1.000_000_001];
+        let shown = numbers.map(number_of);
+        assert_eq!(shown, ["∞", "0", "-3", "0.012", "1.2e4", "1.0e-9", "1.000"]);
     }
 }

@@ -8,6 +8,7 @@ use crate::clocks::{Clocks, Reading};
 use crate::failure::Failure;
 use crate::models::source::typed_or;
 use crate::peers::ball::{BallScene, PeerProgram, Step};
+use crate::report::output::write_whole;
 use crate::report::quantile::Quantiles;
 use crate::report::units::{grouped, percent};
 use crate::trajectory::reference::{Reference, come_to_rest, make_ready};
@@ -17,6 +18,7 @@ use hrtc_core::{ModelFrame, NoObserver, Stage, StageObserver};
 use scene::{AccuracyPlan, RefinementPlan, ScenePlan};
 use serde::Serialize;
 use simulator::{InputRecording, Playback};
+use std::path::Path as Folder;
 
 /// What is measured when no model is named.
 const DEFAULT_MODEL: &str = "relief:100000";
@@ -47,14 +49,16 @@ pub struct StepTimes {
     pub force_differs: u64,
 }
 
-/// Times a step on each model that was typed.
+/// Times a step on each model that was typed; with a folder the path is written there, too, as a
+/// peer is asked, to `MODEL.ball`.
 ///
 /// # Errors
-/// One sentence for a bad model, or a peer that breaks off.
+/// One sentence for a bad model, a peer that breaks off, or a file that cannot be written.
 pub fn step_times(
     program: &PeerProgram,
     models: &[String],
     seed: u64,
+    export: Option<&Folder>,
 ) -> Result<Vec<StepTimes>, Failure> {
     let mut found = Vec::new();
     for typed in typed_or(models, &[DEFAULT_MODEL]) {
@@ -72,9 +76,12 @@ pub fn step_times(
                 found.push(path.row("ours_local_tick", &played.whole(&plan), &played.forces));
             }
         }
-        let scene = scene(&model);
+        let (scene, steps) = (scene(&model), path.steps(&model));
+        if let Some(folder) = export {
+            let questions = [scene.message(0), Step::message(&steps)].concat();
+            write_whole(&folder.join(format!("{}.ball", path.model)), &questions)?;
+        }
         for (variant, who) in program.variants.iter().enumerate() {
-            let steps: Vec<Step> = path.steps(&model);
             let answers = program.start(variant, &scene)?.step(&steps)?;
             let ns: Vec<f64> = answers.iter().map(|answer| answer.ns).collect();
             let forces: Vec<f64> = answers.iter().map(|of| of.force.length()).collect();
