@@ -40,4 +40,4 @@ pub type Handle = u32;
 pub const NONE: u32 = u32::MAX;
 
 pub use key::{depth, is_leaf_key, leaf_key, lowest_common_ancestor};
-pub use tree::{AbTree, Child, Node, NodeId};
+pub use tree::{AbTree, Child, FACE_BIT, Node, NodeId};

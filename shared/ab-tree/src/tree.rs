@@ -27,7 +27,8 @@ pub enum Child {
     Face(Handle),
 }
 
-const FACE_BIT: u32 = 1 << 31;
+/// Marks a face in [`Node::packed_children`].
+pub const FACE_BIT: u32 = 1 << 31;
 
 impl Child {
     fn pack(self) -> u32 {
@@ -73,6 +74,13 @@ impl Node {
     #[must_use]
     pub fn children(&self) -> [Child; 2] {
         self.children.map(Child::unpack)
+    }
+
+    /// The same in one number each: that of a node, or the handle of a face and [`FACE_BIT`].
+    #[inline]
+    #[must_use]
+    pub fn packed_children(&self) -> [u32; 2] {
+        self.children
     }
 
     /// Its heap key.

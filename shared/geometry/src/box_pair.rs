@@ -160,12 +160,13 @@ impl BoxPair {
     /// Squared distances in the first two components, rounded either way.
     #[inline]
     fn squared(&self, query: &BoxQuery) -> Vec4 {
+        // A point is beyond at most one of two sides: the other adds 0.
         let beyond = |k: usize| {
-            let apart = self.axes[k] - query.axes[k];
-            apart.max(apart.zwxy()).max(Vec4::ZERO)
+            let apart = (self.axes[k] - query.axes[k]).max(Vec4::ZERO);
+            apart * apart
         };
-        let [x, y, z] = [beyond(0), beyond(1), beyond(2)];
-        x * x + y * y + z * z
+        let sides = beyond(0) + beyond(1) + beyond(2);
+        sides + sides.zwxy()
     }
 }
 

@@ -6,6 +6,7 @@
 //! | `similarity` | frames with a scale |
 //! | `aabb`, `box_pair` | axis-aligned boxes, rounded outwards |
 //! | `triangle` | closest point on a triangle, overlap with a box |
+//! | `four_triangles` | bounds of the distances of four triangles |
 //! | `segment`, `triangle_distance` | closest points of segments and triangles |
 //! | `triangle_pair`, `exact_contact` | exact intersection of two triangles |
 //! | `predicates` | exact signs |
@@ -27,6 +28,7 @@
 mod aabb;
 mod box_pair;
 mod exact_contact;
+mod four_triangles;
 mod pose;
 mod predicates;
 mod segment;
@@ -37,6 +39,7 @@ mod triangle_pair;
 
 pub use aabb::Aabb;
 pub use box_pair::{BoxBound, BoxPair, BoxQuery, Within};
+pub use four_triangles::FourDistances;
 pub use pose::{Pose, Wrench};
 pub use predicates::{side_of_plane, triangle_is_degenerate};
 pub use segment::{ClosestPair, closest_points_of_segment_and_triangle};

@@ -448,11 +448,18 @@ impl ActiveMesh {
             .map(|v| self.position(v).as_dvec3())
     }
 
+    /// Corners of a face, model units.
+    #[inline]
+    #[must_use]
+    pub fn triangle(&self, face: Handle) -> [Vec3; 3] {
+        self.faces[face as usize].corners.map(|v| self.position(v))
+    }
+
     /// Box of a face, exact.
     #[inline]
     #[must_use]
     pub fn face_box(&self, face: Handle) -> Aabb {
-        Aabb::of_triangle(self.faces[face as usize].corners.map(|v| self.position(v)))
+        Aabb::of_triangle(self.triangle(face))
     }
 
     /// Certified error of a face: the largest R of its corners, model units; 0 on faces of the full

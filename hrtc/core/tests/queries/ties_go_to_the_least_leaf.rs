@@ -5,6 +5,7 @@ use crate::common::fronts::{Front, models, plate_mesh, scaled};
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use hrtc_core::contact::query::closest_point;
+use hrtc_core::contact::tool::ToolMesh;
 use simulator::Random;
 use spm::Handle;
 
@@ -52,6 +53,27 @@ fn over_a_plate_at_any_scale() {
             assert!(check(&front, a + up, &mut random), "a vertex has two faces");
             check(&front, 0.5 * (a + b) + up, &mut random);
             check(&front, (a + b + c) / 3.0 + up, &mut random);
+        }
+    }
+}
+
+/// A fan of more faces than a search keeps as candidates: over its middle all are equally near.
+#[test]
+fn in_the_middle_of_a_fan() {
+    let mut random = Random::new(6);
+    for faces in [5, 16, 17, 33, 60] {
+        let rim = |k: u32| {
+            let angle = std::f64::consts::TAU * f64::from(k % faces) / f64::from(faces);
+            DVec3::new(angle.cos(), angle.sin(), -0.5)
+        };
+        let mesh = ToolMesh {
+            positions: (0..faces).map(rim).chain([DVec3::ZERO]).collect(),
+            triangles: (0..faces).map(|k| [k, (k + 1) % faces, faces]).collect(),
+        };
+        let front = Front::of_mesh(&mesh);
+        for height in [0.0, 1e-3, 0.4, 50.0] {
+            let is_tie = check(&front, DVec3::Z * height, &mut random);
+            assert!(is_tie, "{faces} {height}");
         }
     }
 }

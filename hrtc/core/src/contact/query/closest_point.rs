@@ -1,10 +1,17 @@
 //! The closest point of the front to a point: depth first, the nearer child first.
+//!
+//! Faces are looked at four at a time, by bounds in f32 ([`FourDistances`]): one after the other,
+//! mispredicted branches cost more than all the arithmetic. Only those that may be nearest, one or
+//! two, are compared in f64.
 
-use super::{Stack, Surface, Work};
-use ab_tree::{Child, NodeId};
-use geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
+use super::{STACK, Surface, Work};
+use ab_tree::{Child, FACE_BIT, NodeId};
+use geometry::{BoxBound, BoxQuery, ClosestPoint, FourDistances, closest_point_on_triangle};
 use glam::DVec3;
 use spm::Handle;
+
+/// Faces that may be nearest, before they are compared: more than share a vertex in most meshes.
+const CANDIDATES: usize = 8;
 
 /// The result of [`closest_point`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,49 +70,126 @@ pub fn closest_point_within(
     hint: Option<Handle>,
     max_work: u32,
 ) -> (Option<Nearest>, Work, bool) {
-    let mut search = Search {
-        surface,
-        point,
-        best: None,
-        bound: f64::INFINITY,
-        box_bound: BoxBound::NONE,
-        work: Work::default(),
+    let mut search = Search::new(surface, point);
+    let mut work = Work::default();
+    let Some(root) = surface.tree.root() else {
+        return (None, work, true);
+    };
+    let mut next = match root {
+        Child::Node(id) => id,
+        Child::Face(face) => face | FACE_BIT,
+    };
+    let skipped = match hint {
+        Some(face) => {
+            work.faces += 1;
+            search.compare(face);
+            search.order.is_nearer_first = false;
+            face | FACE_BIT
+        }
+        None => u32::MAX,
     };
     let query = BoxQuery::point(point);
-    let mut stack = Stack::new();
-    let mut next = surface.tree.root();
-    if let (Some(face), Some(_)) = (hint, next) {
-        search.try_face(face);
-    }
+    // Copies for the nodes: read from beside what is written for each face, they would wait for it.
+    let mut order = search.order;
+    let mut stack = Waiting {
+        squared: [0.0; STACK],
+        children: [0; STACK],
+        count: 0,
+    };
     loop {
-        if search.work.nodes + search.work.faces >= max_work && next.is_some() {
-            return (search.best, search.work, false);
+        if work.nodes + work.faces >= max_work {
+            search.finish();
+            return (search.best, work, false);
         }
-        match next {
-            Some(Child::Node(id)) => {
-                next = search.open(id, &query, &mut stack);
-                if next.is_some() {
-                    continue;
-                }
+        if next & FACE_BIT == 0 {
+            work.nodes += 1;
+            if let Some(child) = open(surface, next, &query, order, &mut stack) {
+                next = child;
+                continue;
             }
-            Some(Child::Face(face)) => {
-                // The hint was tested first: its turn in the tree is skipped.
-                if hint != Some(face) {
-                    search.try_face(face);
-                }
-            }
-            None => break,
+        } else if next != skipped {
+            // The hint was tested first: its turn in the tree is skipped.
+            work.faces += 1;
+            search.push(next & !FACE_BIT);
+            order = search.order;
         }
         // The bound may have decreased since.
-        next = loop {
-            match stack.pop() {
-                Some((squared, child)) if search.box_bound.includes(squared) => break Some(child),
-                Some(_) => {}
-                None => break None,
+        match stack.pop(order.bound) {
+            Some(child) => next = child,
+            None => {
+                search.finish();
+                return (search.best, work, true);
             }
-        };
+        }
     }
-    (search.best, search.work, true)
+}
+
+/// Children to visit later, packed, with their squared distances. Two arrays: what is written in
+/// two pieces and read in one waits for the write. The methods must be inlined: calls cost a query
+/// an eighth.
+struct Waiting {
+    squared: [f32; STACK],
+    children: [u32; STACK],
+    count: usize,
+}
+
+impl Waiting {
+    #[inline(always)]
+    fn push(&mut self, squared: f32, child: u32) {
+        self.squared[self.count] = squared;
+        self.children[self.count] = child;
+        self.count += 1;
+    }
+
+    /// The last one that is within a bound.
+    #[inline(always)]
+    fn pop(&mut self, bound: BoxBound) -> Option<u32> {
+        loop {
+            self.count = self.count.checked_sub(1)?;
+            if bound.includes(self.squared[self.count]) {
+                return Some(self.children[self.count]);
+            }
+        }
+    }
+}
+
+/// How a search goes through the tree.
+#[derive(Clone, Copy)]
+struct Order {
+    /// No box that is farther can hold the nearest face.
+    bound: BoxBound,
+    /// Whether the nearer of two children comes first: a bound that is not improved needs no order.
+    is_nearer_first: bool,
+}
+
+/// The child to go on with: the nearer one, if it is within the bound.
+///
+/// Branches, not a selection of operands: consecutive queries take the same path, and a predicted
+/// branch loads the next node before this one is decided.
+#[inline(always)]
+fn open(
+    surface: Surface<'_>,
+    id: NodeId,
+    query: &BoxQuery,
+    order: Order,
+    stack: &mut Waiting,
+) -> Option<u32> {
+    let node = surface.tree.node(id);
+    let within = node.boxes().within(query, order.bound);
+    let [left, right] = node.packed_children();
+    if within.first() {
+        if within.second() {
+            let [to_left, to_right] = within.squared();
+            if !order.is_nearer_first || to_left <= to_right {
+                stack.push(to_right, right);
+                return Some(left);
+            }
+            stack.push(to_left, left);
+            return Some(right);
+        }
+        return Some(left);
+    }
+    within.second().then_some(right)
 }
 
 /// The best face so far.
@@ -113,55 +197,122 @@ struct Search<'a> {
     surface: Surface<'a>,
     point: DVec3,
     best: Option<Nearest>,
-    /// Squared distance to it.
-    bound: f64,
-    /// The same bound for boxes.
-    box_bound: BoxBound,
-    work: Work,
+    /// No face that is farther can be nearest.
+    reach: f32,
+    order: Order,
+    /// Faces to look at.
+    waiting: [Handle; 4],
+    waiting_count: usize,
+    /// Faces that may be nearest, with the distances that they are not nearer than.
+    candidates: [(Handle, f32); CANDIDATES],
+    candidate_count: usize,
 }
 
-impl Search<'_> {
-    /// The child to go on with: the nearer one, if it is within the bound.
-    ///
-    /// Branches, not a selection of operands: consecutive queries take the same path, and a
-    /// predicted branch loads the next node before this one is decided.
-    #[inline]
-    fn open(&mut self, id: NodeId, query: &BoxQuery, stack: &mut Stack) -> Option<Child> {
-        self.work.nodes += 1;
-        let node = self.surface.tree.node(id);
-        let within = node.boxes().within(query, self.box_bound);
-        let [left, right] = node.children();
-        if within.first() {
-            if within.second() {
-                let [to_left, to_right] = within.squared();
-                if to_left <= to_right {
-                    stack.push(to_right, right);
-                    return Some(left);
-                }
-                stack.push(to_left, left);
-                return Some(right);
+impl<'a> Search<'a> {
+    fn new(surface: Surface<'a>, point: DVec3) -> Self {
+        Self {
+            surface,
+            point,
+            best: None,
+            reach: f32::INFINITY,
+            order: Order {
+                bound: BoxBound::NONE,
+                is_nearer_first: true,
+            },
+            waiting: [0; 4],
+            waiting_count: 0,
+            candidates: [(0, 0.0); CANDIDATES],
+            candidate_count: 0,
+        }
+    }
+
+    /// A face to look at.
+    #[inline(always)]
+    fn push(&mut self, face: Handle) {
+        self.waiting[self.waiting_count] = face;
+        self.waiting_count += 1;
+        if self.waiting_count == self.waiting.len() {
+            self.look();
+        }
+    }
+
+    /// Looks at the faces that wait.
+    #[inline(never)]
+    fn look(&mut self) {
+        let count = self.waiting_count;
+        if count == 0 {
+            return;
+        }
+        let faces = [0, 1, 2, 3].map(|k| self.waiting[if k < count { k } else { 0 }]);
+        let triangles = faces.map(|face| self.surface.mesh.triangle(face));
+        let distances = FourDistances::new(triangles, self.point);
+        let mut which = distances.within(self.reach) & ((1 << count) - 1);
+        while which != 0 {
+            let k = which.trailing_zeros() as usize;
+            which &= which - 1;
+            let [lower, upper] = distances.of(k);
+            if upper < self.reach {
+                self.order.is_nearer_first = true;
+                self.set_reach(upper);
             }
-            return Some(left);
+            if self.candidate_count == CANDIDATES {
+                self.compare_candidates();
+            }
+            self.candidates[self.candidate_count] = (faces[k], lower);
+            self.candidate_count += 1;
         }
-        within.second().then_some(right)
+        self.waiting_count = 0;
     }
 
-    #[inline]
-    fn try_face(&mut self, face: Handle) {
-        self.work.faces += 1;
+    #[inline(always)]
+    fn set_reach(&mut self, reach: f32) {
+        self.reach = reach;
+        let reach = f64::from(reach);
+        self.order.bound = BoxBound::squared(reach * reach);
+    }
+
+    /// Looks at all that is left.
+    #[inline(always)]
+    fn finish(&mut self) {
+        self.look();
+        self.compare_candidates();
+    }
+
+    #[inline(always)]
+    fn compare_candidates(&mut self) {
+        for k in 0..self.candidate_count {
+            let (face, lower) = self.candidates[k];
+            let is_beyond = lower > self.reach;
+            if !is_beyond {
+                self.compare(face);
+            }
+        }
+        self.candidate_count = 0;
+    }
+
+    /// Compares a face with the best one, exactly.
+    #[inline(never)]
+    fn compare(&mut self, face: Handle) {
         let closest = closest_point_on_triangle(self.surface.mesh.corners(face), self.point);
-        if closest.distance_squared < self.bound || self.is_first_of_equals(face, &closest) {
-            self.bound = closest.distance_squared;
-            self.box_bound = BoxBound::squared(self.bound);
+        let is_nearer = match &self.best {
+            None => true,
+            Some(Nearest {
+                face: other,
+                closest: best,
+            }) => {
+                let leaf = |face| self.surface.tree.leaf_of(face);
+                closest.distance_squared < best.distance_squared
+                    || (closest.distance_squared == best.distance_squared
+                        && leaf(face) < leaf(*other))
+            }
+        };
+        if is_nearer {
             self.best = Some(Nearest { face, closest });
+            let rounded = closest.distance_squared.sqrt() as f32;
+            let reach = rounded * (1.0 + f32::EPSILON) + f32::MIN_POSITIVE;
+            if reach < self.reach {
+                self.set_reach(reach);
+            }
         }
-    }
-
-    /// Whether a face is as near as the best one and has a smaller leaf key.
-    #[inline]
-    fn is_first_of_equals(&self, face: Handle, closest: &ClosestPoint) -> bool {
-        let leaf = |face| self.surface.tree.leaf_of(face);
-        closest.distance_squared == self.bound
-            && self.best.is_some_and(|best| leaf(face) < leaf(best.face))
     }
 }
