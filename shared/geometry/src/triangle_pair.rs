@@ -203,6 +203,13 @@ pub struct Facet {
 }
 
 impl Facet {
+    /// A point: the content of an unused place.
+    pub const NOWHERE: Self = Self {
+        corners: [DVec3::ZERO; 3],
+        normal: DVec3::ZERO,
+        rounding: 0.0,
+    };
+
     /// Accepts any numbers; a triangle that is not finite meets nothing.
     #[inline]
     #[must_use]

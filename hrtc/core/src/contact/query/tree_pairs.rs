@@ -6,8 +6,9 @@
 //! all levels of a large front.
 
 use super::body::Body;
-use ab_tree::{Child, NodeId};
+use ab_tree::{Child, FACE_BIT};
 use geometry::{BoxQuery, Facet, TrianglePair, triangle_pair};
+use glam::DVec3;
 use spm::{Handle, NONE};
 use std::ops::ControlFlow;
 
@@ -88,37 +89,53 @@ impl PairWork {
     }
 }
 
-/// The last face read, for a run of pairs with it.
-struct CachedFace<T> {
-    face: Handle,
-    value: Option<T>,
+/// Facets that are kept.
+const FACETS: usize = 32;
+
+/// Facets of faces met before: a face is met several times in a row, and again soon.
+struct FacetCache {
+    faces: [Handle; FACETS],
+    facets: [Facet; FACETS],
 }
 
-impl<T> CachedFace<T> {
+impl FacetCache {
     fn new() -> Self {
         Self {
-            face: NONE,
-            value: None,
+            faces: [NONE; FACETS],
+            facets: [Facet::NOWHERE; FACETS],
         }
     }
 
-    #[inline]
-    fn take(&mut self, face: Handle, read: impl FnOnce() -> T) -> &T {
-        if self.face != face {
-            self.face = face;
-            self.value = None;
+    #[inline(always)]
+    fn take(&mut self, face: Handle, corners: impl FnOnce() -> [DVec3; 3]) -> &Facet {
+        let place = face as usize % FACETS;
+        if self.faces[place] != face {
+            self.faces[place] = face;
+            self.facets[place] = Facet::new(corners());
         }
-        self.value.get_or_insert_with(read)
+        &self.facets[place]
     }
 }
 
-/// Two subtrees or faces with overlapping boxes.
+/// Two subtrees or faces with overlapping boxes, packed: the number of a node, or a face and
+/// [`FACE_BIT`].
 #[derive(Clone, Copy)]
 struct Entry {
-    a: Child,
-    b: Child,
-    box_a: BoxQuery,
-    box_b: BoxQuery,
+    of: [u32; 2],
+    boxes: [BoxQuery; 2],
+}
+
+/// Pairs to visit later.
+struct Waiting {
+    entries: [Entry; PAIR_STACK],
+    count: usize,
+}
+
+fn packed(child: Child) -> u32 {
+    match child {
+        Child::Node(id) => id,
+        Child::Face(face) => face | FACE_BIT,
+    }
 }
 
 /// Calls `visit` with every intersecting face pair, until it breaks or `budget` node pairs were
@@ -133,86 +150,89 @@ pub fn for_each_pair<A: Body, B: Body>(
     let (Some(root_a), Some(root_b)) = (a.root(), b.root()) else {
         return (Ending::Complete, work);
     };
-    let roots = Entry {
-        a: root_a,
-        b: root_b,
-        box_a: BoxQuery::around(&a.root_box()),
-        box_b: BoxQuery::around(&b.root_box()),
+    let mut entry = Entry {
+        of: [packed(root_a), packed(root_b)],
+        boxes: [a.root_box(), b.root_box()].map(|aabb| BoxQuery::around(&aabb)),
     };
-    let mut stack = [roots; PAIR_STACK];
-    let mut count = 1;
-    let (mut cached_a, mut cached_b) = (CachedFace::new(), CachedFace::new());
-    while count > 0 {
-        count -= 1;
-        let entry = stack[count];
-        if let (Child::Face(x), Child::Face(y)) = (entry.a, entry.b) {
+    let mut waiting = Waiting {
+        entries: [entry; PAIR_STACK],
+        count: 0,
+    };
+    let (mut facets_a, mut facets_b) = (FacetCache::new(), FacetCache::new());
+    loop {
+        let [of_a, of_b] = entry.of;
+        if of_a & of_b & FACE_BIT != 0 {
+            let (x, y) = (of_a & !FACE_BIT, of_b & !FACE_BIT);
             work.faces += 1;
-            let facet_a = cached_a.take(x, || Facet::new(a.corners(x)));
-            let meeting = facet_a.pair_with(cached_b.take(y, || Facet::new(b.corners(y))));
+            let facet = facets_a.take(x, || a.corners(x));
+            let meeting = facet.pair_with(facets_b.take(y, || b.corners(y)));
             let pair = FacePair {
                 a: x,
                 b: y,
                 meeting,
             };
             if meeting.meets() && visit(pair).is_break() {
-                let unvisited = count as u32;
+                let unvisited = waiting.count as u32;
                 return (Ending::Stopped { unvisited }, work);
             }
-            continue;
+        } else {
+            if work.node_pairs == budget {
+                let unvisited = waiting.count as u32 + 1;
+                return (Ending::OutOfBudget { unvisited }, work);
+            }
+            work.node_pairs += 1;
+            work.boxes += 2;
+            let goes_on = if entry.opens_first() {
+                entry.open::<0, A>(a, &mut waiting)
+            } else {
+                entry.open::<1, B>(b, &mut waiting)
+            };
+            if goes_on {
+                continue;
+            }
         }
-        if work.node_pairs == budget {
-            let unvisited = count as u32 + 1;
-            return (Ending::OutOfBudget { unvisited }, work);
+        if waiting.count == 0 {
+            return (Ending::Complete, work);
         }
-        work.node_pairs += 1;
-        work.boxes += 2;
-        for child in entry.open(a, b).into_iter().flatten() {
-            stack[count] = child;
-            count += 1;
-        }
+        waiting.count -= 1;
+        entry = waiting.entries[waiting.count];
     }
-    (Ending::Complete, work)
 }
 
 impl Entry {
-    /// Opens the larger of two nodes: the pairs whose boxes overlap, in the order of the stack.
-    #[inline]
-    fn open<A: Body, B: Body>(self, a: &A, b: &B) -> [Option<Self>; 2] {
-        let order = [1, 0];
-        if let Some(node) = opens_first(self.a, self.b, &self.box_a, &self.box_b) {
-            let (children, boxes) = a.children(node);
-            let (met, queries) = (boxes.overlap(&self.box_b), boxes.queries());
-            order.map(|k| {
-                met[k].then_some(Self {
-                    a: children[k],
-                    box_a: queries[k],
-                    ..self
-                })
-            })
-        } else if let Child::Node(node) = self.b {
-            let (children, boxes) = b.children(node);
-            let (met, queries) = (boxes.overlap(&self.box_a), boxes.queries());
-            order.map(|k| {
-                met[k].then_some(Self {
-                    b: children[k],
-                    box_b: queries[k],
-                    ..self
-                })
-            })
-        } else {
-            [None; 2]
-        }
+    /// The node that is to be opened: the larger of two, since its halves miss more of the other.
+    #[inline(always)]
+    fn opens_first(&self) -> bool {
+        let [a, b] = self.of;
+        b & FACE_BIT != 0 || (a & FACE_BIT == 0 && self.boxes[0].size() >= self.boxes[1].size())
     }
-}
 
-/// The node of the first body, if that is to be opened. The larger of two nodes is opened: its
-/// halves miss more of the other.
-#[inline]
-fn opens_first(a: Child, b: Child, box_a: &BoxQuery, box_b: &BoxQuery) -> Option<NodeId> {
-    match (a, b) {
-        (Child::Node(node), Child::Face(_)) => Some(node),
-        (Child::Node(node), Child::Node(_)) if box_a.size() >= box_b.size() => Some(node),
-        _ => None,
+    /// The same with a child of one side.
+    #[inline(always)]
+    fn with<const SIDE: usize>(&self, child: Child, aabb: BoxQuery) -> Self {
+        let mut with = *self;
+        (with.of[SIDE], with.boxes[SIDE]) = (packed(child), aabb);
+        with
+    }
+
+    /// Opens the node of one side and goes on to the first pair whose boxes overlap, if there is
+    /// one; the second waits.
+    #[inline(always)]
+    fn open<const SIDE: usize, X: Body>(&mut self, body: &X, waiting: &mut Waiting) -> bool {
+        let (children, boxes) = body.children(self.of[SIDE]);
+        let child = |k: usize| self.with::<SIDE>(children[k], boxes.query(k));
+        *self = match boxes.overlap(&self.boxes[1 - SIDE]) {
+            [true, second] => {
+                if second {
+                    waiting.entries[waiting.count] = child(1);
+                    waiting.count += 1;
+                }
+                child(0)
+            }
+            [false, true] => child(1),
+            [false, false] => return false,
+        };
+        true
     }
 }
 
