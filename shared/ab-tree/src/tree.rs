@@ -470,15 +470,15 @@ impl AbTree {
             }
             let index = usize::from(flags & 1 == 0);
             let child = self.nodes[current as usize].children()[index];
-            let child_box = match child {
-                Child::Face(face) => face_box(face),
+            let twice = match child {
+                Child::Face(face) => BoxPair::new([face_box(face); 2]),
                 Child::Node(id) if self.deformed[id as usize] != 0 => {
                     current = id;
                     continue;
                 }
-                Child::Node(id) => self.nodes[id as usize].boxes.union(),
+                Child::Node(id) => self.nodes[id as usize].boxes.joined(),
             };
-            self.nodes[current as usize].boxes.set(index, child_box);
+            self.nodes[current as usize].boxes.take(index, &twice);
             self.deformed[current as usize] &= !(1 << index);
             refitted += 1;
         }

@@ -117,9 +117,17 @@ impl BoxPair {
     /// Sets one of the two, 0 or 1.
     #[inline]
     pub fn set(&mut self, index: usize, to: Aabb) {
-        for (k, axis) in self.axes.iter_mut().enumerate() {
-            axis[index] = to.lower[k];
-            axis[index + 2] = -to.upper[k];
+        self.take(index, &Self::new([to; 2]));
+    }
+
+    /// Takes one of the two, 0 or 1, from another pair. Whole vectors are written: what is written
+    /// in pieces and read as a whole waits for the cache.
+    #[inline]
+    pub fn take(&mut self, index: usize, from: &Self) {
+        let is_first = index == 0;
+        let chosen = BVec4A::new(is_first, !is_first, is_first, !is_first);
+        for (axis, from) in self.axes.iter_mut().zip(from.axes) {
+            *axis = Vec4::select(chosen, from, *axis);
         }
     }
 
@@ -292,6 +300,8 @@ mod tests {
             prop_assert_eq!([wide.get(0), wide.get(1)], [expected; 2]);
             pair.set(1, c);
             prop_assert_eq!([pair.get(0), pair.get(1)], [a, c]);
+            pair.set(0, b);
+            prop_assert_eq!([pair.get(0), pair.get(1)], [b, c]);
         }
 
         #[test]
