@@ -1,14 +1,20 @@
-//! Our tree over a front with every split of the sequence up to some point performed: at the end,
-//! the full mesh.
+//! Our tree over the full mesh, and over a front with every split of the sequence up to some point
+//! performed.
+//!
+//! The full mesh is as any library gets it: nothing is left to refine, vertices and faces are in
+//! the order of the tree. (After all splits they are in the order of these: where a query comes to
+//! another place, it then reads other cache lines for each face.)
 
+use super::questions::FullMesh;
 use crate::failure::Failure;
 use crate::models::Model;
-use ab_tree::AbTree;
+use ab_tree::{AbTree, leaf_key};
 use hrtc_core::contact::query::Surface;
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
+use std::collections::HashMap;
 use std::time::Instant;
 
-/// A prefix of the sequence as a front, mostly the full mesh.
+/// The full mesh, or a prefix of the sequence as a front.
 pub struct FullFront {
     mesh: ActiveMesh,
     tree: AbTree,
@@ -17,12 +23,34 @@ pub struct FullFront {
 }
 
 impl FullFront {
-    /// Performs every split and builds the tree.
+    /// The full mesh: the handle of a face is its place in the order of the tree.
     ///
     /// # Errors
     /// When the file is damaged.
     pub fn new(model: &Model) -> Result<Self, Failure> {
-        Self::prefix(model, model.records.len())
+        let split = split_mesh(model, model.records.len())?;
+        let FullMesh { positions, faces } = FullMesh::new(model);
+        let count = faces.len() as u32;
+        let mut places = HashMap::new();
+        for place in 0..count {
+            let full = model.file.full_face(place);
+            let full = full.map_err(|error| failed(model, &error))?;
+            places.insert(full.face, place);
+        }
+        let mut mesh = ActiveMesh::new(positions.len() as u32, count, 0);
+        for (vertex, position) in (0u32..).zip(&positions) {
+            mesh.set_base_vertex(vertex, position.as_vec3().to_array(), 0.0);
+        }
+        for (&handle, &place) in &places {
+            let neighbours = split.face(handle).neighbours;
+            let neighbours = neighbours.map(|of| places.get(&of).copied().unwrap_or(NONE));
+            mesh.set_base_face(place, faces[place as usize], neighbours)
+                .ok_or_else(|| failed(model, &"a face is damaged"))?;
+        }
+        let leaves: Vec<_> = (0..count)
+            .map(|place| (place, leaf_key(place, count)))
+            .collect();
+        Self::over(model, mesh, &leaves)
     }
 
     /// Performs the first splits, so many of them, and builds the tree.
@@ -30,24 +58,22 @@ impl FullFront {
     /// # Errors
     /// When the file is damaged.
     pub fn prefix(model: &Model, splits: usize) -> Result<Self, Failure> {
-        let failed =
-            |error: &dyn std::fmt::Display| Failure::Run(format!("{}: {error}", model.name));
-        let header = model.file.model_header();
-        let mut mesh = model.active_mesh();
-        let mut out = OperationFaces::new();
-        for record in &model.records[..splits] {
-            mesh.split(record.i, &mut out)
-                .map_err(|error| failed(&error))?;
-        }
+        let mesh = split_mesh(model, splits)?;
         let leaves: Vec<(Handle, u32)> = Self::leaves(model)
             .filter(|&(face, _)| mesh.is_active(face))
             .collect();
+        Self::over(model, mesh, &leaves)
+    }
+
+    /// Builds the tree over faces with their leaf codes.
+    fn over(model: &Model, mesh: ActiveMesh, leaves: &[(Handle, u32)]) -> Result<Self, Failure> {
+        let handles = leaves.iter().map(|&(face, _)| face + 1).max();
         let start = Instant::now();
-        let mut tree = AbTree::new(header.base_faces + 2 * header.vsps);
-        tree.preconstruct(header.faces);
-        for &(face, leaf) in &leaves {
+        let mut tree = AbTree::new(handles.unwrap_or(0));
+        tree.preconstruct(model.file.model_header().faces);
+        for &(face, leaf) in leaves {
             if !tree.insert(face, leaf) {
-                return Err(failed(&"a leaf code is damaged"));
+                return Err(failed(model, &"a leaf code is damaged"));
             }
         }
         tree.refit(|face| mesh.face_box(face));
@@ -95,7 +121,23 @@ impl FullFront {
     #[must_use]
     pub fn bytes(&self) -> usize {
         let faces = self.mesh.active_faces() as usize;
-        let vsps = self.mesh.performed() as usize;
-        faces * AbTree::BYTES_PER_FACE + vsps * ActiveMesh::BYTES_PER_SLOT
+        // A mesh without a rim has half as many vertices as faces.
+        faces * (AbTree::BYTES_PER_FACE + ActiveMesh::BYTES_PER_BASE_FACE)
+            + faces / 2 * ActiveMesh::BYTES_PER_BASE_VERTEX
     }
+}
+
+/// Every face with the first splits performed, so many of them.
+fn split_mesh(model: &Model, splits: usize) -> Result<ActiveMesh, Failure> {
+    let mut mesh = model.active_mesh();
+    let mut out = OperationFaces::new();
+    for record in &model.records[..splits] {
+        mesh.split(record.i, &mut out)
+            .map_err(|error| failed(model, &error))?;
+    }
+    Ok(mesh)
+}
+
+fn failed(model: &Model, error: &dyn std::fmt::Display) -> Failure {
+    Failure::Run(format!("{}: {error}", model.name))
 }

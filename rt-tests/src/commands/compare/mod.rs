@@ -8,7 +8,7 @@
 //! | `update` | an update of the tree where a patch of faces was deformed |
 //! | `marking` | nodes that an update marks, beside the bound of Theorem 2, and its time beside a query's |
 //! | `levels` | a probe against the coarse, the locally refined and the full mesh |
-//! | `full_front` | ours over a prefix of the sequence, mostly the full mesh: no local refinement has a part in it |
+//! | `full_front` | nothing: ours over the full mesh, and over prefixes of the sequence |
 //! | `questions` | nothing: what everyone is asked, in memory and as files |
 //! | `peers` | Embree and FCL, by a program of their own |
 //! | `row`, `limits` | nothing: what one contender took, and what ours may take |
@@ -16,8 +16,8 @@
 //! | `timing` | single queries, each put once, without the time of other processes |
 //!
 //! Ours is measured twice: on the front as the controller forms it, refined around the tip and
-//! coarse elsewhere, and on the full mesh. Every answer is checked against an exact search in f64
-//! over all faces.
+//! coarse elsewhere, and on the full mesh as any library gets it. Every answer is checked against
+//! an exact search in f64 over all faces.
 
 mod closest;
 mod full_front;
@@ -248,7 +248,9 @@ impl Measured {
 /// What updates mark and take.
 fn updates(model: &Model, seed: u64) -> Result<(Vec<Marking>, Vec<UpdateShare>), Failure> {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let marking = marking::markings(model, &FullFront::new(model)?, &mut random);
+    // Handles are those of the file here.
+    let front = FullFront::prefix(model, model.records.len())?;
+    let marking = marking::markings(model, &front, &mut random);
     let full = Surface::new(model.full_triangles());
     Ok((marking, marking::shares(model, &full, &mut random)?))
 }

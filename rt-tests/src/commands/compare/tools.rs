@@ -92,22 +92,15 @@ pub fn rows(
     front: &FullFront,
     [single, double]: [&mut dyn Mesh; 2],
 ) -> Result<Vec<Row>, Failure> {
-    let (handles, corners) = active_triangles(front.mesh());
-    let by_handle: Vec<_> = handles.into_iter().zip(corners).collect();
     let mut rows = Vec::new();
     for ToolQuestions {
         task,
         mesh,
         poses,
-        expected: of_places,
+        expected,
     } in &asked.tools
     {
         let mut tool = new_tool(model, mesh)?;
-        let answer = |touch: &Touch| {
-            tool.place(&touch.to_query);
-            by_search(&by_handle, &tool)
-        };
-        let of_handles: Vec<f64> = poses.iter().map(answer).collect();
         single.take_tool(&mesh.positions, &mesh.triangles);
         double.take_tool(&mesh.positions, &mesh.triangles);
         let mut out = vec![FacePair::NONE; MAX_PAIRS];
@@ -126,9 +119,12 @@ pub fn rows(
         );
         let (near, near_expected) = local(model, mesh, poses)?;
         timed.insert(0, near);
-        for (k, (who, timed)) in Who::ALL.into_iter().zip(timed).enumerate() {
-            let expected = [&near_expected, &of_handles].get(k).copied();
-            let differ = timed.differ(expected.unwrap_or(of_places), 0.0);
+        for (who, timed) in Who::ALL.into_iter().zip(timed) {
+            let expected = match who {
+                Who::OursLocal => &near_expected,
+                _ => expected,
+            };
+            let differ = timed.differ(expected, 0.0);
             rows.push(Row::new(task, model, who, timed.ns, differ));
         }
     }

@@ -49,15 +49,10 @@ pub fn rows(
 ) -> Vec<Row> {
     let mut handles = Vec::new();
     front.mesh().for_each_active_face(|face| handles.push(face));
-    // Places of parry's faces, which are those of the full mesh in the order of the tree.
-    let places = places(model, front, &handles);
+    // Faces of parry by the same numbers: those of the full mesh in the order of the tree.
     let patches: Vec<Vec<u32>> = (0..PATCHES)
         .map(|_| (unit(random) * handles.len() as f64) as usize)
         .map(|first| patch(front.mesh(), handles[first], PATCH))
-        .collect();
-    let of_parry: Vec<Vec<u32>> = patches
-        .iter()
-        .map(|patch| patch.iter().map(|&face| places[face as usize]).collect())
         .collect();
     let shift = Vec3::splat(SHIFT * model.file.model_header().diagonal as f32);
     // Every patch is moved and moved back.
@@ -83,8 +78,8 @@ pub fn rows(
         });
         size(tree.root_box())
     };
-    let mut of_single = |k: usize| single.update(&of_parry[k / 2], by(k));
-    let mut of_double = |k: usize| double.update(&of_parry[k / 2], by(k));
+    let mut of_single = |k: usize| single.update(&patches[k / 2], by(k));
+    let mut of_double = |k: usize| double.update(&patches[k / 2], by(k));
     let timed = time(
         2 * PATCHES,
         &mut [&mut ours, &mut of_single, &mut of_double],
@@ -100,17 +95,4 @@ pub fn rows(
             Row::new("update64", model, who, timed.ns, differ)
         })
         .collect()
-}
-
-/// The place in the order of the tree of each face handle.
-fn places(model: &Model, front: &FullFront, handles: &[u32]) -> Vec<u32> {
-    let most = handles.iter().max().map_or(0, |&face| face as usize + 1);
-    let mut places = vec![NONE; most];
-    for place in 0..model.file.model_header().faces {
-        if let Ok(full) = model.file.full_face(place) {
-            places[full.face as usize] = place;
-        }
-    }
-    debug_assert_eq!(front.mesh().active_faces() as usize, handles.len());
-    places
 }
