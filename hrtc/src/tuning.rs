@@ -1,5 +1,6 @@
 //! Constants of the shell: sizes of rings and stacks, waiting times.
 
+use haptic_device::COMMAND_VALIDITY_S;
 use protocol::{HELLO_PERIOD_MS, MAX_CREDIT_CHUNKS};
 use std::time::Duration;
 
@@ -44,14 +45,14 @@ pub const STATION_ABSENT_NS: u64 = 1_500_000_000;
 /// Length of a tour when the run has no end of its own, seconds.
 pub const TOUR_SECONDS: f64 = 600.0;
 
-/// Validity of a wrench, periods of the loop from its write: 30 ms at 1 kHz. Longer than the
-/// stalls measured on a busy virtual machine (8, 18, 28 periods); a hand moves a few millimetres
-/// in it.
-pub const COMMAND_VALIDITY_PERIODS: u64 = 30;
-/// Length of the ramp to zero after a panic, periods: a third of the validity, so that the ramp
-/// ends before the watchdog would, also after a stall of the same length. 8 N fall by 0.8 N a step,
-/// below the 2 N that the default slew limit of 2000 N/s allows.
-pub const PANIC_RAMP_PERIODS: u32 = (COMMAND_VALIDITY_PERIODS / 3) as u32;
+/// Validity of a wrench from its write, ns.
+pub const COMMAND_VALIDITY_NS: u64 = (COMMAND_VALIDITY_S * 1e9) as u64;
+/// Length of the ramp to zero after a panic, seconds: a third of the validity, so that the ramp
+/// ends before the watchdog would, also after a stall of the same length. 8 N fall by 0.8 N a
+/// millisecond, below the 2 N that the default slew limit of 2000 N/s allows.
+pub const PANIC_RAMP_S: f64 = COMMAND_VALIDITY_S / 3.0;
+/// Steps of that ramp at the least, where a period is as long as it: one to zero would be none.
+pub const MIN_PANIC_STEPS: u32 = 2;
 /// Time for which a second signal waits for the tick thread to switch its devices off before the
 /// process ends without it: 20 looks at the log.
 pub const OFF_TIMEOUT: Duration = Duration::from_millis(200);

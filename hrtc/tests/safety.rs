@@ -6,7 +6,7 @@ use haptic_device::{Capabilities, Device, Pose, SafeStop, Sample, TickTime, Wren
 use hrtc::devices::DeviceRegistry;
 use hrtc::recorder::replay;
 use hrtc::run::{RunArgs, RunError, StopFlags, run_until};
-use hrtc::tuning::COMMAND_VALIDITY_PERIODS;
+use hrtc::tuning::COMMAND_VALIDITY_NS;
 use realtime::rights::monotonic_ns;
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, build_model, write_spm_file};
@@ -120,7 +120,7 @@ impl Device for Tapper {
     fn write(&mut self, command: WrenchCommand) {
         self.force = command.wrench.force.length();
         self.told.note(Event::Wrote(self.force));
-        let most = monotonic_ns() + COMMAND_VALIDITY_PERIODS * 1_000_000;
+        let most = monotonic_ns() + COMMAND_VALIDITY_NS;
         let too_long = self.force > 0.0 && command.valid_until_ns > most;
         self.told.too_long.fetch_or(too_long, Ordering::Relaxed);
         let events = self.told.events.lock().unwrap();

@@ -1,7 +1,8 @@
 //! Remaining work of a tick, in units; all active objects draw on it in turn.
 
 use crate::contact::query::Work;
-use crate::tuning::tick::{MIN_PROXY_WORK, PROXY_WORK, PROXY_WORK_PER_OPERATION, SEARCH_WORK};
+use crate::tuning::tick::PROXY_WORK_PER_OPERATION;
+use crate::work::TickWork;
 use scene::MAX_PROBES;
 
 /// Remaining work of a tick.
@@ -16,6 +17,8 @@ pub struct Budget {
     /// Entries of closures, region tables and caches to go through for what is not needed any more
     /// or is here already.
     pub upkeep: u32,
+    /// Of these at the most for a place that has changed hands.
+    pub forgotten: u32,
 }
 
 /// Work of the queries of a tick: nodes visited and faces tested. A part is for the steps of the
@@ -25,6 +28,8 @@ pub struct Budget {
 pub struct QueryBudget {
     proxies: Part,
     searches: Part,
+    /// Work after which no search begins; the last one begun may go beyond it.
+    most: u32,
     /// Pairs of each probe, and probes that have any.
     pairs: [u32; MAX_PROBES],
     probes: u32,
@@ -54,18 +59,17 @@ impl Part {
 }
 
 impl QueryBudget {
-    /// The work after which a tick begins no search or step of a proxy; the last one begun may go
-    /// beyond it.
-    pub const MOST: u32 = PROXY_WORK + SEARCH_WORK;
-
     /// The work of a tick with so many splits and collapses. `pairs`: the probe of each pair that
     /// is to have a part.
     #[must_use]
-    pub fn new(operations: u32, pairs: impl Iterator<Item = usize>) -> Self {
-        let proxies = PROXY_WORK.saturating_sub(PROXY_WORK_PER_OPERATION * operations);
+    pub fn new(work: &TickWork, operations: u32, pairs: impl Iterator<Item = usize>) -> Self {
+        let proxies = work
+            .proxies
+            .saturating_sub(PROXY_WORK_PER_OPERATION * operations);
         let mut budget = Self {
-            proxies: Part::new(proxies.max(MIN_PROXY_WORK)),
-            searches: Part::new(SEARCH_WORK),
+            proxies: Part::new(proxies.max(work.min_proxies)),
+            searches: Part::new(work.searches),
+            most: work.queries(),
             pairs: [0; MAX_PROBES],
             probes: 0,
         };
@@ -97,7 +101,7 @@ impl QueryBudget {
     /// What searches may spend now.
     #[must_use]
     pub fn for_searches(&self) -> u32 {
-        let rest = Self::MOST.saturating_sub(self.spent());
+        let rest = self.most.saturating_sub(self.spent());
         self.searches.left().min(rest)
     }
 
@@ -121,12 +125,14 @@ impl QueryBudget {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tuning::tick::{MIN_PROXY_WORK, PROXY_WORK};
 
     #[test]
     fn every_probe_is_sure_of_its_share_and_what_one_leaves_the_next_may_use() {
         // One probe near three objects, two near one each.
         let pairs = [0, 0, 1, 0, 2];
-        let mut budget = QueryBudget::new(0, pairs.into_iter());
+        let work = TickWork::new(1e3);
+        let mut budget = QueryBudget::new(&work, 0, pairs.into_iter());
         let mut left = Vec::new();
         for (turn, probe) in pairs.into_iter().enumerate() {
             budget.begin_pair(probe);
@@ -141,7 +147,7 @@ mod tests {
         assert!(left[4] >= third);
         assert!(budget.spent() <= PROXY_WORK);
         // A tick with many splits has less, but never nothing.
-        let mut busy = QueryBudget::new(1000, [0].into_iter());
+        let mut busy = QueryBudget::new(&work, 1000, [0].into_iter());
         busy.begin_pair(0);
         assert_eq!(busy.for_proxy(), MIN_PROXY_WORK);
     }

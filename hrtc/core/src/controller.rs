@@ -3,12 +3,11 @@
 
 use crate::active::active_set::ActiveSet;
 use crate::bodies::Movables;
-use crate::budget::QueryBudget;
 use crate::horizons::Horizons;
 use crate::lod::refine;
 use crate::probe::Probe;
 use crate::streaming::subscriber::Identity;
-use crate::tuning::streaming::max_ingest;
+use crate::work::TickWork;
 use haptic_device::{DegreesOfFreedom, MotionLimits};
 use scene::{ProbePlan, ScenePlan};
 
@@ -20,6 +19,7 @@ pub struct Controller {
     pub(crate) operations: usize,
     pub(crate) period_s: f64,
     pub(crate) horizons: Horizons,
+    pub(crate) work: TickWork,
     pub(crate) tolerance_m: f64,
     pub(crate) cache_bytes: usize,
     pub(crate) probes: Vec<Probe>,
@@ -49,6 +49,7 @@ impl Controller {
             operations: plan.loop_.operations,
             period_s: 1.0 / plan.loop_.rate_hz,
             horizons: Horizons::new(plan.loop_.rate_hz),
+            work: TickWork::new(plan.loop_.rate_hz),
             tolerance_m: plan.accuracy.tolerance_m,
             cache_bytes: plan.cache_bytes,
             active: ActiveSet::new(plan, identity, movables.iter().count(), toured),
@@ -85,8 +86,12 @@ impl Controller {
     }
 
     /// Call before a tick when the devices went to zero by themselves since the last one, because
-    /// their commands had expired: the force rises again from zero along the ramp. An input of the
-    /// tick as far as a replay is concerned.
+    /// their commands had expired, or when zero was written in place of its wrenches: the force
+    /// rises again from zero along the ramp. An input of the tick as far as a replay is concerned.
+    ///
+    /// Where so many periods were skipped that a command of the last tick has expired in them
+    /// ([`haptic_device::COMMAND_VALIDITY_S`]), the energy account books its work as long as it was
+    /// valid; else the last wrench counts as none.
     pub fn force_was_cut(&mut self) {
         for probe in &mut self.probes {
             probe.force_was_cut();
@@ -97,14 +102,14 @@ impl Controller {
     /// [`crate::record::CoreRecord::work_units`].
     #[must_use]
     pub fn work_budget(&self) -> u32 {
-        max_ingest(self.operations) + refine::max_work(self.operations)
+        self.work.max_ingest(self.operations) + refine::max_work(self.operations, &self.work)
     }
 
     /// Units that all queries of a tick share, what [`crate::record::CoreRecord::query_work`] stays
     /// within: no step of a proxy and no search begins beyond its part.
     #[must_use]
     pub fn query_budget(&self) -> u32 {
-        QueryBudget::MOST
+        self.work.queries()
     }
 
     /// Whether every model is known that can be, so that any contact could be answered.

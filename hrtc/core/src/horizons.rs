@@ -11,6 +11,7 @@ use crate::tuning::prediction::{
 use crate::tuning::probe::{MAX_SILENCE_S, SPEED_LEFT_PER_MS, TOUR_RETRY_S};
 use crate::tuning::streaming::MAX_ROOM_WAIT_S;
 use crate::tuning::tick::{FAR_REPORT_S, REPORT_S};
+use haptic_device::COMMAND_VALIDITY_S;
 use protocol::ANSWER_TIMEOUT_MS;
 
 /// Durations of the core in ticks, each that of the constant of its name in `tuning.rs`.
@@ -39,7 +40,9 @@ pub struct Horizons {
     /// Within which a backlog of collapses is worked off.
     pub collapse: u32,
     /// Without a sample until the force ramps down.
-    pub max_silence: u32,
+    pub max_silence: u64,
+    /// For which a wrench is valid.
+    pub validity: u64,
     /// Until a refused tour is requested again.
     pub tour_retry: u64,
     /// Share of the greatest speed that is left after a tick.
@@ -73,6 +76,9 @@ pub struct PredictionHorizons {
     pub warm: f64,
     /// After which a region is thought to be reached at rest.
     pub drift: f64,
+    /// Looks at the finest ring, and at a coarser one, in a tick: one a millisecond, and at least
+    /// one.
+    pub looks: usize,
 }
 
 /// Durations of the reaction to a small cache in ticks.
@@ -111,7 +117,8 @@ impl Horizons {
             refused: whole(REFUSED_S),
             hysteresis: whole(HYSTERESIS_S),
             collapse: short(COLLAPSE_S),
-            max_silence: (MAX_SILENCE_S * rate_hz).round() as u32,
+            max_silence: (MAX_SILENCE_S * rate_hz).round() as u64,
+            validity: whole(COMMAND_VALIDITY_S),
             tour_retry: whole(TOUR_RETRY_S),
             speed_left: SPEED_LEFT_PER_MS.powf(1e3 / rate_hz),
             prediction: PredictionHorizons {
@@ -125,6 +132,7 @@ impl Horizons {
                 lead: ticks(LEAD_S),
                 warm: ticks(WARM_S),
                 drift: ticks(DRIFT_S),
+                looks: (1e3 / rate_hz).round().max(1.0) as usize,
             },
             pressure: PressureHorizons {
                 settle: whole(SETTLE_S),

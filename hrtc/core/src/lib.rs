@@ -107,6 +107,7 @@ pub mod streaming;
 mod summary;
 mod tick;
 mod tuning;
+mod work;
 
 pub use active::object::ActiveObject;
 pub use capacity::Capacity;

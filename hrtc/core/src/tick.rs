@@ -14,8 +14,8 @@
 //! | record | counters, hash | |
 //!
 //! Skipped periods have passed for the world, but not for the controller: velocities, the energy
-//! account, bodies and phases of effects go by the tick's index; timeouts and horizons of session
-//! and front count only ticks that were run (`Controller::own_tick`), since nothing could arrive or
+//! account, bodies, phases of effects and a device's silence go by the tick's index; timeouts and
+//! horizons of session and front count only ticks that were run (`Controller::own_tick`), since nothing could arrive or
 //! be done in between.
 //!
 //! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's
@@ -34,8 +34,7 @@ use crate::force::passivity::CarriedWork;
 use crate::record::CoreRecord;
 use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
-use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, MAX_UPKEEP};
-use crate::tuning::streaming::{ingest_for, max_ingest};
+use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION};
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use haptic_device::Sample;
@@ -260,7 +259,8 @@ impl Controller {
             ingest: 0,
             operations: self.operations as u32 * if is(Mutant::Budget) { 4 } else { 1 },
             entries: self.operations as u32 * ENTRIES_PER_OPERATION,
-            upkeep: MAX_UPKEEP,
+            upkeep: self.work.upkeep,
+            forgotten: self.work.forgotten,
         }
     }
 
@@ -268,9 +268,9 @@ impl Controller {
     fn ingest_units(&self, waiting: usize) -> u32 {
         let is_loading = self.active.objects.iter().any(|of| of.session.is_loading());
         if is_loading {
-            max_ingest(self.operations)
+            self.work.max_ingest(self.operations)
         } else {
-            ingest_for(waiting, self.operations)
+            self.work.ingest_for(waiting, self.operations)
         }
     }
 
@@ -308,7 +308,7 @@ impl Controller {
         for &(_, k) in &self.active.order {
             self.active.objects[k].refine(self.own_tick, budget);
         }
-        let upkeep = MAX_UPKEEP - budget.upkeep;
+        let upkeep = self.work.upkeep - budget.upkeep;
         record.work_units += upkeep.div_ceil(CHANGES_PER_UNIT);
     }
 
@@ -325,7 +325,8 @@ impl Controller {
         let operations: u32 = stats.map(|stats| stats.vsplits + stats.ecols).sum();
         self.active.order_pairs(self.own_tick);
         let (pairs, objects) = (&self.active.pairs, &mut self.active.objects);
-        let mut budget = QueryBudget::new(operations, pairs.iter().map(|&(_, probe)| probe));
+        let probes = pairs.iter().map(|&(_, probe)| probe);
+        let mut budget = QueryBudget::new(&self.work, operations, probes);
         for &(k, probe) in pairs {
             if let Some((proxy, surface, goal)) = objects[k].tool_before(probe) {
                 let tool = ToolBefore {

@@ -1,6 +1,7 @@
 //! Tuning constants of the core, a module a room. Times are in seconds, whatever the rate of the
-//! scene; [`crate::horizons`] converts them once. Counts of samples, and numbers that bound the
-//! work of a tick, are counts at every rate. Numbers that belong to one algorithm, such as the
+//! scene; [`crate::horizons`] converts them once. What it calls work of a tick is that of a tick of
+//! a millisecond; another one may do as much in proportion to its period ([`crate::work`]). Counts
+//! of samples, and of what is looked at in a tick beside that work, are counts at every rate. Numbers that belong to one algorithm, such as the
 //! rounding bound of a test, stand beside it; the just noticeable differences are in
 //! [`crate::perception`].
 
@@ -59,19 +60,6 @@ pub mod streaming {
     pub const MAX_ROOM_WAIT_S: f64 = 0.05;
     /// The credit is told without another reason when this share of it is consumed: one in so many.
     pub const CREDIT_STEP: u64 = 4;
-
-    /// The most work units for received data a tick.
-    #[must_use]
-    pub fn max_ingest(operations: usize) -> u32 {
-        (INGEST_PER_OPERATION * operations as u32).max(MIN_INGEST)
-    }
-
-    /// The work units for received data in a tick with so many chunks that wait.
-    #[must_use]
-    pub fn ingest_for(waiting: usize, operations: usize) -> u32 {
-        let waiting = waiting.div_ceil(WAITING_CHUNKS) as u32;
-        (MIN_INGEST * waiting).clamp(MIN_INGEST, max_ingest(operations))
-    }
 
     /// Share of a new round trip in the smoothed one, and of its deviation in the mean deviation
     /// (RFC 6298, 2.3).
@@ -299,9 +287,9 @@ pub mod force {
 
 /// The bodies. None of these numbers changes a force by itself.
 pub mod bodies {
-    /// Most periods that one step integrates after missed ticks. It bounds the work of a step; the
-    /// motion of further missed periods is dropped.
-    pub const MAX_STEP_PERIODS: u64 = 20;
+    /// Most steps that make up for missed ticks. It bounds their work: after a longer stall a step is
+    /// longer than a period.
+    pub const MAX_STEP_PERIODS: u32 = 20;
 
     /// Most objects whose box is requested in one tick: half of [`scene::MAX_MOVABLES`].
     pub const MAX_EXTENTS_PER_TICK: usize = 64;

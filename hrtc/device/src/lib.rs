@@ -90,4 +90,4 @@ pub mod sample;
 pub use device::{Capabilities, DegreesOfFreedom, Device, MotionLimits, SafeStop};
 pub use geometry::{Pose, Wrench};
 pub use guard::GuardedDevice;
-pub use sample::{Intent, Sample, TickTime, WrenchCommand};
+pub use sample::{COMMAND_VALIDITY_S, Intent, Sample, TickTime, WrenchCommand};

@@ -56,6 +56,10 @@ impl Sample {
     }
 }
 
+/// Time for which a wrench is valid from its write, seconds. Longer than the stalls measured on a
+/// busy virtual machine (8, 18, 28 ms); a hand moves a few millimetres in it.
+pub const COMMAND_VALIDITY_S: f64 = 0.03;
+
 /// A wrench to render.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WrenchCommand {

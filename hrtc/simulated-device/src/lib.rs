@@ -14,7 +14,7 @@
 //! and there is no gyroscopic torque.
 //!
 //! # Integrator
-//! Semi-implicit (symplectic) Euler, [`DEVICE_STEPS_PER_PERIOD`] steps a period: a spring alone
+//! Semi-implicit (symplectic) Euler, [`device_steps`] steps a period: a spring alone
 //! neither gains nor loses energy over many periods, so that what a rendering puts out shows. The
 //! orientation goes on by the exponential of `ω dt`. The damping is explicit in translation and
 //! implicit in rotation; a scene whose parameters are not stable so is refused when it is read.
@@ -39,15 +39,15 @@ use glam::{DQuat, DVec3};
 use haptic_device::{
     Capabilities, DegreesOfFreedom, Device, Intent, Sample, TickTime, WrenchCommand,
 };
-use scene::{DEVICE_STEPS_PER_PERIOD, DeviceRotationPlan, SimulatedDevicePlan};
+use scene::{DeviceRotationPlan, SimulatedDevicePlan, device_steps};
 
 /// Force limit of the simulated motors, newtons: that of a small desktop device.
 const MAX_FORCE_N: f64 = 10.0;
 /// Torque limit of the simulated motors, newton metres: that of a desktop device which renders
 /// torque.
 const MAX_TORQUE_NM: f64 = 0.4;
-/// Limit of the periods that one read simulates: bounds the work after a stall.
-const MAX_PERIODS: u32 = 1000;
+/// Longest time that one read simulates, seconds: bounds the work after a stall.
+const MAX_STALL_S: f64 = 1.0;
 
 /// True state of a simulated device, without its encoders.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,9 +70,13 @@ pub struct DeviceState {
 pub struct SimulatedDevice {
     plan: SimulatedDevicePlan,
     period_s: f64,
+    /// Steps of the integrator in a period.
+    steps: u32,
     state: DeviceState,
     command: WrenchCommand,
     intent: Option<Intent>,
+    /// Where the hand was led to by the last sample.
+    led_to: Option<Pose>,
 }
 
 impl SimulatedDevice {
@@ -82,6 +86,7 @@ impl SimulatedDevice {
         Self {
             plan,
             period_s,
+            steps: device_steps(period_s),
             state: DeviceState {
                 pose: Pose::IDENTITY,
                 velocity: DVec3::ZERO,
@@ -91,6 +96,7 @@ impl SimulatedDevice {
             },
             command: WrenchCommand::unlimited(Wrench::ZERO),
             intent: None,
+            led_to: None,
         }
     }
 
@@ -101,7 +107,7 @@ impl SimulatedDevice {
     }
 
     /// Moves on for some time, seconds, under a constant rendered wrench, in
-    /// [`DEVICE_STEPS_PER_PERIOD`] steps that end where the hand intends to be. The last command is
+    /// [`device_steps`] of a period that end where the hand intends to be. The last command is
     /// left as it is. For loops that are not those of [`Device::read`] and [`Device::write`].
     pub fn hold(&mut self, rendered: Wrench, seconds: f64) {
         if let Some(intent) = self.intent {
@@ -140,11 +146,12 @@ impl SimulatedDevice {
 
     /// A time under a constant rendered wrench.
     fn advance(&mut self, intent: Intent, rendered: Wrench, seconds: f64) {
-        let dt = seconds / f64::from(DEVICE_STEPS_PER_PERIOD);
+        let steps = self.steps;
+        let dt = seconds / f64::from(steps);
         let plan = &self.plan;
         let state = &mut self.state;
-        for step in 1..=DEVICE_STEPS_PER_PERIOD {
-            let to_end = f64::from(DEVICE_STEPS_PER_PERIOD - step) * dt;
+        for step in 1..=steps {
+            let to_end = f64::from(steps - step) * dt;
             let target = intent.pose.position - intent.velocity * to_end;
             let hand = (target - state.pose.position) * plan.hand.stiffness_n_per_m
                 + (intent.velocity - state.velocity) * plan.hand.damping_ns_per_m;
@@ -162,6 +169,24 @@ impl SimulatedDevice {
                 }
                 Some(rotation) => turn(state, rotation, &intent, rendered.torque, [dt, to_end]),
             }
+        }
+    }
+
+    /// What the hand intends at the end of a period that is so many before the last of `periods`.
+    fn intent_before(&self, intent: Intent, periods: u32, left: u32) -> Intent {
+        let Some(from) = self.led_to.filter(|_| periods > 1) else {
+            return intent;
+        };
+        let share = f64::from(periods - left) / f64::from(periods);
+        let seconds = f64::from(periods) * self.period_s;
+        let turn = intent.pose.orientation * from.orientation.conjugate();
+        Intent {
+            pose: Pose {
+                position: from.position.lerp(intent.pose.position, share),
+                orientation: from.orientation.slerp(intent.pose.orientation, share),
+            },
+            velocity: (intent.pose.position - from.position) / seconds,
+            angular_velocity: rotation_vector(turn) / seconds,
         }
     }
 
@@ -243,12 +268,14 @@ impl Device for SimulatedDevice {
 
     fn read(&mut self, time: TickTime) -> Option<Sample> {
         let intent = self.intent?;
-        // The wrench has acted during skipped periods too.
-        let periods = time.periods.min(MAX_PERIODS);
-        for left in (0..periods).rev() {
+        // The wrench has acted during skipped periods too, and the hand has gone on evenly.
+        let most = (MAX_STALL_S / self.period_s).ceil() as u32;
+        for left in (0..time.periods.min(most)).rev() {
             let wrench = self.wrench_before(time, left);
+            let intent = self.intent_before(intent, time.periods, left);
             self.advance(intent, wrench, self.period_s);
         }
+        self.led_to = Some(intent.pose);
         Some(Sample {
             time_ns: time.start_ns,
             ..self.sample()

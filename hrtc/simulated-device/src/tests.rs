@@ -224,7 +224,7 @@ fn a_hand_that_turns_leads_the_device_at_its_rate() {
     // Behind by what the device's own damping asks of the spring.
     let plan = rotation();
     let behind = rate * (plan.damping_nms_per_rad / plan.hand_stiffness_nm_per_rad);
-    let a_step = rate.length() * PERIOD_S / f64::from(DEVICE_STEPS_PER_PERIOD);
+    let a_step = rate.length() * PERIOD_S / f64::from(device_steps(PERIOD_S));
     assert!(last.distance(behind) < 1.01 * a_step, "{last} {behind}");
     assert!(device.state().angular_velocity.distance(rate) < 1e-6);
 }

@@ -3,7 +3,7 @@
 use super::series::Series;
 use super::{
     Buckets, CacheResult, Finished, Histograms, MAX_STATIONS, MedianMax, ProbeResult, RunMeta,
-    RunResult, SeriesBucket, ShortSpread, Spread, StationHeard, Status, folded,
+    RunResult, SeriesBucket, ShortSpread, Spread, StationHeard, Status, folded, last_or_nan,
 };
 use crate::tick_record::{STAGES, TickRecord};
 use glam::DVec3;
@@ -204,6 +204,11 @@ impl Accumulator {
         let result = &mut self.result;
         for (k, probe) in result.probes.iter_mut().enumerate() {
             let force = record.wrenches[k].force;
+            if record.rises_again {
+                // The device was at zero before this wrench.
+                let lost = std::mem::take(&mut self.last_forces[k]).length();
+                result.force_cut_n_max = max_or_nan(result.force_cut_n_max, lost);
+            }
             let step = (force - self.last_forces[k]).length();
             result.force_step_n_max = max_or_nan(result.force_step_n_max, step);
             let per_period = &mut result.force_step_per_period_n_max;
@@ -437,6 +442,7 @@ impl Accumulator {
         let numbers = [
             ("force_step_n_max", result.force_step_n_max),
             ("force_step_per_period_n_max", per_period),
+            ("force_cut_n_max", result.force_cut_n_max),
             ("torque_nm_max", result.torque_nm_max),
             ("depth_m_max", result.depth_m_max),
             ("energy_j", result.energy_j),
@@ -588,13 +594,4 @@ impl ProbeResult {
 
 fn push_ns(table: &mut Fixed, ns: u32) {
     table.push(f64::from(ns) / NANOSECONDS_IN_US);
-}
-
-/// The newest value; not a number once one was none.
-fn last_or_nan(before: f64, value: f64) -> f64 {
-    if before.is_nan() || !value.is_finite() {
-        f64::NAN
-    } else {
-        value
-    }
 }

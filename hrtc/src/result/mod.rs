@@ -152,6 +152,15 @@ impl Misses {
     }
 }
 
+/// The newest value; not a number once one was none.
+fn last_or_nan(before: f64, value: f64) -> f64 {
+    if before.is_nan() || !value.is_finite() {
+        f64::NAN
+    } else {
+        value
+    }
+}
+
 /// What the chain of safety did in a run; all 0 in a sound one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct SafetyEvents {
@@ -276,6 +285,10 @@ pub struct RunResult {
     /// The same over the periods between the two, newtons a period: after skipped ones the hand has
     /// moved on for longer.
     pub force_step_per_period_n_max: f64,
+    /// Largest force that a device lost by itself, since it had expired, newtons: no step of the
+    /// loop, which comes back from zero.
+    #[serde(default)]
+    pub force_cut_n_max: f64,
     /// Largest torque of a probe, newton metres.
     pub torque_nm_max: f64,
     /// Largest depth of the device behind the proxy, metres.

@@ -120,6 +120,25 @@ fn missed_periods_are_counted_once_and_by_their_reason() {
 }
 
 #[test]
+fn a_force_that_expired_comes_back_from_zero() {
+    let mut run = accumulator();
+    // A stall of 300 periods: zero is written in the tick after it, and the ramp follows.
+    for (tick, skipped, newtons) in [(0, 0, 0.5), (1, 0, 1.1), (302, 300, 0.0), (303, 0, 0.01)] {
+        let mut record = record(tick);
+        record.skipped = skipped;
+        record.force_cut = skipped > 0;
+        record.rises_again = tick >= 302;
+        record.wrenches[1].force.y = newtons;
+        run.push(&record);
+    }
+    let result = run.finish(RunMeta::default()).result;
+    assert_eq!(
+        (result.force_step_n_max, result.force_cut_n_max),
+        (1.1, 1.1)
+    );
+}
+
+#[test]
 fn a_force_step_over_skipped_periods_is_one_of_several() {
     let mut run = accumulator();
     for (tick, skipped, newtons) in [(0, 0, 0.0), (1, 0, 0.2), (4, 2, 0.9), (5, 0, 1.0)] {

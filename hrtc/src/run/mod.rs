@@ -49,7 +49,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use tick_thread::{TickRings, TickThread, TickThreadEnd, validity_ns};
+use tick_thread::{TickRings, TickThread, TickThreadEnd};
 use transport::Domain;
 use watchdog::Watchdog;
 
@@ -292,10 +292,8 @@ fn watch(
     plan: &ScenePlan,
 ) -> Result<Watchdog, RunError> {
     let stops = devices.iter().filter_map(|probe| probe.device.safe_stop());
-    let validity = validity_ns(&plan.loop_);
     let shared = Arc::clone(shared);
-    Watchdog::spawn(stops.collect(), shared, plan.loop_.priority, validity)
-        .map_err(RunError::Thread)
+    Watchdog::spawn(stops.collect(), shared, plan.loop_.priority).map_err(RunError::Thread)
 }
 
 /// Claims the core of the tick as long as the claim lives; says when another controller has it, or

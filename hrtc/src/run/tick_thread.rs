@@ -9,7 +9,7 @@ use super::shared::Shared;
 use crate::recorder::OutputTap;
 use crate::tick_record::{STAGES, TickRecord};
 use crate::tuning::{
-    COMMAND_VALIDITY_PERIODS, INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, PANIC_RAMP_PERIODS,
+    COMMAND_VALIDITY_NS, INBOX_CAPACITY, LOG_CAPACITY, MIN_PANIC_STEPS, OUT_CAPACITY, PANIC_RAMP_S,
 };
 use geometry::Wrench;
 use haptic_device::{Sample, TickTime, WrenchCommand};
@@ -198,8 +198,9 @@ impl TickThread {
     /// the core. Ends early when those wrenches have expired: the devices are at zero then.
     fn ramp_down(&mut self, pacer: &mut Pacer, from: &[Wrench; MAX_PROBES]) {
         let mut answers = [true; MAX_PROBES];
-        for left in (0..PANIC_RAMP_PERIODS).rev() {
-            let share = f64::from(left) / f64::from(PANIC_RAMP_PERIODS);
+        let steps = panic_steps(&self.plan);
+        for left in (0..steps).rev() {
+            let share = f64::from(left) / f64::from(steps);
             let Some(valid_until_ns) = self.extend_lease() else {
                 return;
             };
@@ -222,7 +223,7 @@ impl TickThread {
     /// valid, ns; `None` when the last ones have expired.
     fn extend_lease(&self) -> Option<u64> {
         let now = monotonic_ns();
-        let until = now + validity_ns(&self.plan);
+        let until = now + COMMAND_VALIDITY_NS;
         self.shared.lease.extend(now, until).then_some(until)
     }
 
@@ -237,7 +238,9 @@ impl TickThread {
     fn tick(&mut self, wake: &Wake, stopping: bool, lasting: &mut Lasting) -> Ticked {
         let calls = counting_allocator::calls();
         counting_allocator::arm(true);
-        let rises_again = lasting.force_cut;
+        // Zero was written last, or what was written has expired: the devices are at zero.
+        let has_expired = self.shared.lease.has_run_out(wake.start_ns);
+        let rises_again = lasting.force_cut || has_expired;
         if rises_again {
             self.controller.force_was_cut();
         }
@@ -425,9 +428,10 @@ impl TickThreadEnd {
     }
 }
 
-/// Time for which a wrench is valid, ns.
-pub(super) fn validity_ns(plan: &LoopPlan) -> u64 {
-    (COMMAND_VALIDITY_PERIODS as f64 * 1e9 / plan.rate_hz) as u64
+/// Periods of the ramp after a panic.
+fn panic_steps(plan: &LoopPlan) -> u32 {
+    let periods = (PANIC_RAMP_S * plan.rate_hz).round() as u32;
+    periods.max(MIN_PANIC_STEPS)
 }
 
 /// Whether some work ended without a panic.

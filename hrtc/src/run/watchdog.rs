@@ -8,7 +8,7 @@
 //! watchdog can fall between a renewal and its wrench.
 
 use super::shared::Shared;
-use crate::tuning::WATCHDOG_STACK_BYTES;
+use crate::tuning::{COMMAND_VALIDITY_NS, WATCHDOG_STACK_BYTES};
 use haptic_device::SafeStop;
 use realtime::rights::{monotonic_ns, set_fifo};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -41,6 +41,16 @@ impl Lease {
             .compare_exchange(held, until_ns, Ordering::AcqRel, Ordering::Acquire)
             .is_ok();
         extended && held != STOPPED && (held == FREE || now_ns < held)
+    }
+
+    /// For the tick, before it computes: whether the standing wrenches have expired, so that the
+    /// devices are at zero or on the way.
+    pub fn has_run_out(&self, now_ns: u64) -> bool {
+        match self.0.load(Ordering::Acquire) {
+            FREE => false,
+            STOPPED | STOPPING => true,
+            until_ns => until_ns <= now_ns,
+        }
     }
 
     /// For the tick's end: no wrench stands.
@@ -97,7 +107,6 @@ impl Watchdog {
         stops: Vec<Box<dyn SafeStop>>,
         shared: Arc<Shared>,
         priority: i32,
-        validity_ns: u64,
     ) -> std::io::Result<Self> {
         let watched = Arc::clone(&shared);
         let thread = thread::Builder::new()
@@ -106,7 +115,7 @@ impl Watchdog {
             .spawn(move || {
                 // The tick reports a refused priority.
                 let _ = set_fifo(priority + 1).or_else(|_| set_fifo(priority));
-                watch(&stops, &watched, validity_ns);
+                watch(&stops, &watched);
             })?;
         Ok(Self {
             shared,
@@ -132,7 +141,7 @@ impl Drop for Watchdog {
     }
 }
 
-fn watch(stops: &[Box<dyn SafeStop>], shared: &Shared, validity_ns: u64) {
+fn watch(stops: &[Box<dyn SafeStop>], shared: &Shared) {
     while !shared.unwatched.load(Ordering::Acquire) {
         if shared.off.load(Ordering::Acquire) {
             stop_all(stops);
@@ -144,7 +153,7 @@ fn watch(stops: &[Box<dyn SafeStop>], shared: &Shared, validity_ns: u64) {
         let rest_ns = match look {
             Look::Stands(left) => left,
             Look::Renewed => continue,
-            Look::None | Look::Stopped => validity_ns,
+            Look::None | Look::Stopped => COMMAND_VALIDITY_NS,
         };
         thread::park_timeout(Duration::from_nanos(rest_ns));
     }
@@ -192,7 +201,9 @@ mod tests {
         assert_eq!(lease.look(10 + VALID, || stops += 1), Look::Stopped);
         assert_eq!(lease.look(50 + VALID, || stops += 1), Look::None);
         assert_eq!(stops, 1);
+        assert!(lease.has_run_out(100));
         assert!(!lease.extend(100, 100 + VALID), "zero first");
+        assert!(!lease.has_run_out(101));
         assert!(lease.extend(101, 101 + VALID), "then the ramp");
     }
 

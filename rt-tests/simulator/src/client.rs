@@ -5,7 +5,8 @@ use crate::link::{Link, LinkModel, Upward};
 use crate::recording::InputRecording;
 use crate::samples::{SampleFaults, SampleModel};
 use crate::summary::Summary;
-use haptic_device::{DegreesOfFreedom, Sample};
+use geometry::Wrench;
+use haptic_device::{COMMAND_VALIDITY_S, DegreesOfFreedom, Sample, WrenchCommand};
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
 use hrtc_core::{Controller, StageObserver, TickInputs, TickOutputs};
@@ -75,6 +76,10 @@ pub struct Client {
     recording: Option<InputRecording>,
     last_tick: Option<u64>,
     is_stopping: bool,
+    /// Whether wrenches are valid for [`COMMAND_VALIDITY_S`] only.
+    commands_expire: bool,
+    /// Whether zero was written in place of the last wrenches.
+    wrote_zero: bool,
     period_s: f64,
     mesh_bytes: u64,
     allocations: u64,
@@ -129,6 +134,8 @@ impl Client {
             recording: None,
             last_tick: None,
             is_stopping: false,
+            commands_expire: false,
+            wrote_zero: false,
             period_s,
             mesh_bytes: 0,
             allocations: 0,
@@ -233,6 +240,12 @@ impl Client {
         self.is_stopping = is_stopping;
     }
 
+    /// Wrenches expire from now on, as in the product: the devices go to zero in a long stall, and
+    /// the tick after it writes zero once more. Before, a wrench acts until the next tick.
+    pub fn expire_commands(&mut self) {
+        self.commands_expire = true;
+    }
+
     /// Puts a chunk into the inbox, before all others.
     pub fn inject(&mut self, chunk: InboxChunk) {
         if let Some(recording) = &mut self.recording {
@@ -264,6 +277,13 @@ impl Client {
         }
         self.receive(tick);
         self.sample(tick, drive);
+        let validity = (COMMAND_VALIDITY_S / self.period_s).round() as u64;
+        let elapsed = self.last_tick.map_or(1, |last| tick - last);
+        let has_expired = self.commands_expire && elapsed >= validity;
+        let was_cut = has_expired || self.wrote_zero;
+        if was_cut {
+            self.controller.force_was_cut();
+        }
         let inputs = TickInputs {
             tick,
             samples: &self.samples,
@@ -274,7 +294,7 @@ impl Client {
         let (controller, outputs) = (&mut self.controller, &mut self.outputs);
         self.allocations += count(|| controller.tick(&inputs, outputs, observer));
         if let Some(recording) = &mut self.recording {
-            recording.add_tick(&inputs, outputs.record.replay_hash);
+            recording.add_tick(&inputs, was_cut, outputs.record.replay_hash);
         }
         self.inbox.drain(..self.outputs.chunks_consumed);
         for &request in self.outputs.outbox.requests() {
@@ -283,12 +303,30 @@ impl Client {
         for &report in &self.outputs.reports {
             self.link.send_up(tick, Upward::Report(report));
         }
+        self.wrote_zero = has_expired;
+        if has_expired {
+            self.outputs.wrenches.fill(Wrench::ZERO);
+        }
+        let valid_until_ns = if self.commands_expire {
+            self.ns(tick + validity)
+        } else {
+            u64::MAX
+        };
         for (hand, &wrench) in self.hands.iter_mut().zip(&self.outputs.wrenches) {
-            self.allocations += count(|| hand.feel(wrench));
+            let command = WrenchCommand {
+                wrench,
+                valid_until_ns,
+            };
+            self.allocations += count(|| hand.obey(command));
         }
         let first = self.outputs.wrenches.first().copied().unwrap_or_default();
         self.summary.add(&self.outputs.record, first);
         self.last_tick = Some(tick);
+    }
+
+    /// Time of a tick, ns.
+    fn ns(&self, tick: u64) -> u64 {
+        tick * (self.period_s * 1e9) as u64
     }
 
     /// Moves what is due from the link into the inbox.
@@ -316,10 +354,11 @@ impl Client {
             Drive::Hands => {
                 let periods = self.last_tick.map_or(1, |last| tick - last);
                 let periods = u32::try_from(periods).unwrap_or(u32::MAX);
+                let start_ns = self.ns(tick);
                 for (probe, hand) in self.hands.iter_mut().enumerate() {
                     hand.follow(tick, &self.controller, probe);
                     let mut sample = None;
-                    self.allocations += count(|| sample = hand.read(periods));
+                    self.allocations += count(|| sample = hand.read_at(start_ns, periods));
                     self.samples.push(self.sample_faults.pass(probe, sample));
                 }
             }

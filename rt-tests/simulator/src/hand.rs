@@ -107,15 +107,22 @@ impl Hand {
 
     /// The device after so many periods under the force that it has.
     pub fn read(&mut self, periods: u32) -> Option<Sample> {
-        self.device.read(TickTime {
-            periods,
-            ..TickTime::default()
-        })
+        self.read_at(0, periods)
+    }
+
+    /// The same at a time, ns.
+    pub(crate) fn read_at(&mut self, start_ns: u64, periods: u32) -> Option<Sample> {
+        self.device.read(TickTime { start_ns, periods })
     }
 
     /// The wrench acts on the device until the next sample.
     pub fn feel(&mut self, wrench: Wrench) {
-        self.device.write(WrenchCommand::unlimited(wrench));
+        self.obey(WrenchCommand::unlimited(wrench));
+    }
+
+    /// The wrench acts until the next sample, or its end.
+    pub(crate) fn obey(&mut self, command: WrenchCommand) {
+        self.device.write(command);
     }
 
     /// True state of the device, without its encoders.

@@ -51,6 +51,24 @@ impl Default for LinkModel {
     }
 }
 
+impl LinkModel {
+    /// This link of 1 kHz for a loop of another rate: its times, to the nearest tick, and its
+    /// throughput are the same in seconds. A delay stays one of a tick at least.
+    #[must_use]
+    pub fn at_rate(self, rate_hz: f64) -> Self {
+        let ticks = |of_kilohertz: u64| match of_kilohertz {
+            0 => 0,
+            _ => ((of_kilohertz as f64 * rate_hz / 1e3).round() as u64).max(1),
+        };
+        Self {
+            delay_ticks: ticks(self.delay_ticks),
+            jitter_ticks: ticks(self.jitter_ticks),
+            bytes_per_tick: self.bytes_per_tick * 1e3 / rate_hz,
+            ..self
+        }
+    }
+}
+
 /// Kinds of messages, in the order of [`LinkCounts`].
 pub const MESSAGES: [&str; 11] = [
     "credit",

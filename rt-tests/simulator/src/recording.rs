@@ -13,6 +13,8 @@ struct Tick {
     samples: usize,
     station: u64,
     is_stopping: bool,
+    /// Whether the devices had gone to zero by themselves.
+    was_cut: bool,
     /// Chunks that had arrived.
     chunks: usize,
     replay_hash: u64,
@@ -77,13 +79,14 @@ impl InputRecording {
     }
 
     /// Adds a tick.
-    pub(crate) fn add_tick(&mut self, inputs: &TickInputs<'_>, replay_hash: u64) {
+    pub(crate) fn add_tick(&mut self, inputs: &TickInputs<'_>, was_cut: bool, replay_hash: u64) {
         self.samples.extend_from_slice(inputs.samples);
         self.ticks.push(Tick {
             tick: inputs.tick,
             samples: self.samples.len(),
             station: inputs.station,
             is_stopping: inputs.stopping,
+            was_cut,
             chunks: self.chunks.len(),
             replay_hash,
         });
@@ -142,6 +145,9 @@ impl<'a> Playback<'a> {
             chunks.len()
         };
         let (first, second) = chunks.split_at(cut);
+        if tick.was_cut {
+            self.controller.force_was_cut();
+        }
         let inputs = TickInputs {
             tick: tick.tick,
             samples: &self.recording.samples[self.samples..tick.samples],

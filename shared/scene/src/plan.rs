@@ -6,8 +6,7 @@ mod height_map;
 mod movable;
 
 pub use device::{
-    CustomDevicePlan, DEVICE_STEPS_PER_PERIOD, DeviceRotationPlan, HandImpedance,
-    SimulatedDevicePlan,
+    CustomDevicePlan, DeviceRotationPlan, HandImpedance, SimulatedDevicePlan, device_steps,
 };
 pub use effects::{
     BoundaryPlan, Effect, EffectPlan, FrictionPlan, GravityPlan, InertiaPlan, MagnetPlan, Pattern,
@@ -91,8 +90,29 @@ pub struct LoopPlan {
     pub spin_us: u64,
     /// Whether a missing real-time right is fatal.
     pub require_realtime: bool,
-    /// Largest number of mesh operations (splits and collapses) a tick: K.
+    /// Largest number of mesh operations (splits and collapses) a tick: K. A scene says it of a
+    /// millisecond, and another period has as many in proportion ([`work_ms`]).
     pub operations: usize,
+}
+
+/// Time of which a tick may do the work, milliseconds: its period, and no less than half a
+/// millisecond, since what is decided in one tick has to be seen in one.
+#[must_use]
+pub fn work_ms(rate_hz: f64) -> f64 {
+    (1e3 / rate_hz).max(0.5)
+}
+
+impl LoopPlan {
+    /// The same at another rate, with as many operations for the same time, at least one a tick.
+    #[must_use]
+    pub fn at_rate(self, rate_hz: f64) -> Self {
+        let operations = self.operations as f64 * (work_ms(rate_hz) / work_ms(self.rate_hz));
+        Self {
+            rate_hz,
+            operations: (operations.round() as usize).max(1),
+            ..self
+        }
+    }
 }
 
 /// Wanted accuracy of the touched surface.

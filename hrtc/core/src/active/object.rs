@@ -18,7 +18,6 @@ use crate::streaming::chunk::InboxChunk;
 use crate::streaming::link_meter::LinkMeter;
 use crate::streaming::session::{Receiver, Session, TickContext};
 use crate::streaming::subscriber::Identity;
-use crate::tuning::lod::MAX_FORGOTTEN;
 use geometry::Pose;
 use scene::{EffectPlan, ScenePlan};
 use std::sync::Arc;
@@ -124,7 +123,7 @@ impl ActiveObject {
         if self.instance.is_some() {
             return false;
         }
-        let most = budget.upkeep.min(MAX_FORGOTTEN);
+        let most = budget.upkeep.min(budget.forgotten);
         let mut entries = most;
         self.front.cache.go_on_unloading(&mut entries);
         budget.upkeep -= most - entries;

@@ -8,7 +8,8 @@ use super::material::material_motion;
 use super::rail::Rail;
 use crate::force::passivity::CarriedWork;
 use crate::tuning::bodies::{
-    DISPLACEMENT_LEFT_PER_MS, MAX_SIZES_PER_PERIOD, MAX_TURN_PER_PERIOD, STILL_S, STILL_SIZES_PER_S,
+    DISPLACEMENT_LEFT_PER_MS, MAX_SIZES_PER_PERIOD, MAX_STEP_PERIODS, MAX_TURN_PER_PERIOD, STILL_S,
+    STILL_SIZES_PER_S,
 };
 use geometry::{Pose, Wrench};
 use glam::DVec3;
@@ -50,6 +51,8 @@ pub struct Body {
     pose: Pose,
     /// Pose before the last step; `None` if the step did not change it.
     before: Option<Pose>,
+    /// Periods since that pose.
+    since: u64,
     /// Sum of the wrenches since the last step, world, the torque about [`Body::centre`].
     load: Wrench,
     is_awake: bool,
@@ -85,6 +88,7 @@ impl Body {
             extent: None,
             pose: home,
             before: None,
+            since: 1,
             load: Wrench::ZERO,
             is_awake,
             still_s: 0.0,
@@ -159,11 +163,12 @@ impl Body {
         self.farthest
     }
 
-    /// Displacement of the middle of its box in the last step over one period, m/s.
+    /// Mean velocity of the middle of its box in the last step, m/s.
     #[must_use]
     pub fn velocity(&self) -> DVec3 {
         let went = |before: Pose| self.middle(&self.pose) - self.middle(&before);
-        self.before.map_or(DVec3::ZERO, went) / self.step.period_s
+        let seconds = self.since as f64 * self.step.period_s;
+        self.before.map_or(DVec3::ZERO, went) / seconds
     }
 
     /// Kinetic energy, joules; 0 for a driven body.
@@ -206,19 +211,25 @@ impl Body {
         self.still_s = 0.0;
     }
 
-    /// Steps to `tick`, `periods` after the last step.
+    /// Steps to `tick`, `periods` after the last step, in no more than [`MAX_STEP_PERIODS`] steps,
+    /// which are longer then.
     pub fn step(&mut self, tick: u64, periods: u32) {
+        let steps = periods.clamp(1, MAX_STEP_PERIODS);
+        let step = Step {
+            period_s: self.step.period_s * (f64::from(periods) / f64::from(steps)),
+            ..self.step
+        };
         let load = std::mem::take(&mut self.load);
         let last = self.pose;
         match &mut self.kind {
             Kind::Unknown => {}
             Kind::Driven(driven) => self.pose = driven.pose(tick as f64 * self.step.period_s),
             kind => {
-                for _ in 0..periods {
+                for _ in 0..steps {
                     match kind {
-                        Kind::Free(free) => free.step(&load, &self.step),
-                        Kind::Hinge(hinge) => hinge.step(&load, &self.step),
-                        Kind::Rail(rail) => rail.step(&load, &self.step),
+                        Kind::Free(free) => free.step(&load, &step),
+                        Kind::Hinge(hinge) => hinge.step(&load, &step),
+                        Kind::Rail(rail) => rail.step(&load, &step),
                         Kind::Driven(_) | Kind::Unknown => {}
                     }
                 }
@@ -231,10 +242,24 @@ impl Body {
             }
         }
         self.before = (self.pose != last).then_some(last);
+        self.since = u64::from(periods);
         self.awake_ticks += 1;
         self.note_displacement(&last);
         if !matches!(self.kind, Kind::Driven(_)) {
             self.sleep_if_still(periods, load == Wrench::ZERO);
+        }
+    }
+
+    /// Goes on to `tick`, `periods` later, without a load: both steps are one to whoever looks.
+    pub fn coast(&mut self, tick: u64, periods: u32) {
+        if !self.is_awake {
+            return;
+        }
+        let (before, since) = (self.before, self.since);
+        self.step(tick, periods);
+        self.since += since;
+        if self.is_awake {
+            self.before = before.or(self.before);
         }
     }
 
@@ -299,6 +324,68 @@ impl Body {
         CarriedWork {
             pushed_j: wrench.force.dot(motion.linear),
             turned_j: wrench.torque.dot(motion.angular),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scene::{MassPlan, RailPlan, SpringDamperPlan};
+
+    const PERIOD_S: f64 = 1e-3;
+
+    /// A body on a rail that was pushed by 1 N for a period.
+    fn pushed(linear: SpringDamperPlan) -> Body {
+        let plan = MovablePlan::Rail(RailPlan {
+            mass: MassPlan {
+                mass_kg: 0.1,
+                inertia_kgm2: None,
+                gravity_m_per_s2: DVec3::ZERO,
+            },
+            axis: DVec3::Z,
+            linear,
+            limits_m: None,
+        });
+        let mut body = Body::new(plan, Pose::IDENTITY, PERIOD_S);
+        body.set_extent(Extent {
+            middle: DVec3::ZERO,
+            sides: DVec3::splat(0.1),
+        });
+        let push = Wrench {
+            force: DVec3::Z,
+            torque: DVec3::ZERO,
+        };
+        body.push(&push, DVec3::ZERO);
+        body.step(1, 1);
+        body
+    }
+
+    #[test]
+    fn a_body_moves_through_a_stall_of_any_length() {
+        let free = SpringDamperPlan {
+            spring: 0.0,
+            damping: Some(0.0),
+        };
+        let held = SpringDamperPlan {
+            spring: 1.0,
+            damping: None,
+        };
+        for (linear, within) in [(free, 1e-12), (held, 0.05)] {
+            for periods in [1u32, 18, 300] {
+                let mut smooth = pushed(linear);
+                let mut stalled = pushed(linear);
+                let start = smooth.pose().position.z;
+                for tick in 0..periods {
+                    smooth.step(u64::from(tick) + 2, 1);
+                }
+                stalled.coast(u64::from(periods) + 1, periods);
+                let [a, b] = [&smooth, &stalled].map(|body| body.pose().position.z);
+                let size = a.abs().max(start);
+                assert!((a - b).abs() <= within * size, "{periods}: {a} m, {b} m");
+                let mean = b / (f64::from(periods + 1) * PERIOD_S);
+                assert!((stalled.velocity().z - mean).abs() < 1e-9, "{periods}");
+            }
         }
     }
 }

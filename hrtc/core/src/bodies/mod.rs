@@ -37,7 +37,8 @@ mod rail;
 mod report;
 mod spring_damper;
 
-use crate::tuning::bodies::{MAX_EXTENTS_PER_TICK, MAX_STEP_PERIODS};
+use crate::horizons::Horizons;
+use crate::tuning::bodies::MAX_EXTENTS_PER_TICK;
 pub use body::Body;
 pub use extent::Extent;
 pub use material::material_motion;
@@ -82,6 +83,8 @@ pub struct Movables {
     /// joules: the whole, and the limited part.
     carried: [[f64; 2]; MAX_PROBES],
     last_tick: Option<u64>,
+    /// Periods for which a wrench on a device is valid.
+    validity: u64,
     /// Objects whose box is not known yet.
     unknown: VecDeque<u32>,
 }
@@ -116,6 +119,7 @@ impl Movables {
             pushes: Vec::with_capacity(pushes),
             carried: [[0.0; 2]; MAX_PROBES],
             last_tick: None,
+            validity: Horizons::new(plan.loop_.rate_hz).validity,
             unknown: objects.iter().copied().collect(),
             bodies,
             objects,
@@ -169,17 +173,31 @@ impl Movables {
     }
 
     /// Steps every awake body to `tick` under the load of the last tick, and adds up the work of
-    /// that load over the motion. Missed ticks are made up for, within a limit.
+    /// that load over the motion. It lasts through missed ticks as long as a wrench on a device does;
+    /// then the bodies coast.
     pub fn step(&mut self, tick: u64) {
         let periods = self.last_tick.map_or(1, |last| tick.saturating_sub(last));
+        let loaded = periods.clamp(1, self.validity);
+        let rest = periods.saturating_sub(loaded);
+        let [loaded, coasting] = [loaded, rest].map(|of| u32::try_from(of).unwrap_or(u32::MAX));
         self.last_tick = Some(tick);
         self.moved.clear();
         self.moved.extend_from_slice(&self.awake);
         for &k in &self.awake {
-            self.bodies[k].step(tick, periods.clamp(1, MAX_STEP_PERIODS) as u32);
+            self.bodies[k].step(tick.saturating_sub(rest), loaded);
+        }
+        self.add_carried_work();
+        if rest > 0 {
+            for &k in &self.awake {
+                self.bodies[k].coast(tick, coasting);
+            }
         }
         let bodies = &self.bodies;
         self.awake.retain(|&k| bodies[k].is_awake());
+    }
+
+    /// Adds up the work of the last wrenches over the last step.
+    fn add_carried_work(&mut self) {
         for push in self.pushes.drain(..) {
             if let Some(sums) = self.carried.get_mut(push.probe) {
                 for (sum, wrench) in sums.iter_mut().zip(&push.wrenches) {

@@ -23,6 +23,7 @@ use crate::perception::PerceptionLimit;
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::MAX_WANTED;
 use crate::tuning::prediction::RADII_AROUND;
+use crate::work::TickWork;
 use scene::{RefinementPlan, ScenePlan};
 use spm::{NONE, OperationFaces, RegionId};
 
@@ -70,6 +71,8 @@ pub struct Front {
     pub cache: Cache,
     pub(super) model: Option<FrontModel>,
     pub(super) operations: usize,
+    /// Splits, and collapses, a tick where nothing is urgent.
+    pub(super) min_operations: u32,
     pub(super) plan: RefinementPlan,
     tolerance_m: f64,
     /// Prediction for each probe.
@@ -109,6 +112,7 @@ impl Front {
             cache: Cache::new(bytes),
             model: None,
             operations: plan.loop_.operations,
+            min_operations: TickWork::new(plan.loop_.rate_hz).min_operations,
             plan: plan.accuracy.refinement,
             tolerance_m: plan.accuracy.tolerance_m,
             approaches: (0..probes).map(|_| Approach::new(&horizons)).collect(),

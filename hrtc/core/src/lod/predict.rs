@@ -4,9 +4,9 @@
 //!
 //! Each source is a ball; the regions whose cells it meets are predicted, each with the tick at
 //! which the contact may be there. The *refined* set is to be performed by then, the *loaded* set
-//! to be in the cache. In every tick one ball of the finest ring and one of a coarser ring are
-//! looked at, so that a tick costs little; after [`TURNS`] ticks the finest ring has been looked at
-//! all around.
+//! to be in the cache. In every tick of a millisecond one ball of the finest ring and one of a
+//! coarser ring are looked at, so that a tick costs little; after [`TURNS`] of them the finest ring
+//! has been looked at all around.
 
 use super::cells::{Motion, ticks_to_leave, ticks_until, visit_ball};
 use crate::cache::RegionKey;
@@ -18,7 +18,7 @@ use crate::tuning::prediction::{
 use glam::DVec3;
 use spm::RegionId;
 
-/// Turns of a round: in each tick one source of the finest ring is looked at.
+/// Turns of a round: in each one source of the finest ring is looked at.
 pub const TURNS: usize = 10;
 /// Ticks after which every source of every ring was looked at.
 pub const ALL_TURNS: u64 = {
@@ -308,8 +308,8 @@ impl Predictor {
         self.known = (self.known + known).min(self.history.len());
     }
 
-    /// Takes the device's position of this tick and visits the regions of one source of the finest
-    /// ring and, with `rings`, one of a coarser ring.
+    /// Takes the device's position of this tick and visits the regions of the next sources of the
+    /// finest ring and, with `rings`, of the coarser ones.
     pub fn predict(
         &mut self,
         lod: &LodController,
@@ -326,18 +326,31 @@ impl Predictor {
         self.mean_speed += (speed - self.mean_speed) / self.horizons.mean;
         let faded = self.recent_speed * (1.0 - 1.0 / self.horizons.recent);
         self.recent_speed = speed.max(faded);
+        for _ in 0..self.horizons.looks {
+            self.turn(lod, rings, motion, &mut visit);
+        }
+    }
+
+    /// Visits the regions of one source of the finest ring and, with `rings`, one of a coarser one.
+    fn turn(
+        &mut self,
+        lod: &LodController,
+        rings: bool,
+        motion: Motion,
+        visit: &mut impl FnMut(Predicted),
+    ) {
         let finest = lod.finest();
         let finest_ring = &lod.rings()[finest];
         let (look, refine) = ROUND[self.turn];
         self.turn = (self.turn + 1) % TURNS;
         let landed = self.landed.take();
-        self.look([finest_ring; 2], look, refine, landed, motion, &mut visit);
+        self.look([finest_ring; 2], look, refine, landed, motion, visit);
         let coarser = lod.rings().len() - finest - 1;
         if rings && coarser > 0 {
             self.ring_turn = (self.ring_turn + 1) % (coarser * RING_ROUND.len());
             let ring = &lod.rings()[finest + 1 + self.ring_turn % coarser];
             let (look, refine) = RING_ROUND[self.ring_turn / coarser];
-            self.look([ring, finest_ring], look, refine, None, motion, &mut visit);
+            self.look([ring, finest_ring], look, refine, None, motion, visit);
         }
     }
 

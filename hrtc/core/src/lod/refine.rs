@@ -8,25 +8,26 @@ use crate::budget::Budget;
 use crate::cache::{AfterUnload, Region};
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::{
-    BEHIND_SHARE, CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT, MAX_UPKEEP,
-    MAX_WANTED, MIN_OPERATIONS,
+    BEHIND_SHARE, CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT, MAX_WANTED,
 };
+use crate::work::TickWork;
 use spm::{OperationError, Slot};
 
 /// The most work units that refinement may take a tick: operations, and closure entries gone
 /// through, of which [`CHANGES_PER_UNIT`] count as one where they change set, are unloaded or
 /// forgotten. A longer closure, as that of a whole model, takes several ticks.
 #[must_use]
-pub fn max_work(operations: usize) -> u32 {
-    operations as u32 * (ENTRIES_PER_OPERATION + 1) + MAX_UPKEEP / CHANGES_PER_UNIT
+pub fn max_work(operations: usize, work: &TickWork) -> u32 {
+    let upkeep = work.upkeep.div_ceil(CHANGES_PER_UNIT);
+    operations as u32 * (ENTRIES_PER_OPERATION + 1) + upkeep
 }
 
 /// Ticks for which a region stays wanted after its last prediction: in the finest ring the time
 /// that the probe takes over a cell, so that the trail of a fast probe is no longer; never less
-/// than a round of the predictor. `most`: for other rings.
-fn hysteresis(region: &Region, finest: f32, cell_ticks: f64, most: u64) -> u64 {
+/// than a `round` of the predictor. `most`: for other rings.
+fn hysteresis(region: &Region, finest: f32, cell_ticks: f64, [round, most]: [u64; 2]) -> u64 {
     let is_finest = region.key.tolerance().is_some_and(|t| t <= finest);
-    let least = TURNS as u64 + 4;
+    let least = round + 4;
     if is_finest {
         (cell_ticks as u64).min(most).max(least)
     } else {
@@ -36,8 +37,8 @@ fn hysteresis(region: &Region, finest: f32, cell_ticks: f64, most: u64) -> u64 {
 
 /// Whether a region's prediction is as new as it can be: the coarser rings are looked at less
 /// often.
-fn is_current(region: &Region, finest: f32, tick: u64) -> bool {
-    let turns = TURNS as u64 + 2;
+fn is_current(region: &Region, finest: f32, tick: u64, round: u64) -> bool {
+    let turns = round + 2;
     let is_finest = region.key.tolerance().is_none_or(|t| t <= finest);
     tick <= region.needed + if is_finest { turns } else { 3 * turns }
 }
@@ -45,8 +46,8 @@ fn is_current(region: &Region, finest: f32, tick: u64) -> bool {
 /// Urgency of a region that is to be refined, as a number that sorts: regions that the prediction
 /// has left come last, those due first come first, of these the coarser, since they bound the error
 /// sooner. The index at the end makes it unique.
-fn order_of(region: &Region, index: usize, finest: f32, tick: u64) -> u64 {
-    let left = u64::from(!is_current(region, finest, tick));
+fn order_of(region: &Region, index: usize, finest: f32, [tick, round]: [u64; 2]) -> u64 {
+    let left = u64::from(!is_current(region, finest, tick, round));
     let ticks = region.due.saturating_sub(tick).min((1 << 30) - 1);
     let finer = u64::from(!region.key.tolerance_bits >> 16);
     left << 63 | ticks << 32 | finer << 16 | index as u64
@@ -56,7 +57,7 @@ impl Front {
     /// Splits, then collapses with the remaining operations of the tick.
     ///
     /// As many splits as it takes to have every region done when it is due, and at least
-    /// [`MIN_OPERATIONS`], so that ticks are even. Regions that were unloaded wait in the region
+    /// [`TickWork::min_operations`], so that ticks are even. Regions that were unloaded wait in the region
     /// table for the session to release them.
     pub fn refine(&mut self, tick: u64, budget: &mut Budget, contacts: &mut Contacts) {
         self.used.fill(0.0);
@@ -75,8 +76,8 @@ impl Front {
         });
         self.stats.work_units += spent + allowed_entries - budget.entries + self.stats.vsplits;
         let backlog = self.cache.to_collapse() / self.horizons.collapse;
-        let is_busy = self.stats.vsplits > MIN_OPERATIONS;
-        let least = if is_busy { 0 } else { MIN_OPERATIONS };
+        let is_busy = self.stats.vsplits > self.min_operations;
+        let least = if is_busy { 0 } else { self.min_operations };
         for _ in 0..backlog.max(least).min(budget.operations) {
             if self.collapse_oldest(contacts) == CollapseOutcome::None {
                 break;
@@ -89,9 +90,9 @@ impl Front {
 
     /// Performs the splits of the wanted regions, the most urgent region first.
     fn split_wanted(&mut self, tick: u64, budget: &mut Budget, contacts: &mut Contacts) {
-        let allowed = self
-            .splits_due(tick)
-            .clamp(MIN_OPERATIONS, budget.operations.max(MIN_OPERATIONS));
+        let least = self.min_operations;
+        let most = budget.operations.max(least);
+        let allowed = self.splits_due(tick).clamp(least, most);
         let mut entries_behind = budget.entries / BEHIND_SHARE;
         // Collapses come first only when the records that wait need their room; see `make_room`.
         for k in 0..self.queue.len() {
@@ -207,12 +208,13 @@ impl Front {
     /// every region to be done in time.
     fn splits_due(&mut self, tick: u64) -> u32 {
         let finest = self.finest_tolerance();
+        let times = [tick, self.round()];
         let Self { wanted, queue, .. } = self;
         queue.clear();
         for &index in wanted.iter() {
             let region = self.cache.regions.at(index);
             if region.wanted && region.changing == 0 && !region.refined {
-                queue.push(order_of(region, index, finest, tick));
+                queue.push(order_of(region, index, finest, times));
             }
         }
         queue.sort_unstable();
@@ -237,8 +239,8 @@ impl Front {
         while k < self.wanted.len() {
             let index = self.wanted[k];
             let region = self.cache.regions.at(index);
-            let most = self.horizons.hysteresis;
-            let stays = region.needed + hysteresis(region, finest, cell_ticks, most);
+            let times = [self.round(), self.horizons.hysteresis];
+            let stays = region.needed + hysteresis(region, finest, cell_ticks, times);
             let goes = tick > stays || self.is_too_fine(region);
             let wanted = region.wanted && !goes;
             spent += self.change(index, wanted, entries);
@@ -268,6 +270,11 @@ impl Front {
         let wanted = self.wanted.len();
         self.wanted_high_water = self.wanted_high_water.max(wanted);
         spent
+    }
+
+    /// Ticks of a round of the predictor.
+    fn round(&self) -> u64 {
+        TURNS.div_ceil(self.horizons.prediction.looks) as u64
     }
 
     /// Takes a resident region into the wanted set or out of it, as far as the entries allow.

@@ -99,6 +99,8 @@ pub struct Probe {
     periods: u64,
     /// Periods since the tick before.
     elapsed: u64,
+    /// Whether the device went to zero by itself in them.
+    was_cut: bool,
     plausibility: Plausibility,
     /// Whether this tick's sample was rejected.
     pub rejected: bool,
@@ -120,7 +122,8 @@ pub struct Probe {
     /// Whether its device renders torque.
     pub renders_torque: bool,
     horizons: Horizons,
-    samples_missed: u32,
+    /// Periods since the last accepted sample.
+    silence: u64,
     /// Whether the last sample that could tell said that a hand holds the device.
     is_held: bool,
 }
@@ -158,6 +161,7 @@ impl Probe {
             moves: [0.0; KEPT_UP],
             periods: 1,
             elapsed: 1,
+            was_cut: false,
             plausibility: Plausibility::new(
                 MotionLimits::UNLIMITED,
                 probe.device.encoder_m,
@@ -175,7 +179,7 @@ impl Probe {
             limiter: ForceLimiter::new(plan.safety, device_max_n, plan.loop_.rate_hz),
             renders_torque: true,
             horizons: Horizons::new(plan.loop_.rate_hz),
-            samples_missed: 0,
+            silence: 0,
             is_held: true,
         }
     }
@@ -199,14 +203,14 @@ impl Probe {
         self.elapsed = elapsed;
         self.periods = elapsed;
         if let Some(accepted) = accepted {
-            self.samples_missed = 0;
+            self.silence = 0;
             self.pose = Some(accepted.pose);
             self.periods = accepted.periods;
             if accepted.is_new_place {
                 self.energy.go_to_new_place();
             }
         } else {
-            self.samples_missed = self.samples_missed.saturating_add(1);
+            self.silence = self.silence.saturating_add(elapsed);
             self.pose = self.last;
         }
         let motion = self.motion();
@@ -215,7 +219,13 @@ impl Probe {
         self.moves.rotate_right(1);
         self.moves[0] = moved;
         let kept_up = self.moves.into_iter().fold(f64::INFINITY, f64::min);
-        self.speed = kept_up.max(self.horizons.speed_left * self.speed);
+        let left = self.horizons.speed_left.powf(elapsed as f64);
+        self.speed = kept_up.max(left * self.speed);
+    }
+
+    /// Periods since the tick before, and those from the pose of that tick to that of this one.
+    pub fn periods(&self) -> [u64; 2] {
+        [self.elapsed, self.periods]
     }
 
     /// How it has moved since the tick before, metres and radians, world.
@@ -253,17 +263,15 @@ impl Probe {
         mut ahead: CarriedWork,
         is_open: bool,
     ) -> [f64; 2] {
-        if let Some(pose) = &self.pose {
-            self.last = Some(*pose);
-            let carried = std::mem::take(&mut self.carried);
-            self.energy
-                .moved_to(pose, [self.elapsed, self.periods], carried);
+        if let Some(pose) = self.pose {
+            self.book_motion(&pose);
+            self.last = Some(pose);
             let seconds = self.elapsed as f64 * clock.period_s;
             self.energy.pass_time(seconds);
             if !self.effects.is_empty() {
                 let velocity = self.energy.motion() / clock.period_s;
                 let motion = (velocity, self.elapsed);
-                self.effects.render(clock, pose, motion, &mut wanted);
+                self.effects.render(clock, &pose, motion, &mut wanted);
             }
         }
         if !self.renders_torque {
@@ -278,7 +286,7 @@ impl Probe {
             given = self.energy.share(passive, wanted.spring, ahead);
             passive = passive * given;
         }
-        let open = is_open && self.is_held && self.samples_missed <= self.horizons.max_silence;
+        let open = is_open && self.is_held && self.silence <= self.horizons.max_silence;
         let is_driven = wanted.active != Wrench::ZERO;
         let sum = if is_driven {
             passive + wanted.active
@@ -312,11 +320,39 @@ impl Probe {
         [given * share, share]
     }
 
-    /// Its device went to zero by itself: no wrench acts, and the next one rises from zero. What
-    /// the hand put into the contact is no credit any more.
+    /// Books the work of the last wrench up to the pose of this tick. A wrench that has expired
+    /// meanwhile has done work as long as it was valid: under it the device went on as before.
+    fn book_motion(&mut self, pose: &Pose) {
+        let carried = std::mem::take(&mut self.carried);
+        let periods = [self.elapsed, self.periods];
+        if !std::mem::take(&mut self.was_cut) {
+            self.energy.moved_to(pose, periods, carried);
+            return;
+        }
+        let valid = self.horizons.validity;
+        let expired = self.last.zip(self.elapsed.checked_sub(valid));
+        if let Some((last, _)) = expired {
+            let share = valid as f64 / self.elapsed as f64;
+            let expired_at = Pose {
+                position: last.position + self.energy.motion() * valid as f64,
+                orientation: last.orientation.slerp(pose.orientation, share),
+            };
+            self.energy.moved_to(&expired_at, [valid; 2], carried);
+        }
+        // What the hand put into the contact is no credit any more.
+        self.energy.set_output(Wrench::ZERO, Wrench::ZERO);
+        match expired {
+            Some((_, 0)) => {}
+            Some((_, rest)) => self.energy.moved_to(pose, [rest; 2], [0.0; 2]),
+            None => self.energy.moved_to(pose, periods, carried),
+        }
+    }
+
+    /// Its device went to zero by itself since the last tick, or before the last wrench reached it:
+    /// the next wrench rises from zero.
     pub fn force_was_cut(&mut self) {
         self.limiter.close();
-        self.energy.set_output(Wrench::ZERO, Wrench::ZERO);
+        self.was_cut = true;
     }
 
     /// Whether its force has ramped down.

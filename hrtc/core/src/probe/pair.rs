@@ -238,6 +238,7 @@ impl ProbeObjectPair {
             let size = self.proxy.wrench_size(&rendered.passive, scale);
             let sample = ContactSample {
                 clock,
+                periods: probe.periods(),
                 surface,
                 metres_per_unit: scale,
                 origin: frame.origin * scale,

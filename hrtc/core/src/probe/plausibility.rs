@@ -57,8 +57,8 @@ pub struct Plausibility {
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Course {
     pose: Pose,
-    /// Motion in the period before the pose, metres.
-    motion: DVec3,
+    /// Motion in the period before the pose, metres; unknown of a single sample.
+    motion: Option<DVec3>,
     /// Periods since.
     age: u64,
 }
@@ -67,7 +67,7 @@ impl Course {
     fn at(pose: Pose) -> Self {
         Self {
             pose,
-            motion: DVec3::ZERO,
+            motion: None,
             age: 0,
         }
     }
@@ -75,7 +75,7 @@ impl Course {
     fn go_on_to(&mut self, pose: Pose) {
         let periods = self.age.max(1) as f64;
         *self = Self {
-            motion: (pose.position - self.pose.position) / periods,
+            motion: Some((pose.position - self.pose.position) / periods),
             ..Self::at(pose)
         };
     }
@@ -165,7 +165,10 @@ impl Plausibility {
         let periods = course.age.min(elapsed.max(self.max_widened)) as f64;
         let seconds = periods * self.period_s;
         let moved = pose.position - course.pose.position;
-        let strays = moved - course.motion * periods;
+        // Two samples show a speed, and no acceleration.
+        let strays = course
+            .motion
+            .map_or(DVec3::ZERO, |motion| moved - motion * periods);
         let turned = course.pose.orientation.angle_between(pose.orientation);
         let bend = 0.5 * periods * (periods + 1.0) * self.period_s * self.period_s;
         let noise = 2.0 * self.encoder_m * (periods + 1.0);
@@ -242,6 +245,20 @@ mod tests {
                     accepted_before = tick;
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_hand_that_moves_is_believed_at_a_new_place_at_every_rate() {
+        for rate_hz in [100.0, 250.0, 1000.0, 4000.0, 10_000.0] {
+            let mut judge = Plausibility::new(MotionLimits::HAND, 1e-5, 1.0 / rate_hz);
+            judge.judge(at(0.0), 1, true);
+            // At 1.2 m/s from the first sample there.
+            let moving = |tick: u64| at(1.0 + 1.2 * tick as f64 / rate_hz);
+            let accepted = (0..).find(|&tick| judge.judge(moving(tick), 1, true).is_some());
+            let seconds = accepted.map_or(f64::INFINITY, |tick| (tick + 1) as f64 / rate_hz);
+            let most = NEW_PLACE_S.max(f64::from(MIN_NEW_PLACE_SAMPLES) / rate_hz);
+            assert!(seconds <= most * (1.0 + 1e-9), "{rate_hz} Hz: {seconds} s");
         }
     }
 

@@ -21,4 +21,5 @@ mod replay;
 mod several_clients;
 mod several_objects;
 mod skipped_periods;
+mod stalls;
 mod tick_allocates_nothing;

@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::setup::ControllerSetup;
-use crate::tuning::PANIC_RAMP_PERIODS;
 use geometry::Pose;
 use haptic_device::{Capabilities, Device, GuardedDevice};
 use hrtc_core::streaming::subscriber::Identity;
@@ -148,7 +147,7 @@ fn the_ramp_after_a_panic_falls_in_equal_steps_to_zero() {
     from[0].force = glam::DVec3::X * 4.0;
     let mut pacer = Pacer::new(thread.plan.rate_hz, 0);
     thread.ramp_down(&mut pacer, &from);
-    let steps = f64::from(PANIC_RAMP_PERIODS);
+    let steps = f64::from(panic_steps(&thread.plan));
     let told = told.lock().unwrap();
     assert!(!told.forces.is_empty());
     for (k, force) in (1..).zip(&told.forces) {

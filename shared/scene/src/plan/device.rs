@@ -2,8 +2,12 @@
 
 use std::path::PathBuf;
 
-/// Steps of the simulated device's integrator in a period of the loop.
-pub const DEVICE_STEPS_PER_PERIOD: u32 = 16;
+/// Steps of the simulated device's integrator in a period of the loop: 16 a millisecond, so that
+/// what it does hardly depends on the rate, and at least 4.
+#[must_use]
+pub fn device_steps(period_s: f64) -> u32 {
+    ((16e3 * period_s).round() as u32).max(4)
+}
 
 /// The simulated device: a damped rigid body, moved by a hand and by the rendered wrench. Its
 /// centre of mass is at the position of the probe.

@@ -3,8 +3,8 @@
 use crate::files::{Files, read_text};
 use crate::limits::{MAX_COEFFICIENT, NOT_NEGATIVE, Range};
 use crate::plan::{
-    CustomDevicePlan, DEVICE_STEPS_PER_PERIOD, DeviceRotationPlan, HandImpedance, ProbeShape,
-    ScenePlan, SimulatedDevicePlan,
+    CustomDevicePlan, DeviceRotationPlan, HandImpedance, ProbeShape, ScenePlan,
+    SimulatedDevicePlan, device_steps,
 };
 use crate::source::{SceneError, Source, key};
 use crate::typed::{DeviceFileTyped, DeviceTyped, ProbeTyped, SimulatedTyped, Whole};
@@ -180,7 +180,8 @@ pub(super) fn check(
     typed: &[Spanned<ProbeTyped>],
     plan: &ScenePlan,
 ) -> Result<(), SceneError> {
-    let step = 1.0 / (plan.loop_.rate_hz * f64::from(DEVICE_STEPS_PER_PERIOD));
+    let period_s = 1.0 / plan.loop_.rate_hz;
+    let step = period_s / f64::from(device_steps(period_s));
     for (typed, probe) in typed.iter().zip(&plan.probes) {
         let device = &probe.device;
         let damping = device.damping_ns_per_m + device.hand.damping_ns_per_m;

@@ -49,14 +49,15 @@ pub(super) fn loop_plan(source: &Source, typed: &LoopTyped) -> Result<LoopPlan, 
     let priority = source.number(key!(typed.priority), 80, 1..=99)?;
     let spin = source.number(key!(typed.spin_us), 0, 0..=max_spin_us(rate_hz))?;
     let operations = source.number(key!(typed.operations), 96, 1..=100_000)?;
-    Ok(LoopPlan {
-        rate_hz,
+    let a_millisecond = LoopPlan {
+        rate_hz: 1e3,
         core: usize::try_from(core).ok(),
         priority: priority as i32,
         spin_us: spin as u64,
         require_realtime: typed.require_realtime.unwrap_or(false),
         operations: operations as usize,
-    })
+    };
+    Ok(a_millisecond.at_rate(rate_hz))
 }
 
 /// Longest busy waiting before a deadline, microseconds: more than half a period would starve the
@@ -68,7 +69,7 @@ fn max_spin_us(rate_hz: f64) -> i64 {
 /// Lays the command line's values over the loop.
 pub(super) fn override_loop(plan: &mut LoopPlan, overrides: &Overrides) -> Result<(), String> {
     if let Some(rate_hz) = overrides.rate_hz {
-        plan.rate_hz = RATE_HZ.check("--rate (ticks a second)", rate_hz)?;
+        *plan = plan.at_rate(RATE_HZ.check("--rate (ticks a second)", rate_hz)?);
     }
     plan.spin_us = overrides.spin_us.unwrap_or(plan.spin_us);
     let most = max_spin_us(plan.rate_hz);
@@ -111,7 +112,11 @@ mod tests {
                 spin_us,
                 ..Overrides::default()
             };
-            override_loop(&mut plan, &overrides).map(|()| (plan.rate_hz, plan.spin_us))
+            let operations = if rate_hz == Some(5000.0) { 48 } else { 96 };
+            override_loop(&mut plan, &overrides).map(|()| {
+                assert_eq!(plan.operations, operations);
+                (plan.rate_hz, plan.spin_us)
+            })
         };
         assert_eq!(with(None, None), Ok((1000.0, 200)));
         assert_eq!(with(Some(5000.0), Some(100)), Ok((5000.0, 100)));

@@ -213,7 +213,9 @@ impl Friction {
             .map_or((at.device, DVec3::ZERO), |last| (last.device, last.torque));
         let turn = placement(&before).to(&placement(&at.device)).angular;
         let turned_j = torque.dot(turn);
-        account.moved_to(&Pose::at(at.device.position), [1; 2], [-turned_j; 2]);
+        account.moved_to(&Pose::at(at.device.position), at.periods, [-turned_j; 2]);
+        // What it turns in the coming period.
+        let turn = turn / at.periods[1] as f64;
         account.dissipate_beyond(held.iter().map(Held::stored_j).sum());
         let next = account.next();
         let then_j: f64 = held.iter().map(|of| of.moved(next, turn).stored_j()).sum();

@@ -46,7 +46,7 @@ impl Inertia {
             device: position,
         });
         let motion = position - mass.device;
-        let steps = elapsed.clamp(1, MAX_STEP_PERIODS);
+        let steps = elapsed.clamp(1, u64::from(MAX_STEP_PERIODS));
         let share = |periods: u64| periods as f64 / elapsed.max(1) as f64;
         mass.place += motion * share(elapsed.saturating_sub(steps));
         let mut force = DVec3::ZERO;

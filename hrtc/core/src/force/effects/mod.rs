@@ -63,6 +63,9 @@ pub struct Clock {
 pub struct ContactSample<'a> {
     /// The tick.
     pub clock: Clock,
+    /// Periods since the tick before, and those of the probe's motion since: see
+    /// [`crate::force::passivity::EnergyAccount::moved_to`].
+    pub periods: [u64; 2],
     /// The surface, in the model's units.
     pub surface: Surface<'a>,
     /// Metres a model unit.
@@ -505,6 +508,7 @@ mod tests {
                     tick: self.tick,
                     period_s: 1e-3,
                 },
+                periods: [1; 2],
                 surface: Surface {
                     mesh: &self.mesh,
                     tree: &self.tree,
