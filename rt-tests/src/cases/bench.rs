@@ -25,7 +25,8 @@ const MAX_S: f64 = 20.0;
 /// to a device.
 const TRAVEL_M_PER_S2: f64 = 1500.0;
 
-/// Speed at which a probe is laid on a surface, m/s.
+/// Speed at which a probe is laid on a surface, m/s; below 1 kHz no farther a tick than there, since
+/// what the hold takes on that way is not paid for.
 const PRESS_M_PER_S: f64 = 0.05;
 
 /// What a tick gave. A sample that was rejected though nobody expects it leaves no numbers.
@@ -221,7 +222,7 @@ impl Bench {
     pub fn press(&mut self, place: DVec3, out: DVec3) {
         let above = place + out * (2.2 * self.setup.radius_m);
         self.travel(above);
-        let step = PRESS_M_PER_S * self.period_s();
+        let step = PRESS_M_PER_S * self.period_s() * self.setup.stiffer().min(1.0);
         let ticks = (above.distance(place) / step).ceil();
         for tick in 1..=ticks as u32 {
             self.touch(above.lerp(place, f64::from(tick) / ticks));

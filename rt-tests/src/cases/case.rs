@@ -77,7 +77,7 @@ impl Case {
     pub fn trial<'a>(&self, size: &'a Size, random: &'a mut Xoshiro256PlusPlus) -> Trial<'a> {
         let setup = Setup {
             departs: self.departs,
-            ..Setup::default()
+            ..Setup::at_rate(size.rate_hz)
         };
         let defaults = match self.probe {
             ProbeOfCase::Tool => setup.with_tool(),
@@ -96,6 +96,9 @@ impl Case {
 pub struct Size {
     /// Whether the full set is run.
     pub full: bool,
+    /// Rate of the loop, 1/s; at another than 1 kHz the stiffness of every surface and effect goes
+    /// with it, see [`Setup::at_rate`].
+    pub rate_hz: f64,
 }
 
 impl Size {

@@ -224,7 +224,8 @@ fn ridge(
     let mut found = Found::new(0.0);
     for degrees in (10..=170).step_by(20) {
         let turn = f64::from(degrees).to_radians();
-        let setup = defaults;
+        // Over the ridge it jumps.
+        let setup = defaults.with_motions_of_a_tick();
         let mut bench = Bench::new(&model(shapes::roof(turn), true)?, setup)?;
         let (sin, cos) = (0.5 * turn).sin_cos();
         bench.settle(DVec3::Z * 0.01)?;
@@ -292,7 +293,9 @@ fn shaded(
                     + DVec3::new(turn.sin(), 0.0, turn.cos()) * off
             };
             bench.travel(place(-reach) + DVec3::Z * 0.01);
-            slide(&mut bench, place, [reach, speed], 1.0, &mut found);
+            // The limit is that of a millisecond.
+            let allowed = setup.ms(1).max(1.0);
+            slide(&mut bench, place, [reach, speed], allowed, &mut found);
         }
     }
     Ok(found)
@@ -414,6 +417,7 @@ fn valley_touched(
         for _ in 0..size.of(500, 50_000) {
             // Drawn back to the middle, half a radius below the touch.
             let step = within(random) * 3e-4 - (place - DVec3::Z * 5e-4) * 0.1;
+            let step = step * setup.jump();
             place += step;
             let proxy = bench.touch(place).proxy;
             let room = distance(&bench, proxy);
@@ -506,15 +510,15 @@ fn rest_in_corner(
     let mut hand = FreeMass::held(above, DVec3::ZERO, bench.period_s(), 1e-5, [200.0, 2.0]);
     let mut found = Found::new(0.0);
     let mut force = DVec3::ZERO;
-    let ticks = size.of(20_000, 600_000);
+    let ticks = setup.ticks(size.of(20_000, 600_000));
     let mut range = [f64::INFINITY, f64::NEG_INFINITY];
     for tick in 0..ticks {
-        let share = (tick as f64 / 1000.0).min(1.0);
+        let share = (setup.ms(tick) / 1000.0).min(1.0);
         hand.intend(above.lerp(home - DVec3::splat(6e-3), share), DVec3::ZERO);
         let noise = within(random).round() * 1e-5;
         let response = bench.touch(hand.advance(force) + noise);
         force = response.force;
-        if tick >= 3000 {
+        if tick >= setup.ticks(3000) {
             // The account may have taken it, but it never pulls in.
             found.must(force.dot(DVec3::ONE) >= 0.0);
             found.most(response.proxy.distance(home) / setup.radius_m);

@@ -176,7 +176,7 @@ fn jumps(
         let mut place = inside;
         for tick in 0..3000 {
             place = match tick % 50 {
-                _ if tick < 500 => inside,
+                _ if tick < defaults.ticks(500) => inside,
                 0 => DVec3::Z * (radius + 0.02 * (unit(random) - 0.5)),
                 25 => place + DVec3::new(0.01, 0.0, 0.0),
                 26 => place - DVec3::new(0.01, 0.0, 0.0),
@@ -205,7 +205,7 @@ fn spikes(
     bench.expect_rejections();
     let mut found = Found::new(0.0);
     let place = |tick: u64| {
-        let turn = 1e-3 * tick as f64;
+        let turn = 1e-3 * defaults.ms(tick);
         DVec3::new(
             0.02 * turn.cos(),
             0.02 * turn.sin(),
@@ -219,9 +219,10 @@ fn spikes(
             tick += 1;
             found.right(!bench.touch(place(tick)).record.rejected_sample);
         }
-        // In n ticks a hand may go n (n + 1) mm: farther is no motion.
+        // In n ticks of a millisecond a hand may go n (n + 1) mm: farther is no motion.
         let ticks = 1 + (5.0 * unit(random)) as u32;
-        let length = 1.5e-3 * f64::from(ticks * (ticks + 1)) * 50f64.powf(unit(random));
+        let a_tick = 1.5e-3 * defaults.ms(1) * defaults.ms(1);
+        let length = a_tick * f64::from(ticks * (ticks + 1)) * 50f64.powf(unit(random));
         let turn = 6.3 * unit(random);
         let away = DVec3::new(turn.cos(), turn.sin(), unit(random) - 0.5) * length;
         for _ in 0..ticks {
@@ -332,7 +333,7 @@ fn repeat(
     let (mut contacts, mut is_finite) = (0, true);
     let ticks = size.of(4000, 100_000);
     let place = |tick: u64| {
-        let turn = 3e-3 * tick as f64 + phase;
+        let turn = 3e-3 * setup.ms(tick) + phase;
         let out = DVec3::new(turn.cos(), turn.sin(), 0.3 * (0.7 * turn).cos()).normalize();
         out * (0.45 + 0.15 * (0.31 * turn).cos()) * setup.size_m
     };
@@ -372,14 +373,14 @@ fn scale(
         let mut bench = Bench::new(&bytes, setup)?;
         let above = DVec3::Z * setup.size_m;
         // No way there: it would take a time that depends on the size.
-        for _ in 0..2000 {
+        for _ in 0..setup.ticks(2000) {
             bench.touch(above);
         }
         let mut hand = FreeMass::held(above, DVec3::ZERO, bench.period_s(), 0.0, [200.0, 2.0]);
         let mut force = DVec3::ZERO;
-        Ok((0..size.of(3000, 30_000))
+        Ok((0..setup.ticks(size.of(3000, 30_000)))
             .map(|tick| {
-                let turn = 1e-3 * tick as f64 + 6.0 * seed;
+                let turn = 1e-3 * setup.ms(tick) + 6.0 * seed;
                 let out = DVec3::new(0.3 * turn.cos(), 0.3 * turn.sin(), 1.0);
                 hand.intend(out * (0.3 * setup.size_m), DVec3::ZERO);
                 let place = hand.advance(force);

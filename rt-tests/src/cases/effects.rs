@@ -157,8 +157,9 @@ struct Way {
     work: f64,
 }
 
-/// Goes a way, from 0 to 1, in so many ticks.
+/// Goes a way, from 0 to 1, in so many milliseconds, rounded to ticks.
 fn along(bench: &mut Bench, path: impl Fn(f64) -> DVec3, ticks: u64) -> Way {
+    let ticks = bench.setup().ticks(ticks);
     let place = |tick: u64| path(tick as f64 / ticks as f64);
     bench.travel(place(0));
     let before = bench.work_j();
@@ -232,7 +233,8 @@ fn friction_stick(
         ..defaults
     };
     let mut bench = wall(setup)?;
-    let depth = 2e-3;
+    // With a force well within its limit.
+    let depth = 2e-3 / setup.stiffer().max(1.0);
     let pressed = DVec3::Z * (setup.radius_m - depth);
     bench.press(pressed, DVec3::Z);
     // Well inside the cone.
@@ -259,7 +261,8 @@ fn friction_apart(
 ) -> Result<Found, Failure> {
     let pressed = |setup: &Setup, x: f64| Some(Pose::at(DVec3::new(x, 0.0, setup.radius_m - 1e-3)));
     let ticks = size.of(2000, 100_000);
-    let directions: Vec<f64> = (0..ticks).map(|_| 4e-4 * unit(random)).collect();
+    let most = 4e-4 * defaults.jump();
+    let directions: Vec<f64> = (0..ticks).map(|_| most * unit(random)).collect();
     let run = |beside: bool| -> Result<Vec<DVec3>, Failure> {
         let setup = Setup {
             effects: FRICTION,
@@ -271,7 +274,7 @@ fn friction_apart(
         let first = pressed(&setup, 0.0);
         bench.press(first.map_or(DVec3::ZERO, |pose| pose.position), DVec3::Z);
         let forces = directions.iter().enumerate().map(|(tick, &direction)| {
-            let own = 1e-4 * (1e-2 * tick as f64).sin();
+            let own = 1e-4 * (1e-2 * defaults.ms(tick as u64)).sin();
             let other = if beside {
                 pressed(&setup, 0.01 + direction)
             } else {
@@ -354,7 +357,7 @@ fn texture_alias(
     ] {
         let setup = Setup {
             effects,
-            ..defaults
+            ..defaults.with_motions_of_a_tick()
         };
         let slow = alias(setup, size.of(10, 400), random, &mut found)?;
         // At a tenth of that speed it is there: noise at least in part.
@@ -389,7 +392,7 @@ fn alias(
         }
         bench.travel(place(start + step * 20.0));
         for tick in 0..50 {
-            let at = place(start + step * 20.0 + 1e-4 * f64::from(tick));
+            let at = place(start + step * 20.0 + 1e-4 * setup.jump() * f64::from(tick));
             slow = slow.max(bench.touch(at).force.distance(due) / full);
         }
         bench.travel(DVec3::Z * 0.01);
@@ -421,14 +424,15 @@ fn magnet_loop(
             let (sine, cosine) = (TAU * t).sin_cos();
             DVec3::new(across * sine, 0.0, middle + high * cosine)
         };
-        let ticks = 100 + (300.0 * unit(random)) as u64;
-        let direction = along(&mut bench, path, ticks);
+        let time = 100 + (300.0 * unit(random)) as u64;
+        let ticks = setup.ticks(time);
+        let direction = along(&mut bench, path, time);
         // Half the period times stiffness times the squared speed, which is a half of stiffness
         // times the squared step.
         let leak = (1..=ticks).map(|tick| {
             let [a, b] = [tick - 1, tick].map(|tick| path(tick as f64 / ticks as f64).z);
             let share = (0.5 * (a + b) - setup.radius_m) / reach;
-            0.5 * (4.0 * force / reach * (1.0 - 2.0 * share)) * (b - a) * (b - a)
+            0.5 * (4.0 * force * setup.stiffer() / reach * (1.0 - 2.0 * share)) * (b - a) * (b - a)
         });
         found.most(direction.energy / leak.sum::<f64>());
     }
@@ -453,11 +457,13 @@ fn fields(
         "{ inertia = { mass_kg = 0.5, stiffness_n_per_m = 1050, damping_ns_per_m = 0.1 } }",
     ] {
         for encoder_m in [0.0, 1e-6] {
+            // The stiffest would be faster than the slew limit.
             let setup = Setup {
                 effects,
                 encoder_m,
-                ..defaults
+                ..defaults.with_motions_of_a_tick()
             };
+            let a_millisecond = setup.ticks(1);
             let mut bench = wall(setup)?;
             let period = bench.period_s();
             for _ in 0..size.of(2, 100) {
@@ -470,20 +476,25 @@ fn fields(
                 let mut force = DVec3::ZERO;
                 let (mut first, mut last) = (0.0f64, 0.0f64);
                 let mut before = start;
-                for tick in 0..6000 {
+                for tick in 0..setup.ticks(6000) {
                     let place = mass.advance(force);
+                    force = bench.touch(place).force;
+                    if !tick.is_multiple_of(a_millisecond) {
+                        continue;
+                    }
                     let moved = place.distance(before);
                     before = place;
-                    if tick < 200 {
+                    if tick < setup.ticks(200) {
                         first = first.max(moved);
-                    } else if tick >= 5500 {
+                    } else if tick >= setup.ticks(5500) {
                         last = last.max(moved);
                     }
-                    force = bench.touch(place).force;
                 }
                 // A step of the encoder to and fro is no swing.
                 found.must(last.is_finite() && before.is_finite());
-                found.most((last - 2.0 * encoder_m).max(0.0) / first);
+                let left = (last - 2.0 * encoder_m).max(0.0) / first;
+                found.most(left);
+                found.log(effects, left);
             }
         }
     }
@@ -518,7 +529,7 @@ fn boundary(
             let mut mass = FreeMass::new(start, DVec3::Z * speed, period, 0.0);
             let (mut force, mut last) = (DVec3::ZERO, start);
             let (mut travel, mut touched) = (0.0, false);
-            for _ in 0..2000 {
+            for _ in 0..setup.ticks(2000) {
                 let place = mass.advance(force);
                 if force != DVec3::ZERO {
                     travel += place.distance_squared(last) / period;

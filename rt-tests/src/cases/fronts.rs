@@ -75,10 +75,11 @@ fn refit(
     let operations = size.of(600, 10_000);
     let mut done = 0;
     let mut tick = 0u64;
-    while done < operations && tick < 40 * operations {
-        let turn = 0.01 * tick as f64;
+    let asks = defaults.ticks(40);
+    while done < operations && tick < asks * operations {
+        let turn = 0.01 * defaults.ms(tick);
         let out = DVec3::new(turn.cos(), turn.sin(), (0.7 * turn).cos()).normalize();
-        if tick.is_multiple_of(40) {
+        if tick.is_multiple_of(asks) {
             bench.ask([0.0, 1e-3, 1e-4, 5e-3][(random.next_u32() % 4) as usize]);
         }
         tick += 1;
@@ -151,7 +152,8 @@ fn in_units(
         bench.travel(place);
         let response = directions.iter().map(|&direction| {
             // Drawn back to the middle, a little below the surface.
-            place += direction * 1e-3 - (place + DVec3::Z * 3e-4) * 0.1;
+            let step = direction * 1e-3 - (place + DVec3::Z * 3e-4) * 0.1;
+            place += step * defaults.jump();
             let response = bench.touch(place);
             (response.force, response.proxy)
         });

@@ -105,7 +105,9 @@ impl HeldTool {
     /// One sentence when the mesh cannot be served, or does not arrive.
     pub fn new(plan: &ScenePlan, mesh: SoupMesh, begin: Pose) -> Result<Self, Failure> {
         let station = station(plan, mesh)?;
-        let mut client = Client::new(plan, ClientOptions::default());
+        let mut options = ClientOptions::default();
+        options.link = options.link.at_rate(plan.loop_.rate_hz);
+        let mut client = Client::new(plan, options);
         let controller = client.controller_mut();
         controller.set_motion_limits(0, MotionLimits::HAND);
         let mut held = Self {

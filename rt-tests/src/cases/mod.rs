@@ -20,11 +20,13 @@
 //! | `tools` | a tool in holes, slots, grooves and between sheets |
 //! | [`mod@bench`], [`mod@setup`], [`mod@device`], `shapes`, `tool_shapes` | a controller that touches one mesh; meshes |
 //! | [`contender`] | other proxies in place of the product's |
+//! | `changes` | changes of a force, and what is not felt of them |
 //! | [`held_tool`] | a tool in a hand, the loop closed in six degrees of freedom |
 //! | [`mod@case`] | a case, the size of its run, its result |
 
 pub mod bench;
 pub mod case;
+mod changes;
 pub mod contender;
 mod corners;
 pub mod device;

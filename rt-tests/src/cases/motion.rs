@@ -108,8 +108,8 @@ const LOOSE: SpringDamperPlan = SpringDamperPlan {
 };
 /// Steps of the reference in a tick.
 const FINER: u32 = 64;
-/// Ticks in which a device that hits a body does so, and leaves it.
-const PUSH_TICKS: u32 = 2000;
+/// Time in which a device that hits a body does so, and leaves it, milliseconds.
+const PUSH_MS: u64 = 2000;
 /// Seconds within which a body that was left alone is to sleep: ten times what its speed takes to
 /// fade to a third, for a ten-thousandth of it, and again for the wait.
 const ASLEEP_S: f64 = 12.0;
@@ -200,17 +200,18 @@ fn met(
         let period = bench.period_s();
         // Far enough to have the model there, which takes some ticks, and then some phase of a
         // tick.
-        let far = speed * period * (60.0 + unit(random)) + setup.radius_m;
+        let ticks = setup.ticks(60) as f64 + unit(random);
+        let far = speed * period * ticks + setup.radius_m;
         let place = home.transform_point(DVec3::Z * far);
         let mut mass = FreeMass::new(place, DVec3::ZERO, period, 0.0);
         let (mut watch, mut force, mut at) = (Watch { gap: false }, DVec3::ZERO, place);
-        for tick in 0..120 {
+        for tick in 0..setup.ticks(120) {
             if is_free {
                 at = mass.advance(force);
             }
             let (wrong, response) = watch.is_wrong(&mut bench, at);
             force = response;
-            if tick > 40 {
+            if tick > setup.ticks(40) {
                 found.right(!wrong);
             }
         }
@@ -255,10 +256,10 @@ fn moving_object(
             let place = home.transform_point(up * -arm);
             let mut watch = Watch { gap: false };
             let mut above = false;
-            for tick in 0..1250 {
+            for tick in 0..setup.ticks(1250) {
                 let (wrong, _) = watch.is_wrong(&mut bench, place);
                 let beside = bench.pose().inverse_transform_point(place).z;
-                above |= tick > 40 && beside > 2.0 * setup.radius_m;
+                above |= tick > setup.ticks(40) && beside > 2.0 * setup.radius_m;
                 found.right(!(wrong && above));
             }
         }
@@ -279,16 +280,16 @@ fn moving_object(
                 .pose
                 .transform_point(DVec3::X * (share * setup.size_m))
         };
-        for _ in 0..1000 {
+        for _ in 0..setup.ticks(1000) {
             bench.touch(place(1.0));
         }
         let mut gap = false;
-        for tick in 0..2000 {
+        for tick in 0..setup.ticks(2000) {
             // Well within the smallest radius of the body, so that there is always a force.
-            let share = (1.0 - 1e-3 * f64::from(tick)).max(0.3);
+            let share = (1.0 - 1e-3 * setup.ms(tick)).max(0.3);
             let force = bench.touch(place(share)).force;
             let none = force == DVec3::ZERO || force.is_nan();
-            found.right(!(tick > 700 && none && gap));
+            found.right(!(tick > setup.ticks(700) && none && gap));
             gap = none;
         }
     }
@@ -387,7 +388,7 @@ fn each_push(
     for (mass_kg, stiffness_n_per_m) in PUSHED {
         for _ in 0..size.of(3, 200) {
             let setup = Setup {
-                stiffness_n_per_m,
+                stiffness_n_per_m: stiffness_n_per_m * defaults.stiffer(),
                 pose: turned(random),
                 movable: Some(free(mass_kg, LOOSE)),
                 ..defaults
@@ -418,7 +419,7 @@ fn pushed_energy(
     let mut found = Found::new(0.0);
     each_push(size, random, defaults, |mut push| {
         let first = push.energy();
-        for _ in 0..PUSH_TICKS {
+        for _ in 0..push.bench.setup().ticks(PUSH_MS) {
             push.tick();
             found.most(push.energy() / first);
         }
@@ -439,7 +440,7 @@ fn pushed_momentum(
     let mut found = Found::new(0.0);
     each_push(size, random, defaults, |mut push| {
         let first = push.momentum();
-        for _ in 0..PUSH_TICKS {
+        for _ in 0..push.bench.setup().ticks(PUSH_MS) {
             push.tick();
             found.most(push.momentum().distance(first) / first.length());
         }
@@ -460,7 +461,8 @@ fn pushed_reference(
 ) -> Result<Found, Failure> {
     let bytes = model(shapes::plate(), true)?;
     let mut found = Found::new(0.0);
-    for (mass_kg, stiffness_n_per_m) in PUSHED {
+    for (mass_kg, stiffness) in PUSHED {
+        let stiffness_n_per_m = stiffness * defaults.stiffer();
         for _ in 0..size.of(3, 200) {
             let setup = Setup {
                 stiffness_n_per_m,
@@ -477,7 +479,7 @@ fn pushed_reference(
             let start = DVec3::Z * (setup.radius_m + height);
             let direction = [start, DVec3::Z * -speed];
             let mut push = Push::new(&bytes, setup, mass_kg, direction, DAMPING_NS_PER_M)?;
-            for _ in 0..PUSH_TICKS {
+            for _ in 0..setup.ticks(PUSH_MS) {
                 push.tick();
             }
             let due = after_impact(mass_kg, stiffness_n_per_m, speed, height, setup.rate_hz);
@@ -495,7 +497,7 @@ fn after_impact(mass_kg: f64, stiffness: f64, speed: f64, height: f64, rate_hz: 
     let dt = 1.0 / (rate_hz * f64::from(FINER));
     let (mut device, mut device_speed) = (-height, speed);
     let (mut body, mut body_speed) = (0.0, 0.0);
-    for _ in 0..PUSH_TICKS * FINER {
+    for _ in 0..PUSH_MS * rate_hz as u64 / 1000 * u64::from(FINER) {
         let force = stiffness * f64::max(device - body, 0.0);
         device_speed -= dt / MASS_KG * (force + DAMPING_NS_PER_M * device_speed);
         body_speed += dt / mass_kg * force;
@@ -523,7 +525,7 @@ fn pushed_rest(
                 damping: None,
             };
             let setup = Setup {
-                stiffness_n_per_m,
+                stiffness_n_per_m: stiffness_n_per_m * defaults.stiffer(),
                 movable: Some(free(mass_kg, rest)),
                 ..defaults
             };

@@ -2,6 +2,7 @@
 
 use super::bench::{Bench, Response, model, parts, spm};
 use super::case::{Case, Found, ProbeOfCase, Trial};
+use super::changes::Changes;
 use super::device::FreeMass;
 use super::setup::{Departure, Setup};
 use crate::failure::Failure;
@@ -160,17 +161,14 @@ pub const CASES: &[Case] = &[
 const FACES: u32 = 60_000;
 /// How deep the probe is pressed, metres.
 const DEPTH_M: f64 = 1e-3;
-/// Ticks for which it is looked at what it does then.
-const LOOK_TICKS: u32 = 2000;
-/// Ticks within which a contact comes to full resolution, folds or not.
-const MAX_FOLD_TICKS: u32 = 10_000;
-/// How fast it comes down and leaves, metres a tick.
+/// Time for which it is looked at what it does then, milliseconds.
+const LOOK_MS: u64 = 2000;
+/// Time within which a contact comes to full resolution, folds or not, milliseconds.
+const MAX_FOLD_MS: u64 = 10_000;
+/// How fast it comes down and leaves, metres a millisecond.
 const STEP_M: f64 = 5e-5;
 /// Of a height that is computed from a place, relative.
 const ROUNDING: f64 = 1e-12;
-/// A change of force below the just noticeable one, newtons, and as a share of the force.
-const STEP_N: f64 = 0.05;
-const STEP_SHARE: f64 = 0.07;
 
 /// A random direction.
 fn direction(random: &mut Xoshiro256PlusPlus) -> DVec3 {
@@ -209,11 +207,13 @@ fn over(bytes: &[u8], setup: Setup, up: DVec3, coarse_m: f64) -> Result<(Bench, 
 /// Comes down until the probe is [`DEPTH_M`] deep in the front as it is; the height of the device
 /// then.
 fn press(bench: &mut Bench, up: DVec3, mut height: f64) -> f64 {
+    // With no more force than at 1 kHz.
+    let depth_m = DEPTH_M / bench.setup().stiffer().max(1.0);
     while height > 0.0 {
-        if bench.touch(up * height).record.depth_m >= DEPTH_M {
+        if bench.touch(up * height).record.depth_m >= depth_m {
             break;
         }
-        height -= STEP_M;
+        height -= STEP_M * bench.setup().ms(1);
     }
     height
 }
@@ -306,11 +306,11 @@ fn refined_and_back(
         (true, true) => "relief, in a hand",
     };
     let (mut splits, mut last) = (0, up * down);
+    let mut changes = Changes::new(&setup, before.force);
     for tolerance_m in [0.0, coarse_m, 0.0] {
         bench.ask(tolerance_m);
-        for _ in 0..LOOK_TICKS {
+        for _ in 0..setup.ticks(LOOK_MS) {
             let (place, response) = holder.tick(&mut bench, before.force);
-            let allowed = STEP_N.max(STEP_SHARE * before.force.length());
             // A proxy that is free is at the device, but for rounding.
             let is_above = response.proxy.dot(up) >= place.dot(up) * (1.0 - ROUNDING);
             let is_outside = is_above && response.force.dot(up) >= 0.0;
@@ -318,7 +318,7 @@ fn refined_and_back(
             // What the device's own motion changes is its hand's.
             let own = setup.stiffness_n_per_m * place.distance(last);
             last = place;
-            let step = (response.force.distance(before.force) - own) / allowed;
+            let step = changes.add(response.force, own);
             found.most(step);
             found.log(kind, step);
             found.log("torque step, N m", response.torque.distance(before.torque));
@@ -355,7 +355,7 @@ fn cycle_energy(
         let rise = bench.settle(up * down)?.proxy.dot(up) - down - depth;
         height = down;
         while height < defaults.size_m {
-            height += STEP_M;
+            height += STEP_M * defaults.ms(1);
             bench.touch(up * height);
         }
         bench.ask(coarse_m);
@@ -413,14 +413,13 @@ fn refined_over_folds(
 ) -> Result<u32, Failure> {
     let (mut bench, height) = over(bytes, setup, up, setup.size_m)?;
     let down = press(&mut bench, up, height);
-    let mut before = bench.touch(up * down).force;
+    let before = bench.touch(up * down).force;
     bench.ask(0.0);
     let (mut refused, mut passed) = (0, 0);
-    for _ in 0..MAX_FOLD_TICKS {
+    let mut changes = Changes::new(&setup, before);
+    for _ in 0..setup.ticks(MAX_FOLD_MS) {
         let response = bench.touch(up * down);
-        let allowed = STEP_N.max(STEP_SHARE * before.length());
-        found.most(response.force.distance(before) / allowed);
-        before = response.force;
+        found.most(changes.add(response.force, 0.0));
         refused += response.record.rejected_folds;
         passed += response.record.passed_folds;
         let is_full = response.record.contact_full && response.record.geomorphing == 0;

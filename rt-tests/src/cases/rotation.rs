@@ -167,10 +167,17 @@ pub fn on_edge(trial: Trial<'_>) -> Result<Found, Failure> {
 /// surface is refined, the product gives energy on purpose, and says how much: where that is not
 /// excluded, it is taken off.
 fn passivity(trial: Trial<'_>, held: &Held) -> Result<Found, Failure> {
-    let Trial { size, random, .. } = trial;
+    let Trial {
+        size,
+        random,
+        defaults,
+    } = trial;
     let mut found = Found::new(f64::NEG_INFINITY);
     for (surface, device) in SURFACES {
-        let plan = plan(&held.tool, surface, device)?;
+        let [stiffness, damping] = surface;
+        let scaled = [stiffness * defaults.stiffer(), damping];
+        let mut plan = plan(&held.tool, scaled, device)?;
+        plan.loop_ = plan.loop_.at_rate(defaults.rate_hz);
         let is_strict = held.is_strict && surface == SURFACES[0].0;
         let mut hand = Swings::new(held, random);
         let mut tool = HeldTool::new(&plan, held.mesh.clone(), hand.pose(0.0))?;
@@ -283,7 +290,10 @@ mod tests {
             is_strict: true,
         };
         let trial = Trial {
-            size: &Size { full: false },
+            size: &Size {
+                full: false,
+                rate_hz: 1e3,
+            },
             random: &mut Xoshiro256PlusPlus::seed_from_u64(1),
             defaults: Setup::default(),
         };

@@ -7,7 +7,8 @@ use geometry::Pose;
 use glam::{DQuat, DVec3};
 use haptic_device::MotionLimits;
 use scene::{
-    ModelScale, MovablePlan, NoFiles, Overrides, ProbeShape, ScenePlan, TrajectoryPlan, parse,
+    Effect, EffectPlan, ModelScale, MovablePlan, NoFiles, Overrides, ProbeShape, ScenePlan,
+    TrajectoryPlan, parse,
 };
 use simulator::{ClientOptions, LinkModel};
 use std::path::Path;
@@ -89,6 +90,8 @@ pub struct Setup {
     pub movable: Option<MovablePlan>,
     /// Length of the probe, metres: with one it is a tool, a capsule of that radius along z.
     pub length_m: Option<f64>,
+    /// Whether every sample is taken for a motion, and no change of force is limited.
+    pub any_motion: bool,
     /// Where it departs from the product.
     pub departs: &'static [(Departure, &'static str)],
     /// Whose force and proxy take the place of the product's, or who writes down what is asked.
@@ -102,6 +105,18 @@ impl Default for Setup {
 }
 
 impl Setup {
+    /// The product at another rate, 1/s. Stiffness goes with the rate and damping stays, so that what
+    /// the hold of a period puts out and what the device takes, `(K T / 2 + B) / b`, stay in
+    /// proportion.
+    #[must_use]
+    pub fn at_rate(rate_hz: f64) -> Self {
+        Self {
+            rate_hz,
+            stiffness_n_per_m: Self::PRODUCT.stiffness_n_per_m * rate_hz / Self::PRODUCT.rate_hz,
+            ..Self::PRODUCT
+        }
+    }
+
     /// The product, with what the cases name: 1 kHz, 1 kN/m without damping, a ball of 1 mm on an
     /// object of 0.2 m.
     pub const PRODUCT: Self = Self {
@@ -119,9 +134,96 @@ impl Setup {
         probes: 1,
         movable: None,
         length_m: None,
+        any_motion: false,
         departs: &[],
         contender: None,
     };
+
+    /// Rates of a case that runs at several: all of them at the product's rate, else that of the
+    /// run.
+    pub(super) fn rates(&self) -> &[f64] {
+        if self.rate_hz == Self::PRODUCT.rate_hz {
+            &[500.0, 1000.0, 2000.0, 4000.0]
+        } else {
+            std::slice::from_ref(&self.rate_hz)
+        }
+    }
+
+    /// The rate over the product's: stiffness goes with it.
+    #[must_use]
+    pub fn stiffer(&self) -> f64 {
+        self.rate_hz / Self::PRODUCT.rate_hz
+    }
+
+    /// Time of so many ticks, milliseconds.
+    #[must_use]
+    pub fn ms(&self, ticks: u64) -> f64 {
+        ticks as f64 * (1e3 / self.rate_hz)
+    }
+
+    /// The ticks nearest to a time in milliseconds, at least one.
+    #[must_use]
+    pub fn ticks(&self, ms: u64) -> u64 {
+        ((ms as f64 * self.rate_hz / 1e3).round() as u64).max(1)
+    }
+
+    /// Share of a displacement between two ticks at 1 kHz that is no larger an acceleration.
+    pub(super) fn jump(&self) -> f64 {
+        (self.ms(1) * self.ms(1)).min(1.0)
+    }
+
+    /// Without limits of motion and slew above 1 kHz: for cases whose device goes so far in a tick
+    /// of any length, which is no motion of a hand there.
+    #[must_use]
+    pub(super) fn with_motions_of_a_tick(self) -> Self {
+        Self {
+            any_motion: self.rate_hz > Self::PRODUCT.rate_hz,
+            ..self
+        }
+    }
+
+    /// Largest change of a force in a tick that is not felt, newtons: 0.05 N or 7 % of it in a
+    /// millisecond.
+    pub(super) fn unfelt_n(&self, force_n: f64) -> f64 {
+        self.ms(1) * 0.05f64.max(0.07 * force_n)
+    }
+
+    /// Gives the effects of the scene and of its object the stiffness that goes with the rate. Their
+    /// damping is that of 1 kHz, and less below, where the loop holds less of it.
+    fn scale_effects(&self, plan: &mut ScenePlan) {
+        let scale = |of: &EffectPlan| EffectPlan {
+            effect: self.scaled(&of.effect),
+            ..of.clone()
+        };
+        plan.effects = plan.effects.iter().map(scale).collect();
+        for object in &mut plan.objects {
+            object.effects = object.effects.iter().map(scale).collect();
+        }
+    }
+
+    fn scaled(&self, effect: &Effect) -> Effect {
+        let (stiffer, damped) = (self.stiffer(), self.stiffer().min(1.0));
+        let mut effect = effect.clone();
+        match &mut effect {
+            Effect::Spring(of) => {
+                of.stiffness_n_per_m *= stiffer;
+                of.damping_ns_per_m *= damped;
+            }
+            Effect::Inertia(of) => {
+                of.stiffness_n_per_m *= stiffer;
+                of.damping_ns_per_m *= damped;
+            }
+            Effect::Boundary(of) => of.stiffness_n_per_m *= stiffer,
+            Effect::Magnet(of) => of.force_n *= stiffer,
+            Effect::Viscosity { damping_ns_per_m } => *damping_ns_per_m *= damped,
+            Effect::Friction(_)
+            | Effect::Shading(_)
+            | Effect::Texture(_)
+            | Effect::Vibration(_)
+            | Effect::Gravity(_) => {}
+        }
+        effect
+    }
 
     /// Whether it departs from the product in a setting.
     #[must_use]
@@ -138,7 +240,7 @@ impl Setup {
 
     /// Limits of the device's motion.
     pub(super) fn motion_limits(&self) -> MotionLimits {
-        if self.departs_in(Departure::Motion) {
+        if self.any_motion || self.departs_in(Departure::Motion) {
             MotionLimits::UNLIMITED
         } else {
             MotionLimits::HAND
@@ -148,11 +250,12 @@ impl Setup {
     /// The controller's side of the link.
     pub(super) fn client_options(&self) -> ClientOptions {
         let mut options = ClientOptions::default();
+        options.link = options.link.at_rate(self.rate_hz);
         if self.departs_in(Departure::Limits) {
             options.device_max_n = UNLIMITED_N;
         }
         if self.departs_in(Departure::LossyLink) {
-            options.link = LOSSY;
+            options.link = LOSSY.at_rate(self.rate_hz);
             options.station_is_far = true;
         }
         options
@@ -168,7 +271,8 @@ impl Setup {
             &Overrides::default(),
             &NoFiles,
         )?;
-        plan.loop_.rate_hz = self.rate_hz;
+        plan.loop_ = plan.loop_.at_rate(self.rate_hz);
+        self.scale_effects(&mut plan);
         if self.departs_in(Departure::SmallCache) {
             plan.cache_bytes = 2 << 20;
         }
@@ -197,6 +301,9 @@ impl Setup {
         if self.departs_in(Departure::Limits) {
             plan.safety.force_max_n = UNLIMITED_N;
             plan.safety.torque_max_nm = UNLIMITED_N;
+            plan.safety.slew_n_per_s = UNLIMITED_N * self.rate_hz;
+        }
+        if self.any_motion {
             plan.safety.slew_n_per_s = UNLIMITED_N * self.rate_hz;
         }
         plan.accuracy.geomorph = !self.departs_in(Departure::Geomorph);

@@ -122,16 +122,24 @@ pub const CASES: &[Case] = &[
 
 /// Speeds of a pass, m/s.
 const SPEEDS: [f64; 4] = [0.05, 0.5, 1.0, 2.0];
+/// Acceleration to it, m/s²: what a hand may do to a device, but for rounding.
+const PASS_M_PER_S2: f64 = 2000.0 * (1.0 - 1e-9);
 /// How deep a pass goes behind the surface, metres.
 const DEPTH_M: f64 = 5e-3;
 
-/// Straight from one place to another at a speed, with a look at every tick.
+/// Straight from one place to another at a speed, as soon as a hand can have it, with a look at
+/// every tick.
 fn pass(bench: &mut Bench, from: DVec3, to: DVec3, speed: f64, mut look: impl FnMut(&Response)) {
-    let ticks = (from.distance(to) / (speed * bench.period_s()))
-        .ceil()
-        .max(1.0) as u32;
-    for tick in 1..=ticks {
-        look(&bench.touch(from.lerp(to, f64::from(tick) / f64::from(ticks))));
+    let period = bench.period_s();
+    let length = from.distance(to);
+    let step = length / (length / (speed * period)).ceil().max(1.0);
+    let gain = PASS_M_PER_S2 * period * period;
+    let (mut moved, mut way) = (0.0, 0.0);
+    // But for rounding; the last step may lead beyond.
+    while way < length * (1.0 - 1e-9) {
+        moved = f64::min(moved + gain, step);
+        way += moved;
+        look(&bench.touch(from.lerp(to, way / length)));
     }
 }
 
@@ -262,7 +270,8 @@ impl Sheet {
         random: &mut Xoshiro256PlusPlus,
         found: &mut Found,
     ) -> Result<(), Failure> {
-        for stiffness_n_per_m in [500.0, 1000.0, 3000.0] {
+        for stiffness in [500.0, 1000.0, 3000.0] {
+            let stiffness_n_per_m = stiffness * defaults.stiffer();
             for up in [DVec3::Z, DVec3::NEG_Z] {
                 let setup = Setup {
                     stiffness_n_per_m,

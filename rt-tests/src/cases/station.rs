@@ -17,13 +17,10 @@ const SMALL_LOSSY: &[(Departure, &str)] = &[
     (Departure::SmallCache, "its subject"),
     (Departure::LossyLink, "its subject"),
 ];
-/// Largest change of force in a tick that is not felt, newtons, and as a share of the force.
-const STEP_N: f64 = 0.05;
-const STEP_SHARE: f64 = 0.07;
 /// Faces of what is touched.
 const FACES: u32 = 150_000;
-/// Ticks of a round: the station is away in the second half of it.
-const ROUND: u64 = 4000;
+/// Time of a round, milliseconds: the station is away in the second half of it.
+const ROUND_MS: u64 = 4000;
 
 /// The cases of this file.
 pub const CASES: &[Case] = &[
@@ -94,10 +91,11 @@ fn silent_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Fail
         let mut bench = Bench::new(&bytes, setup)?;
         let inside = bench.settle(DVec3::Z * setup.size_m)?.proxy * 0.2;
         let mut forces = Vec::new();
-        for tick in 0..size.of(6000, 60_000) {
-            bench.mute(silent && (3000..4000).contains(&(tick % 6000)));
+        for tick in 0..setup.ticks(size.of(6000, 60_000)) {
+            let ms = setup.ms(tick);
+            bench.mute(silent && (3000.0..4000.0).contains(&(ms % 6000.0)));
             // Pressed well before the station falls silent.
-            let share = (tick as f64 / 1500.0).min(1.0);
+            let share = (ms / 1500.0).min(1.0);
             let place = (DVec3::Z * setup.size_m).lerp(inside, share);
             forces.push(bench.touch(place).force);
         }
@@ -105,7 +103,8 @@ fn silent_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Fail
     };
     let (alone, beside) = (press(true)?, press(false)?);
     let mut found = Found::new(0.0);
-    for (a, b) in alone.iter().zip(&beside).skip(3000) {
+    let until_silent = setup.ticks(3000) as usize;
+    for (a, b) in alone.iter().zip(&beside).skip(until_silent) {
         // Without a touch there would be nothing to lose.
         found.must(b.length() > 0.0);
         found.most(a.distance(*b));
@@ -124,17 +123,21 @@ fn restarted_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, F
         ..defaults
     };
     let mut found = Found::new(0.0);
-    let ticks = ROUND * size.of(1, 50);
+    let ticks = defaults.ticks(ROUND_MS) * size.of(1, 50);
     let twin = slide(&bytes, defaults, ticks, None)?;
     let alone = slide(&bytes, defaults, ticks, Some(&mut found))?;
     let felt = twin
         .iter()
         .fold(0.0, |most, &(step, _)| max_or_nan(most, step));
+    let mut least = -1.0;
     for (&(step, force), &(_, beside)) in alone.iter().zip(&twin) {
         found.most(step - felt);
+        let kept = if beside > 0.0 { force / beside } else { 1.0 };
+        least = max_or_nan(least, -kept);
         found.must(force > 0.5 * beside);
     }
     found.log("largest step of the twin, over what is not felt", felt);
+    found.log("least force beside the twin's", -least);
     Ok(found)
 }
 
@@ -150,9 +153,10 @@ fn slide(
     let mut bench = Bench::new(bytes, setup)?;
     let budget = bench.controller().work_budget();
     let mut steps = Vec::with_capacity(ticks as usize);
+    let round = setup.ticks(ROUND_MS);
     let place = |tick: u64| {
         // 0.1 m/s over new ground at 0.03 m from the middle.
-        let turn = 3.2e-3 * tick as f64;
+        let turn = 3.2e-3 * setup.ms(tick);
         let out = DVec3::new(turn.sin(), (0.31 * turn).sin(), turn.cos());
         out.normalize() * (0.3 * setup.size_m)
     };
@@ -163,14 +167,14 @@ fn slide(
     let mut evicted = 0;
     for tick in 1..=ticks {
         if found.is_some() {
-            match tick % ROUND {
-                2000 => bench.kill_station(),
+            match tick % round {
+                half if half == round / 2 => bench.kill_station(),
                 0 => bench.restart_station()?,
                 _ => {}
             }
         }
         let response = bench.touch(place(tick));
-        let allowed = STEP_N.max(STEP_SHARE * before.length());
+        let allowed = setup.unfelt_n(before.length());
         let step = response.force.distance(before) / allowed;
         steps.push((step, response.force.length()));
         before = response.force;

@@ -114,15 +114,15 @@ fn each_toggled(
         for _ in 0..size.of(1, 50) {
             let mut bench = wall(setup)?;
             let phase = TAU * unit(random);
-            let place = |tick: u32| {
-                let turn = 0.01 * f64::from(tick) + phase;
+            let place = |tick: u64| {
+                let turn = 0.01 * setup.ms(tick) + phase;
                 let aside = DVec3::new(turn.sin(), (1.3 * turn).cos(), 0.0) * 0.01;
                 aside + DVec3::Z * height
             };
             let slew_n = 2000.0 * bench.period_s();
             bench.press(place(0), DVec3::Z);
             let mut last = bench.touch(place(0)).force;
-            for tick in 1..1000 {
+            for tick in 1..setup.ticks(1000) {
                 let force = bench.touch(place(tick)).force;
                 let step = force.distance(last) / slew_n;
                 found.most(step);
@@ -178,8 +178,9 @@ fn beside_none(
         })?;
         bench.travel(DVec3::Z * defaults.radius_m);
         let forces = directions.iter().map(|&direction| {
-            let depth = 1e-3 * (direction - 0.3);
-            let place = DVec3::new(1e-3 * direction, 0.0, defaults.radius_m - depth);
+            let depth = 1e-3 * (defaults.jump() * direction - 0.3);
+            let aside = 1e-3 * defaults.jump() * direction;
+            let place = DVec3::new(aside, 0.0, defaults.radius_m - depth);
             bench.touch(place).force.to_array().map(f64::to_bits)
         });
         let forces = forces.collect();

@@ -183,7 +183,7 @@ impl Fit {
     }
 
     /// A tick at a pose; every tenth time it is looked at whether a face is passed.
-    fn tick(&mut self, pose: Pose, tick: u32, found: &mut Found) -> DVec3 {
+    fn tick(&mut self, pose: Pose, tick: u64, found: &mut Found) -> DVec3 {
         let response = self.bench.sample(Some(pose));
         if tick.is_multiple_of(10) {
             let is_outside = self.is_outside();
@@ -192,19 +192,20 @@ impl Fit {
         response.proxy
     }
 
-    /// Down along z and up again, and how far the proxy is from the device at both ends, over what
+    /// Down along z and up again, each in so many milliseconds, and how far the proxy is from the device at both ends, over what
     /// it may be, along z.
     fn stroke(
         &mut self,
         [high, low]: [f64; 2],
         pose: impl Fn(f64) -> Pose,
-        ticks: u32,
+        ms: u64,
         found: &mut Found,
     ) {
+        let [ticks, rest] = [ms, 50].map(|ms| self.bench.setup().ticks(ms));
         for (from, to) in [(high, low), (low, high)] {
             let mut behind = f64::NAN;
-            for tick in 1..=ticks + 50 {
-                let share = (f64::from(tick) / f64::from(ticks)).min(1.0);
+            for tick in 1..=ticks + rest {
+                let share = (tick as f64 / ticks as f64).min(1.0);
                 // From rest to rest.
                 let way = share * share * (3.0 - 2.0 * share);
                 let at = pose(from + (to - from) * way);
@@ -306,13 +307,13 @@ fn rolling(
         let start = 0.01 * unit(random);
         let turned = |x: f64| DQuat::from_rotation_y(x / radius) * lying;
         bench.press(DVec3::new(start, 0.0, radius - depth), DVec3::Z);
-        for tick in 1..=400 {
-            let x = speed * 1e-3 * f64::from(tick);
+        for tick in 1..=defaults.ticks(400) {
+            let x = speed * 1e-3 * defaults.ms(tick);
             let response = bench.sample(Some(Pose {
                 position: DVec3::new(start + x, 0.0, radius - depth),
                 orientation: turned(rolled + x),
             }));
-            if tick > 20 {
+            if tick > defaults.ticks(20) {
                 found.most(response.force.distance(DVec3::Z * due) / FELT_N);
             }
         }
@@ -345,10 +346,11 @@ fn wedge(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure> {
     bench.settle(DVec3::Z * 0.019)?;
     bench.press(DVec3::new(0.0, -0.01, rests - 3e-4), DVec3::Z);
     let mut found = Found::new(0.0);
-    for tick in 0..size.of(600, 2000) {
-        let y = -0.01 + 2e-5 * (tick.min(900)) as f64;
+    for tick in 0..setup.ticks(size.of(600, 2000)) {
+        let ms = setup.ms(tick);
+        let y = -0.01 + 2e-5 * ms.min(900.0);
         let force = bench.touch(DVec3::new(0.0, y, rests - 3e-4)).force;
-        if (300..900).contains(&tick) {
+        if (300.0..900.0).contains(&ms) {
             let due = 0.3 * force.z / (0.5 * angle).sin();
             found.most((-force.y / due - 1.0).abs());
         }
@@ -370,7 +372,7 @@ fn cavity(
     let mut found = Found::new(0.0);
     let phase = 6.3 * unit(random);
     let place = |tick: u64| {
-        let turn = 0.02 * tick as f64 + phase;
+        let turn = 0.02 * defaults.ms(tick) + phase;
         DVec3::new(turn.sin(), (1.3 * turn).cos(), 0.5 * (0.7 * turn).sin()) * 1e-3
     };
     bench.press(place(0), DVec3::Z);
@@ -379,7 +381,7 @@ fn cavity(
         let response = bench.touch(place(tick));
         let moved = place(tick).distance(place(tick - 1));
         let change = response.force.distance(before.force);
-        if tick > 20 {
+        if tick > defaults.ticks(20) {
             found.must(response.record.contact);
             found.most(change / (2.0 * defaults.stiffness_n_per_m * moved));
         }
@@ -399,7 +401,7 @@ fn flat(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure> {
     bench.press(place, DVec3::Z);
     let mut found = Found::new(0.0);
     let tilt = |tick: u64| {
-        let turn = 0.01 * tick as f64;
+        let turn = 0.01 * defaults.ms(tick);
         DVec3::new(turn.sin(), (1.3 * turn).sin(), 0.0) * 0.2f64.to_radians()
     };
     let mut before = bench.touch(place);
@@ -449,7 +451,7 @@ fn larger(
         let aside = (unit(random) - 0.5) * 2e-5;
         bench.travel(DVec3::new(aside - 1e-4, aside, 5e-3));
         bench.press(DVec3::new(aside - 1e-4, aside, 2e-3 - depth), DVec3::Z);
-        for _ in 0..50 {
+        for _ in 0..setup.ticks(50) {
             bench.touch(DVec3::new(aside - 1e-4, aside, 2e-3 - depth));
         }
         let force = bench
@@ -475,13 +477,13 @@ fn many_faces(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure>
         bench.settle(DVec3::Z * defaults.size_m)?;
         let place = |tick: u64| {
             // 0.1 m/s around the body.
-            let turn = 1.4e-3 * tick as f64;
+            let turn = 1.4e-3 * defaults.ms(tick);
             DVec3::new(turn.sin(), 0.0, turn.cos()) * (0.36 * defaults.size_m)
         };
         bench.travel(place(0));
         let mut contacts = 0.0;
         for tick in 1..size.of(2000, 20_000) {
-            let turn = 1.4e-3 * tick as f64;
+            let turn = 1.4e-3 * defaults.ms(tick);
             let response = bench.sample(Some(Pose {
                 position: place(tick),
                 orientation: DQuat::from_rotation_y(turn),
@@ -532,7 +534,7 @@ fn closing(
         bench.turn(DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2));
         // The walls come to it after the soft start.
         let place = DVec3::new(0.0, -0.006, rests + 0.03 + 1e-4 * unit(random));
-        for _ in 0..360 {
+        for _ in 0..setup.ticks(360) {
             let response = bench.touch(place);
             let depth = bench.pose().position.z + rests - place.z;
             if depth > 2e-3 {

@@ -256,7 +256,7 @@ fn head_on(
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
-    for rate_hz in [500.0, 1000.0, 2000.0, 4000.0] {
+    for &rate_hz in defaults.rates() {
         let setup = Setup {
             rate_hz,
             ..defaults
@@ -283,7 +283,7 @@ fn net_passivity(
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(f64::NEG_INFINITY);
-    for rate_hz in [500.0, 1000.0, 2000.0, 4000.0] {
+    for &rate_hz in defaults.rates() {
         let setup = Setup {
             rate_hz,
             stiffness_n_per_m: 0.9 * 2.0 * DAMPING_NS_PER_M * rate_hz,
@@ -303,13 +303,13 @@ fn passivity(
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut found = Found::new(f64::NEG_INFINITY);
-    for stiffness_n_per_m in [100.0, 1000.0, 3000.0, 10_000.0] {
+    for stiffness in [100.0, 1000.0, 3000.0, 10_000.0] {
         let setup = Setup {
-            stiffness_n_per_m,
+            stiffness_n_per_m: stiffness * defaults.stiffer(),
             ..defaults
         };
         bounces(setup, size.of(50, 2000), random, &mut found)?;
-        if stiffness_n_per_m == 3000.0 {
+        if stiffness == 3000.0 {
             found.log("up to 3 kN/m, J", found.value);
         }
     }
@@ -378,7 +378,7 @@ fn missed(
         let mut hand = FreeMass::held(above, DVec3::ZERO, period, 0.0, [200.0, 2.0]);
         let (mut force, mut place, mut free_j) = (DVec3::ZERO, above, 0.0);
         let mut watch: Option<(u32, Since)> = None;
-        for tick in 0..size.of(5000, 500_000) {
+        for tick in 0..setup.ticks(size.of(5000, 500_000)) {
             let turn = 6.0 * period * tick as f64;
             hand.intend(DVec3::Z * (3e-3 * turn.cos() - 4e-3), DVec3::ZERO);
             let miss = tick % 100 == 50 + (unit(random) * 2.0) as u64;
@@ -493,7 +493,7 @@ fn creep(
             place.z = 0.0;
             bench.press(pose.transform_point(place), pose.orientation * DVec3::Z);
             for tick in 0..size.of(300, 30_000) {
-                let turn = 1e-3 * tick as f64;
+                let turn = 1e-3 * setup.ms(tick);
                 place += DVec3::new(turn.cos(), turn.sin(), 0.0) * step;
                 let force = bench.touch(pose.transform_point(place)).force;
                 let force = pose.orientation.inverse() * force;
@@ -538,7 +538,8 @@ fn rests(
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for step in [1e-6, 5e-6, 1e-5, 5e-5] {
-        for stiffness_n_per_m in [500.0, 1000.0, 1900.0] {
+        for stiffness in [500.0, 1000.0, 1900.0] {
+            let stiffness_n_per_m = stiffness * defaults.stiffer();
             let setup = Setup {
                 encoder_m: step,
                 stiffness_n_per_m,
@@ -561,18 +562,19 @@ fn rests(
 /// A hand comes down to a height and rests there for a second: amplitudes of force and position in
 /// its last half.
 fn rest_on(bench: &mut Bench, dry_n: f64, height: f64, found: &mut Found) -> [f64; 2] {
-    let step = bench.setup().encoder_m;
-    let above = 2.0 * bench.setup().radius_m;
+    let setup = *bench.setup();
+    let (step, above) = (setup.encoder_m, 2.0 * setup.radius_m);
     bench.travel(DVec3::Z * above);
-    let mut hand = DryMass::new(above, [200.0, 2.0], dry_n);
+    // As deep as at 1 kHz.
+    let mut hand = DryMass::new(above, [200.0 * setup.stiffer(), 2.0], dry_n);
     let mut force = 0.0;
     let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
-    for tick in 0..2000 {
-        let share = (f64::from(tick) / 500.0).min(1.0);
+    for tick in 0..setup.ticks(2000) {
+        let share = (setup.ms(tick) / 500.0).min(1.0);
         hand.advance(above + (height - above) * share, force, bench.period_s());
         let read = (hand.height / step).round() * step;
         force = bench.touch(DVec3::Z * read).force.z;
-        if tick >= 1500 {
+        if tick >= setup.ticks(1500) {
             // Without a force there is nothing to be seen.
             found.must(force > 0.0);
             for (range, x) in range.iter_mut().zip([force, hand.height]) {

@@ -41,6 +41,10 @@ pub struct StabilityArgs {
     /// Run the full set: up to a million passes a case, an hour and a half on two cores
     #[arg(long)]
     pub full: bool,
+    /// Rate of the loop, 100 to 10000 ticks a second; the stiffness of every surface and effect goes
+    /// with it and damping stays, so that (K T/2 + B) / b does
+    #[arg(long, value_name = "HZ", default_value_t = 1000.0, value_parser = rate)]
+    pub rate: f64,
     /// Seed of everything that is random
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub seed: u64,
@@ -70,6 +74,13 @@ pub struct StabilityArgs {
     pub json: bool,
 }
 
+/// A rate that a scene may have.
+fn rate(typed: &str) -> Result<f64, String> {
+    let hertz = typed.parse().ok();
+    let hertz = hertz.filter(|hertz| (100.0..=10_000.0).contains(hertz));
+    hertz.ok_or_else(|| "write a number of ticks a second from 100 to 10000".to_string())
+}
+
 /// What is printed as JSON.
 #[derive(Debug, Serialize)]
 pub struct Stability {
@@ -77,6 +88,8 @@ pub struct Stability {
     pub seed: u64,
     /// Whether the full set was run.
     pub full: bool,
+    /// Rate of the loop, 1/s.
+    pub rate_hz: f64,
     /// The cases, in the order of the table; none with `--mutants`.
     pub cases: Vec<Verdict>,
     /// What a step takes, with `--peers` only.
@@ -259,6 +272,7 @@ pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
     Ok(Stability {
         seed: args.seed,
         full: args.full,
+        rate_hz: args.rate,
         cases,
         step_times,
         mutants,
@@ -312,7 +326,10 @@ fn peer_verdict(who: &str, verdict: &Verdict, peer: &Contender) -> PeerVerdict {
 
 /// One case. What panics or ends by an error has failed.
 fn run_case(case: &Case, args: &StabilityArgs, contender: Option<&'static Contender>) -> Verdict {
-    let size = Size { full: args.full };
+    let size = Size {
+        full: args.full,
+        rate_hz: args.rate,
+    };
     let mut random = Xoshiro256PlusPlus::seed_from_u64(args.seed);
     let mut trial = case.trial(&size, &mut random);
     trial.defaults = Setup {
@@ -449,8 +466,8 @@ fn table(found: &Stability) -> String {
     let errors: String = errors
         .map(|case| format!("{}: {}\n", case.name, case.error))
         .collect();
-    let seed = found.seed;
-    format!("hard cases, seed {seed}\n\n{table}\n{errors}\n{open}\n{logged}")
+    let Stability { seed, rate_hz, .. } = found;
+    format!("hard cases at {rate_hz} Hz, seed {seed}\n\n{table}\n{errors}\n{open}\n{logged}")
 }
 
 /// The parameters of each case beside those of the facts.

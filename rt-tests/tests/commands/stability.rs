@@ -9,6 +9,7 @@ fn args(seed: u64) -> StabilityArgs {
     StabilityArgs {
         cases: Vec::new(),
         full: false,
+        rate: 1e3,
         seed,
         mutants: false,
         parameters: false,

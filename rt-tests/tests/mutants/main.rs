@@ -22,6 +22,7 @@ fn a_mutant_is_killed_by_its_case() {
     let args = StabilityArgs {
         cases: Vec::new(),
         full: false,
+        rate: 1e3,
         seed: 1,
         mutants: true,
         parameters: false,
