@@ -65,6 +65,48 @@ impl fmt::Display for InterruptedCore {
     }
 }
 
+/// Cores by how often devices interrupt each, the quietest first.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct QuietCores(Vec<CoreLoad>);
+
+/// How often devices interrupt a core.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CoreLoad {
+    /// The core.
+    pub core: usize,
+    /// Interrupts a minute by the devices that it serves now, on average since the machine started.
+    pub per_minute: u64,
+}
+
+impl QuietCores {
+    /// Looks at what the kernel tells of these cores.
+    #[must_use]
+    pub fn look(cores: &[usize]) -> Self {
+        let table = read_to_string("/proc/interrupts").unwrap_or_default();
+        let uptime = read_to_string("/proc/uptime").unwrap_or_default();
+        let minutes = (seconds(&uptime) / 60).max(1);
+        let load = |&core: &usize| {
+            let devices = served(&table, core).into_iter();
+            let now = devices.filter(|of| is_served_by(of.number, core));
+            let per_minute = now.map(|of| of.count).sum::<u64>() / minutes;
+            CoreLoad { core, per_minute }
+        };
+        Self::of(cores.iter().map(load).collect())
+    }
+
+    /// In order. Loads of the same power of two are equal, so that two looks agree; of equal cores
+    /// the last comes first, since the kernel's own work tends to the first.
+    fn of(mut loads: Vec<CoreLoad>) -> Self {
+        loads.sort_by_key(|of| (of.per_minute.checked_ilog2(), std::cmp::Reverse(of.core)));
+        Self(loads)
+    }
+
+    /// The cores, the quietest first.
+    pub fn iter(&self) -> impl Iterator<Item = CoreLoad> + '_ {
+        self.0.iter().copied()
+    }
+}
+
 /// The cores of the columns of `/proc/interrupts`.
 fn columns(table: &str) -> Vec<usize> {
     let head = table.lines().next().unwrap_or_default();
@@ -168,6 +210,30 @@ garbage
         assert_eq!(names(3), [keyboard(2), disk(12)]);
         assert_eq!(names(2), []);
         assert_eq!(served("", 0), []);
+    }
+
+    #[test]
+    fn the_core_that_devices_interrupt_least_comes_first() {
+        let order = |loads: &[(usize, u64)]| -> Vec<usize> {
+            let load = |&(core, per_minute)| CoreLoad { core, per_minute };
+            let cores = QuietCores::of(loads.iter().map(load).collect());
+            cores.iter().map(|of| of.core).collect()
+        };
+        // The disk is on core 1.
+        assert_eq!(order(&[(0, 211), (1, 5500)]), [0, 1]);
+        // What differs little may differ the other way a second later.
+        assert_eq!(order(&[(0, 130), (1, 250), (2, 140)]), [2, 1, 0]);
+        assert_eq!(order(&[(0, 0), (1, 1), (3, 0)]), [3, 0, 1]);
+        assert_eq!(order(&[]), [0usize; 0]);
+    }
+
+    #[test]
+    fn the_cores_of_this_machine_are_ordered() {
+        let cores = crate::rights::usable_cores();
+        assert!(!cores.is_empty());
+        let mut ordered: Vec<usize> = QuietCores::look(&cores).iter().map(|of| of.core).collect();
+        ordered.sort_unstable();
+        assert_eq!(ordered, cores);
     }
 
     #[test]

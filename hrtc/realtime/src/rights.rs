@@ -143,6 +143,21 @@ pub fn pin_to_core(core: usize) -> Result<(), MissingRight> {
     }
 }
 
+/// Cores on which a thread of this process may be put, ascending, whatever core the calling thread is
+/// on now.
+#[must_use]
+pub fn usable_cores() -> Vec<usize> {
+    // SAFETY: takes no pointers.
+    let configured = unsafe { libc::sysconf(libc::_SC_NPROCESSORS_CONF) };
+    let configured = usize::try_from(configured).unwrap_or(0);
+    // A thread of its own, since it moves.
+    let tried = std::thread::spawn(move || {
+        let can_be_put = |core: &usize| pin_to_core(*core).is_ok();
+        (0..configured).filter(can_be_put).collect()
+    });
+    tried.join().unwrap_or_default()
+}
+
 /// Locks all memory of the process, present and future. Whole stacks are committed: give threads
 /// small ones.
 ///

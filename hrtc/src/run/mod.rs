@@ -15,15 +15,16 @@ mod monitor;
 mod outcome;
 mod probe_device;
 mod recording;
+mod room;
 mod shared;
 mod tick_thread;
 mod watchdog;
 
 pub use outcome::RunError;
+pub use room::tick_core;
 
 use crate::devices::DeviceRegistry;
 use crate::link::{Link, LinkEndpoints, LinkHandle, LinkOptions};
-use crate::message::note;
 use crate::recorder::OutputTap;
 use crate::result::Accumulator;
 use crate::setup::{ControllerSetup, ForceLimits};
@@ -38,8 +39,6 @@ use loaded_scene::LoadedScene;
 use monitor::{Drained, Monitor};
 use probe_device::ProbeDevice;
 use protocol::{ContactReport, Encoding, Request};
-use realtime::core_claim::CoreClaim;
-use realtime::interrupts::InterruptedCore;
 use realtime::rights::monotonic_ns;
 use recording::RunRecording;
 use rtrb::{Consumer, RingBuffer};
@@ -181,10 +180,12 @@ pub fn run_until(
     let started_ns = args.started_ns.unwrap_or_else(monotonic_ns);
     let domain = Domain::new(&args.domain)?;
     let mut scene = LoadedScene::new(args, &domain, stop.with_ramp)?;
+    let _core = room::claim_core(&mut scene.plan.loop_);
     let devices = make_devices(devices, &scene)?;
     let setup = setup_for(args, &devices).within(args.limits);
     let controller = Box::new(setup.controller(&mut scene.plan));
     let plan = &scene.plan;
+    room::check(plan);
     let period_ns = (1e9 / plan.loop_.rate_hz).round() as u64;
     let run = Accumulator::new(period_ns, plan.probes.len()).ok_or(RunError::Histogram)?;
 
@@ -207,7 +208,6 @@ pub fn run_until(
         },
     )?;
     shared.refused(recording.as_mut().and_then(RunRecording::take_missing));
-    let _core = claim_core(plan);
     let watchdog = watch(&devices, &shared, plan)?;
     let tick = Ticking::spawn(TickThread {
         controller,
@@ -294,22 +294,6 @@ fn watch(
     let stops = devices.iter().filter_map(|probe| probe.device.safe_stop());
     let shared = Arc::clone(shared);
     Watchdog::spawn(stops.collect(), shared, plan.loop_.priority).map_err(RunError::Thread)
-}
-
-/// Claims the core of the tick as long as the claim lives; says when another controller has it, or
-/// devices interrupt it.
-fn claim_core(plan: &ScenePlan) -> Option<CoreClaim> {
-    let core = plan.loop_.core?;
-    let claim = CoreClaim::take(core);
-    if claim.is_none() {
-        note!(
-            "another controller ticks on core {core} too, so both will miss periods; give one of them a core of its own ([loop] core)"
-        );
-    }
-    if let Some(interrupted) = InterruptedCore::look(core) {
-        note!("{interrupted}");
-    }
-    claim
 }
 
 fn make_devices(

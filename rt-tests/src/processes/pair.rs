@@ -7,6 +7,7 @@ use super::stop::is_set;
 use crate::failure::Failure;
 use crate::machine::cores;
 use hrtc::result::{Finished, Status, SupervisedLine};
+use hrtc::run::tick_core;
 use realtime::rights::monotonic_ns;
 use scene::ScenePlan;
 use scene_args::OverrideArgs;
@@ -72,7 +73,7 @@ impl Outcome {
 /// own.
 #[must_use]
 pub fn other_core(plan: &ScenePlan) -> Option<usize> {
-    let tick = plan.loop_.core?;
+    let tick = tick_core(&plan.loop_)?;
     (cores() >= 2).then(|| usize::from(tick == 0))
 }
 

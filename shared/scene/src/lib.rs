@@ -32,6 +32,7 @@
 mod bytes;
 mod files;
 mod limits;
+mod passivity;
 mod plan;
 mod portable;
 mod source;
@@ -40,6 +41,7 @@ mod validate;
 
 pub use bytes::parse_bytes;
 pub use files::{Files, NoFiles};
+pub use passivity::ActiveSurface;
 pub use plan::*;
 pub use portable::{FileKind, NamedFile, portable};
 pub use source::SceneError;

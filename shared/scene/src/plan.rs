@@ -84,6 +84,8 @@ pub struct LoopPlan {
     pub rate_hz: f64,
     /// Core of the tick; `None` leaves it to the kernel.
     pub core: Option<usize>,
+    /// Whether the scene names no core: the program chooses one.
+    pub picks_core: bool,
     /// SCHED_FIFO priority, 1..=99.
     pub priority: i32,
     /// Busy waiting before a deadline, microseconds.

@@ -12,6 +12,7 @@ use crate::processes::stop::is_set;
 use crate::report::output::status_line;
 use crate::report::quantile::median;
 use hrtc::result::{Finished, Right, RunResult, SupervisedLine};
+use hrtc::run::tick_core;
 use indicatif::ProgressBar;
 use scene::ScenePlan;
 use scene_args::OverrideArgs;
@@ -199,7 +200,7 @@ impl<'a> Measurement<'a> {
         &self,
         block: impl FnOnce() -> Result<Finished, Failure>,
     ) -> Result<Block, Failure> {
-        let core = self.setup.plan.loop_.core;
+        let core = tick_core(&self.setup.plan.loop_);
         let before = steal_ticks(core);
         let done = block()?;
         Ok((done, steal_ticks(core).saturating_sub(before)))
@@ -235,7 +236,7 @@ impl<'a> Measurement<'a> {
         typed.push(format!("--spin-us={}", plan.spin_us).into());
         typed.push(format!("--seconds={seconds}").into());
         typed.push(format!("--work-ns={work_ns}").into());
-        if let Some(core) = plan.core {
+        if let Some(core) = tick_core(plan) {
             typed.push(format!("--core={core}").into());
         }
         self.steal_over(|| {

@@ -91,7 +91,7 @@ fn the_bundled_scene_equals_the_defaults() {
     )
     .unwrap();
     assert_eq!(bundled, short);
-    assert_eq!(bundled.loop_.core, Some(1));
+    assert_eq!((bundled.loop_.core, bundled.loop_.picks_core), (None, true));
     assert_eq!(bundled.loop_.operations, 96);
     assert_eq!(bundled.cache_bytes, 16 << 20);
     assert_eq!(bundled.objects[0].scale, ModelScale::Size(0.15));
@@ -130,7 +130,7 @@ fn every_bad_number_is_refused_with_its_key_and_line() {
     for (old, bad) in [
         ("rate_hz = 1000", "rate_hz = 99.9"),
         ("rate_hz = 1000", "rate_hz = nan"),
-        ("core = 1", "core = -2"),
+        ("priority = 80", "core = -2"),
         ("priority = 80", "priority = 100"),
         ("spin_us = 0", "spin_us = 501"),
         ("operations = 96", "operations = 0"),

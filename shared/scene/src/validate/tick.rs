@@ -45,13 +45,14 @@ fn refinement_plan(source: &Source, typed: &AccuracyTyped) -> Result<RefinementP
 
 pub(super) fn loop_plan(source: &Source, typed: &LoopTyped) -> Result<LoopPlan, SceneError> {
     let rate_hz = source.number(key!(typed.rate_hz), 1000.0, RATE_HZ)?;
-    let core = source.number(("core (-1: any)", &typed.core), 1, -1..=1023)?;
+    let core = source.optional(("core (-1: any)", &typed.core), -1..=1023)?;
     let priority = source.number(key!(typed.priority), 80, 1..=99)?;
     let spin = source.number(key!(typed.spin_us), 0, 0..=max_spin_us(rate_hz))?;
     let operations = source.number(key!(typed.operations), 96, 1..=100_000)?;
     let a_millisecond = LoopPlan {
         rate_hz: 1e3,
-        core: usize::try_from(core).ok(),
+        core: core.and_then(|core| usize::try_from(core).ok()),
+        picks_core: core.is_none(),
         priority: priority as i32,
         spin_us: spin as u64,
         require_realtime: typed.require_realtime.unwrap_or(false),
@@ -102,6 +103,7 @@ mod tests {
             let mut plan = LoopPlan {
                 rate_hz: 1000.0,
                 core: None,
+                picks_core: true,
                 priority: 80,
                 spin_us: 200,
                 require_realtime: false,
