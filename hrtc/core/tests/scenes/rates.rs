@@ -1,8 +1,9 @@
 //! The rate of the loop changes no time that is felt or waited for, and no force.
 
-use crate::common::{World, scene_plan, scene_world, spm};
+use crate::common::{World, plan, scene_plan, scene_station, scene_world, spm};
 use glam::DVec3;
 use hrtc_core::lod::predict::TURNS;
+use simulator::{Client, ClientOptions, STATION, Simulation};
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
@@ -125,5 +126,77 @@ fn times_and_forces_are_those_of_any_rate() {
         }
         let differs = (shown.pressed_n / expected.pressed_n - 1.0).abs();
         assert!(differs < 0.01, "{rate_hz} Hz: {} N", shown.pressed_n);
+    }
+}
+
+/// Length of the tours that are compared, seconds.
+const TOUR_S: f64 = 6.0;
+/// How much earlier or later a path may be at a place, seconds: the hold delays the force by half a
+/// period, and the hand gives way as much later.
+const SHIFT_S: f64 = 0.02;
+
+/// The contacts of a tour, seconds since the first one and places, metres; and the share of them at
+/// full resolution.
+fn path(rate_hz: f64, model: &[u8]) -> (Vec<(f64, DVec3)>, f64) {
+    let mut plan = plan("");
+    plan.loop_ = plan.loop_.at_rate(rate_hz);
+    let mut options = ClientOptions {
+        tour_s: TOUR_S,
+        ..ClientOptions::default()
+    };
+    options.link = options.link.at_rate(rate_hz);
+    let station = scene_station(&plan, &[("model.spm", model)], STATION);
+    let mut world: World = Simulation::new(station, Client::new(&plan, options));
+    let (mut contacts, mut full, mut first) = (Vec::new(), 0, None);
+    for tick in 0..((TOUR_S + 1.0) * rate_hz) as u64 {
+        let outputs = world.step_led();
+        let (contact, is_full) = (outputs.contact(), outputs.record.contact_full);
+        if let (Some(contact), Some(frame)) = (contact, world.controller().frame()) {
+            let first = *first.get_or_insert(tick);
+            let seconds = (tick - first) as f64 / rate_hz;
+            contacts.push((seconds, frame.to_world(contact.point)));
+            full += u32::from(is_full);
+        }
+    }
+    let share = f64::from(full) / contacts.len() as f64;
+    (contacts, share)
+}
+
+/// Distances of the contacts from another path, each within a short time, metres, ascending.
+fn apart(contacts: &[(f64, DVec3)], other: &[(f64, DVec3)]) -> Vec<f64> {
+    let distance = |(t, place): &(f64, DVec3)| {
+        let near = other.iter().filter(|(at, _)| (at - t).abs() <= SHIFT_S);
+        let distances = near.map(|(_, of)| of.distance(*place));
+        distances.fold(f64::INFINITY, f64::min)
+    };
+    let mut all: Vec<f64> = contacts.iter().map(distance).collect();
+    all.sort_by(f64::total_cmp);
+    all
+}
+
+#[test]
+fn a_tour_has_the_same_contact_path_at_every_rate() {
+    let model = spm(generate(Shape::Relief, 50_000, 1), &BuildOptions::default());
+    let (expected, _) = path(1000.0, &model);
+    for rate_hz in [250.0, 500.0, 2000.0, 4000.0] {
+        let (contacts, full) = path(rate_hz, &model);
+        let all = apart(&contacts, &expected);
+        let at = |share: f64| all[(share * (all.len() - 1) as f64) as usize];
+        let seconds = contacts.len() as f64 / rate_hz;
+        println!(
+            "{rate_hz} Hz: {seconds:.3} s of {:.3} s in contact, {:.2} % full; apart {:.1} um, 99 % {:.1}, most {:.1}",
+            expected.len() as f64 * 1e-3,
+            100.0 * full,
+            1e6 * at(0.5),
+            1e6 * at(0.99),
+            1e6 * at(1.0),
+        );
+        let shown = seconds / (expected.len() as f64 * 1e-3);
+        assert!((shown - 1.0).abs() < 5e-3 && full > 0.999, "{rate_hz} Hz");
+        // A tenth of the ball, and where it passes an edge a little earlier or later half of it.
+        assert!(
+            at(0.99) < 0.1 * RADIUS && at(1.0) < 0.5 * RADIUS,
+            "{rate_hz} Hz"
+        );
     }
 }
