@@ -56,10 +56,7 @@ impl LinkModel {
     /// throughput are the same in seconds. A delay stays one of a tick at least.
     #[must_use]
     pub fn at_rate(self, rate_hz: f64) -> Self {
-        let ticks = |of_kilohertz: u64| match of_kilohertz {
-            0 => 0,
-            _ => ((of_kilohertz as f64 * rate_hz / 1e3).round() as u64).max(1),
-        };
+        let ticks = |of: u64| ((of as f64 * rate_hz / 1e3).round() as u64).max(of.min(1));
         Self {
             delay_ticks: ticks(self.delay_ticks),
             jitter_ticks: ticks(self.jitter_ticks),

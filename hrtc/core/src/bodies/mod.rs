@@ -173,8 +173,8 @@ impl Movables {
     }
 
     /// Steps every awake body to `tick` under the load of the last tick, and adds up the work of
-    /// that load over the motion. It lasts through missed ticks as long as a wrench on a device does;
-    /// then the bodies coast.
+    /// that load over the motion. It lasts through missed ticks as long as a wrench on a device
+    /// does; then the bodies coast.
     pub fn step(&mut self, tick: u64) {
         let periods = self.last_tick.map_or(1, |last| tick.saturating_sub(last));
         let loaded = periods.clamp(1, self.validity);

@@ -308,8 +308,7 @@ impl Predictor {
         self.known = (self.known + known).min(self.history.len());
     }
 
-    /// Takes the device's position of this tick and visits the regions of the next sources of the
-    /// finest ring and, with `rings`, of the coarser ones.
+    /// Takes the device's position, and visits the regions of the next sources of all `rings`.
     pub fn predict(
         &mut self,
         lod: &LodController,
@@ -327,18 +326,12 @@ impl Predictor {
         let faded = self.recent_speed * (1.0 - 1.0 / self.horizons.recent);
         self.recent_speed = speed.max(faded);
         for _ in 0..self.horizons.looks {
-            self.turn(lod, rings, motion, &mut visit);
+            self.turn(lod, (rings, motion), &mut visit);
         }
     }
 
-    /// Visits the regions of one source of the finest ring and, with `rings`, one of a coarser one.
-    fn turn(
-        &mut self,
-        lod: &LodController,
-        rings: bool,
-        motion: Motion,
-        visit: &mut impl FnMut(Predicted),
-    ) {
+    fn turn(&mut self, lod: &LodController, of: (bool, Motion), visit: &mut impl FnMut(Predicted)) {
+        let (rings, motion) = of;
         let finest = lod.finest();
         let finest_ring = &lod.rings()[finest];
         let (look, refine) = ROUND[self.turn];
