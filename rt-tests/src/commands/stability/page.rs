@@ -320,6 +320,7 @@ mod tests {
         };
         let page = page(&Stability {
             seed: 1,
+            rate_hz: 1000.0,
             full: false,
             cases: Vec::new(),
             step_times: Vec::new(),
