@@ -15,8 +15,8 @@
 //!
 //! Skipped periods have passed for the world, but not for the controller: velocities, the energy
 //! account, bodies, phases of effects and a device's silence go by the tick's index; timeouts and
-//! horizons of session and front count only ticks that were run (`Controller::own_tick`), since nothing could arrive or
-//! be done in between.
+//! horizons of session and front count only ticks that were run (`Controller::own_tick`), since
+//! nothing could arrive or be done in between.
 //!
 //! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's
 //! bytes are shared out in equal parts to the active objects

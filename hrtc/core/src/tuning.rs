@@ -1,9 +1,9 @@
 //! Tuning constants of the core, a module a room. Times are in seconds, whatever the rate of the
 //! scene; [`crate::horizons`] converts them once. What it calls work of a tick is that of a tick of
 //! a millisecond; another one may do as much in proportion to its period ([`crate::work`]). Counts
-//! of samples, and of what is looked at in a tick beside that work, are counts at every rate. Numbers that belong to one algorithm, such as the
-//! rounding bound of a test, stand beside it; the just noticeable differences are in
-//! [`crate::perception`].
+//! of samples, and of what is looked at in a tick beside that work, are counts at every rate.
+//! Numbers that belong to one algorithm, such as the rounding bound of a test, stand beside it; the
+//! just noticeable differences are in [`crate::perception`].
 
 /// The tick as a whole: reports and the budget of the proxies.
 pub mod tick {
@@ -287,8 +287,8 @@ pub mod force {
 
 /// The bodies. None of these numbers changes a force by itself.
 pub mod bodies {
-    /// Most steps that make up for missed ticks. It bounds their work: after a longer stall a step is
-    /// longer than a period.
+    /// Most steps that make up for missed ticks. It bounds their work: after a longer stall a step
+    /// is longer than a period.
     pub const MAX_STEP_PERIODS: u32 = 20;
 
     /// Most objects whose box is requested in one tick: half of [`scene::MAX_MOVABLES`].

@@ -1,5 +1,5 @@
-//! The work that a tick may do: that of a tick of a millisecond in `tuning.rs`, in proportion to the
-//! period. What a second costs is the same up to 2 kHz; beyond, a tick keeps the work of half a
+//! The work that a tick may do: that of a tick of a millisecond in `tuning.rs`, in proportion to
+//! the period. What a second costs is the same up to 2 kHz; beyond, a tick keeps the work of half a
 //! millisecond, since what is decided in one tick has to be seen in one: with less no fold is ever
 //! passed, and tools lag (`rt-tests stability --rate 4000`).
 

@@ -143,8 +143,8 @@ pub fn pin_to_core(core: usize) -> Result<(), MissingRight> {
     }
 }
 
-/// Cores on which a thread of this process may be put, ascending, whatever core the calling thread is
-/// on now.
+/// Cores on which a thread of this process may be put, ascending, whatever core the calling thread
+/// is on now.
 #[must_use]
 pub fn usable_cores() -> Vec<usize> {
     // SAFETY: takes no pointers.

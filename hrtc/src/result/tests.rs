@@ -123,7 +123,7 @@ fn missed_periods_are_counted_once_and_by_their_reason() {
 fn a_force_that_expired_comes_back_from_zero() {
     let mut run = accumulator();
     // A stall of 300 periods: zero is written in the tick after it, and the ramp follows.
-    for (tick, skipped, newtons) in [(0, 0, 0.5), (1, 0, 1.1), (302, 300, 0.0), (303, 0, 0.01)] {
+    for (tick, skipped, newtons) in [(0, 0, 0.5), (1, 0, 1.5), (302, 300, 0.0), (303, 0, 0.01)] {
         let mut record = record(tick);
         record.skipped = skipped;
         record.force_cut = skipped > 0;
@@ -134,7 +134,7 @@ fn a_force_that_expired_comes_back_from_zero() {
     let result = run.finish(RunMeta::default()).result;
     assert_eq!(
         (result.force_step_n_max, result.force_cut_n_max),
-        (1.1, 1.1)
+        (1.0, 1.5)
     );
 }
 

@@ -25,8 +25,8 @@ const MAX_S: f64 = 20.0;
 /// to a device.
 const TRAVEL_M_PER_S2: f64 = 1500.0;
 
-/// Speed at which a probe is laid on a surface, m/s; below 1 kHz no farther a tick than there, since
-/// what the hold takes on that way is not paid for.
+/// Speed at which a probe is laid on a surface, m/s; below 1 kHz no farther a tick than there,
+/// since what the hold takes on that way is not paid for.
 const PRESS_M_PER_S: f64 = 0.05;
 
 /// What a tick gave. A sample that was rejected though nobody expects it leaves no numbers.

@@ -105,8 +105,8 @@ impl Default for Setup {
 }
 
 impl Setup {
-    /// The product at another rate, 1/s. Stiffness goes with the rate and damping stays, so that what
-    /// the hold of a period puts out and what the device takes, `(K T / 2 + B) / b`, stay in
+    /// The product at another rate, 1/s. Stiffness goes with the rate and damping stays, so that
+    /// what the hold of a period puts out and what the device takes, `(K T / 2 + B) / b`, stay in
     /// proportion.
     #[must_use]
     pub fn at_rate(rate_hz: f64) -> Self {
@@ -188,8 +188,8 @@ impl Setup {
         self.ms(1) * 0.05f64.max(0.07 * force_n)
     }
 
-    /// Gives the effects of the scene and of its object the stiffness that goes with the rate. Their
-    /// damping is that of 1 kHz, and less below, where the loop holds less of it.
+    /// Gives the effects of the scene and of its object the stiffness that goes with the rate.
+    /// Their damping is that of 1 kHz, and less below, where the loop holds less of it.
     fn scale_effects(&self, plan: &mut ScenePlan) {
         let scale = |of: &EffectPlan| EffectPlan {
             effect: self.scaled(&of.effect),

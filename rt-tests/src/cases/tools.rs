@@ -192,8 +192,8 @@ impl Fit {
         response.proxy
     }
 
-    /// Down along z and up again, each in so many milliseconds, and how far the proxy is from the device at both ends, over what
-    /// it may be, along z.
+    /// Down along z and up again, each in so many milliseconds, and how far the proxy is from the
+    /// device at both ends, over what it may be, along z.
     fn stroke(
         &mut self,
         [high, low]: [f64; 2],

@@ -41,8 +41,8 @@ pub struct StabilityArgs {
     /// Run the full set: up to a million passes a case, an hour and a half on two cores
     #[arg(long)]
     pub full: bool,
-    /// Rate of the loop, 100 to 10000 ticks a second; the stiffness of every surface and effect goes
-    /// with it and damping stays, so that (K T/2 + B) / b does
+    /// Rate of the loop, 100 to 10000 ticks a second; the stiffness of every surface and effect
+    /// goes with it and damping stays, so that (K T/2 + B) / b does
     #[arg(long, value_name = "HZ", default_value_t = 1000.0, value_parser = rate)]
     pub rate: f64,
     /// Seed of everything that is random

@@ -1,7 +1,7 @@
 //! Whether the surfaces of a scene are passive at the rate of its loop.
 //!
 //! A wall of stiffness K and damping B that is sampled every T and held in between is passive at a
-//! device of damping b if `b >= K T / 2 + B` (Colgate and Schenkel 1997).
+//! device of damping b if `b >= K T / 2 + B` (Colgate 1994).
 
 use crate::plan::ScenePlan;
 use std::fmt;

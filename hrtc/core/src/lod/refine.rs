@@ -57,8 +57,8 @@ impl Front {
     /// Splits, then collapses with the remaining operations of the tick.
     ///
     /// As many splits as it takes to have every region done when it is due, and at least
-    /// [`TickWork::min_operations`], so that ticks are even. Regions that were unloaded wait in the region
-    /// table for the session to release them.
+    /// [`TickWork::min_operations`], so that ticks are even. Regions that were unloaded wait in the
+    /// region table for the session to release them.
     pub fn refine(&mut self, tick: u64, budget: &mut Budget, contacts: &mut Contacts) {
         self.used.fill(0.0);
         // Regions that are unloaded leave the set in their own time.

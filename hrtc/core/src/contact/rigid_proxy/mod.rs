@@ -114,8 +114,8 @@ pub struct ToolProxy {
     /// Pairs that the sweep examines more than once.
     open: Vec<Open>,
     mesh_change: MeshChange,
-    /// Largest motion of the surface in a tick, of late, model units. Contacts act at this distance,
-    /// so that the surface pushes the tool instead of meeting it.
+    /// Largest motion of the surface in a tick, of late, model units. Contacts act at this
+    /// distance, so that the surface pushes the tool instead of meeting it.
     moving_offset: f64,
     state: State,
     at: Placement,

@@ -18,7 +18,8 @@ const MIN_SEPARATION: f64 = 0.5;
 const LOOK_AROUND: f64 = 2e-3;
 /// That share of the path.
 const SKIN_SHARE: f64 = 0.1;
-/// Length of the path for which a tick must know the candidates, in units of the device's motion. By
+/// Length of the path for which a tick must know the candidates, in units of the device's motion.
+/// By
 /// `rt-tests tools` (dragon, bunny) 2 costs 1 % less in the median tick than 1.5.
 const AHEAD: f64 = 2.0;
 /// Length up to which a path is extended beyond the device, as a fraction of the radius of
@@ -393,8 +394,8 @@ impl ToolProxy {
         self.has_unused_collection = false;
     }
 
-    /// Whether a collection of the grown look-ahead and a step are expected to cost no more than half
-    /// of what a tick allows itself: the tick may need both twice.
+    /// Whether a collection of the grown look-ahead and a step are expected to cost no more than
+    /// half of what a tick allows itself: the tick may need both twice.
     fn may_grow(&self, tick: &TickSteps<'_>) -> bool {
         let faces = self.collection.cost() - self.collection.node_pairs;
         let cost = self.collection.cost() + faces + self.step_cost;
@@ -415,8 +416,8 @@ impl ToolProxy {
         }
     }
 
-    /// The share of a path up to `ahead`, or to where its arcs deviate from it by `look_around`; not
-    /// finite without a path.
+    /// The share of a path up to `ahead`, or to where its arcs deviate from it by `look_around`;
+    /// not finite without a path.
     fn share_to(&self, path: &Twist, ahead: f64, look_around: f64) -> f64 {
         let radius = self.shape.radius;
         let round = (look_around / path.sagitta(radius)).sqrt();
