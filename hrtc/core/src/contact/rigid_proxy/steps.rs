@@ -30,10 +30,10 @@ const BEYOND: f64 = 1.25;
 /// Searches for contacts before a step; repeated if the contacts found redirect the motion.
 const MAX_LOOKS: u32 = 3;
 /// The part of the budget, one over this, within which a tick begins further work after its first
-/// step, by what such work has cost last. By `rt-tests tools` (seed 1, 8 s), at 8, 6 and 5: 11, 9
-/// and 8 % of the ticks on a dragon end more than 0.05 mm behind, 3.3, 1.2 and 0.6 % on a relief;
-/// the slowest ticks on a dragon take 1.2, 1.4 and 1.4 times the work that they took when a tick
-/// began nothing beyond an eighth.
+/// step, by what such work has cost last. By `rt-tests tools` (seed 1, 8 s): 10 % of the ticks on a
+/// dragon end more than 0.05 mm behind, 0.5 % on a relief, and the slowest ticks on a dragon take
+/// 1.5 times the work that they took when a tick began nothing beyond an eighth; with 8 it was 1.2
+/// times, and 11 and 3 %.
 const TICK_SHARE: u32 = 5;
 /// The part of the budget, one over this, for an update of the candidates; beyond, they are
 /// collected again.
