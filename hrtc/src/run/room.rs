@@ -35,9 +35,9 @@ pub(super) fn claim_core(plan: &mut LoopPlan) -> Option<CoreClaim> {
     let mut claim = None;
     if plan.picks_core {
         let cores = quiet_cores();
-        let free = cores.iter().find_map(|of| {
+        let free = cores.iter().find(|of| {
             claim = CoreClaim::take(of.core);
-            claim.is_some().then_some(of)
+            claim.is_some()
         });
         let chosen = free.or(cores.first());
         plan.core = chosen.map(|of| of.core);

@@ -6,9 +6,9 @@
 //! | message | holds |
 //! |---|---|
 //! | hello, by the peer | a line: `ball 1` and the names of its variants |
-//! | scene | u64 1, u64 variant, f64[6] radius, stiffness, damping, friction (static, dynamic), largest shaded turn (0 for none), u64 vertices, u64 faces, f64[3] a vertex, u32[3] a face |
-//! | steps | u64 2, u64 count, f64[10] a tick: pose of the object x y z, quaternion x y z w, device x y z |
-//! | answers, by the peer | f64[7] a tick: force x y z, proxy x y z, nanoseconds |
+//! | scene | u64 1, u64 variant, `f64[6]` radius, stiffness, damping, friction (static, dynamic), largest shaded turn (0 for none), u64 vertices, u64 faces, `f64[3]` a vertex, `u32[3]` a face |
+//! | steps | u64 2, u64 count, `f64[10]` a tick: pose of the object x y z, quaternion x y z w, device x y z |
+//! | answers, by the peer | `f64[7]` a tick: force x y z, proxy x y z, nanoseconds |
 //!
 //! Metres, newtons, radians; vertices in the axes of the object.
 

@@ -211,7 +211,7 @@ impl Body {
         self.still_s = 0.0;
     }
 
-    /// Steps to `tick`, `periods` after the last step, in no more than [`MAX_STEP_PERIODS`] steps,
+    /// Steps to `tick`, `periods` after the last step, in no more than `MAX_STEP_PERIODS` steps,
     /// which are longer then.
     pub fn step(&mut self, tick: u64, periods: u32) {
         let steps = periods.clamp(1, MAX_STEP_PERIODS);
