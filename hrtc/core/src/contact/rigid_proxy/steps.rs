@@ -19,8 +19,7 @@ const LOOK_AROUND: f64 = 2e-3;
 /// That share of the path.
 const SKIN_SHARE: f64 = 0.1;
 /// Length of the path for which a tick must know the candidates, in units of the device's motion.
-/// By
-/// `rt-tests tools` (dragon, bunny) 2 costs 1 % less in the median tick than 1.5.
+/// By `rt-tests tools` (dragon, bunny) 2 costs 2 to 3 % less in the median tick than 1.5.
 const AHEAD: f64 = 2.0;
 /// Length up to which a path is extended beyond the device, as a fraction of the radius of
 /// gyration: the tool turns off it.
