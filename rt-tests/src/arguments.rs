@@ -3,6 +3,7 @@
 use crate::commands::accuracy::AccuracyArgs;
 use crate::commands::codecs::CodecsArgs;
 use crate::commands::compare::CompareArgs;
+use crate::commands::costs::CostsArgs;
 use crate::commands::effects::EffectsArgs;
 use crate::commands::export::ExportArgs;
 use crate::commands::faults::FaultsArgs;
@@ -51,6 +52,8 @@ pub enum Command {
     /// Show what a query and an update cost beside parry's; status 1 when an answer is wrong or a
     /// limit broken
     Compare(CompareArgs),
+    /// Show what a unit of each kind of a tick's work costs on this machine
+    Costs(CostsArgs),
     /// Show what each source of the prediction buys: the same motion with each alone and with all
     Predictors(PredictorsArgs),
     /// Run the hard cases, each with its measure, limit and verdict; status 1 when one fails

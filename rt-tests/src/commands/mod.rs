@@ -10,6 +10,7 @@
 //! | [`fronts`] | fronts are legal, certified and cheap, on any mesh |
 //! | [`accuracy`] | the cost of accuracy, from the base mesh to the full mesh |
 //! | [`compare`] | a query and an update beside those of parry |
+//! | [`costs`] | the cost of a unit of the tick's work on this machine |
 //! | [`predictors`] | the gain of each source of the prediction |
 //! | [`stability`] | the hard cases |
 //! | [`simulate`] | random faults on both cores in virtual time |
@@ -23,6 +24,7 @@
 pub mod accuracy;
 pub mod codecs;
 pub mod compare;
+pub mod costs;
 pub mod effects;
 pub mod export;
 pub mod faults;

@@ -81,7 +81,7 @@ impl Front {
         else {
             return;
         };
-        let operations = self.operations as f64;
+        let operations = self.operations;
         let rings = pressure.has_rings();
         let raised = pressure.raised();
         let mut finest = None;
