@@ -4,6 +4,7 @@ use crate::commands::accuracy::AccuracyArgs;
 use crate::commands::codecs::CodecsArgs;
 use crate::commands::compare::CompareArgs;
 use crate::commands::costs::CostsArgs;
+use crate::commands::deadline::DeadlineArgs;
 use crate::commands::effects::EffectsArgs;
 use crate::commands::export::ExportArgs;
 use crate::commands::faults::FaultsArgs;
@@ -54,6 +55,9 @@ pub enum Command {
     Compare(CompareArgs),
     /// Show what a unit of each kind of a tick's work costs on this machine
     Costs(CostsArgs),
+    /// Run hard scenes as on machines that are several times slower: whether every deadline is kept,
+    /// and at what error; status 1 when one is not
+    Deadline(DeadlineArgs),
     /// Show what each source of the prediction buys: the same motion with each alone and with all
     Predictors(PredictorsArgs),
     /// Run the hard cases, each with its measure, limit and verdict; status 1 when one fails

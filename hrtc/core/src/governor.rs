@@ -81,18 +81,19 @@ impl CostGroup {
 }
 
 impl WorkCosts {
-    /// Of the machine that `rt-tests costs` was run on for them; what a run without a measurement
-    /// counts with, so that a simulation has the same budgets everywhere.
+    /// Of the reference machine (AMD EPYC, 2 cores), from runs on the dragon and on a terrain of ten
+    /// million faces in 16 MiB; what a run without a measurement counts with, so that a simulation
+    /// has the same budgets everywhere.
     pub const REFERENCE: Self = Self {
-        tick: 6_000.0,
-        prediction: 1_600.0,
-        received: 26.0,
-        request: 2_300.0,
-        face: 120.0,
-        entry: 7.0,
-        contact: 2_600.0,
-        ball: 46.0,
-        tool: 170.0,
+        tick: 5_000.0,
+        prediction: 2_000.0,
+        received: 50.0,
+        request: 4_000.0,
+        face: 160.0,
+        entry: 8.0,
+        contact: 2_000.0,
+        ball: 45.0,
+        tool: 150.0,
     };
 
     /// The same on a machine where the stages of each group take so many times as long.
@@ -198,6 +199,15 @@ impl TickTime {
     pub fn faces_beside(&self, units: u32) -> u32 {
         let received = f64::from(units) * self.costs.received;
         ((self.for_refinement() - received).max(0.0) / self.costs.face) as u32
+    }
+
+    /// Questions to the station that a quarter of what is left beside so many units of received
+    /// data suffices for.
+    #[must_use]
+    pub fn requests(&self, units: u32) -> usize {
+        let received = f64::from(units) * self.costs.received;
+        let left = (self.for_refinement() - received).max(0.0);
+        (0.25 * left / self.costs.request) as usize
     }
 
     /// Closure entries that a share of this time suffices for.

@@ -190,6 +190,8 @@ impl Controller {
 
         budget.ingest = self.ingest_units(waiting);
         outputs.chunks_consumed = self.receive(inputs, &mut budget, &mut record);
+        let quota = self.governor.time.requests(record.work_units);
+        outputs.outbox.set_quota(quota);
         self.predict(waiting, &mut outputs.outbox);
         let requests = outputs.outbox.requests().len();
         self.governor.time.charge_inbox(record.work_units, requests);

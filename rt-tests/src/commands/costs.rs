@@ -11,7 +11,7 @@ use clap::Args;
 use hrtc::calibration::{
     Measured, PATCH_DEVICE_N, PATCH_IDENTITY, PATCH_SECONDS, Tape, TapeTick, measure, patch_plan,
 };
-use hrtc_core::governor::WorkCosts;
+use hrtc_core::governor::{CostGroup, WorkCosts};
 use scene::ScenePlan;
 use serde::Serialize;
 use simulator::{Client, ClientOptions, Drive, STATION, Simulation, station};
@@ -43,6 +43,9 @@ pub struct Costs {
     pub reference_ns: BTreeMap<&'static str, f64>,
     /// Largest over least of the measurements, for each unit.
     pub spread: BTreeMap<&'static str, f64>,
+    /// What tick, inbox, refinement and queries took on the bundled patch, as a part of the costs of
+    /// the reference machine.
+    pub patch: [f64; CostGroup::ALL.len()],
     /// Ticks that one measurement timed, at least.
     pub ticks: usize,
 }
@@ -83,6 +86,7 @@ impl Costs {
             unit_ns: of_each(|costs| costs[costs.len() / 2]),
             spread: of_each(|costs| costs[costs.len() - 1] / costs[0]),
             reference_ns: WorkCosts::REFERENCE.named().into_iter().collect(),
+            patch: measured[measured.len() / 2].patch,
             ticks: measured.iter().map(|of| of.ticks).min().unwrap_or(0),
         }
     }
@@ -98,7 +102,10 @@ fn words(found: &Costs) -> String {
             format!("{:.0}", found.reference_ns[name]),
         ]);
     }
-    format!("cost of a unit of counted work, median of {REPEATS} measurements\n\n{table}")
+    let [tick, inbox, refinement, queries] = found.patch;
+    format!(
+        "cost of a unit of counted work, median of {REPEATS} measurements\n\n{table}\npatch: tick {tick:.2}, inbox {inbox:.2}, refinement {refinement:.2}, queries {queries:.2}\n"
+    )
 }
 
 /// Lets the bundled scene run in virtual time and writes the controller's inputs.

@@ -11,6 +11,7 @@
 //! | [`accuracy`] | the cost of accuracy, from the base mesh to the full mesh |
 //! | [`compare`] | a query and an update beside those of parry |
 //! | [`costs`] | the cost of a unit of the tick's work on this machine |
+//! | [`deadline`] | deadlines and errors on slower machines |
 //! | [`predictors`] | the gain of each source of the prediction |
 //! | [`stability`] | the hard cases |
 //! | [`simulate`] | random faults on both cores in virtual time |
@@ -25,6 +26,7 @@ pub mod accuracy;
 pub mod codecs;
 pub mod compare;
 pub mod costs;
+pub mod deadline;
 pub mod effects;
 pub mod export;
 pub mod faults;
