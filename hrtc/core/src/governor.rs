@@ -13,7 +13,9 @@
 //! ahead, refinement away from the contact, the tolerance at the contact (fewer operations a tick
 //! raise the finest ring, [`crate::lod::lod_controller`]), steps of a tool. Forces and their limits
 //! are always computed. A unit that is larger than all of its share, such as the split of a vertex
-//! with a very large fan, is not begun.
+//! with a very large fan, is not begun. Where the surface under a probe has so many faces that
+//! touching it takes more than a tick has, again and again, the finest ring is raised too: by the
+//! steps of memory pressure ([`Steps`]), since it is the same want of another good.
 //!
 //! # The law
 //!
@@ -33,9 +35,12 @@
 //! [`OPERATIONS_RETURN_S`]; a ring that was given up comes back only when there are a quarter more
 //! than it needs, while neighbouring rings differ by four times.
 
+use crate::horizons::Horizons;
+use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
-    CONTACT_FADES_S, CONTACT_SHARE, OPERATION_FACES, OPERATIONS_RETURN_S, SHORT_SHARE,
-    SLOWNESS_FADES_S, SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION,
+    CONTACT_FADES_S, CONTACT_SHARE, MAX_OVERSPENT, OPERATION_FACES, OPERATIONS_RETURN_S,
+    OVERSPENT_FADES, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES,
+    UNITS_PER_OPERATION,
 };
 use serde::{Deserialize, Serialize};
 
@@ -270,6 +275,9 @@ pub struct Governor {
     ratios: [f64; 3],
     /// What the contacts took of late, nanoseconds by the costs.
     contact_ns: f64,
+    /// Ticks of late that spent more than they might.
+    overspent: f64,
+    steps: Steps,
     /// Operations a tick that the scene allows.
     max_operations: f64,
     /// Operations a tick that there is time for.
@@ -289,6 +297,8 @@ impl Governor {
             slowness: 1.0,
             ratios: [1.0; 3],
             contact_ns: 0.0,
+            overspent: 0.0,
+            steps: Steps::new(Horizons::new(1.0 / period_s).pressure),
             max_operations: max_operations as f64,
             operations: max_operations as f64,
             time: TickTime::default(),
@@ -366,8 +376,24 @@ impl Governor {
         self.operations = more.min(affordable);
     }
 
+    /// Steps by which less is asked for, as those of memory pressure.
+    #[must_use]
+    pub fn steps(&self) -> u32 {
+        self.steps.count()
+    }
+
     /// The queries of the tick are done.
-    pub(crate) fn end_queries(&mut self) {
+    pub(crate) fn end_queries(&mut self, tick: u64) {
+        self.overspent = if self.time.spent.total() > self.time.allowed {
+            self.overspent + 1.0
+        } else {
+            (self.overspent - OVERSPENT_FADES).max(0.0)
+        };
+        if self.overspent >= MAX_OVERSPENT && self.steps.want(tick) {
+            self.overspent = 0.0;
+            self.steps.step(tick);
+        }
+        self.steps.recover(tick);
         let taken = self.time.spent.by_group[CostGroup::Query as usize];
         let faded = self.contact_ns * (-self.period_s / CONTACT_FADES_S).exp();
         self.contact_ns = taken.max(faded);
@@ -381,11 +407,11 @@ mod tests {
     /// Ticks that spend all they may on a machine whose costs are wrong by a factor.
     fn run(governor: &mut Governor, factor: f64, ticks: usize) -> Vec<f64> {
         let mut times = Vec::with_capacity(ticks);
-        for _ in 0..ticks {
+        for k in 0..ticks {
             governor.begin_tick(1);
             let faces = governor.time.faces();
             governor.time.charge_refinement(faces, 0);
-            governor.end_queries();
+            governor.end_queries(k as u64);
             let spent = governor.time.spent.total();
             times.push(factor * spent);
             governor.note_work(factor * spent);
@@ -429,7 +455,7 @@ mod tests {
             // Contacts whose work comes and goes.
             let units = if k % 50 < 10 { 900 } else { 100 };
             governor.time.charge_query(units, false);
-            governor.end_queries();
+            governor.end_queries(k as u64);
             governor.note_work(governor.time.spent.total());
             let now = governor.operations();
             if k > 1000 {

@@ -330,7 +330,9 @@ impl Controller {
     fn refine(&mut self, budget: &mut Budget, record: &mut CoreRecord, allowed_upkeep: u32) {
         for &(_, k) in &self.active.order {
             let object = &mut self.active.objects[k];
-            object.front.set_operations(self.governor.operations());
+            object
+                .front
+                .set_time(self.governor.operations(), self.governor.steps());
             object.refine(self.own_tick, budget);
         }
         let upkeep = allowed_upkeep - budget.upkeep;
@@ -382,7 +384,7 @@ impl Controller {
             time.charge_query(budget.spent() - before, false);
         }
         record.query_work = budget.spent();
-        self.governor.end_queries();
+        self.governor.end_queries(self.own_tick);
         record.allowed_ns = self.governor.time.allowed() as u32;
         record.spent_ns = self.governor.time.spent.total() as u32;
         record.slowness = self.governor.slowness();

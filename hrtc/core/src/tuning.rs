@@ -24,7 +24,7 @@ pub mod governor {
     /// Share of a period that a tick may spend by its costs. A twentieth is for the wake-up
     /// (`realtime::pacer`); the rest is for what costs do not tell, such as a cold cache: on the
     /// reference machine a tick takes up to 1.4 times what it should.
-    pub const TIME_SHARE: f64 = 2.0 / 3.0;
+    pub const TIME_SHARE: f64 = 0.6;
     /// Time, in shares of what a tick may spend, below which a tick says little about the machine.
     pub const SHORT_SHARE: f64 = 0.25;
     /// Time in which a machine that is fast again is believed to be by a third.
@@ -32,9 +32,13 @@ pub mod governor {
     /// Slownesses that are believed.
     pub const SLOWNESS_RANGE: [f64; 2] = [0.5, 64.0];
     /// Part that contacts may keep of what is left of a tick beside what every tick does.
-    pub const CONTACT_SHARE: f64 = 0.5;
+    pub const CONTACT_SHARE: f64 = 0.8;
     /// Time in which what is kept for contacts falls to a third: a stroke over a rough place.
     pub const CONTACT_FADES_S: f64 = 0.1;
+    /// Ticks that spend more than they may after which less is asked for, where each tick that does
+    /// not takes a tenth off: a rough place is passed over, a surface that is too fine is not.
+    pub const MAX_OVERSPENT: f64 = 3.0;
+    pub const OVERSPENT_FADES: f64 = 0.1;
     /// Time in which the operations that there is time for again come back by two thirds.
     pub const OPERATIONS_RETURN_S: f64 = 0.5;
     /// Faces whose change costs as much as an operation beside that of its faces.

@@ -18,7 +18,7 @@ use hrtc_core::{Capacity, Controller, Stage, StageObserver, TickInputs, TickOutp
 use protocol::{ContactReport, Request};
 use realtime::counting_allocator;
 use realtime::pacer::{Pacer, Wake, Worked};
-use realtime::rights::{LatencyHold, monotonic_ns, obtain};
+use realtime::rights::{LatencyHold, monotonic_ns, obtain, thread_cpu_ns};
 use rtrb::{Consumer, Producer};
 use scene::{LoopPlan, MAX_PROBES};
 use std::any::Any;
@@ -79,6 +79,8 @@ pub(super) struct TickThreadEnd {
 struct StageClock {
     /// See [`super::RunArgs::slow`].
     slow: f64,
+    /// Processor time of the thread at the end of the last stage, ns, where it is slowed down.
+    last_cpu: u64,
     /// End of the last stage on CLOCK_MONOTONIC, ns.
     last: u64,
     /// Wall time of each stage, ns.
@@ -89,26 +91,25 @@ impl StageClock {
     fn start(slow: f64) -> Self {
         Self {
             slow,
+            last_cpu: if slow > 1.0 { thread_cpu_ns() } else { 0 },
             last: monotonic_ns(),
             stages: [0; STAGES.len()],
         }
     }
 }
 
-/// Spins until what began at a time on CLOCK_MONOTONIC has taken `slow` times as long. The time
-/// then, ns.
-fn spun(since: u64, slow: f64) -> u64 {
-    let now = monotonic_ns();
-    if slow <= 1.0 {
-        return now;
-    }
-    let until = since + (slow * (now - since) as f64) as u64;
-    loop {
-        let now = monotonic_ns();
-        if now >= until {
-            return now;
+impl StageClock {
+    /// Spins until the stage has taken `slow` times its own processor time.
+    fn slow_down(&mut self) {
+        if self.slow <= 1.0 {
+            return;
         }
-        std::hint::spin_loop();
+        let own = thread_cpu_ns() - self.last_cpu;
+        let until = self.last_cpu + (self.slow * own as f64) as u64;
+        while thread_cpu_ns() < until {
+            std::hint::spin_loop();
+        }
+        self.last_cpu = thread_cpu_ns();
     }
 }
 
@@ -116,7 +117,8 @@ impl StageObserver for StageClock {
     fn ended(&mut self, stage: Stage) {
         #[cfg(test)]
         tests::panic_in_core(stage);
-        let now = spun(self.last, self.slow);
+        self.slow_down();
+        let now = monotonic_ns();
         self.stages[stage as usize] = u32::try_from(now - self.last).unwrap_or(u32::MAX);
         self.last = now;
     }

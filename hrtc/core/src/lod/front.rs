@@ -78,6 +78,8 @@ pub struct Front {
     max_operations: f64,
     /// Operations a tick that there is time for.
     pub(super) operations: f64,
+    /// Steps by which less is asked for since time is short.
+    pub(super) time_steps: u32,
     /// Splits, and collapses, a tick where nothing is urgent.
     pub(super) min_operations: u32,
     pub(super) plan: RefinementPlan,
@@ -120,6 +122,7 @@ impl Front {
             model: None,
             max_operations: plan.loop_.operations as f64,
             operations: plan.loop_.operations as f64,
+            time_steps: 0,
             min_operations: TickWork::new(plan.loop_.rate_hz).min_operations,
             plan: plan.accuracy.refinement,
             tolerance_m: plan.accuracy.tolerance_m,
@@ -187,9 +190,10 @@ impl Front {
         }
     }
 
-    /// There is time for so many operations a tick.
-    pub fn set_operations(&mut self, operations: f64) {
+    /// There is time for so many operations a tick, after so many steps by which less is asked for.
+    pub fn set_time(&mut self, operations: f64, steps: u32) {
         self.operations = operations;
+        self.time_steps = steps;
     }
 
     /// Predicts from these sources from now on.

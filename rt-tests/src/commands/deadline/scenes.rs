@@ -3,6 +3,7 @@
 use super::DeadlineArgs;
 use super::shapes::{cylinder, spur_gear, uv_sphere};
 use crate::failure::Failure;
+use crate::report::output::make_folder;
 use scene_args::OverrideArgs;
 use spm_builder::{SoupMesh, write_mesh};
 use std::path::{Path, PathBuf};
@@ -10,6 +11,8 @@ use std::path::{Path, PathBuf};
 /// The tool of 960 faces of config/scenes/tool.toml.
 const TOOL: &str = include_str!("../../../../config/scenes/tool.toml");
 const HUNDRED: &str = include_str!("../../../../config/scenes/hundred-objects.toml");
+/// The trajectory that it names.
+const OVER_A_ROW: &str = include_str!("../../../../config/trajectories/over-a-row.csv");
 
 /// A scene file.
 #[derive(Debug)]
@@ -40,9 +43,16 @@ impl Scene {
 pub fn scenes(args: &DeadlineArgs, folder: &Path) -> Result<(Vec<Scene>, Vec<String>), Failure> {
     let (mut scenes, mut left_out) = (Vec::new(), Vec::new());
     let wanted = |name: &str| args.only.as_ref().is_none_or(|only| name.contains(only));
+    for of in ["scenes", "trajectories"] {
+        make_folder(&folder.join(of))?;
+    }
+    let write = |path: &Path, text: &str| {
+        std::fs::write(path, text).map_err(|error| Failure::write(path, &error))
+    };
+    write(&folder.join("trajectories/over-a-row.csv"), OVER_A_ROW)?;
     let mut add = |name: &str, text: &str, model: Option<PathBuf>| {
-        let path = folder.join(format!("{name}.toml"));
-        std::fs::write(&path, text).map_err(|error| Failure::write(&path, &error))?;
+        let path = folder.join("scenes").join(format!("{name}.toml"));
+        write(&path, text)?;
         scenes.push(Scene {
             name: name.to_owned(),
             path,

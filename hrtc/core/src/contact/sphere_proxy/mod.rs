@@ -184,7 +184,8 @@ impl Proxy {
 
     /// One tick: as close to `goal` (the device, model units, finite) as the surface allows.
     ///
-    /// No step begins after `most_work` nodes and faces; the next tick does the remaining work.
+    /// No step but the first begins that would go beyond `most_work` nodes and faces if it cost as
+    /// much as the most costly one before; the next tick does the remaining work.
     pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3, most_work: u32) -> Advance {
         let mut work = Work::default();
         if !self.placed {
@@ -205,10 +206,14 @@ impl Proxy {
         let mut last_motion = None;
         let mut dropped = 0;
         let mut had_stopped = false;
+        let (mut before, mut costliest) = (0, 0);
         for _ in 0..STEPS {
-            if work.nodes + work.faces > most_work {
+            let so_far = work.nodes + work.faces;
+            costliest = costliest.max(so_far - before);
+            if so_far > 0 && so_far + costliest > most_work {
                 break;
             }
+            before = so_far;
             let wanted = goal - self.position;
             let length = wanted.length();
             let reach = reach.min(length + 1e-3 * self.radius);
