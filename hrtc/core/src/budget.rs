@@ -1,7 +1,7 @@
 //! Remaining work of a tick, in units; all active objects draw on it in turn.
 
 use crate::contact::query::Work;
-use crate::tuning::governor::OPERATION_FACES;
+use crate::tuning::governor::{ENTRIES_PER_FACE, OPERATION_FACES};
 use crate::work::TickWork;
 use scene::MAX_PROBES;
 use spm::OperationFaces;
@@ -32,6 +32,18 @@ impl Budget {
     #[must_use]
     pub fn has_operations(&self) -> bool {
         self.operations > 0 && self.faces > 0
+    }
+
+    /// There is time for so many faces.
+    pub fn limit_faces(&mut self, faces: u32) {
+        // The last operation begun goes beyond what is left.
+        self.max_fan = self.max_fan.min(faces / 4);
+        self.faces = self.faces.min(faces - faces / 4);
+    }
+
+    /// Closure entries were gone through.
+    pub fn charge_entries(&mut self, entries: u32) {
+        self.charge_faces(entries.div_ceil(ENTRIES_PER_FACE));
     }
 
     /// A split or collapse that has changed these faces.

@@ -20,16 +20,17 @@
 //! # The law
 //!
 //! The measured processor time m of a tick is an input of the next one, p is what it should have
-//! taken by the costs, a the time that a tick may spend. `q = (m + a / 4) / (p + a / 4)` says how
-//! much slower the machine is than the costs say; short ticks say little. The slowness s divides
-//! the time that a tick has:
+//! taken by the costs. The slowness s says how much slower the machine is than the costs say, and
+//! divides the time that a tick has. With b, a quarter of that time, as the weight of what is
+//! believed already, so that short ticks say little,
 //!
-//! `s = max(the middle one of the last three q, s exp(-period / SLOWNESS_FADES_S))`.
+//! `q = (m + s b) / (p + b)`, `s = max(the middle of the last three q, s exp(-period / fades))`.
 //!
-//! Of three, since one tick alone may have been interrupted. It cannot hunt: s does not depend on
-//! how much work a tick is given where costs are right but for a factor r, since then q = r for
-//! long ticks whatever p is; where q varies between q1 and q2 from tick to tick, s stays between
-//! them once it has fallen to q2, and a tick's time between a / q2 and a / q1.
+//! Of three, since one tick alone may have been interrupted. It cannot hunt: where the costs are
+//! wrong by a factor r, q lies between s and r, whatever p is. So s rises towards r and never
+//! beyond; above r it falls by the fading or faster. Where r itself varies between r1 and r2 from
+//! tick to tick, s comes into that range and stays there, and the time of a tick by the costs
+//! between the share of the period over r2 and over r1.
 //!
 //! The operations that a tick can afford go down at once, and come back by a third of the way in
 //! [`OPERATIONS_RETURN_S`]; a ring that was given up comes back only when there are a quarter more
@@ -338,8 +339,9 @@ impl Governor {
 
     /// The last tick took so much processor time, nanoseconds.
     pub fn note_work(&mut self, ns: f64) {
-        let short = SHORT_SHARE * self.share_ns;
-        let ratio = (ns + short) / (self.time.spent.total() + short);
+        let believed = SHORT_SHARE * self.share_ns / self.slowness;
+        let known = ns + self.slowness * believed;
+        let ratio = known / (self.time.spent.total() + believed);
         if !ratio.is_finite() {
             return;
         }

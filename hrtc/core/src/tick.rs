@@ -195,6 +195,8 @@ impl Controller {
         self.predict(waiting, &mut outputs.outbox);
         let requests = outputs.outbox.requests().len();
         self.governor.time.charge_inbox(record.work_units, requests);
+        // Received data and operations share their time.
+        budget.limit_faces(self.governor.time.faces());
         observer.ended(Stage::Inbox);
 
         self.refine(&mut budget, &mut record, upkeep);
@@ -266,19 +268,18 @@ impl Controller {
     fn budget(&self) -> Budget {
         let time = &self.governor.time;
         let operations = self.operations as u32;
-        let faces = time.faces();
-        // The last operation begun goes beyond what is left.
-        let max_fan = faces / 3;
         let upkeep = CHANGES_PER_UNIT.saturating_mul(time.entries(UPKEEP_SHARE));
-        Budget {
+        let mut budget = Budget {
             ingest: 0,
             operations: operations * if is(Mutant::Budget) { 4 } else { 1 },
-            faces: faces - max_fan,
-            max_fan,
+            faces: u32::MAX,
+            max_fan: u32::MAX,
             entries: (operations * ENTRIES_PER_OPERATION).min(time.entries(ENTRIES_SHARE)),
             upkeep: self.work.upkeep.min(upkeep),
             forgotten: self.work.forgotten.min(upkeep / 2),
-        }
+        };
+        budget.limit_faces(time.faces());
+        budget
     }
 
     /// The work for received data in a tick with so many chunks that wait.
@@ -304,9 +305,6 @@ impl Controller {
         let (active, probes) = (&mut self.active, &mut self.probes);
         let consumed = active.receive(inputs.chunks, probes, self.own_tick, budget);
         record.work_units = before - budget.ingest;
-        // Received data and operations share their time.
-        let time = &self.governor.time;
-        budget.faces = budget.faces.min(time.faces_beside(record.work_units));
         consumed
     }
 

@@ -25,10 +25,10 @@ pub mod governor {
     /// (`realtime::pacer`); the rest is for what costs do not tell, such as a cold cache: on the
     /// reference machine a tick takes up to 1.4 times what it should.
     pub const TIME_SHARE: f64 = 0.6;
-    /// Time, in shares of what a tick may spend, below which a tick says little about the machine.
+    /// Weight of what is believed of the machine, in shares of what a tick may spend.
     pub const SHORT_SHARE: f64 = 0.25;
-    /// Time in which a machine that is fast again is believed to be by a third.
-    pub const SLOWNESS_FADES_S: f64 = 0.5;
+    /// Time in which what is believed falls to a third where the machine is fast again.
+    pub const SLOWNESS_FADES_S: f64 = 0.3;
     /// Slownesses that are believed.
     pub const SLOWNESS_RANGE: [f64; 2] = [0.5, 64.0];
     /// Part that contacts may keep of what is left of a tick beside what every tick does.
@@ -40,9 +40,11 @@ pub mod governor {
     pub const MAX_OVERSPENT: f64 = 3.0;
     pub const OVERSPENT_FADES: f64 = 0.1;
     /// Time in which the operations that there is time for again come back by two thirds.
-    pub const OPERATIONS_RETURN_S: f64 = 0.5;
+    pub const OPERATIONS_RETURN_S: f64 = 0.3;
     /// Faces whose change costs as much as an operation beside that of its faces.
     pub const OPERATION_FACES: u32 = 8;
+    /// Closure entries that cost as much as a face.
+    pub const ENTRIES_PER_FACE: u32 = 20;
     /// Faces that a split or collapse changes on most meshes.
     pub const TYPICAL_FACES: u32 = 10;
     /// Units of received data that a split needs: its record.

@@ -68,6 +68,7 @@ impl Front {
         let is_kept = |region: &usize| cache.regions.get(*region).is_some_and(Region::is_resident);
         self.wanted.retain(is_kept);
         let spent = self.update_wanted(tick, contacts, &mut budget.entries);
+        budget.charge_entries(spent);
         self.step_geomorphs(tick, budget, contacts);
         let allowed_entries = budget.entries;
         self.split_wanted(tick, budget, contacts);
