@@ -55,8 +55,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Show what a unit of each kind of a tick's work costs on this machine
     Costs(CostsArgs),
-    /// Run hard scenes as on machines that are several times slower: whether every deadline is kept,
-    /// and at what error; status 1 when one is not
+    /// Run hard scenes as on machines that are several times slower: whether every deadline is
+    /// kept, and at what error; status 1 when one is not
     Deadline(DeadlineArgs),
     /// Show what each source of the prediction buys: the same motion with each alone and with all
     Predictors(PredictorsArgs),

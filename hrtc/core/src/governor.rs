@@ -5,9 +5,9 @@
 //! [`TIME_SHARE`] of its period, in units by these costs ([`TickTime`]):
 //!
 //! 1. what every tick does (pairs, limits of force) is taken off first,
-//! 2. then what the contacts took of late, at most half of the rest ([`CONTACT_SHARE`]),
+//! 2. then what the contacts took of late, at most [`CONTACT_SHARE`] of the rest,
 //! 3. received data, splits and collapses share what is left, the most urgent region first,
-//! 4. the contacts have everything that these leave; where a probe may touch next is looked at last.
+//! 4. the contacts have everything that these leave; where a probe may touch next comes last.
 //!
 //! So a tick that is short of time gives up, in this order: looking ahead, data that is loaded
 //! ahead, refinement away from the contact, the tolerance at the contact (fewer operations a tick
@@ -87,9 +87,9 @@ impl CostGroup {
 }
 
 impl WorkCosts {
-    /// Of the reference machine (AMD EPYC, 2 cores), from runs on the dragon and on a terrain of ten
-    /// million faces in 16 MiB; what a run without a measurement counts with, so that a simulation
-    /// has the same budgets everywhere.
+    /// Of the reference machine (AMD EPYC, 2 cores), from runs on the dragon and on a terrain of
+    /// ten million faces in 16 MiB; what a run without a measurement counts with, so that a
+    /// simulation has the same budgets everywhere.
     pub const REFERENCE: Self = Self {
         tick: 5_000.0,
         prediction: 2_000.0,
@@ -198,13 +198,6 @@ impl TickTime {
     #[must_use]
     pub fn faces(&self) -> u32 {
         (self.for_refinement() / self.costs.face) as u32
-    }
-
-    /// The same beside so many units of received data.
-    #[must_use]
-    pub fn faces_beside(&self, units: u32) -> u32 {
-        let received = f64::from(units) * self.costs.received;
-        ((self.for_refinement() - received).max(0.0) / self.costs.face) as u32
     }
 
     /// Questions to the station that a quarter of what is left beside so many units of received

@@ -177,8 +177,8 @@ pub mod lod {
     pub const BEHIND_SHARE: u32 = 4;
     /// Closure entries that cost as much as finding that a split has to wait.
     pub const ENTRIES_PER_WAIT: u32 = 16;
-    /// Faces around a split that has to wait that cost as much as one that a split changes: they are
-    /// only gone around.
+    /// Faces around a split that has to wait that cost as much as one that a split changes: they
+    /// are only gone around.
     pub const FACES_PER_WAIT: u32 = 4;
     /// Steps of geomorphing vertices that cost as much as a split or collapse.
     pub const STEPS_PER_OPERATION: u32 = 2;

@@ -6,9 +6,9 @@
 //! stage ([`CostGroup`]). Between two ticks memory is read that pushes the patch out of the
 //! processor's caches: in a run, a millisecond of other programs does.
 
-mod tape;
+mod inputs;
 
-pub use tape::{Tape, TapeError, TapeTick};
+pub use inputs::{InputsError, PatchInputs, PatchTick};
 
 use crate::tuning::{CALIBRATION_BLOCK, CALIBRATION_NS, CALIBRATION_OTHERS_BYTES};
 use hrtc_core::governor::{CostGroup, WorkCosts};
@@ -20,11 +20,11 @@ use scene::{NoFiles, Overrides, ScenePlan, parse};
 use std::hint::black_box;
 use std::path::Path;
 
-/// The scene of the tape.
+/// The scene of the patch.
 pub const PATCH_SCENE: &str = include_str!("patch.toml");
 /// Its inputs.
-static PATCH: &[u8] = include_bytes!("patch.tape");
-/// The controller of the tape, as the station knew it.
+static PATCH: &[u8] = include_bytes!("patch.inputs");
+/// The controller of the patch, as the station knew it.
 pub const PATCH_IDENTITY: Identity = Identity {
     client: 7,
     incarnation: 8,
@@ -64,16 +64,16 @@ pub fn patch_plan() -> Result<ScenePlan, scene::SceneError> {
 }
 
 /// Measures on the calling thread. `slow`: how many times as long every stage is to take, for tests
-/// of a slower machine. `None` when the bundled tape does not fit this build.
+/// of a slower machine. `None` when the bundled inputs do not fit this build.
 #[must_use]
 pub fn measure(slow: f64) -> Option<Measured> {
-    let tape = Tape::from_bytes(PATCH).ok()?;
+    let inputs = PatchInputs::from_bytes(PATCH).ok()?;
     let plan = patch_plan().ok()?;
     let until = monotonic_ns() + CALIBRATION_NS;
     let mut blocks: Vec<[f64; CostGroup::ALL.len()]> = Vec::new();
     let mut ticks = 0;
     // The first pass warms caches up.
-    while play(&tape, &plan, slow, until, &mut |block| {
+    while play(&inputs, &plan, slow, until, &mut |block| {
         ticks += CALIBRATION_BLOCK;
         blocks.push(block);
     }) {}
@@ -101,10 +101,10 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Plays the tape once, and tells the factors of each block of touched ticks; whether there is time
+/// Plays the inputs once, and tells the factors of each block of touched ticks; whether there is time
 /// for another pass.
 fn play(
-    tape: &Tape,
+    inputs: &PatchInputs,
     plan: &ScenePlan,
     slow: f64,
     until: u64,
@@ -118,7 +118,7 @@ fn play(
     let mut in_block = 0;
     let others = vec![1u64; CALIBRATION_OTHERS_BYTES / size_of::<u64>()];
     let mut has_touched = false;
-    for (tick, of) in (0u64..).zip(&tape.ticks) {
+    for (tick, of) in (0u64..).zip(&inputs.ticks) {
         waiting.extend_from_slice(&of.chunks);
         let inputs = TickInputs {
             tick,
@@ -154,8 +154,8 @@ fn play(
             }
         }
     }
-    // A tape without a touch would be played for ever.
-    monotonic_ns() < until && tape.ticks.len() > CALIBRATION_BLOCK
+    // Inputs without a touch would be played for ever.
+    monotonic_ns() < until && inputs.ticks.len() > CALIBRATION_BLOCK
 }
 
 /// Wall time of the stages of each group.
@@ -196,11 +196,11 @@ mod tests {
 
     #[test]
     fn the_bundled_tape_touches_and_refines_with_every_kind_of_work() {
-        let tape = Tape::from_bytes(PATCH).expect("the tape is of this build");
+        let inputs = PatchInputs::from_bytes(PATCH).expect("the inputs are of this build");
         let plan = patch_plan().expect("the scene is sound");
         let mut blocks = 0;
         let until = u64::MAX;
-        play(&tape, &plan, 1.0, until, &mut |factors| {
+        play(&inputs, &plan, 1.0, until, &mut |factors| {
             blocks += 1;
             assert!(
                 factors.iter().all(|of| *of > 0.0 && of.is_finite()),

@@ -1,7 +1,7 @@
 //! Accumulation of a run's ticks in tables of fixed size.
 
 use super::fixed::Fixed;
-use super::governor::GovernorTally;
+use super::governor::GovernorStats;
 use super::series::Series;
 use super::{
     CacheResult, Finished, Histograms, MAX_STATIONS, MedianMax, ProbeResult, RunMeta, RunResult,
@@ -62,7 +62,7 @@ pub struct Accumulator {
     awake: Fixed,
     /// Force of each probe, newtons.
     forces: Vec<Fixed>,
-    governor: GovernorTally,
+    governor: GovernorStats,
 }
 
 impl Accumulator {
@@ -97,7 +97,7 @@ impl Accumulator {
                 ..Status::default()
             },
             wake: timing()?,
-            governor: GovernorTally::new()?,
+            governor: GovernorStats::new()?,
             work_cpu: timing()?,
             work_wall: timing()?,
             period: timing()?,

@@ -36,7 +36,7 @@ pub struct GovernorResult {
 }
 
 /// The governor's figures so far.
-pub(super) struct GovernorTally {
+pub(super) struct GovernorStats {
     operations: Fixed,
     allowed_us: Fixed,
     slowness: Fixed,
@@ -50,7 +50,7 @@ pub(super) struct GovernorTally {
     last: Option<(f64, bool)>,
 }
 
-impl GovernorTally {
+impl GovernorStats {
     pub(super) fn new() -> Option<Self> {
         Some(Self {
             operations: Fixed::new(10.0, 17)?,
@@ -132,12 +132,12 @@ mod tests {
 
     #[test]
     fn a_tolerance_that_goes_up_and_down_is_reversed_once_a_turn() {
-        let mut tally = GovernorTally::new().unwrap();
+        let mut stats = GovernorStats::new().unwrap();
         for (tick, tolerance_m) in [0.0, 0.0, 1e-4, 1e-4, 0.0, 1e-4, 2e-4]
             .into_iter()
             .enumerate()
         {
-            tally.push(&CoreRecord {
+            stats.push(&CoreRecord {
                 contact: true,
                 finest_tolerance_m: tolerance_m,
                 allowed_ns: 600_000,
@@ -147,7 +147,7 @@ mod tests {
                 ..CoreRecord::default()
             });
         }
-        let result = tally.result(&WorkCosts::REFERENCE, 1_000_000);
+        let result = stats.result(&WorkCosts::REFERENCE, 1_000_000);
         // Down after the first rise, and up again.
         assert!((result.reversals_per_s - 2.0 / 7e-3).abs() < 1e-6);
         assert_eq!(result.over_budget_ticks, 1);

@@ -9,7 +9,8 @@ use crate::report::table::Table;
 use crate::scenes::prepare_models;
 use clap::Args;
 use hrtc::calibration::{
-    Measured, PATCH_DEVICE_N, PATCH_IDENTITY, PATCH_SECONDS, Tape, TapeTick, measure, patch_plan,
+    Measured, PATCH_DEVICE_N, PATCH_IDENTITY, PATCH_SECONDS, PatchInputs, PatchTick, measure,
+    patch_plan,
 };
 use hrtc_core::governor::{CostGroup, WorkCosts};
 use scene::ScenePlan;
@@ -20,13 +21,13 @@ use std::path::{Path, PathBuf};
 
 /// Measurements.
 const REPEATS: usize = 9;
-/// Ticks of the tape.
-const TAPE_TICKS: u64 = 500;
+/// Ticks of the patch.
+const PATCH_TICKS: u64 = 500;
 
 /// Arguments of `rt-tests costs`.
 #[derive(Debug, Args)]
 pub struct CostsArgs {
-    /// Write the inputs of the bundled patch anew instead, for hrtc/src/calibration/patch.tape
+    /// Write the inputs of the bundled patch anew instead, for hrtc/src/calibration/patch.inputs
     #[arg(long, value_name = "FILE")]
     pub write: Option<PathBuf>,
     /// Print one JSON object with the result on standard output
@@ -43,8 +44,8 @@ pub struct Costs {
     pub reference_ns: BTreeMap<&'static str, f64>,
     /// Largest over least of the measurements, for each unit.
     pub spread: BTreeMap<&'static str, f64>,
-    /// What tick, inbox, refinement and queries took on the bundled patch, as a part of the costs of
-    /// the reference machine.
+    /// What tick, inbox, refinement and queries took on the bundled patch, as a part of the costs
+    /// of the reference machine.
     pub patch: [f64; CostGroup::ALL.len()],
     /// Ticks that one measurement timed, at least.
     pub ticks: usize,
@@ -61,7 +62,7 @@ pub fn costs(args: &CostsArgs) -> Result<(), Failure> {
     let measured: Option<Vec<Measured>> = (0..REPEATS).map(|_| measure(1.0)).collect();
     let Some(measured) = measured else {
         return Err(Failure::Run(
-            "the bundled tape does not fit this build: rt-tests costs --write hrtc/src/calibration/patch.tape"
+            "the bundled inputs do not fit this build: rt-tests costs --write hrtc/src/calibration/patch.inputs"
                 .to_string(),
         ));
     };
@@ -112,21 +113,21 @@ fn words(found: &Costs) -> String {
 fn write(path: &Path) -> Result<(), Failure> {
     let plan = patch_plan().map_err(|error| Failure::Input(error.to_string()))?;
     prepare_models(&plan)?;
-    let tape = record(&plan)?;
-    let bytes = tape
+    let inputs = record(&plan)?;
+    let bytes = inputs
         .to_bytes()
         .map_err(|error| Failure::Run(error.to_string()))?;
     std::fs::write(path, &bytes).map_err(|error| Failure::write(path, &error))?;
     println!(
         "{} ticks, {} bytes in {}",
-        tape.ticks.len(),
+        inputs.ticks.len(),
         bytes.len(),
         path.display()
     );
     Ok(())
 }
 
-fn record(plan: &ScenePlan) -> Result<Tape, Failure> {
+fn record(plan: &ScenePlan) -> Result<PatchInputs, Failure> {
     let models = prepare_models(plan)?.models;
     let not_served = || Failure::Run("the bundled scene is not served".to_string());
     let station = station(plan, models, STATION).ok_or_else(not_served)?;
@@ -138,7 +139,7 @@ fn record(plan: &ScenePlan) -> Result<Tape, Failure> {
     };
     let mut simulation = Simulation::new(station, Client::new(plan, options));
     simulation.client_mut().record();
-    for _ in 0..TAPE_TICKS {
+    for _ in 0..PATCH_TICKS {
         simulation.advance(Drive::Hands, &mut hrtc_core::NoObserver);
     }
     let recording = simulation.client_mut().take_recording().unwrap_or_default();
@@ -147,13 +148,13 @@ fn record(plan: &ScenePlan) -> Result<Tape, Failure> {
         let (inputs, chunks) = recording.inputs(k)?;
         let new = recording.chunks()[arrived..chunks].to_vec();
         arrived = chunks;
-        Some(TapeTick {
+        Some(PatchTick {
             samples: inputs.samples.to_vec(),
             station: inputs.station,
             chunks: new,
         })
     });
-    Ok(Tape {
+    Ok(PatchInputs {
         ticks: ticks.collect(),
     })
 }

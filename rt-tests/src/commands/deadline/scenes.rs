@@ -97,8 +97,11 @@ pub fn scenes(args: &DeadlineArgs, folder: &Path) -> Result<(Vec<Scene>, Vec<Str
     Ok((scenes, left_out))
 }
 
+/// Makes a mesh.
+type Maker = fn() -> SoupMesh;
+
 /// Meshes by name, made when they are needed.
-fn meshes() -> [(&'static str, fn() -> SoupMesh); 5] {
+fn meshes() -> [(&'static str, Maker); 5] {
     [
         ("uv-sphere-1000", || uv_sphere(1000, 38)),
         ("uv-sphere-3000", || uv_sphere(3000, 38)),

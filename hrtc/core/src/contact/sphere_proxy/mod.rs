@@ -94,6 +94,22 @@ pub struct Advance {
     pub dropped: u32,
 }
 
+/// What the steps of a tick cost, nodes and faces.
+#[derive(Debug, Clone, Copy, Default)]
+struct StepCosts {
+    so_far: u32,
+    costliest: u32,
+}
+
+impl StepCosts {
+    /// Whether another step may begin where so much was spent; the first one always may.
+    fn may_begin(&mut self, spent: u32, most: u32) -> bool {
+        self.costliest = self.costliest.max(spent - self.so_far);
+        self.so_far = spent;
+        spent == 0 || spent + self.costliest <= most
+    }
+}
+
 impl Proxy {
     /// A proxy of the given radius (model units, positive), not placed yet.
     #[must_use]
@@ -202,18 +218,13 @@ impl Proxy {
         // Splits and collapses may have changed any face since the last tick.
         self.near.invalidate();
         let skin_radius = self.radius * (1.0 - SKIN);
-        let mut contact = None;
-        let mut last_motion = None;
-        let mut dropped = 0;
-        let mut had_stopped = false;
-        let (mut before, mut costliest) = (0, 0);
+        let (mut contact, mut last_motion) = (None, None);
+        let (mut dropped, mut had_stopped) = (0, false);
+        let mut costs = StepCosts::default();
         for _ in 0..STEPS {
-            let so_far = work.nodes + work.faces;
-            costliest = costliest.max(so_far - before);
-            if so_far > 0 && so_far + costliest > most_work {
+            if !costs.may_begin(work.nodes + work.faces, most_work) {
                 break;
             }
-            before = so_far;
             let wanted = goal - self.position;
             let length = wanted.length();
             let reach = reach.min(length + 1e-3 * self.radius);

@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 
 /// Inputs of ticks from 0 on, of a period without a gap.
 #[derive(Debug, Clone, Default)]
-pub struct Tape {
+pub struct PatchInputs {
     /// Each tick.
-    pub ticks: Vec<TapeTick>,
+    pub ticks: Vec<PatchTick>,
 }
 
 /// Inputs of a tick.
 #[derive(Debug, Clone)]
-pub struct TapeTick {
+pub struct PatchTick {
     /// One a probe.
     pub samples: Vec<Option<Sample>>,
     /// Incarnation of the station; 0 for none.
@@ -24,10 +24,10 @@ pub struct TapeTick {
     pub chunks: Vec<InboxChunk>,
 }
 
-/// Bytes that are no tape of this build.
+/// Bytes that are no inputs of this build.
 #[derive(Debug, thiserror::Error)]
-#[error("the bundled tape of inputs does not fit this build")]
-pub struct TapeError;
+#[error("the bundled recording of inputs does not fit this build")]
+pub struct InputsError;
 
 /// A tick as it is stored: each chunk without the zeros at its end.
 #[derive(Serialize, Deserialize)]
@@ -37,8 +37,8 @@ struct StoredTick {
     chunks: Vec<Vec<u8>>,
 }
 
-impl Tape {
-    /// The tape as bytes.
+impl PatchInputs {
+    /// The inputs as bytes.
     ///
     /// # Errors
     /// When there is no memory.
@@ -47,20 +47,20 @@ impl Tape {
         postcard::to_stdvec(&stored)
     }
 
-    /// The tape in bytes that [`Tape::to_bytes`] gave.
+    /// The inputs in bytes that [`PatchInputs::to_bytes`] gave.
     ///
     /// # Errors
     /// When they are of another build, or damaged.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, TapeError> {
-        let stored: Vec<StoredTick> = postcard::from_bytes(bytes).map_err(|_| TapeError)?;
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, InputsError> {
+        let stored: Vec<StoredTick> = postcard::from_bytes(bytes).map_err(|_| InputsError)?;
         let ticks = stored.iter().map(StoredTick::tick);
-        let ticks = ticks.collect::<Option<_>>().ok_or(TapeError)?;
+        let ticks = ticks.collect::<Option<_>>().ok_or(InputsError)?;
         Ok(Self { ticks })
     }
 }
 
 impl StoredTick {
-    fn of(tick: &TapeTick) -> Self {
+    fn of(tick: &PatchTick) -> Self {
         let chunk = |chunk: &InboxChunk| {
             let mut bytes = [bytes_of(&chunk.header), bytes_of(&chunk.slots)].concat();
             let used = bytes.iter().rposition(|&byte| byte != 0);
@@ -74,7 +74,7 @@ impl StoredTick {
         }
     }
 
-    fn tick(&self) -> Option<TapeTick> {
+    fn tick(&self) -> Option<PatchTick> {
         let chunks = self.chunks.iter().map(|bytes| {
             let mut header = ChunkHeader::zeroed();
             let mut slots = [ChunkSlot::zeroed(); CHUNK_SLOTS];
@@ -87,7 +87,7 @@ impl StoredTick {
                 .copy_from_slice(of_slots);
             Some(InboxChunk { header, slots })
         });
-        Some(TapeTick {
+        Some(PatchTick {
             samples: self.samples.clone(),
             station: self.station,
             chunks: chunks.collect::<Option<_>>()?,
@@ -102,32 +102,32 @@ mod tests {
     use glam::DVec3;
 
     #[test]
-    fn a_tape_comes_back_as_it_was_and_other_bytes_are_refused() {
+    fn inputs_comes_back_as_it_was_and_other_bytes_are_refused() {
         let mut chunk = InboxChunk {
             header: ChunkHeader::zeroed(),
             slots: [ChunkSlot::zeroed(); CHUNK_SLOTS],
         };
         chunk.header.client = 7;
         bytes_of_mut(&mut chunk.slots)[100] = 3;
-        let tick = TapeTick {
+        let tick = PatchTick {
             samples: vec![None, Some(Sample::at(Pose::at(DVec3::new(0.1, -2.0, 3.5))))],
             station: 100,
             chunks: vec![chunk; 2],
         };
-        let tape = Tape {
+        let inputs = PatchInputs {
             ticks: vec![tick; 3],
         };
-        let bytes = tape.to_bytes().unwrap();
-        let back = Tape::from_bytes(&bytes).unwrap();
+        let bytes = inputs.to_bytes().unwrap();
+        let back = PatchInputs::from_bytes(&bytes).unwrap();
         assert_eq!(back.ticks.len(), 3);
-        for (a, b) in tape.ticks.iter().zip(&back.ticks) {
+        for (a, b) in inputs.ticks.iter().zip(&back.ticks) {
             assert_eq!((&a.samples, a.station), (&b.samples, b.station));
             for (a, b) in a.chunks.iter().zip(&b.chunks) {
                 assert_eq!(bytes_of(&a.header), bytes_of(&b.header));
                 assert_eq!(bytes_of(&a.slots), bytes_of(&b.slots));
             }
         }
-        assert!(Tape::from_bytes(&bytes[..bytes.len() - 1]).is_err());
-        assert!(Tape::from_bytes(b"no tape").is_err());
+        assert!(PatchInputs::from_bytes(&bytes[..bytes.len() - 1]).is_err());
+        assert!(PatchInputs::from_bytes(b"no inputs").is_err());
     }
 }
