@@ -14,6 +14,7 @@ use crate::commands::replay::ReplayArgs;
 use crate::commands::run::RunArgs;
 use crate::commands::simulate::SimulateArgs;
 use crate::commands::stability::StabilityArgs;
+use crate::commands::thesis::ThesisArgs;
 use crate::commands::tools::ToolsArgs;
 use crate::commands::zwidth::ZwidthArgs;
 use crate::processes::bare_loop::BareArgs;
@@ -48,6 +49,8 @@ pub enum Command {
     /// Show what accuracy costs: the same touch from the base mesh to the full mesh; status 1 when
     /// a check fails
     Accuracy(AccuracyArgs),
+    /// Measure the figures of the thesis on its models, with its published numbers beside ours
+    Thesis(ThesisArgs),
     /// Show what a query and an update cost beside parry's; status 1 when an answer is wrong or a
     /// limit broken
     Compare(CompareArgs),

@@ -55,6 +55,7 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Export(args) => commands::export::export(&args),
         Command::Fronts(args) => commands::fronts::fronts(&args),
         Command::Accuracy(args) => commands::accuracy::accuracy(&args),
+        Command::Thesis(args) => commands::thesis::thesis(&args),
         Command::Compare(args) => commands::compare::compare(&args),
         Command::Predictors(args) => commands::predictors::predictors(&args),
         Command::Stability(args) => commands::stability::stability(&args),

@@ -1,5 +1,5 @@
 //! One file or folder for each command of `rt-tests`. None uses another, but `hosts` the cases of
-//! `faults`.
+//! `faults`, and `thesis` the measures of `compare` and `fronts`.
 //!
 //! | module | command |
 //! |---|---|
@@ -16,6 +16,7 @@
 //! | [`faults`] | real processes killed, stopped, replaced and starved in contact |
 //! | [`codecs`] | what a record costs on the wire, by codec |
 //! | [`hosts`] | station and controller on two hosts, over links of any length |
+//! | [`thesis`] | the figures of the thesis, its numbers beside ours |
 //! | [`effects`] | the cost of each effect |
 //! | [`tools`] | a tool's ticks beside unlimited work |
 //! | [`zwidth`] | the stiffest wall that can be rendered |
@@ -34,5 +35,6 @@ pub mod replay;
 pub mod run;
 pub mod simulate;
 pub mod stability;
+pub mod thesis;
 pub mod tools;
 pub mod zwidth;

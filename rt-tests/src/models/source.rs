@@ -49,15 +49,22 @@ pub fn typed_or(typed: &[String], default: &[&str]) -> Vec<String> {
 /// # Errors
 /// One sentence that names it.
 pub fn open(typed: &str) -> Result<Model, Failure> {
-    let options = BuildOptions::default();
+    open_with(typed, &BuildOptions::default())
+}
+
+/// The same with other options for a mesh; an SPM file is taken as it is.
+///
+/// # Errors
+/// One sentence that names it.
+pub fn open_with(typed: &str, options: &BuildOptions) -> Result<Model, Failure> {
     match source(typed)? {
-        (_, ModelSource::File(path)) => Model::open(&path, &options, &NoProgress),
+        (_, ModelSource::File(path)) => Model::open(&path, options, &NoProgress),
         (name, ModelSource::Generate { shape, faces }) => {
             let shape: Shape = shape
                 .parse()
                 .map_err(|_| Failure::Input(format!("{shape} is no shape")))?;
             let mesh = generate(shape, faces, SHAPE_SEED);
-            Model::build(name, mesh, &options, &NoProgress)
+            Model::build(name, mesh, options, &NoProgress)
                 .map_err(|error| Failure::Run(error.to_string()))
         }
     }
