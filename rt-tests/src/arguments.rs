@@ -16,6 +16,7 @@ use crate::commands::simulate::SimulateArgs;
 use crate::commands::stability::StabilityArgs;
 use crate::commands::thesis::ThesisArgs;
 use crate::commands::tools::ToolsArgs;
+use crate::commands::tune::TuneArgs;
 use crate::commands::zwidth::ZwidthArgs;
 use crate::processes::bare_loop::BareArgs;
 use crate::processes::device_page::DeviceArgs;
@@ -66,6 +67,9 @@ pub enum Command {
     /// Find how stiff a wall a loop with this machine's period can render: simulated bounces, and
     /// theory beside them
     Zwidth(ZwidthArgs),
+    /// Find the settings of a scene that keep a limit of error, time, bytes or memory on this
+    /// machine; status 1 when there are none
+    Tune(TuneArgs),
     /// Lead tools over models, every tick beside one with unlimited work; status 1 when a limit is
     /// not kept
     Tools(ToolsArgs),

@@ -62,6 +62,7 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Simulate(args) => commands::simulate::simulate(&args),
         Command::Effects(args) => commands::effects::effects(&args),
         Command::Tools(args) => commands::tools::tools(&args),
+        Command::Tune(args) => commands::tune::tune(&args),
         Command::Zwidth(args) => commands::zwidth::zwidth(&args),
         Command::Faults(args) => commands::faults::faults(&args),
         Command::Hosts(args) => commands::hosts::hosts(&args),

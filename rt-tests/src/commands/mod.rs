@@ -19,6 +19,7 @@
 //! | [`thesis`] | the figures of the thesis, its numbers beside ours |
 //! | [`effects`] | the cost of each effect |
 //! | [`tools`] | a tool's ticks beside unlimited work |
+//! | [`tune`] | the settings that keep a limit of error, time, bytes or memory |
 //! | [`zwidth`] | the stiffest wall that can be rendered |
 
 pub mod accuracy;
@@ -37,4 +38,5 @@ pub mod simulate;
 pub mod stability;
 pub mod thesis;
 pub mod tools;
+pub mod tune;
 pub mod zwidth;

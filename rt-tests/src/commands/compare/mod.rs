@@ -224,7 +224,7 @@ impl Measured {
         let both: [&mut dyn Mesh; 2] = [&mut single, &mut double];
         rows.extend(tools::rows(model, &asked, &front, both)?);
         rows.extend(others.rows(model, &mesh, &asked)?);
-        let levels = levels::levels(model, &full, &front, &mut random)?;
+        let levels = levels::levels(model, &full, &front, levels::PROBE, &mut random)?;
         rows.extend(update::rows(
             model,
             &mut front,

@@ -199,21 +199,27 @@ pub fn figure_4_8(study: &Study) -> Result<Figure, Failure> {
             )
             .beside(&[1.0, 1.1]),
         );
-        refining.push(Curve::new(&of.name, of.color, Stroke::Dashed, slow));
-        refining.push(Curve::new(&of.name, of.color, Stroke::Line, fast));
+        let all = end(&fast);
+        for (times, every, stroke) in [
+            (&slow, SLOW_FRAMES / LEVELS, Stroke::Dashed),
+            (&fast, FAST_FRAMES / LEVELS, Stroke::Line),
+        ] {
+            let some = times.iter().skip(every - 1).step_by(every);
+            let points = some.map(|(share, ms)| (*share, ms / all));
+            refining.push(Curve::new(&of.name, of.color, stroke, points));
+        }
         for (k, stroke) in [(0, Stroke::Dashed), (1, Stroke::Line)] {
             let points = queries.iter().map(|(share, us)| (*share, us[k]));
             asking.push(Curve::new(&of.name, of.color, stroke, points));
         }
     }
-    let axes = |curves: &[Curve], y: &str| {
-        let x = Axis::linear("share of the records received", xs(curves));
-        (x, Axis::over(y, Unit::Time, ys(curves)))
-    };
-    let (x, y) = axes(&refining, "T_R so far, ms");
-    let a = Chart::new("(a, b) refinement and update of the tree", x, y, refining);
-    let (x, y) = axes(&asking, "query of two objects, median, µs");
-    let c = Chart::new("(c, d) query at this level of detail", x, y, asking);
+    let x = |curves: &[Curve]| Axis::linear("share of the records received", xs(curves));
+    let y = Axis::linear("T_R so far over all, fast link", ys(&refining)).with_room();
+    let title = "(a, b) refinement and update of the tree";
+    let a = Chart::new(title, x(&refining), y, refining);
+    let y = Axis::over("query, median, µs", Unit::Time, ys(&asking));
+    let title = "(c, d) query of two objects at this level of detail";
+    let c = Chart::new(title, x(&asking), y, asking);
     let mut names: Vec<_> = study
         .models
         .iter()

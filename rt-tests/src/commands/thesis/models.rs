@@ -213,7 +213,7 @@ pub fn table(models: &[StudyModel]) -> Figure {
         series,
         says: "The models were built with the thesis's base meshes. The 496 faces of its sphere are a misprint of \
             4096: a closed surface of 2050 vertices has 2 (2050 - 2) faces. Its bunny counts vertices that no face \
-            uses, 1406 of them in a base mesh of 500 faces, which we drop. Its cow has one vertex that two fans \
+            uses, most of the 1406 of its base mesh of 500 faces; we drop them. Its cow has one vertex that two fans \
             share; both cut it. Our height is the logarithm of the faces rounded up, so the cow's is 13 and not 12: \
             a binary tree of height 12 has at most 4096 leaves."
             .to_string(),
