@@ -1,6 +1,7 @@
 //! The command line.
 
 use crate::commands::accuracy::AccuracyArgs;
+use crate::commands::check::CheckArgs;
 use crate::commands::codecs::CodecsArgs;
 use crate::commands::compare::CompareArgs;
 use crate::commands::effects::EffectsArgs;
@@ -39,6 +40,8 @@ pub enum Command {
     /// Run both processes on a scene; ends with a report, with status 0 also when periods were
     /// missed
     Run(RunArgs),
+    /// Rate this machine for haptics in a minute: loop, rights, force and speed, with remedies
+    Check(CheckArgs),
     /// Measure the loop's timing beside a bare loop; status 0 only for the verdict "pass"
     Jitter(JitterArgs),
     /// Put a recording of a run through the controller again; status 1 when a tick differs

@@ -50,6 +50,7 @@ pub fn execute(arguments: Arguments) -> ExitCode {
 fn dispatch(command: Command) -> Result<(), Failure> {
     match command {
         Command::Run(args) => commands::run::run(&args),
+        Command::Check(args) => commands::check::check(&args),
         Command::Jitter(args) => commands::jitter::jitter(&args),
         Command::Replay(args) => commands::replay::replay(&args),
         Command::Export(args) => commands::export::export(&args),

@@ -4,7 +4,7 @@ use super::Model;
 use crate::failure::Failure;
 use scene::ModelSource;
 use spm_builder::generate::{Shape, generate};
-use spm_builder::{BuildOptions, NoProgress};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh};
 use std::path::PathBuf;
 
 /// Seed of a generated shape.
@@ -60,12 +60,20 @@ pub fn open_with(typed: &str, options: &BuildOptions) -> Result<Model, Failure> 
     match source(typed)? {
         (_, ModelSource::File(path)) => Model::open(&path, options, &NoProgress),
         (name, ModelSource::Generate { shape, faces }) => {
-            let shape: Shape = shape
-                .parse()
-                .map_err(|_| Failure::Input(format!("{shape} is no shape")))?;
-            let mesh = generate(shape, faces, SHAPE_SEED);
+            let mesh = shape_soup(&shape, faces)?;
             Model::build(name, mesh, options, &NoProgress)
                 .map_err(|error| Failure::Run(error.to_string()))
         }
     }
+}
+
+/// The mesh of a generated shape.
+///
+/// # Errors
+/// When there is no such shape.
+pub fn shape_soup(shape: &str, faces: u32) -> Result<SoupMesh, Failure> {
+    let parsed: Shape = shape
+        .parse()
+        .map_err(|_| Failure::Input(format!("{shape} is no shape")))?;
+    Ok(generate(parsed, faces, SHAPE_SEED))
 }

@@ -1,5 +1,7 @@
 //! The page: pictures, what they say, and the numbers, in one file without any other.
 
+mod knobs;
+
 use super::measure::{ROUNDING, TOOL_RADIUS_M};
 use super::result::{Accuracy, Bytes, Knob, Point};
 use super::table::{asked, bytes_row};
@@ -121,6 +123,7 @@ pub fn page(found: &Accuracy, machine: &Machine) -> String {
     stages(&mut html, &groups);
     html.push_str("<h2>Error against bytes and memory</h2>\n");
     costs(&mut html, &groups);
+    knobs::knobs(&mut html, &groups);
     html.push_str("<h2>Bytes over the link</h2>\n");
     bytes_table(&mut html, found);
     html.push_str("<h2>All numbers</h2>\n");

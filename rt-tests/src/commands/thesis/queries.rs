@@ -79,6 +79,10 @@ pub fn figure_5_20(study: &Study) -> Result<Figure, Failure> {
             "",
             nodes(high) / nodes(local),
         ));
+        let beyond = large_full.p50_ns / large_local.p50_ns;
+        large.push(beyond);
+        let what = name("full over local, probe of four times the size");
+        series.push(Series::new(what, "", beyond).beside(&[1.2, 2.5]));
     }
     sort(&mut curves);
     let x = Axis::over("faces of the full mesh", Unit::Number, xs(&curves));

@@ -3,7 +3,7 @@
 //!
 //! One dial is turned: the tolerance at the contact (with `--memory` the cache is as large as
 //! allowed). Errors, bytes and pressure on the cache are measured in virtual time, where both cores
-//! run with the scene's own hand; times in runs of both processes. Each limit has an edge on the
+//! run with the scene's own hand. Each limit has an edge on the
 //! dial, found by bisection: an error is kept below its edge, a cost above. The result is then run
 //! by both processes; where that run breaks an error or a time, the dial is turned a step on.
 //!
@@ -44,8 +44,10 @@ const DIAL: (f64, f64) = (1e-6, 1.0);
 /// search: the hand of a real run goes another path by microns, and its ticks differ. It is below
 /// the 1.5 at which settings are called wasteful.
 const MARGIN: f64 = 1.15;
-/// Times that the dial is turned a step on where the run breaks the limit.
-const MAX_CORRECTIONS: usize = 4;
+/// Times that the dial is turned on where the run breaks a limit, or stays far from a time.
+const MAX_CORRECTIONS: usize = 3;
+/// Far from a time that was asked for: less than it by this factor, and a finer tolerance is tried.
+const FAR: f64 = 1.35;
 /// The next step up is finer by this factor.
 const NEXT: f64 = 2.0;
 
@@ -137,6 +139,10 @@ struct Search<'a> {
     cache_bytes: usize,
     line: ProgressBar,
     trials: [usize; 2],
+    /// A tick of a run over one in virtual time: the loop around it, caches that were cold.
+    loop_over_tick: f64,
+    /// Ticks in virtual time by tolerance.
+    times: Vec<(f64, f64)>,
 }
 
 impl<'a> Search<'a> {
@@ -167,6 +173,8 @@ impl<'a> Search<'a> {
             cache_bytes,
             line: status_line(),
             trials: [0; 2],
+            loop_over_tick: 1.0,
+            times: Vec::new(),
         })
     }
 
@@ -182,7 +190,24 @@ impl<'a> Search<'a> {
         let at = length(tolerance_m);
         self.line
             .set_message(format!("tolerance {at}, in virtual time"));
-        self.bench.simulate(self.settings(tolerance_m))
+        self.bench.simulate(self.settings(tolerance_m), false)
+    }
+
+    /// A tick in virtual time, µs.
+    fn tick_us(&mut self, tolerance_m: f64) -> Result<f64, Failure> {
+        if let Some(&(_, us)) = self.times.iter().find(|(at, _)| *at == tolerance_m) {
+            return Ok(us);
+        }
+        self.trials[0] += 1;
+        let at = length(tolerance_m);
+        self.line
+            .set_message(format!("tolerance {at}, timed in virtual time"));
+        let us = self
+            .bench
+            .simulate(self.settings(tolerance_m), true)?
+            .time_us;
+        self.times.push((tolerance_m, us));
+        Ok(us)
     }
 
     fn run(&mut self, tolerance_m: f64, runs: usize) -> Result<Cost, Failure> {
@@ -280,22 +305,53 @@ impl<'a> Search<'a> {
             && keeps(self.asked.memory_bytes, cost.memory_bytes)
     }
 
+    /// Whether a run is far below the only limit, a time, and there is a finer tolerance.
+    fn is_far(&self, tolerance: f64, cost: &Cost) -> bool {
+        let only_time = Asked {
+            time_us: self.asked.time_us,
+            ..Asked::default()
+        };
+        let is_far = |limit: f64| cost.time_us * FAR < limit;
+        tolerance > 0.0 && self.asked == only_time && self.asked.time_us.is_some_and(is_far)
+    }
+
+    /// The next tolerance after a run that does not do.
+    fn corrected(&mut self, tolerance: f64, cost: &Cost) -> Result<f64, Failure> {
+        if self
+            .asked
+            .error_m
+            .is_some_and(|error_m| cost.error_m > error_m)
+        {
+            return Ok(rounded(tolerance / STEP));
+        }
+        let is_time = self.asked.time_us.is_some_and(|us| cost.time_us > us);
+        if is_time || self.is_far(tolerance, cost) {
+            self.loop_over_tick = cost.time_us / self.tick_us(tolerance)?;
+            let found = self.tolerance()?.0;
+            if found != tolerance {
+                return Ok(found);
+            }
+        }
+        Ok(rounded(tolerance * STEP).min(self.dial.1))
+    }
+
     fn tuned(&mut self) -> Result<Tuned, Failure> {
+        if self.asked.time_us.is_some() {
+            self.loop_over_tick = self.run(0.0, 1)?.time_us / self.tick_us(0.0)?;
+        }
         let (mut tolerance, binds) = self.tolerance()?;
         let mut cost = self.run(tolerance, self.runs())?;
         for _ in 0..MAX_CORRECTIONS {
-            if self.is_met(&cost) {
+            if self.is_met(&cost) && !self.is_far(tolerance, &cost) {
                 break;
             }
-            // Finer for the error, coarser for a cost.
-            tolerance = match self.asked.error_m {
-                Some(error_m) if cost.error_m > error_m => rounded(tolerance / STEP),
-                _ => rounded(tolerance * STEP).min(self.dial.1),
-            };
+            tolerance = self.corrected(tolerance, &cost)?;
             cost = self.run(tolerance, self.runs())?;
         }
         let mut predicted = self.simulate(tolerance)?;
-        predicted.time_us = cost.time_us;
+        if self.asked.time_us.is_some() {
+            predicted.time_us = self.tick_us(tolerance)? * self.loop_over_tick;
+        }
         let next = if tolerance > 0.0 {
             let finer = rounded(tolerance / NEXT);
             let finer = if finer < self.dial.0 { 0.0 } else { finer };
@@ -360,7 +416,7 @@ impl Limit {
 
     fn is_kept(&self, search: &mut Search<'_>, tolerance: f64) -> Result<bool, Failure> {
         Ok(match self {
-            Self::Time(us) => search.run(tolerance, RUNS)?.time_us * MARGIN <= *us,
+            Self::Time(us) => search.tick_us(tolerance)? * search.loop_over_tick * MARGIN <= *us,
             Self::Bytes(bytes) => search.simulate(tolerance)?.bytes * MARGIN <= *bytes,
             Self::Memory => {
                 let cost = search.simulate(tolerance)?;
