@@ -21,7 +21,7 @@ mod result;
 mod table;
 mod timing;
 
-pub use result::{Accuracy, Bytes, Check, Knob, Point, StageQuantiles, StageTimes};
+pub use result::{Accuracy, Bytes, Check, FASTER, Knob, Point, StageQuantiles, StageTimes};
 
 use crate::failure::Failure;
 use crate::machine::Machine;
@@ -39,6 +39,7 @@ use scene::{AccuracyPlan, RefinementPlan};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use std::path::PathBuf;
+use tempfile::TempDir;
 
 /// What is measured when no model is named.
 const DEFAULT_MODELS: [&str; 3] = ["sphere:20000", "relief:100000", "terrain:130000"];
@@ -72,6 +73,14 @@ pub struct AccuracyArgs {
         allow_negative_numbers = true
     )]
     pub seconds: f64,
+    /// Speed of the hand, m/s; the other knobs are measured at four times it too
+    #[arg(
+        long,
+        value_name = "V",
+        default_value_t = 0.1,
+        allow_negative_numbers = true
+    )]
+    pub speed: f64,
 }
 
 /// Runs the command.
@@ -80,6 +89,12 @@ pub struct AccuracyArgs {
 /// One sentence: status 2 for bad input, 1 when a check fails.
 pub fn accuracy(args: &AccuracyArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
+    if !(1e-4..=2.5).contains(&args.speed) {
+        return Err(Failure::Input(format!(
+            "--speed is {}; write metres a second from 0.0001 to 2.5",
+            args.speed
+        )));
+    }
     // A bad model is refused before any is measured.
     let mut models: Vec<SceneModel> = typed_or(&args.models, &DEFAULT_MODELS)
         .iter()
@@ -91,12 +106,14 @@ pub fn accuracy(args: &AccuracyArgs) -> Result<(), Failure> {
         seed: args.seed,
         seconds: args.seconds,
         size_m: SIZE_M,
+        speed_m_per_s: args.speed,
         pass: false,
         points: Vec::new(),
         bytes: Vec::new(),
         checks: Vec::new(),
     };
     for model in &mut models {
+        model.set_speed(args.speed);
         study(model, args, &line, &mut found)?;
     }
     line.finish_and_clear();
@@ -136,6 +153,9 @@ fn study(
     ));
     timing::time(&mut measured)?;
     measured.extend(others(model, args, &reference, line)?);
+    let points = measured.iter_mut().map(|setting| &mut setting.point);
+    points.for_each(|point| point.speed_m_per_s = args.speed);
+    measured.extend(faster(model, args, line)?);
     let points: Vec<Point> = measured.into_iter().map(|setting| setting.point).collect();
     let checks = checks::checks(model, &reference, &points);
     found.checks.extend(checks);
@@ -162,6 +182,38 @@ fn measure_all(
         .collect()
 }
 
+/// The knobs beside the tolerance that are measured on the common touch, under a faster hand.
+fn faster(
+    model: &mut SceneModel,
+    args: &AccuracyArgs,
+    line: &ProgressBar,
+) -> Result<Vec<Measured>, Failure> {
+    let speed = FASTER * args.speed;
+    model.set_speed(speed);
+    let found = Reference::record(model, args.seed, args.seconds).and_then(|reference| {
+        let folder = temporary()?;
+        let families = knobs::families(model, folder.path())?.into_iter();
+        let same = families.filter(|family| family.touch.is_none());
+        let variants = same.flat_map(|family| family.variants).collect();
+        let mut measured = measure_all(model, &reference, variants, line)?;
+        line.set_message(format!("{}: timing under a faster hand", model.mesh.name));
+        timing::time(&mut measured)?;
+        Ok(measured)
+    });
+    model.set_speed(args.speed);
+    let mut found = found?;
+    for setting in &mut found {
+        setting.point.speed_m_per_s = speed;
+    }
+    Ok(found)
+}
+
+/// A folder for built models.
+fn temporary() -> Result<TempDir, Failure> {
+    tempfile::tempdir()
+        .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))
+}
+
 /// The knobs beside the tolerance, those of one reference timed in turns.
 fn others(
     model: &mut SceneModel,
@@ -169,8 +221,7 @@ fn others(
     reference: &Reference,
     line: &ProgressBar,
 ) -> Result<Vec<Measured>, Failure> {
-    let folder = tempfile::tempdir()
-        .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
+    let folder = temporary()?;
     let families = knobs::families(model, folder.path())?;
     let mut all = Vec::new();
     for family in families {

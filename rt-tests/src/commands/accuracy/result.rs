@@ -132,6 +132,10 @@ impl StageTimes {
     }
 }
 
+/// How much faster the hand goes where the knobs beside the tolerance are measured a second time:
+/// at the speed of the bundled scene most of them leave no error.
+pub const FASTER: f64 = 4.0;
+
 /// One setting of the refinement on one model.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Point {
@@ -146,6 +150,8 @@ pub struct Point {
     pub label: String,
     /// What a scene would write for it, or that there is no such key.
     pub setting: String,
+    /// Speed of the hand, m/s.
+    pub speed_m_per_s: f64,
     /// Whether this asks for the full mesh.
     #[serde(skip)]
     pub full_mesh: bool,
@@ -177,8 +183,8 @@ pub struct Point {
     /// Work of the difference from the full mesh's force over the device's path, J: what the error
     /// gives to the hand, or takes.
     pub energy_j: f64,
-    /// Largest certified error over the largest true one of each centimetre of contact path, median;
-    /// 0 where nothing is off by more than rounding.
+    /// Largest certified error over the largest true one of each centimetre of contact path,
+    /// median; 0 where nothing is off by more than rounding.
     pub certified_over_true_p50: f64,
     /// Bytes received from the start to the end of the trajectory, without the measured errors sent
     /// back.
@@ -285,6 +291,9 @@ pub struct Accuracy {
     pub seconds: f64,
     /// Longest side of every model, m.
     pub size_m: f64,
+    /// Speed of the hand, m/s; the knobs beside the tolerance are measured at [`FASTER`] times it
+    /// too.
+    pub speed_m_per_s: f64,
     /// Whether every check holds.
     pub pass: bool,
     /// The settings.

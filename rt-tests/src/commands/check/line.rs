@@ -8,7 +8,7 @@ use scene::{ScenePlan, TrajectoryPlan};
 use serde::Serialize;
 
 /// Of the period, the wake-up that 99 of 100 ticks keep where it is good, and where it is fair: a
-/// late wake-up is a delay of the force, and a tenth of a period takes a sixth of the stiffest wall.
+/// late wake-up delays the force, and a tenth of a period takes a sixth of the stiffest wall.
 const WAKE_SHARES: [f64; 2] = [0.1, 0.5];
 /// Share of the periods that may be missed where it is good, and where it is fair: one in ten
 /// seconds at 1 kHz, and one in a second.
@@ -110,11 +110,12 @@ impl Line {
         )
     }
 
-    /// Real-time rights that are missing.
+    /// Real-time rights of the controller.
     #[must_use]
-    pub fn rights(missing: &[Right]) -> Self {
-        let names: Vec<&str> = missing.iter().map(|right| right.name.as_str()).collect();
-        let remedies: Vec<&str> = missing.iter().map(|right| right.detail.as_str()).collect();
+    pub fn rights(rights: &[Right]) -> Self {
+        let missing = || rights.iter().filter(|right| !right.obtained);
+        let names: Vec<&str> = missing().map(|right| right.name.as_str()).collect();
+        let remedies: Vec<&str> = missing().map(|right| right.detail.as_str()).collect();
         let (verdict, says) = if names.is_empty() {
             (Verdict::Good, "all obtained".to_string())
         } else {
@@ -245,9 +246,14 @@ mod tests {
             obtained: false,
             detail: "raise memlock".to_string(),
         };
-        let line = Line::rights(&[missing]);
+        let obtained = Right {
+            name: "core 1".to_string(),
+            obtained: true,
+            detail: String::new(),
+        };
+        let line = Line::rights(&[obtained.clone(), missing]);
         assert_eq!(line.verdict, Verdict::Fair);
         assert!(line.says.contains("locked memory") && line.remedy == "raise memlock");
-        assert_eq!(Line::rights(&[]).verdict, Verdict::Good);
+        assert_eq!(Line::rights(&[obtained]).verdict, Verdict::Good);
     }
 }

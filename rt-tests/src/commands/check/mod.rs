@@ -19,13 +19,13 @@ use crate::commands::zwidth::{measure, plate};
 use crate::failure::Failure;
 use crate::machine::Machine;
 use crate::processes::bare_loop::run_bare;
-use crate::processes::pair::other_core;
+use crate::processes::pair::{Shown, other_core};
 use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{print_either, status_line};
 use crate::report::table::Table;
 use crate::scenes::{SceneFile, prepare_models};
 use clap::Args;
-use hrtc::result::{Finished, Right};
+use hrtc::result::Finished;
 use hrtc::run::tick_core;
 use scene::{ScenePlan, load};
 use scene_args::OverrideArgs;
@@ -83,7 +83,6 @@ pub fn check(args: &CheckArgs) -> Result<(), Failure> {
     let progress = status_line();
     let mut lines = Vec::new();
     let mut rate_hz = 0.0;
-    let mut rights = Vec::new();
     for rate in RATES_HZ {
         progress.set_message(format!("a bare loop of {rate} Hz for {LOOP_S} s"));
         let finished = bare(&plan, rate)?;
@@ -92,15 +91,15 @@ pub fn check(args: &CheckArgs) -> Result<(), Failure> {
             rate_hz = rate;
         }
         lines.push(line);
-        rights = finished.rights;
     }
     progress.set_message(format!("a touch of both processes for {TOUCH_S} s"));
-    let (measured, finished) = measure(scene.path(), &plan, &args.overrides, TOUCH_S)?;
+    // What the processes say of rights and misses is in the lines.
+    let mut show = |_: Shown<'_>| ();
+    let (measured, finished) = measure(scene.path(), &plan, &args.overrides, TOUCH_S, &mut show)?;
     progress.finish_and_clear();
     let device = &plan.probes[0].device;
     let k_max_n_per_m = plate(&measured, device, device.damping_ns_per_m).theory();
-    rights.extend(finished.rights.into_iter().filter(|right| !right.obtained));
-    lines.push(Line::rights(&distinct(rights)));
+    lines.push(Line::rights(&finished.rights));
     lines.push(Line::interrupts(tick_core(&plan.loop_)));
     lines.push(Line::work(plan.loop_.rate_hz, &finished.result));
     lines.push(Line::force(&plan, &measured, k_max_n_per_m));
@@ -132,17 +131,6 @@ fn bare(plan: &ScenePlan, rate_hz: f64) -> Result<Finished, Failure> {
     Ok(finished)
 }
 
-/// Rights that are missing, each once.
-fn distinct(rights: Vec<Right>) -> Vec<Right> {
-    let mut found: Vec<Right> = Vec::new();
-    for right in rights {
-        if !found.iter().any(|other| other.name == right.name) {
-            found.push(right);
-        }
-    }
-    found
-}
-
 fn words(found: &Check) -> String {
     let mut table = Table::new(3, "what | verdict | measured");
     for line in &found.lines {
@@ -157,13 +145,15 @@ fn words(found: &Check) -> String {
         "{}, kernel {} ({})\n\n{table}",
         machine.processor, machine.kernel, machine.preemption
     );
-    for line in found.lines.iter().filter(|line| !line.remedy.is_empty()) {
-        let _ = write!(text, "\n{}: {}", line.name, line.remedy);
+    let remedies = found.lines.chunk_by(|a, b| a.remedy == b.remedy);
+    for lines in remedies.filter(|lines| !lines[0].remedy.is_empty()) {
+        let names: Vec<&str> = lines.iter().map(|line| line.name.as_str()).collect();
+        let _ = write!(text, "\n{}: {}", names.join(", "), lines[0].remedy);
     }
     let rate = match found.rate_hz {
         0.0 => "at no rate".to_string(),
         hz => format!("up to {} kHz", hz / 1e3),
     };
-    let _ = writeln!(text, "\nThis machine is good for haptics {rate}.");
+    let _ = writeln!(text, "\n\nThis machine is good for haptics {rate}.");
     text
 }

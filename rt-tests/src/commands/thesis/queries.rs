@@ -97,7 +97,7 @@ pub fn figure_5_20(study: &Study) -> Result<Figure, Failure> {
              and meets the same faces on both, so only the search differs, and that grows with the logarithm; the \
              full mesh is faster where it lies in memory in the order of the tree. A probe of four times the size \
              reaches beyond what is refined, meets coarse faces there, and takes {} times as long on the full mesh: \
-             the thesis does not give the size of its probe, but so its ratio is reached.",
+             the thesis does not give the size of its probe, and a larger one comes nearer to its ratio.",
             span(&coarse),
             span(&full),
             span(&large)

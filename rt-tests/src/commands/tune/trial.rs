@@ -120,7 +120,12 @@ impl Bench<'_> {
             }
         }
         if touching == 0 {
-            return Err(failed(NOTHING_TOUCHED));
+            // Such as a cache that is too small for a base mesh.
+            let fault = simulation
+                .controller()
+                .fault()
+                .map(|fault| fault.to_string());
+            return Err(failed(fault.as_deref().unwrap_or(NOTHING_TOUCHED)));
         }
         let high_water = simulation.controller().cache().bytes_high_water();
         cost.bytes = simulation.outputs().record.bytes_received as f64;

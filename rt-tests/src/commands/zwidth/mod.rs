@@ -129,7 +129,13 @@ pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
     make_folder(&args.out)?;
     prepare_models(&plan)?;
     eprintln!("period and delay are measured for {} s", args.seconds);
-    let (measured, _) = measure(scene.path(), &plan, &args.overrides, args.seconds)?;
+    let mut show = |shown: Shown| {
+        if let Shown::Said(who, line) = shown {
+            eprintln!("{who}: {line}");
+        }
+    };
+    let scene = scene.path();
+    let (measured, _) = measure(scene, &plan, &args.overrides, args.seconds, &mut show)?;
     eprintln!("the walls are simulated");
     let device = &plan.probes[0].device;
     let found = Zwidth {
@@ -151,6 +157,7 @@ pub(super) fn measure(
     plan: &ScenePlan,
     overrides: &OverrideArgs,
     seconds: f64,
+    show: &mut dyn FnMut(Shown),
 ) -> Result<(RealLoop, Finished), Failure> {
     let folder = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
@@ -172,13 +179,8 @@ pub(super) fn measure(
         record: None,
         device: Some(&device),
     };
-    let mut show = |shown: Shown| {
-        if let Shown::Said(who, line) = shown {
-            eprintln!("{who}: {line}");
-        }
-    };
     let stop = stop_flag()?;
-    let outcome = run_pair(&pair, &stop, &mut show)?;
+    let outcome = run_pair(&pair, &stop, show)?;
     outcome.check_finite()?;
     let stamps = read_stamps(&stamps)
         .map_err(|error| Failure::Run(format!("the stamps of the device: {error}")))?;

@@ -1,6 +1,6 @@
 //! The knobs beside the tolerance: a sentence, curves and a table each; and what is best of all.
 
-use super::super::result::{Knob, Point};
+use super::super::result::{FASTER, Knob, Point};
 use super::{Group, shown, span};
 use crate::report::chart::{
     Axis, COLORS, Chart, Curve, GREY, Ground, Names, Stroke, Unit, grid, key, xs, ys,
@@ -40,7 +40,9 @@ fn about(knob: Knob) -> &'static str {
         Knob::Geomorph => {
             "Whether what changes under the probe travels to its place or jumps there."
         }
-        Knob::Effect => "Each effect alone, beside the full mesh with the same effect.",
+        Knob::Effect => {
+            "Each effect alone, beside the full mesh with the same effect. (The phase of a vibration counts ticks from the start, which the two do not share, so its force is no error of the mesh.)"
+        }
         Knob::ToolFaces => {
             "Faces of a capsule in place of the ball, beside the same tool on the full mesh."
         }
@@ -54,10 +56,14 @@ pub fn knobs(html: &mut String, groups: &[Group<'_>]) {
     if !Knob::OTHERS.into_iter().any(turned) {
         return;
     }
-    html.push_str("<h2>Other knobs</h2>\n<p>Each is turned alone from the product's defaults: full mesh, geomorphs on, all else as a scene has it that says nothing. Errors are the largest of the contact, beside the full mesh at the same poses.</p>\n");
-    let names: Vec<(String, &str, Stroke)> = colored(groups)
+    let _ = writeln!(
+        html,
+        "<h2>Other knobs</h2>\n<p>Each is turned alone from the product's defaults: full mesh, geomorphs on, all else as of a scene that does not name it; those that need no other touch also under a hand {FASTER} times as fast. Errors are the largest of the contact, beside the full mesh at the same poses; a picture without any is left out.</p>"
+    );
+    let mut names: Vec<(String, &str, Stroke)> = colored(groups)
         .map(|(group, color)| (group.title(), color, Stroke::Solid))
         .collect();
+    names.push(("faster hand".to_string(), "currentColor", Stroke::Dashed));
     html.push_str(&key("", &names));
     for knob in Knob::OTHERS.into_iter().filter(|&knob| turned(knob)) {
         one(html, groups, knob);
@@ -81,13 +87,18 @@ fn one(html: &mut String, groups: &[Group<'_>], knob: Knob) {
         sentence(groups, knob)
     );
     let row = |error: usize| COSTS.map(|cost| chart(groups, knob, ERRORS[error], cost));
-    html.push_str(&grid(&row(0), 3, 230.0, Ground::Page));
-    let rest: Vec<Chart> = (1..ERRORS.len()).flat_map(row).collect();
-    let _ = writeln!(
-        html,
-        "<details><summary>normal, force and energy</summary>{}</details>",
-        grid(&rest, 3, 230.0, Ground::Page)
-    );
+    let is_off = |&error: &usize| all(groups, knob).any(|p| drawn(ERRORS[error], p) > 0.0);
+    if is_off(&0) {
+        html.push_str(&grid(&row(0), 3, 230.0, Ground::Page));
+    }
+    let rest: Vec<Chart> = (1..ERRORS.len()).filter(is_off).flat_map(row).collect();
+    if !rest.is_empty() {
+        let _ = writeln!(
+            html,
+            "<details><summary>normal, force and energy</summary>{}</details>",
+            grid(&rest, 3, 230.0, Ground::Page)
+        );
+    }
     let _ = writeln!(
         html,
         "<details><summary>numbers, and what a scene writes</summary>{}</details>",
@@ -95,8 +106,17 @@ fn one(html: &mut String, groups: &[Group<'_>], knob: Knob) {
     );
 }
 
+/// All settings of a knob, under both hands.
+fn all<'a>(groups: &[Group<'a>], knob: Knob) -> impl Iterator<Item = &'a Point> {
+    groups.iter().flat_map(move |group| {
+        let slow = group.of(knob).map(|(_, point)| point);
+        slow.chain(group.faster(knob))
+    })
+}
+
 /// An error that is drawn: rounding is 0.
-fn drawn(unit: Unit, error: f64) -> f64 {
+fn drawn((_, unit, error): Quantity, point: &Point) -> f64 {
+    let error = error(point);
     if unit == Unit::Length {
         shown(error)
     } else if error < NOTHING {
@@ -109,66 +129,105 @@ fn drawn(unit: Unit, error: f64) -> f64 {
 type Quantity = (&'static str, Unit, fn(&Point) -> f64);
 
 fn chart(groups: &[Group<'_>], knob: Knob, error: Quantity, cost: Quantity) -> Chart {
+    let place = |p: &Point| ((cost.2)(p), drawn(error, p), p.label.clone());
     let curves: Vec<Curve> = colored(groups)
-        .map(|(group, color)| Curve {
-            label: group.name.to_string(),
-            color,
-            stroke: Stroke::Solid,
-            points: group
-                .of(knob)
-                .map(|(_, p)| ((cost.2)(p), drawn(error.1, (error.2)(p)), p.label.clone()))
-                .collect(),
+        .flat_map(|(group, color)| {
+            let slow: Vec<_> = group.of(knob).map(|(_, point)| place(point)).collect();
+            let fast: Vec<_> = group.faster(knob).map(place).collect();
+            [(fast, Stroke::Dashed), (slow, Stroke::Solid)].map(|(points, stroke)| Curve {
+                label: group.name.to_string(),
+                color,
+                stroke,
+                points,
+            })
         })
+        .filter(|curve| !curve.points.is_empty())
         .collect();
     let x = Axis::over(cost.0, cost.1, xs(&curves));
     let y = Axis::over(error.0, error.1, ys(&curves));
     Chart::new(error.0, x, y, curves)
 }
 
-/// From the first setting of a knob to the last, over the models.
+/// What the settings of a knob cost and give, over the models.
 fn sentence(groups: &[Group<'_>], knob: Knob) -> String {
-    let ends: Vec<(&Point, &Point)> = groups
-        .iter()
-        .filter_map(|group| {
-            let mut points = group.of(knob).map(|(_, point)| point);
-            let first = points.next()?;
-            Some((first, points.last().unwrap_or(first)))
-        })
-        .collect();
-    let us = |n: f64| format!("{} µs", digits(n));
-    let size = |n: f64| bytes(n as u64);
-    let both = |of: fn(&Point) -> f64, word: &dyn Fn(f64) -> String| {
-        format!(
-            "{} against {}",
-            span(ends.iter().map(|end| of(end.0)), word),
-            span(ends.iter().map(|end| of(end.1)), word)
-        )
+    let slow = |group: &Group<'_>| -> Vec<Point> {
+        group.of(knob).map(|(_, point)| point.clone()).collect()
     };
+    let of_slow: Vec<Vec<Point>> = groups.iter().map(slow).collect();
+    let faster = |group: &Group<'_>| group.faster(knob).cloned().collect();
+    let of_fast: Vec<Vec<Point>> = groups.iter().map(faster).collect();
+    let told = if knob == Knob::Effect {
+        over_all(&of_slow)
+    } else {
+        first_and_last(&of_slow)
+    };
+    let fast = first_and_last(&of_fast);
+    if fast.is_empty() {
+        return told;
+    }
+    format!("{told} Under the faster hand: {fast}")
+}
+
+fn us(n: f64) -> String {
+    format!("{} µs", digits(n))
+}
+
+fn size(n: f64) -> String {
+    bytes(n as u64)
+}
+
+/// From the least to the most over all settings.
+fn over_all(points: &[Vec<Point>]) -> String {
+    let all = || points.iter().flatten();
+    format!(
+        "The median tick takes {}, one in a hundred {}; the contact is off by {} at most.",
+        span(all().map(|p| p.tick_us.p50), us),
+        span(all().map(|p| p.tick_us.p99), us),
+        span(all().map(|p| shown(p.true_m)), length)
+    )
+}
+
+/// The first setting against the last.
+fn first_and_last(points: &[Vec<Point>]) -> String {
+    let ends: Vec<(&Point, &Point)> = points
+        .iter()
+        .filter_map(|points| points.first().zip(points.last()))
+        .collect();
     let Some((first, last)) = ends.first() else {
         return String::new();
     };
+    let both = |of: fn(&Point) -> f64, word: fn(f64) -> String| {
+        let first = span(ends.iter().map(|end| of(end.0)), word);
+        let last = span(ends.iter().map(|end| of(end.1)), word);
+        if first == last {
+            format!("{first} with either")
+        } else {
+            format!("{first} against {last}")
+        }
+    };
     format!(
-        "With {} against {}: the median tick takes {}, one in a hundred {}; the contact is off by at most {}; {} are received and {} of memory used.",
+        "With {} against {}, the median tick takes {}, one in a hundred {}; the contact is off by at most {}; received are {}, memory is {}.",
         escaped(&first.label),
         escaped(&last.label),
-        both(|p| p.tick_us.p50, &us),
-        both(|p| p.tick_us.p99, &us),
-        both(|p| shown(p.true_m), &length),
-        both(|p| p.bytes as f64, &size),
-        both(|p| p.rss_bytes as f64, &size)
+        both(|p| p.tick_us.p50, us),
+        both(|p| p.tick_us.p99, us),
+        both(|p| shown(p.true_m), length),
+        both(|p| p.bytes as f64, size),
+        both(|p| p.rss_bytes as f64, size)
     )
 }
 
 fn table(groups: &[Group<'_>], knob: Knob) -> Table {
     let mut table = Table::new(
-        3,
-        "model | setting | a scene writes | tick p50, µs | p99 | position | normal | force | energy, µJ | received | memory",
+        2,
+        "model | setting | hand, m/s | a scene writes | tick p50, µs | p99 | position | normal | force | energy, µJ | received | memory",
     );
     for group in groups {
-        for (_, p) in group.of(knob) {
+        for p in all(std::slice::from_ref(group), knob) {
             table.row([
                 group.name.to_string(),
                 p.label.clone(),
+                digits(p.speed_m_per_s),
                 p.setting.clone(),
                 format!("{:.2}", p.tick_us.p50),
                 format!("{:.2}", p.tick_us.p99),
@@ -226,6 +285,7 @@ fn pareto(html: &mut String, groups: &[Group<'_>]) {
             .iter()
             .copied()
             .filter(|point| point.knob.is_same_touch())
+            .filter(|point| point.speed_m_per_s == group.points[0].speed_m_per_s)
             .collect();
         let charts = COSTS.map(|cost| {
             let front = best(&points, cost.2);
@@ -256,7 +316,38 @@ fn pareto(html: &mut String, groups: &[Group<'_>]) {
             on_front(&points)
         );
         html.push_str(&grid(&charts, 2, 290.0, Ground::Page));
+        let _ = writeln!(
+            html,
+            "<details><summary>the settings of the fronts</summary>{}</details>",
+            fronts(&points).html()
+        );
     }
+}
+
+/// The settings of the three fronts, and what a scene writes for them.
+fn fronts(points: &[&Point]) -> Table {
+    let mut table = Table::new(
+        2,
+        "front of | setting | a scene writes | costs | position | force",
+    );
+    for (name, unit, cost) in COSTS {
+        for p in best(points, cost) {
+            let costs = match unit {
+                Unit::Bytes => size(cost(p)),
+                _ => us(cost(p)),
+            };
+            let force = format!("{} N", digits(p.force_n));
+            let cells = [
+                called(p),
+                p.setting.clone(),
+                costs,
+                length(shown(p.true_m)),
+                force,
+            ];
+            table.row([name.to_string()].into_iter().chain(cells));
+        }
+    }
+    table
 }
 
 /// Which settings reach the full mesh for the least, in words.
