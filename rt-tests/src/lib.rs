@@ -50,11 +50,13 @@ pub fn execute(arguments: Arguments) -> ExitCode {
 fn dispatch(command: Command) -> Result<(), Failure> {
     match command {
         Command::Run(args) => commands::run::run(&args),
+        Command::Check(args) => commands::check::check(&args),
         Command::Jitter(args) => commands::jitter::jitter(&args),
         Command::Replay(args) => commands::replay::replay(&args),
         Command::Export(args) => commands::export::export(&args),
         Command::Fronts(args) => commands::fronts::fronts(&args),
         Command::Accuracy(args) => commands::accuracy::accuracy(&args),
+        Command::Thesis(args) => commands::thesis::thesis(&args),
         Command::Compare(args) => commands::compare::compare(&args),
         Command::Costs(args) => commands::costs::costs(&args),
         Command::Deadline(args) => commands::deadline::deadline(&args),
@@ -63,6 +65,7 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Simulate(args) => commands::simulate::simulate(&args),
         Command::Effects(args) => commands::effects::effects(&args),
         Command::Tools(args) => commands::tools::tools(&args),
+        Command::Tune(args) => commands::tune::tune(&args),
         Command::Zwidth(args) => commands::zwidth::zwidth(&args),
         Command::Faults(args) => commands::faults::faults(&args),
         Command::Hosts(args) => commands::hosts::hosts(&args),
