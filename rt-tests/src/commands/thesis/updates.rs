@@ -150,9 +150,7 @@ fn of_a_query_of_two(
     let tenth = SHARE * f64::from(of.faces());
     let patches = || rows.iter().filter(|row| row.spread == Spread::Patch);
     // Between two measured k the time is taken to be proportional.
-    let below = patches()
-        .filter(|row| f64::from(row.deformed) <= tenth)
-        .next_back();
+    let below = patches().rfind(|row| f64::from(row.deformed) <= tenth);
     let update = below.map_or(0.0, |row| {
         row.update_p50_ns * tenth / f64::from(row.deformed)
     });

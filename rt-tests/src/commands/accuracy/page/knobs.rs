@@ -10,14 +10,17 @@ use crate::report::table::Table;
 use crate::report::units::{bytes, digits, length};
 use std::fmt::Write as _;
 
-/// What an error costs, each with its axis.
-const COSTS: [(&str, Unit, fn(&Point) -> f64); 3] = [
+/// A quantity of a point with its axis.
+type Quantity = (&'static str, Unit, fn(&Point) -> f64);
+
+/// What an error costs.
+const COSTS: [Quantity; 3] = [
     ("tick, p50, µs", Unit::Time, |p| p.tick_us.p50),
     ("memory", Unit::Bytes, |p| p.rss_bytes as f64),
     ("bytes received", Unit::Bytes, |p| p.bytes as f64),
 ];
-/// The errors, each with its axis.
-const ERRORS: [(&str, Unit, fn(&Point) -> f64); 4] = [
+/// The errors.
+const ERRORS: [Quantity; 4] = [
     ("position", Unit::Length, |p| p.true_m),
     ("normal, °", Unit::Number, |p| p.normal_deg),
     ("force, N", Unit::Number, |p| p.force_n),
@@ -125,8 +128,6 @@ fn drawn((_, unit, error): Quantity, point: &Point) -> f64 {
         error
     }
 }
-
-type Quantity = (&'static str, Unit, fn(&Point) -> f64);
 
 fn chart(groups: &[Group<'_>], knob: Knob, error: Quantity, cost: Quantity) -> Chart {
     let place = |p: &Point| ((cost.2)(p), drawn(error, p), p.label.clone());
