@@ -101,8 +101,8 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Plays the inputs once, and tells the factors of each block of touched ticks; whether there is time
-/// for another pass.
+/// Plays the inputs once, and tells the factors of each block of touched ticks; whether there is
+/// time for another pass.
 fn play(
     inputs: &PatchInputs,
     plan: &ScenePlan,
