@@ -51,12 +51,13 @@ fn ticks(head: &RecordingHead, files: &KeptFiles, count: usize) -> Vec<TickRecor
     (0..count as u64).map(tick).collect()
 }
 
-/// A worker, and the ring of ticks that it takes.
+/// A worker, and the ring of ticks that it takes. It keeps all ticks of these runs (some 700 bytes
+/// each), and a full ring fills more than one file.
 fn worker(folder: &Path, head: RecordingHead, files: KeptFiles) -> (Worker, Producer<TickRecord>) {
     let (ring, _, ends) = rings();
     let place = RecordingPlace {
         first: folder.join("run.mcap"),
-        keep_bytes: 8 << 20,
+        keep_bytes: 10 << 20,
         owns_folder: false,
     };
     let worker = Worker::new(ends, head, files, place, Arc::default());
