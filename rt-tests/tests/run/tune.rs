@@ -44,9 +44,9 @@ fn settings_for_a_memory_and_for_bytes_keep_them() {
     let plan = loaded(&found);
     assert_eq!(plan.cache_bytes as f64, number(&found, "cache_bytes"));
     assert!(number(&found, "cache_bytes") < limit);
-    let found = tune(["--bytes", "300KiB"]);
+    let found = tune(["--bytes", "400KiB"]);
     assert!(
-        number(&found, "measured.bytes") <= 300.0 * 1024.0,
+        number(&found, "measured.bytes") <= 400.0 * 1024.0,
         "{found}"
     );
     assert_eq!(found["binds"], "the bytes", "{found}");

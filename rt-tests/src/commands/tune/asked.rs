@@ -9,10 +9,10 @@ use serde::Serialize;
 #[derive(Debug, Clone, Default, Args)]
 pub struct LimitArgs {
     /// Largest distance from a contact to the full mesh: 0.1mm, 50um, or metres
-    #[arg(long, value_name = "LENGTH")]
+    #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
     pub error: Option<String>,
     /// Processor time of a tick that 99 of 100 do not exceed: 100us, 0.1ms, or seconds
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     pub time: Option<String>,
     /// Bytes received in the run, such as 2MiB
     #[arg(long, value_name = "SIZE")]
