@@ -65,6 +65,8 @@ pub enum Kind {
     OtherScene,
     /// Chunks travel compact, as between two machines
     Compact,
+    /// The processor of a controller is up to four times slower for a while
+    Processor,
 }
 
 impl Kind {
@@ -91,6 +93,7 @@ impl Kind {
                 Self::Early,
                 Self::OtherScene,
                 Self::Compact,
+                Self::Processor,
             ]
             .contains(&self)
     }

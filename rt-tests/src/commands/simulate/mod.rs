@@ -10,6 +10,7 @@
 //! | force and torque finite, within the plan's limits and its slew; zero after a fault | every tick | [`checks`] |
 //! | a contact puts out no more energy than it took in, up to what is stated there | every tick | [`checks`] |
 //! | work budget, operations, bytes of the cache, inbox, no allocation | every tick | [`checks`] |
+//! | on a processor whose speed changes: a tick within its time, which is back within a second, without hunting | every tick | [`processor`] |
 //! | numbers of requests and chunks: epochs, order, silence after a loss | every tick | [`conversation`] |
 //! | every invariant of the caches, front legal split by split, boxes of the tree exact, certified errors true, proxies outside | every 100th tick and at the end | [`deep`] |
 //! | resynchronised, full resolution, force that of the spring between device and proxy, and as of a fresh controller with the same samples | at the end | [`quiet`] |
@@ -32,6 +33,7 @@ pub mod hands;
 pub mod kind;
 pub mod library;
 pub mod mutants;
+pub mod processor;
 pub mod quiet;
 pub mod run;
 pub mod scenario;

@@ -29,6 +29,8 @@ const DEEP_TICKS: u64 = 100;
 const TOUR_S: f64 = 1.0;
 /// Way of a hand in a tick to where it touches, once the object is there, metres.
 const DESCENT_M: f64 = 1e-4;
+/// How many times slower a processor gets at the most.
+const SLOWEST: f64 = 4.0;
 /// Number of the first controller at the station.
 const FIRST_CLIENT: u64 = 7;
 /// Ticks by which a last press may be held longer, so that contact is half of the run: also where
@@ -137,11 +139,17 @@ impl<'a> Run<'a> {
         for k in 1..count {
             simulation = simulation.with(new_client(scenario, k, 1));
         }
+        let mut sides: Vec<Side> = (0..count).map(|_| Side::new(scenario)).collect();
+        for (side, client) in sides.iter_mut().zip(simulation.clients_mut()) {
+            if let Some(processor) = &mut side.processor {
+                processor.start(client);
+            }
+        }
         Ok(Self {
             scenario,
             library,
             simulation,
-            sides: (0..count).map(|_| Side::new(scenario)).collect(),
+            sides,
             coverage: Coverage::default(),
             is_rebuilt: false,
             conversation: Conversation::default(),
@@ -259,7 +267,7 @@ impl<'a> Run<'a> {
         ));
         let is_of_one = matches!(
             kind,
-            Kind::Cut | Kind::ControllerRestart | Kind::Stalls | Kind::OtherScene
+            Kind::Cut | Kind::ControllerRestart | Kind::Stalls | Kind::OtherScene | Kind::Processor
         );
         let touching = self.sides.iter().enumerate();
         let met = touching.filter(|(k, side)| side.is_touching && (*k == client || !is_of_one));
@@ -288,6 +296,12 @@ impl<'a> Run<'a> {
             }
             Kind::ControllerRestart => self.restart_client(client),
             Kind::Stalls => self.sides[client].stalls_until = event.to,
+            Kind::Processor => {
+                let slow = SLOWEST.powf(self.random.unit());
+                if let Some(processor) = &mut self.sides[client].processor {
+                    processor.slow_down(slow);
+                }
+            }
             Kind::Tolerance => {
                 let tolerance_m = 1e-4 * self.random.unit();
                 for client in self.simulation.clients_mut() {
@@ -323,6 +337,11 @@ impl<'a> Run<'a> {
                 self.start_station()?;
             }
             Kind::Tolerance => self.ask_for_what_the_scene_asks(),
+            Kind::Processor => {
+                if let Some(processor) = &mut self.sides[event.client].processor {
+                    processor.slow_down(1.0);
+                }
+            }
             _ => {}
         }
         Ok(())
@@ -363,6 +382,9 @@ impl<'a> Run<'a> {
             let seed = self.random.bits();
             client.link().disturb(self.scenario.link, seed);
             client.disturb_samples(self.scenario.samples, seed);
+        }
+        if let Some(processor) = &mut self.sides[k].processor {
+            processor.start(&mut client);
         }
         let is_cut = self.simulation.clients_mut()[k].link().is_cut();
         client.link().cut(is_cut);
@@ -472,6 +494,9 @@ impl<'a> Run<'a> {
             .collect();
         side.watch.moved(&places, periods)?;
         side.watch.check(client)?;
+        if let Some(processor) = &mut side.processor {
+            processor.tick(client)?;
+        }
         self.conversation.check_client(client)?;
         let record = client.outputs().record;
         side.is_touching = record.contact;

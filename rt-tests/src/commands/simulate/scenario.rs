@@ -256,6 +256,7 @@ impl Faults<'_> {
             (Kind::Stalls, 12, 120),
             (Kind::Tolerance, 4, 400),
             (Kind::OtherScene, 1, 300),
+            (Kind::Processor, 3, 1_500),
         ];
         let mut events = Vec::new();
         for (kind, most, longest) in kinds {

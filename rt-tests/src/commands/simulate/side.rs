@@ -4,8 +4,9 @@ use super::checks::Watch;
 use super::deep::Belief;
 use super::hands::{HOVER_M, HandPath};
 use super::kind::Kind;
+use super::processor::Processor;
 use super::run::DEVICE_MAX_N;
-use super::scenario::Scenario;
+use super::scenario::{Scenario, stream};
 use glam::DVec3;
 use haptic_device::Sample;
 
@@ -14,6 +15,8 @@ use haptic_device::Sample;
 pub struct Side {
     /// Checks of every tick.
     pub watch: Watch,
+    /// What it runs on, where its speed changes.
+    pub processor: Option<Processor>,
     /// What may be believed of it.
     pub belief: Belief,
     /// Starts so far.
@@ -53,6 +56,14 @@ impl Side {
             .all(|kind| !scenario.has(*kind));
         Self {
             watch: Watch::new(plan, DEVICE_MAX_N, scenario.samples.noise_m, has_accounts),
+            processor: scenario.has(Kind::Processor).then(|| {
+                let random = stream(scenario.seed ^ 0x5EED, Kind::Processor);
+                let is_undisturbed = |kind: &Kind| {
+                    *kind == Kind::Processor || (kind.is_of_scene() && *kind != Kind::SmallCache)
+                };
+                let only_it = scenario.kinds.iter().all(is_undisturbed);
+                Processor::new(random, 1.0 / plan.loop_.rate_hz, only_it)
+            }),
             belief: Belief {
                 is_true: !scenario.has(Kind::Damage),
             },
