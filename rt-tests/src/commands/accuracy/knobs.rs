@@ -6,6 +6,8 @@ use crate::models::source::shape_soup;
 use crate::report::output::write_whole;
 use crate::report::units::{bytes, grouped};
 use crate::trajectory::scene_model::SceneModel;
+use hrtc_core::Controller;
+use hrtc_core::governor::{CostGroup, WorkCosts};
 use hrtc_core::lod::predict::{Course, Sources};
 use scene::{
     AccuracyPlan, Effect, EffectPlan, ModelSource, NoFiles, Overrides, ProbeShape, RefinementPlan,
@@ -27,6 +29,8 @@ const CACHE_BYTES_A_RECORD: [f64; 4] = [10.0, 20.0, 50.0, 250.0];
 const MIN_CACHE_BYTES: f64 = (192 << 10) as f64;
 /// Splits and collapses a millisecond.
 const OPERATIONS: [usize; 5] = [6, 12, 24, 96, 192];
+/// How many times slower than the reference machine.
+const SLOWER: [f64; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 /// Ticks a second.
 const RATES_HZ: [f64; 4] = [500.0, 1000.0, 2000.0, 4000.0];
 /// Faces of the tool.
@@ -56,8 +60,36 @@ pub struct Variant {
     pub point: Point,
     /// The scene that asks for it.
     pub plan: ScenePlan,
+    /// What no key of a scene sets.
+    pub beside: Beside,
+}
+
+/// What no key of a scene sets.
+#[derive(Debug, Clone, Copy)]
+pub struct Beside {
     /// Sources of the prediction, where they are not the product's.
     pub sources: Option<Sources>,
+    /// How many times slower than the reference machine the processor is.
+    pub slow: f64,
+}
+
+impl Default for Beside {
+    fn default() -> Self {
+        Self {
+            sources: None,
+            slow: 1.0,
+        }
+    }
+}
+
+impl Beside {
+    /// Sets it, before the first tick.
+    pub fn set(&self, controller: &mut Controller) {
+        if let Some(sources) = self.sources {
+            controller.set_sources(sources);
+        }
+        controller.set_costs(WorkCosts::REFERENCE.scaled([self.slow; CostGroup::ALL.len()]));
+    }
 }
 
 /// Settings that are measured on the same touch.
@@ -96,6 +128,7 @@ pub fn families(model: &SceneModel, folder: &Path) -> Result<Vec<Family>, Failur
         same(caches(model)),
         same(predictors(model)),
         same(operations(model)),
+        same(processors(model)),
         same(geomorphs(model)),
     ];
     if let Some(mesh) = soup(model)? {
@@ -124,7 +157,7 @@ fn variant(
     Variant {
         point,
         plan,
-        sources: None,
+        beside: Beside::default(),
     }
 }
 
@@ -223,7 +256,10 @@ fn predictors(model: &SceneModel) -> Vec<Variant> {
         let setting = "no key of a scene; the product predicts from all".to_string();
         let knob = (Knob::Predictor, place as f64);
         Variant {
-            sources: Some(sources),
+            beside: Beside {
+                sources: Some(sources),
+                ..Beside::default()
+            },
             ..variant(model, knob, label.to_string(), setting, |_| ())
         }
     };
@@ -239,6 +275,21 @@ fn operations(model: &SceneModel) -> Vec<Variant> {
         })
     };
     OPERATIONS.into_iter().map(one).collect()
+}
+
+fn processors(model: &SceneModel) -> Vec<Variant> {
+    let one = |slow: f64| {
+        let setting = "no key of a scene: the machine".to_string();
+        let label = format!("{slow} times slower");
+        Variant {
+            beside: Beside {
+                slow,
+                ..Beside::default()
+            },
+            ..variant(model, (Knob::Processor, slow), label, setting, |_| ())
+        }
+    };
+    SLOWER.map(one).into()
 }
 
 fn geomorphs(model: &SceneModel) -> Vec<Variant> {

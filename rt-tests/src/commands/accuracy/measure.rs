@@ -1,6 +1,6 @@
 //! Errors, forces and bytes of each setting on the poses of the reference.
 
-use super::knobs::Variant;
+use super::knobs::{Beside, Variant};
 use super::result::Point;
 use crate::failure::Failure;
 use crate::report::quantile::{Quantiles, median};
@@ -10,7 +10,6 @@ use glam::DVec3;
 use hrtc::run::FIXED_BYTES;
 use hrtc_core::Controller;
 use hrtc_core::contact::query::{Surface, faces_within};
-use hrtc_core::lod::predict::Sources;
 use hrtc_core::record::max_or_nan;
 use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
@@ -38,8 +37,8 @@ pub struct Measured {
     pub start: usize,
     /// The plan.
     pub plan: ScenePlan,
-    /// Sources of the prediction, where they are not the product's.
-    pub sources: Option<Sources>,
+    /// What no key of a scene sets.
+    pub beside: Beside,
     /// Of each tick of the trajectory, whether the full mesh is touched.
     pub contact: Vec<bool>,
 }
@@ -67,15 +66,13 @@ pub fn measure(
     Variant {
         mut point,
         plan,
-        sources,
+        beside,
     }: Variant,
 ) -> Result<Measured, Failure> {
     let damaged =
         |error: FileError| Failure::Input(format!("the model {}: {error}", model.mesh.name));
     let mut simulation = model.simulation(&plan)?;
-    if let Some(sources) = sources {
-        simulation.controller_mut().set_sources(sources);
-    }
+    beside.set(simulation.controller_mut());
     simulation.client_mut().record();
     let scale = model.metres_per_unit;
     let period_ms = 1e3 / plan.loop_.rate_hz;
@@ -161,7 +158,7 @@ pub fn measure(
         recording,
         start,
         plan,
-        sources,
+        beside,
         contact: reference
             .ticks
             .iter()

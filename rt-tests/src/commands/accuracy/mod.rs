@@ -32,7 +32,7 @@ use crate::trajectory::reference::Reference;
 use crate::trajectory::scene_model::{SIZE_M, SceneModel};
 use clap::Args;
 use indicatif::ProgressBar;
-use knobs::Variant;
+use knobs::{Beside, Variant};
 use measure::Measured;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use scene::{AccuracyPlan, RefinementPlan};
@@ -256,7 +256,7 @@ fn settings(model: &SceneModel) -> Vec<Variant> {
         Variant {
             point,
             plan,
-            sources: None,
+            beside: Beside::default(),
         }
     };
     let within = |knob: Knob, refinement: RefinementPlan, tolerance_m: f64| {

@@ -25,6 +25,8 @@ pub enum Knob {
     Predictor,
     /// Splits and collapses a millisecond.
     Operations,
+    /// How many times slower than the reference machine the processor is.
+    Processor,
     /// Ticks a second.
     Rate,
     /// Whether perceptible changes travel.
@@ -37,12 +39,13 @@ pub enum Knob {
 
 impl Knob {
     /// Those beside the tolerance, in the order of the page.
-    pub const OTHERS: [Self; 9] = [
+    pub const OTHERS: [Self; 10] = [
         Self::Grid,
         Self::BaseMesh,
         Self::Cache,
         Self::Predictor,
         Self::Operations,
+        Self::Processor,
         Self::Rate,
         Self::Geomorph,
         Self::Effect,
@@ -67,6 +70,7 @@ impl Knob {
             Self::Cache => "cache",
             Self::Predictor => "predictor",
             Self::Operations => "operations",
+            Self::Processor => "processor",
             Self::Rate => "rate",
             Self::Geomorph => "geomorph",
             Self::Effect => "effect",

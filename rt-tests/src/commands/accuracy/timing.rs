@@ -22,9 +22,7 @@ pub fn time(settings: &mut [Measured]) -> Result<(), Failure> {
         .collect();
     let fresh = |k: usize| {
         let mut controller = SceneModel::controller(&settings[k].plan);
-        if let Some(sources) = settings[k].sources {
-            controller.set_sources(sources);
-        }
+        settings[k].beside.set(&mut controller);
         controller
     };
     let least = least_ns_with(&recorded, &fresh)?;

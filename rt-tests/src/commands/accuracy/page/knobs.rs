@@ -39,6 +39,9 @@ fn about(knob: Knob) -> &'static str {
         Knob::Cache => "Bytes of the cache: what may be held.",
         Knob::Predictor => "What the cells ahead of the hand are predicted from.",
         Knob::Operations => "Splits and collapses a millisecond.",
+        Knob::Processor => {
+            "How many times slower than the reference machine a processor is: a tick does what there is time for. The time is that of this work on this machine."
+        }
         Knob::Rate => "Ticks a second, each rate beside a reference of its own.",
         Knob::Geomorph => {
             "Whether what changes under the probe travels to its place or jumps there."
