@@ -41,7 +41,7 @@ use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
     CONTACT_FADES_S, CONTACT_SHARE, MAX_OVERSPENT, OPERATION_FACES, OPERATIONS_RETURN_S,
     OVERSPENT_FADES, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES,
-    UNITS_PER_OPERATION,
+    UNITS_PER_OPERATION, USUAL_BALL_UNITS, USUAL_TOOL_UNITS,
 };
 use serde::{Deserialize, Serialize};
 
@@ -257,6 +257,48 @@ impl TickTime {
     }
 }
 
+/// What probes ask of a tick on a machine, before it runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TickNeed {
+    /// What a tick may spend, nanoseconds.
+    pub share_ns: f64,
+    /// What it always does, nanoseconds.
+    pub fixed_ns: f64,
+    /// The same with each probe in a usual contact, nanoseconds.
+    pub contact_ns: f64,
+    /// Splits and collapses a tick that there is time for beside that, at least 1.
+    pub operations: f64,
+}
+
+impl TickNeed {
+    /// Of balls and tools, each near one object, in ticks of a period (seconds) with so many
+    /// operations at the most.
+    #[must_use]
+    pub fn new(
+        costs: WorkCosts,
+        period_s: f64,
+        max_operations: usize,
+        [balls, tools]: [usize; 2],
+    ) -> Self {
+        let mut governor = Governor::new(period_s, max_operations);
+        governor.set_costs(costs);
+        governor.begin_tick(balls + tools);
+        let fixed_ns = governor.time.spent.total();
+        let units = [
+            balls as f64 * USUAL_BALL_UNITS * governor.costs.ball,
+            tools as f64 * USUAL_TOOL_UNITS * governor.costs.tool,
+        ];
+        governor.contact_ns = units.iter().sum();
+        governor.begin_tick(balls + tools);
+        Self {
+            share_ns: governor.share_ns,
+            fixed_ns,
+            contact_ns: fixed_ns + governor.contact_ns,
+            operations: governor.operations(),
+        }
+    }
+}
+
 /// State of the governor.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Governor {
@@ -427,6 +469,22 @@ mod tests {
             let second = times[1000];
             assert!(second >= 0.9 * last, "factor {factor}: {second} {last}");
         }
+    }
+
+    #[test]
+    fn what_probes_need_grows_with_them_and_leaves_less_time_for_splits() {
+        let need = |slow: f64, period_s: f64, probes: [usize; 2]| {
+            let costs = WorkCosts::REFERENCE.scaled([slow; 4]);
+            TickNeed::new(costs, period_s, 96, probes)
+        };
+        let ball = need(1.0, 1e-3, [1, 0]);
+        assert_eq!(ball.operations, 96.0);
+        assert!(ball.fixed_ns < ball.contact_ns && ball.contact_ns < 0.1 * ball.share_ns);
+        let tool = need(4.0, 1e-3, [0, 1]);
+        assert!(tool.contact_ns > 4.0 * ball.contact_ns && tool.operations < 96.0);
+        let fast = need(4.0, 2.5e-4, [0, 1]);
+        assert!(fast.contact_ns > fast.share_ns && fast.operations < tool.operations);
+        assert_eq!(need(16.0, 2.5e-4, [4, 0]).operations, 1.0);
     }
 
     #[test]

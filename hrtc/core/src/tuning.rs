@@ -45,6 +45,10 @@ pub mod governor {
     pub const OPERATION_FACES: u32 = 8;
     /// Closure entries that cost as much as a face.
     pub const ENTRIES_PER_FACE: u32 = 20;
+    /// Units that half of the ticks of a touch take at most: a ball on the relief of 100 000 faces
+    /// (`rt-tests accuracy`), a tool of 960 faces on a dragon (`rt-tests tools`).
+    pub const USUAL_BALL_UNITS: f64 = 90.0;
+    pub const USUAL_TOOL_UNITS: f64 = 410.0;
     /// Faces that a split or collapse changes on most meshes.
     pub const TYPICAL_FACES: u32 = 10;
     /// Units of received data that a split needs: its record.

@@ -190,7 +190,7 @@ pub fn run_until(
     setup.costs = room::measure_costs(&scene.plan.loop_, args.slow);
     let controller = Box::new(setup.controller(&mut scene.plan));
     let plan = &scene.plan;
-    room::check(plan);
+    room::check(plan, setup.costs)?;
     let period_ns = (1e9 / plan.loop_.rate_hz).round() as u64;
     let run = Accumulator::new(period_ns, plan.probes.len()).ok_or(RunError::Histogram)?;
 

@@ -43,6 +43,9 @@ pub enum RunError {
     /// The scene requires a right that is missing.
     #[error("the scene says require_realtime = true, but {0}")]
     Right(String),
+    /// The machine is too slow for the plan.
+    #[error("{0}")]
+    TooSlow(String),
     /// The operating system gave no thread.
     #[error("cannot start the thread of the tick: {0}")]
     Thread(std::io::Error),

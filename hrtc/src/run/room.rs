@@ -1,14 +1,15 @@
 //! Whether the plan of a run fits this machine, said before the first tick; and the core of the
 //! tick.
 
+use super::RunError;
 use crate::calibration;
 use crate::message::note;
 use crate::tuning::CALIBRATION_STACK_BYTES;
-use hrtc_core::governor::WorkCosts;
+use hrtc_core::governor::{TickNeed, WorkCosts};
 use realtime::core_claim::CoreClaim;
 use realtime::interrupts::{CoreLoad, InterruptedCore, QuietCores};
 use realtime::rights::{obtain, usable_cores};
-use scene::{ActiveSurface, LoopPlan, ScenePlan};
+use scene::{ActiveSurface, LoopPlan, ProbePlan, ProbeShape, ScenePlan};
 
 /// The core of the tick: that of the scene, or where it names none the one of this process that
 /// devices interrupt least; `None` leaves it to the kernel.
@@ -100,11 +101,46 @@ pub(super) fn measure_costs(plan: &LoopPlan, slow: f64) -> WorkCosts {
     measured.map_or(WorkCosts::REFERENCE, |of| of.costs)
 }
 
-/// Says what of the plan this loop does not hold.
-pub(super) fn check(plan: &ScenePlan) {
+/// Says what of the plan this loop does not hold, on a machine of these costs.
+///
+/// # Errors
+/// When a tick cannot end in its time even without contact.
+pub(super) fn check(plan: &ScenePlan, costs: WorkCosts) -> Result<(), RunError> {
     if let Some(surface) = ActiveSurface::of(plan) {
         note!("{surface}");
     }
+    let is_ball = |probe: &&ProbePlan| matches!(probe.shape, ProbeShape::Sphere { .. });
+    let balls = plan.probes.iter().filter(is_ball).count();
+    let tools = plan.probes.len() - balls;
+    let (rate_hz, operations) = (plan.loop_.rate_hz, plan.loop_.operations);
+    let need = TickNeed::new(costs, 1.0 / rate_hz, operations, [balls, tools]);
+    if need.fixed_ns > need.share_ns {
+        return Err(RunError::TooSlow(short_of_time(&need, &plan.loop_)));
+    }
+    if need.operations < 0.99 * operations as f64 {
+        note!("{}", short_of_time(&need, &plan.loop_));
+    }
+    Ok(())
+}
+
+/// What a tick has no time for, and what to do.
+fn short_of_time(need: &TickNeed, plan: &LoopPlan) -> String {
+    let us = |ns: f64| (1e-3 * ns).ceil();
+    let (rate_hz, operations) = (plan.rate_hz, plan.operations);
+    if need.fixed_ns > need.share_ns {
+        return format!(
+            "at {rate_hz} Hz a tick may work for {} us here, and these probes take {} us even without contact; use fewer probes, a lower [loop] rate_hz or a faster machine",
+            us(need.share_ns),
+            us(need.fixed_ns)
+        );
+    }
+    format!(
+        "at {rate_hz} Hz the contacts of these probes take {} of the {} us that a tick may work here, so there is time for {:.0} of {operations} splits a tick: full resolution up to {:.0} % of the usual speed, coarser beyond; a lower [loop] rate_hz gives more",
+        us(need.contact_ns),
+        us(need.share_ns),
+        need.operations.floor(),
+        100.0 * need.operations / operations as f64
+    )
 }
 
 #[cfg(test)]
@@ -132,6 +168,25 @@ mod tests {
             Some(core) => assert!(usable.len() >= 2 && usable.contains(&core)),
             None => assert!(usable.len() < 2),
         }
+    }
+
+    #[test]
+    fn a_tick_without_time_is_refused_and_one_that_is_short_is_told_with_the_remedy() {
+        let plan = LoopPlan {
+            rate_hz: 4000.0,
+            ..plan(None, false)
+        };
+        let need = |slow| {
+            let costs = WorkCosts::REFERENCE.scaled([slow; 4]);
+            TickNeed::new(costs, 1.0 / plan.rate_hz, plan.operations, [0, 1])
+        };
+        let short = short_of_time(&need(2.0), &plan);
+        assert!(
+            short.contains("of 96 splits") && short.contains("rate_hz"),
+            "{short}"
+        );
+        let none = short_of_time(&need(32.0), &plan);
+        assert!(none.contains("even without contact"), "{none}");
     }
 
     #[test]
