@@ -349,9 +349,9 @@ impl ToolProxy {
         })
     }
 
-    /// Places the proxy without a sweep, as at the first sample. If it meets the surface there or is
-    /// within a closed one, it moves with the device, without force, until it is clear. False for
-    /// an invalid pose.
+    /// Places the proxy without a sweep, as at the first sample. If it meets the surface there or
+    /// is within a closed one, it moves with the device, without force, until it is clear. False
+    /// for an invalid pose.
     pub fn place(&mut self, pose: &Pose) -> bool {
         let Some(at) = self.placement(pose) else {
             self.rejected += 1;
