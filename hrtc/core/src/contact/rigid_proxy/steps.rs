@@ -4,7 +4,7 @@ use super::contacts::{PLACED, ToolContact};
 use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
 use super::projection::{HalfSpace, project};
-use super::sweep::{free_share, least_cost};
+use super::sweep::{Met, free_share, least_cost};
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::{Placement, Twist};
 use crate::contact::query::{Ending, PairWork, Surface};
@@ -236,7 +236,7 @@ impl ToolProxy {
             &mut self.open,
             &self.shape,
             (&self.at, &step),
-            MIN_SEPARATION * offset,
+            (MIN_SEPARATION * offset, Met::Stop),
             tick.budget.saturating_sub(answer.spent),
         );
         answer.spent += swept.spent;
