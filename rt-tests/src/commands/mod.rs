@@ -18,6 +18,7 @@
 //! | [`hosts`] | station and controller on two hosts, over links of any length |
 //! | [`effects`] | the cost of each effect |
 //! | [`tools`] | a tool's ticks beside unlimited work |
+//! | [`view`] | a touch of a recording as a picture or a film |
 //! | [`zwidth`] | the stiffest wall that can be rendered |
 
 pub mod accuracy;
@@ -35,4 +36,5 @@ pub mod run;
 pub mod simulate;
 pub mod stability;
 pub mod tools;
+pub mod view;
 pub mod zwidth;

@@ -6,6 +6,9 @@ use glam::DVec3;
 /// change with depth, near enough that depth is seen.
 pub(crate) const EYE_DISTANCE: f64 = 8.0;
 
+/// Room around what is to be seen, as a multiple of its size.
+const ROOM: f64 = 1.06;
+
 /// An eye that looks at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
@@ -30,6 +33,38 @@ impl Camera {
         }
     }
 
+    /// Looks from a direction so that all points are seen in a picture whose width is so many times
+    /// its height, with a little room around them.
+    #[must_use]
+    pub fn around(
+        points: impl IntoIterator<Item = DVec3>,
+        eye: DVec3,
+        up: DVec3,
+        aspect: f64,
+    ) -> Self {
+        let mut camera = Self::new(DVec3::ZERO, eye, up, 1.0);
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for point in points {
+            let along = DVec3::from_array(camera.axes.map(|axis| axis.dot(point)));
+            (low, high) = (low.min(along), high.max(along));
+        }
+        let half = 0.5 * (high - low);
+        if half.is_finite() {
+            let middle = low + half;
+            camera.target = (0..3).map(|k| camera.axes[k] * middle[k]).sum();
+            // What is nearer looks larger.
+            let near = half.z / EYE_DISTANCE;
+            camera.half_width = ROOM * (half.x.max(half.y * aspect) + near);
+        }
+        camera
+    }
+
+    /// The point that it looks at.
+    #[must_use]
+    pub fn target(&self) -> DVec3 {
+        self.target
+    }
+
     /// Half of what is seen beside the target, in the unit of the points.
     #[must_use]
     pub fn half_width(&self) -> f64 {
@@ -40,6 +75,11 @@ impl Camera {
     #[must_use]
     pub fn eye(&self) -> DVec3 {
         -self.axes[2]
+    }
+
+    /// A vector in the picture's plane: so far to the right and down.
+    pub(crate) fn along(&self, right: f64, down: f64) -> DVec3 {
+        right * self.axes[0] + down * self.axes[1]
     }
 
     /// A point as the view sees it: right, down and away from the eye, in half widths.
@@ -78,5 +118,27 @@ mod tests {
         let right = camera.pixel(DVec3::ONE + 2.0 * DVec3::Y, 200, 100);
         assert_eq!(right, Some((200.0, 50.0)));
         assert_eq!(camera.pixel(DVec3::X * 100.0, 200, 100), None);
+    }
+
+    #[test]
+    fn all_of_a_box_is_seen_around_it() {
+        let corners =
+            (0..8).map(|k| DVec3::new(f64::from(k & 1), f64::from(k & 2), f64::from(k & 4)));
+        for eye in [DVec3::X, DVec3::ONE, DVec3::new(-1.0, 0.3, 0.1)] {
+            let camera = Camera::around(corners.clone(), eye, DVec3::Z, 2.0);
+            let pixels = corners.clone().map(|p| camera.pixel(p, 200, 100).unwrap());
+            let pixels: Vec<(f64, f64)> = pixels.collect();
+            for (x, y) in &pixels {
+                assert!(
+                    (0.0..200.0).contains(x) && (0.0..100.0).contains(y),
+                    "{pixels:?}"
+                );
+            }
+            let is_far = |&(x, y): &(f64, f64)| (x - 100.0).abs() > 70.0 || (y - 50.0).abs() > 35.0;
+            assert!(
+                pixels.iter().any(is_far),
+                "it fills the picture: {pixels:?}"
+            );
+        }
     }
 }

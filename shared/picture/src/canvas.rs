@@ -127,8 +127,8 @@ impl Canvas {
         }
     }
 
-    /// Writes a line of text, its upper edge at a place. Letters beyond Latin-1 become question
-    /// marks.
+    /// Writes a line of text, its upper edge at a place. Narrow spaces become wide
+    /// ones, other letters beyond Latin-1 question marks.
     pub fn write(&mut self, at: (u32, u32), align: Align, size: Size, color: Color, text: &str) {
         let [r, g, b] = color;
         let style = MonoTextStyle::new(size.font(), Rgb888::new(r, g, b));
@@ -141,6 +141,7 @@ impl Canvas {
             .alignment(alignment)
             .baseline(Baseline::Top)
             .build();
+        let text = &text.replace('\u{202f}', " ");
         let at = Point::new(at.0 as i32, at.1 as i32);
         // Infallible.
         let _ = Text::with_text_style(text, at, style, place).draw(self);

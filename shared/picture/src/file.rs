@@ -1,7 +1,7 @@
 //! PNG files and animations.
 
 use crate::canvas::Canvas;
-use png::{BitDepth, ColorType, Compression, Encoder, EncodingError};
+use png::{BitDepth, ColorType, Compression, Encoder, EncodingError, Filter};
 use thiserror::Error;
 
 /// Why a picture is no file.
@@ -57,6 +57,8 @@ fn encoder<'a>(bytes: &'a mut Vec<u8>, picture: &Canvas) -> Encoder<'a, &'a mut 
     encoder.set_color(ColorType::Rgb);
     encoder.set_depth(BitDepth::Eight);
     encoder.set_compression(Compression::High);
+    // Faces of one colour: a filter makes them no smaller.
+    encoder.set_filter(Filter::NoFilter);
     encoder
 }
 

@@ -5,7 +5,7 @@ use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 
 /// Corners around a tube, an arrow or a ball.
-const AROUND: usize = 20;
+const AROUND: usize = 16;
 /// Circles of a ball between its poles.
 const CIRCLES: usize = 9;
 /// Length and radius of an arrow's head, in radii of its shaft.
@@ -25,30 +25,46 @@ pub struct Triangle {
     pub edges: f64,
 }
 
+/// Where what is added belongs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Layer {
+    #[default]
+    Opaque,
+    Marks,
+    Signs,
+}
+
 /// All that a picture shows.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Solids {
     /// What hides what lies behind it.
     pub(crate) opaque: Vec<Triangle>,
-    /// What shines through what hides it, and is hidden by nothing else.
+    /// What shines through what hides it.
     pub(crate) marks: Vec<Triangle>,
-    /// Whether what is added is a mark.
-    is_marking: bool,
+    /// What is before everything else.
+    pub(crate) signs: Vec<Triangle>,
+    layer: Layer,
 }
 
 impl Solids {
-    /// From now on what is added shines through what hides it: paths, probes, arrows.
+    /// From now on what is added shines through what hides it: paths, probes.
     pub fn begin_marks(&mut self) {
-        self.is_marking = true;
+        self.layer = Layer::Marks;
+    }
+
+    /// From now on what is added is hidden by nothing that was added before: arrows.
+    pub fn begin_signs(&mut self) {
+        self.layer = Layer::Signs;
     }
 
     /// Adds a triangle.
     pub fn add(&mut self, triangle: Triangle) {
-        if self.is_marking {
-            self.marks.push(triangle);
-        } else {
-            self.opaque.push(triangle);
-        }
+        let triangles = match self.layer {
+            Layer::Opaque => &mut self.opaque,
+            Layer::Marks => &mut self.marks,
+            Layer::Signs => &mut self.signs,
+        };
+        triangles.push(triangle);
     }
 
     /// Adds a flat triangle; one without an area is left out.
@@ -80,7 +96,7 @@ impl Solids {
         }
     }
 
-    /// Adds a tube with round ends from a point to another.
+    /// Adds a tube without ends from a point to another.
     pub fn tube(&mut self, from: DVec3, to: DVec3, radius: f64, color: Color) {
         self.cone(from, to, [radius; 2], color);
     }
