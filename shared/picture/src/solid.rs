@@ -101,13 +101,16 @@ impl Solids {
         self.cone(from, to, [radius; 2], color);
     }
 
-    /// Adds an arrow from a point by a vector; the radius is that of its shaft.
+    /// Adds an arrow from a point by a vector; the radius is that of its shaft, if its head has
+    /// room.
     pub fn arrow(&mut self, from: DVec3, by: DVec3, radius: f64, color: Color) {
         let Some(along) = by.try_normalize() else {
             return;
         };
         let head = (HEAD_LENGTH * radius).min(by.length());
         let neck = from + along * (by.length() - head);
+        // A short arrow is a smaller head, not a flat one.
+        let radius = head / HEAD_LENGTH;
         let wide = HEAD_RADIUS * radius;
         self.cone(from, neck, [radius; 2], color);
         self.cone(neck, neck, [radius, wide], color);
