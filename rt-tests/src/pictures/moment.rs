@@ -27,7 +27,7 @@ pub struct ShownFace {
     pub corners: [DVec3; 3],
     /// How fine it is.
     pub fineness: Fineness,
-    /// Its certified error, metres.
+    /// Its certified error, metres; infinite where it is not known.
     pub certified_m: f64,
 }
 
@@ -197,7 +197,7 @@ fn resting_faces(controller: &Controller, object: usize, frame: &ModelFrame) -> 
     let faces = triangles.iter().map(|corners| ShownFace {
         corners: corners.map(|corner| frame.to_world(vertices[corner as usize])),
         fineness: Fineness::Base,
-        certified_m: f64::NAN,
+        certified_m: f64::INFINITY,
     });
     faces.collect()
 }
