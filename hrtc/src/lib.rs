@@ -49,6 +49,7 @@
 //! # Ok::<(), RunError>(())
 //! ```
 
+pub mod calibration;
 pub mod devices;
 pub mod fetch;
 pub mod link;

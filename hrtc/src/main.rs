@@ -140,6 +140,7 @@ fn run(options: RunOptions) -> ExitCode {
         output,
         started_ns: options.started_ns,
         record: options.record,
+        slow: 1.0,
     };
     let stop = StopFlags {
         with_ramp: &WITH_RAMP,

@@ -3,6 +3,7 @@
 
 use haptic_device::{Capabilities, DegreesOfFreedom, MotionLimits};
 use hrtc_core::Controller;
+use hrtc_core::governor::WorkCosts;
 use hrtc_core::streaming::subscriber::Identity;
 use scene::ScenePlan;
 use serde::{Deserialize, Serialize};
@@ -34,6 +35,10 @@ pub struct ControllerSetup {
     /// be.
     #[serde(default)]
     pub station_is_far: bool,
+    /// What the counted work costs on the controller's machine; in a recording without this, as on
+    /// the reference machine.
+    #[serde(default)]
+    pub costs: WorkCosts,
 }
 
 /// Limits of force that the controller's own machine states. They hold whatever scene and devices
@@ -90,6 +95,7 @@ impl ControllerSetup {
                 .collect(),
             tour_seconds,
             station_is_far: false,
+            costs: WorkCosts::REFERENCE,
         }
     }
 
@@ -126,6 +132,7 @@ impl ControllerSetup {
         }
         let mut controller =
             Controller::new(plan, self.identity(), self.max_force_n, self.tour_seconds);
+        controller.set_costs(self.costs);
         if self.station_is_far {
             controller.station_is_far();
         }

@@ -58,6 +58,8 @@ pub struct TickRecord {
     pub force_cut: bool,
     /// Whether those of the tick before were: the core's force rises from zero again.
     pub rises_again: bool,
+    /// Processor time of the tick before, ns, as the core was told; 0 for none.
+    pub noted_work_ns: u32,
     /// Wrench written to each device, newtons and newton metres.
     pub wrenches: [Wrench; MAX_PROBES],
     /// Contact of each probe; `None` in free space.

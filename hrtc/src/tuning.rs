@@ -131,3 +131,12 @@ pub const RECORDING_RETRY_NS: u64 = 2_000_000_000;
 pub const RECORDING_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time before a fault that is kept in a file of its own, ns.
 pub const BLACK_BOX_NS: u64 = 10_000_000_000;
+
+/// Time for which the costs of the counted work are measured before the first tick, ns.
+pub const CALIBRATION_NS: u64 = 50_000_000;
+/// Ticks of touch whose times are summed up to one measurement.
+pub const CALIBRATION_BLOCK: usize = 16;
+/// Bytes that are read between two of them: more than the second cache of a core holds.
+pub const CALIBRATION_OTHERS_BYTES: usize = 4 << 20;
+/// Stack of the thread that measures them, bytes; it ends before the first tick.
+pub const CALIBRATION_STACK_BYTES: usize = 4 << 20;

@@ -1,8 +1,11 @@
 //! The command line.
 
 use crate::commands::accuracy::AccuracyArgs;
+use crate::commands::check::CheckArgs;
 use crate::commands::codecs::CodecsArgs;
 use crate::commands::compare::CompareArgs;
+use crate::commands::costs::CostsArgs;
+use crate::commands::deadline::DeadlineArgs;
 use crate::commands::effects::EffectsArgs;
 use crate::commands::export::ExportArgs;
 use crate::commands::faults::FaultsArgs;
@@ -14,7 +17,9 @@ use crate::commands::replay::ReplayArgs;
 use crate::commands::run::RunArgs;
 use crate::commands::simulate::SimulateArgs;
 use crate::commands::stability::StabilityArgs;
+use crate::commands::thesis::ThesisArgs;
 use crate::commands::tools::ToolsArgs;
+use crate::commands::tune::TuneArgs;
 use crate::commands::view::ViewArgs;
 use crate::commands::zwidth::ZwidthArgs;
 use crate::processes::bare_loop::BareArgs;
@@ -38,6 +43,8 @@ pub enum Command {
     /// Run both processes on a scene; ends with a report, with status 0 also when periods were
     /// missed
     Run(RunArgs),
+    /// Rate this machine for haptics in a minute: loop, rights, force and speed, with remedies
+    Check(CheckArgs),
     /// Measure the loop's timing beside a bare loop; status 0 only for the verdict "pass"
     Jitter(JitterArgs),
     /// Put a recording of a run through the controller again; status 1 when a tick differs
@@ -51,9 +58,16 @@ pub enum Command {
     /// Show what accuracy costs: the same touch from the base mesh to the full mesh; status 1 when
     /// a check fails
     Accuracy(AccuracyArgs),
+    /// Measure the figures of the thesis on its models, with its published numbers beside ours
+    Thesis(ThesisArgs),
     /// Show what a query and an update cost beside parry's; status 1 when an answer is wrong or a
     /// limit broken
     Compare(CompareArgs),
+    /// Show what a unit of each kind of a tick's work costs on this machine
+    Costs(CostsArgs),
+    /// Run hard scenes as on machines that are several times slower: whether every deadline is
+    /// kept, and at what error; status 1 when one is not
+    Deadline(DeadlineArgs),
     /// Show what each source of the prediction buys: the same motion with each alone and with all
     Predictors(PredictorsArgs),
     /// Run the hard cases, each with its measure, limit and verdict; status 1 when one fails
@@ -66,6 +80,9 @@ pub enum Command {
     /// Find how stiff a wall a loop with this machine's period can render: simulated bounces, and
     /// theory beside them
     Zwidth(ZwidthArgs),
+    /// Find the settings of a scene that keep a limit of error, time, bytes or memory on this
+    /// machine; status 1 when there are none
+    Tune(TuneArgs),
     /// Lead tools over models, every tick beside one with unlimited work; status 1 when a limit is
     /// not kept
     Tools(ToolsArgs),

@@ -1,9 +1,10 @@
 //! Remaining work of a tick, in units; all active objects draw on it in turn.
 
 use crate::contact::query::Work;
-use crate::tuning::tick::PROXY_WORK_PER_OPERATION;
+use crate::tuning::governor::{ENTRIES_PER_FACE, OPERATION_FACES};
 use crate::work::TickWork;
 use scene::MAX_PROBES;
+use spm::OperationFaces;
 
 /// Remaining work of a tick.
 #[derive(Debug, Clone, Copy)]
@@ -12,6 +13,11 @@ pub struct Budget {
     pub ingest: u32,
     /// Splits and collapses.
     pub operations: u32,
+    /// Faces that they may change; each operation counts as [`OPERATION_FACES`] more. The last one
+    /// begun may go beyond it by `max_fan`.
+    pub faces: u32,
+    /// Faces that one operation may change; one that would change more is not begun.
+    pub max_fan: u32,
     /// Closure entries to go through for refinement.
     pub entries: u32,
     /// Entries of closures, region tables and caches to go through for what is not needed any more
@@ -19,6 +25,37 @@ pub struct Budget {
     pub upkeep: u32,
     /// Of these at the most for a place that has changed hands.
     pub forgotten: u32,
+}
+
+impl Budget {
+    /// Whether another split or collapse may begin.
+    #[must_use]
+    pub fn has_operations(&self) -> bool {
+        self.operations > 0 && self.faces > 0
+    }
+
+    /// There is time for so many faces.
+    pub fn limit_faces(&mut self, faces: u32) {
+        // The last operation begun goes beyond what is left.
+        self.max_fan = self.max_fan.min(faces / 4);
+        self.faces = self.faces.min(faces - faces / 4);
+    }
+
+    /// Closure entries were gone through.
+    pub fn charge_entries(&mut self, entries: u32) {
+        self.charge_faces(entries.div_ceil(ENTRIES_PER_FACE));
+    }
+
+    /// A split or collapse that has changed these faces.
+    pub fn charge_operation(&mut self, changed: &OperationFaces) {
+        self.operations = self.operations.saturating_sub(1);
+        self.charge_faces(OPERATION_FACES + changed.deformed().len() as u32);
+    }
+
+    /// Faces were looked at or changed.
+    pub fn charge_faces(&mut self, faces: u32) {
+        self.faces = self.faces.saturating_sub(faces);
+    }
 }
 
 /// Work of the queries of a tick: nodes visited and faces tested. A part is for the steps of the
@@ -59,17 +96,14 @@ impl Part {
 }
 
 impl QueryBudget {
-    /// The work of a tick with so many splits and collapses. `pairs`: the probe of each pair that
-    /// is to have a part.
+    /// The work of a tick, of which there is time for so many `units`. `pairs`: the probe of each
+    /// pair that is to have a part.
     #[must_use]
-    pub fn new(work: &TickWork, operations: u32, pairs: impl Iterator<Item = usize>) -> Self {
-        let proxies = work
-            .proxies
-            .saturating_sub(PROXY_WORK_PER_OPERATION * operations);
+    pub fn new(work: &TickWork, units: u32, pairs: impl Iterator<Item = usize>) -> Self {
         let mut budget = Self {
-            proxies: Part::new(proxies.max(work.min_proxies)),
-            searches: Part::new(work.searches),
-            most: work.queries(),
+            proxies: Part::new(work.proxies.min(units)),
+            searches: Part::new(work.searches.min(units)),
+            most: work.queries().min(units),
             pairs: [0; MAX_PROBES],
             probes: 0,
         };
@@ -125,14 +159,14 @@ impl QueryBudget {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tuning::tick::{MIN_PROXY_WORK, PROXY_WORK};
+    use crate::tuning::tick::PROXY_WORK;
 
     #[test]
     fn every_probe_is_sure_of_its_share_and_what_one_leaves_the_next_may_use() {
         // One probe near three objects, two near one each.
         let pairs = [0, 0, 1, 0, 2];
         let work = TickWork::new(1e3);
-        let mut budget = QueryBudget::new(&work, 0, pairs.into_iter());
+        let mut budget = QueryBudget::new(&work, u32::MAX, pairs.into_iter());
         let mut left = Vec::new();
         for (turn, probe) in pairs.into_iter().enumerate() {
             budget.begin_pair(probe);
@@ -146,9 +180,14 @@ mod tests {
         assert!(left[2] >= third + third / 3, "{left:?}");
         assert!(left[4] >= third);
         assert!(budget.spent() <= PROXY_WORK);
-        // A tick with many splits has less, but never nothing.
+        // A tick that has time for less has less.
         let mut busy = QueryBudget::new(&work, 1000, [0].into_iter());
         busy.begin_pair(0);
-        assert_eq!(busy.for_proxy(), MIN_PROXY_WORK);
+        assert_eq!(busy.for_proxy(), 1000);
+        busy.charge_proxy(Work {
+            nodes: 990,
+            faces: 0,
+        });
+        assert_eq!(busy.for_searches(), 10);
     }
 }

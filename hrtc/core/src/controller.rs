@@ -3,6 +3,7 @@
 
 use crate::active::active_set::ActiveSet;
 use crate::bodies::Movables;
+use crate::governor::{Governor, WorkCosts};
 use crate::horizons::Horizons;
 use crate::lod::refine;
 use crate::probe::Probe;
@@ -20,6 +21,7 @@ pub struct Controller {
     pub(crate) period_s: f64,
     pub(crate) horizons: Horizons,
     pub(crate) work: TickWork,
+    pub(crate) governor: Governor,
     pub(crate) tolerance_m: f64,
     pub(crate) cache_bytes: usize,
     pub(crate) probes: Vec<Probe>,
@@ -50,6 +52,7 @@ impl Controller {
             period_s: 1.0 / plan.loop_.rate_hz,
             horizons: Horizons::new(plan.loop_.rate_hz),
             work: TickWork::new(plan.loop_.rate_hz),
+            governor: Governor::new(1.0 / plan.loop_.rate_hz, plan.loop_.operations),
             tolerance_m: plan.accuracy.tolerance_m,
             cache_bytes: plan.cache_bytes,
             active: ActiveSet::new(plan, identity, movables.iter().count(), toured),
@@ -96,6 +99,25 @@ impl Controller {
         for probe in &mut self.probes {
             probe.force_was_cut();
         }
+    }
+
+    /// Counts with the costs of this machine, before the first tick; before, with those of the
+    /// reference machine.
+    pub fn set_costs(&mut self, costs: WorkCosts) {
+        self.governor.set_costs(costs);
+    }
+
+    /// Call before a tick with the processor time that the last one took, nanoseconds: if that is
+    /// longer than the costs say, ticks do less. An input of the tick as far as a replay is
+    /// concerned.
+    pub fn note_work(&mut self, ns: u32) {
+        self.governor.note_work(f64::from(ns));
+    }
+
+    /// How much work the ticks may do, and why.
+    #[must_use]
+    pub fn governor(&self) -> &Governor {
+        &self.governor
     }
 
     /// Work units that a tick may take at the most: the bound of

@@ -95,6 +95,7 @@ mod capacity;
 pub mod contact;
 mod controller;
 pub mod force;
+pub mod governor;
 pub mod horizons;
 mod inspect;
 mod instance;

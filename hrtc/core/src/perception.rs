@@ -17,7 +17,7 @@
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use mutants::{Mutant, is};
-use spm::{ActiveMesh, Geomorph, Handle, OperationFaces, Slot};
+use spm::{ActiveMesh, Geomorph, Handle, NONE, OperationFaces, Slot};
 
 /// Imperceptible force, newtons.
 pub const IMPERCEPTIBLE_N: f64 = 0.05;
@@ -269,15 +269,24 @@ pub fn may_come_near(
             limit.reaches(box_around(corners)) && limit.distance(corners) <= limit.reach
         })
     };
+    let mut looked_at = 0;
+    // Of very large fans it is not looked for: it may be.
+    let mut is_near_or_unknown = |face: Handle| {
+        looked_at += 1;
+        looked_at > OperationFaces::MAX_FACES || is_near(face)
+    };
+    // Faces that follow each other in a fan share all corners but one.
+    let mut before = [NONE; 3];
     limits
         .iter()
         .any(|(_, limit)| surroundings(limit).reaches(space))
         || mesh.any_geomorphing(patch.deformed())
         || patch.deformed().iter().any(|&face| {
             let corners = mesh.face(face).corners;
-            corners
-                .into_iter()
-                .any(|corner| mesh.any_around(face, corner, is_near))
+            let seen = std::mem::replace(&mut before, corners);
+            let new = corners.into_iter().filter(|corner| !seen.contains(corner));
+            new.into_iter()
+                .any(|corner| mesh.any_around(face, corner, &mut is_near_or_unknown))
         })
 }
 

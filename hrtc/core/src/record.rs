@@ -85,6 +85,16 @@ pub struct CoreRecord {
     pub work_units: u32,
     /// Nodes visited and faces tested by the queries.
     pub query_work: u32,
+    /// Faces that operations and geomorphs changed, with what each operation counts more.
+    pub operation_faces: u32,
+    /// What the tick might spend by the costs of its work, nanoseconds, and what it has spent.
+    pub allowed_ns: u32,
+    /// See `allowed_ns`.
+    pub spent_ns: u32,
+    /// How many times as long a tick takes as the costs say.
+    pub slowness: f64,
+    /// Splits and collapses a tick that there is time for.
+    pub operations: f64,
     /// Tools whose budget left a part of their motion to the next tick; their proxies wait outside
     /// of the objects.
     pub unfinished: u32,

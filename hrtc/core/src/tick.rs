@@ -24,6 +24,7 @@
 //! nearest to a contact first.
 
 use crate::active::active_set::ActiveSet;
+use crate::active::object::ActiveObject;
 use crate::budget::{Budget, QueryBudget};
 use crate::contact::query::Surface;
 use crate::contact::rigid_proxy::ToolProxy;
@@ -34,7 +35,9 @@ use crate::force::passivity::CarriedWork;
 use crate::record::CoreRecord;
 use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
+use crate::tuning::governor::{ENTRIES_SHARE, UPKEEP_SHARE};
 use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION};
+use crate::tuning::streaming::MIN_UNITS;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use haptic_device::Sample;
@@ -179,16 +182,24 @@ impl Controller {
 
         let elapsed = self.begin(tick);
         self.sample(inputs, elapsed);
+        self.governor.begin_tick(self.active.near_pairs());
         let mut budget = self.budget();
+        let upkeep = budget.upkeep;
         record.unserved = self.activate(inputs, &mut budget, &mut outputs.outbox);
         observer.ended(Stage::BroadPhase);
 
         budget.ingest = self.ingest_units(waiting);
         outputs.chunks_consumed = self.receive(inputs, &mut budget, &mut record);
+        let quota = self.governor.time.requests(record.work_units);
+        outputs.outbox.set_quota(quota);
         self.predict(waiting, &mut outputs.outbox);
+        let requests = outputs.outbox.requests().len();
+        self.governor.time.charge_inbox(record.work_units, requests);
+        // Received data and operations share their time.
+        budget.limit_faces(self.governor.time.faces());
         observer.ended(Stage::Inbox);
 
-        self.refine(&mut budget, &mut record);
+        self.refine(&mut budget, &mut record, upkeep);
         observer.ended(Stage::Refine);
         self.refit();
         observer.ended(Stage::Refit);
@@ -255,23 +266,32 @@ impl Controller {
 
     /// The work of a tick, but for received data.
     fn budget(&self) -> Budget {
-        Budget {
+        let time = &self.governor.time;
+        let operations = self.operations as u32;
+        let upkeep = CHANGES_PER_UNIT.saturating_mul(time.entries(UPKEEP_SHARE));
+        let mut budget = Budget {
             ingest: 0,
-            operations: self.operations as u32 * if is(Mutant::Budget) { 4 } else { 1 },
-            entries: self.operations as u32 * ENTRIES_PER_OPERATION,
-            upkeep: self.work.upkeep,
-            forgotten: self.work.forgotten,
-        }
+            operations: operations * if is(Mutant::Budget) { 4 } else { 1 },
+            faces: u32::MAX,
+            max_fan: u32::MAX,
+            entries: (operations * ENTRIES_PER_OPERATION).min(time.entries(ENTRIES_SHARE)),
+            upkeep: self.work.upkeep.min(upkeep),
+            forgotten: self.work.forgotten.min(upkeep / 2),
+        };
+        budget.limit_faces(time.faces());
+        budget
     }
 
     /// The work for received data in a tick with so many chunks that wait.
     fn ingest_units(&self, waiting: usize) -> u32 {
         let is_loading = self.active.objects.iter().any(|of| of.session.is_loading());
-        if is_loading {
+        let most = if is_loading {
             self.work.max_ingest(self.operations)
         } else {
             self.work.ingest_for(waiting, self.operations)
-        }
+        };
+        // With less no slot would ever be taken.
+        most.min(self.governor.time.received_units().max(MIN_UNITS))
     }
 
     /// Takes base meshes and chunks in. Returns how many chunks are done with.
@@ -303,13 +323,24 @@ impl Controller {
         }
     }
 
-    /// Splits, collapses and geomorphs.
-    fn refine(&mut self, budget: &mut Budget, record: &mut CoreRecord) {
+    /// Splits, collapses and geomorphs. `allowed_upkeep`: entries for upkeep that the tick began
+    /// with.
+    fn refine(&mut self, budget: &mut Budget, record: &mut CoreRecord, allowed_upkeep: u32) {
         for &(_, k) in &self.active.order {
-            self.active.objects[k].refine(self.own_tick, budget);
+            let object = &mut self.active.objects[k];
+            object
+                .front
+                .set_time(self.governor.operations(), self.governor.steps());
+            object.refine(self.own_tick, budget);
         }
-        let upkeep = self.work.upkeep - budget.upkeep;
+        let upkeep = allowed_upkeep - budget.upkeep;
         record.work_units += upkeep.div_ceil(CHANGES_PER_UNIT);
+        let stats = || self.active.objects.iter().map(|of| of.front.stats);
+        let faces = stats().map(|of| of.faces).sum();
+        record.operation_faces = faces;
+        let entries: u32 = stats().map(|of| of.entries).sum();
+        let entries = entries + upkeep.div_ceil(CHANGES_PER_UNIT);
+        self.governor.time.charge_refinement(faces, entries);
     }
 
     /// Updates the AB-trees.
@@ -321,13 +352,17 @@ impl Controller {
 
     /// Advances the proxies and renders the forces of each pair.
     fn contact(&mut self, tick: u64, record: &mut CoreRecord, observer: &mut impl StageObserver) {
-        let stats = self.active.objects.iter().map(|of| of.front.stats);
-        let operations: u32 = stats.map(|stats| stats.vsplits + stats.ecols).sum();
         self.active.order_pairs(self.own_tick);
         let (pairs, objects) = (&self.active.pairs, &mut self.active.objects);
+        let time = &mut self.governor.time;
+        let is_tool =
+            |objects: &[ActiveObject], (k, probe): (usize, usize)| objects[k].tool(probe).is_some();
+        let with_tool = pairs.iter().any(|&pair| is_tool(objects, pair));
         let probes = pairs.iter().map(|&(_, probe)| probe);
-        let mut budget = QueryBudget::new(&self.work, operations, probes);
+        let units = time.query_units(with_tool);
+        let mut budget = QueryBudget::new(&self.work, units, probes);
         for &(k, probe) in pairs {
+            let before = budget.spent();
             if let Some((proxy, surface, goal)) = objects[k].tool_before(probe) {
                 let tool = ToolBefore {
                     proxy,
@@ -337,12 +372,21 @@ impl Controller {
                 observer.tool_before(probe, &tool);
             }
             objects[k].find_contact(tick, (probe, &self.probes[probe]), &mut budget);
+            let pair = is_tool(objects, (k, probe));
+            time.charge_query(budget.spent() - before, pair);
         }
         // The nearest to a contact looks first: where it goes matters most.
         for &(k, probe) in pairs.iter().rev() {
+            let before = budget.spent();
             objects[k].look_ahead(probe, &mut budget);
+            time.charge_query(budget.spent() - before, false);
         }
         record.query_work = budget.spent();
+        self.governor.end_queries(self.own_tick);
+        record.allowed_ns = self.governor.time.allowed() as u32;
+        record.spent_ns = self.governor.time.spent.total() as u32;
+        record.slowness = self.governor.slowness();
+        record.operations = self.governor.operations();
         let contacts = || self.active.objects.iter().map(|of| &of.contacts);
         record.unfinished = contacts().map(|of| of.unfinished).sum();
         record.early = contacts().map(|of| of.early).sum();

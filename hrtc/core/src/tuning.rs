@@ -12,16 +12,47 @@ pub mod tick {
     /// The same to a station on another machine: each is a packet of its own there, and the
     /// measured error and the view need no more.
     pub const FAR_REPORT_S: f64 = 0.1;
-    /// Nodes visited and faces tested by the steps of all proxies in a tick without splits and
-    /// collapses.
+    /// Nodes visited and faces tested by the steps of all proxies in a tick that has time for them.
     pub const PROXY_WORK: u32 = 4096;
-    /// Part of [`PROXY_WORK`] that a split or collapse uses up.
-    pub const PROXY_WORK_PER_OPERATION: u32 = 32;
-    /// Part of [`PROXY_WORK`] that is left however many there are.
-    pub const MIN_PROXY_WORK: u32 = 1024;
     /// The same for the searches beside the steps: the nearest face of each pair, force shading,
     /// and where a probe may touch next. A search near a known face takes some tens.
     pub const SEARCH_WORK: u32 = 1024;
+}
+
+/// How much work a tick may do: see [`crate::governor`].
+pub mod governor {
+    /// Share of a period that a tick may spend by its costs. A twentieth is for the wake-up
+    /// (`realtime::pacer`); the rest is for what costs do not tell, such as a cold cache: on the
+    /// reference machine a tick takes up to 1.4 times what it should.
+    pub const TIME_SHARE: f64 = 0.6;
+    /// Weight of what is believed of the machine, in shares of what a tick may spend.
+    pub const SHORT_SHARE: f64 = 0.25;
+    /// Time in which what is believed falls to a third where the machine is fast again.
+    pub const SLOWNESS_FADES_S: f64 = 0.3;
+    /// Slownesses that are believed.
+    pub const SLOWNESS_RANGE: [f64; 2] = [0.5, 64.0];
+    /// Part that contacts may keep of what is left of a tick beside what every tick does.
+    pub const CONTACT_SHARE: f64 = 0.8;
+    /// Time in which what is kept for contacts falls to a third: a stroke over a rough place.
+    pub const CONTACT_FADES_S: f64 = 0.1;
+    /// Ticks that spend more than they may after which less is asked for, where each tick that does
+    /// not takes a tenth off: a rough place is passed over, a surface that is too fine is not.
+    pub const MAX_OVERSPENT: f64 = 3.0;
+    pub const OVERSPENT_FADES: f64 = 0.1;
+    /// Time in which the operations that there is time for again come back by two thirds.
+    pub const OPERATIONS_RETURN_S: f64 = 0.3;
+    /// Faces whose change costs as much as an operation beside that of its faces.
+    pub const OPERATION_FACES: u32 = 8;
+    /// Closure entries that cost as much as a face.
+    pub const ENTRIES_PER_FACE: u32 = 20;
+    /// Faces that a split or collapse changes on most meshes.
+    pub const TYPICAL_FACES: u32 = 10;
+    /// Units of received data that a split needs: its record.
+    pub const UNITS_PER_OPERATION: f64 = super::streaming::UNITS_PER_ITEM as f64;
+    /// Part of a tick's time for refinement that closure entries may take, and that what is not
+    /// needed any more may.
+    pub const ENTRIES_SHARE: f64 = 0.25;
+    pub const UPKEEP_SHARE: f64 = 0.125;
 }
 
 /// Which objects are active.
@@ -146,6 +177,9 @@ pub mod lod {
     pub const BEHIND_SHARE: u32 = 4;
     /// Closure entries that cost as much as finding that a split has to wait.
     pub const ENTRIES_PER_WAIT: u32 = 16;
+    /// Faces around a split that has to wait that cost as much as one that a split changes: they
+    /// are only gone around.
+    pub const FACES_PER_WAIT: u32 = 4;
     /// Steps of geomorphing vertices that cost as much as a split or collapse.
     pub const STEPS_PER_OPERATION: u32 = 2;
     /// Share of a perception limit that geomorphs which finish in the tick of their start may use

@@ -5,15 +5,13 @@
 
 use crate::tuning::lod::{MAX_FORGOTTEN, MAX_UPKEEP, MIN_OPERATIONS};
 use crate::tuning::streaming::{INGEST_PER_OPERATION, MIN_INGEST, MIN_UNITS, WAITING_CHUNKS};
-use crate::tuning::tick::{MIN_PROXY_WORK, PROXY_WORK, SEARCH_WORK};
+use crate::tuning::tick::{PROXY_WORK, SEARCH_WORK};
 
 /// Bounds of a tick's work, each that of the constant of its name, converted once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct TickWork {
     /// Nodes visited and faces tested by the steps of all proxies.
     pub proxies: u32,
-    /// What of that is left however many splits and collapses there are.
-    pub min_proxies: u32,
     /// The same for the searches beside the steps.
     pub searches: u32,
     /// Entries of closures, region tables and caches that are unloaded, forgotten or passed over.
@@ -34,7 +32,6 @@ impl TickWork {
         let a_tick = |of_ms: u32| (f64::from(of_ms) * periods_ms).round().max(1.0) as u32;
         Self {
             proxies: a_tick(PROXY_WORK),
-            min_proxies: a_tick(MIN_PROXY_WORK),
             searches: a_tick(SEARCH_WORK),
             upkeep: a_tick(MAX_UPKEEP),
             forgotten: a_tick(MAX_FORGOTTEN),
@@ -81,7 +78,6 @@ mod tests {
             let here = TickWork::new(rate_hz);
             for (of, at_kilohertz) in [
                 (here.proxies, kilohertz.proxies),
-                (here.min_proxies, kilohertz.min_proxies),
                 (here.searches, kilohertz.searches),
                 (here.upkeep, kilohertz.upkeep),
             ] {

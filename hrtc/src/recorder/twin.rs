@@ -140,6 +140,9 @@ impl Twin {
         if record.rises_again {
             self.controller.force_was_cut();
         }
+        if record.noted_work_ns > 0 {
+            self.controller.note_work(record.noted_work_ns);
+        }
         let outputs = &mut self.outputs;
         self.controller.tick(&inputs, outputs, &mut NoObserver);
         let consumed = outputs.chunks_consumed.min(self.waiting.len());

@@ -1,90 +1,16 @@
 //! Accumulation of a run's ticks in tables of fixed size.
 
+use super::fixed::Fixed;
+use super::governor::GovernorStats;
 use super::series::Series;
 use super::{
-    Buckets, CacheResult, Finished, Histograms, MAX_STATIONS, MedianMax, ProbeResult, RunMeta,
-    RunResult, SeriesBucket, ShortSpread, Spread, StationHeard, Status, folded, last_or_nan,
+    CacheResult, Finished, Histograms, MAX_STATIONS, MedianMax, ProbeResult, RunMeta, RunResult,
+    SeriesBucket, StationHeard, Status, folded, last_or_nan,
 };
 use crate::tick_record::{STAGES, TickRecord};
 use glam::DVec3;
-use hdrhistogram::Histogram;
 use hrtc_core::record::{CoreRecord, ProbeRecord, max_or_nan};
 use scene::MAX_PROBES;
-
-/// A histogram with a fixed range, three significant digits and an exact maximum. Counts of 32 bits
-/// suffice for 49 days at 1 kHz; 64 bits would double the locked memory.
-struct Fixed {
-    histogram: Histogram<u32>,
-    /// Histogram counts a unit of the quantity.
-    scale: f64,
-    /// Largest value, in the unit of the quantity.
-    max: f64,
-    /// Whether every value was finite; the others are not in the table.
-    is_finite: bool,
-}
-
-impl Fixed {
-    /// For a quantity counted in steps of 1 / `scale`, up to 2^`bits` steps.
-    fn new(scale: f64, bits: u32) -> Option<Self> {
-        Histogram::new_with_bounds(1, 1 << bits, 3)
-            .ok()
-            .map(|histogram| Self {
-                histogram,
-                scale,
-                max: 0.0,
-                is_finite: true,
-            })
-    }
-
-    fn push(&mut self, value: f64) {
-        if !value.is_finite() {
-            self.is_finite = false;
-            return;
-        }
-        let value = value.max(0.0);
-        self.max = self.max.max(value);
-        // `as` saturates; so does the histogram at its upper bound.
-        self.histogram
-            .saturating_record((value * self.scale).round() as u64);
-    }
-
-    fn quantile(&self, q: f64) -> f64 {
-        if self.histogram.is_empty() {
-            return 0.0;
-        }
-        (self.histogram.value_at_quantile(q) as f64 / self.scale).min(self.max)
-    }
-
-    fn spread(&self) -> Spread {
-        Spread {
-            p50: self.quantile(0.5),
-            p99: self.quantile(0.99),
-            p999: self.quantile(0.999),
-            max: self.max,
-        }
-    }
-
-    fn short(&self) -> ShortSpread {
-        let Spread { p50, p99, max, .. } = self.spread();
-        ShortSpread { p50, p99, max }
-    }
-
-    /// The sum of two tables.
-    fn together(mut self, other: Self) -> Self {
-        // Both have the same range, so every count finds its place.
-        let _ = self.histogram.add(&other.histogram);
-        self.max = self.max.max(other.max);
-        self.is_finite &= other.is_finite;
-        self
-    }
-
-    fn buckets(&self) -> Buckets {
-        self.histogram
-            .iter_recorded()
-            .map(|step| (step.value_iterated_to(), u64::from(step.count_at_value())))
-            .collect()
-    }
-}
 
 /// Timings arrive in nanoseconds and leave in microseconds.
 const NANOSECONDS_IN_US: f64 = 1e3;
@@ -136,6 +62,7 @@ pub struct Accumulator {
     awake: Fixed,
     /// Force of each probe, newtons.
     forces: Vec<Fixed>,
+    governor: GovernorStats,
 }
 
 impl Accumulator {
@@ -170,6 +97,7 @@ impl Accumulator {
                 ..Status::default()
             },
             wake: timing()?,
+            governor: GovernorStats::new()?,
             work_cpu: timing()?,
             work_wall: timing()?,
             period: timing()?,
@@ -262,6 +190,7 @@ impl Accumulator {
         let result = &mut self.result;
         result.moving_ticks += u64::from(core.moving > 0);
         result.inactive_object_ticks += u64::from(core.unserved > 0);
+        self.governor.push(core);
         result.unfinished_ticks += u64::from(core.unfinished > 0);
         result.early_ticks += u64::from(core.early > 0);
         result.late_contacts += u64::from(core.late_contacts);
@@ -562,6 +491,7 @@ impl Accumulator {
             operations_budget: meta.operations_budget,
             query_work_budget: meta.query_work_budget,
             safety: meta.safety,
+            governor: self.governor.result(&meta.costs, self.period_ns),
             non_finite,
             ..self.result
         };

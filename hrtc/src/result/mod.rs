@@ -8,6 +8,7 @@
 use crate::traffic::LinkBytes;
 use hrtc_core::Capacity;
 use hrtc_core::bodies::MovedObject;
+use hrtc_core::governor::WorkCosts;
 use realtime::pacer::MissClass;
 use serde::ser::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -15,10 +16,13 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 
 mod accumulate;
+mod fixed;
+mod governor;
 mod series;
 mod words;
 
 pub use accumulate::Accumulator;
+pub use governor::{GovernorResult, MedianMin};
 pub use series::{SERIES_BUCKETS, SeriesBucket};
 
 /// Median, upper percentiles and maximum of a quantity.
@@ -364,6 +368,8 @@ pub struct RunResult {
     pub query_work_max: u64,
     /// Limit of that work.
     pub query_work_budget: u64,
+    /// What the governor gave to the ticks.
+    pub governor: GovernorResult,
     /// Page faults within ticks.
     pub page_faults: u64,
     /// Of these, in ticks that used up their period by their own work.
@@ -434,6 +440,8 @@ pub struct RunMeta {
     pub operations_budget: u64,
     /// Limit of the work of the queries in a tick.
     pub query_work_budget: u64,
+    /// Costs of the counted work on this machine.
+    pub costs: WorkCosts,
     /// What the chain of safety did.
     pub safety: SafetyEvents,
     /// Real-time rights that were asked for.

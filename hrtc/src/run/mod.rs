@@ -96,6 +96,9 @@ pub struct RunArgs {
     /// First file of the recording; `off` records nothing, and without a path it is the scene's or
     /// one in the user's state folder.
     pub record: Option<PathBuf>,
+    /// How many times as long every stage of a tick takes, at least 1: the thread spins for the
+    /// rest. For tests of a slower machine.
+    pub slow: f64,
 }
 
 impl RunArgs {
@@ -122,6 +125,7 @@ impl RunArgs {
             output: Output::Text,
             started_ns: None,
             record: None,
+            slow: 1.0,
         }
     }
 
@@ -182,7 +186,8 @@ pub fn run_until(
     let mut scene = LoadedScene::new(args, &domain, stop.with_ramp)?;
     let _core = room::claim_core(&mut scene.plan.loop_);
     let devices = make_devices(devices, &scene)?;
-    let setup = setup_for(args, &devices).within(args.limits);
+    let mut setup = setup_for(args, &devices).within(args.limits);
+    setup.costs = room::measure_costs(&scene.plan.loop_, args.slow);
     let controller = Box::new(setup.controller(&mut scene.plan));
     let plan = &scene.plan;
     room::check(plan);
@@ -216,6 +221,7 @@ pub fn run_until(
         shared: Arc::clone(&shared),
         plan: plan.loop_,
         seconds: args.seconds,
+        slow: args.slow,
     })?;
     let monitor = Monitor {
         args,

@@ -16,6 +16,7 @@ use crate::result::{Accumulator, Finished, RunMeta, SupervisedLine};
 use crate::tick_record::TickRecord;
 use crate::tuning::{DRAIN_PERIOD, OFF_TIMEOUT, STATION_ABSENT_NS, STATUS_PERIOD_NS};
 use hrtc_core::contact::sphere_proxy::MAX_CONSTRAINTS;
+use hrtc_core::governor::WorkCosts;
 use hrtc_core::{Capacity, Controller, Fault};
 use realtime::rights::monotonic_ns;
 use rtrb::Consumer;
@@ -287,6 +288,7 @@ impl Monitor<'_> {
             start_to_first_tick_ms: first.saturating_sub(self.started_ns) as f64 / 1e6,
             operations_budget: u64::from(end.work_budget),
             query_work_budget: u64::from(end.query_budget),
+            costs: controller.map_or(WorkCosts::REFERENCE, |of| *of.governor().costs()),
             safety: self.shared.events(),
             rights: rights(&self.plan.loop_, self.is_recorded, &missing),
         }

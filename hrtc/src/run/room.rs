@@ -1,10 +1,13 @@
 //! Whether the plan of a run fits this machine, said before the first tick; and the core of the
 //! tick.
 
+use crate::calibration;
 use crate::message::note;
+use crate::tuning::CALIBRATION_STACK_BYTES;
+use hrtc_core::governor::WorkCosts;
 use realtime::core_claim::CoreClaim;
 use realtime::interrupts::{CoreLoad, InterruptedCore, QuietCores};
-use realtime::rights::usable_cores;
+use realtime::rights::{obtain, usable_cores};
 use scene::{ActiveSurface, LoopPlan, ScenePlan};
 
 /// The core of the tick: that of the scene, or where it names none the one of this process that
@@ -75,6 +78,26 @@ fn words<'a>(
         chosen.per_minute,
         others.join(", ")
     )
+}
+
+/// What the counted work costs here: measured on the tick's core and with its rights. Where that
+/// does not come about the costs of the reference machine count, which is said.
+pub(super) fn measure_costs(plan: &LoopPlan, slow: f64) -> WorkCosts {
+    let (core, priority) = (plan.core, plan.priority);
+    let measure = move || {
+        // What is missing is told by the tick's own thread.
+        let _rights = obtain(core, priority);
+        calibration::measure(slow)
+    };
+    let thread = std::thread::Builder::new()
+        .name("hrtc-costs".to_owned())
+        .stack_size(CALIBRATION_STACK_BYTES);
+    let measured = thread.spawn(measure).ok();
+    let measured = measured.and_then(|thread| thread.join().ok().flatten());
+    if measured.is_none() {
+        note!("the costs of this machine could not be measured, so the tick counts with others");
+    }
+    measured.map_or(WorkCosts::REFERENCE, |of| of.costs)
 }
 
 /// Says what of the plan this loop does not hold.

@@ -18,7 +18,7 @@ use hrtc_core::{Capacity, Controller, Stage, StageObserver, TickInputs, TickOutp
 use protocol::{ContactReport, Request};
 use realtime::counting_allocator;
 use realtime::pacer::{Pacer, Wake, Worked};
-use realtime::rights::{LatencyHold, monotonic_ns, obtain};
+use realtime::rights::{LatencyHold, monotonic_ns, obtain, thread_cpu_ns};
 use rtrb::{Consumer, Producer};
 use scene::{LoopPlan, MAX_PROBES};
 use std::any::Any;
@@ -56,6 +56,8 @@ pub(super) struct TickThread {
     pub plan: LoopPlan,
     /// Length of the run, seconds; without end when absent.
     pub seconds: Option<f64>,
+    /// See [`super::RunArgs::slow`].
+    pub slow: f64,
 }
 
 /// Results of the thread beside its tick records.
@@ -75,6 +77,10 @@ pub(super) struct TickThreadEnd {
 
 /// Wall time of each stage.
 struct StageClock {
+    /// See [`super::RunArgs::slow`].
+    slow: f64,
+    /// Processor time of the thread at the end of the last stage, ns, where it is slowed down.
+    last_cpu: u64,
     /// End of the last stage on CLOCK_MONOTONIC, ns.
     last: u64,
     /// Wall time of each stage, ns.
@@ -82,11 +88,28 @@ struct StageClock {
 }
 
 impl StageClock {
-    fn start() -> Self {
+    fn start(slow: f64) -> Self {
         Self {
+            slow,
+            last_cpu: if slow > 1.0 { thread_cpu_ns() } else { 0 },
             last: monotonic_ns(),
             stages: [0; STAGES.len()],
         }
+    }
+}
+
+impl StageClock {
+    /// Spins until the stage has taken `slow` times its own processor time.
+    fn slow_down(&mut self) {
+        if self.slow <= 1.0 {
+            return;
+        }
+        let own = thread_cpu_ns() - self.last_cpu;
+        let until = self.last_cpu + (self.slow * own as f64) as u64;
+        while thread_cpu_ns() < until {
+            std::hint::spin_loop();
+        }
+        self.last_cpu = thread_cpu_ns();
     }
 }
 
@@ -94,6 +117,7 @@ impl StageObserver for StageClock {
     fn ended(&mut self, stage: Stage) {
         #[cfg(test)]
         tests::panic_in_core(stage);
+        self.slow_down();
         let now = monotonic_ns();
         self.stages[stage as usize] = u32::try_from(now - self.last).unwrap_or(u32::MAX);
         self.last = now;
@@ -118,6 +142,8 @@ struct Lasting {
     force_cut: bool,
     /// Wall time of handing over the last tick, ns.
     record_ns: u32,
+    /// Processor time of the last tick, ns; 0 before the first.
+    work_ns: u32,
 }
 
 /// Tells the main thread that the tick thread has ended, by being dropped, also by a panic.
@@ -139,6 +165,7 @@ struct Ticked {
     samples: [Option<Sample>; MAX_PROBES],
     wrenches: [Wrench; MAX_PROBES],
     rises_again: bool,
+    noted_work_ns: u32,
 }
 
 impl TickThread {
@@ -157,6 +184,7 @@ impl TickThread {
             written: [Wrench::ZERO; MAX_PROBES],
             force_cut: false,
             record_ns: 0,
+            work_ns: 0,
         };
         thread.shared.ticking.store(true, Ordering::Release);
         let ticking = AssertUnwindSafe(|| thread.tick_until_stopped(&mut pacer, &mut lasting));
@@ -187,6 +215,7 @@ impl TickThread {
             let ticked = self.tick(&wake, stopping, lasting);
             let worked = pacer.done();
             self.hand_over(&wake, &worked, &ticked, lasting);
+            lasting.work_ns = worked.cpu_ns.saturating_add(lasting.record_ns);
             self.report_faults();
             if stopping && self.controller.is_at_rest() {
                 break;
@@ -244,6 +273,10 @@ impl TickThread {
         if rises_again {
             self.controller.force_was_cut();
         }
+        let noted_work_ns = lasting.work_ns;
+        if noted_work_ns > 0 {
+            self.controller.note_work(noted_work_ns);
+        }
         let Lasting {
             outputs,
             arrivals,
@@ -255,7 +288,7 @@ impl TickThread {
         let slots = self.rings.inbox.slots();
         arrivals.arrived += (slots - arrivals.waiting) as u64;
         high_water.inbox = slots.max(high_water.inbox);
-        let mut clock = StageClock::start();
+        let mut clock = StageClock::start(self.slow);
         let inputs = TickInputs {
             tick: wake.tick,
             samples: &samples[..self.devices.len()],
@@ -281,6 +314,7 @@ impl TickThread {
             samples,
             wrenches: lasting.written,
             rises_again,
+            noted_work_ns,
         }
     }
 
@@ -513,6 +547,7 @@ fn record(wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &Lasting) -> T
         samples: ticked.samples,
         force_cut: lasting.force_cut,
         rises_again: ticked.rises_again,
+        noted_work_ns: ticked.noted_work_ns,
         wrenches: ticked.wrenches,
         contacts: std::array::from_fn(|k| outputs.contacts.get(k).copied().flatten()),
         chunks_consumed: outputs.chunks_consumed as u32,

@@ -59,6 +59,27 @@ pub enum Drive<'a> {
     Hands,
 }
 
+/// The controller of a client before its first tick; a recording of the client plays through it.
+#[must_use]
+pub fn new_controller(plan: &ScenePlan, options: &ClientOptions) -> Controller {
+    let mut controller =
+        Controller::new(plan, options.identity, options.device_max_n, options.tour_s);
+    if options.station_is_far {
+        controller.station_is_far();
+    }
+    for (k, probe) in plan.probes.iter().enumerate() {
+        if let Some(rotation) = &probe.device.rotation {
+            let rendered = if rotation.is_rendered {
+                DegreesOfFreedom::Six
+            } else {
+                DegreesOfFreedom::Three
+            };
+            controller.set_rendered(k, rendered);
+        }
+    }
+    controller
+}
+
 /// A controller, its inbox, its link, and a hand for each probe.
 #[derive(Debug)]
 pub struct Client {
@@ -91,26 +112,11 @@ impl Client {
     pub fn new(plan: &ScenePlan, options: ClientOptions) -> Self {
         let ClientOptions {
             identity,
-            device_max_n,
-            tour_s,
             link,
-            station_is_far,
             link_seed,
+            ..
         } = options;
-        let mut controller = Controller::new(plan, identity, device_max_n, tour_s);
-        if station_is_far {
-            controller.station_is_far();
-        }
-        for (k, probe) in plan.probes.iter().enumerate() {
-            if let Some(rotation) = &probe.device.rotation {
-                let rendered = if rotation.is_rendered {
-                    DegreesOfFreedom::Six
-                } else {
-                    DegreesOfFreedom::Three
-                };
-                controller.set_rendered(k, rendered);
-            }
-        }
+        let controller = new_controller(plan, &options);
         let period_s = 1.0 / plan.loop_.rate_hz;
         let hands = plan.probes.iter().map(|probe| {
             let hand = Hand::new(probe.device, period_s);

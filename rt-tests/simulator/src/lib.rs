@@ -66,7 +66,7 @@ pub mod samples;
 pub mod simulation;
 pub mod summary;
 
-pub use client::{Client, ClientOptions, Drive, INBOX_CHUNKS};
+pub use client::{Client, ClientOptions, Drive, INBOX_CHUNKS, new_controller};
 pub use front::{front_faces, refined_front};
 pub use hand::Hand;
 pub use link::{Link, LinkCounts, LinkModel, MESSAGES};

@@ -44,7 +44,7 @@ fn write(reader: RecordingReader, folder: &Path, probes: usize) -> io::Result<u6
     writeln!(
         run,
         "tick,start_ns,skipped,wake_ns,work_cpu_ns,work_wall_ns,{stages},record_ns,work_units,query_work,\
-         vsplits,ecols,active_faces,cache_bytes,bytes_received,requests"
+         operation_faces,allowed_ns,spent_ns,vsplits,ecols,active_faces,cache_bytes,bytes_received,requests"
     )?;
     let tables = (0..probes).map(|k| create(format!("probe-{k}.csv")));
     let mut tables = tables.collect::<io::Result<Vec<_>>>()?;
@@ -87,6 +87,9 @@ fn run_row(record: &TickRecord) -> String {
     for number in [
         core.work_units,
         core.query_work,
+        core.operation_faces,
+        core.allowed_ns,
+        core.spent_ns,
         core.vsplits,
         core.ecols,
         core.active_faces,

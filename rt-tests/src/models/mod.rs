@@ -115,36 +115,51 @@ impl<D: AsRef<[u8]>> Model<D> {
     /// All records loaded into the slots of their numbers, none performed: handles are the file's
     /// ids.
     ///
-    /// R is rounded up to f32, as the controller does.
-    ///
     /// # Panics
     /// Never: the file has checked its base mesh when it was opened.
     #[must_use]
     pub fn active_mesh(&self) -> ActiveMesh {
+        let mut mesh = self.base_mesh();
+        for record in &self.records {
+            self.load(&mut mesh, record);
+        }
+        mesh
+    }
+
+    /// The base mesh, with room for every record.
+    ///
+    /// # Panics
+    /// Never: the file has checked its base mesh when it was opened.
+    #[must_use]
+    pub fn base_mesh(&self) -> ActiveMesh {
         let header = self.file.model_header();
-        let scale = ErrorScale::for_diagonal(header.diagonal);
-        let radius = |code: u16| {
-            let exact = scale.decode(code);
-            let rounded = exact as f32;
-            if f64::from(rounded) < exact {
-                rounded.next_up()
-            } else {
-                rounded
-            }
-        };
         let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
         for (handle, vertex) in (0u32..).zip(self.file.base_vertices()) {
-            mesh.set_base_vertex(handle, vertex.position, radius(vertex.r as u16));
+            mesh.set_base_vertex(handle, vertex.position, self.radius(vertex.r as u16));
         }
         for (handle, face) in (0u32..).zip(self.file.base_faces()) {
             let set = mesh.set_base_face(handle, face.corners, face.neighbours);
             assert!(set.is_some(), "the file has checked its base mesh");
         }
-        for record in &self.records {
-            let radii = [radius(record.r_t), radius(record.r_u)];
-            mesh.load(record.i, record, record.vs, record.fn_, radii);
-        }
         mesh
+    }
+
+    /// Loads a record into the slot of its number.
+    pub fn load(&self, mesh: &mut ActiveMesh, record: &VspRecord) {
+        let radii = [self.radius(record.r_t), self.radius(record.r_u)];
+        mesh.load(record.i, record, record.vs, record.fn_, radii);
+    }
+
+    /// R of a code, rounded up to f32, as the controller does.
+    fn radius(&self, code: u16) -> f32 {
+        let scale = ErrorScale::for_diagonal(self.file.model_header().diagonal);
+        let exact = scale.decode(code);
+        let rounded = exact as f32;
+        if f64::from(rounded) < exact {
+            rounded.next_up()
+        } else {
+            rounded
+        }
     }
 
     /// The faces of the full mesh, in the order of the AB-tree.

@@ -4,7 +4,7 @@ use super::Model;
 use crate::failure::Failure;
 use scene::ModelSource;
 use spm_builder::generate::{Shape, generate};
-use spm_builder::{BuildOptions, NoProgress};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh};
 use std::path::PathBuf;
 
 /// Seed of a generated shape.
@@ -49,16 +49,31 @@ pub fn typed_or(typed: &[String], default: &[&str]) -> Vec<String> {
 /// # Errors
 /// One sentence that names it.
 pub fn open(typed: &str) -> Result<Model, Failure> {
-    let options = BuildOptions::default();
+    open_with(typed, &BuildOptions::default())
+}
+
+/// The same with other options for a mesh; an SPM file is taken as it is.
+///
+/// # Errors
+/// One sentence that names it.
+pub fn open_with(typed: &str, options: &BuildOptions) -> Result<Model, Failure> {
     match source(typed)? {
-        (_, ModelSource::File(path)) => Model::open(&path, &options, &NoProgress),
+        (_, ModelSource::File(path)) => Model::open(&path, options, &NoProgress),
         (name, ModelSource::Generate { shape, faces }) => {
-            let shape: Shape = shape
-                .parse()
-                .map_err(|_| Failure::Input(format!("{shape} is no shape")))?;
-            let mesh = generate(shape, faces, SHAPE_SEED);
-            Model::build(name, mesh, &options, &NoProgress)
+            let mesh = shape_soup(&shape, faces)?;
+            Model::build(name, mesh, options, &NoProgress)
                 .map_err(|error| Failure::Run(error.to_string()))
         }
     }
+}
+
+/// The mesh of a generated shape.
+///
+/// # Errors
+/// When there is no such shape.
+pub fn shape_soup(shape: &str, faces: u32) -> Result<SoupMesh, Failure> {
+    let parsed: Shape = shape
+        .parse()
+        .map_err(|_| Failure::Input(format!("{shape} is no shape")))?;
+    Ok(generate(parsed, faces, SHAPE_SEED))
 }

@@ -2,16 +2,22 @@
 //! of a given length. What it misses, the machine misses.
 
 use super::load::arithmetic;
+use super::process::{Event, Process};
 use super::stop::is_set;
 use crate::failure::Failure;
 use crate::report::output::print_json;
 use clap::Args;
 use hrtc::result::{Accumulator, Finished, Right, RunMeta, SupervisedLine};
+use hrtc::run::tick_core;
 use hrtc::tick_record::{STAGES, TickRecord};
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::{Pacer, Wake, Worked};
 use realtime::rights::{obtain, thread_cpu_ns};
+use scene::LoopPlan;
+use std::ffi::OsString;
 use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
 
 /// What the bare loop's role is told.
 #[derive(Debug, Args)]
@@ -34,6 +40,53 @@ pub struct BareArgs {
     /// Thread CPU of the fixed arithmetic of a tick; 0 for an empty body.
     #[arg(long, default_value_t = 0)]
     pub work_ns: u64,
+}
+
+/// Time that a bare loop may take beyond its seconds.
+const TIMEOUT_S: f64 = 30.0;
+
+/// A bare loop in a process of its own, with this loop's rate, rights and core, and so much fixed
+/// arithmetic a tick; all but its tick goes to another core.
+///
+/// # Errors
+/// When the process fails, or ends before there is a result.
+pub fn run_bare(
+    plan: &LoopPlan,
+    other_core: Option<usize>,
+    seconds: f64,
+    work_ns: u64,
+    stop: &AtomicBool,
+) -> Result<Finished, Failure> {
+    let mut typed: Vec<OsString> = vec!["role-bare".into()];
+    typed.push(format!("--rate-hz={}", plan.rate_hz).into());
+    typed.push(format!("--priority={}", plan.priority).into());
+    typed.push(format!("--spin-us={}", plan.spin_us).into());
+    typed.push(format!("--seconds={seconds}").into());
+    typed.push(format!("--work-ns={work_ns}").into());
+    if let Some(core) = tick_core(plan) {
+        typed.push(format!("--core={core}").into());
+    }
+    let (sender, events) = channel();
+    let mut process = Process::start("bare loop", &typed, other_core, &sender)?;
+    // With the last sender gone, the events end when the process does.
+    drop(sender);
+    let deadline = Instant::now() + Duration::from_secs_f64(seconds + TIMEOUT_S);
+    let mut finished = None;
+    while Instant::now() < deadline {
+        match events.recv_timeout(Duration::from_millis(100)) {
+            Ok(Event::Line(_, line)) => {
+                if let Ok(SupervisedLine::Finished(result)) = serde_json::from_str(&line) {
+                    finished = Some(*result);
+                }
+            }
+            Ok(Event::Said(..)) => {}
+            Err(RecvTimeoutError::Timeout) if is_set(stop) => process.terminate(),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+    }
+    let status = process.wait(Duration::from_secs(1));
+    finished.ok_or_else(|| process.failure(status))
 }
 
 /// Runs the loop and prints its result as the controller does.

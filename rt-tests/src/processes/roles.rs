@@ -20,6 +20,9 @@ pub struct LoopArgs {
     /// Microseconds before a deadline that are spun.
     #[arg(long)]
     pub spin_us: Option<u64>,
+    /// How many times as long every stage of a tick takes.
+    #[arg(long)]
+    pub slow: Option<f64>,
 }
 
 impl LoopArgs {
@@ -38,7 +41,9 @@ impl LoopArgs {
     pub fn typed(self) -> Vec<OsString> {
         let rate = self.rate.map(|rate| format!("--rate={rate}"));
         let spin = self.spin_us.map(|spin| format!("--spin-us={spin}"));
-        rate.into_iter().chain(spin).map(OsString::from).collect()
+        let slow = self.slow.map(|slow| format!("--slow={slow}"));
+        let all = rate.into_iter().chain(spin).chain(slow);
+        all.map(OsString::from).collect()
     }
 }
 
@@ -127,6 +132,7 @@ pub fn controller(args: ControllerArgs) -> Result<(), Failure> {
         output: hrtc::run::Output::Supervised,
         started_ns: Some(args.started_ns),
         record: args.record,
+        slow: args.loop_.slow.unwrap_or(1.0),
         ..hrtc::run::RunArgs::new(&args.scene, &args.domain)
     };
     hrtc::run::run_with(&registry(), &run, &stop).map_err(|error| Failure::Input(error.to_string()))

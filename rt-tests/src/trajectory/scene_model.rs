@@ -9,7 +9,7 @@ use glam::DVec3;
 use hrtc_core::Controller;
 use protocol::{Request, TourAsk, TourPoint};
 use scene::{NoFiles, Overrides, ScenePlan, TrajectoryPlan, parse};
-use simulator::{Client, ClientOptions, STATION, Simulation};
+use simulator::{Client, ClientOptions, STATION, Simulation, new_controller};
 use spm::{FileError, SpmFile, write_spm};
 use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model};
 use station_core::station::{ServedModel, ServedObject, Station};
@@ -127,7 +127,11 @@ impl SceneModel {
     /// A fresh controller of a plan.
     #[must_use]
     pub fn controller(plan: &ScenePlan) -> Controller {
-        Controller::new(plan, ClientOptions::default().identity, DEVICE_MAX_N, 0.0)
+        let options = ClientOptions {
+            device_max_n: DEVICE_MAX_N,
+            ..ClientOptions::default()
+        };
+        new_controller(plan, &options)
     }
 
     /// Controller and station of a plan, with nothing sent yet.

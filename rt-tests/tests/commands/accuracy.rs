@@ -50,6 +50,13 @@ fn a_short_run_holds_its_checks_and_gives_every_field_and_file_and_repeats() {
     assert!(values[0] / finest >= 1e3, "three decades: {values:?}");
     assert_eq!(values.last(), Some(&0.0), "and the full mesh");
     assert!(of("global").count() > 3 && of("prefix").count() > 3);
+    let others = "grid base_mesh cache predictor operations rate geomorph effect tool_faces";
+    for knob in others.split(' ') {
+        let points: Vec<&Value> = points.iter().filter(|p| p["knob"] == knob).collect();
+        assert!(points.len() > 1, "{knob}");
+        let says = |p: &&&Value| !p["setting"].as_str().unwrap().is_empty();
+        assert_eq!(points.iter().filter(says).count(), points.len(), "{knob}");
+    }
 
     // The base mesh is felt as another shape, the full mesh as itself, and it costs bytes to get
     // there.

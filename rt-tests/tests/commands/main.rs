@@ -7,5 +7,6 @@ mod fronts;
 mod predictors;
 mod stability;
 mod stability_peers;
+mod thesis;
 mod tools;
 mod typed;

@@ -77,6 +77,7 @@ impl World {
             motion_limits: Vec::new(),
             tour_seconds: TOUR_S,
             station_is_far: false,
+            costs: hrtc_core::governor::WorkCosts::REFERENCE,
         };
         let head = RecordingHead::new(&path, &overrides, &setup, &files, 1);
         let spm = model();

@@ -3,6 +3,7 @@
 mod faults;
 mod hosts;
 mod jitter;
+mod tune;
 #[path = "../commands/typed.rs"]
 mod typed;
 

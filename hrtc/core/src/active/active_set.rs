@@ -312,6 +312,14 @@ impl ActiveSet {
         });
     }
 
+    /// Pairs of a probe and an object near it, as the tick before left them.
+    #[must_use]
+    pub fn near_pairs(&self) -> usize {
+        let known = self.objects.iter().filter(|of| of.frame.is_some());
+        let near = known.map(|of| of.contacts.pairs.iter().filter(|pair| pair.is_near).count());
+        near.sum()
+    }
+
     /// Finds the objects near a probe, and makes the one that needs it most active. Returns the
     /// pairs of a probe and an object that could touch now though the object is not ready.
     pub fn activate(

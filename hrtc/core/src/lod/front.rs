@@ -47,6 +47,10 @@ pub struct FrontStats {
     pub ecols: u32,
     /// Work units spent.
     pub work_units: u32,
+    /// Faces that operations and geomorphs changed, with what each operation counts more.
+    pub faces: u32,
+    /// Closure entries gone through.
+    pub entries: u32,
     /// Perceptible splits that wait for room, or for a geomorph beside them.
     pub deferred: u32,
     /// Perceptible splits that would turn a face over.
@@ -70,7 +74,12 @@ pub struct Front {
     /// The loaded and the refined front.
     pub cache: Cache,
     pub(super) model: Option<FrontModel>,
-    pub(super) operations: usize,
+    /// Operations a tick at the most.
+    max_operations: f64,
+    /// Operations a tick that there is time for.
+    pub(super) operations: f64,
+    /// Steps by which less is asked for since time is short.
+    pub(super) time_steps: u32,
     /// Splits, and collapses, a tick where nothing is urgent.
     pub(super) min_operations: u32,
     pub(super) plan: RefinementPlan,
@@ -111,7 +120,9 @@ impl Front {
         Self {
             cache: Cache::new(bytes),
             model: None,
-            operations: plan.loop_.operations,
+            max_operations: plan.loop_.operations as f64,
+            operations: plan.loop_.operations as f64,
+            time_steps: 0,
             min_operations: TickWork::new(plan.loop_.rate_hz).min_operations,
             plan: plan.accuracy.refinement,
             tolerance_m: plan.accuracy.tolerance_m,
@@ -179,6 +190,12 @@ impl Front {
         }
     }
 
+    /// There is time for so many operations a tick, after so many steps by which less is asked for.
+    pub fn set_time(&mut self, operations: f64, steps: u32) {
+        self.operations = operations;
+        self.time_steps = steps;
+    }
+
     /// Predicts from these sources from now on.
     pub fn set_sources(&mut self, sources: Sources) {
         for approach in &mut self.approaches {
@@ -234,7 +251,7 @@ impl Front {
         let radius = widest_m / of.metres_per_unit;
         let reach = RADII_AROUND * radius;
         let lead = self.horizons.prediction.lead;
-        of.lod.limit(0, reach, lead, self.operations as f64)
+        of.lod.limit(0, reach, lead, self.max_operations)
     }
 
     /// Ticks that the slowest probe takes over a cell of the finest ring; infinite at rest.

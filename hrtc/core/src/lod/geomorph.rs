@@ -10,7 +10,7 @@ use crate::perception::{
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::{IMMEDIATE_SHARE, STEPS_PER_OPERATION};
 use mutants::{Mutant, is};
-use spm::{Handle, OperationError, Slot};
+use spm::{Handle, OperationError, OperationFaces, Slot};
 
 /// How a split or collapse is to be performed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,8 +66,12 @@ impl Front {
         // Where a tick has no time for all, they take turns.
         let first = if count > max_steps { tick as usize } else { 0 };
         let (mut steps, mut k) = (0, 0);
-        while k < count && steps < max_steps {
-            steps += self.step_geomorph((first + k) % count, contacts);
+        while k < count && steps < max_steps && budget.faces > 0 {
+            let stepped = self.step_geomorph((first + k) % count, contacts);
+            steps += stepped;
+            if stepped > 0 {
+                self.charge(self.faces.deformed().len() as u32, budget);
+            }
             k += 1;
         }
         self.cache.finish_geomorphs();
@@ -85,13 +89,13 @@ impl Front {
             let creator = self.cache.mesh().creator_of_vertex(geomorph.vertex());
             let arrived = geomorph.is_to_parent() && geomorph.done() >= 1.0;
             match creator.filter(|&slot| arrived && self.cache.mesh().has_reached_parent(slot)) {
-                Some(slot) if budget.operations > 0 => {
+                Some(slot) if budget.has_operations() => {
                     if !self.collapse(slot, contacts) {
                         // The fans have become too large meanwhile: the pair parts again.
                         self.cache.cancel_collapse(slot);
                         index += 1;
                     }
-                    budget.operations -= 1;
+                    self.charge_operation(budget);
                     self.stats.work_units += 1;
                 }
                 _ => index += 1,
@@ -279,7 +283,7 @@ impl Front {
         }
         let count = mesh.geomorphs().len();
         // No more geomorphs than a tick has operations.
-        let has_room = mesh.can_start_geomorph() && count + 2 <= self.operations.max(2);
+        let has_room = mesh.can_start_geomorph() && count + 2 <= (self.operations as usize).max(2);
         if !has_room || mesh.any_geomorphing(faces.deformed()) {
             Transition::Deferred
         } else if folds == Folds::Wait && turns_over(mesh, slot, faces) {
@@ -296,22 +300,31 @@ impl Front {
 
     /// Performs the collapse that has waited longest; if a probe perceives it, a geomorph comes
     /// first.
-    pub(super) fn collapse_oldest(&mut self, contacts: &mut Contacts) -> CollapseOutcome {
+    pub(super) fn collapse_oldest(
+        &mut self,
+        budget: &mut Budget,
+        contacts: &mut Contacts,
+    ) -> CollapseOutcome {
         let Some(slot) = self.cache.oldest_collapse() else {
             return CollapseOutcome::None;
         };
         self.stats.work_units += 1;
+        self.faces.set_limit(budget.max_fan as usize);
         let parent = self.cache.mesh().parent(slot);
-        match self.transition(slot, &[parent], Folds::Wait, contacts) {
-            Transition::Immediate if self.collapse(slot, contacts) => {
-                return CollapseOutcome::Done;
+        let outcome = match self.transition(slot, &[parent], Folds::Wait, contacts) {
+            Transition::Immediate if self.collapse(slot, contacts) => CollapseOutcome::Done,
+            transition => {
+                match transition {
+                    Transition::Geomorph => self.cache.start_collapse(slot),
+                    // Immediate: its fans are too large on this front.
+                    _ => self.cache.defer_collapse(slot),
+                }
+                CollapseOutcome::Later
             }
-            // Its fans are too large on this front.
-            Transition::Immediate => self.cache.defer_collapse(slot),
-            Transition::Geomorph => self.cache.start_collapse(slot),
-            Transition::Deferred | Transition::Rejected => self.cache.defer_collapse(slot),
-        }
-        CollapseOutcome::Later
+        };
+        self.charge_operation(budget);
+        self.faces.set_limit(OperationFaces::MAX_FACES);
+        outcome
     }
 
     /// Performs a collapse; false when its fans are too large on this front.

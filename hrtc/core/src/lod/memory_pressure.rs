@@ -4,6 +4,78 @@ use super::lod_controller::MAX_RINGS;
 use crate::horizons::PressureHorizons;
 use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
 
+/// Steps by which less is asked for, while room or time are short. Back it goes one step at a time,
+/// after a wait that doubles whenever the step back turned out to be too early.
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
+pub struct Steps {
+    horizons: PressureHorizons,
+    count: u32,
+    /// Tick of the last change.
+    changed: u64,
+    /// Tick of the last want.
+    wanted: Option<u64>,
+    /// Whether the last change was a step back.
+    went_back: bool,
+    /// Ticks without want after which it goes back a step.
+    wait_ticks: u64,
+}
+
+impl Steps {
+    /// None is taken.
+    #[must_use]
+    pub fn new(horizons: PressureHorizons) -> Self {
+        Self {
+            horizons,
+            count: 0,
+            changed: 0,
+            wanted: None,
+            went_back: false,
+            wait_ticks: horizons.wait,
+        }
+    }
+
+    /// Steps taken now.
+    #[must_use]
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// There was not enough. Whether another step may be taken: the one before must have had time
+    /// to take effect.
+    pub fn want(&mut self, tick: u64) -> bool {
+        self.wanted = Some(tick);
+        if self.count > 0 && !self.went_back && tick <= self.changed + self.horizons.settle {
+            return false;
+        }
+        if self.went_back && tick <= self.changed + self.horizons.early {
+            self.wait_ticks = (2 * self.wait_ticks).min(self.horizons.max_wait);
+        }
+        true
+    }
+
+    /// Takes another step.
+    pub fn step(&mut self, tick: u64) {
+        self.count = (self.count + 1).min(MAX_STEPS);
+        self.changed = tick;
+        self.went_back = false;
+    }
+
+    /// Goes back a step when there was enough for long enough.
+    pub fn recover(&mut self, tick: u64) {
+        let Some(wanted) = self.wanted else {
+            return;
+        };
+        let since = wanted.max(self.changed);
+        if self.count > 0 && tick > since + self.wait_ticks {
+            self.count -= 1;
+            self.changed = tick;
+            self.went_back = true;
+        } else if self.count == 0 && tick > since + self.horizons.early {
+            self.wait_ticks = self.horizons.wait;
+        }
+    }
+}
+
 /// What is done without while the cache is too small for what is wanted.
 ///
 /// Each step that turns out not to be enough is followed by the next: first nothing is loaded ahead
@@ -12,16 +84,7 @@ use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
 /// be too early.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct MemoryPressure {
-    horizons: PressureHorizons,
-    steps: u32,
-    /// Tick of the last change.
-    changed: u64,
-    /// Tick when the cache was last too small.
-    starved: Option<u64>,
-    /// Whether that change was a step back.
-    went_back: bool,
-    /// Ticks without want after which it goes back a step.
-    wait_ticks: u64,
+    steps: Steps,
     /// Contact ticks that were coarser than the finest ring, less those that were not.
     misses: u32,
 }
@@ -34,12 +97,7 @@ impl MemoryPressure {
     #[must_use]
     pub fn new(horizons: PressureHorizons) -> Self {
         Self {
-            horizons,
-            steps: 0,
-            changed: 0,
-            starved: None,
-            went_back: false,
-            wait_ticks: horizons.wait,
+            steps: Steps::new(horizons),
             misses: 0,
         }
     }
@@ -49,75 +107,59 @@ impl MemoryPressure {
         self.misses = if as_fine {
             self.misses.saturating_sub(1)
         } else {
-            (self.misses + 1).min(self.horizons.misses)
+            (self.misses + 1).min(self.steps.horizons.misses)
         };
     }
 
     /// The cache could not hold what was to come.
     pub fn starve(&mut self, tick: u64) {
-        self.starved = Some(tick);
-        // The step before must have had time to take effect.
-        if self.steps > 0 && !self.went_back && tick <= self.changed + self.horizons.settle {
+        if !self.steps.want(tick) {
             return;
-        }
-        if self.went_back && tick <= self.changed + self.horizons.early {
-            self.wait_ticks = (2 * self.wait_ticks).min(self.horizons.max_wait);
         }
         // A block that comes in time for the contact now and again fits: a coarser one would be
         // coarser always.
-        if self.steps >= STEPS_BEFORE_COARSER && self.misses < self.horizons.misses / 2 {
+        let is_coarser = self.steps.count >= STEPS_BEFORE_COARSER;
+        if is_coarser && self.misses < self.steps.horizons.misses / 2 {
             return;
         }
         self.misses = 0;
-        self.steps = (self.steps + 1).min(MAX_STEPS);
-        self.changed = tick;
-        self.went_back = false;
+        self.steps.step(tick);
     }
 
     /// Goes back a step when there was room for long enough.
     pub fn recover(&mut self, tick: u64) {
-        let Some(starved) = self.starved else {
-            return;
-        };
-        let since = starved.max(self.changed);
-        if self.steps > 0 && tick > since + self.wait_ticks {
-            self.steps -= 1;
-            self.changed = tick;
-            self.went_back = true;
-        } else if self.steps == 0 && tick > since + self.horizons.early {
-            self.wait_ticks = self.horizons.wait;
-        }
+        self.steps.recover(tick);
     }
 
     /// Steps taken now.
     #[must_use]
     pub fn steps(&self) -> u32 {
-        self.steps
+        self.steps.count
     }
 
     /// Whether regions may be loaded ahead of need.
     #[must_use]
     pub fn may_prefetch(&self) -> bool {
-        self.steps == 0
+        self.steps.count == 0
     }
 
     /// Whether there is room for rings around the finest one.
     #[must_use]
     pub fn has_rings(&self) -> bool {
-        self.steps < STEPS_BEFORE_COARSER
+        self.steps.count < STEPS_BEFORE_COARSER
     }
 
     /// Rings by which the finest is raised.
     #[must_use]
     pub fn raised(&self) -> usize {
-        self.steps.saturating_sub(STEPS_BEFORE_COARSER) as usize
+        self.steps.count.saturating_sub(STEPS_BEFORE_COARSER) as usize
     }
 
     /// Whether regions may be asked for at all.
     #[must_use]
     pub fn may_ask(&self, tick: u64) -> bool {
-        self.starved
-            .is_none_or(|at| tick > at + self.horizons.pause)
+        let wanted = self.steps.wanted;
+        wanted.is_none_or(|at| tick > at + self.steps.horizons.pause)
     }
 }
 

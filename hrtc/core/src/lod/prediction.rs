@@ -9,6 +9,7 @@ use crate::budget::QueryBudget;
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::closest_point_within;
 use crate::probe::contacts::Contacts;
+use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
 use crate::tuning::prediction::{BLOCK_SHARE, MAX_WAITING, RADII_AROUND};
 use scene::RefinementPlan;
 use spm::RegionId;
@@ -47,7 +48,8 @@ impl Front {
     ) -> (&mut Cache, impl Iterator<Item = Unknown>) {
         // Answers come in the order of the requests: what is only ahead must not delay what is
         // needed next.
-        let may_prefetch = self.pressure.may_prefetch() && waiting < MAX_WAITING;
+        let may_prefetch =
+            self.pressure.may_prefetch() && self.time_steps == 0 && waiting < MAX_WAITING;
         let unknown = if may_request {
             self.predictions.unknown()
         } else {
@@ -75,15 +77,17 @@ impl Front {
             cache,
             approaches,
             pressure,
+            time_steps,
             horizons,
             ..
         } = self
         else {
             return;
         };
-        let operations = self.operations as f64;
-        let rings = pressure.has_rings();
-        let raised = pressure.raised();
+        let operations = self.operations;
+        let rings = pressure.has_rings() && *time_steps < STEPS_BEFORE_COARSER;
+        let for_time = time_steps.saturating_sub(STEPS_BEFORE_COARSER) as usize;
+        let raised = pressure.raised().max(for_time);
         let mut finest = None;
         let pairs = contacts.pairs.iter().zip(approaches);
         for (pair, approach) in pairs.filter(|(pair, _)| pair.is_near) {

@@ -7,11 +7,13 @@ use super::predict::TURNS;
 use crate::budget::Budget;
 use crate::cache::{AfterUnload, Region};
 use crate::probe::contacts::Contacts;
+use crate::tuning::governor::OPERATION_FACES;
 use crate::tuning::lod::{
-    BEHIND_SHARE, CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT, MAX_WANTED,
+    BEHIND_SHARE, CHANGES_PER_UNIT, ENTRIES_PER_OPERATION, ENTRIES_PER_WAIT, FACES_PER_WAIT,
+    MAX_WANTED,
 };
 use crate::work::TickWork;
-use spm::{OperationError, Slot};
+use spm::{OperationError, OperationFaces, Slot};
 
 /// The most work units that refinement may take a tick: operations, and closure entries gone
 /// through, of which [`CHANGES_PER_UNIT`] count as one where they change set, are unloaded or
@@ -66,6 +68,7 @@ impl Front {
         let is_kept = |region: &usize| cache.regions.get(*region).is_some_and(Region::is_resident);
         self.wanted.retain(is_kept);
         let spent = self.update_wanted(tick, contacts, &mut budget.entries);
+        budget.charge_entries(spent);
         self.step_geomorphs(tick, budget, contacts);
         let allowed_entries = budget.entries;
         self.split_wanted(tick, budget, contacts);
@@ -74,15 +77,17 @@ impl Front {
             let region = cache.regions.get(region);
             region.is_some_and(|r| r.is_resident() && (r.wanted || r.changing > 0))
         });
-        self.stats.work_units += spent + allowed_entries - budget.entries + self.stats.vsplits;
+        let entries = spent + allowed_entries - budget.entries;
+        self.stats.entries += entries;
+        self.stats.work_units += entries + self.stats.vsplits;
         let backlog = self.cache.to_collapse() / self.horizons.collapse;
         let is_busy = self.stats.vsplits > self.min_operations;
         let least = if is_busy { 0 } else { self.min_operations };
         for _ in 0..backlog.max(least).min(budget.operations) {
-            if self.collapse_oldest(contacts) == CollapseOutcome::None {
+            let ends = !budget.has_operations();
+            if ends || self.collapse_oldest(budget, contacts) == CollapseOutcome::None {
                 break;
             }
-            budget.operations -= 1;
         }
         self.cache.go_on_unloading(&mut budget.upkeep);
         self.keep_some_room(tick, budget);
@@ -97,7 +102,7 @@ impl Front {
         // Collapses come first only when the records that wait need their room; see `make_room`.
         for k in 0..self.queue.len() {
             let region = (self.queue[k] & 0xFFFF) as usize;
-            while budget.operations > 0 && budget.entries > 0 && self.stats.vsplits < allowed {
+            while budget.has_operations() && budget.entries > 0 && self.stats.vsplits < allowed {
                 let Some(slot) = self.cache.next_split(region, &mut budget.entries) else {
                     break;
                 };
@@ -127,6 +132,7 @@ impl Front {
                 }
             }
         }
+        self.faces.set_limit(OperationFaces::MAX_FACES);
     }
 
     /// Performs a split, unless it has to wait: how, or why not.
@@ -137,13 +143,18 @@ impl Front {
         budget: &mut Budget,
         contacts: &mut Contacts,
     ) -> Result<Transition, OperationError> {
+        self.faces.set_limit(budget.max_fan as usize);
         let transition = self.transition_of_split(slot, folds, contacts);
         if !transition.is_performed() {
+            // To find that it has to wait is a part of what it would have cost.
+            let looked_at = self.faces.deformed().len() as u32;
+            self.charge(looked_at / FACES_PER_WAIT, budget);
             return Ok(transition);
         }
         match self.split(slot, transition, budget, contacts) {
             Ok(()) => Ok(transition),
             Err(OperationError::TooManyFaces(_)) => {
+                self.charge(budget.max_fan / FACES_PER_WAIT, budget);
                 self.stats.deferred += 1;
                 Ok(Transition::Deferred)
             }
@@ -167,9 +178,21 @@ impl Front {
         if transition == Transition::Geomorph {
             self.finish_small_geomorph(contacts);
         }
-        budget.operations -= 1;
+        self.charge_operation(budget);
         self.stats.vsplits += 1;
         Ok(())
+    }
+
+    /// A split or collapse has changed the faces in `self.faces`.
+    pub(super) fn charge_operation(&mut self, budget: &mut Budget) {
+        budget.charge_operation(&self.faces);
+        self.stats.faces += OPERATION_FACES + self.faces.deformed().len() as u32;
+    }
+
+    /// Faces were looked at, or moved by a geomorph.
+    pub(super) fn charge(&mut self, faces: u32, budget: &mut Budget) {
+        budget.charge_faces(faces);
+        self.stats.faces += faces;
     }
 
     /// Performs splits of a region behind one that has to wait: they are not perceived more than
@@ -184,7 +207,7 @@ impl Front {
     ) -> bool {
         let before = *entries;
         let (mut place, mut none_comes) = (None, true);
-        while budget.operations > 0 {
+        while budget.has_operations() {
             let Some(slot) = self.cache.next_split_behind(region, &mut place, entries) else {
                 break;
             };

@@ -54,12 +54,10 @@ impl Front {
             if self.cache.has_slot() {
                 return true;
             }
-            if budget.operations > 0 {
-                let collapsed = self.collapse_oldest(contacts);
-                budget.operations -= u32::from(collapsed != CollapseOutcome::None);
-                if collapsed == CollapseOutcome::Done {
-                    continue;
-                }
+            if budget.has_operations()
+                && self.collapse_oldest(budget, contacts) == CollapseOutcome::Done
+            {
+                continue;
             }
             let due = self.cache.regions.at(asking).due;
             if budget.operations == 0 || !self.release_one(Some(due), tick, budget) {

@@ -9,6 +9,8 @@ pub struct Outbox {
     requests: Vec<Request>,
     /// Requests that there may be when the present session has used its quota.
     limit: usize,
+    /// Requests that each session may make.
+    quota: usize,
 }
 
 impl Outbox {
@@ -18,6 +20,7 @@ impl Outbox {
         Self {
             requests: Vec::with_capacity(REQUESTS_PER_TICK * sessions),
             limit: 0,
+            quota: REQUESTS_PER_TICK,
         }
     }
 
@@ -31,11 +34,18 @@ impl Outbox {
     pub fn clear(&mut self) {
         self.requests.clear();
         self.limit = 0;
+        self.quota = REQUESTS_PER_TICK;
     }
 
-    /// The quota of another session begins: `REQUESTS_PER_TICK` requests.
+    /// Each session may make so many requests from now on, at least one and at most
+    /// `REQUESTS_PER_TICK`, until the outbox is emptied.
+    pub fn set_quota(&mut self, requests: usize) {
+        self.quota = requests.clamp(1, REQUESTS_PER_TICK);
+    }
+
+    /// The quota of another session begins.
     pub fn begin_quota(&mut self) {
-        let limit = self.requests.len() + REQUESTS_PER_TICK;
+        let limit = self.requests.len() + self.quota;
         self.limit = limit.min(self.requests.capacity());
     }
 

@@ -96,6 +96,7 @@ fn thread(read_in: u32, write_in: u32) -> (TickThread, Arc<Mutex<Told>>) {
         shared,
         plan: plan.loop_,
         seconds: Some(1.0),
+        slow: 1.0,
     };
     (thread, told)
 }

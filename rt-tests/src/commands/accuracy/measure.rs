@@ -1,14 +1,16 @@
 //! Errors, forces and bytes of each setting on the poses of the reference.
 
+use super::knobs::Variant;
 use super::result::Point;
 use crate::failure::Failure;
-use crate::report::quantile::Quantiles;
+use crate::report::quantile::{Quantiles, median};
 use crate::trajectory::reference::{Reference, come_to_rest, make_ready};
 use crate::trajectory::scene_model::SceneModel;
 use glam::DVec3;
 use hrtc::run::FIXED_BYTES;
 use hrtc_core::Controller;
 use hrtc_core::contact::query::{Surface, faces_within};
+use hrtc_core::lod::predict::Sources;
 use hrtc_core::record::max_or_nan;
 use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
@@ -36,6 +38,10 @@ pub struct Measured {
     pub start: usize,
     /// The plan.
     pub plan: ScenePlan,
+    /// Sources of the prediction, where they are not the product's.
+    pub sources: Option<Sources>,
+    /// Of each tick of the trajectory, whether the full mesh is touched.
+    pub contact: Vec<bool>,
 }
 
 /// What is collected over the contacts of a setting.
@@ -58,12 +64,18 @@ struct Contacts {
 pub fn measure(
     model: &SceneModel,
     reference: &Reference,
-    plan: ScenePlan,
-    mut point: Point,
+    Variant {
+        mut point,
+        plan,
+        sources,
+    }: Variant,
 ) -> Result<Measured, Failure> {
     let damaged =
         |error: FileError| Failure::Input(format!("the model {}: {error}", model.mesh.name));
     let mut simulation = model.simulation(&plan)?;
+    if let Some(sources) = sources {
+        simulation.controller_mut().set_sources(sources);
+    }
     simulation.client_mut().record();
     let scale = model.metres_per_unit;
     let period_ms = 1e3 / plan.loop_.rate_hz;
@@ -75,10 +87,14 @@ pub fn measure(
     point.settled_ms = settled as f64 * period_ms;
     let start = simulation.tick() as usize;
     let mut all = Contacts::default();
+    let mut before = reference.rest.pose.position;
+    let mut stretches = Stretches::new(rounding);
     for (sample, exact) in reference.samples.iter().zip(&reference.ticks) {
         let outputs = simulation.step(Some(*sample));
         let (record, force) = (outputs.record, outputs.wrenches[0].force);
         let contact = outputs.contact();
+        let moved = sample.pose.position - std::mem::replace(&mut before, sample.pose.position);
+        point.energy_j += (force - exact.force).dot(moved);
         let mesh_bytes = simulation.client().mesh_bytes();
         point.measured_m = max_or_nan(point.measured_m, record.measured_error_m);
         if contact.is_some() || exact.contact.is_some() {
@@ -98,6 +114,7 @@ pub fn measure(
             // What is no number is within nothing.
             let is_certified = error <= record.certified_error_m + rounding;
             point.over_certified_ticks += u64::from(!is_certified);
+            stretches.add(contact.point * scale, error, record.certified_error_m);
             all.errors.push(error);
             all.certified.push(record.certified_error_m);
             all.points.push(contact.point);
@@ -133,6 +150,7 @@ pub fn measure(
     point.rss_bytes = (high_water + FIXED_BYTES) as u64;
     point.replay_hash = simulation.controller().replay_hash() >> 11;
     fill(&mut point, &mut all);
+    point.certified_over_true_p50 = stretches.median();
     point.brute_apart_m = brute(model, &all.points).map_err(damaged)?;
     let recording = simulation
         .client_mut()
@@ -143,7 +161,59 @@ pub fn measure(
         recording,
         start,
         plan,
+        sources,
+        contact: reference
+            .ticks
+            .iter()
+            .map(|tick| tick.contact.is_some())
+            .collect(),
     })
+}
+
+/// Length of a stretch of the contact's path, metres.
+const STRETCH_M: f64 = 0.01;
+
+/// The largest errors of each stretch of the contact's path.
+struct Stretches {
+    rounding: f64,
+    last: Option<DVec3>,
+    length: f64,
+    /// Largest true and certified error of this stretch.
+    most: [f64; 2],
+    ratios: Vec<f64>,
+}
+
+impl Stretches {
+    fn new(rounding: f64) -> Self {
+        Self {
+            rounding,
+            last: None,
+            length: 0.0,
+            most: [0.0; 2],
+            ratios: Vec::new(),
+        }
+    }
+
+    fn add(&mut self, at: DVec3, error: f64, certified: f64) {
+        self.length += self.last.replace(at).map_or(0.0, |last| last.distance(at));
+        self.most = [self.most[0].max(error), self.most[1].max(certified)];
+        if self.length >= STRETCH_M {
+            self.end();
+        }
+    }
+
+    fn end(&mut self) {
+        let [error, certified] = std::mem::take(&mut self.most);
+        if error > self.rounding {
+            self.ratios.push(certified / error);
+        }
+        self.length = 0.0;
+    }
+
+    fn median(mut self) -> f64 {
+        self.end();
+        median(&self.ratios)
+    }
 }
 
 fn fill(point: &mut Point, all: &mut Contacts) {

@@ -8,18 +8,20 @@
 //!
 //! | module | holds |
 //! |---|---|
+//! | `knobs` | the settings beside the tolerance |
 //! | `measure`, `timing` | errors, forces, bytes; times |
 //! | `result`, `checks` | the JSON, and what must hold |
 //! | `table`, `page` | the terminal and the CSV; the HTML page with its pictures |
 
 mod checks;
+mod knobs;
 mod measure;
 mod page;
 mod result;
 mod table;
 mod timing;
 
-pub use result::{Accuracy, Bytes, Check, Knob, Point, StageQuantiles, StageTimes};
+pub use result::{Accuracy, Bytes, Check, FASTER, Knob, Point, StageQuantiles, StageTimes};
 
 use crate::failure::Failure;
 use crate::machine::Machine;
@@ -30,11 +32,14 @@ use crate::trajectory::reference::Reference;
 use crate::trajectory::scene_model::{SIZE_M, SceneModel};
 use clap::Args;
 use indicatif::ProgressBar;
+use knobs::Variant;
 use measure::Measured;
-use scene::{AccuracyPlan, RefinementPlan, ScenePlan};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use scene::{AccuracyPlan, RefinementPlan};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use std::path::PathBuf;
+use tempfile::TempDir;
 
 /// What is measured when no model is named.
 const DEFAULT_MODELS: [&str; 3] = ["sphere:20000", "relief:100000", "terrain:130000"];
@@ -68,6 +73,14 @@ pub struct AccuracyArgs {
         allow_negative_numbers = true
     )]
     pub seconds: f64,
+    /// Speed of the hand, m/s; the other knobs are measured at four times it too
+    #[arg(
+        long,
+        value_name = "V",
+        default_value_t = 0.1,
+        allow_negative_numbers = true
+    )]
+    pub speed: f64,
 }
 
 /// Runs the command.
@@ -76,8 +89,14 @@ pub struct AccuracyArgs {
 /// One sentence: status 2 for bad input, 1 when a check fails.
 pub fn accuracy(args: &AccuracyArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
+    if !(1e-4..=2.5).contains(&args.speed) {
+        return Err(Failure::Input(format!(
+            "--speed is {}; write metres a second from 0.0001 to 2.5",
+            args.speed
+        )));
+    }
     // A bad model is refused before any is measured.
-    let models: Vec<SceneModel> = typed_or(&args.models, &DEFAULT_MODELS)
+    let mut models: Vec<SceneModel> = typed_or(&args.models, &DEFAULT_MODELS)
         .iter()
         .map(|typed| SceneModel::open(typed))
         .collect::<Result<_, _>>()?;
@@ -87,12 +106,14 @@ pub fn accuracy(args: &AccuracyArgs) -> Result<(), Failure> {
         seed: args.seed,
         seconds: args.seconds,
         size_m: SIZE_M,
+        speed_m_per_s: args.speed,
         pass: false,
         points: Vec::new(),
         bytes: Vec::new(),
         checks: Vec::new(),
     };
-    for model in &models {
+    for model in &mut models {
+        model.set_speed(args.speed);
         study(model, args, &line, &mut found)?;
     }
     line.finish_and_clear();
@@ -117,35 +138,24 @@ pub fn accuracy(args: &AccuracyArgs) -> Result<(), Failure> {
 
 /// Everything about one model.
 fn study(
-    model: &SceneModel,
+    model: &mut SceneModel,
     args: &AccuracyArgs,
     line: &ProgressBar,
     found: &mut Accuracy,
 ) -> Result<(), Failure> {
-    let name = &model.mesh.name;
+    let name = model.mesh.name.clone();
     line.set_message(format!("{name}: recording the trajectory on the full mesh"));
     let reference = Reference::record(model, args.seed, args.seconds)?;
-    let settings = settings(model);
-    let mut measured: Vec<Measured> = Vec::new();
-    for (place, (point, plan)) in settings.into_iter().enumerate() {
-        line.set_message(format!(
-            "{name}: errors at setting {} ({}, {})",
-            place + 1,
-            point.knob.name(),
-            table::asked(&point, place == 0)
-        ));
-        measured.push(measure::measure(model, &reference, plan, point)?);
-    }
+    let mut measured = measure_all(model, &reference, settings(model), line)?;
     line.set_message(format!(
         "{name}: timing {} settings in turns",
         measured.len()
     ));
-    let contact: Vec<bool> = reference
-        .ticks
-        .iter()
-        .map(|tick| tick.contact.is_some())
-        .collect();
-    timing::time(&mut measured, &contact)?;
+    timing::time(&mut measured)?;
+    measured.extend(others(model, args, &reference, line)?);
+    let points = measured.iter_mut().map(|setting| &mut setting.point);
+    points.for_each(|point| point.speed_m_per_s = args.speed);
+    measured.extend(faster(model, args, line)?);
     let points: Vec<Point> = measured.into_iter().map(|setting| setting.point).collect();
     let checks = checks::checks(model, &reference, &points);
     found.checks.extend(checks);
@@ -154,8 +164,86 @@ fn study(
     Ok(())
 }
 
+/// The errors of some settings, several at once: no time is taken here.
+fn measure_all(
+    model: &SceneModel,
+    reference: &Reference,
+    variants: Vec<Variant>,
+    line: &ProgressBar,
+) -> Result<Vec<Measured>, Failure> {
+    let name = &model.mesh.name;
+    variants
+        .into_par_iter()
+        .map(|variant| {
+            let knob = variant.point.knob.name();
+            line.set_message(format!("{name}: errors by {knob}"));
+            measure::measure(model, reference, variant)
+        })
+        .collect()
+}
+
+/// The knobs beside the tolerance that are measured on the common touch, under a faster hand.
+fn faster(
+    model: &mut SceneModel,
+    args: &AccuracyArgs,
+    line: &ProgressBar,
+) -> Result<Vec<Measured>, Failure> {
+    let speed = FASTER * args.speed;
+    model.set_speed(speed);
+    let found = Reference::record(model, args.seed, args.seconds).and_then(|reference| {
+        let folder = temporary()?;
+        let families = knobs::families(model, folder.path())?.into_iter();
+        let same = families.filter(|family| family.touch.is_none());
+        let variants = same.flat_map(|family| family.variants).collect();
+        let mut measured = measure_all(model, &reference, variants, line)?;
+        line.set_message(format!("{}: timing under a faster hand", model.mesh.name));
+        timing::time(&mut measured)?;
+        Ok(measured)
+    });
+    model.set_speed(args.speed);
+    let mut found = found?;
+    for setting in &mut found {
+        setting.point.speed_m_per_s = speed;
+    }
+    Ok(found)
+}
+
+/// A folder for built models.
+fn temporary() -> Result<TempDir, Failure> {
+    tempfile::tempdir()
+        .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))
+}
+
+/// The knobs beside the tolerance, those of one reference timed in turns.
+fn others(
+    model: &mut SceneModel,
+    args: &AccuracyArgs,
+    reference: &Reference,
+    line: &ProgressBar,
+) -> Result<Vec<Measured>, Failure> {
+    let folder = temporary()?;
+    let families = knobs::families(model, folder.path())?;
+    let mut all = Vec::new();
+    for family in families {
+        let mut measured = match family.touch {
+            None => measure_all(model, reference, family.variants, line)?,
+            Some(plan) => {
+                let own = std::mem::replace(&mut model.plan, plan);
+                let found = Reference::record(model, args.seed, args.seconds)
+                    .and_then(|touch| measure_all(model, &touch, family.variants, line));
+                model.plan = own;
+                found?
+            }
+        };
+        line.set_message(format!("{}: timing", model.mesh.name));
+        timing::time(&mut measured)?;
+        all.extend(measured);
+    }
+    Ok(all)
+}
+
 /// The settings of a model, coarse to fine: what is asked for, and the scene that asks for it.
-fn settings(model: &SceneModel) -> Vec<(Point, ScenePlan)> {
+fn settings(model: &SceneModel) -> Vec<Variant> {
     let setting = |knob: Knob, value: f64, accuracy: AccuracyPlan| {
         let mut plan = model.plan.clone();
         plan.accuracy = accuracy;
@@ -163,7 +251,13 @@ fn settings(model: &SceneModel) -> Vec<(Point, ScenePlan)> {
             // Global refinement is compared at its best: with room for all that it asks for.
             plan.cache_bytes = model.cache_for_all();
         }
-        (Point::new(&model.mesh.name, knob, value), plan)
+        let mut point = Point::new(&model.mesh.name, knob, value);
+        point.setting = knobs::accuracy_setting(&plan.accuracy);
+        Variant {
+            point,
+            plan,
+            sources: None,
+        }
     };
     let within = |knob: Knob, refinement: RefinementPlan, tolerance_m: f64| {
         let accuracy = AccuracyPlan {
@@ -171,9 +265,9 @@ fn settings(model: &SceneModel) -> Vec<(Point, ScenePlan)> {
             refinement,
             geomorph: true,
         };
-        let (mut point, plan) = setting(knob, tolerance_m, accuracy);
-        point.full_mesh = tolerance_m == 0.0;
-        (point, plan)
+        let mut variant = setting(knob, tolerance_m, accuracy);
+        variant.point.full_mesh = tolerance_m == 0.0;
+        variant
     };
     let base = model.diagonal_m();
     let local = std::iter::once(base)
@@ -193,9 +287,9 @@ fn settings(model: &SceneModel) -> Vec<(Point, ScenePlan)> {
             refinement: RefinementPlan::Global { lod: Some(lod) },
             geomorph: true,
         };
-        let (mut point, plan) = setting(Knob::Prefix, f64::from(lod), accuracy);
-        point.full_mesh = share == 1;
-        (point, plan)
+        let mut variant = setting(Knob::Prefix, f64::from(lod), accuracy);
+        variant.point.full_mesh = share == 1;
+        variant
     });
     local.chain(global).chain(prefix).collect()
 }

@@ -1,5 +1,7 @@
 //! The page: pictures, what they say, and the numbers, in one file without any other.
 
+mod knobs;
+
 use super::measure::{ROUNDING, TOOL_RADIUS_M};
 use super::result::{Accuracy, Bytes, Knob, Point};
 use super::table::{asked, bytes_row};
@@ -45,9 +47,20 @@ impl<'a> Group<'a> {
         groups
     }
 
+    /// The settings of a knob under the hand at its own speed.
     fn of(&self, knob: Knob) -> impl Iterator<Item = (usize, &'a Point)> + '_ {
+        let slow = self.points.first().map_or(0.0, |p| p.speed_m_per_s);
         let points = self.points.iter().copied();
-        points.filter(move |p| p.knob == knob).enumerate()
+        points
+            .filter(move |p| p.knob == knob && p.speed_m_per_s == slow)
+            .enumerate()
+    }
+
+    /// The same under the faster hand.
+    fn faster(&self, knob: Knob) -> impl Iterator<Item = &'a Point> + '_ {
+        let slow = self.points.first().map_or(0.0, |p| p.speed_m_per_s);
+        let points = self.points.iter().copied();
+        points.filter(move |p| p.knob == knob && p.speed_m_per_s != slow)
     }
 
     /// A curve over the settings of a knob.
@@ -107,8 +120,9 @@ pub fn page(found: &Accuracy, machine: &Machine) -> String {
     let mut html = String::new();
     let _ = writeln!(
         html,
-        "<p>A 1 mm ball strokes each model, {} long, at 0.1 m/s for {} s (tour {}). The device's poses were recorded once, in a closed loop on the mesh that was never simplified; every setting is given the same poses, so what differs between two points is the front alone. Errors are over every tick of contact.</p>",
+        "<p>A 1 mm ball strokes each model, {} long, at {} m/s for {} s (tour {}). The device's poses were recorded once, in a closed loop on the mesh that was never simplified; every setting is given the same poses, so what differs between two points is the front alone. Errors are over every tick of contact.</p>",
         length(found.size_m),
+        digits(found.speed_m_per_s),
         digits(found.seconds),
         found.seed
     );
@@ -121,6 +135,7 @@ pub fn page(found: &Accuracy, machine: &Machine) -> String {
     stages(&mut html, &groups);
     html.push_str("<h2>Error against bytes and memory</h2>\n");
     costs(&mut html, &groups);
+    knobs::knobs(&mut html, &groups);
     html.push_str("<h2>Bytes over the link</h2>\n");
     bytes_table(&mut html, found);
     html.push_str("<h2>All numbers</h2>\n");

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 /// The kind of refinement of a setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "snake_case")]
 pub enum Knob {
     /// Finer near the contact, coarser with distance.
     #[default]
@@ -15,9 +15,46 @@ pub enum Knob {
     Global,
     /// The first splits of the sequence (the CDPM of thesis chapter 3).
     Prefix,
+    /// Cells of the region grid along the longest side.
+    Grid,
+    /// Faces of the base mesh.
+    BaseMesh,
+    /// Bytes of the cache.
+    Cache,
+    /// Sources of the prediction.
+    Predictor,
+    /// Splits and collapses a millisecond.
+    Operations,
+    /// Ticks a second.
+    Rate,
+    /// Whether perceptible changes travel.
+    Geomorph,
+    /// One effect of the surface or the scene.
+    Effect,
+    /// Faces of a tool in place of the ball.
+    ToolFaces,
 }
 
 impl Knob {
+    /// Those beside the tolerance, in the order of the page.
+    pub const OTHERS: [Self; 9] = [
+        Self::Grid,
+        Self::BaseMesh,
+        Self::Cache,
+        Self::Predictor,
+        Self::Operations,
+        Self::Rate,
+        Self::Geomorph,
+        Self::Effect,
+        Self::ToolFaces,
+    ];
+
+    /// Whether the same touch is measured as with the other knobs, so that all can be compared.
+    #[must_use]
+    pub fn is_same_touch(self) -> bool {
+        !matches!(self, Self::Effect | Self::ToolFaces)
+    }
+
     /// Its name.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -25,6 +62,15 @@ impl Knob {
             Self::Local => "local",
             Self::Global => "global",
             Self::Prefix => "prefix",
+            Self::Grid => "grid",
+            Self::BaseMesh => "base mesh",
+            Self::Cache => "cache",
+            Self::Predictor => "predictor",
+            Self::Operations => "operations",
+            Self::Rate => "rate",
+            Self::Geomorph => "geomorph",
+            Self::Effect => "effect",
+            Self::ToolFaces => "tool faces",
         }
     }
 }
@@ -86,6 +132,10 @@ impl StageTimes {
     }
 }
 
+/// How much faster the hand goes where the knobs beside the tolerance are measured a second time:
+/// at the speed of the bundled scene most of them leave no error.
+pub const FASTER: f64 = 4.0;
+
 /// One setting of the refinement on one model.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Point {
@@ -93,8 +143,15 @@ pub struct Point {
     pub model: String,
     /// What was turned.
     pub knob: Knob,
-    /// The tolerance asked for, m, where 0 is the full mesh; for a prefix the count of splits.
+    /// The tolerance asked for, m, where 0 is the full mesh; for a prefix the count of splits; of
+    /// another knob its number, or its place among those measured.
     pub value: f64,
+    /// The value in a word or two; empty for a tolerance or a prefix.
+    pub label: String,
+    /// What a scene would write for it, or that there is no such key.
+    pub setting: String,
+    /// Speed of the hand, m/s.
+    pub speed_m_per_s: f64,
     /// Whether this asks for the full mesh.
     #[serde(skip)]
     pub full_mesh: bool,
@@ -123,6 +180,12 @@ pub struct Point {
     pub force_n: f64,
     /// The median one.
     pub force_p50_n: f64,
+    /// Work of the difference from the full mesh's force over the device's path, J: what the error
+    /// gives to the hand, or takes.
+    pub energy_j: f64,
+    /// Largest certified error over the largest true one of each centimetre of contact path,
+    /// median; 0 where nothing is off by more than rounding.
+    pub certified_over_true_p50: f64,
     /// Bytes received from the start to the end of the trajectory, without the measured errors sent
     /// back.
     pub bytes: u64,
@@ -228,6 +291,9 @@ pub struct Accuracy {
     pub seconds: f64,
     /// Longest side of every model, m.
     pub size_m: f64,
+    /// Speed of the hand, m/s; the knobs beside the tolerance are measured at [`FASTER`] times it
+    /// too.
+    pub speed_m_per_s: f64,
     /// Whether every check holds.
     pub pass: bool,
     /// The settings.

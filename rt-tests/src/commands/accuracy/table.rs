@@ -8,6 +8,9 @@ use std::fmt::Write as _;
 /// What was asked for, in words.
 #[must_use]
 pub fn asked(point: &Point, first_of_knob: bool) -> String {
+    if !point.label.is_empty() {
+        return format!("{}, {} m/s", point.label, point.speed_m_per_s);
+    }
     match (point.knob, point.value) {
         (Knob::Prefix, count) => format!("{} splits", grouped(count as u64)),
         (_, 0.0) => "0 (full mesh)".to_string(),
@@ -93,11 +96,11 @@ pub fn words(found: &Accuracy) -> String {
 #[must_use]
 pub fn csv(found: &Accuracy) -> String {
     let mut text = String::from(
-        "model,knob,value,tick_p50_us,tick_p99_us,tick_p999_us,inbox_mean_us,refine_mean_us,refit_mean_us,query_mean_us,force_mean_us,certified_m,certified_p50_m,true_m,true_p50_m,measured_m,normal_deg,normal_p50_deg,force_n,force_p50_n,bytes,bytes_until_ready,rss_bytes,cache_bytes,faces_p50,ready_ms,settled_ms,contact_ticks,contact_full_ticks,tool_faces,tool_us\n",
+        "model,knob,value,label,setting,speed_m_per_s,tick_p50_us,tick_p99_us,tick_p999_us,inbox_mean_us,refine_mean_us,refit_mean_us,query_mean_us,force_mean_us,certified_m,certified_p50_m,true_m,true_p50_m,measured_m,normal_deg,normal_p50_deg,force_n,force_p50_n,energy_j,certified_over_true_p50,bytes,bytes_until_ready,rss_bytes,cache_bytes,faces_p50,ready_ms,settled_ms,contact_ticks,contact_full_ticks,tool_faces,tool_us\n",
     );
     for p in &found.points {
         let stages = p.stage_us.named().map(|(_, stage)| stage.mean);
-        let numbers = [p.value, p.tick_us.p50, p.tick_us.p99, p.tick_us.p999]
+        let numbers = [p.tick_us.p50, p.tick_us.p99, p.tick_us.p999]
             .into_iter()
             .chain(stages)
             .chain([
@@ -110,6 +113,8 @@ pub fn csv(found: &Accuracy) -> String {
                 p.normal_p50_deg,
                 p.force_n,
                 p.force_p50_n,
+                p.energy_j,
+                p.certified_over_true_p50,
                 p.bytes as f64,
                 p.bytes_until_ready as f64,
                 p.rss_bytes as f64,
@@ -122,11 +127,16 @@ pub fn csv(found: &Accuracy) -> String {
                 p.tool_faces,
                 p.tool_us,
             ]);
+        let quoted = |of: &str| of.replace('"', "\"\"");
         let _ = write!(
             text,
-            "\"{}\",{}",
-            p.model.replace('"', "\"\""),
-            p.knob.name()
+            "\"{}\",{},{},\"{}\",\"{}\",{}",
+            quoted(&p.model),
+            p.knob.name(),
+            p.value,
+            quoted(&p.label),
+            quoted(&p.setting),
+            p.speed_m_per_s
         );
         for number in numbers {
             let _ = write!(text, ",{number}");

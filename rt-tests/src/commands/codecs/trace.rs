@@ -1,10 +1,9 @@
 //! The chunks that a station sends in a touch.
 
 use crate::failure::Failure;
-use crate::trajectory::reference::{come_to_rest, make_ready};
 use crate::trajectory::scene_model::SceneModel;
+use crate::trajectory::touch as closed_loop;
 use hrtc_core::streaming::chunk::InboxChunk;
-use simulator::Hand;
 use spm::Sizes;
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -37,18 +36,7 @@ pub fn touch(
     let sent = Rc::clone(&chunks);
     let link = simulation.client_mut().link();
     link.tamper(move |chunk| sent.borrow_mut().push(*chunk));
-    let period_s = 1.0 / plan.loop_.rate_hz;
-    let no_tour = || Failure::Run(format!("the tour of {} has no point", model.mesh.name));
-    let tour = model.tour(seed, seconds)?;
-    let mut hand = Hand::new(plan.probes[0].device, period_s).along_tour(tour);
-    let ready = make_ready(&mut simulation)?;
-    let frame = simulation.controller().frame().ok_or_else(no_tour)?;
-    let rest = hand.start(&frame).ok_or_else(no_tour)?;
-    come_to_rest(&mut simulation, rest, ready)?;
-    for tick in 0..(seconds / period_s).round() as u64 {
-        let sample = hand.sample(tick, &frame).ok_or_else(no_tour)?;
-        hand.feel(simulation.step(Some(sample)).wrenches[0]);
-    }
+    closed_loop::touch(model, &mut simulation, seed, seconds, &mut |_| ())?;
     Ok(Trace {
         sizes: model.mesh.file.model_header().sizes(),
         chunks: chunks.take(),

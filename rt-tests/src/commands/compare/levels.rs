@@ -21,18 +21,29 @@ use hrtc_core::contact::tool::{Tool, ToolMesh, cylinder_mesh};
 use rand::Rng;
 use serde::Serialize;
 
-/// Radius and length of the probe, and how deep its end is, in mean edges of the full mesh.
-const RADIUS: f64 = 4.0;
-const LENGTH: f64 = 20.0;
-const DEPTH: f64 = 1.0;
-/// Its faces.
+/// A probe, and how far around the points touched it is refined, in mean edges of the full mesh.
+#[derive(Debug, Clone, Copy)]
+pub struct Probe {
+    pub radius: f64,
+    pub length: f64,
+    /// How deep its end is.
+    pub depth: f64,
+    pub refined: f64,
+}
+
+/// What is refined is all that it meets.
+pub const PROBE: Probe = Probe {
+    radius: 4.0,
+    length: 20.0,
+    depth: 1.0,
+    refined: 10.0,
+};
+/// Faces of the probe.
 const FACES: usize = 240;
 /// Poses for which a local front is formed anew, and points of the path from one such stretch to
 /// the next.
 const STRETCH: usize = 4;
 const EVERY: usize = 200;
-/// How far around the points touched it is refined, in mean edges.
-const REFINED: f64 = 10.0;
 /// Shares of the splits performed.
 const PREFIXES: [f64; 3] = [0.03, 0.1, 0.3];
 
@@ -141,11 +152,12 @@ pub fn levels(
     model: &Model,
     full: &Full,
     full_front: &FullFront,
+    with: Probe,
     random: &mut impl Rng,
 ) -> Result<Vec<Level>, Failure> {
     let edge = mean_edge(full);
-    let (length, depth) = (LENGTH * edge, DEPTH * edge);
-    let mut probe = new_tool(model, &cylinder_mesh(RADIUS * edge, length, FACES))?;
+    let (length, depth) = (with.length * edge, with.depth * edge);
+    let mut probe = new_tool(model, &cylinder_mesh(with.radius * edge, length, FACES))?;
     let poses: Vec<Touch> = touches(model, full, random)
         .chunks(EVERY)
         .flat_map(|some| some.iter().take(STRETCH))
@@ -166,7 +178,7 @@ pub fn levels(
     let mut front = LocalFront::new(model)?;
     let mut sums = Sums::default();
     for stretch in poses.chunks(STRETCH) {
-        refine(stretch, REFINED * edge, &mut front)?;
+        refine(stretch, with.refined * edge, &mut front)?;
         let surface = Surface {
             mesh: front.cache().mesh(),
             tree: front.cache().tree(),

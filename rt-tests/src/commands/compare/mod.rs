@@ -19,18 +19,18 @@
 //! coarse elsewhere, and on the full mesh as any library gets it. Every answer is checked against
 //! an exact search in f64 over all faces.
 
-mod closest;
-mod full_front;
-mod levels;
+pub(super) mod closest;
+pub(super) mod full_front;
+pub(super) mod levels;
 mod limits;
-mod marking;
+pub(super) mod marking;
 mod peers;
 mod picture;
 mod questions;
 mod row;
 mod timing;
-mod tools;
-mod update;
+pub(super) mod tools;
+pub(super) mod update;
 
 use crate::failure::Failure;
 use crate::models::Model;
@@ -224,7 +224,7 @@ impl Measured {
         let both: [&mut dyn Mesh; 2] = [&mut single, &mut double];
         rows.extend(tools::rows(model, &asked, &front, both)?);
         rows.extend(others.rows(model, &mesh, &asked)?);
-        let levels = levels::levels(model, &full, &front, &mut random)?;
+        let levels = levels::levels(model, &full, &front, levels::PROBE, &mut random)?;
         rows.extend(update::rows(
             model,
             &mut front,

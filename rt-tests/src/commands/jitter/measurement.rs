@@ -4,24 +4,24 @@ use super::side::Blocks;
 use super::verdict::Worst;
 use crate::failure::Failure;
 use crate::machine::steal_ticks;
+use crate::processes::bare_loop::run_bare;
 use crate::processes::load::Load;
 use crate::processes::pair::{PairArgs, Shown, other_core, run_pair};
-use crate::processes::process::{Event, Process};
+use crate::processes::process::Process;
 use crate::processes::roles::LoopArgs;
 use crate::processes::stop::is_set;
 use crate::report::output::status_line;
 use crate::report::quantile::median;
-use hrtc::result::{Finished, Right, RunResult, SupervisedLine};
+use hrtc::result::{Finished, Right, RunResult};
 use hrtc::run::tick_core;
 use indicatif::ProgressBar;
 use scene::ScenePlan;
 use scene_args::OverrideArgs;
 use std::collections::BTreeSet;
-use std::ffi::OsString;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::{Duration, Instant};
+use std::sync::mpsc::channel;
+use std::time::Duration;
 
 /// Rounds at the least: fewer medians mean nothing.
 const FEWEST_ROUNDS: usize = 5;
@@ -230,39 +230,8 @@ impl<'a> Measurement<'a> {
     /// A block of the loop with fixed arithmetic, or with an empty body for 0 ns.
     fn loop_block(&self, seconds: f64, work_ns: u64, stop: &AtomicBool) -> Result<Block, Failure> {
         let plan = &self.setup.plan.loop_;
-        let mut typed: Vec<OsString> = vec!["role-bare".into()];
-        typed.push(format!("--rate-hz={}", plan.rate_hz).into());
-        typed.push(format!("--priority={}", plan.priority).into());
-        typed.push(format!("--spin-us={}", plan.spin_us).into());
-        typed.push(format!("--seconds={seconds}").into());
-        typed.push(format!("--work-ns={work_ns}").into());
-        if let Some(core) = tick_core(plan) {
-            typed.push(format!("--core={core}").into());
-        }
-        self.steal_over(|| {
-            let (sender, events) = channel();
-            let core = other_core(self.setup.plan);
-            let mut process = Process::start("bare loop", &typed, core, &sender)?;
-            // With the last sender gone, the events end when the process does.
-            drop(sender);
-            let deadline = Instant::now() + Duration::from_secs_f64(seconds + 30.0);
-            let mut finished = None;
-            while Instant::now() < deadline {
-                match events.recv_timeout(Duration::from_millis(100)) {
-                    Ok(Event::Line(_, line)) => {
-                        if let Ok(SupervisedLine::Finished(result)) = serde_json::from_str(&line) {
-                            finished = Some(*result);
-                        }
-                    }
-                    Ok(Event::Said(..)) => {}
-                    Err(RecvTimeoutError::Timeout) if is_set(stop) => process.terminate(),
-                    Err(RecvTimeoutError::Timeout) => {}
-                    Err(RecvTimeoutError::Disconnected) => break,
-                }
-            }
-            let status = process.wait(Duration::from_secs(1));
-            finished.ok_or_else(|| process.failure(status))
-        })
+        let core = other_core(self.setup.plan);
+        self.steal_over(|| run_bare(plan, core, seconds, work_ns, stop))
     }
 }
 

@@ -157,6 +157,7 @@ pub fn jitter(args: &JitterArgs) -> Result<(), Failure> {
     let mut loop_ = LoopArgs {
         rate: args.rate,
         spin_us: None,
+        ..LoopArgs::default()
     };
     let mut plan = load(scene.path(), &loop_.with(&args.overrides), &DiskFiles)?;
     if args.spin {

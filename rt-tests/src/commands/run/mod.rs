@@ -47,6 +47,16 @@ pub struct RunArgs {
     /// report's folder]
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// Let every stage of a tick take F times as long, as on a slower machine; at least 1
+    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = slowness)]
+    pub slow: f64,
+}
+
+/// A finite number, at least 1.
+fn slowness(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok();
+    let slow = number.filter(|number: &f64| *number >= 1.0 && number.is_finite());
+    slow.ok_or_else(|| "write a number, at least 1".to_owned())
 }
 
 /// Runs the command.
@@ -69,7 +79,10 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         plan: &plan,
         seconds: args.seconds,
         overrides: &args.overrides,
-        loop_: LoopArgs::default(),
+        loop_: LoopArgs {
+            slow: (args.slow > 1.0).then_some(args.slow),
+            ..LoopArgs::default()
+        },
         record: Some(&record),
         device: None,
     };

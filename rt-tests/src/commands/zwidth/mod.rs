@@ -21,12 +21,13 @@ use crate::processes::stop::stop_flag;
 use crate::report::output::{make_folder, print_either, write_whole};
 use crate::scenes::{SceneFile, check_seconds, prepare_models};
 use clap::Args;
+use hrtc::result::Finished;
 use long_run::{Loaded, Wall, holds, torsion_per_stiffness};
 use scene::{DeviceRotationPlan, ScenePlan, SimulatedDevicePlan, load};
 use scene_args::OverrideArgs;
 use scene_files::DiskFiles;
 use serde::Serialize;
-use stamps::RealLoop;
+pub use stamps::RealLoop;
 use std::path::{Path, PathBuf};
 
 /// Dampings that the curve is drawn over, N s/m.
@@ -128,7 +129,13 @@ pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
     make_folder(&args.out)?;
     prepare_models(&plan)?;
     eprintln!("period and delay are measured for {} s", args.seconds);
-    let measured = measure(args, scene.path(), &plan)?;
+    let mut show = |shown: Shown| {
+        if let Shown::Said(who, line) = shown {
+            eprintln!("{who}: {line}");
+        }
+    };
+    let scene = scene.path();
+    let (measured, _) = measure(scene, &plan, &args.overrides, args.seconds, &mut show)?;
     eprintln!("the walls are simulated");
     let device = &plan.probes[0].device;
     let found = Zwidth {
@@ -142,7 +149,16 @@ pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
 }
 
 /// Runs the scene with stamps.
-fn measure(args: &ZwidthArgs, scene: &Path, plan: &ScenePlan) -> Result<RealLoop, Failure> {
+///
+/// # Errors
+/// When a process fails, or the device touches too little.
+pub(super) fn measure(
+    scene: &Path,
+    plan: &ScenePlan,
+    overrides: &OverrideArgs,
+    seconds: f64,
+    show: &mut dyn FnMut(Shown),
+) -> Result<(RealLoop, Finished), Failure> {
     let folder = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
     let [device, stamps] = ["device.toml", "stamps"].map(|name| folder.path().join(name));
@@ -157,22 +173,18 @@ fn measure(args: &ZwidthArgs, scene: &Path, plan: &ScenePlan) -> Result<RealLoop
     let pair = PairArgs {
         scene,
         plan,
-        seconds: args.seconds,
-        overrides: &args.overrides,
+        seconds,
+        overrides,
         loop_: LoopArgs::default(),
         record: None,
         device: Some(&device),
     };
-    let mut show = |shown: Shown| {
-        if let Shown::Said(who, line) = shown {
-            eprintln!("{who}: {line}");
-        }
-    };
     let stop = stop_flag()?;
-    run_pair(&pair, &stop, &mut show)?.check_finite()?;
+    let outcome = run_pair(&pair, &stop, show)?;
+    outcome.check_finite()?;
     let stamps = read_stamps(&stamps)
         .map_err(|error| Failure::Run(format!("the stamps of the device: {error}")))?;
-    RealLoop::of(&stamps)
+    Ok((RealLoop::of(&stamps)?, outcome.finished))
 }
 
 /// Finds the limits of a loop and a device.
@@ -243,7 +255,7 @@ fn curve(measured: &RealLoop, device: &SimulatedDevicePlan) -> Result<Vec<Limit>
 }
 
 /// A plate under a device with another damping, N s/m.
-fn plate(measured: &RealLoop, device: &SimulatedDevicePlan, damping: f64) -> Loaded {
+pub(super) fn plate(measured: &RealLoop, device: &SimulatedDevicePlan, damping: f64) -> Loaded {
     Loaded {
         wall: Wall::Plate,
         period_s: measured.period_s,

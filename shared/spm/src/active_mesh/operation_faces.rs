@@ -35,6 +35,8 @@ pub struct OperationFaces {
     pub(super) radius: f32,
     /// Whether the pair was created.
     pub(super) made: bool,
+    /// Most deformed faces that may be collected.
+    limit: usize,
 }
 
 impl OperationFaces {
@@ -57,7 +59,14 @@ impl OperationFaces {
             from: [Vec3::ZERO; 2],
             radius: 0.0,
             made: false,
+            limit: Self::MAX_FACES,
         }
+    }
+
+    /// What would change more faces than this waits from now on, as if they were more than
+    /// [`Self::MAX_FACES`].
+    pub fn set_limit(&mut self, faces: usize) {
+        self.limit = faces.min(Self::MAX_FACES);
     }
 
     /// Faces that stay but change their shape.
@@ -79,10 +88,8 @@ impl OperationFaces {
     }
 
     pub(super) fn push(&mut self, face: Handle) -> Result<(), FanError> {
-        *self
-            .deformed
-            .get_mut(self.count)
-            .ok_or(FanError::TooLarge)? = face;
+        let free = self.deformed[..self.limit].get_mut(self.count);
+        *free.ok_or(FanError::TooLarge)? = face;
         self.count += 1;
         Ok(())
     }

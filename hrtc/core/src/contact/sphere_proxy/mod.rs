@@ -94,6 +94,22 @@ pub struct Advance {
     pub dropped: u32,
 }
 
+/// What the steps of a tick cost, nodes and faces.
+#[derive(Debug, Clone, Copy, Default)]
+struct StepCosts {
+    so_far: u32,
+    costliest: u32,
+}
+
+impl StepCosts {
+    /// Whether another step may begin where so much was spent; the first one always may.
+    fn may_begin(&mut self, spent: u32, most: u32) -> bool {
+        self.costliest = self.costliest.max(spent - self.so_far);
+        self.so_far = spent;
+        spent == 0 || spent + self.costliest <= most
+    }
+}
+
 impl Proxy {
     /// A proxy of the given radius (model units, positive), not placed yet.
     #[must_use]
@@ -184,7 +200,8 @@ impl Proxy {
 
     /// One tick: as close to `goal` (the device, model units, finite) as the surface allows.
     ///
-    /// No step begins after `most_work` nodes and faces; the next tick does the remaining work.
+    /// No step but the first begins that would go beyond `most_work` nodes and faces if it cost as
+    /// much as the most costly one before; the next tick does the remaining work.
     pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3, most_work: u32) -> Advance {
         let mut work = Work::default();
         if !self.placed {
@@ -201,12 +218,11 @@ impl Proxy {
         // Splits and collapses may have changed any face since the last tick.
         self.near.invalidate();
         let skin_radius = self.radius * (1.0 - SKIN);
-        let mut contact = None;
-        let mut last_motion = None;
-        let mut dropped = 0;
-        let mut had_stopped = false;
+        let (mut contact, mut last_motion) = (None, None);
+        let (mut dropped, mut had_stopped) = (0, false);
+        let mut costs = StepCosts::default();
         for _ in 0..STEPS {
-            if work.nodes + work.faces > most_work {
+            if !costs.may_begin(work.nodes + work.faces, most_work) {
                 break;
             }
             let wanted = goal - self.position;

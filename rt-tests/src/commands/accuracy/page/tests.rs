@@ -10,6 +10,7 @@ fn found(models: usize) -> Accuracy {
         seed: 1,
         seconds: 5.0,
         size_m: 0.15,
+        speed_m_per_s: 0.1,
         pass: true,
         points: Vec::new(),
         bytes: Vec::new(),

@@ -1,0 +1,479 @@
+//! The governor: how much work a tick may do, so that it ends in its share of the period on any
+//! machine (thesis 4.1.2 and 5.6.1: T, the time for a frame, and T', the time measured before).
+//!
+//! Every unit of counted work has a cost on this machine ([`WorkCosts`]). A tick may spend
+//! [`TIME_SHARE`] of its period, in units by these costs ([`TickTime`]):
+//!
+//! 1. what every tick does (pairs, limits of force) is taken off first,
+//! 2. then what the contacts took of late, at most [`CONTACT_SHARE`] of the rest,
+//! 3. received data, splits and collapses share what is left, the most urgent region first,
+//! 4. the contacts have everything that these leave; where a probe may touch next comes last.
+//!
+//! So a tick that is short of time gives up, in this order: looking ahead, data that is loaded
+//! ahead, refinement away from the contact, the tolerance at the contact (fewer operations a tick
+//! raise the finest ring, [`crate::lod::lod_controller`]), steps of a tool. Forces and their limits
+//! are always computed. A unit that is larger than all of its share, such as the split of a vertex
+//! with a very large fan, is not begun. Where the surface under a probe has so many faces that
+//! touching it takes more than a tick has, again and again, the finest ring is raised too: by the
+//! steps of memory pressure ([`Steps`]), since it is the same want of another good.
+//!
+//! # The law
+//!
+//! The measured processor time m of a tick is an input of the next one, p is what it should have
+//! taken by the costs. The slowness s says how much slower the machine is than the costs say, and
+//! divides the time that a tick has. With b, a quarter of that time, as the weight of what is
+//! believed already, so that short ticks say little,
+//!
+//! `q = (m + s b) / (p + b)`, `s = max(the middle of the last three q, s exp(-period / fades))`.
+//!
+//! Of three, since one tick alone may have been interrupted. It cannot hunt: where the costs are
+//! wrong by a factor r, q lies between s and r, whatever p is. So s rises towards r and never
+//! beyond; above r it falls by the fading or faster. Where r itself varies between r1 and r2 from
+//! tick to tick, s comes into that range and stays there, and the time of a tick by the costs
+//! between the share of the period over r2 and over r1.
+//!
+//! The operations that a tick can afford go down at once, and come back by a third of the way in
+//! [`OPERATIONS_RETURN_S`]; a ring that was given up comes back only when there are a quarter more
+//! than it needs, while neighbouring rings differ by four times.
+
+use crate::horizons::Horizons;
+use crate::lod::memory_pressure::Steps;
+use crate::tuning::governor::{
+    CONTACT_FADES_S, CONTACT_SHARE, MAX_OVERSPENT, OPERATION_FACES, OPERATIONS_RETURN_S,
+    OVERSPENT_FADES, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES,
+    UNITS_PER_OPERATION,
+};
+use serde::{Deserialize, Serialize};
+
+/// Costs of the units of counted work on a machine, nanoseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct WorkCosts {
+    /// What every tick does once: sampling, broad phase, limits, records.
+    pub tick: f64,
+    /// Prediction for a pair of a probe and an object.
+    pub prediction: f64,
+    /// A unit of received data.
+    pub received: f64,
+    /// A question to the station.
+    pub request: f64,
+    /// A face that a split, a collapse or a step of a vertex changes.
+    pub face: f64,
+    /// A closure entry that is gone through.
+    pub entry: f64,
+    /// Contact, effects and force of a pair beside its queries.
+    pub contact: f64,
+    /// A node or face that a query of a ball visits.
+    pub ball: f64,
+    /// A unit of a tool's work ([`crate::tuning::probe::PAIRS_A_UNIT`] pairs of nodes).
+    pub tool: f64,
+}
+
+/// Stages whose costs are measured together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CostGroup {
+    /// [`WorkCosts::tick`].
+    Tick,
+    /// [`WorkCosts::prediction`], `received` and `request`.
+    Inbox,
+    /// [`WorkCosts::face`] and `entry`.
+    Refine,
+    /// [`WorkCosts::contact`], `ball` and `tool`.
+    Query,
+}
+
+impl CostGroup {
+    /// All, in the order of [`Spent::by_group`].
+    pub const ALL: [Self; 4] = [Self::Tick, Self::Inbox, Self::Refine, Self::Query];
+}
+
+impl WorkCosts {
+    /// Of the reference machine (AMD EPYC, 2 cores), from runs on the dragon and on a terrain of
+    /// ten million faces in 16 MiB; what a run without a measurement counts with, so that a
+    /// simulation has the same budgets everywhere.
+    pub const REFERENCE: Self = Self {
+        tick: 5_000.0,
+        prediction: 2_000.0,
+        received: 50.0,
+        request: 4_000.0,
+        face: 160.0,
+        entry: 8.0,
+        contact: 2_000.0,
+        ball: 45.0,
+        tool: 150.0,
+    };
+
+    /// The same on a machine where the stages of each group take so many times as long.
+    #[must_use]
+    pub fn scaled(self, by_group: [f64; CostGroup::ALL.len()]) -> Self {
+        let [tick, inbox, refine, query] = by_group;
+        Self {
+            tick: self.tick * tick,
+            prediction: self.prediction * inbox,
+            received: self.received * inbox,
+            request: self.request * inbox,
+            face: self.face * refine,
+            entry: self.entry * refine,
+            contact: self.contact * query,
+            ball: self.ball * query,
+            tool: self.tool * query,
+        }
+    }
+
+    /// Whether every cost is a time.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        self.named()
+            .iter()
+            .all(|&(_, ns)| ns > 0.0 && ns.is_finite())
+    }
+
+    /// The costs by name.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, f64); 9] {
+        [
+            ("tick", self.tick),
+            ("prediction", self.prediction),
+            ("received", self.received),
+            ("request", self.request),
+            ("face", self.face),
+            ("entry", self.entry),
+            ("contact", self.contact),
+            ("ball", self.ball),
+            ("tool", self.tool),
+        ]
+    }
+}
+
+impl Default for WorkCosts {
+    fn default() -> Self {
+        Self::REFERENCE
+    }
+}
+
+/// What a tick has spent by the costs, nanoseconds, in the order of [`CostGroup::ALL`].
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Spent {
+    /// For each group of costs.
+    pub by_group: [f64; CostGroup::ALL.len()],
+}
+
+impl Spent {
+    /// The sum, nanoseconds.
+    #[must_use]
+    pub fn total(&self) -> f64 {
+        self.by_group.iter().sum()
+    }
+
+    fn charge(&mut self, group: CostGroup, ns: f64) {
+        self.by_group[group as usize] += ns;
+    }
+}
+
+/// The time of one tick, by the costs. The one place where work is charged.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct TickTime {
+    costs: WorkCosts,
+    /// What the tick may spend, nanoseconds.
+    allowed: f64,
+    /// What is kept for the contacts.
+    contacts: f64,
+    /// What it has spent.
+    pub spent: Spent,
+}
+
+impl TickTime {
+    /// What the tick may spend, nanoseconds.
+    #[must_use]
+    pub fn allowed(&self) -> f64 {
+        self.allowed
+    }
+
+    /// What received data, splits and collapses may still take, nanoseconds.
+    #[must_use]
+    pub fn for_refinement(&self) -> f64 {
+        (self.allowed - self.contacts - self.spent.total()).max(0.0)
+    }
+
+    /// Faces that operations may change in this time.
+    #[must_use]
+    pub fn faces(&self) -> u32 {
+        (self.for_refinement() / self.costs.face) as u32
+    }
+
+    /// Questions to the station that a quarter of what is left beside so many units of received
+    /// data suffices for.
+    #[must_use]
+    pub fn requests(&self, units: u32) -> usize {
+        let received = f64::from(units) * self.costs.received;
+        let left = (self.for_refinement() - received).max(0.0);
+        (0.25 * left / self.costs.request) as usize
+    }
+
+    /// Closure entries that a share of this time suffices for.
+    #[must_use]
+    pub fn entries(&self, share: f64) -> u32 {
+        (share * self.for_refinement() / self.costs.entry) as u32
+    }
+
+    /// Units of received data that half of this time suffices for: they are there to be split.
+    #[must_use]
+    pub fn received_units(&self) -> u32 {
+        (0.5 * self.for_refinement() / self.costs.received) as u32
+    }
+
+    /// Units that the queries may take now; `with_tool`: whether one of the probes is a tool.
+    #[must_use]
+    pub fn query_units(&self, with_tool: bool) -> u32 {
+        let unit = if with_tool {
+            self.costs.tool
+        } else {
+            self.costs.ball
+        };
+        // What the operations took beyond their part is not taken from the contacts.
+        let left = (self.allowed - self.spent.total()).max(self.contacts);
+        (left / unit) as u32
+    }
+
+    /// Received data and questions.
+    pub fn charge_inbox(&mut self, units: u32, requests: usize) {
+        let ns = f64::from(units) * self.costs.received + requests as f64 * self.costs.request;
+        self.spent.charge(CostGroup::Inbox, ns);
+    }
+
+    /// Operations by the faces they changed, and closure entries.
+    pub fn charge_refinement(&mut self, faces: u32, entries: u32) {
+        let ns = f64::from(faces) * self.costs.face + f64::from(entries) * self.costs.entry;
+        self.spent.charge(CostGroup::Refine, ns);
+    }
+
+    /// Query units of a pair.
+    pub fn charge_query(&mut self, units: u32, is_tool: bool) {
+        let unit = if is_tool {
+            self.costs.tool
+        } else {
+            self.costs.ball
+        };
+        self.spent.charge(CostGroup::Query, f64::from(units) * unit);
+    }
+}
+
+/// State of the governor.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Governor {
+    costs: WorkCosts,
+    period_s: f64,
+    /// What a tick may spend, nanoseconds.
+    share_ns: f64,
+    slowness: f64,
+    /// The newest three.
+    ratios: [f64; 3],
+    /// What the contacts took of late, nanoseconds by the costs.
+    contact_ns: f64,
+    /// Ticks of late that spent more than they might.
+    overspent: f64,
+    steps: Steps,
+    /// Operations a tick that the scene allows.
+    max_operations: f64,
+    /// Operations a tick that there is time for.
+    operations: f64,
+    /// The time of the present tick, and after it of the last one.
+    pub(crate) time: TickTime,
+}
+
+impl Governor {
+    /// For ticks of a period, seconds, with so many operations at the most.
+    #[must_use]
+    pub fn new(period_s: f64, max_operations: usize) -> Self {
+        Self {
+            costs: WorkCosts::REFERENCE,
+            period_s,
+            share_ns: TIME_SHARE * period_s * 1e9,
+            slowness: 1.0,
+            ratios: [1.0; 3],
+            contact_ns: 0.0,
+            overspent: 0.0,
+            steps: Steps::new(Horizons::new(1.0 / period_s).pressure),
+            max_operations: max_operations as f64,
+            operations: max_operations as f64,
+            time: TickTime::default(),
+        }
+    }
+
+    /// Counts with these costs from the next tick on; such that are no times are left alone.
+    pub fn set_costs(&mut self, costs: WorkCosts) {
+        if costs.is_valid() {
+            self.costs = costs;
+        }
+    }
+
+    /// The costs.
+    #[must_use]
+    pub fn costs(&self) -> &WorkCosts {
+        &self.costs
+    }
+
+    /// What the last tick has spent by the costs.
+    #[must_use]
+    pub fn spent(&self) -> Spent {
+        self.time.spent
+    }
+
+    /// How many times as long a tick takes as the costs say.
+    #[must_use]
+    pub fn slowness(&self) -> f64 {
+        self.slowness
+    }
+
+    /// Operations a tick that there is time for, at least 1.
+    #[must_use]
+    pub fn operations(&self) -> f64 {
+        self.operations
+    }
+
+    /// The last tick took so much processor time, nanoseconds.
+    pub fn note_work(&mut self, ns: f64) {
+        let believed = SHORT_SHARE * self.share_ns / self.slowness;
+        let known = ns + self.slowness * believed;
+        let ratio = known / (self.time.spent.total() + believed);
+        if !ratio.is_finite() {
+            return;
+        }
+        self.ratios.rotate_left(1);
+        self.ratios[2] = ratio;
+        let [a, b, c] = self.ratios;
+        let middle = a.max(b).min(a.min(b).max(c));
+        let faded = self.slowness * (-self.period_s / SLOWNESS_FADES_S).exp();
+        let [least, most] = SLOWNESS_RANGE;
+        self.slowness = faded.max(middle).clamp(least, most);
+    }
+
+    /// The time of a tick with so many pairs of a probe and an object.
+    pub(crate) fn begin_tick(&mut self, pairs: usize) {
+        let mut time = TickTime {
+            costs: self.costs,
+            allowed: self.share_ns / self.slowness,
+            ..TickTime::default()
+        };
+        let pairs = pairs as f64;
+        time.spent.charge(CostGroup::Tick, self.costs.tick);
+        let predictions = pairs * self.costs.prediction;
+        time.spent.charge(CostGroup::Inbox, predictions);
+        time.spent
+            .charge(CostGroup::Query, pairs * self.costs.contact);
+        let rest = (time.allowed - time.spent.total()).max(0.0);
+        time.contacts = self.contact_ns.min(CONTACT_SHARE * rest);
+        self.time = time;
+        let operation = (OPERATION_FACES + TYPICAL_FACES) as f64 * self.costs.face
+            + UNITS_PER_OPERATION * self.costs.received;
+        let affordable = (time.for_refinement() / operation).clamp(1.0, self.max_operations);
+        let back = 1.0 - (-self.period_s / OPERATIONS_RETURN_S).exp();
+        let more = self.operations + back * (affordable - self.operations);
+        self.operations = more.min(affordable);
+    }
+
+    /// Steps by which less is asked for, as those of memory pressure.
+    #[must_use]
+    pub fn steps(&self) -> u32 {
+        self.steps.count()
+    }
+
+    /// The queries of the tick are done.
+    pub(crate) fn end_queries(&mut self, tick: u64) {
+        self.overspent = if self.time.spent.total() > self.time.allowed {
+            self.overspent + 1.0
+        } else {
+            (self.overspent - OVERSPENT_FADES).max(0.0)
+        };
+        if self.overspent >= MAX_OVERSPENT && self.steps.want(tick) {
+            self.overspent = 0.0;
+            self.steps.step(tick);
+        }
+        self.steps.recover(tick);
+        let taken = self.time.spent.by_group[CostGroup::Query as usize];
+        let faded = self.contact_ns * (-self.period_s / CONTACT_FADES_S).exp();
+        self.contact_ns = taken.max(faded);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ticks that spend all they may on a machine whose costs are wrong by a factor.
+    fn run(governor: &mut Governor, factor: f64, ticks: usize) -> Vec<f64> {
+        let mut times = Vec::with_capacity(ticks);
+        for k in 0..ticks {
+            governor.begin_tick(1);
+            let faces = governor.time.faces();
+            governor.time.charge_refinement(faces, 0);
+            governor.end_queries(k as u64);
+            let spent = governor.time.spent.total();
+            times.push(factor * spent);
+            governor.note_work(factor * spent);
+        }
+        times
+    }
+
+    #[test]
+    fn a_slower_machine_gets_less_work_at_once_and_a_fast_one_more_within_a_second() {
+        let mut governor = Governor::new(1e-3, 96);
+        for factor in [1.0, 4.0, 1.5, 8.0, 0.8] {
+            let times = run(&mut governor, factor, 3000);
+            for (k, &ns) in times.iter().enumerate().skip(3) {
+                assert!(ns <= 0.96e6, "factor {factor}: tick {k} took {ns} ns");
+            }
+            let last = times[2999];
+            assert!(last >= 0.5 * TIME_SHARE * 1e6, "factor {factor}: {last}");
+            let second = times[1000];
+            assert!(second >= 0.9 * last, "factor {factor}: {second} {last}");
+        }
+    }
+
+    #[test]
+    fn one_long_tick_changes_nothing_and_two_do() {
+        let mut governor = Governor::new(1e-3, 96);
+        run(&mut governor, 1.0, 10);
+        governor.note_work(5e6);
+        assert!((governor.slowness() - 1.0).abs() < 0.01);
+        governor.note_work(5e6);
+        assert!(governor.slowness() > 2.0);
+    }
+
+    #[test]
+    fn at_constant_load_the_operations_do_not_hunt() {
+        let mut governor = Governor::new(1e-3, 96);
+        governor.set_costs(WorkCosts::REFERENCE.scaled([6.0; 4]));
+        let mut before = [0.0; 2];
+        let mut turns = 0;
+        for k in 0..5000 {
+            governor.begin_tick(1);
+            // Contacts whose work comes and goes.
+            let units = if k % 50 < 10 { 900 } else { 100 };
+            governor.time.charge_query(units, false);
+            governor.end_queries(k as u64);
+            governor.note_work(governor.time.spent.total());
+            let now = governor.operations();
+            if k > 1000 {
+                let changed = (now - before[1]) * (before[1] - before[0]) < 0.0;
+                let far = (now / before[1]).max(before[1] / now) > 1.25;
+                turns += u32::from(changed && far);
+            }
+            before = [before[1], now];
+        }
+        assert_eq!(turns, 0);
+    }
+
+    #[test]
+    fn what_is_no_time_changes_nothing() {
+        let mut governor = Governor::new(1e-3, 96);
+        let costs = *governor.costs();
+        governor.set_costs(WorkCosts {
+            face: f64::NAN,
+            ..costs
+        });
+        assert_eq!(*governor.costs(), costs);
+        governor.begin_tick(1);
+        governor.note_work(f64::NAN);
+        assert!(governor.slowness() == 1.0);
+    }
+}

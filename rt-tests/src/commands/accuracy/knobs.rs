@@ -1,0 +1,341 @@
+//! The settings beside the tolerance, each turned alone from the product's defaults.
+
+use super::result::{Knob, Point};
+use crate::failure::Failure;
+use crate::models::source::shape_soup;
+use crate::report::output::write_whole;
+use crate::report::units::{bytes, grouped};
+use crate::trajectory::scene_model::SceneModel;
+use hrtc_core::lod::predict::{Course, Sources};
+use scene::{
+    AccuracyPlan, Effect, EffectPlan, ModelSource, NoFiles, Overrides, ProbeShape, RefinementPlan,
+    ScenePlan, parse,
+};
+use spm::write_spm;
+use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, is_mesh_file, read_mesh};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Cells of the grid, in those of the default.
+const GRIDS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
+/// Faces of the base mesh; those with more than a quarter of the full mesh are left out.
+const BASE_FACES: [u32; 4] = [100, 400, 1600, 6400];
+/// Caches, in bytes for each record of the model: from one that is always too small to one with
+/// room for half of the model and more.
+const CACHE_BYTES_A_RECORD: [f64; 4] = [10.0, 20.0, 50.0, 250.0];
+/// Of any cache: what the base mesh and the tables take on the models of the thesis.
+const MIN_CACHE_BYTES: f64 = (192 << 10) as f64;
+/// Splits and collapses a millisecond.
+const OPERATIONS: [usize; 5] = [6, 12, 24, 96, 192];
+/// Ticks a second.
+const RATES_HZ: [f64; 4] = [500.0, 1000.0, 2000.0, 4000.0];
+/// Faces of the tool.
+const TOOL_FACES: [u32; 3] = [60, 240, 960];
+/// What is predicted from.
+const PREDICTORS: [(&str, Sources); 4] = [
+    ("where the probe is", of(false, None, false)),
+    ("neighbours", of(true, None, false)),
+    ("a straight course", of(true, Some(Course::Linear), false)),
+    ("all", Sources::ALL),
+];
+/// Scenes with every effect and with a tool.
+const EFFECTS_SCENE: &str = include_str!("../../../../config/scenes/effects.toml");
+const TOOL_SCENE: &str = include_str!("../../../../config/scenes/tool.toml");
+
+const fn of(neighbours: bool, course: Option<Course>, landing: bool) -> Sources {
+    Sources {
+        neighbours,
+        course,
+        landing,
+    }
+}
+
+/// A setting to be measured.
+pub struct Variant {
+    /// What is turned, and to what.
+    pub point: Point,
+    /// The scene that asks for it.
+    pub plan: ScenePlan,
+    /// Sources of the prediction, where they are not the product's.
+    pub sources: Option<Sources>,
+}
+
+/// Settings that are measured on the same touch.
+pub struct Family {
+    /// Its settings.
+    pub variants: Vec<Variant>,
+    /// The scene whose touch is recorded for them on the full mesh; none for that of the tolerance.
+    pub touch: Option<ScenePlan>,
+}
+
+/// The table `accuracy` of a scene.
+#[must_use]
+pub fn accuracy_setting(plan: &AccuracyPlan) -> String {
+    match plan.refinement {
+        RefinementPlan::Local => format!("accuracy.tolerance_m = {:?}", plan.tolerance_m),
+        RefinementPlan::Global { lod: None } => format!(
+            "accuracy.refinement = \"global\", tolerance_m = {:?}",
+            plan.tolerance_m
+        ),
+        RefinementPlan::Global { lod: Some(lod) } => {
+            format!("accuracy.refinement = \"global\", lod = {lod}")
+        }
+    }
+}
+
+/// All knobs of a model; built models go into the folder.
+///
+/// # Errors
+/// When the model cannot be built with another grid or base mesh.
+pub fn families(model: &SceneModel, folder: &Path) -> Result<Vec<Family>, Failure> {
+    let same = |variants| Family {
+        variants,
+        touch: None,
+    };
+    let mut all = vec![
+        same(caches(model)),
+        same(predictors(model)),
+        same(operations(model)),
+        same(geomorphs(model)),
+    ];
+    if let Some(mesh) = soup(model)? {
+        all.insert(0, same(grids(model, &mesh, folder)?));
+        all.insert(1, same(base_meshes(model, &mesh, folder)?));
+    }
+    all.extend(rates(model));
+    all.extend(effects(model)?);
+    all.extend(tools(model)?);
+    Ok(all)
+}
+
+/// A setting of a scene that is like the model's own but for what `turn` changes.
+fn variant(
+    model: &SceneModel,
+    (knob, value): (Knob, f64),
+    label: String,
+    setting: String,
+    turn: impl FnOnce(&mut ScenePlan),
+) -> Variant {
+    let mut plan = model.plan.clone();
+    turn(&mut plan);
+    let mut point = Point::new(&model.mesh.name, knob, value);
+    point.label = label;
+    point.setting = setting;
+    Variant {
+        point,
+        plan,
+        sources: None,
+    }
+}
+
+/// The mesh that the model was built from; none where it was given as an SPM file.
+fn soup(model: &SceneModel) -> Result<Option<SoupMesh>, Failure> {
+    match &model.plan.objects[0].model {
+        ModelSource::Generate { shape, faces } => shape_soup(shape, *faces).map(Some),
+        ModelSource::File(path) if is_mesh_file(path) => read_mesh(path)
+            .map(Some)
+            .map_err(|error| Failure::Input(error.in_file(path).to_string())),
+        ModelSource::File(_) => Ok(None),
+    }
+}
+
+/// Builds the model anew; the file's source.
+fn build(mesh: &SoupMesh, options: &BuildOptions, path: &Path) -> Result<ModelSource, Failure> {
+    let failed = |error: &dyn std::fmt::Display| Failure::Run(format!("a build: {error}"));
+    let parts = build_model(mesh.clone(), options, &NoProgress).map_err(|error| failed(&error))?;
+    let mut bytes = Vec::new();
+    write_spm(&parts, &mut bytes).map_err(|error| failed(&error))?;
+    write_whole(path, &bytes)?;
+    Ok(ModelSource::File(path.to_path_buf()))
+}
+
+fn grids(model: &SceneModel, mesh: &SoupMesh, folder: &Path) -> Result<Vec<Variant>, Failure> {
+    let divisions = f64::from(model.mesh.file.model_header().grid.divisions);
+    let mut variants = Vec::new();
+    for cells in GRIDS.map(|share| (share * divisions) as u32) {
+        if cells == 0 {
+            continue;
+        }
+        let options = BuildOptions {
+            regions: Some(cells),
+            ..BuildOptions::default()
+        };
+        let source = build(mesh, &options, &folder.join(format!("grid-{cells}.spm")))?;
+        let setting = format!("no key of a scene: ve-station build --regions {cells}");
+        let knob = (Knob::Grid, f64::from(cells));
+        variants.push(variant(
+            model,
+            knob,
+            format!("{cells} cells"),
+            setting,
+            |plan| {
+                plan.objects[0].model = source;
+            },
+        ));
+    }
+    Ok(variants)
+}
+
+fn base_meshes(
+    model: &SceneModel,
+    mesh: &SoupMesh,
+    folder: &Path,
+) -> Result<Vec<Variant>, Failure> {
+    let most = model.mesh.file.model_header().faces / 4;
+    let mut variants = Vec::new();
+    for faces in BASE_FACES.into_iter().filter(|&faces| faces <= most) {
+        let options = BuildOptions {
+            base_faces: Some(faces),
+            ..BuildOptions::default()
+        };
+        let source = build(mesh, &options, &folder.join(format!("base-{faces}.spm")))?;
+        let label = format!("{} faces", grouped(faces.into()));
+        let setting = format!("no key of a scene: ve-station build --base-faces {faces}");
+        let knob = (Knob::BaseMesh, f64::from(faces));
+        variants.push(variant(model, knob, label, setting, |plan| {
+            plan.objects[0].model = source;
+        }));
+    }
+    Ok(variants)
+}
+
+fn caches(model: &SceneModel) -> Vec<Variant> {
+    let records = f64::from(model.mesh.file.model_header().vsps);
+    let sizes = CACHE_BYTES_A_RECORD.map(|each| (MIN_CACHE_BYTES + each * records) as usize);
+    let one = |size: usize| {
+        let label = bytes(size as u64);
+        let knob = (Knob::Cache, size as f64);
+        variant(
+            model,
+            knob,
+            label,
+            format!("cache.bytes = {size}"),
+            |plan| {
+                plan.cache_bytes = size;
+            },
+        )
+    };
+    sizes.into_iter().map(one).collect()
+}
+
+fn predictors(model: &SceneModel) -> Vec<Variant> {
+    let one = |(place, (label, sources)): (usize, (&str, Sources))| {
+        let setting = "no key of a scene; the product predicts from all".to_string();
+        let knob = (Knob::Predictor, place as f64);
+        Variant {
+            sources: Some(sources),
+            ..variant(model, knob, label.to_string(), setting, |_| ())
+        }
+    };
+    PREDICTORS.into_iter().enumerate().map(one).collect()
+}
+
+fn operations(model: &SceneModel) -> Vec<Variant> {
+    let one = |count: usize| {
+        let setting = format!("loop.operations = {count}");
+        let knob = (Knob::Operations, count as f64);
+        variant(model, knob, format!("{count} a ms"), setting, |plan| {
+            plan.loop_.operations = count;
+        })
+    };
+    OPERATIONS.into_iter().map(one).collect()
+}
+
+fn geomorphs(model: &SceneModel) -> Vec<Variant> {
+    let one = |is_on: bool| {
+        let label = if is_on { "on" } else { "off" };
+        let setting = format!("accuracy.geomorph = {is_on}");
+        let knob = (Knob::Geomorph, f64::from(u8::from(is_on)));
+        variant(model, knob, label.to_string(), setting, |plan| {
+            plan.accuracy.geomorph = is_on;
+        })
+    };
+    [false, true].map(one).into()
+}
+
+/// A setting whose touch is another one.
+fn alone(variant: Variant) -> Family {
+    Family {
+        touch: Some(variant.plan.clone()),
+        variants: vec![variant],
+    }
+}
+
+fn rates(model: &SceneModel) -> impl Iterator<Item = Family> + '_ {
+    RATES_HZ.into_iter().map(|rate_hz| {
+        let label = format!("{} kHz", rate_hz / 1e3);
+        let setting = format!("loop.rate_hz = {rate_hz}");
+        alone(variant(
+            model,
+            (Knob::Rate, rate_hz),
+            label,
+            setting,
+            |plan| {
+                plan.loop_ = plan.loop_.at_rate(rate_hz);
+            },
+        ))
+    })
+}
+
+fn bundled(text: &str, name: &str) -> Result<ScenePlan, Failure> {
+    Ok(parse(
+        text,
+        name,
+        Path::new(""),
+        &Overrides::default(),
+        &NoFiles,
+    )?)
+}
+
+/// Each effect of the bundled scene alone, from the first tick on.
+fn effects(model: &SceneModel) -> Result<Vec<Family>, Failure> {
+    let scene = bundled(EFFECTS_SCENE, "effects.toml")?;
+    let listed = scene.objects[0].effects.iter().chain(&scene.effects);
+    let one = |(place, listed): (usize, &EffectPlan)| {
+        let effect = EffectPlan {
+            from_s: 0.0,
+            until_s: f64::INFINITY,
+            ..listed.clone()
+        };
+        let name = effect.effect.name();
+        let setting = if effect.effect.is_of_surface() {
+            format!("object.effects = [{{ {name} = {{ ... }} }}]")
+        } else {
+            format!("effects = [{{ {name} = {{ ... }} }}]")
+        };
+        let knob = (Knob::Effect, place as f64);
+        alone(variant(model, knob, name.to_string(), setting, |plan| {
+            if effect.effect.is_of_surface() {
+                plan.objects[0].effects = Arc::from(vec![effect]);
+            } else {
+                plan.effects = vec![effect];
+            }
+        }))
+    };
+    // A boundary keeps the hand from the object: there is no touch to compare.
+    let touching = listed.filter(|listed| !matches!(listed.effect, Effect::Boundary(_)));
+    Ok(touching.enumerate().map(one).collect())
+}
+
+fn tools(model: &SceneModel) -> Result<Vec<Family>, Failure> {
+    let probe = bundled(TOOL_SCENE, "tool.toml")?.probes.swap_remove(0);
+    let one = |count: u32| {
+        let mut shape = probe.shape.clone();
+        if let ProbeShape::Capsule { faces, .. } = &mut shape {
+            *faces = count;
+        }
+        let setting = format!("probe.shape = {{ capsule = {{ ..., faces = {count} }} }}");
+        let knob = (Knob::ToolFaces, f64::from(count));
+        alone(variant(
+            model,
+            knob,
+            format!("{count} faces"),
+            setting,
+            |plan| {
+                plan.probes[0].shape = shape;
+                plan.probes[0].device = probe.device;
+            },
+        ))
+    };
+    Ok(TOOL_FACES.into_iter().map(one).collect())
+}

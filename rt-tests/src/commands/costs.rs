@@ -1,0 +1,160 @@
+//! `rt-tests costs`: what a unit of the tick's counted work costs on this machine.
+//!
+//! It measures as a controller does before its first tick ([`hrtc::calibration`]), several times.
+//! The costs of the reference machine in the code are those that this printed there.
+
+use crate::failure::Failure;
+use crate::report::output::print_either;
+use crate::report::table::Table;
+use crate::scenes::prepare_models;
+use clap::Args;
+use hrtc::calibration::{
+    Measured, PATCH_DEVICE_N, PATCH_IDENTITY, PATCH_SECONDS, PatchInputs, PatchTick, measure,
+    patch_plan,
+};
+use hrtc_core::governor::{CostGroup, WorkCosts};
+use scene::ScenePlan;
+use serde::Serialize;
+use simulator::{Client, ClientOptions, Drive, STATION, Simulation, station};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Measurements.
+const REPEATS: usize = 9;
+/// Ticks of the patch.
+const PATCH_TICKS: u64 = 500;
+
+/// Arguments of `rt-tests costs`.
+#[derive(Debug, Args)]
+pub struct CostsArgs {
+    /// Write the inputs of the bundled patch anew instead, for hrtc/src/calibration/patch.inputs
+    #[arg(long, value_name = "FILE")]
+    pub write: Option<PathBuf>,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is printed as JSON.
+#[derive(Debug, Serialize)]
+pub struct Costs {
+    /// Median cost of each unit, ns.
+    pub unit_ns: BTreeMap<&'static str, f64>,
+    /// Cost of each unit on the reference machine, ns.
+    pub reference_ns: BTreeMap<&'static str, f64>,
+    /// Largest over least of the measurements, for each unit.
+    pub spread: BTreeMap<&'static str, f64>,
+    /// What tick, inbox, refinement and queries took on the bundled patch, as a part of the costs
+    /// of the reference machine.
+    pub patch: [f64; CostGroup::ALL.len()],
+    /// Ticks that one measurement timed, at least.
+    pub ticks: usize,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence, with its status.
+pub fn costs(args: &CostsArgs) -> Result<(), Failure> {
+    if let Some(path) = &args.write {
+        return write(path);
+    }
+    let measured: Option<Vec<Measured>> = (0..REPEATS).map(|_| measure(1.0)).collect();
+    let Some(measured) = measured else {
+        return Err(Failure::Run(
+            "the bundled inputs do not fit this build: rt-tests costs --write hrtc/src/calibration/patch.inputs"
+                .to_string(),
+        ));
+    };
+    let found = Costs::of(&measured);
+    print_either(args.json, &words(&found), &found)
+}
+
+impl Costs {
+    fn of(measured: &[Measured]) -> Self {
+        let mut by_name: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
+        for (name, ns) in measured.iter().flat_map(|of| of.costs.named()) {
+            by_name.entry(name).or_default().push(ns);
+        }
+        for costs in by_name.values_mut() {
+            costs.sort_unstable_by(f64::total_cmp);
+        }
+        let of_each = |value: fn(&[f64]) -> f64| {
+            let each = by_name.iter();
+            each.map(|(&name, costs)| (name, value(costs))).collect()
+        };
+        Self {
+            unit_ns: of_each(|costs| costs[costs.len() / 2]),
+            spread: of_each(|costs| costs[costs.len() - 1] / costs[0]),
+            reference_ns: WorkCosts::REFERENCE.named().into_iter().collect(),
+            patch: measured[measured.len() / 2].patch,
+            ticks: measured.iter().map(|of| of.ticks).min().unwrap_or(0),
+        }
+    }
+}
+
+fn words(found: &Costs) -> String {
+    let mut table = Table::new(1, "unit | here, ns | spread | reference machine, ns");
+    for (name, ns) in &found.unit_ns {
+        table.row([
+            (*name).to_string(),
+            format!("{ns:.0}"),
+            format!("{:.2}", found.spread[name]),
+            format!("{:.0}", found.reference_ns[name]),
+        ]);
+    }
+    let [tick, inbox, refinement, queries] = found.patch;
+    format!(
+        "cost of a unit of counted work, median of {REPEATS} measurements\n\n{table}\npatch: tick {tick:.2}, inbox {inbox:.2}, refinement {refinement:.2}, queries {queries:.2}\n"
+    )
+}
+
+/// Lets the bundled scene run in virtual time and writes the controller's inputs.
+fn write(path: &Path) -> Result<(), Failure> {
+    let plan = patch_plan().map_err(|error| Failure::Input(error.to_string()))?;
+    prepare_models(&plan)?;
+    let inputs = record(&plan)?;
+    let bytes = inputs
+        .to_bytes()
+        .map_err(|error| Failure::Run(error.to_string()))?;
+    std::fs::write(path, &bytes).map_err(|error| Failure::write(path, &error))?;
+    println!(
+        "{} ticks, {} bytes in {}",
+        inputs.ticks.len(),
+        bytes.len(),
+        path.display()
+    );
+    Ok(())
+}
+
+fn record(plan: &ScenePlan) -> Result<PatchInputs, Failure> {
+    let models = prepare_models(plan)?.models;
+    let not_served = || Failure::Run("the bundled scene is not served".to_string());
+    let station = station(plan, models, STATION).ok_or_else(not_served)?;
+    let options = ClientOptions {
+        identity: PATCH_IDENTITY,
+        device_max_n: PATCH_DEVICE_N,
+        tour_s: PATCH_SECONDS,
+        ..ClientOptions::default()
+    };
+    let mut simulation = Simulation::new(station, Client::new(plan, options));
+    simulation.client_mut().record();
+    for _ in 0..PATCH_TICKS {
+        simulation.advance(Drive::Hands, &mut hrtc_core::NoObserver);
+    }
+    let recording = simulation.client_mut().take_recording().unwrap_or_default();
+    let mut arrived = 0;
+    let ticks = (0..recording.len()).filter_map(|k| {
+        let (inputs, chunks) = recording.inputs(k)?;
+        let new = recording.chunks()[arrived..chunks].to_vec();
+        arrived = chunks;
+        Some(PatchTick {
+            samples: inputs.samples.to_vec(),
+            station: inputs.station,
+            chunks: new,
+        })
+    });
+    Ok(PatchInputs {
+        ticks: ticks.collect(),
+    })
+}

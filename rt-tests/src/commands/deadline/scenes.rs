@@ -1,0 +1,126 @@
+//! The scenes of `rt-tests deadline`.
+
+use super::DeadlineArgs;
+use super::shapes::{cylinder, spur_gear, uv_sphere};
+use crate::failure::Failure;
+use crate::report::output::make_folder;
+use scene_args::OverrideArgs;
+use spm_builder::{SoupMesh, write_mesh};
+use std::path::{Path, PathBuf};
+
+/// The tool of 960 faces of config/scenes/tool.toml.
+const TOOL: &str = include_str!("../../../../config/scenes/tool.toml");
+const HUNDRED: &str = include_str!("../../../../config/scenes/hundred-objects.toml");
+/// The trajectory that it names.
+const OVER_A_ROW: &str = include_str!("../../../../config/trajectories/over-a-row.csv");
+
+/// A scene file.
+#[derive(Debug)]
+pub struct Scene {
+    /// For the table.
+    pub name: String,
+    /// The file.
+    pub path: PathBuf,
+    model: Option<PathBuf>,
+}
+
+impl Scene {
+    /// What is changed in the file for a seed.
+    #[must_use]
+    pub fn overrides(&self, seed: u64) -> OverrideArgs {
+        OverrideArgs {
+            model: self.model.clone(),
+            seed: Some(seed),
+            ..OverrideArgs::default()
+        }
+    }
+}
+
+/// The scenes, written into a folder, and those that are left out.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn scenes(args: &DeadlineArgs, folder: &Path) -> Result<(Vec<Scene>, Vec<String>), Failure> {
+    let (mut scenes, mut left_out) = (Vec::new(), Vec::new());
+    let wanted = |name: &str| args.only.as_ref().is_none_or(|only| name.contains(only));
+    for of in ["scenes", "trajectories"] {
+        make_folder(&folder.join(of))?;
+    }
+    let write = |path: &Path, text: &str| {
+        std::fs::write(path, text).map_err(|error| Failure::write(path, &error))
+    };
+    write(&folder.join("trajectories/over-a-row.csv"), OVER_A_ROW)?;
+    let mut add = |name: &str, text: &str, model: Option<PathBuf>| {
+        let path = folder.join("scenes").join(format!("{name}.toml"));
+        write(&path, text)?;
+        scenes.push(Scene {
+            name: name.to_owned(),
+            path,
+            model,
+        });
+        Ok::<(), Failure>(())
+    };
+    for (name, size_m) in [("terrain-2m", 2.0), ("terrain-20cm", 0.2)] {
+        if wanted(name) {
+            let object = format!(
+                "generate = {{ shape = \"terrain\", faces = {} }}",
+                args.terrain_faces
+            );
+            add(name, &stroked(&object, size_m, 1.0), None)?;
+        }
+    }
+    let dragon = args.models.join("dragon.obj");
+    for (name, is_tool) in [("dragon-ball", false), ("dragon-tool", true)] {
+        if wanted(name) && !dragon.is_file() {
+            left_out.push(format!(
+                "{name} is left out: {} is not there",
+                dragon.display()
+            ));
+        } else if wanted(name) && is_tool {
+            add(name, TOOL, Some(absolute(&dragon)?))?;
+        } else if wanted(name) {
+            let object = format!("model = {:?}", absolute(&dragon)?.display().to_string());
+            add(name, &stroked(&object, 0.15, 0.1), None)?;
+        }
+    }
+    if wanted("hundred-objects") {
+        add("hundred-objects", HUNDRED, None)?;
+    }
+    for (name, mesh) in meshes() {
+        if wanted(name) {
+            let path = folder.join(format!("{name}.obj"));
+            write_mesh(&mesh(), &path).map_err(|error| Failure::Run(error.to_string()))?;
+            let object = format!("model = {:?}", path.display().to_string());
+            add(name, &stroked(&object, 0.1, 0.3), None)?;
+        }
+    }
+    Ok((scenes, left_out))
+}
+
+/// Makes a mesh.
+type Maker = fn() -> SoupMesh;
+
+/// Meshes by name, made when they are needed.
+fn meshes() -> [(&'static str, Maker); 5] {
+    [
+        ("uv-sphere-1000", || uv_sphere(1000, 38)),
+        ("uv-sphere-3000", || uv_sphere(3000, 38)),
+        ("cylinder-1000", || cylinder(1000, 40)),
+        ("cylinder-3000", || cylinder(3000, 14)),
+        ("spur-gear", || spur_gear(40)),
+    ]
+}
+
+/// A ball of 1 mm that strokes an object at a speed, in 16 MiB.
+fn stroked(object: &str, size_m: f64, speed_m_per_s: f64) -> String {
+    format!(
+        "[cache]\nbytes = \"16MiB\"\n\n[[object]]\n{object}\nsize_m = {size_m}\n\n[[probe]]\n\
+         shape = {{ sphere = {{ radius_m = 0.001 }} }}\n\
+         trajectory = {{ tour = {{ seed = 1, speed_m_per_s = {speed_m_per_s}, depth_m = 0.002 }} }}\n"
+    )
+}
+
+fn absolute(path: &Path) -> Result<PathBuf, Failure> {
+    std::fs::canonicalize(path)
+        .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
+}

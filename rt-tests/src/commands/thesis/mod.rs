@@ -1,0 +1,177 @@
+//! `rt-tests thesis`: the figures of the thesis's performance studies, measured on its models, with
+//! the published numbers beside ours.
+//!
+//! | module | holds |
+//! |---|---|
+//! | `models` | the models of Table 4.1, and the table |
+//! | `updates` | Figure 4.7 and the costs of 3.3.3 |
+//! | `queries` | Figure 5.20, and static levels of detail against the CDPM (4.3.2) |
+//! | `frames` | Figure 4.8 |
+//! | `two_fronts` | what Figure 5.16 draws |
+//! | `refinement` | Figure 5.19 |
+//! | `server` | the station's load of a subscription (5.8) |
+//! | `pairs` | two objects that touch, and the time of their query |
+//! | `result`, `page` | the JSON; the terminal and the page |
+
+mod frames;
+mod models;
+mod page;
+mod pairs;
+mod queries;
+mod refinement;
+mod result;
+mod server;
+mod two_fronts;
+mod updates;
+
+pub use result::{Figure, Quote, Series, Thesis};
+
+use crate::failure::Failure;
+use crate::machine::Machine;
+use crate::report::chart::Stroke;
+use crate::report::output::{make_folder, print_either, status_line, write_json, write_whole};
+use clap::Args;
+use indicatif::ProgressBar;
+use models::StudyModel;
+use rand::SeedableRng;
+use rand_xoshiro::Xoshiro256PlusPlus;
+use std::path::PathBuf;
+
+/// Arguments of `rt-tests thesis`.
+#[derive(Debug, Args)]
+pub struct ThesisArgs {
+    /// Mesh files, or folders with them: sphere, cow, bunny and dragon are found by their names
+    /// [default: a generated sphere alone]
+    #[arg(value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    /// Only this one: table4.1, 4.7, 4.8, 5.16, 5.19, 5.20, or a section: 3.3.3, 4.3.2, 5.8
+    #[arg(long, value_name = "NUMBER")]
+    pub figure: Option<String>,
+    /// Folder of the page and the JSON
+    #[arg(long, value_name = "DIR", default_value = "reports/thesis")]
+    pub out: PathBuf,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Seed of the paths and tours
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// How a figure is measured.
+type Measure = fn(&Study) -> Result<Figure, Failure>;
+
+/// All, in the order of the thesis.
+const FIGURES: [(&str, Measure); 9] = [
+    ("3.3.3", updates::costs),
+    ("table4.1", |study| Ok(models::table(&study.models))),
+    ("4.7", updates::figure_4_7),
+    ("4.3.2", queries::static_against_cdpm),
+    ("4.8", frames::figure_4_8),
+    ("5.16", two_fronts::figure_5_16),
+    ("5.8", server::load),
+    ("5.19", refinement::figure_5_19),
+    ("5.20", queries::figure_5_20),
+];
+/// Those that are figures; the others are sections or a table.
+const IS_FIGURE: [&str; 5] = ["4.7", "4.8", "5.16", "5.19", "5.20"];
+
+/// The models, and where the measurements stand.
+pub struct Study {
+    models: Vec<StudyModel>,
+    seed: u64,
+    line: ProgressBar,
+    figure: &'static str,
+}
+
+impl Study {
+    /// Random numbers, the same for every figure and model.
+    fn random(&self) -> Xoshiro256PlusPlus {
+        Xoshiro256PlusPlus::seed_from_u64(self.seed)
+    }
+
+    /// Tells what is measured.
+    fn says(&self, of: &StudyModel, what: &str) {
+        let message = format!("{}: {}: {what}", self.figure, of.name);
+        self.line.set_message(message);
+    }
+
+    /// The models with their colours.
+    fn names(&self) -> Vec<(String, &'static str, Stroke)> {
+        let models = self.models.iter();
+        models
+            .map(|of| (of.name.clone(), of.color, Stroke::Solid))
+            .collect()
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence: status 2 for bad input, 1 when something cannot be measured.
+pub fn thesis(args: &ThesisArgs) -> Result<(), Failure> {
+    let chosen = chosen(args.figure.as_deref())?;
+    make_folder(&args.out)?;
+    eprintln!("opening and building the models");
+    let mut study = Study {
+        models: models::open_all(&args.paths)?,
+        seed: args.seed,
+        line: status_line(),
+        figure: "",
+    };
+    if study.models.is_empty() {
+        return Err(Failure::Input("no mesh file is given".to_string()));
+    }
+    let mut found = Thesis {
+        seed: args.seed,
+        models: study.models.iter().map(|of| of.name.clone()).collect(),
+        figures: Vec::new(),
+    };
+    for (number, measure) in chosen {
+        study.figure = number;
+        found.figures.push(measure(&study)?);
+    }
+    study.line.finish_and_clear();
+    check_finite(&found)?;
+    let page = args.out.join("thesis.html");
+    write_whole(&page, page::page(&found, &Machine::read()).as_bytes())?;
+    write_json(&args.out.join("thesis.json"), &found)?;
+    let words = format!("{}\npage: {}\n", page::words(&found), page.display());
+    print_either(args.json, &words, &found)
+}
+
+/// The figures that were asked for.
+fn chosen(figure: Option<&str>) -> Result<Vec<(&'static str, Measure)>, Failure> {
+    let Some(asked) = figure else {
+        return Ok(FIGURES.to_vec());
+    };
+    let found = FIGURES.iter().find(|(number, _)| *number == asked);
+    found.map(|&figure| vec![figure]).ok_or_else(|| {
+        let numbers = FIGURES.map(|(number, _)| number).join(", ");
+        Failure::Input(format!(
+            "--figure {asked} is not measured; choose one of {numbers}"
+        ))
+    })
+}
+
+/// A number that is none is a failure and not a result.
+fn check_finite(found: &Thesis) -> Result<(), Failure> {
+    let all = found.figures.iter().flat_map(|figure| &figure.series);
+    match all.into_iter().find(|series| !series.ours.is_finite()) {
+        None => Ok(()),
+        Some(series) => Err(Failure::Run(format!("{} is no number", series.name))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_figure_is_chosen_by_its_number() {
+        assert_eq!(chosen(None).map(|all| all.len()), Ok(FIGURES.len()));
+        assert_eq!(chosen(Some("4.7")).map(|one| one[0].0), Ok("4.7"));
+        let refused = chosen(Some("4.2")).map(|_| ()).unwrap_err().to_string();
+        assert!(refused.contains("4.7, 4.3.2"), "{refused}");
+    }
+}

@@ -1,0 +1,444 @@
+//! `rt-tests tune`: the settings of a scene that keep a limit of error, time, bytes or memory on
+//! this machine, and what the next step would cost.
+//!
+//! One dial is turned: the tolerance at the contact (with `--memory` the cache is as large as
+//! allowed). Errors, bytes and pressure on the cache are measured in virtual time, where both cores
+//! run with the scene's own hand. Each limit has an edge on the
+//! dial, found by bisection: an error is kept below its edge, a cost above. The result is then run
+//! by both processes; where that run breaks an error or a time, the dial is turned a step on.
+//!
+//! | module | holds |
+//! |---|---|
+//! | `asked` | the limits as typed |
+//! | `trial` | a touch with given settings |
+//! | `search` | the bisection |
+//! | `words` | the fragment, and the result in words |
+
+mod asked;
+mod search;
+mod trial;
+mod words;
+
+pub use asked::{Asked, LimitArgs};
+pub use trial::Cost;
+
+use crate::failure::Failure;
+use crate::processes::stop::stop_flag;
+use crate::report::output::{print_either, status_line};
+use crate::report::units::{bytes, length};
+use crate::scenes::{SceneFile, check_seconds, prepare_models};
+use clap::Args;
+use hrtc::run::FIXED_BYTES;
+use indicatif::ProgressBar;
+use scene::{RefinementPlan, ScenePlan};
+use scene_args::OverrideArgs;
+use search::{STEP, edge, rounded};
+use serde::Serialize;
+use std::path::PathBuf;
+use trial::{Bench, MORE_COARSER, RUNS, Settings};
+
+/// The dial reaches from so many diagonals, below which every scan is at full resolution, to one,
+/// at which everything is at its base mesh.
+const DIAL: (f64, f64) = (1e-6, 1.0);
+/// An error in virtual time is to be below what was asked for by this factor, and a time of the
+/// search: the hand of a real run goes another path by microns, and its ticks differ. It is below
+/// the 1.5 at which settings are called wasteful.
+const MARGIN: f64 = 1.15;
+/// Times that the dial is turned on where the run breaks a limit, or stays far from a time.
+const MAX_CORRECTIONS: usize = 3;
+/// Far from a time that was asked for: less than it by this factor, and a finer tolerance is tried.
+const FAR: f64 = 1.35;
+/// The next step up is finer by this factor.
+const NEXT: f64 = 2.0;
+
+/// Arguments of `rt-tests tune`.
+#[derive(Debug, Args)]
+pub struct TuneArgs {
+    /// The scene [default: the bundled first-touch scene]
+    #[arg(value_name = "SCENE")]
+    pub scene: Option<PathBuf>,
+    /// What is to be kept.
+    #[command(flatten)]
+    pub limits: LimitArgs,
+    /// Length of each touch, seconds
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    pub seconds: f64,
+    /// Over the scene.
+    #[command(flatten)]
+    pub overrides: OverrideArgs,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is printed as JSON.
+#[derive(Debug, Serialize)]
+pub struct Tuned {
+    /// The scene.
+    pub scene: String,
+    /// The limits.
+    pub asked: Asked,
+    /// The settings as a fragment of a scene.
+    pub settings: String,
+    /// The tolerance in it, metres.
+    pub tolerance_m: f64,
+    /// The cache in it, bytes.
+    pub cache_bytes: u64,
+    /// What the search found for the settings.
+    pub predicted: Asked,
+    /// What both processes then measured.
+    pub measured: Asked,
+    /// Whether they kept every limit.
+    pub met: bool,
+    /// Which limit binds, in words.
+    pub binds: String,
+    /// All that the settings cost in that run.
+    pub cost: Cost,
+    /// The next finer tolerance, metres, and what it costs; left out at the full mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub next: Option<(f64, Cost)>,
+    /// Touches that were tried, in virtual time and by both processes.
+    pub trials: [usize; 2],
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence: status 2 for bad input, 1 when the limits cannot be kept.
+pub fn tune(args: &TuneArgs) -> Result<(), Failure> {
+    check_seconds(args.seconds)?;
+    let asked = args.limits.parsed()?;
+    let scene = SceneFile::named_or_bundled(args.scene.as_deref())?;
+    let stop = stop_flag()?;
+    let bench = Bench {
+        scene: scene.path(),
+        overrides: &args.overrides,
+        seconds: args.seconds,
+        stop: &stop,
+    };
+    let mut search = Search::new(&bench, asked)?;
+    let tuned = search.tuned()?;
+    search.line.finish_and_clear();
+    print_either(args.json, &words::words(&tuned), &tuned)?;
+    if tuned.met {
+        return Ok(());
+    }
+    Err(Failure::Run(
+        "the run did not keep what was asked for; give more with --seconds, or ask for less"
+            .to_string(),
+    ))
+}
+
+/// A search on the dial of a scene.
+struct Search<'a> {
+    bench: &'a Bench<'a>,
+    asked: Asked,
+    plan: ScenePlan,
+    /// The dial's ends, metres.
+    dial: (f64, f64),
+    cache_bytes: usize,
+    line: ProgressBar,
+    trials: [usize; 2],
+    /// A tick of a run over one in virtual time: the loop around it, caches that were cold.
+    loop_over_tick: f64,
+    /// Ticks in virtual time by tolerance.
+    times: Vec<(f64, f64)>,
+}
+
+impl<'a> Search<'a> {
+    fn new(bench: &'a Bench<'a>, asked: Asked) -> Result<Self, Failure> {
+        let plan = bench.plan(&bench.overrides.overrides())?;
+        if let RefinementPlan::Global { lod: Some(_) } = plan.accuracy.refinement {
+            return Err(Failure::Input(format!(
+                "{}: lod fixes how fine the model is, so there is nothing to tune; leave it out",
+                plan.name
+            )));
+        }
+        let diagonal_m = diagonal_m(&plan)?;
+        let cache_bytes = match asked.memory_bytes {
+            None => plan.cache_bytes,
+            Some(memory) => (memory as usize).checked_sub(FIXED_BYTES).ok_or_else(|| {
+                Failure::Input(format!(
+                    "--memory: rings and stacks alone take {}, give more",
+                    bytes(FIXED_BYTES as u64)
+                ))
+            })?,
+        };
+        let dial = (rounded(DIAL.0 * diagonal_m), rounded(DIAL.1 * diagonal_m));
+        Ok(Self {
+            bench,
+            asked,
+            plan,
+            dial,
+            cache_bytes,
+            line: status_line(),
+            trials: [0; 2],
+            loop_over_tick: 1.0,
+            times: Vec::new(),
+        })
+    }
+
+    fn settings(&self, tolerance_m: f64) -> Settings {
+        Settings {
+            tolerance_m,
+            cache_bytes: self.cache_bytes,
+        }
+    }
+
+    fn simulate(&mut self, tolerance_m: f64) -> Result<Cost, Failure> {
+        self.trials[0] += 1;
+        let at = length(tolerance_m);
+        self.line
+            .set_message(format!("tolerance {at}, in virtual time"));
+        self.bench.simulate(self.settings(tolerance_m), false)
+    }
+
+    /// A tick in virtual time, µs.
+    fn tick_us(&mut self, tolerance_m: f64) -> Result<f64, Failure> {
+        if let Some(&(_, us)) = self.times.iter().find(|(at, _)| *at == tolerance_m) {
+            return Ok(us);
+        }
+        self.trials[0] += 1;
+        let at = length(tolerance_m);
+        self.line
+            .set_message(format!("tolerance {at}, timed in virtual time"));
+        let us = self
+            .bench
+            .simulate(self.settings(tolerance_m), true)?
+            .time_us;
+        self.times.push((tolerance_m, us));
+        Ok(us)
+    }
+
+    fn run(&mut self, tolerance_m: f64, runs: usize) -> Result<Cost, Failure> {
+        self.trials[1] += runs;
+        let at = length(tolerance_m);
+        self.line
+            .set_message(format!("tolerance {at}, both processes, {runs} times"));
+        self.bench.run(self.settings(tolerance_m), runs)
+    }
+
+    /// Runs that a time needs; one where no time was asked for.
+    fn runs(&self) -> usize {
+        if self.asked.time_us.is_some() {
+            RUNS
+        } else {
+            1
+        }
+    }
+
+    /// The coarsest tolerance that keeps the error; an error that the base mesh keeps has no edge.
+    fn of_error(&mut self, error_m: f64) -> Result<f64, Failure> {
+        let kept = |cost: &Cost| cost.error_m * MARGIN <= error_m;
+        let full = self.simulate(0.0)?;
+        if !kept(&full) {
+            return Err(Failure::Run(format!(
+                "even where the full mesh is asked for, a contact was {} away from it ({:.0} % of the ticks in contact had \
+                 a coarser front for want of time or room): go slower, or allow more operations or a larger cache",
+                length(full.error_m),
+                100.0 * full.coarser
+            )));
+        }
+        if kept(&self.simulate(self.dial.1)?) {
+            return Ok(self.dial.1);
+        }
+        let dial = self.dial;
+        let (low, _) = edge(dial, &mut |tolerance| Ok(kept(&self.simulate(tolerance)?)))?;
+        Ok(if low > dial.0 { low } else { 0.0 })
+    }
+
+    /// The finest tolerance that keeps a cost.
+    fn of_cost(&mut self, limit: &Limit) -> Result<f64, Failure> {
+        if limit.is_kept(self, 0.0)? {
+            return Ok(0.0);
+        }
+        let dial = self.dial;
+        if !limit.is_kept(self, dial.1)? {
+            return Err(Failure::Run(format!(
+                "not even the base mesh keeps {}; ask for less",
+                limit.name()
+            )));
+        }
+        let (_, high) = edge(dial, &mut |tolerance| Ok(!limit.is_kept(self, tolerance)?))?;
+        Ok(high)
+    }
+
+    /// The tolerance, and which limit binds.
+    fn tolerance(&mut self) -> Result<(f64, String), Failure> {
+        let mut finest = (0.0, String::new());
+        let limits: Vec<Limit> = Limit::of(&self.asked).collect();
+        for limit in limits {
+            let tolerance = self.of_cost(&limit)?;
+            if tolerance > finest.0 {
+                finest = (tolerance, limit.name().to_string());
+            }
+        }
+        let Some(error_m) = self.asked.error_m else {
+            if finest.0 == 0.0 {
+                finest.1 = "nothing: the full mesh keeps every limit".to_string();
+            }
+            return Ok(finest);
+        };
+        let coarsest = self.of_error(error_m)?;
+        if coarsest < finest.0 {
+            return Err(Failure::Run(format!(
+                "the limits contradict each other: {} needs a tolerance of {} or coarser, the error one of {} or finer",
+                finest.1,
+                length(finest.0),
+                length(coarsest)
+            )));
+        }
+        let binds = if coarsest >= self.dial.1 {
+            "nothing: the base mesh keeps the error"
+        } else {
+            "the error"
+        };
+        Ok((coarsest, binds.to_string()))
+    }
+
+    /// Whether a run keeps every limit.
+    fn is_met(&self, cost: &Cost) -> bool {
+        let keeps = |limit: Option<f64>, value: f64| limit.is_none_or(|limit| value <= limit);
+        keeps(self.asked.error_m, cost.error_m)
+            && keeps(self.asked.time_us, cost.time_us)
+            && keeps(self.asked.bytes, cost.bytes)
+            && keeps(self.asked.memory_bytes, cost.memory_bytes)
+    }
+
+    /// Whether a run is far below the only limit, a time, and there is a finer tolerance.
+    fn is_far(&self, tolerance: f64, cost: &Cost) -> bool {
+        let only_time = Asked {
+            time_us: self.asked.time_us,
+            ..Asked::default()
+        };
+        let is_far = |limit: f64| cost.time_us * FAR < limit;
+        tolerance > 0.0 && self.asked == only_time && self.asked.time_us.is_some_and(is_far)
+    }
+
+    /// The next tolerance after a run that does not do.
+    fn corrected(&mut self, tolerance: f64, cost: &Cost) -> Result<f64, Failure> {
+        if self
+            .asked
+            .error_m
+            .is_some_and(|error_m| cost.error_m > error_m)
+        {
+            return Ok(rounded(tolerance / STEP));
+        }
+        let is_time = self.asked.time_us.is_some_and(|us| cost.time_us > us);
+        if is_time || self.is_far(tolerance, cost) {
+            self.loop_over_tick = cost.time_us / self.tick_us(tolerance)?;
+            let found = self.tolerance()?.0;
+            if found != tolerance {
+                return Ok(found);
+            }
+        }
+        Ok(rounded(tolerance * STEP).min(self.dial.1))
+    }
+
+    fn tuned(&mut self) -> Result<Tuned, Failure> {
+        if self.asked.time_us.is_some() {
+            self.loop_over_tick = self.run(0.0, 1)?.time_us / self.tick_us(0.0)?;
+        }
+        let (mut tolerance, binds) = self.tolerance()?;
+        let mut cost = self.run(tolerance, self.runs())?;
+        for _ in 0..MAX_CORRECTIONS {
+            if self.is_met(&cost) && !self.is_far(tolerance, &cost) {
+                break;
+            }
+            tolerance = self.corrected(tolerance, &cost)?;
+            cost = self.run(tolerance, self.runs())?;
+        }
+        let mut predicted = self.simulate(tolerance)?;
+        if self.asked.time_us.is_some() {
+            predicted.time_us = self.tick_us(tolerance)? * self.loop_over_tick;
+        }
+        let next = if tolerance > 0.0 {
+            let finer = rounded(tolerance / NEXT);
+            let finer = if finer < self.dial.0 { 0.0 } else { finer };
+            Some((finer, self.run(finer, 1)?))
+        } else {
+            None
+        };
+        Ok(Tuned {
+            scene: self.plan.name.clone(),
+            asked: self.asked,
+            settings: words::fragment(&self.plan, self.settings(tolerance)),
+            tolerance_m: tolerance,
+            cache_bytes: self.cache_bytes as u64,
+            predicted: self.of_asked(&predicted),
+            measured: self.of_asked(&cost),
+            met: self.is_met(&cost),
+            binds,
+            cost,
+            next,
+            trials: self.trials,
+        })
+    }
+
+    /// Of a cost the parts that were asked for.
+    fn of_asked(&self, cost: &Cost) -> Asked {
+        Asked {
+            error_m: self.asked.error_m.map(|_| cost.error_m),
+            time_us: self.asked.time_us.map(|_| cost.time_us),
+            bytes: self.asked.bytes.map(|_| cost.bytes),
+            memory_bytes: self.asked.memory_bytes.map(|_| cost.memory_bytes),
+        }
+    }
+}
+
+/// A limit that a coarser tolerance keeps.
+enum Limit {
+    /// Of the time of a tick, µs.
+    Time(f64),
+    /// Of the bytes received.
+    Bytes(f64),
+    /// Of the cache: the share of ticks coarser than asked for where there is room for all.
+    Memory,
+}
+
+impl Limit {
+    fn of(asked: &Asked) -> impl Iterator<Item = Self> {
+        let memory = asked.memory_bytes.map(|_| Self::Memory);
+        let bytes = asked.bytes.map(Self::Bytes);
+        memory
+            .into_iter()
+            .chain(bytes)
+            .chain(asked.time_us.map(Self::Time))
+    }
+
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Time(_) => "the time",
+            Self::Bytes(_) => "the bytes",
+            Self::Memory => "the memory",
+        }
+    }
+
+    fn is_kept(&self, search: &mut Search<'_>, tolerance: f64) -> Result<bool, Failure> {
+        Ok(match self {
+            Self::Time(us) => search.tick_us(tolerance)? * search.loop_over_tick * MARGIN <= *us,
+            Self::Bytes(bytes) => search.simulate(tolerance)?.bytes * MARGIN <= *bytes,
+            Self::Memory => {
+                let cost = search.simulate(tolerance)?;
+                let room = std::mem::replace(&mut search.cache_bytes, AMPLE_BYTES);
+                let ample = search.simulate(tolerance);
+                search.cache_bytes = room;
+                cost.coarser <= ample?.coarser + MORE_COARSER
+            }
+        })
+    }
+}
+
+/// A cache with room for any model that a scene touches in seconds.
+const AMPLE_BYTES: usize = 256 << 20;
+
+/// Diagonal of the first object, metres.
+fn diagonal_m(plan: &ScenePlan) -> Result<f64, Failure> {
+    let opened = prepare_models(plan)?;
+    let name = plan.objects[0].model.name();
+    let model = opened.models.iter().find(|model| model.name == name);
+    let model = model.ok_or_else(|| Failure::Run(format!("{name} is not there")))?;
+    let header = model.file.model_header();
+    let longest = ve_station::inspect::longest_side(&header);
+    Ok(header.diagonal * plan.objects[0].scale.metres_per_unit(longest))
+}

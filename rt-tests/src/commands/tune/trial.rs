@@ -1,0 +1,185 @@
+//! A touch with given settings: in virtual time, and as both processes on this machine.
+
+use crate::failure::Failure;
+use crate::processes::pair::{PairArgs, Shown, run_pair};
+use crate::processes::roles::LoopArgs;
+use crate::report::quantile::{Quantiles, median};
+use crate::scenes::prepare_models;
+use crate::trajectory::stage_times::{STAGES, least_ns_with};
+use hrtc::run::FIXED_BYTES;
+use scene::{Overrides, ScenePlan, load};
+use scene_args::OverrideArgs;
+use scene_files::DiskFiles;
+use serde::Serialize;
+use simulator::{Client, ClientOptions, STATION, Simulation, new_controller, station};
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+/// Ticks after which models that do not arrive are given up.
+const MAX_START_TICKS: u64 = 2_000_000;
+/// Runs of which a time is the median: what disturbs one of them is no property of the settings.
+pub const RUNS: usize = 3;
+/// Of the ticks in contact, the share that is coarser than asked for in spite of room and time: by
+/// so much a trial may exceed one with room for everything.
+pub const MORE_COARSER: f64 = 0.01;
+
+/// What settings cost.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Cost {
+    /// Largest error that the station measured at a contact, metres.
+    pub error_m: f64,
+    /// Processor time of a tick, p99, µs; in virtual time that of undisturbed ticks without the
+    /// loop around them, where it was asked for.
+    pub time_us: f64,
+    /// Bytes received.
+    pub bytes: f64,
+    /// Bytes of the cache that were in use at most, and of fixed rings and stacks.
+    pub memory_bytes: f64,
+    /// Share of the ticks in contact with a coarser front asked for than the tolerance, for want of
+    /// time or room.
+    pub coarser: f64,
+    /// Largest certified error at a contact, metres.
+    pub certified_m: f64,
+}
+
+/// A scene, and how it is tried.
+pub struct Bench<'a> {
+    /// The scene file.
+    pub scene: &'a Path,
+    /// Over it.
+    pub overrides: &'a OverrideArgs,
+    /// Length of a run, seconds.
+    pub seconds: f64,
+    /// Ends a run early.
+    pub stop: &'a AtomicBool,
+}
+
+/// What is turned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Expected error wanted at the contact, metres.
+    pub tolerance_m: f64,
+    /// Bytes of the cache.
+    pub cache_bytes: usize,
+}
+
+impl Bench<'_> {
+    /// The command line's values with these settings.
+    fn with(&self, settings: Settings) -> OverrideArgs {
+        OverrideArgs {
+            tolerance: Some(settings.tolerance_m),
+            cache: Some(settings.cache_bytes.to_string()),
+            ..self.overrides.clone()
+        }
+    }
+
+    /// The scene's plan.
+    ///
+    /// # Errors
+    /// When the scene is refused.
+    pub fn plan(&self, overrides: &Overrides) -> Result<ScenePlan, Failure> {
+        Ok(load(self.scene, overrides, &DiskFiles)?)
+    }
+
+    /// A touch in virtual time: the hands are those of the scene, the loop is closed.
+    ///
+    /// # Errors
+    /// When the scene cannot be served, or nothing is touched.
+    pub fn simulate(&self, settings: Settings, is_timed: bool) -> Result<Cost, Failure> {
+        let plan = self.plan(&self.with(settings).overrides())?;
+        let failed = |what: &str| Failure::Run(format!("{}: {what}", plan.name));
+        let models = prepare_models(&plan)?.models;
+        let station =
+            station(&plan, models, STATION).ok_or_else(|| failed("a model is not served"))?;
+        let options = ClientOptions {
+            tour_s: self.seconds,
+            ..ClientOptions::default()
+        };
+        let mut simulation = Simulation::new(station, Client::new(&plan, options));
+        if is_timed {
+            simulation.client_mut().record();
+        }
+        while !simulation.step_led().record.ready {
+            if let Some(fault) = simulation.controller().fault() {
+                return Err(failed(&fault.to_string()));
+            }
+            if simulation.tick() > MAX_START_TICKS {
+                return Err(failed("the models do not arrive"));
+            }
+        }
+        let start = simulation.tick() as usize;
+        let mut cost = Cost::default();
+        let (mut touching, mut coarser) = (0u64, 0u64);
+        for _ in 0..(self.seconds * plan.loop_.rate_hz) as u64 {
+            let record = simulation.step_led().record;
+            cost.error_m = cost.error_m.max(record.measured_error_m);
+            if record.contact {
+                touching += 1;
+                cost.certified_m = cost.certified_m.max(record.certified_error_m);
+                coarser += u64::from(record.finest_tolerance_m > settings.tolerance_m);
+            }
+        }
+        if touching == 0 {
+            // Such as a cache that is too small for a base mesh.
+            let fault = simulation
+                .controller()
+                .fault()
+                .map(|fault| fault.to_string());
+            return Err(failed(fault.as_deref().unwrap_or(NOTHING_TOUCHED)));
+        }
+        let high_water = simulation.controller().cache().bytes_high_water();
+        cost.bytes = simulation.outputs().record.bytes_received as f64;
+        cost.memory_bytes = (high_water + FIXED_BYTES) as f64;
+        cost.coarser = coarser as f64 / touching as f64;
+        if let Some(recording) = simulation.client_mut().take_recording() {
+            let fresh = |_| new_controller(&plan, &options);
+            let least = least_ns_with(&[(&recording, &plan)], &fresh)?.swap_remove(0);
+            let whole = |ns: &[u32; STAGES]| ns.iter().map(|&ns| f64::from(ns)).sum::<f64>();
+            let mut us: Vec<f64> = least[start..].iter().map(|ns| whole(ns) * 1e-3).collect();
+            cost.time_us = Quantiles::of(&mut us).p99;
+        }
+        Ok(cost)
+    }
+
+    /// Both processes on this machine, several times where the time counts: the largest
+    /// errors, bytes and memory, and the median of the times.
+    ///
+    /// # Errors
+    /// When a process fails, or nothing is touched.
+    pub fn run(&self, settings: Settings, runs: usize) -> Result<Cost, Failure> {
+        let overrides = self.with(settings);
+        let plan = self.plan(&overrides.overrides())?;
+        let pair = PairArgs {
+            scene: self.scene,
+            plan: &plan,
+            seconds: self.seconds,
+            overrides: &overrides,
+            loop_: LoopArgs::default(),
+            record: None,
+            device: None,
+        };
+        let mut times = Vec::new();
+        let mut cost = Cost::default();
+        for _ in 0..runs {
+            let outcome = run_pair(&pair, self.stop, &mut |_: Shown<'_>| ())?;
+            outcome.check_finite()?;
+            let result = &outcome.finished.result;
+            if result.contact_ticks == 0 {
+                return Err(Failure::Run(format!("{}: {NOTHING_TOUCHED}", plan.name)));
+            }
+            times.push(result.work_us.p99);
+            cost.bytes = cost.bytes.max(result.bytes_received as f64);
+            cost.error_m = cost.error_m.max(result.measured_error_m.max);
+            cost.certified_m = cost.certified_m.max(result.certified_error_m.max);
+            let coarser = result.coarser_ticks as f64 / result.contact_ticks as f64;
+            cost.coarser = cost.coarser.max(coarser);
+            let memory = (result.cache.high_water_bytes as usize + FIXED_BYTES) as f64;
+            cost.memory_bytes = cost.memory_bytes.max(memory);
+        }
+        cost.time_us = median(&times);
+        Ok(cost)
+    }
+}
+
+const NOTHING_TOUCHED: &str = "nothing is touched, so nothing can be tuned; give a scene whose probe has a \
+    trajectory, or more with --seconds";

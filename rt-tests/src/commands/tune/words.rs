@@ -1,0 +1,143 @@
+//! The settings as a fragment of a scene, and the result in words.
+
+use super::trial::{Cost, Settings};
+use super::{Asked, Tuned};
+use crate::report::units::{bytes, digits, length};
+use scene::{RefinementPlan, ScenePlan};
+use std::fmt::Write as _;
+
+/// The tables `accuracy` and `cache` of a scene with the settings; they replace those of the scene.
+#[must_use]
+pub fn fragment(plan: &ScenePlan, settings: Settings) -> String {
+    let refinement = match plan.accuracy.refinement {
+        RefinementPlan::Local => "local",
+        RefinementPlan::Global { .. } => "global",
+    };
+    // A float in TOML has a point or an exponent.
+    format!(
+        "[accuracy]\ntolerance_m = {:?}\nrefinement = \"{refinement}\"\ngeomorph = {}\n\n[cache]\nbytes = {}\n",
+        settings.tolerance_m, plan.accuracy.geomorph, settings.cache_bytes
+    )
+}
+
+/// What was asked for or found, in words.
+fn limits(of: &Asked) -> String {
+    let parts = [
+        of.error_m.map(|metres| format!("error {}", length(metres))),
+        of.time_us.map(|us| format!("tick {} µs", digits(us))),
+        of.bytes
+            .map(|count| format!("{} received", bytes(count as u64))),
+        of.memory_bytes
+            .map(|count| format!("memory {}", bytes(count as u64))),
+    ];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
+}
+
+fn cost(of: &Cost) -> String {
+    format!(
+        "error {} at most (certified {}), 99 of 100 ticks within {} µs, {} received, memory in use {}, {:.1} % of the \
+         contact coarser than the tolerance",
+        length(of.error_m),
+        length(of.certified_m),
+        digits(of.time_us),
+        bytes(of.bytes as u64),
+        bytes(of.memory_bytes as u64),
+        100.0 * of.coarser
+    )
+}
+
+/// The text of the terminal; the fragment can be taken out of it as it is.
+#[must_use]
+pub fn words(tuned: &Tuned) -> String {
+    let mut text = format!("{}\n", tuned.settings);
+    let mut line = |name: &str, what: &str| {
+        let _ = writeln!(text, "# {name:<10} {what}");
+    };
+    line("asked", &limits(&tuned.asked));
+    line("predicted", &limits(&tuned.predicted));
+    let verdict = if tuned.met { "kept" } else { "NOT kept" };
+    line(
+        "measured",
+        &format!("{}: {verdict}", limits(&tuned.measured)),
+    );
+    line("costs", &cost(&tuned.cost));
+    line("binds", &tuned.binds);
+    match &tuned.next {
+        None => line("next step", "none: this is the full mesh"),
+        Some((tolerance, finer)) => {
+            let at = if *tolerance == 0.0 {
+                "the full mesh".to_string()
+            } else {
+                format!("a tolerance of {}", length(*tolerance))
+            };
+            line("next step", &format!("{at}: {}", cost(finer)));
+        }
+    }
+    let [simulated, run] = tuned.trials;
+    line(
+        "tried",
+        &format!("{simulated} touches in virtual time, {run} by both processes"),
+    );
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scene::{NoFiles, Overrides, parse};
+    use std::path::Path;
+
+    const REST: &str = "[[object]]\nmodel = \"m.spm\"\nsize_m = 0.15\n[[probe]]\n";
+
+    fn plan(text: &str) -> ScenePlan {
+        let parsed = parse(text, "s", Path::new(""), &Overrides::default(), &NoFiles);
+        parsed.unwrap_or_else(|error| panic!("{error}\n{text}"))
+    }
+
+    #[test]
+    fn the_fragment_loads_as_printed_and_says_the_settings() {
+        let with = "[accuracy]\nrefinement = \"global\"\ngeomorph = false\n";
+        for before in [plan(REST), plan(&format!("{with}{REST}"))] {
+            for tolerance_m in [0.0, 1.23e-7, 2e-3] {
+                let settings = Settings {
+                    tolerance_m,
+                    cache_bytes: 5 << 20,
+                };
+                let after = plan(&format!("{}{REST}", fragment(&before, settings)));
+                assert_eq!(after.accuracy.tolerance_m, tolerance_m);
+                assert_eq!(after.cache_bytes, 5 << 20);
+                assert_eq!(after.accuracy.refinement, before.accuracy.refinement);
+                assert_eq!(after.accuracy.geomorph, before.accuracy.geomorph);
+            }
+        }
+    }
+
+    #[test]
+    fn the_whole_output_is_a_fragment_too() {
+        let asked = Asked {
+            error_m: Some(1e-4),
+            ..Asked::default()
+        };
+        let settings = Settings {
+            tolerance_m: 1e-4,
+            cache_bytes: 1 << 20,
+        };
+        let tuned = Tuned {
+            scene: "s".to_string(),
+            asked,
+            settings: fragment(&plan(REST), settings),
+            tolerance_m: 1e-4,
+            cache_bytes: 1 << 20,
+            predicted: asked,
+            measured: asked,
+            met: true,
+            binds: "the error".to_string(),
+            cost: Cost::default(),
+            next: Some((5e-5, Cost::default())),
+            trials: [3, 2],
+        };
+        let text = words(&tuned);
+        assert_eq!(plan(&format!("{text}{REST}")).cache_bytes, 1 << 20);
+        assert!(text.contains("# binds      the error"), "{text}");
+    }
+}
