@@ -20,6 +20,7 @@ use crate::commands::stability::StabilityArgs;
 use crate::commands::thesis::ThesisArgs;
 use crate::commands::tools::ToolsArgs;
 use crate::commands::tune::TuneArgs;
+use crate::commands::view::ViewArgs;
 use crate::commands::zwidth::ZwidthArgs;
 use crate::processes::bare_loop::BareArgs;
 use crate::processes::device_page::DeviceArgs;
@@ -48,6 +49,8 @@ pub enum Command {
     Jitter(JitterArgs),
     /// Put a recording of a run through the controller again; status 1 when a tick differs
     Replay(ReplayArgs),
+    /// Show a moment of a recording: the object, what of it was refined, the touch and its force
+    View(ViewArgs),
     /// Write the ticks of a recording as CSV tables
     Export(ExportArgs),
     /// Show on any mesh that fronts are legal, certified and cheap; status 1 when a limit is broken

@@ -11,6 +11,7 @@
 //! | [`scenes`] | the scene of a command and what the command line changes in it |
 //! | [`models`] | meshes, fronts on them, and exact distances |
 //! | [`peers`] | other libraries, for comparison only |
+//! | [`pictures`] | pictures of a touch, from its recording |
 //! | [`report`] | numbers in words, tables, pictures, pages and files |
 //! | [`clocks`] | times of single pieces of work |
 //! | [`machine`], [`failure`] | where it was measured; how a command fails |
@@ -24,6 +25,7 @@ pub mod links;
 pub mod machine;
 pub mod models;
 pub mod peers;
+pub mod pictures;
 pub mod processes;
 pub mod report;
 pub mod scenes;
@@ -53,6 +55,7 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Check(args) => commands::check::check(&args),
         Command::Jitter(args) => commands::jitter::jitter(&args),
         Command::Replay(args) => commands::replay::replay(&args),
+        Command::View(args) => commands::view::view(&args),
         Command::Export(args) => commands::export::export(&args),
         Command::Fronts(args) => commands::fronts::fronts(&args),
         Command::Accuracy(args) => commands::accuracy::accuracy(&args),

@@ -74,6 +74,9 @@ enum Command {
         /// Longest side of the model in the world, metres, for the greatest speed
         #[arg(long, value_name = "M", default_value_t = 0.15)]
         size: f64,
+        /// Writes a picture too: where the mesh was cut, its regions and its levels of detail
+        #[arg(long, value_name = "FILE.png")]
+        picture: Option<PathBuf>,
         /// Prints one JSON object instead of text
         #[arg(long)]
         json: bool,
@@ -203,7 +206,12 @@ fn run(command: Command) -> Result<(), Box<dyn Error>> {
             seed,
             output,
         } => generate_mesh(shape, faces, seed, &output),
-        Command::Inspect { file, size, json } => inspect_file(&file, size, json),
+        Command::Inspect {
+            file,
+            size,
+            picture,
+            json,
+        } => inspect_file(&file, size, picture.as_deref(), json),
         Command::Export {
             file,
             output,
@@ -269,8 +277,18 @@ fn generate_mesh(shape: Shape, faces: u32, seed: u64, output: &Path) -> Result<(
     ))
 }
 
-fn inspect_file(file: &Path, size: f64, json: bool) -> Result<(), Box<dyn Error>> {
+fn inspect_file(
+    file: &Path,
+    size: f64,
+    picture: Option<&Path>,
+    json: bool,
+) -> Result<(), Box<dyn Error>> {
     let found = inspect::inspect(file, size)?;
+    if let Some(path) = picture {
+        let bytes = inspect::model_picture(file)?;
+        let written = spm_builder::write_atomically(path, |out| out.write_all(&bytes));
+        written.map_err(|error| format!("{}: {error}", path.display()))?;
+    }
     if json {
         print(&serde_json::to_string(&found)?)
     } else {

@@ -1,13 +1,19 @@
 //! What an SPM file holds: counts, dependencies, closures, the tables of errors, and how fast a
 //! probe may go.
 
+mod file_units;
+mod model_picture;
+mod seams;
 mod tolerance_table;
 
+pub use model_picture::model_picture;
+pub use seams::{Seam, Seams};
 pub use tolerance_table::{ToleranceRow, tolerance_table};
 
 use crate::file_bytes::FileBytes;
 use crate::tuning::inspect::{ERROR_SHARES, MAX_AREAS};
 pub use crate::tuning::inspect::{LEAD_M, OPERATIONS_A_TICK, PERIOD_S, PROBE_RADIUS_M};
+use picture::PictureError;
 use serde::Serialize;
 use spm::ModelHeader;
 use spm::{BuildSummary, ErrorScale, FileError, SpmFile};
@@ -34,6 +40,14 @@ pub enum InspectError {
         path: PathBuf,
         /// Why.
         error: FileError,
+    },
+    /// There is no picture of it.
+    #[error("{}: {error}", path.display())]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: PictureError,
     },
     /// A size that is none.
     #[error("--size {0} is not possible: give the longest side in metres, more than 0")]
@@ -121,6 +135,8 @@ pub struct Facts {
     pub closure_max: u32,
     /// Widest gap along a cut on any front, model units.
     pub cracks_max: f64,
+    /// A question about the unit of the file, where its size is implausible in metres; else empty.
+    pub question: String,
 }
 
 impl Facts {
@@ -161,6 +177,7 @@ impl Facts {
             closure_mean: finite(summary.closure_mean),
             closure_max: header.closure_max,
             cracks_max: finite(summary.cracks_max),
+            question: file_units::question(longest_side(header)),
         }
     }
 
@@ -226,6 +243,9 @@ impl Facts {
                 self.closure_mean, self.closure_max
             ),
         );
+        if !self.question.is_empty() {
+            line("unit?", self.question.clone());
+        }
         text
     }
 }

@@ -11,6 +11,7 @@ use crate::lod::predict::Sources;
 use crate::probe::Probe;
 use crate::streaming::Fault;
 use crate::summary::mixed;
+use geometry::Pose;
 use glam::DVec3;
 use protocol::TourPoint;
 use spm::ModelHeader;
@@ -214,6 +215,27 @@ impl Controller {
         let active = self.active_object(object)?;
         let position = active.contacts.pairs[probe].proxy.position()?;
         Some(active.frame?.to_world(position))
+    }
+
+    /// The pose of a probe's proxy at an object in the world, metres; the axes of a ball are the
+    /// object's. `None` while the two are far from each other.
+    #[must_use]
+    pub fn proxy_pose_of(&self, probe: usize, object: usize) -> Option<Pose> {
+        let active = self.active_object(object)?;
+        let pose = active.contacts.pairs[probe].proxy.pose()?;
+        let frame = active.frame?;
+        Some(Pose {
+            position: frame.to_world(pose.position),
+            orientation: frame.pose.orientation * pose.orientation,
+        })
+    }
+
+    /// The base mesh of an object's model, once it is known, where it is kept beside the active
+    /// objects: vertices in stored coordinates, and corners of faces. Not for a tick: it allocates.
+    #[must_use]
+    pub fn kept_base_mesh(&self, object: usize) -> Option<(Vec<DVec3>, Vec<[u32; 3]>)> {
+        let instance = self.active.instances.get(object)?;
+        self.active.store.base_mesh(instance.model)
     }
 
     /// Samples rejected so far, of all probes: no plausible motion led to them.

@@ -23,6 +23,7 @@
 //! | [`effects`] | the cost of each effect |
 //! | [`tools`] | a tool's ticks beside unlimited work |
 //! | [`tune`] | the settings that keep a limit of error, time, bytes or memory |
+//! | [`view`] | a touch of a recording as a picture or a film |
 //! | [`zwidth`] | the stiffest wall that can be rendered |
 
 pub mod accuracy;
@@ -45,4 +46,5 @@ pub mod stability;
 pub mod thesis;
 pub mod tools;
 pub mod tune;
+pub mod view;
 pub mod zwidth;

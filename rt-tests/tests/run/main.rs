@@ -173,7 +173,7 @@ fn a_short_run_touches_a_real_mesh_and_reports_every_field() {
     assert!(number("first_full_ms") >= 0.0, "{said}");
     assert_eq!(number("allocations"), 0.0, "{said}");
 
-    for file in "report.html force.svg timing.svg resolution.svg result.json".split(' ') {
+    for file in "report.html touch.png force.svg timing.svg resolution.svg result.json".split(' ') {
         assert!(out.join(file).is_file(), "{file}");
     }
     assert!(

@@ -91,6 +91,10 @@ fn generate_build_and_inspect_agree() {
         let speed = 96.0 / (4096.0 / 0.031_416 * (0.006 + cell) * 1e-3);
         let said = found["greatest_speed_m_per_s"].as_f64().unwrap();
         assert!((said / speed - 1.0).abs() < 0.02, "{said} {speed}");
+        let picture = ["inspect", "mesh.spm", "--picture", "mesh.png"];
+        assert!(station(at, &picture).status.success());
+        let png = std::fs::read(at.join("mesh.png")).unwrap();
+        assert!(png.starts_with(b"\x89PNG"), "{} bytes", png.len());
         let text = station(at, &["inspect", "mesh.spm"]);
         assert!(
             String::from_utf8(text.stdout)

@@ -4,8 +4,9 @@
 //! same code as one that arrives. The slots are allocated at start; a base mesh without room in
 //! them is requested again whenever an object of it becomes active.
 
+use glam::{DVec3, Vec3};
 use protocol::{ChunkSlot, MODEL_HEADER_SLOTS};
-use spm::ModelHeader;
+use spm::{BaseFace, BaseVertex, ModelHeader};
 
 /// Bytes set aside for each model's base mesh: 900 faces; and the most, as a share of the cache.
 const BYTES_PER_MODEL: usize = 36 << 10;
@@ -151,5 +152,23 @@ impl BaseMeshStore {
         entry.model?;
         let (first, count) = entry.slots?;
         Some(&self.slots[first..first + count])
+    }
+
+    /// The kept base mesh of a model: vertices in stored coordinates, and corners of faces. Not for
+    /// a tick: it allocates.
+    #[must_use]
+    pub fn base_mesh(&self, model: usize) -> Option<(Vec<DVec3>, Vec<[u32; 3]>)> {
+        let (header, slots) = (self.model(model)?.header, self.slots(model)?);
+        let (vertices, faces) = slots.split_at(first_face_slot(&header));
+        let vertices = vertices[MODEL_HEADER_SLOTS..].iter().flat_map(|slot| {
+            let items: &[BaseVertex; 4] = bytemuck::cast_ref(&slot.words);
+            items.map(|item| Vec3::from_array(item.position).as_dvec3())
+        });
+        let faces = faces.iter().flat_map(|slot| {
+            let items: &[BaseFace; 2] = bytemuck::cast_ref(&slot.words);
+            items.map(|item| item.corners)
+        });
+        let vertices = vertices.take(header.base_vertices as usize).collect();
+        Some((vertices, faces.take(header.base_faces as usize).collect()))
     }
 }

@@ -56,7 +56,7 @@ pub struct AccuracyArgs {
     /// terrain:130000]
     #[arg(value_name = "MODEL")]
     pub models: Vec<String>,
-    /// Folder of the page, the CSV and the JSON
+    /// Folder of the page, its first picture, the CSV and the JSON
     #[arg(long, value_name = "DIR", default_value = "reports/accuracy")]
     pub out: PathBuf,
     /// Print one JSON object with the result on standard output
@@ -121,6 +121,8 @@ pub fn accuracy(args: &AccuracyArgs) -> Result<(), Failure> {
     let machine = Machine::read();
     let page = args.out.join("accuracy.html");
     write_whole(&page, page::page(&found, &machine).as_bytes())?;
+    let curve = args.out.join("accuracy.svg");
+    write_whole(&curve, page::curve(&found).as_bytes())?;
     write_whole(
         &args.out.join("accuracy.csv"),
         table::csv(&found).as_bytes(),

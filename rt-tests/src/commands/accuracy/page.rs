@@ -245,18 +245,15 @@ fn summary(html: &mut String, groups: &[Group<'_>]) {
     html.push_str("</ul>\n");
 }
 
-/// All models in one picture.
-fn hero(html: &mut String, groups: &[Group<'_>]) {
-    let curves: Vec<Curve> = groups
-        .iter()
-        .zip(COLORS.iter().cycle())
-        .map(|(group, color)| {
-            group.curve((group.name, color, Stroke::Solid), Knob::Local, |p| {
-                (p.tick_us.p50, p.true_m)
-            })
-        })
-        .collect();
-    let chart = |title: &str, x: &str, curves: Vec<Curve>| {
+/// All models in one picture: the median tick, and one in a hundred.
+fn hero_charts(groups: &[Group<'_>]) -> [Chart; 2] {
+    let chart = |title: &str, x: &str, number: fn(&Point) -> f64| {
+        let colors = groups.iter().zip(COLORS.iter().cycle());
+        let curves = colors.map(|(group, color)| {
+            let name = (group.name, *color, Stroke::Solid);
+            group.curve(name, Knob::Local, |p| (number(p), p.true_m))
+        });
+        let curves: Vec<Curve> = curves.collect();
         let x = Axis::over(x, Unit::Time, xs(&curves));
         let y = Axis::over("largest true error at a contact", Unit::Length, ys(&curves));
         Chart {
@@ -264,15 +261,20 @@ fn hero(html: &mut String, groups: &[Group<'_>]) {
             ..Chart::new(title, x, y, curves)
         }
     };
-    let slow: Vec<Curve> = groups
-        .iter()
-        .zip(COLORS.iter().cycle())
-        .map(|(group, color)| {
-            group.curve((group.name, color, Stroke::Solid), Knob::Local, |p| {
-                (p.tick_us.p99, p.true_m)
-            })
-        })
-        .collect();
+    let median = "time of a tick in contact, p50, µs";
+    let slow = "time of a tick in contact, p99, µs";
+    [
+        chart("the median tick", median, |p| p.tick_us.p50),
+        chart("one tick in a hundred", slow, |p| p.tick_us.p99),
+    ]
+}
+
+/// That picture alone, as a file of its own.
+pub fn curve(found: &Accuracy) -> String {
+    grid(&hero_charts(&Group::all(found)), 2, 400.0, Ground::Paper)
+}
+
+fn hero(html: &mut String, groups: &[Group<'_>]) {
     html.push_str("<p>Local refinement: each point is a tolerance, from the base mesh (above) to the full mesh (error 0, below). Left the median tick in contact, right the 99th percentile.</p>\n");
     let names: Vec<(String, &str, Stroke)> = groups
         .iter()
@@ -280,23 +282,7 @@ fn hero(html: &mut String, groups: &[Group<'_>]) {
         .map(|(group, &color)| (group.title(), color, Stroke::Solid))
         .collect();
     html.push_str(&key("", &names));
-    html.push_str(&grid(
-        &[
-            chart(
-                "the median tick",
-                "time of a tick in contact, p50, µs",
-                curves,
-            ),
-            chart(
-                "one tick in a hundred",
-                "time of a tick in contact, p99, µs",
-                slow,
-            ),
-        ],
-        2,
-        400.0,
-        Ground::Page,
-    ));
+    html.push_str(&grid(&hero_charts(groups), 2, 400.0, Ground::Page));
 }
 
 /// A row of two charts for each model.

@@ -7,10 +7,12 @@ mod report;
 use self::report::Report;
 use crate::failure::Failure;
 use crate::machine::Machine;
+use crate::pictures::playback::Playback;
+use crate::pictures::shots::Shots;
 use crate::processes::pair::{PairArgs, Shown, run_pair};
 use crate::processes::roles::LoopArgs;
 use crate::processes::stop::stop_flag;
-use crate::report::output::{make_folder, print_either, print_json, status_bar};
+use crate::report::output::{make_folder, print_either, print_json, status_bar, status_line};
 use crate::report::units::{bytes, grouped, length};
 use clap::Args;
 use hrtc::result::Status;
@@ -95,11 +97,14 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         return Err(failure);
     }
     let machine = Machine::read();
+    let mut notes = outcome.notes.clone();
+    let picture = touch_picture(&record, &mut notes);
     let report = Report {
         plan: &plan,
         finished: &outcome.finished,
         machine: &machine,
-        notes: &outcome.notes,
+        notes: &notes,
+        picture: picture.as_deref(),
     };
     report.write(&out)?;
     let words = format!(
@@ -119,6 +124,22 @@ fn recording(args: &RunArgs, plan: &ScenePlan, out: &Path) -> PathBuf {
         (None, _) => out.join("recording.mcap"),
     };
     args.record.clone().unwrap_or(of_scene)
+}
+
+/// The picture of the touch from the recording; a note tells why there is none.
+fn touch_picture(record: &Path, notes: &mut Vec<String>) -> Option<Vec<u8>> {
+    if record == Path::new("off") {
+        notes.push("nothing was recorded, so there is no picture of the touch".to_string());
+        return None;
+    }
+    let line = status_line();
+    line.set_message("drawing the touch");
+    let drawn = Playback::open(record).and_then(|of| Shots::new(&of).strongest_png());
+    line.finish_and_clear();
+    if let Err(failure) = &drawn {
+        notes.push(format!("there is no picture of the touch: {failure}"));
+    }
+    drawn.ok()
 }
 
 /// A short name of the first object's model, fit for a folder.

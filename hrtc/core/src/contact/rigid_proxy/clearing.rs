@@ -136,8 +136,9 @@ impl ToolProxy {
         }
     }
 
-    /// Stays where the surface moved into the tool until the surface lets it go, since no motion
-    /// from there can be swept: then it follows the device again, from there.
+    /// Stays where the surface moved into the tool until the surface lets it go, or until the way to
+    /// the device meets no face but those that hold it: on its way to the other side of one a tool
+    /// would meet its neighbours. So nobody pulls at a tool that is held for good.
     pub(super) fn stay_until_clear(
         &mut self,
         surface: Surface<'_>,
@@ -146,8 +147,21 @@ impl ToolProxy {
     ) {
         self.stuck_ticks += 1;
         answer.is_unsettled = true;
-        let here = self.at;
-        if self.meets(surface, &here, budget, answer) == Some(false) {
+        let (here, goal) = (self.at, self.goal);
+        let is_free = match self.meets(surface, &here, budget, answer) {
+            Some(true) => {
+                self.meets(surface, &goal, budget, answer) == Some(false)
+                    && self.passes_nothing(surface, here.to(&goal), budget, answer) == Some(true)
+            }
+            Some(false) => {
+                self.set_clear();
+                return;
+            }
+            None => return,
+        };
+        if is_free {
+            self.at = goal;
+            self.device_travel = 0.0;
             self.set_clear();
         }
     }
@@ -199,7 +213,7 @@ impl ToolProxy {
         true
     }
 
-    /// Whether a translation passes no face but those that the tool meets at its start; `None` if
+    /// Whether a motion passes no face but those that the tool meets at its start; `None` if
     /// budget or room do not suffice.
     fn passes_nothing(
         &mut self,

@@ -25,6 +25,8 @@ pub struct Report<'a> {
     pub machine: &'a Machine,
     /// What the supervisor saw, a sentence each: restarts, an early end.
     pub notes: &'a [String],
+    /// The picture of the touch, a PNG file.
+    pub picture: Option<&'a [u8]>,
 }
 
 impl Report<'_> {

@@ -13,6 +13,9 @@ use std::path::Path;
 
 /// Height of a chart, pixels.
 const CHART_HEIGHT: f64 = 250.0;
+/// The picture of the touch, and what it shows.
+const PICTURE: &str = "touch.png";
+const PICTURE_WORDS: &str = "The controller's own mesh at the greatest force, whole and from near, with the path of the probe before.";
 /// Least range of the axis of errors, micrometres: less could neither be rendered nor felt.
 const MIN_ERROR_UM: f64 = 0.01;
 
@@ -32,6 +35,9 @@ impl Report<'_> {
             let svg = grid(charts, 1, CHART_HEIGHT, Ground::Paper);
             write_whole(&folder.join(format!("{name}.svg")), svg.as_bytes())?;
         }
+        if let Some(picture) = self.picture {
+            write_whole(&folder.join(PICTURE), picture)?;
+        }
         write_json(&folder.join("result.json"), self.finished)?;
         let page = self.page(&pictures.map(|(_, title, charts)| (title, charts)));
         write_whole(&folder.join("report.html"), page.as_bytes())
@@ -48,6 +54,12 @@ impl Report<'_> {
         body.push_str(
             "</table>\n<p>Every point of a curve is the worst tick of its stretch of time; a grey ground means contact. All numbers are in result.json.</p>\n",
         );
+        if self.picture.is_some() {
+            let _ = writeln!(
+                body,
+                "<h2>Touch</h2>\n<img src=\"{PICTURE}\" alt=\"{PICTURE_WORDS}\" style=\"max-width: 100%\">\n<p>{PICTURE_WORDS}</p>"
+            );
+        }
         for (title, charts) in pictures {
             let svg = grid(charts, 1, CHART_HEIGHT, Ground::Page);
             let _ = writeln!(body, "<h2>{title}</h2>\n{svg}");

@@ -65,12 +65,15 @@ fn a_report_is_written_whole_and_its_pictures_stand_in_it_and_beside_it() {
             finished: &finished,
             machine: &machine,
             notes: &["a note".to_string()],
+            picture: Some(b"png"),
         };
         let out = folder.path().join("deep/er");
         report.write(&out).unwrap();
         let page = std::fs::read_to_string(out.join("report.html")).unwrap();
         assert!(page.contains("a&lt;b on m&amp;n") && !page.contains("a<b"));
-        assert!(page.matches("<svg").count() == 3 && !page.contains("src="));
+        assert_eq!(page.matches("<svg").count(), 3);
+        assert_eq!(page.matches("src=").count(), 1);
+        assert!(page.contains("src=\"touch.png\"") && out.join("touch.png").is_file());
         for name in ["force", "timing", "resolution"] {
             let svg = std::fs::read_to_string(out.join(format!("{name}.svg"))).unwrap();
             assert!(svg.contains("</svg>") && !svg.contains("NaN"));
@@ -80,7 +83,7 @@ fn a_report_is_written_whole_and_its_pictures_stand_in_it_and_beside_it() {
         assert!(back.result.ticks == 5000 && back.series.len() == finished.series.len());
         assert_eq!(
             std::fs::read_dir(&out).unwrap().count(),
-            5,
+            6,
             "nothing half-written"
         );
         let words = report.words();
@@ -102,6 +105,7 @@ fn a_report_is_written_whole_and_its_pictures_stand_in_it_and_beside_it() {
         finished: &finished,
         machine: &machine,
         notes: &[],
+        picture: None,
     };
     assert_eq!(report.write(&file).unwrap_err().status(), 2);
 }

@@ -1,0 +1,60 @@
+//! `rt-tests view`: a touch of a recording as a picture or a film.
+
+use crate::failure::Failure;
+use crate::pictures::playback::Playback;
+use crate::pictures::shots::{FRAME_MS, Shots};
+use crate::report::output::{print, status_line, write_whole};
+use clap::Args;
+use picture::{PictureError, animation};
+use std::path::PathBuf;
+
+/// Arguments of `rt-tests view`.
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// The first file of a recording; rt-tests run and hrtc run write one
+    pub file: PathBuf,
+    /// The picture, a PNG file [default: touch.png, or touch-film.png]
+    #[arg(short, long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// The moment, seconds since the start of the run [default: that of the greatest force in
+    /// contact]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    pub at: Option<f64>,
+    /// Write an animation of the time around the moment, an animated PNG file, as browsers show it
+    #[arg(long)]
+    pub film: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence: status 2 when the recording cannot be used or does not reach there, 1 when a tick
+/// of it does not replay.
+pub fn view(args: &ViewArgs) -> Result<(), Failure> {
+    let line = status_line();
+    line.set_message("reading the recording");
+    let playback = Playback::open(&args.file)?;
+    let tick = match args.at {
+        Some(seconds) => playback.tick_at(seconds)?,
+        None => playback.shown_tick(),
+    };
+    let shots = Shots::new(&playback);
+    line.set_message("replaying up to the moment");
+    let failed = |error: PictureError| Failure::Run(error.to_string());
+    let (default, bytes) = if args.film {
+        let pictures = shots.film(tick, |count| line.set_message(format!("picture {count}")))?;
+        line.set_message("encoding");
+        let film = animation(&pictures, FRAME_MS).map_err(failed)?;
+        ("touch-film.png", film)
+    } else {
+        ("touch.png", shots.still(tick)?.to_png().map_err(failed)?)
+    };
+    line.finish_and_clear();
+    let out = args.out.clone().unwrap_or_else(|| PathBuf::from(default));
+    write_whole(&out, &bytes)?;
+    let seconds = playback.seconds(tick);
+    print(&format!(
+        "the touch at {seconds:.2} s in {}\n",
+        out.display()
+    ))
+}

@@ -1,0 +1,202 @@
+//! A recording, and the controller at any tick of it.
+
+use crate::failure::Failure;
+use hrtc::recorder::{Entry, RecordingError, RecordingPlace, RecordingReader, Twin};
+use hrtc::tick_record::TickRecord;
+use scene::ScenePlan;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+/// A file of a recording.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct File {
+    path: PathBuf,
+    /// Its first tick.
+    first: u64,
+}
+
+/// A recording whose ticks were looked through once.
+#[derive(Debug)]
+pub struct Playback {
+    files: Vec<File>,
+    /// The scene as it ran.
+    pub plan: ScenePlan,
+    /// First and last tick.
+    pub ticks: [u64; 2],
+    /// The tick of the greatest force in contact; `None` where nothing was touched.
+    pub strongest: Option<u64>,
+    /// The greatest force in contact, newtons.
+    pub force_max_n: f64,
+}
+
+impl Playback {
+    /// Opens a recording by its first file, with those that follow it.
+    ///
+    /// # Errors
+    /// When a file cannot be read, or there is no tick in them.
+    pub fn open(first: &Path) -> Result<Self, Failure> {
+        let input = |error: RecordingError| Failure::Input(error.to_string());
+        let mut playback: Option<Self> = None;
+        for path in files_of(first) {
+            let reader = RecordingReader::open(&path).map_err(input)?;
+            let plan = match playback {
+                Some(_) => None,
+                None => Some(reader.head().plan(reader.files()).map_err(input)?),
+            };
+            for record in ticks(reader) {
+                let of = playback.get_or_insert_with(|| Self {
+                    files: Vec::new(),
+                    plan: plan
+                        .clone()
+                        .unwrap_or_else(|| unreachable!("the first file has it")),
+                    ticks: [record.tick; 2],
+                    strongest: None,
+                    force_max_n: 0.0,
+                });
+                of.take(&path, &record);
+            }
+        }
+        playback
+            .ok_or_else(|| Failure::Input(format!("{}: there is no tick in it", first.display())))
+    }
+
+    fn take(&mut self, path: &Path, record: &TickRecord) {
+        if self.files.last().is_none_or(|file| file.path != path) {
+            self.files.push(File {
+                path: path.to_path_buf(),
+                first: record.tick,
+            });
+        }
+        self.ticks[1] = record.tick;
+        let force = record.largest_force();
+        let is_touching = record.contacts.iter().any(Option::is_some);
+        if is_touching && (self.strongest.is_none() || force > self.force_max_n) {
+            (self.strongest, self.force_max_n) = (Some(record.tick), force);
+        }
+    }
+
+    /// The tick that tells most: of the greatest force in contact, else the last.
+    #[must_use]
+    pub fn shown_tick(&self) -> u64 {
+        self.strongest.unwrap_or(self.ticks[1])
+    }
+
+    /// Seconds from the start of the run to a tick.
+    #[must_use]
+    pub fn seconds(&self, tick: u64) -> f64 {
+        tick as f64 / self.plan.loop_.rate_hz
+    }
+
+    /// The tick nearest to a time, seconds from the start of the run.
+    ///
+    /// # Errors
+    /// When the recording does not reach there.
+    pub fn tick_at(&self, seconds: f64) -> Result<u64, Failure> {
+        let [first, last] = self.ticks;
+        let tick = (seconds * self.plan.loop_.rate_hz).round();
+        if tick >= first as f64 && tick <= last as f64 {
+            return Ok(tick as u64);
+        }
+        Err(Failure::Input(format!(
+            "--at {seconds}: the recording has {:.3} to {:.3} s",
+            self.seconds(first),
+            self.seconds(last)
+        )))
+    }
+
+    /// Puts the recording through the controller again, from a tick or some before it, and shows
+    /// each tick with the controller after it, until told to stop or the recording ends.
+    ///
+    /// # Errors
+    /// When a file cannot be read, or a tick gives other outputs than the controller's.
+    pub fn play(
+        &self,
+        from: u64,
+        mut visit: impl FnMut(&TickRecord, &Twin) -> ControlFlow<()>,
+    ) -> Result<(), Failure> {
+        let input = |error: RecordingError| Failure::Input(error.to_string());
+        let first = self.files.iter().rposition(|file| file.first <= from);
+        let mut twin: Option<Twin> = None;
+        for file in &self.files[first.unwrap_or(0)..] {
+            let reader = RecordingReader::open(&file.path).map_err(input)?;
+            if reader.head().segment == 0 {
+                let controller = reader.head().controller(reader.files()).map_err(input)?;
+                twin = Some(Twin::new(controller));
+            }
+            for entry in reader {
+                match (entry, &mut twin) {
+                    (Entry::Keyframe(state), _) => {
+                        twin = Some(Twin::from_bytes(&state).map_err(input)?);
+                    }
+                    (Entry::Chunk(index, chunk), Some(twin)) => {
+                        // A gap shows at the tick that needs the chunk.
+                        let _ = twin.arrive(index, &chunk);
+                    }
+                    (Entry::Tick(record), Some(of)) => {
+                        if of.tick(&record).is_err() {
+                            // Inputs are missing: there is no state until the next keyframe.
+                            twin = None;
+                            continue;
+                        }
+                        check(&record, of)?;
+                        if visit(&record, of).is_break() {
+                            return Ok(());
+                        }
+                    }
+                    _ => {}
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Whether the controller is in the state that it was in.
+fn check(record: &TickRecord, twin: &Twin) -> Result<(), Failure> {
+    if twin.outputs().record.replay_hash == record.core.replay_hash {
+        return Ok(());
+    }
+    Err(Failure::Run(format!(
+        "tick {} of this recording does not give the recorded outputs, so its mesh is not the one that was touched; it was made by another build, or changed since",
+        record.tick
+    )))
+}
+
+/// Ticks of a file.
+fn ticks(reader: RecordingReader) -> impl Iterator<Item = Box<TickRecord>> {
+    reader.filter_map(|entry| match entry {
+        Entry::Tick(record) => Some(record),
+        _ => None,
+    })
+}
+
+/// The files of a recording that are there: of a long one the first is gone.
+fn files_of(first: &Path) -> Vec<PathBuf> {
+    let place = RecordingPlace {
+        first: first.to_path_buf(),
+        keep_bytes: 0,
+        owns_folder: false,
+    };
+    let numbers = 1..=last_number(&place).unwrap_or(0);
+    let later = numbers.map(|number| place.path(number));
+    let later = later.filter(|path| path.is_file());
+    let mut files: Vec<PathBuf> = later.collect();
+    // Named in the error when there is none.
+    if first.is_file() || files.is_empty() {
+        files.insert(0, first.to_path_buf());
+    }
+    files
+}
+
+/// The number of a recording's last file, from the names in its folder.
+fn last_number(place: &RecordingPlace) -> Option<u32> {
+    let folder = place.first.parent().filter(|of| !of.as_os_str().is_empty());
+    let entries = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
+    let names = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let numbers = names.filter_map(|path| {
+        let (_, number) = path.file_stem()?.to_str()?.rsplit_once('-')?;
+        let number = number.parse().ok()?;
+        (place.path(number).file_name() == path.file_name()).then_some(number)
+    });
+    numbers.max()
+}

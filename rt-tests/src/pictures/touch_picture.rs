@@ -1,0 +1,284 @@
+//! The picture of a moment: the touched objects whole, and each touch from near.
+
+use super::legend::{self, BACKGROUND, DEVICE, FORCE, FREE, GREY, INK, NORMAL, PROXY, of_fineness};
+use super::moment::{Body, Fineness, Moment, ShownProbe};
+use super::sight::{Sight, half_width};
+use super::trail::PathPoint;
+use crate::report::units::{digits, grouped, length};
+use geometry::Pose;
+use picture::{Align, Camera, Canvas, Color, ColorScale, Size, Solids, render};
+use scene::ScenePlan;
+
+/// Size of a picture, pixels: as wide as a page of text.
+const WIDTH: u32 = 1100;
+const TITLE: u32 = 52;
+const PANELS: u32 = 480;
+const OVERVIEW: u32 = 430;
+const GAP: u32 = 8;
+/// Height of a picture, pixels.
+const HEIGHT: u32 = TITLE + PANELS + legend::HEIGHT;
+/// Darkness of the edges of faces.
+const EDGES: f64 = 0.38;
+/// Radius of a path, and of the shaft of an arrow, half widths of the panel.
+const PATH: f64 = 0.006;
+const SHAFT: f64 = 0.011;
+/// Length of an arrow of the greatest force, and of a normal, half widths.
+const FORCE_LENGTH: f64 = 0.62;
+const NORMAL_LENGTH: f64 = 0.3;
+/// The least radius of a probe in the overview, half widths, so that it is seen.
+const LEAST_BALL: f64 = 0.018;
+/// Width of the scale bar, at most, as a share of the panel.
+const BAR: f64 = 0.25;
+
+/// Everything that a picture is made of.
+#[derive(Debug)]
+pub struct TouchPicture<'a> {
+    /// The scene as it ran.
+    pub plan: &'a ScenePlan,
+    /// Name of the run.
+    pub title: &'a str,
+    /// The moment.
+    pub moment: &'a Moment,
+    /// Bodies of the probes.
+    pub bodies: &'a [Body],
+    /// Paths of the probes up to the moment.
+    pub paths: &'a [Vec<PathPoint>],
+    /// Colours of forces; the greatest one is the longest arrow.
+    pub scale: ColorScale,
+}
+
+/// From where a picture sees.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Views {
+    /// The directions.
+    pub sight: Sight,
+    /// The objects whole.
+    pub overview: Camera,
+    /// Probes seen from near: their number and camera.
+    pub close_ups: Vec<(usize, Camera)>,
+}
+
+impl TouchPicture<'_> {
+    /// The views that show the most: from the side of the strongest touch, every probe that touches
+    /// from near.
+    #[must_use]
+    pub fn views(&self) -> Views {
+        let moment = self.moment;
+        let strongest = moment.strongest();
+        let half = |k: usize| half_width(moment, &moment.probes[k], &self.plan.probes[k].shape);
+        let probe = &moment.probes[strongest];
+        let sight = Sight::of_probe(moment, probe, half(strongest));
+        let mut seen: Vec<usize> = (0..moment.probes.len()).collect();
+        seen.retain(|&k| k == strongest || moment.probes[k].touch.is_some());
+        seen.sort_by_key(|&k| k != strongest);
+        let close_ups = seen.into_iter().map(|k| {
+            let probe = &moment.probes[k];
+            let sight = match k {
+                _ if k == strongest => sight,
+                _ => Sight::of_probe(moment, probe, half(k)),
+            };
+            let at = probe.position().unwrap_or_default();
+            (k, sight.close_up(at, half(k)))
+        });
+        Views {
+            sight,
+            overview: sight.overview(moment, f64::from(OVERVIEW) / f64::from(PANELS)),
+            close_ups: close_ups.collect(),
+        }
+    }
+
+    /// Draws it.
+    #[must_use]
+    pub fn draw(&self, views: &Views) -> Canvas {
+        let mut canvas = Canvas::new(WIDTH, HEIGHT, BACKGROUND);
+        self.write_title(&mut canvas);
+        let whole = self.panel(&views.overview, OVERVIEW, PANELS, true);
+        canvas.paste(&whole, 0, TITLE);
+        let (left, width) = (OVERVIEW + GAP, WIDTH - OVERVIEW - GAP);
+        // One fills the place, two share its height, three and four are a square.
+        let columns = if views.close_ups.len() > 2 { 2 } else { 1 };
+        let rows = (views.close_ups.len() as u32).div_ceil(columns).max(1);
+        let size = [
+            (width - GAP * (columns - 1)) / columns,
+            (PANELS - GAP * (rows - 1)) / rows,
+        ];
+        for (place, (k, camera)) in (0u32..).zip(&views.close_ups) {
+            let mut panel = self.panel(camera, size[0], size[1], false);
+            self.write_touch(&mut panel, *k);
+            let x = left + place % columns * (size[0] + GAP);
+            let y = TITLE + place / columns * (size[1] + GAP);
+            canvas.paste(&panel, x, y);
+        }
+        legend::write(&mut canvas, TITLE + PANELS, &self.scale);
+        canvas
+    }
+
+    fn write_title(&self, canvas: &mut Canvas) {
+        let moment = self.moment;
+        let force = moment.probes[moment.strongest()].force.length();
+        let title = format!(
+            "{}: {} N at {:.2} s",
+            self.title,
+            digits(force),
+            moment.seconds
+        );
+        canvas.write((16, 8), Align::Left, Size::Large, INK, &title);
+        let faces = moment.objects.iter().filter(|of| of.is_active);
+        let faces = faces.flat_map(|of| &of.faces);
+        let count = |fineness| {
+            let of = faces.clone().filter(|face| face.fineness == fineness);
+            grouped(of.count() as u64)
+        };
+        let words = format!(
+            "{} original faces, {} refined, {} of the base mesh are in the controller's mesh",
+            count(Fineness::Original),
+            count(Fineness::Refined),
+            count(Fineness::Base)
+        );
+        canvas.write((16, 31), Align::Left, Size::Small, GREY, &words);
+    }
+
+    /// Says what a probe touches.
+    fn write_touch(&self, panel: &mut Canvas, k: usize) {
+        let probe = &self.moment.probes[k];
+        let name = match self.moment.probes.len() {
+            1 => String::new(),
+            _ => format!("probe {k}: "),
+        };
+        let words = match &probe.touch {
+            None => format!("{name}in free space"),
+            Some(touch) => {
+                let of = match self.plan.objects.len() {
+                    1 => String::new(),
+                    _ => format!(" on object {}", touch.object),
+                };
+                let error = match touch.certified_m {
+                    _ if touch.is_full => "at full resolution".to_string(),
+                    m if m.is_finite() => format!("error at most {}", length(m)),
+                    _ => "error without a bound".to_string(),
+                };
+                let force = digits(probe.force.length());
+                let depth = length(touch.depth_m);
+                format!("{name}{force} N{of}, {depth} deep, {error}")
+            }
+        };
+        let (width, height) = (Size::Normal.width(&words), Size::Normal.height());
+        panel.fill(0, 0, width + 16, height + 8, [255; 3]);
+        panel.write((8, 5), Align::Left, Size::Normal, INK, &words);
+    }
+
+    fn panel(&self, camera: &Camera, width: u32, height: u32, is_whole: bool) -> Canvas {
+        let mut solids = Solids::default();
+        for object in &self.moment.objects {
+            for face in &object.faces {
+                solids.face(face.corners, of_fineness(face.fineness), EDGES);
+            }
+        }
+        solids.begin_marks();
+        for path in self.paths {
+            self.add_path(&mut solids, path, PATH * camera.half_width());
+        }
+        let least = if is_whole {
+            LEAST_BALL * camera.half_width()
+        } else {
+            0.0
+        };
+        for (probe, body) in self.moment.probes.iter().zip(self.bodies) {
+            let poses = [(&probe.device, DEVICE), (&probe.proxy, PROXY)];
+            for (pose, color) in poses {
+                if let Some(pose) = pose {
+                    add_body(&mut solids, body, pose, color, least);
+                }
+            }
+        }
+        solids.begin_signs();
+        for probe in &self.moment.probes {
+            self.add_arrows(&mut solids, probe, camera.half_width());
+        }
+        let mut panel = render(&solids, camera, width, height, [255; 3]);
+        write_bar(&mut panel, camera);
+        panel
+    }
+
+    fn add_path(&self, solids: &mut Solids, path: &[PathPoint], radius: f64) {
+        // A tube of no less than its radius: shorter pieces are not seen apart.
+        let mut from: Option<&PathPoint> = None;
+        for point in path {
+            let Some(begin) = from else {
+                from = Some(point);
+                continue;
+            };
+            if begin.at.distance(point.at) < radius {
+                continue;
+            }
+            let color = point.force_n.map_or(FREE, |force_n| self.scale.of(force_n));
+            solids.tube(begin.at, point.at, radius, color);
+            from = Some(point);
+        }
+    }
+
+    fn add_arrows(&self, solids: &mut Solids, probe: &ShownProbe, half: f64) {
+        let Some(touch) = &probe.touch else { return };
+        for contact in &touch.contacts {
+            let out = contact.normal * probe.force.dot(contact.normal).signum();
+            let normal = NORMAL_LENGTH * half * out;
+            solids.arrow(contact.point, normal, 0.6 * SHAFT * half, NORMAL);
+        }
+        if let (Some(contact), Some(force)) = (touch.contacts.first(), probe.force.try_normalize())
+        {
+            let share = probe.force.length() / self.scale.largest;
+            let by = FORCE_LENGTH * half * share * force;
+            solids.arrow(contact.point, by, SHAFT * half, FORCE);
+        }
+    }
+}
+
+fn add_body(solids: &mut Solids, body: &Body, pose: &Pose, color: Color, least: f64) {
+    match body {
+        Body::Ball(radius) => solids.ball(pose.position, radius.max(least), color),
+        Body::Tool(mesh) => {
+            for triangle in &mesh.triangles {
+                let corner = |v: u32| pose.transform_point(mesh.positions[v as usize]);
+                solids.face(triangle.map(corner), color, 0.0);
+            }
+        }
+    }
+}
+
+/// A bar of a round length, as it is where the camera looks.
+fn write_bar(panel: &mut Canvas, camera: &Camera) {
+    let metres_a_pixel = 2.0 * camera.half_width() / f64::from(panel.width());
+    let metres = round_below(BAR * f64::from(panel.width()) * metres_a_pixel);
+    let pixels = (metres / metres_a_pixel).round() as u32;
+    let (right, bottom) = (panel.width() - 12, panel.height() - 12);
+    let text = length(metres);
+    let plate = pixels.max(Size::Small.width(&text)) + 12;
+    let height = Size::Small.height() + 12;
+    let left = right - pixels / 2 - plate / 2;
+    panel.fill(left, bottom + 6 - height, plate, height, [255; 3]);
+    panel.fill(right - pixels, bottom - 3, pixels, 3, INK);
+    let at = (right - pixels / 2, bottom - 4 - Size::Small.height());
+    panel.write(at, Align::Middle, Size::Small, INK, &text);
+}
+
+/// The largest of 1, 2 and 5 times a power of ten that is no more than a number above 0.
+fn round_below(number: f64) -> f64 {
+    let power = 10f64.powf(number.log10().floor());
+    let steps = [5.0, 2.0].into_iter().find(|step| step * power <= number);
+    steps.unwrap_or(1.0) * power
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bar_is_round() {
+        for (number, expected) in [(0.0123, 0.01), (0.5, 0.5), (49.0, 20.0), (0.0021, 0.002)] {
+            assert!(
+                (round_below(number) / expected - 1.0).abs() < 1e-12,
+                "{number}"
+            );
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! What is shown of a recording is what the controller had.
+
+use crate::world::{SCENES, World};
+use crate::{place, random};
+use rand::Rng;
+use rt_tests::pictures::moment::{Fineness, Moment};
+use rt_tests::pictures::playback::Playback;
+use rt_tests::pictures::shots::Shots;
+use std::ops::ControlFlow;
+
+/// Ticks of a run.
+const TICKS: u64 = 2500;
+
+#[test]
+fn every_moment_has_the_controllers_front_and_force() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut random = random();
+    for (name, text) in SCENES {
+        let world = World::run(folder.path(), name, text, TICKS as usize);
+        // Few bytes, so that a moment lies in a later file too.
+        let files = world.record(place(folder.path(), 6 << 20), None);
+        assert!(files.len() > 1, "{files:?}");
+        let playback = Playback::open(&folder.path().join("run.mcap")).unwrap();
+        let [first, last] = playback.ticks;
+        assert_eq!(last, TICKS - 1);
+        let at = [
+            playback.shown_tick(),
+            random.random_range(first..=last),
+            last,
+        ];
+        for tick in at {
+            let mut seen = None;
+            let shown = playback.play(tick, |record, twin| {
+                if record.tick < tick {
+                    return ControlFlow::Continue(());
+                }
+                seen = Some((*record, Moment::new(&playback.plan, record, twin)));
+                ControlFlow::Break(())
+            });
+            shown.unwrap();
+            let (record, moment) = seen.unwrap_or_else(|| panic!("{name}: tick {tick}"));
+            let faces = &moment.objects[0].faces;
+            assert_eq!(
+                faces.len() as u32,
+                record.core.active_faces,
+                "{name}, {tick}"
+            );
+            let probe = &moment.probes[0];
+            assert_eq!(probe.force, record.wrenches[0].force);
+            assert_eq!(probe.touch.is_some(), record.contacts[0].is_some());
+            if let Some(touch) = &probe.touch {
+                assert!(!touch.contacts.is_empty() && probe.proxy.is_some());
+                let is_original = |fineness| fineness == Fineness::Original;
+                let originals = faces.iter().filter(|face| is_original(face.fineness));
+                assert!(!touch.is_full || originals.count() > 0, "{name}, {tick}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_picture_and_a_film_are_drawn_and_times_beyond_the_recording_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let world = World::run(folder.path(), "tool", SCENES[1].1, 1200);
+    let files = world.record(place(folder.path(), 1 << 30), None);
+    let playback = Playback::open(&files[0]).unwrap();
+    assert!(playback.strongest.is_some() && playback.force_max_n > 0.1);
+    let shots = Shots::new(&playback);
+    let tick = playback.shown_tick();
+    let still = shots.still(tick).unwrap();
+    assert_eq!(
+        still,
+        shots.still(tick).unwrap(),
+        "drawn twice it is the same"
+    );
+    let mut count = 0;
+    let film = shots.film(tick, |_| count += 1).unwrap();
+    assert!(film.len() == count && count > 5, "{count}");
+    assert!(film.windows(2).all(|pair| pair[0] != pair[1]), "it moves");
+    for seconds in [-1.0, 1.5, f64::NAN] {
+        let refused = playback.tick_at(seconds).unwrap_err();
+        assert_eq!(refused.status(), 2);
+        assert!(
+            refused.to_string().contains("0.000 to 1.199 s"),
+            "{refused}"
+        );
+    }
+    assert_eq!(playback.tick_at(0.5), Ok(500));
+    let nowhere = Playback::open(&folder.path().join("nowhere.mcap"));
+    assert_eq!(nowhere.unwrap_err().status(), 2);
+}
