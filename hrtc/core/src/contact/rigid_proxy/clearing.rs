@@ -3,6 +3,7 @@
 
 use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
+use super::steps::MIN_SEPARATION;
 use super::sweep::{Met, free_share};
 use super::{FACES_MOVED, State, TESTED, ToolAdvance, ToolProxy};
 use crate::contact::motion::{Placement, Twist};
@@ -10,6 +11,10 @@ use crate::contact::query::{Body, Surface, first_pair, winding};
 use crate::contact::tool::{RelativePath, for_each_face_near};
 use geometry::{Similarity, triangle_pair};
 use glam::DVec3;
+
+/// Time for which a tool stays where the surface moved into it, seconds: longer than a place is
+/// refined under a hand, and short for somebody who pulls.
+const HELD_S: f64 = 1.0;
 
 /// Directions to all sides, none of them along an axis, a diagonal or a plane of a grid: a point
 /// within a closed surface is within it along each, and one before an open surface is not.
@@ -136,9 +141,9 @@ impl ToolProxy {
         }
     }
 
-    /// Stays where the surface moved into the tool until the surface lets it go, or until the way to
-    /// the device meets no face but those that hold it: on its way to the other side of one a tool
-    /// would meet its neighbours. So nobody pulls at a tool that is held for good.
+    /// Stays where the surface moved into the tool until the surface lets it go, since no motion
+    /// from there can be swept: then it follows the device again, from there. After [`HELD_S`] it
+    /// begins anew with the device, so that nobody pulls at a tool that is held for good.
     pub(super) fn stay_until_clear(
         &mut self,
         surface: Surface<'_>,
@@ -146,23 +151,13 @@ impl ToolProxy {
         answer: &mut ToolAdvance,
     ) {
         self.stuck_ticks += 1;
+        self.stuck_for += 1;
         answer.is_unsettled = true;
-        let (here, goal) = (self.at, self.goal);
-        let is_free = match self.meets(surface, &here, budget, answer) {
-            Some(true) => {
-                self.meets(surface, &goal, budget, answer) == Some(false)
-                    && self.passes_nothing(surface, here.to(&goal), budget, answer) == Some(true)
-            }
-            Some(false) => {
-                self.set_clear();
-                return;
-            }
-            None => return,
-        };
-        if is_free {
-            self.at = goal;
-            self.device_travel = 0.0;
+        let here = self.at;
+        if self.meets(surface, &here, budget, answer) == Some(false) {
             self.set_clear();
+        } else if f64::from(self.stuck_for) * self.imperceptible.period_s >= HELD_S {
+            self.state = State::Inside;
         }
     }
 
@@ -210,10 +205,11 @@ impl ToolProxy {
             }
         }
         self.state = State::Stuck;
+        self.stuck_for = 0;
         true
     }
 
-    /// Whether a motion passes no face but those that the tool meets at its start; `None` if
+    /// Whether a translation passes no face but those that the tool meets at its start; `None` if
     /// budget or room do not suffice.
     fn passes_nothing(
         &mut self,
@@ -240,7 +236,7 @@ impl ToolProxy {
             &mut self.open,
             &self.shape,
             (&self.at, &motion),
-            (0.0, Met::Pass),
+            (MIN_SEPARATION * skin, Met::Pass),
             budget.saturating_sub(answer.spent),
         );
         answer.spent += swept.spent;

@@ -98,7 +98,7 @@ enum State {
     /// No face of the tool meets the surface.
     Clear,
     /// The surface moved into the tool and no escape was free: it stays until the surface lets it
-    /// go.
+    /// go, or begins anew.
     Stuck,
 }
 
@@ -152,6 +152,8 @@ pub struct ToolProxy {
     step_cost: u32,
     rejected: u64,
     stuck_ticks: u64,
+    /// Ticks since the surface moved into it.
+    stuck_for: u32,
 }
 
 impl ToolProxy {
@@ -195,6 +197,7 @@ impl ToolProxy {
             step_cost: 0,
             rejected: 0,
             stuck_ticks: 0,
+            stuck_for: 0,
             tool,
             scale,
             shape,

@@ -12,7 +12,7 @@ use geometry::closest_points_of_triangles;
 use glam::DVec3;
 
 /// Separation that the sweep keeps, as a share of the contact offset.
-const MIN_SEPARATION: f64 = 0.5;
+pub(super) const MIN_SEPARATION: f64 = 0.5;
 /// Deviation from the expected path that the look-ahead tube allows, beside a share of the path, as
 /// a fraction of the radius of gyration.
 const LOOK_AROUND: f64 = 2e-3;
