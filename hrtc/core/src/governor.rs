@@ -2,10 +2,10 @@
 //! machine (thesis 4.1.2 and 5.6.1: T, the time for a frame, and T', the time measured before).
 //!
 //! Every unit of counted work has a cost on this machine ([`WorkCosts`]). A tick may spend
-//! [`TIME_SHARE`] of its period, in units by these costs ([`TickTime`]):
+//! `TIME_SHARE` of its period, in units by these costs ([`TickTime`]):
 //!
 //! 1. what every tick does (pairs, limits of force) is taken off first,
-//! 2. then what the contacts took of late, at most [`CONTACT_SHARE`] of the rest,
+//! 2. then what the contacts took of late, at most `CONTACT_SHARE` of the rest,
 //! 3. received data, splits and collapses share what is left, the most urgent region first,
 //! 4. the contacts have everything that these leave; where a probe may touch next comes last.
 //!
@@ -15,7 +15,7 @@
 //! are always computed. A unit that is larger than all of its share, such as the split of a vertex
 //! with a very large fan, is not begun. Where the surface under a probe has so many faces that
 //! touching it takes more than a tick has, again and again, the finest ring is raised too: by the
-//! steps of memory pressure ([`Steps`]), since it is the same want of another good.
+//! steps of memory pressure (`Steps`), since it is the same want of another good.
 //!
 //! # The law
 //!
@@ -33,7 +33,7 @@
 //! between the share of the period over r2 and over r1.
 //!
 //! The operations that a tick can afford go down at once, and come back by a third of the way in
-//! [`OPERATIONS_RETURN_S`]; a ring that was given up comes back only when there are a quarter more
+//! `OPERATIONS_RETURN_S`; a ring that was given up comes back only when there are a quarter more
 //! than it needs, while neighbouring rings differ by four times.
 
 use crate::horizons::Horizons;
@@ -64,7 +64,7 @@ pub struct WorkCosts {
     pub contact: f64,
     /// A node or face that a query of a ball visits.
     pub ball: f64,
-    /// A unit of a tool's work ([`crate::tuning::probe::PAIRS_A_UNIT`] pairs of nodes).
+    /// A unit of a tool's work (`tuning::probe::PAIRS_A_UNIT` pairs of nodes).
     pub tool: f64,
 }
 

@@ -86,7 +86,7 @@ fn average(x: u32, y: u32, row: u32, sample: &impl Fn(usize) -> Color) -> Color 
     }
     let count = SAMPLES * SAMPLES;
     sums.map(|sum| {
-        let high = (sum / count >> DROPPED_BITS) as u8;
+        let high = ((sum / count) >> DROPPED_BITS) as u8;
         high << DROPPED_BITS | high >> (8 - 2 * DROPPED_BITS)
     })
 }
