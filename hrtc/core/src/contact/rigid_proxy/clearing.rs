@@ -1,12 +1,9 @@
 //! Whether the tool is clear of the surface, and what happens while it is not: at its start, and
 //! where the surface moved into it.
 
-use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
-use super::steps::MIN_SEPARATION;
-use super::sweep::{Met, free_share};
 use super::{FACES_MOVED, State, TESTED, ToolAdvance, ToolProxy};
-use crate::contact::motion::{Placement, Twist};
+use crate::contact::motion::Placement;
 use crate::contact::query::{Body, Surface, first_pair, winding};
 use crate::contact::tool::{RelativePath, for_each_face_near};
 use geometry::{Similarity, triangle_pair};
@@ -183,63 +180,22 @@ impl ToolProxy {
             known => return known.is_some(),
         }
         for escape in mesh_change.escapes(self.static_offset(), self.moving_offset) {
-            let motion = Twist {
-                linear: escape,
-                angular: DVec3::ZERO,
+            let out = Placement {
+                centre: here.centre + escape,
+                ..here
             };
-            let out = here.moved(&motion);
             match self.meets(surface, &out, budget, answer) {
-                Some(true) => continue,
-                Some(false) => {}
+                Some(true) => {}
                 None => return false,
-            }
-            match self.passes_nothing(surface, motion, budget, answer) {
-                Some(true) => {
-                    self.near.spend(&out, &motion, self.shape.radius);
+                Some(false) => {
+                    self.near.spend(&out, &here.to(&out), self.shape.radius);
                     self.at = out;
                     return true;
                 }
-                // What is in the way of this one is in the way of longer ones.
-                Some(false) => break,
-                None => return false,
             }
         }
         self.state = State::Stuck;
         self.stuck_for = 0;
         true
-    }
-
-    /// Whether a translation passes no face but those that the tool meets at its start; `None` if
-    /// budget or room do not suffice.
-    fn passes_nothing(
-        &mut self,
-        surface: Surface<'_>,
-        motion: Twist,
-        budget: u32,
-        answer: &mut ToolAdvance,
-    ) -> Option<bool> {
-        self.invalidate();
-        let skin = self.static_offset();
-        let tube = LookAheadTube::along(self.at, motion, 0.0, skin, &self.shape);
-        let most = budget.saturating_sub(answer.spent);
-        let (ending, work) = self.near.collect(surface, &self.shape, tube, most);
-        answer.work.add(work);
-        answer.spent += work.cost();
-        if !ending.is_complete() {
-            self.near.invalidate();
-            answer.ending = ending;
-            return None;
-        }
-        self.near.place(&self.shape, &self.at);
-        let swept = free_share(
-            &mut self.near,
-            &mut self.open,
-            &self.shape,
-            (&self.at, &motion),
-            (MIN_SEPARATION * skin, Met::Pass),
-            budget.saturating_sub(answer.spent),
-        );
-        answer.spent += swept.spent;
-        swept.is_all.then_some(swept.share == 1.0)
     }
 }

@@ -4,7 +4,7 @@ use super::contacts::{PLACED, ToolContact};
 use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
 use super::projection::{HalfSpace, project};
-use super::sweep::{Met, free_share, least_cost};
+use super::sweep::{free_share, least_cost};
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::{Placement, Twist};
 use crate::contact::query::{Ending, PairWork, Surface};
@@ -12,7 +12,7 @@ use geometry::closest_points_of_triangles;
 use glam::DVec3;
 
 /// Separation that the sweep keeps, as a share of the contact offset.
-pub(super) const MIN_SEPARATION: f64 = 0.5;
+const MIN_SEPARATION: f64 = 0.5;
 /// Deviation from the expected path that the look-ahead tube allows, beside a share of the path, as
 /// a fraction of the radius of gyration.
 const LOOK_AROUND: f64 = 2e-3;
@@ -236,7 +236,7 @@ impl ToolProxy {
             &mut self.open,
             &self.shape,
             (&self.at, &step),
-            (MIN_SEPARATION * offset, Met::Stop),
+            MIN_SEPARATION * offset,
             tick.budget.saturating_sub(answer.spent),
         );
         answer.spent += swept.spent;

@@ -38,15 +38,6 @@ const LEAST: f64 = 1.0 / 1024.0;
 /// below, the direction is rounding.
 const CLEAR: f64 = 0.99;
 
-/// What a sweep does with faces that meet at its start.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Met {
-    /// They stop it.
-    Stop,
-    /// It leaves them aside.
-    Pass,
-}
-
 /// The result of a sweep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Swept {
@@ -86,7 +77,7 @@ pub fn free_share(
     open: &mut Vec<Open>,
     shape: &ToolShape,
     (start, motion): (&Placement, &Twist),
-    (min_separation, met): (f64, Met),
+    min_separation: f64,
     most: u32,
 ) -> Swept {
     let mut swept = Swept {
@@ -111,7 +102,6 @@ pub fn free_share(
         motion,
         bends,
         min_separation,
-        met,
         last_direction: DVec3::ZERO,
     };
     for &Open { until, now, pair } in open.iter() {
@@ -140,7 +130,6 @@ struct Sweep<'a> {
     motion: &'a Twist,
     bends: Bends,
     min_separation: f64,
-    met: Met,
     /// The separating direction found last.
     last_direction: DVec3,
 }
@@ -189,9 +178,6 @@ impl Sweep<'_> {
         };
         let (share, along, parts) = pair_sweep.until(swept.share, corners);
         swept.spent += PART * parts;
-        if along.is_none() && self.met == Met::Pass {
-            return;
-        }
         if let Some(along) = along {
             near.pairs[k].along = along;
             self.last_direction = near.direction(&near.pairs[k]);
