@@ -16,7 +16,7 @@ const NO_TIME: &str = r"printf '\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0
 /// A program of `sh` that reads all that it is told, and does this; [`STOP`] comes before its end.
 fn peer(folder: &Path, does: &str) -> PathBuf {
     let path = folder.join("peer.sh");
-    let script = format!("#!/bin/sh\nexec 3<&0\ncat <&3 >/dev/null &\n{does}\n");
+    let script = format!("#!/bin/sh\nexec 3<&0\ncat <&3 >/dev/null 2>&1 &\n{does}\n");
     std::fs::write(&path, script).unwrap();
     std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
     path

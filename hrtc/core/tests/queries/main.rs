@@ -9,4 +9,3 @@ mod pair_queries_allocate_nothing;
 mod random_queries;
 mod ties_go_to_the_least_leaf;
 mod two_bodies;
-mod winding_is_the_solid_angle;

@@ -8,7 +8,6 @@ mod catches_up;
 mod contact;
 mod drag;
 mod in_scenes;
-mod is_caught;
 mod issues_of_collision_libraries;
 mod issues_of_sweeps;
 mod stays_out;

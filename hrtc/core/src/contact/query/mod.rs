@@ -6,7 +6,6 @@
 //! | `faces_within` | all faces within a distance of a point |
 //! | `near_faces` | the faces in a ball, collected once for several queries of a tick |
 //! | `swept_sphere` | the first contact of a moving sphere |
-//! | `winding` | how often a closed surface winds around a point |
 //! | `tree_pairs` | the intersecting face pairs of two bodies (ACTIVE-INTERSECT) |
 //!
 //! All queries run in the frame and units of the model, allocate nothing and decide in f64.
@@ -19,7 +18,6 @@ mod faces_within;
 mod near_faces;
 mod swept_sphere;
 mod tree_pairs;
-mod winding;
 
 pub use body::{Body, Placed};
 pub use closest_point::{Nearest, closest_point, closest_point_within};
@@ -29,7 +27,6 @@ pub use swept_sphere::{SweepHit, swept_sphere};
 pub use tree_pairs::{
     Ending, FacePair, PairWork, PairsFound, all_pairs, first_pair, for_each_pair,
 };
-pub use winding::winding;
 
 use ab_tree::{AbTree, Child};
 use spm::ActiveMesh;

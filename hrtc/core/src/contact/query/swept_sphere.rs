@@ -77,7 +77,7 @@ pub fn swept_sphere(
 
 /// Whether the plane of an edge direction of the box and the segment separates them, beyond
 /// rounding.
-pub(super) fn misses_box(aabb: &Aabb, start: DVec3, end: DVec3, reach: f64) -> bool {
+fn misses_box(aabb: &Aabb, start: DVec3, end: DVec3, reach: f64) -> bool {
     let (lower, upper) = (aabb.lower.as_dvec3(), aabb.upper.as_dvec3());
     let half = 0.5 * (upper - lower) + reach;
     let between = 0.5 * (lower + upper) - start;

@@ -23,13 +23,11 @@
 //! | `sweep` | conservative advancement |
 //! | `steps` | the steps of a tick |
 //! | `coupling_target` | the end of the coupling while a tick stops early |
-//! | `clearing` | whether the tool is clear of the surface, and what happens while it is not |
 //! | `mesh_change` | faces that splits and collapses moved near the tool |
 //! | `answer` | the result of a tick |
 
 mod answer;
 mod bounding_balls;
-mod clearing;
 mod contacts;
 mod coupling_target;
 mod look_ahead_tube;
@@ -49,12 +47,12 @@ pub use shape::ToolProxyError;
 
 use crate::contact::coupling::{Coupling, about};
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{PairWork, Surface};
-use crate::contact::tool::Tool;
+use crate::contact::query::{Body, PairWork, Surface, first_pair};
+use crate::contact::tool::{RelativePath, Tool, for_each_face_near};
 use crate::perception::StepLimit;
 use bounding_balls::{Ball, bounding_balls};
 use contacts::Contacts;
-use geometry::{BoxPair, Pose, Wrench};
+use geometry::{BoxPair, Pose, Similarity, Wrench, triangle_pair};
 use glam::DVec3;
 use mesh_change::MeshChange;
 use neighbourhood::Neighbourhood;
@@ -92,13 +90,11 @@ pub struct Part {
 enum State {
     /// Not placed yet.
     Nowhere,
-    /// Placed, but not known to be clear of the surface, which it may meet or which may hold it: it
-    /// moves with the device, without force.
+    /// Placed, but not known to be clear of the surface: it moves with the device, without force.
     Inside,
     /// No face of the tool meets the surface.
     Clear,
-    /// The surface moved into the tool and no escape was free: it stays until the surface lets it
-    /// go, or begins anew.
+    /// The surface moved into the tool and no escape was free: it stays until the device is clear.
     Stuck,
 }
 
@@ -151,9 +147,6 @@ pub struct ToolProxy {
     collection: PairWork,
     step_cost: u32,
     rejected: u64,
-    stuck_ticks: u64,
-    /// Ticks since the surface moved into it.
-    stuck_for: u32,
 }
 
 impl ToolProxy {
@@ -196,8 +189,6 @@ impl ToolProxy {
             collection: PairWork::default(),
             step_cost: 0,
             rejected: 0,
-            stuck_ticks: 0,
-            stuck_for: 0,
             tool,
             scale,
             shape,
@@ -298,12 +289,6 @@ impl ToolProxy {
         self.rejected
     }
 
-    /// Ticks so far in which the surface held the tool because it had moved into it.
-    #[must_use]
-    pub fn stuck_ticks(&self) -> u64 {
-        self.stuck_ticks
-    }
-
     /// Largest number of face pairs and of contacts in a step, each with its capacity.
     #[must_use]
     pub fn high_water(&self) -> [(usize, usize); 2] {
@@ -352,9 +337,8 @@ impl ToolProxy {
         })
     }
 
-    /// Places the proxy without a sweep, as at the first sample. If it meets the surface there or
-    /// is within a closed one, it moves with the device, without force, until it is clear. False
-    /// for an invalid pose.
+    /// Places the proxy without a sweep, as at the first sample. If it meets the surface there, it
+    /// moves with the device until it is clear. False for an invalid pose.
     pub fn place(&mut self, pose: &Pose) -> bool {
         let Some(at) = self.placement(pose) else {
             self.rejected += 1;
@@ -437,17 +421,125 @@ impl ToolProxy {
                 self.take_steps(surface, &start, travelled, budget, &mut answer);
                 self.limit_target_rate(travelled);
             }
-            state => {
-                if state == State::Stuck {
-                    self.stay_until_clear(surface, budget, &mut answer);
-                } else {
-                    self.begin_when_clear(surface, budget, &mut answer);
-                }
+            _ => {
+                self.jump_when_clear(surface, budget, &mut answer);
                 self.coupling_target = self.at;
                 self.is_estimate = false;
             }
         }
         answer
+    }
+
+    /// Whether the tool meets the surface; `None` if the budget does not suffice.
+    fn meets(
+        &mut self,
+        surface: Surface<'_>,
+        at: &Placement,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> Option<bool> {
+        self.put_tool(at);
+        answer.spent += self.tool.faces() / FACES_MOVED;
+        // Here a node pair costs half; the rest pays for the face pairs below it.
+        let most = budget.saturating_sub(answer.spent);
+        let (pair, ending, work) = first_pair(&surface, &self.tool, most, None);
+        answer.work.add(work);
+        answer.spent += work.node_pairs + TESTED * work.faces;
+        if pair.is_none() && !ending.is_complete() {
+            answer.ending = ending;
+            return None;
+        }
+        Some(pair.is_some())
+    }
+
+    /// Whether the tool, clear before, meets a changed face; `None` if the budget does not suffice.
+    fn meets_what_changed(
+        &mut self,
+        surface: Surface<'_>,
+        mesh_change: &MeshChange,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> Option<bool> {
+        let (here, to_query) = (self.at, Similarity::new(self.pose_at(&self.at), self.scale));
+        let (Some(changed), Some(to_query)) = (mesh_change.changed(), to_query) else {
+            return self.meets(surface, &here, budget, answer);
+        };
+        let path = RelativePath::new([here.centre; 2], [here.rotation(); 2]);
+        let (mut is_met, mut tested) = (false, 0);
+        for &face in changed.iter().filter(|&&face| surface.has(face)) {
+            let corners = surface.corners(face);
+            let cost = for_each_face_near(&self.shape.blocks, &path, corners, 0.0, |own| {
+                let corners_of_tool = self
+                    .tool
+                    .triangle(own)
+                    .map(|v| self.tool.local_vertices()[v as usize]);
+                tested += 1;
+                is_met = triangle_pair(corners, corners_of_tool.map(|p| to_query.point(p))).meets();
+                !is_met
+            });
+            answer.spent += cost;
+            if is_met {
+                break;
+            }
+        }
+        answer.work.faces += tested;
+        answer.spent += TESTED * tested;
+        Some(is_met)
+    }
+
+    /// Moves the tool's mesh to a placement.
+    fn put_tool(&mut self, at: &Placement) {
+        if let Some(to_query) = Similarity::new(self.pose_at(at), self.scale) {
+            self.tool.place(&to_query);
+        }
+    }
+
+    /// Moves to the device if the tool is clear of the surface there.
+    fn jump_when_clear(&mut self, surface: Surface<'_>, budget: u32, answer: &mut ToolAdvance) {
+        let goal = self.goal;
+        let clear = self.meets(surface, &goal, budget, answer) == Some(false);
+        if clear || self.state == State::Inside {
+            self.at = goal;
+            self.device_travel = 0.0;
+        }
+        if clear {
+            self.state = State::Clear;
+            self.invalidate();
+            self.contacts.clear();
+        }
+    }
+
+    /// After a change of the surface: if it meets the tool, moves the tool out on its side. False
+    /// if the budget does not suffice to decide.
+    fn depenetrate(
+        &mut self,
+        surface: Surface<'_>,
+        mesh_change: &MeshChange,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> bool {
+        let here = self.at;
+        match self.meets_what_changed(surface, mesh_change, budget, answer) {
+            Some(true) => {}
+            known => return known.is_some(),
+        }
+        for escape in mesh_change.escapes(self.static_offset(), self.moving_offset) {
+            let out = Placement {
+                centre: here.centre + escape,
+                ..here
+            };
+            match self.meets(surface, &out, budget, answer) {
+                Some(true) => {}
+                None => return false,
+                Some(false) => {
+                    self.near.spend(&out, &here.to(&out), self.shape.radius);
+                    self.at = out;
+                    return true;
+                }
+            }
+        }
+        self.state = State::Stuck;
+        true
     }
 
     /// Whether the surface keeps the proxy from the device, in contact or stuck.

@@ -29,11 +29,6 @@ const WITHIN: f64 = 1.0 - 1e-6;
 /// Share of the minimum separation within which a pair counts as stopped.
 const TOUCH: f64 = 0.05;
 
-/// Share of the minimum separation. Within twice this a motion brings a pair no nearer, it may only
-/// slide and leave; farther out a motion may take half of the distance, since a tool that is too
-/// near must be able to slide. Without an end, steps would halve the distance until it is rounding.
-const LEAST: f64 = 1.0 / 1024.0;
-
 /// Share of the distance of the closest points by which their direction must separate the faces;
 /// below, the direction is rounding.
 const CLEAR: f64 = 0.99;
@@ -67,9 +62,8 @@ pub fn least_cost(near: &Neighbourhood) -> u32 {
 }
 
 /// The free share of a motion of a placed neighbourhood. Pairs keep a distance of `min_separation`
-/// (model units), or if they are nearer already of half their distance, down to [`LEAST`] of the
-/// minimum; pairs that are nearer than that end no nearer. If `most` node pairs are spent, the
-/// remaining pairs are free as far as their separation tells.
+/// (model units), or of half their distance if they are nearer already. If `most` node pairs are
+/// spent, the remaining pairs are free as far as their separation tells.
 ///
 /// The pair that seems to stop first is swept first; most others then need no sweep.
 pub fn free_share(
@@ -174,7 +168,6 @@ impl Sweep<'_> {
             sagitta: self.bends.sagitta,
             sagitta_from_tool: self.bends.seen_from_tool(surface),
             min_separation,
-            ends_no_nearer: false,
         };
         let (share, along, parts) = pair_sweep.until(swept.share, corners);
         swept.spent += PART * parts;
@@ -326,8 +319,6 @@ struct PairSweep<'a> {
     sagitta: f64,
     sagitta_from_tool: f64,
     min_separation: f64,
-    /// Whether the part of the motion may not end nearer than it begins.
-    ends_no_nearer: bool,
 }
 
 impl PairSweep<'_> {
@@ -345,14 +336,12 @@ impl PairSweep<'_> {
         let (mut share, mut corners, mut first) = (0.0, corners, None);
         let mut rotation = self.start.rotation();
         let mut parts = 0;
-        let least = LEAST * self.min_separation;
         while parts < PARTS {
             parts += 1;
             let Some((direction, now)) = separating_direction(self.surface, corners) else {
                 return (share, first, parts);
             };
             let height = reach_along(direction, self.surface);
-            self.ends_no_nearer = now < 2.0 * least;
             if first.is_none() {
                 self.min_separation = self.min_separation.min(0.5 * now);
             }
@@ -385,9 +374,6 @@ impl PairSweep<'_> {
                     self.part_along_turning_direction(share, left, direction, now, corners);
                 parts += tries;
                 part = part.max(most);
-            }
-            if part == 0.0 {
-                return (share, first, parts);
             }
             share += part;
             if share >= whole {
@@ -424,7 +410,7 @@ impl PairSweep<'_> {
                     .fold(0.0, f64::max);
                 let bend = below + self.sagitta * span * span;
                 let room = now.min(then) - self.min_separation;
-                if bend <= room && !(self.ends_no_nearer && then < now) {
+                if bend <= room {
                     return (span * WITHIN, tries);
                 }
                 // Both are quadratic in the part.
@@ -447,11 +433,7 @@ impl PairSweep<'_> {
     ) -> f64 {
         // Short enough for the sagitta to take at most half of the room.
         let span = left.min((0.5 * room / sagitta).sqrt());
-        let room = if self.ends_no_nearer {
-            0.0
-        } else {
-            room - sagitta * span * span
-        };
+        let room = room - sagitta * span * span;
         let (rotation, ends) = self.at(share + span);
         let closer = closer(rotation, ends);
         if closer > room {
@@ -459,72 +441,5 @@ impl PairSweep<'_> {
         } else {
             span
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::DQuat;
-
-    const SURFACE: [DVec3; 3] = [
-        DVec3::new(-1.0, -1.0, 0.0),
-        DVec3::new(2.0, -1.0, 0.0),
-        DVec3::new(-1.0, 2.0, 0.0),
-    ];
-    const MIN_SEPARATION: f64 = 1e-3;
-
-    /// The free share of a translation of a face that is parallel to another at a height.
-    fn share_at(height: f64, linear: DVec3) -> f64 {
-        let arms = SURFACE.map(|corner| 0.2 * corner);
-        let start = Placement {
-            centre: DVec3::Z * height,
-            orientation: DQuat::IDENTITY,
-        };
-        let motion = Twist {
-            linear,
-            angular: DVec3::ZERO,
-        };
-        let end = start.moved(&motion);
-        let mut pair = PairSweep {
-            surface: SURFACE,
-            end: (end.rotation(), arms.map(|arm| end.centre + arm)),
-            arms,
-            start: &start,
-            motion: &motion,
-            sagitta: 0.0,
-            sagitta_from_tool: 0.0,
-            min_separation: MIN_SEPARATION,
-            ends_no_nearer: false,
-        };
-        pair.until(1.0, arms.map(|arm| start.centre + arm)).0
-    }
-
-    /// Steps that each take half of what is left come to an end far above rounding.
-    #[test]
-    fn a_face_that_is_too_near_comes_no_nearer_without_end() {
-        let mut height = 0.9 * MIN_SEPARATION;
-        for _ in 0..200 {
-            let down = share_at(height, -DVec3::Z * MIN_SEPARATION) * MIN_SEPARATION;
-            height -= down;
-            assert!(height >= (1.0 - TOUCH) * LEAST * MIN_SEPARATION, "{height}");
-            assert_eq!(share_at(height, DVec3::Z * MIN_SEPARATION), 1.0);
-        }
-        assert!(height < 2.2 * LEAST * MIN_SEPARATION, "{height}");
-    }
-
-    #[test]
-    fn a_face_at_rounding_of_another_leaves_and_slides() {
-        for height in [0.5 * LEAST * MIN_SEPARATION, 1e-12, 1e-15] {
-            for way in [DVec3::Z, DVec3::X, DVec3::new(1.0, 0.0, 1e-9)] {
-                assert_eq!(share_at(height, way), 1.0, "{height} {way}");
-            }
-            assert_eq!(share_at(height, -DVec3::Z), 0.0);
-        }
-    }
-
-    #[test]
-    fn a_face_that_is_too_near_slides() {
-        assert_eq!(share_at(0.1 * MIN_SEPARATION, DVec3::X), 1.0);
     }
 }
