@@ -145,8 +145,8 @@ impl TouchPicture<'_> {
             1 => String::new(),
             _ => format!("probe {k}: "),
         };
-        let words = match &probe.touch {
-            None => format!("{name}in free space"),
+        let parts = match &probe.touch {
+            None => vec![format!("{name}in free space")],
             Some(touch) => {
                 let of = match self.plan.objects.len() {
                     1 => String::new(),
@@ -159,12 +159,20 @@ impl TouchPicture<'_> {
                 };
                 let force = digits(probe.force.length());
                 let depth = length(touch.depth_m);
-                format!("{name}{force} N{of}, {depth} deep, {error}")
+                vec![
+                    format!("{name}{force} N{of}, "),
+                    format!("{depth} deep, "),
+                    error,
+                ]
             }
         };
-        let (width, height) = (Size::Normal.width(&words), Size::Normal.height());
-        panel.fill(0, 0, width + 16, height + 8, [255; 3]);
-        panel.write((8, 5), Align::Left, Size::Normal, INK, &words);
+        let height = Size::Normal.height() + 4;
+        let lines = lines(parts, panel.width().saturating_sub(16));
+        for (line, y) in lines.iter().zip((0..).step_by(height as usize)) {
+            let width = Size::Normal.width(line);
+            panel.fill(0, y, width + 16, height + 4, [255; 3]);
+            panel.write((8, y + 5), Align::Left, Size::Normal, INK, line);
+        }
     }
 
     fn panel(&self, camera: &Camera, width: u32, height: u32, is_whole: bool) -> Canvas {
@@ -233,6 +241,20 @@ impl TouchPicture<'_> {
     }
 }
 
+/// Parts of a text as lines that are no wider than so many pixels where they can be.
+fn lines(parts: Vec<String>, width: u32) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for part in parts {
+        match lines.last_mut() {
+            Some(line) if Size::Normal.width(&format!("{line}{}", part.trim_end())) <= width => {
+                line.push_str(&part);
+            }
+            _ => lines.push(part),
+        }
+    }
+    lines
+}
+
 fn add_body(solids: &mut Solids, body: &Body, pose: &Pose, color: Color, least: f64) {
     match body {
         Body::Ball(radius) => solids.ball(pose.position, radius.max(least), color),
@@ -271,6 +293,15 @@ fn round_below(number: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_text_is_broken_where_it_is_too_wide() {
+        let parts = || ["0.98 N on object 77, ", "1.2 mm deep, ", "full"].map(String::from);
+        let wide = lines(parts().into(), 2_000);
+        assert_eq!(wide, ["0.98 N on object 77, 1.2 mm deep, full"]);
+        let narrow = lines(parts().into(), Size::Normal.width("0.98 N on object 77, "));
+        assert_eq!(narrow, ["0.98 N on object 77, ", "1.2 mm deep, full"]);
+    }
 
     #[test]
     fn a_bar_is_round() {
