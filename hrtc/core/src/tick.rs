@@ -372,8 +372,8 @@ impl Controller {
                 observer.tool_before(probe, &tool);
             }
             objects[k].find_contact(tick, (probe, &self.probes[probe]), &mut budget);
-            let pair = is_tool(objects, (k, probe));
-            time.charge_query(budget.spent() - before, pair);
+            let of_tool = is_tool(objects, (k, probe));
+            time.charge_query(budget.spent() - before, of_tool);
         }
         // The nearest to a contact looks first: where it goes matters most.
         for &(k, probe) in pairs.iter().rev() {

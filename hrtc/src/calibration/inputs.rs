@@ -102,7 +102,7 @@ mod tests {
     use glam::DVec3;
 
     #[test]
-    fn inputs_comes_back_as_it_was_and_other_bytes_are_refused() {
+    fn inputs_come_back_as_they_were_and_other_bytes_are_refused() {
         let mut chunk = InboxChunk {
             header: ChunkHeader::zeroed(),
             slots: [ChunkSlot::zeroed(); CHUNK_SLOTS],

@@ -96,9 +96,7 @@ impl StageClock {
             stages: [0; STAGES.len()],
         }
     }
-}
 
-impl StageClock {
     /// Spins until the stage has taken `slow` times its own processor time.
     fn slow_down(&mut self) {
         if self.slow <= 1.0 {
