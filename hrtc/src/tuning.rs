@@ -138,5 +138,3 @@ pub const CALIBRATION_NS: u64 = 50_000_000;
 pub const CALIBRATION_BLOCK: usize = 16;
 /// Bytes that are read between two of them: more than the second cache of a core holds.
 pub const CALIBRATION_OTHERS_BYTES: usize = 4 << 20;
-/// Stack of the thread that measures them, bytes; it ends before the first tick.
-pub const CALIBRATION_STACK_BYTES: usize = 4 << 20;

@@ -150,12 +150,14 @@ pub fn usable_cores() -> Vec<usize> {
     // SAFETY: takes no pointers.
     let configured = unsafe { libc::sysconf(libc::_SC_NPROCESSORS_CONF) };
     let configured = usize::try_from(configured).unwrap_or(0);
-    // A thread of its own, since it moves.
-    let tried = std::thread::spawn(move || {
+    // A thread of its own, since it moves; its stack stays with the process and may be locked.
+    let thread = std::thread::Builder::new().stack_size(64 << 10);
+    let tried = thread.spawn(move || {
         let can_be_put = |core: &usize| pin_to_core(*core).is_ok();
         (0..configured).filter(can_be_put).collect()
     });
-    tried.join().unwrap_or_default()
+    let tried = tried.ok().and_then(|thread| thread.join().ok());
+    tried.unwrap_or_default()
 }
 
 /// Locks all memory of the process, present and future. Whole stacks are committed: give threads
@@ -170,6 +172,19 @@ pub fn lock_memory() -> Result<(), MissingRight> {
         Ok(())
     } else {
         Err(Right::LockedMemory.refused())
+    }
+}
+
+/// Lets large memory go back to the system as soon as it is freed, for the whole process: the
+/// allocator keeps it otherwise once such memory was freed before, and [`lock_memory`] then keeps
+/// it resident.
+pub fn return_freed_memory() {
+    // Other libraries of C do so by themselves.
+    #[cfg(target_env = "gnu")]
+    // SAFETY: takes no pointers.
+    unsafe {
+        // Its own first value: setting it keeps it from growing.
+        libc::mallopt(libc::M_MMAP_THRESHOLD, 128 * 1024);
     }
 }
 
@@ -208,8 +223,17 @@ pub struct Obtained {
 /// 1 to 99.
 #[must_use]
 pub fn obtain(core: Option<usize>, priority: i32) -> Obtained {
+    let locked = lock_memory();
+    let mut obtained = obtain_processor(core, priority);
+    obtained.missing.extend(locked.err());
+    obtained
+}
+
+/// As [`obtain`], but for the memory: for a thread that ends before the ticks begin, since freed
+/// memory that was locked stays resident.
+#[must_use]
+pub fn obtain_processor(core: Option<usize>, priority: i32) -> Obtained {
     let mut obtained = Obtained::default();
-    obtained.missing.extend(lock_memory().err());
     if let Some(core) = core {
         obtained.missing.extend(pin_to_core(core).err());
     }

@@ -4,11 +4,11 @@
 use super::RunError;
 use crate::calibration;
 use crate::message::note;
-use crate::tuning::CALIBRATION_STACK_BYTES;
+use crate::tuning::TICK_STACK_BYTES;
 use hrtc_core::governor::{TickNeed, WorkCosts};
 use realtime::core_claim::CoreClaim;
 use realtime::interrupts::{CoreLoad, InterruptedCore, QuietCores};
-use realtime::rights::{obtain, usable_cores};
+use realtime::rights::{obtain_processor, return_freed_memory, usable_cores};
 use scene::{ActiveSurface, LoopPlan, ProbePlan, ProbeShape, ScenePlan};
 
 /// The core of the tick: that of the scene, or where it names none the one of this process that
@@ -84,15 +84,17 @@ fn words<'a>(
 /// What the counted work costs here: measured on the tick's core and with its rights. Where that
 /// does not come about the costs of the reference machine count, which is said.
 pub(super) fn measure_costs(plan: &LoopPlan, slow: f64) -> WorkCosts {
+    // Of the patch's controller nothing is to stay beside the scene's.
+    return_freed_memory();
     let (core, priority) = (plan.core, plan.priority);
     let measure = move || {
         // What is missing is told by the tick's own thread.
-        let _rights = obtain(core, priority);
+        let _rights = obtain_processor(core, priority);
         calibration::measure(slow)
     };
     let thread = std::thread::Builder::new()
         .name("hrtc-costs".to_owned())
-        .stack_size(CALIBRATION_STACK_BYTES);
+        .stack_size(TICK_STACK_BYTES);
     let measured = thread.spawn(measure).ok();
     let measured = measured.and_then(|thread| thread.join().ok().flatten());
     if measured.is_none() {
