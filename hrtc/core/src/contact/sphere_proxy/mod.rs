@@ -29,14 +29,17 @@ use projection::project;
 use serde::{Deserialize, Serialize};
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
-/// Reduction of the sweep's radius, as a fraction of the probe's radius.
-const SKIN: f64 = 1e-6;
+/// Reduction of the sweep's radius, as a fraction of the probe's radius: more than the rounding of
+/// coordinates on a model of 10 million radii, and what a ball that slides along one face may be
+/// within the next.
+const SKIN: f64 = 1e-8;
 /// Margin of the collected ball beyond the probe's radius: a multiple of the device's motion, and a
 /// fraction of the radius.
 const AHEAD: f64 = 2.0;
 const LOOK_AROUND: f64 = 0.02;
-/// Motion at which a tick has converged, as a fraction of the radius.
-const CONVERGED: f64 = 1e-7;
+/// Motion at which a tick has converged, as a fraction of the radius: the same surface cut into
+/// other faces gives the same force to this part of it (`rt-tests accuracy`).
+const CONVERGED: f64 = 1e-9;
 /// Largest ratio of two steps that counts as a geometric series.
 const SERIES: f64 = 0.9;
 /// Steps per tick; the next tick does the remaining work, from a safe position.
