@@ -204,6 +204,9 @@ impl Contacts {
             if self.is_looked[k] || near.is_known_beyond(k, limit) {
                 continue;
             }
+            if spent + PASSED + LOOK > most {
+                return (spent, false);
+            }
             spent += PASSED;
             let pair = near.pairs[k];
             let corners = near.corners(shape, pair.tool);
@@ -218,9 +221,6 @@ impl Contacts {
             }
             self.is_looked[k] = true;
             spent += LOOK;
-            if spent > most {
-                return (spent, false);
-            }
             let mut look = PairLook {
                 shape,
                 surface,

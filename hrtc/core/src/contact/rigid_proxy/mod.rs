@@ -30,6 +30,7 @@ mod answer;
 mod bounding_balls;
 mod contacts;
 mod coupling_target;
+mod depenetration;
 mod look_ahead_tube;
 mod mesh_change;
 mod neighbourhood;
@@ -47,12 +48,12 @@ pub use shape::ToolProxyError;
 
 use crate::contact::coupling::{Coupling, about};
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Body, PairWork, Surface, first_pair};
-use crate::contact::tool::{RelativePath, Tool, for_each_face_near};
+use crate::contact::query::{PairWork, Surface};
+use crate::contact::tool::Tool;
 use crate::perception::StepLimit;
 use bounding_balls::{Ball, bounding_balls};
 use contacts::Contacts;
-use geometry::{BoxPair, Pose, Similarity, Wrench, triangle_pair};
+use geometry::{BoxPair, Pose, Wrench};
 use glam::DVec3;
 use mesh_change::MeshChange;
 use neighbourhood::Neighbourhood;
@@ -62,10 +63,6 @@ use spm::{ActiveMesh, Handle, OperationFaces};
 use steps::MAX_STOPS;
 use sweep::Open;
 
-/// Cost of a pair of faces tested, in node pairs (measured).
-const TESTED: u32 = 3;
-/// Tool faces whose motion costs as much as one node pair (measured).
-const FACES_MOVED: u32 = 4;
 /// Contact offset, as a fraction of the radius of gyration.
 const CONTACT_OFFSET: f64 = 1e-4;
 /// Contact offset while the surface moves, as a fraction of the step limit: twice the share of one
@@ -404,9 +401,9 @@ impl ToolProxy {
         let moving = MOVING_OFFSET * self.step_limit.of_this_tick();
         self.moving_offset = moving.max(OFFSET_LEFT * self.moving_offset);
         if mesh_change.is_there() {
-            self.update(surface, &mesh_change, budget, &mut answer);
+            let first_changed = self.update(surface, &mesh_change, budget, &mut answer);
             if mesh_change.may_have_met()
-                && !self.depenetrate(surface, &mesh_change, budget, &mut answer)
+                && !self.depenetrate(surface, (&mesh_change, first_changed), budget, &mut answer)
             {
                 // The proxy stays until a tick can decide.
                 self.mesh_change = mesh_change;
@@ -428,118 +425,6 @@ impl ToolProxy {
             }
         }
         answer
-    }
-
-    /// Whether the tool meets the surface; `None` if the budget does not suffice.
-    fn meets(
-        &mut self,
-        surface: Surface<'_>,
-        at: &Placement,
-        budget: u32,
-        answer: &mut ToolAdvance,
-    ) -> Option<bool> {
-        self.put_tool(at);
-        answer.spent += self.tool.faces() / FACES_MOVED;
-        // Here a node pair costs half; the rest pays for the face pairs below it.
-        let most = budget.saturating_sub(answer.spent);
-        let (pair, ending, work) = first_pair(&surface, &self.tool, most, None);
-        answer.work.add(work);
-        answer.spent += work.node_pairs + TESTED * work.faces;
-        if pair.is_none() && !ending.is_complete() {
-            answer.ending = ending;
-            return None;
-        }
-        Some(pair.is_some())
-    }
-
-    /// Whether the tool, clear before, meets a changed face; `None` if the budget does not suffice.
-    fn meets_what_changed(
-        &mut self,
-        surface: Surface<'_>,
-        mesh_change: &MeshChange,
-        budget: u32,
-        answer: &mut ToolAdvance,
-    ) -> Option<bool> {
-        let (here, to_query) = (self.at, Similarity::new(self.pose_at(&self.at), self.scale));
-        let (Some(changed), Some(to_query)) = (mesh_change.changed(), to_query) else {
-            return self.meets(surface, &here, budget, answer);
-        };
-        let path = RelativePath::new([here.centre; 2], [here.rotation(); 2]);
-        let (mut is_met, mut tested) = (false, 0);
-        for &face in changed.iter().filter(|&&face| surface.has(face)) {
-            let corners = surface.corners(face);
-            let cost = for_each_face_near(&self.shape.blocks, &path, corners, 0.0, |own| {
-                let corners_of_tool = self
-                    .tool
-                    .triangle(own)
-                    .map(|v| self.tool.local_vertices()[v as usize]);
-                tested += 1;
-                is_met = triangle_pair(corners, corners_of_tool.map(|p| to_query.point(p))).meets();
-                !is_met
-            });
-            answer.spent += cost;
-            if is_met {
-                break;
-            }
-        }
-        answer.work.faces += tested;
-        answer.spent += TESTED * tested;
-        Some(is_met)
-    }
-
-    /// Moves the tool's mesh to a placement.
-    fn put_tool(&mut self, at: &Placement) {
-        if let Some(to_query) = Similarity::new(self.pose_at(at), self.scale) {
-            self.tool.place(&to_query);
-        }
-    }
-
-    /// Moves to the device if the tool is clear of the surface there.
-    fn jump_when_clear(&mut self, surface: Surface<'_>, budget: u32, answer: &mut ToolAdvance) {
-        let goal = self.goal;
-        let clear = self.meets(surface, &goal, budget, answer) == Some(false);
-        if clear || self.state == State::Inside {
-            self.at = goal;
-            self.device_travel = 0.0;
-        }
-        if clear {
-            self.state = State::Clear;
-            self.invalidate();
-            self.contacts.clear();
-        }
-    }
-
-    /// After a change of the surface: if it meets the tool, moves the tool out on its side. False
-    /// if the budget does not suffice to decide.
-    fn depenetrate(
-        &mut self,
-        surface: Surface<'_>,
-        mesh_change: &MeshChange,
-        budget: u32,
-        answer: &mut ToolAdvance,
-    ) -> bool {
-        let here = self.at;
-        match self.meets_what_changed(surface, mesh_change, budget, answer) {
-            Some(true) => {}
-            known => return known.is_some(),
-        }
-        for escape in mesh_change.escapes(self.static_offset(), self.moving_offset) {
-            let out = Placement {
-                centre: here.centre + escape,
-                ..here
-            };
-            match self.meets(surface, &out, budget, answer) {
-                Some(true) => {}
-                None => return false,
-                Some(false) => {
-                    self.near.spend(&out, &here.to(&out), self.shape.radius);
-                    self.at = out;
-                    return true;
-                }
-            }
-        }
-        self.state = State::Stuck;
-        true
     }
 
     /// Whether the surface keeps the proxy from the device, in contact or stuck.

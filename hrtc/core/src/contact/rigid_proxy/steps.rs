@@ -324,9 +324,14 @@ impl ToolProxy {
     ) -> Option<(Twist, Twist, f64)> {
         let (radius, offset) = (self.shape.radius, tick.offset);
         let look_around = tick.look_around;
-        self.near.place(&self.shape, &self.at);
-        answer.spent += self.near.vertex_count() / PLACED;
+        // What the sweep costs in any case is kept for it.
         let budget = tick.budget.saturating_sub(least_cost(&self.near));
+        let placed = self.near.vertex_count() / PLACED;
+        if answer.spent + 2 * placed > budget {
+            return None;
+        }
+        self.near.place(&self.shape, &self.at);
+        answer.spent += placed;
         let mut looks = 0;
         loop {
             looks += 1;
@@ -350,8 +355,12 @@ impl ToolProxy {
             if looks == 1 {
                 self.add_stops(offset);
             }
+            let projected = PROJECTED * self.contacts.all().len() as u32;
+            if answer.spent + projected > budget {
+                return None;
+            }
             let motion = self.allowed(wanted, offset, Some(answer));
-            answer.spent += PROJECTED * self.contacts.all().len() as u32;
+            answer.spent += projected;
             let begin = |motion: &Twist| motion.times((most / motion.farthest(radius)).min(1.0));
             let elsewhere = begin(&motion).minus(&begin(&likely)).farthest(radius);
             if looks == MAX_LOOKS || elsewhere <= look_around {
@@ -362,25 +371,27 @@ impl ToolProxy {
     }
 
     /// Updates the candidate pairs where the surface changed; invalidates them if that fails.
+    /// Returns the number of pairs before those of changed faces, where all of these are known.
     pub(super) fn update(
         &mut self,
         surface: Surface<'_>,
         mesh_change: &MeshChange,
         budget: u32,
         answer: &mut ToolAdvance,
-    ) {
+    ) -> Option<usize> {
         let most = budget / UPDATE_SHARE;
-        let is_updated = mesh_change.changed().is_some_and(|changed| {
-            let (is_updated, work) = self.near.update(surface, &self.shape, changed, most);
+        let first_changed = mesh_change.changed().and_then(|changed| {
+            let (first_changed, work) = self.near.update(surface, &self.shape, changed, most);
             answer.work.add(work);
             answer.spent += work.cost();
-            is_updated
+            first_changed
         });
         self.stops.clear();
-        if !is_updated {
+        if first_changed.is_none() {
             self.invalidate();
         }
         self.near.place(&self.shape, &self.at);
+        first_changed
     }
 
     /// Invalidates the candidate pairs.

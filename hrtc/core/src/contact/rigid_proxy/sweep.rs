@@ -102,7 +102,8 @@ pub fn free_share(
         if until >= swept.share {
             break;
         }
-        if swept.spent > most {
+        let parts = most.saturating_sub(swept.spent + SWEPT) / PART;
+        if parts == 0 {
             swept.is_all = false;
             let room = (now - min_separation).max(0.0) * WITHIN;
             let share = until.max(room / travel);
@@ -112,7 +113,7 @@ pub fn free_share(
             }
             continue;
         }
-        sweep.advance_pair(near, pair as usize, &mut swept);
+        sweep.advance_pair(near, pair as usize, parts, &mut swept);
     }
     swept
 }
@@ -129,8 +130,14 @@ struct Sweep<'a> {
 }
 
 impl Sweep<'_> {
-    /// Shortens the free share by one pair.
-    fn advance_pair(&mut self, near: &mut Neighbourhood, k: usize, swept: &mut Swept) {
+    /// Shortens the free share by one pair, of whose motion at most so many parts are examined.
+    fn advance_pair(
+        &mut self,
+        near: &mut Neighbourhood,
+        k: usize,
+        most_parts: u32,
+        swept: &mut Swept,
+    ) {
         let (shape, min_separation) = (self.shape, self.min_separation);
         let mut pair = near.pairs[k];
         let [corners, ends] = [
@@ -169,7 +176,7 @@ impl Sweep<'_> {
             sagitta_from_tool: self.bends.seen_from_tool(surface),
             min_separation,
         };
-        let (share, along, parts) = pair_sweep.until(swept.share, corners);
+        let (share, along, parts) = pair_sweep.until(swept.share, corners, most_parts);
         swept.spent += PART * parts;
         if let Some(along) = along {
             near.pairs[k].along = along;
@@ -331,12 +338,18 @@ impl PairSweep<'_> {
         (rotation, self.arms.map(|arm| at.centre + rotation * arm))
     }
 
-    /// The free share up to `whole`, the direction at the start, and the parts examined.
-    fn until(&mut self, whole: f64, corners: [DVec3; 3]) -> (f64, Option<Direction>, u32) {
+    /// The free share up to `whole` as far as `most` parts tell, at least 1, the direction at the
+    /// start, and the parts examined.
+    fn until(
+        &mut self,
+        whole: f64,
+        corners: [DVec3; 3],
+        most: u32,
+    ) -> (f64, Option<Direction>, u32) {
         let (mut share, mut corners, mut first) = (0.0, corners, None);
         let mut rotation = self.start.rotation();
         let mut parts = 0;
-        while parts < PARTS {
+        while parts < PARTS.min(most) {
             parts += 1;
             let Some((direction, now)) = separating_direction(self.surface, corners) else {
                 return (share, first, parts);
@@ -368,7 +381,7 @@ impl PairSweep<'_> {
                 }
             }
             first = first.or(Some(along));
-            if part < SHORT * left {
+            if part < SHORT * left && parts + TRIES <= most {
                 // If a wide face rolls over a contact, a direction fixed to either body soon fails.
                 let (most, tries) =
                     self.part_along_turning_direction(share, left, direction, now, corners);

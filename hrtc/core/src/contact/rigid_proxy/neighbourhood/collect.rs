@@ -168,18 +168,18 @@ impl Neighbourhood {
     }
 
     /// Updates the pairs after faces have changed or gone: the result is that of a new collection.
-    /// False if nothing was known, if there is no room, or if it costs more than `most`. And its
-    /// cost.
+    /// Returns the number of pairs before those of changed faces; `None` if nothing was known, if
+    /// there is no room, or if it costs more than `most`. And its cost.
     pub fn update(
         &mut self,
         surface: Surface<'_>,
         shape: &ToolShape,
         changed: &[Handle],
         most: u32,
-    ) -> (bool, PairWork) {
+    ) -> (Option<usize>, PairWork) {
         let mut work = PairWork::default();
         if self.partial.is_some() || self.tube.left() <= 0.0 {
-            return (false, work);
+            return (None, work);
         }
         let mesh = surface.mesh;
         let margin = self.tube.straight_margin();
@@ -233,11 +233,11 @@ impl Neighbourhood {
                 has_room
             });
             if !has_room || work.cost() > most {
-                return (false, work);
+                return (None, work);
             }
         }
         self.high_water = self.high_water.max(self.pairs.len());
-        (true, work)
+        (Some(kept), work)
     }
 
     /// Places vertices of the tool that are not listed yet at start and end of the path.
