@@ -517,20 +517,6 @@ impl ActiveSet {
         longest.or_else(farthest).map(|(k, _)| k)
     }
 
-    /// Shares out the chunks that may be under way: one to an object out of reach, the others in
-    /// equal parts to the rest.
-    fn share_credit(&mut self, tick: u64) {
-        let used = self.objects.iter().filter(|of| of.instance.is_some());
-        let needed = used.clone().filter(|of| of.needed == tick).count() as u64;
-        let idle = used.count() as u64 - needed;
-        let window = self.meter.window();
-        let share = window.saturating_sub(idle) / needed.max(1);
-        for object in &mut self.objects {
-            let is_needed = object.needed == tick;
-            object.session.set_credit(if is_needed { share } else { 1 });
-        }
-    }
-
     /// Pairs of a probe and an object that could touch now though the object is not ready.
     fn count_unserved(&self, probes: &[Probe]) -> u32 {
         if !self.is_complete() {
