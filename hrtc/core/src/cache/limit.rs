@@ -76,11 +76,14 @@ impl Cache {
     /// Whether so many more bytes, no more than a record takes, may be in use; a record that nothing
     /// holds goes for them.
     pub(super) fn make_fit(&mut self, more: usize) -> bool {
-        let fits = |cache: &Self, more| !cache.is_limited() || cache.in_use() + more <= cache.limit;
-        if !fits(self, more) && fits(self, 0) && self.evictions.first != NONE {
+        if !self.fits(more) && self.fits(0) && self.evictions.first != NONE {
             self.evict(self.evictions.first);
         }
-        fits(self, more)
+        self.fits(more)
+    }
+
+    fn fits(&self, more: usize) -> bool {
+        !self.is_limited() || self.in_use() + more <= self.limit
     }
 
     /// Slots that a record could go to now; negative where records have to go.

@@ -9,7 +9,7 @@ use simulator::{Client, INBOX_CHUNKS};
 
 /// Cache for each active object of which a tenth holds every base mesh and what a contact needs.
 const AMPLE_BYTES: usize = 8 << 20;
-/// Ticks within which a lowered limit of the cache holds: as long as it takes to give every ring up.
+/// Ticks within which a lowered limit of the cache holds: in them every ring is given up.
 const OBEYS_TICKS: u64 = 1_000;
 /// Relative rounding error of a limited change of the force.
 const ROUNDING: f64 = 1e-12;
