@@ -73,8 +73,8 @@ impl Cache {
         self.counted(self.loaded, self.lists.used(), self.regions.known())
     }
 
-    /// Whether so many more bytes, no more than a record takes, may be in use; a record that nothing
-    /// holds goes for them.
+    /// Whether so many more bytes, no more than a record takes, may be in use; a record that
+    /// nothing holds goes for them.
     pub(super) fn make_fit(&mut self, more: usize) -> bool {
         if !self.fits(more) && self.fits(0) && self.evictions.first != NONE {
             self.evict(self.evictions.first);
