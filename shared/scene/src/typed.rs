@@ -109,6 +109,7 @@ tables! {
         #[serde(default)]
         effects: Vec<Spanned<EffectTyped>>,
         movable: Option<Spanned<MovableTyped>>,
+        importance: Number,
     }
 
     struct GenerateTyped {
