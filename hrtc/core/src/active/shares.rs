@@ -5,8 +5,8 @@ use super::object::ActiveObject;
 use crate::instance::ObjectInstance;
 
 /// Weight of each of `places` in the shares of the cache. Where every object has its own, half of
-/// the cache is shared out by importance, so that a base mesh finds room in the least part too; else
-/// places change hands and are equal.
+/// the cache is shared out by importance, so that a base mesh finds room in the least part too;
+/// else places change hands and are equal.
 pub(super) fn weights_of(instances: &[ObjectInstance], places: usize) -> Vec<f64> {
     if instances.len() == places {
         let importances = instances.iter().map(|of| of.importance);
