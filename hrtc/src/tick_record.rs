@@ -60,6 +60,8 @@ pub struct TickRecord {
     pub rises_again: bool,
     /// Processor time of the tick before, ns, as the core was told; 0 for none.
     pub noted_work_ns: u32,
+    /// Bytes of the cache that may be in use from this tick on, where that changes.
+    pub cache_limit: Option<u64>,
     /// Wrench written to each device, newtons and newton metres.
     pub wrenches: [Wrench; MAX_PROBES],
     /// Contact of each probe; `None` in free space.

@@ -24,6 +24,8 @@ pub struct Controller {
     pub(crate) governor: Governor,
     pub(crate) tolerance_m: f64,
     pub(crate) cache_bytes: usize,
+    /// Bytes of the cache that may be in use now.
+    pub(crate) cache_limit: usize,
     pub(crate) probes: Vec<Probe>,
     pub(crate) active: ActiveSet,
     pub(crate) movables: Movables,
@@ -55,6 +57,7 @@ impl Controller {
             governor: Governor::new(1.0 / plan.loop_.rate_hz, plan.loop_.operations),
             tolerance_m: plan.accuracy.tolerance_m,
             cache_bytes: plan.cache_bytes,
+            cache_limit: plan.cache_bytes,
             active: ActiveSet::new(plan, identity, movables.iter().count(), toured),
             movables,
             probes,
@@ -112,6 +115,14 @@ impl Controller {
     /// concerned.
     pub fn note_work(&mut self, ns: u32) {
         self.governor.note_work(f64::from(ns));
+    }
+
+    /// Call before a tick: from it on so many bytes of the cache may be in use, of those of the
+    /// start. What the contacts need stays as long as less will do; then it comes coarser. An input
+    /// of the tick as far as a replay is concerned.
+    pub fn set_cache_limit(&mut self, bytes: usize) {
+        self.cache_limit = bytes.min(self.cache_bytes);
+        self.active.set_cache_limit(self.cache_limit);
     }
 
     /// How much work the ticks may do, and why.

@@ -181,7 +181,7 @@ impl Controller {
                 needed, base_faces, ..
             }) => Fault::Cache(CacheError::TooSmall {
                 bytes: self.cache_bytes,
-                needed: needed * self.active.objects.len() + self.active.store.bytes(),
+                needed: self.active.bytes_for_least(needed) + self.active.store.bytes(),
                 base_faces,
             }),
             other => other,

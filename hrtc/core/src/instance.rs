@@ -23,6 +23,8 @@ pub struct ObjectInstance {
     pub scale: ModelScale,
     /// Stiffness, damping and friction.
     pub surface: SurfacePlan,
+    /// Share of the importance of the scene's most important object, up to 1.
+    pub importance: f64,
 }
 
 /// A pose in the world as it is in the axes of an object at a pose of its own, metres.

@@ -126,6 +126,8 @@ pub struct CoreRecord {
     pub vsps_loaded: u32,
     /// Cache bytes in use now.
     pub cache_bytes: u64,
+    /// Cache bytes that may be in use now: more are on their way out.
+    pub cache_limit_bytes: u64,
     /// Whether a force was clamped.
     pub clamped: bool,
     /// Whether a sample was rejected.

@@ -13,6 +13,7 @@ impl Controller {
         let mut measured: f64 = -1.0;
         let mut finest: f64 = 0.0;
         record.cache_bytes = self.active.store.bytes_used() as u64;
+        record.cache_limit_bytes = self.cache_limit as u64;
         for active in &self.active.objects {
             let (front, session) = (&active.front, &active.session);
             record.vsplits += front.stats.vsplits;

@@ -19,9 +19,9 @@
 //! nothing could arrive or be done in between.
 //!
 //! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's
-//! bytes are shared out in equal parts to the active objects
-//! ([`scene::ScenePlan::active_objects`]). All active objects draw on one budget of work, the
-//! nearest to a contact first.
+//! bytes are shared out to the active objects ([`scene::ScenePlan::active_objects`]) by importance,
+//! in equal parts where there are more objects than places. All active objects draw on one budget
+//! of work, the nearest to a contact first.
 
 use crate::active::active_set::ActiveSet;
 use crate::active::object::ActiveObject;
@@ -327,10 +327,9 @@ impl Controller {
     /// with.
     fn refine(&mut self, budget: &mut Budget, record: &mut CoreRecord, allowed_upkeep: u32) {
         for &(_, k) in &self.active.order {
+            let operations = self.active.operations_of(k, self.governor.operations());
             let object = &mut self.active.objects[k];
-            object
-                .front
-                .set_time(self.governor.operations(), self.governor.steps());
+            object.front.set_time(operations, self.governor.steps());
             object.refine(self.own_tick, budget);
         }
         let upkeep = allowed_upkeep - budget.upkeep;

@@ -173,6 +173,9 @@ pub mod lod {
     pub const MAX_FORGOTTEN: u32 = MAX_UPKEEP / 2;
     /// Closure entries gone through a tick, for each operation allowed.
     pub const ENTRIES_PER_OPERATION: u32 = 24;
+    /// Entries for upkeep that cost as much as the eviction of a record: its references and those
+    /// of five others, and its id.
+    pub const ENTRIES_PER_EVICTION: u32 = 64;
     /// Regions that one search for a region to release looks at.
     pub const RELEASE_WINDOW: usize = 64;
     /// Regions released a tick at the most, where nothing waits for their room.

@@ -143,6 +143,9 @@ impl Twin {
         if record.noted_work_ns > 0 {
             self.controller.note_work(record.noted_work_ns);
         }
+        if let Some(bytes) = record.cache_limit {
+            self.controller.set_cache_limit(bytes as usize);
+        }
         let outputs = &mut self.outputs;
         self.controller.tick(&inputs, outputs, &mut NoObserver);
         let consumed = outputs.chunks_consumed.min(self.waiting.len());

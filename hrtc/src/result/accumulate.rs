@@ -228,6 +228,12 @@ impl Accumulator {
         };
         let cache = &mut result.cache;
         cache.evicted = cache.evicted.max(core.evicted);
+        let limit = core.cache_limit_bytes;
+        cache.least_limit_bytes = match cache.least_limit_bytes {
+            0 => limit,
+            least => least.min(limit),
+        };
+        cache.over_limit_ticks += u64::from(core.cache_bytes > limit);
         cache.high_water_bytes = cache.high_water_bytes.max(core.cache_bytes);
         cache.vsps = cache.vsps.max(u64::from(core.vsps_loaded));
         result.replay_hash = folded(core.replay_hash);

@@ -61,8 +61,12 @@ pub struct MedianMax {
 /// The cache over a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct CacheResult {
-    /// Limit, bytes.
+    /// Bytes reserved at the start: the limit unless the scene lowers it.
     pub bytes: u64,
+    /// The lowest limit, bytes.
+    pub least_limit_bytes: u64,
+    /// Ticks that began with more in use than the limit, which was lowered.
+    pub over_limit_ticks: u64,
     /// Largest number of bytes in use at once.
     pub high_water_bytes: u64,
     /// Largest number of VSPs loaded at once.

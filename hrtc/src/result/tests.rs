@@ -440,7 +440,14 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
             "{name}"
         );
     }
-    for name in ["bytes", "high_water_bytes", "vsps", "evicted"] {
+    for name in [
+        "bytes",
+        "least_limit_bytes",
+        "over_limit_ticks",
+        "high_water_bytes",
+        "vsps",
+        "evicted",
+    ] {
         assert!(result["cache"][name].is_number(), "{name}");
     }
     assert!(result["refined_faces"]["p50"].is_number());

@@ -42,7 +42,7 @@ use protocol::{ContactReport, Encoding, Request};
 use realtime::rights::monotonic_ns;
 use recording::RunRecording;
 use rtrb::{Consumer, RingBuffer};
-use scene::{Overrides, ScenePlan};
+use scene::{CacheTimetable, Overrides, ScenePlan};
 use shared::Shared;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -220,6 +220,7 @@ pub fn run_until(
         rings,
         shared: Arc::clone(&shared),
         plan: plan.loop_,
+        cache: CacheTimetable::new(Arc::clone(&plan.cache_changes)),
         seconds: args.seconds,
         slow: args.slow,
     })?;

@@ -20,7 +20,7 @@ use realtime::counting_allocator;
 use realtime::pacer::{Pacer, Wake, Worked};
 use realtime::rights::{LatencyHold, monotonic_ns, obtain, thread_cpu_ns};
 use rtrb::{Consumer, Producer};
-use scene::{LoopPlan, MAX_PROBES};
+use scene::{CacheTimetable, LoopPlan, MAX_PROBES};
 use std::any::Any;
 use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -54,6 +54,8 @@ pub(super) struct TickThread {
     pub rings: TickRings,
     pub shared: Arc<Shared>,
     pub plan: LoopPlan,
+    /// Changes of the cache's limit.
+    pub cache: CacheTimetable,
     /// Length of the run, seconds; without end when absent.
     pub seconds: Option<f64>,
     /// See [`super::RunArgs::slow`].
@@ -164,6 +166,7 @@ struct Ticked {
     wrenches: [Wrench; MAX_PROBES],
     rises_again: bool,
     noted_work_ns: u32,
+    cache_limit: Option<u64>,
 }
 
 impl TickThread {
@@ -275,6 +278,11 @@ impl TickThread {
         if noted_work_ns > 0 {
             self.controller.note_work(noted_work_ns);
         }
+        let t_s = wake.tick as f64 / self.plan.rate_hz;
+        let cache_limit = self.cache.due(t_s);
+        if let Some(bytes) = cache_limit {
+            self.controller.set_cache_limit(bytes);
+        }
         let Lasting {
             outputs,
             arrivals,
@@ -313,6 +321,7 @@ impl TickThread {
             wrenches: lasting.written,
             rises_again,
             noted_work_ns,
+            cache_limit: cache_limit.map(|bytes| bytes as u64),
         }
     }
 
@@ -546,6 +555,7 @@ fn record(wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &Lasting) -> T
         force_cut: lasting.force_cut,
         rises_again: ticked.rises_again,
         noted_work_ns: ticked.noted_work_ns,
+        cache_limit: ticked.cache_limit,
         wrenches: ticked.wrenches,
         contacts: std::array::from_fn(|k| outputs.contacts.get(k).copied().flatten()),
         chunks_consumed: outputs.chunks_consumed as u32,

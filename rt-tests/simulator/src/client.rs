@@ -12,7 +12,8 @@ use hrtc_core::streaming::subscriber::Identity;
 use hrtc_core::{Controller, StageObserver, TickInputs, TickOutputs};
 use protocol::{ChunkHeader, ChunkKind};
 use realtime::counting_allocator::count;
-use scene::{ScenePlan, TrajectoryPlan};
+use scene::{CacheTimetable, ScenePlan, TrajectoryPlan};
+use std::sync::Arc;
 
 /// Chunks that the inbox holds; further ones wait on the link. The product's inbox is as large.
 pub const INBOX_CHUNKS: usize = 64;
@@ -95,6 +96,7 @@ pub struct Client {
     outputs: TickOutputs,
     summary: Summary,
     recording: Option<InputRecording>,
+    cache_changes: CacheTimetable,
     last_tick: Option<u64>,
     is_stopping: bool,
     /// Whether wrenches are valid for [`COMMAND_VALIDITY_S`] only.
@@ -138,6 +140,7 @@ impl Client {
             outputs: TickOutputs::new(plan.probes.len()),
             summary: Summary::default(),
             recording: None,
+            cache_changes: CacheTimetable::new(Arc::clone(&plan.cache_changes)),
             last_tick: None,
             is_stopping: false,
             commands_expire: false,
@@ -290,6 +293,10 @@ impl Client {
         if was_cut {
             self.controller.force_was_cut();
         }
+        let cache_limit = self.cache_changes.due(tick as f64 * self.period_s);
+        if let Some(bytes) = cache_limit {
+            self.controller.set_cache_limit(bytes);
+        }
         let inputs = TickInputs {
             tick,
             samples: &self.samples,
@@ -300,7 +307,7 @@ impl Client {
         let (controller, outputs) = (&mut self.controller, &mut self.outputs);
         self.allocations += count(|| controller.tick(&inputs, outputs, observer));
         if let Some(recording) = &mut self.recording {
-            recording.add_tick(&inputs, was_cut, outputs.record.replay_hash);
+            recording.add_tick(&inputs, (was_cut, cache_limit), outputs.record.replay_hash);
         }
         self.inbox.drain(..self.outputs.chunks_consumed);
         for &request in self.outputs.outbox.requests() {

@@ -15,6 +15,8 @@ struct Tick {
     is_stopping: bool,
     /// Whether the devices had gone to zero by themselves.
     was_cut: bool,
+    /// Where it changed: bytes of the cache that may be in use.
+    cache_limit: Option<usize>,
     /// Chunks that had arrived.
     chunks: usize,
     replay_hash: u64,
@@ -78,8 +80,13 @@ impl InputRecording {
         self.chunks.insert(self.chunks.len() - waiting, chunk);
     }
 
-    /// Adds a tick.
-    pub(crate) fn add_tick(&mut self, inputs: &TickInputs<'_>, was_cut: bool, replay_hash: u64) {
+    /// Adds a tick; see `Tick` for what the controller was told before it.
+    pub(crate) fn add_tick(
+        &mut self,
+        inputs: &TickInputs<'_>,
+        (was_cut, cache_limit): (bool, Option<usize>),
+        replay_hash: u64,
+    ) {
         self.samples.extend_from_slice(inputs.samples);
         self.ticks.push(Tick {
             tick: inputs.tick,
@@ -87,6 +94,7 @@ impl InputRecording {
             station: inputs.station,
             is_stopping: inputs.stopping,
             was_cut,
+            cache_limit,
             chunks: self.chunks.len(),
             replay_hash,
         });
@@ -147,6 +155,9 @@ impl<'a> Playback<'a> {
         let (first, second) = chunks.split_at(cut);
         if tick.was_cut {
             self.controller.force_was_cut();
+        }
+        if let Some(bytes) = tick.cache_limit {
+            self.controller.set_cache_limit(bytes);
         }
         let inputs = TickInputs {
             tick: tick.tick,

@@ -1,10 +1,12 @@
 //! The validated plan of a scene: every number checked, every default filled in, SI units.
 
+mod cache;
 mod device;
 mod effects;
 mod height_map;
 mod movable;
 
+pub use cache::{CacheChangePlan, CacheTimetable};
 pub use device::{
     CustomDevicePlan, DeviceRotationPlan, HandImpedance, SimulatedDevicePlan, device_steps,
 };
@@ -43,8 +45,10 @@ pub struct ScenePlan {
     pub folder: PathBuf,
     /// The loop.
     pub loop_: LoopPlan,
-    /// Bytes of the mesh cache.
+    /// Bytes of the mesh cache, all of them reserved at the start.
     pub cache_bytes: usize,
+    /// Changes of the bytes that may be in use, by ascending time.
+    pub cache_changes: Arc<[CacheChangePlan]>,
     /// Wanted accuracy of the touched surface.
     pub accuracy: AccuracyPlan,
     /// Limits of every output force.
@@ -222,6 +226,9 @@ pub struct ObjectPlan {
     pub effects: Arc<[EffectPlan]>,
     /// Its motion; `None` for a fixed object.
     pub movable: Option<MovablePlan>,
+    /// How much it matters beside others, 0.1 to 10: what is short goes to it first, and its share
+    /// of the cache is in proportion.
+    pub importance: f64,
 }
 
 /// Stiffness and damping of a surface.

@@ -70,6 +70,13 @@ tables! {
     #[derive(Default)]
     struct CacheTyped {
         bytes: Option<Bytes>,
+        #[serde(default)]
+        change: Vec<CacheChangeTyped>,
+    }
+
+    struct CacheChangeTyped {
+        at_s: Spanned<f64>,
+        bytes: Spanned<Bytes>,
     }
 
     #[derive(Default)]
@@ -102,6 +109,7 @@ tables! {
         #[serde(default)]
         effects: Vec<Spanned<EffectTyped>>,
         movable: Option<Spanned<MovableTyped>>,
+        importance: Number,
     }
 
     struct GenerateTyped {

@@ -1,6 +1,7 @@
 //! From the scene as typed to the [`ScenePlan`]: every number is checked here. A scene is refused
 //! with one sentence that names file, line and remedy.
 
+mod cache;
 mod device;
 mod effects;
 mod movable;
@@ -16,6 +17,7 @@ use crate::limits::DEFAULT_CACHE_BYTES;
 use crate::plan::{MAX_PROBES, Overrides, ProbePlan, ScenePlan, TrajectoryPlan};
 use crate::source::{SceneError, Source};
 use crate::typed::{ProbeTyped, SceneTyped};
+use cache::cache_changes;
 use device::{device_of_file, device_plan};
 use objects::Objects;
 use record::record_plan;
@@ -85,6 +87,7 @@ fn plan(source: &Source, name: &str, overrides: &Overrides) -> Result<ScenePlan,
             .cache
             .bytes
             .map_or(DEFAULT_CACHE_BYTES, |bytes| bytes.0),
+        cache_changes: cache_changes(source, &typed.cache)?,
         accuracy: accuracy_plan(source, &typed.accuracy)?,
         safety: safety_plan(source, &typed.safety)?,
         record: record_plan(source, &typed.record)?,

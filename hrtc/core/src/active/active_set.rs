@@ -7,6 +7,7 @@
 
 use super::broad_phase::{Ball, BroadPhase, Near};
 use super::object::ActiveObject;
+use super::shares::{part_of, weights_of};
 use crate::bodies::{Extent, Movables};
 use crate::budget::Budget;
 use crate::cache::base_mesh_store::{BaseMeshStore, Model};
@@ -37,8 +38,8 @@ pub struct ActiveSet {
     pub objects: Vec<ActiveObject>,
     /// Base meshes of all models.
     pub store: BaseMeshStore,
-    /// Places in the order of a tick: the object nearest to a contact first, with its clearance in
-    /// metres.
+    /// Places in the order of a tick: the object nearest to a contact first, with its urgency: a
+    /// distance, which importance makes shorter.
     pub order: Vec<(f64, usize)>,
     /// Pairs whose contact is looked for in this tick, as place and probe, in the order in which
     /// they draw on its work.
@@ -65,6 +66,8 @@ pub struct ActiveSet {
     /// Received chunks that were taken out of turn, the oldest chunk at bit 0: an older one waits
     /// for room.
     taken: u64,
+    /// Weight of each place in the shares of the cache.
+    pub(super) weights: Vec<f64>,
 }
 
 impl ActiveSet {
@@ -82,9 +85,13 @@ impl ActiveSet {
         let count = plan.active_objects();
         let all_active = count == instances.len();
         let stored = BaseMeshStore::bytes_for(models, plan.cache_bytes, all_active);
-        let bytes = (plan.cache_bytes - stored) / count;
+        let weights = weights_of(&instances, count);
+        let shared = plan.cache_bytes - stored;
         let effects: Arc<[_]> = plan.objects.iter().map(|of| of.effects.clone()).collect();
-        let new_place = |_| ActiveObject::new(plan, bytes, identity, &horizons, effects.clone());
+        let new_place = |k| {
+            let bytes = part_of(shared, &weights, k);
+            ActiveObject::new(plan, bytes, identity, &horizons, effects.clone())
+        };
         let mut objects: Vec<ActiveObject> = (0..count).map(new_place).collect();
         if all_active {
             for (object, instance) in objects.iter_mut().zip(&instances) {
@@ -114,6 +121,7 @@ impl ActiveSet {
             order: Vec::with_capacity(count),
             pairs: Vec::with_capacity(count * plan.probes.len()),
             taken: 0,
+            weights,
             instances,
             objects,
         }
@@ -273,12 +281,13 @@ impl ActiveSet {
         consumed as usize
     }
 
-    /// Sorts the places, the object nearest to a contact first.
+    /// Sorts the places, the object nearest to a contact first; one of twice the importance counts
+    /// as half as far.
     pub fn sort_by_clearance(&mut self) {
         self.order.clear();
         for (k, object) in self.objects.iter().enumerate() {
             if object.instance.is_some() {
-                self.order.push((object.clearance_m(), k));
+                self.order.push((object.urgency(), k));
             }
         }
         self.order
@@ -517,20 +526,6 @@ impl ActiveSet {
         longest.or_else(farthest).map(|(k, _)| k)
     }
 
-    /// Shares out the chunks that may be under way: one to an object out of reach, the others in
-    /// equal parts to the rest.
-    fn share_credit(&mut self, tick: u64) {
-        let used = self.objects.iter().filter(|of| of.instance.is_some());
-        let needed = used.clone().filter(|of| of.needed == tick).count() as u64;
-        let idle = used.count() as u64 - needed;
-        let window = self.meter.window();
-        let share = window.saturating_sub(idle) / needed.max(1);
-        for object in &mut self.objects {
-            let is_needed = object.needed == tick;
-            object.session.set_credit(if is_needed { share } else { 1 });
-        }
-    }
-
     /// Pairs of a probe and an object that could touch now though the object is not ready.
     fn count_unserved(&self, probes: &[Probe]) -> u32 {
         if !self.is_complete() {
@@ -578,6 +573,8 @@ fn place(broad_phase: &mut BroadPhase, instance: &ObjectInstance, model: &Model)
 /// The objects of a scene, and the number of different models.
 fn instances_of(plan: &ScenePlan) -> (Vec<ObjectInstance>, usize) {
     let mut names: Vec<u64> = Vec::new();
+    let importances = plan.objects.iter().map(|of| of.importance);
+    let greatest = importances.fold(0.0, f64::max);
     let instances = (0u32..).zip(&plan.objects).map(|(object, of)| {
         let name = Request::name_hash(&of.model.name());
         let known = names.iter().position(|&other| other == name);
@@ -593,6 +590,7 @@ fn instances_of(plan: &ScenePlan) -> (Vec<ObjectInstance>, usize) {
             before: None,
             scale: of.scale,
             surface: of.surface,
+            importance: of.importance / greatest,
         }
     });
     let instances = instances.collect();

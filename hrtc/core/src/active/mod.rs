@@ -3,3 +3,4 @@
 pub(crate) mod active_set;
 pub mod broad_phase;
 pub(crate) mod object;
+mod shares;

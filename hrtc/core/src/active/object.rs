@@ -183,6 +183,27 @@ impl ActiveObject {
         clearances.fold(f64::INFINITY, f64::min)
     }
 
+    /// Its distance from a contact in this tick as it counts beside others', metres.
+    pub(super) fn urgency(&self) -> f64 {
+        let clearance = self.clearance_m();
+        let importance = self.importance();
+        if clearance > 0.0 {
+            clearance / importance
+        } else {
+            clearance * importance
+        }
+    }
+
+    /// Whether a probe is near.
+    pub(super) fn is_near(&self) -> bool {
+        self.contacts.pairs.iter().any(|pair| pair.is_near)
+    }
+
+    /// Its share of the importance of the most important object; 1 without an object.
+    pub(super) fn importance(&self) -> f64 {
+        self.instance.map_or(1.0, |instance| instance.importance)
+    }
+
     /// A tick begins; `station` is the incarnation of the living one.
     pub(crate) fn begin_tick(&mut self, station: u64, tick: u64, meter: &LinkMeter) {
         self.front.stats = Default::default();

@@ -19,6 +19,7 @@ pub mod base_mesh_store;
 mod check;
 mod geomorphs;
 mod id_map;
+mod limit;
 mod lists;
 mod operations;
 mod queues;
@@ -122,6 +123,8 @@ struct Ends {
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct Cache {
     bytes: usize,
+    /// Bytes that may be in use now; as many as there are unless it was lowered.
+    limit: usize,
     mesh: ActiveMesh,
     tree: AbTree,
     ids: IdMap<u32>,
@@ -197,6 +200,7 @@ impl Cache {
         let slots = least;
         Self {
             bytes,
+            limit: bytes,
             mesh: ActiveMesh::new(0, 0, slots as u32).with_geomorphs(MAX_GEOMORPHS),
             tree: AbTree::new(2 * slots as u32),
             ids: IdMap::new(slots),
@@ -249,7 +253,7 @@ impl Cache {
         self.evicted
     }
 
-    /// Bytes of the limit.
+    /// Bytes that there are: all that the limit may be.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.bytes
@@ -286,19 +290,7 @@ impl Cache {
     }
 
     fn bytes_with(&self, loaded: u32, blocks: u32, regions: usize) -> usize {
-        let per_slot = ActiveMesh::BYTES_PER_SLOT
-            + 2 * AbTree::BYTES_PER_FACE
-            + size_of::<References>()
-            + size_of::<Slot>()
-            + IdMap::<u32>::BYTES_PER_ENTRY;
-        let base = self.sizes.base_vertices as usize * ActiveMesh::BYTES_PER_BASE_VERTEX
-            + self.sizes.base_faces as usize
-                * (ActiveMesh::BYTES_PER_BASE_FACE + AbTree::BYTES_PER_FACE);
-        (base
-            + loaded as usize * per_slot
-            + blocks as usize * ListPool::BYTES_PER_BLOCK
-            + regions * RegionTable::BYTES_PER_REGION)
-            .min(self.bytes)
+        self.counted(loaded, blocks, regions).min(self.bytes)
     }
 
     // --- the base mesh -------------------------------------------------------------------------
@@ -426,6 +418,12 @@ impl Cache {
     ) -> Result<(), LoadError> {
         if id >= self.sizes.vsps {
             return Err(LoadError::Damaged);
+        }
+        let length = self.regions.at(region).closure.length() as usize;
+        if length.is_multiple_of(ListPool::ITEMS_PER_BLOCK)
+            && !self.make_fit(ListPool::BYTES_PER_BLOCK)
+        {
+            return Err(LoadError::NoRoom);
         }
         let known = self.ids.get(id);
         if known.is_none() && !record_follows {

@@ -6,12 +6,11 @@ use spm::{NONE, Slot};
 
 impl Cache {
     pub(super) fn take_slot(&mut self) -> Option<Slot> {
-        if self.free_slots() == 0 {
-            let slot = self.evictions.first;
-            if slot == NONE {
-                return None;
-            }
-            self.evict(slot);
+        if !self.has_slot() {
+            return None;
+        }
+        if self.headroom() <= 0 {
+            self.evict(self.evictions.first);
         }
         self.free.pop().or_else(|| {
             self.slots_used += 1;
@@ -27,7 +26,8 @@ impl Cache {
     /// Slots that a record could go to now, free or to be evicted: at least this many.
     #[must_use]
     pub fn has_slot(&self) -> bool {
-        self.free_slots() > 0 || self.evictions.first != NONE
+        let headroom = self.headroom();
+        headroom > 0 || (headroom == 0 && self.evictions.first != NONE)
     }
 
     /// Performed splits that nothing needs any more and that may be collapsed now.
@@ -51,13 +51,14 @@ impl Cache {
     /// until no answer counts on it any more: those that were sent before the station heard of it.
     #[must_use]
     pub fn is_nearly_full(&self) -> bool {
-        let free = self.free_slots() + self.evictions.count;
-        let kept = (self.slots / 8).max(self.in_transit.min(self.slots / 3));
-        let slots = free < kept;
+        let headroom = self.headroom();
+        let slots = (i64::from(self.loaded) + headroom).max(0);
+        let kept = (slots / 8).max(i64::from(self.in_transit).min(slots / 3));
+        let slots = headroom + i64::from(self.evictions.count) < kept;
         slots || self.lists.is_nearly_full() || self.regions.is_nearly_full()
     }
 
-    fn evict(&mut self, slot: Slot) {
+    pub(super) fn evict(&mut self, slot: Slot) {
         self.unqueue(slot);
         let dependencies = self.mesh.dependencies(slot);
         if !is(Mutant::StaleId) {

@@ -99,6 +99,8 @@ pub struct Front {
     /// Share of each probe's limit that is used up in this tick.
     pub(super) used: Vec<f64>,
     pub(super) pressure: MemoryPressure,
+    /// While the cache is over its limit: the least bytes in use so far, and since which tick.
+    pub(super) excess: Option<(usize, u64)>,
     pub(super) horizons: Horizons,
     /// The block of the whole model that was done last.
     pub(super) last_block: Option<RegionKey>,
@@ -135,6 +137,7 @@ impl Front {
             reached: Vec::with_capacity(probes * MAX_BALLS),
             used: vec![0.0; probes],
             pressure: MemoryPressure::new(horizons.pressure),
+            excess: None,
             horizons,
             last_block: None,
             stats: FrontStats::default(),

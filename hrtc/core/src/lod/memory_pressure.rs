@@ -126,6 +126,14 @@ impl MemoryPressure {
         self.steps.step(tick);
     }
 
+    /// More is in use than may be, and nothing goes that is not asked for.
+    pub fn exceed(&mut self, tick: u64) {
+        if self.steps.want(tick) {
+            self.misses = 0;
+            self.steps.step(tick);
+        }
+    }
+
     /// Goes back a step when there was room for long enough.
     pub fn recover(&mut self, tick: u64) {
         self.steps.recover(tick);

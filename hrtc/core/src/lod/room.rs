@@ -2,10 +2,11 @@
 
 use super::front::Front;
 use super::geomorph::CollapseOutcome;
+use super::memory_pressure::MemoryPressure;
 use crate::budget::Budget;
 use crate::cache::{AfterUnload, Region, RegionState};
 use crate::probe::contacts::Contacts;
-use crate::tuning::lod::{RELEASE_WINDOW, RELEASES_PER_TICK};
+use crate::tuning::lod::{ENTRIES_PER_EVICTION, RELEASE_WINDOW, RELEASES_PER_TICK};
 use spm::RegionId;
 
 impl Front {
@@ -24,10 +25,43 @@ impl Front {
     /// Releases regions while the cache is nearly full, so that a fast probe need not wait for
     /// room.
     pub(super) fn keep_some_room(&mut self, tick: u64, budget: &mut Budget) {
+        self.obey_limit(tick, budget);
         for _ in 0..RELEASES_PER_TICK {
             if !self.cache.is_nearly_full() || !self.release_one(None, tick, budget) {
                 break;
             }
+        }
+    }
+
+    /// So many bytes of the cache may be in use from now on. With more than before, what was done
+    /// without for want of room is asked for again at once.
+    pub fn set_cache_limit(&mut self, bytes: usize) {
+        if bytes > self.cache.limit() {
+            self.pressure = MemoryPressure::new(self.horizons.pressure);
+        }
+        self.excess = None;
+        self.cache.set_limit(bytes);
+    }
+
+    /// Evicts what nothing holds while the cache is over a limit that was lowered. Where no more
+    /// goes for the time that an unused region is kept, less is asked for.
+    fn obey_limit(&mut self, tick: u64, budget: &mut Budget) {
+        let evicted = self
+            .cache
+            .evict_excess(budget.upkeep / ENTRIES_PER_EVICTION);
+        budget.upkeep -= evicted * ENTRIES_PER_EVICTION;
+        if !self.cache.is_over_limit() {
+            self.excess = None;
+            return;
+        }
+        let bytes = self.cache.in_use();
+        match self.excess {
+            Some((least, since)) if bytes >= least => {
+                if tick > since + self.horizons.hysteresis {
+                    self.pressure.exceed(tick);
+                }
+            }
+            _ => self.excess = Some((bytes, tick)),
         }
     }
 

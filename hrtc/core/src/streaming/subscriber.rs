@@ -460,6 +460,9 @@ impl Subscriber {
             if comes_late || cache.regions.index(of.key).is_some() {
                 continue;
             }
+            if !cache.has_room_for_region() {
+                break;
+            }
             let Some(index) = cache.regions.request(of.key) else {
                 break;
             };

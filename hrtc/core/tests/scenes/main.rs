@@ -13,6 +13,7 @@ mod faulty_link;
 mod faulty_models;
 mod force_steps;
 mod implausible_samples;
+mod importance;
 mod moving_bodies;
 mod moving_objects;
 mod nothing_falls_through;

@@ -95,6 +95,7 @@ fn thread(read_in: u32, write_in: u32) -> (TickThread, Arc<Mutex<Told>>) {
         rings,
         shared,
         plan: plan.loop_,
+        cache: CacheTimetable::new(Arc::clone(&plan.cache_changes)),
         seconds: Some(1.0),
         slow: 1.0,
     };

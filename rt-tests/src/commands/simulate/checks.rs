@@ -7,6 +7,10 @@ use hrtc_core::record::CoreRecord;
 use scene::{ProbePlan, ProbeShape, SafetyPlan, ScenePlan};
 use simulator::{Client, INBOX_CHUNKS};
 
+/// Cache for each active object of which a tenth holds every base mesh and what a contact needs.
+const AMPLE_BYTES: usize = 8 << 20;
+/// Ticks within which a lowered limit of the cache holds: in them every ring is given up.
+const OBEYS_TICKS: u64 = 1_000;
 /// Relative rounding error of a limited change of the force.
 const ROUNDING: f64 = 1e-12;
 
@@ -17,6 +21,10 @@ pub struct Watch {
     device_max_n: f64,
     period_s: f64,
     cache_bytes: usize,
+    /// The limit of the cache, and ticks since it was changed.
+    limit: (u64, u64),
+    /// Whether a share of its cache is enough for a controller.
+    may_be_limited: bool,
     operations: u32,
     /// Whether each probe is a ball.
     is_ball: Vec<bool>,
@@ -40,6 +48,8 @@ impl Watch {
             device_max_n,
             period_s: 1.0 / plan.loop_.rate_hz,
             cache_bytes: plan.cache_bytes,
+            limit: (plan.cache_bytes as u64, 0),
+            may_be_limited: plan.cache_bytes >= AMPLE_BYTES * plan.active_objects(),
             operations: plan.loop_.operations as u32,
             is_ball: plan.probes.iter().map(is_ball).collect(),
             last: vec![Wrench::ZERO; plan.probes.len()],
@@ -95,6 +105,7 @@ impl Watch {
         ensure(bytes <= self.cache_bytes as u64, "memory", || {
             format!("{bytes} bytes of {}", self.cache_bytes)
         })?;
+        self.check_limit(record)?;
         ensure(client.inbox_len() <= INBOX_CHUNKS, "inbox", || {
             format!("{} chunks wait", client.inbox_len())
         })?;
@@ -104,6 +115,24 @@ impl Watch {
             format!("{allocated} in the tick")
         })?;
         self.check_fault(client)
+    }
+
+    /// What is in use beyond a lowered limit has gone after a while.
+    fn check_limit(&mut self, record: &CoreRecord) -> Checked {
+        let (limit, since) = self.limit;
+        self.limit = if record.cache_limit_bytes == limit {
+            (limit, since + 1)
+        } else {
+            (record.cache_limit_bytes, 0)
+        };
+        let obeys = record.cache_bytes <= record.cache_limit_bytes;
+        let may_be_over = self.limit.1 < OBEYS_TICKS || !self.may_be_limited;
+        ensure(obeys || may_be_over, "limit of the cache", || {
+            format!(
+                "{} bytes of {}",
+                record.cache_bytes, record.cache_limit_bytes
+            )
+        })
     }
 
     fn check_wrenches(&mut self, client: &Client) -> Checked {

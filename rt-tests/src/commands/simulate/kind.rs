@@ -67,6 +67,8 @@ pub enum Kind {
     Compact,
     /// The processor of a controller is up to four times slower for a while
     Processor,
+    /// The cache's limit is lowered for a while
+    CacheLimit,
 }
 
 impl Kind {
@@ -94,6 +96,7 @@ impl Kind {
                 Self::OtherScene,
                 Self::Compact,
                 Self::Processor,
+                Self::CacheLimit,
             ]
             .contains(&self)
     }

@@ -31,6 +31,8 @@ const TOUR_S: f64 = 1.0;
 const DESCENT_M: f64 = 1e-4;
 /// How many times slower a processor gets at the most.
 const SLOWEST: f64 = 4.0;
+/// Least share of the cache that a limit leaves.
+const LOWEST_LIMIT: f64 = 0.1;
 /// Number of the first controller at the station.
 const FIRST_CLIENT: u64 = 7;
 /// Ticks by which a last press may be held longer, so that contact is half of the run: also where
@@ -267,7 +269,12 @@ impl<'a> Run<'a> {
         ));
         let is_of_one = matches!(
             kind,
-            Kind::Cut | Kind::ControllerRestart | Kind::Stalls | Kind::OtherScene | Kind::Processor
+            Kind::Cut
+                | Kind::ControllerRestart
+                | Kind::Stalls
+                | Kind::OtherScene
+                | Kind::Processor
+                | Kind::CacheLimit
         );
         let touching = self.sides.iter().enumerate();
         let met = touching.filter(|(k, side)| side.is_touching && (*k == client || !is_of_one));
@@ -301,6 +308,10 @@ impl<'a> Run<'a> {
                 if let Some(processor) = &mut self.sides[client].processor {
                     processor.slow_down(slow);
                 }
+            }
+            Kind::CacheLimit => {
+                let share = LOWEST_LIMIT.powf(self.random.unit());
+                self.limit_cache(client, share);
             }
             Kind::Tolerance => {
                 let tolerance_m = 1e-4 * self.random.unit();
@@ -337,6 +348,7 @@ impl<'a> Run<'a> {
                 self.start_station()?;
             }
             Kind::Tolerance => self.ask_for_what_the_scene_asks(),
+            Kind::CacheLimit => self.limit_cache(event.client, 1.0),
             Kind::Processor => {
                 if let Some(processor) = &mut self.sides[event.client].processor {
                     processor.slow_down(1.0);
@@ -345,6 +357,13 @@ impl<'a> Run<'a> {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Lets a controller use a share of its cache from now on.
+    fn limit_cache(&mut self, client: usize, share: f64) {
+        let bytes = (share * self.scenario.plan.cache_bytes as f64) as usize;
+        let client = &mut self.simulation.clients_mut()[client];
+        client.controller_mut().set_cache_limit(bytes);
     }
 
     fn ask_for_what_the_scene_asks(&mut self) {

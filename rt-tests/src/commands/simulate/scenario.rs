@@ -257,6 +257,7 @@ impl Faults<'_> {
             (Kind::Tolerance, 4, 400),
             (Kind::OtherScene, 1, 300),
             (Kind::Processor, 3, 1_500),
+            (Kind::CacheLimit, 3, 1_500),
         ];
         let mut events = Vec::new();
         for (kind, most, longest) in kinds {

@@ -1,7 +1,9 @@
 //! The objects of a scene: tables, their names and their copies.
 
 use super::movable::movable_plan;
-use crate::limits::{GENERATED_FACES, LENGTH_M, MAX_LENGTH_M, NOT_NEGATIVE, POSITIVE, Range};
+use crate::limits::{
+    GENERATED_FACES, IMPORTANCE, LENGTH_M, MAX_LENGTH_M, NOT_NEGATIVE, POSITIVE, Range,
+};
 use crate::plan::{MAX_OBJECTS, ModelScale, ModelSource, ObjectPlan, SHAPES, SurfacePlan};
 use crate::source::{SceneError, Source, key};
 use crate::typed::{GenerateTyped, GridTyped, ObjectTyped};
@@ -144,6 +146,7 @@ fn object_plan(
             .as_ref()
             .map(|movable| movable_plan(source, movable.get_ref()))
             .transpose()?,
+        importance: source.number(key!(typed.importance), 1.0, IMPORTANCE)?,
     })
 }
 

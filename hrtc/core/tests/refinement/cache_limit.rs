@@ -1,0 +1,136 @@
+//! The cache's limit is lowered and raised while a probe touches.
+
+use crate::common::{plan, spm, world};
+use hrtc_core::{Controller, NoObserver};
+use scene::{CacheChangePlan, ProbeShape, ScenePlan};
+use simulator::{ClientOptions, Playback, Random};
+use spm_builder::BuildOptions;
+use spm_builder::generate::{Shape, generate};
+use std::sync::Arc;
+
+/// Ticks within which a lowered limit holds: as many as sixteen steps of memory pressure take.
+const OBEYS_TICKS: u64 = 1_000;
+
+fn model() -> Vec<u8> {
+    spm(generate(Shape::Relief, 60_000, 1), &BuildOptions::default())
+}
+
+fn plan_with(changes: &[(f64, usize)]) -> ScenePlan {
+    let mut plan = plan("");
+    let changes = changes.iter();
+    plan.cache_changes = changes
+        .map(|&(at_s, bytes)| CacheChangePlan { at_s, bytes })
+        .collect::<Arc<[_]>>();
+    plan
+}
+
+/// What a run was like while a limit held.
+#[derive(Debug, Default, Clone, Copy)]
+struct Held {
+    /// Ticks until no more was in use than might be.
+    ticks: u64,
+    bytes: u64,
+    contacts: u32,
+    full: u32,
+    coarser: u32,
+}
+
+/// Runs a tour of some ticks; what each limit was like, that of the start first. After every tick
+/// no more is allocated, contacts have their bound, and what is over the limit only becomes less.
+fn run(plan: &ScenePlan, model: &[u8], ticks: u64) -> Vec<Held> {
+    let mut world = world(plan, model, 8.0);
+    world.client_mut().record();
+    let mut all = vec![Held::default()];
+    let (mut limit, mut begun, mut before) = (plan.cache_bytes as u64, 0, u64::MAX);
+    for tick in 0..ticks {
+        let record = world.step_led().record;
+        if record.cache_limit_bytes != limit {
+            (limit, begun) = (record.cache_limit_bytes, tick);
+            all.push(Held::default());
+        }
+        let held = all.last_mut().unwrap();
+        if record.cache_bytes > limit {
+            held.ticks = tick + 1 - begun;
+            assert!(record.cache_bytes <= before, "tick {tick}: more is in use");
+        }
+        before = record.cache_bytes;
+        held.bytes = record.cache_bytes;
+        held.contacts += u32::from(record.contact);
+        held.full += u32::from(record.contact_full);
+        held.coarser += u32::from(record.finest_tolerance_m > 0.0);
+        assert!(!record.contact || record.contact_bounded, "tick {tick}");
+        assert!(record.vsplits + record.ecols <= 96, "tick {tick}");
+        if tick % 250 == 0 {
+            world.controller().cache().check();
+        }
+    }
+    assert_eq!(world.client().allocations(), 0);
+    assert!(world.controller().fault().is_none());
+    let recording = world.client_mut().take_recording().unwrap();
+    let identity = ClientOptions::default().identity;
+    let mut playback = Playback::new(&recording, Controller::new(plan, identity, 10.0, 8.0));
+    for tick in 0..ticks {
+        assert_eq!(playback.step(&mut NoObserver), Some(true), "tick {tick}");
+    }
+    all
+}
+
+#[test]
+fn a_lowered_limit_is_obeyed_with_the_contact_at_full_resolution_where_it_fits() {
+    let model = model();
+    let plan = plan_with(&[(2.5, 1 << 20), (5.0, 16 << 20)]);
+    let all = run(&plan, &model, 8_000);
+    println!("{all:#?}");
+    let [first, low, last] = all[..] else {
+        panic!("three limits");
+    };
+    assert!(first.bytes > 3 << 19, "there is something to unload");
+    assert!(low.ticks > 0 && low.ticks < OBEYS_TICKS && low.bytes <= 1 << 20);
+    let share = |held: Held| f64::from(held.full) / f64::from(held.contacts);
+    assert!(low.contacts > 1_000 && share(low) >= 0.98 && share(low) >= share(first) - 0.01);
+    assert!(
+        last.bytes > 3 << 19 && share(last) >= 0.98,
+        "room is used again"
+    );
+}
+
+#[test]
+fn where_the_contact_does_not_fit_it_is_coarser_until_the_limit_is_raised() {
+    let model = model();
+    let mut plan = plan_with(&[(2.5, 240 << 10), (5.0, 16 << 20)]);
+    plan.probes[0].shape = ProbeShape::Sphere { radius_m: 0.008 };
+    let all = run(&plan, &model, 8_000);
+    println!("{all:#?}");
+    let [first, low, last] = all[..] else {
+        panic!("three limits");
+    };
+    assert_eq!(first.coarser, 0);
+    assert!(low.ticks < OBEYS_TICKS && low.bytes <= 240 << 10);
+    assert!(low.coarser > 1_000, "it is said");
+    assert!(f64::from(last.full) >= 0.9 * f64::from(last.contacts));
+}
+
+#[test]
+fn limits_that_change_at_random_do_no_harm() {
+    let model = model();
+    for seed in 1..=4 {
+        let mut random = Random::new(seed);
+        let mut changes = Vec::new();
+        let mut at_s = 0.0;
+        while at_s < 5.0 {
+            at_s += 0.02 + 1.2 * random.unit();
+            let bytes = (16 << 20) as f64 * 0.02_f64.powf(random.unit());
+            changes.push((at_s, bytes as usize));
+        }
+        let plan = plan_with(&changes);
+        let all = run(&plan, &model, 6_000);
+        assert_eq!(
+            all.len(),
+            changes.iter().filter(|of| of.0 < 5.999).count() + 1
+        );
+        for (held, of) in all[1..].iter().zip(&changes) {
+            println!("seed {seed}, {of:?}: {held:?}");
+            assert!(held.ticks <= OBEYS_TICKS);
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Changes of the cache's limit.
+
+use crate::limits::{DEFAULT_CACHE_BYTES, POSITIVE};
+use crate::plan::CacheChangePlan;
+use crate::source::{SceneError, Source, key};
+use crate::typed::CacheTyped;
+use std::sync::Arc;
+
+/// Checks the changes: one after the other, none above what is reserved at the start.
+pub(super) fn cache_changes(
+    source: &Source,
+    typed: &CacheTyped,
+) -> Result<Arc<[CacheChangePlan]>, SceneError> {
+    let most = typed.bytes.map_or(DEFAULT_CACHE_BYTES, |bytes| bytes.0);
+    let mut last_s = 0.0;
+    let changes = typed.change.iter().map(|change| {
+        let at_s = source.required(key!(change.at_s), POSITIVE)?;
+        if at_s <= last_s {
+            return Err(source.value(
+                &change.at_s,
+                &format!("at_s is {at_s}, not after the change before; write the changes in their order in time"),
+            ));
+        }
+        last_s = at_s;
+        let bytes = change.bytes.get_ref().0;
+        if bytes > most {
+            return Err(source.value(
+                &change.bytes,
+                &format!("{bytes} bytes are more than the {most} that are reserved at the start; raise bytes of [cache] or lower this"),
+            ));
+        }
+        Ok(CacheChangePlan { at_s, bytes })
+    });
+    changes.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::files::NoFiles;
+    use crate::plan::{CacheChangePlan, Overrides, ScenePlan};
+    use crate::source::SceneError;
+    use crate::validate::parse;
+    use std::path::Path;
+
+    fn plan(cache: &str) -> Result<ScenePlan, SceneError> {
+        let text = format!(
+            "[[object]]\nmodel = \"a.spm\"\nsize_m = 0.1\n[[probe]]\n[cache]\nbytes = \"8MiB\"\n{cache}"
+        );
+        parse(
+            &text,
+            "scene",
+            Path::new(""),
+            &Overrides::default(),
+            &NoFiles,
+        )
+    }
+
+    #[test]
+    fn the_limit_changes_in_order_within_what_is_reserved() {
+        let good = "[[cache.change]]\nat_s = 1.5\nbytes = \"2MiB\"\n\
+                    [[cache.change]]\nat_s = 3.0\nbytes = \"8MiB\"\n";
+        let expected = [(1.5, 2 << 20), (3.0, 8 << 20)];
+        let expected = expected.map(|(at_s, bytes)| CacheChangePlan { at_s, bytes });
+        assert_eq!(*plan(good).unwrap().cache_changes, expected);
+        assert!(plan("").unwrap().cache_changes.is_empty());
+        for (bad, says) in [
+            (
+                "[[cache.change]]\nat_s = 1\nbytes = \"9MiB\"\n",
+                "line 8: 9437184 bytes are more than",
+            ),
+            (
+                "[[cache.change]]\nat_s = 0\nbytes = \"1MiB\"\n",
+                "line 7: at_s",
+            ),
+            (
+                "[[cache.change]]\nat_s = 2\nbytes = \"1MiB\"\n[[cache.change]]\nat_s = 2\nbytes = \"1MiB\"\n",
+                "line 10: at_s is 2, not after",
+            ),
+        ] {
+            let error = plan(bad).unwrap_err().0;
+            assert!(error.contains(says), "{error}");
+        }
+    }
+}
