@@ -22,9 +22,10 @@ const EDGES: f64 = 0.38;
 /// Radius of a path, and of the shaft of an arrow, half widths of the panel.
 const PATH: f64 = 0.006;
 const SHAFT: f64 = 0.011;
-/// Length of an arrow of the greatest force, and of a normal, half widths.
+/// Length of an arrow of the greatest force, and of a normal, half widths: a normal is seen beyond
+/// the force that it mostly points along.
 const FORCE_LENGTH: f64 = 0.62;
-const NORMAL_LENGTH: f64 = 0.3;
+const NORMAL_LENGTH: f64 = 0.8;
 /// The least radius of a probe in the overview, half widths, so that it is seen.
 const LEAST_BALL: f64 = 0.018;
 /// Width of the scale bar, at most, as a share of the panel.
@@ -230,7 +231,7 @@ impl TouchPicture<'_> {
         for contact in &touch.contacts {
             let out = contact.normal * probe.force.dot(contact.normal).signum();
             let normal = NORMAL_LENGTH * half * out;
-            solids.arrow(contact.point, normal, 0.6 * SHAFT * half, NORMAL);
+            solids.arrow(contact.point, normal, 0.45 * SHAFT * half, NORMAL);
         }
         if let (Some(contact), Some(force)) = (touch.contacts.first(), probe.force.try_normalize())
         {

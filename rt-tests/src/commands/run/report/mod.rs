@@ -326,7 +326,7 @@ impl Report<'_> {
 
     fn transfer(&self) -> Vec<String> {
         let r = &self.finished.result;
-        vec![
+        let mut lines = vec![
             format!(
                 "{} region(s) subscribed ({} asked for again, {} new start(s) of the link), {} splits and {} collapses performed",
                 grouped(r.regions_subscribed),
@@ -356,7 +356,16 @@ impl Report<'_> {
                 grouped(r.cache.evicted),
                 bytes(r.hrtc_rss_bytes)
             ),
-        ]
+        ];
+        let cache = &r.cache;
+        if cache.least_limit_bytes < cache.bytes {
+            lines.push(format!(
+                "the cache's limit was as low as {}; {} tick(s) began with more in use",
+                bytes(cache.least_limit_bytes),
+                grouped(cache.over_limit_ticks)
+            ));
+        }
+        lines
     }
 
     fn timing(&self) -> Vec<String> {
