@@ -15,6 +15,8 @@ const ROUNDING: f32 = 32.0 * f32::EPSILON;
 const OF_POINT: f32 = 2.0 * f32::EPSILON;
 /// Weights are used where their sum is between these: no product of them is lost or too large.
 const SUMS: [f32; 2] = [1e-30, 1e30];
+/// Coordinates below have products that are numbers, and sums of three of them.
+const LARGEST: f32 = 1e18;
 /// Squared lengths below are not sure to a few units.
 const SHORT: f32 = 1e-30;
 
@@ -87,13 +89,16 @@ impl FourDistances {
             x.max(y).max(z)
         });
         let size = of_a.max(of_b).max(of_c);
+        let room = size * ROUNDING + Vec4::splat(rounded.abs().max_element() * OF_POINT);
+        // Which of two a minimum returns when one is no number hangs on their order.
+        let is_sure = size.cmplt(Vec4::splat(LARGEST));
         Self {
             least: displacement
                 .dot(&a)
                 .min(displacement.dot(&b))
                 .min(displacement.dot(&c)),
             squared: displacement.dot(&displacement),
-            room: size * ROUNDING + Vec4::splat(rounded.abs().max_element() * OF_POINT),
+            room: Vec4::select(is_sure, room, Vec4::INFINITY),
         }
     }
 

@@ -66,15 +66,15 @@ mod tests {
         for (bad, says) in [
             (
                 "[[cache.change]]\nat_s = 1\nbytes = \"9MiB\"\n",
-                "line 8: 9437184 bytes are more than",
+                "line 9: 9437184 bytes are more than",
             ),
             (
                 "[[cache.change]]\nat_s = 0\nbytes = \"1MiB\"\n",
-                "line 7: at_s",
+                "line 8: at_s",
             ),
             (
                 "[[cache.change]]\nat_s = 2\nbytes = \"1MiB\"\n[[cache.change]]\nat_s = 2\nbytes = \"1MiB\"\n",
-                "line 10: at_s is 2, not after",
+                "line 11: at_s is 2, not after",
             ),
         ] {
             let error = plan(bad).unwrap_err().0;

@@ -59,8 +59,8 @@ impl ToolProxy {
                 centre: here.centre + escape,
                 ..here
             };
-            let way = here.to(&out);
-            let is_met = if first_changed.is_some() && self.near.tube.covers(&here, &way, 0.0) {
+            let path = here.to(&out);
+            let is_met = if first_changed.is_some() && self.near.tube.covers(&here, &path, 0.0) {
                 Some(self.meets_candidates(0, &out, answer))
             } else {
                 self.meets(surface, &out, budget, answer)
@@ -69,7 +69,7 @@ impl ToolProxy {
                 Some(true) => {}
                 None => return false,
                 Some(false) => {
-                    self.near.spend(&out, &way, self.shape.radius);
+                    self.near.spend(&out, &path, self.shape.radius);
                     self.at = out;
                     return true;
                 }
