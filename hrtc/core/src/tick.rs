@@ -19,9 +19,9 @@
 //! nothing could arrive or be done in between.
 //!
 //! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's
-//! bytes are shared out to the active objects ([`scene::ScenePlan::active_objects`]) by importance,
-//! in equal parts where there are more objects than places. All active objects draw on one budget
-//! of work, the nearest to a contact first.
+//! bytes are shared out to the active objects ([`scene::ScenePlan::active_objects`]) half of
+//! them by importance; in equal parts where there are more objects than places. All active objects
+//! draw on one budget of work, the nearest to a contact first.
 
 use crate::active::active_set::ActiveSet;
 use crate::active::object::ActiveObject;

@@ -22,7 +22,7 @@ pub(crate) const RATE_HZ: Range = Range::Within(100.0, 10_000.0);
 /// Speed of a scripted path, m/s.
 pub(crate) const SPEED_M_PER_S: Range = Range::Within(1e-6, 1e3);
 
-/// Importance of an object: the cache's share of the least is still a hundredth of the greatest.
+/// Importance of an object: the greatest is a hundred times the least.
 pub(crate) const IMPORTANCE: Range = Range::Within(0.1, 10.0);
 
 /// Default cache, bytes.

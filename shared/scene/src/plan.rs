@@ -226,8 +226,8 @@ pub struct ObjectPlan {
     pub effects: Arc<[EffectPlan]>,
     /// Its motion; `None` for a fixed object.
     pub movable: Option<MovablePlan>,
-    /// How much it matters beside others, 0.1 to 10: what is short goes to it first, and its share
-    /// of the cache is in proportion.
+    /// How much it matters beside others, 0.1 to 10: what is short goes to it first, and half of
+    /// the cache is shared out in proportion.
     pub importance: f64,
 }
 

@@ -68,7 +68,7 @@ impl Cache {
         self.limit < self.bytes
     }
 
-    /// Bytes in use, as [`Cache::bytes_used`], but not at most those that there are.
+    /// Bytes in use; unlike [`Cache::bytes_used`] not capped at those that were allocated.
     pub(crate) fn in_use(&self) -> usize {
         self.counted(self.loaded, self.lists.used(), self.regions.known())
     }

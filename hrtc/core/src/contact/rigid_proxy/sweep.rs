@@ -338,18 +338,18 @@ impl PairSweep<'_> {
         (rotation, self.arms.map(|arm| at.centre + rotation * arm))
     }
 
-    /// The free share up to `whole` as far as `most` parts tell, at least 1, the direction at the
-    /// start, and the parts examined.
+    /// The free share up to `whole` as far as `most_parts` parts tell, at least 1, the direction
+    /// at the start, and the parts examined.
     fn until(
         &mut self,
         whole: f64,
         corners: [DVec3; 3],
-        most: u32,
+        most_parts: u32,
     ) -> (f64, Option<Direction>, u32) {
         let (mut share, mut corners, mut first) = (0.0, corners, None);
         let mut rotation = self.start.rotation();
         let mut parts = 0;
-        while parts < PARTS.min(most) {
+        while parts < PARTS.min(most_parts) {
             parts += 1;
             let Some((direction, now)) = separating_direction(self.surface, corners) else {
                 return (share, first, parts);
@@ -381,7 +381,7 @@ impl PairSweep<'_> {
                 }
             }
             first = first.or(Some(along));
-            if part < SHORT * left && parts + TRIES <= most {
+            if part < SHORT * left && parts + TRIES <= most_parts {
                 // If a wide face rolls over a contact, a direction fixed to either body soon fails.
                 let (most, tries) =
                     self.part_along_turning_direction(share, left, direction, now, corners);
