@@ -6,6 +6,7 @@ use crate::bodies::Movables;
 use crate::governor::{Governor, WorkCosts};
 use crate::horizons::Horizons;
 use crate::lod::refine;
+use crate::policy::Policy;
 use crate::probe::Probe;
 use crate::streaming::subscriber::Identity;
 use crate::work::TickWork;
@@ -22,6 +23,7 @@ pub struct Controller {
     pub(crate) horizons: Horizons,
     pub(crate) work: TickWork,
     pub(crate) governor: Governor,
+    pub(crate) policy: Policy,
     pub(crate) tolerance_m: f64,
     pub(crate) cache_bytes: usize,
     /// Bytes of the cache that may be in use now.
@@ -55,6 +57,7 @@ impl Controller {
             horizons: Horizons::new(plan.loop_.rate_hz),
             work: TickWork::new(plan.loop_.rate_hz),
             governor: Governor::new(1.0 / plan.loop_.rate_hz, plan.loop_.operations),
+            policy: Policy::new(plan.accuracy.policy, 1.0 / plan.loop_.rate_hz),
             tolerance_m: plan.accuracy.tolerance_m,
             cache_bytes: plan.cache_bytes,
             cache_limit: plan.cache_bytes,

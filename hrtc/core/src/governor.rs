@@ -10,8 +10,8 @@
 //! 4. the contacts have everything that these leave; where a probe may touch next comes last.
 //!
 //! So a tick that is short of time gives up, in this order: looking ahead, data that is loaded
-//! ahead, refinement away from the contact, the tolerance at the contact (fewer operations a tick
-//! raise the finest ring, [`crate::lod::lod_controller`]), steps of a tool. Forces and their limits
+//! ahead, refinement away from the contact, the tolerance at the contact ([`crate::policy`]: fewer
+//! operations a tick raise the finest ring), steps of a tool. Forces and their limits
 //! are always computed. A unit that is larger than all of its share, such as the split of a vertex
 //! with a very large fan, is not begun. Where the surface under a probe has so many faces that
 //! touching it takes more than a tick has, again and again, the finest ring is raised too: by the
@@ -198,6 +198,13 @@ impl TickTime {
     #[must_use]
     pub fn faces(&self) -> u32 {
         (self.for_refinement() / self.costs.face) as u32
+    }
+
+    /// What a split takes on most meshes, with its record, nanoseconds.
+    #[must_use]
+    pub fn operation_ns(&self) -> f64 {
+        (OPERATION_FACES + TYPICAL_FACES) as f64 * self.costs.face
+            + UNITS_PER_OPERATION * self.costs.received
     }
 
     /// Questions to the station that a quarter of what is left beside so many units of received
@@ -405,9 +412,8 @@ impl Governor {
         let rest = (time.allowed - time.spent.total()).max(0.0);
         time.contacts = self.contact_ns.min(CONTACT_SHARE * rest);
         self.time = time;
-        let operation = (OPERATION_FACES + TYPICAL_FACES) as f64 * self.costs.face
-            + UNITS_PER_OPERATION * self.costs.received;
-        let affordable = (time.for_refinement() / operation).clamp(1.0, self.max_operations);
+        let affordable =
+            (time.for_refinement() / time.operation_ns()).clamp(1.0, self.max_operations);
         let back = 1.0 - (-self.period_s / OPERATIONS_RETURN_S).exp();
         let more = self.operations + back * (affordable - self.operations);
         self.operations = more.min(affordable);

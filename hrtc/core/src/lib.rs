@@ -17,6 +17,7 @@
 //! | [`active`] | objects near a probe, broad phase | |
 //! | [`streaming`] | session with the station: requests, chunks | Mesh Subscriber |
 //! | [`lod`] | prediction, front, refinement, geomorphs | Cache Agent |
+//! | [`governor`], [`policy`] | the time of a tick; how fine it may be | 4.1.2 |
 //! | [`cache`] | base mesh, records, regions in a fixed number of bytes | Cache |
 //! | `probe` | probes; pairs of a probe and an object | Physics Engine |
 //! | [`contact`] | queries and proxies | Physics Engine |
@@ -27,7 +28,7 @@
 //!
 //! Rooms import only rooms to the right: `tick` → `controller` → `active` → `streaming` → `lod` →
 //! `probe` → `bodies` → `force` → `contact` → `perception` → `tuning`; `streaming` and `lod`
-//! import `cache` too.
+//! import `cache` too, `lod` also `policy`.
 //!
 //! # Two walks
 //! - Device sample to force: `tick`, `probe/mod`, `active/object`, `probe/contacts`, `probe/pair`,
@@ -101,6 +102,7 @@ mod inspect;
 mod instance;
 pub mod lod;
 pub mod perception;
+pub mod policy;
 mod probe;
 pub mod record;
 pub mod script;

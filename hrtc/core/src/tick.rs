@@ -32,6 +32,7 @@ use crate::contact::sphere_proxy::Contact;
 use crate::controller::Controller;
 use crate::force::effects::{Clock, Rendered};
 use crate::force::passivity::CarriedWork;
+use crate::policy::reactive::Load;
 use crate::record::CoreRecord;
 use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
@@ -329,7 +330,10 @@ impl Controller {
         for &(_, k) in &self.active.order {
             let operations = self.active.operations_of(k, self.governor.operations());
             let object = &mut self.active.objects[k];
-            object.front.set_time(operations, self.governor.steps());
+            let detail = self.policy.detail(object.front.detail(), || object.seen());
+            object.front.set_detail(detail);
+            let steps = self.policy.steps(self.governor.steps());
+            object.front.set_time(operations, steps);
             object.refine(self.own_tick, budget);
         }
         let upkeep = allowed_upkeep - budget.upkeep;
@@ -382,6 +386,7 @@ impl Controller {
         }
         record.query_work = budget.spent();
         self.governor.end_queries(self.own_tick);
+        self.end_policy();
         record.allowed_ns = self.governor.time.allowed() as u32;
         record.spent_ns = self.governor.time.spent.total() as u32;
         record.slowness = self.governor.slowness();
@@ -390,6 +395,19 @@ impl Controller {
         record.unfinished = contacts().map(|of| of.unfinished).sum();
         record.early = contacts().map(|of| of.early).sum();
         record.late_contacts = contacts().map(|of| of.late_contacts).sum();
+    }
+
+    /// Tells the policy what the tick took.
+    fn end_policy(&mut self) {
+        let (time, objects) = (&self.governor.time, &self.active.objects);
+        let left: u32 = objects.iter().map(|of| of.front.stats.left).sum();
+        let load = Load {
+            allowed: time.allowed(),
+            spent: time.spent.total(),
+            left: f64::from(left) * time.operation_ns(),
+        };
+        self.policy
+            .end_tick(load, || objects.iter().any(ActiveObject::can_rise));
     }
 
     /// Sums the forces of a probe's pairs.

@@ -59,6 +59,16 @@ pub mod governor {
     pub const UPKEEP_SHARE: f64 = 0.125;
 }
 
+/// The reactive policy ([`crate::policy::reactive`]), from thesis 4.1.2.
+pub mod policy {
+    /// Time of a frame: of a picture in an animation.
+    pub const FRAME_S: f64 = 1.0 / 30.0;
+    /// Steps from the base mesh to all splits: ALOD is one of them.
+    pub const STEPS: f64 = 50.0;
+    /// t: how much of its time a frame leaves where nothing changes.
+    pub const DEAD_ZONE: f64 = 0.1;
+}
+
 /// Which objects are active.
 pub mod active {
     /// Reach of a probe at rest, in its radii.

@@ -130,6 +130,19 @@ pub struct AccuracyPlan {
     pub refinement: RefinementPlan,
     /// Whether perceptible splits and collapses are geomorphed instead of immediate.
     pub geomorph: bool,
+    /// What decides how fine the objects may be for want of time.
+    pub policy: PolicyPlan,
+}
+
+/// What decides how fine the objects may be for want of time, where the mesh is refined locally.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PolicyPlan {
+    /// What it will take, by speed and density, beside the time that a tick has.
+    #[default]
+    Predictive,
+    /// What it took, beside that time (thesis 4.1.2).
+    Reactive,
 }
 
 /// Where the mesh is refined.

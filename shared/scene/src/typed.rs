@@ -85,6 +85,7 @@ tables! {
         refinement: Option<RefinementTyped>,
         lod: Whole,
         geomorph: Option<bool>,
+        policy: Option<Spanned<PolicyTyped>>,
     }
 
     #[derive(Default)]
@@ -176,6 +177,13 @@ tables! {
 pub(crate) enum RefinementTyped {
     Local,
     Global,
+}
+
+#[derive(Deserialize, Clone, Copy, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum PolicyTyped {
+    Predictive,
+    Reactive,
 }
 
 #[derive(Deserialize)]

@@ -10,6 +10,8 @@ use crate::horizons::Horizons;
 use crate::instance::{ModelFrame, ObjectInstance, in_axes_of};
 use crate::lod::front::Front;
 use crate::lod::lod_controller::LodController;
+use crate::policy::reactive::eagerness;
+use crate::policy::{Detail, Seen};
 use crate::probe::Probe;
 use crate::probe::contacts::Contacts;
 use crate::probe::pair::ContactState;
@@ -192,6 +194,17 @@ impl ActiveObject {
         } else {
             clearance * importance
         }
+    }
+
+    /// What a policy goes by; `None` away from every probe.
+    pub(crate) fn seen(&self) -> Option<Seen> {
+        self.front.seen(self.importance(), &self.contacts)
+    }
+
+    /// Whether the policy may let the object be finer than it is.
+    pub(crate) fn can_rise(&self) -> bool {
+        let seen = || self.seen().map_or(0.0, |seen| eagerness(&seen));
+        matches!(self.front.detail(), Detail::Splits(share) if share < 1.0) && seen() > 0.0
     }
 
     /// Whether a probe is near.

@@ -20,7 +20,9 @@ use crate::contact::rigid_proxy::MAX_BALLS;
 use crate::contact::sphere_proxy::Contact;
 use crate::horizons::Horizons;
 use crate::perception::PerceptionLimit;
+use crate::policy::{Detail, Seen};
 use crate::probe::contacts::Contacts;
+use crate::tuning::active::REACH_RADII;
 use crate::tuning::lod::MAX_WANTED;
 use crate::tuning::prediction::RADII_AROUND;
 use crate::work::TickWork;
@@ -51,6 +53,8 @@ pub struct FrontStats {
     pub faces: u32,
     /// Closure entries gone through.
     pub entries: u32,
+    /// Splits that were due, and for which there was no time.
+    pub left: u32,
     /// Perceptible splits that wait for room, or for a geomorph beside them.
     pub deferred: u32,
     /// Perceptible splits that would turn a face over.
@@ -78,6 +82,8 @@ pub struct Front {
     max_operations: f64,
     /// Operations a tick that there is time for.
     pub(super) operations: f64,
+    /// How fine it may be for want of time.
+    pub(super) detail: Detail,
     /// Steps by which less is asked for since time is short.
     pub(super) time_steps: u32,
     /// Splits, and collapses, a tick where nothing is urgent.
@@ -124,6 +130,7 @@ impl Front {
             model: None,
             max_operations: plan.loop_.operations as f64,
             operations: plan.loop_.operations as f64,
+            detail: Detail::at_start(plan.accuracy.policy),
             time_steps: 0,
             min_operations: TickWork::new(plan.loop_.rate_hz).min_operations,
             plan: plan.accuracy.refinement,
@@ -157,6 +164,9 @@ impl Front {
         self.predictions.clear();
         self.pressure = MemoryPressure::new(self.horizons.pressure);
         self.last_block = None;
+        if let Detail::Splits(share) = &mut self.detail {
+            *share = 0.0;
+        }
     }
 
     /// The base mesh in the cache is complete: refinement may begin.
@@ -197,6 +207,36 @@ impl Front {
     pub fn set_time(&mut self, operations: f64, steps: u32) {
         self.operations = operations;
         self.time_steps = steps;
+    }
+
+    /// It may be so fine.
+    pub fn set_detail(&mut self, detail: Detail) {
+        self.detail = detail;
+    }
+
+    /// How fine it may be for want of time.
+    #[must_use]
+    pub fn detail(&self) -> Detail {
+        self.detail
+    }
+
+    /// What a policy goes by, of the probe that needs it most; `None` away from every probe.
+    #[must_use]
+    pub fn seen(&self, importance: f64, contacts: &Contacts) -> Option<Seen> {
+        let of = self.model.as_ref()?;
+        let pairs = contacts.pairs.iter().zip(&self.approaches);
+        let near = pairs.filter(|(pair, _)| pair.is_near);
+        let seen = near.map(|(pair, approach)| {
+            let speed = approach.predictor.mean_speed();
+            let radius = pair.patch_m / of.metres_per_unit;
+            let reach = REACH_RADII * radius + speed * self.horizons.reach;
+            Seen {
+                importance,
+                distance: pair.clearance.max(0.0) / reach,
+                speed: speed * self.horizons.rate_hz / of.model.header.diagonal,
+            }
+        });
+        seen.min_by(|a, b| a.distance.total_cmp(&b.distance))
     }
 
     /// Predicts from these sources from now on.

@@ -135,6 +135,16 @@ impl LodController {
             .find(|&ring| fits(ring))
             .unwrap_or(self.count - 1)
     }
+
+    /// The ring that is nearest to so large a share of the splits of the first one, 0 to 1.
+    #[must_use]
+    pub fn finest_of_splits(&self, share: f64) -> usize {
+        let first = self.rings[0].level;
+        // A level leaves a quarter of the splits of the one before, or fewer; half way is a half.
+        let fits = |ring: &Ring| 2.0 * share * f64::from(1u32 << (2 * (ring.level - first))) >= 1.0;
+        let rings = &self.rings[..self.count - 1];
+        rings.iter().position(fits).unwrap_or(self.count - 1)
+    }
 }
 
 /// Area of a triangle, in squares of the unit of its corners.

@@ -8,6 +8,7 @@ use super::predictions::Unknown;
 use crate::budget::QueryBudget;
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::closest_point_within;
+use crate::policy::Detail;
 use crate::probe::contacts::Contacts;
 use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
 use crate::tuning::prediction::{BLOCK_SHARE, MAX_WAITING, RADII_AROUND};
@@ -62,7 +63,7 @@ impl Front {
         (&mut self.cache, wanted)
     }
 
-    /// For each probe sets the finest ring by its speed and by memory pressure, then notes the
+    /// For each probe sets the finest ring by time and by memory pressure, then notes the
     /// regions of its rings. The finest of all is that of the object: what one probe needs is not
     /// too fine for the others.
     fn predict_rings(&mut self, tick: u64, lead: f64, contacts: &Contacts) {
@@ -84,7 +85,7 @@ impl Front {
         else {
             return;
         };
-        let operations = self.operations;
+        let (operations, detail) = (self.operations, self.detail);
         let rings = pressure.has_rings() && *time_steps < STEPS_BEFORE_COARSER;
         let for_time = time_steps.saturating_sub(STEPS_BEFORE_COARSER) as usize;
         let raised = pressure.raised().max(for_time);
@@ -102,8 +103,11 @@ impl Front {
             let speed = approach.predictor.mean_speed();
             let reach = RADII_AROUND * motion.radius + speed * horizons.prediction.lead;
             lod.set_finest(approach.finest);
-            let by_speed = lod.finest_at_speed(speed, reach, operations);
-            lod.set_finest(by_speed.max(raised));
+            let by_time = match detail {
+                Detail::Fitting => lod.finest_at_speed(speed, reach, operations),
+                Detail::Splits(share) => lod.finest_of_splits(share),
+            };
+            lod.set_finest(by_time.max(raised));
             approach.finest = lod.finest();
             finest =
                 Some(finest.map_or(approach.finest, |least: usize| least.min(approach.finest)));

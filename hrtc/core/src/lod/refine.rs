@@ -97,7 +97,8 @@ impl Front {
     fn split_wanted(&mut self, tick: u64, budget: &mut Budget, contacts: &mut Contacts) {
         let least = self.min_operations;
         let most = budget.operations.max(least);
-        let allowed = self.splits_due(tick).clamp(least, most);
+        let due = self.splits_due(tick);
+        let allowed = due.clamp(least, most);
         let mut entries_behind = budget.entries / BEHIND_SHARE;
         // Collapses come first only when the records that wait need their room; see `make_room`.
         for k in 0..self.queue.len() {
@@ -131,6 +132,9 @@ impl Front {
                     break;
                 }
             }
+        }
+        if !budget.has_operations() || budget.entries == 0 {
+            self.stats.left = due.saturating_sub(self.stats.vsplits);
         }
         self.faces.set_limit(OperationFaces::MAX_FACES);
     }

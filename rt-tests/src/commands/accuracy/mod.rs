@@ -35,7 +35,7 @@ use indicatif::ProgressBar;
 use knobs::{Beside, Variant};
 use measure::Measured;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use scene::{AccuracyPlan, RefinementPlan};
+use scene::{AccuracyPlan, PolicyPlan, RefinementPlan};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use std::path::PathBuf;
@@ -266,6 +266,7 @@ fn settings(model: &SceneModel) -> Vec<Variant> {
             tolerance_m,
             refinement,
             geomorph: true,
+            policy: PolicyPlan::default(),
         };
         let mut variant = setting(knob, tolerance_m, accuracy);
         variant.point.full_mesh = tolerance_m == 0.0;
@@ -288,6 +289,7 @@ fn settings(model: &SceneModel) -> Vec<Variant> {
             tolerance_m: 0.0,
             refinement: RefinementPlan::Global { lod: Some(lod) },
             geomorph: true,
+            policy: PolicyPlan::default(),
         };
         let mut variant = setting(Knob::Prefix, f64::from(lod), accuracy);
         variant.point.full_mesh = share == 1;

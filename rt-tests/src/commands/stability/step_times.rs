@@ -15,7 +15,7 @@ use crate::trajectory::reference::{Reference, come_to_rest, make_ready};
 use crate::trajectory::scene_model::SceneModel;
 use geometry::Pose;
 use hrtc_core::{ModelFrame, NoObserver, Stage, StageObserver};
-use scene::{AccuracyPlan, RefinementPlan, ScenePlan};
+use scene::{AccuracyPlan, PolicyPlan, RefinementPlan, ScenePlan};
 use serde::Serialize;
 use simulator::{InputRecording, Playback};
 use std::path::Path as Folder;
@@ -99,6 +99,7 @@ fn plan(model: &SceneModel, refinement: RefinementPlan) -> ScenePlan {
         tolerance_m: 0.0,
         refinement,
         geomorph: true,
+        policy: PolicyPlan::default(),
     };
     plan
 }

@@ -1,9 +1,9 @@
 //! The loop, the accuracy and the safety of a scene.
 
 use crate::limits::{Limit, NOT_NEGATIVE, POSITIVE, RAMP_S, RATE_HZ, Range};
-use crate::plan::{AccuracyPlan, LoopPlan, Overrides, RefinementPlan, SafetyPlan};
+use crate::plan::{AccuracyPlan, LoopPlan, Overrides, PolicyPlan, RefinementPlan, SafetyPlan};
 use crate::source::{SceneError, Source, key};
-use crate::typed::{AccuracyTyped, LoopTyped, RefinementTyped, SafetyTyped};
+use crate::typed::{AccuracyTyped, LoopTyped, PolicyTyped, RefinementTyped, SafetyTyped};
 
 pub(super) fn accuracy_plan(
     source: &Source,
@@ -24,6 +24,27 @@ pub(super) fn accuracy_plan(
         tolerance_m,
         refinement,
         geomorph: typed.geomorph.unwrap_or(true),
+        policy: policy_plan(source, typed, refinement)?,
+    })
+}
+
+fn policy_plan(
+    source: &Source,
+    typed: &AccuracyTyped,
+    refinement: RefinementPlan,
+) -> Result<PolicyPlan, SceneError> {
+    let Some(policy) = &typed.policy else {
+        return Ok(PolicyPlan::default());
+    };
+    if refinement != RefinementPlan::Local {
+        return Err(source.value(
+            policy,
+            "policy says how fine the mesh around a contact may be, so it goes with refinement = \"local\"; leave one of them out",
+        ));
+    }
+    Ok(match policy.get_ref() {
+        PolicyTyped::Predictive => PolicyPlan::Predictive,
+        PolicyTyped::Reactive => PolicyPlan::Reactive,
     })
 }
 

@@ -1,0 +1,76 @@
+//! Both policies of detail end at what is asked for where there is time, and keep a tick's budget
+//! where there is not; the more important object is finer under both.
+
+use crate::common::{World, scene_plan, scene_world, spm};
+use glam::DVec3;
+use hrtc_core::governor::{CostGroup, WorkCosts};
+use scene::PolicyPlan;
+use spm_builder::BuildOptions;
+use spm_builder::generate::{Shape, generate};
+
+const SIZE_M: f64 = 0.1;
+const POLICIES: [PolicyPlan; 2] = [PolicyPlan::Predictive, PolicyPlan::Reactive];
+
+/// Two equal balls, each touched by a probe alike, on a machine so many times slower.
+fn start(policy: PolicyPlan, importances: [f64; 2], slow: f64) -> World {
+    let centre = |k: usize| DVec3::X * (0.2 * k as f64);
+    let balls = [0, 1].map(|k| ("sphere", SIZE_M, centre(k)));
+    let mut plan = scene_plan(&balls, 2, 16 << 20);
+    plan.accuracy.policy = policy;
+    for (object, importance) in plan.objects.iter_mut().zip(importances) {
+        object.importance = importance;
+    }
+    let sphere = spm(
+        generate(Shape::Sphere, 200_000, 1),
+        &BuildOptions::default(),
+    );
+    let mut world = scene_world(&plan, &[("sphere", &sphere)], 0.0);
+    let costs = WorkCosts::REFERENCE.scaled([slow; CostGroup::ALL.len()]);
+    world.controller_mut().set_costs(costs);
+    world
+}
+
+/// Presses and slides for so many ticks: ticks at full resolution and the mean certified error of
+/// each probe, in metres, and the changes of the finest tolerance.
+fn stroke(world: &mut World, rad_per_tick: f64, ticks: u64) -> ([(u64, f64); 2], u64) {
+    let (mut sums, mut changes, mut before) = ([(0, 0.0); 2], 0, f64::NAN);
+    for tick in 0..ticks {
+        let angle = rad_per_tick * tick as f64;
+        let out = DVec3::new(angle.sin(), 0.0, angle.cos());
+        let places = [0, 1].map(|k| Some(DVec3::X * (0.2 * k as f64) + 0.5 * SIZE_M * out));
+        let record = world.step_places(&places).record;
+        let now = record.finest_tolerance_m;
+        changes += u64::from(std::mem::replace(&mut before, now) != now);
+        for (sum, of) in sums.iter_mut().zip(&record.probes) {
+            assert!(!of.contact || of.contact_bounded);
+            sum.0 += u64::from(of.contact_full);
+            sum.1 += of.certified_error_m / ticks as f64;
+        }
+        world.controller_mut().note_work(record.spent_ns);
+    }
+    (sums, changes)
+}
+
+#[test]
+fn with_time_both_end_at_full_resolution_and_stay_there() {
+    for policy in POLICIES {
+        let mut world = start(policy, [1.0; 2], 1.0);
+        stroke(&mut world, 0.0, 1000);
+        let (sums, changes) = stroke(&mut world, 2e-4, 2000);
+        println!("{policy:?}: {sums:?}, {changes} changes");
+        // The first tick counts as a change.
+        assert_eq!(changes, 1, "{policy:?}");
+        assert!(sums.iter().all(|of| of.0 >= 1990), "{policy:?}");
+    }
+}
+
+#[test]
+fn without_time_both_get_coarser_and_the_more_important_object_less() {
+    for policy in POLICIES {
+        let mut world = start(policy, [1.0, 4.0], 12.0);
+        stroke(&mut world, 0.0, 1000);
+        let ([less, more], _) = stroke(&mut world, 2.5e-3, 3000);
+        println!("{policy:?}: {less:?} {more:?}");
+        assert!(less.0 < 3000 && more.1 < less.1, "{policy:?}");
+    }
+}
