@@ -12,6 +12,7 @@ use crate::commands::faults::FaultsArgs;
 use crate::commands::fronts::FrontsArgs;
 use crate::commands::hosts::HostsArgs;
 use crate::commands::jitter::JitterArgs;
+use crate::commands::policies::PoliciesArgs;
 use crate::commands::predictors::PredictorsArgs;
 use crate::commands::replay::ReplayArgs;
 use crate::commands::run::RunArgs;
@@ -68,6 +69,9 @@ pub enum Command {
     /// Run hard scenes as on machines that are several times slower: whether every deadline is
     /// kept, and at what error; status 1 when one is not
     Deadline(DeadlineArgs),
+    /// Compare the policies of detail at equal time on the scenes of `deadline`, in virtual time;
+    /// status 1 when the default is not the better one
+    Policies(PoliciesArgs),
     /// Show what each source of the prediction buys: the same motion with each alone and with all
     Predictors(PredictorsArgs),
     /// Run the hard cases, each with its measure, limit and verdict; status 1 when one fails

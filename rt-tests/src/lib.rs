@@ -63,6 +63,7 @@ fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Compare(args) => commands::compare::compare(&args),
         Command::Costs(args) => commands::costs::costs(&args),
         Command::Deadline(args) => commands::deadline::deadline(&args),
+        Command::Policies(args) => commands::policies::policies(&args),
         Command::Predictors(args) => commands::predictors::predictors(&args),
         Command::Stability(args) => commands::stability::stability(&args),
         Command::Simulate(args) => commands::simulate::simulate(&args),

@@ -1,5 +1,6 @@
 //! One file or folder for each command of `rt-tests`. None uses another, but `hosts` the cases of
-//! `faults`, `thesis` the measures of `compare` and `fronts`, and `check` those of `zwidth`.
+//! `faults`, `policies` the scenes of `deadline`, `thesis` the measures of `compare` and `fronts`, and
+//! `check` those of `zwidth`.
 //!
 //! | module | command |
 //! |---|---|
@@ -12,6 +13,7 @@
 //! | [`compare`] | a query and an update beside those of parry |
 //! | [`costs`] | the cost of a unit of the tick's work on this machine |
 //! | [`deadline`] | deadlines and errors on slower machines |
+//! | [`policies`] | the policies of detail at equal time |
 //! | [`predictors`] | the gain of each source of the prediction |
 //! | [`stability`] | the hard cases |
 //! | [`simulate`] | random faults on both cores in virtual time |
@@ -38,6 +40,7 @@ pub mod faults;
 pub mod fronts;
 pub mod hosts;
 pub mod jitter;
+pub mod policies;
 pub mod predictors;
 pub mod replay;
 pub mod run;

@@ -5,7 +5,7 @@
 //! (`rt-tests run --slow`). A scene passes when no period is missed by the tick's own work and no
 //! tick spends more than it may.
 
-mod scenes;
+pub mod scenes;
 mod shapes;
 mod words;
 
@@ -20,6 +20,7 @@ use hrtc::result::{RunResult, Spread};
 use scene::load;
 use scene_args::OverrideArgs;
 use scene_files::DiskFiles;
+use scenes::SceneArgs;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -41,15 +42,9 @@ pub struct DeadlineArgs {
     /// Length of each run, seconds
     #[arg(long, value_name = "S", default_value_t = 8.0)]
     pub seconds: f64,
-    /// Only the scenes whose name holds this
-    #[arg(long, value_name = "NAME")]
-    pub only: Option<String>,
-    /// Folder of dragon.obj, without which its scenes are left out
-    #[arg(long, value_name = "DIR", default_value = "../shared/models")]
-    pub models: PathBuf,
-    /// Faces of the terrain
-    #[arg(long, value_name = "N", default_value_t = 10_000_000)]
-    pub terrain_faces: u32,
+    /// Which scenes.
+    #[command(flatten)]
+    pub scenes: SceneArgs,
     /// Print one JSON object with the result on standard output
     #[arg(long)]
     pub json: bool,
@@ -157,7 +152,7 @@ pub fn deadline(args: &DeadlineArgs) -> Result<(), Failure> {
     let stop = stop_flag()?;
     let folder = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
-    let (scenes, left_out) = scenes::scenes(args, folder.path())?;
+    let (scenes, left_out) = scenes::scenes(&args.scenes, folder.path())?;
     for scene in &scenes {
         let plan = load(&scene.path, &scene.overrides(1).overrides(), &DiskFiles)?;
         prepare_models(&plan)?;

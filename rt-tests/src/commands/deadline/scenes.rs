@@ -1,9 +1,9 @@
-//! The scenes of `rt-tests deadline`.
+//! The scenes of `rt-tests deadline` and `policies`.
 
-use super::DeadlineArgs;
 use super::shapes::{cylinder, spur_gear, uv_sphere};
 use crate::failure::Failure;
 use crate::report::output::make_folder;
+use clap::Args;
 use scene_args::OverrideArgs;
 use spm_builder::{SoupMesh, write_mesh};
 use std::path::{Path, PathBuf};
@@ -13,6 +13,20 @@ const TOOL: &str = include_str!("../../../../config/scenes/tool.toml");
 const HUNDRED: &str = include_str!("../../../../config/scenes/hundred-objects.toml");
 /// The trajectory that it names.
 const OVER_A_ROW: &str = include_str!("../../../../config/trajectories/over-a-row.csv");
+
+/// Which scenes are run.
+#[derive(Debug, Args)]
+pub struct SceneArgs {
+    /// Only the scenes whose name holds this
+    #[arg(long, value_name = "NAME")]
+    pub only: Option<String>,
+    /// Folder of dragon.obj, without which its scenes are left out
+    #[arg(long, value_name = "DIR", default_value = "../shared/models")]
+    pub models: PathBuf,
+    /// Faces of the terrain
+    #[arg(long, value_name = "N", default_value_t = 10_000_000)]
+    pub terrain_faces: u32,
+}
 
 /// A scene file.
 #[derive(Debug)]
@@ -40,7 +54,7 @@ impl Scene {
 ///
 /// # Errors
 /// When a file cannot be written.
-pub fn scenes(args: &DeadlineArgs, folder: &Path) -> Result<(Vec<Scene>, Vec<String>), Failure> {
+pub fn scenes(args: &SceneArgs, folder: &Path) -> Result<(Vec<Scene>, Vec<String>), Failure> {
     let (mut scenes, mut left_out) = (Vec::new(), Vec::new());
     let wanted = |name: &str| args.only.as_ref().is_none_or(|only| name.contains(only));
     for of in ["scenes", "trajectories"] {

@@ -1,0 +1,147 @@
+//! `rt-tests policies`: the policies that decide how fine the objects may be, at equal time.
+//!
+//! The scenes of `rt-tests deadline`, in virtual time with the costs of the reference machine, F
+//! times as large. What a tick takes is what it has spent by these costs, so that every run gives
+//! the same figures on any machine. Only the scene's `policy` differs between two rows of a pair.
+
+mod trial;
+mod verdict;
+mod words;
+
+use super::deadline::scenes::{Scene, SceneArgs, scenes};
+use crate::failure::Failure;
+use crate::processes::stop::{is_set, stop_flag};
+use crate::report::output::{print_either, status_bar};
+use crate::scenes::{check_seconds, prepare_models};
+use clap::Args;
+use scene::{PolicyPlan, ScenePlan, load};
+use scene_files::DiskFiles;
+use serde::Serialize;
+use trial::{Sums, Trial};
+use verdict::{Verdict, verdict};
+
+/// The policies, in the order of the rows.
+const POLICIES: [PolicyPlan; 2] = [PolicyPlan::Predictive, PolicyPlan::Reactive];
+
+/// Arguments of `rt-tests policies`.
+#[derive(Debug, Args)]
+pub struct PoliciesArgs {
+    /// How many times as long every unit of work takes
+    #[arg(
+        long,
+        value_name = "F",
+        value_delimiter = ',',
+        default_value = "1,2,4,8"
+    )]
+    pub slow: Vec<f64>,
+    /// Seeds of the tours, from 1 on
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..))]
+    pub seeds: u64,
+    /// Length of each run, seconds of virtual time
+    #[arg(long, value_name = "S", default_value_t = 6.0)]
+    pub seconds: f64,
+    /// Which scenes.
+    #[command(flatten)]
+    pub scenes: SceneArgs,
+    /// Print one JSON object with the result on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is printed as JSON.
+#[derive(Debug, Serialize)]
+pub struct Policies {
+    /// One for each scene, F and policy.
+    pub rows: Vec<Row>,
+    /// Scenes that were left out, and why.
+    pub left_out: Vec<String>,
+    /// The policy of a scene that names none.
+    pub default: PolicyPlan,
+    /// Which one is the better.
+    pub verdict: Verdict,
+}
+
+/// All seeds of a scene at one F under one policy.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// The scene.
+    pub scene: String,
+    /// How many times as long every unit of work took.
+    pub slow: f64,
+    /// The policy.
+    pub policy: PolicyPlan,
+    /// What came of it.
+    #[serde(flatten)]
+    pub trial: Trial,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One sentence, with its status; status 1 when the default is not the better one.
+pub fn policies(args: &PoliciesArgs) -> Result<(), Failure> {
+    if let Some(slow) = args.slow.iter().find(|slow| !(1.0..=64.0).contains(*slow)) {
+        return Err(Failure::Input(format!(
+            "--slow {slow}: write numbers from 1 to 64"
+        )));
+    }
+    check_seconds(args.seconds)?;
+    let folder = tempfile::tempdir()
+        .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
+    let (scenes, left_out) = scenes(&args.scenes, folder.path())?;
+    let rows = run_all(args, &scenes)?;
+    let found = Policies {
+        verdict: verdict(&rows),
+        rows,
+        left_out,
+        default: PolicyPlan::default(),
+    };
+    print_either(args.json, &words::words(&found), &found)?;
+    if found.verdict.better == Some(found.default) {
+        Ok(())
+    } else {
+        Err(Failure::Run(
+            "the default policy is not the better one".to_string(),
+        ))
+    }
+}
+
+fn run_all(args: &PoliciesArgs, scenes: &[Scene]) -> Result<Vec<Row>, Failure> {
+    let stop = stop_flag()?;
+    for scene in scenes {
+        prepare_models(&plan_of(scene, 1)?)?;
+    }
+    let runs = (scenes.len() * args.slow.len() * POLICIES.len()) as u64 * args.seeds;
+    let bar = status_bar(runs);
+    let mut rows = Vec::new();
+    for scene in scenes {
+        for &slow in &args.slow {
+            let mut sums = [Sums::default(), Sums::default()];
+            for seed in 1..=args.seeds {
+                bar.set_message(format!("{}, F = {slow}, seed {seed}", scene.name));
+                for (policy, sums) in POLICIES.into_iter().zip(&mut sums) {
+                    let mut plan = plan_of(scene, seed)?;
+                    plan.accuracy.policy = policy;
+                    let is_whole = sums.run(&plan, slow, args.seconds, || is_set(&stop))?;
+                    if !is_whole {
+                        return Err(Failure::Run("interrupted".to_string()));
+                    }
+                    bar.inc(1);
+                }
+            }
+            rows.extend(POLICIES.into_iter().zip(sums).map(|(policy, sums)| Row {
+                scene: scene.name.clone(),
+                slow,
+                policy,
+                trial: sums.trial(),
+            }));
+        }
+    }
+    bar.finish_and_clear();
+    Ok(rows)
+}
+
+fn plan_of(scene: &Scene, seed: u64) -> Result<ScenePlan, Failure> {
+    let overrides = scene.overrides(seed).overrides();
+    Ok(load(&scene.path, &overrides, &DiskFiles)?)
+}

@@ -1,0 +1,218 @@
+//! Runs of a scene in virtual time, and what is summed over them.
+
+use crate::failure::Failure;
+use crate::report::quantile::Quantiles;
+use crate::scenes::prepare_models;
+use geometry::Wrench;
+use hrtc_core::governor::{CostGroup, WorkCosts};
+use hrtc_core::record::{CoreRecord, max_or_nan};
+use scene::ScenePlan;
+use serde::Serialize;
+use simulator::{Client, ClientOptions, STATION, Simulation};
+use station_core::station::Station;
+use ve_station::FileBytes;
+
+/// Ticks from one look at the stop flag to the next.
+const LOOK_TICKS: u64 = 256;
+
+/// Mean and quantiles of an error at the contact, metres.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Errors {
+    /// Mean.
+    pub mean: f64,
+    /// Median, 99th of 100, and the largest.
+    pub p50: f64,
+    /// See `p50`.
+    pub p99: f64,
+    /// See `p50`.
+    pub max: f64,
+}
+
+impl Errors {
+    fn of(mut errors: Vec<f64>) -> Self {
+        let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
+        let Quantiles { p50, p99, max, .. } = Quantiles::of(&mut errors);
+        Self {
+            mean,
+            p50,
+            p99,
+            max,
+        }
+    }
+}
+
+/// What came of all runs of a row.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Trial {
+    /// Ticks.
+    pub ticks: u64,
+    /// Ticks in contact, and of these at full resolution.
+    pub contact_ticks: u64,
+    /// See `contact_ticks`.
+    pub contact_full_ticks: u64,
+    /// Contact ticks without a certified bound.
+    pub contact_unbounded_ticks: u64,
+    /// Certified error at the contact, metres.
+    pub certified_error_m: Errors,
+    /// Measured error at the contact, metres.
+    pub measured_error_m: Errors,
+    /// Mean of what a tick has spent by the costs, in shares of what it might.
+    pub spent_share: f64,
+    /// Ticks that spent more than they might.
+    pub over_budget_ticks: u64,
+    /// Splits and collapses.
+    pub operations: u64,
+    /// How often the tolerance changed its direction in a second of contact.
+    pub turns_per_s: f64,
+    /// Largest change of a force in a period, newtons.
+    pub force_step_n_max: f64,
+}
+
+/// What is summed over the runs of a row.
+#[derive(Debug, Default)]
+pub struct Sums {
+    trial: Trial,
+    certified: Vec<f64>,
+    measured: Vec<f64>,
+    spent: f64,
+    turns: u64,
+    contact_s: f64,
+}
+
+/// The tolerance in contact before, and whether its last change was upwards.
+type Course = Option<(f64, bool)>;
+
+impl Sums {
+    /// Adds a run; whether it was not stopped before its end.
+    ///
+    /// # Errors
+    /// One sentence when the model cannot be served, or the controller cannot go on with it.
+    pub fn run(
+        &mut self,
+        plan: &ScenePlan,
+        slow: f64,
+        seconds: f64,
+        is_stopped: impl Fn() -> bool,
+    ) -> Result<bool, Failure> {
+        let mut simulation = simulation(plan, slow, seconds)?;
+        let mut course = None;
+        let mut before = vec![Wrench::ZERO; plan.probes.len()];
+        for tick in 0..(seconds * plan.loop_.rate_hz).round() as u64 {
+            if tick.is_multiple_of(LOOK_TICKS) && is_stopped() {
+                return Ok(false);
+            }
+            let outputs = simulation.step_led();
+            self.add(&outputs.record, &mut course, 1.0 / plan.loop_.rate_hz);
+            for (now, before) in outputs.wrenches.iter().zip(&mut before) {
+                let step = now.force.distance(before.force);
+                self.trial.force_step_n_max = max_or_nan(self.trial.force_step_n_max, step);
+                *before = *now;
+            }
+            let spent_ns = outputs.record.spent_ns;
+            simulation.controller_mut().note_work(spent_ns);
+        }
+        match simulation.controller().fault() {
+            None => Ok(true),
+            Some(fault) => Err(Failure::Run(format!("{}: {fault}", plan.name))),
+        }
+    }
+
+    fn add(&mut self, record: &CoreRecord, course: &mut Course, period_s: f64) {
+        let trial = &mut self.trial;
+        trial.ticks += 1;
+        trial.operations += u64::from(record.vsplits + record.ecols);
+        trial.over_budget_ticks += u64::from(record.spent_ns > record.allowed_ns);
+        self.spent += f64::from(record.spent_ns) / f64::from(record.allowed_ns);
+        if record.measured_error_m >= 0.0 {
+            self.measured.push(record.measured_error_m);
+        }
+        if !record.contact {
+            return;
+        }
+        trial.contact_ticks += 1;
+        trial.contact_full_ticks += u64::from(record.contact_full);
+        trial.contact_unbounded_ticks += u64::from(!record.contact_bounded);
+        self.contact_s += period_s;
+        self.certified.push(record.certified_error_m);
+        self.turns += u64::from(turns(course, record.finest_tolerance_m));
+    }
+
+    /// What came of the runs.
+    #[must_use]
+    pub fn trial(self) -> Trial {
+        Trial {
+            certified_error_m: Errors::of(self.certified),
+            measured_error_m: Errors::of(self.measured),
+            spent_share: self.spent / self.trial.ticks.max(1) as f64,
+            turns_per_s: if self.contact_s > 0.0 {
+                self.turns as f64 / self.contact_s
+            } else {
+                0.0
+            },
+            ..self.trial
+        }
+    }
+}
+
+/// Whether a tolerance turns round; the first change is no turn.
+fn turns(course: &mut Course, now: f64) -> bool {
+    let Some((last, rose)) = *course else {
+        *course = Some((now, true));
+        return false;
+    };
+    if now == last {
+        return false;
+    }
+    *course = Some((now, now > last));
+    rose != (now > last)
+}
+
+/// Both cores on a scene, on a machine whose work takes so many times as long.
+fn simulation(plan: &ScenePlan, slow: f64, seconds: f64) -> Result<Simulation<FileBytes>, Failure> {
+    let served = prepare_models(plan)?;
+    let station = Station::new(STATION, served.models, served.objects);
+    let options = ClientOptions {
+        tour_s: seconds,
+        ..ClientOptions::default()
+    };
+    let mut simulation = Simulation::new(station, Client::new(plan, options));
+    let costs = WorkCosts::REFERENCE.scaled([slow; CostGroup::ALL.len()]);
+    simulation.controller_mut().set_costs(costs);
+    Ok(simulation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tolerance_that_goes_up_and_down_turns_once_each_time() {
+        let mut course = None;
+        let tolerances = [0.0, 0.0, 1e-4, 2e-4, 2e-4, 1e-4, 0.0, 0.0, 1e-4];
+        let turned = tolerances.map(|now| turns(&mut course, now));
+        let places = turned.iter().enumerate().filter(|(_, of)| **of);
+        assert_eq!(places.map(|(k, _)| k).collect::<Vec<_>>(), [5, 8]);
+    }
+
+    #[test]
+    fn errors_are_those_of_contacts() {
+        let mut sums = Sums::default();
+        for (contact, certified_error_m) in [(true, 1e-3), (false, 9e-3), (true, 3e-3)] {
+            let record = CoreRecord {
+                contact,
+                certified_error_m,
+                contact_bounded: true,
+                measured_error_m: -1.0,
+                allowed_ns: 4,
+                spent_ns: 1,
+                ..CoreRecord::default()
+            };
+            sums.add(&record, &mut None, 1e-3);
+        }
+        let trial = sums.trial();
+        assert_eq!((trial.ticks, trial.contact_ticks), (3, 2));
+        assert!((trial.certified_error_m.mean - 2e-3).abs() < 1e-12);
+        assert_eq!(trial.certified_error_m.max, 3e-3);
+        assert_eq!(trial.spent_share, 0.25);
+    }
+}
