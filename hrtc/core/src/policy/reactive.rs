@@ -16,8 +16,8 @@
 //! i is the frame, j the last one before the case changed to this one. What it leaves open is done
 //! thus:
 //!
-//! - Frames are counted from where the last rise began; so case 2 takes the steps of that rise back,
-//!   the largest first. Counted from the start of a run, g2 would soon be larger than any mesh.
+//! - Frames are counted from where the last rise began; so case 2 takes the steps of that rise
+//!   back, the largest first. Counted from the start of a run, g2 would soon exceed any mesh.
 //!   Frames in which nothing changed do not count: case 3, and case 1 where all is as fine as asked
 //!   for. More than all splits is no larger step.
 //! - Visible range D is the distance at which an object comes into reach, the diagonal W of the

@@ -4,6 +4,7 @@ use crate::failure::Failure;
 use crate::report::quantile::Quantiles;
 use crate::scenes::prepare_models;
 use geometry::Wrench;
+use glam::DVec3;
 use hrtc_core::governor::{CostGroup, WorkCosts};
 use hrtc_core::record::{CoreRecord, max_or_nan};
 use scene::ScenePlan;
@@ -11,6 +12,7 @@ use serde::Serialize;
 use simulator::{Client, ClientOptions, STATION, Simulation};
 use station_core::station::Station;
 use ve_station::FileBytes;
+use ve_station::database::Database;
 
 /// Ticks from one look at the stop flag to the next.
 const LOOK_TICKS: u64 = 256;
@@ -52,10 +54,13 @@ pub struct Trial {
     pub contact_full_ticks: u64,
     /// Contact ticks without a certified bound.
     pub contact_unbounded_ticks: u64,
-    /// Certified error at the contact, metres.
+    /// Certified error at the contact, metres, of ticks that have one.
     pub certified_error_m: Errors,
     /// Measured error at the contact, metres.
     pub measured_error_m: Errors,
+    /// Errors that are not above this are rounding, metres: the coordinates of a model are stored
+    /// in single precision.
+    pub rounding_m: f64,
     /// Mean of what a tick has spent by the costs, in shares of what it might.
     pub spent_share: f64,
     /// Ticks that spent more than they might.
@@ -94,7 +99,10 @@ impl Sums {
         seconds: f64,
         is_stopped: impl Fn() -> bool,
     ) -> Result<bool, Failure> {
-        let mut simulation = simulation(plan, slow, seconds)?;
+        let served = prepare_models(plan)?;
+        let sizes = sizes_m(plan, &served);
+        self.trial.rounding_m = sizes.fold(0.0, f64::max) * f64::from(f32::EPSILON);
+        let mut simulation = simulation(plan, served, slow, seconds);
         let mut course = None;
         let mut before = vec![Wrench::ZERO; plan.probes.len()];
         for tick in 0..(seconds * plan.loop_.rate_hz).round() as u64 {
@@ -133,7 +141,9 @@ impl Sums {
         trial.contact_full_ticks += u64::from(record.contact_full);
         trial.contact_unbounded_ticks += u64::from(!record.contact_bounded);
         self.contact_s += period_s;
-        self.certified.push(record.certified_error_m);
+        if record.contact_bounded {
+            self.certified.push(record.certified_error_m);
+        }
         self.turns += u64::from(turns(course, record.finest_tolerance_m));
     }
 
@@ -167,9 +177,24 @@ fn turns(course: &mut Course, now: f64) -> bool {
     rose != (now > last)
 }
 
+/// Longest side of each object, metres.
+fn sizes_m(plan: &ScenePlan, served: &Database) -> impl Iterator<Item = f64> {
+    let objects = plan.objects.iter().zip(&served.objects);
+    objects.map(|(object, of)| {
+        let header = served.models[of.model].file.model_header();
+        let sides = DVec3::from_array(header.upper) - DVec3::from_array(header.lower);
+        let longest = sides.max_element();
+        longest * object.scale.metres_per_unit(longest)
+    })
+}
+
 /// Both cores on a scene, on a machine whose work takes so many times as long.
-fn simulation(plan: &ScenePlan, slow: f64, seconds: f64) -> Result<Simulation<FileBytes>, Failure> {
-    let served = prepare_models(plan)?;
+fn simulation(
+    plan: &ScenePlan,
+    served: Database,
+    slow: f64,
+    seconds: f64,
+) -> Simulation<FileBytes> {
     let station = Station::new(STATION, served.models, served.objects);
     let options = ClientOptions {
         tour_s: seconds,
@@ -178,7 +203,7 @@ fn simulation(plan: &ScenePlan, slow: f64, seconds: f64) -> Result<Simulation<Fi
     let mut simulation = Simulation::new(station, Client::new(plan, options));
     let costs = WorkCosts::REFERENCE.scaled([slow; CostGroup::ALL.len()]);
     simulation.controller_mut().set_costs(costs);
-    Ok(simulation)
+    simulation
 }
 
 #[cfg(test)]
@@ -197,11 +222,12 @@ mod tests {
     #[test]
     fn errors_are_those_of_contacts() {
         let mut sums = Sums::default();
-        for (contact, certified_error_m) in [(true, 1e-3), (false, 9e-3), (true, 3e-3)] {
+        let errors = [(true, 1e-3), (false, 9e-3), (true, 3e-3), (true, f64::NAN)];
+        for (contact, certified_error_m) in errors {
             let record = CoreRecord {
                 contact,
                 certified_error_m,
-                contact_bounded: true,
+                contact_bounded: certified_error_m.is_finite(),
                 measured_error_m: -1.0,
                 allowed_ns: 4,
                 spent_ns: 1,
@@ -210,7 +236,8 @@ mod tests {
             sums.add(&record, &mut None, 1e-3);
         }
         let trial = sums.trial();
-        assert_eq!((trial.ticks, trial.contact_ticks), (3, 2));
+        assert_eq!((trial.ticks, trial.contact_ticks), (4, 3));
+        assert_eq!(trial.contact_unbounded_ticks, 1);
         assert!((trial.certified_error_m.mean - 2e-3).abs() < 1e-12);
         assert_eq!(trial.certified_error_m.max, 3e-3);
         assert_eq!(trial.spent_share, 0.25);

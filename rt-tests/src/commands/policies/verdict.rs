@@ -9,8 +9,9 @@ use serde::Serialize;
 const CLEARLY: f64 = 0.9;
 
 /// The rule, for whoever reads the table.
-pub const RULE: &str = "a pair of rows goes to the policy whose mean measured error at the contact is \
-smaller by a tenth or more, or to none; the better policy has more pairs";
+pub const RULE: &str = "a pair of rows goes to the policy whose mean measured error is smaller by \
+                        a tenth or more, to none where neither is or both are rounding; the better \
+                        policy has more pairs";
 
 /// Which policy is the better one; see [`RULE`].
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -49,5 +50,51 @@ pub fn verdict(rows: &[Row]) -> Verdict {
 fn winner(pair: &[Row]) -> Option<usize> {
     let mean = |k: usize| pair[k].trial.measured_error_m.mean;
     // What is no number wins nothing.
-    (0..POLICIES.len()).find(|&k| mean(k) < CLEARLY * mean(1 - k))
+    (0..POLICIES.len()).find(|&k| {
+        let other = mean(1 - k);
+        mean(k) < CLEARLY * other && other > pair[k].trial.rounding_m
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::commands::policies::trial::{Errors, Trial};
+
+    fn row(policy: usize, mean: f64) -> Row {
+        Row {
+            scene: "a".to_owned(),
+            slow: 1.0,
+            policy: POLICIES[policy],
+            trial: Trial {
+                measured_error_m: Errors {
+                    mean,
+                    ..Errors::default()
+                },
+                rounding_m: 1e-8,
+                ..Trial::default()
+            },
+        }
+    }
+
+    fn judged(pairs: &[[f64; 2]]) -> Verdict {
+        let pair = |of: &[f64; 2]| [row(0, of[0]), row(1, of[1])];
+        verdict(&pairs.iter().flat_map(pair).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn the_better_policy_has_more_pairs_that_are_clearly_smaller() {
+        let found = judged(&[[1e-6, 2e-6], [3e-6, 1e-6], [0.0, 1e-4], [1e-6, 1.05e-6]]);
+        assert_eq!((found.pairs, found.even), ([2, 1], 1));
+        assert_eq!(found.better, Some(POLICIES[0]));
+        let found = judged(&[[2e-6, 1e-6]]);
+        assert_eq!(found.better, Some(POLICIES[1]));
+    }
+
+    #[test]
+    fn rounding_and_what_is_no_number_win_nothing() {
+        let found = judged(&[[1e-12, 9e-9], [f64::NAN, 1.0], [1.0, f64::NAN], [0.0, 0.0]]);
+        assert_eq!((found.pairs, found.even), ([0, 0], 4));
+        assert_eq!(found.better, None);
+    }
 }
