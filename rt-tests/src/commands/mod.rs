@@ -1,6 +1,6 @@
 //! One file or folder for each command of `rt-tests`. None uses another, but `hosts` the cases of
-//! `faults`, `policies` the scenes of `deadline`, `thesis` the measures of `compare` and `fronts`, and
-//! `check` those of `zwidth`.
+//! `faults`, `policies` the scenes of `deadline`, `thesis` the measures of `compare` and `fronts`,
+//! and `check` those of `zwidth`.
 //!
 //! | module | command |
 //! |---|---|

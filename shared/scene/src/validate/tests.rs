@@ -1,7 +1,5 @@
 use super::*;
-use crate::{
-    ModelScale, ModelSource, NoFiles, PolicyPlan, RefinementPlan, TrajectoryPlan, parse_bytes,
-};
+use crate::{ModelScale, ModelSource, NoFiles, RefinementPlan, TrajectoryPlan, parse_bytes};
 use geometry::Pose;
 use glam::DVec3;
 use std::io;
@@ -525,29 +523,6 @@ fn refinement_is_local_to_a_tolerance_or_global_to_a_tolerance_or_a_count() {
         ),
     ] {
         let message = refusal(&text);
-        assert!(message.contains(expected), "{message}");
-        assert!(message.contains(", line "), "{message}");
-    }
-}
-
-#[test]
-fn the_policy_of_detail_is_predictive_unless_the_scene_says_reactive() {
-    let with = |more: &str| exchanged("refinement = \"local\"", more);
-    let policy = |text: &str| plain(text).unwrap().accuracy.policy;
-    assert_eq!(policy(&with("")), PolicyPlan::Predictive);
-    assert_eq!(
-        policy(&with("policy = \"predictive\"")),
-        PolicyPlan::Predictive
-    );
-    assert_eq!(policy(&with("policy = \"reactive\"")), PolicyPlan::Reactive);
-    for (more, expected) in [
-        ("policy = \"both\"", "expected `predictive` or `reactive`"),
-        (
-            "refinement = \"global\"\npolicy = \"reactive\"",
-            "refinement = \"local\"",
-        ),
-    ] {
-        let message = refusal(&with(more));
         assert!(message.contains(expected), "{message}");
         assert!(message.contains(", line "), "{message}");
     }

@@ -151,4 +151,36 @@ mod tests {
             assert!(refused.contains("at most 100 µs"), "{refused}");
         }
     }
+
+    #[test]
+    fn the_policy_of_detail_is_predictive_unless_the_scene_says_reactive() {
+        let read = |accuracy: &str| {
+            let text = format!(
+                "[accuracy]\n{accuracy}\n[[object]]\nmodel = \"m.spm\"\nsize_m = 0.1\n[[probe]]\n"
+            );
+            let folder = std::path::Path::new("");
+            crate::parse(
+                &text,
+                "test.toml",
+                folder,
+                &Overrides::default(),
+                &crate::NoFiles,
+            )
+        };
+        let policy = |accuracy: &str| read(accuracy).unwrap().accuracy.policy;
+        assert_eq!(policy(""), PolicyPlan::Predictive);
+        assert_eq!(policy("policy = \"predictive\""), PolicyPlan::Predictive);
+        assert_eq!(policy("policy = \"reactive\""), PolicyPlan::Reactive);
+        for (accuracy, expected) in [
+            ("policy = \"both\"", "expected `predictive` or `reactive`"),
+            (
+                "policy = \"reactive\"\nrefinement = \"global\"",
+                "refinement = \"local\"",
+            ),
+        ] {
+            let message = read(accuracy).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+            assert!(message.starts_with("test.toml, line 2:"), "{message}");
+        }
+    }
 }
