@@ -2,12 +2,12 @@
 //!
 //! Both have the same time, that of the governor, and the same order of work: the object nearest to
 //! a contact first, by importance, in it the region that is due first, of these the coarser. Cells
-//! of a coarser ring are larger and lower the error at more places for the same splits, so a unit
-//! goes where it lowers the expected error of the next contacts most.
+//! of a coarser ring are larger and lower the error at more places for the same splits: so a unit is
+//! to go where it lowers the expected error of the next contacts most.
 //!
 //! They differ in the finest ring that is asked for, and so in what is received and split at all:
 //!
-//! - *Predictive* (Funkhouser and Sequin 1993): the finest one whose splits, known before they are
+//! - *Predictive* (Funkhouser 1993): the finest one whose splits, known before they are
 //!   made from speed and density, fit the ticks ([`crate::lod::lod_controller`]). A less important
 //!   object may count on a smaller part of a tick.
 //! - *Reactive* (thesis 4.1.2): what it takes is measured; with time left every object gets finer,

@@ -22,9 +22,9 @@
 //!   for. More than all splits is no larger step.
 //! - Visible range D is the distance at which an object comes into reach, the diagonal W of the
 //!   screen that of the object. A class is a halving of importance, as g1 halves.
-//! - A frame is that of a picture ([`FRAME_S`]): what is asked for has come and is split by the
-//!   next. Its T is what its ticks might take. They do not begin what they have no time for; so its
-//!   T' is what they took, and what the splits would take that are due at its end and left.
+//! - A frame is that of a picture, a thirtieth of a second: what is asked for has come and is split
+//!   by the next. Its T is what its ticks might take. They do not begin what they have no time for;
+//!   so its T' is what they took, and what the splits would take that are due at its end and left.
 
 use super::Seen;
 use crate::tuning::policy::{DEAD_ZONE, FRAME_S, STEPS};
