@@ -2,8 +2,8 @@
 //!
 //! Both have the same time, that of the governor, and the same order of work: the object nearest to
 //! a contact first, by importance, in it the region that is due first, of these the coarser. Cells
-//! of a coarser ring are larger and lower the error at more places for the same splits: so a unit is
-//! to go where it lowers the expected error of the next contacts most.
+//! of a coarser ring are larger and lower the error at more places for the same splits: so a unit
+//! is to go where it lowers the expected error of the next contacts most.
 //!
 //! They differ in the finest ring that is asked for, and so in what is received and split at all:
 //!
