@@ -56,7 +56,10 @@ impl RecordingReader {
 
     /// As [`RecordingReader::open`], for a file that is still written, up to so many bytes: what it
     /// has not now, [`RecordingReader::next`] may give later.
-    pub(super) fn open_growing(path: &Path, length: u64) -> Result<Self, RecordingError> {
+    ///
+    /// # Errors
+    /// As [`RecordingReader::open`]; also while its head is not written yet.
+    pub fn open_growing(path: &Path, length: u64) -> Result<Self, RecordingError> {
         let name = path.display().to_string();
         let foreign = || RecordingError::NotARecording(name.clone());
         let file = File::open(path).map_err(|e| RecordingError::File(name.clone(), e))?;

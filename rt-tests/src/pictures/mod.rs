@@ -13,6 +13,7 @@
 //! | [`touch_picture`] | the picture of a moment |
 //! | [`legend`] | its colours and what they mean |
 //! | [`shots`] | a still picture of a recording, and a film |
+//! | `viewer` | a recording, or a run behind it, for the viewer rerun (feature `view`) |
 
 pub mod legend;
 pub mod moment;
@@ -21,3 +22,21 @@ pub mod shots;
 pub mod sight;
 pub mod touch_picture;
 pub mod trail;
+#[cfg(feature = "view")]
+pub mod viewer;
+
+use crate::failure::Failure;
+
+/// Whether this build has the viewer.
+///
+/// # Errors
+/// One sentence that says how to get it, where it has not.
+pub fn check_viewer() -> Result<(), Failure> {
+    if cfg!(feature = "view") {
+        return Ok(());
+    }
+    Err(Failure::Input(
+        "this build is without the viewer; build it with cargo build --release -p rt-tests --features view"
+            .to_owned(),
+    ))
+}

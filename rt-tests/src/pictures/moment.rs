@@ -124,14 +124,14 @@ impl Moment {
     pub fn new(plan: &ScenePlan, record: &TickRecord, twin: &Twin) -> Self {
         let controller = twin.controller();
         let objects = 0..plan.objects.len();
+        let objects = objects.filter_map(|k| {
+            let frame = controller.frame_of(k)?;
+            Some(shown_object(controller, k, &frame))
+        });
         Self {
             seconds: record.tick as f64 / plan.loop_.rate_hz,
-            objects: objects
-                .filter_map(|k| shown_object(controller, k))
-                .collect(),
-            probes: (0..plan.probes.len())
-                .map(|k| shown_probe(plan, controller, record, k))
-                .collect(),
+            objects: objects.collect(),
+            probes: shown_probes(plan, record, twin),
         }
     }
 
@@ -154,17 +154,18 @@ impl Moment {
     }
 }
 
-fn shown_object(controller: &Controller, object: usize) -> Option<ShownObject> {
-    let frame = controller.frame_of(object)?;
+/// An object in a frame: its own, or that without its pose.
+#[must_use]
+pub fn shown_object(controller: &Controller, object: usize, frame: &ModelFrame) -> ShownObject {
     let ready = controller.active_object(object).filter(|of| of.is_ready());
-    Some(ShownObject {
+    ShownObject {
         object,
         is_active: ready.is_some(),
         faces: match ready {
-            Some(active) => front_faces(active, &frame),
-            None => resting_faces(controller, object, &frame),
+            Some(active) => front_faces(active, frame),
+            None => resting_faces(controller, object, frame),
         },
-    })
+    }
 }
 
 /// The front of an active object.
@@ -221,6 +222,14 @@ fn box_of(controller: &Controller, object: usize) -> Option<(Vec<DVec3>, Vec<[u3
     let halves = |[a, b, c, d]: [u32; 4]| [[a, b, c], [a, c, d]];
     let triangles = SIDES.into_iter().flat_map(halves);
     Some((vertices.collect(), triangles.collect()))
+}
+
+/// All probes after the tick that the twin has just run.
+#[must_use]
+pub fn shown_probes(plan: &ScenePlan, record: &TickRecord, twin: &Twin) -> Vec<ShownProbe> {
+    let probes = 0..plan.probes.len();
+    let shown = probes.map(|k| shown_probe(plan, twin.controller(), record, k));
+    shown.collect()
 }
 
 fn shown_probe(

@@ -35,7 +35,6 @@ impl Playback {
     /// # Errors
     /// When a file cannot be read, or there is no tick in them.
     pub fn open(first: &Path) -> Result<Self, Failure> {
-        let input = |error: RecordingError| Failure::Input(error.to_string());
         let mut playback: Option<Self> = None;
         for path in files_of(first) {
             let reader = RecordingReader::open(&path).map_err(input)?;
@@ -114,41 +113,73 @@ impl Playback {
         from: u64,
         mut visit: impl FnMut(&TickRecord, &Twin) -> ControlFlow<()>,
     ) -> Result<(), Failure> {
-        let input = |error: RecordingError| Failure::Input(error.to_string());
         let first = self.files.iter().rposition(|file| file.first <= from);
-        let mut twin: Option<Twin> = None;
+        let mut fed = FedTwin::default();
         for file in &self.files[first.unwrap_or(0)..] {
             let reader = RecordingReader::open(&file.path).map_err(input)?;
-            if reader.head().segment == 0 {
-                let controller = reader.head().controller(reader.files()).map_err(input)?;
-                twin = Some(Twin::new(controller));
-            }
+            fed.begin(&reader)?;
             for entry in reader {
-                match (entry, &mut twin) {
-                    (Entry::Keyframe(state), _) => {
-                        twin = Some(Twin::from_bytes(&state).map_err(input)?);
-                    }
-                    (Entry::Chunk(index, chunk), Some(twin)) => {
-                        // A gap shows at the tick that needs the chunk.
-                        let _ = twin.arrive(index, &chunk);
-                    }
-                    (Entry::Tick(record), Some(of)) => {
-                        if of.tick(&record).is_err() {
-                            // Inputs are missing: there is no state until the next keyframe.
-                            twin = None;
-                            continue;
-                        }
-                        check(&record, of)?;
-                        if visit(&record, of).is_break() {
-                            return Ok(());
-                        }
-                    }
-                    _ => {}
+                if let Some((record, twin)) = fed.take(entry)?
+                    && visit(&record, twin).is_break()
+                {
+                    return Ok(());
                 }
             }
         }
         Ok(())
     }
+}
+
+/// A twin that a recording's entries feed; there is none before the first state, and none from a
+/// gap to the next keyframe.
+#[derive(Debug, Default)]
+pub(super) struct FedTwin {
+    twin: Option<Twin>,
+}
+
+impl FedTwin {
+    /// A file begins.
+    ///
+    /// # Errors
+    /// When its scene is refused.
+    pub fn begin(&mut self, reader: &RecordingReader) -> Result<(), Failure> {
+        if reader.head().segment == 0 {
+            let controller = reader.head().controller(reader.files()).map_err(input)?;
+            self.twin = Some(Twin::new(controller));
+        }
+        Ok(())
+    }
+
+    /// Takes an entry; of a tick its record, and the controller after it.
+    ///
+    /// # Errors
+    /// When a keyframe cannot be read, or a tick gives other outputs than the controller's.
+    pub fn take(&mut self, entry: Entry) -> Result<Option<(Box<TickRecord>, &Twin)>, Failure> {
+        match (entry, &mut self.twin) {
+            (Entry::Keyframe(state), _) => {
+                self.twin = Some(Twin::from_bytes(&state).map_err(input)?);
+            }
+            (Entry::Chunk(index, chunk), Some(twin)) => {
+                // A gap shows at the tick that needs the chunk.
+                let _ = twin.arrive(index, &chunk);
+            }
+            (Entry::Tick(record), Some(twin)) => {
+                if twin.tick(&record).is_ok() {
+                    check(&record, twin)?;
+                    return Ok(self.twin.as_ref().map(|twin| (record, twin)));
+                }
+                // Inputs are missing: there is no state until the next keyframe.
+                self.twin = None;
+            }
+            _ => {}
+        }
+        Ok(None)
+    }
+}
+
+/// A recording that cannot be read.
+pub(super) fn input(error: RecordingError) -> Failure {
+    Failure::Input(error.to_string())
 }
 
 /// Whether the controller is in the state that it was in.
@@ -171,7 +202,7 @@ fn ticks(reader: RecordingReader) -> impl Iterator<Item = Box<TickRecord>> {
 }
 
 /// The files of a recording that are there: of a long one the first is gone.
-fn files_of(first: &Path) -> Vec<PathBuf> {
+pub(super) fn files_of(first: &Path) -> Vec<PathBuf> {
     let place = RecordingPlace {
         first: first.to_path_buf(),
         keep_bytes: 0,

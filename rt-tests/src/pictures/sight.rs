@@ -41,26 +41,31 @@ impl Sight {
     #[must_use]
     pub fn of_probe(moment: &Moment, probe: &ShownProbe, half_width: f64) -> Self {
         let up = upwards(probe);
-        let faces = touched_faces(moment, probe);
-        let at = probe.position().unwrap_or_default() + GAP * half_width * up;
         let side = up.any_orthonormal_vector();
         let tried = TILTS.iter().flat_map(|tilt| {
             (0..AROUND).map(move |k| {
                 let around = DQuat::from_axis_angle(up, TAU * k as f64 / AROUND as f64);
-                tilt.cos() * up + tilt.sin() * (around * side)
+                let eye = tilt.cos() * up + tilt.sin() * (around * side);
+                Self { eye, up }
             })
         });
         let mut first = None;
-        for eye in tried {
-            first.get_or_insert(eye);
-            let far = at + eye * reach(faces, at);
-            let hides = |face: &ShownFace| crosses(face, at, far);
-            if !faces.iter().any(hides) {
-                return Self { eye, up };
+        for sight in tried {
+            first.get_or_insert(sight);
+            if sight.is_free(moment, probe, half_width) {
+                return sight;
             }
         }
-        let eye = first.unwrap_or(DVec3::Z);
-        Self { eye, up }
+        first.unwrap_or(Self { eye: DVec3::Z, up })
+    }
+
+    /// Whether nothing of the touched object is between the eye and the contact.
+    #[must_use]
+    pub fn is_free(&self, moment: &Moment, probe: &ShownProbe, half_width: f64) -> bool {
+        let faces = touched_faces(moment, probe);
+        let at = probe.position().unwrap_or_default() + GAP * half_width * self.up;
+        let far = at + self.eye * reach(faces, at);
+        !faces.iter().any(|face| crosses(face, at, far))
     }
 
     /// The same sight of a surface with another normal, turned as little as can be.

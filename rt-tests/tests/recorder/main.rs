@@ -2,6 +2,8 @@
 
 mod pictures;
 mod slow_disk;
+#[cfg(feature = "view")]
+mod viewer;
 mod world;
 
 use hrtc::recorder::{

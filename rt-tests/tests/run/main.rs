@@ -6,6 +6,7 @@ mod jitter;
 mod tune;
 #[path = "../commands/typed.rs"]
 mod typed;
+mod view;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};

@@ -3,13 +3,15 @@
 use crate::scenes::{check_seconds, prepare_models};
 use scene_args::OverrideArgs;
 mod report;
+mod viewer;
 
 use self::report::Report;
+use self::viewer::Viewer;
 use crate::failure::Failure;
 use crate::machine::Machine;
 use crate::pictures::playback::Playback;
 use crate::pictures::shots::Shots;
-use crate::processes::pair::{PairArgs, Shown, run_pair};
+use crate::processes::pair::{PairArgs, Shown, other_core, run_pair};
 use crate::processes::roles::LoopArgs;
 use crate::processes::stop::stop_flag;
 use crate::report::output::{make_folder, print_either, print_json, status_bar, status_line};
@@ -50,6 +52,16 @@ pub struct RunArgs {
     /// Let every stage of a tick take F times as long, as on a slower machine; at least 1
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = slowness)]
     pub slow: f64,
+    /// Show the run in the viewer rerun while it goes on, from a process of its own; OUT as that of
+    /// rt-tests view --rerun [default: viewer]. Needs a build with --features view
+    #[arg(
+        long,
+        value_name = "OUT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "viewer"
+    )]
+    pub view: Option<String>,
 }
 
 /// A finite number, at least 1.
@@ -69,11 +81,15 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let out = args.out.clone().unwrap_or_else(|| {
         PathBuf::from("reports").join(format!("{}-{}", plan.name, model_name(&plan)))
     });
+    let record = recording(args, &plan, &out);
+    let viewer = args.view.as_deref();
+    let mut viewer = viewer
+        .map(|target| Viewer::new(&record, target, other_core(&plan)))
+        .transpose()?;
     make_folder(&out)?;
     prepare_models(&plan)?;
     let stop = stop_flag()?;
     let line = LiveLine::new(args.seconds);
-    let record = recording(args, &plan, &out);
     let pair = PairArgs {
         scene: &args.scene,
         plan: &plan,
@@ -86,7 +102,12 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         record: Some(&record),
         device: None,
     };
-    let outcome = run_pair(&pair, &stop, &mut |shown| line.show(shown));
+    let outcome = run_pair(&pair, &stop, &mut |shown| {
+        if let (Some(viewer), Shown::Status(_)) = (&mut viewer, shown) {
+            viewer.start();
+        }
+        line.show(shown);
+    });
     line.bar.finish_and_clear();
     let outcome = outcome?;
     if let Err(failure) = outcome.check_finite() {
@@ -98,6 +119,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     }
     let machine = Machine::read();
     let mut notes = outcome.notes.clone();
+    notes.extend(viewer.and_then(Viewer::finish));
     let picture = touch_picture(&record, &mut notes);
     let report = Report {
         plan: &plan,

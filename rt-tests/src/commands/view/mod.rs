@@ -1,4 +1,6 @@
-//! `rt-tests view`: a touch of a recording as a picture or a film.
+//! `rt-tests view`: a touch of a recording as a picture, a film, or in the viewer rerun.
+
+mod rerun;
 
 use crate::failure::Failure;
 use crate::pictures::playback::Playback;
@@ -23,6 +25,11 @@ pub struct ViewArgs {
     /// Write an animation of the time around the moment, an animated PNG file, as browsers show it
     #[arg(long)]
     pub film: bool,
+    /// Write all of the run for the viewer rerun, up to its end, also while it is recorded: a file
+    /// (OUT.rrd), rerun+http://HOST:PORT/proxy for one that listens, or "viewer" for one on this
+    /// machine (pip install rerun-sdk==0.36.3). Needs a build with --features view
+    #[arg(long, value_name = "OUT", conflicts_with_all = ["out", "at", "film"])]
+    pub rerun: Option<String>,
 }
 
 /// Runs the command.
@@ -31,6 +38,9 @@ pub struct ViewArgs {
 /// One sentence: status 2 when the recording cannot be used or does not reach there, 1 when a tick
 /// of it does not replay.
 pub fn view(args: &ViewArgs) -> Result<(), Failure> {
+    if let Some(target) = &args.rerun {
+        return rerun::view(&args.file, target);
+    }
     let line = status_line();
     line.set_message("reading the recording");
     let playback = Playback::open(&args.file)?;

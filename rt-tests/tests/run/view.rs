@@ -1,0 +1,37 @@
+//! The viewer of a run.
+
+use crate::typed::refusal;
+use crate::{run, scene};
+
+#[cfg(feature = "view")]
+#[test]
+fn a_run_is_shown_while_it_goes_on() {
+    let out = tempfile::tempdir().unwrap();
+    let target = out.path().join("run.rrd");
+    let view = format!("--view={}", target.display());
+    let output = run(&scene(), out.path(), &["--seconds=3", &view]);
+    let words = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{}", crate::said(&output));
+    let shown = words.lines().find(|line| line.contains("viewer: "));
+    let shown = shown.unwrap_or_else(|| panic!("{words}"));
+    assert!(
+        shown.contains("gave the controller's outputs again"),
+        "{shown}"
+    );
+    assert!(target.metadata().unwrap().len() > 100_000);
+}
+
+#[test]
+fn a_viewer_without_a_recording_or_that_is_not_built_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let output = run(&scene(), &out, &["--view", "--record=off"]);
+    let expected = if cfg!(feature = "view") {
+        "nothing is recorded"
+    } else {
+        "--features view"
+    };
+    let sentence = refusal(&output);
+    assert!(sentence.contains(expected), "{sentence}");
+    assert!(!out.exists(), "nothing half-written");
+}
