@@ -30,8 +30,15 @@ impl Taken {
         }
     }
 
-    /// Writes words beside a point in the first free place; leaves them out where there is none.
-    pub fn put(&mut self, svg: &mut String, frame: &Frame, at: (f64, f64), more: &str, text: &str) {
+    /// Writes words beside a point in the first free place; whether there is one.
+    pub fn put(
+        &mut self,
+        svg: &mut String,
+        frame: &Frame,
+        at: (f64, f64),
+        more: &str,
+        text: &str,
+    ) -> bool {
         let width = CHARACTER * text.chars().count() as f64;
         for (left, base) in places(at, width) {
             let mine = [
@@ -50,9 +57,10 @@ impl Taken {
             if is_inside && is_free {
                 words(svg, (left, base), "start", more, text);
                 self.boxes.push(mine);
-                return;
+                return true;
             }
         }
+        false
     }
 }
 

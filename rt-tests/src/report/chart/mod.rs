@@ -271,10 +271,17 @@ impl Chart {
         }
         if self.names == Names::AtCurves {
             for curve in &self.curves {
-                if let Some((x, y, _)) = self.places(curve, frame).next() {
-                    let style = format!(" fill=\"{}\" font-weight=\"bold\"", curve.color);
-                    taken.put(svg, frame, (x, y), &style, &curve.label);
-                }
+                let style = format!(" fill=\"{}\" font-weight=\"bold\"", curve.color);
+                let points: Vec<_> = self.places(curve, frame).map(|(x, y, _)| (x, y)).collect();
+                let middles = points
+                    .windows(2)
+                    .map(|pair| (0.5 * (pair[0].0 + pair[1].0), 0.5 * (pair[0].1 + pair[1].1)));
+                // Where curves begin together, further on.
+                points
+                    .iter()
+                    .copied()
+                    .chain(middles)
+                    .any(|at| taken.put(svg, frame, at, &style, &curve.label));
             }
         }
         if let Some(curve) = self.curves.first() {
@@ -481,6 +488,25 @@ mod tests {
                     assert!(svg.contains("limit"));
                 }
             }
+        }
+    }
+
+    #[test]
+    fn curves_that_begin_together_are_each_named() {
+        let end = |x: f64| [(0.0, 9.0), (0.1, 8.9), (x, 5.0), (x, 0.0)];
+        let curves: Vec<_> = [("first", 3.0), ("second", 6.0), ("third", 9.0)]
+            .into_iter()
+            .map(|(name, x)| {
+                let mut curve = Curve::new(name, COLORS[0], Stroke::Line, end(x).into_iter());
+                curve.points[0].2 = "base".to_owned();
+                curve
+            })
+            .collect();
+        let x = Axis::linear("time, s", xs(&curves));
+        let y = Axis::linear("error", ys(&curves));
+        let svg = grid(&[Chart::new("t", x, y, curves)], 1, 400.0, Ground::Paper);
+        for name in ["first", "second", "third"] {
+            assert!(svg.contains(name), "{name}");
         }
     }
 }
