@@ -45,6 +45,7 @@ use series::Series;
 use space::Space;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 /// Name of the application, and of the line of time.
 const APPLICATION: &str = "hrtc";
@@ -52,6 +53,9 @@ const TIMELINE: &str = "run";
 /// Roots of both views of space.
 const WORLD: &str = "world";
 const TOUCH: &str = "touch";
+
+/// Time that a viewer has to start and to answer, many times what it takes.
+const ANSWER: Duration = Duration::from_secs(20);
 
 /// What was sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,6 +89,11 @@ pub fn show(
     let mut follower = Follower::open(recording)?;
     let (stream, medium) = open(target).map_err(failed)?;
     layout::send(&stream, None).map_err(failed)?;
+    if let Err(error) = stream.flush_with_timeout(ANSWER) {
+        // Its end would wait for a viewer that is not there.
+        std::mem::forget(stream);
+        return Err(Failure::Run(format!("{target}: nothing listens ({error})")));
+    }
     let mut space = Space::new(&follower.plan, follower.force_max_n);
     let mut series = Series::new(&stream).map_err(failed)?;
     let mut pace = Pace::new(medium);

@@ -1,8 +1,8 @@
 //! How much of a run is sent: less of a long one, so that its file stays bounded.
 
 /// Bytes of space in a file at the most, before it is packed to less than half, and the time in
-/// which half of it is filled, seconds: of a front of five thousand faces, half a megabyte, a run of
-/// ten seconds has all pictures, one of an hour some thousand.
+/// which half of it is filled, seconds: of a front of five thousand faces, half a megabyte, a run
+/// of ten seconds has all pictures, one of an hour some thousand.
 const FILE_BYTES: f64 = (512u32 << 20) as f64;
 const HALF_FILE_S: f64 = 30.0;
 /// Bytes of space a second for a viewer that listens, which forgets the oldest by itself: a front
