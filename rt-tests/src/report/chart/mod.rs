@@ -497,7 +497,7 @@ mod tests {
         let curves: Vec<_> = [("first", 3.0), ("second", 6.0), ("third", 9.0)]
             .into_iter()
             .map(|(name, x)| {
-                let mut curve = Curve::new(name, COLORS[0], Stroke::Line, end(x).into_iter());
+                let mut curve = Curve::new(name, COLORS[0], Stroke::Line, end(x));
                 curve.points[0].2 = "base".to_owned();
                 curve
             })
