@@ -121,7 +121,7 @@ pub fn ys(curves: &[Curve]) -> impl Iterator<Item = f64> + '_ {
 pub enum Names {
     /// Nowhere: a [`key`] beside the picture has them.
     Nowhere,
-    /// At the first point of each curve.
+    /// At the first point of each curve, or at the next where there is room.
     AtCurves,
     /// At the right of the chart.
     Legend,
@@ -504,7 +504,9 @@ mod tests {
             .collect();
         let x = Axis::linear("time, s", xs(&curves));
         let y = Axis::linear("error", ys(&curves));
-        let svg = grid(&[Chart::new("t", x, y, curves)], 1, 400.0, Ground::Paper);
+        let mut chart = Chart::new("t", x, y, curves);
+        chart.names = Names::AtCurves;
+        let svg = grid(&[chart], 1, 400.0, Ground::Paper);
         for name in ["first", "second", "third"] {
             assert!(svg.contains(name), "{name}");
         }
