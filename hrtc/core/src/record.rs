@@ -95,7 +95,7 @@ pub struct CoreRecord {
     pub slowness: f64,
     /// Splits and collapses a tick that there is time for.
     pub operations: f64,
-    /// Tools whose budget left a part of their motion to the next tick; their proxies wait outside
+    /// Probes whose budget left a part of their motion to the next tick; their proxies wait outside
     /// of the objects.
     pub unfinished: u32,
     /// Tools whose step ended early though the budget had room; they move on in the next ticks.

@@ -294,7 +294,7 @@ impl ProxyKind {
                     contact: advance.contact,
                     work: advance.work,
                     dropped: advance.dropped,
-                    unfinished: false,
+                    unfinished: advance.is_cut,
                     early: false,
                     late_contacts: 0,
                 }

@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod a_small_budget_stops_short;
 mod near_faces_are_the_nearest;
 mod nearest_hit_equals_brute_force;
 mod pair_queries_allocate_nothing;

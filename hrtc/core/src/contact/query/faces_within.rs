@@ -12,8 +12,20 @@ pub fn faces_within(
     surface: Surface<'_>,
     point: DVec3,
     distance: f64,
-    mut visit: impl FnMut(Handle, ClosestPoint) -> f64,
+    visit: impl FnMut(Handle, ClosestPoint) -> f64,
 ) -> Work {
+    faces_within_budget(surface, point, distance, u32::MAX, visit).1
+}
+
+/// The same, but no node or face is begun after `max_work` of them. Returns as well a lower bound
+/// of the distance of those that were not visited for want of work: infinite if none.
+pub fn faces_within_budget(
+    surface: Surface<'_>,
+    point: DVec3,
+    distance: f64,
+    max_work: u32,
+    mut visit: impl FnMut(Handle, ClosestPoint) -> f64,
+) -> (f64, Work) {
     let mut work = Work::default();
     let mut bound = distance * distance;
     let query = BoxQuery::point(point);
@@ -21,6 +33,9 @@ pub fn faces_within(
     let mut stack = Stack::new();
     let mut next = surface.tree.root();
     while let Some(child) = next {
+        if work.nodes + work.faces >= max_work {
+            return (stack.distance_squared(surface, child, point).sqrt(), work);
+        }
         next = match child {
             Child::Face(face) => {
                 work.faces += 1;
@@ -49,5 +64,5 @@ pub fn faces_within(
             next = box_bound.includes(squared).then_some(child);
         }
     }
-    work
+    (f64::INFINITY, work)
 }

@@ -21,14 +21,16 @@ mod tree_pairs;
 
 pub use body::{Body, Placed};
 pub use closest_point::{Nearest, closest_point, closest_point_within};
-pub use faces_within::faces_within;
+pub use faces_within::{faces_within, faces_within_budget};
 pub use near_faces::{MAX_FACES, NearFace, NearFaces};
-pub use swept_sphere::{SweepHit, swept_sphere};
+pub use swept_sphere::{SweepHit, swept_sphere, swept_sphere_budget};
 pub use tree_pairs::{
     Ending, FacePair, PairWork, PairsFound, all_pairs, first_pair, for_each_pair,
 };
 
 use ab_tree::{AbTree, Child};
+use geometry::closest_point_on_triangle;
+use glam::DVec3;
 use spm::ActiveMesh;
 
 /// Capacity of a traversal's stack.
@@ -86,6 +88,26 @@ impl Stack {
     fn pop(&mut self) -> Option<(f32, Child)> {
         self.count = self.count.checked_sub(1)?;
         Some(self.entries[self.count])
+    }
+
+    /// Lower bound of the squared distance of a point from all faces still to be visited: below
+    /// `next`, and below what waits.
+    fn distance_squared(&self, surface: Surface<'_>, next: Child, point: DVec3) -> f64 {
+        let waiting = self.entries[..self.count].iter().map(|&(_, child)| child);
+        let of_child = |child| match child {
+            Child::Face(face) => {
+                closest_point_on_triangle(surface.mesh.corners(face), point).distance_squared
+            }
+            Child::Node(id) => {
+                let boxes = surface.tree.node(id).boxes();
+                let [first, second] = [0, 1].map(|side| boxes.get(side).distance_squared(point));
+                first.min(second)
+            }
+        };
+        waiting
+            .chain([next])
+            .map(of_child)
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// The child to continue with; the second of two is pushed.

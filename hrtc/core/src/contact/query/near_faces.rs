@@ -6,7 +6,7 @@
 //! bound, and most faces are skipped without a look at their corners.
 
 use super::swept_sphere::first_contact;
-use super::{Surface, SweepHit, Work, faces_within};
+use super::{Surface, SweepHit, Work, faces_within_budget};
 use geometry::{ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
 use spm::{Handle, NONE};
@@ -84,43 +84,52 @@ impl NearFaces {
     }
 
     /// Collects all faces within `radius` of `centre`. If there are too many, the ball shrinks to
-    /// those it holds.
-    pub fn collect(&mut self, surface: Surface<'_>, centre: DVec3, radius: f64) -> Work {
+    /// those it holds; if `max_work` does not suffice, to where all were visited: that is returned
+    /// as false.
+    pub fn collect(
+        &mut self,
+        surface: Surface<'_>,
+        centre: DVec3,
+        radius: f64,
+        max_work: u32,
+    ) -> (bool, Work) {
         self.centre = centre;
         self.radius = radius;
         self.count = 0;
-        let work = faces_within(surface, centre, radius, |face, closest| {
-            let distance = closest.distance_squared.sqrt();
-            if distance >= self.radius && self.radius < radius {
-                return self.radius;
-            }
-            let near = NearFace {
-                face,
-                vertices: surface.mesh.face(face).corners,
-                corners: surface.mesh.corners(face),
-                distance,
-            };
-            if self.count < MAX_FACES {
-                self.faces[self.count] = near;
-                self.count += 1;
-                if self.count == MAX_FACES {
-                    for k in (0..MAX_FACES / 2).rev() {
-                        self.sift_down(k);
-                    }
+        let (unvisited, work) =
+            faces_within_budget(surface, centre, radius, max_work, |face, closest| {
+                let distance = closest.distance_squared.sqrt();
+                if distance >= self.radius && self.radius < radius {
+                    return self.radius;
                 }
-                return self.radius;
-            }
-            // Full: the farthest face is dropped, and the ball ends before it.
-            let farthest = self.faces[0].distance;
-            self.radius = self.radius.min(farthest.max(distance));
-            if distance < farthest {
-                self.faces[0] = near;
-                self.sift_down(0);
-            }
-            self.radius
-        });
+                let near = NearFace {
+                    face,
+                    vertices: surface.mesh.face(face).corners,
+                    corners: surface.mesh.corners(face),
+                    distance,
+                };
+                if self.count < MAX_FACES {
+                    self.faces[self.count] = near;
+                    self.count += 1;
+                    if self.count == MAX_FACES {
+                        for k in (0..MAX_FACES / 2).rev() {
+                            self.sift_down(k);
+                        }
+                    }
+                    return self.radius;
+                }
+                // Full: the farthest face is dropped, and the ball ends before it.
+                let farthest = self.faces[0].distance;
+                self.radius = self.radius.min(farthest.max(distance));
+                if distance < farthest {
+                    self.faces[0] = near;
+                    self.sift_down(0);
+                }
+                self.radius
+            });
+        self.radius = self.radius.min(unvisited);
         self.high_water = self.high_water.max(self.count);
-        work
+        (unvisited.is_infinite(), work)
     }
 
     /// Restores the heap order of a full ball, farthest first, below a changed entry.

@@ -38,6 +38,20 @@ pub fn swept_sphere(
     motion: DVec3,
     radius: f64,
 ) -> (Option<SweepHit>, Work) {
+    let (hit, _, work) = swept_sphere_budget(surface, (start, motion), radius, u32::MAX);
+    (hit, work)
+}
+
+/// The same, but no node or face is begun after `max_work` of them. Returns as well the share of
+/// the motion that is free: up to the hit, or up to the nearest of what was not visited, whatever
+/// its direction.
+#[must_use]
+pub fn swept_sphere_budget(
+    surface: Surface<'_>,
+    (start, motion): (DVec3, DVec3),
+    radius: f64,
+    max_work: u32,
+) -> (Option<SweepHit>, f64, Work) {
     let mut work = Work::default();
     let mut best: Option<SweepHit> = None;
     // A face counts as contact slightly before it is reached.
@@ -46,6 +60,11 @@ pub fn swept_sphere(
     let mut stack = Stack::new();
     let mut next = surface.tree.root();
     while let Some(child) = next {
+        if work.nodes + work.faces >= max_work {
+            let room = stack.distance_squared(surface, child, start).sqrt() - reach;
+            let free = (room / motion.length()).clamp(0.0, fraction);
+            return (best.filter(|hit| hit.fraction <= free), free, work);
+        }
         next = match child {
             Child::Face(face) => {
                 work.faces += 1;
@@ -72,7 +91,7 @@ pub fn swept_sphere(
             next = stack.pop().map(|(_, child)| child);
         }
     }
-    (best, work)
+    (best, fraction, work)
 }
 
 /// Whether the plane of an edge direction of the box and the segment separates them, beyond

@@ -19,7 +19,7 @@ pub mod projection;
 pub use constraints::MAX_CONSTRAINTS;
 
 use crate::contact::query::{
-    MAX_FACES, NearFaces, Nearest, Surface, Work, closest_point_within, swept_sphere,
+    MAX_FACES, NearFaces, Nearest, Surface, Work, closest_point_within, swept_sphere_budget,
 };
 use constraints::Constraints;
 use geometry::closest_point_on_triangle;
@@ -47,6 +47,9 @@ const STEPS: usize = 8;
 /// Distance beyond a surface that has passed over the proxy, as a fraction of the radius.
 const BEYOND: f64 = 1e-3;
 
+/// Doublings of the work of a tick at the most: what suffices for a tick then suffices for a search
+/// of all that the cache can hold.
+const MAX_TRIES: u32 = 8;
 /// Largest number of active faces: the degrees of freedom of a rigid tool.
 pub const MAX_PUSHING: usize = 6;
 
@@ -61,6 +64,11 @@ pub struct Proxy {
     max_slide: f64,
     /// Whether that holds it back.
     is_behind: bool,
+    /// Ticks in a row that were cut short for want of work: each next one has twice as much, so that
+    /// a step that needs more than a tick is given is not put off for ever.
+    tries: u32,
+    /// Motion of the device in these that the proxy has not followed.
+    owed: f64,
     constraints: Constraints,
     near: NearFaces,
 }
@@ -95,6 +103,8 @@ pub struct Advance {
     pub work: Work,
     /// Constraints beyond the capacity.
     pub dropped: u32,
+    /// Whether a search was cut short by the budget: the proxy may have stopped before its way did.
+    pub is_cut: bool,
 }
 
 /// What the steps of a tick cost, nodes and faces.
@@ -125,6 +135,8 @@ impl Proxy {
             placed: false,
             max_slide: f64::INFINITY,
             is_behind: false,
+            tries: 0,
+            owed: 0.0,
             constraints: Constraints::new(),
             near: NearFaces::new(),
         }
@@ -162,6 +174,8 @@ impl Proxy {
         self.position = position;
         self.goal = position;
         self.placed = true;
+        self.tries = 0;
+        self.owed = 0.0;
     }
 
     /// Moves the proxy if the split or collapse that was just performed has passed over its centre:
@@ -203,17 +217,20 @@ impl Proxy {
 
     /// One tick: as close to `goal` (the device, model units, finite) as the surface allows.
     ///
-    /// No step but the first begins that would go beyond `most_work` nodes and faces if it cost as
-    /// much as the most costly one before; the next tick does the remaining work.
+    /// A step looks around with three quarters of what is left of `most_work` nodes and faces, and
+    /// goes as far as the rest shows the way to be free; none but the first begins that would go
+    /// beyond it if it cost as much as the most costly one before. The next tick does the remaining
+    /// work.
     pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3, most_work: u32) -> Advance {
         let mut work = Work::default();
         if !self.placed {
             self.place(goal);
         }
         // Faces farther than the motion of the device in this tick matter only to the sweep.
-        let moved = self.goal.distance(goal);
+        let moved = self.goal.distance(goal) + self.owed;
         let ahead = if is(Mutant::Sweep) { 0.0 } else { moved };
         let reach = ahead + 1e-3 * self.radius;
+        let most_work = most_work.saturating_mul(1 << self.tries);
         self.goal = goal;
         let start = self.position;
         let most = self.max_slide + moved;
@@ -224,6 +241,7 @@ impl Proxy {
         let (mut contact, mut last_motion) = (None, None);
         let (mut dropped, mut had_stopped) = (0, false);
         let mut costs = StepCosts::default();
+        let mut is_cut = false;
         for _ in 0..STEPS {
             if !costs.may_begin(work.nodes + work.faces, most_work) {
                 break;
@@ -231,7 +249,9 @@ impl Proxy {
             let wanted = goal - self.position;
             let length = wanted.length();
             let reach = reach.min(length + 1e-3 * self.radius);
-            self.collect_near(surface, reach, &mut work);
+            let left = |work: &Work| most_work.saturating_sub(work.nodes + work.faces);
+            let to_look = left(&work) - left(&work) / 4;
+            is_cut |= !self.collect_near(surface, reach, to_look, &mut work);
             let constraints = &mut self.constraints;
             // Half of the skin: not a face at which the ball rests, but each that stops the sweep.
             let radii = [self.radius, 0.5 * (self.radius + skin_radius)];
@@ -251,12 +271,17 @@ impl Proxy {
                 && motion.length() <= reach
                 && self.constraints.dropped() == 0
                 && self.near.covers(self.position, self.radius + reach);
-            let fraction = self.free_fraction(surface, motion, (known, skin_radius), &mut work);
+            let swept = (known, skin_radius, left(&work));
+            let (fraction, is_whole) = self.free_fraction(surface, motion, swept, &mut work);
+            is_cut |= !is_whole;
             if fraction >= 1.0 && step.active().is_empty() && !self.is_behind {
                 self.position = goal;
                 break;
             }
             self.position += motion * fraction;
+            if is_cut {
+                break;
+            }
             // The next step may slide along a face that stopped the sweep: only two stops end the
             // tick.
             let stopped = motion.length() * fraction <= CONVERGED * self.radius;
@@ -265,6 +290,12 @@ impl Proxy {
             }
             had_stopped = stopped;
         }
+        (self.tries, self.owed) = if is_cut {
+            let owed = moved - start.distance(self.position);
+            ((self.tries + 1).min(MAX_TRIES), owed.max(0.0))
+        } else {
+            (0, 0.0)
+        };
         if self.position == goal {
             contact = None;
         }
@@ -272,6 +303,7 @@ impl Proxy {
             contact,
             work,
             dropped,
+            is_cut,
         }
     }
 
@@ -283,41 +315,52 @@ impl Proxy {
         4.0 * f64::EPSILON * (self.position.length() + length)
     }
 
-    /// Collects the faces near the proxy unless those within `reach` are known.
-    fn collect_near(&mut self, surface: Surface<'_>, reach: f64, work: &mut Work) {
+    /// Collects the faces near the proxy unless those within `reach` are known. Whether `max_work`
+    /// sufficed.
+    fn collect_near(
+        &mut self,
+        surface: Surface<'_>,
+        reach: f64,
+        max_work: u32,
+        work: &mut Work,
+    ) -> bool {
         let covers = self.near.covers(self.position, self.radius + reach);
-        if !covers && !self.near.is_full_at(self.position) {
-            let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
-            work.add(self.near.collect(surface, self.position, ball));
+        if covers || self.near.is_full_at(self.position) {
+            return true;
         }
+        let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
+        let (is_all, cost) = self.near.collect(surface, self.position, ball, max_work);
+        work.add(cost);
+        is_all
     }
 
-    /// The free share of a motion of the sphere of `radius`. `known`: only the faces without a
-    /// half-space can stop it.
+    /// The free share of a motion of the sphere of `radius`, and whether `max_work` sufficed to see
+    /// all of it. `known`: only the faces without a half-space can stop it.
     fn free_fraction(
         &self,
         surface: Surface<'_>,
         motion: DVec3,
-        (known, radius): (bool, f64),
+        (known, radius, max_work): (bool, f64, u32),
         work: &mut Work,
-    ) -> f64 {
+    ) -> (f64, bool) {
         if is(Mutant::Sweep) {
-            return 1.0;
+            return (1.0, true);
         }
         if known {
             let (free, cost) = self
                 .constraints
                 .free_fraction(self.position, motion, radius);
             work.add(cost);
-            return free;
+            return (free, true);
         }
-        let (hit, cost) = if self.near.covers(self.position, motion.length() + radius) {
-            self.near.sweep(self.position, motion, radius)
+        let (hit, free, cost) = if self.near.covers(self.position, motion.length() + radius) {
+            let (hit, cost) = self.near.sweep(self.position, motion, radius);
+            (hit, hit.map_or(1.0, |hit| hit.fraction), cost)
         } else {
-            swept_sphere(surface, self.position, motion, radius)
+            swept_sphere_budget(surface, (self.position, motion), radius, max_work)
         };
         work.add(cost);
-        hit.map_or(1.0, |hit| hit.fraction)
+        (free, hit.is_some() || free == 1.0)
     }
 
     /// Limits a motion to `most` from the start of the tick, but obeys the half-spaces in full.
