@@ -11,9 +11,10 @@
 //!
 //! So a tick that is short of time gives up, in this order: looking ahead, data that is loaded
 //! ahead, refinement away from the contact, the tolerance at the contact ([`crate::policy`]: fewer
-//! operations a tick raise the finest ring), steps of a tool, and a ball's for a tick, of which each
-//! next one has twice as much. Forces and their limits are always computed. A unit that is larger than all of its share, such as the split of a vertex
-//! with a very large fan, is not begun. Where the surface under a probe has so many faces that
+//! operations a tick raise the finest ring), steps of a tool, and for a tick those of a ball, which
+//! has twice as much in the next. Forces and their limits are always computed. A unit that is
+//! larger than all of its share, such as the split of a vertex with a very large fan, is not begun.
+//! Where the surface under a probe has so many faces that
 //! touching it takes more than a tick has, again and again, the finest ring is raised too: by the
 //! steps of memory pressure (`Steps`), since it is the same want of another good.
 //!

@@ -25,6 +25,7 @@ pub const SAMPLE_TO_FORCE: [&[Step]; 5] = [
         ("hrtc/core/src/probe/pair.rs", "advance"),
         ("hrtc/core/src/probe/proxy_kind.rs", "advance"),
         ("hrtc/core/src/contact/sphere_proxy/mod.rs", "advance"),
+        ("hrtc/core/src/contact/sphere_proxy/mod.rs", "take_steps"),
         ("hrtc/core/src/contact/sphere_proxy/mod.rs", "collect_near"),
         ("hrtc/core/src/contact/query/near_faces.rs", "collect"),
     ],

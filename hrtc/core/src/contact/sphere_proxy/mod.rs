@@ -64,11 +64,11 @@ pub struct Proxy {
     max_slide: f64,
     /// Whether that holds it back.
     is_behind: bool,
-    /// Ticks in a row that were cut short for want of work: each next one has twice as much, so that
-    /// a step that needs more than a tick is given is not put off for ever.
+    /// Ticks in a row that were cut short for want of work: each next one has twice as much, so
+    /// that a step that needs more than a tick is given is not put off for ever.
     tries: u32,
     /// Motion of the device in these that the proxy has not followed.
-    owed: f64,
+    missed_motion: f64,
     constraints: Constraints,
     near: NearFaces,
 }
@@ -136,7 +136,7 @@ impl Proxy {
             max_slide: f64::INFINITY,
             is_behind: false,
             tries: 0,
-            owed: 0.0,
+            missed_motion: 0.0,
             constraints: Constraints::new(),
             near: NearFaces::new(),
         }
@@ -175,7 +175,7 @@ impl Proxy {
         self.goal = position;
         self.placed = true;
         self.tries = 0;
-        self.owed = 0.0;
+        self.missed_motion = 0.0;
     }
 
     /// Moves the proxy if the split or collapse that was just performed has passed over its centre:
@@ -222,21 +222,37 @@ impl Proxy {
     /// beyond it if it cost as much as the most costly one before. The next tick does the remaining
     /// work.
     pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3, most_work: u32) -> Advance {
-        let mut work = Work::default();
         if !self.placed {
             self.place(goal);
         }
-        // Faces farther than the motion of the device in this tick matter only to the sweep.
-        let moved = self.goal.distance(goal) + self.owed;
-        let ahead = if is(Mutant::Sweep) { 0.0 } else { moved };
-        let reach = ahead + 1e-3 * self.radius;
-        let most_work = most_work.saturating_mul(1 << self.tries);
+        let moved = self.goal.distance(goal) + self.missed_motion;
         self.goal = goal;
         let start = self.position;
-        let most = self.max_slide + moved;
         self.is_behind = false;
         // Splits and collapses may have changed any face since the last tick.
         self.near.invalidate();
+        let most_work = most_work.saturating_mul(1 << self.tries);
+        let mut advance = self.take_steps(surface, moved, most_work);
+        (self.tries, self.missed_motion) = if advance.is_cut {
+            let missed = moved - start.distance(self.position);
+            ((self.tries + 1).min(MAX_TRIES), missed.max(0.0))
+        } else {
+            (0, 0.0)
+        };
+        if self.position == goal {
+            advance.contact = None;
+        }
+        advance
+    }
+
+    /// The steps of a tick in which the device moved so far.
+    fn take_steps(&mut self, surface: Surface<'_>, moved: f64, most_work: u32) -> Advance {
+        let mut work = Work::default();
+        let (goal, start) = (self.goal, self.position);
+        // Faces farther than the motion of the device in this tick matter only to the sweep.
+        let ahead = if is(Mutant::Sweep) { 0.0 } else { moved };
+        let reach = ahead + 1e-3 * self.radius;
+        let most = self.max_slide + moved;
         let skin_radius = self.radius * (1.0 - SKIN);
         let (mut contact, mut last_motion) = (None, None);
         let (mut dropped, mut had_stopped) = (0, false);
@@ -289,15 +305,6 @@ impl Proxy {
                 break;
             }
             had_stopped = stopped;
-        }
-        (self.tries, self.owed) = if is_cut {
-            let owed = moved - start.distance(self.position);
-            ((self.tries + 1).min(MAX_TRIES), owed.max(0.0))
-        } else {
-            (0, 0.0)
-        };
-        if self.position == goal {
-            contact = None;
         }
         Advance {
             contact,
