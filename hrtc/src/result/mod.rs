@@ -277,7 +277,7 @@ pub struct RunResult {
     pub moved: Vec<MovedObject>,
     /// Ticks in which a probe could have been in contact with an inactive object.
     pub inactive_object_ticks: u64,
-    /// Ticks in which a tool's proxy used its budget up and left work to the next tick.
+    /// Ticks in which a proxy used its budget up and left work to the next tick.
     pub unfinished_ticks: u64,
     /// Ticks in which a tool's proxy ended its step early within its budget. The next ticks
     /// complete the displacement.

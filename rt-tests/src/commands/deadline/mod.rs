@@ -82,7 +82,7 @@ pub struct Row {
     pub contact_ticks: u64,
     /// See `contact_ticks`.
     pub contact_full_ticks: u64,
-    /// Ticks in which a tool left a part of its way.
+    /// Ticks in which a probe left a part of its motion.
     pub unfinished_ticks: u64,
     /// Certified error at the contact, metres: the largest of the seeds' p50, p99 and maximum.
     pub certified_error_m: [f64; 3],
@@ -144,11 +144,7 @@ impl Row {
 /// # Errors
 /// One sentence, with its status; status 1 when a row does not pass.
 pub fn deadline(args: &DeadlineArgs) -> Result<(), Failure> {
-    if let Some(slow) = args.slow.iter().find(|slow| !(1.0..=64.0).contains(*slow)) {
-        return Err(Failure::Input(format!(
-            "--slow {slow}: write numbers from 1 to 64"
-        )));
-    }
+    scenes::check_slow(&args.slow)?;
     let stop = stop_flag()?;
     let folder = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;

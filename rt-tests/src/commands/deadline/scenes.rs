@@ -28,6 +28,19 @@ pub struct SceneArgs {
     pub terrain_faces: u32,
 }
 
+/// Checks how many times slower machines are to be.
+///
+/// # Errors
+/// When one is no number from 1 to 64.
+pub fn check_slow(slow: &[f64]) -> Result<(), Failure> {
+    match slow.iter().find(|slow| !(1.0..=64.0).contains(*slow)) {
+        None => Ok(()),
+        Some(slow) => Err(Failure::Input(format!(
+            "--slow {slow}: write numbers from 1 to 64"
+        ))),
+    }
+}
+
 /// A scene file.
 #[derive(Debug)]
 pub struct Scene {

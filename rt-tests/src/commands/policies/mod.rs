@@ -8,7 +8,7 @@ mod trial;
 mod verdict;
 mod words;
 
-use super::deadline::scenes::{Scene, SceneArgs, scenes};
+use super::deadline::scenes::{Scene, SceneArgs, check_slow, scenes};
 use crate::failure::Failure;
 use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{print_either, status_bar};
@@ -80,11 +80,7 @@ pub struct Row {
 /// # Errors
 /// One sentence, with its status; status 1 when the default is not the better one.
 pub fn policies(args: &PoliciesArgs) -> Result<(), Failure> {
-    if let Some(slow) = args.slow.iter().find(|slow| !(1.0..=64.0).contains(*slow)) {
-        return Err(Failure::Input(format!(
-            "--slow {slow}: write numbers from 1 to 64"
-        )));
-    }
+    check_slow(&args.slow)?;
     check_seconds(args.seconds)?;
     let folder = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;

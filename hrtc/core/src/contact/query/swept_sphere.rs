@@ -62,7 +62,8 @@ pub fn swept_sphere_budget(
     while let Some(child) = next {
         if work.nodes + work.faces >= max_work {
             let room = stack.distance_squared(surface, child, start).sqrt() - reach;
-            let free = (room / motion.length()).clamp(0.0, fraction);
+            // Without a motion and without room the quotient is no number: nothing is free.
+            let free = (room / motion.length()).max(0.0).min(fraction);
             return (best.filter(|hit| hit.fraction <= free), free, work);
         }
         next = match child {

@@ -115,7 +115,7 @@ impl Report<'_> {
         ];
         if r.unfinished_ticks + r.early_ticks > 0 {
             lines.push(format!(
-                "in {} tick(s) a tool's budget was spent, in {} more its tick ended early: the remaining displacement followed in the next ones; {} contact(s) were found late",
+                "in {} tick(s) a probe's budget was spent, in {} more a tool's tick ended early: the remaining displacement followed in the next ones; {} contact(s) were found late",
                 grouped(r.unfinished_ticks),
                 grouped(r.early_ticks),
                 grouped(r.late_contacts)
