@@ -6,7 +6,7 @@ use super::case::{Case, Found, Trial};
 use super::device::{DAMPING_NS_PER_M, FreeMass};
 use super::setup::{Departure, Setup};
 use super::shapes;
-use super::walls::{SLEW, wall};
+use super::walls::wall;
 use crate::failure::Failure;
 use crate::models::surface::unit;
 use geometry::Pose;
@@ -131,7 +131,6 @@ pub const CASES: &[Case] = &[
     Case {
         facts: "any K up to 10 kN/m with the account",
         runs: "ball and box of 1 to 10 kN/m at 0.05-0.5 m/s; 6000 bounces",
-        departs: &[(Departure::Limits, SLEW)],
         ..Case::of(
             [
                 "boundary",

@@ -24,6 +24,9 @@
 //!   rise. The spring then holds more energy U than the device put in. Until that is compensated,
 //!   up to `K d²` more is taken off W. It is proportional to v²: a device at rest is unaffected.
 //! - Account: `share W` is at most the energy that the contact has taken in.
+//! - Slew: the force limiter behind the account lets a force F fall by at most s in a tick. It is
+//!   scaled so far that the energy taken in also pays for its work while it falls to zero, about
+//!   `u F² / 2 s` at a motion u in a tick. That begins where `K v` is above the slew limit.
 //!
 //! The force is never reversed, so a surface does not stick.
 //!
@@ -100,6 +103,8 @@ pub struct EnergyAccount {
     unturned: DVec3,
     /// The last rotation that has about each axis, radians.
     turning: DVec3,
+    /// Largest change in a period of a force that has passed the account, newtons.
+    slew_n: f64,
 }
 
 /// Work of the wrenches on the device over the motion of the surface's material; 0 at rest.
@@ -190,7 +195,14 @@ impl EnergyAccount {
             encoder_rad: 0.0,
             unturned: DVec3::ZERO,
             turning: DVec3::ZERO,
+            slew_n: f64::INFINITY,
         }
+    }
+
+    /// The same before a limit of the force's change in a tick, newtons.
+    #[must_use]
+    pub fn with_slew(self, slew_n: f64) -> Self {
+        Self { slew_n, ..self }
     }
 
     /// The same with a step of the measured orientation, radians.
@@ -322,8 +334,29 @@ impl EnergyAccount {
         let steps = size * self.encoder_m + wanted.torque.length() * self.encoder_rad;
         let unpaid = spring.stored_j - taken_in - 2.0 * steps;
         let given = work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss);
-        self.paid = self.paid.min((taken_in / work).max(0.0));
+        let taken_in = taken_in.max(0.0);
+        let with_fall = work + self.work_of_fall(wanted.force, work);
+        let payable = if with_fall > work {
+            // The work of the fall is at least quadratic in the force.
+            (taken_in / with_fall).sqrt()
+        } else {
+            1.0
+        };
+        self.paid = self.paid.min(taken_in / work).min(payable);
         (given / work).min(self.paid).clamp(0.0, 1.0)
+    }
+
+    /// Work, joules, of a force after the coming period, in which it does `work`, while it falls to
+    /// zero as fast as it may and the device goes on as it does. Over n = F / s periods of a motion u
+    /// that grows by a: `Σ (F - k s) (u + k a)`, k = 1 to n, hence `u F (n - 1) / 2 + a F n² / 6`.
+    fn work_of_fall(&self, force: DVec3, work: f64) -> f64 {
+        let size = force.length();
+        let periods = size / self.slew_n;
+        if periods <= 1.0 {
+            return 0.0;
+        }
+        let growth = (self.next() - self.motion[0]).dot(force).max(0.0);
+        0.5 * work * (periods - 1.0) + growth * periods * periods / 6.0
     }
 
     /// Bound of the rounding error in the work relative to a moving surface, joules; 0 for a

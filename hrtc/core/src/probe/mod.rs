@@ -172,7 +172,8 @@ impl Probe {
             wrench: Wrench::ZERO,
             clamped: false,
             energy: EnergyAccount::new(probe.device.encoder_m, 1.0 / plan.loop_.rate_hz)
-                .with_angular_step(probe.device.rotation.map_or(0.0, |of| of.encoder_rad)),
+                .with_angular_step(probe.device.rotation.map_or(0.0, |of| of.encoder_rad))
+                .with_slew(plan.safety.slew_n_per_s / plan.loop_.rate_hz),
             carried: [0.0; 2],
             passivity: plan.safety.passivity,
             effects: SceneEffects::new(&plan.effects),

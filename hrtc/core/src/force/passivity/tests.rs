@@ -17,13 +17,35 @@ fn push(newtons: f64) -> Wrench {
 /// Energy, joules, that a wall puts out while a free mass of 0.1 kg hits it at a speed (m/s)
 /// and leaves again. `damping` in N s/m; `phase`: part of a period at the impact.
 fn bounce(stiffness_n_per_m: f64, damping: f64, speed: f64, phase: f64, limited: bool) -> f64 {
-    let mut account = EnergyAccount::new(0.0, PERIOD_S);
+    let account = EnergyAccount::new(0.0, PERIOD_S);
+    let [put_out, _] = bounce_by(
+        account,
+        [stiffness_n_per_m, damping],
+        [f64::INFINITY; 2],
+        [speed, phase],
+        limited,
+    );
+    put_out
+}
+
+/// The same by an account in front of a limit of the force and of its change in a period, newtons;
+/// and what the damping takes while there is a force.
+fn bounce_by(
+    mut account: EnergyAccount,
+    [stiffness_n_per_m, damping]: [f64; 2],
+    [most_n, slew_n]: [f64; 2],
+    [speed, phase]: [f64; 2],
+    limited: bool,
+) -> [f64; 2] {
     let (mut x, mut v, mut force) = (speed * PERIOD_S * (1.0 + phase), -speed, 0.0);
+    let mut damped = 0.0;
     for _ in 0..4000 {
+        let is_touched = force > 0.0;
         for _ in 0..16 {
             let dt = PERIOD_S / 16.0;
             v += (force - damping * v) * dt / 0.1;
             x += v * dt;
+            damped += f64::from(is_touched) * damping * v * v * dt;
         }
         account.moved_to(&Pose::at(DVec3::X * x), [1; 2], STANDING);
         let depth = (-x).max(0.0);
@@ -38,13 +60,34 @@ fn bounce(stiffness_n_per_m: f64, damping: f64, speed: f64, phase: f64, limited:
         } else {
             1.0
         };
-        force = wanted.force.x * share;
+        let most = most_n.min(wanted.force.x * share);
+        force = most.clamp(force - slew_n, force + slew_n);
         account.set_output(push(force), push(force));
-        if x > 0.0 && v > 0.0 {
+        if x > 0.0 && v > 0.0 && force == 0.0 {
             break;
         }
     }
-    account.joules()
+    [account.joules(), damped]
+}
+
+/// A limit of slew behind the account lets a force linger when the device leaves: that, too, is paid
+/// for.
+#[test]
+fn a_force_that_falls_slowly_puts_out_no_more_than_a_device_damps() {
+    let (most_n, slew_n) = (8.0, 2.0);
+    let mut unaware = f64::NEG_INFINITY;
+    for stiffness in [1000.0, 3000.0, 10_000.0] {
+        for k in 0..400 {
+            let at = [0.05 + 0.00125 * f64::from(k), f64::from(k * 7 % 40) / 40.0];
+            let bounce = |account| bounce_by(account, [stiffness, 1.0], [most_n, slew_n], at, true);
+            let account = EnergyAccount::new(0.0, PERIOD_S);
+            let [put_out, damped] = bounce(account.clone().with_slew(slew_n));
+            assert!(put_out <= damped, "{stiffness} {at:?}: {put_out}");
+            let [put_out, damped] = bounce(account);
+            unaware = unaware.max(put_out - damped);
+        }
+    }
+    assert!(unaware > 1e-3, "{unaware}");
 }
 
 /// The device presses in, the surface rises as far again, and the device leaves with one step
