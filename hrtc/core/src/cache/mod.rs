@@ -185,6 +185,13 @@ impl Cache {
         (slots / SLOTS_PER_REGION).clamp(64, 4096)
     }
 
+    /// Least bytes of a cache that takes a model: room for its base mesh and its largest closure.
+    #[must_use]
+    pub fn least_bytes(model: &ModelHeader) -> usize {
+        let base = model.base_faces.max(model.base_vertices);
+        Self::bytes_for(base.div_ceil(2) as usize + model.closure_max as usize + 1)
+    }
+
     /// Everything allocated now, at most `bytes` (the scene's `cache.bytes`).
     #[must_use]
     pub fn new(bytes: usize) -> Self {
@@ -351,8 +358,6 @@ impl Cache {
     /// # Errors
     /// When the base mesh and the model's largest closure do not fit.
     pub fn begin_model(&mut self, header: &ModelHeader) -> Result<(), CacheError> {
-        let base = header.base_faces.max(header.base_vertices);
-        let wanted = base.div_ceil(2) as usize + header.closure_max as usize;
         let slots = self.mesh.reshape(header.base_vertices, header.base_faces);
         match slots {
             Some(slots) if slots >= header.closure_max => {
@@ -364,7 +369,7 @@ impl Cache {
             }
             _ => Err(CacheError::TooSmall {
                 bytes: self.bytes,
-                needed: Self::bytes_for(wanted + 1),
+                needed: Self::least_bytes(header),
                 base_faces: header.base_faces,
             }),
         }

@@ -7,6 +7,7 @@ use crate::report::output::write_whole;
 use crate::report::units::{bytes, grouped};
 use crate::trajectory::scene_model::SceneModel;
 use hrtc_core::Controller;
+use hrtc_core::cache::Cache;
 use hrtc_core::governor::{CostGroup, WorkCosts};
 use hrtc_core::lod::predict::{Course, Sources};
 use scene::{
@@ -22,11 +23,9 @@ use std::sync::Arc;
 const GRIDS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Faces of the base mesh; those with more than a quarter of the full mesh are left out.
 const BASE_FACES: [u32; 4] = [100, 400, 1600, 6400];
-/// Caches, in bytes for each record of the model: from one that is always too small to one with
-/// room for half of the model and more.
-const CACHE_BYTES_A_RECORD: [f64; 4] = [10.0, 20.0, 50.0, 250.0];
-/// Of any cache: what the base mesh and the tables take on the models of the thesis.
-const MIN_CACHE_BYTES: f64 = (192 << 10) as f64;
+/// Caches, in bytes for each record of the model beyond the least that takes it: from that to one
+/// with room for half of the model and more.
+const CACHE_BYTES_A_RECORD: [f64; 4] = [0.0, 10.0, 50.0, 250.0];
 /// Splits and collapses a millisecond.
 const OPERATIONS: [usize; 5] = [6, 12, 24, 96, 192];
 /// How many times slower than the reference machine.
@@ -233,8 +232,9 @@ fn base_meshes(
 }
 
 fn caches(model: &SceneModel) -> Vec<Variant> {
-    let records = f64::from(model.mesh.file.model_header().vsps);
-    let sizes = CACHE_BYTES_A_RECORD.map(|each| (MIN_CACHE_BYTES + each * records) as usize);
+    let header = model.mesh.file.model_header();
+    let (least, records) = (Cache::least_bytes(&header), f64::from(header.vsps));
+    let sizes = CACHE_BYTES_A_RECORD.map(|each| least + (each * records) as usize);
     let one = |size: usize| {
         let label = bytes(size as u64);
         let knob = (Knob::Cache, size as f64);
