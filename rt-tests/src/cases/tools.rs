@@ -131,7 +131,7 @@ pub const CASES: &[Case] = &[
             "closing-sheets",
             "stray of the force from K times the depth, of K times 0.05 mm; infinite where it is none",
             1.0,
-            Mutant::ToolPairs,
+            Mutant::ToolStiff,
             closing,
         )
     },
