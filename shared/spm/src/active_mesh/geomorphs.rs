@@ -7,8 +7,10 @@
 //!
 //! During a geomorph, R of the vertex is the larger R of both ends. The distance to a full-mesh
 //! descendant is a convex function of the position, so on a straight segment it is largest at an
-//! end.
+//! end. Certified errors of fronts {E > t} hold at both ends, and with the way from there in
+//! between: no point of a face moves farther than the corner that moves farthest.
 
+use super::super::certified::{Certified, rounded_up};
 use super::{ActiveMesh, Handle, OperationFaces, Slot, Vertex};
 use glam::{DVec3, Vec3};
 
@@ -86,7 +88,10 @@ impl ActiveMesh {
             });
             let at = Vertex {
                 position: place,
-                radius: operation.radius,
+                certified: Certified {
+                    radius: operation.radius,
+                    ..home.certified
+                },
             };
             self.start_segment(self.geomorphs.len() - 1, at, home, false);
         }
@@ -139,9 +144,10 @@ impl ActiveMesh {
         geomorph.to_parent = to_parent;
         // Positions in between are rounded to f32.
         let largest = at.position.abs().max(end.position.abs()).max_element();
-        let radius = at.radius.max(end.radius) + f32::EPSILON * largest;
-        self.vertices[geomorph.vertex as usize].position = at.position;
-        self.vertices[geomorph.vertex as usize].radius = radius.next_up();
+        let radius = at.certified.radius.max(end.certified.radius) + f32::EPSILON * largest;
+        let vertex = &mut self.vertices[geomorph.vertex as usize];
+        vertex.position = at.position;
+        vertex.certified.radius = radius.next_up();
     }
 
     /// Displacement of a geomorph from its start to its target, model units.
@@ -242,6 +248,40 @@ impl ActiveMesh {
             && faces
                 .iter()
                 .any(|&face| self.face(face).corners.iter().any(has_geomorph))
+    }
+
+    /// The certified error of a face with corners between two fronts {E > t}: that of the finer one,
+    /// or of the coarser one, with the way from there.
+    ///
+    /// Where two corners go to the same parent, the face begins as an edge of the coarser front, and
+    /// has the bound of a face at that edge.
+    pub(super) fn close_while_moving(&self, corners: [Handle; 3]) -> f32 {
+        let parent_of = |vertex: Handle| {
+            let creator = self.creator_of_vertex(vertex);
+            let parent = creator.map(|slot| self.links[slot as usize].vs);
+            self.vertices[parent.unwrap_or(vertex) as usize]
+        };
+        let of = |vertex: Handle| match self.geomorph_of(vertex) {
+            Some(index) => (self.geomorphs[index].home, parent_of(vertex)),
+            None => {
+                let stays = self.vertices[vertex as usize];
+                (stays, stays)
+            }
+        };
+        let ends = corners.map(of);
+        let bound = |ends: [Vertex; 3]| {
+            let way = |(vertex, end): (Handle, Vertex)| {
+                let (here, there) = (self.position(vertex), end.position);
+                here.as_dvec3().distance(there.as_dvec3())
+            };
+            let [a, b, c] = corners;
+            let ways = [(a, ends[0]), (b, ends[1]), (c, ends[2])].map(way);
+            let farthest = ways.into_iter().fold(0.0, f64::max);
+            let close = Certified::close_of(ends.map(|end| end.certified));
+            // Distances and the sum are rounded too.
+            rounded_up((f64::from(close) + farthest) * (1.0 + 4.0 * f64::EPSILON))
+        };
+        bound(ends.map(|(home, _)| home)).min(bound(ends.map(|(_, parent)| parent)))
     }
 
     /// Cancels the geomorph of a vertex, if any, and restores the position and R of the file.
