@@ -36,7 +36,7 @@ fn limit_of_chains(vertices: usize, target: u32) -> u8 {
 }
 
 /// Simplifies until at most `target` faces are left or no legal collapse is, and samples the
-/// expected errors of one round while the next is made.
+/// expected errors of one round while the next is made; then the certified errors follow.
 #[must_use]
 pub fn simplify(
     mesh: &ManifoldMesh,

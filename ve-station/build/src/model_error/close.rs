@@ -19,11 +19,14 @@
 //! full mesh than what is taken to it.
 //!
 //! *The patches of a front cover the full mesh*: each trace bounds the patches on both of its sides,
-//! and where the front has a rim it runs along the full mesh's. So patches have no boundary in
-//! common, and each point of the full mesh is so near to the face in whose patch it lies.
+//! and where the front has a rim it runs along the full mesh's. So together the patches have no
+//! boundary, and every point of a part of the full mesh lies in equally many: in one, unless the
+//! bounds are as large as the part. It is so near to the face in whose patch it lies.
 //!
-//! None of it asks for traces that do not cross, or for small errors. Where traces do not arrive or
-//! enclose nothing, the bound of T is the largest R of its corners.
+//! Nothing else is asked of traces: they may cross each other. Where one does not arrive, or where
+//! they enclose no patch, the bound of T is the largest R of its corners. Beside such a face, or where
+//! a front {E > t} meets another one, patches and what R counts need not cover the full mesh between
+//! them: of what neither covers, R alone is certified.
 //!
 //! C of a vertex is the largest bound of its faces over every t for which it is active. So for a face
 //! whose corners are active for a common t, which makes it a face of that front, the least C of its

@@ -133,18 +133,15 @@ impl Traces<'_> {
         };
         let descendants = edge.ends.map(|end| self.descendants.count(end) as usize);
         for _ in 0..MAX_STEPS.0 + MAX_STEPS.1 * (descendants[0] + descendants[1]) {
-            most = most.max(edge.distance_squared(self.crossing_point(&step, side)));
-            // What is no number is not near.
-            if !(most <= limit) {
+            let away = edge.distance_squared(self.crossing_point(&step, side));
+            if away > limit || away.is_nan() {
                 return None;
             }
+            most = most.max(away);
             let (i, j) = ((side + 1) % 3, (side + 2) % 3);
             let (u, v) = (step.corners[i], step.corners[j]);
-            out.push(if step.heights[i] < 0.0 {
-                (u, v)
-            } else {
-                (v, u)
-            });
+            // It leaves the face, so what the side leads to is on its left.
+            out.push((v, u));
             let known = [(u, step.heights[i]), (v, step.heights[j])];
             step.face = self.full.neighbours()[step.face as usize][side];
             if step.face == to.face {
