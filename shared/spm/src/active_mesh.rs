@@ -20,6 +20,7 @@
 //! front stays legal without it.
 
 mod adjacency;
+mod bounds;
 mod check;
 mod fans;
 mod geomorphs;
@@ -462,33 +463,6 @@ impl ActiveMesh {
     #[must_use]
     pub fn face_box(&self, face: Handle) -> Aabb {
         Aabb::of_triangle(self.triangle(face))
-    }
-
-    /// The largest R of a face's corners, model units: its certified error in any front; 0 on faces
-    /// of the full mesh.
-    #[inline]
-    #[must_use]
-    pub fn face_radius(&self, face: Handle) -> f32 {
-        let [a, b, c] = self.faces[face as usize].corners;
-        self.radius(a).max(self.radius(b)).max(self.radius(c))
-    }
-
-    /// Certified error of a face, model units; 0 on faces of the full mesh. It is the largest R of
-    /// its corners, or what the builder certifies of a face of a front {E > t}, if that is less and
-    /// the face is one.
-    #[must_use]
-    pub fn certified_error(&self, face: Handle) -> f32 {
-        let radius = self.face_radius(face);
-        if radius == 0.0 {
-            return 0.0;
-        }
-        let corners = self.faces[face as usize].corners;
-        let close = if self.any_geomorphing(&[face]) {
-            self.close_while_moving(corners)
-        } else {
-            Certified::close_of(corners.map(|v| self.vertices[v as usize].certified))
-        };
-        radius.min(close)
     }
 
     /// Performs the split of a slot; legal splits only.

@@ -11,7 +11,7 @@
 //!   E of the VSP that splits it on, up to E of the one that makes it. A face whose corners are
 //!   active for a common t is a face of that front, whatever the other faces are.
 
-use super::{BaseVertex, ErrorScale, VspRecord};
+use super::ErrorScale;
 use bytemuck::{Pod, Zeroable};
 
 /// The three bytes.
@@ -128,20 +128,6 @@ impl Certified {
         let end = vertices.iter().fold(u16::MAX, |end, v| end.min(v.end));
         let least = || vertices.iter().fold(f32::INFINITY, |c, v| c.min(v.close));
         if begin < end { least() } else { f32::INFINITY }
-    }
-}
-
-impl ErrorScale {
-    /// What is certified of vt and vu of a record.
-    #[must_use]
-    pub fn certified(self, record: &VspRecord) -> [Certified; 2] {
-        record.certified.map(|code| code.decode(self, record.e))
-    }
-
-    /// What is certified of a vertex of the base mesh.
-    #[must_use]
-    pub fn certified_of_base(self, vertex: &BaseVertex) -> Certified {
-        vertex.certified.decode(self, u16::MAX)
     }
 }
 

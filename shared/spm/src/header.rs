@@ -1,6 +1,6 @@
 //! Header and base mesh of a model, as stored in the file and sent over the wire.
 
-use super::{CertifiedCode, LEVELS, RegionGrid, Sizes};
+use super::{Certified, CertifiedCode, ErrorScale, LEVELS, RegionGrid, Sizes};
 use bytemuck::{Pod, Zeroable};
 
 /// The header of a model: everything that a controller needs before its first record.
@@ -135,6 +135,14 @@ pub struct BaseVertex {
     pub certified: CertifiedCode,
     /// Zero.
     pub reserved: u8,
+}
+
+impl ErrorScale {
+    /// What is certified of a vertex of the base mesh.
+    #[must_use]
+    pub fn certified_of_base(self, vertex: &BaseVertex) -> Certified {
+        vertex.certified.decode(self, u16::MAX)
+    }
 }
 
 /// A face of the base mesh with its neighbours, so that a controller need not search for them.

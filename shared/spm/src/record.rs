@@ -1,7 +1,7 @@
 //! The vertex split record: 64 bytes, one cache line, the same in the file, on the wire and in the
 //! cache.
 
-use super::CertifiedCode;
+use super::{Certified, CertifiedCode, ErrorScale};
 use ab_tree::NONE;
 use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
@@ -97,6 +97,14 @@ pub enum RecordError {
     /// A leaf code that is not a leaf of the AB-tree.
     #[error("vertex split record {0} has a leaf code outside the bounding tree")]
     Leaf(u32),
+}
+
+impl ErrorScale {
+    /// What is certified of vt and vu of a record.
+    #[must_use]
+    pub fn certified(self, record: &VspRecord) -> [Certified; 2] {
+        record.certified.map(|code| code.decode(self, record.e))
+    }
 }
 
 impl VspRecord {

@@ -10,7 +10,7 @@
 //! end. Certified errors of fronts {E > t} hold at both ends, and with the way from there in
 //! between: no point of a face moves farther than the corner that moves farthest.
 
-use super::super::certified::{Certified, rounded_up};
+use super::super::certified::Certified;
 use super::{ActiveMesh, Handle, OperationFaces, Slot, Vertex};
 use glam::{DVec3, Vec3};
 
@@ -31,6 +31,11 @@ impl Geomorph {
     #[must_use]
     pub fn vertex(&self) -> Handle {
         self.vertex
+    }
+
+    /// Position of the file, and what is certified there.
+    pub(super) fn home(&self) -> Vertex {
+        self.home
     }
 
     /// Whether it moves to its parent, so that its slot may collapse; otherwise to its own
@@ -250,40 +255,6 @@ impl ActiveMesh {
                 .any(|&face| self.face(face).corners.iter().any(has_geomorph))
     }
 
-    /// The certified error of a face with corners between two fronts {E > t}: that of the finer one,
-    /// or of the coarser one, with the way from there.
-    ///
-    /// Where two corners go to the same parent, the face begins as an edge of the coarser front, and
-    /// has the bound of a face at that edge.
-    pub(super) fn close_while_moving(&self, corners: [Handle; 3]) -> f32 {
-        let parent_of = |vertex: Handle| {
-            let creator = self.creator_of_vertex(vertex);
-            let parent = creator.map(|slot| self.links[slot as usize].vs);
-            self.vertices[parent.unwrap_or(vertex) as usize]
-        };
-        let of = |vertex: Handle| match self.geomorph_of(vertex) {
-            Some(index) => (self.geomorphs[index].home, parent_of(vertex)),
-            None => {
-                let stays = self.vertices[vertex as usize];
-                (stays, stays)
-            }
-        };
-        let ends = corners.map(of);
-        let bound = |ends: [Vertex; 3]| {
-            let way = |(vertex, end): (Handle, Vertex)| {
-                let (here, there) = (self.position(vertex), end.position);
-                here.as_dvec3().distance(there.as_dvec3())
-            };
-            let [a, b, c] = corners;
-            let ways = [(a, ends[0]), (b, ends[1]), (c, ends[2])].map(way);
-            let farthest = ways.into_iter().fold(0.0, f64::max);
-            let close = Certified::close_of(ends.map(|end| end.certified));
-            // Distances and the sum are rounded too.
-            rounded_up((f64::from(close) + farthest) * (1.0 + 4.0 * f64::EPSILON))
-        };
-        bound(ends.map(|(home, _)| home)).min(bound(ends.map(|(_, parent)| parent)))
-    }
-
     /// Cancels the geomorph of a vertex, if any, and restores the position and R of the file.
     pub(super) fn cancel_geomorph(&mut self, vertex: Handle) {
         if let Some(index) = self.geomorph_of(vertex) {
@@ -292,7 +263,7 @@ impl ActiveMesh {
         }
     }
 
-    fn geomorph_of(&self, vertex: Handle) -> Option<usize> {
+    pub(super) fn geomorph_of(&self, vertex: Handle) -> Option<usize> {
         self.geomorphs
             .iter()
             .position(|geomorph| geomorph.vertex == vertex)
