@@ -7,9 +7,9 @@
 //!   descendant, and what belongs to the face is what descends from it.
 //! - The least C of its corners, for a face of a front {E > t}: C is the largest error, as the
 //!   builder certifies it, of the faces at the vertex in all these fronts, and what belongs to the
-//!   face is the patch of that certificate. A vertex is active in such a front for a range of t: from
-//!   E of the VSP that splits it on, up to E of the one that makes it. A face whose corners are
-//!   active for a common t is a face of that front, whatever the other faces are.
+//!   face is the patch of that certificate. A vertex is active in such a front for a range of t:
+//!   from E of the VSP that splits it on, up to E of the one that makes it. A face whose corners
+//!   are active for a common t is a face of that front, whatever the other faces are.
 
 use super::ErrorScale;
 use bytemuck::{Pod, Zeroable};
@@ -19,10 +19,11 @@ use bytemuck::{Pod, Zeroable};
 /// | byte | is |
 /// |---|---|
 /// | radius | R in steps of an eighth of an octave, rounded up; 0 is zero, 255 without limit |
-/// | close | 255 down to 1: C from 12 octaves below E of the VSP that makes the vertex up to four above, in steps of a sixteenth, rounded up; 0: no bound |
-/// | begin | how far E of the VSP that splits it is below E of the one that makes it, in steps of a sixteenth of an octave, rounded down; 255: none splits it |
+/// | close | C below 16 E' in steps of a sixteenth of an octave, rounded up; 0 if it is above |
+/// | begin | E below E' in such steps, rounded up; 255 if no VSP splits the vertex |
 ///
-/// For a vertex of the base mesh E of the VSP that makes it is the largest code.
+/// E is that of the VSP that splits the vertex, E' that of the one that makes it; for a vertex of
+/// the base mesh E' is the largest code.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
 pub struct CertifiedCode {
@@ -58,7 +59,8 @@ impl CertifiedCode {
     const UNLIMITED: u8 = u8::MAX;
     const NEVER_SPLIT: u8 = u8::MAX;
 
-    /// The code for R and C (model units) of a vertex that a VSP of error code `end` makes and one of
+    /// The code for R and C (model units) of a vertex that a VSP of error code `end` makes and one
+    /// of
     /// `begin` splits.
     #[must_use]
     pub fn new(scale: ErrorScale, radius: f64, close: f64, begin: Option<u16>, end: u16) -> Self {

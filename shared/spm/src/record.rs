@@ -27,8 +27,8 @@ pub struct VspRecord {
     pub pos_u: [f32; 3],
     /// What is certified of vt and of vu.
     pub certified: [CertifiedCode; 2],
-    /// Code of the expected error E(i) (see [`super::ErrorScale`]); [`VspRecord::E_UNKNOWN`] in files
-    /// built without it.
+    /// Code of the expected error E(i) (see [`super::ErrorScale`]); [`VspRecord::E_UNKNOWN`] in
+    /// files built without it.
     pub e: u16,
 }
 

@@ -98,7 +98,7 @@ pub mod close {
     /// lies inside: a millionth adds nothing that is seen in a bound, and is far beyond rounding.
     pub const INWARDS: f64 = 1.0 / (1 << 20) as f64;
     /// The most sides of a rim, each way, from a child's foot to its parent's.
-    pub const RIM_STEPS: usize = 64;
+    pub const BOUNDARY_STEPS: usize = 64;
     /// Faces that a trace crosses at the most: so many, and for each descendant of its ends so many
     /// more. (It crosses about the square root of their faces; what crosses more goes elsewhere.)
     pub const MAX_STEPS: (usize, usize) = (32, 2);

@@ -31,11 +31,11 @@ impl ActiveMesh {
         radius.min(close)
     }
 
-    /// The certified error of a face with corners between two fronts {E > t}: that of the finer one,
-    /// or of the coarser one, with the way from there.
+    /// The certified error of a face with corners between two fronts {E > t}: that of the finer
+    /// one, or of the coarser one, with the way from there.
     ///
-    /// Where two corners go to the same parent, the face begins as an edge of the coarser front, and
-    /// has the bound of a face at that edge.
+    /// Where two corners go to the same parent, the face begins as an edge of the coarser front,
+    /// and has the bound of a face at that edge.
     fn close_while_moving(&self, corners: [Handle; 3]) -> f32 {
         let parent_of = |vertex: Handle| {
             let creator = self.creator_of_vertex(vertex);
@@ -51,13 +51,13 @@ impl ActiveMesh {
         };
         let ends = corners.map(of);
         let bound = |ends: [Vertex; 3]| {
-            let way = |(vertex, end): (Handle, Vertex)| {
+            let displacement = |(vertex, end): (Handle, Vertex)| {
                 let (here, there) = (self.position(vertex), end.position);
                 here.as_dvec3().distance(there.as_dvec3())
             };
             let [a, b, c] = corners;
-            let ways = [(a, ends[0]), (b, ends[1]), (c, ends[2])].map(way);
-            let farthest = ways.into_iter().fold(0.0, f64::max);
+            let displacements = [(a, ends[0]), (b, ends[1]), (c, ends[2])].map(displacement);
+            let farthest = displacements.into_iter().fold(0.0, f64::max);
             let close = Certified::close_of(ends.map(|end| end.certified));
             // Distances and the sum are rounded too.
             rounded_up((f64::from(close) + farthest) * (1.0 + 4.0 * f64::EPSILON))

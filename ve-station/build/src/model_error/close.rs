@@ -8,34 +8,34 @@
 //! - the distances of the patch's vertices from T.
 //!
 //! *The patch is so near to T.* It consists of pieces of flat faces, and the distance from T is a
-//! convex function. So it is largest at corners of the pieces, which are vertices of the full mesh or
-//! lie on traces.
+//! convex function. So it is largest at corners of the pieces, which are vertices of the full mesh
+//! or lie on traces.
 //!
 //! *T is so near to the full mesh.* Take each point of the patch to the nearest point of T, and
-//! connect that along a line, for a point of a trace, with the nearest point of its edge (for a foot,
-//! with its corner). The outer ends of the lines run once round T. If a point of T were met neither by
-//! the map nor by a line, the map of the patch would be a surface beside that point with a boundary
-//! that goes round it, which cannot be. So every point of T is met, and it is no farther from the
-//! full mesh than what is taken to it.
+//! connect that along a line, for a point of a trace, with the nearest point of its edge (for a
+//! foot, with its corner). The outer ends of the lines run once round T. If a point of T were met
+//! neither by the map nor by a line, the map of the patch would be a surface beside that point with
+//! a boundary that goes round it, which cannot be. So every point of T is met, and it is no farther
+//! from the full mesh than what is taken to it.
 //!
-//! *The patches of a front cover the full mesh*: each trace bounds the patches on both of its sides,
-//! and where the front has a rim it runs along the full mesh's. So together the patches have no
-//! boundary, and every point of a part of the full mesh lies in equally many: in one, unless the
+//! *The patches of a front cover the full mesh*: each trace bounds the patches on both of its
+//! sides, and where the front has a rim it runs along the full mesh's. So together the patches have
+//! no boundary, and every point of a part of the full mesh lies in equally many: in one, unless the
 //! bounds are as large as the part. It is so near to the face in whose patch it lies.
 //!
 //! Nothing else is asked of traces: they may cross each other. Where one does not arrive, or where
-//! they enclose no patch, the bound of T is the largest R of its corners. Beside such a face, or where
-//! a front {E > t} meets another one, patches and what R counts need not cover the full mesh between
-//! them: of what neither covers, R alone is certified.
+//! they enclose no patch, the bound of T is the largest R of its corners. Beside such a face, or
+//! where a front {E > t} meets another one, patches and what R counts need not cover the full mesh
+//! between them: of what neither covers, R alone is certified.
 //!
-//! C of a vertex is the largest bound of its faces over every t for which it is active. So for a face
-//! whose corners are active for a common t, which makes it a face of that front, the least C of its
-//! corners is a bound.
+//! C of a vertex is the largest bound of its faces over every t for which it is active. So for a
+//! face whose corners are active for a common t, which makes it a face of that front, the least C
+//! of its corners is a bound.
 
+mod boundary;
 mod foot;
 mod fronts;
 mod patch;
-mod rim;
 mod trace;
 
 use super::descendants::Descendants;
@@ -43,12 +43,12 @@ use super::full_surface::FullSurface;
 use crate::history::History;
 use crate::progress::Progress;
 use crate::tuning::close::{FACES_A_TASK, LIMIT_OF_EDGE, LIMIT_OF_RADIUS, PATCH};
+use boundary::Boundary;
 use foot::{Foot, feet};
 use fronts::Fronts;
 use glam::{DVec3, Vec3};
 use patch::{Rings, Search};
 use rayon::prelude::*;
-use rim::Rim;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -65,15 +65,15 @@ pub fn close_bounds(
     let faces = full.triangles().len();
     progress.phase("certifying fronts", faces as u64);
     let vertices = history.full_vertices as usize;
-    let rim = Rim::new(full);
+    let boundary = Boundary::new(full);
     let work = Work {
         history,
-        feet: feet(history, full, &rim, descendants),
+        feet: feet(history, full, &boundary, descendants),
         fronts: Fronts::new(history),
         rings: Rings::new(full, vertices),
         traces: Traces {
             full,
-            rim: &rim,
+            boundary: &boundary,
             descendants,
         },
         rounding: rounding(history),
@@ -121,8 +121,8 @@ struct Work<'a> {
 /// The traces of a task's edges.
 #[derive(Default)]
 struct Traced {
-    /// By ends, the smaller first: the trace's crossings, and its largest squared distance, infinite
-    /// where there is none.
+    /// By ends, the smaller first: the trace's crossings, and its largest squared distance,
+    /// infinite where there is none.
     edges: HashMap<(u32, u32), (u32, u32, f64), BuildHasherDefault<PairHasher>>,
     crossings: Vec<Crossing>,
 }

@@ -1,13 +1,13 @@
 //! The foot of each vertex of a history: a point of the full mesh near it, where its traces end.
 //!
-//! It lies inside a face, so that a plane through it crosses two sides of that face; a vertex with a
-//! descendant on a rim has its foot beside the rim.
+//! It lies inside a face, so that a plane through it crosses two sides of that face; a vertex with
+//! a descendant on a rim has its foot beside the rim.
 
 use super::super::descendants::Descendants;
 use super::super::full_surface::FullSurface;
-use super::rim::{Rim, ends_of};
+use super::boundary::{Boundary, ends_of};
 use crate::history::History;
-use crate::tuning::close::{INWARDS, RIM_STEPS};
+use crate::tuning::close::{BOUNDARY_STEPS, INWARDS};
 use geometry::{closest_point_on_segment, closest_point_on_triangle};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -25,18 +25,18 @@ pub struct Foot {
     /// The side on the rim that it lies beside, [`NONE`] away from rims.
     pub side: u32,
     /// The point of that side.
-    pub on_rim: DVec3,
+    pub on_boundary: DVec3,
 }
 
 /// The feet of all vertices of a history.
 pub fn feet(
     history: &History,
     full: &FullSurface<'_>,
-    rim: &Rim,
+    boundary: &Boundary,
     descendants: &Descendants,
 ) -> Vec<Foot> {
     let (hints, ups) = hints_and_ups(history, full);
-    let sides = sides_on_rims(history, full, rim, descendants);
+    let sides = sides_on_boundaries(history, full, boundary, descendants);
     (0..history.positions.len())
         .into_par_iter()
         .with_min_len(256)
@@ -47,15 +47,15 @@ pub fn feet(
                 point: at,
                 up: ups[vertex].normalize_or_zero(),
                 side: sides[vertex],
-                on_rim: at,
+                on_boundary: at,
             };
             if foot.face == NONE {
                 return foot;
             }
             if foot.side != NONE {
                 foot.face = foot.side / 3;
-                foot.on_rim = nearest_on_side(full, foot.side, at);
-                foot.point = foot.on_rim;
+                foot.on_boundary = nearest_on_side(full, foot.side, at);
+                foot.point = foot.on_boundary;
             } else if vertex >= history.full_vertices as usize {
                 foot.face = full.nearest(at, foot.face, 0.0).face;
                 foot.point = closest_point_on_triangle(full.corners(foot.face), at).point;
@@ -90,16 +90,16 @@ fn hints_and_ups(history: &History, full: &FullSurface<'_>) -> (Vec<u32>, Vec<DV
 }
 
 /// By vertex: the side near it among those on the rim that begin at a descendant.
-fn sides_on_rims(
+fn sides_on_boundaries(
     history: &History,
     full: &FullSurface<'_>,
-    rim: &Rim,
+    boundary: &Boundary,
     descendants: &Descendants,
 ) -> Vec<u32> {
     let count = history.full_vertices as usize;
     let mut sides = vec![NONE; history.positions.len()];
     for (vertex, side) in sides[..count].iter_mut().enumerate() {
-        *side = rim.started_by(vertex as u32);
+        *side = boundary.started_by(vertex as u32);
     }
     for (made, collapse) in (history.full_vertices..).zip(&history.collapses) {
         let at = Vec3::from_array(history.positions[made as usize]).as_dvec3();
@@ -110,7 +110,7 @@ fn sides_on_rims(
             // Along the rim both ways while it comes nearer.
             for is_forward in [true, false] {
                 let mut side = start;
-                for _ in 0..RIM_STEPS {
+                for _ in 0..BOUNDARY_STEPS {
                     if side == NONE || !descendants.descends(ends_of(full, side)[0], made) {
                         break;
                     }
@@ -122,9 +122,9 @@ fn sides_on_rims(
                     }
                     let [from, to] = ends_of(full, side);
                     side = if is_forward {
-                        rim.started_by(to)
+                        boundary.started_by(to)
                     } else {
-                        rim.ended_by(from)
+                        boundary.ended_by(from)
                     };
                 }
             }

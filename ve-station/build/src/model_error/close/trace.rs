@@ -2,14 +2,14 @@
 //! other, the same for both faces at the edge.
 //!
 //! Any path will do for the bound; near ones make it small. Between two vertices it follows a plane
-//! through both feet; between two vertices beside each other on a rim it follows the rim. On a plane
-//! a vertex of the full mesh counts as above it or below, never as on it, so the path crosses sides
-//! only, and rounding moves where it crosses them, not which.
+//! through both feet; between two vertices beside each other on a rim it follows the rim. On a
+//! plane a vertex of the full mesh counts as above it or below, never as on it, so the path crosses
+//! sides only, and rounding moves where it crosses them, not which.
 
 use super::super::descendants::Descendants;
 use super::super::full_surface::FullSurface;
+use super::boundary::{Boundary, ends_of};
 use super::foot::Foot;
-use super::rim::{Rim, ends_of};
 use crate::tuning::close::{GOOD, MAX_STEPS};
 use geometry::closest_point_on_segment;
 use glam::DVec3;
@@ -21,7 +21,7 @@ pub type Crossing = (u32, u32);
 /// What traces are made of.
 pub struct Traces<'a> {
     pub full: &'a FullSurface<'a>,
-    pub rim: &'a Rim,
+    pub boundary: &'a Boundary,
     pub descendants: &'a Descendants,
 }
 
@@ -70,7 +70,7 @@ impl Traces<'_> {
     pub fn trace(&self, edge: &Edge<'_>, limit: f64, out: &mut Vec<Crossing>) -> Option<f64> {
         let [from, to] = edge.feet;
         if from.side != NONE && to.side != NONE {
-            return self.along_rim(edge, out);
+            return self.along_boundary(edge, out);
         }
         let normal = |foot: &Foot| {
             let [a, b, c] = self.full.corners(foot.face);
@@ -107,10 +107,8 @@ impl Traces<'_> {
         out: &mut Vec<Crossing>,
     ) -> Option<f64> {
         let [from, to] = edge.feet;
-        let mut most = from
-            .point
-            .distance_squared(edge.at[0])
-            .max(to.point.distance_squared(edge.at[1]));
+        let away = |k: usize| edge.feet[k].point.distance_squared(edge.at[k]);
+        let mut most = away(0).max(away(1));
         if from.face == to.face {
             return Some(most);
         }
@@ -181,25 +179,25 @@ impl Traces<'_> {
 
     /// Follows the rim, over descendants of both ends alone: no other path leaves nothing of the
     /// full mesh beyond it.
-    fn along_rim(&self, edge: &Edge<'_>, out: &mut Vec<Crossing>) -> Option<f64> {
+    fn along_boundary(&self, edge: &Edge<'_>, out: &mut Vec<Crossing>) -> Option<f64> {
         let first = out.len();
-        if let Some(most) = self.forward_along_rim(edge, out) {
+        if let Some(most) = self.forward_along_boundary(edge, out) {
             return Some(most);
         }
         out.truncate(first);
-        let most = self.forward_along_rim(&edge.reversed(), out)?;
+        let most = self.forward_along_boundary(&edge.reversed(), out)?;
         for crossing in &mut out[first..] {
             *crossing = (crossing.1, crossing.0);
         }
         Some(most)
     }
 
-    fn forward_along_rim(&self, edge: &Edge<'_>, out: &mut Vec<Crossing>) -> Option<f64> {
+    fn forward_along_boundary(&self, edge: &Edge<'_>, out: &mut Vec<Crossing>) -> Option<f64> {
         let [from, to] = edge.feet;
         let mut most = 0.0_f64;
         for (foot, at) in edge.feet.into_iter().zip(edge.at) {
             most = most.max(foot.point.distance_squared(at));
-            most = most.max(foot.on_rim.distance_squared(at));
+            most = most.max(foot.on_boundary.distance_squared(at));
         }
         if from.side == to.side {
             return Some(most);
@@ -214,7 +212,7 @@ impl Traces<'_> {
                 return None;
             }
             most = most.max(edge.distance_squared(self.full.position(vertex)));
-            let side = self.rim.started_by(vertex);
+            let side = self.boundary.started_by(vertex);
             let [start, end] = ends_of(self.full, side);
             if side == to.side {
                 out.push((start, end));

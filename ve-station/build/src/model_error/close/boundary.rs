@@ -5,7 +5,7 @@ use super::super::full_surface::FullSurface;
 use spm::NONE;
 
 /// The rims of a manifold: a vertex of a rim starts one side on it, and ends one.
-pub struct Rim {
+pub struct Boundary {
     /// Vertex and the side that it starts, by vertex.
     starts: Vec<(u32, u32)>,
     /// Vertex and the side that it ends, by vertex.
@@ -18,9 +18,9 @@ pub fn ends_of(full: &FullSurface<'_>, side: u32) -> [u32; 2] {
     [1, 2].map(|k| corners[(side as usize + k) % 3])
 }
 
-impl Rim {
+impl Boundary {
     pub fn new(full: &FullSurface<'_>) -> Self {
-        let mut rim = Self {
+        let mut boundary = Self {
             starts: Vec::new(),
             ends: Vec::new(),
         };
@@ -28,13 +28,13 @@ impl Rim {
             for k in (0..3).filter(|&k| across[k as usize] == NONE) {
                 let side = 3 * face + k;
                 let [start, end] = ends_of(full, side);
-                rim.starts.push((start, side));
-                rim.ends.push((end, side));
+                boundary.starts.push((start, side));
+                boundary.ends.push((end, side));
             }
         }
-        rim.starts.sort_unstable();
-        rim.ends.sort_unstable();
-        rim
+        boundary.starts.sort_unstable();
+        boundary.ends.sort_unstable();
+        boundary
     }
 
     /// The side that a vertex starts, [`NONE`] away from rims.
