@@ -402,21 +402,18 @@ fn error_table<D: AsRef<[u8]>>(file: &SpmFile<D>) -> Result<Vec<ErrorRow>, FileE
         let mut needed = vec![false; sizes.vsps as usize];
         for i in (0..sizes.vsps).rev() {
             let record = file.record(i)?;
-            let code = match sizes.creator_of_vertex(record.vs) {
-                None => file
-                    .base_vertices()
-                    .get(record.vs as usize)
-                    .map_or(u16::MAX, |v| v.r as u16),
+            let certified = match sizes.creator_of_vertex(record.vs) {
+                None => {
+                    let vertex = file.base_vertices().get(record.vs as usize);
+                    vertex.map(|vertex| scale.certified_of_base(vertex))
+                }
                 Some(creator) => {
-                    let made = file.record(creator)?;
-                    if record.vs == sizes.vt(creator) {
-                        made.r_t
-                    } else {
-                        made.r_u
-                    }
+                    let [t, u] = scale.certified(&file.record(creator)?);
+                    Some(if record.vs == sizes.vt(creator) { t } else { u })
                 }
             };
-            if needed[i as usize] || scale.decode(code) > error {
+            let radius = certified.map_or(f32::INFINITY, |certified| certified.radius);
+            if needed[i as usize] || f64::from(radius) > error {
                 needed[i as usize] = true;
                 for dependency in record.dependencies(sizes) {
                     needed[dependency as usize] = true;

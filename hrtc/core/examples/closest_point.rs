@@ -38,12 +38,11 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn full_front(parts: &SpmParts) -> Result<(ActiveMesh, AbTree), Box<dyn Error>> {
     let header = &parts.header;
     let scale = ErrorScale::for_diagonal(header.diagonal);
-    let radius = |code: u16| scale.decode(code) as f32;
     let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
     let mut tree = AbTree::new(header.base_faces + 2 * header.vsps);
     tree.preconstruct(header.faces);
     for (vertex, base) in (0u32..).zip(&parts.base_vertices) {
-        mesh.set_base_vertex(vertex, base.position, radius(base.r as u16));
+        mesh.set_base_vertex(vertex, base.position, scale.certified_of_base(base));
     }
     for (face, base) in (0u32..).zip(&parts.base_faces) {
         mesh.set_base_face(face, base.corners, base.neighbours)
@@ -52,8 +51,13 @@ fn full_front(parts: &SpmParts) -> Result<(ActiveMesh, AbTree), Box<dyn Error>> 
     }
     tree.refit(|face| mesh.face_box(face));
     for record in &parts.records {
-        let radii = [radius(record.r_t), radius(record.r_u)];
-        mesh.load(record.i, record, record.vs, record.fn_, radii);
+        mesh.load(
+            record.i,
+            record,
+            record.vs,
+            record.fn_,
+            scale.certified(record),
+        );
     }
     let mut changed = OperationFaces::new();
     for slot in 0..header.vsps {

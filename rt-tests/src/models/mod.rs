@@ -135,7 +135,11 @@ impl<D: AsRef<[u8]>> Model<D> {
         let header = self.file.model_header();
         let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
         for (handle, vertex) in (0u32..).zip(self.file.base_vertices()) {
-            mesh.set_base_vertex(handle, vertex.position, self.radius(vertex.r as u16));
+            mesh.set_base_vertex(
+                handle,
+                vertex.position,
+                self.scale().certified_of_base(vertex),
+            );
         }
         for (handle, face) in (0u32..).zip(self.file.base_faces()) {
             let set = mesh.set_base_face(handle, face.corners, face.neighbours);
@@ -146,20 +150,12 @@ impl<D: AsRef<[u8]>> Model<D> {
 
     /// Loads a record into the slot of its number.
     pub fn load(&self, mesh: &mut ActiveMesh, record: &VspRecord) {
-        let radii = [self.radius(record.r_t), self.radius(record.r_u)];
-        mesh.load(record.i, record, record.vs, record.fn_, radii);
+        let certified = self.scale().certified(record);
+        mesh.load(record.i, record, record.vs, record.fn_, certified);
     }
 
-    /// R of a code, rounded up to f32, as the controller does.
-    fn radius(&self, code: u16) -> f32 {
-        let scale = ErrorScale::for_diagonal(self.file.model_header().diagonal);
-        let exact = scale.decode(code);
-        let rounded = exact as f32;
-        if f64::from(rounded) < exact {
-            rounded.next_up()
-        } else {
-            rounded
-        }
+    fn scale(&self) -> ErrorScale {
+        ErrorScale::for_diagonal(self.file.model_header().diagonal)
     }
 
     /// The faces of the full mesh, in the order of the AB-tree.

@@ -6,7 +6,7 @@
 //!
 //! | array | entry | bytes | entries |
 //! |---|---|---|---|
-//! | vertices | position, R | 16 | V0 + 2 a slot |
+//! | vertices | position, what is certified | 24 | V0 + 2 a slot |
 //! | faces | corners, neighbours | 24 | F0 + 2 a slot |
 //! | links | i, vs, fn, leaf codes | 32 | 1 a slot |
 //! | states | performed, dependents | 4 | 1 a slot |
@@ -20,6 +20,7 @@
 //! front stays legal without it.
 
 mod adjacency;
+mod bounds;
 mod check;
 mod fans;
 mod geomorphs;
@@ -31,6 +32,7 @@ pub use geomorphs::Geomorph;
 pub use operation_faces::OperationFaces;
 pub use walk::FrontWalk;
 
+use super::certified::Certified;
 use super::record::VspRecord;
 use ab_tree::{Handle, NONE};
 use geometry::Aabb;
@@ -62,12 +64,13 @@ impl Face {
     }
 }
 
-/// Position and certified radius of a vertex.
+/// Position of a vertex, and what is certified of it. (R is that of its current position, the rest
+/// that of its own.)
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Vertex {
     position: Vec3,
-    radius: f32,
+    certified: Certified,
 }
 
 /// A record in handles instead of ids.
@@ -135,7 +138,7 @@ impl ActiveMesh {
     pub fn new(base_vertices: u32, base_faces: u32, slots: u32) -> Self {
         let vertex = Vertex {
             position: Vec3::ZERO,
-            radius: 0.0,
+            certified: Certified::EXACT,
         };
         let links = Links {
             i: NONE,
@@ -198,12 +201,12 @@ impl ActiveMesh {
         Some(slots as u32)
     }
 
-    /// Sets a vertex of the base mesh: position and R, model units.
-    pub fn set_base_vertex(&mut self, vertex: Handle, position: [f32; 3], radius: f32) {
+    /// Sets a vertex of the base mesh; position in model units.
+    pub fn set_base_vertex(&mut self, vertex: Handle, position: [f32; 3], certified: Certified) {
         assert!(vertex < self.base_vertices, "a base vertex out of range");
         self.vertices[vertex as usize] = Vertex {
             position: Vec3::from_array(position),
-            radius,
+            certified,
         };
     }
 
@@ -287,15 +290,15 @@ impl ActiveMesh {
         face.checked_sub(self.base_faces).map(|k| k / 2)
     }
 
-    /// Loads a record into a slot, not performed; `vs` and `fn_` are handles, `radii` R of vt and
-    /// vu.
+    /// Loads a record into a slot, not performed; `vs` and `fn_` are handles, `certified` is
+    /// that of vt and vu.
     pub fn load(
         &mut self,
         slot: Slot,
         record: &VspRecord,
         vs: Handle,
         fn_: [Handle; 4],
-        radii: [f32; 2],
+        certified: [Certified; 2],
     ) {
         let state = &mut self.states[slot as usize];
         assert!(!state.loaded, "a slot is loaded twice");
@@ -311,14 +314,14 @@ impl ActiveMesh {
             leaf_r: record.leaf_r,
         };
         let vt = self.vt(slot) as usize;
-        for (k, (position, radius)) in [record.pos_t, record.pos_u]
+        for (k, (position, certified)) in [record.pos_t, record.pos_u]
             .into_iter()
-            .zip(radii)
+            .zip(certified)
             .enumerate()
         {
             self.vertices[vt + k] = Vertex {
                 position: Vec3::from_array(position),
-                radius,
+                certified,
             };
         }
     }
@@ -436,7 +439,7 @@ impl ActiveMesh {
     #[inline]
     #[must_use]
     pub fn radius(&self, vertex: Handle) -> f32 {
-        self.vertices[vertex as usize].radius
+        self.vertices[vertex as usize].certified.radius
     }
 
     /// Corners of a face in f64.
@@ -460,15 +463,6 @@ impl ActiveMesh {
     #[must_use]
     pub fn face_box(&self, face: Handle) -> Aabb {
         Aabb::of_triangle(self.triangle(face))
-    }
-
-    /// Certified error of a face: the largest R of its corners, model units; 0 on faces of the full
-    /// mesh.
-    #[inline]
-    #[must_use]
-    pub fn certified_error(&self, face: Handle) -> f32 {
-        let [a, b, c] = self.faces[face as usize].corners;
-        self.radius(a).max(self.radius(b)).max(self.radius(c))
     }
 
     /// Performs the split of a slot; legal splits only.

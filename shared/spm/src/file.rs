@@ -363,7 +363,7 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
         let vertices_sound = self
             .base_vertices()
             .iter()
-            .all(|v| v.position.iter().all(|x| x.is_finite()) && v.r <= u32::from(u16::MAX));
+            .all(|v| v.position.iter().all(|x| x.is_finite()) && v.reserved == 0);
         if !vertices_sound {
             return Err(FileError::Inconsistent(Section::BaseVertices));
         }

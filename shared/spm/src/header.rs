@@ -1,6 +1,6 @@
 //! Header and base mesh of a model, as stored in the file and sent over the wire.
 
-use super::{LEVELS, RegionGrid, Sizes};
+use super::{Certified, CertifiedCode, ErrorScale, LEVELS, RegionGrid, Sizes};
 use bytemuck::{Pod, Zeroable};
 
 /// The header of a model: everything that a controller needs before its first record.
@@ -131,8 +131,18 @@ impl ModelHeader {
 pub struct BaseVertex {
     /// Position, model units.
     pub position: [f32; 3],
-    /// Code of R.
-    pub r: u32,
+    /// What is certified of it.
+    pub certified: CertifiedCode,
+    /// Zero.
+    pub reserved: u8,
+}
+
+impl ErrorScale {
+    /// What is certified of a vertex of the base mesh.
+    #[must_use]
+    pub fn certified_of_base(self, vertex: &BaseVertex) -> Certified {
+        vertex.certified.decode(self, u16::MAX)
+    }
 }
 
 /// A face of the base mesh with its neighbours, so that a controller need not search for them.
@@ -168,7 +178,7 @@ const _: () = {
     assert!(offset_of!(ModelHeader, dependency_depth) == 192);
     assert!(offset_of!(ModelHeader, closure_max) == 196);
     assert!(offset_of!(ModelHeader, reserved) == 200);
-    assert!(size_of::<BaseVertex>() == 16 && offset_of!(BaseVertex, r) == 12);
+    assert!(size_of::<BaseVertex>() == 16 && offset_of!(BaseVertex, certified) == 12);
     assert!(size_of::<BaseFace>() == 32 && offset_of!(BaseFace, leaf) == 12);
     assert!(offset_of!(BaseFace, neighbours) == 16 && offset_of!(BaseFace, reserved) == 28);
 };

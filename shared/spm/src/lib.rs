@@ -26,12 +26,13 @@
 //! | `regions` | the grid of regions |
 //! | `hierarchy` | the vertex hierarchy and its bounds |
 //! | `error_code` | errors as 16 bits |
+//! | `certified` | what is certified of a vertex |
 //! | `active_mesh` | the surface of a front: splits, collapses, geomorphs |
 //! | `file` | the SPM file |
 //! | `prefix_mesh` | one level of detail as plain triangles |
 //!
 //! ```
-//! use spm::{ActiveMesh, OperationFaces, SpmFile, SpmParts, write_spm};
+//! use spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile, SpmParts, write_spm};
 //!
 //! let mut bytes = Vec::new();
 //! write_spm(&SpmParts::hexagon(), &mut bytes)?;
@@ -39,16 +40,17 @@
 //! let header = file.model_header();
 //! assert_eq!((header.base_faces, header.vsps, header.faces), (6, 1, 8));
 //!
+//! let scale = ErrorScale::for_diagonal(header.diagonal);
 //! // The base mesh, then its only split.
 //! let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
 //! for (vertex, base) in (0..).zip(file.base_vertices()) {
-//!     mesh.set_base_vertex(vertex, base.position, 0.0);
+//!     mesh.set_base_vertex(vertex, base.position, scale.certified_of_base(base));
 //! }
 //! for (face, base) in (0..).zip(file.base_faces()) {
 //!     mesh.set_base_face(face, base.corners, base.neighbours);
 //! }
 //! let record = file.record(0)?;
-//! mesh.load(0, &record, record.vs, record.fn_, [0.0; 2]);
+//! mesh.load(0, &record, record.vs, record.fn_, scale.certified(&record));
 //! mesh.split(0, &mut OperationFaces::new())?;
 //! assert_eq!(mesh.active_faces(), 8);
 //! mesh.check();
@@ -59,6 +61,7 @@
 #![forbid(unsafe_code)]
 
 mod active_mesh;
+mod certified;
 mod error_code;
 mod file;
 mod header;
@@ -73,6 +76,7 @@ pub use ab_tree::{Handle, NONE};
 pub use active_mesh::{
     ActiveMesh, Face, FrontWalk, Geomorph, OperationError, OperationFaces, Slot,
 };
+pub use certified::{Certified, CertifiedCode};
 pub use error_code::ErrorScale;
 pub use file::{
     BLOCK_BYTES, BuildSummary, FORMAT_VERSION, FileError, FullFace, Section, SpmFile, SpmHeader,

@@ -4,6 +4,7 @@ use super::{
     ActiveMesh, BaseFace, BaseVertex, BuildSummary, FileError, FullFace, Handle, LEVELS,
     ModelHeader, NONE, OperationFaces, RegionGrid, RegionId, Section, SpmFile, SpmParts,
 };
+use crate::{Certified, CertifiedCode};
 use ab_tree::leaf_key;
 use bytemuck::Zeroable;
 use glam::{DVec3, UVec3};
@@ -59,7 +60,8 @@ pub fn prefix_parts<D: AsRef<[u8]>>(
     };
     let base_vertex = |&vertex: &Handle| BaseVertex {
         position: mesh.position(vertex).to_array(),
-        r: 0,
+        certified: CertifiedCode::default(),
+        reserved: 0,
     };
     let full_face = |(face, &corners): (u32, &[u32; 3])| FullFace { corners, face };
     let mut parts = SpmParts {
@@ -97,7 +99,7 @@ fn prefix<D: AsRef<[u8]>>(file: &SpmFile<D>, max_faces: u32) -> Result<ActiveMes
     let slots = header.vsps.min(max_faces.saturating_sub(header.base_faces));
     let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, slots);
     for (k, vertex) in (0u32..).zip(file.base_vertices()) {
-        mesh.set_base_vertex(k, vertex.position, 0.0);
+        mesh.set_base_vertex(k, vertex.position, Certified::EXACT);
     }
     for (k, face) in (0u32..).zip(file.base_faces()) {
         mesh.set_base_face(k, face.corners, face.neighbours)
@@ -111,7 +113,7 @@ fn prefix<D: AsRef<[u8]>>(file: &SpmFile<D>, max_faces: u32) -> Result<ActiveMes
         if faces > max_faces {
             break;
         }
-        mesh.load(i, &record, record.vs, record.fn_, [0.0; 2]);
+        mesh.load(i, &record, record.vs, record.fn_, [Certified::EXACT; 2]);
         if !mesh.split_is_legal(i) {
             return Err(FileError::Inconsistent(Section::Records));
         }

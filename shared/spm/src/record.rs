@@ -1,6 +1,7 @@
 //! The vertex split record: 64 bytes, one cache line, the same in the file, on the wire and in the
 //! cache.
 
+use super::{Certified, CertifiedCode, ErrorScale};
 use ab_tree::NONE;
 use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
@@ -24,15 +25,11 @@ pub struct VspRecord {
     pub pos_t: [f32; 3],
     /// Position of vu, model units.
     pub pos_u: [f32; 3],
-    /// Code of R(vt), the distance to the farthest full-mesh descendant (see
-    /// [`super::ErrorScale`]).
-    pub r_t: u16,
-    /// Code of R(vu).
-    pub r_u: u16,
-    /// Code of the expected error E(i); [`VspRecord::E_UNKNOWN`] in files built without it.
+    /// What is certified of vt and of vu.
+    pub certified: [CertifiedCode; 2],
+    /// Code of the expected error E(i) (see [`super::ErrorScale`]); [`VspRecord::E_UNKNOWN`] in
+    /// files built without it.
     pub e: u16,
-    /// Zero.
-    pub reserved: u16,
 }
 
 // The layout of the file (`FORMAT_VERSION`): a change needs a new version.
@@ -42,8 +39,7 @@ const _: () = {
     assert!(offset_of!(VspRecord, vs) == 4 && offset_of!(VspRecord, fn_) == 8);
     assert!(offset_of!(VspRecord, leaf_l) == 24 && offset_of!(VspRecord, leaf_r) == 28);
     assert!(offset_of!(VspRecord, pos_t) == 32 && offset_of!(VspRecord, pos_u) == 44);
-    assert!(offset_of!(VspRecord, r_t) == 56 && offset_of!(VspRecord, r_u) == 58);
-    assert!(offset_of!(VspRecord, e) == 60 && offset_of!(VspRecord, reserved) == 62);
+    assert!(offset_of!(VspRecord, certified) == 56 && offset_of!(VspRecord, e) == 62);
 };
 
 /// Sizes of a model, which define its implicit ids.
@@ -101,6 +97,14 @@ pub enum RecordError {
     /// A leaf code that is not a leaf of the AB-tree.
     #[error("vertex split record {0} has a leaf code outside the bounding tree")]
     Leaf(u32),
+}
+
+impl ErrorScale {
+    /// What is certified of vt and vu of a record.
+    #[must_use]
+    pub fn certified(self, record: &VspRecord) -> [Certified; 2] {
+        record.certified.map(|code| code.decode(self, record.e))
+    }
 }
 
 impl VspRecord {

@@ -6,14 +6,15 @@ use crate::hierarchy::{add_hierarchy, level_tolerances};
 use crate::history::History;
 use crate::ids::Ids;
 use crate::manifold::ManifoldMesh;
-use crate::model_error::descendant_radius;
 use crate::progress::Progress;
 use crate::regions::{Model, default_grid, regions_of};
 use ab_tree::leaf_key;
 use geometry::Aabb;
 use glam::Vec3;
 use spm::{BaseFace, BaseVertex, ModelHeader};
-use spm::{BuildSummary, ErrorScale, FullFace, NONE, RegionGrid, Sizes, SpmParts, VspRecord};
+use spm::{
+    BuildSummary, CertifiedCode, ErrorScale, FullFace, NONE, RegionGrid, Sizes, SpmParts, VspRecord,
+};
 
 /// Assembles the parts of an SPM file: `divisions` along the longest side, or the default grid.
 pub fn assemble(
@@ -24,7 +25,6 @@ pub fn assemble(
     progress: &dyn Progress,
 ) -> Result<SpmParts, BuildError> {
     let faces = mesh.triangles.len() as u32;
-    progress.phase("bounding errors", history.full_vertices.into());
     let bounds = bounds_of(mesh);
     let scale = ErrorScale::for_diagonal(bounds.diagonal());
     let ids = Ids::new(&history, faces);
@@ -102,10 +102,12 @@ impl Refinement {
         scale: ErrorScale,
     ) -> Result<Self, BuildError> {
         let faces = mesh.triangles.len() as u32;
-        let radius = descendant_radius(&history);
-        let code = |vertex: u32| {
+        let code = |vertex: u32, end: u16| {
             let made = vertex.checked_sub(history.full_vertices);
-            made.map_or(0, |made| scale.encode(radius[made as usize]))
+            let made = made.map(|made| made as usize);
+            let radius = made.map_or(0.0, |made| history.radius[made]);
+            let begin = made.map(|made| history.expected[made]);
+            CertifiedCode::new(scale, radius, history.close[vertex as usize], begin, end)
         };
         let records = records(&history, ids, faces, &code);
         check_records(&records, ids.sizes)?;
@@ -148,11 +150,16 @@ pub fn bounds_of(mesh: &ManifoldMesh) -> Aabb {
     Aabb::of_points(mesh.positions.iter().map(|&p| Vec3::from_array(p)))
 }
 
-fn base_vertices(history: &History, ids: &Ids, code: &impl Fn(u32) -> u16) -> Vec<BaseVertex> {
+fn base_vertices(
+    history: &History,
+    ids: &Ids,
+    code: &impl Fn(u32, u16) -> CertifiedCode,
+) -> Vec<BaseVertex> {
     let mut all = vec![
         BaseVertex {
             position: [0.0; 3],
-            r: 0
+            certified: CertifiedCode::default(),
+            reserved: 0,
         };
         ids.sizes.base_vertices as usize
     ];
@@ -160,7 +167,8 @@ fn base_vertices(history: &History, ids: &Ids, code: &impl Fn(u32) -> u16) -> Ve
         if let Some(slot) = all.get_mut(id as usize) {
             *slot = BaseVertex {
                 position: history.positions[vertex as usize],
-                r: code(vertex).into(),
+                certified: code(vertex, u16::MAX),
+                reserved: 0,
             };
         }
     }
@@ -180,7 +188,12 @@ fn base_faces(history: &History, ids: &Ids, faces: u32) -> Vec<BaseFace> {
         .collect()
 }
 
-fn records(history: &History, ids: &Ids, faces: u32, code: &impl Fn(u32) -> u16) -> Vec<VspRecord> {
+fn records(
+    history: &History,
+    ids: &Ids,
+    faces: u32,
+    code: &impl Fn(u32, u16) -> CertifiedCode,
+) -> Vec<VspRecord> {
     let made = history.full_vertices..;
     let mut records: Vec<VspRecord> = history
         .collapses
@@ -200,10 +213,8 @@ fn records(history: &History, ids: &Ids, faces: u32, code: &impl Fn(u32) -> u16)
             },
             pos_t: history.positions[collapse.vt as usize],
             pos_u: history.positions[collapse.vu as usize],
-            r_t: code(collapse.vt),
-            r_u: code(collapse.vu),
+            certified: [collapse.vt, collapse.vu].map(|vertex| code(vertex, expected)),
             e: expected,
-            reserved: 0,
         })
         .collect();
     records.reverse();

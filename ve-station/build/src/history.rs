@@ -73,6 +73,10 @@ pub struct History {
     pub collapses: Vec<Collapse>,
     /// Code of the expected error of each collapse.
     pub expected: Vec<u16>,
+    /// R of each vertex that a collapse made, model units.
+    pub radius: Vec<f64>,
+    /// C of each vertex, model units.
+    pub close: Vec<f64>,
     /// What is left: the base mesh, ascending by face.
     pub base: Vec<LeftFace>,
 }

@@ -8,7 +8,7 @@
 //! | 3 | `manifold` | stitches seams, cuts what is not manifold; geometry unchanged |
 //! | 4 | `order` | faces in AB-tree order |
 //! | 5 | `simplify` | quadric collapses in independent-set rounds: the `history` |
-//! | 6 | `model_error` | E of every collapse, and R of every vertex: the certified error |
+//! | 6 | `model_error` | E of every collapse, and R and C of every vertex: the certified error |
 //! | 7 | `ids`, `assemble` | numbers and records: [`spm::SpmParts`] |
 //! | 8 | `regions` | the grid, the seeds of each region, closures |
 //! | 9 | `hierarchy` | children of each VSP, bounds of its descendants; tolerance levels |

@@ -3,12 +3,17 @@
 //! | error | module | is |
 //! |---|---|---|
 //! | certified, R | `certified` | a bound of every front, both ways |
+//! | certified, C | `close` | a tighter one, of the fronts {E > t} |
 //! | expected, E | `expected` | sampled while simplifying; drives the dial |
 
 mod certified;
+mod close;
+mod descendants;
 mod expected;
 mod full_surface;
 mod triangle;
 
 pub use certified::descendant_radius;
+pub use close::close_bounds;
+pub use descendants::Descendants;
 pub use expected::ExpectedErrors;

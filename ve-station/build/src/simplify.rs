@@ -15,7 +15,7 @@ mod topology;
 
 use crate::history::{Collapse, FanFace, History, LeftFace, MAX_FACES_ROUND_A_VERTEX, Made, Round};
 use crate::manifold::ManifoldMesh;
-use crate::model_error::ExpectedErrors;
+use crate::model_error::{Descendants, ExpectedErrors, close_bounds, descendant_radius};
 use crate::progress::Progress;
 use crate::tuning::simplify::{
     BOUNDARY_WEIGHT, CHAIN_A_HALVING, FACES_A_TASK, LENGTH_COST, MIN_AREA_SHARE, MIN_TURN_COSINE,
@@ -36,7 +36,7 @@ fn limit_of_chains(vertices: usize, target: u32) -> u8 {
 }
 
 /// Simplifies until at most `target` faces are left or no legal collapse is, and samples the
-/// expected errors of one round while the next is made.
+/// expected errors of one round while the next is made; then the certified errors follow.
 #[must_use]
 pub fn simplify(
     mesh: &ManifoldMesh,
@@ -54,6 +54,8 @@ pub fn simplify(
         positions: mesh.positions.clone(),
         collapses: Vec::new(),
         expected: Vec::new(),
+        radius: Vec::new(),
+        close: Vec::new(),
         base: Vec::new(),
     };
     let mut whole = false;
@@ -74,7 +76,8 @@ pub fn simplify(
         whole = done * 50 < u64::from(work.topology.alive);
     }
     errors.sample(&made);
-    history.expected = errors.into_codes();
+    let (expected, full) = errors.finish();
+    history.expected = expected;
     history.base = (0..mesh.triangles.len() as u32)
         .filter(|&face| work.topology.is_alive(face))
         .map(|face| LeftFace {
@@ -83,6 +86,11 @@ pub fn simplify(
             neighbours: work.topology.neighbours[face as usize],
         })
         .collect();
+    drop(work);
+    progress.phase("bounding errors", history.full_vertices.into());
+    let descendants = Descendants::new(&history);
+    history.radius = descendant_radius(&history, &descendants);
+    history.close = close_bounds(&history, &full, &descendants, progress);
     history
 }
 

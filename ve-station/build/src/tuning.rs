@@ -91,3 +91,26 @@ pub mod write {
     /// Bytes of an SPM file beside that at the most: header, and whole blocks.
     pub const MAX_BYTES_BESIDE: u64 = 16 << 10;
 }
+
+/// The close bound of fronts.
+pub mod close {
+    /// How far a foot is moved from the nearest point towards the middle of its face, so that it
+    /// lies inside: a millionth adds nothing that is seen in a bound, and is far beyond rounding.
+    pub const INWARDS: f64 = 1.0 / (1 << 20) as f64;
+    /// The most sides of a rim, each way, from a child's foot to its parent's.
+    pub const BOUNDARY_STEPS: usize = 64;
+    /// Faces that a trace crosses at the most: so many, and for each descendant of its ends so many
+    /// more. (It crosses about the square root of their faces; what crosses more goes elsewhere.)
+    pub const MAX_STEPS: (usize, usize) = (32, 2);
+    /// How far a trace may stray from its edge, in R of its ends: beyond, the bound is R.
+    pub const LIMIT_OF_RADIUS: f64 = 2.0;
+    /// And, since the full mesh's vertices have none, in squares of its length.
+    pub const LIMIT_OF_EDGE: f64 = 0.25;
+    /// The part of that limit, squared, at which no better trace is looked for.
+    pub const GOOD: f64 = 1.0 / 64.0;
+    /// Vertices of a patch: so many, and for each descendant of its corners so many more. (A patch
+    /// has about as many as its corners have descendants; what has far more has leaked.)
+    pub const PATCH: (usize, usize) = (64, 2);
+    /// Faces of the full mesh that one task takes through all fronts: their edges are traced once.
+    pub const FACES_A_TASK: usize = 2048;
+}

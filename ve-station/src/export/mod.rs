@@ -15,7 +15,7 @@ mod thesis;
 use crate::inspect::{InspectError, open};
 use glam::DVec3;
 use spm::ModelHeader;
-use spm::{ActiveMesh, ErrorScale, FileError, NONE, OperationFaces, SpmFile, VspRecord};
+use spm::{ActiveMesh, Certified, ErrorScale, FileError, NONE, OperationFaces, SpmFile, VspRecord};
 use spm_builder::write_atomically;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -201,7 +201,7 @@ impl Front {
         let scale = ErrorScale::for_diagonal(header.diagonal);
         let mut base = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
         for (k, vertex) in (0u32..).zip(file.base_vertices()) {
-            base.set_base_vertex(k, vertex.position, 0.0);
+            base.set_base_vertex(k, vertex.position, Certified::EXACT);
         }
         for (k, face) in (0u32..).zip(file.base_faces()) {
             base.set_base_face(k, face.corners, face.neighbours)
@@ -223,7 +223,7 @@ impl Front {
                 _ => {}
             }
             for mesh in [&mut base, &mut refined] {
-                mesh.load(i, &record, record.vs, record.fn_, [0.0; 2]);
+                mesh.load(i, &record, record.vs, record.fn_, [Certified::EXACT; 2]);
             }
             if !refined.split_is_legal(i) {
                 return Err(inconsistent());

@@ -160,7 +160,10 @@ fn cuts_open_no_crack_or_one_no_wider_than_reported() {
         assert!(!some_cracks || widest * 10.0 > summary.cracks_max);
         // Nor is it beyond what is certified: both lips within the largest R.
         let scale = ErrorScale::for_diagonal(parts.header.diagonal);
-        let radii = parts.base_vertices.iter().map(|v| scale.decode(v.r as u16));
+        let radii = parts
+            .base_vertices
+            .iter()
+            .map(|v| f64::from(scale.certified_of_base(v).radius));
         assert!(summary.cracks_max <= 2.0 * radii.fold(0.0, f64::max));
     }
 }

@@ -7,7 +7,7 @@ use crate::common::{
 use ab_tree::is_leaf_key;
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use spm::{ErrorScale, NONE, OperationFaces, SpmParts};
+use spm::{Certified, ErrorScale, NONE, OperationFaces, SpmParts};
 use std::collections::BTreeSet;
 
 /// Ids are dense, leaves are shared out exactly once, and no fan is larger than the builder
@@ -151,19 +151,20 @@ fn r_reaches_the_farthest_descendant_and_hardly_farther() {
                 *most = most.max(at(above).distance(at(leaf)));
             }
         }
-        let check = |vertex: u32, code: u16| {
-            let (r, true_r) = (scale.decode(code), farthest[&vertex]);
+        let check = |vertex: u32, certified: Certified| {
+            let (r, true_r) = (f64::from(certified.radius), farthest[&vertex]);
             assert!(
-                r >= true_r && r <= true_r * 1.001,
+                r >= true_r && r <= true_r * 1.1,
                 "{name}: R {r} of {true_r}"
             );
         };
         for (v, vertex) in (0u32..).zip(&parts.base_vertices) {
-            check(v, vertex.r as u16);
+            check(v, scale.certified_of_base(vertex));
         }
         for record in &parts.records {
-            check(sizes.vt(record.i), record.r_t);
-            check(sizes.vt(record.i) + 1, record.r_u);
+            let [t, u] = scale.certified(record);
+            check(sizes.vt(record.i), t);
+            check(sizes.vt(record.i) + 1, u);
         }
     }
 }

@@ -106,10 +106,9 @@ pub fn build(mesh: &SoupMesh, base_faces: Option<u32>) -> SpmParts {
 pub fn load(parts: &SpmParts) -> ActiveMesh {
     let header = &parts.header;
     let scale = ErrorScale::for_diagonal(header.diagonal);
-    let radius = |code: u16| scale.decode(code) as f32;
     let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
     for (k, vertex) in (0u32..).zip(&parts.base_vertices) {
-        mesh.set_base_vertex(k, vertex.position, radius(vertex.r as u16));
+        mesh.set_base_vertex(k, vertex.position, scale.certified_of_base(vertex));
     }
     for (k, face) in (0u32..).zip(&parts.base_faces) {
         mesh.set_base_face(k, face.corners, face.neighbours)
@@ -117,8 +116,13 @@ pub fn load(parts: &SpmParts) -> ActiveMesh {
     }
     assert!(mesh.base_is_consistent());
     for record in &parts.records {
-        let radii = [radius(record.r_t), radius(record.r_u)];
-        mesh.load(record.i, record, record.vs, record.fn_, radii);
+        mesh.load(
+            record.i,
+            record,
+            record.vs,
+            record.fn_,
+            scale.certified(record),
+        );
     }
     mesh
 }

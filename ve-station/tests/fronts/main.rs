@@ -4,6 +4,7 @@
 mod common;
 
 mod ab_tree_on_fronts;
+mod certified_faces;
 mod flights;
 mod fronts_at_tolerances;
 mod large_fans;

@@ -38,7 +38,7 @@ use ab_tree::AbTree;
 use id_map::IdMap;
 use lists::ListPool;
 use mutants::{Mutant, is};
-use spm::{ActiveMesh, ErrorScale, NONE, Sizes, Slot, VspRecord};
+use spm::{ActiveMesh, Certified, ErrorScale, NONE, Sizes, Slot, VspRecord};
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use thiserror::Error;
 
@@ -378,12 +378,11 @@ impl Cache {
     /// Sets a base vertex; false when its numbers cannot be.
     #[must_use]
     pub fn set_base_vertex(&mut self, vertex: u32, value: &BaseVertex) -> bool {
-        let code = u16::try_from(value.r);
-        let (true, Ok(code)) = (value.position.iter().all(|x| x.is_finite()), code) else {
+        if value.reserved != 0 || !value.position.iter().all(|x| x.is_finite()) {
             return false;
-        };
-        let radius = self.radius_of_code(code);
-        self.mesh.set_base_vertex(vertex, value.position, radius);
+        }
+        let certified = self.scale.certified_of_base(value);
+        self.mesh.set_base_vertex(vertex, value.position, certified);
         true
     }
 
@@ -394,17 +393,6 @@ impl Cache {
             .set_base_face(face, value.corners, value.neighbours)
             .is_some()
             && self.tree.insert(face, value.leaf)
-    }
-
-    /// R as an f32 that is not below the code's value.
-    fn radius_of_code(&self, code: u16) -> f32 {
-        let exact = self.scale.decode(code);
-        let rounded = exact as f32;
-        if f64::from(rounded) < exact {
-            rounded.next_up()
-        } else {
-            rounded
-        }
     }
 
     // --- closures and records --------------------------------------------------------------------
@@ -500,10 +488,12 @@ impl Cache {
         for (place, &face) in fn_.iter_mut().zip(&record.fn_) {
             *place = handle(face, base_faces)?;
         }
-        let scale = if is(Mutant::Certified) { 0.0 } else { 1.0 };
-        let radii = [record.r_t, record.r_u].map(|code| scale * self.radius_of_code(code));
+        let mut certified = self.scale.certified(record);
+        if is(Mutant::Certified) {
+            certified = [Certified::EXACT; 2];
+        }
         let slot = self.take_slot().ok_or(LoadError::NoRoom)?;
-        self.mesh.load(slot, record, vs, fn_, radii);
+        self.mesh.load(slot, record, vs, fn_, certified);
         self.ids.insert(expected, slot);
         self.references[slot as usize] = References {
             held: 1,

@@ -117,7 +117,7 @@ impl ContactForecast {
                 continue;
             };
             // What is coarse may come out by as much as it is coarse.
-            let coarse = f64::from(surface.mesh.certified_error(nearest.face));
+            let coarse = f64::from(surface.mesh.face_radius(nearest.face));
             let distance = nearest.closest.distance_squared.sqrt();
             let clearance = distance - part.radius - coarse;
             *seen = Seen {

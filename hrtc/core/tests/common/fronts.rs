@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3, Vec3};
 use hrtc_core::contact::query::Surface;
 use hrtc_core::contact::tool::ToolMesh;
 use simulator::Random;
-use spm::{ActiveMesh, ErrorScale, Handle, NONE, OperationFaces, SpmParts};
+use spm::{ActiveMesh, Certified, ErrorScale, Handle, NONE, OperationFaces, SpmParts};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use std::collections::BTreeMap;
@@ -28,9 +28,8 @@ impl Front {
         let header = &parts.header;
         let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
         let scale = ErrorScale::for_diagonal(header.diagonal);
-        let radius = |code: u16| scale.decode(code) as f32;
         for (v, base) in (0u32..).zip(&parts.base_vertices) {
-            mesh.set_base_vertex(v, base.position, radius(base.r as u16));
+            mesh.set_base_vertex(v, base.position, scale.certified_of_base(base));
         }
         let mut tree = AbTree::new(header.base_faces + 2 * header.vsps);
         tree.preconstruct(header.faces);
@@ -41,8 +40,13 @@ impl Front {
         }
         tree.refit(|f| mesh.face_box(f));
         for record in &parts.records {
-            let radii = [radius(record.r_t), radius(record.r_u)];
-            mesh.load(record.i, record, record.vs, record.fn_, radii);
+            mesh.load(
+                record.i,
+                record,
+                record.vs,
+                record.fn_,
+                scale.certified(record),
+            );
         }
         let mut out = OperationFaces::new();
         for i in 0..header.vsps {
@@ -76,7 +80,7 @@ impl Front {
         let count = whole.triangles.len() as u32;
         let mut mesh = ActiveMesh::new(whole.positions.len() as u32, count, 0);
         for (v, p) in (0u32..).zip(&whole.positions) {
-            mesh.set_base_vertex(v, p.as_vec3().to_array(), 0.0);
+            mesh.set_base_vertex(v, p.as_vec3().to_array(), Certified::EXACT);
         }
         let mut edges = BTreeMap::new();
         for (f, t) in (0u32..).zip(&whole.triangles) {

@@ -4,7 +4,7 @@
 use crate::common::{Place, World, places_on_tour, plan, rest, spm, world};
 use scene::RefinementPlan;
 use simulator::{front_faces, refined_front};
-use spm::{ActiveMesh, ErrorScale, OperationFaces, SpmFile};
+use spm::{ActiveMesh, Certified, ErrorScale, OperationFaces, SpmFile};
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::collections::BTreeSet;
@@ -30,7 +30,7 @@ fn faces_after(file: &SpmFile<Vec<u8>>, splits: impl Iterator<Item = u32>) -> BT
     let header = file.model_header();
     let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
     for (handle, vertex) in (0u32..).zip(file.base_vertices()) {
-        mesh.set_base_vertex(handle, vertex.position, 0.0);
+        mesh.set_base_vertex(handle, vertex.position, Certified::EXACT);
     }
     for (handle, face) in (0u32..).zip(file.base_faces()) {
         let set = mesh.set_base_face(handle, face.corners, face.neighbours);
@@ -39,7 +39,7 @@ fn faces_after(file: &SpmFile<Vec<u8>>, splits: impl Iterator<Item = u32>) -> BT
     let mut out = OperationFaces::new();
     for i in 0..header.vsps {
         let record = file.record(i).expect("the file is good");
-        mesh.load(i, &record, record.vs, record.fn_, [0.0; 2]);
+        mesh.load(i, &record, record.vs, record.fn_, [Certified::EXACT; 2]);
     }
     for i in splits {
         mesh.split(i, &mut out).expect("the sequence is legal");

@@ -38,9 +38,8 @@ impl Front {
         let (vertices, faces) = (header.base_vertices, header.base_faces);
         let mut mesh = ActiveMesh::new(vertices, faces, header.vsps).with_geomorphs(2);
         let scale = ErrorScale::for_diagonal(header.diagonal);
-        let radius = |code: u16| scale.decode(code) as f32;
         for (v, base) in (0u32..).zip(&parts.base_vertices) {
-            mesh.set_base_vertex(v, base.position, radius(base.r as u16));
+            mesh.set_base_vertex(v, base.position, scale.certified_of_base(base));
         }
         let mut tree = AbTree::new(faces + 2 * header.vsps);
         tree.preconstruct(header.faces);
@@ -50,8 +49,13 @@ impl Front {
             assert!(tree.insert(f, base.leaf));
         }
         for record in &parts.records {
-            let radii = [radius(record.r_t), radius(record.r_u)];
-            mesh.load(record.i, record, record.vs, record.fn_, radii);
+            mesh.load(
+                record.i,
+                record,
+                record.vs,
+                record.fn_,
+                scale.certified(record),
+            );
         }
         tree.refit(|f| mesh.face_box(f));
         Self {

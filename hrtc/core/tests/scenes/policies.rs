@@ -30,21 +30,24 @@ fn start(policy: PolicyPlan, importances: [f64; 2], slow: f64) -> World {
     world
 }
 
-/// Presses and slides for so many ticks: ticks at full resolution and the mean certified error of
-/// each probe, in metres, and the changes of the finest tolerance.
+/// Presses and slides for so many ticks: ticks at full resolution and the mean distance of the
+/// contact from the ball of each probe, in metres, and the changes of the finest tolerance.
 fn stroke(world: &mut World, rad_per_tick: f64, ticks: u64) -> ([(u64, f64); 2], u64) {
     let (mut sums, mut changes, mut before) = ([(0, 0.0); 2], 0, f64::NAN);
     for tick in 0..ticks {
         let angle = rad_per_tick * tick as f64;
         let out = DVec3::new(angle.sin(), 0.0, angle.cos());
         let places = [0, 1].map(|k| Some(DVec3::X * (0.2 * k as f64) + 0.5 * SIZE_M * out));
-        let record = world.step_places(&places).record;
+        let outputs = world.step_places(&places);
+        let (record, contacts) = (outputs.record, outputs.contacts.clone());
         let now = record.finest_tolerance_m;
         changes += u64::from(std::mem::replace(&mut before, now) != now);
-        for (sum, of) in sums.iter_mut().zip(&record.probes) {
+        for ((sum, of), touched) in sums.iter_mut().zip(&record.probes).zip(contacts) {
             assert!(!of.contact || of.contact_bounded);
             sum.0 += u64::from(of.contact_full);
-            sum.1 += of.certified_error_m / ticks as f64;
+            // The ball of the model has a radius of one.
+            let away = touched.map_or(0.0, |touched| 1.0 - touched.contact.point.length());
+            sum.1 += 0.5 * SIZE_M * away.abs() / ticks as f64;
         }
         world.controller_mut().note_work(record.spent_ns);
     }

@@ -287,7 +287,7 @@ fn hero(html: &mut String, groups: &[Group<'_>]) {
 
 /// A row of two charts for each model.
 fn rows(html: &mut String, groups: &[Group<'_>]) {
-    html.push_str("<p>Left, the largest true error at a contact over the time of a tick. Right, local refinement: errors over the tolerance that was asked for. The certified error bounds the true one in the same tick; it counts tangential shift, so it is loose.</p>\n");
+    html.push_str("<p>Left, the largest true error at a contact over the time of a tick. Right, local refinement: errors over the tolerance that was asked for. The certified error bounds the true one in the same tick: on fronts of a tolerance closely, on others by how far vertices have moved, along the surface too.</p>\n");
     html.push_str(&key(
         "left",
         &[

@@ -10,7 +10,7 @@ use crate::failure::Failure;
 use crate::models::Model;
 use ab_tree::{AbTree, leaf_key};
 use hrtc_core::contact::query::Surface;
-use spm::{ActiveMesh, Handle, NONE, OperationFaces};
+use spm::{ActiveMesh, Certified, Handle, NONE, OperationFaces};
 use std::collections::HashMap;
 use std::time::Instant;
 
@@ -39,7 +39,7 @@ impl FullFront {
         }
         let mut mesh = ActiveMesh::new(positions.len() as u32, count, 0);
         for (vertex, position) in (0u32..).zip(&positions) {
-            mesh.set_base_vertex(vertex, position.as_vec3().to_array(), 0.0);
+            mesh.set_base_vertex(vertex, position.as_vec3().to_array(), Certified::EXACT);
         }
         for (&handle, &place) in &places {
             let neighbours = split.face(handle).neighbours;

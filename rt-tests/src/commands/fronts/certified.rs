@@ -1,4 +1,5 @@
-//! The certified error beside sampled distances, on random fronts and on local ones.
+//! The certified error beside sampled distances, on random fronts, on those of tolerances and on
+//! local ones.
 
 use super::legality::ancestors;
 use crate::failure::Failure;
@@ -16,6 +17,8 @@ const SAMPLES: usize = 6_000;
 const SAMPLES_A_FACE: usize = 6;
 /// Local fronts.
 const LOCAL_FRONTS: u32 = 6;
+/// Shares of the VSPs that the fronts of tolerances leave out.
+const SHARES: [f64; 4] = [0.3, 0.7, 0.95, 0.99];
 /// What distances in f64 lose, in parts of the diagonal. A model lies at most 64 diagonals from its
 /// origin.
 const ROUNDING: f64 = 1e-13;
@@ -26,7 +29,7 @@ const PLANE: f64 = 1e-7;
 /// What the samples say.
 #[derive(Debug, Clone, Default)]
 pub struct Certified {
-    /// R of each sampled face over the largest distance found on it, ascending.
+    /// The bound of each sampled face over the largest distance found on it, ascending.
     pub ratios: Vec<f64>,
     /// Distances measured.
     pub samples: u64,
@@ -57,6 +60,15 @@ pub fn certified(
         (90, true),
     ] {
         let mesh = random_front(model, random, chance, down);
+        sample(model, full, &mesh, &mut found, random);
+    }
+    let mut codes: Vec<u16> = model.records.iter().map(|record| record.e).collect();
+    codes.sort_unstable();
+    for share in SHARES {
+        let code = codes[((codes.len() - 1) as f64 * share) as usize];
+        let above = model.records.iter().filter(|record| record.e > code);
+        let mut mesh = model.active_mesh();
+        perform(&mut mesh, &above.map(|record| record.i).collect::<Vec<_>>());
         sample(model, full, &mesh, &mut found, random);
     }
     let mut local = LocalFront::new(model)?;

@@ -202,7 +202,9 @@ pub struct RecordModel {
     positions: Vec<Difference>,
     errors: Vec<Difference>,
     has_error: [Bit; 3],
-    reserved: Number,
+    close: [Difference; 2],
+    is_split: [Bit; 2],
+    begin: [Difference; 2],
     last: VspRecord,
 }
 
@@ -225,7 +227,9 @@ impl Default for RecordModel {
             positions: vec![Difference::NEW; 2 * SCALES],
             errors: vec![Difference::NEW; 4],
             has_error: [Bit::NEW; 3],
-            reserved: Number::NEW,
+            close: [Difference::NEW; 2],
+            is_split: [Bit::NEW; 2],
+            begin: [Difference::NEW; 2],
             last: VspRecord::zeroed(),
         }
     }
@@ -262,8 +266,12 @@ impl RecordModel {
         self.leaves(code, given, &mut record, &of, known);
         let at = if is_u { of.pos_u } else { of.pos_t };
         self.positions(code, given, &mut record, at, distance(of.pos_t, of.pos_u));
-        let error = if is_u { of.r_u } else { of.r_t };
-        self.errors(code, given, &mut record, error);
+        self.errors(
+            code,
+            given,
+            &mut record,
+            of.certified[usize::from(is_u)].radius,
+        );
         self.last = record;
         record
     }
@@ -387,17 +395,32 @@ impl RecordModel {
         }
     }
 
-    fn errors(&mut self, code: &mut impl Code, given: &VspRecord, record: &mut VspRecord, of: u16) {
-        let has_t = code.bit(given.r_t != 0, &mut self.has_error[0]);
+    fn errors(&mut self, code: &mut impl Code, given: &VspRecord, record: &mut VspRecord, of: u8) {
+        let radii = given.certified.map(|of| of.radius);
+        let has_t = code.bit(radii[0] != 0, &mut self.has_error[0]);
         let second = 1 + usize::from(has_t);
         if has_t {
-            record.r_t = self.errors[0].code(code, u32::from(given.r_t), u32::from(of)) as u16;
+            record.certified[0].radius =
+                self.errors[0].code(code, radii[0].into(), of.into()) as u8;
         }
         record.e = self.errors[3].code(code, u32::from(given.e), u32::from(self.last.e)) as u16;
-        if code.bit(given.r_u != 0, &mut self.has_error[second]) {
-            record.r_u = self.errors[second].code(code, u32::from(given.r_u), u32::from(of)) as u16;
+        if code.bit(radii[1] != 0, &mut self.has_error[second]) {
+            record.certified[1].radius =
+                self.errors[second].code(code, radii[1].into(), of.into()) as u8;
         }
-        record.reserved = self.reserved.code(code, u32::from(given.reserved)) as u16;
+        for k in 0..2 {
+            let (given, last) = (given.certified[k], self.last.certified[k]);
+            let coded = &mut record.certified[k];
+            // What no VSP splits has no R, mostly.
+            let has_radius = usize::from(coded.radius != 0);
+            let close = &mut self.close[has_radius];
+            coded.close = close.code(code, given.close.into(), last.close.into()) as u8;
+            coded.begin = u8::MAX;
+            if code.bit(given.begin != u8::MAX, &mut self.is_split[has_radius]) {
+                let begin = &mut self.begin[has_radius];
+                coded.begin = begin.code(code, given.begin.into(), 0) as u8;
+            }
+        }
     }
 }
 

@@ -7,8 +7,10 @@
 //!
 //! During a geomorph, R of the vertex is the larger R of both ends. The distance to a full-mesh
 //! descendant is a convex function of the position, so on a straight segment it is largest at an
-//! end.
+//! end. Certified errors of fronts {E > t} hold at both ends, and with the way from there in
+//! between: no point of a face moves farther than the corner that moves farthest.
 
+use super::super::certified::Certified;
 use super::{ActiveMesh, Handle, OperationFaces, Slot, Vertex};
 use glam::{DVec3, Vec3};
 
@@ -29,6 +31,11 @@ impl Geomorph {
     #[must_use]
     pub fn vertex(&self) -> Handle {
         self.vertex
+    }
+
+    /// Position of the file, and what is certified there.
+    pub(super) fn home(&self) -> Vertex {
+        self.home
     }
 
     /// Whether it moves to its parent, so that its slot may collapse; otherwise to its own
@@ -86,7 +93,10 @@ impl ActiveMesh {
             });
             let at = Vertex {
                 position: place,
-                radius: operation.radius,
+                certified: Certified {
+                    radius: operation.radius,
+                    ..home.certified
+                },
             };
             self.start_segment(self.geomorphs.len() - 1, at, home, false);
         }
@@ -139,9 +149,10 @@ impl ActiveMesh {
         geomorph.to_parent = to_parent;
         // Positions in between are rounded to f32.
         let largest = at.position.abs().max(end.position.abs()).max_element();
-        let radius = at.radius.max(end.radius) + f32::EPSILON * largest;
-        self.vertices[geomorph.vertex as usize].position = at.position;
-        self.vertices[geomorph.vertex as usize].radius = radius.next_up();
+        let radius = at.certified.radius.max(end.certified.radius) + f32::EPSILON * largest;
+        let vertex = &mut self.vertices[geomorph.vertex as usize];
+        vertex.position = at.position;
+        vertex.certified.radius = radius.next_up();
     }
 
     /// Displacement of a geomorph from its start to its target, model units.
@@ -252,7 +263,7 @@ impl ActiveMesh {
         }
     }
 
-    fn geomorph_of(&self, vertex: Handle) -> Option<usize> {
+    pub(super) fn geomorph_of(&self, vertex: Handle) -> Option<usize> {
         self.geomorphs
             .iter()
             .position(|geomorph| geomorph.vertex == vertex)

@@ -1,4 +1,5 @@
 use super::*;
+use crate::CertifiedCode;
 use glam::DVec3;
 
 fn record(i: u32, leaf_r: u32) -> VspRecord {
@@ -10,10 +11,8 @@ fn record(i: u32, leaf_r: u32) -> VspRecord {
         leaf_r,
         pos_t: [0.0, 1.0, 0.0],
         pos_u: [0.0, -1.0, 0.0],
-        r_t: 0,
-        r_u: 0,
+        certified: [CertifiedCode::default(); 2],
         e: 0,
-        reserved: 0,
     }
 }
 
@@ -26,7 +25,7 @@ fn hexagon(slots: u32) -> ActiveMesh {
         mesh.set_base_vertex(
             v,
             [(p * angle.cos()) as f32, (p * angle.sin()) as f32, 0.0],
-            0.0,
+            Certified::EXACT,
         );
     }
     for k in 0..6 {
@@ -44,7 +43,7 @@ fn a_split_parts_the_fan_and_a_collapse_restores_it() {
     let mut mesh = hexagon(1);
     let before = mesh.faces.clone();
     // vl = vertex 1 (between faces 5 and 0), vr = vertex 4 (between faces 2 and 3).
-    mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [0.0; 2]);
+    mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [Certified::EXACT; 2]);
     let mut out = OperationFaces::new();
     mesh.split(0, &mut out).unwrap();
     assert_eq!(out.deformed(), [0, 1, 2, 3, 4, 5]);
@@ -69,7 +68,7 @@ fn the_fan_of_vt_may_be_in_two_pieces_at_a_boundary() {
         mesh.set_base_face(place[k], corners, neighbours).unwrap();
     }
     assert!(mesh.base_is_consistent());
-    mesh.load(0, &record(0, 3), 0, [0, 4, 1, 2], [0.0; 2]);
+    mesh.load(0, &record(0, 3), 0, [0, 4, 1, 2], [Certified::EXACT; 2]);
     let mut out = OperationFaces::new();
     mesh.split(0, &mut out).unwrap();
     mesh.check();
@@ -90,7 +89,7 @@ fn a_record_that_does_not_fit_is_refused_and_changes_nothing() {
     ] {
         let mut mesh = hexagon(1);
         let before = mesh.faces.clone();
-        mesh.load(0, &record(7, 3), 0, fn_, [0.0; 2]);
+        mesh.load(0, &record(7, 3), 0, fn_, [Certified::EXACT; 2]);
         let mut out = OperationFaces::new();
         assert_eq!(
             mesh.split(0, &mut out),
@@ -123,12 +122,18 @@ fn advance_all(mesh: &mut ActiveMesh, done: f64, out: &mut OperationFaces) {
 fn a_split_takes_off_from_where_the_surface_was_and_lands_where_the_file_says() {
     let mut mesh = hexagon(2).with_geomorphs(4);
     let mut at_once = hexagon(2);
-    mesh.set_base_vertex(0, [0.0, 0.0, 0.5], 2.0);
-    at_once.set_base_vertex(0, [0.0, 0.0, 0.5], 2.0);
+    mesh.set_base_vertex(0, [0.0, 0.0, 0.5], Certified::of_radius(2.0));
+    at_once.set_base_vertex(0, [0.0, 0.0, 0.5], Certified::of_radius(2.0));
     let before = places(&mesh);
     let mut out = OperationFaces::new();
     for mesh in [&mut mesh, &mut at_once] {
-        mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [0.25, 0.5]);
+        mesh.load(
+            0,
+            &record(0, 3),
+            0,
+            [0, 5, 2, 3],
+            [0.25, 0.5].map(Certified::of_radius),
+        );
         mesh.split(0, &mut out).unwrap();
     }
     mesh.start_split_geomorph(&out);
@@ -163,8 +168,8 @@ fn a_split_takes_off_from_where_the_surface_was_and_lands_where_the_file_says() 
 #[test]
 fn a_step_of_a_vertex_sweeps_the_points_between_the_surfaces() {
     let mut mesh = hexagon(1).with_geomorphs(2);
-    mesh.set_base_vertex(0, [0.0, 0.0, 2.0], 0.0);
-    mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [0.0; 2]);
+    mesh.set_base_vertex(0, [0.0, 0.0, 2.0], Certified::EXACT);
+    mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [Certified::EXACT; 2]);
     let mut out = OperationFaces::new();
     mesh.split(0, &mut out).unwrap();
     mesh.start_split_geomorph(&out);

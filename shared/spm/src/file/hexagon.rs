@@ -1,6 +1,7 @@
 //! A tiny model for examples and tests.
 
 use super::{BuildSummary, FullFace, SpmParts};
+use crate::CertifiedCode;
 use crate::{
     BaseFace, BaseVertex, LEVELS, ModelHeader, NONE, RegionGrid, RegionId, VspNode, VspRecord,
 };
@@ -53,7 +54,8 @@ impl SpmParts {
                 .chain(&outer)
                 .map(|&[x, y]| BaseVertex {
                     position: [x, y, 0.0],
-                    r: 0,
+                    certified: CertifiedCode::default(),
+                    reserved: 0,
                 })
                 .collect(),
             base_faces: (0..CORNERS)
@@ -92,10 +94,8 @@ fn record() -> VspRecord {
         leaf_r: leaf_key(CORNERS + 1, FACES),
         pos_t: [0.0, 1.0, 0.0],
         pos_u: [0.0, -1.0, 0.0],
-        r_t: 0,
-        r_u: 0,
+        certified: [CertifiedCode::default(); 2],
         e: VspRecord::E_UNKNOWN,
-        reserved: 0,
     }
 }
 

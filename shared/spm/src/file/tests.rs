@@ -1,4 +1,5 @@
 use super::*;
+use crate::CertifiedCode;
 use crate::{LEVELS, RegionGrid};
 use ab_tree::leaf_key;
 use bytemuck::Zeroable;
@@ -47,7 +48,8 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
         base_vertices: (0..base + 2)
             .map(|_| BaseVertex {
                 position: position(),
-                r: 5,
+                certified: certified(5),
+                reserved: 0,
             })
             .collect(),
         base_faces: (0..base)
@@ -67,10 +69,8 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
                 leaf_r: leaf_key(base + 2 * i + 1, faces),
                 pos_t: position(),
                 pos_u: position(),
-                r_t: 1,
-                r_u: 2,
+                certified: [1, 2].map(certified),
                 e: VspRecord::E_UNKNOWN,
-                reserved: 0,
             })
             .collect(),
         seed_offsets: (0..=4).map(|k| k * seeds_each).collect(),
@@ -91,6 +91,13 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
                 bounds: [0, 1, 2, 30, 40, i as u16],
             })
             .collect(),
+    }
+}
+
+fn certified(radius: u8) -> CertifiedCode {
+    CertifiedCode {
+        radius,
+        ..CertifiedCode::default()
     }
 }
 
@@ -242,7 +249,7 @@ fn impossible_content_is_refused_in_spite_of_a_right_checksum() {
         inconsistent(Section::BaseFaces),
     );
     expect(
-        |p| p.base_vertices[3].r = 1 << 16,
+        |p| p.base_vertices[3].reserved = 1,
         inconsistent(Section::BaseVertices),
     );
     expect(|p| p.regions.swap(0, 1), inconsistent(Section::Regions));
@@ -354,10 +361,10 @@ fn the_bytes_of_a_file_of_this_version_do_not_change() {
     let bytes = bytes_of(&SpmParts::hexagon());
     let header = &bytes[..size_of::<SpmHeader>()];
     assert_eq!(&header[..8], b"hrtc-spm");
-    assert_eq!(header[8..16], [3, 0, 0, 0, 11, 0, 0, 0]);
+    assert_eq!(header[8..16], [4, 0, 0, 0, 11, 0, 0, 0]);
     assert_eq!(header[16..24], (bytes.len() as u64).to_le_bytes());
     // Another hash means another layout: count FORMAT_VERSION up.
-    assert_eq!(xxh3_64(&bytes), 0xb7be_c8a6_5427_11ea);
+    assert_eq!(xxh3_64(&bytes), 0x23f4_0e2f_8875_4e68);
     let file = SpmFile::open(Aligned::new(&bytes)).unwrap();
     file.check_all().unwrap();
 }

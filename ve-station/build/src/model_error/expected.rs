@@ -105,9 +105,9 @@ impl<'a> ExpectedErrors<'a> {
         self.codes.extend(codes);
     }
 
-    /// Codes of E, in the order of the collapses.
-    pub fn into_codes(self) -> Vec<u16> {
-        self.codes
+    /// Codes of E, in the order of the collapses, and the full surface.
+    pub fn finish(self) -> (Vec<u16>, FullSurface<'a>) {
+        (self.codes, self.full)
     }
 
     fn sample_collapse(&self, collapse: &Collapse, point: [f32; 3], fan: &[FanFace]) -> u16 {

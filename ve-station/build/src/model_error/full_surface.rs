@@ -88,6 +88,21 @@ impl<'a> FullSurface<'a> {
         surface
     }
 
+    /// Corners of each face.
+    pub fn triangles(&self) -> &'a [[u32; 3]] {
+        self.triangles
+    }
+
+    /// The faces across the edge opposite each corner of each face.
+    pub fn neighbours(&self) -> &[[u32; 3]] {
+        &self.neighbours
+    }
+
+    /// Where the corners of a face are.
+    pub fn corners(&self, face: u32) -> [DVec3; 3] {
+        self.triangles[face as usize].map(|v| self.position(v))
+    }
+
     /// Position of a vertex.
     pub fn position(&self, vertex: u32) -> DVec3 {
         Vec3::from_array(self.positions[vertex as usize]).as_dvec3()

@@ -32,12 +32,12 @@ pub struct Nearest {
 /// use ab_tree::{AbTree, leaf_key};
 /// use glam::DVec3;
 /// use hrtc_core::contact::query::{Surface, closest_point};
-/// use spm::{ActiveMesh, NONE};
+/// use spm::{ActiveMesh, Certified, NONE};
 ///
 /// let mut mesh = ActiveMesh::new(3, 1, 0);
 /// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 /// for (vertex, corner) in (0u32..).zip(corners) {
-///     mesh.set_base_vertex(vertex, corner, 0.0);
+///     mesh.set_base_vertex(vertex, corner, Certified::EXACT);
 /// }
 /// mesh.set_base_face(0, [0, 1, 2], [NONE; 3]).expect("the vertices are there");
 /// let mut tree = AbTree::new(1);

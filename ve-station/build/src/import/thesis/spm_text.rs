@@ -14,7 +14,7 @@ use super::{Fields, keyword_lines, refused, sum};
 use crate::error::BuildError;
 use crate::mesh::SoupMesh;
 use ab_tree::leaf_key;
-use spm::{ActiveMesh, NONE, OperationFaces, Sizes, VspRecord};
+use spm::{ActiveMesh, Certified, CertifiedCode, NONE, OperationFaces, Sizes, VspRecord};
 
 /// What the lines say.
 #[derive(Default)]
@@ -272,17 +272,15 @@ fn refined(read: &Text) -> Result<SoupMesh, BuildError> {
             // Positions stay in f64, outside.
             pos_t: [0.0; 3],
             pos_u: [0.0; 3],
-            r_t: 0,
-            r_u: 0,
+            certified: [CertifiedCode::default(); 2],
             e: 0,
-            reserved: 0,
         };
         let refused = || BuildError::Line {
             line: split.line,
             reason: "the split does not fit the mesh so far: correct it".to_string(),
         };
         record.validate(i, sizes).map_err(|_| refused())?;
-        mesh.load(i, &record, split.vs, split.fn_, [0.0; 2]);
+        mesh.load(i, &record, split.vs, split.fn_, [Certified::EXACT; 2]);
         if !mesh.split_is_legal(i) {
             return Err(refused());
         }
