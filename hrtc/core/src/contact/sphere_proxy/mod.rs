@@ -43,7 +43,7 @@ const CONVERGED: f64 = 1e-9;
 /// Largest ratio of two steps that counts as a geometric series.
 const SERIES: f64 = 0.9;
 /// How far a converged ball may be from where its steps lead, as a fraction of its radius: the rest
-/// of a series around an edge whose last step was within [`CONVERGED`].
+/// of a geometric series around an edge whose last step was short enough to end the tick.
 pub const CONVERGED_WITHIN: f64 = CONVERGED / (1.0 - SERIES);
 /// Steps per tick; the next tick does the remaining work, from a safe position.
 const STEPS: usize = 8;
