@@ -77,9 +77,18 @@ fn json_and_table_have_the_fields_of_the_design() {
 fn build_with_errors_doubled(mesh: SoupMesh, path: &Path) {
     /// Codes of E for a factor of two.
     const OCTAVE: u16 = 2048;
+    /// The same in the steps in which a vertex says from which E on it is active.
+    const STEPS: u8 = 16;
     let mut parts = build_model(mesh, &BuildOptions::default(), &NoProgress).unwrap();
     for record in parts.records.iter_mut().filter(|record| record.e > 0) {
         record.e = record.e.saturating_add(OCTAVE);
+    }
+    // Other vertices count from their own VSP on, those of the base mesh from the largest code.
+    for vertex in &mut parts.base_vertices {
+        let begin = &mut vertex.certified.begin;
+        if *begin != u8::MAX {
+            *begin = begin.saturating_sub(STEPS);
+        }
     }
     parts.seal();
     write_spm_file(&parts, path).unwrap();

@@ -347,8 +347,9 @@ impl EnergyAccount {
     }
 
     /// Work, joules, of a force after the coming period, in which it does `work`, while it falls to
-    /// zero as fast as it may and the device goes on as it does. Over n = F / s periods of a motion u
-    /// that grows by a: `Σ (F - k s) (u + k a)`, k = 1 to n, hence `u F (n - 1) / 2 + a F n² / 6`.
+    /// zero as fast as it may and the device goes on as it does. Over n = F / s periods of a motion
+    /// u that grows by a: `Σ (F - k s) (u + k a)`, k = 1 to n, hence
+    /// `u F (n - 1) / 2 + a F n² / 6`.
     fn work_of_fall(&self, force: DVec3, work: f64) -> f64 {
         let size = force.length();
         let periods = size / self.slew_n;

@@ -70,8 +70,8 @@ fn bounce_by(
     [account.joules(), damped]
 }
 
-/// A limit of slew behind the account lets a force linger when the device leaves: that, too, is paid
-/// for.
+/// A limit of slew behind the account lets a force linger when the device leaves: that, too, is
+/// paid for.
 #[test]
 fn a_force_that_falls_slowly_puts_out_no_more_than_a_device_damps() {
     let (most_n, slew_n) = (8.0, 2.0);
