@@ -172,12 +172,8 @@ fn a_small_budget_makes_it_slow_and_not_wrong() {
         assert!(poor.distance(rich) < 0.05e-3, "{k}: {poor} {rich} {held:?}");
         assert!(wildest < 1.5 * most, "{held:?}");
         assert!(
-            k > 0 || unfinished > 0,
-            "the small budget matters: {held:?}"
-        );
-        assert!(
-            k == 2 || early > 0,
-            "and ticks that end early are told: {held:?}"
+            k > 0 || (unfinished > 0 && early > 0),
+            "the small budget matters, and ticks that end early are told: {held:?}"
         );
     }
 }

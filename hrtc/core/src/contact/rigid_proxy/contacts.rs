@@ -9,10 +9,10 @@
 use super::neighbourhood::{MAX_PAIRS, Neighbourhood, SurfaceFace};
 use super::projection::MAX_HALF_SPACES;
 use super::shape::{FLAT, ToolShape};
-use crate::contact::motion::Placement;
+use crate::contact::motion::{Placement, Twist};
 use crate::contact::query::Surface;
 use geometry::closest_point_on_triangle;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use spm::{Handle, NONE};
 
 /// Slope by which the neighbours of a corner may be nearer if the corner is over the inside of a
@@ -25,6 +25,12 @@ const LOOK: u32 = 5;
 pub(super) const PASSED: u32 = 1;
 /// Vertices of the tool whose placing costs as much as one node pair (measured).
 pub(super) const PLACED: u32 = 2;
+/// Share of the contact offset that the arcs of a step leave: midway between where contacts act and
+/// where the sweep stops.
+const ARC_FLOOR: f64 = 0.75;
+/// Rotation up to which arcs deviate from straight lines by the square of it, within a part in
+/// forty, radians.
+const QUADRATIC_TURN: f64 = 0.25;
 /// Largest number of faces around a corner that are examined.
 const MAX_AROUND: usize = 128;
 
@@ -149,6 +155,35 @@ impl Contacts {
     /// The contacts.
     pub fn all(&self) -> &[ToolContact] {
         &self.all
+    }
+
+    /// The share of a motion on which the arcs of the rotation, too, obey all contacts: these are
+    /// obeyed along straight lines. Where an arc bends towards the surface, a contact may lose a
+    /// quarter of the contact offset by it.
+    ///
+    /// After a share s of the motion, `gap + s gain - s^2 loss` is left of a gap, and must not be
+    /// less than the floor or than there is now.
+    pub fn share_of_arcs(&self, motion: &Twist, offset: f64) -> f64 {
+        let turn = motion.angular.length();
+        if turn == 0.0 {
+            return 1.0;
+        }
+        let part = (QUADRATIC_TURN / turn).min(1.0);
+        let rotation = DMat3::from_quat(DQuat::from_scaled_axis(motion.angular * part));
+        let mut share = 1.0f64;
+        for contact in &self.all {
+            let (normal, arm) = (contact.normal, contact.arm);
+            let straight = motion.angular.cross(arm);
+            let arc = rotation * arm - arm;
+            let loss = normal.dot(straight * part - arc) / (part * part);
+            let gain = normal.dot(motion.linear + straight);
+            let room = (contact.gap - ARC_FLOOR * offset).max(0.0);
+            if room + share * (gain - share * loss) < 0.0 && loss > 0.0 {
+                let root = (gain * gain + 4.0 * loss * room).sqrt();
+                share = ((gain + root) / (2.0 * loss)).clamp(0.0, share);
+            }
+        }
+        share
     }
 
     /// Contacts beyond the capacity.

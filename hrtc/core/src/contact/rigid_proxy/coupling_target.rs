@@ -30,8 +30,8 @@ impl Imperceptible {
 }
 
 impl ToolProxy {
-    /// The placement that the known contacts allow, without the limits of a tick. If no step was
-    /// taken, its contacts become the answer's.
+    /// The placement that the known contacts allow, without the limits of a tick. If no step found
+    /// contacts, its own become the answer's.
     pub(super) fn target_allowed_by_contacts(&mut self, answer: &mut ToolAdvance) -> Placement {
         let offset = self.contact_offset();
         self.contacts.carry(&self.at);
@@ -39,7 +39,7 @@ impl ToolProxy {
         let wanted = self.at.to(&self.goal);
         let mut allowed = ToolAdvance::new();
         let path = self.allowed(&wanted, offset, Some(&mut allowed));
-        if answer.steps == 0 {
+        if answer.contact_count == 0 {
             answer.contacts = allowed.contacts;
             answer.contact_count = allowed.contact_count;
         }

@@ -2,17 +2,16 @@
 //! over it.
 
 use super::contacts::{PASSED, PLACED};
+use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
 use super::{State, ToolAdvance, ToolProxy};
-use crate::contact::motion::Placement;
-use crate::contact::query::{Body, Surface, first_pair};
+use crate::contact::motion::{Placement, Twist};
+use crate::contact::query::{Body, Ending, Surface};
 use crate::contact::tool::{RelativePath, for_each_face_near};
 use geometry::{Similarity, triangle_pair};
 
 /// Cost of a pair of faces tested, in node pairs (measured).
 const TESTED: u32 = 3;
-/// Tool faces whose motion costs as much as one node pair (measured).
-const FACES_MOVED: u32 = 4;
 
 impl ToolProxy {
     /// Moves to the device if the tool is clear of the surface there.
@@ -23,6 +22,8 @@ impl ToolProxy {
         answer: &mut ToolAdvance,
     ) {
         let goal = self.goal;
+        // Changes of the surface are not noted meanwhile.
+        self.near.invalidate();
         let clear = self.meets(surface, &goal, budget, answer) == Some(false);
         if clear || self.state == State::Inside {
             self.at = goal;
@@ -54,13 +55,20 @@ impl ToolProxy {
             Some(true) => {}
             known => return known.is_some(),
         }
-        for escape in mesh_change.escapes(self.static_offset(), self.moving_offset) {
+        let held_by = self
+            .contacts
+            .all()
+            .iter()
+            .map(|contact| contact.normal)
+            .sum();
+        let offsets = (self.static_offset(), self.moving_offset);
+        for escape in mesh_change.escapes(offsets.0, offsets.1, held_by) {
             let out = Placement {
                 centre: here.centre + escape,
                 ..here
             };
             let path = here.to(&out);
-            let is_met = if first_changed.is_some() && self.near.tube.covers(&here, &path, 0.0) {
+            let is_met = if self.near.tube.covers(&here, &path, 0.0) {
                 Some(self.meets_candidates(0, &out, answer))
             } else {
                 self.meets(surface, &out, budget, answer)
@@ -112,9 +120,10 @@ impl ToolProxy {
             return self.meets(surface, &here, budget, answer);
         };
         let path = RelativePath::new([here.centre; 2], [here.rotation(); 2]);
-        let (mut is_met, mut tested) = (false, 0);
+        let mut is_met = false;
         for &face in changed.iter().filter(|&&face| surface.has(face)) {
             let corners = surface.corners(face);
+            let mut tested = 0;
             let cost = for_each_face_near(&self.shape.blocks, &path, corners, 0.0, |own| {
                 let corners_of_tool = self
                     .tool
@@ -124,17 +133,20 @@ impl ToolProxy {
                 is_met = triangle_pair(corners, corners_of_tool.map(|p| to_query.point(p))).meets();
                 !is_met
             });
-            answer.spent += cost;
+            answer.work.faces += tested;
+            answer.spent += cost + TESTED * tested;
             if is_met {
-                break;
+                return Some(true);
+            }
+            if answer.spent > budget {
+                return None;
             }
         }
-        answer.work.faces += tested;
-        answer.spent += TESTED * tested;
-        Some(is_met)
+        Some(false)
     }
 
-    /// Whether the tool meets the surface; `None` if the budget does not suffice.
+    /// Whether the tool meets the surface at a placement, whose candidates it collects; `None` if
+    /// the budget does not suffice. The next tick continues if it asks for the same placement.
     fn meets(
         &mut self,
         surface: Surface<'_>,
@@ -142,24 +154,22 @@ impl ToolProxy {
         budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
-        self.put_tool(at);
-        answer.spent += self.tool.faces() / FACES_MOVED;
-        // Here a node pair costs half; the rest pays for the face pairs below it.
-        let most = budget.saturating_sub(answer.spent);
-        let (pair, ending, work) = first_pair(&surface, &self.tool, most, None);
+        let still = Twist::default();
+        let margin = self.static_offset();
+        let tube = LookAheadTube::along(*at, still, 0.0, margin, &self.shape);
+        self.near.end_other_collection(at);
+        // What the candidates cost, too, once they are known.
+        let most = budget.saturating_sub(answer.spent) / 2;
+        let (ending, work) = self.near.collect(surface, &self.shape, tube, most);
         answer.work.add(work);
-        answer.spent += work.node_pairs + TESTED * work.faces;
-        if pair.is_none() && !ending.is_complete() {
-            answer.ending = ending;
+        answer.spent += work.cost();
+        if self.near.tube.left() <= 0.0 {
+            answer.ending = match ending {
+                Ending::Complete => Ending::Stopped { unvisited: 0 },
+                other => other,
+            };
             return None;
         }
-        Some(pair.is_some())
-    }
-
-    /// Moves the tool's mesh to a placement.
-    fn put_tool(&mut self, at: &Placement) {
-        if let Some(to_query) = Similarity::new(self.pose_at(at), self.scale) {
-            self.tool.place(&to_query);
-        }
+        Some(self.meets_candidates(0, at, answer))
     }
 }

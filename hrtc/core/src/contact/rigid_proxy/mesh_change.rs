@@ -19,6 +19,8 @@ const MAX_LISTED: usize = 512;
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MeshChange {
     is_there: bool,
+    /// Whether some of it came since the last tick.
+    is_new: bool,
     may_have_met: bool,
     /// Sum of the directions from changed faces to the tool.
     side: DVec3,
@@ -36,6 +38,7 @@ impl MeshChange {
     pub fn new() -> Self {
         Self {
             is_there: false,
+            is_new: false,
             may_have_met: false,
             side: DVec3::ZERO,
             push: 0.0,
@@ -47,6 +50,19 @@ impl MeshChange {
     /// Takes the noted changes and clears them.
     pub fn take(&mut self) -> Self {
         std::mem::replace(self, Self::new())
+    }
+
+    /// The same for a later tick, which knows its faces already.
+    pub fn kept(self) -> Self {
+        Self {
+            is_new: false,
+            ..self
+        }
+    }
+
+    /// Whether there is a change since the last tick.
+    pub fn is_new(&self) -> bool {
+        self.is_new
     }
 
     /// Whether a face near the tool has changed.
@@ -120,6 +136,7 @@ impl MeshChange {
         }
         if is_near || was_near {
             self.is_there = true;
+            self.is_new = true;
             for &face in changed().filter(|&&face| mesh.is_active(face)) {
                 if let Some(place) = self.faces.get_mut(self.count) {
                     *place = face;
@@ -132,12 +149,17 @@ impl MeshChange {
     }
 
     /// Displacements out of the surface on the side of the tool, the shortest first. `offset`:
-    /// contact offset; `most`: motion of the surface in a tick if limited, else 0.
-    pub fn escapes(&self, offset: f64, most: f64) -> impl Iterator<Item = DVec3> + use<> {
-        let (side, push) = (
-            self.side.normalize_or_zero(),
-            self.push.max(offset) + offset,
-        );
+    /// contact offset; `most`: motion of the surface in a tick if limited, else 0. `held_by`: the
+    /// direction in which the last contacts push, for changed faces that were no candidates.
+    pub fn escapes(
+        &self,
+        offset: f64,
+        most: f64,
+        held_by: DVec3,
+    ) -> impl Iterator<Item = DVec3> + use<> {
+        let side = self.side.try_normalize();
+        let side = side.unwrap_or_else(|| held_by.normalize_or_zero());
+        let push = self.push.max(offset) + offset;
         let shorter = (0..SHORT_ESCAPES).map(move |k| most * 0.25 * f64::from(1 << k));
         let shorter = shorter.filter(move |&escape| offset < escape && escape < push);
         let all = shorter.chain((0..ESCAPES).map(move |k| push * f64::from(1 << k)));

@@ -401,12 +401,16 @@ impl ToolProxy {
         let moving = MOVING_OFFSET * self.step_limit.of_this_tick();
         self.moving_offset = moving.max(OFFSET_LEFT * self.moving_offset);
         if mesh_change.is_there() {
-            let first_changed = self.update(surface, &mesh_change, budget, &mut answer);
+            let first_changed = if mesh_change.is_new() {
+                self.update(surface, &mesh_change, budget, &mut answer)
+            } else {
+                None
+            };
             if mesh_change.may_have_met()
                 && !self.depenetrate(surface, (&mesh_change, first_changed), budget, &mut answer)
             {
                 // The proxy stays until a tick can decide.
-                self.mesh_change = mesh_change;
+                self.mesh_change = mesh_change.kept();
                 self.stops.clear();
                 self.coupling_target = self.target_allowed_by_contacts(&mut answer);
                 self.limit_target_rate(travelled);

@@ -226,11 +226,6 @@ impl Neighbourhood {
         self.high_water
     }
 
-    /// Whether there are no pairs.
-    pub fn is_empty(&self) -> bool {
-        self.pairs.is_empty()
-    }
-
     /// Whether twice as many pairs have room.
     pub fn is_half_empty(&self) -> bool {
         2 * self.pairs.len() <= MAX_PAIRS && 2 * self.faces.len() <= MAX_SURFACE_FACES
@@ -257,6 +252,16 @@ impl Neighbourhood {
         let gap = |pair: &NearPair| self.apart_now(pair, self.corners(shape, pair.tool));
         let least = self.pairs.iter().map(gap).fold(self.tube.left(), f64::min);
         least.max(0.0)
+    }
+
+    /// Ends an unfinished collection unless it begins at a placement.
+    pub fn end_other_collection(&mut self, at: &Placement) {
+        if self
+            .partial
+            .is_some_and(|partial| partial.tube.ends()[0] != *at)
+        {
+            self.partial = None;
+        }
     }
 
     /// Whether a collection is unfinished.
