@@ -29,10 +29,10 @@ const BEYOND: f64 = 1.25;
 /// Searches for contacts before a step; repeated if the contacts found redirect the motion.
 const MAX_LOOKS: u32 = 3;
 /// The part of the budget, one over this, that further work after the first step leaves by what
-/// such work has cost last: it may cost more, and ticks beyond their budget coarsen the surface. On
-/// a dragon (`rt-tests tools`, seeds 1 to 5, 20 s of simulated time) 2.4, 0.9, 0.3, 1.0 and 0.0 %
-/// of the ticks end more than 0.05 mm behind. With a fifth it is 2.1, 1.9, 0.2, 0.7 and 0.0 %, and
-/// four tools on a rough surface do not come to rest.
+/// such work has cost last: it may cost more, and ticks beyond their budget coarsen the surface. By
+/// `rt-tests tools` (dragon, seeds 1 to 5, 20 s) 2.7, 1.2, 0.5, 1.0 and 0.0 % of the ticks end more
+/// than 0.05 mm behind. With a fifth hardly fewer do, and four tools on a rough surface do not come
+/// to rest.
 const RESERVE: u32 = 3;
 /// The part of the budget, one over this, for an update of the candidates; beyond, they are
 /// collected again.
