@@ -28,8 +28,8 @@ pub(super) const PLACED: u32 = 2;
 /// Share of the contact offset that the arcs of a step leave: midway between where contacts act and
 /// where the sweep stops.
 const ARC_FLOOR: f64 = 0.75;
-/// Rotation up to which arcs deviate from straight lines by the square of it, within a part in
-/// forty, radians.
+/// Rotation up to which arcs deviate from straight lines by the square of it, radians: the next
+/// term of the series is a third of the rotation times that, a twelfth here.
 const QUADRATIC_TURN: f64 = 0.25;
 /// Largest number of faces around a corner that are examined.
 const MAX_AROUND: usize = 128;
