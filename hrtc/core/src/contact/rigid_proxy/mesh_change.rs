@@ -52,10 +52,12 @@ impl MeshChange {
         std::mem::replace(self, Self::new())
     }
 
-    /// The same for a later tick, which knows its faces already.
+    /// The same for a later tick. What this tick could not decide face by face is decided by a
+    /// collection, which goes on over several ticks.
     pub fn kept(self) -> Self {
         Self {
             is_new: false,
+            count: MAX_LISTED + 1,
             ..self
         }
     }
