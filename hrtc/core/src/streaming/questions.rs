@@ -1,6 +1,7 @@
 //! Regions whose answers are outstanding, and when they were asked for.
 
 use crate::cache::{MAX_OUTSTANDING, RegionKey};
+use crate::tuning::streaming::LOST_AT_ONCE;
 
 /// A region asked for.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -12,6 +13,8 @@ pub struct Question {
     /// Whether it was asked for twice, or its answer has begun: then that says nothing about the
     /// round trip.
     is_spent: bool,
+    /// Whether its first answer was of no use.
+    is_lost: bool,
 }
 
 /// The outstanding ones in the order in which they were asked for; storage made once.
@@ -44,6 +47,12 @@ impl Questions {
         self.high_water
     }
 
+    /// Whether several answers were of no use, and those in their place are outstanding.
+    #[must_use]
+    pub fn has_lost_many(&self) -> bool {
+        self.questions.iter().filter(|of| of.is_lost).count() >= LOST_AT_ONCE
+    }
+
     /// Forgets all of them.
     pub fn clear(&mut self) {
         self.questions.clear();
@@ -56,6 +65,7 @@ impl Questions {
             region,
             asked: tick,
             is_spent: false,
+            is_lost: false,
         });
         self.high_water = self.high_water.max(self.questions.len());
     }
@@ -69,7 +79,7 @@ impl Questions {
     /// A region is asked for again.
     pub fn ask_again(&mut self, region: RegionKey, tick: u64) {
         if let Some(of) = self.questions.iter_mut().find(|of| of.region == region) {
-            (of.asked, of.is_spent) = (tick, true);
+            (of.asked, of.is_spent, of.is_lost) = (tick, true, true);
         }
     }
 

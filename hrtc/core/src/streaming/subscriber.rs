@@ -444,6 +444,7 @@ impl Subscriber {
         let again = self.request_again(&mut cache.regions, &mut request, tick);
         let refused_ticks = self.refused_ticks;
         cache.regions.forget_old_refusal(tick, refused_ticks);
+        let loses = self.questions.has_lost_many();
         let mut asked = 0;
         while (request.count as usize) < REGIONS_PER_REQUEST
             && self.questions.all().len() < self.most_questions
@@ -452,8 +453,10 @@ impl Subscriber {
                 break;
             };
             let open = self.questions.all().len();
-            // What is needed must not wait behind what is only loaded ahead.
-            if !of.is_needed && open >= meter.questions_in_transit() {
+            // What is needed must not wait behind what is only loaded ahead; and where the cache lost
+            // what answers counted on, it holds no more of that.
+            let is_short = loses || open >= meter.questions_in_transit();
+            if !of.is_needed && is_short {
                 break;
             }
             let comes_late = meter.comes_late(open, of.leaves - tick as f64);
