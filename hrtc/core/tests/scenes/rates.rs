@@ -162,11 +162,20 @@ fn path(rate_hz: f64, model: &[u8]) -> (Vec<(f64, DVec3)>, f64) {
     (contacts, share)
 }
 
-/// Distances of the contacts from another path, each within a short time, metres, ascending.
+/// Distance of a place from the straight way between two.
+fn from_segment(place: DVec3, from: DVec3, to: DVec3) -> f64 {
+    let way = to - from;
+    let share = (place - from).dot(way) / way.length_squared();
+    let share = if share.is_nan() { 0.0 } else { share };
+    place.distance(from + share.clamp(0.0, 1.0) * way)
+}
+
+/// Distances of the contacts from another path, each within a short time, metres, ascending. The
+/// path leads straight from one contact to the next: a tick of it is as long as the limit.
 fn apart(contacts: &[(f64, DVec3)], other: &[(f64, DVec3)]) -> Vec<f64> {
     let distance = |(t, place): &(f64, DVec3)| {
-        let near = other.iter().filter(|(at, _)| (at - t).abs() <= SHIFT_S);
-        let distances = near.map(|(_, of)| of.distance(*place));
+        let near = other.windows(2).filter(|w| (w[0].0 - t).abs() <= SHIFT_S);
+        let distances = near.map(|w| from_segment(*place, w[0].1, w[1].1));
         distances.fold(f64::INFINITY, f64::min)
     };
     let mut all: Vec<f64> = contacts.iter().map(distance).collect();
