@@ -329,6 +329,10 @@ pub mod force {
     /// twentieth.
     pub const UNPAID_RETURNS_S: f64 = 0.2;
 
+    /// Work in a period that no spring gives back, as a part of the perception limit's share of the
+    /// energy taken in: a half, so that it may grow twofold before a fade is too slow.
+    pub const LEAK_SHARE: f64 = 0.5;
+
     /// Time in which a hand gives way to a surface that rises, seconds: twice a period of a hand of
     /// 200 N/m that holds a device of 0.1 kg (7 Hz, damped).
     pub const RAISED_FADES_S: f64 = 0.3;

@@ -58,7 +58,6 @@ pub const CASES: &[Case] = &[
     },
     Case {
         runs: "0.5 to 1.5 mm deep in a plate; ten minutes",
-        open: "a probe that is laid down and held loses what the hold took on the way in",
         ..Case::of(
             [
                 "rest-account",

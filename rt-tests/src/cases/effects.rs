@@ -48,7 +48,6 @@ pub const CASES: &[Case] = &[
     Case {
         facts: "ten minutes' sticking; drift 0",
         runs: "ten minutes under noise of a step of an encoder of 10 um",
-        open: "noise that is prescribed drains the account, though no step of the encoder is work",
         ..Case::of(
             [
                 "friction-stick-account",

@@ -15,10 +15,8 @@ use spm::SpmParts;
 use spm_builder::generate::{Shape, generate};
 use std::collections::HashSet;
 
-/// Why geomorphs are looked at alone, and what is open beside the account.
+/// Why geomorphs are looked at alone.
 const ALONE: &str = "the geomorph alone is looked at";
-const ADDS: &str =
-    "a fade of the account adds to a geomorph: each keeps to what is not felt, their sum does not";
 
 /// The cases of this file.
 pub const CASES: &[Case] = &[
@@ -40,7 +38,6 @@ pub const CASES: &[Case] = &[
     Case {
         facts: "each split and collapse keeps the side; |dF| a tick <= max(0.05 N, 7 %)",
         runs: "ball of 60 000 faces and relief of 50 000, fronts of 0.2 to 2 mm; held and in a hand; 400 presses",
-        open: ADDS,
         ..Case::of(
             [
                 "refine-under-contact-account",
@@ -68,7 +65,6 @@ pub const CASES: &[Case] = &[
         facts: "each split and collapse keeps the side; |dF| a tick <= max(0.05 N, 7 %)",
         runs: "the same, a capsule upright",
         probe: ProbeOfCase::Tool,
-        open: ADDS,
         ..Case::of(
             ["refine-under-tool-account", "12", "the same under a tool"],
             1.0,
@@ -143,7 +139,6 @@ pub const CASES: &[Case] = &[
     Case {
         facts: "no flipped face at the contact, or the split refused and counted",
         runs: "every eighth split folds; 60 000 faces; 400 presses",
-        open: ADDS,
         ..Case::of(
             [
                 "fold-over-account",

@@ -36,7 +36,6 @@ pub const CASES: &[Case] = &[
             Departure::Limits,
             "the fade is looked at, not the gate behind it",
         )],
-        open: "the account takes the force at once where the spring of a boundary was not paid for",
         ..Case::of(
             [
                 "boundary-toggled",

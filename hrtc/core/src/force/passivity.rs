@@ -41,6 +41,17 @@
 //! device moves away, and returns later. Each change is at most the perception limit of a tick; the
 //! fading is also at most `W / U` in a tick.
 //!
+//! Work that no spring gives back, of a force that is shaded or of a boundary that comes, would
+//! empty the account and end the force at once. It fades before: what such work takes in a period is
+//! at most half of the perception limit's share of what is left. So it may grow twofold, and the
+//! account still empties no faster than a force may fade.
+//!
+//! # Extrapolation
+//!
+//! A motion that is out of line with those before it, by a jump or a stop, is neither a velocity nor
+//! an acceleration yet (see [`next_of`]). Along an axis without work for the longest window of the
+//! velocity estimate, what moves is the noise of the encoder.
+//!
 //! # Moving surfaces
 //!
 //! A moving surface carries the device along and does work on it. The account is that of the spring
@@ -52,9 +63,11 @@
 //! out beyond the energy taken in, but only while the device moves, and only what is given of late
 //! (`RAISED_FADES_S`). A device that stands and is withdrawn later gets none of it.
 
-use super::positions::Positions;
+use super::positions::{Positions, next_of};
 use crate::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
-use crate::tuning::force::{EXCESS_FADES_S, MOTION_ROUNDING, RAISED_FADES_S, VELOCITY_WINDOW_S};
+use crate::tuning::force::{
+    EXCESS_FADES_S, LEAK_SHARE, MOTION_ROUNDING, RAISED_FADES_S, VELOCITY_WINDOW_S,
+};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use mutants::{Mutant, is};
@@ -62,8 +75,8 @@ use mutants::{Mutant, is};
 /// Observes the energy that the rendering puts out, and limits the passive wrench by it.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct EnergyAccount {
-    /// Step of the encoder, metres; 0 for none. A way back of up to two is noise and does no work
-    /// on the limited part. The same holds for the orientation and its step.
+    /// Step of the encoder, metres; 0 for none. A way back of up to two, but for rounding, is noise
+    /// and does no work on the limited part. The same holds for the orientation and its step.
     encoder_m: f64,
     period_s: f64,
     /// Longest window of the velocity estimate, periods.
@@ -81,6 +94,8 @@ pub struct EnergyAccount {
     is_apart: bool,
     /// Share of the force that the energy taken in allows, 0 to 1; it fades.
     paid: f64,
+    /// Energy in the spring in the last period, joules.
+    stored_j: f64,
     /// Wrench on the device in this period.
     wrench: Wrench,
     /// Its limited part.
@@ -91,6 +106,8 @@ pub struct EnergyAccount {
     worked_to: DVec3,
     /// The last displacement there along each axis, metres.
     course: DVec3,
+    /// Periods since then.
+    still: [u64; 3],
     /// Estimated motion in a period, metres: now, one and two periods ago.
     motion: [DVec3; 3],
     /// Orientation at the newest sample.
@@ -184,11 +201,13 @@ impl EnergyAccount {
             given_j: 0.0,
             is_apart: false,
             paid: 1.0,
+            stored_j: 0.0,
             wrench: Wrench::ZERO,
             limited: Wrench::ZERO,
             positions: None,
             worked_to: DVec3::ZERO,
             course: DVec3::ZERO,
+            still: [0; 3],
             motion: [DVec3::ZERO; 3],
             orientation: DQuat::IDENTITY,
             rotation: DVec3::ZERO,
@@ -241,10 +260,11 @@ impl EnergyAccount {
         positions.add(position, [elapsed, periods]);
         let estimated = positions.motion(self.encoder_m, self.window);
         let beyond = position - self.worked_to;
-        let motion = without_noise(beyond, self.encoder_m, &mut self.course);
+        let noise = 2.0 * self.encoder_m + MOTION_ROUNDING * position.abs().max_element();
+        let motion = without_noise(beyond, noise, &mut self.course);
         self.worked_to += motion;
         self.unturned += turned;
-        let rotation = without_noise(self.unturned, self.encoder_rad, &mut self.turning);
+        let rotation = without_noise(self.unturned, 2.0 * self.encoder_rad, &mut self.turning);
         self.unturned -= rotation;
         self.rotation = rotation / periods as f64;
         let Wrench { force, torque } = self.limited;
@@ -254,11 +274,25 @@ impl EnergyAccount {
         self.raised_j -= of_raised;
         self.given_j += of_raised;
         self.contact_joules += lost - of_raised;
-        self.motion = [estimated, self.motion[0], self.motion[1]];
+        let lasting = self.without_noise_at_rest(estimated, motion, elapsed);
+        self.motion = [lasting, self.motion[0], self.motion[1]];
         if estimated == DVec3::ZERO && turned == DVec3::ZERO {
             // It does not give way.
             self.raised_j = 0.0;
         }
+    }
+
+    /// An estimated motion without that along axes on which nothing was counted, `motion`, for long.
+    fn without_noise_at_rest(&mut self, estimated: DVec3, motion: DVec3, elapsed: u64) -> DVec3 {
+        let mut lasting = estimated;
+        for axis in 0..3 {
+            let still = self.still[axis].saturating_add(elapsed);
+            self.still[axis] = if motion[axis] == 0.0 { still } else { 0 };
+            if self.encoder_m > 0.0 && self.still[axis] > self.window as u64 {
+                lasting[axis] = 0.0;
+            }
+        }
+        lasting
     }
 
     /// So much time has passed, seconds: what surfaces gave fades, and the excess of a contact that
@@ -297,19 +331,16 @@ impl EnergyAccount {
         let size = wanted.force.length();
         let taken_in = self.raised_j - self.contact_joules;
         let moves_away = work > self.rounding(size, ahead);
-        let due = if moves_away && spring.stored_j > taken_in.max(0.0) {
-            (taken_in.max(0.0) / spring.stored_j).sqrt()
-        } else {
-            1.0
-        };
+        let before = self.paid;
         let step_share = STEP_SHARE_PER_S * self.period_s;
-        let imperceptible = (step_share * self.paid).max(STEP_N_PER_S * self.period_s / size);
-        // No faster than the device takes energy out of the spring.
-        let fades = imperceptible.min(work.max(0.0) / spring.stored_j);
-        self.paid = due
-            .max(self.paid - fades)
-            .min(self.paid + imperceptible)
-            .min(1.0);
+        let imperceptible = (step_share * before).max(STEP_N_PER_S * self.period_s / size);
+        self.fade(work, spring.stored_j, moves_away, imperceptible);
+        let leak = self.leak(work, spring.stored_j);
+        // Over a moving surface facets rise and fall under a device that is held.
+        if moves_away && leak > 0.0 && ahead == CarriedWork::default() {
+            let due = LEAK_SHARE * step_share * taken_in.max(0.0) / leak;
+            self.paid = self.paid.min(due.max(before - imperceptible));
+        }
         if !moves_away {
             return self.paid;
         }
@@ -344,6 +375,29 @@ impl EnergyAccount {
         };
         self.paid = self.paid.min(taken_in / work).min(payable);
         (given / work).min(self.paid).clamp(0.0, 1.0)
+    }
+
+    /// The paid share fades, or returns, by no more than is `imperceptible`. `work`: of the force in
+    /// the coming period.
+    fn fade(&mut self, work: f64, stored_j: f64, moves_away: bool, imperceptible: f64) {
+        let taken_in = (self.raised_j - self.contact_joules).max(0.0);
+        let due = if moves_away && stored_j > taken_in {
+            (taken_in / stored_j).sqrt()
+        } else {
+            1.0
+        };
+        // No faster than the device takes energy out of the spring.
+        let fades = imperceptible.min(work.max(0.0) / stored_j);
+        let slowest = self.paid - fades;
+        self.paid = due.max(slowest).min(self.paid + imperceptible).min(1.0);
+    }
+
+    /// Of the work in the coming period, what no spring gives back: it is expected to give as much
+    /// as in the last one.
+    fn leak(&mut self, work: f64, stored_j: f64) -> f64 {
+        let released = (self.stored_j - stored_j).clamp(0.0, work.max(0.0));
+        self.stored_j = stored_j;
+        work - released
     }
 
     /// Work, joules, of a force after the coming period, in which it does `work`, while it falls to
@@ -410,10 +464,8 @@ impl EnergyAccount {
     #[must_use]
     pub fn next(&self) -> DVec3 {
         let [now, before, earlier] = self.motion;
-        let (change, change_before) = (now - before, before - earlier);
-        // A single jump is not an acceleration.
-        let lasting = change.dot(change_before) > 0.0;
-        if lasting { now + change } else { now }
+        let along = |k: usize| next_of([earlier[k], before[k], now[k]]);
+        DVec3::new(along(0), along(1), along(2))
     }
 
     /// Permitted share, 0 to 1, of a wanted force. At the end of the coming period the energy put
@@ -457,12 +509,13 @@ impl EnergyAccount {
 /// Of a displacement (or rotation) since the last one that was counted: along each axis all of it
 /// where it goes on or is too long for noise, else nothing. A position that followed an encoder
 /// step behind would be late at every turn: a force that is less on the way in than on the way out
-/// would put out two steps of work unseen each time, for ever. `course`: the last one counted.
-fn without_noise(beyond: DVec3, step: f64, course: &mut DVec3) -> DVec3 {
+/// would put out two steps of work unseen each time, for ever. `noise`: the longest way back that
+/// is none. `course`: the last one counted.
+fn without_noise(beyond: DVec3, noise: f64, course: &mut DVec3) -> DVec3 {
     let mut motion = DVec3::ZERO;
     for axis in 0..3 {
         let along = beyond[axis];
-        if along * course[axis] > 0.0 || along.abs() > 2.0 * step {
+        if along * course[axis] > 0.0 || along.abs() > noise {
             motion[axis] = along;
             course[axis] = along;
         }
