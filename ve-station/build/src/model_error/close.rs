@@ -33,6 +33,7 @@
 //! of its corners is a bound.
 
 mod boundary;
+mod detour;
 mod foot;
 mod fronts;
 mod patch;

@@ -4,7 +4,7 @@ use crate::manifold::ManifoldMesh;
 use crate::progress::NoProgress;
 use crate::{assemble, clean, cut_to_manifold, order, simplify};
 use geometry::closest_point_on_triangle;
-use spm::ErrorScale;
+use spm::{ErrorScale, NONE};
 use std::collections::BTreeMap;
 
 fn mesh(shape: Shape, faces: u32) -> ManifoldMesh {
@@ -112,6 +112,59 @@ fn a_front_and_the_full_mesh_are_as_near_as_its_faces_say() {
             "{shape}: {close} of {coarse} faces are close"
         );
     }
+}
+
+/// The faces across the side opposite each corner.
+fn neighbours(mesh: &ManifoldMesh) -> Vec<[u32; 3]> {
+    let side = |face: &[u32; 3], k: usize| (face[(k + 1) % 3], face[(k + 2) % 3]);
+    let sides = |(f, face): (u32, _)| [0, 1, 2].map(|k| (side(face, k), f));
+    let by_side: BTreeMap<_, u32> = (0..).zip(&mesh.triangles).flat_map(sides).collect();
+    let across = |face: &[u32; 3], k| {
+        let (from, to) = side(face, k);
+        by_side.get(&(to, from)).copied().unwrap_or(NONE)
+    };
+    let of = |face| [0, 1, 2].map(|k| across(face, k));
+    mesh.triangles.iter().map(of).collect()
+}
+
+#[test]
+fn a_detour_leads_from_foot_to_foot_and_strays_no_farther_than_a_plane() {
+    let mesh = mesh(Shape::Torus, 1500);
+    let history = simplified(&mesh);
+    let full = FullSurface::new(&mesh.positions, &mesh.triangles, neighbours(&mesh));
+    let (boundary, descendants) = (Boundary::new(&full), Descendants::new(&history));
+    let feet = feet(&history, &full, &boundary, &descendants);
+    let traces = Traces {
+        full: &full,
+        boundary: &boundary,
+        descendants: &descendants,
+    };
+    let at = |v: u32| Vec3::from_array(history.positions[v as usize]).as_dvec3();
+    let mut nearer = 0;
+    for [a, b, _] in front(&mesh, &history, u16::MAX) {
+        let edge = Edge {
+            ends: [a, b],
+            at: [at(a), at(b)],
+            feet: [a, b].map(|v| &feet[v as usize]),
+        };
+        let (mut around, mut straight) = (Vec::new(), Vec::new());
+        let limit = edge.at[0].distance_squared(edge.at[1]);
+        let detour = traces.detour(&edge, limit, &mut around).expect("a way");
+        if let Some(plane) = traces.trace(&edge, limit, &mut straight) {
+            // The nearest points of sides are found to a thousandth of the side.
+            assert!(detour <= plane * 1.1, "{detour} beyond {plane}");
+            nearer += u32::from(detour < plane);
+        }
+        let mut face = edge.feet[0].face;
+        for (left, right) in around {
+            let corners = full.triangles()[face as usize];
+            let side =
+                (0..3).find(|&k| [corners[(k + 1) % 3], corners[(k + 2) % 3]] == [right, left]);
+            face = full.neighbours()[face as usize][side.expect("a side of the face")];
+        }
+        assert_eq!(face, edge.feet[1].face);
+    }
+    assert!(nearer > 0);
 }
 
 #[test]
