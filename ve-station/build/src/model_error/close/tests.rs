@@ -4,7 +4,7 @@ use crate::manifold::ManifoldMesh;
 use crate::progress::NoProgress;
 use crate::{assemble, clean, cut_to_manifold, order, simplify};
 use geometry::closest_point_on_triangle;
-use spm::{ErrorScale, NONE};
+use spm::{Certified, ErrorScale, NONE};
 use std::collections::BTreeMap;
 
 fn mesh(shape: Shape, faces: u32) -> ManifoldMesh {
@@ -77,6 +77,14 @@ fn a_front_and_the_full_mesh_are_as_near_as_its_faces_say() {
             let made = v.checked_sub(full_vertices);
             made.map_or(0.0, |made| history.radius[made as usize])
         };
+        let begin_of = |v: u32| {
+            let made = v.checked_sub(full_vertices);
+            made.map_or(0, |made| history.expected[made as usize])
+        };
+        let mut end: BTreeMap<u32, u16> = BTreeMap::new();
+        for (collapse, &code) in history.collapses.iter().zip(&history.expected) {
+            end.extend([collapse.vt, collapse.vu].map(|child| (child, code)));
+        }
         let full: Vec<_> = mesh.triangles.iter().map(|t| t.map(at)).collect();
         let rounding = 1e-13 * assemble::bounds_of(&mesh).diagonal();
         let (mut coarse, mut close) = (0, 0);
@@ -84,8 +92,12 @@ fn a_front_and_the_full_mesh_are_as_near_as_its_faces_say() {
             let mut front_faces = Vec::new();
             for corners in front(&mesh, &history, code) {
                 let largest = corners.map(radius).into_iter().fold(0.0, f64::max);
-                let bounds = corners.map(|v| history.close[v as usize]);
-                let bound = bounds.into_iter().fold(largest, f64::min);
+                let begin = corners.map(begin_of).into_iter().max().unwrap_or(0);
+                let by = |v: u32| {
+                    let end = end.get(&v).copied().unwrap_or(u16::MAX);
+                    history.close[v as usize] * Certified::growth(begin, end)
+                };
+                let bound = corners.map(by).into_iter().fold(largest, f64::min);
                 coarse += u32::from(largest > 0.0);
                 close += u32::from(bound < 0.25 * largest);
                 front_faces.push((corners.map(at), bound + rounding));
@@ -174,7 +186,7 @@ fn the_corners_of_a_face_are_the_active_ancestors_for_every_tolerance() {
     let fronts = Fronts::new(&history);
     let mut all: Vec<[u32; 3]> = Vec::new();
     for &corners in &mesh.triangles {
-        fronts.for_each_corners(corners, |corners| all.push(corners));
+        fronts.for_each_corners(corners, |corners, _| all.push(corners));
     }
     let mut expected: Vec<[u32; 3]> = Vec::new();
     let mut codes = history.expected.clone();
