@@ -36,13 +36,18 @@ impl Traces<'_> {
                 continue;
             }
             for (side, &next) in self.full.neighbours()[face as usize].iter().enumerate() {
+                let known = best.get(&next).map(|known| known.0);
+                let is_better = |path: Path| known.is_none_or(|known| path < known);
+                if next == NONE || !is_better((most, steps + 1, next)) {
+                    continue;
+                }
                 let away = self.side_distance_squared(edge, face, side);
-                if next == NONE || away > limit || away.is_nan() {
+                if away > limit || away.is_nan() {
                     continue;
                 }
                 // The bits of numbers that are not negative are in their order.
                 let path = (most.max(away.to_bits()), steps + 1, next);
-                if best.get(&next).is_none_or(|known| path < known.0) {
+                if is_better(path) {
                     best.insert(next, (path, (face, side)));
                     waiting.push(Reverse(path));
                 }

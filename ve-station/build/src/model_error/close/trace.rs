@@ -91,7 +91,9 @@ impl Traces<'_> {
         let mut best: Option<f64> = None;
         let mut kept = first;
         for (up, start) in ups.into_iter().flat_map(|up| [(up, 0), (up, 1)]) {
-            let found = self.follow(edge, (up, start), limit, out);
+            // No farther than the best one either: it would be dropped.
+            let nearer = best.unwrap_or(limit);
+            let found = self.follow(edge, (up, start), nearer, out);
             match found.filter(|&most| best.is_none_or(|best| most < best)) {
                 Some(most) => {
                     out.drain(first..kept);
