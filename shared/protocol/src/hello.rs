@@ -6,7 +6,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 /// Version of the protocol; part of every service name but the heartbeat's.
-pub const PROTOCOL_VERSION: u32 = 8;
+pub const PROTOCOL_VERSION: u32 = 9;
 /// Time between two heartbeats, milliseconds.
 pub const HELLO_PERIOD_MS: u64 = 100;
 
@@ -224,11 +224,13 @@ mod tests {
 
     #[test]
     fn another_version_is_refused_by_its_name_whatever_it_says_beyond_64_bytes() {
-        let mut other = Hello::of_version(9, Role::Station, 1, 1).with_build("8.1.0");
+        let version = PROTOCOL_VERSION + 1;
+        let mut other = Hello::of_version(version, Role::Station, 1, 1).with_build("8.1.0");
         for rest in [0, 1, u8::MAX] {
             other.bytes[64..].fill(rest);
             let error = other.read().unwrap_err().to_string();
-            assert!(error.contains("version 9 (build 8.1.0)"), "{error}");
+            let theirs = format!("version {version} (build 8.1.0)");
+            assert!(error.contains(&theirs), "{error}");
             assert!(error.contains(BUILD), "{error}");
         }
     }

@@ -11,7 +11,10 @@
 pub struct ErrorScale(f64);
 
 impl ErrorScale {
-    const STEPS_PER_OCTAVE: f64 = 2048.0;
+    /// Codes an octave.
+    pub(crate) const OCTAVE: u16 = 2048;
+    /// Codes a step of the expected errors: a sixteenth of an octave.
+    pub(crate) const EXPECTED_STEP: u16 = Self::OCTAVE / 16;
 
     /// The scale for a model whose bounding box has this diagonal (model units, finite, positive).
     #[must_use]
@@ -30,13 +33,23 @@ impl ErrorScale {
         if error <= 0.0 {
             return 0;
         }
-        let steps = (error / self.0).log2() * Self::STEPS_PER_OCTAVE;
+        let steps = (error / self.0).log2() * f64::from(Self::OCTAVE);
         let mut code = (f64::from(u16::MAX) + steps.ceil()).clamp(1.0, f64::from(u16::MAX)) as u16;
         // Rounding of the logarithm must not lower the bound.
         while code < u16::MAX && self.decode(code) < error {
             code += 1;
         }
         code
+    }
+
+    /// As [`ErrorScale::encode`], in the steps of the expected errors.
+    ///
+    /// They are coarse so that a byte says where a vertex begins (see [`super::CertifiedCode`]).
+    #[must_use]
+    pub fn encode_expected(self, error: f64) -> u16 {
+        let code = self.encode(error);
+        let rounded = code.checked_next_multiple_of(Self::EXPECTED_STEP);
+        rounded.unwrap_or(u16::MAX)
     }
 
     /// The largest code whose value is at most `tolerance` (model units, not negative). Errors with
@@ -60,8 +73,13 @@ impl ErrorScale {
         if code == u16::MAX {
             return f64::INFINITY;
         }
-        let steps = f64::from(code) - f64::from(u16::MAX);
-        self.0 * (steps / Self::STEPS_PER_OCTAVE).exp2()
+        self.0 * Self::growth(u16::MAX, code)
+    }
+
+    /// How many times as large the error of the second code is as that of the first. Here code 0
+    /// stands for an error below all others, and the largest one for the scale.
+    pub(crate) fn growth(from: u16, to: u16) -> f64 {
+        ((f64::from(to) - f64::from(from)) / f64::from(Self::OCTAVE)).exp2()
     }
 }
 
@@ -80,6 +98,9 @@ mod tests {
             let decoded = scale.decode(scale.encode(error));
             prop_assert!(decoded >= error);
             prop_assert!(decoded <= error * 1.001);
+            let in_steps = scale.encode_expected(error);
+            prop_assert!(in_steps >= scale.encode(error));
+            prop_assert!(scale.decode(in_steps) <= error * 1.046);
             let floor = scale.floor(error);
             prop_assert!(scale.decode(floor) <= error);
             prop_assert!(scale.decode(floor + 1) > error);

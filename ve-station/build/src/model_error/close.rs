@@ -28,11 +28,13 @@
 //! where a front {E > t} meets another one, patches and what R counts need not cover the full mesh
 //! between them: of what neither covers, R alone is certified.
 //!
-//! C of a vertex is the largest bound of its faces over every t for which it is active. So for a
-//! face whose corners are active for a common t, which makes it a face of that front, the least C
-//! of its corners is a bound.
+//! C of a vertex is the least number from which the bounds of its faces follow, over every t for
+//! which it is active (see [`spm::Certified::growth`]). So for a face whose corners are active for
+//! a common t, which makes it a face of that front, what follows from C of each corner is a bound,
+//! and so is the least of that.
 
 mod boundary;
+mod detour;
 mod foot;
 mod fronts;
 mod patch;
@@ -54,8 +56,8 @@ use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use trace::{Crossing, Edge, Traces};
 
-/// C of the vertices of a history, model units, given R of those that collapses made. The same
-/// bits for any number of threads. Memory: 80 B a vertex, 24 B a face, 8 B a vertex and thread.
+/// C of the vertices of a history, model units, given R of those that collapses made. The same bits
+/// for any number of threads. Memory: 80 B a vertex, 24 B a face, 8 B a vertex and thread.
 pub fn close_bounds(
     history: &History,
     full: &FullSurface<'_>,
@@ -162,14 +164,16 @@ impl Work<'_> {
     fn certify(&self, faces: std::ops::Range<usize>, search: &mut Search) {
         let mut traced = Traced::default();
         for &full_corners in &self.traces.full.triangles()[faces] {
-            self.fronts.for_each_corners(full_corners, |corners| {
+            let fronts = &self.fronts;
+            fronts.for_each_corners(full_corners, |corners, begin| {
                 if corners == full_corners {
                     // A face of the full mesh: its bound is 0.
                     return;
                 }
                 let bound = self.bound(corners, &mut traced, search);
                 for corner in corners {
-                    self.bounds[corner as usize].fetch_max(bound.to_bits(), Relaxed);
+                    let close = fronts.least_close(corner, bound, begin);
+                    self.bounds[corner as usize].fetch_max(close.to_bits(), Relaxed);
                 }
             });
         }

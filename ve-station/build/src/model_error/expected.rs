@@ -9,6 +9,8 @@
 //! Every vertex hangs on one face: a collapse pools those of the faces that it changes or removes,
 //! and each goes to the nearest of the new ones.
 //!
+//! It is rounded up by a sixteenth of an octave at most (see [`ErrorScale::encode_expected`]).
+//!
 //! E(i) is the largest own of i and of everything that depends on i, so that {E > t} is a front for
 //! every t. What depends on VSP i collapsed before it: its E is known already and waits at the
 //! faces and vertices that i needs. A sample only matters if it is beyond that, so most end at the
@@ -138,7 +140,7 @@ impl<'a> ExpectedErrors<'a> {
         let hanging = self.deal(&patch, fan, removed, &mut most);
         self.sample_grids(&patch, fan, hanging, &mut most);
         let code = if most > known_squared {
-            known.max(self.scale.encode(most.sqrt()))
+            known.max(self.scale.encode_expected(most.sqrt()))
         } else {
             known
         };

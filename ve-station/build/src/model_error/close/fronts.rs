@@ -5,7 +5,7 @@
 //! it has over all t are known from the three chains of ancestors alone.
 
 use crate::history::History;
-use spm::NONE;
+use spm::{Certified, NONE};
 
 /// One more than any code of E: up to it the base mesh is active.
 pub const END: u32 = 1 << 16;
@@ -35,15 +35,22 @@ impl Fronts {
         fronts
     }
 
+    /// The least C of a vertex from which this bound follows for a face that begins at this code.
+    pub fn least_close(&self, vertex: u32, bound: f64, begin: u16) -> f64 {
+        let end = self.end[vertex as usize].min(u16::MAX.into());
+        bound / Certified::growth(begin, end as u16)
+    }
+
     /// Visits the corners that a face of the full mesh has in the fronts {E > t}, from fine to
-    /// coarse.
-    pub fn for_each_corners(&self, full_corners: [u32; 3], mut visit: impl FnMut([u32; 3])) {
-        let (mut corners, mut from) = (full_corners, 0);
+    /// coarse, and the code of t from which on it has them.
+    pub fn for_each_corners(&self, full_corners: [u32; 3], mut visit: impl FnMut([u32; 3], u16)) {
+        let (mut corners, mut from) = (full_corners, 0u32);
         loop {
             let ends = corners.map(|v| self.end[v as usize]);
             let end = ends[0].min(ends[1]).min(ends[2]);
             if end > from {
-                visit(corners);
+                // Only where it ends is beyond the codes.
+                visit(corners, from as u16);
             }
             if end == END {
                 return;

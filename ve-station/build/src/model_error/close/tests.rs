@@ -4,7 +4,7 @@ use crate::manifold::ManifoldMesh;
 use crate::progress::NoProgress;
 use crate::{assemble, clean, cut_to_manifold, order, simplify};
 use geometry::closest_point_on_triangle;
-use spm::ErrorScale;
+use spm::{Certified, ErrorScale, NONE};
 use std::collections::BTreeMap;
 
 fn mesh(shape: Shape, faces: u32) -> ManifoldMesh {
@@ -77,6 +77,14 @@ fn a_front_and_the_full_mesh_are_as_near_as_its_faces_say() {
             let made = v.checked_sub(full_vertices);
             made.map_or(0.0, |made| history.radius[made as usize])
         };
+        let begin_of = |v: u32| {
+            let made = v.checked_sub(full_vertices);
+            made.map_or(0, |made| history.expected[made as usize])
+        };
+        let mut end: BTreeMap<u32, u16> = BTreeMap::new();
+        for (collapse, &code) in history.collapses.iter().zip(&history.expected) {
+            end.extend([collapse.vt, collapse.vu].map(|child| (child, code)));
+        }
         let full: Vec<_> = mesh.triangles.iter().map(|t| t.map(at)).collect();
         let rounding = 1e-13 * assemble::bounds_of(&mesh).diagonal();
         let (mut coarse, mut close) = (0, 0);
@@ -84,8 +92,12 @@ fn a_front_and_the_full_mesh_are_as_near_as_its_faces_say() {
             let mut front_faces = Vec::new();
             for corners in front(&mesh, &history, code) {
                 let largest = corners.map(radius).into_iter().fold(0.0, f64::max);
-                let bounds = corners.map(|v| history.close[v as usize]);
-                let bound = bounds.into_iter().fold(largest, f64::min);
+                let begin = corners.map(begin_of).into_iter().max().unwrap_or(0);
+                let by = |v: u32| {
+                    let end = end.get(&v).copied().unwrap_or(u16::MAX);
+                    history.close[v as usize] * Certified::growth(begin, end)
+                };
+                let bound = corners.map(by).into_iter().fold(largest, f64::min);
                 coarse += u32::from(largest > 0.0);
                 close += u32::from(bound < 0.25 * largest);
                 front_faces.push((corners.map(at), bound + rounding));
@@ -114,6 +126,59 @@ fn a_front_and_the_full_mesh_are_as_near_as_its_faces_say() {
     }
 }
 
+/// The faces across the side opposite each corner.
+fn neighbours(mesh: &ManifoldMesh) -> Vec<[u32; 3]> {
+    let side = |face: &[u32; 3], k: usize| (face[(k + 1) % 3], face[(k + 2) % 3]);
+    let sides = |(f, face): (u32, _)| [0, 1, 2].map(|k| (side(face, k), f));
+    let by_side: BTreeMap<_, u32> = (0..).zip(&mesh.triangles).flat_map(sides).collect();
+    let across = |face: &[u32; 3], k| {
+        let (from, to) = side(face, k);
+        by_side.get(&(to, from)).copied().unwrap_or(NONE)
+    };
+    let of = |face| [0, 1, 2].map(|k| across(face, k));
+    mesh.triangles.iter().map(of).collect()
+}
+
+#[test]
+fn a_detour_leads_from_foot_to_foot_and_strays_no_farther_than_a_plane() {
+    let mesh = mesh(Shape::Torus, 1500);
+    let history = simplified(&mesh);
+    let full = FullSurface::new(&mesh.positions, &mesh.triangles, neighbours(&mesh));
+    let (boundary, descendants) = (Boundary::new(&full), Descendants::new(&history));
+    let feet = feet(&history, &full, &boundary, &descendants);
+    let traces = Traces {
+        full: &full,
+        boundary: &boundary,
+        descendants: &descendants,
+    };
+    let at = |v: u32| Vec3::from_array(history.positions[v as usize]).as_dvec3();
+    let mut nearer = 0;
+    for [a, b, _] in front(&mesh, &history, u16::MAX) {
+        let edge = Edge {
+            ends: [a, b],
+            at: [at(a), at(b)],
+            feet: [a, b].map(|v| &feet[v as usize]),
+        };
+        let (mut around, mut straight) = (Vec::new(), Vec::new());
+        let limit = edge.at[0].distance_squared(edge.at[1]);
+        let detour = traces.detour(&edge, limit, &mut around).expect("a way");
+        if let Some(plane) = traces.trace(&edge, limit, &mut straight) {
+            // The nearest points of sides are found to a thousandth of the side.
+            assert!(detour <= plane * 1.1, "{detour} beyond {plane}");
+            nearer += u32::from(detour < plane);
+        }
+        let mut face = edge.feet[0].face;
+        for (left, right) in around {
+            let corners = full.triangles()[face as usize];
+            let side =
+                (0..3).find(|&k| [corners[(k + 1) % 3], corners[(k + 2) % 3]] == [right, left]);
+            face = full.neighbours()[face as usize][side.expect("a side of the face")];
+        }
+        assert_eq!(face, edge.feet[1].face);
+    }
+    assert!(nearer > 0);
+}
+
 #[test]
 fn the_corners_of_a_face_are_the_active_ancestors_for_every_tolerance() {
     let mesh = mesh(Shape::Relief, 800);
@@ -121,7 +186,7 @@ fn the_corners_of_a_face_are_the_active_ancestors_for_every_tolerance() {
     let fronts = Fronts::new(&history);
     let mut all: Vec<[u32; 3]> = Vec::new();
     for &corners in &mesh.triangles {
-        fronts.for_each_corners(corners, |corners| all.push(corners));
+        fronts.for_each_corners(corners, |corners, _| all.push(corners));
     }
     let mut expected: Vec<[u32; 3]> = Vec::new();
     let mut codes = history.expected.clone();

@@ -4,7 +4,8 @@
 //! Any path will do for the bound; near ones make it small. Between two vertices it follows a plane
 //! through both feet; between two vertices beside each other on a rim it follows the rim. On a
 //! plane a vertex of the full mesh counts as above it or below, never as on it, so the path crosses
-//! sides only, and rounding moves where it crosses them, not which.
+//! sides only, and rounding moves where it crosses them, not which. Where no plane leads there, it
+//! is a detour.
 
 use super::super::descendants::Descendants;
 use super::super::full_surface::FullSurface;
@@ -34,7 +35,14 @@ pub struct Edge<'a> {
 }
 
 impl Edge<'_> {
-    fn distance_squared(&self, point: DVec3) -> f64 {
+    /// The larger one of the distances of its feet, squared.
+    pub fn foot_distance_squared(&self) -> f64 {
+        let away = |k: usize| self.feet[k].point.distance_squared(self.at[k]);
+        away(0).max(away(1))
+    }
+
+    /// How far a point is from it, squared.
+    pub fn distance_squared(&self, point: DVec3) -> f64 {
         let [a, b] = self.at;
         (a + (b - a) * closest_point_on_segment(a, b, point)).distance_squared(point)
     }
@@ -83,7 +91,9 @@ impl Traces<'_> {
         let mut best: Option<f64> = None;
         let mut kept = first;
         for (up, start) in ups.into_iter().flat_map(|up| [(up, 0), (up, 1)]) {
-            let found = self.follow(edge, (up, start), limit, out);
+            // No farther than the best one either: it would be dropped.
+            let nearer = best.unwrap_or(limit);
+            let found = self.follow(edge, (up, start), nearer, out);
             match found.filter(|&most| best.is_none_or(|best| most < best)) {
                 Some(most) => {
                     out.drain(first..kept);
@@ -96,7 +106,13 @@ impl Traces<'_> {
                 None => out.truncate(kept),
             }
         }
-        best
+        best.or_else(|| self.detour(edge, limit, out))
+    }
+
+    /// Faces that the trace of an edge may take.
+    pub fn most_steps(&self, edge: &Edge<'_>) -> usize {
+        let descendants = edge.ends.map(|end| self.descendants.count(end) as usize);
+        MAX_STEPS.0 + MAX_STEPS.1 * (descendants[0] + descendants[1])
     }
 
     fn follow(
@@ -107,8 +123,7 @@ impl Traces<'_> {
         out: &mut Vec<Crossing>,
     ) -> Option<f64> {
         let [from, to] = edge.feet;
-        let away = |k: usize| edge.feet[k].point.distance_squared(edge.at[k]);
-        let mut most = away(0).max(away(1));
+        let mut most = edge.foot_distance_squared();
         if from.face == to.face {
             return Some(most);
         }
@@ -129,8 +144,7 @@ impl Traces<'_> {
             0 => crossed.max_by(order)?,
             _ => crossed.min_by(order)?,
         };
-        let descendants = edge.ends.map(|end| self.descendants.count(end) as usize);
-        for _ in 0..MAX_STEPS.0 + MAX_STEPS.1 * (descendants[0] + descendants[1]) {
+        for _ in 0..self.most_steps(edge) {
             let away = edge.distance_squared(self.crossing_point(&step, side));
             if away > limit || away.is_nan() {
                 return None;
