@@ -157,7 +157,6 @@ impl ToolProxy {
         let still = Twist::default();
         let margin = self.static_offset();
         let tube = LookAheadTube::along(*at, still, 0.0, margin, &self.shape);
-        self.near.end_other_collection(at);
         // What the candidates cost, too, once they are known.
         let most = budget.saturating_sub(answer.spent) / 2;
         let (ending, work) = self.near.collect(surface, &self.shape, tube, most);

@@ -94,7 +94,12 @@ impl LookAheadTube {
 
     /// Upper bound of the motion of a point within the tube; not positive if nothing is known.
     pub fn reach(&self) -> f64 {
-        self.path.farthest(self.radius) + self.margin
+        self.length() + self.margin
+    }
+
+    /// Largest motion of a point along the path.
+    pub fn length(&self) -> f64 {
+        self.path.farthest(self.radius)
     }
 
     /// Notes the current placement of the tool.

@@ -184,6 +184,9 @@ pub struct Neighbourhood {
     path: RelativePath,
     /// The state of an unfinished collection.
     partial: Option<PartialCollection>,
+    /// Faces of the surface that changed since it began, some of them more than once.
+    #[serde(with = "spm::reserved")]
+    changed_since: Vec<Handle>,
     /// Upper bound of the motion of any point of the tool since the collection.
     moved: f64,
     /// For each pair, the value of `moved` up to which it cannot touch.
@@ -209,6 +212,7 @@ impl Neighbourhood {
             tube: LookAheadTube::nowhere(),
             path: RelativePath::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]),
             partial: None,
+            changed_since: Vec::with_capacity(MAX_SURFACE_FACES),
             moved: 0.0,
             clear_until: Vec::with_capacity(MAX_PAIRS),
             high_water: 0,
@@ -252,16 +256,6 @@ impl Neighbourhood {
         let gap = |pair: &NearPair| self.apart_now(pair, self.corners(shape, pair.tool));
         let least = self.pairs.iter().map(gap).fold(self.tube.left(), f64::min);
         least.max(0.0)
-    }
-
-    /// Ends an unfinished collection unless it begins at a placement.
-    pub fn end_other_collection(&mut self, at: &Placement) {
-        if self
-            .partial
-            .is_some_and(|partial| partial.tube.ends()[0] != *at)
-        {
-            self.partial = None;
-        }
     }
 
     /// Whether a collection is unfinished.

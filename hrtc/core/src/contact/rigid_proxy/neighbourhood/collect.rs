@@ -25,7 +25,7 @@ pub(super) struct PartialCollection {
 impl Neighbourhood {
     /// Collects all pairs of a tube. If there are too many, the margin shrinks; if that does not
     /// suffice, nothing is known and the ending says so. If the budget of node pairs is spent, the
-    /// next call continues with the same tube, at whose start the tool must stay until then.
+    /// next call for the same placement continues, with the same tube.
     pub fn collect(
         &mut self,
         surface: Surface<'_>,
@@ -33,9 +33,11 @@ impl Neighbourhood {
         tube: LookAheadTube,
         budget: u32,
     ) -> (Ending, PairWork) {
-        let partial = self.partial.take();
+        let starts = tube.ends()[0];
+        let partial = self.partial.take().filter(|of| of.tube.ends()[0] == starts);
         if partial.is_none() {
             self.clear();
+            self.changed_since.clear();
         }
         let PartialCollection {
             tube,
@@ -54,7 +56,7 @@ impl Neighbourhood {
         let path = RelativePath::new(centres, [self.rotation, self.end_rotation]);
         let bend = tube.bend_seen(tube.straight_margin());
         let mut of_this_face = 0;
-        let (ending, work, resume) = for_each_near_pair(
+        let (ending, mut work, resume) = for_each_near_pair(
             &surface,
             &shape.blocks,
             &path,
@@ -94,7 +96,35 @@ impl Neighbourhood {
         // A face visited again finds its pairs again.
         let is_seen_again = candidate.is_some_and(|face| Resume::at(leaf_of(face)) == resume);
         self.finish_collection(ending, partial, is_seen_again.then_some(of_this_face));
+        if ending == Ending::Complete && !self.changed_since.is_empty() {
+            let left = budget.saturating_sub(work.cost());
+            work.add(self.take_up_changes(surface, shape, left));
+        }
         (ending, work)
+    }
+
+    /// Notes faces that change during an unfinished collection, for its end. False if none is
+    /// unfinished, or they are too many.
+    pub fn note_changed(&mut self, changed: &[Handle]) -> bool {
+        let fit = self.changed_since.len() + changed.len() <= MAX_SURFACE_FACES;
+        if self.partial.is_some() && fit {
+            self.changed_since.extend(changed);
+            return true;
+        }
+        false
+    }
+
+    /// Updates the pairs of a collection where the surface changed since it began; nothing is known
+    /// if that costs more than `most`.
+    fn take_up_changes(&mut self, surface: Surface<'_>, shape: &ToolShape, most: u32) -> PairWork {
+        let changed = std::mem::take(&mut self.changed_since);
+        let (known, work) = self.update(surface, shape, &changed, most);
+        self.changed_since = changed;
+        self.changed_since.clear();
+        if known.is_none() {
+            self.invalidate();
+        }
+        work
     }
 
     /// Ends or interrupts a collection. `seen_again`: number of pairs before those of a face that
