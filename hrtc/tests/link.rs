@@ -6,8 +6,8 @@ use hrtc::tuning::INBOX_CAPACITY;
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{
     AnswerItem, AnswersReader, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, ContactReport,
-    Encoding, HELLO_PERIOD_MS, Hello, MAX_CLIENTS, Refusal, RegionAction, RegionAsk, Request,
-    RequestKind, Role,
+    Encoding, HELLO_PERIOD_MS, Hello, MAX_CLIENTS, PROTOCOL_VERSION, Refusal, RegionAction,
+    RegionAsk, Request, RequestKind, Role,
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 use spm::{SpmFile, write_spm};
@@ -497,9 +497,9 @@ fn another_protocol_version_is_told_to_the_tick() {
     let publisher = domain.heartbeats(&node).unwrap().outgoing;
     until("the other version", || {
         publisher
-            .send_copy(Hello::of_version(9, Role::Station, 1, 0))
+            .send_copy(Hello::of_version(PROTOCOL_VERSION + 1, Role::Station, 1, 0))
             .unwrap();
-        tick.other_version.load(Ordering::Acquire) == 9
+        tick.other_version.load(Ordering::Acquire) == PROTOCOL_VERSION + 1
     });
     assert_eq!(
         tick.station.load(Ordering::Acquire),
@@ -519,7 +519,7 @@ fn a_peer_of_another_byte_order_is_refused_by_both_sides() {
     let topic = domain.subscribe_service(&node).unwrap();
     let requests = domain.request_sender(&topic).unwrap();
     let forged = |role| Hello::new(role, 99, 99).with_other_byte_order();
-    let last = Hello::of_version(9, Role::Station, 1, 0);
+    let last = Hello::of_version(PROTOCOL_VERSION + 1, Role::Station, 1, 0);
     for hello in [forged(Role::Station), forged(Role::Controller), last] {
         hellos.send_copy(hello).unwrap();
     }
@@ -528,7 +528,7 @@ fn a_peer_of_another_byte_order_is_refused_by_both_sides() {
     swapped.kind = (RequestKind::Model as u32).swap_bytes();
     requests.send(&swapped).unwrap();
     until("what came after the forged ones", || {
-        tick.other_version.load(Ordering::Acquire) == 9
+        tick.other_version.load(Ordering::Acquire) == PROTOCOL_VERSION + 1
     });
     // The station looks at heartbeats before requests: it has heard them at the second one.
     for _ in 0..2 {

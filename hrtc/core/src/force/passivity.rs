@@ -42,15 +42,16 @@
 //! fading is also at most `W / U` in a tick.
 //!
 //! Work that no spring gives back, of a force that is shaded or of a boundary that comes, would
-//! empty the account and end the force at once. It fades before: what such work takes in a period is
-//! at most half of the perception limit's share of what is left. So it may grow twofold, and the
+//! empty the account and end the force at once. It fades before: what such work takes in a period
+//! is at most half of the perception limit's share of what is left. So it may grow twofold, and the
 //! account still empties no faster than a force may fade.
 //!
 //! # Extrapolation
 //!
-//! A motion that is out of line with those before it, by a jump or a stop, is neither a velocity nor
-//! an acceleration yet (see [`next_of`]). Along an axis without work for the longest window of the
-//! velocity estimate, what moves is the noise of the encoder.
+//! A motion that is out of line with those before it, by a jump or a stop, is neither a velocity
+//! nor an acceleration yet: what comes next is then the median of the last three. Along an axis
+//! without work for the longest window of the velocity estimate, what moves is the noise of the
+//! encoder.
 //!
 //! # Moving surfaces
 //!
@@ -282,7 +283,8 @@ impl EnergyAccount {
         }
     }
 
-    /// An estimated motion without that along axes on which nothing was counted, `motion`, for long.
+    /// An estimated motion without that along axes on which nothing was counted, `motion`, for
+    /// long.
     fn without_noise_at_rest(&mut self, estimated: DVec3, motion: DVec3, elapsed: u64) -> DVec3 {
         let mut lasting = estimated;
         for axis in 0..3 {
@@ -377,8 +379,8 @@ impl EnergyAccount {
         (given / work).min(self.paid).clamp(0.0, 1.0)
     }
 
-    /// The paid share fades, or returns, by no more than is `imperceptible`. `work`: of the force in
-    /// the coming period.
+    /// The paid share fades, or returns, by no more than is `imperceptible`. `work`: of the force
+    /// in the coming period.
     fn fade(&mut self, work: f64, stored_j: f64, moves_away: bool, imperceptible: f64) {
         let taken_in = (self.raised_j - self.contact_joules).max(0.0);
         let due = if moves_away && stored_j > taken_in {

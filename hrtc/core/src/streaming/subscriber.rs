@@ -453,8 +453,8 @@ impl Subscriber {
                 break;
             };
             let open = self.questions.all().len();
-            // What is needed must not wait behind what is only loaded ahead; and where the cache lost
-            // what answers counted on, it holds no more of that.
+            // What is needed must not wait behind what is only loaded ahead; and where the cache
+            // lost what answers counted on, it holds no more of that.
             let is_short = loses || open >= meter.questions_in_transit();
             if !of.is_needed && is_short {
                 break;

@@ -52,7 +52,7 @@ const PROJECTED: u32 = 1;
 /// Growth of the look-ahead, and its reduction.
 const CHANGE: f64 = 2.0;
 /// The part of the path of a collection after which it was of use: a path that a step leaves
-/// earlier was predicted badly. By `rt-tests tools` (comb) 0.2 to 0.5 differ by less than the seeds.
+/// earlier was predicted badly. By `rt-tests tools` (comb) 0.2 to 0.5 differ less than the seeds.
 const USED_UP: f64 = 0.3;
 /// Least look-ahead, as a fraction of the radius of gyration: less hardly costs less.
 const SHORTEST: f64 = 1e-4;
@@ -278,9 +278,9 @@ impl ToolProxy {
         Next::Retry
     }
 
-    /// The look-ahead after a step that went as far as the candidates are known, of a motion that is
-    /// `whole` units long: longer where the step used up the path that they are known for; where it
-    /// soon left the path sideways, twice as far as it went.
+    /// The look-ahead after a step that went as far as the candidates are known, of a motion that
+    /// is `whole` units long: longer where the step used up the path that they are known for; where
+    /// it soon left the path sideways, twice as far as it went.
     fn learn_look_ahead(&mut self, tick: &TickSteps<'_>, went: f64, whole: f64) {
         if went < USED_UP * self.near.tube.length() {
             let shortest = SHORTEST * self.shape.gyration;

@@ -33,21 +33,11 @@ impl Neighbourhood {
         tube: LookAheadTube,
         budget: u32,
     ) -> (Ending, PairWork) {
-        let starts = tube.ends()[0];
-        let partial = self.partial.take().filter(|of| of.tube.ends()[0] == starts);
-        if partial.is_none() {
-            self.clear();
-            self.changed_since.clear();
-        }
         let PartialCollection {
             tube,
             mut margin,
             resume,
-        } = partial.unwrap_or(PartialCollection {
-            tube,
-            margin: tube.straight_margin(),
-            resume: Resume::START,
-        });
+        } = self.begin_or_go_on(tube);
         let ends = tube.ends();
         let centres = ends.map(|at| at.centre);
         [self.rotation, self.end_rotation] = ends.map(|at| at.rotation());
@@ -101,6 +91,22 @@ impl Neighbourhood {
             work.add(self.take_up_changes(surface, shape, left));
         }
         (ending, work)
+    }
+
+    /// The unfinished collection if it began where the tube does, else a new one.
+    fn begin_or_go_on(&mut self, tube: LookAheadTube) -> PartialCollection {
+        let start = tube.ends()[0];
+        let partial = self.partial.take();
+        if let Some(partial) = partial.filter(|partial| partial.tube.ends()[0] == start) {
+            return partial;
+        }
+        self.clear();
+        self.changed_since.clear();
+        PartialCollection {
+            tube,
+            margin: tube.straight_margin(),
+            resume: Resume::START,
+        }
     }
 
     /// Notes faces that change during an unfinished collection, for its end. False if none is
