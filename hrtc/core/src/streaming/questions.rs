@@ -118,4 +118,21 @@ mod tests {
         assert_eq!(questions.all().len(), 1);
         assert_eq!(questions.high_water(), 2);
     }
+
+    #[test]
+    fn many_are_lost_until_their_second_answers_are_here() {
+        let regions: Vec<_> = (0..=LOST_AT_ONCE as u32).map(RegionKey::prefix).collect();
+        let mut questions = Questions::new();
+        regions.iter().for_each(|&of| questions.ask(of, 10));
+        for (lost, &region) in regions[1..].iter().enumerate() {
+            assert!(!questions.has_lost_many(), "{lost}");
+            questions.lose(region);
+        }
+        assert!(questions.has_lost_many());
+        questions.ask_again(regions[1], 20);
+        questions.end(regions[0]);
+        assert!(questions.has_lost_many());
+        questions.end(regions[1]);
+        assert!(!questions.has_lost_many());
+    }
 }

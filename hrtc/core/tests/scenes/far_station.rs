@@ -388,8 +388,8 @@ fn a_resting_contact_becomes_full_over_a_very_thin_line() {
 }
 
 /// The round trips are those that are measured: a tunnel adds some milliseconds to those of a wire.
-/// Beyond them there are moments in which the cache lets go what answers under way count on: these
-/// pass.
+/// Beyond them the cache lets go, now and then, what an answer under way counts on (measured: 0 to
+/// 8 answers in a tour).
 #[test]
 fn a_cache_that_holds_a_third_of_a_model_is_enough_at_a_distance() {
     let Some(path) = real_model("stanford-bunny.obj") else {
@@ -400,9 +400,9 @@ fn a_cache_that_holds_a_third_of_a_model_is_enough_at_a_distance() {
     for (round_trip, least, most_resent) in [
         (100, 0.99, 0),
         (200, 0.99, 0),
-        (215, 0.99, 40),
-        (220, 0.9, 40),
-        (230, 0.99, 40),
+        (215, 0.99, 8),
+        (220, 0.99, 8),
+        (230, 0.99, 8),
     ] {
         let name = format!("bunny, {round_trip} ms");
         let far = run(&name, &model, compact(round_trip, 100.0));

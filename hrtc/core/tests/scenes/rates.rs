@@ -1,6 +1,7 @@
 //! The rate of the loop changes no time that is felt or waited for, and no force.
 
 use crate::common::{World, plan, scene_plan, scene_station, scene_world, spm};
+use geometry::closest_point_on_segment;
 use glam::DVec3;
 use hrtc_core::lod::predict::TURNS;
 use simulator::{Client, ClientOptions, STATION, Simulation};
@@ -162,20 +163,15 @@ fn path(rate_hz: f64, model: &[u8]) -> (Vec<(f64, DVec3)>, f64) {
     (contacts, share)
 }
 
-/// Distance of a place from the straight way between two.
-fn from_segment(place: DVec3, from: DVec3, to: DVec3) -> f64 {
-    let way = to - from;
-    let share = (place - from).dot(way) / way.length_squared();
-    let share = if share.is_nan() { 0.0 } else { share };
-    place.distance(from + share.clamp(0.0, 1.0) * way)
-}
-
 /// Distances of the contacts from another path, each within a short time, metres, ascending. The
 /// path leads straight from one contact to the next: a tick of it is as long as the limit.
 fn apart(contacts: &[(f64, DVec3)], other: &[(f64, DVec3)]) -> Vec<f64> {
     let distance = |(t, place): &(f64, DVec3)| {
         let near = other.windows(2).filter(|w| (w[0].0 - t).abs() <= SHIFT_S);
-        let distances = near.map(|w| from_segment(*place, w[0].1, w[1].1));
+        let distances = near.map(|w| {
+            let [from, to] = [w[0].1, w[1].1];
+            place.distance(from.lerp(to, closest_point_on_segment(from, to, *place)))
+        });
         distances.fold(f64::INFINITY, f64::min)
     };
     let mut all: Vec<f64> = contacts.iter().map(distance).collect();

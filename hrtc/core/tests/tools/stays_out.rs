@@ -198,6 +198,12 @@ fn over_the_bunny() {
     }
 }
 
+fn highest(front: &Front) -> DVec3 {
+    let corners = front.faces.iter().flat_map(|(_, t)| *t);
+    let top = corners.max_by(|p, q| p.z.total_cmp(&q.z));
+    top.expect("there are faces")
+}
+
 /// Splits a vertex of the front under a tool, which is told.
 fn split_under(front: &mut Front, hand: &mut GuidedTool, i: Handle) {
     let mut out = OperationFaces::new();
@@ -220,9 +226,7 @@ fn while_the_surface_is_refined_under_it() {
         let mut front = Front::new(&parts, 0, &mut Random::new(1));
         let size = front.diagonal();
         let mut hand = GuidedTool::new(capsule_mesh(0.03 * size, 0.2 * size, 12, 10));
-        let corners = front.faces.iter().flat_map(|(_, t)| *t);
-        let top = corners.max_by(|p, q| p.z.total_cmp(&q.z));
-        let top = top.expect("there are faces");
+        let top = highest(&front);
         let pose = |k: u32| Pose {
             position: top + DVec3::Z * size * (0.3 - 0.0007 * f64::from(k.min(500))),
             orientation: DQuat::from_rotation_x(1.2),
@@ -266,9 +270,7 @@ fn what_changes_in_each_tick_is_known_after_some() {
         let mut front = Front::new(&parts, 60, &mut Random::new(1));
         let size = front.diagonal();
         let mut hand = GuidedTool::new(capsule_mesh(0.03 * size, 0.2 * size, 80, 60));
-        let corners = front.faces.iter().flat_map(|(_, t)| *t);
-        let top = corners.max_by(|p, q| p.z.total_cmp(&q.z));
-        let top = top.expect("there are faces");
+        let top = highest(&front);
         let pose = |k: u32| {
             let k = f64::from(k);
             let way = DVec3::new(0.1 * (0.1 * k).sin(), 0.0, 0.3 - 0.0007 * k);

@@ -30,7 +30,7 @@ const BEYOND: f64 = 1.25;
 const MAX_LOOKS: u32 = 3;
 /// The part of the budget, one over this, that further work after the first step leaves by what
 /// such work has cost last: it may cost more, and ticks beyond their budget coarsen the surface. By
-/// `rt-tests tools` (dragon, seeds 1 to 5, 20 s) 2.7, 1.2, 0.5, 1.0 and 0.0 % of the ticks end more
+/// `rt-tests tools` (dragon, seeds 1 to 5, 20 s) 2.9, 1.8, 0.4, 1.1 and 0.0 % of the ticks end more
 /// than 0.05 mm behind. With a fifth hardly fewer do, and four tools on a rough surface do not come
 /// to rest.
 const RESERVE: u32 = 3;
@@ -52,7 +52,8 @@ const PROJECTED: u32 = 1;
 /// Growth of the look-ahead, and its reduction.
 const CHANGE: f64 = 2.0;
 /// The part of the path of a collection after which it was of use: a path that a step leaves
-/// earlier was predicted badly. By `rt-tests tools` (comb) 0.2 to 0.5 differ less than the seeds.
+/// earlier was predicted badly. On the comb of `rt-tests tools`, a copy of whose measure ran for
+/// 3 s, 0.2 to 0.5 differ less than the seeds.
 const USED_UP: f64 = 0.3;
 /// Least look-ahead, as a fraction of the radius of gyration: less hardly costs less.
 const SHORTEST: f64 = 1e-4;
@@ -294,8 +295,7 @@ impl ToolProxy {
     fn limited_share(&mut self, tick: &TickSteps<'_>, motion: &Twist, share: f64) -> f64 {
         let radius = self.shape.radius;
         let whole = motion.farthest(radius);
-        let mut share = share;
-        share = share.min(self.contacts.share_of_arcs(motion, tick.offset));
+        let mut share = share.min(self.contacts.share_of_arcs(motion, tick.offset));
         let left = tick.farthest - tick.start.to(&self.at).farthest(radius);
         if whole * share > left {
             share = left.max(0.0) / whole;
@@ -393,20 +393,17 @@ impl ToolProxy {
         budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<usize> {
-        let changed = mesh_change.changed();
-        if changed.is_some_and(|changed| self.near.note_changed(changed)) {
-            self.near.place(&self.shape, &self.at);
-            return None;
-        }
         let most = budget / UPDATE_SHARE;
-        let first_changed = mesh_change.changed().and_then(|changed| {
+        let changed = mesh_change.changed();
+        let is_noted = changed.is_some_and(|changed| self.near.note_changed(changed));
+        let first_changed = changed.filter(|_| !is_noted).and_then(|changed| {
             let (first_changed, work) = self.near.update(surface, &self.shape, changed, most);
             answer.work.add(work);
             answer.spent += work.cost();
             first_changed
         });
         self.stops.clear();
-        if first_changed.is_none() {
+        if first_changed.is_none() && !is_noted {
             self.invalidate();
         }
         self.near.place(&self.shape, &self.at);
@@ -424,8 +421,8 @@ impl ToolProxy {
     }
 
     /// Whether a collection of the grown look-ahead and a step are expected to cost no more than
-    /// half of what a tick allows itself: the tick may need both twice. Where a wall comes into
-    /// reach, a path twice as long has three times the pairs.
+    /// half of what a tick allows itself: the tick may need both twice. A path twice as long is
+    /// taken to have three times the pairs: a wall may come into reach.
     fn may_grow(&self, tick: &TickSteps<'_>) -> bool {
         let faces = self.collection.cost() - self.collection.node_pairs;
         let cost = self.collection.cost() + 2 * faces + self.step_cost;
