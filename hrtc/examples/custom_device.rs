@@ -62,6 +62,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         scene: scene.clone(),
         domain: domain.clone(),
         overrides: scene::Overrides::default(),
+        view: None,
         json: false,
     };
     let mut args = RunArgs::new(&scene, &domain);

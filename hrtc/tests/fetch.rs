@@ -95,6 +95,7 @@ fn with_station<T>(
         scene: folder.path().join("ball.toml"),
         domain: domain.name().to_owned(),
         overrides: Overrides::default(),
+        view: None,
         json: false,
     };
     let stop = AtomicBool::new(false);

@@ -169,6 +169,7 @@ fn record_with_fault(
         scene: scene.clone(),
         domain: domain.clone(),
         overrides: scene::Overrides::default(),
+        view: None,
         json: false,
     };
     let told = Arc::new(Told::default());

@@ -6,6 +6,7 @@
 //! | [`inspect`] | what an SPM file holds, for people and scripts |
 //! | [`database`] | the models of a scene, and the cache of built ones |
 //! | `file_bytes` | the bytes of a file, safe from whoever overwrites it |
+//! | [`viewer`] | `serve --view`: what a controller on this machine touches, in rerun |
 //! | [`clients`] | who is connected, and the line about it |
 //! | [`connection`], [`serve`] | the iceoryx2 ports around the pure core ([`station_core`]), and the command |
 //!
@@ -95,5 +96,6 @@ mod file_bytes;
 pub mod inspect;
 pub mod serve;
 mod tuning;
+pub mod viewer;
 
 pub use file_bytes::FileBytes;

@@ -5,6 +5,7 @@ use crate::connection::Connection;
 use crate::database::{Database, DatabaseError};
 use crate::tuning::link::STATUS_KEPT;
 use crate::tuning::models::{BUILD_STACK_BYTES, STOP_POLL};
+use crate::viewer::{Viewer, ViewerError};
 use file_transfer::FileServer;
 use indicatif::{ProgressBar, ProgressStyle};
 use scene::{self, Overrides, SceneError, ScenePlan};
@@ -30,6 +31,8 @@ pub struct ServeArgs {
     pub domain: String,
     /// What the command line says over the scene.
     pub overrides: Overrides,
+    /// Where touches are shown ([`crate::viewer`]); `None` for nowhere.
+    pub view: Option<String>,
     /// Print one JSON object at the end, on standard output.
     pub json: bool,
 }
@@ -46,6 +49,9 @@ pub enum ServeError {
     /// The transport.
     #[error("{0}")]
     Transport(#[from] TransportError),
+    /// The viewer.
+    #[error("{0}")]
+    Viewer(#[from] ViewerError),
     /// The operating system gave no thread.
     #[error("cannot start the thread that opens the models: {0}")]
     Thread(std::io::Error),
@@ -86,6 +92,10 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
     let domain = Domain::new(&args.domain)?;
     let files = NotingFiles::default();
     let plan = scene::load(&args.scene, &args.overrides, &files)?;
+    let mut viewer = match &args.view {
+        Some(target) => Some(Viewer::new(&plan, target)?),
+        None => None,
+    };
     let database = open_models(&plan, stop)?;
     for (index, model) in database.models.iter().enumerate() {
         let head = model.file.model_header();
@@ -107,7 +117,12 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
     let mut connection = Connection::open(&domain, station)?.with_files(files);
     note("ready");
     let mut status = StatusLine::new();
-    connection.run_telling(stop, |clients| status.show(clients));
+    connection.run_telling(stop, |clients| {
+        status.show(clients);
+        if let Some(viewer) = &mut viewer {
+            viewer.look(note);
+        }
+    });
     status.bar.finish_and_clear();
     let report = ServeReport {
         scene: plan.name,

@@ -1,5 +1,13 @@
 //! Tuning constants of the station's shell: waiting times, sizes, samples.
 
+/// The viewer of `serve --view`.
+pub mod viewer {
+    use std::time::Duration;
+
+    /// Time that it has to end by itself when the service does.
+    pub const ENDS: Duration = Duration::from_secs(2);
+}
+
 /// The topics of the station.
 pub mod link {
     use protocol::{ANSWER_TIMEOUT_MS, HELLO_PERIOD_MS};

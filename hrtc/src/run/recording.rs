@@ -10,6 +10,7 @@ use crate::tick_record::TickRecord;
 use hrtc_core::Capacity;
 use realtime::rights::{MissingRight, monotonic_ns};
 use scene::ScenePlan;
+use scene_files::recordings_folder;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -115,11 +116,11 @@ fn place(named: Option<&Path>, plan: &ScenePlan, realtime_ns: u64) -> Option<Rec
         });
     }
     let keep_bytes = plan.record.keep_bytes?;
-    let state = dirs::state_dir().or_else(dirs::data_local_dir)?;
+    let folder = recordings_folder()?;
     let seconds = realtime_ns / 1_000_000_000;
     let name = format!("{}-{seconds}-{}.mcap", plan.name, std::process::id());
     Some(RecordingPlace {
-        first: state.join("hrtc").join("recordings").join(name),
+        first: folder.join(name),
         keep_bytes,
         owns_folder: true,
     })

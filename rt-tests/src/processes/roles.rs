@@ -109,6 +109,7 @@ pub fn station(args: StationArgs) -> Result<(), Failure> {
         scene: args.scene,
         domain: args.domain,
         overrides: args.loop_.with(&args.overrides),
+        view: None,
         json: false,
     };
     ve_station::serve::serve(&serve, &stop)

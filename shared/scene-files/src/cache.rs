@@ -16,6 +16,14 @@ pub fn cache_folder() -> Option<PathBuf> {
     }
 }
 
+/// The folder of recordings whose place nobody named: `hrtc/recordings` in the user's folder of
+/// state. `None` when no home is known.
+#[must_use]
+pub fn recordings_folder() -> Option<PathBuf> {
+    let state = dirs::state_dir().or_else(dirs::data_local_dir)?;
+    Some(state.join("hrtc").join("recordings"))
+}
+
 /// Kept files. A content is checked whenever it is read, so a damaged or foreign file is none.
 #[derive(Debug, Clone)]
 pub struct FileCache {
