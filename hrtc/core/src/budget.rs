@@ -1,7 +1,7 @@
 //! Remaining work of a tick, in units; all active objects draw on it in turn.
 
 use crate::contact::query::Work;
-use crate::tuning::governor::{ENTRIES_PER_FACE, OPERATION_FACES};
+use crate::tuning::governor::{ENTRIES_PER_FACE, LEAST_SEARCH, OPERATION_FACES};
 use crate::work::TickWork;
 use scene::MAX_PROBES;
 use spm::OperationFaces;
@@ -58,15 +58,16 @@ impl Budget {
     }
 }
 
-/// Work of the queries of a tick: nodes visited and faces tested. A part is for the steps of the
-/// proxies, a part for the searches beside them. Every probe is sure of an equal share of both, and
-/// each of its pairs of an equal share of that; what one pair leaves the next may use.
+/// Work of the queries of a tick: nodes visited and faces tested, never more than the tick has time
+/// for. A part is for the steps of the proxies, a part for the searches beside them. Every probe is
+/// sure of an equal share of each, and each of its pairs of an equal share of that; what one pair
+/// leaves the next may use.
 #[derive(Debug, Clone, Copy)]
 pub struct QueryBudget {
     proxies: Part,
     searches: Part,
-    /// Work after which no search begins; the last one begun may go beyond it.
-    most: u32,
+    /// Both together.
+    all: Part,
     /// Pairs of each probe, and probes that have any.
     pairs: [u32; MAX_PROBES],
     probes: u32,
@@ -103,7 +104,7 @@ impl QueryBudget {
         let mut budget = Self {
             proxies: Part::new(work.proxies.min(units)),
             searches: Part::new(work.searches.min(units)),
-            most: work.queries().min(units),
+            all: Part::new(work.queries().min(units)),
             pairs: [0; MAX_PROBES],
             probes: 0,
         };
@@ -111,7 +112,7 @@ impl QueryBudget {
             budget.probes += u32::from(budget.pairs[probe] == 0);
             budget.pairs[probe] += 1;
         }
-        for part in [&mut budget.proxies, &mut budget.searches] {
+        for part in [&mut budget.proxies, &mut budget.searches, &mut budget.all] {
             let shares = budget.pairs.iter().filter(|&&pairs| pairs > 0);
             let sure = |&pairs: &u32| part.most / budget.probes / pairs * pairs;
             part.reserved = shares.map(sure).sum();
@@ -121,38 +122,40 @@ impl QueryBudget {
 
     /// The turn of a pair of a probe: its share is not reserved any more.
     pub fn begin_pair(&mut self, probe: usize) {
-        for part in [&mut self.proxies, &mut self.searches] {
+        for part in [&mut self.proxies, &mut self.searches, &mut self.all] {
             part.reserved -= part.most / self.probes / self.pairs[probe];
         }
     }
 
-    /// What the step of a proxy may spend now.
+    /// What the step of a proxy may spend now: a search for the nearest face comes after it.
     #[must_use]
     pub fn for_proxy(&self) -> u32 {
-        self.proxies.left()
+        let rest = self.all.left().saturating_sub(LEAST_SEARCH);
+        self.proxies.left().min(rest)
     }
 
     /// What searches may spend now.
     #[must_use]
     pub fn for_searches(&self) -> u32 {
-        let rest = self.most.saturating_sub(self.spent());
-        self.searches.left().min(rest)
+        self.searches.left().min(self.all.left())
     }
 
     /// A proxy has spent this.
     pub fn charge_proxy(&mut self, work: Work) {
         self.proxies.spent += work.nodes + work.faces;
+        self.all.spent += work.nodes + work.faces;
     }
 
     /// A search has spent this.
     pub fn charge_search(&mut self, work: Work) {
         self.searches.spent += work.nodes + work.faces;
+        self.all.spent += work.nodes + work.faces;
     }
 
     /// What was spent so far.
     #[must_use]
     pub fn spent(&self) -> u32 {
-        self.proxies.spent + self.searches.spent
+        self.all.spent
     }
 }
 
@@ -183,7 +186,7 @@ mod tests {
         // A tick that has time for less has less.
         let mut busy = QueryBudget::new(&work, 1000, [0].into_iter());
         busy.begin_pair(0);
-        assert_eq!(busy.for_proxy(), 1000);
+        assert_eq!(busy.for_proxy(), 1000 - LEAST_SEARCH);
         busy.charge_proxy(Work {
             nodes: 990,
             faces: 0,

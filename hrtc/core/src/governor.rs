@@ -11,12 +11,13 @@
 //!
 //! So a tick that is short of time gives up, in this order: looking ahead, data that is loaded
 //! ahead, refinement away from the contact, the tolerance at the contact ([`crate::policy`]: fewer
-//! operations a tick raise the finest ring), steps of a tool, and for a tick those of a ball, which
-//! has twice as much in the next. Forces and their limits are always computed. A unit that is
-//! larger than all of its share, such as the split of a vertex with a very large fan, is not begun.
-//! Where the surface under a probe has so many faces that
-//! touching it takes more than a tick has, again and again, the finest ring is raised too: by the
-//! steps of memory pressure (`Steps`), since it is the same want of another good.
+//! operations a tick raise the finest ring), and steps of the proxies, which come along over several
+//! ticks. What a tick never gives up is allowed on any machine: the samples, some
+//! queries for each pair, the forces and their limits. A unit that is larger than all of its share,
+//! such as the split of a vertex with a very large fan, is not begun.
+//! Where the surface under a probe has so many faces that touching it takes more than a tick has,
+//! again and again, the finest ring is raised too: by the steps of memory pressure (`Steps`), since
+//! it is the same want of another good.
 //!
 //! # The law
 //!
@@ -40,10 +41,11 @@
 use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
-    CONTACT_FADES_S, CONTACT_SHARE, MAX_OVERSPENT, OPERATION_FACES, OPERATIONS_RETURN_S,
-    OVERSPENT_FADES, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES,
-    UNITS_PER_OPERATION, USUAL_BALL_UNITS, USUAL_TOOL_UNITS,
+    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, LEAST_BALL_UNITS, LEAST_TOOL_UNITS, MAX_CUT,
+    OPERATION_FACES, OPERATIONS_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE,
+    TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, USUAL_BALL_UNITS, USUAL_TOOL_UNITS,
 };
+use crate::tuning::streaming::MIN_UNITS;
 use serde::{Deserialize, Serialize};
 
 /// Costs of the units of counted work on a machine, nanoseconds.
@@ -237,8 +239,7 @@ impl TickTime {
         } else {
             self.costs.ball
         };
-        // What the operations took beyond their part is not taken from the contacts.
-        let left = (self.allowed - self.spent.total()).max(self.contacts);
+        let left = (self.allowed - self.spent.total()).max(0.0);
         (left / unit) as u32
     }
 
@@ -290,14 +291,14 @@ impl TickNeed {
     ) -> Self {
         let mut governor = Governor::new(period_s, max_operations);
         governor.set_costs(costs);
-        governor.begin_tick(balls + tools);
+        governor.begin_tick([balls, tools]);
         let fixed_ns = governor.time.spent.total();
         let units = [
             balls as f64 * USUAL_BALL_UNITS * governor.costs.ball,
             tools as f64 * USUAL_TOOL_UNITS * governor.costs.tool,
         ];
         governor.contact_ns = units.iter().sum();
-        governor.begin_tick(balls + tools);
+        governor.begin_tick([balls, tools]);
         Self {
             share_ns: governor.share_ns,
             fixed_ns,
@@ -319,8 +320,8 @@ pub struct Governor {
     ratios: [f64; 3],
     /// What the contacts took of late, nanoseconds by the costs.
     contact_ns: f64,
-    /// Ticks of late that spent more than they might.
-    overspent: f64,
+    /// Ticks of late in which a contact had less time than it needs.
+    cut: f64,
     steps: Steps,
     /// Operations a tick that the scene allows.
     max_operations: f64,
@@ -341,7 +342,7 @@ impl Governor {
             slowness: 1.0,
             ratios: [1.0; 3],
             contact_ns: 0.0,
-            overspent: 0.0,
+            cut: 0.0,
             steps: Steps::new(Horizons::new(1.0 / period_s).pressure),
             max_operations: max_operations as f64,
             operations: max_operations as f64,
@@ -397,21 +398,27 @@ impl Governor {
         self.slowness = faded.max(middle).clamp(least, most);
     }
 
-    /// The time of a tick with so many pairs of a probe and an object.
-    pub(crate) fn begin_tick(&mut self, pairs: usize) {
+    /// The time of a tick with so many balls, and tools, near an object: each pair counts.
+    pub fn begin_tick(&mut self, [balls, tools]: [usize; 2]) {
+        let costs = self.costs;
         let mut time = TickTime {
-            costs: self.costs,
-            allowed: self.share_ns / self.slowness,
+            costs,
             ..TickTime::default()
         };
-        let pairs = pairs as f64;
-        time.spent.charge(CostGroup::Tick, self.costs.tick);
-        let predictions = pairs * self.costs.prediction;
+        let [balls, tools] = [balls, tools].map(|pairs| pairs as f64);
+        let pairs = balls + tools;
+        time.spent.charge(CostGroup::Tick, costs.tick);
+        let predictions = pairs * costs.prediction;
         time.spent.charge(CostGroup::Inbox, predictions);
-        time.spent
-            .charge(CostGroup::Query, pairs * self.costs.contact);
-        let rest = (time.allowed - time.spent.total()).max(0.0);
-        time.contacts = self.contact_ns.min(CONTACT_SHARE * rest);
+        time.spent.charge(CostGroup::Query, pairs * costs.contact);
+        let queries = balls * LEAST_BALL_UNITS * costs.ball + tools * LEAST_TOOL_UNITS * costs.tool;
+        let inbox = f64::from(MIN_UNITS) * costs.received + costs.request;
+        let least = queries + inbox;
+        // What no tick gives up is allowed on any machine.
+        let share = self.share_ns / self.slowness;
+        time.allowed = share.max(time.spent.total() + least);
+        let rest = time.allowed - time.spent.total();
+        time.contacts = self.contact_ns.min(CONTACT_SHARE * rest).max(least);
         self.time = time;
         let affordable =
             (time.for_refinement() / time.operation_ns()).clamp(1.0, self.max_operations);
@@ -426,15 +433,15 @@ impl Governor {
         self.steps.count()
     }
 
-    /// The queries of the tick are done.
-    pub(crate) fn end_queries(&mut self, tick: u64) {
-        self.overspent = if self.time.spent.total() > self.time.allowed {
-            self.overspent + 1.0
+    /// The queries of the tick are done; `is_cut`: a contact had less time than it needs.
+    pub fn end_queries(&mut self, tick: u64, is_cut: bool) {
+        self.cut = if is_cut {
+            self.cut + 1.0
         } else {
-            (self.overspent - OVERSPENT_FADES).max(0.0)
+            (self.cut - CUT_FADES).max(0.0)
         };
-        if self.overspent >= MAX_OVERSPENT && self.steps.want(tick) {
-            self.overspent = 0.0;
+        if self.cut >= MAX_CUT && self.steps.want(tick) {
+            self.cut = 0.0;
             self.steps.step(tick);
         }
         self.steps.recover(tick);
@@ -452,10 +459,10 @@ mod tests {
     fn run(governor: &mut Governor, factor: f64, ticks: usize) -> Vec<f64> {
         let mut times = Vec::with_capacity(ticks);
         for k in 0..ticks {
-            governor.begin_tick(1);
+            governor.begin_tick([1, 0]);
             let faces = governor.time.faces();
             governor.time.charge_refinement(faces, 0);
-            governor.end_queries(k as u64);
+            governor.end_queries(k as u64, false);
             let spent = governor.time.spent.total();
             times.push(factor * spent);
             governor.note_work(factor * spent);
@@ -511,11 +518,11 @@ mod tests {
         let mut before = [0.0; 2];
         let mut turns = 0;
         for k in 0..5000 {
-            governor.begin_tick(1);
+            governor.begin_tick([1, 0]);
             // Contacts whose work comes and goes.
             let units = if k % 50 < 10 { 900 } else { 100 };
             governor.time.charge_query(units, false);
-            governor.end_queries(k as u64);
+            governor.end_queries(k as u64, false);
             governor.note_work(governor.time.spent.total());
             let now = governor.operations();
             if k > 1000 {
@@ -537,7 +544,7 @@ mod tests {
             ..costs
         });
         assert_eq!(*governor.costs(), costs);
-        governor.begin_tick(1);
+        governor.begin_tick([1, 0]);
         governor.note_work(f64::NAN);
         assert!(governor.slowness() == 1.0);
     }

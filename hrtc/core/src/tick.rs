@@ -36,7 +36,7 @@ use crate::policy::reactive::Load;
 use crate::record::CoreRecord;
 use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
-use crate::tuning::governor::{ENTRIES_SHARE, UPKEEP_SHARE};
+use crate::tuning::governor::{ENTRIES_SHARE, UPKEEP_SHARE, USUAL_TOOL_UNITS};
 use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION};
 use crate::tuning::streaming::MIN_UNITS;
 use geometry::{Pose, Wrench};
@@ -364,6 +364,8 @@ impl Controller {
         let probes = pairs.iter().map(|&(_, probe)| probe);
         let units = time.query_units(with_tool);
         let mut budget = QueryBudget::new(&self.work, units, probes);
+        // A tool may need several ticks with all time that there is.
+        let is_short = !with_tool || f64::from(units) < USUAL_TOOL_UNITS;
         for &(k, probe) in pairs {
             let before = budget.spent();
             if let Some((proxy, surface, goal)) = objects[k].tool_before(probe) {
@@ -385,14 +387,15 @@ impl Controller {
             time.charge_query(budget.spent() - before, false);
         }
         record.query_work = budget.spent();
-        self.governor.end_queries(self.own_tick);
+        record.unfinished = objects.iter().map(|of| of.contacts.unfinished).sum();
+        let is_cut = is_short && record.unfinished > 0;
+        self.governor.end_queries(self.own_tick, is_cut);
         self.end_policy();
         record.allowed_ns = self.governor.time.allowed() as u32;
         record.spent_ns = self.governor.time.spent.total() as u32;
         record.slowness = self.governor.slowness();
         record.operations = self.governor.operations();
         let contacts = || self.active.objects.iter().map(|of| &of.contacts);
-        record.unfinished = contacts().map(|of| of.unfinished).sum();
         record.early = contacts().map(|of| of.early).sum();
         record.late_contacts = contacts().map(|of| of.late_contacts).sum();
     }

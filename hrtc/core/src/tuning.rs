@@ -12,8 +12,9 @@ pub mod tick {
     /// The same to a station on another machine: each is a packet of its own there, and the
     /// measured error and the view need no more.
     pub const FAR_REPORT_S: f64 = 0.1;
-    /// Nodes visited and faces tested by the steps of all proxies in a tick that has time for them.
-    pub const PROXY_WORK: u32 = 4096;
+    /// Nodes visited and faces tested by the steps of all proxies in a tick that has time for them:
+    /// those of a ball take half of a millisecond on the reference machine.
+    pub const PROXY_WORK: u32 = 12_288;
     /// The same for the searches beside the steps: the nearest face of each pair, force shading,
     /// and where a probe may touch next. A search near a known face takes some tens.
     pub const SEARCH_WORK: u32 = 1024;
@@ -29,16 +30,18 @@ pub mod governor {
     pub const SHORT_SHARE: f64 = 0.25;
     /// Time in which what is believed falls to a third where the machine is fast again.
     pub const SLOWNESS_FADES_S: f64 = 0.3;
-    /// Slownesses that are believed.
-    pub const SLOWNESS_RANGE: [f64; 2] = [0.5, 64.0];
+    /// Slownesses that are believed. At the least one a tick may spend three quarters of its period;
+    /// where a group's cost is wrong by a quarter, a tick of that work alone still ends in it.
+    pub const SLOWNESS_RANGE: [f64; 2] = [0.8, 64.0];
     /// Part that contacts may keep of what is left of a tick beside what every tick does.
     pub const CONTACT_SHARE: f64 = 0.8;
     /// Time in which what is kept for contacts falls to a third: a stroke over a rough place.
     pub const CONTACT_FADES_S: f64 = 0.1;
-    /// Ticks that spend more than they may after which less is asked for, where each tick that does
-    /// not takes a tenth off: a rough place is passed over, a surface that is too fine is not.
-    pub const MAX_OVERSPENT: f64 = 3.0;
-    pub const OVERSPENT_FADES: f64 = 0.1;
+    /// Ticks in which a contact has less time than it needs after which less is asked for, where
+    /// each other tick takes a tenth off: a rough place is passed over, a surface that is too fine
+    /// is not.
+    pub const MAX_CUT: f64 = 3.0;
+    pub const CUT_FADES: f64 = 0.1;
     /// Time in which the operations that there is time for again come back by two thirds.
     pub const OPERATIONS_RETURN_S: f64 = 0.3;
     /// Faces whose change costs as much as an operation beside that of its faces.
@@ -49,6 +52,13 @@ pub mod governor {
     /// (`rt-tests accuracy`), a tool of 960 faces on a dragon (`rt-tests tools`).
     pub const USUAL_BALL_UNITS: f64 = 90.0;
     pub const USUAL_TOOL_UNITS: f64 = 410.0;
+    /// Units that each pair of a probe and an object has on any machine. With those of a ball it
+    /// comes along over coarse faces (with 120 too, with 60 not); a tool takes more ticks.
+    pub const LEAST_BALL_UNITS: f64 = 2.0 * USUAL_BALL_UNITS;
+    pub const LEAST_TOOL_UNITS: f64 = 0.25 * USUAL_TOOL_UNITS;
+    /// Units that a pair keeps of these for the nearest face: the last one known and its
+    /// neighbourhood.
+    pub const LEAST_SEARCH: u32 = 8;
     /// Faces that a split or collapse changes on most meshes.
     pub const TYPICAL_FACES: u32 = 10;
     /// Units of received data that a split needs: its record.

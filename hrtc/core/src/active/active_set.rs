@@ -321,12 +321,15 @@ impl ActiveSet {
         });
     }
 
-    /// Pairs of a probe and an object near it, as the tick before left them.
+    /// Pairs of a ball, and of a tool, and an object near it, as the tick before left them.
     #[must_use]
-    pub fn near_pairs(&self) -> usize {
+    pub fn near_pairs(&self) -> [usize; 2] {
         let known = self.objects.iter().filter(|of| of.frame.is_some());
-        let near = known.map(|of| of.contacts.pairs.iter().filter(|pair| pair.is_near).count());
-        near.sum()
+        let near = known.flat_map(|of| of.contacts.pairs.iter().filter(|pair| pair.is_near));
+        near.fold([0; 2], |mut count, pair| {
+            count[usize::from(pair.tool().is_some())] += 1;
+            count
+        })
     }
 
     /// Finds the objects near a probe, and makes the one that needs it most active. Returns the

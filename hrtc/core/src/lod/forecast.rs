@@ -110,6 +110,9 @@ impl ContactForecast {
             }
             let hint = Some(seen.face).filter(|&face| !is_new && surface.mesh.is_active(face));
             let most = budget.for_searches();
+            if most == 0 {
+                continue;
+            }
             let (nearest, work, is_complete) =
                 closest_point_within(surface, part.centre, hint, most);
             budget.charge_search(work);

@@ -219,7 +219,9 @@ impl Front {
             approach.forecast.look(surface, part, budget);
         }
         let landed = match approach.predictor.ahead(middle) {
-            Some(ahead) if is_local && is_close && ahead.is_finite() => {
+            Some(ahead)
+                if is_local && is_close && ahead.is_finite() && budget.for_searches() > 0 =>
+            {
                 let hint = pair.hint.filter(|&face| surface.mesh.is_active(face));
                 let most = budget.for_searches();
                 let (nearest, work, is_complete) = closest_point_within(surface, ahead, hint, most);

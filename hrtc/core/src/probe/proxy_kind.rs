@@ -165,6 +165,14 @@ impl ProxyKind {
         }
     }
 
+    /// Where the coupling of the device ends.
+    fn coupling_end(&self) -> Option<DVec3> {
+        match self {
+            Self::Ball(ball) if self.is_placed() => ball.0.as_ref().map(Proxy::settled),
+            _ => self.position(),
+        }
+    }
+
     /// The proxy; the axes of a ball are the model's.
     pub fn pose(&self) -> Option<Pose> {
         match self {
@@ -343,10 +351,10 @@ impl ProxyKind {
         surface: &SurfacePlan,
         velocity: &Twist,
     ) -> (f64, Wrench, CouplingSpring) {
-        let Some(position) = self.position() else {
+        let Some(end) = self.coupling_end() else {
             return (0.0, Wrench::ZERO, CouplingSpring::default());
         };
-        let out = (position - goal.position) * metres_per_unit;
+        let out = (end - goal.position) * metres_per_unit;
         let depth = out.length();
         let coupling = Coupling {
             stiffness_n_per_m: surface.stiffness_n_per_m,

@@ -49,8 +49,8 @@ fn relief(seed: u64) -> (Vec<u8>, f64) {
     (spm(mesh, &BuildOptions::default()), top)
 }
 
-/// A slide in rounds.
-fn slide(top: f64) -> ScenePlan {
+/// A slide in rounds of a radius, metres.
+fn slide(top: f64, radius_m: f64) -> ScenePlan {
     let at = |t: f64, x: f64, y: f64, z: f64| (t, Pose::at(DVec3::new(x, y, z)));
     let mut points = vec![
         at(0.0, 0.0, 0.0, top + 0.02),
@@ -60,7 +60,7 @@ fn slide(top: f64) -> ScenePlan {
     for k in 0..=steps {
         let t = SLIDE_S * f64::from(k) / f64::from(steps);
         let angle = TAU * t / ROUND_S;
-        let (x, y) = (RADIUS_M * (1.0 - angle.cos()), RADIUS_M * angle.sin());
+        let (x, y) = (radius_m * (1.0 - angle.cos()), radius_m * angle.sin());
         points.push(at(APPROACH_S + t, x, y, top - DEPTH_M));
     }
     let mut plan = plan("");
@@ -79,9 +79,15 @@ struct Felt {
     muted: u64,
     /// Share of the contact at full resolution.
     full: f64,
+    /// How slow the governor believed the machine to be at most, ticks that spent more than they
+    /// might, and changes of the finest tolerance.
+    slowest: f64,
+    over: u64,
+    changes: u64,
 }
 
-fn felt(model: &[u8], plan: &ScenePlan, bytes_per_tick: f64) -> Felt {
+/// `slow`: how many times as long as the costs say the work of a tick takes.
+fn felt(model: &[u8], plan: &ScenePlan, bytes_per_tick: f64, slow: impl Fn(u64) -> f64) -> Felt {
     let link = LinkModel {
         delay_ticks: 50,
         bytes_per_tick,
@@ -98,8 +104,15 @@ fn felt(model: &[u8], plan: &ScenePlan, bytes_per_tick: f64) -> Felt {
     let stiffness = surface.stiffness_n_per_m;
     let mut felt = Felt::default();
     let (mut last, mut moved_before, mut age) = (None, 0.0, 0);
-    for _ in 0..((APPROACH_S + SLIDE_S) / PERIOD_S) as u64 {
+    let mut last_tolerance = None;
+    for tick in 0..((APPROACH_S + SLIDE_S) / PERIOD_S) as u64 {
         let record = world.step_led().record;
+        let took = slow(tick) * f64::from(record.spent_ns);
+        world.controller_mut().note_work(took as u32);
+        let tolerance = record.finest_tolerance_m;
+        felt.slowest = felt.slowest.max(record.slowness);
+        felt.over += u64::from(record.spent_ns > record.allowed_ns);
+        felt.changes += u64::from(last_tolerance.replace(tolerance) != Some(tolerance));
         let force = world.force();
         let sample = world.client().samples()[0].expect("the hand gives one");
         let now = (sample.pose.position, force);
@@ -128,14 +141,15 @@ fn the_force_turns_gently_and_is_not_muted() {
     let mut pressed = 0;
     for seed in 1..=4 {
         let (model, top) = relief(seed);
-        let plan = slide(top);
+        let plan = slide(top, RADIUS_M);
         for line in [f64::INFINITY, THIN, THINNEST] {
-            let felt = felt(&model, &plan, line);
+            let felt = felt(&model, &plan, line, |_| 1.0);
             let Felt {
                 worst,
                 muted,
                 pressed: of,
                 full,
+                ..
             } = felt;
             let name = format!("seed {seed}, {line} bytes a tick");
             println!(
@@ -147,4 +161,25 @@ fn the_force_turns_gently_and_is_not_muted() {
         }
     }
     assert!(pressed > 50_000, "{pressed}");
+}
+
+#[test]
+fn a_budget_that_changes_is_not_felt() {
+    // A machine as fast as the costs say, and one that is many times slower, for half a second each.
+    let slow = |tick: u64| [1.0, 8.0, 2.0, 24.0][(tick / 500 % 4) as usize];
+    for (seed, radius_m) in [(1, 0.0), (2, 0.0), (1, RADIUS_M), (2, RADIUS_M)] {
+        let (model, top) = relief(seed);
+        let felt = felt(&model, &slide(top, radius_m), f64::INFINITY, slow);
+        let name = format!("seed {seed}, rounds of {radius_m} m");
+        println!(
+            "{name}: {:.3} of what is allowed, slowness {:.1}, {} changes of the tolerance, {:.3} full",
+            felt.worst, felt.slowest, felt.changes, felt.full
+        );
+        assert!(felt.worst <= 1.0, "{name}: {}", felt.worst);
+        assert!(felt.slowest > 20.0 && felt.pressed > 6_000, "{name}");
+        assert_eq!(
+            felt.over, 0,
+            "{name}: ticks that spent more than they might"
+        );
+    }
 }

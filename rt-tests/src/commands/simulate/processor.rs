@@ -14,9 +14,6 @@ const COSTS_WRONG: f64 = 1.25;
 /// of three would be a slow processor.
 const DISTURBED: f64 = 2e-3;
 const DISTURBANCE: f64 = 0.5;
-/// By how much the contacts may exceed a tick's time: they begin no step that would not fit if it
-/// cost as much as the one before, and the first one always (the most in seeds 0 to 600: 1.24).
-const LAST_STEP: f64 = 1.25;
 /// Ticks that the governor needs to see that the processor is slower: it believes two of three.
 /// Ticks that are shorter than this share of what they may take tell it little.
 const SEES: u64 = 2;
@@ -28,7 +25,7 @@ const SETTLED: u64 = 1_000;
 /// what it believed a second ago, the rest is for ticks that were disturbed.
 const BELIEVED: f64 = 1.1;
 /// The least slowness that it believes.
-const LEAST_SLOWNESS: f64 = 0.5;
+const LEAST_SLOWNESS: f64 = 0.8;
 
 /// The processor of a controller.
 #[derive(Debug)]
@@ -107,9 +104,8 @@ impl Processor {
         let ns = truly * groups.map(|(ns, wrong)| ns * wrong).sum::<f64>();
         let slowness = governor.slowness();
         let record = client.outputs().record;
-        let most = LAST_STEP * f64::from(record.allowed_ns);
         ensure(
-            f64::from(record.spent_ns) <= most,
+            record.spent_ns <= record.allowed_ns,
             "units of a tick",
             || format!("{} ns spent of {}", record.spent_ns, record.allowed_ns),
         )?;

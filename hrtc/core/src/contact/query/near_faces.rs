@@ -61,6 +61,8 @@ pub struct NearFaces {
     #[serde(with = "serde_big_array::BigArray")]
     faces: [NearFace; MAX_FACES],
     count: usize,
+    /// Faces that there was room for.
+    room: usize,
     high_water: usize,
 }
 
@@ -73,6 +75,7 @@ impl NearFaces {
             radius: 0.0,
             faces: [NearFace::NONE; MAX_FACES],
             count: 0,
+            room: MAX_FACES,
             high_water: 0,
         }
     }
@@ -83,19 +86,27 @@ impl NearFaces {
         self.high_water
     }
 
-    /// Collects all faces within `radius` of `centre`. If there are too many, the ball shrinks to
-    /// those it holds; if `max_work` does not suffice, to where all were visited: that is returned
-    /// as false.
+    /// Number of faces it holds.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Collects all faces within `radius` of `centre`. If there are more than `room`, 1 to
+    /// [`MAX_FACES`], the ball shrinks to those it holds; if `max_work` does not suffice, to where
+    /// all were visited: that is returned as false.
     pub fn collect(
         &mut self,
         surface: Surface<'_>,
-        centre: DVec3,
-        radius: f64,
+        (centre, radius): (DVec3, f64),
+        room: usize,
         max_work: u32,
     ) -> (bool, Work) {
+        assert!((1..=MAX_FACES).contains(&room), "room for a face");
         self.centre = centre;
         self.radius = radius;
         self.count = 0;
+        self.room = room;
         let (unvisited, work) =
             faces_within_budget(surface, centre, radius, max_work, |face, closest| {
                 let distance = closest.distance_squared.sqrt();
@@ -108,11 +119,11 @@ impl NearFaces {
                     corners: surface.mesh.corners(face),
                     distance,
                 };
-                if self.count < MAX_FACES {
+                if self.count < room {
                     self.faces[self.count] = near;
                     self.count += 1;
-                    if self.count == MAX_FACES {
-                        for k in (0..MAX_FACES / 2).rev() {
+                    if self.count == room {
+                        for k in (0..room / 2).rev() {
                             self.sift_down(k);
                         }
                     }
@@ -136,11 +147,11 @@ impl NearFaces {
     fn sift_down(&mut self, mut place: usize) {
         loop {
             let child = 2 * place + 1;
-            if child >= MAX_FACES {
+            if child >= self.room {
                 return;
             }
             let distance = |k: usize| self.faces[k].distance;
-            let right_is_farther = child + 1 < MAX_FACES && distance(child + 1) > distance(child);
+            let right_is_farther = child + 1 < self.room && distance(child + 1) > distance(child);
             let farther = child + usize::from(right_is_farther);
             if distance(farther) <= distance(place) {
                 return;
@@ -160,7 +171,7 @@ impl NearFaces {
     /// anything.
     #[must_use]
     pub fn is_full_at(&self, point: DVec3) -> bool {
-        self.count == MAX_FACES && point.distance(self.centre) < STAYED * self.radius
+        self.count == self.room && point.distance(self.centre) < STAYED * self.radius
     }
 
     /// The radius around `point` within which all faces are known; negative for none.

@@ -50,9 +50,13 @@ const STEPS: usize = 8;
 /// Distance beyond a surface that has passed over the proxy, as a fraction of the radius.
 const BEYOND: f64 = 1e-3;
 
-/// Doublings of the work of a tick at the most. The searches that were cut needed four times as
-/// much (4300 units of 1300, `rt-tests deadline`); this only bounds what a tick does.
-const MAX_TRIES: u32 = 8;
+/// Halvings of the reach at the most: then it is small beside the part around the ball that is
+/// always looked at ([`LOOK_AROUND`]), unless the device moves by five radii in a tick.
+const MAX_HALVINGS: u32 = 8;
+/// Work of a step for each face that it may hold: a quarter is left for going through them twice.
+const WORK_PER_FACE: u32 = 8;
+/// Faces that a step may hold at the least: as many as stop a ball.
+const LEAST_FACES: usize = 3;
 /// Largest number of active faces: the degrees of freedom of a rigid tool.
 pub const MAX_PUSHING: usize = 6;
 
@@ -61,16 +65,18 @@ pub const MAX_PUSHING: usize = 6;
 pub struct Proxy {
     radius: f64,
     position: DVec3,
+    /// Where the steps of the tick lead: the position, or beyond it where they were cut short.
+    settled: DVec3,
     goal: DVec3,
     placed: bool,
     /// Largest slide in a tick, beyond the device's motion and the correction of contacts.
     max_slide: f64,
     /// Whether that holds it back.
     is_behind: bool,
-    /// Ticks in a row that were cut short for want of work: each next one has twice as much, so
-    /// that a step that needs more than a tick is given is not put off for ever.
-    tries: u32,
-    /// Motion of the device in these that the proxy has not followed.
+    /// How often the reach is halved: once more after a tick that had too little work to look
+    /// around, once less after another, so that each tick sees all of a part and goes that far.
+    halvings: u32,
+    /// Motion of the device, in ticks that were cut short, that the proxy has not followed.
     missed_motion: f64,
     constraints: Constraints,
     near: NearFaces,
@@ -118,11 +124,12 @@ struct StepCosts {
 }
 
 impl StepCosts {
-    /// Whether another step may begin where so much was spent; the first one always may.
-    fn may_begin(&mut self, spent: u32, most: u32) -> bool {
+    /// Whether another step may begin where so much was spent, which goes twice through so many
+    /// faces that are known; the first one always may.
+    fn may_begin(&mut self, spent: u32, known: usize, most: u32) -> bool {
         self.costliest = self.costliest.max(spent - self.so_far);
         self.so_far = spent;
-        spent == 0 || spent + self.costliest <= most
+        spent == 0 || spent + self.costliest.max(2 * known as u32) <= most
     }
 }
 
@@ -134,11 +141,12 @@ impl Proxy {
         Self {
             radius,
             position: DVec3::ZERO,
+            settled: DVec3::ZERO,
             goal: DVec3::ZERO,
             placed: false,
             max_slide: f64::INFINITY,
             is_behind: false,
-            tries: 0,
+            halvings: 0,
             missed_motion: 0.0,
             constraints: Constraints::new(),
             near: NearFaces::new(),
@@ -149,6 +157,13 @@ impl Proxy {
     #[must_use]
     pub fn position(&self) -> DVec3 {
         self.position
+    }
+
+    /// Where the faces known in the last tick let it come, model units: its position, or beyond
+    /// where the tick was cut short. A way that was only put off is not felt.
+    #[must_use]
+    pub fn settled(&self) -> DVec3 {
+        self.settled
     }
 
     /// Its radius, model units.
@@ -175,9 +190,10 @@ impl Proxy {
     /// Places the proxy without a sweep, as at the first sample.
     pub fn place(&mut self, position: DVec3) {
         self.position = position;
+        self.settled = position;
         self.goal = position;
         self.placed = true;
-        self.tries = 0;
+        self.halvings = 0;
         self.missed_motion = 0.0;
     }
 
@@ -220,10 +236,10 @@ impl Proxy {
 
     /// One tick: as close to `goal` (the device, model units, finite) as the surface allows.
     ///
-    /// A step looks around with three quarters of what is left of `most_work` nodes and faces, and
-    /// goes as far as the rest shows the way to be free; none but the first begins that would go
-    /// beyond it if it cost as much as the most costly one before. The next tick does the remaining
-    /// work.
+    /// It takes no more than `most_work` nodes and faces. A step looks around with three quarters of
+    /// what is left, and goes as far as the rest shows the way to be free; none but the first begins
+    /// unless there is as much left as the most costly one before took. The next tick does the
+    /// remaining work.
     pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3, most_work: u32) -> Advance {
         if !self.placed {
             self.place(goal);
@@ -234,13 +250,11 @@ impl Proxy {
         self.is_behind = false;
         // Splits and collapses may have changed any face since the last tick.
         self.near.invalidate();
-        let most_work = most_work.saturating_mul(1 << self.tries);
         let mut advance = self.take_steps(surface, moved, most_work);
-        (self.tries, self.missed_motion) = if advance.is_cut {
-            let missed = moved - start.distance(self.position);
-            ((self.tries + 1).min(MAX_TRIES), missed.max(0.0))
+        self.missed_motion = if advance.is_cut {
+            (moved - start.distance(self.position)).max(0.0)
         } else {
-            (0, 0.0)
+            0.0
         };
         if self.position == goal {
             advance.contact = None;
@@ -254,23 +268,23 @@ impl Proxy {
         let (goal, start) = (self.goal, self.position);
         // Faces farther than the motion of the device in this tick matter only to the sweep.
         let ahead = if is(Mutant::Sweep) { 0.0 } else { moved };
-        let reach = ahead + 1e-3 * self.radius;
+        let reach = ahead / f64::from(1u32 << self.halvings) + 1e-3 * self.radius;
         let most = self.max_slide + moved;
         let skin_radius = self.radius * (1.0 - SKIN);
         let (mut contact, mut last_motion) = (None, None);
         let (mut dropped, mut had_stopped) = (0, false);
         let mut costs = StepCosts::default();
-        let mut is_cut = false;
+        let (mut is_cut, mut has_looked) = (false, true);
         for _ in 0..STEPS {
-            if !costs.may_begin(work.nodes + work.faces, most_work) {
+            if !costs.may_begin(work.nodes + work.faces, self.near.count(), most_work) {
                 break;
             }
             let wanted = goal - self.position;
             let length = wanted.length();
             let reach = reach.min(length + 1e-3 * self.radius);
             let left = |work: &Work| most_work.saturating_sub(work.nodes + work.faces);
-            let to_look = left(&work) - left(&work) / 4;
-            is_cut |= !self.collect_near(surface, reach, to_look, &mut work);
+            has_looked &= self.collect_near(surface, reach, left(&work), &mut work);
+            is_cut |= !has_looked;
             let constraints = &mut self.constraints;
             // Half of the skin: not a face at which the ball rests, but each that stops the sweep.
             let radii = [self.radius, 0.5 * (self.radius + skin_radius)];
@@ -280,6 +294,7 @@ impl Proxy {
             contact = self.strongest(step.active()).or(contact);
             let motion = self.lengthen(step.point, reach, &mut last_motion);
             let motion = self.restrain(start, motion, most);
+            self.settled = self.position + motion;
             // Below the rounding error of the coordinates there is no motion left.
             if motion.length() <= self.rounding(length) {
                 break;
@@ -293,6 +308,9 @@ impl Proxy {
             let swept = (known, skin_radius, left(&work));
             let (fraction, is_whole) = self.free_fraction(surface, motion, swept, &mut work);
             is_cut |= !is_whole;
+            if is_whole {
+                self.settled = self.position + motion * fraction;
+            }
             if fraction >= 1.0 && step.active().is_empty() && !self.is_behind {
                 self.position = goal;
                 break;
@@ -308,6 +326,14 @@ impl Proxy {
                 break;
             }
             had_stopped = stopped;
+        }
+        self.halvings = if has_looked {
+            self.halvings.saturating_sub(1)
+        } else {
+            (self.halvings + 1).min(MAX_HALVINGS)
+        };
+        if !is_cut {
+            self.settled = self.position;
         }
         Advance {
             contact,
@@ -325,8 +351,8 @@ impl Proxy {
         4.0 * f64::EPSILON * (self.position.length() + length)
     }
 
-    /// Collects the faces near the proxy unless those within `reach` are known. Whether `max_work`
-    /// sufficed.
+    /// Collects the faces near the proxy unless those within `reach` are known, with three quarters
+    /// of `max_work`. Whether they sufficed.
     fn collect_near(
         &mut self,
         surface: Surface<'_>,
@@ -339,7 +365,10 @@ impl Proxy {
             return true;
         }
         let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
-        let (is_all, cost) = self.near.collect(surface, self.position, ball, max_work);
+        let room = ((max_work / WORK_PER_FACE) as usize).clamp(LEAST_FACES, MAX_FACES);
+        let to_look = max_work - max_work / 4;
+        let of = (self.position, ball);
+        let (is_all, cost) = self.near.collect(surface, of, room, to_look);
         work.add(cost);
         is_all
     }
@@ -363,14 +392,22 @@ impl Proxy {
             work.add(cost);
             return (free, true);
         }
-        let (hit, free, cost) = if self.near.covers(self.position, motion.length() + radius) {
-            let (hit, cost) = self.near.sweep(self.position, motion, radius);
-            (hit, hit.map_or(1.0, |hit| hit.fraction), cost)
-        } else {
-            swept_sphere_budget(surface, (self.position, motion), radius, max_work)
-        };
+        let (covered, way) = (self.near.margin(self.position) - radius, motion.length());
+        if covered < way {
+            let max_work = max_work.saturating_sub(self.near.count() as u32);
+            let of = (self.position, motion);
+            let (hit, free, cost) = swept_sphere_budget(surface, of, radius, max_work);
+            work.add(cost);
+            if hit.is_some() || free == 1.0 || free * way >= covered {
+                return (free, hit.is_some() || free == 1.0);
+            }
+        }
+        // As far as all faces are known.
+        let share = (covered / way).min(1.0);
+        let (hit, cost) = self.near.sweep(self.position, motion * share, radius);
         work.add(cost);
-        (free, hit.is_some() || free == 1.0)
+        let free = share * hit.map_or(1.0, |hit| hit.fraction);
+        (free, hit.is_some() || share == 1.0)
     }
 
     /// Limits a motion to `most` from the start of the tick, but obeys the half-spaces in full.
@@ -437,7 +474,7 @@ impl Proxy {
         let mut work = Work::default();
         let mut best: Option<Nearest> = None;
         let reach = self.near.margin(self.position);
-        if reach > 0.0 {
+        if reach > 0.0 && self.near.count() as u32 <= max_work {
             let cost = self.near.within(self.position, reach, |near, closest| {
                 let nearer =
                     |best: Nearest| closest.distance_squared < best.closest.distance_squared;
