@@ -5,6 +5,7 @@
 
 use crate::failure::Failure;
 use crate::report::output::print_either;
+use crate::report::quantile::median;
 use crate::report::table::Table;
 use crate::scenes::prepare_models;
 use clap::Args;
@@ -12,12 +13,13 @@ use hrtc::calibration::{
     Measured, PATCH_DEVICE_N, PATCH_IDENTITY, PATCH_SECONDS, PatchInputs, PatchTick, measure,
     patch_plan,
 };
-use hrtc_core::governor::{CostGroup, WorkCosts};
+use hrtc_core::governor::{CostGroup, Governor, WorkCosts};
 use scene::ScenePlan;
 use serde::Serialize;
 use simulator::{Client, ClientOptions, Drive, STATION, Simulation, station};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// Measurements.
 const REPEATS: usize = 9;
@@ -49,6 +51,8 @@ pub struct Costs {
     pub patch: [f64; CostGroup::ALL.len()],
     /// Ticks that one measurement timed, at least.
     pub ticks: usize,
+    /// What the governor itself takes of a tick, ns.
+    pub governor_ns: f64,
 }
 
 /// Runs the command.
@@ -89,8 +93,26 @@ impl Costs {
             reference_ns: WorkCosts::REFERENCE.named().into_iter().collect(),
             patch: measured[measured.len() / 2].patch,
             ticks: measured.iter().map(|of| of.ticks).min().unwrap_or(0),
+            governor_ns: governor_ns(),
         }
     }
+}
+
+/// What a tick of the governor takes, ns: the median of blocks of ticks with a ball and a tool.
+fn governor_ns() -> f64 {
+    const BLOCK: u64 = 10_000;
+    let mut governor = Governor::new(1e-3, 96);
+    let mut block = || {
+        let began = Instant::now();
+        for tick in 0..BLOCK {
+            governor.begin_tick(std::hint::black_box([1, 1]));
+            governor.end_queries(tick, std::hint::black_box(false));
+            governor.note_work(std::hint::black_box(2e5));
+        }
+        began.elapsed().as_nanos() as f64 / BLOCK as f64
+    };
+    let blocks: Vec<f64> = (0..REPEATS).map(|_| block()).collect();
+    median(&blocks)
 }
 
 fn words(found: &Costs) -> String {
@@ -105,7 +127,8 @@ fn words(found: &Costs) -> String {
     }
     let [tick, inbox, refinement, queries] = found.patch;
     format!(
-        "cost of a unit of counted work, median of {REPEATS} measurements\n\n{table}\npatch: tick {tick:.2}, inbox {inbox:.2}, refinement {refinement:.2}, queries {queries:.2}\n"
+        "cost of a unit of counted work, median of {REPEATS} measurements\n\n{table}\npatch: tick {tick:.2}, inbox {inbox:.2}, refinement {refinement:.2}, queries {queries:.2}\nthe governor itself: {:.0} ns a tick\n",
+        found.governor_ns
     )
 }
 

@@ -40,13 +40,25 @@ pub struct BareArgs {
     /// Thread CPU of the fixed arithmetic of a tick; 0 for an empty body.
     #[arg(long, default_value_t = 0)]
     pub work_ns: u64,
+    /// How many times as long as by itself the body takes: the tick's `--slow`.
+    #[arg(long, default_value_t = 1.0)]
+    pub slow: f64,
 }
 
 /// Time that a bare loop may take beyond its seconds.
 const TIMEOUT_S: f64 = 30.0;
 
-/// A bare loop in a process of its own, with this loop's rate, rights and core, and so much fixed
-/// arithmetic a tick; all but its tick goes to another core.
+/// What a bare loop does in a tick.
+#[derive(Debug, Clone, Copy)]
+pub struct BareWork {
+    /// Thread CPU of fixed arithmetic; 0 for an empty body.
+    pub ns: u64,
+    /// How many times as long as by itself it takes, as the stages of a tick under `--slow`.
+    pub slow: f64,
+}
+
+/// A bare loop in a process of its own, with this loop's rate, rights and core; all but its tick
+/// goes to another core.
 ///
 /// # Errors
 /// When the process fails, or ends before there is a result.
@@ -54,7 +66,7 @@ pub fn run_bare(
     plan: &LoopPlan,
     other_core: Option<usize>,
     seconds: f64,
-    work_ns: u64,
+    work: BareWork,
     stop: &AtomicBool,
 ) -> Result<Finished, Failure> {
     let mut typed: Vec<OsString> = vec!["role-bare".into()];
@@ -62,7 +74,8 @@ pub fn run_bare(
     typed.push(format!("--priority={}", plan.priority).into());
     typed.push(format!("--spin-us={}", plan.spin_us).into());
     typed.push(format!("--seconds={seconds}").into());
-    typed.push(format!("--work-ns={work_ns}").into());
+    typed.push(format!("--work-ns={}", work.ns).into());
+    typed.push(format!("--slow={}", work.slow).into());
     if let Some(core) = tick_core(plan) {
         typed.push(format!("--core={core}").into());
     }
@@ -115,7 +128,7 @@ fn measure(args: &BareArgs, stop: &AtomicBool) -> Option<Finished> {
     let most = (args.seconds * args.rate_hz).ceil() as usize;
     let mut ticks: Vec<(Wake, Worked)> = Vec::new();
     ticks.try_reserve_exact(most).ok()?;
-    let steps = calibrate(args.work_ns);
+    let steps = calibrate((args.work_ns as f64 / args.slow) as u64);
     let obtained = obtain(args.core, args.priority);
     run_loop(args, steps, most, stop, &mut ticks);
     let mut run = Accumulator::new(period, 0)?;
@@ -152,11 +165,25 @@ fn run_loop(
         if wake.tick >= most as u64 {
             break;
         }
+        let began = thread_cpu_ns();
         x = arithmetic(x, steps);
+        spin_to(began, args.slow);
         let worked = pacer.done();
         ticks.push((wake, worked));
     }
     std::hint::black_box(x);
+}
+
+/// Spins until what began then, in thread CPU, has taken `slow` times as long as it did.
+fn spin_to(began: u64, slow: f64) {
+    if slow <= 1.0 {
+        return;
+    }
+    let own = thread_cpu_ns() - began;
+    let until = began + (slow * own as f64) as u64;
+    while thread_cpu_ns() < until {
+        std::hint::spin_loop();
+    }
 }
 
 /// Steps of arithmetic that take this long here.
@@ -214,6 +241,7 @@ mod tests {
             spin_us: 0,
             seconds,
             work_ns,
+            slow: 1.0,
         }
     }
 

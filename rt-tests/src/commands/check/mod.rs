@@ -18,7 +18,7 @@ pub use line::{Line, Verdict};
 use crate::commands::zwidth::{measure, plate};
 use crate::failure::Failure;
 use crate::machine::Machine;
-use crate::processes::bare_loop::run_bare;
+use crate::processes::bare_loop::{BareWork, run_bare};
 use crate::processes::pair::{Shown, other_core};
 use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{print_either, status_line};
@@ -124,7 +124,8 @@ fn bare(plan: &ScenePlan, rate_hz: f64) -> Result<Finished, Failure> {
     let stop = stop_flag()?;
     let mut loop_ = plan.loop_.at_rate(rate_hz);
     loop_.spin_us = 0;
-    let finished = run_bare(&loop_, other_core(plan), LOOP_S, 0, &stop)?;
+    let empty = BareWork { ns: 0, slow: 1.0 };
+    let finished = run_bare(&loop_, other_core(plan), LOOP_S, empty, &stop)?;
     if is_set(&stop) {
         return Err(Failure::Run("ended on request".to_string()));
     }

@@ -3,14 +3,17 @@
 //!
 //! Real runs of both processes, in which every stage of a tick takes F times as long
 //! (`rt-tests run --slow`). A scene passes when no period is missed by the tick's own work and no
-//! tick spends more than it may.
+//! tick spends more than it may. Beside each stands a bare loop of fixed arithmetic with the same
+//! median, slowed down alike: what it misses, the machine misses, since an interrupt in a stage is
+//! made F times as long, too.
 
 pub mod scenes;
 mod shapes;
 mod words;
 
 use crate::failure::Failure;
-use crate::processes::pair::{PairArgs, run_pair};
+use crate::processes::bare_loop::{BareWork, run_bare};
+use crate::processes::pair::{PairArgs, other_core, run_pair};
 use crate::processes::roles::LoopArgs;
 use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{print_either, status_bar};
@@ -20,7 +23,7 @@ use hrtc::result::{RunResult, Spread};
 use scene::load;
 use scene_args::OverrideArgs;
 use scene_files::DiskFiles;
-use scenes::SceneArgs;
+use scenes::{Scene, SceneArgs};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -90,6 +93,10 @@ pub struct Row {
     pub measured_error_m: [f64; 3],
     /// Processor time of a tick, microseconds, the largest of the seeds.
     pub work_us: Spread,
+    /// The same of a loop of fixed arithmetic with the same median.
+    pub reference_work_us: Spread,
+    /// Periods that this loop missed by its own work.
+    pub reference_missed_own: u64,
     /// Largest change of a force in a period, newtons.
     pub force_step_n_max: f64,
     /// Figures that were not finite.
@@ -129,6 +136,30 @@ impl Row {
         }
     }
 
+    /// Runs a loop of fixed arithmetic with the median of the runs so far.
+    fn measure_reference(
+        &mut self,
+        scene: &Scene,
+        seconds: f64,
+        stop: &AtomicBool,
+    ) -> Result<(), Failure> {
+        let plan = load(&scene.path, &scene.overrides(1).overrides(), &DiskFiles)?;
+        let work = BareWork {
+            ns: (1e3 * self.work_us.p50) as u64,
+            slow: self.slow,
+        };
+        let finished = run_bare(&plan.loop_, other_core(&plan), seconds, work, stop)?;
+        self.reference_work_us = finished.result.work_us;
+        self.reference_missed_own = finished.result.missed_own_cpu;
+        Ok(())
+    }
+
+    /// The 99.9th percentile of the work beside that of the reference.
+    #[must_use]
+    pub fn tail_ratio(&self) -> f64 {
+        self.work_us.p999 / self.reference_work_us.p999
+    }
+
     /// Whether the deadline was kept, with a touch.
     #[must_use]
     pub fn passes(&self) -> bool {
@@ -154,7 +185,7 @@ pub fn deadline(args: &DeadlineArgs) -> Result<(), Failure> {
         prepare_models(&plan)?;
     }
     let mut rows = Vec::new();
-    let runs = scenes.len() as u64 * args.slow.len() as u64 * args.seeds;
+    let runs = scenes.len() as u64 * args.slow.len() as u64 * (args.seeds + 1);
     let bar = status_bar(runs);
     for scene in &scenes {
         for &slow in &args.slow {
@@ -172,6 +203,9 @@ pub fn deadline(args: &DeadlineArgs) -> Result<(), Failure> {
                 row.add(&run(&scene.path, &overrides, slow, args.seconds, &stop)?);
                 bar.inc(1);
             }
+            bar.set_message(format!("{}, F = {slow}, reference", scene.name));
+            row.measure_reference(scene, args.seconds, &stop)?;
+            bar.inc(1);
             rows.push(row);
         }
     }

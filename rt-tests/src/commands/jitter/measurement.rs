@@ -4,7 +4,7 @@ use super::side::Blocks;
 use super::verdict::Worst;
 use crate::failure::Failure;
 use crate::machine::steal_ticks;
-use crate::processes::bare_loop::run_bare;
+use crate::processes::bare_loop::{BareWork, run_bare};
 use crate::processes::load::Load;
 use crate::processes::pair::{PairArgs, Shown, other_core, run_pair};
 use crate::processes::process::Process;
@@ -231,7 +231,11 @@ impl<'a> Measurement<'a> {
     fn loop_block(&self, seconds: f64, work_ns: u64, stop: &AtomicBool) -> Result<Block, Failure> {
         let plan = &self.setup.plan.loop_;
         let core = other_core(self.setup.plan);
-        self.steal_over(|| run_bare(plan, core, seconds, work_ns, stop))
+        let work = BareWork {
+            ns: work_ns,
+            slow: 1.0,
+        };
+        self.steal_over(|| run_bare(plan, core, seconds, work, stop))
     }
 }
 
