@@ -11,7 +11,8 @@
 //!
 //! ```sh
 //! rt-tests run SCENE --view                # a run, while it goes on
-//! rt-tests view RECORDING --rerun viewer   # the same beside `ve-station serve` and `hrtc run`
+//! ve-station serve SCENE --view            # each of `hrtc run` on the same machine
+//! rt-tests view RECORDING --rerun viewer   # one of them
 //! rt-tests view RECORDING --rerun OUT.rrd  # afterwards; then `rerun OUT.rrd`
 //! rerun OUT.rrd --headless --screenshot-to OUT.png --window-size 1400x950 --port auto
 //! ```
