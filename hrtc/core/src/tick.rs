@@ -395,6 +395,7 @@ impl Controller {
         record.unfinished = contacts().map(|of| of.unfinished).sum();
         record.early = contacts().map(|of| of.early).sum();
         record.late_contacts = contacts().map(|of| of.late_contacts).sum();
+        record.stuck = contacts().map(|of| of.stuck).sum();
     }
 
     /// Tells the policy what the tick took.
