@@ -22,6 +22,7 @@
 //! | `projection` | the quadratic program |
 //! | `sweep` | conservative advancement |
 //! | `steps` | the steps of a tick |
+//! | `look` | the contacts that a step obeys |
 //! | `coupling_target` | the end of the coupling while a tick stops early |
 //! | `mesh_change` | faces that splits and collapses moved near the tool |
 //! | `answer` | the result of a tick |
@@ -31,6 +32,7 @@ mod bounding_balls;
 mod contacts;
 mod coupling_target;
 mod depenetration;
+mod look;
 mod look_ahead_tube;
 mod mesh_change;
 mod neighbourhood;
