@@ -1,5 +1,6 @@
-//! What a surface moves into, over, or from both sides onto a tool: the tool passes through no sheet
-//! afterwards, gets free where its device is led out, and waits with a bounded force where not.
+//! A surface moves into a tool, over it, or onto it from both sides: the tool passes through no
+//! sheet afterwards, gets free where its device is led out, and waits with a bounded force where
+//! not.
 
 use crate::common::fronts::{Front, box_mesh};
 use crate::common::guided_tool::{GuidedTool, TICK_BUDGET};

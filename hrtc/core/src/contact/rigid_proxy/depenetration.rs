@@ -2,8 +2,8 @@
 //! into it or over it.
 //!
 //! A tool that the surface met has no free way out, since it meets faces along all of it. What
-//! tells on which side it belongs is one point of it, its anchor. The surface takes the anchor along
-//! when it passes over it. Where a straight way from the anchor to its place in the tool elsewhere
+//! tells on which side it belongs is one point of it, its anchor. The surface takes the anchor
+//! along when it passes over it. Where a straight way from the anchor to its place in the tool elsewhere
 //! passes through no face, and the tool meets none there, the tool is on its side as a whole. Where
 //! no such place is known the tool is stuck: it stays, and the next ticks ask for the device's.
 

@@ -19,8 +19,8 @@ const PROJECTED: u32 = 1;
 /// range.
 const NEAR_BY: f64 = 0.1;
 /// Range of a step without a search, in units of the motion of the one before: a sweep that is
-/// stopped early had better been short. On the dragon and the comb of `rt-tests tools`, by a copy of
-/// its measure, 3 is no better.
+/// stopped early had better been short. On the dragon and the comb of `rt-tests tools`, by a copy
+/// of its measure, 3 is no better.
 const FARTHER: f64 = 8.0;
 
 /// The last step of a tick, and the last search for contacts. Model units.
