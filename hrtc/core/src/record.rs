@@ -103,6 +103,9 @@ pub struct CoreRecord {
     /// Contacts of tools that were found after the step that they should have stopped: the force
     /// before had not known them.
     pub late_contacts: u32,
+    /// Tools that the surface has moved into or over and that know no way out: they stay where they
+    /// are, and jump when there is one that passes through no face.
+    pub stuck: u32,
     /// Records received, total.
     pub vsps_received: u64,
     /// Bytes received (chunks), total.

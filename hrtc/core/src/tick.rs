@@ -398,6 +398,7 @@ impl Controller {
         let contacts = || self.active.objects.iter().map(|of| &of.contacts);
         record.early = contacts().map(|of| of.early).sum();
         record.late_contacts = contacts().map(|of| of.late_contacts).sum();
+        record.stuck = contacts().map(|of| of.stuck).sum();
     }
 
     /// Tells the policy what the tick took.

@@ -194,6 +194,7 @@ impl Accumulator {
         result.unfinished_ticks += u64::from(core.unfinished > 0);
         result.early_ticks += u64::from(core.early > 0);
         result.late_contacts += u64::from(core.late_contacts);
+        result.stuck_ticks += u64::from(core.stuck > 0);
         if core.ready {
             self.awake.push(f64::from(core.active_objects));
             self.ready_tick.get_or_insert(self.last_tick);

@@ -284,6 +284,8 @@ pub struct RunResult {
     pub early_ticks: u64,
     /// Contacts of a tool found after the step that they should have stopped.
     pub late_contacts: u64,
+    /// Ticks with a tool that the surface has moved into or over and that knows no way out.
+    pub stuck_ticks: u64,
     /// Cost of the inactive objects in a tick, microseconds of wall time: the broad phase.
     pub idle_us: Spread,
     /// Force of each probe over its ticks in contact, newtons.

@@ -161,6 +161,7 @@ fn counters(into: &mut Digest, record: &CoreRecord, probes: usize) {
         record.unfinished,
         record.early,
         record.late_contacts,
+        record.stuck,
     ]);
     into.put_all([
         record.vsps_received,

@@ -110,9 +110,9 @@ fn a_cache_too_small_for_the_base_mesh_is_refused_by_name_with_the_size_it_needs
 const FIELDS: &str = "
     faces seconds seed ticks missed missed_own_cpu contact_ticks contact_full_ticks
     contact_unbounded_ticks refined_faces.p50 refined_faces.max force_step_n_max
-    clamped_ticks rejected_samples unfinished_ticks early_ticks late_contacts energy_j vsps_received
-    vsplits geomorph_ticks deferred ecols regions_subscribed resubscribed bytes_received
-    bytes_to_first_touch bytes_full_mesh cache.bytes cache.high_water_bytes cache.vsps
+    clamped_ticks rejected_samples unfinished_ticks early_ticks late_contacts stuck_ticks energy_j
+    vsps_received vsplits geomorph_ticks deferred ecols regions_subscribed resubscribed
+    bytes_received bytes_to_first_touch bytes_full_mesh cache.bytes cache.high_water_bytes cache.vsps
     cache.evicted hrtc_rss_bytes first_heard_ms first_force_ready_ms first_touch_ms first_full_ms
     replay_hash
 ";

@@ -44,6 +44,8 @@ pub struct Contacts {
     pub early: u32,
     /// Contacts of tools in this tick that an earlier tick should have found.
     pub late_contacts: u32,
+    /// Tools of this tick that are stuck.
+    pub stuck: u32,
     /// Constraints of the proxies that did not fit, total.
     pub dropped_constraints: u64,
     period_s: f64,
@@ -73,6 +75,7 @@ impl Contacts {
             unfinished: 0,
             early: 0,
             late_contacts: 0,
+            stuck: 0,
             dropped_constraints: 0,
             period_s: 1.0 / plan.loop_.rate_hz,
             has_geomorphs: plan.accuracy.geomorph,
@@ -99,6 +102,7 @@ impl Contacts {
         self.unfinished = 0;
         self.early = 0;
         self.late_contacts = 0;
+        self.stuck = 0;
     }
 
     /// Whether a probe touches the object.
@@ -221,6 +225,7 @@ impl Contacts {
         self.unfinished += u32::from(step.unfinished);
         self.early += u32::from(step.early);
         self.late_contacts += step.late_contacts;
+        self.stuck += u32::from(step.stuck);
         let Some(contact) = step.contact else {
             pair.render_near(clock, frame);
             return None;

@@ -60,6 +60,8 @@ pub struct ProxyStep {
     pub early: bool,
     /// Contacts that should have stopped an earlier step.
     pub late_contacts: u32,
+    /// Whether it is a tool that knows no way out of the surface.
+    pub stuck: bool,
 }
 
 impl ProxyStep {
@@ -70,6 +72,7 @@ impl ProxyStep {
         unfinished: false,
         early: false,
         late_contacts: 0,
+        stuck: false,
     };
 }
 
@@ -305,6 +308,7 @@ impl ProxyKind {
                     unfinished: advance.is_cut,
                     early: false,
                     late_contacts: 0,
+                    stuck: false,
                 }
             }),
             Self::Tool(tool) if tool.has_room => tool.advance(surface, goal, max_work),
@@ -472,6 +476,7 @@ impl ToolKind {
             unfinished: !advance.ending.is_complete(),
             early: advance.ending.is_complete() && advance.is_unsettled,
             late_contacts: advance.late_contacts,
+            stuck: advance.is_stuck,
         }
     }
 }

@@ -109,7 +109,8 @@ impl Front {
         Self::of(mesh, tree)
     }
 
-    fn of(mesh: ActiveMesh, mut tree: AbTree) -> Self {
+    /// Any mesh and its tree.
+    pub fn of(mesh: ActiveMesh, mut tree: AbTree) -> Self {
         tree.refit(|f| mesh.face_box(f));
         let mut faces = Vec::new();
         mesh.for_each_active_face(|f| faces.push((f, mesh.corners(f))));

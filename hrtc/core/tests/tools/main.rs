@@ -11,3 +11,4 @@ mod in_scenes;
 mod issues_of_collision_libraries;
 mod issues_of_sweeps;
 mod stays_out;
+mod stuck;

@@ -23,6 +23,9 @@ pub struct ToolAdvance {
     pub steps: u32,
     /// Active contacts that the coupling of the tick before passed through: they were found late.
     pub late_contacts: u32,
+    /// Whether the surface had moved into the tool or over it, and no way out was known at first:
+    /// the tool waits, and jumps when there is one that passes through no face.
+    pub is_stuck: bool,
     /// Contacts beyond the capacity.
     pub dropped: u32,
     /// Whether the device's pose was invalid; then the proxy stayed.
@@ -40,6 +43,7 @@ impl ToolAdvance {
             spent: 0,
             steps: 0,
             late_contacts: 0,
+            is_stuck: false,
             dropped: 0,
             rejected: false,
         }

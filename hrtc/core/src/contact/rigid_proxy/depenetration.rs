@@ -1,20 +1,97 @@
 //! Whether the tool meets the surface, and how it gets out of what a change of the surface moved
-//! over it.
+//! into it or over it.
+//!
+//! A tool that the surface met has no free way out, since it meets faces along all of it. What
+//! tells on which side it belongs is one point of it, its anchor. The surface takes the anchor
+//! along when it passes over it. Where a straight way from the anchor to its place in the tool elsewhere
+//! passes through no face, and the tool meets none there, the tool is on its side as a whole. Where
+//! no such place is known the tool is stuck: it stays, and the next ticks ask for the device's.
 
 use super::contacts::{PASSED, PLACED};
 use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
 use super::{State, ToolAdvance, ToolProxy};
+use crate::contact::carried::carried;
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Body, Ending, Surface};
+use crate::contact::query::{Body, Ending, Surface, swept_sphere_budget};
 use crate::contact::tool::{RelativePath, for_each_face_near};
+use crate::tuning::probe::PAIRS_A_UNIT;
 use geometry::{Similarity, triangle_pair};
+use glam::DVec3;
+use spm::{ActiveMesh, OperationFaces};
 
 /// Cost of a pair of faces tested, in node pairs (measured).
 const TESTED: u32 = 3;
+/// Distance beyond a surface that has passed over the anchor, and the distance from faces that its
+/// way keeps, as fractions of the contact offset. A tool that meets nothing keeps half of it.
+const ANCHOR_BEYOND: f64 = 0.1;
+const ANCHOR_RADIUS: f64 = 0.01;
 
 impl ToolProxy {
-    /// Moves to the device if the tool is clear of the surface there.
+    /// Takes the anchor along with a split or collapse that passed over it.
+    pub(super) fn carry_anchor(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
+        let beyond = ANCHOR_BEYOND * self.static_offset();
+        let carried = carried(mesh, operation, self.anchor(), beyond);
+        self.carried_anchor = carried.or(self.carried_anchor);
+    }
+
+    fn anchor(&self) -> DVec3 {
+        let at_tool = || self.anchor_at(&self.at);
+        self.carried_anchor.unwrap_or_else(at_tool)
+    }
+
+    /// The anchor's place in the tool at a placement.
+    fn anchor_at(&self, at: &Placement) -> DVec3 {
+        at.centre + at.orientation * self.shape.points[self.shape.anchor as usize]
+    }
+
+    /// Whether a way of the anchor to its place in the tool at a placement passes through no face:
+    /// straight, or by the tool's centre here and there. `None` if the budget does not suffice.
+    fn reaches(
+        &self,
+        surface: Surface<'_>,
+        there: &Placement,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> Option<bool> {
+        if *there == self.at && self.carried_anchor.is_none() {
+            return Some(true);
+        }
+        let [start, end] = [self.anchor(), self.anchor_at(there)];
+        let by_centre = [start, self.at.centre, there.centre, end];
+        for way in [&[start, end][..], &by_centre] {
+            if self.is_free(surface, way, budget, answer)? {
+                return Some(true);
+            }
+        }
+        Some(false)
+    }
+
+    /// Whether a way through these points passes through no face; `None` if the budget does not
+    /// suffice.
+    fn is_free(
+        &self,
+        surface: Surface<'_>,
+        way: &[DVec3],
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> Option<bool> {
+        let radius = ANCHOR_RADIUS * self.static_offset();
+        for ends in way.windows(2) {
+            let motion = ends[1] - ends[0];
+            let most = budget.saturating_sub(answer.spent) / PAIRS_A_UNIT;
+            let (hit, free, work) = swept_sphere_budget(surface, (ends[0], motion), radius, most);
+            answer.spent += PAIRS_A_UNIT * (work.nodes + work.faces);
+            match hit {
+                Some(_) => return Some(false),
+                None if free < 1.0 => return None,
+                None => {}
+            }
+        }
+        Some(true)
+    }
+
+    /// Moves to the device if the tool is clear of the surface there, and if it is on its side.
     pub(super) fn jump_when_clear(
         &mut self,
         surface: Surface<'_>,
@@ -22,23 +99,25 @@ impl ToolProxy {
         answer: &mut ToolAdvance,
     ) {
         let goal = self.goal;
-        // Changes of the surface are not noted meanwhile.
-        self.near.invalidate();
-        let clear = self.meets(surface, &goal, budget, answer) == Some(false);
+        let is_held = self.state == State::Stuck
+            && self.reaches(surface, &goal, budget, answer) != Some(true);
+        self.near.forget();
+        let clear = !is_held && self.meets(surface, &goal, budget, answer) == Some(false);
         if clear || self.state == State::Inside {
             self.at = goal;
             self.device_travel = 0.0;
         }
         if clear {
-            self.state = State::Clear;
-            self.invalidate();
+            self.come_out_at(&goal);
             self.contacts.clear();
         }
+        self.near.forget();
+        self.has_unused_collection = false;
     }
 
-    /// After a change of the surface: if it meets the tool, moves the tool out on its side. False
-    /// if the budget does not suffice to decide. `first_changed`: where the candidate pairs of
-    /// changed faces begin, if all candidates are known.
+    /// After a change of the surface: if it meets the tool or has passed over it, moves the tool
+    /// out on its side. False if the budget does not suffice to decide. `first_changed`: where the
+    /// candidate pairs of changed faces begin, if all candidates are known.
     pub(super) fn depenetrate(
         &mut self,
         surface: Surface<'_>,
@@ -49,11 +128,22 @@ impl ToolProxy {
         let here = self.at;
         let is_met = match first_changed {
             Some(first) => Some(self.meets_candidates(first, &here, answer)),
+            // It met other faces, too.
+            None if self.state == State::Stuck => self.meets(surface, &here, budget, answer),
             None => self.meets_what_changed(surface, mesh_change, budget, answer),
         };
-        match is_met {
-            Some(true) => {}
-            known => return known.is_some(),
+        let is_out = match is_met {
+            Some(false) => self.reaches(surface, &here, budget, answer),
+            Some(true) => Some(false),
+            None => None,
+        };
+        match is_out {
+            Some(true) => {
+                self.come_out_at(&here);
+                return true;
+            }
+            Some(false) => {}
+            None => return false,
         }
         let held_by = self
             .contacts
@@ -67,6 +157,11 @@ impl ToolProxy {
                 centre: here.centre + escape,
                 ..here
             };
+            match self.reaches(surface, &out, budget, answer) {
+                Some(true) => {}
+                Some(false) => continue,
+                None => return false,
+            }
             let path = here.to(&out);
             let is_met = if self.near.tube.covers(&here, &path, 0.0) {
                 Some(self.meets_candidates(0, &out, answer))
@@ -78,13 +173,19 @@ impl ToolProxy {
                 None => return false,
                 Some(false) => {
                     self.near.spend(&out, &path, self.shape.radius);
-                    self.at = out;
+                    self.come_out_at(&out);
                     return true;
                 }
             }
         }
         self.state = State::Stuck;
         true
+    }
+
+    fn come_out_at(&mut self, at: &Placement) {
+        self.at = *at;
+        self.state = State::Clear;
+        self.carried_anchor = None;
     }
 
     /// Whether the tool at a placement that the candidates cover meets one of them, from `first`

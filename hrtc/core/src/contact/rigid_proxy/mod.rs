@@ -22,6 +22,7 @@
 //! | `projection` | the quadratic program |
 //! | `sweep` | conservative advancement |
 //! | `steps` | the steps of a tick |
+//! | `look` | the contacts that a step obeys |
 //! | `coupling_target` | the end of the coupling while a tick stops early |
 //! | `mesh_change` | faces that splits and collapses moved near the tool |
 //! | `answer` | the result of a tick |
@@ -31,6 +32,7 @@ mod bounding_balls;
 mod contacts;
 mod coupling_target;
 mod depenetration;
+mod look;
 mod look_ahead_tube;
 mod mesh_change;
 mod neighbourhood;
@@ -91,7 +93,7 @@ enum State {
     Inside,
     /// No face of the tool meets the surface.
     Clear,
-    /// The surface moved into the tool and no escape was free: it stays until the device is clear.
+    /// The surface moved into the tool or over it, and no way out was found: it stays.
     Stuck,
 }
 
@@ -115,6 +117,9 @@ pub struct ToolProxy {
     /// distance, so that the surface pushes the tool instead of meeting it.
     moving_offset: f64,
     state: State,
+    /// Where the surface has carried the tool's anchor, if it has passed over it; see
+    /// `depenetration`.
+    carried_anchor: Option<DVec3>,
     at: Placement,
     goal: Placement,
     step_limit: StepLimit,
@@ -170,6 +175,7 @@ impl ToolProxy {
             mesh_change: MeshChange::new(),
             moving_offset: 0.0,
             state: State::Nowhere,
+            carried_anchor: None,
             at: nowhere,
             goal: nowhere,
             step_limit: StepLimit::FREE,
@@ -209,6 +215,7 @@ impl ToolProxy {
         self.mesh_change = MeshChange::new();
         self.moving_offset = 0.0;
         self.state = State::Nowhere;
+        self.carried_anchor = None;
         self.contacts.clear();
         self.look_ahead = self.shape.gyration;
         self.step_limit = StepLimit::FREE;
@@ -345,6 +352,8 @@ impl ToolProxy {
         self.goal = at;
         self.coupling_target = at;
         self.state = State::Inside;
+        self.carried_anchor = None;
+        self.mesh_change = MeshChange::new();
         self.invalidate();
         true
     }
@@ -352,7 +361,8 @@ impl ToolProxy {
     /// Notes a split or collapse that was just performed. Candidate pairs near it are updated; if
     /// the surface moved into the tool, the next tick depenetrates it on the side where it was.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
-        if self.state == State::Clear {
+        if matches!(self.state, State::Clear | State::Stuck) {
+            self.carry_anchor(mesh, operation);
             self.mesh_change
                 .note(&mut self.near, &self.shape, self.at.centre, mesh, operation);
         }
@@ -406,26 +416,35 @@ impl ToolProxy {
             } else {
                 None
             };
-            if mesh_change.may_have_met()
+            if (mesh_change.may_have_met() || self.carried_anchor.is_some())
                 && !self.depenetrate(surface, (&mesh_change, first_changed), budget, &mut answer)
             {
                 // The proxy stays until a tick can decide.
                 self.mesh_change = mesh_change.kept();
                 self.stops.clear();
-                self.coupling_target = self.target_allowed_by_contacts(&mut answer);
+                answer.is_stuck = self.state == State::Stuck;
+                self.coupling_target = match self.state {
+                    State::Stuck => self.at,
+                    _ => self.target_allowed_by_contacts(&mut answer),
+                };
                 self.limit_target_rate(travelled);
                 return answer;
             }
         }
+        answer.is_stuck = self.state == State::Stuck;
         match self.state {
             State::Clear => {
                 self.take_steps(surface, &start, travelled, budget, &mut answer);
                 self.limit_target_rate(travelled);
             }
             _ => {
+                let was_stuck = self.state == State::Stuck;
                 self.jump_when_clear(surface, budget, &mut answer);
                 self.coupling_target = self.at;
-                self.is_estimate = false;
+                // A stuck tool lets go of the device over some ticks.
+                let is_freed = self.state == State::Clear;
+                self.is_estimate = was_stuck && (is_freed || self.is_estimate);
+                self.limit_target_rate(travelled);
             }
         }
         answer

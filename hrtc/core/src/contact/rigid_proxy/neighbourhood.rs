@@ -225,6 +225,12 @@ impl Neighbourhood {
         self.partial = None;
     }
 
+    /// Forgets all pairs: their directions are those of another placement.
+    pub fn forget(&mut self) {
+        self.invalidate();
+        self.clear();
+    }
+
     /// Largest number of pairs so far.
     pub fn high_water(&self) -> usize {
         self.high_water

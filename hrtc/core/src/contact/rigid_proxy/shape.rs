@@ -55,6 +55,8 @@ pub struct ToolShape {
     pub(super) blocks: Blocks,
     /// The centre in the tool's own frame, units of the model.
     pub(super) centre: DVec3,
+    /// The vertex of a face that is nearest to the centre.
+    pub(super) anchor: u32,
     /// Distance of the farthest vertex from the centre.
     pub(super) radius: f64,
     /// Radius of gyration of its surface about the centre.
@@ -69,6 +71,10 @@ impl ToolShape {
         let (centre, gyration) = moments(local.len(), |k| local[k], || triangles.iter().copied());
         let points: Vec<DVec3> = local.iter().map(|&p| p - centre).collect();
         let radius = points.iter().fold(0.0f64, |most, p| most.max(p.length()));
+
+        let on_faces = triangles.iter().flatten().copied();
+        let by_distance = |v: u32| points[v as usize].length_squared();
+        let anchor = on_faces.min_by(|&u, &v| by_distance(u).total_cmp(&by_distance(v)));
 
         let sides = faces_at_edges(&triangles);
         let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); points.len()];
@@ -119,6 +125,7 @@ impl ToolShape {
             first,
             around,
             centre,
+            anchor: anchor.unwrap_or(0),
             radius,
             gyration,
         }

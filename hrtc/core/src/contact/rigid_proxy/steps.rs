@@ -1,15 +1,12 @@
 //! The steps of a tick: project, sweep, repeat until no motion remains or the budget is spent.
 
-use super::contacts::{PLACED, ToolContact};
+use super::look::LastStep;
 use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
-use super::projection::{HalfSpace, project};
-use super::sweep::{free_share, least_cost};
+use super::sweep::free_share;
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::{Placement, Twist};
 use crate::contact::query::{Ending, PairWork, Surface};
-use geometry::closest_points_of_triangles;
-use glam::DVec3;
 
 /// Separation that the sweep keeps, as a share of the contact offset.
 const MIN_SEPARATION: f64 = 0.5;
@@ -24,10 +21,6 @@ const AHEAD: f64 = 2.0;
 /// Length up to which a path is extended beyond the device, as a fraction of the radius of
 /// gyration: the tool turns off it.
 const LONGEST: f64 = 0.1;
-/// Range of the search for contacts, in units of the motion that the last contacts allow.
-const BEYOND: f64 = 1.25;
-/// Searches for contacts before a step; repeated if the contacts found redirect the motion.
-const MAX_LOOKS: u32 = 3;
 /// The part of the budget, one over this, that further work after the first step leaves by what
 /// such work has cost last: it may cost more, and ticks beyond their budget coarsen the surface. By
 /// `rt-tests tools` (dragon, seeds 1 to 5, 20 s) 2.9, 1.8, 0.4, 1.1 and 0.0 % of the ticks end more
@@ -47,8 +40,6 @@ const LAG: f64 = 0.05;
 const MAX_STEPS: usize = 12;
 /// Stops that are remembered: one per step.
 pub(super) const MAX_STOPS: usize = MAX_STEPS;
-/// Cost of a contact in a projection, in node pairs (measured).
-const PROJECTED: u32 = 1;
 /// Growth of the look-ahead, and its reduction.
 const CHANGE: f64 = 2.0;
 /// The part of the path of a collection after which it was of use: a path that a step leaves
@@ -59,23 +50,24 @@ const USED_UP: f64 = 0.3;
 const SHORTEST: f64 = 1e-4;
 
 /// The state of the steps of one tick.
-struct TickSteps<'a> {
-    surface: Surface<'a>,
+pub(super) struct TickSteps<'a> {
+    pub(super) surface: Surface<'a>,
     /// The placement at which the tick began.
     start: Placement,
     /// Motion of the device in this tick, and the largest motion of the tool, model units.
     travelled: f64,
     farthest: f64,
-    look_around: f64,
+    pub(super) look_around: f64,
     /// Contact offset, model units.
-    offset: f64,
-    budget: u32,
+    pub(super) offset: f64,
+    pub(super) budget: u32,
     /// Cost within which further work is begun.
     allowance: u32,
     has_collected: bool,
     failures: u32,
     needs_candidates: bool,
     did_not_move: bool,
+    pub(super) last: LastStep,
 }
 
 /// What follows a part of a tick.
@@ -111,6 +103,7 @@ impl ToolProxy {
             failures: 0,
             needs_candidates: true,
             did_not_move: false,
+            last: LastStep::default(),
         };
         self.is_behind = false;
         self.stops.clear();
@@ -180,6 +173,8 @@ impl ToolProxy {
         // The other half is for the step. If it does not suffice, the next tick takes the step.
         let most = tick.budget.saturating_sub(answer.spent) / 2;
         let is_longer = length > needed && !self.near.has_partial_collection();
+        // It numbers the pairs anew.
+        tick.last = LastStep::default();
         if self.collect_candidates(tick, path, most, answer) {
             tick.has_collected = true;
             return Next::Step;
@@ -218,7 +213,10 @@ impl ToolProxy {
         let length = wanted.farthest(radius);
         let before = answer.spent;
         answer.steps += 1;
-        let looked = self.look(tick, (wanted, likely), answer);
+        let looked = match tick.last.carried_range() {
+            Some(range) => self.look_at_stop(tick, (wanted, likely), range, answer),
+            None => self.look(tick, (wanted, likely), answer),
+        };
         let Some((likely, motion, most)) = looked else {
             self.run_short(tick.has_collected, answer);
             return Next::End;
@@ -256,6 +254,7 @@ impl ToolProxy {
         };
         self.near.spend(&self.at, &done, radius);
         self.remember_stop(swept.stop);
+        tick.last.ended(swept.stop, done.farthest(radius));
         if !swept.is_all {
             self.run_short(tick.has_collected, answer);
             return Next::End;
@@ -319,67 +318,6 @@ impl ToolProxy {
             && !self.stops.contains(&stop)
         {
             self.stops.push(stop);
-        }
-    }
-
-    /// Searches contacts and projects the wanted motion onto them. Returns the motion expected
-    /// before, the projected motion and the range of the search; `None` if the budget does not
-    /// suffice.
-    ///
-    /// Features beyond the range of the step do not constrain it; the sweep stops at them. If the
-    /// contacts found redirect the motion, the search is repeated along the new one. Otherwise each
-    /// step would obey only what the previous one had not seen.
-    fn look(
-        &mut self,
-        tick: &TickSteps<'_>,
-        (wanted, mut likely): (&Twist, Twist),
-        answer: &mut ToolAdvance,
-    ) -> Option<(Twist, Twist, f64)> {
-        let (radius, offset) = (self.shape.radius, tick.offset);
-        let look_around = tick.look_around;
-        // What the sweep costs in any case is kept for it.
-        let budget = tick.budget.saturating_sub(least_cost(&self.near));
-        let placed = self.near.vertex_count() / PLACED;
-        if answer.spent + 2 * placed > budget {
-            return None;
-        }
-        self.near.place(&self.shape, &self.at);
-        answer.spent += placed;
-        let mut looks = 0;
-        loop {
-            looks += 1;
-            let most = wanted.farthest(radius).min(self.near.tube.reach());
-            let most = most.min(BEYOND * likely.farthest(radius) + look_around);
-            let within = (BEYOND * most / likely.farthest(radius)).min(BEYOND);
-            let there = self.at.moved(&likely.times(within));
-            self.near.place_ends(&self.shape, &there);
-            let (cost, is_all) = self.contacts.collect(
-                &mut self.near,
-                &self.shape,
-                tick.surface,
-                (&self.at, looks == 1),
-                [offset + most.min(look_around), offset + most],
-                budget.saturating_sub(answer.spent),
-            );
-            answer.spent += cost;
-            if !is_all {
-                return None;
-            }
-            if looks == 1 {
-                self.add_stops(offset);
-            }
-            let projected = PROJECTED * self.contacts.all().len() as u32;
-            if answer.spent + projected > budget {
-                return None;
-            }
-            let motion = self.allowed(wanted, offset, Some(answer));
-            answer.spent += projected;
-            let begin = |motion: &Twist| motion.times((most / motion.farthest(radius)).min(1.0));
-            let elsewhere = begin(&motion).minus(&begin(&likely)).farthest(radius);
-            if looks == MAX_LOOKS || elsewhere <= look_around {
-                return Some((likely, motion, most));
-            }
-            likely = motion;
         }
     }
 
@@ -501,86 +439,6 @@ impl ToolProxy {
             self.look_ahead = self.look_ahead.min(shorter);
         } else if descent > 2 * faces && self.look_ahead < longest && self.may_grow(tick) {
             self.look_ahead *= CHANGE;
-        }
-    }
-
-    /// Adds the pairs that stopped a step of this tick as contacts while they are within the
-    /// contact offset, local minimum or not: nothing else records them.
-    pub(super) fn add_stops(&mut self, offset: f64) {
-        for &k in &self.stops {
-            let pair = &self.near.pairs[k];
-            let face = &self.near.faces[pair.surface as usize];
-            let corners = self.near.corners(&self.shape, pair.tool);
-            let closest = closest_points_of_triangles(face.corners, corners);
-            let [from, to] = closest.points;
-            if let Some(normal) = (to - from).try_normalize()
-                && closest.distance_squared <= offset * offset
-            {
-                let centre = self.at.centre;
-                self.contacts
-                    .add(ToolContact::between(face.face, [from, to], normal, centre));
-            }
-        }
-    }
-
-    /// Whether the target of the last tick, which the proxy had not reached, is behind a contact.
-    fn is_late(&self, contact: &ToolContact, offset: f64) -> bool {
-        self.assumed.is_some_and(|assumed| {
-            let turn = assumed.rotation() * self.contacts.at().rotation().transpose();
-            let tool = assumed.centre + turn * contact.arm;
-            contact.normal.dot(tool - contact.point) < -offset
-        })
-    }
-
-    /// The motion closest to the wanted one that the contacts allow. The active contacts go into
-    /// the answer, the one that pushes most first.
-    pub(super) fn allowed(
-        &mut self,
-        wanted: &Twist,
-        offset: f64,
-        answer: Option<&mut ToolAdvance>,
-    ) -> Twist {
-        let gyration = self.shape.gyration;
-        let half_space = |contact: &ToolContact| {
-            let [n, t] = [contact.normal, contact.arm.cross(contact.normal) / gyration];
-            HalfSpace::new([n.x, n.y, n.z, t.x, t.y, t.z], offset - contact.gap)
-        };
-        self.half_spaces.clear();
-        self.half_spaces
-            .extend(self.contacts.all().iter().map(half_space));
-        let (v, w) = (wanted.linear, wanted.angular * gyration);
-        let goal = [v.x, v.y, v.z, w.x, w.y, w.z];
-        let mut found = project(goal, &self.half_spaces);
-        if !found.complete {
-            // Squeezed between surfaces nearer than the contact offset: no motion is always
-            // allowed.
-            for half_space in &mut self.half_spaces {
-                half_space.offset = half_space.offset.min(0.0);
-            }
-            found = project(goal, &self.half_spaces);
-        }
-        if let Some(answer) = answer {
-            let active = found.active().iter();
-            let is_late = |&&(k, _): &&(usize, f64)| self.is_late(&self.contacts.all()[k], offset);
-            answer.late_contacts = active.filter(is_late).count() as u32;
-            answer.contact_count = found.active().len();
-            for (place, &(k, multiplier)) in answer.contacts.iter_mut().zip(found.active()) {
-                *place = ToolContact {
-                    multiplier,
-                    ..self.contacts.all()[k]
-                };
-            }
-            let active = found.active().iter().enumerate();
-            // A half-space's normal begins with a unit vector, so the multipliers are forces.
-            let strongest = active.max_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b));
-            answer
-                .contacts
-                .swap(0, strongest.map_or(0, |(place, _)| place));
-        }
-        let [vx, vy, vz, wx, wy, wz] = found.point;
-        Twist {
-            linear: DVec3::new(vx, vy, vz),
-            angular: DVec3::new(wx, wy, wz) / gyration,
         }
     }
 }

@@ -18,11 +18,11 @@ pub mod projection;
 
 pub use constraints::MAX_CONSTRAINTS;
 
+use crate::contact::carried::carried;
 use crate::contact::query::{
     MAX_FACES, NearFaces, Nearest, Surface, Work, closest_point_within, swept_sphere_budget,
 };
 use constraints::Constraints;
-use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use mutants::{Mutant, is};
 use projection::project;
@@ -200,23 +200,11 @@ impl Proxy {
     /// Moves the proxy if the split or collapse that was just performed has passed over its centre:
     /// to the surface as it is now, on the side where it was. The constraints of the tick do the
     /// rest.
-    ///
-    /// Per operation the volume between the surface before and after tells exactly whether it has
-    /// passed. The surface at the end of a tick does not, since sheets may have moved past each
-    /// other.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
-        if !self.placed || !mesh.swept_over(operation, self.position) {
-            return;
-        }
-        let faces = operation.deformed().iter();
-        let nearest = faces
-            .chain(operation.made_or_removed())
-            .filter(|&&face| mesh.is_active(face))
-            .map(|&face| closest_point_on_triangle(mesh.corners(face), self.position))
-            .min_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared));
-        if let Some(nearest) = nearest {
-            let through = (nearest.point - self.position).normalize_or_zero();
-            self.position = nearest.point + through * (BEYOND * self.radius);
+        if self.placed
+            && let Some(there) = carried(mesh, operation, self.position, BEYOND * self.radius)
+        {
+            self.position = there;
         }
     }
 

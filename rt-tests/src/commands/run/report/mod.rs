@@ -113,6 +113,12 @@ impl Report<'_> {
                 length(r.depth_m_max)
             ),
         ];
+        if r.stuck_ticks > 0 {
+            lines.push(format!(
+                "in {} tick(s) a tool was stuck in a surface that had moved into it",
+                grouped(r.stuck_ticks)
+            ));
+        }
         if r.unfinished_ticks + r.early_ticks > 0 {
             lines.push(format!(
                 "in {} tick(s) a probe's budget was spent, in {} more a tool's tick ended early: the remaining displacement followed in the next ones; {} contact(s) were found late",
