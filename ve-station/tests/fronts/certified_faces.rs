@@ -21,7 +21,7 @@ struct Seen {
     close_while_moving: u32,
     /// Points of base faces.
     of_base: u32,
-    /// Of them those whose quarter's bound is less than half of the face's.
+    /// Of them those whose quarter's bound is less than four fifths of the face's.
     close_in_quarter: u32,
 }
 
@@ -67,7 +67,7 @@ fn check(
             let at_point = mesh.certified_distance(face, point);
             assert!(at_point <= bound && (at_point == 0.0) == (radius == 0.0));
             seen.of_base += u32::from(radius > 0.0 && is_as_in_base(parts, mesh, face));
-            seen.close_in_quarter += u32::from(at_point < 0.5 * bound);
+            seen.close_in_quarter += u32::from(at_point < 0.8 * bound);
             let bound = f64::from(at_point) + rounding;
             assert!(distance <= bound, "{distance} beyond {bound}");
         }
