@@ -144,6 +144,7 @@ impl<D: AsRef<[u8]>> Model<D> {
         for (handle, face) in (0u32..).zip(self.file.base_faces()) {
             let set = mesh.set_base_face(handle, face.corners, face.neighbours);
             assert!(set.is_some(), "the file has checked its base mesh");
+            mesh.set_quarters(handle, face.quarters.decode(self.scale()));
         }
         mesh
     }

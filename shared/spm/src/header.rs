@@ -1,6 +1,6 @@
 //! Header and base mesh of a model, as stored in the file and sent over the wire.
 
-use super::{Certified, CertifiedCode, ErrorScale, LEVELS, RegionGrid, Sizes};
+use super::{Certified, CertifiedCode, ErrorScale, LEVELS, QuarterCodes, RegionGrid, Sizes};
 use bytemuck::{Pod, Zeroable};
 
 /// The header of a model: everything that a controller needs before its first record.
@@ -155,8 +155,8 @@ pub struct BaseFace {
     pub leaf: u32,
     /// Base face across the edge opposite each corner; [`crate::NONE`] at a boundary.
     pub neighbours: [u32; 3],
-    /// Zero.
-    pub reserved: u32,
+    /// What is certified of its quarters.
+    pub quarters: QuarterCodes,
 }
 
 // The layout of the file (`FORMAT_VERSION`): a change needs a new version. The wire copies these
@@ -180,7 +180,7 @@ const _: () = {
     assert!(offset_of!(ModelHeader, reserved) == 200);
     assert!(size_of::<BaseVertex>() == 16 && offset_of!(BaseVertex, certified) == 12);
     assert!(size_of::<BaseFace>() == 32 && offset_of!(BaseFace, leaf) == 12);
-    assert!(offset_of!(BaseFace, neighbours) == 16 && offset_of!(BaseFace, reserved) == 28);
+    assert!(offset_of!(BaseFace, neighbours) == 16 && offset_of!(BaseFace, quarters) == 28);
 };
 
 #[cfg(test)]

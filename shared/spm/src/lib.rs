@@ -27,6 +27,7 @@
 //! | `hierarchy` | the vertex hierarchy and its bounds |
 //! | `error_code` | errors as 16 bits |
 //! | `certified` | what is certified of a vertex |
+//! | `quarters` | what is certified of the quarters of a base face |
 //! | `active_mesh` | the surface of a front: splits, collapses, geomorphs |
 //! | `file` | the SPM file |
 //! | `prefix_mesh` | one level of detail as plain triangles |
@@ -48,6 +49,7 @@
 //! }
 //! for (face, base) in (0..).zip(file.base_faces()) {
 //!     mesh.set_base_face(face, base.corners, base.neighbours);
+//!     mesh.set_quarters(face, base.quarters.decode(scale));
 //! }
 //! let record = file.record(0)?;
 //! mesh.load(0, &record, record.vs, record.fn_, scale.certified(&record));
@@ -67,6 +69,7 @@ mod file;
 mod header;
 mod hierarchy;
 mod prefix_mesh;
+mod quarters;
 mod record;
 mod regions;
 #[cfg(feature = "serde")]
@@ -85,5 +88,6 @@ pub use file::{
 pub use header::{BaseFace, BaseVertex, ModelHeader};
 pub use hierarchy::{BoundsScale, VspNode};
 pub use prefix_mesh::{prefix_mesh, prefix_parts};
+pub use quarters::{QuarterCodes, Quarters};
 pub use record::{RecordError, Sizes, VspRecord};
 pub use regions::{LEVELS, RegionGrid, RegionId};

@@ -4,7 +4,7 @@ use super::{
     ActiveMesh, BaseFace, BaseVertex, BuildSummary, FileError, FullFace, Handle, LEVELS,
     ModelHeader, NONE, OperationFaces, RegionGrid, RegionId, Section, SpmFile, SpmParts,
 };
-use crate::{Certified, CertifiedCode};
+use crate::{Certified, CertifiedCode, QuarterCodes};
 use ab_tree::leaf_key;
 use bytemuck::Zeroable;
 use glam::{DVec3, UVec3};
@@ -56,7 +56,7 @@ pub fn prefix_parts<D: AsRef<[u8]>>(
         corners,
         leaf: leaf_key(k, count),
         neighbours: mesh.face(*face).neighbours.map(|of| number(&of)),
-        reserved: 0,
+        quarters: QuarterCodes::default(),
     };
     let base_vertex = |&vertex: &Handle| BaseVertex {
         position: mesh.position(vertex).to_array(),

@@ -13,7 +13,8 @@ use geometry::Aabb;
 use glam::Vec3;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use spm::{
-    BuildSummary, CertifiedCode, ErrorScale, FullFace, NONE, RegionGrid, Sizes, SpmParts, VspRecord,
+    BuildSummary, CertifiedCode, ErrorScale, FullFace, NONE, QuarterCodes, RegionGrid, Sizes,
+    SpmParts, VspRecord,
 };
 
 /// Assembles the parts of an SPM file: `divisions` along the longest side, or the default grid.
@@ -113,7 +114,7 @@ impl Refinement {
         check_records(&records, ids.sizes)?;
         Ok(Self {
             base_vertices: base_vertices(&history, ids, &code),
-            base_faces: base_faces(&history, ids, faces),
+            base_faces: base_faces(&history, ids, faces, scale),
             records,
             cracks_max: widest_crack(mesh, &history),
         })
@@ -175,15 +176,16 @@ fn base_vertices(
     all
 }
 
-fn base_faces(history: &History, ids: &Ids, faces: u32) -> Vec<BaseFace> {
+fn base_faces(history: &History, ids: &Ids, faces: u32, scale: ErrorScale) -> Vec<BaseFace> {
     history
         .base
         .iter()
-        .map(|left| BaseFace {
+        .zip(&history.quarters)
+        .map(|(left, &bounds)| BaseFace {
             corners: left.corners.map(|v| ids.vertex[v as usize]),
             leaf: leaf_key(left.face, faces),
             neighbours: left.neighbours.map(|face| ids.face(face)),
-            reserved: 0,
+            quarters: QuarterCodes::new(scale, bounds),
         })
         .collect()
 }

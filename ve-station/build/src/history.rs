@@ -79,6 +79,8 @@ pub struct History {
     pub close: Vec<f64>,
     /// What is left: the base mesh, ascending by face.
     pub base: Vec<LeftFace>,
+    /// Bounds of the quarters of each of its faces, model units (see [`spm::QuarterCodes`]).
+    pub quarters: Vec<[f64; 4]>,
 }
 
 /// A face that simplification left, in ids of the history.

@@ -15,7 +15,9 @@ mod topology;
 
 use crate::history::{Collapse, FanFace, History, LeftFace, MAX_FACES_ROUND_A_VERTEX, Made, Round};
 use crate::manifold::ManifoldMesh;
-use crate::model_error::{Descendants, ExpectedErrors, close_bounds, descendant_radius};
+use crate::model_error::{
+    Descendants, ExpectedErrors, close_bounds, descendant_radius, quarter_bounds, rounding,
+};
 use crate::progress::Progress;
 use crate::tuning::simplify::{
     BOUNDARY_WEIGHT, CHAIN_A_HALVING, FACES_A_TASK, LENGTH_COST, MIN_AREA_SHARE, MIN_TURN_COSINE,
@@ -57,6 +59,7 @@ pub fn simplify(
         radius: Vec::new(),
         close: Vec::new(),
         base: Vec::new(),
+        quarters: Vec::new(),
     };
     let mut whole = false;
     let mut made = Round::default();
@@ -90,7 +93,9 @@ pub fn simplify(
     progress.phase("bounding errors", history.full_vertices.into());
     let descendants = Descendants::new(&history);
     history.radius = descendant_radius(&history, &descendants);
-    history.close = close_bounds(&history, &full, &descendants, progress);
+    let rounding = rounding(&history);
+    history.close = close_bounds(&history, &full, &descendants, rounding, progress);
+    history.quarters = quarter_bounds(&history, &full, rounding);
     history
 }
 

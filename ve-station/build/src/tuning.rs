@@ -114,3 +114,15 @@ pub mod close {
     /// Faces of the full mesh that one task takes through all fronts: their edges are traced once.
     pub const FACES_A_TASK: usize = 2048;
 }
+
+/// The bounds of the quarters of base faces.
+pub mod quarters {
+    /// The largest bound over what is found at points, squared, at which a search ends: a step of
+    /// the codes, an eighth of an octave.
+    pub const GOOD: f64 = 1.19;
+    /// The most pieces that a quarter's search looks at or cuts: most need twenty to forty, those
+    /// along a shore hundreds.
+    pub const PIECES: usize = 1024;
+    /// The least part of a piece's width that is cut off: far above rounding.
+    pub const LEAST_CUT: f64 = 1e-6;
+}

@@ -113,6 +113,7 @@ pub fn load(parts: &SpmParts) -> ActiveMesh {
     for (k, face) in (0u32..).zip(&parts.base_faces) {
         mesh.set_base_face(k, face.corners, face.neighbours)
             .unwrap();
+        mesh.set_quarters(k, face.quarters.decode(scale));
     }
     assert!(mesh.base_is_consistent());
     for record in &parts.records {

@@ -6,7 +6,7 @@ use geometry::closest_point_on_triangle;
 use glam::{DVec3, Vec3};
 use rand::{RngCore, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use spm::{ActiveMesh, OperationFaces, SpmParts};
+use spm::{ActiveMesh, Handle, OperationFaces, SpmParts};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, build_model};
 
@@ -19,6 +19,10 @@ struct Seen {
     moving: u32,
     /// Of them those whose bound is less than half of that.
     close_while_moving: u32,
+    /// Points of base faces.
+    of_base: u32,
+    /// Of them those whose quarter's bound is less than four fifths of the face's.
+    close_in_quarter: u32,
 }
 
 fn full_mesh(parts: &SpmParts) -> Vec<[DVec3; 3]> {
@@ -60,10 +64,19 @@ fn check(
             let (s, t) = (unit(), unit());
             let point = a.lerp(b, s).lerp(c, t);
             let distance = distance(full, point);
-            let bound = f64::from(bound) + rounding;
+            let at_point = mesh.certified_distance(face, point);
+            assert!(at_point <= bound && (at_point == 0.0) == (radius == 0.0));
+            seen.of_base += u32::from(radius > 0.0 && is_as_in_base(parts, mesh, face));
+            seen.close_in_quarter += u32::from(at_point < 0.8 * bound);
+            let bound = f64::from(at_point) + rounding;
             assert!(distance <= bound, "{distance} beyond {bound}");
         }
     }
+}
+
+fn is_as_in_base(parts: &SpmParts, mesh: &ActiveMesh, face: Handle) -> bool {
+    let in_base = parts.base_faces.get(face as usize);
+    in_base.is_some_and(|base| base.corners == mesh.face(face).corners)
 }
 
 fn front_at(parts: &SpmParts, code: u16) -> ActiveMesh {
@@ -133,6 +146,10 @@ fn no_face_is_farther_from_the_full_mesh_than_certified_at_rest_or_moving() {
         assert!(
             at_rest_or_nearly && moving,
             "{shape}: too little is close: {seen:?}"
+        );
+        assert!(
+            seen.close_in_quarter * 5 > seen.of_base,
+            "{shape}: quarters say too little: {seen:?}"
         );
         // Other fronts: a chance for each split.
         let mut mesh = load(&parts);

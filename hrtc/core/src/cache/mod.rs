@@ -34,6 +34,7 @@ pub use region::{AfterUnload, Region, RegionState};
 pub use region_key::RegionKey;
 pub use regions::{MAX_OUTSTANDING, RegionTable};
 
+use crate::tuning::cache::MAX_QUARTERED;
 use ab_tree::AbTree;
 use id_map::IdMap;
 use lists::ListPool;
@@ -208,7 +209,9 @@ impl Cache {
         Self {
             bytes,
             limit: bytes,
-            mesh: ActiveMesh::new(0, 0, slots as u32).with_geomorphs(MAX_GEOMORPHS),
+            mesh: ActiveMesh::new(0, 0, slots as u32)
+                .with_geomorphs(MAX_GEOMORPHS)
+                .with_quarters(MAX_QUARTERED),
             tree: AbTree::new(2 * slots as u32),
             ids: IdMap::new(slots),
             references: vec![References::default(); slots],
@@ -389,6 +392,8 @@ impl Cache {
     /// Sets a base face; false when its numbers cannot be.
     #[must_use]
     pub fn set_base_face(&mut self, face: u32, value: &BaseFace) -> bool {
+        self.mesh
+            .set_quarters(face, value.quarters.decode(self.scale));
         self.mesh
             .set_base_face(face, value.corners, value.neighbours)
             .is_some()

@@ -230,7 +230,7 @@ impl Contacts {
             pair.render_near(clock, frame);
             return None;
         };
-        let certified = ProbeObjectPair::certified(surface, &contact);
+        let certified = pair.certified(surface, &contact);
         let place = (frame, instance.before.as_ref(), &instance.surface);
         let mut work = Work::default();
         let depth_m = pair.render(clock, place, surface, &contact, probe, &mut work);

@@ -177,15 +177,19 @@ impl ProbeObjectPair {
         Some(step)
     }
 
-    /// The largest certified error of the faces that hold the probe, model units; not a number
-    /// where there is no bound: no face holds it, or one that is not of the front.
-    pub fn certified(surface: Surface<'_>, contact: &Contact) -> f32 {
+    /// The largest certified error of the faces that hold the probe, model units: of a ball where
+    /// they hold it. Not a number where there is no bound: no face holds it, or one that is not of
+    /// the front.
+    pub fn certified(&self, surface: Surface<'_>, contact: &Contact) -> f32 {
+        let ball = self.proxy.position().filter(|_| !self.proxy.is_tool());
+        let of_face = |face| match ball {
+            _ if face == contact.face => surface.mesh.certified_distance(face, contact.point),
+            Some(middle) => surface.mesh.certified_distance(face, middle),
+            None => surface.mesh.certified_error(face),
+        };
         let faces = contact.faces.iter().filter(|&&face| face != NONE);
         let bounds = faces.map(|&face| {
-            let bound = surface
-                .mesh
-                .is_active(face)
-                .then(|| surface.mesh.certified_error(face));
+            let bound = surface.mesh.is_active(face).then(|| of_face(face));
             bound.filter(|bound| bound.is_finite()).unwrap_or(f32::NAN)
         });
         let most = |a: f32, b: f32| if a.is_nan() || a > b { a } else { b };

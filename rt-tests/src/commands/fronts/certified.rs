@@ -151,7 +151,10 @@ fn sample(
             let near = full.nearest(point, hint);
             hint = near.triangle;
             most = max_or_nan(most, near.distance);
-            judge(near.distance, bound);
+            judge(
+                near.distance,
+                f64::from(mesh.certified_distance(face, point)),
+            );
         }
         if most > PLANE * diagonal {
             found.ratios.push(bound / most);

@@ -2,6 +2,8 @@
 
 use super::super::certified::{Certified, rounded_up};
 use super::{ActiveMesh, Handle, Vertex};
+use geometry::closest_point_on_triangle;
+use glam::DVec3;
 
 impl ActiveMesh {
     /// The largest R of a face's corners, model units: its certified error in any front; 0 on faces
@@ -29,6 +31,21 @@ impl ActiveMesh {
             Certified::close_of(corners.map(|v| self.vertices[v as usize].certified))
         };
         radius.min(close)
+    }
+
+    /// How far the point of a face that is nearest to this one is from the full mesh, at the most;
+    /// model units. It is the certified error of the face, or what is certified of the quarter, if
+    /// that is less and the face is as in the base mesh.
+    #[must_use]
+    pub fn certified_distance(&self, face: Handle, near: DVec3) -> f32 {
+        let error = self.certified_error(face);
+        let corners = self.faces[face as usize].corners;
+        let is_of_base = face < self.base_faces && corners.iter().all(|&v| v < self.base_vertices);
+        let quarters = self.quarters.get(face as usize).filter(|_| is_of_base);
+        quarters.map_or(error, |quarters| {
+            let weights = closest_point_on_triangle(self.corners(face), near).weights;
+            error.min(quarters.at(weights))
+        })
     }
 
     /// The certified error of a face with corners between two fronts {E > t}: that of the finer

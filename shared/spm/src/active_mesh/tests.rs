@@ -1,5 +1,5 @@
 use super::*;
-use crate::CertifiedCode;
+use crate::{CertifiedCode, ErrorScale, QuarterCodes};
 use glam::DVec3;
 
 fn record(i: u32, leaf_r: u32) -> VspRecord {
@@ -54,6 +54,33 @@ fn a_split_parts_the_fan_and_a_collapse_restores_it() {
     mesh.collapse(0, &mut out).unwrap();
     mesh.check();
     assert_eq!(mesh.faces[..6], before[..6]);
+}
+
+#[test]
+fn a_base_face_has_bounds_of_its_quarters_while_it_is_as_in_the_base_mesh() {
+    let mut mesh = hexagon(1);
+    let scale = ErrorScale::for_diagonal(6.0);
+    for vertex in 0..7 {
+        let position = mesh.position(vertex).to_array();
+        mesh.set_base_vertex(vertex, position, Certified::of_radius(1.0));
+    }
+    let quarters = QuarterCodes::new(scale, [0.1, 0.2, 3.0, f64::INFINITY]).decode(scale);
+    mesh.set_quarters(0, quarters);
+    let [a, b, c] = mesh.corners(0);
+    let points = [a, b.lerp(a, 0.3), c, (a + b + c) / 3.0];
+    let found = |mesh: &ActiveMesh, face| {
+        let bounds = points.map(|point| mesh.certified_distance(face, point));
+        bounds.map(|bound| (10.0 * bound).round() / 10.0)
+    };
+    assert_eq!(found(&mesh, 0), [0.1, 0.2, 1.0, 1.0]);
+    assert_eq!(found(&mesh, 1), [1.0; 4]);
+    let of_children = [Certified::of_radius(0.5); 2];
+    mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], of_children);
+    let mut out = OperationFaces::new();
+    mesh.split(0, &mut out).unwrap();
+    assert_eq!(found(&mesh, 0), [1.0; 4]);
+    mesh.collapse(0, &mut out).unwrap();
+    assert_eq!(found(&mesh, 0), [0.1, 0.2, 1.0, 1.0]);
 }
 
 #[test]

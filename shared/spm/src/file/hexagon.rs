@@ -1,10 +1,10 @@
 //! A tiny model for examples and tests.
 
 use super::{BuildSummary, FullFace, SpmParts};
-use crate::CertifiedCode;
 use crate::{
     BaseFace, BaseVertex, LEVELS, ModelHeader, NONE, RegionGrid, RegionId, VspNode, VspRecord,
 };
+use crate::{CertifiedCode, QuarterCodes};
 use ab_tree::leaf_key;
 use bytemuck::Zeroable;
 use glam::{DVec3, UVec3};
@@ -63,7 +63,7 @@ impl SpmParts {
                     corners: [0, corner(k), corner(k + 1)],
                     leaf: leaf_key(k, FACES),
                     neighbours: [NONE, (k + 1) % CORNERS, (k + 5) % CORNERS],
-                    reserved: 0,
+                    quarters: QuarterCodes::default(),
                 })
                 .collect(),
             records: vec![record()],

@@ -9,7 +9,7 @@ use geometry::Aabb;
 pub(super) const MAGIC: [u8; 8] = *b"hrtc-spm";
 
 /// Version of the layout; other versions are refused with their number.
-pub const FORMAT_VERSION: u32 = 5;
+pub const FORMAT_VERSION: u32 = 6;
 
 /// Bytes under one checksum of a big section.
 pub const BLOCK_BYTES: u64 = 1 << 16;
@@ -216,7 +216,7 @@ pub(super) fn faces_below(node: u32, faces: u32) -> std::ops::Range<u32> {
 // The layout of the file: a change needs a new [`FORMAT_VERSION`].
 const _: () = {
     use std::mem::offset_of;
-    assert!(FORMAT_VERSION == 5);
+    assert!(FORMAT_VERSION == 6);
     assert!(size_of::<SpmHeader>() == 624);
     assert!(offset_of!(SpmHeader, version) == 8 && offset_of!(SpmHeader, sections) == 12);
     assert!(offset_of!(SpmHeader, file_bytes) == 16 && offset_of!(SpmHeader, model) == 24);

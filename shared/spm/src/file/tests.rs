@@ -1,5 +1,5 @@
 use super::*;
-use crate::CertifiedCode;
+use crate::{CertifiedCode, QuarterCodes};
 use crate::{LEVELS, RegionGrid};
 use ab_tree::leaf_key;
 use bytemuck::Zeroable;
@@ -57,7 +57,7 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
                 corners: [k, k + 1, k + 2],
                 leaf: leaf_key(k, faces),
                 neighbours: [NONE; 3],
-                reserved: 0,
+                quarters: QuarterCodes::default(),
             })
             .collect(),
         records: (0..vsps)
@@ -361,10 +361,10 @@ fn the_bytes_of_a_file_of_this_version_do_not_change() {
     let bytes = bytes_of(&SpmParts::hexagon());
     let header = &bytes[..size_of::<SpmHeader>()];
     assert_eq!(&header[..8], b"hrtc-spm");
-    assert_eq!(header[8..16], [5, 0, 0, 0, 11, 0, 0, 0]);
+    assert_eq!(header[8..16], [6, 0, 0, 0, 11, 0, 0, 0]);
     assert_eq!(header[16..24], (bytes.len() as u64).to_le_bytes());
     // Another hash means another layout: count FORMAT_VERSION up.
-    assert_eq!(xxh3_64(&bytes), 0x950d_7d85_2b41_6dcd);
+    assert_eq!(xxh3_64(&bytes), 0x68ad_fea1_1112_c81f);
     let file = SpmFile::open(Aligned::new(&bytes)).unwrap();
     file.check_all().unwrap();
 }

@@ -62,6 +62,7 @@ pub fn close_bounds(
     history: &History,
     full: &FullSurface<'_>,
     descendants: &Descendants,
+    rounding: f64,
     progress: &dyn Progress,
 ) -> Vec<f64> {
     let faces = full.triangles().len();
@@ -78,7 +79,7 @@ pub fn close_bounds(
             boundary: &boundary,
             descendants,
         },
-        rounding: rounding(history),
+        rounding,
         bounds: history
             .positions
             .iter()
@@ -102,8 +103,8 @@ pub fn close_bounds(
         .collect()
 }
 
-/// What differences of coordinates lose, and points on sides.
-fn rounding(history: &History) -> f64 {
+/// What differences of coordinates lose, and points on sides, model units.
+pub fn rounding(history: &History) -> f64 {
     let coordinates = history.positions.iter().flatten();
     let largest = coordinates.fold(0.0_f32, |most, x| most.max(x.abs()));
     32.0 * f64::EPSILON * f64::from(largest)
