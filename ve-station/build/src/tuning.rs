@@ -124,5 +124,5 @@ pub mod quarters {
     /// along a shore hundreds.
     pub const PIECES: usize = 1024;
     /// The least part of a piece's width that is cut off: far above rounding.
-    pub const LEAST_CUT: f64 = 1e-6;
+    pub const MIN_CUT: f64 = 1e-6;
 }

@@ -9,7 +9,7 @@
 
 use super::full_surface::FullSurface;
 use crate::history::{History, LeftFace};
-use crate::tuning::quarters::{GOOD, LEAST_CUT, PIECES};
+use crate::tuning::quarters::{GOOD, MIN_CUT, PIECES};
 use geometry::closest_point_on_triangle;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -111,7 +111,7 @@ impl Piece {
         };
         let heights_of = || heights[..self.count].iter();
         let most = heights_of().fold(0.0_f64, |most, h| most.max(h.abs()));
-        let is_on = |sign: f64| heights_of().any(|h| sign * h > most * LEAST_CUT);
+        let is_on = |sign: f64| heights_of().any(|h| sign * h > most * MIN_CUT);
         if !is_on(-1.0) {
             return [Some(*self), None];
         }
