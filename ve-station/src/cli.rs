@@ -138,10 +138,16 @@ struct ServeOptions {
     /// Folder of the station's keys [default: hrtc/keys in the user's folder of settings]
     #[arg(long, value_name = "DIR", requires = "listen")]
     keys: Option<PathBuf>,
-    /// Shows each touch in the viewer rerun while it goes on, for controllers on this machine: OUT as
-    /// that of `rt-tests view --rerun`, "viewer" for one that is started here. Needs rt-tests beside
-    /// this program, built with --features view
-    #[arg(long, value_name = "OUT", num_args = 0..=1, require_equals = true, default_missing_value = "viewer")]
+    /// Shows each touch of a controller on this machine in rerun while it goes on: OUT as that of
+    /// rt-tests view --rerun [default: viewer]. Needs rt-tests beside this program, built with
+    /// --features view
+    #[arg(
+        long,
+        value_name = "OUT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "viewer"
+    )]
     view: Option<String>,
     #[command(flatten)]
     overrides: OverrideArgs,

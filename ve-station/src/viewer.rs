@@ -1,4 +1,4 @@
-//! `ve-station serve --view`: the viewer rerun behind the recording of a controller on this machine.
+//! `ve-station serve --view`: the viewer rerun behind the recording of a controller here.
 //!
 //! The station has neither samples nor fronts: what a controller sees is in its recording, and
 //! `rt-tests view --rerun` shows that, in a process of its own, while it is written. So the station
@@ -88,7 +88,7 @@ impl Viewer {
             }
             self.process = None;
         }
-        let Some(recording) = self.begun() else {
+        let Some(recording) = self.new_recording() else {
             return;
         };
         self.seen.insert(recording.clone());
@@ -108,7 +108,7 @@ impl Viewer {
     }
 
     /// A recording that is written now and was not shown yet.
-    fn begun(&self) -> Option<PathBuf> {
+    fn new_recording(&self) -> Option<PathBuf> {
         let entries = std::fs::read_dir(&self.folder).ok()?;
         let mut paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
         paths.find(|path| {

@@ -1,7 +1,7 @@
 //! Remaining work of a tick, in units; all active objects draw on it in turn.
 
 use crate::contact::query::Work;
-use crate::tuning::governor::{ENTRIES_PER_FACE, LEAST_SEARCH, OPERATION_FACES};
+use crate::tuning::governor::{ENTRIES_PER_FACE, MIN_SEARCH_UNITS, OPERATION_FACES};
 use crate::work::TickWork;
 use scene::MAX_PROBES;
 use spm::OperationFaces;
@@ -130,7 +130,7 @@ impl QueryBudget {
     /// What the step of a proxy may spend now: a search for the nearest face comes after it.
     #[must_use]
     pub fn for_proxy(&self) -> u32 {
-        let rest = self.all.left().saturating_sub(LEAST_SEARCH);
+        let rest = self.all.left().saturating_sub(MIN_SEARCH_UNITS);
         self.proxies.left().min(rest)
     }
 
@@ -186,7 +186,7 @@ mod tests {
         // A tick that has time for less has less.
         let mut busy = QueryBudget::new(&work, 1000, [0].into_iter());
         busy.begin_pair(0);
-        assert_eq!(busy.for_proxy(), 1000 - LEAST_SEARCH);
+        assert_eq!(busy.for_proxy(), 1000 - MIN_SEARCH_UNITS);
         busy.charge_proxy(Work {
             nodes: 990,
             faces: 0,

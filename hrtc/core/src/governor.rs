@@ -11,10 +11,10 @@
 //!
 //! So a tick that is short of time gives up, in this order: looking ahead, data that is loaded
 //! ahead, refinement away from the contact, the tolerance at the contact ([`crate::policy`]: fewer
-//! operations a tick raise the finest ring), and steps of the proxies, which come along over several
-//! ticks. What a tick never gives up is allowed on any machine: the samples, some
-//! queries for each pair, the forces and their limits. A unit that is larger than all of its share,
-//! such as the split of a vertex with a very large fan, is not begun.
+//! operations a tick raise the finest ring), and steps of the proxies, which come along over
+//! several ticks. What a tick never gives up is allowed on any machine: the samples, some queries
+//! for each pair, the forces and their limits. A unit that is larger than all of its share, such as
+//! the split of a vertex with a very large fan, is not begun.
 //! Where the surface under a probe has so many faces that touching it takes more than a tick has,
 //! again and again, the finest ring is raised too: by the steps of memory pressure (`Steps`), since
 //! it is the same want of another good.
@@ -41,7 +41,7 @@
 use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
-    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, LEAST_BALL_UNITS, LEAST_TOOL_UNITS, MAX_CUT,
+    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, MAX_CUT, MIN_BALL_UNITS, MIN_TOOL_UNITS,
     OPERATION_FACES, OPERATIONS_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE,
     TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, USUAL_BALL_UNITS, USUAL_TOOL_UNITS,
 };
@@ -411,7 +411,7 @@ impl Governor {
         let predictions = pairs * costs.prediction;
         time.spent.charge(CostGroup::Inbox, predictions);
         time.spent.charge(CostGroup::Query, pairs * costs.contact);
-        let queries = balls * LEAST_BALL_UNITS * costs.ball + tools * LEAST_TOOL_UNITS * costs.tool;
+        let queries = balls * MIN_BALL_UNITS * costs.ball + tools * MIN_TOOL_UNITS * costs.tool;
         let inbox = f64::from(MIN_UNITS) * costs.received + costs.request;
         let least = queries + inbox;
         // What no tick gives up is allowed on any machine.

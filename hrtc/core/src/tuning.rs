@@ -30,8 +30,9 @@ pub mod governor {
     pub const SHORT_SHARE: f64 = 0.25;
     /// Time in which what is believed falls to a third where the machine is fast again.
     pub const SLOWNESS_FADES_S: f64 = 0.3;
-    /// Slownesses that are believed. At the least one a tick may spend three quarters of its period;
-    /// where a group's cost is wrong by a quarter, a tick of that work alone still ends in it.
+    /// Slownesses that are believed. At the least one a tick may spend three quarters of its
+    /// period; where a group's cost is wrong by a quarter, a tick of that work alone still ends in
+    /// it.
     pub const SLOWNESS_RANGE: [f64; 2] = [0.8, 64.0];
     /// Part that contacts may keep of what is left of a tick beside what every tick does.
     pub const CONTACT_SHARE: f64 = 0.8;
@@ -54,11 +55,11 @@ pub mod governor {
     pub const USUAL_TOOL_UNITS: f64 = 410.0;
     /// Units that each pair of a probe and an object has on any machine. With those of a ball it
     /// comes along over coarse faces (with 120 too, with 60 not); a tool takes more ticks.
-    pub const LEAST_BALL_UNITS: f64 = 2.0 * USUAL_BALL_UNITS;
-    pub const LEAST_TOOL_UNITS: f64 = 0.25 * USUAL_TOOL_UNITS;
+    pub const MIN_BALL_UNITS: f64 = 2.0 * USUAL_BALL_UNITS;
+    pub const MIN_TOOL_UNITS: f64 = 0.25 * USUAL_TOOL_UNITS;
     /// Units that a pair keeps of these for the nearest face: the last one known and its
     /// neighbourhood.
-    pub const LEAST_SEARCH: u32 = 8;
+    pub const MIN_SEARCH_UNITS: u32 = 8;
     /// Faces that a split or collapse changes on most meshes.
     pub const TYPICAL_FACES: u32 = 10;
     /// Units of received data that a split needs: its record.

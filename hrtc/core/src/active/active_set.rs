@@ -326,10 +326,8 @@ impl ActiveSet {
     pub fn near_pairs(&self) -> [usize; 2] {
         let known = self.objects.iter().filter(|of| of.frame.is_some());
         let near = known.flat_map(|of| of.contacts.pairs.iter().filter(|pair| pair.is_near));
-        near.fold([0; 2], |mut count, pair| {
-            count[usize::from(pair.tool().is_some())] += 1;
-            count
-        })
+        let tools = near.clone().filter(|pair| pair.tool().is_some()).count();
+        [near.count() - tools, tools]
     }
 
     /// Finds the objects near a probe, and makes the one that needs it most active. Returns the

@@ -3,7 +3,7 @@
 use super::Probe;
 use super::pair::ProbeObjectPair;
 use crate::budget::QueryBudget;
-use crate::contact::query::{Surface, Work};
+use crate::contact::query::Surface;
 use crate::contact::rigid_proxy::Imperceptible;
 use crate::contact::sphere_proxy::Contact;
 use crate::force::effects::friction::EnergyLimit;
@@ -232,9 +232,7 @@ impl Contacts {
         };
         let certified = pair.certified(surface, &contact);
         let place = (frame, instance.before.as_ref(), &instance.surface);
-        let mut work = Work::default();
-        let depth_m = pair.render(clock, place, surface, &contact, probe, &mut work);
-        budget.charge_search(work);
+        let depth_m = pair.render(clock, place, surface, &contact, probe, budget);
         Some(Touch {
             contact,
             certified,

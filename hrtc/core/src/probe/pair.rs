@@ -205,7 +205,7 @@ impl ProbeObjectPair {
         surface: Surface<'_>,
         contact: &Contact,
         probe: &Probe,
-        work: &mut Work,
+        budget: &mut QueryBudget,
     ) -> f64 {
         let Some(goal) = self.goal else {
             return 0.0;
@@ -241,6 +241,7 @@ impl ProbeObjectPair {
             let of_spring = (2.0 * spring.stiffness_n_per_m * spring.stored_j).sqrt();
             let size = self.proxy.wrench_size(&rendered.passive, scale);
             let sample = ContactSample {
+                max_work: budget.for_searches(),
                 clock,
                 periods: probe.periods(),
                 surface,
@@ -258,7 +259,10 @@ impl ProbeObjectPair {
                 stiffness_n_per_m: plan.stiffness_n_per_m,
                 undamped: of_spring / size,
             };
-            self.effects.render_contact(&sample, &mut rendered, work);
+            let mut work = Work::default();
+            self.effects
+                .render_contact(&sample, &mut rendered, &mut work);
+            budget.charge_search(work);
         }
         self.rendered = Some(rendered.turned(frame.pose.orientation));
         depth

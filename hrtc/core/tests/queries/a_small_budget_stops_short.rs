@@ -7,7 +7,7 @@ use hrtc_core::contact::query::{MAX_FACES, NearFaces, swept_sphere, swept_sphere
 use hrtc_core::contact::sphere_proxy::Proxy;
 use simulator::Random;
 
-/// Units that every pair has in each tick, `tuning::governor::LEAST_BALL_UNITS`.
+/// Units that every pair has in each tick, `tuning::governor::MIN_BALL_UNITS`.
 const EVERY_TICK: u32 = 180;
 
 fn distances(front: &Front, point: DVec3) -> impl Iterator<Item = f64> {

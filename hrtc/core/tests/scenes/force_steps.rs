@@ -165,7 +165,7 @@ fn the_force_turns_gently_and_is_not_muted() {
 
 #[test]
 fn a_budget_that_changes_is_not_felt() {
-    // A machine as fast as the costs say, and one that is many times slower, for half a second each.
+    // A machine as fast as the costs say, then many times slower, for half a second each.
     let slow = |tick: u64| [1.0, 8.0, 2.0, 24.0][(tick / 500 % 4) as usize];
     for (seed, radius_m) in [(1, 0.0), (2, 0.0), (1, RADIUS_M), (2, RADIUS_M)] {
         let (model, top) = relief(seed);

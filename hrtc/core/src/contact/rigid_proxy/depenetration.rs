@@ -3,9 +3,10 @@
 //!
 //! A tool that the surface met has no free way out, since it meets faces along all of it. What
 //! tells on which side it belongs is one point of it, its anchor. The surface takes the anchor
-//! along when it passes over it. Where a straight way from the anchor to its place in the tool elsewhere
-//! passes through no face, and the tool meets none there, the tool is on its side as a whole. Where
-//! no such place is known the tool is stuck: it stays, and the next ticks ask for the device's.
+//! along when it passes over it. Where a straight way from the anchor to its place in the tool
+//! elsewhere passes through no face, and the tool meets none there, the tool is on its side as a
+//! whole. Where no such place is known the tool is stuck: it stays, and the next ticks ask for the
+//! device's.
 
 use super::contacts::{PASSED, PLACED};
 use super::look_ahead_tube::LookAheadTube;
@@ -59,25 +60,25 @@ impl ToolProxy {
         }
         let [start, end] = [self.anchor(), self.anchor_at(there)];
         let by_centre = [start, self.at.centre, there.centre, end];
-        for way in [&[start, end][..], &by_centre] {
-            if self.is_free(surface, way, budget, answer)? {
+        for path in [&[start, end][..], &by_centre] {
+            if self.is_free(surface, path, budget, answer)? {
                 return Some(true);
             }
         }
         Some(false)
     }
 
-    /// Whether a way through these points passes through no face; `None` if the budget does not
+    /// Whether a path through these points passes through no face; `None` if the budget does not
     /// suffice.
     fn is_free(
         &self,
         surface: Surface<'_>,
-        way: &[DVec3],
+        path: &[DVec3],
         budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let radius = ANCHOR_RADIUS * self.static_offset();
-        for ends in way.windows(2) {
+        for ends in path.windows(2) {
             let motion = ends[1] - ends[0];
             let most = budget.saturating_sub(answer.spent) / PAIRS_A_UNIT;
             let (hit, free, work) = swept_sphere_budget(surface, (ends[0], motion), radius, most);
@@ -101,7 +102,7 @@ impl ToolProxy {
         let goal = self.goal;
         let is_held = self.state == State::Stuck
             && self.reaches(surface, &goal, budget, answer) != Some(true);
-        self.near.forget();
+        self.near.invalidate_all();
         let clear = !is_held && self.meets(surface, &goal, budget, answer) == Some(false);
         if clear || self.state == State::Inside {
             self.at = goal;
@@ -111,7 +112,7 @@ impl ToolProxy {
             self.come_out_at(&goal);
             self.contacts.clear();
         }
-        self.near.forget();
+        self.near.invalidate_all();
         self.has_unused_collection = false;
     }
 

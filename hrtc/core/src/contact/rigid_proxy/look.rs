@@ -52,9 +52,23 @@ impl LastStep {
 }
 
 impl ToolProxy {
+    /// The contacts of a step, as [`ToolProxy::look`] returns them: those of the last step where
+    /// they suffice.
+    pub(super) fn find_contacts(
+        &mut self,
+        tick: &mut TickSteps<'_>,
+        (wanted, likely): (&Twist, Twist),
+        answer: &mut ToolAdvance,
+    ) -> Option<(Twist, Twist, f64)> {
+        match tick.last.carried_range() {
+            Some(range) => self.look_at_stop(tick, (wanted, likely), range, answer),
+            None => self.look(tick, (wanted, likely), answer),
+        }
+    }
+
     /// The same as [`ToolProxy::look`] within a range, where the last step was stopped soon after a
     /// search: the contacts are carried along, and the pair that stopped it is one more.
-    pub(super) fn look_at_stop(
+    fn look_at_stop(
         &mut self,
         tick: &TickSteps<'_>,
         (wanted, likely): (&Twist, Twist),
@@ -84,7 +98,7 @@ impl ToolProxy {
     /// Features beyond the range of the step do not constrain it; the sweep stops at them. If the
     /// contacts found redirect the motion, the search is repeated along the new one. Otherwise each
     /// step would obey only what the previous one had not seen.
-    pub(super) fn look(
+    fn look(
         &mut self,
         tick: &mut TickSteps<'_>,
         (wanted, mut likely): (&Twist, Twist),

@@ -225,8 +225,8 @@ impl Neighbourhood {
         self.partial = None;
     }
 
-    /// Forgets all pairs: their directions are those of another placement.
-    pub fn forget(&mut self) {
+    /// Invalidates all pairs with their directions, which are those of another placement.
+    pub fn invalidate_all(&mut self) {
         self.invalidate();
         self.clear();
     }

@@ -213,11 +213,8 @@ impl ToolProxy {
         let length = wanted.farthest(radius);
         let before = answer.spent;
         answer.steps += 1;
-        let looked = match tick.last.carried_range() {
-            Some(range) => self.look_at_stop(tick, (wanted, likely), range, answer),
-            None => self.look(tick, (wanted, likely), answer),
-        };
-        let Some((likely, motion, most)) = looked else {
+        let Some((likely, motion, most)) = self.find_contacts(tick, (wanted, likely), answer)
+        else {
             self.run_short(tick.has_collected, answer);
             return Next::End;
         };
@@ -225,11 +222,9 @@ impl ToolProxy {
         let whole = motion.farthest(radius);
         if whole <= 4.0 * f64::EPSILON * (self.at.centre.length() + length) {
             // A remainder within rounding is no contact.
-            self.at = if answer.contact_count == 0 {
-                self.goal
-            } else {
-                self.at
-            };
+            if answer.contact_count == 0 {
+                self.at = self.goal;
+            }
             return Next::Settled;
         }
         let covered = self.near.tube.covered_share(&self.at, &motion, offset);
@@ -247,11 +242,10 @@ impl ToolProxy {
         let went_all = share == 1.0 && swept.share == 1.0;
         let free = answer.contact_count == 0 && went_all;
         let done = step.times(swept.share);
-        self.at = if free {
-            self.goal
-        } else {
-            self.at.moved(&done)
-        };
+        self.at = self.at.moved(&done);
+        if free {
+            self.at = self.goal;
+        }
         self.near.spend(&self.at, &done, radius);
         self.remember_stop(swept.stop);
         tick.last.ended(swept.stop, done.farthest(radius));

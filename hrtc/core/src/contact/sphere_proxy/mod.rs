@@ -56,7 +56,7 @@ const MAX_HALVINGS: u32 = 8;
 /// Work of a step for each face that it may hold: a quarter is left for going through them twice.
 const WORK_PER_FACE: u32 = 8;
 /// Faces that a step may hold at the least: as many as stop a ball.
-const LEAST_FACES: usize = 3;
+const MIN_FACES: usize = 3;
 /// Largest number of active faces: the degrees of freedom of a rigid tool.
 pub const MAX_PUSHING: usize = 6;
 
@@ -224,10 +224,10 @@ impl Proxy {
 
     /// One tick: as close to `goal` (the device, model units, finite) as the surface allows.
     ///
-    /// It takes no more than `most_work` nodes and faces. A step looks around with three quarters of
-    /// what is left, and goes as far as the rest shows the way to be free; none but the first begins
-    /// unless there is as much left as the most costly one before took. The next tick does the
-    /// remaining work.
+    /// It takes no more than `most_work` nodes and faces. A step looks around with three quarters
+    /// of what is left, and goes as far as the rest shows the way to be free; none but the first
+    /// begins unless there is as much left as the most costly one before took. The next tick does
+    /// the remaining work.
     pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3, most_work: u32) -> Advance {
         if !self.placed {
             self.place(goal);
@@ -273,11 +273,11 @@ impl Proxy {
             let left = |work: &Work| most_work.saturating_sub(work.nodes + work.faces);
             has_looked &= self.collect_near(surface, reach, left(&work), &mut work);
             is_cut |= !has_looked;
-            let constraints = &mut self.constraints;
             // Half of the skin: not a face at which the ball rests, but each that stops the sweep.
             let radii = [self.radius, 0.5 * (self.radius + skin_radius)];
-            work.add(constraints.linearise(&self.near, self.position, radii, reach));
-            dropped = dropped.max(constraints.dropped());
+            let (near, at) = (&self.near, self.position);
+            work.add(self.constraints.linearise(near, at, radii, reach));
+            dropped = dropped.max(self.constraints.dropped());
             let step = project(wanted, self.constraints.planes());
             contact = self.strongest(step.active()).or(contact);
             let motion = self.lengthen(step.point, reach, &mut last_motion);
@@ -296,9 +296,7 @@ impl Proxy {
             let swept = (known, skin_radius, left(&work));
             let (fraction, is_whole) = self.free_fraction(surface, motion, swept, &mut work);
             is_cut |= !is_whole;
-            if is_whole {
-                self.settled = self.position + motion * fraction;
-            }
+            self.settled = self.position + motion * if is_whole { fraction } else { 1.0 };
             if fraction >= 1.0 && step.active().is_empty() && !self.is_behind {
                 self.position = goal;
                 break;
@@ -315,6 +313,17 @@ impl Proxy {
             }
             had_stopped = stopped;
         }
+        self.end_steps(has_looked, is_cut);
+        Advance {
+            contact,
+            work,
+            dropped,
+            is_cut,
+        }
+    }
+
+    /// The steps of a tick are done; whether it has seen all around, and was cut short.
+    fn end_steps(&mut self, has_looked: bool, is_cut: bool) {
         self.halvings = if has_looked {
             self.halvings.saturating_sub(1)
         } else {
@@ -322,12 +331,6 @@ impl Proxy {
         };
         if !is_cut {
             self.settled = self.position;
-        }
-        Advance {
-            contact,
-            work,
-            dropped,
-            is_cut,
         }
     }
 
@@ -353,7 +356,7 @@ impl Proxy {
             return true;
         }
         let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
-        let room = ((max_work / WORK_PER_FACE) as usize).clamp(LEAST_FACES, MAX_FACES);
+        let room = ((max_work / WORK_PER_FACE) as usize).clamp(MIN_FACES, MAX_FACES);
         let to_look = max_work - max_work / 4;
         let of = (self.position, ball);
         let (is_all, cost) = self.near.collect(surface, of, room, to_look);
@@ -380,18 +383,18 @@ impl Proxy {
             work.add(cost);
             return (free, true);
         }
-        let (covered, way) = (self.near.margin(self.position) - radius, motion.length());
-        if covered < way {
+        let (covered, length) = (self.near.margin(self.position) - radius, motion.length());
+        if covered < length {
             let max_work = max_work.saturating_sub(self.near.count() as u32);
             let of = (self.position, motion);
             let (hit, free, cost) = swept_sphere_budget(surface, of, radius, max_work);
             work.add(cost);
-            if hit.is_some() || free == 1.0 || free * way >= covered {
+            if hit.is_some() || free == 1.0 || free * length >= covered {
                 return (free, hit.is_some() || free == 1.0);
             }
         }
         // As far as all faces are known.
-        let share = (covered / way).min(1.0);
+        let share = (covered / length).min(1.0);
         let (hit, cost) = self.near.sweep(self.position, motion * share, radius);
         work.add(cost);
         let free = share * hit.map_or(1.0, |hit| hit.fraction);

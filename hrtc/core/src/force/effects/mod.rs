@@ -61,6 +61,8 @@ pub struct Clock {
 /// coordinates.
 #[derive(Debug, Clone, Copy)]
 pub struct ContactSample<'a> {
+    /// Nodes and faces that the searches of the effects may visit.
+    pub max_work: u32,
     /// The tick.
     pub clock: Clock,
     /// Periods since the tick before, and those of the probe's motion since: see
@@ -504,6 +506,7 @@ mod tests {
 
         pub fn sample<'a>(&'a self, pushes: &'a [Push]) -> ContactSample<'a> {
             ContactSample {
+                max_work: u32::MAX,
                 clock: Clock {
                     tick: self.tick,
                     period_s: 1e-3,

@@ -23,7 +23,8 @@
 use super::contact_set::{Acting, MAX_CONTACTS};
 use super::nearest_faces::{FaceNear, NearestFaces};
 use super::{ContactSample, Rendered};
-use crate::contact::query::{Work, faces_within};
+use crate::contact::query::{Work, faces_within_budget};
+use geometry::ClosestPoint;
 use glam::DVec3;
 use mutants::{Mutant, is};
 use scene::ShadingPlan;
@@ -120,7 +121,8 @@ impl Shading {
         let off = centre.distance(point);
         let within = off.hypot(radius);
         let mut nearest = NearestFaces::new(within, searches);
-        let work = faces_within(at.surface, centre, within, |face, closest| {
+        let most = at.max_work / searches.max(1) as u32;
+        let visit = |face, closest: ClosestPoint| {
             let [a, b, c] = at.surface.mesh.corners(face);
             let cross = (b - a).cross(c - a);
             let out = (centre - closest.point).normalize_or(normal);
@@ -131,13 +133,20 @@ impl Shading {
                 faces: cross.normalize_or_zero().dot(out),
                 distance_squared: closest.distance_squared,
             })
-        });
+        };
+        let (unvisited, work) = faces_within_budget(at.surface, centre, within, most, visit);
+        let is_short = unvisited < within;
         self.high_water = self.high_water.max(nearest.all().len());
-        self.cut += u64::from(nearest.is_cut());
+        self.cut += u64::from(nearest.is_cut() || is_short);
         let aside = |distance_squared: f64| (distance_squared - off * off).max(0.0);
         let mut square = radius * radius;
-        if nearest.is_cut() {
-            let reached = aside(nearest.farthest_squared());
+        if nearest.is_cut() || is_short {
+            let farthest = if nearest.is_cut() {
+                nearest.farthest_squared()
+            } else {
+                f64::INFINITY
+            };
+            let reached = aside(farthest.min(unvisited * unvisited));
             square = if reached > 0.0 {
                 reached.min(square)
             } else {
