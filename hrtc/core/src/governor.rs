@@ -41,7 +41,7 @@
 use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
-    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, MAX_CUT, MIN_BALL_UNITS, MIN_TOOL_UNITS,
+    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, MAX_CUT, MAX_KEPT, MIN_BALL_UNITS, MIN_TOOL_UNITS,
     OPERATION_FACES, OPERATIONS_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE,
     TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, USUAL_BALL_UNITS, USUAL_TOOL_UNITS,
 };
@@ -413,12 +413,15 @@ impl Governor {
         time.spent.charge(CostGroup::Query, pairs * costs.contact);
         let queries = balls * MIN_BALL_UNITS * costs.ball + tools * MIN_TOOL_UNITS * costs.tool;
         let inbox = f64::from(MIN_UNITS) * costs.received + costs.request;
-        let least = queries + inbox;
-        // What no tick gives up is allowed on any machine.
+        let (fixed, least) = (time.spent.total(), queries + inbox);
+        // What no tick gives up is allowed on any machine, but queries only as long as the tick
+        // ends in its period.
         let share = self.share_ns / self.slowness;
-        time.allowed = share.max(time.spent.total() + least);
-        let rest = time.allowed - time.spent.total();
-        time.contacts = self.contact_ns.min(CONTACT_SHARE * rest).max(least);
+        let kept = (fixed + least).min(MAX_KEPT * share);
+        time.allowed = share.max(kept).max(fixed + inbox);
+        let rest = time.allowed - fixed;
+        let contacts = self.contact_ns.min(CONTACT_SHARE * rest);
+        time.contacts = contacts.max(least).min(rest);
         self.time = time;
         let affordable =
             (time.for_refinement() / time.operation_ns()).clamp(1.0, self.max_operations);
