@@ -12,9 +12,9 @@
 //! So a tick that is short of time gives up, in this order: looking ahead, data that is loaded
 //! ahead, refinement away from the contact, the tolerance at the contact ([`crate::policy`]: fewer
 //! operations a tick raise the finest ring), and steps of the proxies, which come along over
-//! several ticks. What a tick never gives up is allowed on any machine: the samples, some queries
-//! for each pair, the forces and their limits. A unit that is larger than all of its share, such as
-//! the split of a vertex with a very large fan, is not begun.
+//! several ticks. What every tick does is allowed on any machine: the samples, the forces and their
+//! limits; refinement leaves some queries to each pair. A unit that is larger than all of its
+//! share, such as the split of a vertex with a very large fan, is not begun.
 //! Where the surface under a probe has so many faces that touching it takes more than a tick has,
 //! again and again, the finest ring is raised too: by the steps of memory pressure (`Steps`), since
 //! it is the same want of another good.
@@ -41,7 +41,7 @@
 use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
-    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, MAX_CUT, MAX_KEPT, MIN_BALL_UNITS, MIN_TOOL_UNITS,
+    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, MAX_CUT, MIN_BALL_UNITS, MIN_TOOL_UNITS,
     OPERATION_FACES, OPERATIONS_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE,
     TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, USUAL_BALL_UNITS, USUAL_TOOL_UNITS,
 };
@@ -414,11 +414,9 @@ impl Governor {
         let queries = balls * MIN_BALL_UNITS * costs.ball + tools * MIN_TOOL_UNITS * costs.tool;
         let inbox = f64::from(MIN_UNITS) * costs.received + costs.request;
         let (fixed, least) = (time.spent.total(), queries + inbox);
-        // What no tick gives up is allowed on any machine, but queries only as long as the tick
-        // ends in its period.
+        // What every tick does is allowed on any machine.
         let share = self.share_ns / self.slowness;
-        let kept = (fixed + least).min(MAX_KEPT * share);
-        time.allowed = share.max(kept).max(fixed + inbox);
+        time.allowed = share.max(fixed + inbox);
         let rest = time.allowed - fixed;
         let contacts = self.contact_ns.min(CONTACT_SHARE * rest);
         time.contacts = contacts.max(least).min(rest);

@@ -53,14 +53,10 @@ pub mod governor {
     /// (`rt-tests accuracy`), a tool of 960 faces on a dragon (`rt-tests tools`).
     pub const USUAL_BALL_UNITS: f64 = 90.0;
     pub const USUAL_TOOL_UNITS: f64 = 410.0;
-    /// Units that each pair of a probe and an object has on any machine that is fast enough. With
-    /// those of a ball it comes along over coarse faces (with 120 too, with 60 not); a tool takes
-    /// more ticks.
+    /// Units that refinement leaves to each pair of a probe and an object. With those of a ball it
+    /// comes along over coarse faces (with 120 too, with 60 not); a tool takes more ticks.
     pub const MIN_BALL_UNITS: f64 = 2.0 * USUAL_BALL_UNITS;
     pub const MIN_TOOL_UNITS: f64 = 0.25 * USUAL_TOOL_UNITS;
-    /// What these may take of a tick together with what every tick does, in shares of what it may
-    /// spend: three quarters of its period, as at the least slowness.
-    pub const MAX_KEPT: f64 = 1.25;
     /// Units that a pair keeps of these for the nearest face: the last one known and its
     /// neighbourhood.
     pub const MIN_SEARCH_UNITS: u32 = 8;
