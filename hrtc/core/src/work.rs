@@ -41,8 +41,7 @@ impl TickWork {
         }
     }
 
-    /// The work after which a tick begins no search or step of a proxy; the last one begun may go
-    /// beyond it.
+    /// The most work of all queries of a tick.
     #[must_use]
     pub fn queries(&self) -> u32 {
         self.proxies + self.searches

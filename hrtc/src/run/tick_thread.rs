@@ -18,7 +18,8 @@ use hrtc_core::{Capacity, Controller, Stage, StageObserver, TickInputs, TickOutp
 use protocol::{ContactReport, Request};
 use realtime::counting_allocator;
 use realtime::pacer::{Pacer, Wake, Worked};
-use realtime::rights::{LatencyHold, monotonic_ns, obtain, thread_cpu_ns};
+use realtime::rights::{LatencyHold, monotonic_ns, obtain};
+use realtime::slow_thread::SlowThread;
 use rtrb::{Consumer, Producer};
 use scene::{CacheTimetable, LoopPlan, MAX_PROBES};
 use std::any::Any;
@@ -80,9 +81,7 @@ pub(super) struct TickThreadEnd {
 /// Wall time of each stage.
 struct StageClock {
     /// See [`super::RunArgs::slow`].
-    slow: f64,
-    /// Processor time of the thread at the end of the last stage, ns, where it is slowed down.
-    last_cpu: u64,
+    slow: SlowThread,
     /// End of the last stage on CLOCK_MONOTONIC, ns.
     last: u64,
     /// Wall time of each stage, ns.
@@ -92,24 +91,10 @@ struct StageClock {
 impl StageClock {
     fn start(slow: f64) -> Self {
         Self {
-            slow,
-            last_cpu: if slow > 1.0 { thread_cpu_ns() } else { 0 },
+            slow: SlowThread::begin(slow),
             last: monotonic_ns(),
             stages: [0; STAGES.len()],
         }
-    }
-
-    /// Spins until the stage has taken `slow` times its own processor time.
-    fn slow_down(&mut self) {
-        if self.slow <= 1.0 {
-            return;
-        }
-        let own = thread_cpu_ns() - self.last_cpu;
-        let until = self.last_cpu + (self.slow * own as f64) as u64;
-        while thread_cpu_ns() < until {
-            std::hint::spin_loop();
-        }
-        self.last_cpu = thread_cpu_ns();
     }
 }
 
@@ -117,7 +102,7 @@ impl StageObserver for StageClock {
     fn ended(&mut self, stage: Stage) {
         #[cfg(test)]
         tests::panic_in_core(stage);
-        self.slow_down();
+        self.slow.end_part();
         let now = monotonic_ns();
         self.stages[stage as usize] = u32::try_from(now - self.last).unwrap_or(u32::MAX);
         self.last = now;

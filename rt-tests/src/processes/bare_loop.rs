@@ -13,6 +13,7 @@ use hrtc::tick_record::{STAGES, TickRecord};
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::{Pacer, Wake, Worked};
 use realtime::rights::{obtain, thread_cpu_ns};
+use realtime::slow_thread::SlowThread;
 use scene::LoopPlan;
 use std::ffi::OsString;
 use std::sync::atomic::AtomicBool;
@@ -165,25 +166,13 @@ fn run_loop(
         if wake.tick >= most as u64 {
             break;
         }
-        let began = thread_cpu_ns();
+        let mut slow = SlowThread::begin(args.slow);
         x = arithmetic(x, steps);
-        spin_to(began, args.slow);
+        slow.end_part();
         let worked = pacer.done();
         ticks.push((wake, worked));
     }
     std::hint::black_box(x);
-}
-
-/// Spins until what began then, in thread CPU, has taken `slow` times as long as it did.
-fn spin_to(began: u64, slow: f64) {
-    if slow <= 1.0 {
-        return;
-    }
-    let own = thread_cpu_ns() - began;
-    let until = began + (slow * own as f64) as u64;
-    while thread_cpu_ns() < until {
-        std::hint::spin_loop();
-    }
 }
 
 /// Steps of arithmetic that take this long here.

@@ -114,6 +114,7 @@ fn felt(model: &[u8], plan: &ScenePlan, bytes_per_tick: f64, slow: impl Fn(u64) 
         felt.over += u64::from(record.spent_ns > record.allowed_ns);
         felt.changes += u64::from(last_tolerance.replace(tolerance) != Some(tolerance));
         let force = world.force();
+        assert!(force.is_finite(), "tick {tick}: {force}");
         let sample = world.client().samples()[0].expect("the hand gives one");
         let now = (sample.pose.position, force);
         age = if record.contact { age + 1 } else { 0 };
