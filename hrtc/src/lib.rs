@@ -60,5 +60,6 @@ pub mod run;
 pub mod setup;
 mod station_heard;
 pub mod tick_record;
+pub mod time_answers;
 pub mod traffic;
 pub mod tuning;

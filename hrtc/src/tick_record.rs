@@ -1,5 +1,6 @@
 //! Record of one tick: plain numbers that the tick pushes into a ring for the log thread.
 
+use crate::time_answers::TimeAnswers;
 use geometry::Wrench;
 use haptic_device::Sample;
 use hrtc_core::ProbeContact;
@@ -60,6 +61,8 @@ pub struct TickRecord {
     pub rises_again: bool,
     /// Processor time of the tick before, ns, as the core was told; 0 for none.
     pub noted_work_ns: u32,
+    /// What the core was told of the time of this tick.
+    pub time: TimeAnswers,
     /// Bytes of the cache that may be in use from this tick on, where that changes.
     pub cache_limit: Option<u64>,
     /// Wrench written to each device, newtons and newton metres.

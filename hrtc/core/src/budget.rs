@@ -1,14 +1,16 @@
 //! Remaining work of a tick, in units; all active objects draw on it in turn.
 
-use crate::contact::query::Work;
+use crate::contact::query::{Deadline, Work};
+use crate::tick::{Stage, StageObserver, Timed};
 use crate::tuning::governor::{ENTRIES_PER_FACE, MIN_SEARCH_UNITS, OPERATION_FACES};
 use crate::work::TickWork;
 use scene::MAX_PROBES;
 use spm::OperationFaces;
 
 /// Remaining work of a tick.
-#[derive(Debug, Clone, Copy)]
-pub struct Budget {
+pub struct Budget<'a> {
+    /// Knows when the time for it is over.
+    pub observer: &'a mut dyn StageObserver,
     /// Work units for received data.
     pub ingest: u32,
     /// Splits and collapses.
@@ -27,11 +29,20 @@ pub struct Budget {
     pub forgotten: u32,
 }
 
-impl Budget {
+impl Budget<'_> {
     /// Whether another split or collapse may begin.
-    #[must_use]
-    pub fn has_operations(&self) -> bool {
-        self.operations > 0 && self.faces > 0
+    pub fn has_operations(&mut self) -> bool {
+        self.operations > 0 && self.faces > 0 && !self.is_over()
+    }
+
+    /// Whether the time for received data and refinement is over.
+    pub fn is_over(&mut self) -> bool {
+        self.observer.is_over(Timed::Refinement)
+    }
+
+    /// A stage has ended.
+    pub fn ended(&mut self, stage: Stage) {
+        self.observer.ended(stage);
     }
 
     /// There is time for so many faces.
@@ -62,8 +73,9 @@ impl Budget {
 /// for. A part is for the steps of the proxies, a part for the searches beside them. Every probe is
 /// sure of an equal share of each, and each of its pairs of an equal share of that; what one pair
 /// leaves the next may use.
-#[derive(Debug, Clone, Copy)]
-pub struct QueryBudget {
+pub struct QueryBudget<'a> {
+    /// Knows when the time for them is over.
+    pub observer: &'a mut dyn StageObserver,
     proxies: Part,
     searches: Part,
     /// Both together.
@@ -96,12 +108,24 @@ impl Part {
     }
 }
 
-impl QueryBudget {
+impl Deadline for QueryBudget<'_> {
+    fn is_over(&mut self) -> bool {
+        self.observer.is_over(Timed::Contact)
+    }
+}
+
+impl<'a> QueryBudget<'a> {
     /// The work of a tick, of which there is time for so many `units`. `pairs`: the probe of each
     /// pair that is to have a part.
     #[must_use]
-    pub fn new(work: &TickWork, units: u32, pairs: impl Iterator<Item = usize>) -> Self {
+    pub fn new(
+        work: &TickWork,
+        units: u32,
+        pairs: impl Iterator<Item = usize>,
+        observer: &'a mut dyn StageObserver,
+    ) -> Self {
         let mut budget = Self {
+            observer,
             proxies: Part::new(work.proxies.min(units)),
             searches: Part::new(work.searches.min(units)),
             all: Part::new(work.queries().min(units)),
@@ -134,10 +158,23 @@ impl QueryBudget {
         self.proxies.left().min(rest)
     }
 
-    /// What searches may spend now.
-    #[must_use]
-    pub fn for_searches(&self) -> u32 {
-        self.searches.left().min(self.all.left())
+    /// What searches may spend now: where the time is over, the least that finds a nearest face.
+    pub fn for_searches(&mut self) -> u32 {
+        let left = self.searches.left().min(self.all.left());
+        if self.is_over() {
+            left.min(MIN_SEARCH_UNITS)
+        } else {
+            left
+        }
+    }
+
+    /// What looking ahead may spend now.
+    pub fn for_look_ahead(&mut self) -> u32 {
+        if self.is_over() {
+            0
+        } else {
+            self.for_searches()
+        }
     }
 
     /// A proxy has spent this.
@@ -162,6 +199,7 @@ impl QueryBudget {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tick::NoObserver;
     use crate::tuning::tick::PROXY_WORK;
 
     #[test]
@@ -169,7 +207,8 @@ mod tests {
         // One probe near three objects, two near one each.
         let pairs = [0, 0, 1, 0, 2];
         let work = TickWork::new(1e3);
-        let mut budget = QueryBudget::new(&work, u32::MAX, pairs.into_iter());
+        let mut never = NoObserver;
+        let mut budget = QueryBudget::new(&work, u32::MAX, pairs.into_iter(), &mut never);
         let mut left = Vec::new();
         for (turn, probe) in pairs.into_iter().enumerate() {
             budget.begin_pair(probe);
@@ -184,7 +223,8 @@ mod tests {
         assert!(left[4] >= third);
         assert!(budget.spent() <= PROXY_WORK);
         // A tick that has time for less has less.
-        let mut busy = QueryBudget::new(&work, 1000, [0].into_iter());
+        let mut never = NoObserver;
+        let mut busy = QueryBudget::new(&work, 1000, [0].into_iter(), &mut never);
         busy.begin_pair(0);
         assert_eq!(busy.for_proxy(), 1000 - MIN_SEARCH_UNITS);
         busy.charge_proxy(Work {

@@ -118,5 +118,5 @@ pub use controller::Controller;
 pub use instance::ModelFrame;
 pub use streaming::Fault;
 pub use tick::{
-    NoObserver, ProbeContact, Stage, StageObserver, TickInputs, TickOutputs, ToolBefore,
+    NoObserver, ProbeContact, Stage, StageObserver, TickInputs, TickOutputs, Timed, ToolBefore,
 };

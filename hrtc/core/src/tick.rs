@@ -36,7 +36,9 @@ use crate::policy::reactive::Load;
 use crate::record::CoreRecord;
 use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
-use crate::tuning::governor::{ENTRIES_SHARE, UPKEEP_SHARE, USUAL_TOOL_UNITS};
+use crate::tuning::governor::{
+    ENTRIES_SHARE, LAST_REFINEMENT, LAST_STEP, UPKEEP_SHARE, USUAL_TOOL_UNITS,
+};
 use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION};
 use crate::tuning::streaming::MIN_UNITS;
 use geometry::{Pose, Wrench};
@@ -65,10 +67,41 @@ pub enum Stage {
     BroadPhase,
 }
 
+/// Kinds of work that end where the time of a tick is over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Timed {
+    /// Received data, splits and collapses: by [`LAST_REFINEMENT`] of the period.
+    Refinement,
+    /// Steps and searches of the proxies: by [`LAST_STEP`].
+    Contact,
+}
+
+impl Timed {
+    /// All.
+    pub const ALL: [Self; 2] = [Self::Refinement, Self::Contact];
+
+    /// The share of a period, from its planned start, after which none begins.
+    #[must_use]
+    pub fn last_begin(self) -> f64 {
+        match self {
+            Self::Refinement => LAST_REFINEMENT,
+            Self::Contact => LAST_STEP,
+        }
+    }
+}
+
 /// Observer of the ends of stages: a shell measures them without giving the core a clock.
+///
+/// It also tells whether the time for a kind of work is over. That is an input of the tick: a
+/// recording has the answers (`hrtc`'s `TimeAnswers`), and gives the same bits by them.
 pub trait StageObserver {
     /// A stage has ended.
     fn ended(&mut self, stage: Stage);
+
+    /// Whether no more of a kind of work is to begin in this tick. Once it is over it stays so.
+    fn is_over(&mut self, _work: Timed) -> bool {
+        false
+    }
 
     /// The tool of a probe is about to be advanced: what a reference needs to do the same.
     fn tool_before(&mut self, _probe: usize, _tool: &ToolBefore<'_>) {}
@@ -184,10 +217,10 @@ impl Controller {
         let elapsed = self.begin(tick);
         self.sample(inputs, elapsed);
         self.governor.begin_tick(self.active.near_pairs());
-        let mut budget = self.budget();
+        let mut budget = self.budget(observer);
         let upkeep = budget.upkeep;
         record.unserved = self.activate(inputs, &mut budget, &mut outputs.outbox);
-        observer.ended(Stage::BroadPhase);
+        budget.ended(Stage::BroadPhase);
 
         budget.ingest = self.ingest_units(waiting);
         outputs.chunks_consumed = self.receive(inputs, &mut budget, &mut record);
@@ -198,7 +231,7 @@ impl Controller {
         self.governor.time.charge_inbox(record.work_units, requests);
         // Received data and operations share their time.
         budget.limit_faces(self.governor.time.faces());
-        observer.ended(Stage::Inbox);
+        budget.ended(Stage::Inbox);
 
         self.refine(&mut budget, &mut record, upkeep);
         observer.ended(Stage::Refine);
@@ -266,11 +299,12 @@ impl Controller {
     }
 
     /// The work of a tick, but for received data.
-    fn budget(&self) -> Budget {
+    fn budget<'a>(&self, observer: &'a mut dyn StageObserver) -> Budget<'a> {
         let time = &self.governor.time;
         let operations = self.operations as u32;
         let upkeep = CHANGES_PER_UNIT.saturating_mul(time.entries(UPKEEP_SHARE));
         let mut budget = Budget {
+            observer,
             ingest: 0,
             operations: operations * if is(Mutant::Budget) { 4 } else { 1 },
             faces: u32::MAX,
@@ -363,7 +397,7 @@ impl Controller {
         let with_tool = pairs.iter().any(|&pair| is_tool(objects, pair));
         let probes = pairs.iter().map(|&(_, probe)| probe);
         let units = time.query_units(with_tool);
-        let mut budget = QueryBudget::new(&self.work, units, probes);
+        let mut budget = QueryBudget::new(&self.work, units, probes, observer);
         // A tool may need several ticks with all time that there is.
         let is_short = !with_tool || f64::from(units) < USUAL_TOOL_UNITS;
         for &(k, probe) in pairs {
@@ -374,7 +408,7 @@ impl Controller {
                     surface,
                     goal,
                 };
-                observer.tool_before(probe, &tool);
+                budget.observer.tool_before(probe, &tool);
             }
             objects[k].find_contact(tick, (probe, &self.probes[probe]), &mut budget);
             let of_tool = is_tool(objects, (k, probe));

@@ -26,6 +26,11 @@ pub mod governor {
     /// (`realtime::pacer`); the rest is for what costs do not tell, such as a cold cache: on the
     /// reference machine a tick takes up to 1.4 times what it should.
     pub const TIME_SHARE: f64 = 0.6;
+    /// Shares of a period, counted from where it was planned to begin, after which no split, collapse
+    /// or record, and no step or search of a proxy, begins any more: where a tick takes longer than
+    /// its work should. What was begun ends, and limits, forces and their sending come after it.
+    pub const LAST_REFINEMENT: f64 = 0.5;
+    pub const LAST_STEP: f64 = 0.6;
     /// Weight of what is believed of the machine, in shares of what a tick may spend.
     pub const SHORT_SHARE: f64 = 0.25;
     /// Time in which what is believed falls to a third where the machine is fast again.
@@ -322,6 +327,11 @@ pub mod probe {
     /// Pairs of nodes of a tool and an object, or what costs as much, that a unit of work pays for:
     /// with all units of a tick it stays within a period of a millisecond (measured).
     pub const PAIRS_A_UNIT: u32 = 12;
+    /// Work of a ball (nodes and faces), and of a tool (pairs of nodes), after which the time of the
+    /// tick is asked about: some two microseconds of the reference machine, a hundredth of what
+    /// asking costs.
+    pub const BALL_INTERVAL: u32 = 40;
+    pub const TOOL_INTERVAL: u32 = 160;
 }
 
 /// The forces. The perception limits are in [`crate::perception`].

@@ -18,6 +18,16 @@ impl SlowThread {
         Self { factor, began_ns }
     }
 
+    /// How much longer the part so far takes on the slower machine, ns: what is spun at its end.
+    #[must_use]
+    pub fn owed_ns(&self) -> u64 {
+        if self.factor <= 1.0 {
+            return 0;
+        }
+        let own = thread_cpu_ns() - self.began_ns;
+        ((self.factor - 1.0) * own as f64) as u64
+    }
+
     /// Spins until the part has taken so many times its own processor time; then the next begins.
     pub fn end_part(&mut self) {
         if self.factor <= 1.0 {

@@ -6,11 +6,12 @@
 
 use super::RecordingError;
 use crate::tick_record::TickRecord;
+use crate::time_answers::RecordedAnswers;
 use crate::tuning::KEYFRAME_STACK_BYTES;
 use bytemuck::Zeroable;
 use geometry::Wrench;
 use hrtc_core::streaming::chunk::InboxChunk;
-use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
+use hrtc_core::{Controller, TickInputs, TickOutputs};
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Request};
 use serde::{Deserialize, Serialize};
 
@@ -147,7 +148,8 @@ impl Twin {
             self.controller.set_cache_limit(bytes as usize);
         }
         let outputs = &mut self.outputs;
-        self.controller.tick(&inputs, outputs, &mut NoObserver);
+        let mut answers = RecordedAnswers(record.time);
+        self.controller.tick(&inputs, outputs, &mut answers);
         let consumed = outputs.chunks_consumed.min(self.waiting.len());
         self.waiting.drain(..consumed);
         self.consumed += consumed as u64;

@@ -8,13 +8,14 @@ use super::probe_device::ProbeDevice;
 use super::shared::Shared;
 use crate::recorder::OutputTap;
 use crate::tick_record::{STAGES, TickRecord};
+use crate::time_answers::{NotedAnswers, TimeAnswers};
 use crate::tuning::{
     COMMAND_VALIDITY_NS, INBOX_CAPACITY, LOG_CAPACITY, MIN_PANIC_STEPS, OUT_CAPACITY, PANIC_RAMP_S,
 };
 use geometry::Wrench;
 use haptic_device::{Sample, TickTime, WrenchCommand};
 use hrtc_core::streaming::chunk::InboxChunk;
-use hrtc_core::{Capacity, Controller, Stage, StageObserver, TickInputs, TickOutputs};
+use hrtc_core::{Capacity, Controller, Stage, StageObserver, TickInputs, TickOutputs, Timed};
 use protocol::{ContactReport, Request};
 use realtime::counting_allocator;
 use realtime::pacer::{Pacer, Wake, Worked};
@@ -78,7 +79,7 @@ pub(super) struct TickThreadEnd {
     pub rings: Vec<Capacity>,
 }
 
-/// Wall time of each stage.
+/// Wall time of each stage, and whether the time of the tick is over.
 struct StageClock {
     /// See [`super::RunArgs::slow`].
     slow: SlowThread,
@@ -86,11 +87,18 @@ struct StageClock {
     last: u64,
     /// Wall time of each stage, ns.
     stages: [u32; STAGES.len()],
+    /// When the time for each of [`Timed::ALL`] is over, ns.
+    ends: [u64; Timed::ALL.len()],
+    answers: NotedAnswers,
 }
 
 impl StageClock {
-    fn start(slow: f64) -> Self {
+    /// For a tick that was planned to begin at a time, of a period, ns.
+    fn start(slow: f64, planned_ns: u64, period_ns: f64) -> Self {
+        let end = |work: Timed| planned_ns + (work.last_begin() * period_ns) as u64;
         Self {
+            ends: Timed::ALL.map(end),
+            answers: NotedAnswers::default(),
             slow: SlowThread::begin(slow),
             last: monotonic_ns(),
             stages: [0; STAGES.len()],
@@ -106,6 +114,12 @@ impl StageObserver for StageClock {
         let now = monotonic_ns();
         self.stages[stage as usize] = u32::try_from(now - self.last).unwrap_or(u32::MAX);
         self.last = now;
+    }
+
+    fn is_over(&mut self, work: Timed) -> bool {
+        let (slow, end) = (&self.slow, self.ends[work as usize]);
+        let is_over = || monotonic_ns() + slow.owed_ns() > end;
+        self.answers.answer(work, is_over)
     }
 }
 
@@ -151,6 +165,7 @@ struct Ticked {
     wrenches: [Wrench; MAX_PROBES],
     rises_again: bool,
     noted_work_ns: u32,
+    time: TimeAnswers,
     cache_limit: Option<u64>,
 }
 
@@ -279,7 +294,7 @@ impl TickThread {
         let slots = self.rings.inbox.slots();
         arrivals.arrived += (slots - arrivals.waiting) as u64;
         high_water.inbox = slots.max(high_water.inbox);
-        let mut clock = StageClock::start(self.slow);
+        let mut clock = StageClock::start(self.slow, wake.planned_ns, 1e9 / self.plan.rate_hz);
         let inputs = TickInputs {
             tick: wake.tick,
             samples: &samples[..self.devices.len()],
@@ -301,6 +316,7 @@ impl TickThread {
         Ticked {
             station,
             stages: clock.stages,
+            time: clock.answers.all(),
             allocations: (counting_allocator::calls() - calls) as u32,
             samples,
             wrenches: lasting.written,
@@ -540,6 +556,7 @@ fn record(wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &Lasting) -> T
         force_cut: lasting.force_cut,
         rises_again: ticked.rises_again,
         noted_work_ns: ticked.noted_work_ns,
+        time: ticked.time,
         cache_limit: ticked.cache_limit,
         wrenches: ticked.wrenches,
         contacts: std::array::from_fn(|k| outputs.contacts.get(k).copied().flatten()),

@@ -260,7 +260,7 @@ impl ActiveSet {
         objects: &mut [ActiveObject],
         taken: &mut u64,
         chunks: [&[InboxChunk]; 2],
-        context: &mut TickContext<'_>,
+        context: &mut TickContext<'_, '_>,
     ) -> usize {
         let [first, second] = chunks;
         for (k, chunk) in (0..MAX_CHUNKS).zip(first.iter().chain(second)) {

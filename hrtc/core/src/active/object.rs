@@ -226,7 +226,7 @@ impl ActiveObject {
     }
 
     /// Loads more of a stored base mesh.
-    pub(crate) fn load_stored(&mut self, context: &mut TickContext<'_>) {
+    pub(crate) fn load_stored(&mut self, context: &mut TickContext<'_, '_>) {
         if let Some((session, mut of)) = self.receiver() {
             session.load_stored(&mut of, context);
         }
@@ -240,7 +240,11 @@ impl ActiveObject {
     }
 
     /// Takes a chunk of the object as far as budget and room go. Returns whether it is done with.
-    pub(crate) fn receive(&mut self, chunk: &InboxChunk, context: &mut TickContext<'_>) -> bool {
+    pub(crate) fn receive(
+        &mut self,
+        chunk: &InboxChunk,
+        context: &mut TickContext<'_, '_>,
+    ) -> bool {
         self.receiver()
             .is_none_or(|(session, mut of)| session.receive(chunk, &mut of, context))
     }

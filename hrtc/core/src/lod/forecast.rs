@@ -109,7 +109,7 @@ impl ContactForecast {
                 continue;
             }
             let hint = Some(seen.face).filter(|&face| !is_new && surface.mesh.is_active(face));
-            let most = budget.for_searches();
+            let most = budget.for_look_ahead();
             if most == 0 {
                 continue;
             }

@@ -220,10 +220,10 @@ impl Front {
         }
         let landed = match approach.predictor.ahead(middle) {
             Some(ahead)
-                if is_local && is_close && ahead.is_finite() && budget.for_searches() > 0 =>
+                if is_local && is_close && ahead.is_finite() && budget.for_look_ahead() > 0 =>
             {
                 let hint = pair.hint.filter(|&face| surface.mesh.is_active(face));
-                let most = budget.for_searches();
+                let most = budget.for_look_ahead();
                 let (nearest, work, is_complete) = closest_point_within(surface, ahead, hint, most);
                 budget.charge_search(work);
                 nearest.filter(|_| is_complete).map(|n| n.closest.point)

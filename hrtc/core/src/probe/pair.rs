@@ -154,7 +154,8 @@ impl ProbeObjectPair {
     /// Moves the proxy, and measures the clearance, as far as the budget goes.
     pub fn advance(&mut self, surface: Surface<'_>, budget: &mut QueryBudget) -> Option<ProxyStep> {
         let goal = self.goal?;
-        let mut step = self.proxy.advance(surface, &goal, budget.for_proxy());
+        let most = budget.for_proxy();
+        let mut step = self.proxy.advance(surface, &goal, most, budget);
         budget.charge_proxy(step.work);
         let hint = self.hint.filter(|&face| surface.mesh.is_active(face));
         let (nearest, work, is_complete) = self.proxy.nearest(surface, hint, budget.for_searches());

@@ -3,14 +3,14 @@
 
 use crate::contact::coupling::Coupling;
 use crate::contact::motion::Twist;
-use crate::contact::query::{Nearest, Surface, Work, closest_point_within};
+use crate::contact::query::{Deadline, Limit, Nearest, Surface, Work, closest_point_within};
 use crate::contact::rigid_proxy::projection::MAX_ACTIVE;
 use crate::contact::rigid_proxy::{Imperceptible, Part, ToolContact, ToolProxy};
 use crate::contact::sphere_proxy::{Contact, MAX_PUSHING, Proxy};
 use crate::contact::tool::{Tool, ToolMesh};
 use crate::force::effects::contact_set::Push;
 use crate::force::passivity::CouplingSpring;
-use crate::tuning::probe::PAIRS_A_UNIT;
+use crate::tuning::probe::{BALL_INTERVAL, PAIRS_A_UNIT, TOOL_INTERVAL};
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use mutants::{Mutant, is};
@@ -296,11 +296,19 @@ impl ProxyKind {
         }
     }
 
-    /// As close to the device as the surface lets it, in steps that cost no more than `max_work`.
-    pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, max_work: u32) -> ProxyStep {
+    /// As close to the device as the surface lets it, in steps that take no more than `max_work` and end
+    /// when a deadline says so.
+    pub fn advance(
+        &mut self,
+        surface: Surface<'_>,
+        goal: &Pose,
+        max_work: u32,
+        deadline: &mut dyn Deadline,
+    ) -> ProxyStep {
         match self {
             Self::Ball(ball) => ball.0.as_mut().map_or(ProxyStep::NOTHING, |proxy| {
-                let advance = proxy.advance(surface, goal.position, max_work);
+                let limit = Limit::new(max_work, BALL_INTERVAL, deadline);
+                let advance = proxy.advance(surface, goal.position, limit);
                 ProxyStep {
                     contact: advance.contact,
                     work: advance.work,
@@ -311,7 +319,10 @@ impl ProxyKind {
                     stuck: false,
                 }
             }),
-            Self::Tool(tool) if tool.has_room => tool.advance(surface, goal, max_work),
+            Self::Tool(tool) if tool.has_room => {
+                let budget = max_work.saturating_mul(PAIRS_A_UNIT);
+                tool.advance(surface, goal, Limit::new(budget, TOOL_INTERVAL, deadline))
+            }
             Self::Tool(_) => ProxyStep::NOTHING,
         }
     }
@@ -448,9 +459,8 @@ impl ToolKind {
         torque / self.proxy.gyration()
     }
 
-    fn advance(&mut self, surface: Surface<'_>, goal: &Pose, max_work: u32) -> ProxyStep {
-        let budget = max_work.saturating_mul(PAIRS_A_UNIT);
-        let advance = self.proxy.advance(surface, goal, budget);
+    fn advance(&mut self, surface: Surface<'_>, goal: &Pose, limit: Limit<'_>) -> ProxyStep {
+        let advance = self.proxy.advance(surface, goal, limit);
         let contacts = advance.contacts();
         self.touched = middle(contacts);
         self.pushing_count = contacts.len();

@@ -32,12 +32,14 @@ impl Session {
         &mut self,
         chunk: &InboxChunk,
         of: &mut Receiver<'_>,
-        context: &mut TickContext<'_>,
+        context: &mut TickContext<'_, '_>,
     ) -> Taken {
         let tick = context.tick;
         let budget = &mut *context.budget;
         let whole_chunk = AnswersReader::new(chunk.header.count);
         let mut reader = self.progress.reader.unwrap_or(whole_chunk);
+        // One item is taken in any case, so that a machine that is always late gets on.
+        let mut has_taken = false;
         loop {
             // Everything before is done; an item that has to wait is read again.
             self.progress.reader = Some(reader);
@@ -47,12 +49,13 @@ impl Session {
                 Err(_) => return Taken::Gap,
             };
             let cost = cost_of(&item);
-            if budget.ingest < cost {
+            if budget.ingest < cost || (has_taken && budget.is_over()) {
                 budget.ingest = 0;
                 return Taken::Part;
             }
             if let AnswerItem::Part(head) = item {
                 budget.ingest -= cost;
+                has_taken = true;
                 self.progress.done += 1;
                 self.begin_answer(&head, &mut of.front.cache, context.meter, tick);
                 continue;
@@ -72,6 +75,7 @@ impl Session {
                 continue;
             }
             budget.ingest -= cost;
+            has_taken = true;
             let taken = self.take_item(&item, (chunk, &mut reader), region, of, (tick, budget));
             if taken.is_ok() && matches!(item, AnswerItem::End(head) if head.is_last()) {
                 context.meter.region_ended();

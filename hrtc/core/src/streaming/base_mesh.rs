@@ -16,7 +16,7 @@ impl Session {
         &mut self,
         chunk: &InboxChunk,
         of: &mut Receiver<'_>,
-        context: &mut TickContext<'_>,
+        context: &mut TickContext<'_, '_>,
     ) -> Taken {
         // An object that loads a stored base mesh has its model and requests none.
         if self.fault.is_some() || self.loading.is_some() {
@@ -57,7 +57,7 @@ impl Session {
         header: &ModelHeader,
         chunk: &InboxChunk,
         of: &mut Receiver<'_>,
-        context: &mut TickContext<'_>,
+        context: &mut TickContext<'_, '_>,
     ) -> Taken {
         let end = model_slots(header) as u32;
         // A repeated answer (after an epoch ended) starts anew: the same values are set again.
@@ -91,7 +91,7 @@ impl Session {
 
     /// Loads more of a stored base mesh, while the object becomes active; with half of the tick's
     /// budget at the most, so that records for other objects go on arriving.
-    pub fn load_stored(&mut self, of: &mut Receiver<'_>, context: &mut TickContext<'_>) {
+    pub fn load_stored(&mut self, of: &mut Receiver<'_>, context: &mut TickContext<'_, '_>) {
         let Some(mut place) = self.loading else {
             return;
         };
@@ -129,7 +129,7 @@ impl Session {
         &mut self,
         header: ModelHeader,
         of: &mut Receiver<'_>,
-        context: &mut TickContext<'_>,
+        context: &mut TickContext<'_, '_>,
     ) {
         let instance = of.instance;
         if !of.front.cache.mesh().base_is_consistent() {
@@ -161,7 +161,7 @@ impl Session {
 fn begin_model(
     chunk: &InboxChunk,
     of: &mut Receiver<'_>,
-    context: &mut TickContext<'_>,
+    context: &mut TickContext<'_, '_>,
 ) -> Result<ModelHeader, Fault> {
     let raw: &[u8] = bytemuck::cast_slice(&chunk.slots);
     let header: ModelHeader = bytemuck::pod_read_unaligned(&raw[..size_of::<ModelHeader>()]);

@@ -27,8 +27,7 @@ use protocol::{AnswersReader, ChunkKind, MODEL_HEADER_SLOTS, MeasuredError, Refu
 use spm::{ModelHeader, NONE};
 
 /// Parts of the tick that received data may change.
-#[derive(Debug)]
-pub struct TickContext<'a> {
+pub struct TickContext<'a, 'b> {
     /// Index of the tick.
     pub tick: u64,
     /// Base meshes of all models.
@@ -36,7 +35,7 @@ pub struct TickContext<'a> {
     /// All probes: their scripted paths arrive with the chunks.
     pub probes: &'a mut [Probe],
     /// Remaining work of the tick.
-    pub budget: &'a mut Budget,
+    pub budget: &'a mut Budget<'b>,
     /// Of the link to the station.
     pub meter: &'a mut LinkMeter,
 }
@@ -240,7 +239,7 @@ impl Session {
         &mut self,
         chunk: &InboxChunk,
         of: &mut Receiver<'_>,
-        context: &mut TickContext<'_>,
+        context: &mut TickContext<'_, '_>,
     ) -> bool {
         if self.is_ended() {
             return true;
@@ -288,7 +287,7 @@ impl Session {
         }
     }
 
-    fn end_epoch(&mut self, of: &mut Receiver<'_>, context: &mut TickContext<'_>) {
+    fn end_epoch(&mut self, of: &mut Receiver<'_>, context: &mut TickContext<'_, '_>) {
         self.subscriber.end_epoch(context.tick, &mut of.front.cache);
         self.progress.next_chunk();
     }
@@ -297,7 +296,7 @@ impl Session {
         &mut self,
         chunk: &InboxChunk,
         of: &mut Receiver<'_>,
-        context: &mut TickContext<'_>,
+        context: &mut TickContext<'_, '_>,
     ) -> Taken {
         match ChunkKind::from_code(chunk.header.kind) {
             Some(ChunkKind::Model) => {
@@ -331,7 +330,7 @@ impl Session {
         &mut self,
         chunk: &InboxChunk,
         of: &Receiver<'_>,
-        context: &mut TickContext<'_>,
+        context: &mut TickContext<'_, '_>,
     ) -> Taken {
         let probe = self.tour_probe.map(|k| &mut context.probes[k]);
         let Some(tour) = probe.and_then(|probe| probe.tour.as_mut()) else {
@@ -375,7 +374,7 @@ impl Session {
         &mut self,
         chunk: &InboxChunk,
         of: &mut Receiver<'_>,
-        context: &mut TickContext<'_>,
+        context: &mut TickContext<'_, '_>,
     ) {
         let header = &chunk.header;
         match Refusal::from_code(header.code) {

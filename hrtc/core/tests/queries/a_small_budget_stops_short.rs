@@ -31,7 +31,8 @@ fn every_face_of_the_ball_that_is_left_is_known() {
             let point = corner + random.vector() * front.diagonal() * 0.02;
             let asked = front.diagonal() * [0.03, 0.2][random.below(2) as usize];
             let most = budget(&mut random);
-            let (is_all, work) = near.collect(front.surface(), (point, asked), MAX_FACES, most);
+            let (is_all, work) =
+                near.collect(front.surface(), (point, asked), MAX_FACES, &mut most.into());
             assert!(
                 work.nodes + work.faces <= most,
                 "{name}: {work:?} of {most}"

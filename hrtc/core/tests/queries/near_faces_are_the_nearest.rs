@@ -18,8 +18,12 @@ fn every_face_of_the_ball_is_gathered_and_the_ball_is_the_largest_that_fits() {
                 let (_, [corner, ..]) = front.any_face(&mut random);
                 let point = corner + random.vector() * front.diagonal() * 0.01;
                 let asked = front.diagonal() * [0.003, 0.03, 0.3, 2.0][k % 4];
-                let (is_all, _) =
-                    near.collect(front.surface(), (point, asked), MAX_FACES, u32::MAX);
+                let (is_all, _) = near.collect(
+                    front.surface(),
+                    (point, asked),
+                    MAX_FACES,
+                    &mut u32::MAX.into(),
+                );
                 assert!(is_all);
                 let ball = near.margin(point);
                 assert!(ball <= asked, "{name}");
@@ -60,7 +64,12 @@ fn a_ball_of_everything_costs_little_more_than_what_fits() {
     for _ in 0..50 {
         let (_, [corner, ..]) = front.any_face(&mut random);
         let asked = 2.0 * front.diagonal();
-        let (_, work) = near.collect(front.surface(), (corner, asked), MAX_FACES, u32::MAX);
+        let (_, work) = near.collect(
+            front.surface(),
+            (corner, asked),
+            MAX_FACES,
+            &mut u32::MAX.into(),
+        );
         // Without an order every one of the faces would be tested.
         let most = 8 * MAX_FACES as u32;
         assert!(

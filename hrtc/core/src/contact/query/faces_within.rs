@@ -1,6 +1,6 @@
 //! All faces of the front within a distance of a point, the nearer part of the tree first.
 
-use super::{Stack, Surface, Work};
+use super::{Limit, Stack, Surface, Work};
 use ab_tree::Child;
 use geometry::{BoxBound, BoxQuery, ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
@@ -14,16 +14,16 @@ pub fn faces_within(
     distance: f64,
     visit: impl FnMut(Handle, ClosestPoint) -> f64,
 ) -> Work {
-    faces_within_budget(surface, point, distance, u32::MAX, visit).1
+    faces_within_limited(surface, point, distance, &mut u32::MAX.into(), visit).1
 }
 
-/// The same, but no node or face is begun after `max_work` of them. Returns as well a lower bound
-/// of the distance of those that were not visited for want of work: infinite if none.
-pub fn faces_within_budget(
+/// The same, but no node or face is begun beyond the limit. Returns as well a lower bound of the
+/// distance of those that were not visited for it: infinite if none.
+pub fn faces_within_limited(
     surface: Surface<'_>,
     point: DVec3,
     distance: f64,
-    max_work: u32,
+    limit: &mut Limit<'_>,
     mut visit: impl FnMut(Handle, ClosestPoint) -> f64,
 ) -> (f64, Work) {
     let mut work = Work::default();
@@ -33,7 +33,7 @@ pub fn faces_within_budget(
     let mut stack = Stack::new();
     let mut next = surface.tree.root();
     while let Some(child) = next {
-        if work.nodes + work.faces >= max_work {
+        if limit.is_reached(work.nodes + work.faces) {
             return (stack.distance_squared(surface, child, point).sqrt(), work);
         }
         next = match child {

@@ -15,13 +15,15 @@
 mod body;
 mod closest_point;
 mod faces_within;
+mod limit;
 mod near_faces;
 mod swept_sphere;
 mod tree_pairs;
 
 pub use body::{Body, Placed};
 pub use closest_point::{Nearest, closest_point, closest_point_within};
-pub use faces_within::{faces_within, faces_within_budget};
+pub use faces_within::{faces_within, faces_within_limited};
+pub use limit::{Deadline, Limit};
 pub use near_faces::{MAX_FACES, NearFace, NearFaces};
 pub use swept_sphere::{SweepHit, swept_sphere, swept_sphere_budget};
 pub use tree_pairs::{

@@ -6,7 +6,7 @@
 //! bound, and most faces are skipped without a look at their corners.
 
 use super::swept_sphere::first_contact;
-use super::{Surface, SweepHit, Work, faces_within_budget};
+use super::{Limit, Surface, SweepHit, Work, faces_within_limited};
 use geometry::{ClosestPoint, closest_point_on_triangle};
 use glam::DVec3;
 use spm::{Handle, NONE};
@@ -93,14 +93,14 @@ impl NearFaces {
     }
 
     /// Collects all faces within `radius` of `centre`. If there are more than `room`, 1 to
-    /// [`MAX_FACES`], the ball shrinks to those it holds; if `max_work` does not suffice, to where
-    /// all were visited: that is returned as false.
+    /// [`MAX_FACES`], the ball shrinks to those it holds; if the limit is reached, to where all
+    /// were visited: that is returned as false.
     pub fn collect(
         &mut self,
         surface: Surface<'_>,
         (centre, radius): (DVec3, f64),
         room: usize,
-        max_work: u32,
+        limit: &mut Limit<'_>,
     ) -> (bool, Work) {
         assert!((1..=MAX_FACES).contains(&room), "room for a face");
         self.centre = centre;
@@ -108,7 +108,7 @@ impl NearFaces {
         self.count = 0;
         self.room = room;
         let (unvisited, work) =
-            faces_within_budget(surface, centre, radius, max_work, |face, closest| {
+            faces_within_limited(surface, centre, radius, limit, |face, closest| {
                 let distance = closest.distance_squared.sqrt();
                 if distance >= self.radius && self.radius < radius {
                     return self.radius;

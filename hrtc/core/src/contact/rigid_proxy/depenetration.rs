@@ -261,7 +261,9 @@ impl ToolProxy {
         let tube = LookAheadTube::along(*at, still, 0.0, margin, &self.shape);
         // What the candidates cost, too, once they are known.
         let most = budget.saturating_sub(answer.spent) / 2;
-        let (ending, work) = self.near.collect(surface, &self.shape, tube, most);
+        let (ending, work) = self
+            .near
+            .collect(surface, &self.shape, tube, &mut most.into());
         answer.work.add(work);
         answer.spent += work.cost();
         if self.near.tube.left() <= 0.0 {

@@ -50,7 +50,7 @@ pub use shape::ToolProxyError;
 
 use crate::contact::coupling::{Coupling, about};
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{PairWork, Surface};
+use crate::contact::query::{Limit, PairWork, Surface};
 use crate::contact::tool::Tool;
 use crate::perception::StepLimit;
 use bounding_balls::{Ball, bounding_balls};
@@ -387,9 +387,16 @@ impl ToolProxy {
     }
 
     /// One tick: as close to `goal` (the device, model units) as the surface allows, at a cost of
-    /// at most `budget` node pairs. The next ticks do the remaining work, from a safe placement;
+    /// at most `limit` node pairs. The next ticks do the remaining work, from a safe placement;
     /// the ending says so.
-    pub fn advance(&mut self, surface: Surface<'_>, goal: &Pose, budget: u32) -> ToolAdvance {
+    pub fn advance<'a>(
+        &mut self,
+        surface: Surface<'_>,
+        goal: &Pose,
+        limit: impl Into<Limit<'a>>,
+    ) -> ToolAdvance {
+        let mut limit = limit.into();
+        let budget = limit.max_work();
         let mut answer = ToolAdvance::new();
         let Some(goal) = self.placement(goal) else {
             self.rejected += 1;
@@ -434,7 +441,8 @@ impl ToolProxy {
         answer.is_stuck = self.state == State::Stuck;
         match self.state {
             State::Clear => {
-                self.take_steps(surface, &start, travelled, budget, &mut answer);
+                let limit = limit.with_work(budget);
+                self.take_steps(surface, &start, travelled, limit, &mut answer);
                 self.limit_target_rate(travelled);
             }
             _ => {

@@ -6,7 +6,7 @@ use super::mesh_change::MeshChange;
 use super::sweep::free_share;
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Ending, PairWork, Surface};
+use crate::contact::query::{Ending, Limit, PairWork, Surface};
 
 /// Separation that the sweep keeps, as a share of the contact offset.
 const MIN_SEPARATION: f64 = 0.5;
@@ -61,6 +61,7 @@ pub(super) struct TickSteps<'a> {
     /// Contact offset, model units.
     pub(super) offset: f64,
     pub(super) budget: u32,
+    limit: Limit<'a>,
     /// Cost within which further work is begun.
     allowance: u32,
     has_collected: bool,
@@ -68,6 +69,16 @@ pub(super) struct TickSteps<'a> {
     needs_candidates: bool,
     did_not_move: bool,
     pub(super) last: LastStep,
+}
+
+impl TickSteps<'_> {
+    /// Whether further work of a cost may begin. The first collection of a tick always may, and the
+    /// first step: after a collection while there is time, else in the next tick.
+    fn may_go_on(&mut self, answer: &ToolAdvance, cost: u32) -> bool {
+        let is_first = answer.steps == 0;
+        let is_in_time = (is_first && !self.has_collected) || !self.limit.is_over();
+        is_in_time && (is_first || answer.spent + cost <= self.allowance)
+    }
 }
 
 /// What follows a part of a tick.
@@ -82,14 +93,15 @@ enum Next {
 
 impl ToolProxy {
     /// The steps of a tick that began at `start`; depenetration may have moved the tool since.
-    pub(super) fn take_steps(
+    pub(super) fn take_steps<'a>(
         &mut self,
-        surface: Surface<'_>,
+        surface: Surface<'a>,
         start: &Placement,
         travelled: f64,
-        budget: u32,
+        limit: Limit<'a>,
         answer: &mut ToolAdvance,
     ) {
+        let budget = limit.max_work();
         let mut tick = TickSteps {
             surface,
             start: *start,
@@ -98,6 +110,7 @@ impl ToolProxy {
             look_around: (LOOK_AROUND * self.shape.gyration).max(self.moving_offset),
             offset: self.contact_offset(),
             budget,
+            limit,
             allowance: budget - budget / RESERVE,
             has_collected: false,
             failures: 0,
@@ -120,7 +133,7 @@ impl ToolProxy {
                 Next::Step
             };
             if next == Next::Step {
-                next = if answer.steps > 0 && answer.spent + self.step_cost > tick.allowance {
+                next = if !tick.may_go_on(answer, self.step_cost) {
                     Next::End
                 } else {
                     self.step(&mut tick, (&wanted, likely), answer)
@@ -158,7 +171,7 @@ impl ToolProxy {
         }
         // A collection that ends in another tick leaves this one without candidates.
         let cost = self.collection.cost() + self.step_cost.max(self.collection.cost());
-        if answer.steps > 0 && answer.spent + cost > tick.allowance {
+        if !tick.may_go_on(answer, cost) {
             return Next::End;
         }
         let remaining = likely.farthest(self.shape.radius);
@@ -391,7 +404,7 @@ impl ToolProxy {
     /// is known, or a part that the next tick completes.
     fn collect_candidates(
         &mut self,
-        tick: &TickSteps<'_>,
+        tick: &mut TickSteps<'_>,
         path: Twist,
         most: u32,
         answer: &mut ToolAdvance,
@@ -401,7 +414,8 @@ impl ToolProxy {
         let skin = tick.look_around.min(self.look_ahead) + SKIN_SHARE * length;
         let tube = LookAheadTube::along(self.at, path, offset, skin, &self.shape);
         self.stops.clear();
-        let (ending, work) = self.near.collect(tick.surface, &self.shape, tube, most);
+        let limit = &mut tick.limit.with_work(most);
+        let (ending, work) = self.near.collect(tick.surface, &self.shape, tube, limit);
         answer.work.add(work);
         answer.spent += work.cost();
         self.collection = work;

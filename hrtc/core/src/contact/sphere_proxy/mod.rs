@@ -20,7 +20,7 @@ pub use constraints::MAX_CONSTRAINTS;
 
 use crate::contact::carried::carried;
 use crate::contact::query::{
-    MAX_FACES, NearFaces, Nearest, Surface, Work, closest_point_within, swept_sphere_budget,
+    Limit, MAX_FACES, NearFaces, Nearest, Surface, Work, closest_point_within, swept_sphere_budget,
 };
 use constraints::Constraints;
 use glam::DVec3;
@@ -126,10 +126,11 @@ struct StepCosts {
 impl StepCosts {
     /// Whether another step may begin where so much was spent, which goes twice through so many
     /// faces that are known; the first one always may.
-    fn may_begin(&mut self, spent: u32, known: usize, most: u32) -> bool {
+    fn may_begin(&mut self, spent: u32, known: usize, limit: &mut Limit<'_>) -> bool {
         self.costliest = self.costliest.max(spent - self.so_far);
         self.so_far = spent;
-        spent == 0 || spent + self.costliest.max(2 * known as u32) <= most
+        let cost = self.costliest.max(2 * known as u32);
+        spent == 0 || (spent + cost <= limit.max_work() && !limit.is_over())
     }
 }
 
@@ -224,11 +225,16 @@ impl Proxy {
 
     /// One tick: as close to `goal` (the device, model units, finite) as the surface allows.
     ///
-    /// It takes no more than `most_work` nodes and faces. A step looks around with three quarters
+    /// It takes no more nodes and faces than the limit says. A step looks around with three quarters
     /// of what is left, and goes as far as the rest shows the way to be free; none but the first
     /// begins unless there is as much left as the most costly one before took. The next tick does
     /// the remaining work.
-    pub fn advance(&mut self, surface: Surface<'_>, goal: DVec3, most_work: u32) -> Advance {
+    pub fn advance<'a>(
+        &mut self,
+        surface: Surface<'_>,
+        goal: DVec3,
+        limit: impl Into<Limit<'a>>,
+    ) -> Advance {
         if !self.placed {
             self.place(goal);
         }
@@ -238,7 +244,7 @@ impl Proxy {
         self.is_behind = false;
         // Splits and collapses may have changed any face since the last tick.
         self.near.invalidate();
-        let mut advance = self.take_steps(surface, moved, most_work);
+        let mut advance = self.take_steps(surface, moved, limit.into());
         self.missed_motion = if advance.is_cut {
             (moved - start.distance(self.position)).max(0.0)
         } else {
@@ -251,7 +257,7 @@ impl Proxy {
     }
 
     /// The steps of a tick in which the device moved so far.
-    fn take_steps(&mut self, surface: Surface<'_>, moved: f64, most_work: u32) -> Advance {
+    fn take_steps(&mut self, surface: Surface<'_>, moved: f64, mut limit: Limit<'_>) -> Advance {
         let mut work = Work::default();
         let (goal, start) = (self.goal, self.position);
         // Faces farther than the motion of the device in this tick matter only to the sweep.
@@ -264,14 +270,16 @@ impl Proxy {
         let mut costs = StepCosts::default();
         let (mut is_cut, mut has_looked) = (false, true);
         for _ in 0..STEPS {
-            if !costs.may_begin(work.nodes + work.faces, self.near.count(), most_work) {
+            if !costs.may_begin(work.nodes + work.faces, self.near.count(), &mut limit) {
                 break;
             }
             let wanted = goal - self.position;
             let length = wanted.length();
             let reach = reach.min(length + 1e-3 * self.radius);
+            let most_work = limit.max_work();
             let left = |work: &Work| most_work.saturating_sub(work.nodes + work.faces);
-            has_looked &= self.collect_near(surface, reach, left(&work), &mut work);
+            let to_look = &mut limit.with_work(left(&work));
+            has_looked &= self.collect_near(surface, reach, to_look, &mut work);
             is_cut |= !has_looked;
             // Half of the skin: not a face at which the ball rests, but each that stops the sweep.
             let radii = [self.radius, 0.5 * (self.radius + skin_radius)];
@@ -293,7 +301,9 @@ impl Proxy {
                 && motion.length() <= reach
                 && self.constraints.dropped() == 0
                 && self.near.covers(self.position, self.radius + reach);
-            let swept = (known, skin_radius, left(&work));
+            // Where there is no time left, it goes as far as it knows.
+            let to_sweep = if limit.is_over() { 0 } else { left(&work) };
+            let swept = (known, skin_radius, to_sweep);
             let (fraction, is_whole) = self.free_fraction(surface, motion, swept, &mut work);
             is_cut |= !is_whole;
             self.settled = self.position + motion * if is_whole { fraction } else { 1.0 };
@@ -343,12 +353,12 @@ impl Proxy {
     }
 
     /// Collects the faces near the proxy unless those within `reach` are known, with three quarters
-    /// of `max_work`. Whether they sufficed.
+    /// of the limit. Whether they sufficed.
     fn collect_near(
         &mut self,
         surface: Surface<'_>,
         reach: f64,
-        max_work: u32,
+        limit: &mut Limit<'_>,
         work: &mut Work,
     ) -> bool {
         let covers = self.near.covers(self.position, self.radius + reach);
@@ -356,10 +366,11 @@ impl Proxy {
             return true;
         }
         let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
+        let max_work = limit.max_work();
         let room = ((max_work / WORK_PER_FACE) as usize).clamp(MIN_FACES, MAX_FACES);
-        let to_look = max_work - max_work / 4;
+        let mut to_look = limit.with_work(max_work - max_work / 4);
         let of = (self.position, ball);
-        let (is_all, cost) = self.near.collect(surface, of, room, to_look);
+        let (is_all, cost) = self.near.collect(surface, of, room, &mut to_look);
         work.add(cost);
         is_all
     }

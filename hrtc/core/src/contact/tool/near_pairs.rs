@@ -7,7 +7,7 @@
 //! slim boxes.
 
 use super::block_tree::{BlockSet, Blocks, BoxWithin, Distance, Slab};
-use crate::contact::query::{Body, Ending, PairWork, STACK, Surface};
+use crate::contact::query::{Body, Ending, Limit, PairWork, STACK, Surface};
 use ab_tree::{Child, NodeId};
 use geometry::Aabb;
 use glam::{DMat3, DVec3, Mat3A, Vec3A};
@@ -199,7 +199,7 @@ pub(crate) fn for_each_face_near(
 /// slightly farther, face by face of the surface from `resume` on.
 ///
 /// `visit` breaks, or returns the margin from then on (not negative), so that a full list continues
-/// with a smaller one. The search ends before its [`PairWork::cost`] exceeds `budget` and returns
+/// with a smaller one. The search ends before its [`PairWork::cost`] exceeds the limit and returns
 /// where to continue: at a face of which a part may have been visited. At budgets of [`MIN_BUDGET`]
 /// or more the first face is finished even over budget, so every call makes progress.
 pub(crate) fn for_each_near_pair(
@@ -208,12 +208,13 @@ pub(crate) fn for_each_near_pair(
     path: &RelativePath,
     margin: f64,
     resume: Resume,
-    budget: u32,
+    limit: &mut Limit<'_>,
     mut visit: impl FnMut(Handle, Handle) -> ControlFlow<(), f64>,
 ) -> (Ending, PairWork, Resume) {
     let Some(root) = surface.tree.root() else {
         return (Ending::Complete, PairWork::default(), resume);
     };
+    let budget = limit.max_work();
     let root = Entry {
         child: root,
         near: tool.whole(),
@@ -234,7 +235,8 @@ pub(crate) fn for_each_near_pair(
     while search.count > 0 {
         let entry = search.stack[search.count - 1];
         let left = budget.saturating_sub(search.work.cost());
-        if search.min_cost(&entry) > left {
+        let is_over = search.is_bound && limit.is_reached(search.work.cost());
+        if search.min_cost(&entry) > left || is_over {
             let unvisited = search.count as u32;
             let next = Resume::at(search.key_of(entry.child));
             return (Ending::OutOfBudget { unvisited }, search.work, next);

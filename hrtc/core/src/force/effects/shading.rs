@@ -23,7 +23,7 @@
 use super::contact_set::{Acting, MAX_CONTACTS};
 use super::nearest_faces::{FaceNear, NearestFaces};
 use super::{ContactSample, Rendered};
-use crate::contact::query::{Work, faces_within_budget};
+use crate::contact::query::{Work, faces_within_limited};
 use geometry::ClosestPoint;
 use glam::DVec3;
 use mutants::{Mutant, is};
@@ -134,7 +134,8 @@ impl Shading {
                 distance_squared: closest.distance_squared,
             })
         };
-        let (unvisited, work) = faces_within_budget(at.surface, centre, within, most, visit);
+        let limit = &mut most.into();
+        let (unvisited, work) = faces_within_limited(at.surface, centre, within, limit, visit);
         let is_short = unvisited < within;
         self.high_water = self.high_water.max(nearest.all().len());
         self.cut += u64::from(nearest.is_cut() || is_short);

@@ -4,7 +4,7 @@ use super::{
     Direction, LookAheadTube, MAX_PAIRS, MAX_SURFACE_FACES, NearPair, Neighbourhood, ToolShape,
     normal_of,
 };
-use crate::contact::query::{Body, Ending, PairWork, Surface};
+use crate::contact::query::{Body, Ending, Limit, PairWork, Surface};
 use crate::contact::tool::{RelativePath, Resume, for_each_face_near, for_each_near_pair};
 use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};
@@ -24,14 +24,14 @@ pub(super) struct PartialCollection {
 
 impl Neighbourhood {
     /// Collects all pairs of a tube. If there are too many, the margin shrinks; if that does not
-    /// suffice, nothing is known and the ending says so. If the budget of node pairs is spent, the
+    /// suffice, nothing is known and the ending says so. If the limit of node pairs is reached, the
     /// next call for the same placement continues, with the same tube.
     pub fn collect(
         &mut self,
         surface: Surface<'_>,
         shape: &ToolShape,
         tube: LookAheadTube,
-        budget: u32,
+        limit: &mut Limit<'_>,
     ) -> (Ending, PairWork) {
         let PartialCollection {
             tube,
@@ -52,7 +52,7 @@ impl Neighbourhood {
             &path,
             margin + bend,
             resume,
-            budget,
+            limit,
             |face, tool_face| {
                 if self.pairs.len() == MAX_PAIRS || self.faces.len() == MAX_SURFACE_FACES {
                     // The places of faces change.
@@ -87,7 +87,7 @@ impl Neighbourhood {
         let is_seen_again = candidate.is_some_and(|face| Resume::at(leaf_of(face)) == resume);
         self.finish_collection(ending, partial, is_seen_again.then_some(of_this_face));
         if ending == Ending::Complete && !self.changed_since.is_empty() {
-            let left = budget.saturating_sub(work.cost());
+            let left = limit.max_work().saturating_sub(work.cost());
             work.add(self.take_up_changes(surface, shape, left));
         }
         (ending, work)
