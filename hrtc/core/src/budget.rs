@@ -1,6 +1,7 @@
 //! Remaining work of a tick, in units; all active objects draw on it in turn.
 
 use crate::contact::query::{Deadline, Work};
+use crate::governor::{QueryWork, WorkCosts};
 use crate::tick::{Stage, StageObserver, Timed};
 use crate::tuning::governor::{ENTRIES_PER_FACE, MIN_SEARCH_UNITS, OPERATION_FACES};
 use crate::work::TickWork;
@@ -70,16 +71,17 @@ impl Budget<'_> {
 }
 
 /// Work of the queries of a tick: nodes visited and faces tested, never more than the tick has time
-/// for. A part is for the steps of the proxies, a part for the searches beside them. Every probe is
+/// for by their costs. A part is for the steps of the proxies, a part for the searches beside them. Every probe is
 /// sure of an equal share of each, and each of its pairs of an equal share of that; what one pair
 /// leaves the next may use.
 pub struct QueryBudget<'a> {
     /// Knows when the time for them is over.
     pub observer: &'a mut dyn StageObserver,
+    costs: WorkCosts,
     proxies: Part,
     searches: Part,
-    /// Both together.
-    all: Part,
+    /// Both together, nanoseconds by the costs.
+    time: Part,
     /// Pairs of each probe, and probes that have any.
     pairs: [u32; MAX_PROBES],
     probes: u32,
@@ -115,20 +117,21 @@ impl Deadline for QueryBudget<'_> {
 }
 
 impl<'a> QueryBudget<'a> {
-    /// The work of a tick, of which there is time for so many `units`. `pairs`: the probe of each
-    /// pair that is to have a part.
+    /// The work of a tick that has so many nanoseconds for it. `pairs`: the probe of each pair that
+    /// is to have a part.
     #[must_use]
     pub fn new(
         work: &TickWork,
-        units: u32,
+        (costs, ns): (&WorkCosts, u32),
         pairs: impl Iterator<Item = usize>,
         observer: &'a mut dyn StageObserver,
     ) -> Self {
         let mut budget = Self {
             observer,
-            proxies: Part::new(work.proxies.min(units)),
-            searches: Part::new(work.searches.min(units)),
-            all: Part::new(work.queries().min(units)),
+            costs: *costs,
+            proxies: Part::new(work.proxies),
+            searches: Part::new(work.searches),
+            time: Part::new(ns),
             pairs: [0; MAX_PROBES],
             probes: 0,
         };
@@ -136,7 +139,7 @@ impl<'a> QueryBudget<'a> {
             budget.probes += u32::from(budget.pairs[probe] == 0);
             budget.pairs[probe] += 1;
         }
-        for part in [&mut budget.proxies, &mut budget.searches, &mut budget.all] {
+        for part in [&mut budget.proxies, &mut budget.searches, &mut budget.time] {
             let shares = budget.pairs.iter().filter(|&&pairs| pairs > 0);
             let sure = |&pairs: &u32| part.most / budget.probes / pairs * pairs;
             part.reserved = shares.map(sure).sum();
@@ -146,25 +149,29 @@ impl<'a> QueryBudget<'a> {
 
     /// The turn of a pair of a probe: its share is not reserved any more.
     pub fn begin_pair(&mut self, probe: usize) {
-        for part in [&mut self.proxies, &mut self.searches, &mut self.all] {
+        for part in [&mut self.proxies, &mut self.searches, &mut self.time] {
             part.reserved -= part.most / self.probes / self.pairs[probe];
         }
     }
 
-    /// What the step of a proxy may spend now: a search for the nearest face comes after it.
-    #[must_use]
-    pub fn for_proxy(&self) -> u32 {
-        let rest = self.all.left().saturating_sub(MIN_SEARCH_UNITS);
-        self.proxies.left().min(rest)
-    }
-
-    /// What searches may spend now: where the time is over, the least that finds a nearest face.
-    pub fn for_searches(&mut self) -> u32 {
-        let left = self.searches.left().min(self.all.left());
-        if self.is_over() {
-            left.min(MIN_SEARCH_UNITS)
-        } else {
-            left
+    /// What work of a kind may spend now. After the steps of a proxy comes a search for the nearest
+    /// face. Where the time is over, a search may spend the least that finds it.
+    pub fn left(&mut self, kind: QueryWork) -> u32 {
+        let of_time = |ns: u32| (f64::from(ns) / self.costs.of_query(kind)) as u32;
+        match kind {
+            QueryWork::Ball | QueryWork::Tool => {
+                let search = f64::from(MIN_SEARCH_UNITS) * self.costs.search;
+                let ns = self.time.left().saturating_sub(search.ceil() as u32);
+                self.proxies.left().min(of_time(ns))
+            }
+            QueryWork::Search | QueryWork::Effects => {
+                let left = self.searches.left().min(of_time(self.time.left()));
+                if self.is_over() {
+                    left.min(MIN_SEARCH_UNITS)
+                } else {
+                    left
+                }
+            }
         }
     }
 
@@ -173,26 +180,31 @@ impl<'a> QueryBudget<'a> {
         if self.is_over() {
             0
         } else {
-            self.for_searches()
+            self.left(QueryWork::Search)
         }
     }
 
-    /// A proxy has spent this.
-    pub fn charge_proxy(&mut self, work: Work) {
-        self.proxies.spent += work.nodes + work.faces;
-        self.all.spent += work.nodes + work.faces;
+    /// Work of a kind has spent this.
+    pub fn charge(&mut self, kind: QueryWork, work: Work) {
+        let units = work.nodes + work.faces;
+        match kind {
+            QueryWork::Ball | QueryWork::Tool => self.proxies.spent += units,
+            QueryWork::Search | QueryWork::Effects => self.searches.spent += units,
+        }
+        let ns = f64::from(units) * self.costs.of_query(kind);
+        self.time.spent = self.time.spent.saturating_add(ns.ceil() as u32);
     }
 
-    /// A search has spent this.
-    pub fn charge_search(&mut self, work: Work) {
-        self.searches.spent += work.nodes + work.faces;
-        self.all.spent += work.nodes + work.faces;
-    }
-
-    /// What was spent so far.
+    /// What was spent so far, units.
     #[must_use]
     pub fn spent(&self) -> u32 {
-        self.all.spent
+        self.proxies.spent + self.searches.spent
+    }
+
+    /// The same, nanoseconds by the costs.
+    #[must_use]
+    pub fn spent_ns(&self) -> u32 {
+        self.time.spent
     }
 }
 
@@ -206,31 +218,73 @@ mod tests {
     fn every_probe_is_sure_of_its_share_and_what_one_leaves_the_next_may_use() {
         // One probe near three objects, two near one each.
         let pairs = [0, 0, 1, 0, 2];
-        let work = TickWork::new(1e3);
+        let (work, costs) = (TickWork::new(1e3), WorkCosts::REFERENCE);
         let mut never = NoObserver;
-        let mut budget = QueryBudget::new(&work, u32::MAX, pairs.into_iter(), &mut never);
+        let time = (&costs, u32::MAX);
+        let mut budget = QueryBudget::new(&work, time, pairs.into_iter(), &mut never);
         let mut left = Vec::new();
         for (turn, probe) in pairs.into_iter().enumerate() {
             budget.begin_pair(probe);
-            left.push(budget.for_proxy());
+            left.push(budget.left(QueryWork::Ball));
             // The second leaves everything, the others take all.
-            let nodes = if turn == 1 { 0 } else { budget.for_proxy() };
-            budget.charge_proxy(Work { nodes, faces: 0 });
+            let nodes = if turn == 1 { 0 } else { left[turn] };
+            budget.charge(QueryWork::Ball, Work { nodes, faces: 0 });
         }
         let third = PROXY_WORK / 3;
         assert!(left[0] >= third / 3 && left[0] <= third / 3 + 3);
         assert!(left[2] >= third + third / 3, "{left:?}");
         assert!(left[4] >= third);
         assert!(budget.spent() <= PROXY_WORK);
-        // A tick that has time for less has less.
+    }
+
+    #[test]
+    fn a_tick_that_has_time_for_less_has_less_by_the_costs() {
+        let (work, costs) = (TickWork::new(1e3), WorkCosts::REFERENCE);
         let mut never = NoObserver;
-        let mut busy = QueryBudget::new(&work, 1000, [0].into_iter(), &mut never);
-        busy.begin_pair(0);
-        assert_eq!(busy.for_proxy(), 1000 - MIN_SEARCH_UNITS);
-        busy.charge_proxy(Work {
-            nodes: 990,
+        let time = (&costs, 36_000);
+        let mut budget = QueryBudget::new(&work, time, [0].into_iter(), &mut never);
+        budget.begin_pair(0);
+        let of_tool = budget.left(QueryWork::Tool);
+        let search_ns = f64::from(MIN_SEARCH_UNITS) * costs.search;
+        assert_eq!(of_tool, ((36_000.0 - search_ns) / costs.tool) as u32);
+        budget.charge(
+            QueryWork::Tool,
+            Work {
+                nodes: of_tool,
+                faces: 0,
+            },
+        );
+        let of_search = budget.left(QueryWork::Search);
+        assert!(of_search >= MIN_SEARCH_UNITS);
+        let searched = Work {
+            nodes: of_search,
             faces: 0,
-        });
-        assert_eq!(busy.for_searches(), 10);
+        };
+        budget.charge(QueryWork::Search, searched);
+        assert!(budget.spent_ns() <= 36_000 && budget.left(QueryWork::Search) <= 1);
+    }
+
+    /// Over at once.
+    struct Over;
+
+    impl StageObserver for Over {
+        fn ended(&mut self, _: Stage) {}
+
+        fn is_over(&mut self, _: Timed) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn where_the_time_is_over_a_search_has_the_least_and_nothing_looks_ahead() {
+        let (work, costs) = (TickWork::new(1e3), WorkCosts::REFERENCE);
+        let mut over = Over;
+        let time = (&costs, u32::MAX);
+        let mut budget = QueryBudget::new(&work, time, [0].into_iter(), &mut over);
+        budget.begin_pair(0);
+        assert_eq!(budget.left(QueryWork::Search), MIN_SEARCH_UNITS);
+        assert_eq!(budget.for_look_ahead(), 0);
+        // A step begins in any case; its limit is told, too.
+        assert!(budget.left(QueryWork::Ball) > 0 && budget.is_over());
     }
 }

@@ -41,9 +41,10 @@
 use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
-    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, MAX_CUT, MIN_BALL_UNITS, MIN_TOOL_UNITS,
-    OPERATION_FACES, OPERATIONS_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE,
-    TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, USUAL_BALL_UNITS, USUAL_TOOL_UNITS,
+    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, MAX_CUT, MIN_BALL_UNITS, MIN_SEARCH_UNITS,
+    MIN_TOOL_UNITS, OPERATION_FACES, OPERATIONS_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S,
+    SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, USUAL_BALL_UNITS,
+    USUAL_TOOL_UNITS,
 };
 use crate::tuning::streaming::MIN_UNITS;
 use serde::{Deserialize, Serialize};
@@ -65,10 +66,25 @@ pub struct WorkCosts {
     pub entry: f64,
     /// Contact, effects and force of a pair beside its queries.
     pub contact: f64,
-    /// A node or face that a query of a ball visits.
+    /// A node or face that a search for the nearest face visits.
+    pub search: f64,
+    /// A node or face that the steps of a ball, or its effects, visit.
     pub ball: f64,
     /// A unit of a tool's work (`tuning::probe::PAIRS_A_UNIT` pairs of nodes).
     pub tool: f64,
+}
+
+/// Kinds of work that the queries of a tick do, each with a cost of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum QueryWork {
+    /// [`WorkCosts::search`].
+    Search,
+    /// The faces around a contact for its effects: [`WorkCosts::ball`].
+    Effects,
+    /// [`WorkCosts::ball`].
+    Ball,
+    /// [`WorkCosts::tool`].
+    Tool,
 }
 
 /// Stages whose costs are measured together.
@@ -80,7 +96,7 @@ pub enum CostGroup {
     Inbox,
     /// [`WorkCosts::face`] and `entry`.
     Refine,
-    /// [`WorkCosts::contact`], `ball` and `tool`.
+    /// [`WorkCosts::contact`], `search`, `ball` and `tool`.
     Query,
 }
 
@@ -101,9 +117,20 @@ impl WorkCosts {
         face: 160.0,
         entry: 8.0,
         contact: 2_000.0,
-        ball: 45.0,
-        tool: 150.0,
+        search: 20.0,
+        ball: 60.0,
+        tool: 330.0,
     };
+
+    /// A unit of the queries.
+    #[must_use]
+    pub fn of_query(&self, work: QueryWork) -> f64 {
+        match work {
+            QueryWork::Search => self.search,
+            QueryWork::Effects | QueryWork::Ball => self.ball,
+            QueryWork::Tool => self.tool,
+        }
+    }
 
     /// The same on a machine where the stages of each group take so many times as long.
     #[must_use]
@@ -117,6 +144,7 @@ impl WorkCosts {
             face: self.face * refine,
             entry: self.entry * refine,
             contact: self.contact * query,
+            search: self.search * query,
             ball: self.ball * query,
             tool: self.tool * query,
         }
@@ -132,7 +160,7 @@ impl WorkCosts {
 
     /// The costs by name.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 9] {
+    pub fn named(&self) -> [(&'static str, f64); 10] {
         [
             ("tick", self.tick),
             ("prediction", self.prediction),
@@ -141,6 +169,7 @@ impl WorkCosts {
             ("face", self.face),
             ("entry", self.entry),
             ("contact", self.contact),
+            ("search", self.search),
             ("ball", self.ball),
             ("tool", self.tool),
         ]
@@ -231,16 +260,16 @@ impl TickTime {
         (0.5 * self.for_refinement() / self.costs.received) as u32
     }
 
-    /// Units that the queries may take now; `with_tool`: whether one of the probes is a tool.
+    /// Costs of the units.
     #[must_use]
-    pub fn query_units(&self, with_tool: bool) -> u32 {
-        let unit = if with_tool {
-            self.costs.tool
-        } else {
-            self.costs.ball
-        };
-        let left = (self.allowed - self.spent.total()).max(0.0);
-        (left / unit) as u32
+    pub fn costs(&self) -> &WorkCosts {
+        &self.costs
+    }
+
+    /// What the queries may take now, nanoseconds.
+    #[must_use]
+    pub fn for_queries(&self) -> u32 {
+        (self.allowed - self.spent.total()).max(0.0) as u32
     }
 
     /// Received data and questions.
@@ -255,14 +284,9 @@ impl TickTime {
         self.spent.charge(CostGroup::Refine, ns);
     }
 
-    /// Query units of a pair.
-    pub fn charge_query(&mut self, units: u32, is_tool: bool) {
-        let unit = if is_tool {
-            self.costs.tool
-        } else {
-            self.costs.ball
-        };
-        self.spent.charge(CostGroup::Query, f64::from(units) * unit);
+    /// Queries, nanoseconds.
+    pub fn charge_queries(&mut self, ns: u32) {
+        self.spent.charge(CostGroup::Query, f64::from(ns));
     }
 }
 
@@ -416,7 +440,8 @@ impl Governor {
         let (fixed, least) = (time.spent.total(), queries + inbox);
         // What every tick does is allowed on any machine.
         let share = self.share_ns / self.slowness;
-        time.allowed = share.max(fixed + inbox);
+        let search = pairs * f64::from(MIN_SEARCH_UNITS) * costs.search;
+        time.allowed = share.max(fixed + inbox + search);
         let rest = time.allowed - fixed;
         let contacts = self.contact_ns.min(CONTACT_SHARE * rest);
         time.contacts = contacts.max(least).min(rest);
@@ -522,7 +547,8 @@ mod tests {
             governor.begin_tick([1, 0]);
             // Contacts whose work comes and goes.
             let units = if k % 50 < 10 { 900 } else { 100 };
-            governor.time.charge_query(units, false);
+            let ns = f64::from(units) * governor.costs.ball;
+            governor.time.charge_queries(ns as u32);
             governor.end_queries(k as u64, false);
             governor.note_work(governor.time.spent.total());
             let now = governor.operations();

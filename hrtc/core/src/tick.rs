@@ -396,12 +396,11 @@ impl Controller {
             |objects: &[ActiveObject], (k, probe): (usize, usize)| objects[k].tool(probe).is_some();
         let with_tool = pairs.iter().any(|&pair| is_tool(objects, pair));
         let probes = pairs.iter().map(|&(_, probe)| probe);
-        let units = time.query_units(with_tool);
-        let mut budget = QueryBudget::new(&self.work, units, probes, observer);
+        let ns = time.for_queries();
+        let mut budget = QueryBudget::new(&self.work, (time.costs(), ns), probes, observer);
         // A tool may need several ticks with all time that there is.
-        let is_short = !with_tool || f64::from(units) < USUAL_TOOL_UNITS;
+        let is_short = !with_tool || f64::from(ns) < USUAL_TOOL_UNITS * time.costs().tool;
         for &(k, probe) in pairs {
-            let before = budget.spent();
             if let Some((proxy, surface, goal)) = objects[k].tool_before(probe) {
                 let tool = ToolBefore {
                     proxy,
@@ -411,15 +410,12 @@ impl Controller {
                 budget.observer.tool_before(probe, &tool);
             }
             objects[k].find_contact(tick, (probe, &self.probes[probe]), &mut budget);
-            let of_tool = is_tool(objects, (k, probe));
-            time.charge_query(budget.spent() - before, of_tool);
         }
         // The nearest to a contact looks first: where it goes matters most.
         for &(k, probe) in pairs.iter().rev() {
-            let before = budget.spent();
             objects[k].look_ahead(probe, &mut budget);
-            time.charge_query(budget.spent() - before, false);
         }
+        time.charge_queries(budget.spent_ns());
         record.query_work = budget.spent();
         record.unfinished = objects.iter().map(|of| of.contacts.unfinished).sum();
         let is_cut = is_short && record.unfinished > 0;

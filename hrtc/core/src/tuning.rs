@@ -54,10 +54,11 @@ pub mod governor {
     pub const OPERATION_FACES: u32 = 8;
     /// Closure entries that cost as much as a face.
     pub const ENTRIES_PER_FACE: u32 = 20;
-    /// Units that half of the ticks of a touch take at most: a ball on the relief of 100 000 faces
+    /// Units that half of the ticks of a touch take at most, with the searches beside the steps by
+    /// what they cost: a ball on the relief of 100 000 faces
     /// (`rt-tests accuracy`), a tool of 960 faces on a dragon (`rt-tests tools`).
-    pub const USUAL_BALL_UNITS: f64 = 90.0;
-    pub const USUAL_TOOL_UNITS: f64 = 410.0;
+    pub const USUAL_BALL_UNITS: f64 = 64.0;
+    pub const USUAL_TOOL_UNITS: f64 = 200.0;
     /// Units that refinement leaves to each pair of a probe and an object. With those of a ball it
     /// comes along over coarse faces (with 120 too, with 60 not); a tool takes more ticks.
     pub const MIN_BALL_UNITS: f64 = 2.0 * USUAL_BALL_UNITS;

@@ -6,6 +6,7 @@ use super::cells::Motion;
 use crate::budget::QueryBudget;
 use crate::contact::query::{Surface, closest_point_within};
 use crate::contact::rigid_proxy::MAX_BALLS;
+use crate::governor::QueryWork;
 use crate::probe::proxy_kind::ProxyKind;
 use crate::tuning::prediction::{A_TICK, RADII_AROUND};
 use geometry::Pose;
@@ -115,7 +116,7 @@ impl ContactForecast {
             }
             let (nearest, work, is_complete) =
                 closest_point_within(surface, part.centre, hint, most);
-            budget.charge_search(work);
+            budget.charge(QueryWork::Search, work);
             let Some(nearest) = nearest.filter(|_| is_complete) else {
                 continue;
             };

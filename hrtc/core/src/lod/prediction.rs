@@ -8,6 +8,7 @@ use super::predictions::Unknown;
 use crate::budget::QueryBudget;
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::closest_point_within;
+use crate::governor::QueryWork;
 use crate::policy::Detail;
 use crate::probe::contacts::Contacts;
 use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
@@ -225,7 +226,7 @@ impl Front {
                 let hint = pair.hint.filter(|&face| surface.mesh.is_active(face));
                 let most = budget.for_look_ahead();
                 let (nearest, work, is_complete) = closest_point_within(surface, ahead, hint, most);
-                budget.charge_search(work);
+                budget.charge(QueryWork::Search, work);
                 nearest.filter(|_| is_complete).map(|n| n.closest.point)
             }
             _ => None,

@@ -7,6 +7,7 @@ use crate::contact::rigid_proxy::ToolProxy;
 use crate::contact::sphere_proxy::Contact;
 use crate::force::effects::{Clock, ContactSample, Rendered, SurfaceEffects};
 use crate::force::passivity::CouplingSpring;
+use crate::governor::QueryWork;
 use crate::instance::ModelFrame;
 use crate::perception::{GROWTH_PER_S, IMPERCEPTIBLE_N};
 use crate::probe::Probe;
@@ -154,12 +155,18 @@ impl ProbeObjectPair {
     /// Moves the proxy, and measures the clearance, as far as the budget goes.
     pub fn advance(&mut self, surface: Surface<'_>, budget: &mut QueryBudget) -> Option<ProxyStep> {
         let goal = self.goal?;
-        let most = budget.for_proxy();
+        let kind = if self.proxy.is_tool() {
+            QueryWork::Tool
+        } else {
+            QueryWork::Ball
+        };
+        let most = budget.left(kind);
         let mut step = self.proxy.advance(surface, &goal, most, budget);
-        budget.charge_proxy(step.work);
+        budget.charge(kind, step.work);
         let hint = self.hint.filter(|&face| surface.mesh.is_active(face));
-        let (nearest, work, is_complete) = self.proxy.nearest(surface, hint, budget.for_searches());
-        budget.charge_search(work);
+        let most = budget.left(QueryWork::Search);
+        let (nearest, work, is_complete) = self.proxy.nearest(surface, hint, most);
+        budget.charge(QueryWork::Search, work);
         if step.contact.is_none() && self.proxy.is_held() {
             step.contact = nearest.map(|nearest| Contact::at(nearest.face, nearest.closest.point));
         }
@@ -242,7 +249,7 @@ impl ProbeObjectPair {
             let of_spring = (2.0 * spring.stiffness_n_per_m * spring.stored_j).sqrt();
             let size = self.proxy.wrench_size(&rendered.passive, scale);
             let sample = ContactSample {
-                max_work: budget.for_searches(),
+                max_work: budget.left(QueryWork::Effects),
                 clock,
                 periods: probe.periods(),
                 surface,
@@ -263,7 +270,7 @@ impl ProbeObjectPair {
             let mut work = Work::default();
             self.effects
                 .render_contact(&sample, &mut rendered, &mut work);
-            budget.charge_search(work);
+            budget.charge(QueryWork::Effects, work);
         }
         self.rendered = Some(rendered.turned(frame.pose.orientation));
         depth

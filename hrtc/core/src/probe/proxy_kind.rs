@@ -475,12 +475,13 @@ impl ToolKind {
         }
         ProxyStep {
             contact: contact_of(contacts),
-            work: Work {
-                nodes: advance.work.node_pairs.div_ceil(PAIRS_A_UNIT),
-                faces: advance
-                    .spent
-                    .saturating_sub(advance.work.node_pairs)
-                    .div_ceil(PAIRS_A_UNIT),
+            work: {
+                let nodes = advance.work.node_pairs / PAIRS_A_UNIT;
+                let all = advance.spent.div_ceil(PAIRS_A_UNIT).max(nodes);
+                Work {
+                    nodes,
+                    faces: all - nodes,
+                }
             },
             dropped: advance.dropped,
             unfinished: !advance.ending.is_complete(),
