@@ -1,8 +1,8 @@
 //! Remaining work of a tick, in units; all active objects draw on it in turn.
 
 use crate::contact::query::{Deadline, Work};
-use crate::governor::{QueryWork, WorkCosts};
-use crate::tick::{Stage, StageObserver, Timed};
+use crate::costs::{QueryWork, WorkCosts};
+use crate::observer::{Stage, StageObserver, Timed};
 use crate::tuning::governor::{ENTRIES_PER_FACE, MIN_SEARCH_UNITS, OPERATION_FACES};
 use crate::work::TickWork;
 use scene::MAX_PROBES;
@@ -71,9 +71,9 @@ impl Budget<'_> {
 }
 
 /// Work of the queries of a tick: nodes visited and faces tested, never more than the tick has time
-/// for by their costs. A part is for the steps of the proxies, a part for the searches beside them. Every probe is
-/// sure of an equal share of each, and each of its pairs of an equal share of that; what one pair
-/// leaves the next may use.
+/// for by their costs. A part is for the steps of the proxies, a part for the searches beside them.
+/// Every probe is sure of an equal share of each, and each of its pairs of an equal share of that;
+/// what one pair leaves the next may use.
 pub struct QueryBudget<'a> {
     /// Knows when the time for them is over.
     pub observer: &'a mut dyn StageObserver,
@@ -211,7 +211,7 @@ impl<'a> QueryBudget<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tick::NoObserver;
+    use crate::observer::NoObserver;
     use crate::tuning::tick::PROXY_WORK;
 
     #[test]

@@ -15,6 +15,12 @@
 //! several ticks. What every tick does is allowed on any machine: the samples, the forces and their
 //! limits; refinement leaves some queries to each pair. A unit that is larger than all of its
 //! share, such as the split of a vertex with a very large fan, is not begun.
+//!
+//! Single ticks take longer than their work should, by an interrupt or a cold cache. So the core
+//! asks its shell, between splits and between the pieces of a query, whether the time of the tick
+//! is over ([`crate::Timed`]), and ends as at the end of a budget. The answers are inputs, and
+//! recorded.
+//!
 //! Where the surface under a probe has so many faces that touching it takes more than a tick has,
 //! again and again, the finest ring is raised too: by the steps of memory pressure (`Steps`), since
 //! it is the same want of another good.
@@ -38,6 +44,7 @@
 //! `OPERATIONS_RETURN_S`; a ring that was given up comes back only when there are a quarter more
 //! than it needs, while neighbouring rings differ by four times.
 
+pub use crate::costs::{CostGroup, QueryWork, WorkCosts};
 use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
@@ -48,139 +55,6 @@ use crate::tuning::governor::{
 };
 use crate::tuning::streaming::MIN_UNITS;
 use serde::{Deserialize, Serialize};
-
-/// Costs of the units of counted work on a machine, nanoseconds.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct WorkCosts {
-    /// What every tick does once: sampling, broad phase, limits, records.
-    pub tick: f64,
-    /// Prediction for a pair of a probe and an object.
-    pub prediction: f64,
-    /// A unit of received data.
-    pub received: f64,
-    /// A question to the station.
-    pub request: f64,
-    /// A face that a split, a collapse or a step of a vertex changes.
-    pub face: f64,
-    /// A closure entry that is gone through.
-    pub entry: f64,
-    /// Contact, effects and force of a pair beside its queries.
-    pub contact: f64,
-    /// A node or face that a search for the nearest face visits.
-    pub search: f64,
-    /// A node or face that the steps of a ball, or its effects, visit.
-    pub ball: f64,
-    /// A unit of a tool's work (`tuning::probe::PAIRS_A_UNIT` pairs of nodes).
-    pub tool: f64,
-}
-
-/// Kinds of work that the queries of a tick do, each with a cost of its own.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum QueryWork {
-    /// [`WorkCosts::search`].
-    Search,
-    /// The faces around a contact for its effects: [`WorkCosts::ball`].
-    Effects,
-    /// [`WorkCosts::ball`].
-    Ball,
-    /// [`WorkCosts::tool`].
-    Tool,
-}
-
-/// Stages whose costs are measured together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CostGroup {
-    /// [`WorkCosts::tick`].
-    Tick,
-    /// [`WorkCosts::prediction`], `received` and `request`.
-    Inbox,
-    /// [`WorkCosts::face`] and `entry`.
-    Refine,
-    /// [`WorkCosts::contact`], `search`, `ball` and `tool`.
-    Query,
-}
-
-impl CostGroup {
-    /// All, in the order of [`Spent::by_group`].
-    pub const ALL: [Self; 4] = [Self::Tick, Self::Inbox, Self::Refine, Self::Query];
-}
-
-impl WorkCosts {
-    /// Of the reference machine (AMD EPYC, 2 cores), from runs on the dragon and on a terrain of
-    /// ten million faces in 16 MiB; what a run without a measurement counts with, so that a
-    /// simulation has the same budgets everywhere.
-    pub const REFERENCE: Self = Self {
-        tick: 5_000.0,
-        prediction: 2_000.0,
-        received: 50.0,
-        request: 4_000.0,
-        face: 160.0,
-        entry: 8.0,
-        contact: 2_000.0,
-        search: 20.0,
-        ball: 60.0,
-        tool: 330.0,
-    };
-
-    /// A unit of the queries.
-    #[must_use]
-    pub fn of_query(&self, work: QueryWork) -> f64 {
-        match work {
-            QueryWork::Search => self.search,
-            QueryWork::Effects | QueryWork::Ball => self.ball,
-            QueryWork::Tool => self.tool,
-        }
-    }
-
-    /// The same on a machine where the stages of each group take so many times as long.
-    #[must_use]
-    pub fn scaled(self, by_group: [f64; CostGroup::ALL.len()]) -> Self {
-        let [tick, inbox, refine, query] = by_group;
-        Self {
-            tick: self.tick * tick,
-            prediction: self.prediction * inbox,
-            received: self.received * inbox,
-            request: self.request * inbox,
-            face: self.face * refine,
-            entry: self.entry * refine,
-            contact: self.contact * query,
-            search: self.search * query,
-            ball: self.ball * query,
-            tool: self.tool * query,
-        }
-    }
-
-    /// Whether every cost is a time.
-    #[must_use]
-    pub fn is_valid(&self) -> bool {
-        self.named()
-            .iter()
-            .all(|&(_, ns)| ns > 0.0 && ns.is_finite())
-    }
-
-    /// The costs by name.
-    #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 10] {
-        [
-            ("tick", self.tick),
-            ("prediction", self.prediction),
-            ("received", self.received),
-            ("request", self.request),
-            ("face", self.face),
-            ("entry", self.entry),
-            ("contact", self.contact),
-            ("search", self.search),
-            ("ball", self.ball),
-            ("tool", self.tool),
-        ]
-    }
-}
-
-impl Default for WorkCosts {
-    fn default() -> Self {
-        Self::REFERENCE
-    }
-}
 
 /// What a tick has spent by the costs, nanoseconds, in the order of [`CostGroup::ALL`].
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]

@@ -23,11 +23,11 @@
 //! them by importance; in equal parts where there are more objects than places. All active objects
 //! draw on one budget of work, the nearest to a contact first.
 
+pub use crate::observer::{NoObserver, Stage, StageObserver, Timed, ToolBefore};
+
 use crate::active::active_set::ActiveSet;
 use crate::active::object::ActiveObject;
 use crate::budget::{Budget, QueryBudget};
-use crate::contact::query::Surface;
-use crate::contact::rigid_proxy::ToolProxy;
 use crate::contact::sphere_proxy::Contact;
 use crate::controller::Controller;
 use crate::force::effects::{Clock, Rendered};
@@ -36,12 +36,10 @@ use crate::policy::reactive::Load;
 use crate::record::CoreRecord;
 use crate::streaming::Outbox;
 use crate::streaming::chunk::InboxChunk;
-use crate::tuning::governor::{
-    ENTRIES_SHARE, LAST_REFINEMENT, LAST_STEP, UPKEEP_SHARE, USUAL_TOOL_UNITS,
-};
+use crate::tuning::governor::{ENTRIES_SHARE, UPKEEP_SHARE, USUAL_TOOL_UNITS};
 use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION};
 use crate::tuning::streaming::MIN_UNITS;
-use geometry::{Pose, Wrench};
+use geometry::Wrench;
 use glam::DVec3;
 use haptic_device::Sample;
 use mutants::{Mutant, is};
@@ -49,82 +47,6 @@ use protocol::ContactReport;
 use scene::MAX_ACTIVE_OBJECTS;
 use serde::{Deserialize, Serialize};
 use spm::NONE;
-
-/// Stages of a tick, reported to an observer when they end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
-    /// Inbox and prediction.
-    Inbox,
-    /// Splits and collapses.
-    Refine,
-    /// Boxes.
-    Refit,
-    /// Closest point and proxy.
-    Query,
-    /// Forces, limiter, reports.
-    Force,
-    /// Sampling, moving objects, broad phase; the first of a tick.
-    BroadPhase,
-}
-
-/// Kinds of work that end where the time of a tick is over.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Timed {
-    /// Received data, splits and collapses: by [`LAST_REFINEMENT`] of the period.
-    Refinement,
-    /// Steps and searches of the proxies: by [`LAST_STEP`].
-    Contact,
-}
-
-impl Timed {
-    /// All.
-    pub const ALL: [Self; 2] = [Self::Refinement, Self::Contact];
-
-    /// The share of a period, from its planned start, after which none begins.
-    #[must_use]
-    pub fn last_begin(self) -> f64 {
-        match self {
-            Self::Refinement => LAST_REFINEMENT,
-            Self::Contact => LAST_STEP,
-        }
-    }
-}
-
-/// Observer of the ends of stages: a shell measures them without giving the core a clock.
-///
-/// It also tells whether the time for a kind of work is over. That is an input of the tick: a
-/// recording has the answers (`hrtc`'s `TimeAnswers`), and gives the same bits by them.
-pub trait StageObserver {
-    /// A stage has ended.
-    fn ended(&mut self, stage: Stage);
-
-    /// Whether no more of a kind of work is to begin in this tick. Once it is over it stays so.
-    fn is_over(&mut self, _work: Timed) -> bool {
-        false
-    }
-
-    /// The tool of a probe is about to be advanced: what a reference needs to do the same.
-    fn tool_before(&mut self, _probe: usize, _tool: &ToolBefore<'_>) {}
-}
-
-/// A tool before its proxy is advanced.
-#[derive(Debug, Clone, Copy)]
-pub struct ToolBefore<'a> {
-    /// Its proxy; every change of the surface so far is noted.
-    pub proxy: &'a ToolProxy,
-    /// The surface.
-    pub surface: Surface<'a>,
-    /// The device, model units.
-    pub goal: Pose,
-}
-
-/// Observes nothing.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct NoObserver;
-
-impl StageObserver for NoObserver {
-    fn ended(&mut self, _: Stage) {}
-}
 
 /// Inputs of a tick.
 #[derive(Debug, Clone, Copy)]

@@ -20,7 +20,7 @@ impl SlowThread {
 
     /// How much longer the part so far takes on the slower machine, ns: what is spun at its end.
     #[must_use]
-    pub fn owed_ns(&self) -> u64 {
+    pub fn extra_ns(&self) -> u64 {
         if self.factor <= 1.0 {
             return 0;
         }
@@ -39,5 +39,30 @@ impl SlowThread {
             std::hint::spin_loop();
         }
         self.began_ns = thread_cpu_ns();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_extra_time_is_what_the_end_of_a_part_spins() {
+        let busy = |ns: u64| {
+            let until = thread_cpu_ns() + ns;
+            while thread_cpu_ns() < until {
+                std::hint::spin_loop();
+            }
+        };
+        assert_eq!(SlowThread::begin(1.0).extra_ns(), 0);
+        let began = thread_cpu_ns();
+        let mut slow = SlowThread::begin(4.0);
+        busy(1_000_000);
+        let extra = slow.extra_ns();
+        assert!(extra >= 3_000_000, "{extra}");
+        slow.end_part();
+        assert!(thread_cpu_ns() - began >= 4_000_000);
+        // The next part has nothing of the one before.
+        assert!(slow.extra_ns() < extra);
     }
 }

@@ -118,7 +118,7 @@ impl Accumulator {
         self.push_timing(record);
         self.push_probes(record);
         self.push_contact(&record.core);
-        self.push_refinement(&record.core);
+        self.push_refinement(record);
         self.push_totals(&record.core);
         self.push_station(record);
         self.status = self.status_at(record);
@@ -186,11 +186,12 @@ impl Accumulator {
     }
 
     /// Objects, the active mesh and the work of a tick.
-    fn push_refinement(&mut self, core: &CoreRecord) {
+    fn push_refinement(&mut self, record: &TickRecord) {
+        let core = &record.core;
         let result = &mut self.result;
         result.moving_ticks += u64::from(core.moving > 0);
         result.inactive_object_ticks += u64::from(core.unserved > 0);
-        self.governor.push(core);
+        self.governor.push(core, record.time);
         result.unfinished_ticks += u64::from(core.unfinished > 0);
         result.early_ticks += u64::from(core.early > 0);
         result.late_contacts += u64::from(core.late_contacts);

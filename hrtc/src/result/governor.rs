@@ -2,6 +2,8 @@
 
 use super::MedianMax;
 use super::fixed::Fixed;
+use crate::time_answers::TimeAnswers;
+use hrtc_core::Timed;
 use hrtc_core::governor::WorkCosts;
 use hrtc_core::record::CoreRecord;
 use serde::{Deserialize, Serialize};
@@ -27,6 +29,9 @@ pub struct GovernorResult {
     pub allowed_us: MedianMin,
     /// Ticks that spent more than that.
     pub over_budget_ticks: u64,
+    /// Ticks in which the time for refinement, and for the contacts, was over before they were done
+    /// ([`hrtc_core::Timed`]).
+    pub out_of_time_ticks: [u64; Timed::ALL.len()],
     /// How many times as long the ticks took as the costs said.
     pub slowness: MedianMax,
     /// Finest expected error that was asked for in contact, metres.
@@ -44,6 +49,7 @@ pub(super) struct GovernorStats {
     least_operations: f64,
     least_allowed_us: f64,
     over_budget_ticks: u64,
+    out_of_time_ticks: [u64; Timed::ALL.len()],
     contact_ticks: u64,
     reversals: u64,
     /// The last tolerance in contact, and whether its last change was upwards.
@@ -60,13 +66,14 @@ impl GovernorStats {
             least_operations: f64::INFINITY,
             least_allowed_us: f64::INFINITY,
             over_budget_ticks: 0,
+            out_of_time_ticks: [0; Timed::ALL.len()],
             contact_ticks: 0,
             reversals: 0,
             last: None,
         })
     }
 
-    pub(super) fn push(&mut self, core: &CoreRecord) {
+    pub(super) fn push(&mut self, core: &CoreRecord, time: TimeAnswers) {
         let allowed_us = 1e-3 * f64::from(core.allowed_ns);
         self.operations.push(core.operations);
         self.allowed_us.push(allowed_us);
@@ -74,6 +81,9 @@ impl GovernorStats {
         self.least_operations = self.least_operations.min(core.operations);
         self.least_allowed_us = self.least_allowed_us.min(allowed_us);
         self.over_budget_ticks += u64::from(core.spent_ns > core.allowed_ns);
+        for kind in Timed::ALL {
+            self.out_of_time_ticks[kind as usize] += u64::from(time.was_over(kind));
+        }
         if !core.contact {
             return;
         }
@@ -107,6 +117,7 @@ impl GovernorStats {
                 min: least(self.least_allowed_us),
             },
             over_budget_ticks: self.over_budget_ticks,
+            out_of_time_ticks: self.out_of_time_ticks,
             slowness: most(&self.slowness, 1.0),
             tolerance_m: most(&self.tolerance_um, 1e-6),
             reversals_per_s: if contact_s > 0.0 {
@@ -137,7 +148,7 @@ mod tests {
             .into_iter()
             .enumerate()
         {
-            stats.push(&CoreRecord {
+            let core = CoreRecord {
                 contact: true,
                 finest_tolerance_m: tolerance_m,
                 allowed_ns: 600_000,
@@ -145,12 +156,19 @@ mod tests {
                 operations: 96.0 - tick as f64,
                 slowness: 1.0,
                 ..CoreRecord::default()
-            });
+            };
+            let time = if tick == 3 {
+                TimeAnswers([TimeAnswers::ALWAYS, 5])
+            } else {
+                TimeAnswers::default()
+            };
+            stats.push(&core, time);
         }
         let result = stats.result(&WorkCosts::REFERENCE, 1_000_000);
         // Down after the first rise, and up again.
         assert!((result.reversals_per_s - 2.0 / 7e-3).abs() < 1e-6);
         assert_eq!(result.over_budget_ticks, 1);
+        assert_eq!(result.out_of_time_ticks, [0, 1]);
         assert_eq!(result.budget_units.min, 90.0);
         assert!((result.tolerance_m.max - 2e-4).abs() < 1e-9);
     }

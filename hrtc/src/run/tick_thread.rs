@@ -118,7 +118,7 @@ impl StageObserver for StageClock {
 
     fn is_over(&mut self, work: Timed) -> bool {
         let (slow, end) = (&self.slow, self.ends[work as usize]);
-        let is_over = || monotonic_ns() + slow.owed_ns() > end;
+        let is_over = || monotonic_ns() + slow.extra_ns() > end;
         self.answers.answer(work, is_over)
     }
 }

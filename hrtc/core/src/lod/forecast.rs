@@ -6,7 +6,7 @@ use super::cells::Motion;
 use crate::budget::QueryBudget;
 use crate::contact::query::{Surface, closest_point_within};
 use crate::contact::rigid_proxy::MAX_BALLS;
-use crate::governor::QueryWork;
+use crate::costs::QueryWork;
 use crate::probe::proxy_kind::ProxyKind;
 use crate::tuning::prediction::{A_TICK, RADII_AROUND};
 use geometry::Pose;

@@ -8,7 +8,7 @@ use super::predictions::Unknown;
 use crate::budget::QueryBudget;
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::closest_point_within;
-use crate::governor::QueryWork;
+use crate::costs::QueryWork;
 use crate::policy::Detail;
 use crate::probe::contacts::Contacts;
 use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;

@@ -10,6 +10,7 @@ use crate::contact::sphere_proxy::{Contact, MAX_PUSHING, Proxy};
 use crate::contact::tool::{Tool, ToolMesh};
 use crate::force::effects::contact_set::Push;
 use crate::force::passivity::CouplingSpring;
+use crate::tuning::governor::{MIN_BALL_UNITS, MIN_TOOL_UNITS};
 use crate::tuning::probe::{BALL_INTERVAL, PAIRS_A_UNIT, TOOL_INTERVAL};
 use geometry::{Pose, Wrench};
 use glam::DVec3;
@@ -296,8 +297,8 @@ impl ProxyKind {
         }
     }
 
-    /// As close to the device as the surface lets it, in steps that take no more than `max_work` and end
-    /// when a deadline says so.
+    /// As close to the device as the surface lets it, in steps that take no more than `max_work`
+    /// and end when a deadline says so.
     pub fn advance(
         &mut self,
         surface: Surface<'_>,
@@ -307,7 +308,7 @@ impl ProxyKind {
     ) -> ProxyStep {
         match self {
             Self::Ball(ball) => ball.0.as_mut().map_or(ProxyStep::NOTHING, |proxy| {
-                let limit = Limit::new(max_work, BALL_INTERVAL, deadline);
+                let limit = Limit::new(max_work, [MIN_BALL_UNITS as u32, BALL_INTERVAL], deadline);
                 let advance = proxy.advance(surface, goal.position, limit);
                 ProxyStep {
                     contact: advance.contact,
@@ -321,7 +322,9 @@ impl ProxyKind {
             }),
             Self::Tool(tool) if tool.has_room => {
                 let budget = max_work.saturating_mul(PAIRS_A_UNIT);
-                tool.advance(surface, goal, Limit::new(budget, TOOL_INTERVAL, deadline))
+                let floor = MIN_TOOL_UNITS as u32 * PAIRS_A_UNIT;
+                let limit = Limit::new(budget, [floor, TOOL_INTERVAL], deadline);
+                tool.advance(surface, goal, limit)
             }
             Self::Tool(_) => ProxyStep::NOTHING,
         }

@@ -6,8 +6,9 @@ use crate::common::{World, plan, spm, station};
 use geometry::Pose;
 use glam::DVec3;
 use hrtc_core::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
+use hrtc_core::{NoObserver, Stage, StageObserver, Timed};
 use scene::{ScenePlan, TrajectoryPlan};
-use simulator::{Client, ClientOptions, LinkModel, STATION, Simulation};
+use simulator::{Client, ClientOptions, Drive, LinkModel, STATION, Simulation};
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::f64::consts::TAU;
@@ -87,7 +88,13 @@ struct Felt {
 }
 
 /// `slow`: how many times as long as the costs say the work of a tick takes.
-fn felt(model: &[u8], plan: &ScenePlan, bytes_per_tick: f64, slow: impl Fn(u64) -> f64) -> Felt {
+fn felt(
+    model: &[u8],
+    plan: &ScenePlan,
+    bytes_per_tick: f64,
+    slow: impl Fn(u64) -> f64,
+    observer: &mut impl StageObserver,
+) -> Felt {
     let link = LinkModel {
         delay_ticks: 50,
         bytes_per_tick,
@@ -106,7 +113,7 @@ fn felt(model: &[u8], plan: &ScenePlan, bytes_per_tick: f64, slow: impl Fn(u64) 
     let (mut last, mut moved_before, mut age) = (None, 0.0, 0);
     let mut last_tolerance = None;
     for tick in 0..((APPROACH_S + SLIDE_S) / PERIOD_S) as u64 {
-        let record = world.step_led().record;
+        let record = world.advance(Drive::Hands, observer).record;
         let took = slow(tick) * f64::from(record.spent_ns);
         world.controller_mut().note_work(took as u32);
         let tolerance = record.finest_tolerance_m;
@@ -144,7 +151,7 @@ fn the_force_turns_gently_and_is_not_muted() {
         let (model, top) = relief(seed);
         let plan = slide(top, RADIUS_M);
         for line in [f64::INFINITY, THIN, THINNEST] {
-            let felt = felt(&model, &plan, line, |_| 1.0);
+            let felt = felt(&model, &plan, line, |_| 1.0, &mut NoObserver);
             let Felt {
                 worst,
                 muted,
@@ -170,7 +177,8 @@ fn a_budget_that_changes_is_not_felt() {
     let slow = |tick: u64| [1.0, 8.0, 2.0, 24.0][(tick / 500 % 4) as usize];
     for (seed, radius_m) in [(1, 0.0), (2, 0.0), (1, RADIUS_M), (2, RADIUS_M)] {
         let (model, top) = relief(seed);
-        let felt = felt(&model, &slide(top, radius_m), f64::INFINITY, slow);
+        let plan = slide(top, radius_m);
+        let felt = felt(&model, &plan, f64::INFINITY, slow, &mut NoObserver);
         let name = format!("seed {seed}, rounds of {radius_m} m");
         println!(
             "{name}: {:.3} of what is allowed, slowness {:.1}, {} changes of the tolerance, {:.3} full",
@@ -182,5 +190,80 @@ fn a_budget_that_changes_is_not_felt() {
             felt.over, 0,
             "{name}: ticks that spent more than they might"
         );
+    }
+}
+
+/// Ends the time of ticks at drawn questions: for half a second of none, of every other one, and of
+/// every one at its first question.
+struct Ends {
+    draws: u64,
+    tick: u64,
+    left: [u64; Timed::ALL.len()],
+    ended: u64,
+}
+
+impl Ends {
+    fn new(seed: u64) -> Self {
+        Self {
+            draws: seed,
+            tick: 0,
+            left: [u64::MAX; Timed::ALL.len()],
+            ended: 0,
+        }
+    }
+
+    /// Of a linear congruential generator (Knuth, MMIX).
+    fn draw(&mut self) -> u64 {
+        let next = self.draws.wrapping_mul(6_364_136_223_846_793_005);
+        self.draws = next.wrapping_add(1_442_695_040_888_963_407);
+        self.draws >> 33
+    }
+}
+
+impl StageObserver for Ends {
+    fn ended(&mut self, stage: Stage) {
+        if stage != Stage::Force {
+            return;
+        }
+        self.ended += u64::from(self.left.contains(&0));
+        self.tick += 1;
+        for kind in Timed::ALL {
+            self.left[kind as usize] = match self.tick / 500 % 3 {
+                0 => u64::MAX,
+                1 if self.draw().is_multiple_of(2) => u64::MAX,
+                1 => self.draw() % 64,
+                _ => 0,
+            };
+        }
+    }
+
+    fn is_over(&mut self, work: Timed) -> bool {
+        let left = &mut self.left[work as usize];
+        *left = left.saturating_sub(1);
+        *left == 0
+    }
+}
+
+#[test]
+fn a_tick_that_runs_out_of_time_is_not_felt() {
+    for (seed, radius_m) in [
+        (1, 0.0),
+        (2, RADIUS_M),
+        (3, RADIUS_M),
+        (4, RADIUS_M),
+        (5, 0.0),
+        (6, RADIUS_M),
+    ] {
+        let (model, top) = relief(seed);
+        let (plan, mut ends) = (slide(top, radius_m), Ends::new(seed));
+        let felt = felt(&model, &plan, f64::INFINITY, |_| 1.0, &mut ends);
+        let name = format!("seed {seed}, rounds of {radius_m} m");
+        println!(
+            "{name}: {:.3} of what is allowed, {} ticks out of time, {:.3} full, {} of {} muted",
+            felt.worst, ends.ended, felt.full, felt.muted, felt.pressed
+        );
+        assert!(felt.worst <= 1.0, "{name}: {}", felt.worst);
+        assert!(ends.ended > 3_000 && felt.pressed > 6_000, "{name}");
+        assert_eq!(felt.muted, 0, "{name}");
     }
 }

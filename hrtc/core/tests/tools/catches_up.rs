@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3};
 use hrtc_core::contact::coupling::Coupling;
 use hrtc_core::contact::motion::Twist;
 use hrtc_core::contact::rigid_proxy::ToolAdvance;
-use hrtc_core::contact::tool::capsule_mesh;
+use hrtc_core::contact::tool::{ToolMesh, capsule_mesh};
 
 const STIFFNESS: f64 = 800.0;
 const RADIUS: f64 = 0.003;
@@ -176,4 +176,44 @@ fn a_small_budget_makes_it_slow_and_not_wrong() {
             "the small budget matters, and ticks that end early are told: {held:?}"
         );
     }
+}
+
+/// A tip over a vertex with a large fan: all their pairs are near at once, and to look at them for
+/// contacts takes more than a tick. The search goes on from tick to tick, so the tool comes along.
+#[test]
+fn a_tip_on_a_large_fan_comes_along_at_a_small_budget() {
+    const SIDES: u32 = 140;
+    const BUDGET: u32 = MIN_TICK_BUDGET / 2;
+    const SLOPE: f64 = 0.05;
+    let rim = |k: u32| {
+        let angle = std::f64::consts::TAU * f64::from(k) / f64::from(SIDES);
+        DVec3::new(PLATE * angle.cos(), PLATE * angle.sin(), -SLOPE * PLATE)
+    };
+    let mut positions: Vec<DVec3> = (0..SIDES).map(rim).collect();
+    positions.extend([DVec3::ZERO, -PLATE * DVec3::Z]);
+    let sides = (0..SIDES).flat_map(|k| {
+        let next = (k + 1) % SIDES;
+        [[k, next, SIDES], [next, k, SIDES + 1]]
+    });
+    let cone = Front::of_mesh(&ToolMesh {
+        positions,
+        triangles: sides.collect(),
+    });
+    let mut hand = GuidedTool::new(capsule_mesh(RADIUS, LENGTH, 10, 12));
+    let aim = |tick: u32| {
+        let t = f64::from(tick);
+        let out = 1e-5 * (t - 400.0).max(0.0);
+        upright(DVec3::new(out, 0.0, 0.002 - (1e-5 * t).min(0.003)))
+    };
+    let mut unfinished = 0;
+    for tick in 0..1400 {
+        let answer = lead(&mut hand, &cone, &aim(tick), BUDGET).0;
+        unfinished += u32::from(!answer.ending.is_complete());
+        assert!(!hand.meets(&cone), "tick {tick}");
+    }
+    let behind = aim(1399).position - hand.proxy.pose().position;
+    println!("{unfinished} ticks unfinished, in the end {behind} behind");
+    assert!(unfinished > 20, "{unfinished}");
+    // It lies on the cone, but for what the device is pressed into it.
+    assert!(behind.x.abs() < 5e-4 && behind.z > -0.002, "{behind}");
 }

@@ -228,13 +228,15 @@ fn a_tool_goes_from_object_to_object_and_allocates_nothing() {
     let row: Vec<_> = (0..8).map(|object| ("sphere", centre(object))).collect();
     let mut world = scene(&row, &[capsule()]);
     let mut at = Pose::at(centre(0) + DVec3::Z * (0.5 * SIZE + 0.02));
+    let (mut unfinished, mut all) = (0, 0);
     let mut go = |world: &mut World, to: DVec3, ticks: u32| {
+        all += ticks;
         let from = at.position;
         for tick in 1..=ticks {
             at.position = from.lerp(to, f64::from(tick) / f64::from(ticks));
             world.step_poses(&[Some(at)]);
             assert_eq!(world.client().allocations(), 0);
-            assert_eq!(world.outputs().record.unfinished, 0);
+            unfinished += world.outputs().record.unfinished;
             assert!(world.outputs().wrenches[0].is_finite());
         }
     };
@@ -252,6 +254,9 @@ fn a_tool_goes_from_object_to_object_and_allocates_nothing() {
         go(&mut world, above, 100);
         assert_eq!(world.outputs().contacts[0], None);
     }
+    println!("{unfinished} of {all} ticks know nothing");
+    // Where it comes to an object its pairs are collected over some ticks.
+    assert!(50 * unfinished <= all, "{unfinished} of {all}");
     check(&world);
 }
 

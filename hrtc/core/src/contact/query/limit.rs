@@ -7,26 +7,28 @@ pub trait Deadline {
 }
 
 /// What a search, or the steps of a proxy, may take: an amount of work, and the time until a
-/// deadline, which is asked about each time that so much of the work is done. A number alone is
-/// that amount of work, without a deadline.
+/// deadline. A number alone is that amount of work, without a deadline.
 pub struct Limit<'a> {
     max_work: u32,
     deadline: Option<&'a mut dyn Deadline>,
-    /// Work from one question to the next, and where the next is due.
+    /// Work that is done whatever the time, and that from one question to the next.
+    floor: u32,
     interval: u32,
     asks_at: u32,
     is_over: bool,
 }
 
 impl<'a> Limit<'a> {
-    /// Up to an amount of work; a deadline is asked about once an `interval` of work, at least 1.
+    /// Up to an amount of work; the deadline is asked about once so much work is done as is done in
+    /// any case (`floor`), and again after each `interval`.
     #[must_use]
-    pub fn new(max_work: u32, interval: u32, deadline: &'a mut dyn Deadline) -> Self {
+    pub fn new(max_work: u32, [floor, interval]: [u32; 2], deadline: &'a mut dyn Deadline) -> Self {
         Self {
             max_work,
             deadline: Some(deadline),
+            floor,
             interval,
-            asks_at: interval,
+            asks_at: floor,
             is_over: false,
         }
     }
@@ -37,19 +39,24 @@ impl<'a> Limit<'a> {
         self.max_work
     }
 
-    /// The same deadline with another amount of work.
-    pub fn with_work(&mut self, max_work: u32) -> Limit<'_> {
+    /// The limit of a part, of another amount of work, that begins when so much is done.
+    pub fn part(&mut self, done: u32, max_work: u32) -> Limit<'_> {
+        let floor = self.floor.saturating_sub(done);
         Limit {
             max_work,
             deadline: self.deadline.as_mut().map(|deadline| &mut **deadline as _),
+            floor,
             interval: self.interval,
-            asks_at: self.interval,
+            asks_at: floor.max(self.interval),
             is_over: self.is_over,
         }
     }
 
-    /// Whether the time is over, whatever was done.
-    pub fn is_over(&mut self) -> bool {
+    /// Whether the time is over for more than so much work.
+    pub fn is_out_of_time(&mut self, done: u32) -> bool {
+        if done < self.floor {
+            return false;
+        }
         let deadline = self.deadline.as_mut();
         self.is_over = self.is_over || deadline.is_some_and(|deadline| deadline.is_over());
         self.is_over
@@ -64,7 +71,7 @@ impl<'a> Limit<'a> {
     #[cold]
     fn ask(&mut self, done: u32) -> bool {
         self.asks_at = done.saturating_add(self.interval);
-        self.is_over()
+        self.is_out_of_time(done)
     }
 }
 
@@ -73,6 +80,7 @@ impl From<u32> for Limit<'_> {
         Self {
             max_work,
             deadline: None,
+            floor: u32::MAX,
             interval: u32::MAX,
             asks_at: u32::MAX,
             is_over: false,
@@ -98,13 +106,18 @@ mod tests {
     #[test]
     fn work_or_time_is_the_limit_and_time_is_asked_about_now_and_then() {
         let mut limit = Limit::from(100);
-        assert!(!limit.is_reached(99) && limit.is_reached(100) && !limit.is_over());
+        assert!(!limit.is_reached(99) && limit.is_reached(100));
+        assert!(!limit.is_out_of_time(100));
         let mut deadline = After(2);
-        let mut limit = Limit::new(100, 10, &mut deadline);
+        let mut limit = Limit::new(100, [20, 10], &mut deadline);
         let reached: Vec<u32> = (0..=100).filter(|&done| limit.is_reached(done)).collect();
-        // Asked at 10, 20 and 30, where it is over, and where it is over it stays so.
-        assert_eq!(reached.first(), Some(&30));
-        assert!(limit.is_over() && limit.with_work(50).is_over());
-        assert_eq!(limit.with_work(50).max_work(), 50);
+        // Asked at 20, 30 and 40, where it is over, and then it stays so.
+        assert_eq!(reached.first(), Some(&40));
+        assert!(limit.is_out_of_time(20));
+        // What is done in any case is done in parts, too.
+        assert!(!limit.is_out_of_time(19) && !limit.part(5, 50).is_out_of_time(14));
+        assert!(limit.part(5, 50).is_out_of_time(15));
+        assert_eq!(limit.part(5, 50).max_work(), 50);
+        assert!(limit.part(5, 12).is_reached(12));
     }
 }

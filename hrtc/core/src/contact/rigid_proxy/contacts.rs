@@ -92,6 +92,8 @@ pub struct Contacts {
     /// The placement.
     at: Placement,
     dropped: u32,
+    /// The placement, the pairs and the limit of the last search.
+    searched: Option<(Placement, u64, f64)>,
     high_water: usize,
 }
 
@@ -127,12 +129,14 @@ impl Contacts {
             is_looked: vec![false; MAX_PAIRS],
             at: Placement::NOWHERE,
             dropped: 0,
+            searched: None,
             high_water: 0,
         }
     }
 
     /// Removes all contacts.
     pub fn clear(&mut self) {
+        self.searched = None;
         self.all.clear();
     }
 
@@ -150,6 +154,13 @@ impl Contacts {
     /// The placement of the tool that they are for.
     pub fn at(&self) -> &Placement {
         &self.at
+    }
+
+    /// Whether the last search was for this placement and the present pairs, to its end or not.
+    pub fn are_of(&self, near: &Neighbourhood, at: &Placement) -> bool {
+        let is_of =
+            |&(of, pairs, _): &(Placement, u64, f64)| of == *at && pairs == near.generation();
+        self.searched.as_ref().is_some_and(is_of)
     }
 
     /// The contacts.
@@ -216,7 +227,8 @@ impl Contacts {
     /// Collects the local minima below `limit`, among faces within `near_by` at the tool's
     /// placement or at the end of its motion. `anew`: starts from nothing; otherwise only pairs not
     /// examined yet, for another motion from the same placement. Returns the cost in node pairs,
-    /// and false if `most` was spent before the end.
+    /// and false if `most` was spent before the end. One that begins anew where the last one was,
+    /// for the same pairs and no farther, goes on with what that found, stops included.
     pub fn collect(
         &mut self,
         near: &mut Neighbourhood,
@@ -226,11 +238,14 @@ impl Contacts {
         [near_by, limit]: [f64; 2],
         most: u32,
     ) -> (u32, bool) {
-        if anew {
+        let farthest = self.searched.map_or(0.0, |(.., limit)| limit);
+        let goes_on = self.are_of(near, at) && limit <= farthest;
+        if anew && !goes_on {
             self.all.clear();
             self.at = *at;
             self.dropped = 0;
             self.is_looked[..near.pairs.len()].fill(false);
+            self.searched = Some((*at, near.generation(), limit));
         }
         let (centre, rotation) = (at.centre, at.rotation());
         let mut spent = near.vertex_count() / PLACED;

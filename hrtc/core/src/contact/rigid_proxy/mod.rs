@@ -441,7 +441,7 @@ impl ToolProxy {
         answer.is_stuck = self.state == State::Stuck;
         match self.state {
             State::Clear => {
-                let limit = limit.with_work(budget);
+                let limit = limit.part(0, budget);
                 self.take_steps(surface, &start, travelled, limit, &mut answer);
                 self.limit_target_rate(travelled);
             }

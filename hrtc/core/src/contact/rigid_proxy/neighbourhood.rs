@@ -191,6 +191,8 @@ pub struct Neighbourhood {
     moved: f64,
     /// For each pair, the value of `moved` up to which it cannot touch.
     clear_until: Vec<f64>,
+    /// Counts changes of the list of pairs.
+    generation: u64,
     high_water: usize,
 }
 
@@ -215,6 +217,7 @@ impl Neighbourhood {
             changed_since: Vec::with_capacity(MAX_SURFACE_FACES),
             moved: 0.0,
             clear_until: Vec::with_capacity(MAX_PAIRS),
+            generation: 0,
             high_water: 0,
         }
     }
@@ -287,7 +290,13 @@ impl Neighbourhood {
         tube.left() <= 0.0 || self.path.any(&shape.blocks, aabb, margin)
     }
 
+    /// Stays the same as long as the pairs do.
+    pub fn generation(&self) -> u64 {
+        self.generation
+    }
+
     fn clear(&mut self) {
+        self.generation += 1;
         self.pairs.clear();
         self.clear_until.clear();
         self.moved = 0.0;

@@ -130,7 +130,18 @@ impl StepCosts {
         self.costliest = self.costliest.max(spent - self.so_far);
         self.so_far = spent;
         let cost = self.costliest.max(2 * known as u32);
-        spent == 0 || (spent + cost <= limit.max_work() && !limit.is_over())
+        spent == 0 || (spent + cost <= limit.max_work() && !limit.is_out_of_time(spent))
+    }
+}
+
+/// What a sweep may take after so much work: where there is no time left, nothing, and it goes as
+/// far as all faces are known.
+fn left_to_sweep(limit: &mut Limit<'_>, work: &Work) -> u32 {
+    let done = work.nodes + work.faces;
+    if limit.is_out_of_time(done) {
+        0
+    } else {
+        limit.max_work().saturating_sub(done)
     }
 }
 
@@ -225,10 +236,10 @@ impl Proxy {
 
     /// One tick: as close to `goal` (the device, model units, finite) as the surface allows.
     ///
-    /// It takes no more nodes and faces than the limit says. A step looks around with three quarters
-    /// of what is left, and goes as far as the rest shows the way to be free; none but the first
-    /// begins unless there is as much left as the most costly one before took. The next tick does
-    /// the remaining work.
+    /// It takes no more nodes and faces than the limit says. A step looks around with three
+    /// quarters of what is left, and goes as far as the rest shows the way to be free; none but the
+    /// first begins unless there is as much left as the most costly one before took. The next tick
+    /// does the remaining work.
     pub fn advance<'a>(
         &mut self,
         surface: Surface<'_>,
@@ -276,10 +287,7 @@ impl Proxy {
             let wanted = goal - self.position;
             let length = wanted.length();
             let reach = reach.min(length + 1e-3 * self.radius);
-            let most_work = limit.max_work();
-            let left = |work: &Work| most_work.saturating_sub(work.nodes + work.faces);
-            let to_look = &mut limit.with_work(left(&work));
-            has_looked &= self.collect_near(surface, reach, to_look, &mut work);
+            has_looked &= self.collect_near(surface, reach, &mut limit, &mut work);
             is_cut |= !has_looked;
             // Half of the skin: not a face at which the ball rests, but each that stops the sweep.
             let radii = [self.radius, 0.5 * (self.radius + skin_radius)];
@@ -301,9 +309,7 @@ impl Proxy {
                 && motion.length() <= reach
                 && self.constraints.dropped() == 0
                 && self.near.covers(self.position, self.radius + reach);
-            // Where there is no time left, it goes as far as it knows.
-            let to_sweep = if limit.is_over() { 0 } else { left(&work) };
-            let swept = (known, skin_radius, to_sweep);
+            let swept = (known, skin_radius, left_to_sweep(&mut limit, &work));
             let (fraction, is_whole) = self.free_fraction(surface, motion, swept, &mut work);
             is_cut |= !is_whole;
             self.settled = self.position + motion * if is_whole { fraction } else { 1.0 };
@@ -353,7 +359,7 @@ impl Proxy {
     }
 
     /// Collects the faces near the proxy unless those within `reach` are known, with three quarters
-    /// of the limit. Whether they sufficed.
+    /// of what the limit leaves. Whether they sufficed.
     fn collect_near(
         &mut self,
         surface: Surface<'_>,
@@ -366,9 +372,10 @@ impl Proxy {
             return true;
         }
         let ball = self.radius + AHEAD * reach + LOOK_AROUND * self.radius;
-        let max_work = limit.max_work();
+        let done = work.nodes + work.faces;
+        let max_work = limit.max_work().saturating_sub(done);
         let room = ((max_work / WORK_PER_FACE) as usize).clamp(MIN_FACES, MAX_FACES);
-        let mut to_look = limit.with_work(max_work - max_work / 4);
+        let mut to_look = limit.part(done, max_work - max_work / 4);
         let of = (self.position, ball);
         let (is_all, cost) = self.near.collect(surface, of, room, &mut to_look);
         work.add(cost);

@@ -217,6 +217,7 @@ impl Neighbourhood {
         if self.partial.is_some() || self.tube.left() <= 0.0 {
             return (None, work);
         }
+        self.generation += 1;
         let mesh = surface.mesh;
         let margin = self.tube.straight_margin();
         let within = margin + self.tube.bend_seen(margin);
