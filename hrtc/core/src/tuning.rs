@@ -37,9 +37,9 @@ pub mod governor {
     pub const SHORT_SHARE: f64 = 0.25;
     /// Time in which what is believed falls to a third where the machine is fast again.
     pub const SLOWNESS_FADES_S: f64 = 0.3;
-    /// Slownesses that are believed. At the least one a tick may spend four fifths of its period;
-    /// where a group's cost is wrong by a quarter, a tick of that work alone still ends in it.
-    pub const SLOWNESS_RANGE: [f64; 2] = [0.9, 64.0];
+    /// Slownesses that are believed. At the least one a tick may spend seven eighths of its period;
+    /// where a group's cost is wrong by a seventh, a tick of that work alone still ends in it.
+    pub const SLOWNESS_RANGE: [f64; 2] = [0.8, 64.0];
     /// Part that contacts may keep of what is left of a tick beside what every tick does.
     pub const CONTACT_SHARE: f64 = 0.8;
     /// Time in which what is kept for contacts falls to a third: a stroke over a rough place.
