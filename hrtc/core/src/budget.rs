@@ -2,7 +2,7 @@
 
 use crate::contact::query::{Deadline, Work};
 use crate::costs::{QueryWork, WorkCosts};
-use crate::observer::{Stage, StageObserver, Timed};
+use crate::observer::{StageObserver, Timed};
 use crate::tuning::governor::{ENTRIES_PER_FACE, MIN_SEARCH_UNITS, OPERATION_FACES};
 use crate::work::TickWork;
 use scene::MAX_PROBES;
@@ -39,11 +39,6 @@ impl Budget<'_> {
     /// Whether the time for received data and refinement is over.
     pub fn is_over(&mut self) -> bool {
         self.observer.is_over(Timed::Refinement)
-    }
-
-    /// A stage has ended.
-    pub fn ended(&mut self, stage: Stage) {
-        self.observer.ended(stage);
     }
 
     /// There is time for so many faces.
@@ -211,7 +206,7 @@ impl<'a> QueryBudget<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::observer::NoObserver;
+    use crate::observer::{NoObserver, Stage};
     use crate::tuning::tick::PROXY_WORK;
 
     #[test]

@@ -118,7 +118,6 @@ pub use active::object::ActiveObject;
 pub use capacity::Capacity;
 pub use controller::Controller;
 pub use instance::ModelFrame;
+pub use observer::{NoObserver, Stage, StageObserver, Timed, ToolBefore};
 pub use streaming::Fault;
-pub use tick::{
-    NoObserver, ProbeContact, Stage, StageObserver, TickInputs, TickOutputs, Timed, ToolBefore,
-};
+pub use tick::{ProbeContact, TickInputs, TickOutputs};

@@ -23,8 +23,6 @@
 //! them by importance; in equal parts where there are more objects than places. All active objects
 //! draw on one budget of work, the nearest to a contact first.
 
-pub use crate::observer::{NoObserver, Stage, StageObserver, Timed, ToolBefore};
-
 use crate::active::active_set::ActiveSet;
 use crate::active::object::ActiveObject;
 use crate::budget::{Budget, QueryBudget};
@@ -32,6 +30,7 @@ use crate::contact::sphere_proxy::Contact;
 use crate::controller::Controller;
 use crate::force::effects::{Clock, Rendered};
 use crate::force::passivity::CarriedWork;
+use crate::observer::{Stage, StageObserver, ToolBefore};
 use crate::policy::reactive::Load;
 use crate::record::CoreRecord;
 use crate::streaming::Outbox;
@@ -142,7 +141,7 @@ impl Controller {
         let mut budget = self.budget(observer);
         let upkeep = budget.upkeep;
         record.unserved = self.activate(inputs, &mut budget, &mut outputs.outbox);
-        budget.ended(Stage::BroadPhase);
+        budget.observer.ended(Stage::BroadPhase);
 
         budget.ingest = self.ingest_units(waiting);
         outputs.chunks_consumed = self.receive(inputs, &mut budget, &mut record);
@@ -153,7 +152,7 @@ impl Controller {
         self.governor.time.charge_inbox(record.work_units, requests);
         // Received data and operations share their time.
         budget.limit_faces(self.governor.time.faces());
-        budget.ended(Stage::Inbox);
+        budget.observer.ended(Stage::Inbox);
 
         self.refine(&mut budget, &mut record, upkeep);
         observer.ended(Stage::Refine);

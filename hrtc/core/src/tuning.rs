@@ -55,13 +55,13 @@ pub mod governor {
     pub const OPERATION_FACES: u32 = 8;
     /// Closure entries that cost as much as a face.
     pub const ENTRIES_PER_FACE: u32 = 20;
-    /// Units that half of the ticks of a touch take at most, with the searches beside the steps by
-    /// what they cost: a ball on the relief of 100 000 faces (`rt-tests accuracy`), a tool of
-    /// 960 faces on a dragon (`rt-tests tools`).
+    /// Units that half of the ticks of a touch take at most: a ball on the relief of 100 000 faces
+    /// (`rt-tests accuracy`; 90 units when searches counted as many, here by what they cost), and
+    /// the steps of a tool of 960 faces on a dragon (`rt-tests tools`).
     pub const USUAL_BALL_UNITS: f64 = 64.0;
     pub const USUAL_TOOL_UNITS: f64 = 200.0;
-    /// Units that refinement leaves to each pair of a probe and an object. With those of a ball it
-    /// comes along over coarse faces (with two thirds too, with a third not); a tool takes more
+    /// Units that refinement leaves to each pair of a probe and an object. With as many of a ball,
+    /// and with two thirds, it came along over coarse faces, with a third not; a tool takes more
     /// ticks. A proxy is sure of them where the time of the tick is over, too.
     pub const MIN_BALL_UNITS: f64 = 2.0 * USUAL_BALL_UNITS;
     pub const MIN_TOOL_UNITS: f64 = 0.25 * USUAL_TOOL_UNITS;
