@@ -93,17 +93,22 @@ struct StageClock {
 }
 
 impl StageClock {
-    /// For a tick that was planned to begin at a time, of a period, ns.
-    fn start(slow: f64, planned_ns: u64, period_ns: f64) -> Self {
-        let end = |work: Timed| planned_ns + (work.last_begin() * period_ns) as u64;
+    fn start(slow: f64, ends: [u64; Timed::ALL.len()]) -> Self {
         Self {
-            ends: Timed::ALL.map(end),
+            ends,
             answers: NotedAnswers::default(),
             slow: SlowThread::begin(slow),
             last: monotonic_ns(),
             stages: [0; STAGES.len()],
         }
     }
+}
+
+/// When the time for each kind of work is over in a tick of a period, ns: counted from the period
+/// that it is in, behind those that the sleep before it lost.
+fn ends_of(wake: &Wake, period_ns: f64) -> [u64; Timed::ALL.len()] {
+    let lost = f64::from(wake.misses[1].periods);
+    Timed::ALL.map(|work| wake.planned_ns + ((lost + work.last_begin()) * period_ns) as u64)
 }
 
 impl StageObserver for StageClock {
@@ -294,7 +299,7 @@ impl TickThread {
         let slots = self.rings.inbox.slots();
         arrivals.arrived += (slots - arrivals.waiting) as u64;
         high_water.inbox = slots.max(high_water.inbox);
-        let mut clock = StageClock::start(self.slow, wake.planned_ns, 1e9 / self.plan.rate_hz);
+        let mut clock = StageClock::start(self.slow, ends_of(wake, 1e9 / self.plan.rate_hz));
         let inputs = TickInputs {
             tick: wake.tick,
             samples: &samples[..self.devices.len()],

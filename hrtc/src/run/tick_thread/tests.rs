@@ -5,6 +5,7 @@ use crate::setup::ControllerSetup;
 use geometry::Pose;
 use haptic_device::{Capabilities, Device, GuardedDevice};
 use hrtc_core::streaming::subscriber::Identity;
+use realtime::pacer::Miss;
 use rtrb::RingBuffer;
 use scene::{NoFiles, Overrides, parse};
 use std::cell::Cell;
@@ -186,4 +187,33 @@ fn a_full_ring_to_the_link_is_counted() {
         thread.send(&outputs);
     }
     assert_eq!(thread.shared.contacts_lost.load(Ordering::Relaxed), 2);
+}
+
+#[test]
+fn after_a_lost_period_the_time_counts_from_the_one_that_the_tick_is_in() {
+    let wake = |lost: u32, start_ns: u64| Wake {
+        tick: 7,
+        planned_ns: 1_000_000,
+        start_ns,
+        skipped: lost,
+        misses: [
+            Miss::default(),
+            Miss {
+                periods: lost,
+                ..Miss::default()
+            },
+        ],
+        wake_ns: 0,
+        period_ns: 0,
+        spun_ns: 0,
+        extra_switches: 0,
+    };
+    for (lost, start_ns) in [(0, 1_001_000), (3, 4_001_000)] {
+        let wake = wake(lost, start_ns);
+        let ends = ends_of(&wake, 1e6);
+        for (work, end) in Timed::ALL.into_iter().zip(ends) {
+            // The tick began a microsecond late.
+            assert_eq!(end + 1_000 - start_ns, (work.last_begin() * 1e6) as u64);
+        }
+    }
 }
