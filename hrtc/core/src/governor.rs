@@ -2,7 +2,7 @@
 //! machine (thesis 4.1.2 and 5.6.1: T, the time for a frame, and T', the time measured before).
 //!
 //! Every unit of counted work has a cost on this machine ([`WorkCosts`]). A tick may spend
-//! `TIME_SHARE` of its period, in units by these costs ([`TickTime`]):
+//! share of its period, `TIME_SHARE` at most, in units by these costs ([`TickTime`]):
 //!
 //! 1. what every tick does (pairs, limits of force) is taken off first,
 //! 2. then what the contacts took of late, at most `CONTACT_SHARE` of the rest,
@@ -40,6 +40,13 @@
 //! tick to tick, s comes into that range and stays there, and the time of a tick by the costs
 //! between the share of the period over r2 and over r1.
 //!
+//! What no costs tell remains: an interrupt, a cold cache. On a slow machine they take more of a
+//! period. A tick that is *late*, without the machine being slower by the law above, takes a part
+//! off the share of the period that ticks may spend; that comes back over `SHARE_RETURN_S`. So the
+//! share falls where such ticks are frequent, until they are not or to `MIN_TIME_SHARE`. It cannot
+//! hunt either: one late tick moves it by the part, a tick in time by `period / SHARE_RETURN_S` of
+//! what is missing.
+//!
 //! The operations that a tick can afford go down at once, and come back by a third of the way in
 //! `OPERATIONS_RETURN_S`; a ring that was given up comes back only when there are a quarter more
 //! than it needs, while neighbouring rings differ by four times.
@@ -48,10 +55,10 @@ pub use crate::costs::{CostGroup, QueryWork, WorkCosts};
 use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
-    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, MAX_CUT, MIN_BALL_UNITS, MIN_SEARCH_UNITS,
-    MIN_TOOL_UNITS, OPERATION_FACES, OPERATIONS_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S,
-    SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, USUAL_BALL_UNITS,
-    USUAL_TOOL_UNITS,
+    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, LATE, LATE_CUT, MAX_CUT, MIN_BALL_UNITS,
+    MIN_SEARCH_UNITS, MIN_TIME_SHARE, MIN_TOOL_UNITS, OPERATION_FACES, OPERATIONS_RETURN_S,
+    SHARE_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES,
+    UNITS_PER_OPERATION, USUAL_BALL_UNITS, USUAL_TOOL_UNITS,
 };
 use crate::tuning::streaming::MIN_UNITS;
 use serde::{Deserialize, Serialize};
@@ -198,7 +205,7 @@ impl TickNeed {
         governor.contact_ns = units.iter().sum();
         governor.begin_tick([balls, tools]);
         Self {
-            share_ns: governor.share_ns,
+            share_ns: governor.share_ns(),
             fixed_ns,
             contact_ns: fixed_ns + governor.contact_ns,
             operations: governor.operations(),
@@ -211,8 +218,8 @@ impl TickNeed {
 pub struct Governor {
     costs: WorkCosts,
     period_s: f64,
-    /// What a tick may spend, nanoseconds.
-    share_ns: f64,
+    /// Share of the period that a tick may spend.
+    share: f64,
     slowness: f64,
     /// The newest three.
     ratios: [f64; 3],
@@ -236,7 +243,7 @@ impl Governor {
         Self {
             costs: WorkCosts::REFERENCE,
             period_s,
-            share_ns: TIME_SHARE * period_s * 1e9,
+            share: TIME_SHARE,
             slowness: 1.0,
             ratios: [1.0; 3],
             contact_ns: 0.0,
@@ -273,6 +280,12 @@ impl Governor {
         self.slowness
     }
 
+    /// Share of its period that a tick may spend.
+    #[must_use]
+    pub fn time_share(&self) -> f64 {
+        self.share
+    }
+
     /// Operations a tick that there is time for, at least 1.
     #[must_use]
     pub fn operations(&self) -> f64 {
@@ -281,7 +294,7 @@ impl Governor {
 
     /// The last tick took so much processor time, nanoseconds.
     pub fn note_work(&mut self, ns: f64) {
-        let believed = SHORT_SHARE * self.share_ns / self.slowness;
+        let believed = SHORT_SHARE * self.share_ns() / self.slowness;
         let known = ns + self.slowness * believed;
         let ratio = known / (self.time.spent.total() + believed);
         if !ratio.is_finite() {
@@ -294,6 +307,24 @@ impl Governor {
         let faded = self.slowness * (-self.period_s / SLOWNESS_FADES_S).exp();
         let [least, most] = SLOWNESS_RANGE;
         self.slowness = faded.max(middle).clamp(least, most);
+        // Two late ticks in a row are a slower machine.
+        let is_late = ns > LATE * self.period_ns() && ratio > middle;
+        let back = self.period_s / SHARE_RETURN_S * (TIME_SHARE - self.share);
+        let share = if is_late {
+            (1.0 - LATE_CUT) * self.share
+        } else {
+            self.share + back
+        };
+        self.share = share.clamp(MIN_TIME_SHARE, TIME_SHARE);
+    }
+
+    fn period_ns(&self) -> f64 {
+        self.period_s * 1e9
+    }
+
+    /// What a tick may spend on a machine that is as fast as the costs say, nanoseconds.
+    fn share_ns(&self) -> f64 {
+        self.share * self.period_ns()
     }
 
     /// The time of a tick with so many balls, and tools, near an object: each pair counts.
@@ -313,7 +344,7 @@ impl Governor {
         let inbox = f64::from(MIN_UNITS) * costs.received + costs.request;
         let (fixed, least) = (time.spent.total(), queries + inbox);
         // What every tick does is allowed on any machine.
-        let share = self.share_ns / self.slowness;
+        let share = self.share_ns() / self.slowness;
         let search = pairs * f64::from(MIN_SEARCH_UNITS) * costs.search;
         time.allowed = share.max(fixed + inbox + search);
         let rest = time.allowed - fixed;
@@ -409,6 +440,30 @@ mod tests {
         assert!((governor.slowness() - 1.0).abs() < 0.01);
         governor.note_work(5e6);
         assert!(governor.slowness() > 2.0);
+    }
+
+    #[test]
+    fn late_ticks_take_time_off_and_it_comes_back() {
+        let mut governor = Governor::new(1e-3, 96);
+        let mut run = |ticks: usize, every: usize| {
+            for k in 0..ticks {
+                governor.begin_tick([1, 0]);
+                governor.time.charge_refinement(governor.time.faces(), 0);
+                governor.end_queries(k as u64, false);
+                let spent = governor.time.spent.total();
+                let is_late = k % every == every - 1;
+                governor.note_work(if is_late { 0.85e6 } else { spent });
+            }
+            governor.share
+        };
+        let share = run(999, 1000);
+        assert!(share == TIME_SHARE, "{share}");
+        // Time constants follow the period; a burst takes all it may.
+        let once = run(1, 1);
+        assert!(once == TIME_SHARE * (1.0 - LATE_CUT), "{once}");
+        assert!(run(4000, 20) < 1.05 * MIN_TIME_SHARE);
+        let back = run(8000, usize::MAX);
+        assert!(back > 0.95 * TIME_SHARE, "{back}");
     }
 
     #[test]

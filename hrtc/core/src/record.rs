@@ -93,6 +93,8 @@ pub struct CoreRecord {
     pub spent_ns: u32,
     /// How many times as long a tick takes as the costs say.
     pub slowness: f64,
+    /// Share of its period that a tick may spend; late ticks lower it.
+    pub time_share: f64,
     /// Splits and collapses a tick that there is time for.
     pub operations: f64,
     /// Probes whose budget left a part of their motion to the next tick; their proxies wait outside

@@ -345,6 +345,7 @@ impl Controller {
         record.allowed_ns = self.governor.time.allowed() as u32;
         record.spent_ns = self.governor.time.spent.total() as u32;
         record.slowness = self.governor.slowness();
+        record.time_share = self.governor.time_share();
         record.operations = self.governor.operations();
         let contacts = || self.active.objects.iter().map(|of| &of.contacts);
         record.early = contacts().map(|of| of.early).sum();

@@ -26,6 +26,17 @@ pub mod governor {
     /// (`realtime::pacer`); the rest is for what costs do not tell, such as a cold cache: 99 of 100
     /// ticks of a tool take up to 1.4 times what they should (fit of its counts, dragon and bunny).
     pub const TIME_SHARE: f64 = 0.7;
+    /// Where that falls to at the least. On a machine that is slowed down eight times
+    /// (`rt-tests deadline --slow 8 --only dragon-tool`) a tool came to the dragon in every run
+    /// with half of the period, with a third in half of them.
+    pub const MIN_TIME_SHARE: f64 = 0.5;
+    /// Share of a period that a tick takes where it is late: what is left is for the wake-up and
+    /// for what is begun when the time is over.
+    pub const LATE: f64 = 0.8;
+    /// Part of the share that a late tick takes off, and the time in which two thirds of it come
+    /// back: with one late tick a second, a thousandth of them, the share is at its middle.
+    pub const LATE_CUT: f64 = 0.05;
+    pub const SHARE_RETURN_S: f64 = 4.0;
     /// Shares of a period, counted from where it was planned to begin, after which no split,
     /// collapse or record, and no step or search of a proxy, begins any more: where a tick takes
     /// longer than its work should. What was begun ends, and limits, forces and their sending come

@@ -34,6 +34,8 @@ pub struct GovernorResult {
     pub out_of_time_ticks: [u64; Timed::ALL.len()],
     /// How many times as long the ticks took as the costs said.
     pub slowness: MedianMax,
+    /// Share of its period that a tick might spend: late ticks lower it.
+    pub time_share: MedianMin,
     /// Finest expected error that was asked for in contact, metres.
     pub tolerance_m: MedianMax,
     /// How often that tolerance changed its direction in a second of contact.
@@ -45,6 +47,8 @@ pub(super) struct GovernorStats {
     operations: Fixed,
     allowed_us: Fixed,
     slowness: Fixed,
+    time_share: Fixed,
+    least_time_share: f64,
     tolerance_um: Fixed,
     least_operations: f64,
     least_allowed_us: f64,
@@ -62,6 +66,8 @@ impl GovernorStats {
             operations: Fixed::new(10.0, 17)?,
             allowed_us: Fixed::new(10.0, 17)?,
             slowness: Fixed::new(100.0, 14)?,
+            time_share: Fixed::new(1000.0, 10)?,
+            least_time_share: f64::INFINITY,
             tolerance_um: Fixed::new(10.0, 24)?,
             least_operations: f64::INFINITY,
             least_allowed_us: f64::INFINITY,
@@ -78,6 +84,8 @@ impl GovernorStats {
         self.operations.push(core.operations);
         self.allowed_us.push(allowed_us);
         self.slowness.push(core.slowness);
+        self.time_share.push(core.time_share);
+        self.least_time_share = self.least_time_share.min(core.time_share);
         self.least_operations = self.least_operations.min(core.operations);
         self.least_allowed_us = self.least_allowed_us.min(allowed_us);
         self.over_budget_ticks += u64::from(core.spent_ns > core.allowed_ns);
@@ -119,6 +127,10 @@ impl GovernorStats {
             over_budget_ticks: self.over_budget_ticks,
             out_of_time_ticks: self.out_of_time_ticks,
             slowness: most(&self.slowness, 1.0),
+            time_share: MedianMin {
+                p50: self.time_share.spread().p50,
+                min: least(self.least_time_share),
+            },
             tolerance_m: most(&self.tolerance_um, 1e-6),
             reversals_per_s: if contact_s > 0.0 {
                 self.reversals as f64 / contact_s
@@ -155,6 +167,7 @@ mod tests {
                 spent_ns: if tick == 2 { 700_000 } else { 100_000 },
                 operations: 96.0 - tick as f64,
                 slowness: 1.0,
+                time_share: 0.7 - 0.01 * tick as f64,
                 ..CoreRecord::default()
             };
             let time = if tick == 3 {
@@ -170,6 +183,7 @@ mod tests {
         assert_eq!(result.over_budget_ticks, 1);
         assert_eq!(result.out_of_time_ticks, [0, 1]);
         assert_eq!(result.budget_units.min, 90.0);
+        assert!((result.time_share.min - 0.64).abs() < 1e-9);
         assert!((result.tolerance_m.max - 2e-4).abs() < 1e-9);
     }
 }
