@@ -108,8 +108,7 @@ pub fn page(found: &Thesis, machine: &Machine) -> String {
     let _ = writeln!(
         html,
         "<p class=\"small\">Measured on {}, kernel {} ({}), seed {}. Times are processor time of one thread without that \
-         of other processes. The same numbers are in thesis.json beside this page. Figure 4.2 is not here: it is a \
-         law and no measurement.</p>",
+         of other processes. The same numbers are in thesis.json beside this page.</p>",
         escaped(&machine.processor),
         escaped(&machine.kernel),
         escaped(&machine.preemption),
