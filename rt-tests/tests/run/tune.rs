@@ -34,6 +34,13 @@ fn settings_for_an_error_keep_it_in_a_run_and_are_no_finer_than_needed() {
     let plan = loaded(&found);
     assert_eq!(plan.accuracy.tolerance_m, number(&found, "tolerance_m"));
     assert!(found["asked"].get("time_us").is_none() && found["next"].is_array());
+    let slower = found["slower"].as_array().unwrap();
+    let factors: Vec<f64> = slower.iter().map(|of| of[0].as_f64().unwrap()).collect();
+    assert_eq!(factors, [2.0, 4.0, 8.0]);
+    assert!(
+        slower.iter().all(|of| number(&of[1], "error_m") > 0.0),
+        "{found}"
+    );
 }
 
 #[test]

@@ -35,7 +35,7 @@ use scene_args::OverrideArgs;
 use search::{STEP, edge, rounded};
 use serde::Serialize;
 use std::path::PathBuf;
-use trial::{Bench, MORE_COARSER, RUNS, Settings};
+use trial::{Bench, MORE_COARSER, Mode, RUNS, Run, Settings};
 
 /// The dial reaches from so many diagonals, below which every scan is at full resolution, to one,
 /// at which everything is at its base mesh.
@@ -50,6 +50,8 @@ const MAX_CORRECTIONS: usize = 3;
 const FAR: f64 = 1.35;
 /// The next step up is finer by this factor.
 const NEXT: f64 = 2.0;
+/// Other machines that the settings are predicted for take so many times as long.
+const SLOWER: [f64; 3] = [2.0, 4.0, 8.0];
 
 /// Arguments of `rt-tests tune`.
 #[derive(Debug, Args)]
@@ -97,6 +99,9 @@ pub struct Tuned {
     /// The next finer tolerance, metres, and what it costs; left out at the full mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub next: Option<(f64, Cost)>,
+    /// Machines that take so many times as long, and what the settings cost there by the table of
+    /// the governor, in virtual time.
+    pub slower: Vec<(f64, Cost)>,
     /// Touches that were tried, in virtual time and by both processes.
     pub trials: [usize; 2],
 }
@@ -190,7 +195,23 @@ impl<'a> Search<'a> {
         let at = length(tolerance_m);
         self.line
             .set_message(format!("tolerance {at}, in virtual time"));
-        self.bench.simulate(self.settings(tolerance_m), false)
+        self.bench.simulate(self.settings(tolerance_m), Mode::Plain)
+    }
+
+    /// What the settings cost on slower machines than that of a run.
+    fn slower(&mut self, tolerance_m: f64, run: &Run) -> Result<Vec<(f64, Cost)>, Failure> {
+        let mut found = Vec::with_capacity(SLOWER.len());
+        for factor in SLOWER {
+            self.trials[0] += 1;
+            self.line
+                .set_message(format!("a machine that takes {factor} times as long"));
+            let mode = Mode::On(run.slower(factor));
+            found.push((
+                factor,
+                self.bench.simulate(self.settings(tolerance_m), mode)?,
+            ));
+        }
+        Ok(found)
     }
 
     /// A tick in virtual time, µs.
@@ -204,13 +225,13 @@ impl<'a> Search<'a> {
             .set_message(format!("tolerance {at}, timed in virtual time"));
         let us = self
             .bench
-            .simulate(self.settings(tolerance_m), true)?
+            .simulate(self.settings(tolerance_m), Mode::Timed)?
             .time_us;
         self.times.push((tolerance_m, us));
         Ok(us)
     }
 
-    fn run(&mut self, tolerance_m: f64, runs: usize) -> Result<Cost, Failure> {
+    fn run(&mut self, tolerance_m: f64, runs: usize) -> Result<Run, Failure> {
         self.trials[1] += runs;
         let at = length(tolerance_m);
         self.line
@@ -218,9 +239,9 @@ impl<'a> Search<'a> {
         self.bench.run(self.settings(tolerance_m), runs)
     }
 
-    /// Runs that a time needs; one where no time was asked for.
+    /// Runs that an error or a time needs; bytes and memory are the same in each.
     fn runs(&self) -> usize {
-        if self.asked.time_us.is_some() {
+        if self.asked.time_us.is_some() || self.asked.error_m.is_some() {
             RUNS
         } else {
             1
@@ -337,17 +358,18 @@ impl<'a> Search<'a> {
 
     fn tuned(&mut self) -> Result<Tuned, Failure> {
         if self.asked.time_us.is_some() {
-            self.loop_over_tick = self.run(0.0, 1)?.time_us / self.tick_us(0.0)?;
+            self.loop_over_tick = self.run(0.0, 1)?.cost.time_us / self.tick_us(0.0)?;
         }
         let (mut tolerance, binds) = self.tolerance()?;
-        let mut cost = self.run(tolerance, self.runs())?;
+        let mut run = self.run(tolerance, self.runs())?;
         for _ in 0..MAX_CORRECTIONS {
-            if self.is_met(&cost) && !self.is_far(tolerance, &cost) {
+            if self.is_met(&run.cost) && !self.is_far(tolerance, &run.cost) {
                 break;
             }
-            tolerance = self.corrected(tolerance, &cost)?;
-            cost = self.run(tolerance, self.runs())?;
+            tolerance = self.corrected(tolerance, &run.cost)?;
+            run = self.run(tolerance, self.runs())?;
         }
+        let cost = run.cost;
         let mut predicted = self.simulate(tolerance)?;
         if self.asked.time_us.is_some() {
             predicted.time_us = self.tick_us(tolerance)? * self.loop_over_tick;
@@ -355,10 +377,11 @@ impl<'a> Search<'a> {
         let next = if tolerance > 0.0 {
             let finer = rounded(tolerance / NEXT);
             let finer = if finer < self.dial.0 { 0.0 } else { finer };
-            Some((finer, self.run(finer, 1)?))
+            Some((finer, self.run(finer, 1)?.cost))
         } else {
             None
         };
+        let slower = self.slower(tolerance, &run)?;
         Ok(Tuned {
             scene: self.plan.name.clone(),
             asked: self.asked,
@@ -371,6 +394,7 @@ impl<'a> Search<'a> {
             binds,
             cost,
             next,
+            slower,
             trials: self.trials,
         })
     }

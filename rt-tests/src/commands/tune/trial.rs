@@ -6,7 +6,9 @@ use crate::processes::roles::LoopArgs;
 use crate::report::quantile::{Quantiles, median};
 use crate::scenes::prepare_models;
 use crate::trajectory::stage_times::{STAGES, least_ns_with};
+use hrtc::result::GovernorResult;
 use hrtc::run::FIXED_BYTES;
+use hrtc_core::governor::{CostGroup, WorkCosts};
 use scene::{Overrides, ScenePlan, load};
 use scene_args::OverrideArgs;
 use scene_files::DiskFiles;
@@ -17,7 +19,8 @@ use std::sync::atomic::AtomicBool;
 
 /// Ticks after which models that do not arrive are given up.
 const MAX_START_TICKS: u64 = 2_000_000;
-/// Runs of which a time is the median: what disturbs one of them is no property of the settings.
+/// Runs of which a time is the median, since what disturbs one of them is no property of the
+/// settings, and an error the largest, since each hand goes another path by microns.
 pub const RUNS: usize = 3;
 /// Of the ticks in contact, the share that is coarser than asked for in spite of room and time: by
 /// so much a trial may exceed one with room for everything.
@@ -40,6 +43,45 @@ pub struct Cost {
     pub coarser: f64,
     /// Largest certified error at a contact, metres.
     pub certified_m: f64,
+}
+
+/// How a touch in virtual time is done.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Mode {
+    /// On the reference machine.
+    Plain,
+    /// There, and its ticks are timed.
+    Timed,
+    /// On a machine with these costs.
+    On(WorkCosts),
+}
+
+/// A touch by both processes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Run {
+    /// What it cost.
+    pub cost: Cost,
+    /// This machine, as the governor saw it.
+    pub machine: WorkCosts,
+}
+
+impl Run {
+    /// A machine that takes so many times as long.
+    #[must_use]
+    pub fn slower(&self, factor: f64) -> WorkCosts {
+        self.machine.scaled([factor; CostGroup::ALL.len()])
+    }
+}
+
+/// The costs that ticks really had; those of the reference machine where none were measured.
+fn machine(governor: &GovernorResult) -> WorkCosts {
+    let named = serde_json::to_value(&governor.unit_ns).ok();
+    let measured: Option<WorkCosts> = named.and_then(|of| serde_json::from_value(of).ok());
+    let slowness = governor.slowness.p50;
+    measured
+        .map(|costs| costs.scaled([slowness; CostGroup::ALL.len()]))
+        .filter(WorkCosts::is_valid)
+        .unwrap_or(WorkCosts::REFERENCE)
 }
 
 /// A scene, and how it is tried.
@@ -85,7 +127,7 @@ impl Bench<'_> {
     ///
     /// # Errors
     /// When the scene cannot be served, or nothing is touched.
-    pub fn simulate(&self, settings: Settings, is_timed: bool) -> Result<Cost, Failure> {
+    pub fn simulate(&self, settings: Settings, mode: Mode) -> Result<Cost, Failure> {
         let plan = self.plan(&self.with(settings).overrides())?;
         let failed = |what: &str| Failure::Run(format!("{}: {what}", plan.name));
         let models = prepare_models(&plan)?.models;
@@ -96,8 +138,10 @@ impl Bench<'_> {
             ..ClientOptions::default()
         };
         let mut simulation = Simulation::new(station, Client::new(&plan, options));
-        if is_timed {
-            simulation.client_mut().record();
+        match mode {
+            Mode::Plain => {}
+            Mode::Timed => simulation.client_mut().record(),
+            Mode::On(costs) => simulation.controller_mut().set_costs(costs),
         }
         while !simulation.step_led().record.ready {
             if let Some(fault) = simulation.controller().fault() {
@@ -146,7 +190,7 @@ impl Bench<'_> {
     ///
     /// # Errors
     /// When a process fails, or nothing is touched.
-    pub fn run(&self, settings: Settings, runs: usize) -> Result<Cost, Failure> {
+    pub fn run(&self, settings: Settings, runs: usize) -> Result<Run, Failure> {
         let overrides = self.with(settings);
         let plan = self.plan(&overrides.overrides())?;
         let pair = PairArgs {
@@ -160,6 +204,7 @@ impl Bench<'_> {
         };
         let mut times = Vec::new();
         let mut cost = Cost::default();
+        let mut seen = WorkCosts::REFERENCE;
         for _ in 0..runs {
             let outcome = run_pair(&pair, self.stop, &mut |_: Shown<'_>| ())?;
             outcome.check_finite()?;
@@ -168,6 +213,7 @@ impl Bench<'_> {
                 return Err(Failure::Run(format!("{}: {NOTHING_TOUCHED}", plan.name)));
             }
             times.push(result.work_us.p99);
+            seen = machine(&result.governor);
             cost.bytes = cost.bytes.max(result.bytes_received as f64);
             cost.error_m = cost.error_m.max(result.measured_error_m.max);
             cost.certified_m = cost.certified_m.max(result.certified_error_m.max);
@@ -177,7 +223,10 @@ impl Bench<'_> {
             cost.memory_bytes = cost.memory_bytes.max(memory);
         }
         cost.time_us = median(&times);
-        Ok(cost)
+        Ok(Run {
+            cost,
+            machine: seen,
+        })
     }
 }
 

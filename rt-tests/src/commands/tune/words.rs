@@ -73,6 +73,14 @@ pub fn words(tuned: &Tuned) -> String {
             line("next step", &format!("{at}: {}", cost(finer)));
         }
     }
+    for (factor, there) in &tuned.slower {
+        let what = format!(
+            "error {} at most, {:.1} % of the contact coarser than the tolerance (predicted)",
+            length(there.error_m),
+            100.0 * there.coarser
+        );
+        line(&format!("1/{factor} speed"), &what);
+    }
     let [simulated, run] = tuned.trials;
     line(
         "tried",
@@ -134,10 +142,12 @@ mod tests {
             binds: "the error".to_string(),
             cost: Cost::default(),
             next: Some((5e-5, Cost::default())),
+            slower: vec![(2.0, Cost::default())],
             trials: [3, 2],
         };
         let text = words(&tuned);
         assert_eq!(plan(&format!("{text}{REST}")).cache_bytes, 1 << 20);
         assert!(text.contains("# binds      the error"), "{text}");
+        assert!(text.contains("# 1/2 speed  error 0"), "{text}");
     }
 }
