@@ -77,6 +77,8 @@ pub struct QueryBudget<'a> {
     searches: Part,
     /// Both together, nanoseconds by the costs.
     time: Part,
+    /// What was spent so far, by [`QueryWork::unit`].
+    units: [u32; QueryWork::UNITS],
     /// Pairs of each probe, and probes that have any.
     pairs: [u32; MAX_PROBES],
     probes: u32,
@@ -127,6 +129,7 @@ impl<'a> QueryBudget<'a> {
             proxies: Part::new(work.proxies),
             searches: Part::new(work.searches),
             time: Part::new(ns),
+            units: [0; QueryWork::UNITS],
             pairs: [0; MAX_PROBES],
             probes: 0,
         };
@@ -182,6 +185,7 @@ impl<'a> QueryBudget<'a> {
     /// Work of a kind has spent this.
     pub fn charge(&mut self, kind: QueryWork, work: Work) {
         let units = work.nodes + work.faces;
+        self.units[kind.unit()] += units;
         match kind {
             QueryWork::Ball | QueryWork::Tool => self.proxies.spent += units,
             QueryWork::Search | QueryWork::Effects => self.searches.spent += units,
@@ -194,6 +198,12 @@ impl<'a> QueryBudget<'a> {
     #[must_use]
     pub fn spent(&self) -> u32 {
         self.proxies.spent + self.searches.spent
+    }
+
+    /// The same, by [`QueryWork::unit`].
+    #[must_use]
+    pub fn units(&self) -> [u32; QueryWork::UNITS] {
+        self.units
     }
 
     /// The same, nanoseconds by the costs.
@@ -257,6 +267,7 @@ mod tests {
         };
         budget.charge(QueryWork::Search, searched);
         assert!(budget.spent_ns() <= 36_000 && budget.left(QueryWork::Search) <= 1);
+        assert_eq!(budget.units(), [of_search, 0, of_tool]);
     }
 
     /// Over at once.

@@ -40,6 +40,21 @@ pub enum QueryWork {
     Tool,
 }
 
+impl QueryWork {
+    /// Units with a cost of their own: of searches, of a ball and of a tool.
+    pub const UNITS: usize = 3;
+
+    /// Its place among them.
+    #[must_use]
+    pub const fn unit(self) -> usize {
+        match self {
+            Self::Search => 0,
+            Self::Effects | Self::Ball => 1,
+            Self::Tool => 2,
+        }
+    }
+}
+
 /// Stages whose costs are measured together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CostGroup {

@@ -1,5 +1,6 @@
 //! Numbers of one tick.
 
+use crate::governor::QueryWork;
 use scene::MAX_PROBES;
 use serde::{Deserialize, Serialize};
 
@@ -85,6 +86,8 @@ pub struct CoreRecord {
     pub work_units: u32,
     /// Nodes visited and faces tested by the queries.
     pub query_work: u32,
+    /// The same, by [`crate::governor::QueryWork::unit`].
+    pub query_units: [u32; QueryWork::UNITS],
     /// Faces that operations and geomorphs changed, with what each operation counts more.
     pub operation_faces: u32,
     /// What the tick might spend by the costs of its work, nanoseconds, and what it has spent.

@@ -338,6 +338,7 @@ impl Controller {
         }
         time.charge_queries(budget.spent_ns());
         record.query_work = budget.spent();
+        record.query_units = budget.units();
         record.unfinished = objects.iter().map(|of| of.contacts.unfinished).sum();
         let is_cut = is_short && record.unfinished > 0;
         self.governor.end_queries(self.own_tick, is_cut);

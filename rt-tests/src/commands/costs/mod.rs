@@ -1,7 +1,10 @@
 //! `rt-tests costs`: what a unit of the tick's counted work costs on this machine.
 //!
 //! It measures as a controller does before its first tick ([`hrtc::calibration`]), several times.
-//! The costs of the reference machine in the code are those that this printed there.
+//! The costs of the reference machine in the code are those that this printed there: those of the
+//! queries by a fit of the times of ticks ([`fit`]), the others by the bundled patch.
+
+mod fit;
 
 use crate::failure::Failure;
 use crate::report::output::print_either;
@@ -9,6 +12,7 @@ use crate::report::quantile::median;
 use crate::report::table::Table;
 use crate::scenes::prepare_models;
 use clap::Args;
+use fit::{QueryFit, query_fits};
 use hrtc::calibration::{
     Measured, PATCH_DEVICE_N, PATCH_IDENTITY, PATCH_SECONDS, PatchInputs, PatchTick, measure,
     patch_plan,
@@ -53,6 +57,8 @@ pub struct Costs {
     pub ticks: usize,
     /// What the governor itself takes of a tick, ns.
     pub governor_ns: f64,
+    /// What queries cost by their counts.
+    pub queries: Vec<QueryFit>,
 }
 
 /// Runs the command.
@@ -70,12 +76,12 @@ pub fn costs(args: &CostsArgs) -> Result<(), Failure> {
                 .to_string(),
         ));
     };
-    let found = Costs::of(&measured);
+    let found = Costs::of(&measured, query_fits()?);
     print_either(args.json, &words(&found), &found)
 }
 
 impl Costs {
-    fn of(measured: &[Measured]) -> Self {
+    fn of(measured: &[Measured], queries: Vec<QueryFit>) -> Self {
         let mut by_name: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
         for (name, ns) in measured.iter().flat_map(|of| of.costs.named()) {
             by_name.entry(name).or_default().push(ns);
@@ -94,6 +100,7 @@ impl Costs {
             patch: measured[measured.len() / 2].patch,
             ticks: measured.iter().map(|of| of.ticks).min().unwrap_or(0),
             governor_ns: governor_ns(),
+            queries,
         }
     }
 }
@@ -125,9 +132,27 @@ fn words(found: &Costs) -> String {
             format!("{:.0}", found.reference_ns[name]),
         ]);
     }
+    let mut fits = Table::new(
+        1,
+        "queries by their counts, ns | pair | search | step | of the reference | time over the fit p50 | p99",
+    );
+    for of in &found.queries {
+        let [pair, search, step] = of.fitted_ns.map(|ns| format!("{ns:.0}"));
+        let reference = of.reference_ns.map(|ns| format!("{ns:.0}")).join(", ");
+        let [middle, slow] = [of.over_fit.p50, of.over_fit.p99].map(|ratio| format!("{ratio:.2}"));
+        fits.row([
+            of.scene.to_string(),
+            pair,
+            search,
+            step,
+            reference,
+            middle,
+            slow,
+        ]);
+    }
     let [tick, inbox, refinement, queries] = found.patch;
     format!(
-        "cost of a unit of counted work, median of {REPEATS} measurements\n\n{table}\npatch: tick {tick:.2}, inbox {inbox:.2}, refinement {refinement:.2}, queries {queries:.2}\nthe governor itself: {:.0} ns a tick\n",
+        "cost of a unit of counted work, median of {REPEATS} measurements\n\n{table}\npatch: tick {tick:.2}, inbox {inbox:.2}, refinement {refinement:.2}, queries {queries:.2}\nthe governor itself: {:.0} ns a tick\n\n{fits}",
         found.governor_ns
     )
 }
