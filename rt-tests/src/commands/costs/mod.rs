@@ -2,7 +2,7 @@
 //!
 //! It measures as a controller does before its first tick ([`hrtc::calibration`]), several times.
 //! The costs of the reference machine in the code are those that this printed there: those of the
-//! queries by a fit of the times of ticks ([`fit`]), the others by the bundled patch.
+//! queries by a fit of the times of ticks (`fit`), the others by the bundled patch.
 
 mod fit;
 
