@@ -1,7 +1,7 @@
 //! The governor: how much work a tick may do, so that it ends in its share of the period on any
 //! machine (thesis 4.1.2 and 5.6.1: T, the time for a frame, and T', the time measured before).
 //!
-//! Every unit of counted work has a cost on this machine ([`WorkCosts`]). A tick may spend
+//! Every unit of counted work has a cost on this machine ([`WorkCosts`]). A tick may spend a
 //! share of its period, `TIME_SHARE` at most, in units by these costs ([`TickTime`]):
 //!
 //! 1. what every tick does (pairs, limits of force) is taken off first,
@@ -43,9 +43,8 @@
 //! What no costs tell remains: an interrupt, a cold cache. On a slow machine they take more of a
 //! period. A tick that is *late*, without the machine being slower by the law above, takes a part
 //! off the share of the period that ticks may spend; that comes back over `SHARE_RETURN_S`. So the
-//! share falls where such ticks are frequent, until they are not or to `MIN_TIME_SHARE`. It cannot
-//! hunt either: one late tick moves it by the part, a tick in time by `period / SHARE_RETURN_S` of
-//! what is missing.
+//! share falls where such ticks are frequent, until they are not or to `MIN_TIME_SHARE`. One late
+//! tick moves it by that part, a tick in time by `period / SHARE_RETURN_S` of what is missing.
 //!
 //! The operations that a tick can afford go down at once, and come back by a third of the way in
 //! `OPERATIONS_RETURN_S`; a ring that was given up comes back only when there are a quarter more
@@ -307,7 +306,7 @@ impl Governor {
         let faded = self.slowness * (-self.period_s / SLOWNESS_FADES_S).exp();
         let [least, most] = SLOWNESS_RANGE;
         self.slowness = faded.max(middle).clamp(least, most);
-        // Two late ticks in a row are a slower machine.
+        // The second of two such ticks in a row is the middle: a slower machine.
         let is_late = ns > LATE * self.period_ns() && ratio > middle;
         let back = self.period_s / SHARE_RETURN_S * (TIME_SHARE - self.share);
         let share = if is_late {
@@ -458,7 +457,7 @@ mod tests {
         };
         let share = run(999, 1000);
         assert!(share == TIME_SHARE, "{share}");
-        // Time constants follow the period; a burst takes all it may.
+        // One late tick takes its part; one in twenty, all that may be taken.
         let once = run(1, 1);
         assert!(once == TIME_SHARE * (1.0 - LATE_CUT), "{once}");
         assert!(run(4000, 20) < 1.05 * MIN_TIME_SHARE);

@@ -74,11 +74,7 @@ pub fn words(tuned: &Tuned) -> String {
         }
     }
     for (factor, there) in &tuned.slower {
-        let what = format!(
-            "error {} at most, {:.1} % of the contact coarser than the tolerance (predicted)",
-            length(there.error_m),
-            100.0 * there.coarser
-        );
+        let what = format!("error {} at most (predicted)", length(there.error_m));
         line(&format!("1/{factor} speed"), &what);
     }
     let [simulated, run] = tuned.trials;
