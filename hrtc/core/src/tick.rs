@@ -145,8 +145,8 @@ impl Controller {
 
         budget.ingest = self.ingest_units(waiting);
         outputs.chunks_consumed = self.receive(inputs, &mut budget, &mut record);
-        let quota = self.governor.time.requests(record.work_units);
-        outputs.outbox.set_quota(quota);
+        let requests = self.governor.time.requests(record.work_units);
+        outputs.outbox.share_out(requests);
         self.predict(waiting, &mut outputs.outbox);
         let requests = outputs.outbox.requests().len();
         self.governor.time.charge_inbox(record.work_units, requests);
@@ -274,7 +274,10 @@ impl Controller {
             meter,
             ..
         } = &mut self.active;
-        for &(_, k) in order.iter() {
+        // Each has its turn, whatever those do that are nearer.
+        let turn = self.own_tick.checked_rem(order.len() as u64);
+        for (&(_, k), place) in order.iter().zip(0..) {
+            outbox.begin_session(usize::from(Some(place) < turn));
             objects[k].predict(&self.probes, now, meter, outbox);
         }
     }

@@ -4,23 +4,27 @@ use crate::tuning::streaming::REQUESTS_PER_TICK;
 use protocol::Request;
 
 /// Requests of one tick; storage made once.
+///
+/// The sessions of a tick may make so many in all, in their order. One of them is kept for the
+/// session whose turn it is, so that none starves behind those before it.
 #[derive(Debug, Clone)]
 pub struct Outbox {
     requests: Vec<Request>,
-    /// Requests that there may be when the present session has used its quota.
+    /// Requests that there may be when the sessions of the tick are through.
+    most: usize,
+    /// Requests that there may be when the present session is through.
     limit: usize,
-    /// Requests that each session may make.
-    quota: usize,
 }
 
 impl Outbox {
     /// Empty, with room for the requests of so many sessions in a tick.
     #[must_use]
     pub fn new(sessions: usize) -> Self {
+        let room = REQUESTS_PER_TICK * sessions;
         Self {
-            requests: Vec::with_capacity(REQUESTS_PER_TICK * sessions),
+            requests: Vec::with_capacity(room),
+            most: room,
             limit: 0,
-            quota: REQUESTS_PER_TICK,
         }
     }
 
@@ -34,19 +38,20 @@ impl Outbox {
     pub fn clear(&mut self) {
         self.requests.clear();
         self.limit = 0;
-        self.quota = REQUESTS_PER_TICK;
+        self.most = self.requests.capacity();
     }
 
-    /// Each session may make so many requests from now on, at least one and at most
-    /// `REQUESTS_PER_TICK`, until the outbox is emptied.
-    pub fn set_quota(&mut self, requests: usize) {
-        self.quota = requests.clamp(1, REQUESTS_PER_TICK);
+    /// The sessions may make so many requests from now on, at least one, until the outbox is
+    /// emptied.
+    pub fn share_out(&mut self, requests: usize) {
+        let most = self.requests.len().saturating_add(requests.max(1));
+        self.most = most.min(self.requests.capacity());
     }
 
-    /// The quota of another session begins.
-    pub fn begin_quota(&mut self) {
-        let limit = self.requests.len() + self.quota;
-        self.limit = limit.min(self.requests.capacity());
+    /// The turn of a session begins; so many requests are kept for others.
+    pub fn begin_session(&mut self, kept: usize) {
+        let own = self.requests.len() + REQUESTS_PER_TICK;
+        self.limit = own.min(self.most.saturating_sub(kept));
     }
 
     /// Whether the present session may make another request.
@@ -59,5 +64,41 @@ impl Outbox {
     pub fn push(&mut self, request: Request) {
         debug_assert!(self.requests.len() < self.requests.capacity());
         self.requests.push(request);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn no_more_requests_are_made_than_there_is_time_for_and_none_starves(
+            sessions in 1usize..20, allowed in 0usize..12, closed in 0usize..4,
+        ) {
+            let mut outbox = Outbox::new(2 * sessions.max(closed));
+            for turn in 0..sessions {
+                outbox.clear();
+                outbox.begin_session(0);
+                for _ in 0..closed {
+                    outbox.push(Request::zeroed());
+                }
+                outbox.share_out(allowed);
+                for session in 0..sessions {
+                    outbox.begin_session(usize::from(session < turn));
+                    let before = outbox.requests().len();
+                    while outbox.has_room() {
+                        outbox.push(Request::zeroed());
+                    }
+                    let made = outbox.requests().len() - before;
+                    prop_assert!(made <= REQUESTS_PER_TICK);
+                    prop_assert!(session != turn || made > 0, "it is its turn");
+                }
+                let made = outbox.requests().len() - closed;
+                prop_assert_eq!(made, allowed.max(1).min(REQUESTS_PER_TICK * sessions));
+            }
+        }
     }
 }

@@ -149,7 +149,7 @@ impl Subscriber {
 
     /// Tells the station that the session ends, as far as that is heard; the epoch that it ends in.
     pub fn close(&mut self, outbox: &mut Outbox, tick: u64) -> u32 {
-        outbox.begin_quota();
+        outbox.begin_session(0);
         if self.sent > 0 && outbox.has_room() {
             let request = self.request(RequestKind::Close);
             self.send(outbox, request, tick, false);
@@ -370,21 +370,22 @@ impl Subscriber {
         meter: &LinkMeter,
         outbox: &mut Outbox,
     ) {
-        outbox.begin_quota();
         self.window = meter.window();
         self.most_questions = meter.most_questions();
         if self.station == 0 {
             return;
         }
         if self.model == 0 {
-            if self.model_asked.is_none() {
+            if self.model_asked.is_none() && outbox.has_room() {
                 self.model_asked = Some(tick);
                 let request = self.request(RequestKind::Model);
                 let begins_wait = self.questions.all().is_empty();
                 self.send(outbox, request, tick, begins_wait);
             }
         } else {
-            if let (Some(tour), false) = (self.tour, self.tour_asked) {
+            if let (Some(tour), false) = (self.tour, self.tour_asked)
+                && outbox.has_room()
+            {
                 self.tour_asked = true;
                 let mut request = self.request(RequestKind::Tour);
                 request.tour = tour;
