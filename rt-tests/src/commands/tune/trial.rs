@@ -160,7 +160,7 @@ impl Bench<'_> {
             if record.contact {
                 touching += 1;
                 cost.certified_m = cost.certified_m.max(record.certified_error_m);
-                coarser += u64::from(record.finest_tolerance_m > settings.tolerance_m);
+                coarser += u64::from(!record.contact_asked);
             }
         }
         if touching == 0 {
