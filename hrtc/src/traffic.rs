@@ -44,7 +44,7 @@ impl Traffic {
         let mut all = self.lock();
         let of = match ChunkKind::from_code(kind) {
             Some(ChunkKind::Answers) => &mut all.answers,
-            Some(ChunkKind::Model) => &mut all.models,
+            Some(ChunkKind::Model | ChunkKind::Quarters) => &mut all.models,
             Some(ChunkKind::Tour) => &mut all.tours,
             Some(ChunkKind::Measured | ChunkKind::Refused | ChunkKind::File) | None => {
                 &mut all.others

@@ -196,9 +196,6 @@ pub mod cache {
     pub const REFUSED_S: f64 = 2.0;
     /// Places of the table that a tick searches for one whose refusal is that old.
     pub const REFUSED_WINDOW: usize = 4;
-    /// Base faces whose quarters have bounds of their own, 16 B each: more than the builder leaves
-    /// by default. The faces of a larger base mesh are smaller, and one bound says enough of each.
-    pub const MAX_QUARTERED: usize = 1024;
 }
 
 /// Refinement.

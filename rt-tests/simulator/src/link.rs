@@ -1,5 +1,6 @@
 //! The link between a client and the station.
 
+use crate::messages::LinkCounts;
 use crate::random::Random;
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{
@@ -66,54 +67,6 @@ impl LinkModel {
     }
 }
 
-/// Kinds of messages, in the order of [`LinkCounts`].
-pub const MESSAGES: [&str; 11] = [
-    "credit",
-    "ask for a model",
-    "ask for regions",
-    "ask for a tour",
-    "close",
-    "contact report",
-    "model",
-    "answers",
-    "measured errors",
-    "tour",
-    "refusal",
-];
-
-/// What a link did to the messages of each kind of [`MESSAGES`].
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct LinkCounts {
-    /// Sent.
-    pub sent: [u64; MESSAGES.len()],
-    /// Lost on the way, or by a link that was cut.
-    pub lost: [u64; MESSAGES.len()],
-    /// Sent twice.
-    pub doubled: [u64; MESSAGES.len()],
-    /// Overtook the one before it.
-    pub overtook: [u64; MESSAGES.len()],
-    /// Damaged.
-    pub damaged: [u64; MESSAGES.len()],
-}
-
-impl LinkCounts {
-    /// Adds the counts of another link.
-    pub fn add(&mut self, other: &Self) {
-        let pairs = [
-            (&mut self.sent, &other.sent),
-            (&mut self.lost, &other.lost),
-            (&mut self.doubled, &other.doubled),
-            (&mut self.overtook, &other.overtook),
-            (&mut self.damaged, &other.damaged),
-        ];
-        for (sums, counts) in pairs {
-            for (sum, count) in sums.iter_mut().zip(counts) {
-                *sum += count;
-            }
-        }
-    }
-}
-
 /// A message of a client to the station.
 #[derive(Debug, Clone, Copy)]
 #[expect(clippy::large_enum_variant, reason = "most messages are requests")]
@@ -126,7 +79,7 @@ pub(crate) enum Upward {
 pub(crate) trait Payload: Copy {
     /// Its size.
     fn bytes(&self) -> usize;
-    /// Its index in [`MESSAGES`].
+    /// Its index in [`MESSAGES`](crate::MESSAGES).
     fn kind(&self) -> usize;
     /// Flips a random bit, where a link may damage such a message.
     fn flip_bit(&mut self, random: &mut Random);
@@ -147,9 +100,10 @@ impl Payload for Upward {
                 Some(RequestKind::Regions) => 2,
                 Some(RequestKind::Tour) => 3,
                 Some(RequestKind::Close) => 4,
+                Some(RequestKind::Quarters) => 5,
                 Some(RequestKind::Credit | RequestKind::File) | None => 0,
             },
-            Self::Report(_) => 5,
+            Self::Report(_) => 6,
         }
     }
 
@@ -172,11 +126,12 @@ impl Payload for Downward {
 
     fn kind(&self) -> usize {
         match ChunkKind::from_code(self.header.kind) {
-            Some(ChunkKind::Model) => 6,
-            Some(ChunkKind::Answers | ChunkKind::File) | None => 7,
-            Some(ChunkKind::Measured) => 8,
-            Some(ChunkKind::Tour) => 9,
-            Some(ChunkKind::Refused) => 10,
+            Some(ChunkKind::Model) => 7,
+            Some(ChunkKind::Answers | ChunkKind::File) | None => 8,
+            Some(ChunkKind::Measured) => 9,
+            Some(ChunkKind::Tour) => 10,
+            Some(ChunkKind::Refused) => 11,
+            Some(ChunkKind::Quarters) => 12,
         }
     }
 

@@ -133,7 +133,8 @@ impl<D: AsRef<[u8]>> Model<D> {
     #[must_use]
     pub fn base_mesh(&self) -> ActiveMesh {
         let header = self.file.model_header();
-        let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
+        let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps)
+            .with_quarters(header.quartered as usize);
         for (handle, vertex) in (0u32..).zip(self.file.base_vertices()) {
             mesh.set_base_vertex(
                 handle,
@@ -144,7 +145,10 @@ impl<D: AsRef<[u8]>> Model<D> {
         for (handle, face) in (0u32..).zip(self.file.base_faces()) {
             let set = mesh.set_base_face(handle, face.corners, face.neighbours);
             assert!(set.is_some(), "the file has checked its base mesh");
-            mesh.set_quarters(handle, face.quarters.decode(self.scale()));
+        }
+        for quartered in self.file.quartered_faces() {
+            let is_added = mesh.add_quarters(quartered, self.scale());
+            assert!(is_added, "the file has checked its quartered faces");
         }
         mesh
     }

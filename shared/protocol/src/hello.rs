@@ -6,7 +6,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 /// Version of the protocol; part of every service name but the heartbeat's.
-pub const PROTOCOL_VERSION: u32 = 10;
+pub const PROTOCOL_VERSION: u32 = 11;
 /// Time between two heartbeats, milliseconds.
 pub const HELLO_PERIOD_MS: u64 = 100;
 

@@ -42,6 +42,10 @@
 //! [`CREDIT_CHUNKS`] among its sessions, and up to [`MAX_CREDIT_CHUNKS`] where a round trip to the
 //! station takes long.
 //!
+//! **Quarters.** The bounds of quarters ([`spm::QuarteredFace`]) only tell how accurate a contact
+//! is, and may be larger than the base mesh: a controller asks for them chunk by chunk, when it has
+//! awaited no answer for a round trip.
+//!
 //! **Files.** The plan of the scene and the files that it names (tools, height maps, trajectories)
 //! are asked for before any session, chunk by chunk, by the hash of their content ([`FileAsk`],
 //! [`FileChunk`]); [`FileHash::SCENE`] stands for the plan. They belong to no session, epoch or
@@ -83,6 +87,6 @@ pub use hello::{BUILD, Greeting, HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VE
 pub use wire::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind, ChunkSlot,
     ContactReport, Encoding, MAX_CLIENTS, MAX_CREDIT_CHUNKS, MAX_SESSIONS, MODEL_HEADER_SLOTS,
-    MeasuredError, REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
-    RequestWord, TourAsk, TourPoint,
+    MeasuredError, QUARTERED_PER_CHUNK, REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk,
+    Request, RequestKind, RequestWord, TourAsk, TourPoint, quartered_faces, quartered_faces_mut,
 };

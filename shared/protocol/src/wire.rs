@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2_bb_derive_macros::ZeroCopySend;
 use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
-use spm::ModelHeader;
+use spm::{ModelHeader, QuarteredFace};
 use std::mem::offset_of;
 
 /// Slots of a chunk (4 KiB). On the way a compact one takes fewer: see [`super::ChunkEncoder`].
@@ -65,6 +65,9 @@ codes! {
         Refused = 6,
         /// Bytes of a file: see [`super::FileChunk`].
         File = 7,
+        /// [`QuarteredFace`]s, packed: see [`quartered_faces`]; `code` is the place of the first in
+        /// the model.
+        Quarters = 8,
     }
 
     /// How chunks travel to a client.
@@ -118,7 +121,7 @@ pub struct ChunkHeader {
     /// Its tolerance, the bits of an f32, model units.
     pub tolerance_bits: u32,
     /// Bytes of the parts (answers); elsewhere the number of items in this chunk: base vertices and
-    /// faces, measured errors or path points.
+    /// faces, quartered faces, measured errors or path points.
     pub count: u32,
     /// 1 on the last chunk of an answer; for kind Answers, when the last part ends its answer.
     pub last: u32,
@@ -196,6 +199,25 @@ pub struct ChunkSlot {
 pub const MODEL_HEADER_SLOTS: usize = 4;
 const _: () = assert!(size_of::<ModelHeader>() <= MODEL_HEADER_SLOTS * 64);
 
+/// [`QuarteredFace`]s in a chunk at the most.
+pub const QUARTERED_PER_CHUNK: usize =
+    CHUNK_SLOTS * size_of::<ChunkSlot>() / size_of::<QuarteredFace>();
+const QUARTERED_BYTES: usize = QUARTERED_PER_CHUNK * size_of::<QuarteredFace>();
+
+/// The places of a chunk of kind [`ChunkKind::Quarters`].
+#[must_use]
+pub fn quartered_faces(slots: &[ChunkSlot; CHUNK_SLOTS]) -> &[QuarteredFace] {
+    let bytes: &[u8] = bytemuck::cast_slice(slots);
+    bytemuck::cast_slice(&bytes[..QUARTERED_BYTES])
+}
+
+/// See [`quartered_faces`].
+#[must_use]
+pub fn quartered_faces_mut(slots: &mut [ChunkSlot; CHUNK_SLOTS]) -> &mut [QuarteredFace] {
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(slots);
+    bytemuck::cast_slice_mut(&mut bytes[..QUARTERED_BYTES])
+}
+
 /// Exact distance of a reported contact to the full mesh.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -235,6 +257,8 @@ codes! {
         Close = 5,
         /// Chunks of a file: see [`super::FileAsk`].
         File = 6,
+        /// A chunk of the model's quartered faces.
+        Quarters = 7,
     }
 }
 
@@ -306,7 +330,7 @@ pub struct Request {
     pub kind: u32,
     /// Object of the scene.
     pub object: u32,
-    /// Valid entries of `regions`.
+    /// Valid entries of `regions`; the place of the first quartered face (kind Quarters).
     pub count: u32,
     /// Chunks that may be under way in this session from now on; the sessions of a client share
     /// [`CREDIT_CHUNKS`], or up to [`MAX_CREDIT_CHUNKS`] of one far away.

@@ -10,7 +10,7 @@
 //! | faces | corners, neighbours | 24 | F0 + 2 a slot |
 //! | links | i, vs, fn, leaf codes | 32 | 1 a slot |
 //! | states | performed, dependents | 4 | 1 a slot |
-//! | quarters | what is certified of them | 16 | F0, or as many as there is room for |
+//! | quarters | what is certified of those of some faces | 12 | as many as there is room for |
 //!
 //! Legality is a property of the front: a split is legal when its dependencies are performed, a
 //! collapse when no performed VSP depends on it. (`rt-tests fronts` compares with the adjacency
@@ -34,7 +34,7 @@ pub use operation_faces::OperationFaces;
 pub use walk::FrontWalk;
 
 use super::certified::Certified;
-use super::quarters::Quarters;
+use super::quarters::QuarterTable;
 use super::record::VspRecord;
 use ab_tree::{Handle, NONE};
 use geometry::Aabb;
@@ -120,8 +120,7 @@ pub struct ActiveMesh {
     faces: Vec<Face>,
     links: Vec<Links>,
     states: Vec<State>,
-    /// Of base faces, as many as there is room for.
-    quarters: Vec<Quarters>,
+    quarters: QuarterTable,
     #[cfg_attr(feature = "serde", serde(with = "crate::reserved"))]
     geomorphs: Vec<Geomorph>,
     active_faces: u32,
@@ -159,7 +158,7 @@ impl ActiveMesh {
             faces: vec![Face::UNUSED; base_faces as usize + 2 * slots_usize],
             links: vec![links; slots_usize],
             states: vec![State::default(); slots_usize],
-            quarters: vec![Quarters::UNKNOWN; base_faces as usize],
+            quarters: QuarterTable::with_room(0),
             geomorphs: Vec::new(),
             active_faces: 0,
             performed: 0,
@@ -199,6 +198,7 @@ impl ActiveMesh {
             .min(self.links.len());
         self.base_vertices = base_vertices;
         self.base_faces = base_faces;
+        self.quarters.clear();
         assert!(
             self.active_faces == 0 && self.performed == 0,
             "storage is divided while it is empty"
@@ -246,21 +246,6 @@ impl ActiveMesh {
             neighbours,
         };
         Some(())
-    }
-
-    /// Makes room for the quarters of so many base faces, for a mesh that is laid out later. What
-    /// is certified of the other base faces is their certified error alone.
-    #[must_use]
-    pub fn with_quarters(mut self, faces: usize) -> Self {
-        self.quarters = vec![Quarters::UNKNOWN; faces];
-        self
-    }
-
-    /// Sets what is certified of the quarters of a base face, where there is room.
-    pub fn set_quarters(&mut self, face: Handle, quarters: Quarters) {
-        if let Some(place) = self.quarters.get_mut(face as usize) {
-            *place = quarters;
-        }
     }
 
     /// Whether the base mesh is complete and its neighbour links agree; a linear pass.

@@ -18,6 +18,7 @@
 
 use super::ErrorScale;
 use bytemuck::{Pod, Zeroable};
+use std::ops::Range;
 
 /// The three bytes.
 ///
@@ -152,15 +153,21 @@ impl Certified {
         ErrorScale::growth(first, begin.max(first))
     }
 
-    /// The bound of a face by C of its corners: the least one where they are active for a common
-    /// t; infinite for others.
-    pub(crate) fn close_of(corners: [Self; 3]) -> f32 {
+    /// The codes of t for which all corners of a face are active, if there are any.
+    pub(crate) fn common(corners: [Self; 3]) -> Option<Range<u16>> {
         let begin = corners.iter().fold(0, |begin, v| begin.max(v.begin));
         let end = corners.iter().fold(u16::MAX, |end, v| end.min(v.end));
-        if begin >= end {
+        (begin < end).then_some(begin..end)
+    }
+
+    /// The bound of a face by C of its corners: the least one where they are active for a common
+    /// t; infinite for others.
+    #[must_use]
+    pub fn close_of(corners: [Self; 3]) -> f32 {
+        let Some(common) = Self::common(corners) else {
             return f32::INFINITY;
-        }
-        let bound = |v: &Self| f64::from(v.close) * Self::growth(begin, v.end);
+        };
+        let bound = |v: &Self| f64::from(v.close) * Self::growth(common.start, v.end);
         let least = corners.iter().map(bound).fold(f64::INFINITY, f64::min);
         // The powers, the builder's quotient and the product are rounded.
         rounded_up(least * (1.0 + 8.0 * f64::EPSILON))

@@ -22,6 +22,12 @@ impl ErrorScale {
         Self(2.0 * diagonal)
     }
 
+    /// The diagonal that it is for, model units.
+    #[must_use]
+    pub fn diagonal(self) -> f64 {
+        self.0 / 2.0
+    }
+
     /// The smallest code whose value is at least `error` (model units, not negative).
     ///
     /// The largest code where no other is enough, or `error` is no number.

@@ -3,7 +3,7 @@
 //! | section | items | checked |
 //! |---|---|---|
 //! | header | sizes, grid, what the builder did, table of sections | on open |
-//! | base vertices, base faces | 16, 32 B | on open |
+//! | base vertices, base faces, quartered faces | 16, 32, 12 B | on open |
 //! | regions, seed offsets, base splits | 4 B each | on open |
 //! | seeds, records, full faces | 4, 64, 16 B | a 64-KiB block, when first used |
 //! | boxes, hierarchy | 24, 20 B | a 64-KiB block, when first used |
@@ -21,7 +21,7 @@ mod write;
 pub use layout::{BLOCK_BYTES, BuildSummary, FORMAT_VERSION, FullFace, Section, SpmHeader};
 pub use write::{SpmParts, write_spm};
 
-use crate::{BaseFace, BaseVertex, ModelHeader};
+use crate::{BaseFace, BaseVertex, ModelHeader, QuarteredFace};
 use crate::{NONE, RecordError, RegionId, VspNode, VspRecord};
 use bytemuck::{AnyBitPattern, Pod};
 use layout::{ALIGNMENT, MAGIC, box_count};
@@ -197,6 +197,12 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
     #[must_use]
     pub fn base_faces(&self) -> &[BaseFace] {
         self.small(Section::BaseFaces)
+    }
+
+    /// The faces whose quarters have bounds, ascending; checked on open.
+    #[must_use]
+    pub fn quartered_faces(&self) -> &[QuarteredFace] {
+        self.small(Section::Quartered)
     }
 
     /// The occupied and the empty regions, ascending; checked on open.
@@ -375,10 +381,19 @@ impl<D: AsRef<[u8]>> SpmFile<D> {
                 && c != a
                 && a.max(b).max(c) < header.base_vertices
                 && ab_tree::is_leaf_key(f.leaf, header.faces)
+                && f.reserved == 0
                 && (0..3).all(|k| links_back(faces, own, k))
         });
         if !faces_sound {
             return Err(FileError::Inconsistent(Section::BaseFaces));
+        }
+        let mut before = None;
+        let quartered_sound = self.quartered_faces().iter().all(|face| {
+            let before = before.replace(face.key());
+            face.is_valid(header.sizes(), before)
+        });
+        if !quartered_sound {
+            return Err(FileError::Inconsistent(Section::Quartered));
         }
         let split_ok = |&split: &u32| split == NONE || split < header.vsps;
         if !self.base_splits().iter().all(split_ok) {
@@ -459,6 +474,7 @@ fn header_is_sound(header: &SpmHeader) -> bool {
         && count(Section::SeedOffsets) == count(Section::Regions) + 1
         && count(Section::BlockSums) == blocks
         && count(Section::BaseSplits) == u64::from(model.base_vertices)
+        && count(Section::Quartered) == u64::from(model.quartered)
         && count(Section::Hierarchy) == u64::from(model.vsps)
         && count(Section::Records) == u64::from(model.vsps)
         && count(Section::FullFaces) == u64::from(model.faces)

@@ -1,6 +1,6 @@
 //! Header and base mesh of a model, as stored in the file and sent over the wire.
 
-use super::{Certified, CertifiedCode, ErrorScale, LEVELS, QuarterCodes, RegionGrid, Sizes};
+use super::{Certified, CertifiedCode, ErrorScale, LEVELS, QuarteredFace, RegionGrid, Sizes};
 use bytemuck::{Pod, Zeroable};
 
 /// The header of a model: everything that a controller needs before its first record.
@@ -37,8 +37,10 @@ pub struct ModelHeader {
     pub dependency_depth: u32,
     /// Largest closure of a region, VSPs.
     pub closure_max: u32,
+    /// Faces whose quarters have bounds ([`QuarteredFace`]).
+    pub quartered: u32,
     /// Zero.
-    pub reserved: [u32; 2],
+    pub reserved: u32,
 }
 
 impl ModelHeader {
@@ -121,6 +123,7 @@ impl ModelHeader {
             && self.faces >= self.base_faces
             && u64::from(self.faces) <= max_faces
             && ids < u64::from(u32::MAX)
+            && self.quartered <= QuarteredFace::MAX
             && self.faces < 1 << 30
     }
 }
@@ -155,8 +158,8 @@ pub struct BaseFace {
     pub leaf: u32,
     /// Base face across the edge opposite each corner; [`crate::NONE`] at a boundary.
     pub neighbours: [u32; 3],
-    /// What is certified of its quarters.
-    pub quarters: QuarterCodes,
+    /// Zero.
+    pub reserved: u32,
 }
 
 // The layout of the file (`FORMAT_VERSION`): a change needs a new version. The wire copies these
@@ -177,10 +180,10 @@ const _: () = {
     assert!(offset_of!(ModelHeader, faces) == 188);
     assert!(offset_of!(ModelHeader, dependency_depth) == 192);
     assert!(offset_of!(ModelHeader, closure_max) == 196);
-    assert!(offset_of!(ModelHeader, reserved) == 200);
+    assert!(offset_of!(ModelHeader, quartered) == 200);
     assert!(size_of::<BaseVertex>() == 16 && offset_of!(BaseVertex, certified) == 12);
     assert!(size_of::<BaseFace>() == 32 && offset_of!(BaseFace, leaf) == 12);
-    assert!(offset_of!(BaseFace, neighbours) == 16 && offset_of!(BaseFace, quarters) == 28);
+    assert!(offset_of!(BaseFace, neighbours) == 16 && offset_of!(BaseFace, reserved) == 28);
 };
 
 #[cfg(test)]

@@ -27,7 +27,7 @@
 //! | `hierarchy` | the vertex hierarchy and its bounds |
 //! | `error_code` | errors as 16 bits |
 //! | `certified` | what is certified of a vertex |
-//! | `quarters` | what is certified of the quarters of a base face |
+//! | `quarters` | what is certified of the quarters of some faces |
 //! | `active_mesh` | the surface of a front: splits, collapses, geomorphs |
 //! | `file` | the SPM file |
 //! | `prefix_mesh` | one level of detail as plain triangles |
@@ -43,13 +43,16 @@
 //!
 //! let scale = ErrorScale::for_diagonal(header.diagonal);
 //! // The base mesh, then its only split.
-//! let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
+//! let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps)
+//!     .with_quarters(header.quartered as usize);
 //! for (vertex, base) in (0..).zip(file.base_vertices()) {
 //!     mesh.set_base_vertex(vertex, base.position, scale.certified_of_base(base));
 //! }
 //! for (face, base) in (0..).zip(file.base_faces()) {
 //!     mesh.set_base_face(face, base.corners, base.neighbours);
-//!     mesh.set_quarters(face, base.quarters.decode(scale));
+//! }
+//! for quartered in file.quartered_faces() {
+//!     assert!(mesh.add_quarters(quartered, scale));
 //! }
 //! let record = file.record(0)?;
 //! mesh.load(0, &record, record.vs, record.fn_, scale.certified(&record));
@@ -88,6 +91,6 @@ pub use file::{
 pub use header::{BaseFace, BaseVertex, ModelHeader};
 pub use hierarchy::{BoundsScale, VspNode};
 pub use prefix_mesh::{prefix_mesh, prefix_parts};
-pub use quarters::{QuarterCodes, Quarters};
+pub use quarters::{QuarterCodes, QuarteredFace};
 pub use record::{RecordError, Sizes, VspRecord};
 pub use regions::{LEVELS, RegionGrid, RegionId};

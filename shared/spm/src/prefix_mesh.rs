@@ -4,7 +4,7 @@ use super::{
     ActiveMesh, BaseFace, BaseVertex, BuildSummary, FileError, FullFace, Handle, LEVELS,
     ModelHeader, NONE, OperationFaces, RegionGrid, RegionId, Section, SpmFile, SpmParts,
 };
-use crate::{Certified, CertifiedCode, QuarterCodes};
+use crate::{Certified, CertifiedCode};
 use ab_tree::leaf_key;
 use bytemuck::Zeroable;
 use glam::{DVec3, UVec3};
@@ -56,7 +56,7 @@ pub fn prefix_parts<D: AsRef<[u8]>>(
         corners,
         leaf: leaf_key(k, count),
         neighbours: mesh.face(*face).neighbours.map(|of| number(&of)),
-        quarters: QuarterCodes::default(),
+        reserved: 0,
     };
     let base_vertex = |&vertex: &Handle| BaseVertex {
         position: mesh.position(vertex).to_array(),
@@ -80,6 +80,7 @@ pub fn prefix_parts<D: AsRef<[u8]>>(
         summary: BuildSummary::default(),
         base_vertices: vertices.iter().map(base_vertex).collect(),
         base_faces: (0..).zip(&faces).zip(&triangles).map(base_face).collect(),
+        quartered: Vec::new(),
         records: Vec::new(),
         regions: vec![RegionId::of_cell(UVec3::ZERO)],
         seed_offsets: vec![0, 0],

@@ -3,7 +3,7 @@
 use crate::cracks::widest_crack;
 use crate::error::BuildError;
 use crate::hierarchy::{add_hierarchy, level_tolerances};
-use crate::history::History;
+use crate::history::{History, QuarterBounds};
 use crate::ids::Ids;
 use crate::manifold::ManifoldMesh;
 use crate::progress::Progress;
@@ -13,8 +13,8 @@ use geometry::Aabb;
 use glam::Vec3;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use spm::{
-    BuildSummary, CertifiedCode, ErrorScale, FullFace, NONE, QuarterCodes, RegionGrid, Sizes,
-    SpmParts, VspRecord,
+    BuildSummary, CertifiedCode, ErrorScale, FullFace, NONE, QuarterCodes, QuarteredFace,
+    RegionGrid, Sizes, SpmParts, VspRecord,
 };
 
 /// Assembles the parts of an SPM file: `divisions` along the longest side, or the default grid.
@@ -58,7 +58,8 @@ pub fn assemble(
             faces,
             dependency_depth: longest_chain(&refinement.records, ids.sizes),
             closure_max: found.closure_max,
-            reserved: [0; 2],
+            quartered: refinement.quartered.len() as u32,
+            reserved: 0,
         },
         summary: BuildSummary {
             closure_mean: found.closure_mean,
@@ -68,6 +69,7 @@ pub fn assemble(
         },
         base_vertices: refinement.base_vertices,
         base_faces: refinement.base_faces,
+        quartered: refinement.quartered,
         records: refinement.records,
         regions: found.regions,
         seed_offsets: found.seed_offsets,
@@ -89,6 +91,7 @@ pub fn assemble(
 struct Refinement {
     base_vertices: Vec<BaseVertex>,
     base_faces: Vec<BaseFace>,
+    quartered: Vec<QuarteredFace>,
     records: Vec<VspRecord>,
     /// Upper bound of the widest crack, model units.
     cracks_max: f64,
@@ -114,7 +117,8 @@ impl Refinement {
         check_records(&records, ids.sizes)?;
         Ok(Self {
             base_vertices: base_vertices(&history, ids, &code),
-            base_faces: base_faces(&history, ids, faces, scale),
+            base_faces: base_faces(&history, ids, faces),
+            quartered: quartered_faces(&history, ids, scale),
             records,
             cracks_max: widest_crack(mesh, &history),
         })
@@ -176,18 +180,29 @@ fn base_vertices(
     all
 }
 
-fn base_faces(history: &History, ids: &Ids, faces: u32, scale: ErrorScale) -> Vec<BaseFace> {
+fn base_faces(history: &History, ids: &Ids, faces: u32) -> Vec<BaseFace> {
     history
         .base
         .iter()
-        .zip(&history.quarters)
-        .map(|(left, &bounds)| BaseFace {
+        .map(|left| BaseFace {
             corners: left.corners.map(|v| ids.vertex[v as usize]),
             leaf: leaf_key(left.face, faces),
             neighbours: left.neighbours.map(|face| ids.face(face)),
-            quarters: QuarterCodes::new(scale, bounds),
+            reserved: 0,
         })
         .collect()
+}
+
+fn quartered_faces(history: &History, ids: &Ids, scale: ErrorScale) -> Vec<QuarteredFace> {
+    let of = |quarters: &QuarterBounds| QuarteredFace {
+        face: ids.face(quarters.face),
+        end: quarters.end,
+        part: quarters.part,
+        quarters: QuarterCodes::new(scale, quarters.bounds),
+    };
+    let mut all: Vec<QuarteredFace> = history.quarters.iter().map(of).collect();
+    all.sort_unstable_by_key(QuarteredFace::key);
+    all
 }
 
 fn records(

@@ -79,8 +79,21 @@ pub struct History {
     pub close: Vec<f64>,
     /// What is left: the base mesh, ascending by face.
     pub base: Vec<LeftFace>,
-    /// Bounds of the quarters of each of its faces, model units (see [`spm::QuarterCodes`]).
-    pub quarters: Vec<[f64; 4]>,
+    /// Bounds of the quarters of some faces of fronts {E > t}.
+    pub quarters: Vec<QuarterBounds>,
+}
+
+/// Bounds of the quarters of a face (see [`spm::QuarteredFace`]).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct QuarterBounds {
+    /// Its number in the full mesh.
+    pub face: u32,
+    /// The first code of t for which its corners are others; `u16::MAX` in the base mesh.
+    pub end: u16,
+    /// The part of it that is cut in four.
+    pub part: u16,
+    /// Model units; in the order of the corners in a file.
+    pub bounds: [f64; 4],
 }
 
 /// A face that simplification left, in ids of the history.

@@ -4,19 +4,22 @@
 //! |---|---|---|
 //! | certified, R | `certified` | a bound of every front, both ways |
 //! | certified, C | `close` | a tighter one, of the fronts {E > t} |
-//! | quarters | `quarters` | of the points of base faces, one way |
+//! | quarters | `quarters` | of the points of some faces, one way |
 //! | expected, E | `expected` | sampled while simplifying; drives the dial |
 
 mod certified;
+mod choice;
 mod close;
 mod descendants;
 mod expected;
+mod fronts;
 mod full_surface;
 mod quarters;
 mod triangle;
 
 pub use certified::descendant_radius;
+pub use choice::quarter_bounds;
 pub use close::{close_bounds, rounding};
 pub use descendants::Descendants;
 pub use expected::ExpectedErrors;
-pub use quarters::quarter_bounds;
+pub use fronts::Fronts;

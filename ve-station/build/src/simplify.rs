@@ -16,7 +16,7 @@ mod topology;
 use crate::history::{Collapse, FanFace, History, LeftFace, MAX_FACES_ROUND_A_VERTEX, Made, Round};
 use crate::manifold::ManifoldMesh;
 use crate::model_error::{
-    Descendants, ExpectedErrors, close_bounds, descendant_radius, quarter_bounds, rounding,
+    Descendants, ExpectedErrors, Fronts, close_bounds, descendant_radius, quarter_bounds, rounding,
 };
 use crate::progress::Progress;
 use crate::tuning::simplify::{
@@ -94,8 +94,10 @@ pub fn simplify(
     let descendants = Descendants::new(&history);
     history.radius = descendant_radius(&history, &descendants);
     let rounding = rounding(&history);
-    history.close = close_bounds(&history, &full, &descendants, rounding, progress);
-    history.quarters = quarter_bounds(&history, &full, rounding);
+    let fronts = Fronts::new(&history);
+    let of = (&descendants, &fronts);
+    history.close = close_bounds(&history, &full, of, rounding, progress);
+    history.quarters = quarter_bounds(&history, &full, &fronts, scale, rounding);
     history
 }
 

@@ -402,8 +402,12 @@ impl<D: AsRef<[u8]>> Station<D> {
         }
         match kind {
             RequestKind::Credit | RequestKind::File => {}
-            RequestKind::Model => self.ask_model(at, request),
+            RequestKind::Model => self.ask_model(at, request, Job::model),
             RequestKind::Tour => self.ask_tour(at, request),
+            RequestKind::Quarters => {
+                let first = request.count as usize;
+                self.ask_model(at, request, |model| Job::Quarters { model, first });
+            }
             RequestKind::Regions => {
                 for ask in asks {
                     self.ask_region(at, request, ask);
@@ -477,12 +481,10 @@ impl<D: AsRef<[u8]>> Station<D> {
         same.then_some(object.model)
     }
 
-    fn ask_model(&mut self, at: usize, request: &Request) {
+    /// Queues a question about the model of a request's object.
+    fn ask_model(&mut self, at: usize, request: &Request, job: impl FnOnce(usize) -> Job) {
         match self.model_of(request, true) {
-            Some(model) => self.sessions[at].jobs.push_back(Job::Model {
-                model,
-                next_slot: 0,
-            }),
+            Some(model) => self.sessions[at].jobs.push_back(job(model)),
             None => self.refuse_model(at, request),
         }
     }

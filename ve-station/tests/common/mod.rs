@@ -106,16 +106,19 @@ pub fn build(mesh: &SoupMesh, base_faces: Option<u32>) -> SpmParts {
 pub fn load(parts: &SpmParts) -> ActiveMesh {
     let header = &parts.header;
     let scale = ErrorScale::for_diagonal(header.diagonal);
-    let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps);
+    let mut mesh = ActiveMesh::new(header.base_vertices, header.base_faces, header.vsps)
+        .with_quarters(parts.quartered.len());
     for (k, vertex) in (0u32..).zip(&parts.base_vertices) {
         mesh.set_base_vertex(k, vertex.position, scale.certified_of_base(vertex));
     }
     for (k, face) in (0u32..).zip(&parts.base_faces) {
         mesh.set_base_face(k, face.corners, face.neighbours)
             .unwrap();
-        mesh.set_quarters(k, face.quarters.decode(scale));
     }
     assert!(mesh.base_is_consistent());
+    for quartered in &parts.quartered {
+        assert!(mesh.add_quarters(quartered, scale));
+    }
     for record in &parts.records {
         mesh.load(
             record.i,

@@ -9,5 +9,6 @@ mod flights;
 mod fronts_at_tolerances;
 mod large_fans;
 mod loaded_cells_are_the_full_mesh;
+mod quartered_faces;
 mod swept_over;
 mod theorem_4;

@@ -9,7 +9,7 @@ use super::{keeping, rounds_and_seed, turn};
 use geometry::Aabb;
 use glam::DVec3;
 use spm::{BLOCK_BYTES, FullFace, RegionId, SpmFile, SpmHeader, VspNode, VspRecord, write_spm};
-use spm::{BaseFace, BaseVertex};
+use spm::{BaseFace, BaseVertex, QuarteredFace};
 use spm_builder::generate::{Shape, generate};
 use station_core::collection::{RegionAt, closure};
 use std::ops::Range;
@@ -18,13 +18,14 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// Bytes of an item of each section, in the order of the table; the sums of the blocks are the
 /// fifth.
-const ITEM_BYTES: [usize; 11] = [
+const ITEM_BYTES: [usize; 12] = [
     size_of::<BaseVertex>(),
     size_of::<BaseFace>(),
     size_of::<RegionId>(),
     4,
     8,
     4,
+    size_of::<QuarteredFace>(),
     4,
     size_of::<VspRecord>(),
     size_of::<FullFace>(),
@@ -32,8 +33,8 @@ const ITEM_BYTES: [usize; 11] = [
     size_of::<VspNode>(),
 ];
 const SUMS: usize = 4;
-const SMALL: Range<usize> = 0..6;
-const BIG: Range<usize> = 6..11;
+const SMALL: Range<usize> = 0..7;
+const BIG: Range<usize> = 7..12;
 const HEAD: usize = size_of::<SpmHeader>();
 const TABLE: usize = HEAD - 8 - 24 * ITEM_BYTES.len();
 

@@ -15,6 +15,7 @@
 //! queue of collapses, a record with no holder and no loaded dependent in the queue of evictions;
 //! both queues are in order of arrival. Nothing that a wanted region needs is in either.
 
+mod base_mesh;
 pub mod base_mesh_store;
 mod check;
 mod geomorphs;
@@ -34,13 +35,12 @@ pub use region::{AfterUnload, Region, RegionState};
 pub use region_key::RegionKey;
 pub use regions::{MAX_OUTSTANDING, RegionTable};
 
-use crate::tuning::cache::MAX_QUARTERED;
 use ab_tree::AbTree;
 use id_map::IdMap;
 use lists::ListPool;
 use mutants::{Mutant, is};
 use spm::{ActiveMesh, Certified, ErrorScale, NONE, Sizes, Slot, VspRecord};
-use spm::{BaseFace, BaseVertex, ModelHeader};
+use spm::{ModelHeader, QuarteredFace};
 use thiserror::Error;
 
 /// Marks a closure entry whose record has not come yet: the rest is the VSP's id.
@@ -137,6 +137,8 @@ pub struct Cache {
     /// The regions.
     pub regions: RegionTable,
     sizes: Sizes,
+    /// Faces of the model whose quarters have bounds.
+    quartered: u32,
     scale: ErrorScale,
     loaded: u32,
     loaded_high_water: u32,
@@ -211,7 +213,7 @@ impl Cache {
             limit: bytes,
             mesh: ActiveMesh::new(0, 0, slots as u32)
                 .with_geomorphs(MAX_GEOMORPHS)
-                .with_quarters(MAX_QUARTERED),
+                .with_quarters(QuarteredFace::MAX as usize),
             tree: AbTree::new(2 * slots as u32),
             ids: IdMap::new(slots),
             references: vec![References::default(); slots],
@@ -221,6 +223,7 @@ impl Cache {
             lists: ListPool::new(Self::blocks_for(slots)),
             regions: RegionTable::new(Self::regions_for(slots)),
             sizes: NO_MODEL,
+            quartered: 0,
             scale: ErrorScale::for_diagonal(1.0),
             loaded: 0,
             loaded_high_water: 0,
@@ -352,52 +355,9 @@ impl Cache {
         if self.slots_used == 0 && left == 0 && self.regions.known() == 0 {
             self.lists.clear();
             self.sizes = NO_MODEL;
+            self.quartered = 0;
             self.is_clearing = false;
         }
-    }
-
-    /// Shares the storage out to a model; once, and again when another one is forgotten.
-    ///
-    /// # Errors
-    /// When the base mesh and the model's largest closure do not fit.
-    pub fn begin_model(&mut self, header: &ModelHeader) -> Result<(), CacheError> {
-        let slots = self.mesh.reshape(header.base_vertices, header.base_faces);
-        match slots {
-            Some(slots) if slots >= header.closure_max => {
-                self.sizes = header.sizes();
-                self.scale = ErrorScale::for_diagonal(header.diagonal);
-                self.slots = slots;
-                self.tree.preconstruct(header.faces);
-                Ok(())
-            }
-            _ => Err(CacheError::TooSmall {
-                bytes: self.bytes,
-                needed: Self::least_bytes(header),
-                base_faces: header.base_faces,
-            }),
-        }
-    }
-
-    /// Sets a base vertex; false when its numbers cannot be.
-    #[must_use]
-    pub fn set_base_vertex(&mut self, vertex: u32, value: &BaseVertex) -> bool {
-        if value.reserved != 0 || !value.position.iter().all(|x| x.is_finite()) {
-            return false;
-        }
-        let certified = self.scale.certified_of_base(value);
-        self.mesh.set_base_vertex(vertex, value.position, certified);
-        true
-    }
-
-    /// Sets a base face; false when its numbers cannot be.
-    #[must_use]
-    pub fn set_base_face(&mut self, face: u32, value: &BaseFace) -> bool {
-        self.mesh
-            .set_quarters(face, value.quarters.decode(self.scale));
-        self.mesh
-            .set_base_face(face, value.corners, value.neighbours)
-            .is_some()
-            && self.tree.insert(face, value.leaf)
     }
 
     // --- closures and records --------------------------------------------------------------------

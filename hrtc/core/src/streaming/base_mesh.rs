@@ -8,7 +8,7 @@ use crate::cache::base_mesh_store::{Model, first_face_slot, model_slots};
 use crate::instance::ModelFrame;
 use crate::lod::lod_controller::triangle_area;
 use crate::tuning::streaming::{MIN_UNITS, UNITS_PER_ITEM};
-use protocol::{CHUNK_SLOTS, ChunkSlot, MODEL_HEADER_SLOTS};
+use protocol::{CHUNK_SLOTS, ChunkSlot, MODEL_HEADER_SLOTS, quartered_faces};
 use spm::{BaseFace, BaseVertex, ModelHeader};
 
 impl Session {
@@ -86,6 +86,42 @@ impl Session {
         if self.progress.model_slots >= end {
             self.finish_model(*header, of, context);
         }
+        Taken::Whole
+    }
+
+    /// Takes the quartered faces of a chunk that come next, thirty in the time of a record.
+    pub(super) fn take_quarters(
+        &mut self,
+        chunk: &InboxChunk,
+        of: &mut Receiver<'_>,
+        context: &mut TickContext<'_, '_>,
+    ) -> Taken {
+        const FACES_PER_ITEM: usize = 30;
+        if self.subscriber.model() != chunk.header.model {
+            self.fault = Some(Fault::AnotherModel);
+            return Taken::Whole;
+        }
+        let faces = quartered_faces(&chunk.slots);
+        let faces = &faces[..faces.len().min(chunk.header.count as usize)];
+        let cache = &mut of.front.cache;
+        let place = chunk.header.code as usize + self.progress.done;
+        if faces.is_empty() || cache.next_quarters() != u32::try_from(place).ok() {
+            self.fault = Some(Fault::DamagedModel);
+            return Taken::Whole;
+        }
+        for part in faces[self.progress.done..].chunks(FACES_PER_ITEM) {
+            if context.budget.ingest < MIN_UNITS {
+                context.budget.ingest = 0;
+                return Taken::Part;
+            }
+            context.budget.ingest -= UNITS_PER_ITEM;
+            if !part.iter().all(|face| cache.add_quarters(face)) {
+                self.fault = Some(Fault::DamagedModel);
+                return Taken::Whole;
+            }
+            self.progress.done += part.len();
+        }
+        self.subscriber.quarters_are_here();
         Taken::Whole
     }
 

@@ -239,6 +239,12 @@ impl LinkMeter {
             .map_or(-1.0, |(ticks, _)| ticks / self.rate_hz)
     }
 
+    /// Smoothed round-trip time, ticks; 0 when none was measured.
+    #[must_use]
+    pub fn round_trip_ticks(&self) -> u64 {
+        self.round_trip.map_or(0, |(ticks, _)| ticks.ceil() as u64)
+    }
+
     /// Rate at which chunks come while more is on its way, bytes a second. Negative when no limit
     /// was seen.
     #[must_use]

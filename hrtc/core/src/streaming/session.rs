@@ -309,6 +309,7 @@ impl Session {
                 return self.take_model(chunk, of, context);
             }
             Some(ChunkKind::Answers) => return self.take_answers(chunk, of, context),
+            Some(ChunkKind::Quarters) => return self.take_quarters(chunk, of, context),
             Some(ChunkKind::Measured) => {
                 let items: &[MeasuredError] = bytemuck::cast_slice(&chunk.slots);
                 let count = (chunk.header.count as usize).min(items.len());

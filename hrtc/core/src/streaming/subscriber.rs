@@ -73,6 +73,9 @@ pub struct Subscriber {
     model_asked: Option<u64>,
     tour: Option<TourAsk>,
     tour_asked: bool,
+    quarters_asked: bool,
+    /// Tick when regions or a tour were awaited last.
+    awaited_at: u64,
     /// Place in the region table up to which held regions were declared in this epoch.
     declared: usize,
     questions: Questions,
@@ -117,6 +120,8 @@ impl Subscriber {
             model_asked: None,
             tour: None,
             tour_asked: false,
+            quarters_asked: false,
+            awaited_at: 0,
             declared: 0,
             questions: Questions::new(),
             granted: 0,
@@ -182,7 +187,8 @@ impl Subscriber {
         self.is_heard = station != 0;
         let waiting = !self.questions.all().is_empty()
             || (self.model_asked.is_some() && self.model == 0)
-            || (self.tour_asked && self.tour.is_some());
+            || (self.tour_asked && self.tour.is_some())
+            || self.quarters_asked;
         let silent = waiting
             && !is(Mutant::Timeout)
             && tick.saturating_sub(self.last_progress) > meter.timeout(self.silences);
@@ -220,6 +226,7 @@ impl Subscriber {
         self.consumed_told = 0;
         self.model_asked = None;
         self.tour_asked = false;
+        self.quarters_asked = false;
         self.declared = 0;
         self.questions.clear();
         self.granted = 0;
@@ -282,6 +289,12 @@ impl Subscriber {
         &self.questions
     }
 
+    /// Content hash of the model; 0 until it is known.
+    #[must_use]
+    pub fn model(&self) -> u64 {
+        self.model
+    }
+
     /// The model has arrived.
     pub fn model_is(&mut self, model: u64) {
         self.model = model;
@@ -302,6 +315,11 @@ impl Subscriber {
     /// The tour is complete, or there is none.
     pub fn tour_is_here(&mut self) {
         self.tour = None;
+    }
+
+    /// Some of the quartered faces have come.
+    pub fn quarters_are_here(&mut self) {
+        self.quarters_asked = false;
     }
 
     /// An asked region was answered, refused or given up.
@@ -361,7 +379,7 @@ impl Subscriber {
     }
 
     /// Writes this tick's requests: model, tour, held regions, releases, then `wanted` in its
-    /// order.
+    /// order, and quartered faces.
     pub fn requests(
         &mut self,
         tick: u64,
@@ -396,6 +414,7 @@ impl Subscriber {
             if tick >= self.asked_at + meter.request_ticks() {
                 self.ask(tick, cache, wanted, meter, outbox);
             }
+            self.ask_quarters(tick, cache, meter, outbox);
         }
         // Of what it was told the station may wait for any part: no window that grew since counts.
         let told = self.granted - self.consumed_told;
@@ -403,6 +422,22 @@ impl Subscriber {
         if self.consumed - self.consumed_told >= step && outbox.has_room() {
             let request = self.request(RequestKind::Credit);
             self.send(outbox, request, tick, false);
+        }
+    }
+
+    /// Asks for the next quartered faces, where no region and no tour was awaited for a round trip:
+    /// a contact is as accurate without them, though less is known of it.
+    fn ask_quarters(&mut self, tick: u64, cache: &Cache, meter: &LinkMeter, outbox: &mut Outbox) {
+        if !self.questions.all().is_empty() || self.tour.is_some() {
+            self.awaited_at = tick;
+        }
+        let is_idle = tick > self.awaited_at + meter.round_trip_ticks();
+        let may_ask = is_idle && !self.quarters_asked && outbox.has_room();
+        if let (true, Some(next)) = (may_ask, cache.next_quarters()) {
+            self.quarters_asked = true;
+            let mut request = self.request(RequestKind::Quarters);
+            request.count = next;
+            self.send(outbox, request, tick, true);
         }
     }
 

@@ -4,8 +4,8 @@
 use crate::common::{World, plan, real_model, spm, spm_of_file, station};
 use glam::DVec3;
 use hrtc_core::streaming::chunk::InboxChunk;
-use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, RegionAction};
-use simulator::{Client, ClientOptions, LinkModel, STATION, Simulation};
+use protocol::{AnswerItem, AnswersReader, AnswersWriter, ChunkKind, RegionAction, RequestKind};
+use simulator::{Client, ClientOptions, LinkModel, MESSAGES, STATION, Simulation};
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::collections::BTreeSet;
@@ -64,6 +64,9 @@ struct Asked {
 impl Asked {
     fn take(&mut self, world: &World) {
         for request in world.asked() {
+            if request.kind != RequestKind::Regions as u32 {
+                continue;
+            }
             for ask in &request.regions[..request.count as usize] {
                 let region = (ask.region, ask.tolerance_bits);
                 match RegionAction::from_code(ask.action) {
@@ -425,7 +428,8 @@ fn a_far_controller_says_little() {
             world.step_led();
         }
         let counts = world.client_mut().link().counts();
-        [2, 5].map(|kind| counts.sent[kind])
+        let sent = |name| MESSAGES.iter().zip(counts.sent).find(|of| *of.0 == name);
+        ["ask for regions", "contact report"].map(|name| sent(name).expect("a kind").1)
     };
     let [asked, reported] = said(true);
     println!("in 3 s {asked} requests for regions, {reported} reports");

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{CertifiedCode, ErrorScale, QuarterCodes};
+use crate::{CertifiedCode, ErrorScale, QuarterCodes, QuarteredFace};
 use glam::DVec3;
 
 fn record(i: u32, leaf_r: u32) -> VspRecord {
@@ -57,15 +57,32 @@ fn a_split_parts_the_fan_and_a_collapse_restores_it() {
 }
 
 #[test]
-fn a_base_face_has_bounds_of_its_quarters_while_it_is_as_in_the_base_mesh() {
-    let mut mesh = hexagon(1);
+fn a_face_has_bounds_of_its_quarters_while_its_corners_are_those_of_a_front() {
+    let mut mesh = hexagon(1).with_quarters(3).with_geomorphs(2);
     let scale = ErrorScale::for_diagonal(6.0);
+    let active = |radius: f32, begin, end| Certified {
+        begin,
+        end,
+        ..Certified::of_radius(radius)
+    };
     for vertex in 0..7 {
         let position = mesh.position(vertex).to_array();
-        mesh.set_base_vertex(vertex, position, Certified::of_radius(1.0));
+        mesh.set_base_vertex(vertex, position, active(1.0, 40_000, u16::MAX));
     }
-    let quarters = QuarterCodes::new(scale, [0.1, 0.2, 3.0, f64::INFINITY]).decode(scale);
-    mesh.set_quarters(0, quarters);
+    let quartered = |face, end, bounds| QuarteredFace {
+        face,
+        end,
+        part: 0,
+        quarters: QuarterCodes::new(scale, bounds),
+    };
+    let of_base = quartered(0, u16::MAX, [0.1, 0.2, 3.0, f64::INFINITY]);
+    // Face 6 is the one that the split makes.
+    let of_split = quartered(6, 40_000, [0.3, 0.4, 0.2, 0.1]);
+    assert!(mesh.add_quarters(&of_base, scale) && mesh.add_quarters(&of_split, scale));
+    assert!(
+        !mesh.add_quarters(&of_base, scale),
+        "not above the one before"
+    );
     let [a, b, c] = mesh.corners(0);
     let points = [a, b.lerp(a, 0.3), c, (a + b + c) / 3.0];
     let found = |mesh: &ActiveMesh, face| {
@@ -74,11 +91,37 @@ fn a_base_face_has_bounds_of_its_quarters_while_it_is_as_in_the_base_mesh() {
     };
     assert_eq!(found(&mesh, 0), [0.1, 0.2, 1.0, 1.0]);
     assert_eq!(found(&mesh, 1), [1.0; 4]);
-    let of_children = [Certified::of_radius(0.5); 2];
-    mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], of_children);
+    let of_children = [active(0.5, 0, 40_000); 2];
+    mesh.load(0, &record(9, 3), 0, [0, 5, 2, 3], of_children);
     let mut out = OperationFaces::new();
     mesh.split(0, &mut out).unwrap();
     assert_eq!(found(&mesh, 0), [1.0; 4]);
+    // The slot is 0 and the split is 9: face 6 is the model's face 24.
+    let apart = |mesh: &ActiveMesh| {
+        let [a, b, c] = mesh.corners(6);
+        let points = [a, b, c, (a + b + c) / 3.0];
+        let bounds = points.map(|point| mesh.certified_distance(6, point));
+        bounds.map(|bound| (10.0 * bound).round() / 10.0)
+    };
+    assert_eq!(apart(&mesh), [1.0; 4]);
+    let of_split = quartered(24, 40_000, [0.3, 0.4, 0.2, 0.1]);
+    // Vertex 1 begins at the code at which the children end.
+    assert!(mesh.add_quarters(&of_split, scale));
+    assert_eq!(mesh.quartered(), 3);
+    assert!(
+        !mesh.add_quarters(&quartered(25, 1, [0.0; 4]), scale),
+        "no room"
+    );
+    assert_eq!(apart(&mesh), [1.0; 4]);
+    let place = mesh.position(1).to_array();
+    mesh.set_base_vertex(1, place, active(1.0, 30_000, u16::MAX));
+    assert_eq!(apart(&mesh), [0.3, 0.4, 0.2, 0.1]);
+    // Its corners begin at their parent, 1 away from where they will be.
+    mesh.start_split_geomorph(&out);
+    assert_eq!(apart(&mesh)[2], 1.0);
+    mesh.step_geomorph(0, 0.5, &out);
+    mesh.step_geomorph(1, 0.5, &out);
+    assert_eq!(apart(&mesh)[2], 0.7);
     mesh.collapse(0, &mut out).unwrap();
     assert_eq!(found(&mesh, 0), [0.1, 0.2, 1.0, 1.0]);
 }

@@ -1,10 +1,10 @@
 //! A tiny model for examples and tests.
 
 use super::{BuildSummary, FullFace, SpmParts};
+use crate::CertifiedCode;
 use crate::{
     BaseFace, BaseVertex, LEVELS, ModelHeader, NONE, RegionGrid, RegionId, VspNode, VspRecord,
 };
-use crate::{CertifiedCode, QuarterCodes};
 use ab_tree::leaf_key;
 use bytemuck::Zeroable;
 use glam::{DVec3, UVec3};
@@ -63,9 +63,10 @@ impl SpmParts {
                     corners: [0, corner(k), corner(k + 1)],
                     leaf: leaf_key(k, FACES),
                     neighbours: [NONE, (k + 1) % CORNERS, (k + 5) % CORNERS],
-                    quarters: QuarterCodes::default(),
+                    reserved: 0,
                 })
                 .collect(),
+            quartered: Vec::new(),
             records: vec![record()],
             regions: vec![RegionId::of_cell(UVec3::ZERO)],
             seed_offsets: vec![0, 1],

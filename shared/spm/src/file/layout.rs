@@ -1,6 +1,6 @@
 //! Layout of an SPM file.
 
-use crate::{BaseFace, BaseVertex, ModelHeader};
+use crate::{BaseFace, BaseVertex, ModelHeader, QuarteredFace};
 use crate::{RegionId, VspNode, VspRecord};
 use bytemuck::{Pod, Zeroable};
 use geometry::Aabb;
@@ -9,7 +9,7 @@ use geometry::Aabb;
 pub(super) const MAGIC: [u8; 8] = *b"hrtc-spm";
 
 /// Version of the layout; other versions are refused with their number.
-pub const FORMAT_VERSION: u32 = 6;
+pub const FORMAT_VERSION: u32 = 7;
 
 /// Bytes under one checksum of a big section.
 pub const BLOCK_BYTES: u64 = 1 << 16;
@@ -33,30 +33,33 @@ pub enum Section {
     BlockSums = 4,
     /// The VSP that splits each base vertex, [`crate::NONE`] for a vertex of the full mesh (u32).
     BaseSplits = 5,
+    /// The faces whose quarters have bounds, ascending ([`crate::QuarteredFace`]).
+    Quartered = 6,
     /// The VSPs that create the faces of a region and their corners, and those that keep coarse
     /// faces out of its cell; ascending in each region (u32).
-    Seeds = 6,
+    Seeds = 7,
     /// Vertex split records ([`crate::VspRecord`]).
-    Records = 7,
+    Records = 8,
     /// The full mesh in AB-tree order ([`FullFace`]).
-    FullFaces = 8,
+    FullFaces = 9,
     /// Boxes over the full mesh, in heap order ([`geometry::Aabb`]).
-    Boxes = 9,
+    Boxes = 10,
     /// The vertex hierarchy, one node for each VSP ([`crate::VspNode`]).
-    Hierarchy = 10,
+    Hierarchy = 11,
 }
 
 impl Section {
     /// Number of sections.
-    pub(super) const COUNT: usize = 11;
+    pub(super) const COUNT: usize = 12;
     /// Checked whole when the file is opened.
-    pub(super) const SMALL: [Self; 6] = [
+    pub(super) const SMALL: [Self; 7] = [
         Self::BaseVertices,
         Self::BaseFaces,
         Self::Regions,
         Self::SeedOffsets,
         Self::BlockSums,
         Self::BaseSplits,
+        Self::Quartered,
     ];
     /// Checked block by block when first used, in the order of their checksums.
     pub(super) const BIG: [Self; 5] = [
@@ -79,6 +82,7 @@ impl Section {
             Self::FullFaces => size_of::<FullFace>(),
             Self::Boxes => size_of::<Aabb>(),
             Self::Hierarchy => size_of::<VspNode>(),
+            Self::Quartered => size_of::<QuarteredFace>(),
         };
         bytes as u64
     }
@@ -98,6 +102,7 @@ impl Section {
             Self::Boxes => "boxes",
             Self::BaseSplits => "base splits",
             Self::Hierarchy => "hierarchy",
+            Self::Quartered => "quartered faces",
         }
     }
 }
@@ -216,12 +221,12 @@ pub(super) fn faces_below(node: u32, faces: u32) -> std::ops::Range<u32> {
 // The layout of the file: a change needs a new [`FORMAT_VERSION`].
 const _: () = {
     use std::mem::offset_of;
-    assert!(FORMAT_VERSION == 6);
-    assert!(size_of::<SpmHeader>() == 624);
+    assert!(FORMAT_VERSION == 7);
+    assert!(size_of::<SpmHeader>() == 648);
     assert!(offset_of!(SpmHeader, version) == 8 && offset_of!(SpmHeader, sections) == 12);
     assert!(offset_of!(SpmHeader, file_bytes) == 16 && offset_of!(SpmHeader, model) == 24);
     assert!(offset_of!(SpmHeader, summary) == 232 && offset_of!(SpmHeader, table) == 352);
-    assert!(offset_of!(SpmHeader, checksum) == 616);
+    assert!(offset_of!(SpmHeader, checksum) == 640);
     assert!(size_of::<BuildSummary>() == 120 && size_of::<SectionEntry>() == 24);
     assert!(size_of::<FullFace>() == 16 && offset_of!(FullFace, face) == 12);
     assert!(size_of::<Aabb>() == 24);

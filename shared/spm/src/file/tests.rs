@@ -1,5 +1,5 @@
 use super::*;
-use crate::{CertifiedCode, QuarterCodes};
+use crate::{CertifiedCode, ErrorScale, QuarterCodes, QuarteredFace};
 use crate::{LEVELS, RegionGrid};
 use ab_tree::leaf_key;
 use bytemuck::Zeroable;
@@ -34,6 +34,7 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
         ..ModelHeader::zeroed()
     };
     header.closure_max = 3;
+    header.quartered = 2 * base;
     header.level_tolerances = level_tolerances_for_tests();
     let regions: Vec<RegionId> = (0..4)
         .map(|x| RegionId::of_cell(UVec3::new(x, 1, 0)))
@@ -57,9 +58,10 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
                 corners: [k, k + 1, k + 2],
                 leaf: leaf_key(k, faces),
                 neighbours: [NONE; 3],
-                quarters: QuarterCodes::default(),
+                reserved: 0,
             })
             .collect(),
+        quartered: quartered(base),
         records: (0..vsps)
             .map(|i| VspRecord {
                 i,
@@ -92,6 +94,17 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
             })
             .collect(),
     }
+}
+
+/// Two to a face of the base mesh.
+fn quartered(base: u32) -> Vec<QuarteredFace> {
+    let of = |k: u32| QuarteredFace {
+        face: k / 2,
+        end: u16::MAX,
+        part: 3 * (k as u16 % 2),
+        quarters: QuarterCodes::new(ErrorScale::for_diagonal(1.0), [0.1, 0.2, 0.3, 0.01]),
+    };
+    (0..2 * base).map(of).collect()
 }
 
 fn certified(radius: u8) -> CertifiedCode {
@@ -155,6 +168,7 @@ fn read_all(bytes: &[u8]) -> Result<SpmParts, FileError> {
         summary: file.summary(),
         base_vertices: file.base_vertices().to_vec(),
         base_faces: file.base_faces().to_vec(),
+        quartered: file.quartered_faces().to_vec(),
         records: (0..header.vsps)
             .map(|i| file.record(i))
             .collect::<Result<_, _>>()?,
@@ -251,6 +265,27 @@ fn impossible_content_is_refused_in_spite_of_a_right_checksum() {
     expect(
         |p| p.base_vertices[3].reserved = 1,
         inconsistent(Section::BaseVertices),
+    );
+    expect(
+        |p| p.base_faces[3].reserved = 1,
+        inconsistent(Section::BaseFaces),
+    );
+    let quartered: [fn(&mut SpmParts); 4] = [
+        |p| p.quartered[7].face = 40 + 2 * 64,
+        |p| p.quartered[7].part = 21,
+        |p| p.quartered.swap(6, 7),
+        |p| p.quartered[7] = p.quartered[6],
+    ];
+    for change in quartered {
+        expect(change, inconsistent(Section::Quartered));
+    }
+    expect(|p| p.header.quartered = 79, FileError::DamagedHeader);
+    expect(
+        |p| {
+            p.header.quartered = QuarteredFace::MAX + 1;
+            p.quartered = vec![p.quartered[0]; QuarteredFace::MAX as usize + 1];
+        },
+        FileError::DamagedHeader,
     );
     expect(|p| p.regions.swap(0, 1), inconsistent(Section::Regions));
     expect(
@@ -361,10 +396,10 @@ fn the_bytes_of_a_file_of_this_version_do_not_change() {
     let bytes = bytes_of(&SpmParts::hexagon());
     let header = &bytes[..size_of::<SpmHeader>()];
     assert_eq!(&header[..8], b"hrtc-spm");
-    assert_eq!(header[8..16], [6, 0, 0, 0, 11, 0, 0, 0]);
+    assert_eq!(header[8..16], [7, 0, 0, 0, 12, 0, 0, 0]);
     assert_eq!(header[16..24], (bytes.len() as u64).to_le_bytes());
     // Another hash means another layout: count FORMAT_VERSION up.
-    assert_eq!(xxh3_64(&bytes), 0x68ad_fea1_1112_c81f);
+    assert_eq!(xxh3_64(&bytes), 0x2b6a_0f65_417f_e175);
     let file = SpmFile::open(Aligned::new(&bytes)).unwrap();
     file.check_all().unwrap();
 }

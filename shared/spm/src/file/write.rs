@@ -4,7 +4,7 @@ use super::layout::{
     ALIGNMENT, BLOCK_BYTES, BuildSummary, FORMAT_VERSION, FullFace, MAGIC, Section, SectionEntry,
     SpmHeader, box_count, box_depth, faces_below,
 };
-use crate::{BaseFace, BaseVertex, ModelHeader};
+use crate::{BaseFace, BaseVertex, ModelHeader, QuarteredFace};
 use crate::{RegionId, VspNode, VspRecord};
 use bytemuck::Zeroable;
 use geometry::Aabb;
@@ -23,6 +23,8 @@ pub struct SpmParts {
     pub base_vertices: Vec<BaseVertex>,
     /// Base faces.
     pub base_faces: Vec<BaseFace>,
+    /// Faces whose quarters have bounds, ascending.
+    pub quartered: Vec<QuarteredFace>,
     /// Records, ascending.
     pub records: Vec<VspRecord>,
     /// Occupied and empty regions, ascending.
@@ -68,6 +70,7 @@ impl SpmParts {
         hash.update(bytemuck::bytes_of(&self.header.level_tolerances));
         hash.update(bytemuck::cast_slice(&self.base_vertices));
         hash.update(bytemuck::cast_slice(&self.base_faces));
+        hash.update(bytemuck::cast_slice(&self.quartered));
         hash.update(bytemuck::cast_slice(&self.records));
         hash.update(bytemuck::cast_slice(&self.full_faces));
         self.header.model = hash.digest();
@@ -119,6 +122,7 @@ pub fn write_spm(parts: &SpmParts, out: &mut impl Write) -> io::Result<u64> {
         bytemuck::cast_slice(&parts.seed_offsets),
         bytemuck::cast_slice(&sums),
         bytemuck::cast_slice(&parts.base_splits),
+        bytemuck::cast_slice(&parts.quartered),
         big[0],
         big[1],
         big[2],

@@ -36,18 +36,17 @@
 mod boundary;
 mod detour;
 mod foot;
-mod fronts;
 mod patch;
 mod trace;
 
 use super::descendants::Descendants;
+use super::fronts::Fronts;
 use super::full_surface::FullSurface;
 use crate::history::History;
 use crate::progress::Progress;
 use crate::tuning::close::{FACES_A_TASK, LIMIT_OF_EDGE, LIMIT_OF_RADIUS, PATCH};
 use boundary::Boundary;
 use foot::{Foot, feet};
-use fronts::Fronts;
 use glam::{DVec3, Vec3};
 use patch::{Rings, Search};
 use rayon::prelude::*;
@@ -61,7 +60,7 @@ use trace::{Crossing, Edge, Traces};
 pub fn close_bounds(
     history: &History,
     full: &FullSurface<'_>,
-    descendants: &Descendants,
+    (descendants, fronts): (&Descendants, &Fronts),
     rounding: f64,
     progress: &dyn Progress,
 ) -> Vec<f64> {
@@ -72,7 +71,7 @@ pub fn close_bounds(
     let work = Work {
         history,
         feet: feet(history, full, &boundary, descendants),
-        fronts: Fronts::new(history),
+        fronts,
         rings: Rings::new(full, vertices),
         traces: Traces {
             full,
@@ -113,7 +112,7 @@ pub fn rounding(history: &History) -> f64 {
 struct Work<'a> {
     history: &'a History,
     feet: Vec<Foot>,
-    fronts: Fronts,
+    fronts: &'a Fronts,
     rings: Rings,
     traces: Traces<'a>,
     rounding: f64,
@@ -165,18 +164,19 @@ impl Work<'_> {
     fn certify(&self, faces: std::ops::Range<usize>, search: &mut Search) {
         let mut traced = Traced::default();
         for &full_corners in &self.traces.full.triangles()[faces] {
-            let fronts = &self.fronts;
-            fronts.for_each_corners(full_corners, |corners, begin| {
-                if corners == full_corners {
-                    // A face of the full mesh: its bound is 0.
-                    return;
-                }
-                let bound = self.bound(corners, &mut traced, search);
-                for corner in corners {
-                    let close = fronts.least_close(corner, bound, begin);
-                    self.bounds[corner as usize].fetch_max(close.to_bits(), Relaxed);
-                }
-            });
+            self.fronts
+                .for_each_corners(full_corners, |corners, begin, _| {
+                    if corners == full_corners {
+                        // A face of the full mesh: its bound is 0.
+                        return;
+                    }
+                    let bound = self.bound(corners, &mut traced, search);
+                    for corner in corners {
+                        // Only where a vertex ends is beyond the codes.
+                        let close = bound / self.fronts.growth(corner, begin as u16);
+                        self.bounds[corner as usize].fetch_max(close.to_bits(), Relaxed);
+                    }
+                });
         }
     }
 

@@ -1,51 +1,47 @@
-//! The quarters of base faces: how far their points are from the full mesh.
+//! The quarters of faces of fronts {E > t}: how far their points are from the full mesh.
 //!
-//! The distance from one face of the full mesh is a convex function, so over a piece of a base face
-//! it is largest at a corner of the piece, and bounds the distance from the full mesh all over the
+//! The distance from one face of the full mesh is a convex function, so over a piece of a face it
+//! is largest at a corner of the piece, and bounds the distance from the full mesh all over the
 //! piece. A quarter begins as one piece. While the largest bound is far above what is found at
 //! points, its piece is cut: along the outline of the face that is nearest to its middle, whose
 //! bound is close to the distance inside, and where that does not cut it, in half. Wherever it
 //! ends, the pieces cover the quarter, and their largest bound is one of the quarter.
 
+use super::choice::quarters;
 use super::full_surface::FullSurface;
-use crate::history::{History, LeftFace};
 use crate::tuning::quarters::{GOOD, MIN_CUT, PIECES};
 use geometry::closest_point_on_triangle;
-use glam::{DVec3, Vec3};
-use rayon::prelude::*;
+use glam::DVec3;
 use spm::NONE;
-use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// Bounds of the quarters of each base face, model units: those at its corners, and the one between
-/// them. `rounding`: what differences of coordinates lose.
-pub fn quarter_bounds(history: &History, full: &FullSurface<'_>, rounding: f64) -> Vec<[f64; 4]> {
-    let base = history.base.par_iter();
-    base.map(|face| of_face(history, full, face, rounding))
-        .collect()
-}
-
-fn of_face(history: &History, full: &FullSurface<'_>, face: &LeftFace, rounding: f64) -> [f64; 4] {
-    let at = |v: u32| Vec3::from_array(history.positions[v as usize]).as_dvec3();
-    let [a, b, c] = face.corners.map(at);
-    if face.corners.iter().all(|&v| v < history.full_vertices) {
-        return [0.0; 4];
-    }
-    let [ab, bc, ca] = [(a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5];
-    let quarters = [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]];
+/// Bounds of the quarters of a triangle near a face of the full mesh, model units; where one is not
+/// below `useless` it may be any. `rounding`: what differences of coordinates lose.
+pub fn quarters_of(
+    full: &FullSurface<'_>,
+    face: u32,
+    corners: [DVec3; 3],
+    useless: f64,
+    rounding: f64,
+) -> [f64; 4] {
+    let [a, b, c] = corners;
     let cover = Cover {
         full,
         normal: (b - a).cross(c - a).normalize_or_zero(),
+        // A bound is hardly less than what is found beyond this.
+        useless: useless.powi(2) / GOOD,
         rounding,
     };
-    quarters.map(|corners| cover.bound(corners, face.face))
+    quarters(corners).map(|corners| cover.bound(corners, face))
 }
 
 /// The search for the bound of a quarter.
 struct Cover<'a> {
     full: &'a FullSurface<'a>,
-    /// Of the base face.
+    /// Of the face.
     normal: DVec3,
+    /// What is found where the bound says nothing, squared.
+    useless: f64,
     rounding: f64,
 }
 
@@ -63,7 +59,7 @@ struct Piece {
 }
 
 impl Piece {
-    const MAX_CORNERS: usize = 12;
+    const MAX_CORNERS: usize = 8;
 
     fn new(corners: &[DVec3]) -> Self {
         let mut all = [DVec3::ZERO; Self::MAX_CORNERS];
@@ -141,52 +137,45 @@ impl Piece {
     }
 }
 
-impl PartialEq for Piece {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other).is_eq()
-    }
-}
-
-impl Eq for Piece {}
-
-impl PartialOrd for Piece {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Piece {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.bound.total_cmp(&other.bound)
-    }
-}
+/// A piece that waits, by the bits of its bound, which are in the order of the bounds.
+type Waiting = (u64, usize);
 
 impl Cover<'_> {
     fn bound(&self, corners: [DVec3; 3], face: u32) -> f64 {
         let mut found = 0.0;
-        let mut waiting = BinaryHeap::from([self.bounded(Piece::new(&corners), face)]);
+        let first = self.bounded(Piece::new(&corners), face);
+        let mut waiting = BinaryHeap::<Waiting>::from([(first.bound.to_bits(), 0)]);
+        let mut pieces = vec![first];
         for _ in 0..PIECES {
-            let Some(mut largest) = waiting.pop() else {
+            let Some((_, place)) = waiting.pop() else {
                 break;
             };
+            let largest = &mut pieces[place];
+            if largest.bound <= f64::max(found * GOOD, self.rounding.powi(2))
+                || found >= self.useless
+            {
+                waiting.push((largest.bound.to_bits(), place));
+                break;
+            }
             if !largest.is_looked_at {
                 // Most pieces are not the largest ones ever: what bounds those beside them will do.
                 let nearest = self.full.nearest(largest.middle(), largest.face, found);
                 found = found.max(nearest.distance_squared);
-                largest = self.bounded(largest, nearest.face);
+                *largest = self.bounded(*largest, nearest.face);
                 largest.is_looked_at = true;
-                waiting.push(largest);
+                waiting.push((largest.bound.to_bits(), place));
                 continue;
             }
-            if largest.bound <= f64::max(found * GOOD, self.rounding * self.rounding) {
-                waiting.push(largest);
-                break;
-            }
-            self.cut(&largest, |part, face| {
-                waiting.push(self.bounded(part, face))
+            let cut = *largest;
+            self.cut(&cut, |part, face| {
+                let part = self.bounded(part, face);
+                waiting.push((part.bound.to_bits(), pieces.len()));
+                pieces.push(part);
             });
         }
-        let most = waiting.peek().map_or(f64::INFINITY, |piece| piece.bound);
+        let most = waiting
+            .peek()
+            .map_or(f64::INFINITY, |&(bits, _)| f64::from_bits(bits));
         // Squares and the root are rounded too, and what is cut moves by as much as coordinates.
         most.sqrt() * (1.0 + 8.0 * f64::EPSILON) + self.rounding
     }
@@ -204,7 +193,7 @@ impl Cover<'_> {
         piece
     }
 
-    /// Cuts a piece, at the outline of its face seen along the normal of the base face.
+    /// Cuts a piece, at the outline of its face seen along the normal of the coarse one.
     fn cut(&self, piece: &Piece, mut each: impl FnMut(Piece, u32)) {
         let corners = self.full.corners(piece.face);
         let mut rest = Some(*piece);
@@ -231,64 +220,6 @@ impl Cover<'_> {
             if let Some(part) = part {
                 each(part, hint);
             }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::generate::{Shape, generate};
-    use crate::{BuildOptions, NoProgress, build_model};
-    use geometry::closest_point_on_triangle;
-    use glam::{DVec3, Vec3};
-    use spm::{ErrorScale, SpmParts};
-
-    /// Steps of the grid of points on each face, even.
-    const STEPS: u32 = 12;
-
-    fn full_mesh(parts: &SpmParts) -> Vec<[DVec3; 3]> {
-        let at = |v: u32| Vec3::from_array(parts.position(v)).as_dvec3();
-        parts.full_faces.iter().map(|f| f.corners.map(at)).collect()
-    }
-
-    fn distance(full: &[[DVec3; 3]], point: DVec3) -> f64 {
-        let squared = |&face: &[DVec3; 3]| closest_point_on_triangle(face, point).distance_squared;
-        let least = full.iter().map(squared).fold(f64::INFINITY, f64::min);
-        least.sqrt()
-    }
-
-    #[test]
-    fn no_point_of_a_quarter_is_beyond_its_bound_and_some_are_near_it() {
-        for shape in [Shape::Relief, Shape::Torus, Shape::Terrain, Shape::Wedge] {
-            let options = BuildOptions {
-                base_faces: Some(40),
-                regions: Some(4),
-            };
-            let parts = build_model(generate(shape, 1200, 3), &options, &NoProgress).unwrap();
-            let scale = ErrorScale::for_diagonal(parts.header.diagonal);
-            let rounding = 1e-13 * parts.header.diagonal;
-            let full = full_mesh(&parts);
-            let (mut coarse, mut near) = (0, 0);
-            for face in &parts.base_faces {
-                let at = |v: u32| Vec3::from_array(parts.position(v)).as_dvec3();
-                let [a, b, c] = face.corners.map(at);
-                let quarters = face.quarters.decode(scale);
-                let mut most: f64 = 0.0;
-                for i in 0..=STEPS {
-                    for j in 0..=STEPS - i {
-                        let [s, t] = [i, j].map(|k| f64::from(k) / f64::from(STEPS));
-                        let weights = [1.0 - s - t, s, t];
-                        let point = a * weights[0] + b * s + c * t;
-                        let bound = f64::from(quarters.at(weights));
-                        let found = distance(&full, point);
-                        assert!(found <= bound + rounding, "{shape}: {found} beyond {bound}");
-                        most = most.max((found + rounding) / bound);
-                    }
-                }
-                coarse += 1;
-                near += u32::from(most > 0.8);
-            }
-            assert!(2 * near > coarse, "{shape}: {near} of {coarse} are near");
         }
     }
 }

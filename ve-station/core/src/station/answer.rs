@@ -7,8 +7,8 @@ use crate::collection::{CollectError, MISSING, RegionAt, Residency, Search};
 use crate::tuning::service::MAX_PASSED;
 use bytemuck::Zeroable;
 use protocol::{
-    AnswersWriter, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, MODEL_HEADER_SLOTS, Refusal,
-    RegionAsk,
+    AnswersWriter, CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, MODEL_HEADER_SLOTS,
+    QUARTERED_PER_CHUNK, Refusal, RegionAsk, quartered_faces_mut,
 };
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use spm::{FileError, NONE, SpmFile};
@@ -29,6 +29,8 @@ pub enum Job {
     },
     /// Head and base mesh.
     Model { model: usize, next_slot: usize },
+    /// Quartered faces from this place on, as many as a chunk holds.
+    Quarters { model: usize, first: usize },
     /// Closure and records.
     Region {
         model: usize,
@@ -40,6 +42,14 @@ pub enum Job {
 }
 
 impl Job {
+    /// The question for a model.
+    pub fn model(model: usize) -> Self {
+        Self::Model {
+            model,
+            next_slot: 0,
+        }
+    }
+
     /// Whether it is the question for this region.
     pub fn is_of(&self, region: RegionAt) -> bool {
         matches!(self, Self::Region { ask, .. } if region_at(ask) == region)
@@ -102,6 +112,9 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             Job::Model { model, next_slot } => {
                 Progress::of(model_chunk(&self.models[*model].file, object, next_slot))
+            }
+            Job::Quarters { model, first } => {
+                Progress::Last(quarters_chunk(&self.models[*model].file, object, *first))
             }
             Job::Region { .. } => self.advance_regions(at, object, job, steps),
         }
@@ -402,6 +415,18 @@ impl Answer {
         writer.end(done);
         Ok((records, done))
     }
+}
+
+/// A chunk of the model's quartered faces from a place on.
+fn quarters_chunk<D: AsRef<[u8]>>(file: &SpmFile<D>, object: u32, first: usize) -> Chunk {
+    let (mut header, mut slots) = blank(ChunkKind::Quarters, object);
+    let rest = file.quartered_faces().get(first..).unwrap_or_default();
+    let part = &rest[..rest.len().min(QUARTERED_PER_CHUNK)];
+    quartered_faces_mut(&mut slots)[..part.len()].copy_from_slice(part);
+    header.code = first as u32;
+    header.count = part.len() as u32;
+    header.last = 1;
+    (header, slots)
 }
 
 /// A chunk of the model's head and base mesh: slots are numbered through the answer, the head

@@ -12,6 +12,7 @@ use client::{Client, region_of};
 use glam::DVec3;
 use protocol::MeasuredError;
 use protocol::{AnswerItem, AnswersReader, CREDIT_CHUNKS, ChunkKind, MODEL_HEADER_SLOTS, PartHead};
+use protocol::{QUARTERED_PER_CHUNK, quartered_faces};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use spm_builder::generate::Shape;
@@ -139,6 +140,48 @@ fn a_model_arrives_as_it_lies_in_the_file() {
     );
     let items: u32 = chunks.iter().map(|(header, _)| header.count).sum();
     assert_eq!(items, head.base_vertices + head.base_faces);
+}
+
+#[test]
+fn quartered_faces_arrive_chunk_by_chunk_as_they_lie_in_the_file() {
+    let (mut server, mut client, file) = (station(9), Client::new(1), open());
+    let model = file.model_header().model;
+    let expected = file.quartered_faces();
+    assert!(expected.len() > QUARTERED_PER_CHUNK, "more than one chunk");
+    let mut faces = Vec::new();
+    while faces.len() < expected.len() {
+        let request = Request {
+            model,
+            count: faces.len() as u32,
+            ..client.request(RequestKind::Quarters)
+        };
+        let chunks = ask(&mut server, &mut client, request);
+        let [(header, slots)] = chunks[..] else {
+            panic!("one chunk: {}", chunks.len());
+        };
+        assert_eq!(header.kind, ChunkKind::Quarters as u32);
+        assert_eq!((header.code as usize, header.last), (faces.len(), 1));
+        assert!(header.count > 0);
+        faces.extend_from_slice(&quartered_faces(&slots)[..header.count as usize]);
+    }
+    assert_eq!(faces, expected);
+    for (first, of) in [
+        (expected.len() as u32, model),
+        (u32::MAX, model),
+        (0, model ^ 1),
+    ] {
+        let request = Request {
+            model: of,
+            count: first,
+            ..client.request(RequestKind::Quarters)
+        };
+        let chunks = ask(&mut server, &mut client, request);
+        let [(header, _)] = chunks[..] else {
+            panic!("one chunk: {}", chunks.len());
+        };
+        let refused = header.kind == ChunkKind::Refused as u32;
+        assert_eq!((header.count == 0, refused), (true, of != model));
+    }
 }
 
 /// Heads of the parts of chunks, and all of their ids and records.

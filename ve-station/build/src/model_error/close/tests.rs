@@ -186,7 +186,7 @@ fn the_corners_of_a_face_are_the_active_ancestors_for_every_tolerance() {
     let fronts = Fronts::new(&history);
     let mut all: Vec<[u32; 3]> = Vec::new();
     for &corners in &mesh.triangles {
-        fronts.for_each_corners(corners, |corners, _| all.push(corners));
+        fronts.for_each_corners(corners, |corners, _, _| all.push(corners));
     }
     let mut expected: Vec<[u32; 3]> = Vec::new();
     let mut codes = history.expected.clone();

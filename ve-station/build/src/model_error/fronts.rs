@@ -35,22 +35,33 @@ impl Fronts {
         fronts
     }
 
-    /// The least C of a vertex from which this bound follows for a face that begins at this code.
-    pub fn least_close(&self, vertex: u32, bound: f64, begin: u16) -> f64 {
+    /// How many times C of a vertex is the bound of a face at it that begins at this code.
+    pub fn growth(&self, vertex: u32, begin: u16) -> f64 {
         let end = self.end[vertex as usize].min(u16::MAX.into());
-        bound / Certified::growth(begin, end as u16)
+        Certified::growth(begin, end as u16)
+    }
+
+    /// Whether a vertex descends from another one, or is it.
+    pub fn descends(&self, mut vertex: u32, from: u32) -> bool {
+        while vertex != NONE && vertex != from {
+            vertex = self.parent[vertex as usize];
+        }
+        vertex == from
     }
 
     /// Visits the corners that a face of the full mesh has in the fronts {E > t}, from fine to
-    /// coarse, and the code of t from which on it has them.
-    pub fn for_each_corners(&self, full_corners: [u32; 3], mut visit: impl FnMut([u32; 3], u16)) {
+    /// coarse, the code of t from which on it has them, and the first one for which it has others.
+    pub fn for_each_corners(
+        &self,
+        full_corners: [u32; 3],
+        mut visit: impl FnMut([u32; 3], u32, u32),
+    ) {
         let (mut corners, mut from) = (full_corners, 0u32);
         loop {
             let ends = corners.map(|v| self.end[v as usize]);
             let end = ends[0].min(ends[1]).min(ends[2]);
             if end > from {
-                // Only where it ends is beyond the codes.
-                visit(corners, from as u16);
+                visit(corners, from, end);
             }
             if end == END {
                 return;
