@@ -68,7 +68,7 @@ pub fn put_tick(
             of.credit,
             of.encoding,
         ]);
-        for ask in &of.regions[..of.count as usize] {
+        for ask in of.regions.iter().take(of.count as usize) {
             requests.put_all([ask.region, ask.tolerance_bits, ask.action]);
         }
     }
