@@ -483,7 +483,8 @@ impl Proxy {
         let mut work = Work::default();
         let mut best: Option<Nearest> = None;
         let reach = self.near.margin(self.position);
-        if reach > 0.0 && self.near.count() as u32 <= max_work {
+        // A face is left for the hint, which is tested always.
+        if reach > 0.0 && (self.near.count() as u32) < max_work {
             let cost = self.near.within(self.position, reach, |near, closest| {
                 let nearer =
                     |best: Nearest| closest.distance_squared < best.closest.distance_squared;
