@@ -1,6 +1,7 @@
 //! The reference of a measurement: device poses in a closed loop on the full mesh, and the forces.
 
 use super::scene_model::SceneModel;
+use super::virtual_scene::{MAX_START_TICKS, make_ready};
 use crate::failure::Failure;
 use glam::DVec3;
 use haptic_device::Sample;
@@ -9,8 +10,6 @@ use simulator::{Hand, Simulation};
 
 /// Quiet ticks after which a front that is at rest is taken to be complete.
 const QUIET_TICKS: u64 = 300;
-/// Ticks after which a front that does not come to rest is given up.
-const MAX_START_TICKS: u64 = 2_000_000;
 
 /// What the reference gave in a tick.
 #[derive(Debug, Clone, Copy)]
@@ -78,22 +77,6 @@ impl Reference {
         let forces = self.ticks.iter().map(|tick| tick.force.length());
         forces.fold(0.0, max_or_nan)
     }
-}
-
-/// Ticks without the device until the base mesh is there; their number.
-///
-/// # Errors
-/// When the controller cannot go on with the model, or it does not arrive.
-pub fn make_ready<D: AsRef<[u8]>>(simulation: &mut Simulation<D>) -> Result<u64, Failure> {
-    while !simulation.step(None).record.ready {
-        if let Some(fault) = simulation.controller().fault() {
-            return Err(Failure::Run(fault.to_string()));
-        }
-        if simulation.tick() > MAX_START_TICKS {
-            return Err(Failure::Run("the model does not arrive".to_string()));
-        }
-    }
-    Ok(simulation.tick())
 }
 
 /// Ticks with the device at rest until nothing comes and nothing changes any more; the tick of the

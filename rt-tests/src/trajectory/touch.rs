@@ -1,7 +1,8 @@
 //! A touch in a closed loop: the product's controller, and a hand along the tour of a seed.
 
-use super::reference::{come_to_rest, make_ready};
+use super::reference::come_to_rest;
 use super::scene_model::SceneModel;
+use super::virtual_scene::make_ready;
 use crate::failure::Failure;
 use simulator::{Hand, Simulation};
 use ve_station::FileBytes;

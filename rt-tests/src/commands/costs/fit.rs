@@ -7,15 +7,16 @@
 
 use crate::failure::Failure;
 use crate::report::quantile::Quantiles;
-use crate::scenes::{BUNDLED_SCENE, SceneFile, prepare_models};
+use crate::scenes::{BUNDLED_SCENE, SceneFile};
 use crate::trajectory::stage_times::least_ns_with;
+use crate::trajectory::virtual_scene::virtual_scene;
 use glam::{DMat3, DVec3};
 use hrtc_core::Stage;
 use hrtc_core::governor::{QueryWork, WorkCosts};
 use scene::{Overrides, ScenePlan, load};
 use scene_files::DiskFiles;
 use serde::Serialize;
-use simulator::{Client, ClientOptions, Drive, STATION, Simulation, new_controller, station};
+use simulator::{Drive, new_controller};
 
 /// Length of a touch, ticks.
 const TICKS: usize = 6000;
@@ -78,14 +79,7 @@ pub fn query_fits() -> Result<Vec<QueryFit>, Failure> {
 fn rows(name: &str, text: &str, steps: QueryWork) -> Result<Vec<Row>, Failure> {
     let scene = SceneFile::of_text(name, text)?;
     let plan: ScenePlan = load(scene.path(), &Overrides::default(), &DiskFiles)?;
-    let models = prepare_models(&plan)?.models;
-    let served = station(&plan, models, STATION);
-    let served = served.ok_or_else(|| Failure::Run(format!("{name}: it is not served")))?;
-    let options = ClientOptions {
-        tour_s: TICKS as f64 / plan.loop_.rate_hz,
-        ..ClientOptions::default()
-    };
-    let mut simulation = Simulation::new(served, Client::new(&plan, options));
+    let (mut simulation, options) = virtual_scene(&plan, TICKS as f64 / plan.loop_.rate_hz)?;
     simulation.client_mut().record();
     let mut counts = Vec::with_capacity(TICKS);
     for _ in 0..TICKS {

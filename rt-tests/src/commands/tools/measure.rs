@@ -3,7 +3,7 @@
 
 use super::row::{Row, TickDifference, TickSums};
 use crate::failure::Failure;
-use crate::scenes::prepare_models;
+use crate::trajectory::virtual_scene::{make_ready_led, virtual_scene};
 use glam::DVec3;
 use hrtc_core::contact::coupling::Coupling;
 use hrtc_core::contact::motion::Twist;
@@ -11,13 +11,11 @@ use hrtc_core::contact::rigid_proxy::ToolProxy;
 use hrtc_core::record::max_or_nan;
 use hrtc_core::{Stage, StageObserver, ToolBefore};
 use scene::ScenePlan;
-use simulator::{Client, ClientOptions, Drive, STATION, Simulation, station};
+use simulator::Drive;
 
 /// Ticks that a reference may take at the same pose of the device. What is not settled then is at
 /// rest as far as a hand can tell.
 const MAX_REFERENCE_TICKS: u32 = 256;
-/// Ticks after which a model that does not arrive is given up.
-const MAX_START_TICKS: u64 = 2_000_000;
 
 /// Where a proxy is after a tick.
 #[derive(Debug, Clone)]
@@ -72,23 +70,8 @@ pub fn measure(
     seed: u64,
     seconds: f64,
 ) -> Result<Row, Failure> {
-    let opened = prepare_models(plan)?;
-    let failed = |what: &str| Failure::Run(format!("{}: {what}", names[0]));
-    let station =
-        station(plan, opened.models, STATION).ok_or_else(|| failed("it is not served"))?;
-    let options = ClientOptions {
-        tour_s: seconds,
-        ..ClientOptions::default()
-    };
-    let mut simulation = Simulation::new(station, Client::new(plan, options));
-    while !simulation.step_led().record.ready {
-        if let Some(fault) = simulation.controller().fault() {
-            return Err(Failure::Run(fault.to_string()));
-        }
-        if simulation.tick() > MAX_START_TICKS {
-            return Err(failed("the model does not arrive"));
-        }
-    }
+    let (mut simulation, _) = virtual_scene(plan, seconds)?;
+    make_ready_led(&mut simulation)?;
     let frame = simulation.controller().frame();
     let metres_per_unit = frame.map_or(1.0, |frame| frame.metres_per_unit);
     let stiffness_n_per_m = plan.objects[0].surface.stiffness_n_per_m;
@@ -133,7 +116,10 @@ pub fn measure(
         });
     }
     if sums.contact_ticks() == 0 {
-        return Err(failed("the tool touches nothing: give more with --seconds"));
+        return Err(Failure::Run(format!(
+            "{}: the tool touches nothing: give more with --seconds",
+            names[0]
+        )));
     }
     Ok(sums.row())
 }

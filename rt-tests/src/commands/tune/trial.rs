@@ -4,8 +4,8 @@ use crate::failure::Failure;
 use crate::processes::pair::{PairArgs, Shown, run_pair};
 use crate::processes::roles::LoopArgs;
 use crate::report::quantile::{Quantiles, median};
-use crate::scenes::prepare_models;
 use crate::trajectory::stage_times::{STAGES, least_ns_with};
+use crate::trajectory::virtual_scene::{make_ready_led, virtual_scene};
 use hrtc::result::GovernorResult;
 use hrtc::run::FIXED_BYTES;
 use hrtc_core::governor::{CostGroup, WorkCosts};
@@ -13,12 +13,10 @@ use scene::{Overrides, ScenePlan, load};
 use scene_args::OverrideArgs;
 use scene_files::DiskFiles;
 use serde::Serialize;
-use simulator::{Client, ClientOptions, STATION, Simulation, new_controller, station};
+use simulator::new_controller;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// Ticks after which models that do not arrive are given up.
-const MAX_START_TICKS: u64 = 2_000_000;
 /// Runs of which a time is the median, since what disturbs one of them is no property of the
 /// settings, and an error the largest, since each hand goes another path by microns.
 pub const RUNS: usize = 3;
@@ -130,28 +128,13 @@ impl Bench<'_> {
     pub fn simulate(&self, settings: Settings, mode: Mode) -> Result<Cost, Failure> {
         let plan = self.plan(&self.with(settings).overrides())?;
         let failed = |what: &str| Failure::Run(format!("{}: {what}", plan.name));
-        let models = prepare_models(&plan)?.models;
-        let station =
-            station(&plan, models, STATION).ok_or_else(|| failed("a model is not served"))?;
-        let options = ClientOptions {
-            tour_s: self.seconds,
-            ..ClientOptions::default()
-        };
-        let mut simulation = Simulation::new(station, Client::new(&plan, options));
+        let (mut simulation, options) = virtual_scene(&plan, self.seconds)?;
         match mode {
             Mode::Plain => {}
             Mode::Timed => simulation.client_mut().record(),
             Mode::On(costs) => simulation.controller_mut().set_costs(costs),
         }
-        while !simulation.step_led().record.ready {
-            if let Some(fault) = simulation.controller().fault() {
-                return Err(failed(&fault.to_string()));
-            }
-            if simulation.tick() > MAX_START_TICKS {
-                return Err(failed("the models do not arrive"));
-            }
-        }
-        let start = simulation.tick() as usize;
+        let start = make_ready_led(&mut simulation)? as usize;
         let mut cost = Cost::default();
         let (mut touching, mut coarser) = (0u64, 0u64);
         for _ in 0..(self.seconds * plan.loop_.rate_hz) as u64 {
