@@ -4,7 +4,7 @@ use crate::typed::{json, number, refusal, rt_tests, said};
 
 #[test]
 fn listed_effects_are_called_and_felt_and_one_that_is_not_is_neither_called_nor_kept() {
-    let arguments = ["--seconds", "4", "--seed", "2", "--json"];
+    let arguments = ["--seconds", "2", "--seed", "2", "--json"];
     let output = rt_tests("effects").args(arguments).output().unwrap();
     let found = json(&output);
     // The cost is the machine's affair.

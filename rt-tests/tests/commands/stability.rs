@@ -1,9 +1,9 @@
-//! The quick set of the hard cases passes for two seeds.
+//! The quick set of the hard cases passes for the seed of the command.
 
 use rt_tests::commands::stability::{Stability, StabilityArgs, run_cases};
 
-/// The default of the command, and any other.
-const SEEDS: [u64; 2] = [1, 20_261_122];
+/// The default of the command.
+const SEED: u64 = 1;
 
 fn args(seed: u64) -> StabilityArgs {
     StabilityArgs {
@@ -26,16 +26,14 @@ fn run(seed: u64) -> Stability {
 }
 
 #[test]
-fn every_case_keeps_to_its_limit_for_two_seeds() {
-    for seed in SEEDS {
-        println!("seed {seed}");
-        let failed: Vec<_> = run(seed)
-            .cases
-            .into_iter()
-            .filter(|case| !case.pass && case.open.is_empty())
-            .collect();
-        assert!(failed.is_empty(), "seed {seed}: {failed:?}");
-    }
+fn every_case_keeps_to_its_limit() {
+    println!("seed {SEED}");
+    let failed: Vec<_> = run(SEED)
+        .cases
+        .into_iter()
+        .filter(|case| !case.pass && case.open.is_empty())
+        .collect();
+    assert!(failed.is_empty(), "seed {SEED}: {failed:?}");
 }
 
 #[test]
