@@ -162,8 +162,7 @@ impl Certified {
 
     /// The bound of a face by C of its corners: the least one where they are active for a common
     /// t; infinite for others.
-    #[must_use]
-    pub fn close_of(corners: [Self; 3]) -> f32 {
+    pub(crate) fn close_of(corners: [Self; 3]) -> f32 {
         let Some(common) = Self::common(corners) else {
             return f32::INFINITY;
         };

@@ -77,6 +77,9 @@ impl ActiveMesh {
     #[must_use]
     pub fn certified_distance(&self, face: Handle, near: DVec3) -> f32 {
         let error = self.certified_error(face);
+        if error == 0.0 {
+            return 0.0;
+        }
         let id = match self.creator_of_face(face) {
             None => face,
             Some(slot) => self.base_faces + 2 * self.id(slot) + (face - self.fl(slot)),
